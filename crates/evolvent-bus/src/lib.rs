@@ -1,0 +1,1 @@
+//! Message types and services over iceoryx2.

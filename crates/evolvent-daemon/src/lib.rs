@@ -1,0 +1,1 @@
+//! Threads and clocks: the real-time loop, planner feeding, publisher, recorder.

@@ -1,0 +1,1 @@
+//! The machine: axes, limits, configuration, and the rational control rate.

@@ -1,0 +1,64 @@
+//! The nine axes of RS274/NGC and vectors over them.
+
+/// Number of axes carried along every path: X Y Z A B C U V W.
+pub const AXES: usize = 9;
+
+/// One number per axis in the order X Y Z A B C U V W.
+///
+/// Linear axes (XYZ, UVW) are in millimetres, rotary axes (ABC) in degrees: coordinates stay in the unit of
+/// the axis all the way from program to bus, because nothing between them takes a sine of a rotary axis.
+pub type Axes = nalgebra::SVector<f64, AXES>;
+
+/// An axis by its letter.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[repr(u8)]
+pub enum AxisLetter {
+    /// First linear axis.
+    X,
+    /// Second linear axis.
+    Y,
+    /// Third linear axis; the spindle's on a mill.
+    Z,
+    /// Rotary axis about X.
+    A,
+    /// Rotary axis about Y.
+    B,
+    /// Rotary axis about Z.
+    C,
+    /// Linear axis parallel to X.
+    U,
+    /// Linear axis parallel to Y.
+    V,
+    /// Linear axis parallel to Z.
+    W,
+}
+
+impl AxisLetter {
+    /// All axes in order.
+    pub const ALL: [Self; AXES] =
+        [Self::X, Self::Y, Self::Z, Self::A, Self::B, Self::C, Self::U, Self::V, Self::W];
+
+    /// Index into [`Axes`].
+    #[must_use]
+    pub const fn index(self) -> usize {
+        self as usize
+    }
+
+    /// The upper-case letter.
+    #[must_use]
+    pub const fn letter(self) -> char {
+        b"XYZABCUVW"[self as usize] as char
+    }
+
+    /// The axis of a letter, in either case.
+    #[must_use]
+    pub fn from_letter(letter: char) -> Option<Self> {
+        Self::ALL.into_iter().find(|axis| axis.letter() == letter.to_ascii_uppercase())
+    }
+
+    /// Whether the axis turns: its coordinate is in degrees.
+    #[must_use]
+    pub const fn is_rotary(self) -> bool {
+        matches!(self, Self::A | Self::B | Self::C)
+    }
+}

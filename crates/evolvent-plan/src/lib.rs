@@ -1,0 +1,1 @@
+//! Blending, look-ahead and feed profile: path segments in, runs for the cycle out.

@@ -1,0 +1,1 @@
+//! MCAP traces: schemas, recorder, reader, recovery.

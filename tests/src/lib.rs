@@ -1,0 +1,1 @@
+//! Tests across crates and with foreign clients; see the `tests` folder beside this file.
