@@ -1,0 +1,254 @@
+//! What is wrong, where, and what to do about it.
+
+use std::borrow::Cow;
+use std::ops::Range;
+
+use annotate_snippets::{AnnotationKind, Level, Renderer, Snippet};
+
+use crate::Code;
+
+/// Bytes of the source line that a diagnostic keeps on either side of the place: a program may come as one
+/// line of many kilobytes, and nobody reads that.
+const CONTEXT_BYTES: usize = 100;
+
+/// An error in a program, with its place. All fields are plain data, for editors (`check --json`).
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
+pub struct Diagnostic {
+    /// Stable number, such as `G0103`.
+    pub code: Code,
+    /// Physical line in the file, from 1.
+    pub line: u32,
+    /// Column of the first character concerned, from 1, in characters.
+    pub column: u32,
+    /// Characters concerned; may be 0 at the end of a line.
+    pub length: u32,
+    /// One sentence with the figures in it.
+    pub message: String,
+    /// What is expected, or what to write instead.
+    pub help: Option<String>,
+    /// The source line, or the part of a long one around the place.
+    pub source: String,
+    /// Bytes of `source` concerned.
+    pub span: Range<usize>,
+}
+
+impl serde::Serialize for Code {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_str(self.as_str())
+    }
+}
+
+impl Diagnostic {
+    /// The diagnostic as a compiler would print it: several lines, plain text, no trailing newline.
+    #[must_use]
+    pub fn render(&self, file_name: &str) -> String {
+        self.render_with(file_name, &Renderer::plain())
+    }
+
+    /// The same with the terminal's colours.
+    #[must_use]
+    pub fn render_styled(&self, file_name: &str) -> String {
+        self.render_with(file_name, &Renderer::styled())
+    }
+
+    fn render_with(&self, file_name: &str, renderer: &Renderer) -> String {
+        let snippet = Snippet::source(self.source.as_str())
+            .line_start(self.line as usize)
+            .path(file_name)
+            .annotation(AnnotationKind::Primary.span(self.span.clone()));
+        let mut group = Level::ERROR
+            .primary_title(self.message.as_str())
+            .id(self.code.as_str())
+            .element(snippet);
+        if let Some(help) = &self.help {
+            group = group.element(Level::HELP.message(help.as_str()));
+        }
+        renderer.render(&[group])
+    }
+}
+
+impl std::fmt::Display for Diagnostic {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(
+            formatter,
+            "{}:{}: {}: {}",
+            self.line, self.column, self.code, self.message
+        )
+    }
+}
+
+impl std::error::Error for Diagnostic {}
+
+/// Bytes of a line, from the first to before the last. Lines are short, so 32 bits do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Span {
+    pub(crate) start: u32,
+    pub(crate) end: u32,
+}
+
+impl Span {
+    pub(crate) fn new(start: usize, end: usize) -> Self {
+        let narrow = |place: usize| u32::try_from(place).unwrap_or(u32::MAX);
+        Self {
+            start: narrow(start),
+            end: narrow(end),
+        }
+    }
+
+    /// The one byte at a place.
+    pub(crate) fn at(place: usize) -> Self {
+        Self::new(place, place + 1)
+    }
+}
+
+/// An error before it knows its line: what the rooms inside this crate hand up.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Fault {
+    pub(crate) code: Code,
+    pub(crate) span: Span,
+    pub(crate) message: String,
+    pub(crate) help: Option<Cow<'static, str>>,
+}
+
+impl Fault {
+    pub(crate) fn new(code: Code, span: Span, message: impl Into<String>) -> Self {
+        Self {
+            code,
+            span,
+            message: message.into(),
+            help: None,
+        }
+    }
+
+    pub(crate) fn help(mut self, help: impl Into<Cow<'static, str>>) -> Self {
+        self.help = Some(help.into());
+        self
+    }
+
+    /// Adds the place in the file. `text` is the line's bytes, which may be anything.
+    pub(crate) fn locate(self, line: u32, text: &[u8]) -> Diagnostic {
+        let end = (self.span.end as usize).min(text.len());
+        let start = (self.span.start as usize).min(end);
+        let before = String::from_utf8_lossy(&text[..start]);
+        let marked = printable(&String::from_utf8_lossy(&text[start..end]));
+        let narrow = |count: usize| u32::try_from(count).unwrap_or(u32::MAX);
+        let column = narrow(before.chars().count() + 1);
+        let length = narrow(marked.chars().count());
+
+        let mut source = printable(tail(&before, CONTEXT_BYTES));
+        let span_start = source.len();
+        let marked = head(&marked, CONTEXT_BYTES);
+        source.push_str(marked);
+        let span = span_start..source.len();
+        // A bounded piece of the rest: `from_utf8_lossy` on all of a long line would cost for nothing.
+        let rest = &text[end..text.len().min(end + CONTEXT_BYTES)];
+        source.push_str(&printable(&String::from_utf8_lossy(rest)));
+        Diagnostic {
+            code: self.code,
+            line,
+            column,
+            length,
+            message: self.message,
+            help: self.help.map(Cow::into_owned),
+            source,
+            span,
+        }
+    }
+}
+
+/// Control characters replaced one for one, so that a program cannot steer the reader's terminal. Tabs become
+/// blanks.
+pub(crate) fn printable(text: &str) -> String {
+    text.chars()
+        .map(|character| match character {
+            '\t' => ' ',
+            _ if character.is_control() => char::REPLACEMENT_CHARACTER,
+            _ => character,
+        })
+        .collect()
+}
+
+/// At most the last `bytes` bytes, cut at a character.
+fn tail(text: &str, bytes: usize) -> &str {
+    let mut start = text.len().saturating_sub(bytes);
+    while !text.is_char_boundary(start) {
+        start += 1;
+    }
+    &text[start..]
+}
+
+/// At most the first `bytes` bytes, cut at a character.
+fn head(text: &str, bytes: usize) -> &str {
+    let mut end = text.len().min(bytes);
+    while !text.is_char_boundary(end) {
+        end -= 1;
+    }
+    &text[..end]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn columns_count_characters_and_spans_count_bytes_of_the_kept_source() {
+        let text = "(\u{e9}\u{e9}) G1 X?".as_bytes();
+        let place = text.len() - 1;
+        let found = Fault::new(Code::UnexpectedCharacter, Span::at(place), "what").locate(3, text);
+        assert_eq!((found.line, found.column, found.length), (3, 10, 1));
+        assert_eq!(&found.source[found.span.clone()], "?");
+    }
+
+    #[test]
+    fn bytes_that_are_no_text_do_not_shift_the_mark() {
+        let text = b"(\xff\xfe) G1 X?";
+        let found = Fault::new(Code::UnexpectedCharacter, Span::at(text.len() - 1), "what").locate(1, text);
+        assert_eq!(found.column, 10);
+        assert_eq!(&found.source[found.span.clone()], "?");
+    }
+
+    #[test]
+    fn a_long_line_is_cut_around_the_place() {
+        let mut text = vec![b' '; 50_000];
+        text[30_000] = b'?';
+        let found = Fault::new(Code::UnexpectedCharacter, Span::at(30_000), "what").locate(1, &text);
+        assert_eq!(found.column, 30_001);
+        assert!(found.source.len() <= 3 * CONTEXT_BYTES);
+        assert_eq!(&found.source[found.span.clone()], "?");
+    }
+
+    #[test]
+    fn rendering_shows_code_place_line_mark_and_help() {
+        let fault = Fault::new(Code::UnknownG, Span::new(3, 6), "there is no G77").help("write G1");
+        let shown = fault.locate(12, b"N1 G77 X3").render("part.ngc");
+        for expected in [
+            "G0301",
+            "there is no G77",
+            "part.ngc:12:4",
+            "N1 G77 X3",
+            "^^^",
+            "write G1",
+        ] {
+            assert!(shown.contains(expected), "{expected:?} is not in\n{shown}");
+        }
+    }
+
+    #[test]
+    fn escape_sequences_do_not_reach_the_terminal() {
+        let fault = Fault::new(Code::UnexpectedCharacter, Span::at(0), "what");
+        assert!(
+            !fault
+                .locate(1, b"\x1b[2J (\x1b[2J\x07)")
+                .render("a")
+                .contains('\x1b')
+        );
+    }
+
+    #[test]
+    fn codes_are_unique() {
+        let mut texts: Vec<_> = Code::ALL.iter().map(|code| code.as_str()).collect();
+        texts.sort_unstable();
+        texts.dedup();
+        assert_eq!(texts.len(), Code::ALL.len());
+    }
+}

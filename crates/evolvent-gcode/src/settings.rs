@@ -1,0 +1,82 @@
+//! What the interpreter has to know of the machine and the set-up before the first line.
+
+use evolvent_path::{AXES, Axes};
+
+use crate::PathMode;
+
+/// Set-up at the start of a program. [`Settings::default`] is a machine of nine axes standing at zero.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Settings {
+    /// Where the machine stands, machine coordinates (mm, degrees).
+    pub start: Axes,
+    /// Which axes exist. A word for any other is an error.
+    pub axes: [bool; AXES],
+    /// Work offsets G54 to G59.3: work zero in machine coordinates (mm, degrees).
+    pub work_offsets: [Axes; WORK_OFFSETS],
+    /// Which of them is active, 0 for G54.
+    pub active_offset: usize,
+    /// The offset of G92 that earlier programs left, applied from the start (mm, degrees).
+    pub g92_offset: Axes,
+    /// Path control before the first G61 or G64.
+    pub path_mode: PathMode,
+    /// Whether the program starts in inches (G20) rather than mm (G21).
+    pub inches: bool,
+    /// Whether lines that begin with `/` are left out.
+    pub block_delete: bool,
+    /// By how much an arc's radius at the end may differ from that at the start.
+    pub arc: ArcTolerance,
+    /// By how much an involute's programmed end may be off the involute, in mm: one increment, at least 1 um.
+    pub involute_tolerance_mm: f64,
+    /// Longest line that is accepted, in bytes.
+    pub max_line_bytes: usize,
+    /// Tool in the spindle at the start; 0 for none.
+    pub tool: u32,
+}
+
+/// How many work offsets there are: G54 to G59, G59.1 to G59.3.
+pub const WORK_OFFSETS: usize = 9;
+
+/// When an arc in centre format is refused. With `d` the difference of the radii at start and end, that is
+/// when `d > 100 * absolute`, or when `d > absolute` and `d > relative * (greater radius)`: LinuxCNC's rule.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ArcTolerance {
+    /// Absolute tolerance while G21 is active, in mm.
+    pub metric_mm: f64,
+    /// Absolute tolerance while G20 is active, in mm (not inches).
+    pub inch_mm: f64,
+    /// Share of the radius.
+    pub relative: f64,
+    /// Radii below this are no arc, and R may be too short by as much; in mm.
+    pub radius_mm: f64,
+}
+
+impl Default for ArcTolerance {
+    /// LinuxCNC's figures: end and centre rounded to 0.01 mm, or 0.001 inch, always pass.
+    fn default() -> Self {
+        Self {
+            metric_mm: 2.0 * 0.01 * std::f64::consts::SQRT_2,
+            inch_mm: 2.0 * 0.001 * std::f64::consts::SQRT_2 * 25.4,
+            relative: 0.001,
+            radius_mm: 0.00005 * 25.4,
+        }
+    }
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            start: Axes::zeros(),
+            axes: [true; AXES],
+            work_offsets: [Axes::zeros(); WORK_OFFSETS],
+            active_offset: 0,
+            g92_offset: Axes::zeros(),
+            path_mode: PathMode::Blend { tolerance_mm: None },
+            inches: false,
+            block_delete: true,
+            arc: ArcTolerance::default(),
+            involute_tolerance_mm: 0.001,
+            max_line_bytes: 64 * 1024,
+            tool: 0,
+        }
+    }
+}
