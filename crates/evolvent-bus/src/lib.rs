@@ -1,1 +1,49 @@
 //! Message types and services over iceoryx2.
+//!
+//! One machine is one folder of services in shared memory, `evolvent/NAME/CHANNEL`. Its one core opens them with
+//! [`CoreBus`]; bridges, screens and loggers, in any number and language, with [`ClientBus`] or iceoryx2's own
+//! bindings and the generated header or module in `tools/`.
+//!
+//! ```text
+//!   core ── Setpoint ──► bridge      every period, in order, ahead of its due time
+//!   core ── Status ────► screen      the latest snapshot only
+//!   core ── event ─────► sleepers    a number that wakes
+//!   core ◄── Feedback ── bridge      the drives' answer to one setpoint
+//!   core ◄── Load ────── sensor      cutting force, torque, power, current
+//! ```
+//!
+//! Payloads are plain numbers in a fixed layout: version and size first, room for later at the end, no gap, no pointer.
+//! Version, period and axes also stand in the services' attributes, so a client that does not fit fails when it
+//! opens and not when it moves.
+//!
+//! The core never waits for a reader: one that lags behind by more than its buffer loses the oldest and sees a
+//! gap in the sequence. Who is killed leaves files; whoever opens next clears them away. One name, one core.
+//!
+//! This is the only crate that names iceoryx2. Commands (`control`) will be a request-response service beside these.
+
+mod client_bus;
+mod config;
+mod core_bus;
+mod domain;
+mod error;
+mod event;
+mod feedback;
+mod layout;
+mod name;
+mod setpoint;
+mod status;
+
+pub use client_bus::{ClientBus, EventReader, FeedbackSender, LoadSender, SetpointReader, StatusReader};
+pub use config::{BusConfig, ClientConfig, MAX_SETPOINT_BUFFER};
+pub use core_bus::CoreBus;
+pub use domain::{ATTRIBUTE_AXES, ATTRIBUTE_INTERFACE, ATTRIBUTE_PERIOD};
+pub use error::{BusError, ReceiveError, SendError};
+pub use event::EventKind;
+pub use feedback::{Feedback, LOAD_KINDS, Load};
+pub use layout::{AXES, FieldLayout, Payload, Scalar, StructLayout};
+pub use name::{Channel, MAX_MACHINE_NAME, NameError, check_machine_name};
+pub use setpoint::{SETPOINT_FLAGS, STATES, Setpoint};
+pub use status::{MAX_ALARMS, Status, TEXT_BYTES};
+
+/// Version of the contract: raised with every change of a payload's layout or meaning.
+pub const INTERFACE_VERSION: u32 = 1;

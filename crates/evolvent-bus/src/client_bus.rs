@@ -1,0 +1,300 @@
+//! The clients' side of the bus: bridges, screens, loggers, tests.
+
+use crate::config::ClientConfig;
+use crate::domain::{
+    ATTRIBUTE_AXES, ATTRIBUTE_INTERFACE, ATTRIBUTE_PERIOD, Domain, EventService, Ipc, PubSub, Wanted,
+    attribute, receive, send_error,
+};
+use crate::error::{BusError, ReceiveError, SendError};
+use crate::event::EventKind;
+use crate::feedback::{Feedback, Load};
+use crate::name::Channel;
+use crate::setpoint::Setpoint;
+use crate::status::Status;
+use core::time::Duration;
+use iceoryx2::port::listener::Listener;
+use iceoryx2::port::publisher::Publisher;
+use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
+use iceoryx2::prelude::*;
+use std::time::Instant;
+
+/// One client of one machine. It cannot leave the thread that opened it.
+#[derive(Debug)]
+pub struct ClientBus {
+    setpoint_service: PubSub<Setpoint>,
+    wanted: Wanted,
+    config: ClientConfig,
+    period_ns: u64,
+    axes: String,
+    domain: Domain,
+}
+
+impl ClientBus {
+    /// Finds the machine, waiting for its core where that is not up yet, and checks that client and core fit.
+    ///
+    /// # Errors
+    /// No core in time, or one of another version, period or axes.
+    pub fn open(config: &ClientConfig) -> Result<Self, BusError> {
+        let domain = Domain::join(&config.machine_name, config.prefix.as_deref(), "client")?;
+        let wanted: Wanted = [
+            (ATTRIBUTE_INTERFACE, Some(crate::INTERFACE_VERSION.to_string())),
+            (
+                ATTRIBUTE_PERIOD,
+                config.period_ns.map(|period_ns| period_ns.to_string()),
+            ),
+            (ATTRIBUTE_AXES, config.axes.clone()),
+        ];
+        let deadline = Instant::now() + config.wait;
+        let setpoint_service = domain.open::<Setpoint>(Channel::Setpoint, &wanted, deadline)?;
+        let found = |key| attribute(setpoint_service.attributes(), key).unwrap_or_default();
+        Ok(Self {
+            period_ns: found(ATTRIBUTE_PERIOD).parse().unwrap_or(0),
+            axes: found(ATTRIBUTE_AXES),
+            setpoint_service,
+            wanted,
+            config: config.clone(),
+            domain,
+        })
+    }
+
+    /// The core's control period in ns.
+    #[must_use]
+    pub const fn period_ns(&self) -> u64 {
+        self.period_ns
+    }
+
+    /// The letters of the machine's axes in order.
+    #[must_use]
+    pub fn axes(&self) -> &str {
+        &self.axes
+    }
+
+    /// Listens to setpoints from the next one on.
+    ///
+    /// # Errors
+    /// All places are taken.
+    pub fn setpoints(&self) -> Result<SetpointReader, BusError> {
+        let subscriber = self.subscribe(&self.setpoint_service, Channel::Setpoint)?;
+        Ok(SetpointReader {
+            subscriber,
+            next: None,
+            lost: 0,
+        })
+    }
+
+    /// Reads the core's snapshots.
+    ///
+    /// # Errors
+    /// The service is not there, or all places are taken.
+    pub fn status(&self) -> Result<StatusReader, BusError> {
+        let service = self
+            .domain
+            .open::<Status>(Channel::Status, &self.wanted, self.deadline())?;
+        Ok(StatusReader {
+            subscriber: self.subscribe(&service, Channel::Status)?,
+            latest: None,
+        })
+    }
+
+    /// Listens to events from now on.
+    ///
+    /// # Errors
+    /// The service is not there, or all places are taken.
+    pub fn events(&self) -> Result<EventReader, BusError> {
+        let service = self.domain.open_event(&self.wanted, self.deadline())?;
+        let listener = service
+            .listener_builder()
+            .create()
+            .map_err(|_| BusError::NoPlace {
+                service: self.service_name(Channel::Event),
+                port: "listener",
+            })?;
+        Ok(EventReader {
+            listener,
+            _service: service,
+        })
+    }
+
+    /// Opens the way for a bridge's answers.
+    ///
+    /// # Errors
+    /// The service is not there, or all places are taken.
+    pub fn feedback_sender(&self) -> Result<FeedbackSender, BusError> {
+        let service = self
+            .domain
+            .open::<Feedback>(Channel::Feedback, &self.wanted, self.deadline())?;
+        let publisher = service
+            .publisher_builder()
+            .create()
+            .map_err(|_| BusError::NoPlace {
+                service: self.service_name(Channel::Feedback),
+                port: "bridge",
+            })?;
+        Ok(FeedbackSender { publisher })
+    }
+
+    /// Opens the way for a sensor's values.
+    ///
+    /// # Errors
+    /// The service is not there, or all places are taken.
+    pub fn load_sender(&self) -> Result<LoadSender, BusError> {
+        let service = self
+            .domain
+            .open::<Load>(Channel::Load, &self.wanted, self.deadline())?;
+        let publisher = service
+            .publisher_builder()
+            .create()
+            .map_err(|_| BusError::NoPlace {
+                service: self.service_name(Channel::Load),
+                port: "sensor",
+            })?;
+        Ok(LoadSender { publisher })
+    }
+
+    fn deadline(&self) -> Instant {
+        Instant::now() + self.config.wait
+    }
+
+    fn service_name(&self, channel: Channel) -> String {
+        channel
+            .service_name(&self.config.machine_name)
+            .unwrap_or_default()
+    }
+
+    fn subscribe<P: core::fmt::Debug + ZeroCopySend>(
+        &self,
+        service: &PubSub<P>,
+        channel: Channel,
+    ) -> Result<Subscriber<Ipc, P, ()>, BusError> {
+        service
+            .subscriber_builder()
+            .create()
+            .map_err(|cause| match cause {
+                SubscriberCreateError::ExceedsMaxSupportedSubscribers => BusError::NoPlace {
+                    service: self.service_name(channel),
+                    port: "subscriber",
+                },
+                cause => BusError::Service {
+                    service: self.service_name(channel),
+                    cause: format!("{cause:?}"),
+                },
+            })
+    }
+}
+
+/// Setpoints in order, with a count of those that were overwritten before they were read.
+#[derive(Debug)]
+pub struct SetpointReader {
+    subscriber: Subscriber<Ipc, Setpoint, ()>,
+    next: Option<u64>,
+    lost: u64,
+}
+
+impl SetpointReader {
+    /// The oldest setpoint not read yet; none if there is none. Does not wait.
+    ///
+    /// # Errors
+    /// The connection is damaged, or the core speaks another version.
+    pub fn receive(&mut self) -> Result<Option<Setpoint>, ReceiveError> {
+        let setpoint = receive(&self.subscriber, Channel::Setpoint)?;
+        if let Some(setpoint) = &setpoint {
+            // A lower number is a new run, not a loss.
+            let expected = self.next.unwrap_or(setpoint.sequence);
+            self.lost += setpoint.sequence.saturating_sub(expected);
+            self.next = setpoint.sequence.checked_add(1);
+        }
+        Ok(setpoint)
+    }
+
+    /// Setpoints lost since the first, seen as gaps in the sequence.
+    #[must_use]
+    pub const fn lost(&self) -> u64 {
+        self.lost
+    }
+}
+
+/// The latest snapshot.
+#[derive(Debug)]
+pub struct StatusReader {
+    subscriber: Subscriber<Ipc, Status, ()>,
+    latest: Option<Status>,
+}
+
+impl StatusReader {
+    /// The latest snapshot; none before the core has sent the first since this reader joined. Whether it is stale,
+    /// its `sequence` and `time_ns` tell: after the core's death the last stays for ever.
+    ///
+    /// # Errors
+    /// The connection is damaged, or the core speaks another version.
+    pub fn latest(&mut self) -> Result<Option<Status>, ReceiveError> {
+        while let Some(status) = receive(&self.subscriber, Channel::Status)? {
+            self.latest = Some(status);
+        }
+        Ok(self.latest)
+    }
+}
+
+/// Wakes with the core's events.
+#[derive(Debug)]
+pub struct EventReader {
+    listener: Listener<Ipc>,
+    _service: EventService,
+}
+
+impl EventReader {
+    /// Sleeps until something happens or time is up; returns what happened, each kind once, in order of number.
+    ///
+    /// # Errors
+    /// The connection is damaged.
+    pub fn wait(&mut self, timeout: Duration) -> Result<Vec<EventKind>, ReceiveError> {
+        let mut kinds = Vec::new();
+        self.listener
+            .timed_wait(
+                |activation| kinds.extend(EventKind::from_number(activation.id.as_value())),
+                timeout,
+            )
+            .map_err(|_| ReceiveError::Broken {
+                channel: "event",
+                cause: "ListenerWaitError",
+            })?;
+        kinds.sort_by_key(|kind| kind.number());
+        kinds.dedup();
+        Ok(kinds)
+    }
+}
+
+/// Sends a bridge's answers.
+#[derive(Debug)]
+pub struct FeedbackSender {
+    publisher: Publisher<Ipc, Feedback, ()>,
+}
+
+impl FeedbackSender {
+    /// Sends one answer; never waits.
+    ///
+    /// # Errors
+    /// The answer did not leave.
+    pub fn send(&mut self, feedback: &Feedback) -> Result<usize, SendError> {
+        self.publisher
+            .send_copy(*feedback)
+            .map_err(|cause| send_error(Channel::Feedback, cause))
+    }
+}
+
+/// Sends a sensor's values.
+#[derive(Debug)]
+pub struct LoadSender {
+    publisher: Publisher<Ipc, Load, ()>,
+}
+
+impl LoadSender {
+    /// Sends one value; never waits.
+    ///
+    /// # Errors
+    /// The value did not leave.
+    pub fn send(&mut self, load: &Load) -> Result<usize, SendError> {
+        self.publisher
+            .send_copy(*load)
+            .map_err(|cause| send_error(Channel::Load, cause))
+    }
+}

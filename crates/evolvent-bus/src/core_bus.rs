@@ -1,0 +1,335 @@
+//! The core's side of the bus.
+
+use crate::config::{BusConfig, MAX_SETPOINT_BUFFER};
+use crate::domain::{
+    ATTRIBUTE_AXES, ATTRIBUTE_INTERFACE, ATTRIBUTE_PERIOD, Domain, EventService, Ipc, PubSub, Sizes, Wanted,
+    receive, send_error,
+};
+use crate::error::{BusError, ReceiveError, SendError};
+use crate::event::EventKind;
+use crate::feedback::{Feedback, Load};
+use crate::name::Channel;
+use crate::setpoint::Setpoint;
+use crate::status::Status;
+use core::fmt::Debug;
+use core::time::Duration;
+use iceoryx2::port::notifier::{Notifier, NotifierCreateError};
+use iceoryx2::port::publisher::{Publisher, PublisherCreateError};
+use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::port::update_connections::UpdateConnections;
+use iceoryx2::prelude::*;
+use std::time::Instant;
+
+/// The ports of one core. It cannot leave the thread that opened it: open it on the publisher's thread.
+///
+/// No method may be called from the real-time cycle: sending allocates once a message, and opens and removes files
+/// when a subscriber joins or leaves.
+#[derive(Debug)]
+pub struct CoreBus {
+    // Ports first: they are dropped in this order, before the node.
+    setpoint: Publisher<Ipc, Setpoint, ()>,
+    status: Publisher<Ipc, Status, ()>,
+    notifier: Notifier<Ipc>,
+    feedback: Subscriber<Ipc, Feedback, ()>,
+    load: Subscriber<Ipc, Load, ()>,
+    setpoint_service: PubSub<Setpoint>,
+    _status_service: PubSub<Status>,
+    _event_service: EventService,
+    _feedback_service: PubSub<Feedback>,
+    _load_service: PubSub<Load>,
+    rejected: u64,
+    _domain: Domain,
+}
+
+impl CoreBus {
+    /// Opens every channel of a machine as its one core.
+    ///
+    /// Clears away first what killed runs have left; takes 15 to 50 ms, so open before the machine is armed.
+    ///
+    /// # Errors
+    /// [`BusError::AlreadyRunning`] with the process where a core of this name lives; otherwise what is wrong with
+    /// the settings, with services that clients of an earlier run hold, or with shared memory.
+    pub fn open(config: &BusConfig) -> Result<Self, BusError> {
+        check(config)?;
+        let machine_name = config.machine_name.as_str();
+        let domain = Domain::join(machine_name, config.prefix.as_deref(), "core")?;
+        let wanted: Wanted = [
+            (ATTRIBUTE_INTERFACE, Some(crate::INTERFACE_VERSION.to_string())),
+            (ATTRIBUTE_PERIOD, Some(config.period_ns.to_string())),
+            (ATTRIBUTE_AXES, Some(config.axes.clone())),
+        ];
+        let deadline = Instant::now() + config.open_timeout;
+
+        // The setpoint publisher comes first: it is the one whose number is limited to one, so it decides which
+        // of two cores that start together lives.
+        let subscribers = config.max_setpoint_subscribers;
+        let sizes = Sizes {
+            publishers: 1,
+            subscribers,
+            buffer: config.setpoint_buffer,
+            history: 0,
+        };
+        let setpoint_service = domain.create::<Setpoint>(Channel::Setpoint, &wanted, sizes, deadline)?;
+        let setpoint = publisher(
+            &domain,
+            &setpoint_service,
+            Channel::Setpoint,
+            machine_name,
+            sizes,
+            deadline,
+        )?;
+
+        let sizes = Sizes {
+            publishers: 1,
+            subscribers: 32,
+            buffer: 1,
+            history: 1,
+        };
+        let status_service = domain.create::<Status>(Channel::Status, &wanted, sizes, deadline)?;
+        let status = publisher(
+            &domain,
+            &status_service,
+            Channel::Status,
+            machine_name,
+            sizes,
+            deadline,
+        )?;
+
+        let sizes = Sizes {
+            publishers: 4,
+            subscribers: 8,
+            buffer: 256,
+            history: 0,
+        };
+        let feedback_service = domain.create::<Feedback>(Channel::Feedback, &wanted, sizes, deadline)?;
+        let feedback = subscriber(&feedback_service, Channel::Feedback, machine_name)?;
+
+        let sizes = Sizes {
+            publishers: 8,
+            ..sizes
+        };
+        let load_service = domain.create::<Load>(Channel::Load, &wanted, sizes, deadline)?;
+        let load = subscriber(&load_service, Channel::Load, machine_name)?;
+
+        let event_service = domain.create_event(&wanted, deadline)?;
+        let notifier = notifier(&domain, &event_service, machine_name, deadline)?;
+
+        Ok(Self {
+            setpoint,
+            status,
+            notifier,
+            feedback,
+            load,
+            setpoint_service,
+            _status_service: status_service,
+            _event_service: event_service,
+            _feedback_service: feedback_service,
+            _load_service: load_service,
+            rejected: 0,
+            _domain: domain,
+        })
+    }
+
+    /// Sends a setpoint to every subscriber; never waits for one. Returns how many were reached.
+    ///
+    /// # Errors
+    /// The setpoint did not leave, or not to all.
+    pub fn publish_setpoint(&mut self, setpoint: &Setpoint) -> Result<usize, SendError> {
+        self.setpoint
+            .send_copy(*setpoint)
+            .map_err(|cause| send_error(Channel::Setpoint, cause))
+    }
+
+    /// Replaces the snapshot that status readers see. A reader that joins later gets it with the next call: call
+    /// it regularly.
+    ///
+    /// # Errors
+    /// The status did not leave, or not to all.
+    pub fn publish_status(&mut self, status: &Status) -> Result<usize, SendError> {
+        self.status
+            .send_copy(*status)
+            .map_err(|cause| send_error(Channel::Status, cause))
+    }
+
+    /// Wakes every listener. Publish the status that explains it first.
+    ///
+    /// # Errors
+    /// A listener could not be woken.
+    pub fn notify(&mut self, kind: EventKind) -> Result<usize, SendError> {
+        self.notifier
+            .notify_with_custom_event_id(EventId::new(kind.number() as usize))
+            .map_err(|_| SendError::NotSent {
+                channel: "event",
+                cause: "NotifierNotifyError",
+            })
+    }
+
+    /// The oldest feedback that was not taken yet. What is not finite is dropped and counted.
+    ///
+    /// # Errors
+    /// The connection is damaged, or a bridge speaks another version.
+    pub fn feedback(&mut self) -> Result<Option<Feedback>, ReceiveError> {
+        while let Some(feedback) = receive(&self.feedback, Channel::Feedback)? {
+            if feedback.is_finite() {
+                return Ok(Some(feedback));
+            }
+            self.rejected += 1;
+        }
+        Ok(None)
+    }
+
+    /// The oldest cutting load that was not taken yet. What is not finite or out of its range is dropped and counted.
+    ///
+    /// # Errors
+    /// The connection is damaged, or a sensor speaks another version.
+    pub fn load(&mut self) -> Result<Option<Load>, ReceiveError> {
+        while let Some(load) = receive(&self.load, Channel::Load)? {
+            if load.is_valid() {
+                return Ok(Some(load));
+            }
+            self.rejected += 1;
+        }
+        Ok(None)
+    }
+
+    /// Messages from outside that were dropped because their numbers made no sense.
+    #[must_use]
+    pub const fn rejected_inputs(&self) -> u64 {
+        self.rejected
+    }
+
+    /// Subscribers of the setpoint channel.
+    #[must_use]
+    pub fn setpoint_subscribers(&self) -> usize {
+        self.setpoint_service.dynamic_config().number_of_subscribers()
+    }
+
+    /// Waits until at least `count` subscribers listen to setpoints, and connects to them, so that the first
+    /// setpoint reaches them all. Returns how many there are, which is less where time ran out.
+    #[must_use]
+    pub fn wait_for_setpoint_subscribers(&self, count: usize, timeout: Duration) -> usize {
+        let deadline = Instant::now() + timeout;
+        loop {
+            let found = self.setpoint_subscribers();
+            if found >= count || Instant::now() >= deadline {
+                // A failure shows up again, as an error, with the first setpoint.
+                let _ = self.setpoint.update_connections();
+                return found;
+            }
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    }
+}
+
+fn check(config: &BusConfig) -> Result<(), BusError> {
+    if !(1_000..=1_000_000_000).contains(&config.period_ns) {
+        return Err(BusError::Period {
+            period_ns: config.period_ns,
+        });
+    }
+    let letters = config.axes.as_bytes();
+    let known = letters.iter().all(|letter| b"XYZABCUVW".contains(letter));
+    let single = letters
+        .iter()
+        .enumerate()
+        .all(|(i, letter)| !letters[..i].contains(letter));
+    if letters.is_empty() || !known || !single {
+        return Err(BusError::Axes {
+            axes: config.axes.chars().take(32).collect(),
+        });
+    }
+    if !(1..=MAX_SETPOINT_BUFFER).contains(&config.setpoint_buffer) {
+        let (setpoints, max) = (config.setpoint_buffer, MAX_SETPOINT_BUFFER);
+        return Err(BusError::SetpointBuffer { setpoints, max });
+    }
+    if !(1..=64).contains(&config.max_setpoint_subscribers) {
+        return Err(BusError::Subscribers {
+            subscribers: config.max_setpoint_subscribers,
+        });
+    }
+    Ok(())
+}
+
+/// Creates the one publisher of a service. Where the place is taken, its owner either lives, or is cleared away.
+fn publisher<P: Debug + ZeroCopySend + Copy>(
+    domain: &Domain,
+    service: &PubSub<P>,
+    channel: Channel,
+    machine_name: &str,
+    sizes: Sizes,
+    deadline: Instant,
+) -> Result<Publisher<Ipc, P, ()>, BusError> {
+    let name = channel.service_name(machine_name)?;
+    loop {
+        match service.publisher_builder().create() {
+            Ok(publisher) => return Ok(publisher),
+            Err(PublisherCreateError::ExceedsMaxSupportedPublishers) => {
+                if let Some(pid) = domain.living_core() {
+                    return Err(BusError::AlreadyRunning {
+                        machine_name: machine_name.to_owned(),
+                        pid,
+                    });
+                }
+                if Instant::now() >= deadline {
+                    return Err(BusError::NoPlace {
+                        service: name,
+                        port: "publisher",
+                    });
+                }
+                domain.node.blocking_cleanup_dead_nodes(Duration::from_secs(1));
+                std::thread::sleep(Duration::from_millis(5));
+            }
+            Err(cause) => {
+                let bytes = size_of::<P>() * sizes.subscribers * (sizes.buffer + 2);
+                return Err(BusError::SharedMemory {
+                    service: name,
+                    needed_mib: bytes.div_ceil(1 << 20),
+                    cause: format!("{cause:?}"),
+                });
+            }
+        }
+    }
+}
+
+fn notifier(
+    domain: &Domain,
+    service: &EventService,
+    machine_name: &str,
+    deadline: Instant,
+) -> Result<Notifier<Ipc>, BusError> {
+    loop {
+        let cause = match service.notifier_builder().create() {
+            Ok(notifier) => return Ok(notifier),
+            Err(cause) => cause,
+        };
+        let service = Channel::Event.service_name(machine_name)?;
+        if cause != NotifierCreateError::ExceedsMaxSupportedNotifiers {
+            return Err(BusError::Service {
+                service,
+                cause: format!("{cause:?}"),
+            });
+        }
+        if Instant::now() >= deadline {
+            return Err(BusError::NoPlace {
+                service,
+                port: "notifier",
+            });
+        }
+        domain.node.blocking_cleanup_dead_nodes(Duration::from_secs(1));
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+fn subscriber<P: Debug + ZeroCopySend>(
+    service: &PubSub<P>,
+    channel: Channel,
+    machine_name: &str,
+) -> Result<Subscriber<Ipc, P, ()>, BusError> {
+    service
+        .subscriber_builder()
+        .create()
+        .map_err(|cause| BusError::Service {
+            service: channel.service_name(machine_name).unwrap_or_default(),
+            cause: format!("{cause:?}"),
+        })
+}

@@ -1,0 +1,428 @@
+//! A place on iceoryx2: node, attributes, and opening that survives the remains of killed runs.
+
+use crate::error::BusError;
+use crate::event::EventKind;
+use crate::layout::Payload;
+use crate::name::Channel;
+use core::fmt::Debug;
+use core::time::Duration;
+use iceoryx2::node::NodeView;
+use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::prelude::*;
+use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
+use iceoryx2::service::builder::event::{EventCreateError, EventOpenError, EventOpenOrCreateError};
+use iceoryx2::service::builder::publish_subscribe::{
+    PublishSubscribeCreateError as CreateError, PublishSubscribeOpenError as OpenError,
+    PublishSubscribeOpenOrCreateError as OpenOrCreateError,
+};
+use iceoryx2::service::port_factory::{event, publish_subscribe};
+use std::time::Instant;
+
+pub(crate) type Ipc = ipc::Service;
+pub(crate) type PubSub<P> = publish_subscribe::PortFactory<Ipc, P, ()>;
+pub(crate) type EventService = event::PortFactory<Ipc>;
+
+/// Attribute: version of the bus contract.
+pub const ATTRIBUTE_INTERFACE: &str = "evolvent.interface";
+/// Attribute: the control period in ns.
+pub const ATTRIBUTE_PERIOD: &str = "evolvent.period_ns";
+/// Attribute: the letters of the axes in order.
+pub const ATTRIBUTE_AXES: &str = "evolvent.axes";
+
+/// How long to wait between two tries.
+const RETRY: Duration = Duration::from_millis(5);
+
+/// What is asked of the attributes: each key with its value, or none where any will do.
+pub(crate) type Wanted = [(&'static str, Option<String>); 3];
+
+/// Sizes of a service, said by the core only.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Sizes {
+    pub(crate) publishers: usize,
+    pub(crate) subscribers: usize,
+    pub(crate) buffer: usize,
+    pub(crate) history: usize,
+}
+
+/// How an attempt to open ended.
+enum Failure {
+    /// May go away: another process is just creating, removing or cleaning up.
+    Passing(String),
+    Missing,
+    Attributes,
+    Settings(String),
+    Permission,
+}
+
+/// A node on iceoryx2.
+#[derive(Debug)]
+pub(crate) struct Domain {
+    pub(crate) node: Node<Ipc>,
+    machine_name: String,
+}
+
+impl Domain {
+    /// Joins, and clears what dead processes have left.
+    pub(crate) fn join(machine_name: &str, prefix: Option<&str>, role: &str) -> Result<Self, BusError> {
+        crate::check_machine_name(machine_name)?;
+        // iceoryx2 reports on standard error what is told by our errors already.
+        set_log_level_from_env_or(LogLevel::Fatal);
+        let mut config = Config::global_config().clone();
+        if let Some(prefix) = prefix {
+            let bad = || BusError::Prefix {
+                prefix: prefix.to_owned(),
+            };
+            let good = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
+            if prefix.is_empty() || prefix.len() > 32 || !prefix.chars().all(good) {
+                return Err(bad());
+            }
+            config.global.prefix = FileName::new(prefix.as_bytes()).map_err(|_| bad())?;
+        }
+        let failed = |cause: &dyn Debug| BusError::Domain {
+            cause: format!("{cause:?}"),
+        };
+        let name =
+            NodeName::new(&format!("evolvent.{machine_name}.{role}")).map_err(|cause| failed(&cause))?;
+        let node = NodeBuilder::new()
+            .name(&name)
+            // The daemon handles signals itself.
+            .signal_handling_mode(SignalHandlingMode::Disabled)
+            .config(&config)
+            .create::<Ipc>()
+            .map_err(|cause| failed(&cause))?;
+        node.blocking_cleanup_dead_nodes(Duration::from_secs(1));
+        Ok(Self {
+            node,
+            machine_name: machine_name.to_owned(),
+        })
+    }
+
+    fn name(&self, channel: Channel) -> Result<(String, ServiceName), BusError> {
+        let text = channel.service_name(&self.machine_name)?;
+        let name = ServiceName::new(&text).map_err(|cause| BusError::Service {
+            service: text.clone(),
+            cause: format!("{cause:?}"),
+        })?;
+        Ok((text, name))
+    }
+
+    /// Opens a service as the core does, creating it where it is missing.
+    pub(crate) fn create<P: Payload + ZeroCopySend + Debug>(
+        &self,
+        channel: Channel,
+        wanted: &Wanted,
+        sizes: Sizes,
+        deadline: Instant,
+    ) -> Result<PubSub<P>, BusError> {
+        let (text, name) = self.name(channel)?;
+        let verifier = verifier(wanted)?;
+        self.retry(&text, channel, wanted, deadline, true, || {
+            self.node
+                .service_builder(&name)
+                .publish_subscribe::<P>()
+                .enable_safe_overflow(true)
+                .max_publishers(sizes.publishers)
+                .max_subscribers(sizes.subscribers)
+                .subscriber_max_buffer_size(sizes.buffer)
+                .subscriber_max_borrowed_samples(2)
+                .history_size(sizes.history)
+                .max_nodes(64)
+                .open_or_create_with_attributes(&verifier)
+                .map_err(|error| match error {
+                    OpenOrCreateError::PublishSubscribeOpenError(error) => open_failure(error),
+                    OpenOrCreateError::PublishSubscribeCreateError(CreateError::InsufficientPermissions) => {
+                        Failure::Permission
+                    }
+                    other => Failure::Passing(format!("{other:?}")),
+                })
+        })
+    }
+
+    /// Opens a service that the core has created.
+    pub(crate) fn open<P: Payload + ZeroCopySend + Debug>(
+        &self,
+        channel: Channel,
+        wanted: &Wanted,
+        deadline: Instant,
+    ) -> Result<PubSub<P>, BusError> {
+        let (text, name) = self.name(channel)?;
+        let verifier = verifier(wanted)?;
+        self.retry(&text, channel, wanted, deadline, false, || {
+            self.node
+                .service_builder(&name)
+                .publish_subscribe::<P>()
+                .open_with_attributes(&verifier)
+                .map_err(open_failure)
+        })
+    }
+
+    /// Opens the event service as the core does.
+    pub(crate) fn create_event(&self, wanted: &Wanted, deadline: Instant) -> Result<EventService, BusError> {
+        let (text, name) = self.name(Channel::Event)?;
+        let verifier = verifier(wanted)?;
+        let id = |kind: EventKind| EventId::new(kind.number() as usize);
+        self.retry(&text, Channel::Event, wanted, deadline, true, || {
+            self.node
+                .service_builder(&name)
+                .event()
+                .event_id_max_value(EventKind::MAX_NUMBER)
+                .max_notifiers(1)
+                .max_listeners(32)
+                .max_nodes(64)
+                .notifier_created_event(id(EventKind::CoreOpened))
+                .notifier_dropped_event(id(EventKind::CoreClosed))
+                .notifier_dead_event(id(EventKind::CoreDied))
+                .open_or_create_with_attributes(&verifier)
+                .map_err(|error| match error {
+                    EventOpenOrCreateError::EventOpenError(error) => event_failure(error),
+                    EventOpenOrCreateError::EventCreateError(EventCreateError::InsufficientPermissions) => {
+                        Failure::Permission
+                    }
+                    other => Failure::Passing(format!("{other:?}")),
+                })
+        })
+    }
+
+    /// Opens the event service that the core has created.
+    pub(crate) fn open_event(&self, wanted: &Wanted, deadline: Instant) -> Result<EventService, BusError> {
+        let (text, name) = self.name(Channel::Event)?;
+        let verifier = verifier(wanted)?;
+        self.retry(&text, Channel::Event, wanted, deadline, false, || {
+            self.node
+                .service_builder(&name)
+                .event()
+                .open_with_attributes(&verifier)
+                .map_err(event_failure)
+        })
+    }
+
+    /// Tries until it works, fails for good, or time is up. Between two tries the dead are cleared away.
+    fn retry<T>(
+        &self,
+        service: &str,
+        channel: Channel,
+        wanted: &Wanted,
+        deadline: Instant,
+        is_core: bool,
+        attempt: impl Fn() -> Result<T, Failure>,
+    ) -> Result<T, BusError> {
+        let begin = Instant::now();
+        loop {
+            let failure = match attempt() {
+                Ok(done) => return Ok(done),
+                Err(failure) => failure,
+            };
+            let (machine_name, service) = (self.machine_name.clone(), service.to_owned());
+            if is_core
+                && matches!(failure, Failure::Attributes | Failure::Settings(_))
+                && let Some(pid) = self.living_core()
+            {
+                return Err(BusError::AlreadyRunning { machine_name, pid });
+            }
+            match failure {
+                Failure::Permission => return Err(BusError::Permission { service }),
+                Failure::Settings(cause) => return Err(BusError::HeldByClients { service, cause }),
+                Failure::Attributes => {
+                    return Err(BusError::Incompatible {
+                        differences: self.differences(channel, wanted),
+                        service,
+                        advice: if is_core {
+                            "clients of an earlier run keep it alive, close them and start again"
+                        } else {
+                            "make the client for this core, or start the core with the client's settings"
+                        },
+                    });
+                }
+                Failure::Missing if Instant::now() >= deadline => {
+                    let waited_ms = begin.elapsed().as_millis() as u64;
+                    return Err(BusError::NoCore {
+                        machine_name,
+                        waited_ms,
+                    });
+                }
+                Failure::Passing(cause) if Instant::now() >= deadline => {
+                    return Err(BusError::Service { service, cause });
+                }
+                Failure::Passing(_) => {
+                    self.node.blocking_cleanup_dead_nodes(Duration::from_secs(1));
+                }
+                Failure::Missing => {}
+            }
+            std::thread::sleep(RETRY);
+        }
+    }
+
+    /// The other core of this machine's name, if one lives: its process where that can be found out.
+    pub(crate) fn living_core(&self) -> Option<Option<i32>> {
+        let (_, name) = self.name(Channel::Setpoint).ok()?;
+        let service = self
+            .node
+            .service_builder(&name)
+            .publish_subscribe::<crate::Setpoint>()
+            .open()
+            .ok()?;
+        let mut owner = None;
+        service.dynamic_config().list_publishers(|publisher| {
+            owner = Some(publisher.node_id);
+            CallbackProgression::Stop
+        });
+        let owner = owner?;
+        let mut found = None;
+        // A publisher whose node is dead is none: it is about to be cleared away.
+        let listed = service.nodes(|state| {
+            if *state.node_id() != owner {
+                return CallbackProgression::Continue;
+            }
+            found = match state {
+                NodeState::Alive(view) => Some(
+                    view.details()
+                        .as_ref()
+                        .map(|details| details.process_id().value()),
+                ),
+                NodeState::Dead(_) => None,
+                NodeState::Inaccessible(_) | NodeState::Undefined(_) => Some(None),
+            };
+            CallbackProgression::Stop
+        });
+        listed.ok().and(found)
+    }
+
+    /// Every attribute that is not as wanted, with both values.
+    fn differences(&self, channel: Channel, wanted: &Wanted) -> String {
+        let Ok((_, name)) = self.name(channel) else {
+            return String::new();
+        };
+        let pattern = if channel == Channel::Event {
+            MessagingPattern::Event
+        } else {
+            MessagingPattern::PublishSubscribe
+        };
+        let details = Ipc::details(&name, self.node.config(), pattern);
+        let Ok(Some(details)) = details else {
+            return "its attributes cannot be read".to_owned();
+        };
+        let there = details.static_details.attributes();
+        let mut differences = Vec::new();
+        for (key, value) in wanted {
+            let found = attribute(there, key);
+            match (value, found) {
+                (Some(here), Some(there)) if *here == there => {}
+                (None, Some(_)) => {}
+                (here, there) => differences.push(format!(
+                    "{key} is {} there and {} here",
+                    there.as_deref().unwrap_or("missing"),
+                    here.as_deref().unwrap_or("wanted"),
+                )),
+            }
+        }
+        differences.join(", ")
+    }
+}
+
+/// The value of an attribute.
+pub(crate) fn attribute(attributes: &AttributeSet, key: &str) -> Option<String> {
+    attributes
+        .iter()
+        .find(|attribute| attribute.key().as_bytes() == key.as_bytes())
+        .and_then(|attribute| String::from_utf8(attribute.value().as_bytes().to_vec()).ok())
+}
+
+/// Takes one message of this version from a subscriber.
+pub(crate) fn receive<P: Payload + ZeroCopySend + Debug>(
+    subscriber: &Subscriber<Ipc, P, ()>,
+    channel: Channel,
+) -> Result<Option<P>, crate::ReceiveError> {
+    use crate::error::ReceiveError;
+    use iceoryx2::port::ReceiveError as Cause;
+    let channel = channel.name();
+    let sample = subscriber.receive().map_err(|cause| ReceiveError::Broken {
+        channel,
+        cause: match cause {
+            Cause::ExceedsMaxBorrows => "ExceedsMaxBorrows",
+            Cause::ConnectionFailure(_) => "ConnectionFailure",
+        },
+    })?;
+    let Some(sample) = sample else { return Ok(None) };
+    let message = *sample.payload();
+    if message.is_compatible() {
+        return Ok(Some(message));
+    }
+    Err(ReceiveError::Version {
+        channel,
+        version: message.interface_version(),
+        size: message.struct_size(),
+        known_version: crate::INTERFACE_VERSION,
+        known_size: P::LAYOUT.size_bytes as u32,
+    })
+}
+
+/// iceoryx2's name of a cause, without allocation: it may be asked for every cycle.
+pub(crate) fn send_error(channel: Channel, cause: iceoryx2::port::SendError) -> crate::SendError {
+    use iceoryx2::port::SendError as Cause;
+    let cause = match cause {
+        Cause::ConnectionBrokenSinceSenderNoLongerExists => "SenderNoLongerExists",
+        Cause::ConnectionCorrupted => "ConnectionCorrupted",
+        Cause::LoanError(_) => "LoanError",
+        Cause::ConnectionError(_) => "ConnectionError",
+        Cause::UnableToDeliver => "UnableToDeliver",
+        Cause::InternalError => "InternalError",
+    };
+    crate::SendError::NotSent {
+        channel: channel.name(),
+        cause,
+    }
+}
+
+fn verifier(wanted: &Wanted) -> Result<AttributeVerifier, BusError> {
+    let failed = |cause: &dyn Debug| BusError::Domain {
+        cause: format!("{cause:?}"),
+    };
+    let mut verifier = AttributeVerifier::new();
+    for (key, value) in wanted {
+        let key = AttributeKey::new(key.as_bytes()).map_err(|cause| failed(&cause))?;
+        verifier = match value {
+            Some(value) => {
+                let value = AttributeValue::new(value.as_bytes()).map_err(|cause| failed(&cause))?;
+                verifier.require(&key, &value)
+            }
+            None => verifier.require_key(&key),
+        }
+        .map_err(|cause| failed(&cause))?;
+    }
+    Ok(verifier)
+}
+
+fn open_failure(error: OpenError) -> Failure {
+    match error {
+        OpenError::DoesNotExist => Failure::Missing,
+        OpenError::IncompatibleAttributes => Failure::Attributes,
+        OpenError::InsufficientPermissions => Failure::Permission,
+        OpenError::IncompatibleTypes
+        | OpenError::IncompatibleMessagingPattern
+        | OpenError::IncompatibleOverflowBehavior
+        | OpenError::VersionMismatch
+        | OpenError::DoesNotSupportRequestedMinBufferSize
+        | OpenError::DoesNotSupportRequestedMinHistorySize
+        | OpenError::DoesNotSupportRequestedMinSubscriberBorrowedSamples
+        | OpenError::DoesNotSupportRequestedAmountOfPublishers
+        | OpenError::DoesNotSupportRequestedAmountOfSubscribers
+        | OpenError::DoesNotSupportRequestedAmountOfNodes => Failure::Settings(format!("{error:?}")),
+        other => Failure::Passing(format!("{other:?}")),
+    }
+}
+
+fn event_failure(error: EventOpenError) -> Failure {
+    match error {
+        EventOpenError::DoesNotExist => Failure::Missing,
+        EventOpenError::IncompatibleAttributes => Failure::Attributes,
+        EventOpenError::InsufficientPermissions => Failure::Permission,
+        EventOpenError::HangsInCreation
+        | EventOpenError::Interrupt
+        | EventOpenError::InternalFailure
+        | EventOpenError::IsMarkedForDestruction
+        | EventOpenError::ExceedsMaxNumberOfNodes
+        | EventOpenError::UnableToCreateServiceTag
+        | EventOpenError::ServiceInCorruptedState => Failure::Passing(format!("{error:?}")),
+        other => Failure::Settings(format!("{other:?}")),
+    }
+}

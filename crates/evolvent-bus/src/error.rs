@@ -1,0 +1,173 @@
+//! What can go wrong, one enum per operation.
+
+use crate::name::NameError;
+use thiserror::Error;
+
+/// Why core or client could not open the bus.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+pub enum BusError {
+    /// The machine's name cannot stand in a service's name.
+    #[error(transparent)]
+    Name(#[from] NameError),
+    /// The prefix cannot begin a file name.
+    #[error("the prefix {prefix:?} cannot begin a file name: use 1 to 32 letters, digits, '-' and '_'")]
+    Prefix {
+        /// The prefix.
+        prefix: String,
+    },
+    /// The control period is none.
+    #[error("the control period of {period_ns} ns is out of range: it must be 1000 ns to 1 s")]
+    Period {
+        /// The period in ns.
+        period_ns: u64,
+    },
+    /// The letters are no set of axes.
+    #[error("the axes {axes:?} are no list of different letters of XYZABCUVW in capitals")]
+    Axes {
+        /// The letters.
+        axes: String,
+    },
+    /// The buffer is too small or too large.
+    #[error("a setpoint buffer of {setpoints} is out of range: it must be 1 to {max}")]
+    SetpointBuffer {
+        /// The wanted size, in setpoints.
+        setpoints: usize,
+        /// The largest size.
+        max: usize,
+    },
+    /// The number of subscribers is too small or too large.
+    #[error("{subscribers} setpoint subscribers are out of range: it must be 1 to 64")]
+    Subscribers {
+        /// The wanted number.
+        subscribers: usize,
+    },
+    /// iceoryx2 itself does not start.
+    #[error(
+        "iceoryx2 cannot start ({cause}): check that this user may write to /tmp/iceoryx2 and /dev/shm and that both have room"
+    )]
+    Domain {
+        /// iceoryx2's name for the cause.
+        cause: String,
+    },
+    /// Another core of the same name lives.
+    #[error(
+        "machine {machine_name} is already running{}: stop that core, or give this machine another name",
+        pid.map(|pid| format!(", pid {pid}")).unwrap_or_default()
+    )]
+    AlreadyRunning {
+        /// The machine's name.
+        machine_name: String,
+        /// The process of the other core, where it could be found out.
+        pid: Option<i32>,
+    },
+    /// The service exists with other attributes.
+    #[error("{service} does not fit: {differences}; {advice}")]
+    Incompatible {
+        /// The service.
+        service: String,
+        /// Each attribute that differs, with both values.
+        differences: String,
+        /// What to do.
+        advice: &'static str,
+    },
+    /// The service exists with other sizes, and clients of an earlier run keep it alive.
+    #[error(
+        "{service} exists with other settings ({cause}): clients of an earlier run keep it alive, close them and start again"
+    )]
+    HeldByClients {
+        /// The service.
+        service: String,
+        /// iceoryx2's name for the cause.
+        cause: String,
+    },
+    /// This user must not use the service.
+    #[error(
+        "no permission for {service}: a bus belongs to one user, run the core and its clients as the same one"
+    )]
+    Permission {
+        /// The service.
+        service: String,
+    },
+    /// No core was found in time.
+    #[error("no core of machine {machine_name} within {waited_ms} ms: start it, or check name and prefix")]
+    NoCore {
+        /// The machine's name.
+        machine_name: String,
+        /// How long was waited, in ms.
+        waited_ms: u64,
+    },
+    /// All places are taken.
+    #[error(
+        "{service} has no place for another {port}: close one, or raise the number in the core's settings"
+    )]
+    NoPlace {
+        /// The service.
+        service: String,
+        /// What was to be added.
+        port: &'static str,
+    },
+    /// The memory for the samples could not be had.
+    #[error(
+        "no shared memory for {service}, about {needed_mib} MiB ({cause}): enlarge /dev/shm or choose a smaller setpoint buffer"
+    )]
+    SharedMemory {
+        /// The service.
+        service: String,
+        /// The size wanted, in MiB.
+        needed_mib: usize,
+        /// iceoryx2's name for the cause.
+        cause: String,
+    },
+    /// The service could not be opened, and waiting did not help.
+    #[error("{service} cannot be opened ({cause}): stop every process of this machine and start again")]
+    Service {
+        /// The service.
+        service: String,
+        /// iceoryx2's name for the cause.
+        cause: String,
+    },
+}
+
+/// Why a message did not leave.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+pub enum SendError {
+    /// The message could not be handed over; the next may.
+    #[error(
+        "the message was not sent on {channel} ({cause}): the bus is damaged or out of memory, restart the core if it persists"
+    )]
+    NotSent {
+        /// The channel.
+        channel: &'static str,
+        /// iceoryx2's name for the cause.
+        cause: &'static str,
+    },
+}
+
+/// Why a message could not be taken in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+pub enum ReceiveError {
+    /// The connection to a sender is damaged.
+    #[error("nothing can be received on {channel} ({cause}): open the bus again")]
+    Broken {
+        /// The channel.
+        channel: &'static str,
+        /// iceoryx2's name for the cause.
+        cause: &'static str,
+    },
+    /// The sender was built for another version of the contract.
+    #[error(
+        "a message on {channel} has interface version {version} and {size} bytes, this build knows {known_version} and {known_size}: update the older side"
+    )]
+    Version {
+        /// The channel.
+        channel: &'static str,
+        /// The sender's version.
+        version: u32,
+        /// The sender's size in bytes.
+        size: u32,
+        /// The version of this build.
+        known_version: u32,
+        /// The size of this build in bytes.
+        known_size: u32,
+    },
+}

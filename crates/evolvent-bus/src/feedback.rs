@@ -1,0 +1,87 @@
+//! What comes back: the drives' answer and the cutting load.
+
+use crate::layout::{AXES, payload};
+use iceoryx2::prelude::ZeroCopySend;
+
+payload! {
+    /// A drive bridge's answer to one setpoint.
+    pub struct Feedback = "evolvent.Feedback.v1" {
+        /// The setpoint that is answered.
+        sequence: u64,
+        /// When the positions were sampled, in ns of CLOCK_MONOTONIC.
+        time_ns: u64,
+        /// Actual position in machine coordinates: mm, degrees for A B C.
+        position: [f64; AXES],
+        /// Actual velocity: mm/s, degrees/s for A B C.
+        velocity: [f64; AXES],
+        /// Demanded minus actual position: mm, degrees for A B C.
+        following_error: [f64; AXES],
+        /// Torque or force as a ratio of the drive's rated one.
+        torque_ratio: [f64; AXES],
+        /// Time of the bus clock minus time of the setpoint, in ns: positive where the drives run late.
+        phase_error_ns: i64,
+        /// CiA 402 status word (object 6041h) per axis.
+        status_word: [u32; AXES],
+        /// Bit i set: the numbers of axis i are valid.
+        axes_mask: u32,
+        /// Zero; for later versions.
+        reserved: [u64; 8],
+    }
+}
+
+impl Feedback {
+    /// Whether every number of the valid axes is finite.
+    #[must_use]
+    pub fn is_finite(&self) -> bool {
+        (0..AXES)
+            .filter(|axis| self.axes_mask >> axis & 1 == 1)
+            .all(|axis| {
+                self.position[axis].is_finite()
+                    && self.velocity[axis].is_finite()
+                    && self.following_error[axis].is_finite()
+                    && self.torque_ratio[axis].is_finite()
+            })
+    }
+}
+
+payload! {
+    /// A measured cutting load, from a drive or a sensor.
+    pub struct Load = "evolvent.Load.v1" {
+        /// Grows by one from one value to the next of the same sensor.
+        sequence: u64,
+        /// When the load was sampled, in ns of CLOCK_MONOTONIC.
+        time_ns: u64,
+        /// What `value` is, a number of the list of load kinds.
+        kind: u32,
+        /// Where it was measured: 0 to 8 an axis, 9 the spindle, from 16 on sensors of the user.
+        source: u32,
+        /// The load in the unit of its kind.
+        value: f64,
+        /// The lowest value that the sensor can show.
+        range_min: f64,
+        /// The highest value that the sensor can show.
+        range_max: f64,
+        /// Zero; for later versions.
+        reserved: [u64; 4],
+    }
+}
+
+impl Load {
+    /// Whether the numbers are finite, the range is one, the value lies in it and the kind is known.
+    #[must_use]
+    pub fn is_valid(&self) -> bool {
+        LOAD_KINDS.iter().any(|&(_, number)| number == self.kind)
+            && self.range_min.is_finite()
+            && self.range_max.is_finite()
+            && (self.range_min..=self.range_max).contains(&self.value)
+    }
+}
+
+/// Names and numbers of a load's `kind`; the unit is part of the name.
+pub const LOAD_KINDS: [(&str, u32); 5] = [
+    ("FORCE_N", 1),
+    ("TORQUE_N_M", 2),
+    ("POWER_W", 3),
+    ("CURRENT_A", 4),
+    ("RATIO_OF_RATED", 5),
+];

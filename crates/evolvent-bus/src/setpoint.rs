@@ -1,0 +1,69 @@
+//! The setpoint: what the drives shall do at one instant.
+
+use crate::layout::{AXES, payload};
+use iceoryx2::prelude::ZeroCopySend;
+
+payload! {
+    /// Where every axis shall be at one instant, and how it shall move there.
+    ///
+    /// Published ahead of time: `due_time_ns` lies `lead` periods after the moment of publishing in a real-time run.
+    /// `sequence` grows by one from one setpoint to the next, so a gap is a lost setpoint and is seen as one.
+    pub struct Setpoint = "evolvent.Setpoint.v1" {
+        /// Index of the cycle; grows by exactly one.
+        sequence: u64,
+        /// When the setpoint holds: ns of CLOCK_MONOTONIC (real-time clock) or of path time (virtual clock).
+        due_time_ns: u64,
+        /// Time from this setpoint to the next, in ns.
+        period_ns: u64,
+        /// Position in machine coordinates: mm, degrees for A B C.
+        position: [f64; AXES],
+        /// Velocity: mm/s, degrees/s for A B C.
+        velocity: [f64; AXES],
+        /// Acceleration: mm/s2, degrees/s2 for A B C.
+        acceleration: [f64; AXES],
+        /// Position rounded to the machine's increments, counted from machine zero.
+        position_increments: [i64; AXES],
+        /// What the core is doing, a number of the list of states.
+        state: u32,
+        /// Bits of the list of setpoint flags.
+        flags: u32,
+        /// Line of the program, counted from 1; 0 where there is none.
+        line: u32,
+        /// Bit i set: axis i is driven, the others' numbers mean nothing.
+        axes_mask: u32,
+        /// Speed along the path, in mm/s.
+        feed_mm_s: f64,
+        /// Feed override as a ratio: 1 is 100 %.
+        override_ratio: f64,
+        /// Way along the path since the start of the run, in mm.
+        path_mm: f64,
+        /// Zero; for later versions.
+        reserved: [u64; 5],
+    }
+}
+
+/// Names and numbers of `state`, as on the bus and in the trace.
+pub const STATES: [(&str, u32); 10] = [
+    ("IDLE", 0),
+    ("RUNNING", 1),
+    ("HOLDING", 2),
+    ("HELD", 3),
+    ("STOPPING", 4),
+    ("STOPPED", 5),
+    ("DWELL", 6),
+    ("PROGRAM_STOP", 7),
+    ("FAULT", 8),
+    ("DONE", 9),
+];
+
+/// Names and bits of `flags`, as on the bus and in the trace.
+pub const SETPOINT_FLAGS: [(&str, u32); 8] = [
+    ("LATE", 1 << 0),
+    ("HOLD", 1 << 1),
+    ("BLEND", 1 << 2),
+    ("RAPID", 1 << 3),
+    ("JOINT", 1 << 4),
+    ("STARVED", 1 << 5),
+    ("GUARD", 1 << 6),
+    ("LAST", 1 << 7),
+];
