@@ -1,0 +1,478 @@
+//! What this host can do for a real-time loop: facts with advice, and lateness measured by a bare loop.
+
+use crate::rt::{
+    LowLatencyHold, MonotonicClock, RealtimeGranted, RealtimeRequest, apply_to_this_thread, file_system_bytes,
+};
+use core::time::Duration;
+use evolvent_bus::{BusConfig, ClientBus, ClientConfig, CoreBus, Setpoint};
+use hdrhistogram::Histogram;
+use rustix::process::{Resource, getrlimit};
+use std::fs::read_to_string;
+use thiserror::Error;
+
+/// Longest wake-up delay that is told apart, in ns; later ones count as this.
+const LONGEST_NS: u64 = 60_000_000_000;
+
+/// Why a measurement is not possible.
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum BareLoopError {
+    /// The rate is none.
+    #[error("a rate of {rate_hz} Hz cannot be measured: choose 1 to 200000")]
+    Rate {
+        /// The wanted rate in Hz.
+        rate_hz: f64,
+    },
+    /// The duration is none.
+    #[error("{seconds} s cannot be measured: choose more than 0 and at most 3600")]
+    Duration {
+        /// The wanted duration in s.
+        seconds: f64,
+    },
+    /// The operating system gives no thread.
+    #[error("no thread could be started ({cause}): close other programs and try again")]
+    Thread {
+        /// The operating system's cause.
+        cause: String,
+    },
+}
+
+/// How late a loop woke up.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LatenessReport {
+    /// The rate in Hz.
+    pub rate_hz: f64,
+    /// The period in ns.
+    pub period_ns: u64,
+    /// Number of wake-ups.
+    pub cycles: u64,
+    /// Half of the wake-ups were at most this late, in ns.
+    pub p50_ns: u64,
+    /// 99 % were at most this late, in ns.
+    pub p99_ns: u64,
+    /// 99.9 % were at most this late, in ns.
+    pub p999_ns: u64,
+    /// The latest, in ns.
+    pub max_ns: u64,
+    /// Wake-ups later than one period.
+    pub over_period: u64,
+    /// What the measuring thread got.
+    pub granted: RealtimeGranted,
+}
+
+/// Runs a loop that does nothing but wake up at absolute deadlines, on a thread of its own.
+///
+/// The yardstick for a real loop in the same run: what is late here is the host's doing.
+///
+/// # Errors
+/// Rate or duration make no sense, or there is no thread to be had.
+pub fn bare_loop(
+    rate_hz: f64,
+    duration: Duration,
+    request: &RealtimeRequest,
+) -> Result<LatenessReport, BareLoopError> {
+    if !(1.0..=200_000.0).contains(&rate_hz) {
+        return Err(BareLoopError::Rate { rate_hz });
+    }
+    if duration.is_zero() || duration > Duration::from_secs(3600) {
+        return Err(BareLoopError::Duration {
+            seconds: duration.as_secs_f64(),
+        });
+    }
+    let period_ns = (1e9 / rate_hz) as u64;
+    let cycles = (duration.as_nanos() as u64 / period_ns).max(1);
+    let failed = |cause: &dyn ToString| BareLoopError::Thread {
+        cause: cause.to_string(),
+    };
+    let mut histogram =
+        Histogram::<u64>::new_with_bounds(1, LONGEST_NS, 3).map_err(|cause| failed(&cause))?;
+    std::thread::scope(|scope| {
+        // A thread of its own: the caller keeps its scheduler and core.
+        let thread = std::thread::Builder::new()
+            .name("bare-loop".to_owned())
+            .spawn_scoped(scope, || {
+                let granted = apply_to_this_thread(request);
+                let mut over_period = 0;
+                let start_ns = MonotonicClock::now_ns() + 10_000_000;
+                for cycle in 0..cycles {
+                    let late_ns = MonotonicClock::sleep_until(start_ns + cycle * period_ns);
+                    histogram.saturating_record(late_ns);
+                    over_period += u64::from(late_ns > period_ns);
+                }
+                LatenessReport {
+                    rate_hz,
+                    period_ns,
+                    cycles,
+                    p50_ns: histogram.value_at_quantile(0.5),
+                    p99_ns: histogram.value_at_quantile(0.99),
+                    p999_ns: histogram.value_at_quantile(0.999),
+                    max_ns: histogram.max(),
+                    over_period,
+                    granted,
+                }
+            });
+        thread
+            .map_err(|cause| failed(&cause))?
+            .join()
+            .map_err(|_| failed(&"the thread died"))
+    })
+}
+
+/// How a finding is to be taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// As it should be.
+    Good,
+    /// Works, with more lateness than need be.
+    Fair,
+    /// Real-time runs will be late or impossible.
+    Bad,
+}
+
+/// One fact about the host.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Finding {
+    /// What was looked at; stable, for scripts.
+    pub name: &'static str,
+    /// What was found.
+    pub value: String,
+    /// How it is to be taken.
+    pub verdict: Verdict,
+    /// What to do where it is not good.
+    pub advice: Option<String>,
+}
+
+impl Finding {
+    fn new(name: &'static str, value: impl Into<String>, verdict: Verdict, advice: &str) -> Self {
+        let advice = (verdict != Verdict::Good).then(|| advice.to_owned());
+        Self {
+            name,
+            value: value.into(),
+            verdict,
+            advice,
+        }
+    }
+}
+
+/// What was found and measured.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DoctorReport {
+    /// The facts.
+    pub findings: Vec<Finding>,
+    /// The measurement.
+    pub lateness: LatenessReport,
+}
+
+/// Looks at the host, then measures with the best that this user may ask for. Takes `duration` and about 0.1 s.
+///
+/// # Errors
+/// Rate or duration make no sense.
+pub fn examine(rate_hz: f64, duration: Duration) -> Result<DoctorReport, BareLoopError> {
+    let mut findings = facts();
+    let isolated = first_core(&file("/sys/devices/system/cpu/isolated"));
+    let request = RealtimeRequest {
+        priority: Some(80),
+        core: isolated,
+        lock_memory: true,
+    };
+    let hold = LowLatencyHold::acquire();
+    findings.push(match &hold {
+        Ok(_) => Finding::new("sleep_states", "deep states can be kept off", Verdict::Good, ""),
+        Err(note) => Finding::new(
+            "sleep_states",
+            note.clone(),
+            Verdict::Fair,
+            "permit /dev/cpu_dma_latency",
+        ),
+    });
+    let lateness = bare_loop(rate_hz, duration, &request)?;
+    findings.extend(judge(&lateness));
+    Ok(DoctorReport { findings, lateness })
+}
+
+fn judge(lateness: &LatenessReport) -> Vec<Finding> {
+    let granted = &lateness.granted;
+    let mut findings = vec![
+        Finding::new(
+            "scheduler",
+            granted.priority.map_or("normal".to_owned(), |priority| {
+                format!("SCHED_FIFO at priority {priority}")
+            }),
+            if granted.priority.is_some() {
+                Verdict::Good
+            } else {
+                Verdict::Bad
+            },
+            "set `rtprio 80` for this user in /etc/security/limits.conf, or grant CAP_SYS_NICE",
+        ),
+        Finding::new(
+            "locked_memory",
+            if granted.memory_locked {
+                "memory can be locked"
+            } else {
+                "memory cannot be locked"
+            },
+            if granted.memory_locked {
+                Verdict::Good
+            } else {
+                Verdict::Bad
+            },
+            "set `memlock unlimited` for this user in /etc/security/limits.conf, or grant CAP_IPC_LOCK",
+        ),
+    ];
+    let verdict = match lateness.over_period {
+        0 if lateness.max_ns * 2 < lateness.period_ns => Verdict::Good,
+        0 => Verdict::Fair,
+        over if over * 1_000 < lateness.cycles => Verdict::Fair,
+        _ => Verdict::Bad,
+    };
+    findings.push(Finding::new(
+        "lateness",
+        format!(
+            "at {:.0} Hz the latest of {} wake-ups was {:.1} us late, {} later than a period of {:.1} us",
+            lateness.rate_hz,
+            lateness.cycles,
+            lateness.max_ns as f64 / 1e3,
+            lateness.over_period,
+            lateness.period_ns as f64 / 1e3
+        ),
+        verdict,
+        "choose more lead cycles or a lower rate, and follow the advice of the other findings",
+    ));
+    findings
+}
+
+/// Facts that need no measurement.
+fn facts() -> Vec<Finding> {
+    use Verdict::{Bad, Fair, Good};
+    let mut findings = Vec::new();
+    let version = file("/proc/version");
+    let release = file("/proc/sys/kernel/osrelease");
+    findings.push(Finding::new("kernel", release, Good, ""));
+
+    let realtime = file("/sys/kernel/realtime") == "1" || version.contains("PREEMPT_RT");
+    findings.push(Finding::new(
+        "preemption",
+        if realtime {
+            "PREEMPT_RT"
+        } else if version.contains("PREEMPT") {
+            "PREEMPT, without RT"
+        } else {
+            "no full preemption"
+        },
+        if realtime { Good } else { Fair },
+        "boot a kernel with PREEMPT_RT (linux-image-rt-amd64 on Debian, a real-time kernel of Ubuntu Pro)",
+    ));
+
+    let hypervisor = file("/proc/cpuinfo")
+        .lines()
+        .any(|l| l.starts_with("flags") && l.contains(" hypervisor"));
+    findings.push(Finding::new(
+        "machine",
+        if hypervisor { "virtual" } else { "physical" },
+        if hypervisor { Fair } else { Good },
+        "a hypervisor delays wake-ups by tenths of milliseconds: run machines on bare metal",
+    ));
+
+    let isolated = file("/sys/devices/system/cpu/isolated");
+    let online = file("/sys/devices/system/cpu/online");
+    findings.push(Finding::new(
+        "isolated_cores",
+        if isolated.is_empty() {
+            format!("none of {online}")
+        } else {
+            format!("{isolated} of {online}")
+        },
+        if isolated.is_empty() { Fair } else { Good },
+        "boot with `isolcpus=N nohz_full=N rcu_nocbs=N irqaffinity=0` and set that core in the machine file",
+    ));
+
+    let governor = file("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor");
+    findings.push(match governor.as_str() {
+        "" => Finding::new("cpu_frequency", "not controlled by this kernel", Good, ""),
+        "performance" => Finding::new("cpu_frequency", governor, Good, ""),
+        _ => Finding::new(
+            "cpu_frequency",
+            governor,
+            Fair,
+            "run `cpupower frequency-set -g performance`",
+        ),
+    });
+
+    let limit = |resource| {
+        getrlimit(resource)
+            .current
+            .map_or("unlimited".to_owned(), |n: u64| n.to_string())
+    };
+    findings.push(Finding::new("limit_rtprio", limit(Resource::Rtprio), Good, ""));
+    findings.push(Finding::new(
+        "limit_memlock_bytes",
+        limit(Resource::Memlock),
+        Good,
+        "",
+    ));
+    let slack = rustix::thread::current_timer_slack().map_or("unknown".to_owned(), |n| n.to_string());
+    findings.push(Finding::new("timer_slack_ns", slack, Good, ""));
+
+    let throttle = file("/proc/sys/kernel/sched_rt_runtime_us");
+    findings.push(Finding::new(
+        "rt_throttling",
+        if throttle == "-1" {
+            "off".to_owned()
+        } else {
+            format!("{throttle} us a second")
+        },
+        Good,
+        "",
+    ));
+
+    let resolution = rustix::time::clock_getres(rustix::time::ClockId::Monotonic);
+    let fine = resolution.tv_sec == 0 && resolution.tv_nsec <= 1_000;
+    findings.push(Finding::new(
+        "timer_resolution_ns",
+        resolution.tv_nsec.to_string(),
+        if fine { Good } else { Bad },
+        "boot a kernel with high-resolution timers (CONFIG_HIGH_RES_TIMERS, no `highres=off`)",
+    ));
+
+    let source = file("/sys/devices/system/clocksource/clocksource0/current_clocksource");
+    let direct = matches!(
+        source.as_str(),
+        "tsc" | "arch_sys_counter" | "kvm-clock" | "hyperv_clocksource_tsc_page"
+    );
+    findings.push(Finding::new(
+        "clock_source",
+        source,
+        if direct { Good } else { Fair },
+        "a clock read by a system call costs about 1 us a cycle: see why the kernel distrusts `tsc` (dmesg)",
+    ));
+
+    findings.push(shared_memory());
+    findings.push(match try_bus() {
+        Ok(()) => Finding::new("bus", "a setpoint went from core to client", Good, ""),
+        Err(cause) => Finding::new(
+            "bus",
+            cause,
+            Bad,
+            "see the cause; runs need `--no-bus` until it is gone",
+        ),
+    });
+    findings
+}
+
+fn shared_memory() -> Finding {
+    const MIB: u64 = 1 << 20;
+    let advice =
+        "enlarge /dev/shm to 256 MiB (`mount -o remount,size=256M /dev/shm`; `--shm-size` for containers)";
+    match file_system_bytes(c"/dev/shm") {
+        Ok((free, total)) => Finding::new(
+            "shared_memory",
+            format!("{} MiB free of {} MiB", free / MIB, total / MIB),
+            if free >= 128 * MIB {
+                Verdict::Good
+            } else {
+                Verdict::Fair
+            },
+            advice,
+        ),
+        Err(cause) => Finding::new(
+            "shared_memory",
+            format!("/dev/shm: {cause}"),
+            Verdict::Bad,
+            advice,
+        ),
+    }
+}
+
+/// Sends one setpoint through shared memory, in a domain of its own.
+fn try_bus() -> Result<(), String> {
+    let prefix = format!("evolvent-doctor-{}-", std::process::id());
+    let mut config = BusConfig::new("doctor", "XYZ", 1_000_000);
+    config.prefix = Some(prefix.clone());
+    let mut core = CoreBus::open(&config).map_err(|error| error.to_string())?;
+    let mut client = ClientConfig::new("doctor");
+    client.prefix = Some(prefix);
+    let client = ClientBus::open(&client).map_err(|error| error.to_string())?;
+    let mut setpoints = client.setpoints().map_err(|error| error.to_string())?;
+    let sent = Setpoint {
+        sequence: 42,
+        ..Setpoint::default()
+    };
+    core.publish_setpoint(&sent).map_err(|error| error.to_string())?;
+    match setpoints.receive().map_err(|error| error.to_string())? {
+        Some(received) if received == sent => Ok(()),
+        Some(_) => Err("a setpoint arrived damaged".to_owned()),
+        None => Err("a setpoint did not arrive".to_owned()),
+    }
+}
+
+/// The text of a small file of the kernel; empty where it is missing.
+fn file(path: &str) -> String {
+    read_to_string(path).unwrap_or_default().trim().to_owned()
+}
+
+/// The first of a list of cores like `2-3,5`.
+fn first_core(list: &str) -> Option<usize> {
+    list.split([',', '-']).next()?.trim().parse().ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_bare_loop_wakes_once_a_period() {
+        let begin_ns = MonotonicClock::now_ns();
+        let report =
+            bare_loop(1000.0, Duration::from_millis(100), &RealtimeRequest::default()).expect("a loop");
+        let taken_ns = MonotonicClock::now_ns() - begin_ns;
+        assert_eq!((report.cycles, report.period_ns), (100, 1_000_000));
+        assert!(taken_ns >= 99 * 1_000_000, "{taken_ns} ns for 100 periods");
+        assert!(report.p50_ns <= report.p99_ns && report.p99_ns <= report.p999_ns);
+        assert!(report.p999_ns <= report.max_ns);
+    }
+
+    #[test]
+    fn absurd_rates_and_durations_are_named() {
+        let request = RealtimeRequest::default();
+        let second = Duration::from_secs(1);
+        for rate_hz in [0.0, -1.0, f64::NAN, f64::INFINITY, 1e9] {
+            assert!(
+                matches!(
+                    bare_loop(rate_hz, second, &request),
+                    Err(BareLoopError::Rate { .. })
+                ),
+                "{rate_hz}"
+            );
+        }
+        for duration in [Duration::ZERO, Duration::MAX] {
+            assert!(matches!(
+                bare_loop(1e3, duration, &request),
+                Err(BareLoopError::Duration { .. })
+            ));
+        }
+    }
+
+    #[test]
+    fn every_finding_that_is_not_good_says_what_to_do() {
+        let report = examine(1000.0, Duration::from_millis(50)).expect("a report");
+        for finding in &report.findings {
+            assert!(!finding.value.is_empty(), "{finding:?}");
+            let advised = finding.advice.as_deref().is_some_and(|advice| !advice.is_empty());
+            assert_eq!(advised, finding.verdict != Verdict::Good, "{finding:?}");
+        }
+    }
+
+    #[test]
+    fn the_first_core_of_a_list_is_read() {
+        let cases = [
+            ("", None),
+            ("3", Some(3)),
+            ("2-3,5", Some(2)),
+            ("1,4", Some(1)),
+            ("x", None),
+        ];
+        for (list, core) in cases {
+            assert_eq!(first_core(list), core, "{list:?}");
+        }
+    }
+}

@@ -1,0 +1,279 @@
+//! What the real-time threads ask of the operating system: scheduler, core, locked memory, absolute deadlines.
+//!
+//! The only module of this crate with `unsafe`. Nothing here fails a run: what is not permitted is left out and
+//! told in a note that says how to permit it.
+
+use core::num::NonZeroU64;
+use rustix::io::Errno;
+use rustix::mm::{MlockAllFlags, mlockall};
+use rustix::process::{Resource, getrlimit};
+use rustix::thread::{CapabilitySet, CpuSet, capabilities, clock_nanosleep_absolute, sched_setaffinity};
+use rustix::time::{ClockId, Timespec, clock_gettime};
+use std::fs::File;
+use std::io::Write;
+
+const NS_PER_S: u64 = 1_000_000_000;
+
+/// Stack touched before the loop starts, so that no page fault comes later.
+const PREFAULT_BYTES: usize = 256 * 1024;
+
+/// The clock of every deadline: `CLOCK_MONOTONIC` in integer ns.
+#[derive(Clone, Copy, Debug)]
+pub struct MonotonicClock;
+
+impl MonotonicClock {
+    /// The time in ns. The cycle may call it: no system call where the clock source allows, no allocation.
+    #[must_use]
+    pub fn now_ns() -> u64 {
+        let now = clock_gettime(ClockId::Monotonic);
+        now.tv_sec.unsigned_abs() * NS_PER_S + now.tv_nsec.unsigned_abs()
+    }
+
+    /// Sleeps until a moment of this clock, at once if it has passed. Returns the lateness of the wake-up in ns.
+    ///
+    /// The cycle may call it: one system call, no allocation. Signals do not shorten it.
+    #[must_use]
+    pub fn sleep_until(deadline_ns: u64) -> u64 {
+        let request = Timespec {
+            tv_sec: (deadline_ns / NS_PER_S) as i64,
+            tv_nsec: (deadline_ns % NS_PER_S) as _,
+        };
+        // Any other failure would mean an unknown clock; the loop then runs late, which is counted.
+        while clock_nanosleep_absolute(ClockId::Monotonic, &request) == Err(Errno::INTR) {}
+        Self::now_ns().saturating_sub(deadline_ns)
+    }
+}
+
+/// What a thread asks for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct RealtimeRequest {
+    /// Priority under `SCHED_FIFO`, 1 to 99; none leaves the normal scheduler.
+    pub priority: Option<u8>,
+    /// The core to be pinned to.
+    pub core: Option<usize>,
+    /// Whether the whole process keeps its memory, now and later, in RAM.
+    pub lock_memory: bool,
+}
+
+/// What a thread got.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct RealtimeGranted {
+    /// Priority under `SCHED_FIFO`; none on the normal scheduler.
+    pub priority: Option<u8>,
+    /// The core it is pinned to.
+    pub core: Option<usize>,
+    /// Whether the process's memory is locked.
+    pub memory_locked: bool,
+    /// What was asked for and not granted, and what to do about it; empty if all was granted.
+    pub notes: Vec<String>,
+}
+
+/// Applies a request to the calling thread. Call it before the loop: it allocates and may take milliseconds.
+#[must_use]
+pub fn apply_to_this_thread(request: &RealtimeRequest) -> RealtimeGranted {
+    let mut granted = RealtimeGranted::default();
+    let notes = &mut granted.notes;
+    if request.lock_memory {
+        match lock_memory() {
+            Ok(()) => granted.memory_locked = true,
+            Err(note) => notes.push(note),
+        }
+    }
+    if let Some(core) = request.core {
+        match pin(core) {
+            Ok(()) => granted.core = Some(core),
+            Err(note) => notes.push(note),
+        }
+    }
+    if let Some(priority) = request.priority {
+        match set_fifo(priority) {
+            Ok(()) => granted.priority = Some(priority),
+            Err(note) => notes.push(note),
+        }
+    }
+    if granted.priority.is_none() {
+        // The normal scheduler adds 50 us to every sleep; real-time classes have no slack.
+        let _ = rustix::thread::set_current_timer_slack(NonZeroU64::new(1));
+    }
+    prefault_stack();
+    granted
+}
+
+fn lock_memory() -> Result<(), String> {
+    // Under a finite limit the lock would be granted now and later allocations be refused: worse than none.
+    let limit = getrlimit(Resource::Memlock).current;
+    let may_exceed = capabilities(None).is_ok_and(|sets| sets.effective.contains(CapabilitySet::IPC_LOCK));
+    if let (Some(bytes), false) = (limit, may_exceed) {
+        return Err(format!(
+            "memory is not locked: the limit is {} KiB and must be unlimited; set `memlock unlimited` in \
+             /etc/security/limits.conf (LimitMEMLOCK=infinity under systemd) or grant CAP_IPC_LOCK",
+            bytes / 1024
+        ));
+    }
+    mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE).map_err(|errno| {
+        format!("memory is not locked ({errno}): set `memlock unlimited` in /etc/security/limits.conf or grant CAP_IPC_LOCK")
+    })
+}
+
+fn pin(core: usize) -> Result<(), String> {
+    if core >= CpuSet::MAX_CPU {
+        return Err(format!(
+            "not pinned: there is no core {core}; choose one of /sys/devices/system/cpu/online"
+        ));
+    }
+    let mut cores = CpuSet::new();
+    cores.set(core);
+    sched_setaffinity(None, &cores).map_err(|errno| {
+        format!(
+            "not pinned to core {core} ({errno}): choose one of /sys/devices/system/cpu/online that this process's \
+             cpuset allows"
+        )
+    })
+}
+
+fn set_fifo(priority: u8) -> Result<(), String> {
+    if !(1..=99).contains(&priority) {
+        return Err(format!(
+            "no real-time scheduling: priority {priority} is out of range, choose 1 to 99"
+        ));
+    }
+    let parameters = libc::sched_param {
+        sched_priority: i32::from(priority),
+    };
+    // Threads that this one starts shall not inherit its class.
+    let policy = libc::SCHED_FIFO | libc::SCHED_RESET_ON_FORK;
+    // SAFETY: thread 0 is the calling one; the parameters live until the call returns and are only read.
+    let result = unsafe { libc::sched_setscheduler(0, policy, &raw const parameters) };
+    if result == 0 {
+        return Ok(());
+    }
+    let cause = std::io::Error::last_os_error();
+    let limit = getrlimit(Resource::Rtprio)
+        .current
+        .map_or("unlimited".to_owned(), |n| n.to_string());
+    Err(format!(
+        "no real-time scheduling at priority {priority} ({cause}; `ulimit -r` is {limit}): set `rtprio {priority}` in \
+         /etc/security/limits.conf (LimitRTPRIO={priority} under systemd) or grant CAP_SYS_NICE"
+    ))
+}
+
+/// Touches every page of the stack that the loop may use.
+#[inline(never)]
+fn prefault_stack() {
+    let mut stack = [0u8; PREFAULT_BYTES];
+    for byte in stack.iter_mut().step_by(4096) {
+        *byte = 1;
+    }
+    std::hint::black_box(&stack);
+}
+
+/// Keeps the processor out of deep sleep states for as long as it lives.
+#[derive(Debug)]
+pub struct LowLatencyHold {
+    _file: File,
+}
+
+impl LowLatencyHold {
+    /// Asks the kernel for wake-ups without delay.
+    ///
+    /// # Errors
+    /// A note for people where it is not permitted.
+    pub fn acquire() -> Result<Self, String> {
+        const PATH: &str = "/dev/cpu_dma_latency";
+        let open = || -> std::io::Result<File> {
+            let mut file = File::options().write(true).open(PATH)?;
+            file.write_all(&0i32.to_ne_bytes())?;
+            Ok(file)
+        };
+        open().map(|file| Self { _file: file }).map_err(|cause| {
+            format!(
+                "deep sleep states stay on ({PATH}: {cause}): give this user write permission by a udev rule"
+            )
+        })
+    }
+}
+
+/// Bytes free and in total on the file system of a path.
+///
+/// # Errors
+/// The operating system's.
+pub(crate) fn file_system_bytes(path: &core::ffi::CStr) -> std::io::Result<(u64, u64)> {
+    let mut facts = core::mem::MaybeUninit::<libc::statvfs>::zeroed();
+    // SAFETY: the path ends with a zero byte, and the pointer is to memory for the whole struct.
+    let result = unsafe { libc::statvfs(path.as_ptr(), facts.as_mut_ptr()) };
+    if result != 0 {
+        return Err(std::io::Error::last_os_error());
+    }
+    // SAFETY: the struct is plain numbers and was zeroed, then filled by the call.
+    let facts = unsafe { facts.assume_init() };
+    Ok((
+        facts.f_bavail.saturating_mul(facts.f_frsize),
+        facts.f_blocks.saturating_mul(facts.f_frsize),
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_sleep_never_ends_before_its_deadline() {
+        for step_ns in [0, 1, 1_000, 50_000, 2_000_000] {
+            let deadline_ns = MonotonicClock::now_ns() + step_ns;
+            let _ = MonotonicClock::sleep_until(deadline_ns);
+            assert!(MonotonicClock::now_ns() >= deadline_ns, "step {step_ns} ns");
+        }
+    }
+
+    #[test]
+    fn a_deadline_that_has_passed_returns_at_once_and_tells_how_late() {
+        let now_ns = MonotonicClock::now_ns();
+        assert!(MonotonicClock::sleep_until(now_ns - 5_000_000) >= 5_000_000);
+        assert!(MonotonicClock::sleep_until(0) >= now_ns);
+    }
+
+    #[test]
+    fn nothing_asked_gives_no_note() {
+        let granted = apply_to_this_thread(&RealtimeRequest::default());
+        assert_eq!(granted, RealtimeGranted::default());
+    }
+
+    #[test]
+    fn what_cannot_be_granted_becomes_a_note_that_says_what_to_do() {
+        for (request, word) in [
+            (
+                RealtimeRequest {
+                    core: Some(1023),
+                    ..Default::default()
+                },
+                "/sys/devices/system/cpu/online",
+            ),
+            (
+                RealtimeRequest {
+                    core: Some(usize::MAX),
+                    ..Default::default()
+                },
+                "/sys/devices/system/cpu/online",
+            ),
+            (
+                RealtimeRequest {
+                    priority: Some(0),
+                    ..Default::default()
+                },
+                "1 to 99",
+            ),
+            (
+                RealtimeRequest {
+                    priority: Some(200),
+                    ..Default::default()
+                },
+                "1 to 99",
+            ),
+        ] {
+            let granted = apply_to_this_thread(&request);
+            assert_eq!((granted.core, granted.priority), (None, None));
+            assert_eq!(granted.notes.len(), 1, "{:?}", granted.notes);
+            assert!(granted.notes[0].contains(word), "{:?}", granted.notes);
+        }
+    }
+}
