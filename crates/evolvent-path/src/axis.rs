@@ -35,8 +35,17 @@ pub enum AxisLetter {
 
 impl AxisLetter {
     /// All axes in order.
-    pub const ALL: [Self; AXES] =
-        [Self::X, Self::Y, Self::Z, Self::A, Self::B, Self::C, Self::U, Self::V, Self::W];
+    pub const ALL: [Self; AXES] = [
+        Self::X,
+        Self::Y,
+        Self::Z,
+        Self::A,
+        Self::B,
+        Self::C,
+        Self::U,
+        Self::V,
+        Self::W,
+    ];
 
     /// Index into [`Axes`].
     #[must_use]
@@ -53,7 +62,9 @@ impl AxisLetter {
     /// The axis of a letter, in either case.
     #[must_use]
     pub fn from_letter(letter: char) -> Option<Self> {
-        Self::ALL.into_iter().find(|axis| axis.letter() == letter.to_ascii_uppercase())
+        Self::ALL
+            .into_iter()
+            .find(|axis| axis.letter() == letter.to_ascii_uppercase())
     }
 
     /// Whether the axis turns: its coordinate is in degrees.

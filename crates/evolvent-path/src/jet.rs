@@ -1,8 +1,13 @@
 //! Position and its first three derivatives.
 
+use nalgebra::Vector3;
+
 use crate::Axes;
+use crate::metric::Metric;
 
 /// Position of all axes and its first three derivatives by the path parameter.
+///
+/// All functions here are free of allocation and of loops, so the real-time cycle may call them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Jet {
     /// Position.
@@ -13,4 +18,121 @@ pub struct Jet {
     pub second: Axes,
     /// Third derivative.
     pub third: Axes,
+}
+
+impl Jet {
+    /// A point that does not move: all derivatives are zero.
+    #[must_use]
+    pub fn at_rest(position: Axes) -> Self {
+        Self {
+            position,
+            first: Axes::zeros(),
+            second: Axes::zeros(),
+            third: Axes::zeros(),
+        }
+    }
+
+    /// The same point with the parameter running the other way: odd derivatives change sign.
+    #[must_use]
+    pub fn reversed(&self) -> Self {
+        Self {
+            position: self.position,
+            first: -self.first,
+            second: self.second,
+            third: -self.third,
+        }
+    }
+
+    /// Change of parameter by the chain rule: `d1`, `d2`, `d3` are the derivatives of this jet's parameter by
+    /// the new one.
+    #[must_use]
+    pub fn compose(&self, d1: f64, d2: f64, d3: f64) -> Self {
+        Self {
+            position: self.position,
+            first: self.first * d1,
+            second: self.second * (d1 * d1) + self.first * d2,
+            third: self.third * (d1 * d1 * d1) + self.second * (3.0 * d1 * d2) + self.first * d3,
+        }
+    }
+
+    /// The jet by arc length in the feed metric (XYZ where XYZ moves, else UVW, else ABC).
+    ///
+    /// A jet whose first derivative is zero has no direction: it comes back as it is.
+    #[must_use]
+    pub fn by_arc_length(&self) -> Self {
+        let Some(metric) = Metric::of(&self.first) else {
+            return *self;
+        };
+        // With sigma the arc length: sigma' = |q'|, and the inverse function's derivatives from it.
+        let s1 = metric.norm(&self.first);
+        let s2 = metric.dot(&self.first, &self.second) / s1;
+        let s3 =
+            (metric.dot(&self.second, &self.second) + metric.dot(&self.first, &self.third) - s2 * s2) / s1;
+        let d1 = 1.0 / s1;
+        let d2 = -s2 * d1 * d1 * d1;
+        let d3 = (3.0 * s2 * s2 - s1 * s3) * d1 * d1 * d1 * d1 * d1;
+        self.compose(d1, d2, d3)
+    }
+
+    /// Unit tangent of the XYZ curve; zero where XYZ does not move.
+    #[must_use]
+    pub fn tangent(&self) -> Vector3<f64> {
+        let first = xyz(&self.first);
+        let norm = first.norm();
+        if norm > 0.0 {
+            first / norm
+        } else {
+            Vector3::zeros()
+        }
+    }
+
+    /// Curvature of the XYZ curve in 1/mm, never negative, by any regular parameter; zero where XYZ does not
+    /// move, infinite where the second derivative is.
+    #[must_use]
+    pub fn curvature(&self) -> f64 {
+        let (first, second) = (xyz(&self.first), xyz(&self.second));
+        let speed = first.norm();
+        if speed == 0.0 {
+            return 0.0;
+        }
+        if second.iter().any(|component| component.is_infinite()) {
+            return f64::INFINITY;
+        }
+        // |q' x q''| / |q'|^3, with the tangent made a unit vector first so that nothing overflows.
+        (first / speed).cross(&second).norm() / (speed * speed)
+    }
+
+    /// Derivative of the XYZ curvature by XYZ arc length in 1/mm^2, by any regular parameter; zero where the
+    /// curvature is (its magnitude has no derivative there), minus infinity where the curvature is infinite
+    /// (an involute leaving its base circle).
+    #[must_use]
+    pub fn curvature_derivative(&self) -> f64 {
+        let (first, second, third) = (xyz(&self.first), xyz(&self.second), xyz(&self.third));
+        let speed = first.norm();
+        let curvature = self.curvature();
+        if speed == 0.0 || curvature == 0.0 {
+            return 0.0;
+        }
+        if curvature.is_infinite() {
+            return f64::NEG_INFINITY;
+        }
+        let tangent = first / speed;
+        let along = tangent.cross(&second) / (speed * speed);
+        let change = tangent.cross(&third) / (speed * speed);
+        let by_parameter = along.dot(&change) / curvature - 3.0 * curvature * tangent.dot(&second) / speed;
+        by_parameter / speed
+    }
+
+    /// Whether every number is finite.
+    #[must_use]
+    pub fn is_finite(&self) -> bool {
+        [&self.position, &self.first, &self.second, &self.third]
+            .into_iter()
+            .all(|vector| vector.iter().all(|value| value.is_finite()))
+    }
+}
+
+/// The first three axes.
+pub(crate) fn xyz(axes: &Axes) -> Vector3<f64> {
+    Vector3::new(axes[0], axes[1], axes[2])
 }

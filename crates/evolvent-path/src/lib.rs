@@ -1,7 +1,51 @@
 //! Curves by arc length: line, arc, involute, blend; hole-milling synthesis.
+//!
+//! A path is a chain of curves. Every [`Curve`] is a small value (no heap) that carries nine axes
+//! ([`Axes`]: X Y Z A B C U V W) from its start to its end; both ends are kept bit for bit as given.
+//!
+//! - Its *arc length* `s` is what feed is measured in: mm of XYZ, where XYZ rests mm of UVW, else degrees of ABC.
+//! - Its *regular parameter* `u` is what motion is computed with: [`Curve::jet`] gives position and three
+//!   derivatives by `u`, always finite. `u` is arc length on lines and arcs; it differs near an involute's base
+//!   circle, where derivatives by arc length grow without bound, and on blends.
+//! - [`Curve::at`] gives the same by arc length; [`Curve::tangent`], [`Curve::curvature`] and
+//!   [`Curve::curvature_derivative`] speak of the XYZ curve alone.
+//! - [`Curve::bounds`], [`Curve::derivative_bounds`] and [`Curve::curvature_bound`] give safe bounds over a
+//!   stretch: travel, axis limits, chord error.
+//! - [`Joint`] compares two jets where two curves meet.
+//!
+//! [`Arc`] and [`Involute`] lie in a [`Plane`] and turn with a [`Sense`]; the third axis and all others are
+//! linear in arc length. [`Blend`] is a quintic that takes over position and two derivatives at both ends.
+//!
+//! Nothing here knows of time, machine limits or files, and nothing panics: what comes from outside is checked
+//! when a curve is built, and everything after that is total.
 
+#![expect(
+    clippy::neg_cmp_op_on_partial_ord,
+    reason = "checks are written so that NaN fails them: not (x <= limit) refuses NaN, x > limit lets it pass"
+)]
+
+mod arc;
 mod axis;
+mod blend;
+mod curve;
+mod error;
+mod involute;
 mod jet;
+mod joint;
+mod line;
+mod metric;
+mod plane;
+mod polynomial;
+mod quadrature;
+mod roll;
 
+pub use arc::Arc;
 pub use axis::{AXES, Axes, AxisLetter};
+pub use blend::Blend;
+pub use curve::{Curve, ParamCurve};
+pub use error::{CurveError, MAX_ARC_TURNS, MAX_COORDINATE, MIN_RADIUS_MM};
+pub use involute::{Involute, InvoluteError, MAX_INVOLUTE_TURNS};
 pub use jet::Jet;
+pub use joint::{Joint, JointKind};
+pub use line::Line;
+pub use plane::{Plane, Sense};
