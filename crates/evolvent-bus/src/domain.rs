@@ -67,17 +67,7 @@ impl Domain {
         crate::check_machine_name(machine_name)?;
         // iceoryx2 reports on standard error what is told by our errors already.
         set_log_level_from_env_or(LogLevel::Fatal);
-        let mut config = Config::global_config().clone();
-        if let Some(prefix) = prefix {
-            let bad = || BusError::Prefix {
-                prefix: prefix.to_owned(),
-            };
-            let good = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
-            if prefix.is_empty() || prefix.len() > 32 || !prefix.chars().all(good) {
-                return Err(bad());
-            }
-            config.global.prefix = FileName::new(prefix.as_bytes()).map_err(|_| bad())?;
-        }
+        let config = configuration(prefix)?;
         let failed = |cause: &dyn Debug| BusError::Domain {
             cause: format!("{cause:?}"),
         };
@@ -317,6 +307,58 @@ impl Domain {
         }
         differences.join(", ")
     }
+}
+
+/// iceoryx2's configuration, in the domain of a prefix.
+fn configuration(prefix: Option<&str>) -> Result<Config, BusError> {
+    let mut config = Config::global_config().clone();
+    if let Some(prefix) = prefix {
+        let bad = || BusError::Prefix {
+            prefix: prefix.chars().take(64).collect(),
+        };
+        let good = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
+        if prefix.is_empty() || prefix.len() > 32 || !prefix.chars().all(good) {
+            return Err(bad());
+        }
+        config.global.prefix = FileName::new(prefix.as_bytes()).map_err(|_| bad())?;
+    }
+    Ok(config)
+}
+
+/// Clears a domain of one's own away: what killed processes have left, and iceoryx2's node counter, a file of
+/// 16 bytes that it keeps per prefix for ever. Does nothing while a node of that prefix lives.
+///
+/// For tests and tools that make up a prefix. The machine's usual domain needs it never.
+///
+/// # Errors
+/// The prefix is none, or iceoryx2 does not start.
+pub fn remove_private_domain(prefix: &str) -> Result<(), BusError> {
+    drop(Domain::join("cleaner", Some(prefix), "cleaner")?);
+    let mut alive = 0;
+    let listed = Node::<Ipc>::list(&configuration(Some(prefix))?, |_| {
+        alive += 1;
+        CallbackProgression::Continue
+    });
+    let Ok(files) = std::fs::read_dir("/dev/shm") else {
+        return Ok(());
+    };
+    if alive > 0 || listed.is_err() {
+        return Ok(());
+    }
+    for file in files.flatten() {
+        let name = file.file_name();
+        // PREFIX, a hash of 40 digits, `_node.VERSION.global_mgmt`.
+        let rest = name
+            .to_str()
+            .and_then(|name| name.strip_prefix(prefix))
+            .unwrap_or_default();
+        let hash = rest.bytes().take_while(u8::is_ascii_hexdigit).count();
+        if hash == 40 && rest.ends_with(".global_mgmt") {
+            // Another cleaner may have been faster.
+            let _ = std::fs::remove_file(file.path());
+        }
+    }
+    Ok(())
 }
 
 /// The value of an attribute.

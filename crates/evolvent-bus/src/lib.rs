@@ -21,6 +21,7 @@
 //!
 //! This is the only crate that names iceoryx2. Commands (`control`) will be a request-response service beside these.
 
+mod bindings;
 mod client_bus;
 mod config;
 mod core_bus;
@@ -33,10 +34,11 @@ mod name;
 mod setpoint;
 mod status;
 
+pub use bindings::{c_header, python_module};
 pub use client_bus::{ClientBus, EventReader, FeedbackSender, LoadSender, SetpointReader, StatusReader};
 pub use config::{BusConfig, ClientConfig, MAX_SETPOINT_BUFFER};
 pub use core_bus::CoreBus;
-pub use domain::{ATTRIBUTE_AXES, ATTRIBUTE_INTERFACE, ATTRIBUTE_PERIOD};
+pub use domain::{ATTRIBUTE_AXES, ATTRIBUTE_INTERFACE, ATTRIBUTE_PERIOD, remove_private_domain};
 pub use error::{BusError, ReceiveError, SendError};
 pub use event::EventKind;
 pub use feedback::{Feedback, LOAD_KINDS, Load};

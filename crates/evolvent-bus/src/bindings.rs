@@ -1,0 +1,269 @@
+//! The C header and the Python module, written from the same tables as the Rust structs.
+
+use crate::domain::{ATTRIBUTE_AXES, ATTRIBUTE_INTERFACE, ATTRIBUTE_PERIOD};
+use crate::layout::{AXES, FieldLayout, Payload, StructLayout};
+use crate::{
+    EventKind, Feedback, INTERFACE_VERSION, LOAD_KINDS, Load, SETPOINT_FLAGS, STATES, Setpoint, Status,
+};
+use std::fmt::Write;
+
+const PAYLOADS: [StructLayout; 4] = [Setpoint::LAYOUT, Status::LAYOUT, Feedback::LAYOUT, Load::LAYOUT];
+
+const COMMAND: &str = "cargo run -p evolvent-bus --example generate-bindings";
+
+/// Groups of named numbers: the group's name, what it is, the entries.
+fn constants() -> [(&'static str, &'static str, Vec<(&'static str, u32)>); 4] {
+    [
+        (
+            "STATE",
+            "Values of `state` in Setpoint and Status.",
+            STATES.to_vec(),
+        ),
+        (
+            "FLAG",
+            "Bits of `flags` in Setpoint and Status.",
+            SETPOINT_FLAGS.to_vec(),
+        ),
+        ("LOAD", "Values of `kind` in Load.", LOAD_KINDS.to_vec()),
+        (
+            "EVENT",
+            "Numbers on the event channel.",
+            EventKind::ALL
+                .iter()
+                .map(|kind| (kind.name(), kind.number()))
+                .collect(),
+        ),
+    ]
+}
+
+/// The C header, checked against itself by static assertions when it is compiled (C11 or C++11).
+#[must_use]
+pub fn c_header() -> String {
+    let mut out = format!(
+        "/* Layout of Evolvent's messages on iceoryx2, interface version {INTERFACE_VERSION}.\n \
+         * Generated: do not edit, run `{COMMAND}`.\n *\n \
+         * Services are named evolvent/NAME/setpoint, /status, /feedback, /load (publish-subscribe) and /event.\n \
+         * Axes are in the order X Y Z A B C U V W. */\n\
+         #ifndef EVOLVENT_BUS_H\n#define EVOLVENT_BUS_H\n\n\
+         #include <stddef.h>\n#include <stdint.h>\n\n\
+         #ifdef __cplusplus\n#define EVOLVENT_STATIC_ASSERT static_assert\nextern \"C\" {{\n\
+         #else\n#define EVOLVENT_STATIC_ASSERT _Static_assert\n#endif\n\n\
+         #define EVOLVENT_INTERFACE_VERSION {INTERFACE_VERSION}u\n\
+         #define EVOLVENT_AXES {AXES}\n\
+         #define EVOLVENT_ATTRIBUTE_INTERFACE \"{ATTRIBUTE_INTERFACE}\"\n\
+         #define EVOLVENT_ATTRIBUTE_PERIOD \"{ATTRIBUTE_PERIOD}\"\n\
+         #define EVOLVENT_ATTRIBUTE_AXES \"{ATTRIBUTE_AXES}\"\n"
+    );
+    for (group, doc, entries) in constants() {
+        push(&mut out, format_args!("\n/* {doc} */\n"));
+        for (name, number) in entries {
+            push(
+                &mut out,
+                format_args!("#define EVOLVENT_{group}_{name} {number}u\n"),
+            );
+        }
+    }
+    for layout in &PAYLOADS {
+        c_struct(&mut out, layout);
+    }
+    out.push_str("\n#ifdef __cplusplus\n}\n#endif\n\n#endif\n");
+    out
+}
+
+fn c_struct(out: &mut String, layout: &StructLayout) {
+    let name = layout.name;
+    let upper = name.to_uppercase();
+    push(out, format_args!("\n/*"));
+    for line in layout.doc {
+        push(out, format_args!("{line}\n *"));
+    }
+    out.push_str("/\n");
+    push(
+        out,
+        format_args!("#define EVOLVENT_{upper}_TYPE_NAME \"{}\"\n", layout.type_name),
+    );
+    push(
+        out,
+        format_args!("typedef struct evolvent_{} {{\n", name.to_lowercase()),
+    );
+    for field in layout.fields {
+        let array = field.count.map(|count| format!("[{count}]")).unwrap_or_default();
+        push(out, format_args!("    /*{} */\n", field.doc));
+        push(
+            out,
+            format_args!("    {} {}{array};\n", field.scalar.c_name(), field.name),
+        );
+    }
+    let c_name = format!("evolvent_{}_t", name.to_lowercase());
+    push(out, format_args!("}} {c_name};\n\n"));
+    push(
+        out,
+        format_args!(
+            "EVOLVENT_STATIC_ASSERT(sizeof({c_name}) == {}, \"size of {name}\");\n",
+            layout.size_bytes
+        ),
+    );
+    for FieldLayout {
+        name: field,
+        offset_bytes,
+        ..
+    } in layout.fields
+    {
+        push(
+            out,
+            format_args!(
+                "EVOLVENT_STATIC_ASSERT(offsetof({c_name}, {field}) == {offset_bytes}, \"offset of {name}.{field}\");\n"
+            ),
+        );
+    }
+}
+
+/// The Python module: ctypes structures that the `iceoryx2` wheel takes as payloads, and helpers to open channels.
+#[must_use]
+pub fn python_module() -> String {
+    let mut out = format!(
+        "\"\"\"Layout of Evolvent's messages on iceoryx2, interface version {INTERFACE_VERSION}, and helpers to read them.\n\n\
+         Generated: do not edit, run `{COMMAND}`.\n\n\
+         Needs `pip install iceoryx2==0.10.0` for the helpers; the structures alone need nothing.\n\
+         Axes are in the order X Y Z A B C U V W.\n\"\"\"\n\n\
+         import ctypes\nimport time\n\n\
+         INTERFACE_VERSION = {INTERFACE_VERSION}\nAXES = {AXES}\n\
+         ATTRIBUTE_INTERFACE = \"{ATTRIBUTE_INTERFACE}\"\n\
+         ATTRIBUTE_PERIOD = \"{ATTRIBUTE_PERIOD}\"\n\
+         ATTRIBUTE_AXES = \"{ATTRIBUTE_AXES}\"\n"
+    );
+    for (group, doc, entries) in constants() {
+        push(&mut out, format_args!("\n# {doc}\n"));
+        for (name, number) in entries {
+            push(&mut out, format_args!("{group}_{name} = {number}\n"));
+        }
+    }
+    for layout in &PAYLOADS {
+        python_class(&mut out, layout);
+    }
+    out.push_str(PYTHON_HELPERS);
+    out
+}
+
+fn python_class(out: &mut String, layout: &StructLayout) {
+    let name = layout.name;
+    push(out, format_args!("\n\nclass {name}(ctypes.Structure):\n"));
+    let doc: Vec<&str> = layout.doc.iter().map(|line| line.trim()).collect();
+    push(
+        out,
+        format_args!(
+            "    \"\"\"{}\n    \"\"\"\n\n",
+            doc.join("\n    ").replace("\n    \n", "\n\n")
+        ),
+    );
+    out.push_str("    _fields_ = [\n");
+    for field in layout.fields {
+        let array = field.count.map(|count| format!(" * {count}")).unwrap_or_default();
+        push(out, format_args!("        #{}\n", field.doc));
+        push(
+            out,
+            format_args!(
+                "        (\"{}\", ctypes.{}{array}),\n",
+                field.name,
+                field.scalar.ctypes_name()
+            ),
+        );
+    }
+    out.push_str("    ]\n\n");
+    out.push_str("    def __init__(self, **values):\n");
+    push(
+        out,
+        format_args!(
+            "        super().__init__(interface_version={INTERFACE_VERSION}, struct_size={}, **values)\n\n",
+            layout.size_bytes
+        ),
+    );
+    out.push_str("    @staticmethod\n    def type_name() -> str:\n");
+    out.push_str("        \"\"\"Name by which iceoryx2 tells payloads apart.\"\"\"\n");
+    push(out, format_args!("        return \"{}\"\n", layout.type_name));
+}
+
+const PYTHON_HELPERS: &str = r#"
+
+def open_node(prefix=None):
+    """An iceoryx2 node, in the domain of `prefix` or in the usual one."""
+    import iceoryx2 as iox2
+
+    # Waiting for a core that is not up yet is no error worth a line.
+    iox2.set_log_level_from_env_or(iox2.LogLevel.Fatal)
+    config = iox2.config.global_config()
+    if prefix is not None:
+        config = iox2.config.default()
+        config.global_cfg.prefix = iox2.FileName.new(prefix)
+    # Signals are the caller's affair.
+    return iox2.NodeBuilder.new().config(config).signal_handling_mode(
+        iox2.SignalHandlingMode.Disabled
+    ).create(iox2.ServiceType.Ipc)
+
+
+def open_service(node, machine_name, channel, payload, timeout_s=10.0):
+    """The publish-subscribe service `evolvent/MACHINE_NAME/CHANNEL`, waiting for its core to come up.
+
+    Fails with TimeoutError where there is no core, with RuntimeError where it speaks another version.
+    """
+    import iceoryx2 as iox2
+
+    name = iox2.ServiceName.new(f"evolvent/{machine_name}/{channel}")
+    wanted = iox2.AttributeVerifier.new().require(
+        iox2.AttributeKey.new(ATTRIBUTE_INTERFACE), iox2.AttributeValue.new(str(INTERFACE_VERSION))
+    )
+    deadline = time.monotonic() + timeout_s
+    while True:
+        try:
+            return node.service_builder(name).publish_subscribe(payload).open_with_attributes(wanted)
+        except iox2.PublishSubscribeOpenError as error:
+            reason = str(error)
+        if "Incompatible" in reason or "DoesNotSupport" in reason:
+            raise RuntimeError(f"{name}: the core does not fit this module ({reason})")
+        if time.monotonic() >= deadline:
+            raise TimeoutError(f"{name}: no core within {timeout_s} s ({reason})")
+        time.sleep(0.005)
+
+
+class Reader:
+    """Messages of one channel, in order."""
+
+    def __init__(self, machine_name, channel, payload, prefix=None, timeout_s=10.0):
+        self._payload = payload
+        self._node = open_node(prefix)
+        self._service = open_service(self._node, machine_name, channel, payload, timeout_s)
+        self._subscriber = self._service.subscriber_builder().create()
+
+    @property
+    def attributes(self):
+        """The service's attributes as a dict of texts."""
+        return {str(a.key): str(a.value) for a in self._service.attributes.values}
+
+    def receive(self):
+        """A copy of the oldest message not read yet, or None. Does not wait."""
+        sample = self._subscriber.receive()
+        if sample is None:
+            return None
+        try:
+            message = self._payload.from_buffer_copy(sample.payload().contents)
+        finally:
+            sample.delete()
+        if message.interface_version != INTERFACE_VERSION or message.struct_size != ctypes.sizeof(self._payload):
+            raise RuntimeError(f"a message of interface version {message.interface_version}: update the older side")
+        return message
+
+
+def open_setpoints(machine_name, prefix=None, timeout_s=10.0):
+    """A reader of every setpoint from now on; more than the buffer behind, it loses the oldest."""
+    return Reader(machine_name, "setpoint", Setpoint, prefix, timeout_s)
+
+
+def open_status(machine_name, prefix=None, timeout_s=10.0):
+    """A reader of the latest status."""
+    return Reader(machine_name, "status", Status, prefix, timeout_s)
+"#;
+
+fn push(out: &mut String, text: std::fmt::Arguments<'_>) {
+    // Writing to a String does not fail.
+    let _ = out.write_fmt(text);
+}

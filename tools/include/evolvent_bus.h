@@ -1,0 +1,360 @@
+/* Layout of Evolvent's messages on iceoryx2, interface version 1.
+ * Generated: do not edit, run `cargo run -p evolvent-bus --example generate-bindings`.
+ *
+ * Services are named evolvent/NAME/setpoint, /status, /feedback, /load (publish-subscribe) and /event.
+ * Axes are in the order X Y Z A B C U V W. */
+#ifndef EVOLVENT_BUS_H
+#define EVOLVENT_BUS_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#ifdef __cplusplus
+#define EVOLVENT_STATIC_ASSERT static_assert
+extern "C" {
+#else
+#define EVOLVENT_STATIC_ASSERT _Static_assert
+#endif
+
+#define EVOLVENT_INTERFACE_VERSION 1u
+#define EVOLVENT_AXES 9
+#define EVOLVENT_ATTRIBUTE_INTERFACE "evolvent.interface"
+#define EVOLVENT_ATTRIBUTE_PERIOD "evolvent.period_ns"
+#define EVOLVENT_ATTRIBUTE_AXES "evolvent.axes"
+
+/* Values of `state` in Setpoint and Status. */
+#define EVOLVENT_STATE_IDLE 0u
+#define EVOLVENT_STATE_RUNNING 1u
+#define EVOLVENT_STATE_HOLDING 2u
+#define EVOLVENT_STATE_HELD 3u
+#define EVOLVENT_STATE_STOPPING 4u
+#define EVOLVENT_STATE_STOPPED 5u
+#define EVOLVENT_STATE_DWELL 6u
+#define EVOLVENT_STATE_PROGRAM_STOP 7u
+#define EVOLVENT_STATE_FAULT 8u
+#define EVOLVENT_STATE_DONE 9u
+
+/* Bits of `flags` in Setpoint and Status. */
+#define EVOLVENT_FLAG_LATE 1u
+#define EVOLVENT_FLAG_HOLD 2u
+#define EVOLVENT_FLAG_BLEND 4u
+#define EVOLVENT_FLAG_RAPID 8u
+#define EVOLVENT_FLAG_JOINT 16u
+#define EVOLVENT_FLAG_STARVED 32u
+#define EVOLVENT_FLAG_GUARD 64u
+#define EVOLVENT_FLAG_LAST 128u
+
+/* Values of `kind` in Load. */
+#define EVOLVENT_LOAD_FORCE_N 1u
+#define EVOLVENT_LOAD_TORQUE_N_M 2u
+#define EVOLVENT_LOAD_POWER_W 3u
+#define EVOLVENT_LOAD_CURRENT_A 4u
+#define EVOLVENT_LOAD_RATIO_OF_RATED 5u
+
+/* Numbers on the event channel. */
+#define EVOLVENT_EVENT_CORE_OPENED 1u
+#define EVOLVENT_EVENT_CORE_CLOSED 2u
+#define EVOLVENT_EVENT_CORE_DIED 3u
+#define EVOLVENT_EVENT_STARTED 4u
+#define EVOLVENT_EVENT_HOLD 5u
+#define EVOLVENT_EVENT_RESUMED 6u
+#define EVOLVENT_EVENT_STOPPED 7u
+#define EVOLVENT_EVENT_DONE 8u
+#define EVOLVENT_EVENT_FAULT 9u
+#define EVOLVENT_EVENT_RESET 10u
+#define EVOLVENT_EVENT_STATUS_CHANGED 11u
+
+/* Where every axis shall be at one instant, and how it shall move there.
+ *
+ * Published ahead of time: `due_time_ns` lies `lead` periods after the moment of publishing in a real-time run.
+ * `sequence` grows by one from one setpoint to the next, so a gap is a lost setpoint and is seen as one.
+ */
+#define EVOLVENT_SETPOINT_TYPE_NAME "evolvent.Setpoint.v1"
+typedef struct evolvent_setpoint {
+    /* Version of the bus contract that the sender was built for; receivers refuse another. */
+    uint32_t interface_version;
+    /* Size of this payload in bytes. */
+    uint32_t struct_size;
+    /* Index of the cycle; grows by exactly one. */
+    uint64_t sequence;
+    /* When the setpoint holds: ns of CLOCK_MONOTONIC (real-time clock) or of path time (virtual clock). */
+    uint64_t due_time_ns;
+    /* Time from this setpoint to the next, in ns. */
+    uint64_t period_ns;
+    /* Position in machine coordinates: mm, degrees for A B C. */
+    double position[9];
+    /* Velocity: mm/s, degrees/s for A B C. */
+    double velocity[9];
+    /* Acceleration: mm/s2, degrees/s2 for A B C. */
+    double acceleration[9];
+    /* Position rounded to the machine's increments, counted from machine zero. */
+    int64_t position_increments[9];
+    /* What the core is doing, a number of the list of states. */
+    uint32_t state;
+    /* Bits of the list of setpoint flags. */
+    uint32_t flags;
+    /* Line of the program, counted from 1; 0 where there is none. */
+    uint32_t line;
+    /* Bit i set: axis i is driven, the others' numbers mean nothing. */
+    uint32_t axes_mask;
+    /* Speed along the path, in mm/s. */
+    double feed_mm_s;
+    /* Feed override as a ratio: 1 is 100 %. */
+    double override_ratio;
+    /* Way along the path since the start of the run, in mm. */
+    double path_mm;
+    /* Zero; for later versions. */
+    uint64_t reserved[5];
+} evolvent_setpoint_t;
+
+EVOLVENT_STATIC_ASSERT(sizeof(evolvent_setpoint_t) == 400, "size of Setpoint");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_setpoint_t, interface_version) == 0, "offset of Setpoint.interface_version");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_setpoint_t, struct_size) == 4, "offset of Setpoint.struct_size");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_setpoint_t, sequence) == 8, "offset of Setpoint.sequence");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_setpoint_t, due_time_ns) == 16, "offset of Setpoint.due_time_ns");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_setpoint_t, period_ns) == 24, "offset of Setpoint.period_ns");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_setpoint_t, position) == 32, "offset of Setpoint.position");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_setpoint_t, velocity) == 104, "offset of Setpoint.velocity");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_setpoint_t, acceleration) == 176, "offset of Setpoint.acceleration");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_setpoint_t, position_increments) == 248, "offset of Setpoint.position_increments");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_setpoint_t, state) == 320, "offset of Setpoint.state");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_setpoint_t, flags) == 324, "offset of Setpoint.flags");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_setpoint_t, line) == 328, "offset of Setpoint.line");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_setpoint_t, axes_mask) == 332, "offset of Setpoint.axes_mask");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_setpoint_t, feed_mm_s) == 336, "offset of Setpoint.feed_mm_s");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_setpoint_t, override_ratio) == 344, "offset of Setpoint.override_ratio");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_setpoint_t, path_mm) == 352, "offset of Setpoint.path_mm");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_setpoint_t, reserved) == 360, "offset of Setpoint.reserved");
+
+/* One coherent snapshot of the core. A reader gets the latest, never a mixture of two.
+ *
+ * The publisher sends at least ten a second; a reader that sees no new `sequence` for longer has lost its core.
+ */
+#define EVOLVENT_STATUS_TYPE_NAME "evolvent.Status.v1"
+typedef struct evolvent_status {
+    /* Version of the bus contract that the sender was built for; receivers refuse another. */
+    uint32_t interface_version;
+    /* Size of this payload in bytes. */
+    uint32_t struct_size;
+    /* Grows by one from one snapshot to the next. */
+    uint64_t sequence;
+    /* When the snapshot was taken, in ns of CLOCK_MONOTONIC. */
+    uint64_t time_ns;
+    /* Setpoints computed since the start. */
+    uint64_t cycles;
+    /* The control period in ns. */
+    uint64_t period_ns;
+    /* What the core is doing, a number of the list of states. */
+    uint32_t state;
+    /* Mode: 0 automatic, 1 manual, 2 MDI. */
+    uint32_t mode;
+    /* Machine: 0 emergency stop, 1 off, 2 on. */
+    uint32_t machine_state;
+    /* Bits of the last setpoint's flags. */
+    uint32_t flags;
+    /* Line of the program that is running, counted from 1; 0 where there is none. */
+    uint32_t line;
+    /* Bit i set: the machine has axis i. */
+    uint32_t axes_mask;
+    /* Bit i set: axis i has been homed. */
+    uint32_t homed_mask;
+    /* Selected tool. */
+    uint32_t tool;
+    /* Selected work coordinate system times ten: 540 is G54, 591 is G59.1. */
+    uint32_t work_system;
+    /* Subscribers of the setpoint channel. */
+    uint32_t setpoint_subscribers;
+    /* Position in machine coordinates: mm, degrees for A B C. */
+    double position_machine[9];
+    /* Position in work coordinates: mm, degrees for A B C. */
+    double position_work[9];
+    /* Way to the end of the running block, per axis: mm, degrees for A B C. */
+    double distance_to_go[9];
+    /* Velocity: mm/s, degrees/s for A B C. */
+    double velocity[9];
+    /* Work offset in force, G92 included: mm, degrees for A B C. */
+    double work_offset[9];
+    /* Tool offset in force: mm, degrees for A B C. */
+    double tool_offset[9];
+    /* Way along the path since the start of the run, in mm. */
+    double path_mm;
+    /* Way to the end of what is planned, in mm. */
+    double path_to_go_mm;
+    /* Speed along the path, in mm/s. */
+    double feed_mm_s;
+    /* Programmed speed along the path, in mm/s. */
+    double feed_programmed_mm_s;
+    /* Feed override as a ratio: 1 is 100 %. */
+    double override_ratio;
+    /* Rapid override as a ratio. */
+    double rapid_override_ratio;
+    /* Spindle override as a ratio. */
+    double spindle_override_ratio;
+    /* Spindle speed in revolutions a minute, negative counter-clockwise. */
+    double spindle_rpm;
+    /* Setpoints that left after they were due. */
+    uint64_t late_cycles;
+    /* Trace records lost for want of room. */
+    uint64_t dropped_records;
+    /* Setpoints that could not be handed to the bus. */
+    uint64_t dropped_setpoints;
+    /* Lateness of the last wake-up, in ns. */
+    uint64_t wake_lateness_ns;
+    /* Median lateness of the wake-ups, in ns. */
+    uint64_t wake_lateness_p50_ns;
+    /* 99.9 % of the wake-ups were at most this late, in ns. */
+    uint64_t wake_lateness_p999_ns;
+    /* The latest wake-up since the start, in ns. */
+    uint64_t wake_lateness_max_ns;
+    /* Median time of a cycle's own work, in ns. */
+    uint64_t work_p50_ns;
+    /* 99.9 % of the cycles worked at most this long, in ns. */
+    uint64_t work_p999_ns;
+    /* The longest work of a cycle since the start, in ns. */
+    uint64_t work_max_ns;
+    /* Number of alarms in force; may be more than are listed. */
+    uint32_t alarm_count;
+    /* Bytes of `program` in use. */
+    uint32_t program_length;
+    /* Numbers of the alarms in force, the oldest first. */
+    uint32_t alarms[16];
+    /* Name of the loaded program, UTF-8. */
+    uint8_t program[128];
+    /* Zero; for later versions. */
+    uint64_t reserved[16];
+} evolvent_status_t;
+
+EVOLVENT_STATIC_ASSERT(sizeof(evolvent_status_t) == 984, "size of Status");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, interface_version) == 0, "offset of Status.interface_version");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, struct_size) == 4, "offset of Status.struct_size");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, sequence) == 8, "offset of Status.sequence");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, time_ns) == 16, "offset of Status.time_ns");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, cycles) == 24, "offset of Status.cycles");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, period_ns) == 32, "offset of Status.period_ns");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, state) == 40, "offset of Status.state");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, mode) == 44, "offset of Status.mode");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, machine_state) == 48, "offset of Status.machine_state");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, flags) == 52, "offset of Status.flags");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, line) == 56, "offset of Status.line");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, axes_mask) == 60, "offset of Status.axes_mask");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, homed_mask) == 64, "offset of Status.homed_mask");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, tool) == 68, "offset of Status.tool");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, work_system) == 72, "offset of Status.work_system");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, setpoint_subscribers) == 76, "offset of Status.setpoint_subscribers");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, position_machine) == 80, "offset of Status.position_machine");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, position_work) == 152, "offset of Status.position_work");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, distance_to_go) == 224, "offset of Status.distance_to_go");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, velocity) == 296, "offset of Status.velocity");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, work_offset) == 368, "offset of Status.work_offset");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, tool_offset) == 440, "offset of Status.tool_offset");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, path_mm) == 512, "offset of Status.path_mm");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, path_to_go_mm) == 520, "offset of Status.path_to_go_mm");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, feed_mm_s) == 528, "offset of Status.feed_mm_s");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, feed_programmed_mm_s) == 536, "offset of Status.feed_programmed_mm_s");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, override_ratio) == 544, "offset of Status.override_ratio");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, rapid_override_ratio) == 552, "offset of Status.rapid_override_ratio");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, spindle_override_ratio) == 560, "offset of Status.spindle_override_ratio");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, spindle_rpm) == 568, "offset of Status.spindle_rpm");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, late_cycles) == 576, "offset of Status.late_cycles");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, dropped_records) == 584, "offset of Status.dropped_records");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, dropped_setpoints) == 592, "offset of Status.dropped_setpoints");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, wake_lateness_ns) == 600, "offset of Status.wake_lateness_ns");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, wake_lateness_p50_ns) == 608, "offset of Status.wake_lateness_p50_ns");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, wake_lateness_p999_ns) == 616, "offset of Status.wake_lateness_p999_ns");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, wake_lateness_max_ns) == 624, "offset of Status.wake_lateness_max_ns");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, work_p50_ns) == 632, "offset of Status.work_p50_ns");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, work_p999_ns) == 640, "offset of Status.work_p999_ns");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, work_max_ns) == 648, "offset of Status.work_max_ns");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, alarm_count) == 656, "offset of Status.alarm_count");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, program_length) == 660, "offset of Status.program_length");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, alarms) == 664, "offset of Status.alarms");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, program) == 728, "offset of Status.program");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, reserved) == 856, "offset of Status.reserved");
+
+/* A drive bridge's answer to one setpoint.
+ */
+#define EVOLVENT_FEEDBACK_TYPE_NAME "evolvent.Feedback.v1"
+typedef struct evolvent_feedback {
+    /* Version of the bus contract that the sender was built for; receivers refuse another. */
+    uint32_t interface_version;
+    /* Size of this payload in bytes. */
+    uint32_t struct_size;
+    /* The setpoint that is answered. */
+    uint64_t sequence;
+    /* When the positions were sampled, in ns of CLOCK_MONOTONIC. */
+    uint64_t time_ns;
+    /* Actual position in machine coordinates: mm, degrees for A B C. */
+    double position[9];
+    /* Actual velocity: mm/s, degrees/s for A B C. */
+    double velocity[9];
+    /* Demanded minus actual position: mm, degrees for A B C. */
+    double following_error[9];
+    /* Torque or force as a ratio of the drive's rated one. */
+    double torque_ratio[9];
+    /* Time of the bus clock minus time of the setpoint, in ns: positive where the drives run late. */
+    int64_t phase_error_ns;
+    /* CiA 402 status word (object 6041h) per axis. */
+    uint32_t status_word[9];
+    /* Bit i set: the numbers of axis i are valid. */
+    uint32_t axes_mask;
+    /* Zero; for later versions. */
+    uint64_t reserved[8];
+} evolvent_feedback_t;
+
+EVOLVENT_STATIC_ASSERT(sizeof(evolvent_feedback_t) == 424, "size of Feedback");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_feedback_t, interface_version) == 0, "offset of Feedback.interface_version");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_feedback_t, struct_size) == 4, "offset of Feedback.struct_size");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_feedback_t, sequence) == 8, "offset of Feedback.sequence");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_feedback_t, time_ns) == 16, "offset of Feedback.time_ns");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_feedback_t, position) == 24, "offset of Feedback.position");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_feedback_t, velocity) == 96, "offset of Feedback.velocity");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_feedback_t, following_error) == 168, "offset of Feedback.following_error");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_feedback_t, torque_ratio) == 240, "offset of Feedback.torque_ratio");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_feedback_t, phase_error_ns) == 312, "offset of Feedback.phase_error_ns");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_feedback_t, status_word) == 320, "offset of Feedback.status_word");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_feedback_t, axes_mask) == 356, "offset of Feedback.axes_mask");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_feedback_t, reserved) == 360, "offset of Feedback.reserved");
+
+/* A measured cutting load, from a drive or a sensor.
+ */
+#define EVOLVENT_LOAD_TYPE_NAME "evolvent.Load.v1"
+typedef struct evolvent_load {
+    /* Version of the bus contract that the sender was built for; receivers refuse another. */
+    uint32_t interface_version;
+    /* Size of this payload in bytes. */
+    uint32_t struct_size;
+    /* Grows by one from one value to the next of the same sensor. */
+    uint64_t sequence;
+    /* When the load was sampled, in ns of CLOCK_MONOTONIC. */
+    uint64_t time_ns;
+    /* What `value` is, a number of the list of load kinds. */
+    uint32_t kind;
+    /* Where it was measured: 0 to 8 an axis, 9 the spindle, from 16 on sensors of the user. */
+    uint32_t source;
+    /* The load in the unit of its kind. */
+    double value;
+    /* The lowest value that the sensor can show. */
+    double range_min;
+    /* The highest value that the sensor can show. */
+    double range_max;
+    /* Zero; for later versions. */
+    uint64_t reserved[4];
+} evolvent_load_t;
+
+EVOLVENT_STATIC_ASSERT(sizeof(evolvent_load_t) == 88, "size of Load");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_load_t, interface_version) == 0, "offset of Load.interface_version");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_load_t, struct_size) == 4, "offset of Load.struct_size");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_load_t, sequence) == 8, "offset of Load.sequence");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_load_t, time_ns) == 16, "offset of Load.time_ns");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_load_t, kind) == 24, "offset of Load.kind");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_load_t, source) == 28, "offset of Load.source");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_load_t, value) == 32, "offset of Load.value");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_load_t, range_min) == 40, "offset of Load.range_min");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_load_t, range_max) == 48, "offset of Load.range_max");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_load_t, reserved) == 56, "offset of Load.reserved");
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

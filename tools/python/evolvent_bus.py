@@ -1,0 +1,373 @@
+"""Layout of Evolvent's messages on iceoryx2, interface version 1, and helpers to read them.
+
+Generated: do not edit, run `cargo run -p evolvent-bus --example generate-bindings`.
+
+Needs `pip install iceoryx2==0.10.0` for the helpers; the structures alone need nothing.
+Axes are in the order X Y Z A B C U V W.
+"""
+
+import ctypes
+import time
+
+INTERFACE_VERSION = 1
+AXES = 9
+ATTRIBUTE_INTERFACE = "evolvent.interface"
+ATTRIBUTE_PERIOD = "evolvent.period_ns"
+ATTRIBUTE_AXES = "evolvent.axes"
+
+# Values of `state` in Setpoint and Status.
+STATE_IDLE = 0
+STATE_RUNNING = 1
+STATE_HOLDING = 2
+STATE_HELD = 3
+STATE_STOPPING = 4
+STATE_STOPPED = 5
+STATE_DWELL = 6
+STATE_PROGRAM_STOP = 7
+STATE_FAULT = 8
+STATE_DONE = 9
+
+# Bits of `flags` in Setpoint and Status.
+FLAG_LATE = 1
+FLAG_HOLD = 2
+FLAG_BLEND = 4
+FLAG_RAPID = 8
+FLAG_JOINT = 16
+FLAG_STARVED = 32
+FLAG_GUARD = 64
+FLAG_LAST = 128
+
+# Values of `kind` in Load.
+LOAD_FORCE_N = 1
+LOAD_TORQUE_N_M = 2
+LOAD_POWER_W = 3
+LOAD_CURRENT_A = 4
+LOAD_RATIO_OF_RATED = 5
+
+# Numbers on the event channel.
+EVENT_CORE_OPENED = 1
+EVENT_CORE_CLOSED = 2
+EVENT_CORE_DIED = 3
+EVENT_STARTED = 4
+EVENT_HOLD = 5
+EVENT_RESUMED = 6
+EVENT_STOPPED = 7
+EVENT_DONE = 8
+EVENT_FAULT = 9
+EVENT_RESET = 10
+EVENT_STATUS_CHANGED = 11
+
+
+class Setpoint(ctypes.Structure):
+    """Where every axis shall be at one instant, and how it shall move there.
+
+    Published ahead of time: `due_time_ns` lies `lead` periods after the moment of publishing in a real-time run.
+    `sequence` grows by one from one setpoint to the next, so a gap is a lost setpoint and is seen as one.
+    """
+
+    _fields_ = [
+        # Version of the bus contract that the sender was built for; receivers refuse another.
+        ("interface_version", ctypes.c_uint32),
+        # Size of this payload in bytes.
+        ("struct_size", ctypes.c_uint32),
+        # Index of the cycle; grows by exactly one.
+        ("sequence", ctypes.c_uint64),
+        # When the setpoint holds: ns of CLOCK_MONOTONIC (real-time clock) or of path time (virtual clock).
+        ("due_time_ns", ctypes.c_uint64),
+        # Time from this setpoint to the next, in ns.
+        ("period_ns", ctypes.c_uint64),
+        # Position in machine coordinates: mm, degrees for A B C.
+        ("position", ctypes.c_double * 9),
+        # Velocity: mm/s, degrees/s for A B C.
+        ("velocity", ctypes.c_double * 9),
+        # Acceleration: mm/s2, degrees/s2 for A B C.
+        ("acceleration", ctypes.c_double * 9),
+        # Position rounded to the machine's increments, counted from machine zero.
+        ("position_increments", ctypes.c_int64 * 9),
+        # What the core is doing, a number of the list of states.
+        ("state", ctypes.c_uint32),
+        # Bits of the list of setpoint flags.
+        ("flags", ctypes.c_uint32),
+        # Line of the program, counted from 1; 0 where there is none.
+        ("line", ctypes.c_uint32),
+        # Bit i set: axis i is driven, the others' numbers mean nothing.
+        ("axes_mask", ctypes.c_uint32),
+        # Speed along the path, in mm/s.
+        ("feed_mm_s", ctypes.c_double),
+        # Feed override as a ratio: 1 is 100 %.
+        ("override_ratio", ctypes.c_double),
+        # Way along the path since the start of the run, in mm.
+        ("path_mm", ctypes.c_double),
+        # Zero; for later versions.
+        ("reserved", ctypes.c_uint64 * 5),
+    ]
+
+    def __init__(self, **values):
+        super().__init__(interface_version=1, struct_size=400, **values)
+
+    @staticmethod
+    def type_name() -> str:
+        """Name by which iceoryx2 tells payloads apart."""
+        return "evolvent.Setpoint.v1"
+
+
+class Status(ctypes.Structure):
+    """One coherent snapshot of the core. A reader gets the latest, never a mixture of two.
+
+    The publisher sends at least ten a second; a reader that sees no new `sequence` for longer has lost its core.
+    """
+
+    _fields_ = [
+        # Version of the bus contract that the sender was built for; receivers refuse another.
+        ("interface_version", ctypes.c_uint32),
+        # Size of this payload in bytes.
+        ("struct_size", ctypes.c_uint32),
+        # Grows by one from one snapshot to the next.
+        ("sequence", ctypes.c_uint64),
+        # When the snapshot was taken, in ns of CLOCK_MONOTONIC.
+        ("time_ns", ctypes.c_uint64),
+        # Setpoints computed since the start.
+        ("cycles", ctypes.c_uint64),
+        # The control period in ns.
+        ("period_ns", ctypes.c_uint64),
+        # What the core is doing, a number of the list of states.
+        ("state", ctypes.c_uint32),
+        # Mode: 0 automatic, 1 manual, 2 MDI.
+        ("mode", ctypes.c_uint32),
+        # Machine: 0 emergency stop, 1 off, 2 on.
+        ("machine_state", ctypes.c_uint32),
+        # Bits of the last setpoint's flags.
+        ("flags", ctypes.c_uint32),
+        # Line of the program that is running, counted from 1; 0 where there is none.
+        ("line", ctypes.c_uint32),
+        # Bit i set: the machine has axis i.
+        ("axes_mask", ctypes.c_uint32),
+        # Bit i set: axis i has been homed.
+        ("homed_mask", ctypes.c_uint32),
+        # Selected tool.
+        ("tool", ctypes.c_uint32),
+        # Selected work coordinate system times ten: 540 is G54, 591 is G59.1.
+        ("work_system", ctypes.c_uint32),
+        # Subscribers of the setpoint channel.
+        ("setpoint_subscribers", ctypes.c_uint32),
+        # Position in machine coordinates: mm, degrees for A B C.
+        ("position_machine", ctypes.c_double * 9),
+        # Position in work coordinates: mm, degrees for A B C.
+        ("position_work", ctypes.c_double * 9),
+        # Way to the end of the running block, per axis: mm, degrees for A B C.
+        ("distance_to_go", ctypes.c_double * 9),
+        # Velocity: mm/s, degrees/s for A B C.
+        ("velocity", ctypes.c_double * 9),
+        # Work offset in force, G92 included: mm, degrees for A B C.
+        ("work_offset", ctypes.c_double * 9),
+        # Tool offset in force: mm, degrees for A B C.
+        ("tool_offset", ctypes.c_double * 9),
+        # Way along the path since the start of the run, in mm.
+        ("path_mm", ctypes.c_double),
+        # Way to the end of what is planned, in mm.
+        ("path_to_go_mm", ctypes.c_double),
+        # Speed along the path, in mm/s.
+        ("feed_mm_s", ctypes.c_double),
+        # Programmed speed along the path, in mm/s.
+        ("feed_programmed_mm_s", ctypes.c_double),
+        # Feed override as a ratio: 1 is 100 %.
+        ("override_ratio", ctypes.c_double),
+        # Rapid override as a ratio.
+        ("rapid_override_ratio", ctypes.c_double),
+        # Spindle override as a ratio.
+        ("spindle_override_ratio", ctypes.c_double),
+        # Spindle speed in revolutions a minute, negative counter-clockwise.
+        ("spindle_rpm", ctypes.c_double),
+        # Setpoints that left after they were due.
+        ("late_cycles", ctypes.c_uint64),
+        # Trace records lost for want of room.
+        ("dropped_records", ctypes.c_uint64),
+        # Setpoints that could not be handed to the bus.
+        ("dropped_setpoints", ctypes.c_uint64),
+        # Lateness of the last wake-up, in ns.
+        ("wake_lateness_ns", ctypes.c_uint64),
+        # Median lateness of the wake-ups, in ns.
+        ("wake_lateness_p50_ns", ctypes.c_uint64),
+        # 99.9 % of the wake-ups were at most this late, in ns.
+        ("wake_lateness_p999_ns", ctypes.c_uint64),
+        # The latest wake-up since the start, in ns.
+        ("wake_lateness_max_ns", ctypes.c_uint64),
+        # Median time of a cycle's own work, in ns.
+        ("work_p50_ns", ctypes.c_uint64),
+        # 99.9 % of the cycles worked at most this long, in ns.
+        ("work_p999_ns", ctypes.c_uint64),
+        # The longest work of a cycle since the start, in ns.
+        ("work_max_ns", ctypes.c_uint64),
+        # Number of alarms in force; may be more than are listed.
+        ("alarm_count", ctypes.c_uint32),
+        # Bytes of `program` in use.
+        ("program_length", ctypes.c_uint32),
+        # Numbers of the alarms in force, the oldest first.
+        ("alarms", ctypes.c_uint32 * 16),
+        # Name of the loaded program, UTF-8.
+        ("program", ctypes.c_uint8 * 128),
+        # Zero; for later versions.
+        ("reserved", ctypes.c_uint64 * 16),
+    ]
+
+    def __init__(self, **values):
+        super().__init__(interface_version=1, struct_size=984, **values)
+
+    @staticmethod
+    def type_name() -> str:
+        """Name by which iceoryx2 tells payloads apart."""
+        return "evolvent.Status.v1"
+
+
+class Feedback(ctypes.Structure):
+    """A drive bridge's answer to one setpoint.
+    """
+
+    _fields_ = [
+        # Version of the bus contract that the sender was built for; receivers refuse another.
+        ("interface_version", ctypes.c_uint32),
+        # Size of this payload in bytes.
+        ("struct_size", ctypes.c_uint32),
+        # The setpoint that is answered.
+        ("sequence", ctypes.c_uint64),
+        # When the positions were sampled, in ns of CLOCK_MONOTONIC.
+        ("time_ns", ctypes.c_uint64),
+        # Actual position in machine coordinates: mm, degrees for A B C.
+        ("position", ctypes.c_double * 9),
+        # Actual velocity: mm/s, degrees/s for A B C.
+        ("velocity", ctypes.c_double * 9),
+        # Demanded minus actual position: mm, degrees for A B C.
+        ("following_error", ctypes.c_double * 9),
+        # Torque or force as a ratio of the drive's rated one.
+        ("torque_ratio", ctypes.c_double * 9),
+        # Time of the bus clock minus time of the setpoint, in ns: positive where the drives run late.
+        ("phase_error_ns", ctypes.c_int64),
+        # CiA 402 status word (object 6041h) per axis.
+        ("status_word", ctypes.c_uint32 * 9),
+        # Bit i set: the numbers of axis i are valid.
+        ("axes_mask", ctypes.c_uint32),
+        # Zero; for later versions.
+        ("reserved", ctypes.c_uint64 * 8),
+    ]
+
+    def __init__(self, **values):
+        super().__init__(interface_version=1, struct_size=424, **values)
+
+    @staticmethod
+    def type_name() -> str:
+        """Name by which iceoryx2 tells payloads apart."""
+        return "evolvent.Feedback.v1"
+
+
+class Load(ctypes.Structure):
+    """A measured cutting load, from a drive or a sensor.
+    """
+
+    _fields_ = [
+        # Version of the bus contract that the sender was built for; receivers refuse another.
+        ("interface_version", ctypes.c_uint32),
+        # Size of this payload in bytes.
+        ("struct_size", ctypes.c_uint32),
+        # Grows by one from one value to the next of the same sensor.
+        ("sequence", ctypes.c_uint64),
+        # When the load was sampled, in ns of CLOCK_MONOTONIC.
+        ("time_ns", ctypes.c_uint64),
+        # What `value` is, a number of the list of load kinds.
+        ("kind", ctypes.c_uint32),
+        # Where it was measured: 0 to 8 an axis, 9 the spindle, from 16 on sensors of the user.
+        ("source", ctypes.c_uint32),
+        # The load in the unit of its kind.
+        ("value", ctypes.c_double),
+        # The lowest value that the sensor can show.
+        ("range_min", ctypes.c_double),
+        # The highest value that the sensor can show.
+        ("range_max", ctypes.c_double),
+        # Zero; for later versions.
+        ("reserved", ctypes.c_uint64 * 4),
+    ]
+
+    def __init__(self, **values):
+        super().__init__(interface_version=1, struct_size=88, **values)
+
+    @staticmethod
+    def type_name() -> str:
+        """Name by which iceoryx2 tells payloads apart."""
+        return "evolvent.Load.v1"
+
+
+def open_node(prefix=None):
+    """An iceoryx2 node, in the domain of `prefix` or in the usual one."""
+    import iceoryx2 as iox2
+
+    # Waiting for a core that is not up yet is no error worth a line.
+    iox2.set_log_level_from_env_or(iox2.LogLevel.Fatal)
+    config = iox2.config.global_config()
+    if prefix is not None:
+        config = iox2.config.default()
+        config.global_cfg.prefix = iox2.FileName.new(prefix)
+    # Signals are the caller's affair.
+    return iox2.NodeBuilder.new().config(config).signal_handling_mode(
+        iox2.SignalHandlingMode.Disabled
+    ).create(iox2.ServiceType.Ipc)
+
+
+def open_service(node, machine_name, channel, payload, timeout_s=10.0):
+    """The publish-subscribe service `evolvent/MACHINE_NAME/CHANNEL`, waiting for its core to come up.
+
+    Fails with TimeoutError where there is no core, with RuntimeError where it speaks another version.
+    """
+    import iceoryx2 as iox2
+
+    name = iox2.ServiceName.new(f"evolvent/{machine_name}/{channel}")
+    wanted = iox2.AttributeVerifier.new().require(
+        iox2.AttributeKey.new(ATTRIBUTE_INTERFACE), iox2.AttributeValue.new(str(INTERFACE_VERSION))
+    )
+    deadline = time.monotonic() + timeout_s
+    while True:
+        try:
+            return node.service_builder(name).publish_subscribe(payload).open_with_attributes(wanted)
+        except iox2.PublishSubscribeOpenError as error:
+            reason = str(error)
+        if "Incompatible" in reason or "DoesNotSupport" in reason:
+            raise RuntimeError(f"{name}: the core does not fit this module ({reason})")
+        if time.monotonic() >= deadline:
+            raise TimeoutError(f"{name}: no core within {timeout_s} s ({reason})")
+        time.sleep(0.005)
+
+
+class Reader:
+    """Messages of one channel, in order."""
+
+    def __init__(self, machine_name, channel, payload, prefix=None, timeout_s=10.0):
+        self._payload = payload
+        self._node = open_node(prefix)
+        self._service = open_service(self._node, machine_name, channel, payload, timeout_s)
+        self._subscriber = self._service.subscriber_builder().create()
+
+    @property
+    def attributes(self):
+        """The service's attributes as a dict of texts."""
+        return {str(a.key): str(a.value) for a in self._service.attributes.values}
+
+    def receive(self):
+        """A copy of the oldest message not read yet, or None. Does not wait."""
+        sample = self._subscriber.receive()
+        if sample is None:
+            return None
+        try:
+            message = self._payload.from_buffer_copy(sample.payload().contents)
+        finally:
+            sample.delete()
+        if message.interface_version != INTERFACE_VERSION or message.struct_size != ctypes.sizeof(self._payload):
+            raise RuntimeError(f"a message of interface version {message.interface_version}: update the older side")
+        return message
+
+
+def open_setpoints(machine_name, prefix=None, timeout_s=10.0):
+    """A reader of every setpoint from now on; more than the buffer behind, it loses the oldest."""
+    return Reader(machine_name, "setpoint", Setpoint, prefix, timeout_s)
+
+
+def open_status(machine_name, prefix=None, timeout_s=10.0):
+    """A reader of the latest status."""
+    return Reader(machine_name, "status", Status, prefix, timeout_s)
