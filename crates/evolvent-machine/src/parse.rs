@@ -559,17 +559,19 @@ fn line_and_column(text: &str, byte: usize) -> (usize, usize) {
 
 fn one_line(message: &str) -> String {
     let words: Vec<_> = message.split_whitespace().collect();
-    words.join(" ")
+    shortened_to(&words.join(" "), 600)
 }
 
 /// Long text from the file does not belong into a message.
 fn shortened(text: &str) -> String {
-    if text.chars().count() <= 80 {
-        return text.to_owned();
+    shortened_to(text, 80)
+}
+
+fn shortened_to(text: &str, most_chars: usize) -> String {
+    match text.char_indices().nth(most_chars) {
+        None => text.to_owned(),
+        Some((end, _)) => format!("{}...", &text[..end]),
     }
-    let mut short: String = text.chars().take(77).collect();
-    short.push_str("...");
-    short
 }
 
 /// A number as people write it: 1e308 stays short.

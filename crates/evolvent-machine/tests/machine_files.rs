@@ -1,0 +1,591 @@
+//! Machine files: what ships is good, and what is bad is refused with its place.
+
+#![expect(
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "clippy takes the helpers of these tests for code that ships"
+)]
+
+use std::path::{Path, PathBuf};
+
+use evolvent_machine::{ControlRate, Machine, MachineError, MachineKind, OnFull, PathMode, machine_schema};
+use evolvent_path::AxisLetter;
+use proptest::prelude::*;
+
+fn config() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config")
+}
+
+fn shipped() -> Vec<(String, String)> {
+    let mut files: Vec<_> = std::fs::read_dir(config().join("machines"))
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .filter(|path| path.extension().is_some_and(|extension| extension == "toml"))
+        .map(|path| {
+            (
+                path.file_stem().unwrap().to_str().unwrap().to_owned(),
+                std::fs::read_to_string(&path).unwrap(),
+            )
+        })
+        .collect();
+    files.sort();
+    files
+}
+
+const GOOD: &str = r#"name = "m"
+kind = "mill"
+increments_per_mm = 1000
+increments_per_degree = 100
+rate = 1000.5
+
+[limits]
+max_feed_mm_min = 6000
+
+[path]
+mode = "exact"
+joint_time_ms = 2
+
+[realtime]
+priority = 70
+core = 1
+
+[trace]
+on_full = "stop"
+
+[[axis]]
+letter = "x"
+travel_min_mm = -1
+travel_max_mm = 2
+max_velocity_mm_min = 30000
+max_acceleration_g = 0.5
+max_jerk_m_s3 = 50
+home_mm = 1.5
+
+[[axis]]
+letter = "A"
+kind = "rotary"
+travel_min_deg = -90
+travel_max_deg = 90
+max_velocity_deg_min = 3600
+max_acceleration_deg_s2 = 100
+max_jerk_deg_s3 = 1000
+"#;
+
+#[test]
+fn a_file_is_read_into_millimetres_degrees_and_seconds() {
+    let machine = Machine::parse(GOOD, "good.toml").unwrap();
+    assert_eq!(machine.rate, ControlRate::Hz(1000.5));
+    assert_eq!(machine.axis_letters(), "XA");
+    assert_eq!(machine.max_feed_mm_s, Some(100.0));
+    assert_eq!(machine.path.mode, PathMode::Exact);
+    assert_eq!(machine.path.joint_time_s, 0.002);
+    assert_eq!(machine.path.involute_end_tolerance_mm, 0.001);
+    assert_eq!((machine.realtime.priority, machine.realtime.core), (70, Some(1)));
+    assert_eq!(machine.trace.on_full, OnFull::Stop);
+    assert_eq!(machine.lead_cycles, 2);
+    let limits = machine.limits();
+    let (x, a, y) = (
+        AxisLetter::X.index(),
+        AxisLetter::A.index(),
+        AxisLetter::Y.index(),
+    );
+    assert_eq!(
+        (limits.velocity[x], limits.acceleration[x], limits.jerk[x]),
+        (500.0, 4905.0, 50_000.0)
+    );
+    assert_eq!(
+        (limits.travel_min[x], limits.travel_max[x], limits.home[x]),
+        (-1.0, 2.0, 1.5)
+    );
+    assert_eq!(
+        (limits.velocity[a], limits.acceleration[a], limits.jerk[a]),
+        (60.0, 100.0, 1000.0)
+    );
+    assert_eq!(
+        (limits.present[x], limits.present[a], limits.present[y]),
+        (true, true, false)
+    );
+    assert_eq!(
+        (limits.velocity[y], limits.jerk[y], limits.travel_max[y]),
+        (0.0, 0.0, 0.0)
+    );
+    assert_eq!(
+        (
+            machine.increments()[x],
+            machine.increments()[a],
+            machine.increments()[y]
+        ),
+        (1000.0, 100.0, 0.0)
+    );
+}
+
+#[test]
+fn every_shipped_machine_is_good_and_named_as_its_file() {
+    let files = shipped();
+    assert!(files.len() >= 10, "only {} machines ship", files.len());
+    for (stem, text) in files {
+        let machine = Machine::parse(&text, &stem).unwrap_or_else(|error| panic!("{error}"));
+        assert_eq!(machine.name, stem);
+        machine.period_ns(machine.rate).unwrap();
+        let at_home = machine
+            .axes
+            .iter()
+            .all(|axis| (axis.travel_min..=axis.travel_max).contains(&axis.home));
+        assert!(at_home && !machine.description.is_empty(), "{stem}");
+    }
+}
+
+#[test]
+fn shipped_machines_carry_the_papers_limits() {
+    let rate = |stem: &str| {
+        let machine = Machine::load(&config().join(format!("machines/{stem}.toml"))).unwrap();
+        machine.rational_rate().unwrap().rate_hz
+    };
+    let cases = [
+        ("6r13gn1", 110.85),
+        ("fp7m", 121.43),
+        ("fp7smn", 156.73),
+        ("ma655sm30a", 297.31),
+        ("16k20f3", 313.21),
+    ];
+    for (stem, hz) in cases {
+        assert!(
+            (rate(stem) - hz).abs() < 0.01,
+            "{stem}: {} Hz, expected {hz}",
+            rate(stem)
+        );
+    }
+    // UCP 710: the largest over the axes are 2.5 m/s2 (X) and 50 m/s3 (Z), which meet at R = 6.25 mm.
+    let expected = 0.5 * (2500.0 * 1000.0 / (2.0 - 1.0 / 6250.0_f64)).sqrt();
+    assert!(
+        (rate("ucp-710") - expected).abs() < 1e-6,
+        "{} {expected}",
+        rate("ucp-710")
+    );
+    let lathe = Machine::load(&config().join("machines/16k20f3.toml")).unwrap();
+    assert_eq!(lathe.kind, MachineKind::Lathe);
+}
+
+#[test]
+fn the_three_axis_mill_is_as_documented() {
+    let mill = Machine::load(&config().join("machines/mill-3axis.toml")).unwrap();
+    let limits = mill.limits();
+    let head = |axes: evolvent_path::Axes| [axes[0], axes[1], axes[2]];
+    assert_eq!(head(limits.velocity), [500.0, 500.0, 20_000.0 / 60.0]);
+    assert_eq!(head(limits.acceleration), [5000.0, 5000.0, 3000.0]);
+    assert_eq!(head(limits.jerk), [200_000.0, 200_000.0, 100_000.0]);
+    assert_eq!(head(limits.travel_min), [-400.0, -250.0, -400.0]);
+    assert_eq!(head(limits.travel_max), [400.0, 250.0, 100.0]);
+    assert_eq!(
+        (mill.rate, mill.lead_cycles, mill.increments_per_mm),
+        (ControlRate::Rational, 2, 1000.0)
+    );
+    assert_eq!(
+        (mill.path.blend_tolerance_mm, mill.path.joint_time_s),
+        (0.01, 0.001)
+    );
+}
+
+/// To write the file anew: `EVOLVENT_WRITE_SCHEMA=1 cargo test -p evolvent-machine schema`.
+#[test]
+fn the_shipped_schema_is_that_of_the_code() {
+    let path = config().join("machine.schema.json");
+    let text = format!("{}\n", serde_json::to_string_pretty(&machine_schema()).unwrap());
+    if std::env::var_os("EVOLVENT_WRITE_SCHEMA").is_some() {
+        std::fs::write(&path, &text).unwrap();
+    }
+    let shipped = std::fs::read_to_string(&path).unwrap_or_default();
+    assert!(
+        shipped == text,
+        "config/machine.schema.json is out of date: run EVOLVENT_WRITE_SCHEMA=1 cargo test -p evolvent-machine schema"
+    );
+}
+
+/// What a bad edit of `GOOD` must say: the edit, and parts of the message.
+fn refused(edits: &[(&str, &str)], parts: &[&str]) {
+    let mut text = GOOD.to_owned();
+    for (from, to) in edits {
+        assert!(text.contains(from), "no {from:?} in the good file");
+        text = text.replacen(from, to, 1);
+    }
+    let message = match Machine::parse(&text, "bad.toml") {
+        Ok(_) => panic!("accepted: {edits:?}"),
+        Err(error) => error.to_string(),
+    };
+    for part in parts {
+        assert!(
+            message.contains(part),
+            "{edits:?}\n  gives   {message}\n  without {part}"
+        );
+    }
+}
+
+#[test]
+fn bad_files_are_refused_with_place_key_and_advice() {
+    refused(
+        &[("name = \"m\"", "name = \"\"")],
+        &["bad.toml:1:1: name:", "1 to 64 letters"],
+    );
+    refused(
+        &[("name = \"m\"", "name = \"a/b\"")],
+        &["bad.toml:1:1: name:", "a/b"],
+    );
+    refused(
+        &[("name = \"m\"", "")],
+        &["name", "missing field", "add this key"],
+    );
+    refused(
+        &[("kind = \"mill\"", "kind = \"milk\"")],
+        &["bad.toml:2:", ": kind:", "mill", "lathe"],
+    );
+    refused(
+        &[("kind = \"mill\"", "kind = \"lathe\"")],
+        &[": axis:", "lathe needs", "Z"],
+    );
+    refused(
+        &[("increments_per_mm = 1000", "increments_per_mm = 0")],
+        &["bad.toml:3:1: increments_per_mm: 0"],
+    );
+    refused(
+        &[("increments_per_mm = 1000", "increments_per_mm = nan")],
+        &["3:1: increments_per_mm: NaN"],
+    );
+    refused(
+        &[("increments_per_degree = 100", "")],
+        &["increments_per_degree: missing", "A is rotary"],
+    );
+    refused(
+        &[("rate = 1000.5", "rate = 100")],
+        &["bad.toml:5:1: rate: 100", "250 to 35000"],
+    );
+    refused(
+        &[("rate = 1000.5", "rate = 35001")],
+        &["rate: 35001", "250 to 35000"],
+    );
+    refused(
+        &[("rate = 1000.5", "rate = \"rationel\"")],
+        &["bad.toml:5:1: rate:", "rationel", "\"rational\" or a number"],
+    );
+    refused(
+        &[("rate = 1000.5", "rate = true")],
+        &["rate:", "\"rational\" or a number"],
+    );
+    refused(
+        &[("max_feed_mm_min = 6000", "max_feed = 6000")],
+        &["8:1: limits.max_feed:", "unit is missing"],
+    );
+    refused(
+        &[(
+            "max_feed_mm_min = 6000",
+            "max_feed_mm_min = 6000\nmax_feed_mm_s = 100",
+        )],
+        &["bad.toml:9:1: limits.max_feed_mm_s: given a second time"],
+    );
+    refused(
+        &[("mode = \"exact\"", "mode = \"exakt\"")],
+        &["path.mode", "exact"],
+    );
+    refused(
+        &[("mode = \"exact\"", "blend_tolerance_mm = 0")],
+        &["path.blend_tolerance_mm", "mode = \"exact\""],
+    );
+    refused(
+        &[("joint_time_ms = 2", "joint_time_ms = 0")],
+        &["12:1: path.joint_time_ms: 0"],
+    );
+    refused(
+        &[("joint_time_ms = 2", "min_radius_mm = 1e-4")],
+        &["path.min_radius_mm", "0.0005 mm"],
+    );
+    refused(
+        &[("priority = 70", "priority = 99")],
+        &["15:1: realtime.priority: 99", "2 to 98"],
+    );
+    refused(
+        &[("priority = 70", "priority = 70.5")],
+        &["realtime.priority", "70.5"],
+    );
+    refused(&[("core = 1", "core = -1")], &["realtime.core: -1"]);
+    refused(
+        &[("on_full = \"stop\"", "on_full = \"wait\"")],
+        &["trace.on_full", "continue"],
+    );
+    refused(
+        &[("letter = \"x\"", "letter = \"Q\"")],
+        &["22:1: axis[0].letter:", "\"Q\" is no axis"],
+    );
+    refused(&[("letter = \"x\"", "letter = \"\"")], &["axis[0].letter"]);
+    refused(
+        &[("letter = \"x\"", "letter = \"A\"")],
+        &["23:1: axis[0].travel_min_mm:", "A is rotary", "degrees"],
+    );
+    refused(
+        &[("letter = \"x\"", "letter = \"X\"\nkind = \"rotary\"")],
+        &["axis[0].kind: axis X is linear"],
+    );
+    refused(
+        &[("kind = \"rotary\"", "kind = \"linear\"")],
+        &["axis[1].kind: axis A is rotary"],
+    );
+    refused(
+        &[("letter = \"A\"", "letter = \"X\""), ("kind = \"rotary\"", "")],
+        &["axis[1].travel_min_deg"],
+    );
+    refused(
+        &[("travel_min_mm = -1", "travel_min_mm = 3")],
+        &["23:1: axis[0].travel_min_mm", "3 mm", "2 mm"],
+    );
+    refused(
+        &[("travel_min_mm = -1", "travel_min_mm = 2")],
+        &["axis[0].travel_min_mm"],
+    );
+    refused(&[("travel_min_mm = -1", "")], &["axis[0].travel_min_mm: missing"]);
+    refused(
+        &[("travel_min_mm = -1", "travel_min = -1")],
+        &["23:1: axis[0].travel_min", "unit is missing"],
+    );
+    refused(
+        &[("travel_max_mm = 2", "travel_max_mm = inf")],
+        &["24:1: axis[0].travel_max_mm: inf"],
+    );
+    refused(
+        &[("home_mm = 1.5", "home_mm = 2.5")],
+        &["28:1: axis[0].home_mm: home is 2.5 mm"],
+    );
+    refused(
+        &[("travel_min_mm = -1", "travel_min_mm = 1"), ("home_mm = 1.5", "")],
+        &["axis[0].home_mm: home is 0"],
+    );
+    refused(
+        &[("max_velocity_mm_min", "max_velocity")],
+        &["25:1: axis[0].max_velocity:", "max_velocity_mm_min or"],
+    );
+    refused(
+        &[("max_velocity_mm_min = 30000", "")],
+        &["axis[0].max_velocity_mm_min: missing"],
+    );
+    refused(
+        &[(
+            "max_velocity_mm_min = 30000",
+            "max_velocity_mm_min = 30000\nmax_velocity_mm_s = 500",
+        )],
+        &["26:1: axis[0].max_velocity_mm_s: given a second time"],
+    );
+    refused(
+        &[("max_velocity_mm_min = 30000", "max_velocity_mm_min = \"fast\"")],
+        &["25:", "axis[0].max_velocity_mm_min", "fast"],
+    );
+    refused(
+        &[("max_velocity_mm_min = 30000", "max_velocity_m_h = 1")],
+        &["25:1: axis[0].max_velocity_m_h", "spelling"],
+    );
+    refused(
+        &[("max_velocity_deg_min", "max_velocity_mm_min")],
+        &["axis[1].max_velocity_mm_min", "A is rotary"],
+    );
+    refused(&[("[trace]", "[tracing]")], &["tracing", "unknown field"]);
+    refused(
+        &[("name = \"m\"", "name = \"m\"\nname = \"n\"")],
+        &["bad.toml:2:1: not valid TOML"],
+    );
+    refused(
+        &[("kind = \"mill\"", "kind = mill")],
+        &["bad.toml:2:", "not valid TOML"],
+    );
+}
+
+#[test]
+fn every_limit_refuses_every_number_that_is_none() {
+    let keys = [
+        ("max_velocity_mm_min = 30000", "max_velocity_mm_min", "axis[0]"),
+        ("max_velocity_mm_min = 30000", "max_velocity_mm_s", "axis[0]"),
+        ("max_acceleration_g = 0.5", "max_acceleration_g", "axis[0]"),
+        ("max_acceleration_g = 0.5", "max_acceleration_mm_s2", "axis[0]"),
+        ("max_acceleration_g = 0.5", "max_acceleration_m_s2", "axis[0]"),
+        ("max_jerk_m_s3 = 50", "max_jerk_m_s3", "axis[0]"),
+        ("max_jerk_m_s3 = 50", "max_jerk_mm_s3", "axis[0]"),
+        ("max_velocity_deg_min = 3600", "max_velocity_deg_min", "axis[1]"),
+        ("max_velocity_deg_min = 3600", "max_velocity_deg_s", "axis[1]"),
+        (
+            "max_acceleration_deg_s2 = 100",
+            "max_acceleration_deg_s2",
+            "axis[1]",
+        ),
+        ("max_jerk_deg_s3 = 1000", "max_jerk_deg_s3", "axis[1]"),
+        ("max_feed_mm_min = 6000", "max_feed_mm_min", "limits"),
+        ("max_feed_mm_min = 6000", "max_feed_mm_s", "limits"),
+        ("travel_min_mm = -1", "travel_min_mm", "axis[0]"),
+        ("home_mm = 1.5", "home_mm", "axis[0]"),
+        ("joint_time_ms = 2", "joint_time_ms", "path"),
+        ("joint_time_ms = 2", "chord_error_increments", "path"),
+        ("joint_time_ms = 2", "min_radius_mm", "path"),
+        ("joint_time_ms = 2", "arc_radius_tolerance_mm", "path"),
+        ("joint_time_ms = 2", "arc_radius_tolerance_ratio", "path"),
+        ("joint_time_ms = 2", "involute_end_tolerance_mm", "path"),
+        ("joint_time_ms = 2", "blend_tolerance_mm", "path"),
+    ];
+    for (line, key, at) in keys {
+        for bad in ["nan", "-nan", "inf", "-inf", "1e308", "-1e308", "1e12", "-5"] {
+            // The travel may begin there.
+            if (key, bad) == ("travel_min_mm", "-5") {
+                continue;
+            }
+            refused(
+                &[(line, &format!("{key} = {bad}"))],
+                &["bad.toml:", &format!("{at}.{key}")],
+            );
+        }
+        // Zero is a place and a tolerance, but no limit.
+        if key.starts_with("max_") {
+            refused(
+                &[(line, &format!("{key} = 0"))],
+                &["bad.toml:", &format!("{at}.{key}: 0")],
+            );
+            refused(
+                &[(line, &format!("{key} = 1e-300"))],
+                &["bad.toml:", &format!("{at}.{key}: 1e-300")],
+            );
+        }
+    }
+}
+
+#[test]
+fn a_letter_is_there_once_and_something_is_linear() {
+    let axis = &GOOD[GOOD.find("[[axis]]").unwrap()..GOOD.rfind("[[axis]]").unwrap()];
+    let twice = format!("{GOOD}\n{axis}");
+    let message = Machine::parse(&twice, "m").unwrap_err().to_string();
+    assert!(
+        message.contains("axis[2].letter: axis X is there twice"),
+        "{message}"
+    );
+    let rotary = GOOD.replacen(axis, "", 1);
+    let message = Machine::parse(&rotary, "m").unwrap_err().to_string();
+    assert!(message.contains("none of them linear"), "{message}");
+    let none = format!("{}\naxis = []", &GOOD[..GOOD.find("[limits]").unwrap()]);
+    assert!(
+        Machine::parse(&none, "m")
+            .unwrap_err()
+            .to_string()
+            .contains("axis: 0 axes")
+    );
+}
+
+#[test]
+fn columns_count_characters_and_lines_survive_windows_ends() {
+    let text = "name = \"m\"\r\nkind = \"mill\"\r\n\"größe\" = 1\r\n";
+    let message = Machine::parse(text, "m").unwrap_err().to_string();
+    assert!(message.contains("m:3:1: größe: unknown field"), "{message}");
+    let inline = "axis = [{ letter = \"X\", größe = 1 }]";
+    let message = Machine::parse(inline, "m").unwrap_err().to_string();
+    assert!(message.starts_with("m:1:"), "{message}");
+}
+
+#[test]
+fn unreadable_files_are_named() {
+    let missing = Machine::load(Path::new("no/such/machine.toml")).unwrap_err();
+    assert!(matches!(missing, MachineError::Read { .. }));
+    assert!(missing.to_string().contains("no/such/machine.toml"));
+    assert!(matches!(
+        Machine::load(&config()).unwrap_err(),
+        MachineError::Read { .. }
+    ));
+    let long = "#".repeat((1 << 20) + 1);
+    assert!(matches!(
+        Machine::parse(&long, "m").unwrap_err(),
+        MachineError::TooLong { .. }
+    ));
+    let zero = Path::new("/dev/zero");
+    if zero.exists() {
+        assert!(matches!(
+            Machine::load(zero).unwrap_err(),
+            MachineError::TooLong { .. }
+        ));
+    }
+}
+
+#[test]
+fn deep_and_long_text_ends_in_a_message() {
+    for text in [
+        "[".repeat(100_000),
+        format!("a = {}", "[".repeat(100_000)),
+        "a.".repeat(100_000),
+        "{".repeat(1000),
+    ] {
+        let message = Machine::parse(&text, "m").unwrap_err().to_string();
+        assert!(message.len() < 1000, "{} characters", message.len());
+    }
+    let long = "x".repeat(100_000);
+    let texts = [
+        format!("name = \"{long}\""),
+        format!("{long} = 1"),
+        GOOD.replacen("\"m\"", &format!("\"{long}\""), 1),
+    ];
+    for text in texts {
+        let message = Machine::parse(&text, "m").unwrap_err().to_string();
+        assert!(message.len() < 1000, "{} characters", message.len());
+    }
+}
+
+/// Either refused with a message of one line, or a machine whose numbers are all good.
+fn sound(text: &str) -> Result<(), TestCaseError> {
+    match Machine::parse(text, "m") {
+        Err(error) => {
+            let message = error.to_string();
+            prop_assert!(message.starts_with("m:") && !message.contains('\n'), "{message}");
+        }
+        Ok(machine) => {
+            for axis in &machine.axes {
+                prop_assert!(axis.travel_min < axis.travel_max && axis.travel_max - axis.travel_min < 1e10);
+                for limit in [axis.max_velocity, axis.max_acceleration, axis.max_jerk] {
+                    prop_assert!(limit > 0.0 && limit <= 1.001e9);
+                }
+            }
+            prop_assert!(machine.period_ns(machine.rate).is_ok());
+        }
+    }
+    Ok(())
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 1500, ..ProptestConfig::default() })]
+
+    #[test]
+    fn damaged_files_never_panic(
+        cut in any::<prop::sample::Index>(),
+        at in any::<prop::sample::Index>(),
+        put in prop_oneof![
+            "[ -~\\n\"=\\[\\]{}.#é\u{0}]{0,6}",
+            prop::sample::select(vec!["nan", "inf", "1e308", "-0", "1e-308", "0x", "9223372036854775807", "\"", "'''", "]", "[[axis]]\n", "=", "null", "1979-05-27"])
+                .prop_map(str::to_owned),
+        ],
+        drop in 0_usize..12,
+        truncate in any::<bool>(),
+    ) {
+        let bytes: Vec<char> = GOOD.chars().collect();
+        let at = at.index(bytes.len());
+        let mut text: String = bytes[..at].iter().collect();
+        text.push_str(&put);
+        text.extend(&bytes[(at + drop).min(bytes.len())..]);
+        if truncate {
+            let keep = cut.index(text.chars().count().max(1));
+            text = text.chars().take(keep).collect();
+        }
+        sound(&text)?;
+    }
+
+    #[test]
+    fn any_value_for_any_key_is_refused_or_sound(
+        line in 0_usize..40,
+        value in prop_oneof![
+            any::<f64>().prop_map(|x| format!("{x:e}")),
+            any::<i64>().prop_map(|x| x.to_string()),
+            prop::sample::select(vec!["true", "[]", "{}", "\"\"", "[1]", "\"X\"", "nan", "+inf", "1e400", "00:00:00"]).prop_map(str::to_owned),
+        ],
+    ) {
+        let lines: Vec<_> = GOOD.lines().enumerate().map(|(i, old)| match old.split_once(" = ") {
+            Some((key, _)) if i == line % GOOD.lines().count() => format!("{key} = {value}"),
+            _ => old.to_owned(),
+        }).collect();
+        sound(&lines.join("\n"))?;
+    }
+}
