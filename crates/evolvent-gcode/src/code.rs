@@ -146,10 +146,18 @@ codes! {
     InvoluteCentreMissing = "G0602",
     /// Involute without a base radius above nought.
     InvoluteRadiusMissing = "G0603",
-    /// The geometry refuses the involute: ends inside the base circle or off the involute, equal radii, too many turns.
+    /// The geometry refuses the involute for another reason.
     InvoluteRefused = "G0604",
     /// I, J or K across the plane of the involute.
     InvoluteOffsetAcrossPlane = "G0605",
+    /// Start or end inside the base circle.
+    InvoluteInside = "G0606",
+    /// Start and end equally far from the base circle's centre.
+    InvoluteEqualRadii = "G0607",
+    /// Too many turns.
+    InvoluteTurns = "G0608",
+    /// The end is not on the involute.
+    InvoluteMissed = "G0609",
 
     /// A position that no machine can reach.
     PositionTooLarge = "G0701",

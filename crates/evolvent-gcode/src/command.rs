@@ -1,7 +1,6 @@
 //! What the interpreter hands on: canonical commands in machine coordinates.
 
-// Holds the place of `Curve` until evolvent-path exports it.
-use evolvent_path::Jet as Curve;
+use evolvent_path::Curve;
 
 /// One canonical command and the line of the program that asked for it.
 #[derive(Clone, Debug, PartialEq)]

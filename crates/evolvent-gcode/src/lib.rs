@@ -21,12 +21,23 @@
 //!
 //! Nothing here is for the real-time cycle.
 
+mod block;
 mod code;
+mod codes;
 mod command;
+mod comment;
 mod diagnostic;
+mod interpreter;
+mod lexer;
+mod parser;
+mod reader;
+mod round;
 mod settings;
+mod state;
+mod statement;
 
 pub use code::Code;
 pub use command::{Action, Command, Move, MoveKind, PathMode, SpindleDirection};
 pub use diagnostic::Diagnostic;
+pub use interpreter::Interpreter;
 pub use settings::{ArcTolerance, Settings, WORK_OFFSETS};
