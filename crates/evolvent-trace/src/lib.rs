@@ -1,1 +1,37 @@
-//! MCAP traces: schemas, recorder, reader, recovery.
+//! Traces: every cycle of a run in one MCAP file that is readable for years and by others.
+//!
+//! A trace is a file of chunks. A chunk is up to half a megabyte of messages, compressed, with a checksum and the span
+//! of time that it covers; whole chunks are appended and nothing is written twice, so whatever happens to the
+//! program or the power, the file is right up to its last complete chunk. While it is written it is called
+//! `NAME.mcap.part`; at the end it gets an index and its name.
+//!
+//! - [`Recorder`] writes: `/cycle` once a cycle, `/event`, `/block`, `/timing`, and for general viewers the tool's pose and
+//!   path. The messages are protobuf; each file carries their description, so that foreign readers need nothing else.
+//! - [`RunInfo`] is what makes a trace replayable alone: the program, the machine file, period, versions.
+//! - [`TraceFile`] reads: what a file holds, at once and whatever its size, and the messages one after another.
+//! - [`recover`] makes a complete file of a torn one and says what was lost; [`recover_leftovers`] does so for all
+//!   part files in a folder, at start-up.
+//!
+//! Nothing here may be called from the real-time cycle, but [`CycleRecord`] is made to be handed over by it, and
+//! [`Histogram`] counts without allocation. Lengths are in mm, times in the unit that the name bears; times of the
+//! clock are Unix time in ns, times of the path where the clock is virtual.
+
+mod checked_map;
+mod encode;
+mod format;
+mod histogram;
+mod record;
+mod recorder;
+mod run_info;
+mod scene;
+mod schema;
+mod sink;
+mod statistics;
+mod writer;
+
+pub use histogram::Histogram;
+pub use record::{BlockKind, BlockRecord, CycleRecord, EventKind, EventRecord, LogLevel, TimingRecord};
+pub use recorder::{RecordError, Recorder, Remains, part_path};
+pub use run_info::{ProgramSource, RunInfo, configuration_hash};
+pub use sink::{FileSink, TraceSink};
+pub use statistics::RunStatistics;

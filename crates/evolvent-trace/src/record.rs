@@ -1,0 +1,202 @@
+//! The records that go into a trace, as plain data.
+
+use evolvent_path::AXES;
+
+/// One control cycle, channel `/cycle`.
+///
+/// `Copy` and without pointers, so that the cycle hands it over a queue by value. The arrays hold all nine
+/// axes, XYZ ABC UVW; the recorder writes those that the machine has, in the order of the machine file.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CycleRecord {
+    /// Index of the cycle in the run, from 0.
+    pub sequence: u64,
+    /// When the setpoint was due, Unix time in ns; the `log_time` of the message.
+    pub due_time_ns: u64,
+    /// How late the cycle woke up, ns; negative if early.
+    pub wake_lateness_ns: i64,
+    /// How long the cycle's own work took, ns.
+    pub work_ns: u32,
+    /// Length of path travelled since the start of the run, mm.
+    pub path_mm: f64,
+    /// Speed along the path, mm/s.
+    pub feed_mm_s: f64,
+    /// Commanded position per axis: mm, degrees for rotary axes.
+    pub position: [f64; AXES],
+    /// Commanded velocity per axis: mm/s, deg/s.
+    pub velocity: [f64; AXES],
+    /// Commanded acceleration per axis: mm/s², deg/s².
+    pub acceleration: [f64; AXES],
+    /// Commanded jerk per axis: mm/s³, deg/s³.
+    pub jerk: [f64; AXES],
+    /// Line of the program that the setpoint belongs to, from 1; 0 if none.
+    pub line: u32,
+    /// What the cycle was doing: the number of the state on the bus.
+    pub state: u8,
+    /// Bits as on the bus.
+    pub flags: u32,
+    /// Feed override in force; 1 is 100 %.
+    pub override_: f64,
+    /// Cutting load in the unit of its sensor; NaN without a sensor.
+    pub load: f64,
+}
+
+impl Default for CycleRecord {
+    fn default() -> Self {
+        Self {
+            sequence: 0,
+            due_time_ns: 0,
+            wake_lateness_ns: 0,
+            work_ns: 0,
+            path_mm: 0.0,
+            feed_mm_s: 0.0,
+            position: [0.0; AXES],
+            velocity: [0.0; AXES],
+            acceleration: [0.0; AXES],
+            jerk: [0.0; AXES],
+            line: 0,
+            state: 0,
+            flags: 0,
+            override_: 1.0,
+            load: f64::NAN,
+        }
+    }
+}
+
+/// What an event is about. The numbers are those of the trace.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[repr(u8)]
+pub enum EventKind {
+    /// The state changed; the code is the new state's number.
+    State = 1,
+    /// A fault; the code is its stable number.
+    Alarm = 2,
+    /// A command as received from outside.
+    Command = 3,
+    /// A new feed override; the value is the factor.
+    Override = 4,
+    /// A feed hold was asked for.
+    Hold = 5,
+    /// Motion was resumed.
+    Resume = 6,
+    /// The planner had not finished the next stretch; the machine ran slower than it could.
+    Starvation = 7,
+    /// Setpoints left late.
+    Late = 8,
+    /// Records were lost for want of room; the value is their number.
+    Loss = 9,
+    /// A message of the program, `(MSG,...)`.
+    Message = 10,
+    /// A stop was asked for.
+    Stop = 11,
+    /// A warning that did not stop motion; the code is its stable number.
+    Warning = 12,
+}
+
+impl EventKind {
+    /// All kinds in the order of their numbers.
+    pub const ALL: [Self; 12] = [
+        Self::State,
+        Self::Alarm,
+        Self::Command,
+        Self::Override,
+        Self::Hold,
+        Self::Resume,
+        Self::Starvation,
+        Self::Late,
+        Self::Loss,
+        Self::Message,
+        Self::Stop,
+        Self::Warning,
+    ];
+}
+
+/// Something that came in from outside or went wrong, channel `/event`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EventRecord {
+    /// When it took effect, Unix time in ns.
+    pub time_ns: u64,
+    /// The cycle where it took effect.
+    pub sequence: u64,
+    /// What it is about.
+    pub kind: EventKind,
+    /// Stable number, see the kind; 0 if none.
+    pub code: u32,
+    /// For people.
+    pub text: String,
+    /// The number that came in (an override factor, a count), so that a run can be computed again.
+    pub value: Option<f64>,
+}
+
+/// What a block of the program does. The numbers are those of the trace.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[repr(u8)]
+pub enum BlockKind {
+    /// Rapid move, G0.
+    Rapid = 1,
+    /// Straight feed, G1.
+    Line = 2,
+    /// Arc or helix, G2 and G3.
+    Arc = 3,
+    /// Involute of a circle, G2.2 and G3.2.
+    Involute = 4,
+    /// Dwell, G4.
+    Dwell = 5,
+    /// Program stop or end.
+    Stop = 6,
+    /// Anything else that takes time or is worth a line.
+    Other = 7,
+}
+
+/// A block that has been executed, channel `/block`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BlockRecord {
+    /// When the block ended, Unix time in ns.
+    pub time_ns: u64,
+    /// Line of the program, from 1.
+    pub line: u32,
+    /// The line's text.
+    pub text: String,
+    /// What the block does.
+    pub kind: BlockKind,
+    /// Length of its path, mm.
+    pub length_mm: f64,
+    /// Duration as planned, s.
+    pub planned_duration_s: f64,
+    /// Duration as executed, with holds and overrides, s.
+    pub true_duration_s: f64,
+    /// The first cycle of the block.
+    pub start_sequence: u64,
+}
+
+/// Lateness and work of the cycles of one second, channel `/timing`.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct TimingRecord {
+    /// When the first of the cycles was due, Unix time in ns.
+    pub time_ns: u64,
+    /// The first of the cycles.
+    pub start_sequence: u64,
+    /// How many cycles.
+    pub cycles: u64,
+    /// How many of them left after they were due (flag "late").
+    pub late_cycles: u64,
+    /// How late they woke up.
+    pub lateness: crate::Histogram,
+    /// How long their work took.
+    pub work: crate::Histogram,
+}
+
+/// How grave a log line is. The numbers are those of the public schema.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[repr(u8)]
+pub enum LogLevel {
+    /// For developers.
+    Debug = 1,
+    /// For information.
+    Info = 2,
+    /// Something to look at.
+    Warning = 3,
+    /// Something failed.
+    Error = 4,
+    /// The run cannot go on.
+    Fatal = 5,
+}

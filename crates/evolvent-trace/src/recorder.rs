@@ -1,0 +1,626 @@
+//! Records a run.
+
+use std::collections::BTreeMap;
+use std::fs::{self, File};
+use std::io::{self, Read};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use prost::Message as _;
+
+use crate::checked_map::with_checksum;
+use crate::encode::put_cycle;
+use crate::record::{BlockRecord, CycleRecord, EventRecord, LogLevel, TimingRecord};
+use crate::run_info::{ProgramSource, RunInfo};
+use crate::scene::{self, Scene};
+use crate::schema::{self, Channel, evolvent, foxglove, timestamp};
+use crate::sink::{FileSink, TraceSink};
+use crate::statistics::{RunStatistics, Tally};
+use crate::writer::Writer;
+
+/// A text longer than this is cut off: no line of a program and no message is.
+const TEXT_BYTES: usize = 64 * 1024;
+/// A program or tool table that is given in memory, and the machine file.
+const ATTACHMENT_BYTES: usize = u32::MAX as usize;
+
+/// Where a failed trace stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Remains {
+    /// The file was cut back to its last complete chunk and closed: it is readable and indexed, under its
+    /// final name.
+    Complete,
+    /// The file could not be closed; it must be recovered.
+    NeedsRecovery,
+}
+
+impl std::fmt::Display for Remains {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Complete => "what was written before is complete and readable",
+            Self::NeedsRecovery => "recover what was written before with `evolvent trace recover`",
+        })
+    }
+}
+
+/// Why recording failed. Cheap to clone: a failed recorder gives the same error again and again.
+#[derive(Clone, Debug, thiserror::Error)]
+pub enum RecordError {
+    /// The run's description cannot be recorded.
+    #[error("the run cannot be recorded: {reason}; correct the machine file or the caller")]
+    Invalid {
+        /// What is wrong, with its number.
+        reason: String,
+    },
+    /// A part file of this name lies there already.
+    #[error(
+        "{} is left over from an earlier run or written by another one; recover it with \
+         `evolvent trace recover`, remove it or choose another name", .part.display()
+    )]
+    LeftOver {
+        /// The part file.
+        part: PathBuf,
+    },
+    /// The file cannot be created.
+    #[error("the trace {} cannot be created: {source}; choose another place with --trace", .path.display())]
+    Create {
+        /// The part file.
+        path: PathBuf,
+        /// Why.
+        source: Arc<io::Error>,
+    },
+    /// The program cannot be read for its attachment.
+    #[error("{} cannot be attached to the trace: {source}; make it readable", .path.display())]
+    Attach {
+        /// The program's file.
+        path: PathBuf,
+        /// Why.
+        source: Arc<io::Error>,
+    },
+    /// There is no room left.
+    #[error(
+        "no room left for the trace {} after {bytes} bytes: {source}; free some or choose another disk \
+         with --trace; {remains}", .path.display()
+    )]
+    DiskFull {
+        /// The file as it is named now.
+        path: PathBuf,
+        /// Bytes that are complete.
+        bytes: u64,
+        /// Whether the file is readable.
+        remains: Remains,
+        /// What the operating system said.
+        source: Arc<io::Error>,
+    },
+    /// Writing failed for another reason.
+    #[error("the trace {} cannot be written after {bytes} bytes: {source}; check the disk; {remains}", .path.display())]
+    Write {
+        /// The file as it is named now.
+        path: PathBuf,
+        /// Bytes that are complete.
+        bytes: u64,
+        /// Whether the file is readable.
+        remains: Remains,
+        /// What the operating system said.
+        source: Arc<io::Error>,
+    },
+    /// The finished file could not get its name.
+    #[error("the trace is complete in {}, but cannot be renamed to {}: {source}; rename it", .from.display(), .to.display())]
+    Rename {
+        /// The part file.
+        from: PathBuf,
+        /// The name it should have.
+        to: PathBuf,
+        /// Why.
+        source: Arc<io::Error>,
+    },
+}
+
+fn is_full(error: &io::Error) -> bool {
+    matches!(
+        error.kind(),
+        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded | io::ErrorKind::FileTooLarge
+    )
+}
+
+/// The name that a trace has while it is written: `NAME.mcap.part`.
+#[must_use]
+pub fn part_path(path: &Path) -> PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    name.push(".part");
+    PathBuf::from(name)
+}
+
+/// Makes a rename survive a loss of power.
+pub(crate) fn sync_folder_of(path: &Path) -> io::Result<()> {
+    let folder = path
+        .parent()
+        .filter(|folder| !folder.as_os_str().is_empty())
+        .unwrap_or(Path::new("."));
+    // A folder is no file on every system; there the rename is as safe as the system makes it.
+    File::open(folder).map_or(Ok(()), |folder| folder.sync_all())
+}
+
+/// Writes the trace of one run.
+///
+/// Belongs to the recorder thread: every call may wait for the disk, none may come from the cycle. A call gathers the
+/// message in memory; a chunk that is full is compressed and written, as is the open one by [`Self::flush`], which
+/// the caller does each 250 ms, so that no more than that is ever lost. After a failed write the recorder cuts the
+/// file back to its last complete chunk, closes and renames it if it can, and gives the same error from then on.
+///
+/// Besides what it is told it writes, from the cycles, `/timing` each second, the tool's pose twenty times a second
+/// and the path.
+#[derive(Debug)]
+pub struct Recorder {
+    writer: Writer,
+    path: PathBuf,
+    /// Where the bytes are: the part file, until it is renamed. `None` with a sink of the caller's.
+    part: Option<PathBuf>,
+    axes: Vec<u8>,
+    tally: Tally,
+    scene: Scene,
+    last_time_ns: u64,
+    failure: Option<RecordError>,
+    finished: bool,
+}
+
+impl Recorder {
+    /// Creates `PATH.part`, with the folder it is to lie in, and writes what is known of the run.
+    ///
+    /// # Errors
+    /// [`RecordError`]: a description that makes no sense, a left-over part file, no permission, no room.
+    pub fn create(path: &Path, info: &RunInfo) -> Result<Self, RecordError> {
+        let part = part_path(path);
+        let create = |source| RecordError::Create {
+            path: part.clone(),
+            source: Arc::new(source),
+        };
+        check(info)?;
+        if let Some(folder) = path.parent() {
+            fs::create_dir_all(folder).map_err(create)?;
+        }
+        let file = match File::options().write(true).create_new(true).open(&part) {
+            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {
+                return Err(RecordError::LeftOver { part });
+            }
+            result => result.map_err(create)?,
+        };
+        // So that a start-up that looks for left-over files keeps its hands off. Without locks on this file
+        // system it goes by the name alone.
+        let _ = file.try_lock();
+        let sink = FileSink::new(file).map_err(create)?;
+        Self::start(Box::new(sink), path.to_owned(), Some(part), info)
+    }
+
+    /// Records into any sink. `name` is used in errors only.
+    ///
+    /// # Errors
+    /// As [`Self::create`].
+    pub fn with_sink(sink: Box<dyn TraceSink>, name: &Path, info: &RunInfo) -> Result<Self, RecordError> {
+        check(info)?;
+        Self::start(sink, name.to_owned(), None, info)
+    }
+
+    fn start(
+        sink: Box<dyn TraceSink>,
+        path: PathBuf,
+        part: Option<PathBuf>,
+        info: &RunInfo,
+    ) -> Result<Self, RecordError> {
+        let writer = match Writer::new(sink, schema::PROFILE, schema::LIBRARY) {
+            Ok(writer) => writer,
+            Err(source) => {
+                let path = part.unwrap_or(path);
+                return Err(write_error(path, 0, Remains::NeedsRecovery, Arc::new(source)));
+            }
+        };
+        let mut recorder = Self {
+            writer,
+            path,
+            part,
+            axes: info.axes.iter().map(|axis| axis.index() as u8).collect(),
+            tally: Tally::default(),
+            scene: Scene::default(),
+            last_time_ns: info.start_time_ns,
+            failure: None,
+            finished: false,
+        };
+        recorder.describe(info)?;
+        Ok(recorder)
+    }
+
+    /// Metadata, schemas and attachments: first of all, so that a torn file has them.
+    fn describe(&mut self, info: &RunInfo) -> Result<(), RecordError> {
+        let letters: String = info.axes.iter().map(|axis| axis.letter()).collect();
+        let run = with_checksum(info.to_metadata());
+        let result = self.writer.metadata(schema::RUN, &run).and_then(|()| {
+            schema::declare_channels(&mut self.writer, &letters);
+            self.writer.close_chunk()
+        });
+        self.settle(result)?;
+        let time_ns = info.start_time_ns;
+        self.attach(
+            &info.machine_file_name,
+            "application/toml",
+            time_ns,
+            info.machine_file.as_bytes(),
+        )?;
+        if let Some((name, content)) = &info.tool_table {
+            self.attach(name, "text/plain", time_ns, content)?;
+        }
+        match &info.program {
+            ProgramSource::None => {}
+            ProgramSource::Bytes(bytes) => self.attach(&info.program_name, "text/x-gcode", time_ns, bytes)?,
+            ProgramSource::File(path) => self.attach_file(&info.program_name, path, time_ns)?,
+        }
+        let result = self.writer.sync(false);
+        self.settle(result)
+    }
+
+    fn attach(&mut self, name: &str, media_type: &str, time_ns: u64, data: &[u8]) -> Result<(), RecordError> {
+        if name.is_empty() && data.is_empty() {
+            return Ok(());
+        }
+        let result = self
+            .writer
+            .attach(name, media_type, time_ns, data.len() as u64, &mut &data[..]);
+        self.settle(result)
+    }
+
+    fn attach_file(&mut self, name: &str, path: &Path, time_ns: u64) -> Result<(), RecordError> {
+        let attach = |source| RecordError::Attach {
+            path: path.to_owned(),
+            source: Arc::new(source),
+        };
+        let mut file = File::open(path).map_err(attach)?;
+        let size = file.metadata().map_err(attach)?.len();
+        // A read that fails is the program's fault, not the disk's: kept apart from failed writes.
+        let mut source = Watched {
+            inner: &mut file,
+            failure: None,
+        };
+        let result = self
+            .writer
+            .attach(name, "text/x-gcode", time_ns, size, &mut source);
+        match source.failure {
+            Some(failure) => {
+                let error = attach(failure);
+                self.failure = Some(error.clone());
+                Err(error)
+            }
+            None => self.settle(result),
+        }
+    }
+
+    /// Records a cycle.
+    ///
+    /// # Errors
+    /// [`RecordError::DiskFull`] or [`RecordError::Write`]; the same again from then on.
+    pub fn cycle(&mut self, record: &CycleRecord) -> Result<(), RecordError> {
+        self.check_failure()?;
+        let time_ns = record.due_time_ns;
+        let axes = &self.axes;
+        self.writer
+            .message(Channel::Cycle.id(), record.sequence as u32, time_ns, |out| {
+                put_cycle(out, record, axes);
+            });
+        self.last_time_ns = time_ns;
+        if let Some(second) = self.tally.cycle(record) {
+            self.put_timing(&second);
+        }
+        if let Some(pose) = self.scene.pose(record) {
+            self.put(Channel::ToolPose, time_ns, record.sequence, &pose);
+        }
+        if let Some(path) = self.scene.path(record) {
+            self.put(Channel::ToolPath, time_ns, record.sequence, &path);
+        }
+        self.close_full_chunk()
+    }
+
+    /// Records an event.
+    ///
+    /// # Errors
+    /// As [`Self::cycle`].
+    pub fn event(&mut self, record: &EventRecord) -> Result<(), RecordError> {
+        self.check_failure()?;
+        self.tally.event(record.kind);
+        let event = evolvent::Event {
+            timestamp: Some(timestamp(record.time_ns)),
+            sequence: record.sequence,
+            kind: record.kind as i32,
+            code: record.code,
+            text: cut(&record.text),
+            value: record.value,
+        };
+        self.put(Channel::Event, record.time_ns, record.sequence, &event);
+        self.close_full_chunk()
+    }
+
+    /// Records an executed block.
+    ///
+    /// # Errors
+    /// As [`Self::cycle`].
+    pub fn block(&mut self, record: &BlockRecord) -> Result<(), RecordError> {
+        self.check_failure()?;
+        let block = evolvent::Block {
+            timestamp: Some(timestamp(record.time_ns)),
+            line: record.line,
+            text: cut(&record.text),
+            kind: record.kind as i32,
+            length_mm: record.length_mm,
+            planned_duration_s: record.planned_duration_s,
+            true_duration_s: record.true_duration_s,
+            start_sequence: record.start_sequence,
+        };
+        self.put(Channel::Block, record.time_ns, record.start_sequence, &block);
+        self.close_full_chunk()
+    }
+
+    /// Records times measured elsewhere. Those of the cycles need no call: the recorder writes them each second.
+    ///
+    /// # Errors
+    /// As [`Self::cycle`].
+    pub fn timing(&mut self, record: &TimingRecord) -> Result<(), RecordError> {
+        self.check_failure()?;
+        self.put_timing(record);
+        self.close_full_chunk()
+    }
+
+    /// Records the tool's place, in mm, beside those that the recorder takes from the cycles.
+    ///
+    /// # Errors
+    /// As [`Self::cycle`].
+    pub fn pose(&mut self, time_ns: u64, position_mm: [f64; 3]) -> Result<(), RecordError> {
+        self.check_failure()?;
+        self.put(Channel::ToolPose, time_ns, 0, &scene::pose(time_ns, position_mm));
+        self.close_full_chunk()
+    }
+
+    /// Records a line for people.
+    ///
+    /// # Errors
+    /// As [`Self::cycle`].
+    pub fn log(&mut self, time_ns: u64, level: LogLevel, text: &str) -> Result<(), RecordError> {
+        self.check_failure()?;
+        let log = foxglove::Log {
+            timestamp: Some(timestamp(time_ns)),
+            level: level as i32,
+            message: cut(text),
+            name: "evolvent".to_owned(),
+        };
+        self.put(Channel::Log, time_ns, 0, &log);
+        self.close_full_chunk()
+    }
+
+    /// Writes what has gathered and asks the disk to keep it, without waiting. To be called each 250 ms.
+    ///
+    /// # Errors
+    /// As [`Self::cycle`], or the failure of an earlier synchronisation.
+    pub fn flush(&mut self) -> Result<(), RecordError> {
+        self.check_failure()?;
+        let result = self.writer.close_chunk().and_then(|()| self.writer.sync(false));
+        self.settle(result)
+    }
+
+    /// What has been recorded so far.
+    #[must_use]
+    pub fn statistics(&self) -> &RunStatistics {
+        self.tally.run()
+    }
+
+    /// Bytes written so far.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        self.writer.position()
+    }
+
+    /// Ends the trace: writes the summary, to which the caller adds what it knows, waits for the disk, and gives
+    /// the file its final name, which is returned.
+    ///
+    /// # Errors
+    /// As [`Self::cycle`], or [`RecordError::Rename`].
+    pub fn finish(mut self, summary: &BTreeMap<String, String>) -> Result<PathBuf, RecordError> {
+        self.check_failure()?;
+        self.end_streams();
+        let result = self.write_end(summary);
+        self.settle(result)?;
+        self.finished = true;
+        self.rename()?;
+        Ok(self.path.clone())
+    }
+
+    /// The last second and the last stretch of path.
+    fn end_streams(&mut self) {
+        if let Some(second) = self.tally.end_second() {
+            self.put_timing(&second);
+        }
+        if let Some(path) = self.scene.stretch(self.last_time_ns) {
+            self.put(Channel::ToolPath, self.last_time_ns, 0, &path);
+        }
+    }
+
+    fn write_end(&mut self, summary: &BTreeMap<String, String>) -> io::Result<()> {
+        let mut map = self.tally.run().to_metadata();
+        for (key, value) in summary {
+            map.entry(key.clone()).or_insert_with(|| cut(value));
+        }
+        self.writer.metadata(schema::SUMMARY, &with_checksum(map))?;
+        self.writer.finish()
+    }
+
+    fn rename(&mut self) -> Result<(), RecordError> {
+        let Some(part) = self.part.take() else {
+            return Ok(());
+        };
+        fs::rename(&part, &self.path)
+            .and_then(|()| sync_folder_of(&self.path))
+            .map_err(|source| RecordError::Rename {
+                from: part,
+                to: self.path.clone(),
+                source: Arc::new(source),
+            })
+    }
+
+    fn put(&mut self, channel: Channel, time_ns: u64, sequence: u64, message: &impl prost::Message) {
+        self.writer
+            .message(channel.id(), sequence as u32, time_ns, |out| {
+                out.reserve(message.encoded_len());
+                message.encode_raw(out);
+            });
+    }
+
+    fn put_timing(&mut self, record: &TimingRecord) {
+        let histogram = |times: &crate::Histogram| {
+            Some(evolvent::Histogram {
+                count: times.powers_of_two(),
+                min_ns: times.min_ns(),
+                max_ns: times.max_ns(),
+                sum_ns: times.sum_ns(),
+            })
+        };
+        let timing = evolvent::Timing {
+            timestamp: Some(timestamp(record.time_ns)),
+            start_sequence: record.start_sequence,
+            cycles: record.cycles,
+            late_cycles: record.late_cycles,
+            lateness: histogram(&record.lateness),
+            work: histogram(&record.work),
+        };
+        self.put(Channel::Timing, record.time_ns, record.start_sequence, &timing);
+    }
+
+    fn close_full_chunk(&mut self) -> Result<(), RecordError> {
+        if !self.writer.chunk_is_full() {
+            return Ok(());
+        }
+        let result = self.writer.close_chunk();
+        self.settle(result)
+    }
+
+    fn check_failure(&self) -> Result<(), RecordError> {
+        match &self.failure {
+            None => Ok(()),
+            Some(error) => Err(error.clone()),
+        }
+    }
+
+    /// Takes a failed write in: saves what can be saved and keeps the error.
+    fn settle(&mut self, result: io::Result<()>) -> Result<(), RecordError> {
+        let Err(source) = result else { return Ok(()) };
+        let closed = self
+            .writer
+            .cut_back()
+            .and_then(|()| self.write_end(&BTreeMap::new()))
+            .is_ok();
+        let bytes = self.writer.position();
+        let remains = if closed && self.rename().is_ok() {
+            Remains::Complete
+        } else {
+            // Half an ending would only be in the way of recovery, but cannot always be cut off.
+            let _ = self.writer.cut_back();
+            Remains::NeedsRecovery
+        };
+        let path = self.part.clone().unwrap_or_else(|| self.path.clone());
+        let error = write_error(path, bytes, remains, Arc::new(source));
+        self.failure = Some(error.clone());
+        Err(error)
+    }
+}
+
+impl Drop for Recorder {
+    fn drop(&mut self) {
+        if !self.finished && self.failure.is_none() {
+            // Nobody is left to hear of a failure. The part file stays and is recovered at the next start.
+            let _ = self.writer.close_chunk().and_then(|()| self.writer.sync(true));
+        }
+    }
+}
+
+fn write_error(path: PathBuf, bytes: u64, remains: Remains, source: Arc<io::Error>) -> RecordError {
+    if is_full(&source) {
+        RecordError::DiskFull {
+            path,
+            bytes,
+            remains,
+            source,
+        }
+    } else {
+        RecordError::Write {
+            path,
+            bytes,
+            remains,
+            source,
+        }
+    }
+}
+
+fn check(info: &RunInfo) -> Result<(), RecordError> {
+    let invalid = |reason: String| Err(RecordError::Invalid { reason });
+    if info.axes.is_empty() {
+        return invalid("it has no axes".to_owned());
+    }
+    for (at, axis) in info.axes.iter().enumerate() {
+        if info.axes[..at].contains(axis) {
+            return invalid(format!("axis {} is named twice", axis.letter()));
+        }
+    }
+    if info.period_ns == 0 {
+        return invalid("its control period is 0 ns".to_owned());
+    }
+    let program = match &info.program {
+        ProgramSource::Bytes(bytes) => bytes.len(),
+        ProgramSource::None | ProgramSource::File(_) => 0,
+    };
+    let tools = info.tool_table.as_ref().map_or(0, |(_, content)| content.len());
+    for (name, size) in [
+        ("program", program),
+        ("machine file", info.machine_file.len()),
+        ("tool table", tools),
+    ] {
+        if size > ATTACHMENT_BYTES {
+            return invalid(format!(
+                "its {name} has {size} bytes, more than {ATTACHMENT_BYTES}"
+            ));
+        }
+    }
+    let longest = info
+        .to_metadata()
+        .iter()
+        .map(|(key, value)| key.len().max(value.len()))
+        .max()
+        .unwrap_or(0);
+    if longest > TEXT_BYTES {
+        return invalid(format!(
+            "one of its texts has {longest} bytes, more than {TEXT_BYTES}"
+        ));
+    }
+    Ok(())
+}
+
+/// A text of a length that a reader can bear.
+fn cut(text: &str) -> String {
+    text[..text.floor_char_boundary(TEXT_BYTES)].to_owned()
+}
+
+/// Passes reads on and keeps their failure.
+struct Watched<'a> {
+    inner: &'a mut dyn Read,
+    failure: Option<io::Error>,
+}
+
+impl Read for Watched<'_> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        match self.inner.read(buffer) {
+            // The size was taken before: an end this early means that the file became shorter meanwhile.
+            Ok(0) if !buffer.is_empty() => {
+                self.failure = Some(io::ErrorKind::UnexpectedEof.into());
+                Ok(0)
+            }
+            Err(error) if error.kind() != io::ErrorKind::Interrupted => {
+                let again = io::Error::from(error.kind());
+                self.failure = Some(error);
+                Err(again)
+            }
+            result => result,
+        }
+    }
+}

@@ -1,0 +1,120 @@
+//! Channels, their numbers and schemas, and the messages behind them.
+
+use std::collections::BTreeMap;
+
+use crate::writer::Writer;
+
+/// Messages of `proto/evolvent/v1/trace.proto`.
+#[allow(unreachable_pub, reason = "generated code")]
+pub(crate) mod evolvent {
+    include!("generated/evolvent.v1.rs");
+}
+
+/// Messages of `proto/foxglove/foxglove.proto`.
+#[allow(unreachable_pub, reason = "generated code")]
+pub(crate) mod foxglove {
+    include!("generated/foxglove.rs");
+}
+
+const EVOLVENT: &[u8] = include_bytes!("generated/evolvent.v1.fds");
+const FOXGLOVE: &[u8] = include_bytes!("generated/foxglove.fds");
+
+/// Header of every file.
+pub(crate) const PROFILE: &str = "evolvent.v1";
+/// Header of every file.
+pub(crate) const LIBRARY: &str = concat!("evolvent-trace/", env!("CARGO_PKG_VERSION"));
+/// The metadata that says what the run is.
+pub(crate) const RUN: &str = "evolvent.run";
+/// The metadata that says how the run went.
+pub(crate) const SUMMARY: &str = "evolvent.summary";
+/// The metadata that says what a recovery found.
+pub(crate) const RECOVERY: &str = "evolvent.recovery";
+
+/// A channel. Its number, which is also its schema's, never changes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u16)]
+pub(crate) enum Channel {
+    Cycle = 1,
+    Event = 2,
+    Block = 3,
+    Timing = 4,
+    ToolPose = 5,
+    ToolPath = 6,
+    Log = 7,
+}
+
+impl Channel {
+    pub(crate) const ALL: [Self; 7] = [
+        Self::Cycle,
+        Self::Event,
+        Self::Block,
+        Self::Timing,
+        Self::ToolPose,
+        Self::ToolPath,
+        Self::Log,
+    ];
+
+    pub(crate) const fn id(self) -> u16 {
+        self as u16
+    }
+
+    pub(crate) const fn topic(self) -> &'static str {
+        match self {
+            Self::Cycle => "/cycle",
+            Self::Event => "/event",
+            Self::Block => "/block",
+            Self::Timing => "/timing",
+            Self::ToolPose => "/tool_pose",
+            Self::ToolPath => "/tool_path",
+            Self::Log => "/log",
+        }
+    }
+
+    pub(crate) const fn message_name(self) -> &'static str {
+        match self {
+            Self::Cycle => "evolvent.v1.Cycle",
+            Self::Event => "evolvent.v1.Event",
+            Self::Block => "evolvent.v1.Block",
+            Self::Timing => "evolvent.v1.Timing",
+            Self::ToolPose => "foxglove.PoseInFrame",
+            Self::ToolPath => "foxglove.SceneUpdate",
+            Self::Log => "foxglove.Log",
+        }
+    }
+
+    const fn descriptors(self) -> &'static [u8] {
+        match self {
+            Self::Cycle | Self::Event | Self::Block | Self::Timing => EVOLVENT,
+            Self::ToolPose | Self::ToolPath | Self::Log => FOXGLOVE,
+        }
+    }
+}
+
+/// Puts all schemas and channels into the open chunk. `axes` are the letters of the axes that `/cycle` carries.
+pub(crate) fn declare_channels(writer: &mut Writer, axes: &str) {
+    for channel in Channel::ALL {
+        writer.schema(channel.id(), channel.message_name(), channel.descriptors());
+        let metadata = match channel {
+            Channel::Cycle => BTreeMap::from([("axes".to_owned(), axes.to_owned())]),
+            _ => BTreeMap::new(),
+        };
+        writer.channel(channel.id(), channel.id(), channel.topic(), &metadata);
+    }
+}
+
+/// Unix time as protobuf has it.
+pub(crate) fn timestamp(time_ns: u64) -> prost_types::Timestamp {
+    prost_types::Timestamp {
+        seconds: (time_ns / 1_000_000_000) as i64,
+        nanos: (time_ns % 1_000_000_000) as i32,
+    }
+}
+
+/// Back from protobuf; `None` before 1970 or out of range.
+pub(crate) fn time_ns(timestamp: Option<&prost_types::Timestamp>) -> Option<u64> {
+    let timestamp = timestamp?;
+    u64::try_from(timestamp.seconds)
+        .ok()?
+        .checked_mul(1_000_000_000)?
+        .checked_add(u64::try_from(timestamp.nanos).ok()?)
+}
