@@ -1,0 +1,824 @@
+//! Properties that every curve has, run against a gallery of ordinary and degenerate curves.
+//!
+//! Error budgets scale with magnitude: `scale` is the largest number that enters a curve (coordinates, centre,
+//! radius), because nothing can be better than that number's rounding.
+
+use std::f64::consts::PI;
+
+use evolvent_path::{Arc, Axes, Blend, Curve, Involute, Jet, Line, Plane, Sense};
+use nalgebra::Vector3;
+
+const EPS: f64 = f64::EPSILON;
+
+struct Case {
+    name: &'static str,
+    curve: Curve,
+    /// Largest magnitude that enters.
+    scale: f64,
+}
+
+fn axes(values: &[f64]) -> Axes {
+    let mut axes = Axes::zeros();
+    for (axis, value) in axes.iter_mut().zip(values) {
+        *axis = *value;
+    }
+    axes
+}
+
+fn arc(
+    name: &'static str,
+    plane: Plane,
+    start: Axes,
+    end: Axes,
+    centre: [f64; 2],
+    sense: Sense,
+    turns: u32,
+    scale: f64,
+) -> Case {
+    let curve = Arc::new(plane, start, end, centre, sense, turns)
+        .expect(name)
+        .into();
+    Case { name, curve, scale }
+}
+
+/// An involute by its definition: base circle, direction to the curve's root, roll angles from and to.
+struct Rolled {
+    plane: Plane,
+    centre: [f64; 2],
+    r: f64,
+    root: f64,
+    phi: [f64; 2],
+    climb: f64,
+    rest: f64,
+    handed: f64,
+}
+
+impl Rolled {
+    /// Equation (2) of the paper, moved and turned: the independent formula.
+    fn point(&self, phi: f64) -> Axes {
+        let (sin, cos) = (self.handed * phi + self.root).sin_cos();
+        let (first, second, normal) = self.plane.axes();
+        let share = (phi * phi - self.phi[0] * self.phi[0]) / (self.phi[1].powi(2) - self.phi[0].powi(2));
+        let mut p = Axes::repeat(self.rest * share);
+        p[first] = self.centre[0] + self.r * (cos + self.handed * phi * sin);
+        p[second] = self.centre[1] + self.r * (sin - self.handed * phi * cos);
+        p[normal] = self.climb * share;
+        p
+    }
+
+    fn curve(&self, tolerance: f64) -> Involute {
+        let outward = self.phi[1] > self.phi[0];
+        // Inwards the path turns against the involute's own sense.
+        let turning = if outward { self.handed } else { -self.handed };
+        let sense = if turning > 0.0 {
+            Sense::CounterClockwise
+        } else {
+            Sense::Clockwise
+        };
+        let (start, end) = (self.point(self.phi[0]), self.point(self.phi[1]));
+        Involute::new(self.plane, start, end, self.centre, self.r, sense, tolerance)
+            .expect("planted involute")
+    }
+
+    fn case(&self, name: &'static str) -> Case {
+        let scale =
+            self.r * (1.0 + self.phi[0].max(self.phi[1])) + self.centre[0].abs() + self.centre[1].abs();
+        Case {
+            name,
+            curve: self.curve(1e-9 * scale).into(),
+            scale,
+        }
+    }
+}
+
+const ROLLED: Rolled = Rolled {
+    plane: Plane::Xy,
+    centre: [0.0, 0.0],
+    r: 0.628_662_025,
+    root: 0.3,
+    phi: [0.0, 125.66],
+    climb: 0.0,
+    rest: 0.0,
+    handed: 1.0,
+};
+
+fn gallery() -> Vec<Case> {
+    use Plane::{Xy, Yz, Zx};
+    use Sense::{Clockwise as Cw, CounterClockwise as Ccw};
+    let line = |name, a: &[f64], b: &[f64], scale| Case {
+        name,
+        curve: Line::new(axes(a), axes(b)).expect(name).into(),
+        scale,
+    };
+    let mut all = vec![
+        line(
+            "line",
+            &[1.0, 2.0, 3.0, 10.0],
+            &[-40.0, 25.0, 3.0, -80.0, 0.0, 5.0, 1.0],
+            100.0,
+        ),
+        line(
+            "line of rotary axes only",
+            &[1.0; 9],
+            &[1.0, 1.0, 1.0, 91.0, 0.0, 1.0, 1.0, 1.0, 1.0],
+            100.0,
+        ),
+        line(
+            "line of UVW and rotary axes",
+            &[0.0; 9],
+            &[0.0, 0.0, 0.0, 360.0, 0.0, 0.0, 3.0, 4.0, 0.0],
+            360.0,
+        ),
+        line("line of 1 nm", &[1.0], &[1.000_001], 1.0),
+        arc(
+            "quarter",
+            Xy,
+            axes(&[10.0]),
+            axes(&[0.0, 10.0]),
+            [0.0; 2],
+            Ccw,
+            0,
+            10.0,
+        ),
+        arc(
+            "three quarters",
+            Zx,
+            axes(&[0.0, 0.0, 10.0]),
+            axes(&[10.0]),
+            [0.0; 2],
+            Cw,
+            0,
+            10.0,
+        ),
+        arc(
+            "full circle",
+            Yz,
+            axes(&[0.0, -25.0]),
+            axes(&[0.0, -25.0]),
+            [0.0; 2],
+            Ccw,
+            0,
+            25.0,
+        ),
+        arc(
+            "helix",
+            Xy,
+            axes(&[10.0]),
+            axes(&[10.0, 0.0, -20.0, 90.0, 0.0, 0.0, 7.0]),
+            [5.0, 0.0],
+            Cw,
+            4,
+            90.0,
+        ),
+        // Many turns: the angle itself is large, and its rounding times the radius is the error.
+        arc(
+            "helix of 1000 turns",
+            Xy,
+            axes(&[3.0]),
+            axes(&[-3.0, 0.0, 500.0]),
+            [0.0; 2],
+            Ccw,
+            1000,
+            19_000.0,
+        ),
+        // Radii that differ as rounded programs have them: a spiral, so that both ends are met.
+        arc(
+            "arc with two radii",
+            Xy,
+            axes(&[10.0]),
+            axes(&[0.0, 10.004]),
+            [0.0; 2],
+            Ccw,
+            1,
+            10.0,
+        ),
+        arc(
+            "helix with two radii",
+            Yz,
+            axes(&[0.0, 10.0]),
+            axes(&[9.0, 0.0, 9.98]),
+            [0.0; 2],
+            Cw,
+            0,
+            10.0,
+        ),
+        // Radius 1 um, far from the origin: coordinates are rounded to 1e-11, the radius to 1e-8 of itself.
+        arc(
+            "1 um",
+            Xy,
+            axes(&[0.001]),
+            axes(&[0.0, 0.001]),
+            [0.0; 2],
+            Ccw,
+            0,
+            0.001,
+        ),
+        arc(
+            "1 um at 1e5 mm",
+            Xy,
+            axes(&[1e5 + 0.001, 1e5]),
+            axes(&[1e5, 1e5 + 0.001]),
+            [1e5; 2],
+            Ccw,
+            0,
+            2e5,
+        ),
+        // Radius 100 km over 10 m: sine and versine of 1e-4 rad, nothing of the centre's rounding may show.
+        arc(
+            "100 km",
+            Xy,
+            axes(&[]),
+            axes(&[1e4, 0.5]),
+            [0.0, 1e8],
+            Ccw,
+            0,
+            1e4,
+        ),
+        // 1e-9 rad of a circle of 10 mm: a chord of 1e-8 mm.
+        arc(
+            "1e-9 rad",
+            Xy,
+            axes(&[0.0]),
+            axes(&[1e-8, 5e-18]),
+            [0.0, 10.0],
+            Ccw,
+            0,
+            1e-8,
+        ),
+        arc(
+            "far away",
+            Xy,
+            axes(&[1e5 + 20.0, -1e5]),
+            axes(&[1e5, 20.0 - 1e5]),
+            [1e5, -1e5],
+            Ccw,
+            0,
+            1e5,
+        ),
+    ];
+    let rolled = |name, rolled: Rolled| rolled.case(name);
+    all.extend([
+        rolled("involute of 20 turns from its base circle", ROLLED),
+        rolled(
+            "involute clockwise",
+            Rolled {
+                handed: -1.0,
+                phi: [0.2, 12.0],
+                centre: [3.0, -7.0],
+                ..ROLLED
+            },
+        ),
+        rolled(
+            "involute inwards",
+            Rolled {
+                phi: [20.0, 2.0],
+                r: 3.0,
+                ..ROLLED
+            },
+        ),
+        rolled(
+            "involute inwards to its base circle",
+            Rolled {
+                phi: [20.0, 0.0],
+                handed: -1.0,
+                ..ROLLED
+            },
+        ),
+        rolled(
+            "involute in ZX",
+            Rolled {
+                plane: Zx,
+                phi: [0.0, 9.0],
+                climb: -4.0,
+                rest: 30.0,
+                ..ROLLED
+            },
+        ),
+        rolled(
+            "involute in YZ inwards",
+            Rolled {
+                plane: Yz,
+                phi: [9.0, 0.1],
+                climb: 40.0,
+                rest: 1.0,
+                ..ROLLED
+            },
+        ),
+        // All inside the stretch where the regular parameter is not arc length.
+        rolled(
+            "involute of half a radian",
+            Rolled {
+                phi: [0.0, 0.5],
+                r: 20.0,
+                ..ROLLED
+            },
+        ),
+        rolled(
+            "involute just below the regular start",
+            Rolled {
+                phi: [0.499, 30.0],
+                ..ROLLED
+            },
+        ),
+        rolled(
+            "involute just above the regular start",
+            Rolled {
+                phi: [0.501, 30.0],
+                ..ROLLED
+            },
+        ),
+        rolled(
+            "involute of 1e-4 rad",
+            Rolled {
+                phi: [0.0, 1e-4],
+                r: 10.0,
+                ..ROLLED
+            },
+        ),
+        // Base radius 1 um: 50 turns reach a third of a millimetre.
+        rolled(
+            "involute of 1 um",
+            Rolled {
+                phi: [0.0, 314.0],
+                r: 0.001,
+                ..ROLLED
+            },
+        ),
+        rolled(
+            "involute of 100 km",
+            Rolled {
+                phi: [0.01, 0.011],
+                r: 1e8,
+                ..ROLLED
+            },
+        ),
+        rolled(
+            "involute far away",
+            Rolled {
+                phi: [0.0, 60.0],
+                centre: [1e5, -1e5],
+                ..ROLLED
+            },
+        ),
+    ]);
+    let jet = |p: &[f64], v: &[f64], a: &[f64]| Jet {
+        first: axes(v),
+        second: axes(a),
+        ..Jet::at_rest(axes(p))
+    };
+    let corner = Blend::hermite(
+        &jet(&[-1.0, 0.0, 0.0, 5.0], &[1.0, 0.0, 0.0, 2.0], &[]),
+        &jet(&[0.0, 1.0, 0.1, 6.0], &[0.0, 1.0], &[0.1, 0.0, 0.3]),
+        1.8,
+    );
+    let rotary = Blend::hermite(
+        &jet(&[1.0, 1.0, 1.0, 5.0], &[0.0, 0.0, 0.0, 2.0], &[]),
+        &jet(&[1.0, 1.0, 1.0, 9.0, 1.0], &[0.0, 0.0, 0.0, 1.0, 1.0], &[]),
+        2.0,
+    );
+    all.push(Case {
+        name: "blend of a corner",
+        curve: corner.expect("blend").into(),
+        scale: 10.0,
+    });
+    all.push(Case {
+        name: "blend of rotary axes",
+        curve: rotary.expect("blend").into(),
+        scale: 20.0,
+    });
+    all
+}
+
+/// Deterministic numbers in 0..1.
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self) -> f64 {
+        self.0 ^= self.0 << 13;
+        self.0 ^= self.0 >> 7;
+        self.0 ^= self.0 << 17;
+        (self.0 >> 11) as f64 / (1u64 << 53) as f64
+    }
+}
+
+/// Speed in the feed metric, by its definition.
+fn speed(first: &Axes) -> f64 {
+    let group = |i: usize| first.fixed_rows::<3>(i).norm();
+    [0, 6, 3]
+        .into_iter()
+        .map(group)
+        .find(|&speed| speed > 0.0)
+        .unwrap_or(0.0)
+}
+
+#[test]
+fn ends_are_the_given_points_bit_for_bit_and_reached_without_a_jump() {
+    for Case { name, curve, scale } in gallery() {
+        let domain = curve.domain();
+        assert_eq!(curve.position(0.0), curve.start(), "{name}");
+        assert_eq!(curve.jet(0.0).position, curve.start(), "{name}");
+        assert_eq!(curve.position(domain), curve.end(), "{name}");
+        assert_eq!(curve.jet(domain).position, curve.end(), "{name}");
+        let budget = 64.0 * EPS * scale;
+        for (inside, end) in [(domain * EPS, curve.start()), (domain.next_down(), curve.end())] {
+            let jump = (curve.position(inside) - end).amax();
+            assert!(jump <= budget, "{name}: {jump:e} > {budget:e}");
+        }
+        assert!(
+            (curve.arc_length(domain) - curve.length()).abs() <= 4.0 * EPS * curve.length(),
+            "{name}"
+        );
+        assert_eq!(curve.parameter(curve.length()), domain, "{name}");
+    }
+}
+
+#[test]
+fn jets_are_finite_for_every_parameter_and_follow_the_nearest_end_outside() {
+    for Case { name, curve, .. } in gallery() {
+        for u in [
+            -1.0,
+            0.0,
+            f64::MIN_POSITIVE,
+            f64::NAN,
+            f64::INFINITY,
+            f64::NEG_INFINITY,
+            1e308,
+        ] {
+            assert!(curve.jet(u).is_finite(), "{name} at {u}");
+        }
+        assert_eq!(curve.position(-1.0), curve.start(), "{name}");
+        assert_eq!(curve.position(f64::NAN), curve.start(), "{name}");
+        assert_eq!(curve.position(f64::INFINITY), curve.end(), "{name}");
+    }
+}
+
+/// Central difference of order eight.
+fn difference(f: impl Fn(f64) -> Axes, u: f64, h: f64) -> Axes {
+    [
+        (1.0, 4.0 / 5.0),
+        (2.0, -1.0 / 5.0),
+        (3.0, 4.0 / 105.0),
+        (4.0, -1.0 / 280.0),
+    ]
+    .into_iter()
+    .fold(Axes::zeros(), |sum, (k, weight)| {
+        sum + (f(u + k * h) - f(u - k * h)) * (weight / h)
+    })
+}
+
+#[test]
+fn jets_are_the_derivatives_of_position() {
+    let seed = 0x5EED_0001;
+    println!("seed {seed:#x}");
+    let mut random = Random(seed);
+    for Case { name, curve, scale } in gallery() {
+        let domain = curve.domain();
+        for _ in 0..40 {
+            let u = domain * (0.02 + 0.96 * random.next());
+            let jet = curve.jet(u);
+            let ratio = |a: &Axes, b: &Axes| if b.norm() > 0.0 { a.norm() / b.norm() } else { 0.0 };
+            let bend = ratio(&jet.second, &jet.first).max(ratio(&jet.third, &jet.second));
+            let h = (domain / 400.0).min(0.04 / bend.max(1e-300));
+            // Where the parameter goes over into arc length only three derivatives agree: not across.
+            if matches!(curve, Curve::Involute(_))
+                && is_regular(&curve, u - 4.0 * h) != is_regular(&curve, u + 4.0 * h)
+            {
+                continue;
+            }
+            let pairs: [(Axes, Axes, f64); 3] = [
+                (difference(|u| curve.position(u), u, h), jet.first, scale),
+                (
+                    difference(|u| curve.jet(u).first, u, h),
+                    jet.second,
+                    jet.first.norm(),
+                ),
+                (
+                    difference(|u| curve.jet(u).second, u, h),
+                    jet.third,
+                    jet.second.norm(),
+                ),
+            ];
+            for (order, (measured, given, magnitude)) in pairs.into_iter().enumerate() {
+                let error = (measured - given).amax();
+                let budget = 2e-8 * given.norm() + 100.0 * EPS * magnitude / h;
+                assert!(
+                    error <= budget,
+                    "{name}, order {}, u {u}: {error:e} > {budget:e}",
+                    order + 1
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn tangents_by_arc_length_are_unit_vectors() {
+    for Case { name, curve, scale } in gallery() {
+        for i in 1..50 {
+            let jet = curve.at(curve.length() * f64::from(i) / 50.0);
+            let error = (speed(&jet.first) - 1.0).abs();
+            // An end point rounded to the grid changes the length by that much of itself.
+            let budget = 64.0 * EPS * (1.0 + scale / curve.length());
+            assert!(error <= budget, "{name}: {error:e} > {budget:e}");
+            assert!((speed(&jet.first) - 1.0).abs() < 1e-6, "{name}");
+        }
+    }
+}
+
+/// Whether the regular parameter is arc length here.
+fn is_regular(curve: &Curve, u: f64) -> bool {
+    (speed(&curve.jet(u).first) - 1.0).abs() < 1e-9
+}
+
+/// The parameters between which speed is analytic: the ends and, on involutes, where the regular parameter goes
+/// over into arc length.
+fn analytic_pieces(curve: &Curve) -> Vec<f64> {
+    let (mut low, mut high) = (0.0, curve.domain());
+    let first = is_regular(curve, low);
+    if !matches!(curve, Curve::Involute(_)) || first == is_regular(curve, high) {
+        return vec![low, high];
+    }
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        if is_regular(curve, middle) == first {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    vec![0.0, low, curve.domain()]
+}
+
+#[test]
+fn arc_length_is_the_integral_of_speed() {
+    // Compound Gauss-Legendre of five points, written down independently of the crate's rule.
+    let nodes = [
+        (0.0, 128.0 / 225.0),
+        (0.538_469_310_105_683_1, 0.478_628_670_499_366_47),
+        (0.906_179_845_938_664, 0.236_926_885_056_189_08),
+    ];
+    for Case { name, curve, scale } in gallery() {
+        let mut sum = 0.0;
+        for ends in analytic_pieces(&curve).windows(2) {
+            let half = 0.5 * (ends[1] - ends[0]) / 200.0;
+            for piece in 0..200 {
+                let middle = ends[0] + half * f64::from(2 * piece + 1);
+                for (x, weight) in nodes {
+                    let both = [middle - x * half, middle + x * half].map(|u| speed(&curve.jet(u).first));
+                    sum += weight * half * if x == 0.0 { both[0] } else { both[0] + both[1] };
+                }
+                let u = middle + half;
+                let error = (curve.arc_length(u) - sum).abs();
+                let budget = 1e-12 * sum + 32.0 * EPS * scale;
+                assert!(error <= budget, "{name} at {u}: {error:e} > {budget:e}");
+            }
+        }
+    }
+}
+
+#[test]
+fn parameter_inverts_arc_length() {
+    for Case { name, curve, .. } in gallery() {
+        let length = curve.length();
+        for i in 0..=64 {
+            // Quadratic spacing, to come close to base circles.
+            let s = length * (f64::from(i) / 64.0).powi(2);
+            let error = (curve.arc_length(curve.parameter(s)) - s).abs();
+            assert!(error <= 1e-12 * length, "{name} at {s}: {error:e}");
+        }
+    }
+}
+
+#[test]
+fn at_and_jet_describe_the_same_point() {
+    for Case { name, curve, scale } in gallery() {
+        for i in 1..20 {
+            let s = curve.length() * f64::from(i) / 20.0;
+            let (by_s, by_u) = (curve.at(s), curve.jet(curve.parameter(s)).by_arc_length());
+            assert!(
+                (by_s.position - by_u.position).amax() <= 64.0 * EPS * scale,
+                "{name}"
+            );
+            for (a, b) in [
+                (by_s.first, by_u.first),
+                (by_s.second, by_u.second),
+                (by_s.third, by_u.third),
+            ] {
+                let budget = 1e-9 * b.norm() + 64.0 * EPS * scale / curve.length() * (1.0 + b.norm());
+                assert!((a - b).amax() <= budget, "{name} at {s}: {a} {b}");
+            }
+        }
+    }
+}
+
+#[test]
+fn reversing_gives_the_same_points_backwards_and_twice_the_same_curve() {
+    for Case { name, curve, scale } in gallery() {
+        let back = curve.reversed();
+        let again = back.reversed();
+        assert_eq!((back.start(), back.end()), (curve.end(), curve.start()), "{name}");
+        assert_eq!(back.sense(), curve.sense().reversed(), "{name}");
+        let budget = 64.0 * EPS * scale;
+        for i in 0..=40 {
+            let u = curve.domain() * f64::from(i) / 40.0;
+            let error = (back.position(curve.domain() - u) - curve.position(u)).amax();
+            assert!(error <= budget, "{name}: {error:e} > {budget:e}");
+            let error = (again.position(u) - curve.position(u)).amax();
+            assert!(error <= budget, "{name}, twice: {error:e}");
+            let turned = back.jet(curve.domain() - u).first + curve.jet(u).first;
+            assert!(turned.amax() <= 1e-9 * (1.0 + scale / curve.length()), "{name}");
+        }
+    }
+}
+
+#[test]
+fn bounds_hold_every_point_and_are_reached() {
+    let seed = 0x5EED_0002;
+    println!("seed {seed:#x}");
+    let mut random = Random(seed);
+    for Case { name, curve, scale } in gallery() {
+        for _ in 0..12 {
+            let (a, b) = (random.next() * curve.domain(), random.next() * curve.domain());
+            let (low, high) = curve.bounds(a, b);
+            let samples = 4000;
+            let (mut least, mut most) = (curve.position(a), curve.position(a));
+            let mut step2 = 0.0f64;
+            let step = (b - a).abs() / f64::from(samples);
+            for i in 0..=samples {
+                let jet = curve.jet(a.min(b) + step * f64::from(i));
+                least = least.inf(&jet.position);
+                most = most.sup(&jet.position);
+                step2 = step2.max(jet.second.amax() * step * step / 8.0);
+            }
+            let rounding = 64.0 * EPS * scale;
+            for i in 0..9 {
+                assert!(
+                    low[i] <= least[i] + rounding && high[i] >= most[i] - rounding,
+                    "{name}: axis {i}"
+                );
+                let slack = 1.01 * step2 + rounding;
+                assert!(
+                    least[i] - low[i] <= slack && high[i] - most[i] <= slack,
+                    "{name}: axis {i} not tight"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn derivative_and_curvature_bounds_hold_everywhere_and_are_tight_on_short_stretches() {
+    let seed = 0x5EED_0003;
+    println!("seed {seed:#x}");
+    let mut random = Random(seed);
+    for Case { name, curve, .. } in gallery() {
+        for round in 0..60 {
+            let a = random.next() * curve.domain();
+            let short = round % 2 == 0;
+            let b = if short {
+                (a + 1e-5 * curve.domain()).min(curve.domain())
+            } else {
+                random.next() * curve.domain()
+            };
+            let (d1, d2, d3) = curve.derivative_bounds(a, b);
+            let bend = curve.curvature_bound(a, b);
+            let mut seen = [Axes::zeros(); 3];
+            let mut bent = 0.0f64;
+            for i in 0..=200 {
+                let jet = curve.jet(a + (b - a) * f64::from(i) / 200.0);
+                for (most, derivative) in seen.iter_mut().zip([jet.first, jet.second, jet.third]) {
+                    *most = most.sup(&derivative.abs());
+                }
+                bent = bent.max(jet.curvature());
+            }
+            for (order, (bound, most)) in [d1, d2, d3].iter().zip(seen).enumerate() {
+                let rounding = 1e-12 * most.amax() + f64::MIN_POSITIVE;
+                for i in 0..9 {
+                    assert!(
+                        bound[i] >= most[i] - rounding,
+                        "{name}: order {} axis {i} {bound} {most}",
+                        order + 1
+                    );
+                    let loose = bound[i] - most[i];
+                    assert!(
+                        !short || loose <= 0.02 * most.amax() + rounding,
+                        "{name}: order {} axis {i} loose",
+                        order + 1
+                    );
+                }
+            }
+            assert!(bend >= bent * (1.0 - 1e-9), "{name}: curvature {bend} < {bent}");
+            assert!(
+                !short || bend <= bent * 1.02 + 1e-12,
+                "{name}: curvature {bend} loose against {bent}"
+            );
+        }
+    }
+}
+
+#[test]
+fn curvature_and_its_derivative_agree_with_differences_along_the_curve() {
+    for Case { name, curve, .. } in gallery() {
+        // Where coordinates are rounded coarsely against the radius, differences see rounding only.
+        if matches!(
+            name,
+            "1 um at 1e5 mm" | "involute of 100 km" | "blend of rotary axes"
+        ) {
+            continue;
+        }
+        let length = curve.length();
+        for i in 3..10 {
+            let s = length * f64::from(i) / 12.0;
+            let h = 1e-4 * length;
+            let turn: Vector3<f64> = (curve.tangent(s + h) - curve.tangent(s - h)) / (2.0 * h);
+            let k = curve.curvature(s);
+            // Second-order difference over an angle of k h.
+            let budget = k * ((k * h).powi(2) + 1e-5) + 1e-9;
+            assert!((turn.norm() - k).abs() <= budget, "{name}: {} {k}", turn.norm());
+            let change = (curve.curvature(s + h) - curve.curvature(s - h)) / (2.0 * h);
+            let dk = curve.curvature_derivative(s);
+            assert!(
+                (change - dk).abs() <= 1e-4 * dk.abs() + 1e-9 * k / h + 1e-9,
+                "{name}: {change} {dk}"
+            );
+        }
+    }
+}
+
+#[test]
+fn involutes_follow_the_papers_formula_over_ten_metres() {
+    // r/2 (60 pi)^2 = 11.2 m of path; equation (2) and phi(s) in f64, itself good to about 1e-12 mm.
+    for handed in [1.0, -1.0] {
+        for phi in [[0.0, 60.0 * PI], [60.0 * PI, 0.0], [3.0, 60.0 * PI]] {
+            let planted = Rolled {
+                handed,
+                phi,
+                centre: [20.0, -30.0],
+                climb: 5.0,
+                ..ROLLED
+            };
+            let curve = Curve::from(planted.curve(1e-6));
+            let planar = 0.5 * planted.r * (phi[1] * phi[1] - phi[0] * phi[0]);
+            assert!((curve.length() - planar.hypot(5.0)).abs() <= 1e-10);
+            for i in 0..=1000 {
+                let x = f64::from(i) / 1000.0;
+                let at = (phi[0] * phi[0] + x * (phi[1] * phi[1] - phi[0] * phi[0]))
+                    .max(0.0)
+                    .sqrt();
+                let error = (curve.at(curve.length() * x).position - planted.point(at)).amax();
+                assert!(error <= 1e-11, "{handed} {phi:?} {x}: {error:e}");
+            }
+        }
+    }
+}
+
+#[test]
+fn centres_of_curvature_of_an_involute_lie_on_its_base_circle() {
+    for (handed, phi) in [(1.0, [0.0, 40.0]), (-1.0, [0.3, 40.0]), (1.0, [40.0, 0.0])] {
+        let planted = Rolled {
+            handed,
+            phi,
+            centre: [100.0, 50.0],
+            ..ROLLED
+        };
+        let curve = Curve::from(planted.curve(1e-6));
+        for i in 1..100 {
+            let jet = curve.jet(curve.domain() * f64::from(i) / 100.0).by_arc_length();
+            let centre = jet.position + jet.second / jet.second.norm_squared();
+            let distance = (centre[0] - 100.0).hypot(centre[1] - 50.0);
+            assert!((distance - planted.r).abs() <= 1e-11, "{distance}");
+        }
+    }
+}
+
+#[test]
+fn an_involute_starts_at_its_base_circle_radially_with_finite_jets() {
+    let planted = Rolled {
+        phi: [0.0, 10.0],
+        root: 0.0,
+        ..ROLLED
+    };
+    let curve = Curve::from(planted.curve(1e-6));
+    // By arc length the curvature is infinite there, by the regular parameter nothing is.
+    assert_eq!(curve.curvature(0.0), f64::INFINITY);
+    assert_eq!(curve.curvature_derivative(0.0), f64::NEG_INFINITY);
+    assert!((curve.tangent(0.0) - Vector3::x()).norm() <= 1e-15);
+    let jet = curve.jet(0.0);
+    assert!(jet.is_finite() && jet.first.norm() == 0.0);
+    assert!(
+        (jet.second.normalize()[0] - 1.0).abs() <= 1e-15,
+        "sets off along the tangent"
+    );
+}
+
+#[test]
+fn speed_in_the_regular_parameter_is_at_most_one_and_rises_smoothly() {
+    let curve = Curve::from(ROLLED.curve(1e-6));
+    let mut last = -1.0;
+    for i in 0..=2000 {
+        let now = speed(&curve.jet(2.0 * f64::from(i) / 2000.0).first);
+        assert!(now >= last - 1e-14 && now <= 1.0 + 1e-14);
+        last = now;
+    }
+    assert!((last - 1.0).abs() <= 1e-14);
+}
