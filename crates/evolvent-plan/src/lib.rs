@@ -1,5 +1,31 @@
 //! Blending, look-ahead and feed profile: path segments in, runs for the cycle out.
+//!
+//! The path is a chain of [`Segment`]s in one path parameter `u`: the programmed length, along which every
+//! curve has finite derivatives. Where two moves meet, [`Planner`] replaces the corner by a blend within the
+//! tolerance, or bounds the speed there so that the exact path can be kept.
+//!
+//! The limits of the axes become limits along the path ([`PathLimits`]): constants for `u'`, `u''` and `u'''`
+//! on every [`Run`], a stretch of segments with like limits. On a run the motion is a jerk-limited [`Profile`],
+//! solved in closed form; between runs acceleration is zero. The [`LookAhead`] gives every boundary the highest
+//! speed from which all that follows can be obeyed, ending at rest at the end of what is known.
+//!
+//! The cycle solves the profile of the run that it enters, and of the present run again when a hold or an
+//! override comes in: everything that it needs for that is in the run and in its exit speed, so it answers within
+//! one cycle and asks nobody. A planner that dies leaves a plan that ends at rest on the path.
+//!
+//! This is the safe, classic planner. A planner that gives the true optimum slots in beside [`LookAhead`]: it
+//! takes the same segments and hands on steps of a further kind.
 
+mod corner;
+mod limits;
+mod lookahead;
+mod planner;
 mod scurve;
+mod step;
 
+pub use corner::{Rounding, exact_joint_speed, round_corner};
+pub use limits::{DerivativeBounds, PathLimits};
+pub use lookahead::{LookAhead, PENDING_SEGMENTS, PENDING_STEPS};
+pub use planner::{PathRules, PlanError, Planner};
 pub use scurve::{Outcome, Profile, ScalarLimits, ScalarState, reachable_speed};
+pub use step::{ExitSpeeds, PlanSink, Run, Segment, SegmentMarks, Step};

@@ -19,6 +19,8 @@ const BISECTIONS: usize = 60;
 
 /// Most pieces of a [`Profile`]: a change, a cruise, a change.
 const PIECES: usize = 7;
+/// Which of them is the cruise.
+const CRUISE: usize = 3;
 
 /// Limits of the motion along one parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -70,7 +72,11 @@ struct Change {
 impl Change {
     fn new(from: ScalarState, target: f64, limits: &ScalarLimits) -> Self {
         let (a_max, j_max) = (limits.acceleration, limits.jerk);
-        let sign = if target >= from.relaxed_speed(j_max) { 1.0 } else { -1.0 };
+        let sign = if target >= from.relaxed_speed(j_max) {
+            1.0
+        } else {
+            -1.0
+        };
         let (a, dv) = (sign * from.a, sign * (target - from.v));
         let peak = (j_max * dv + 0.5 * a * a).max(0.0).sqrt();
         let time = if peak <= a_max {
@@ -80,8 +86,15 @@ impl Change {
             [((a_max - a) / j_max).max(0.0), level.max(0.0), a_max / j_max]
         };
         let jerk = sign * j_max;
-        let end = from.after(time[0], jerk).after(time[1], 0.0).after(time[2], -jerk);
-        Self { time, jerk, distance: end.x - from.x }
+        let end = from
+            .after(time[0], jerk)
+            .after(time[1], 0.0)
+            .after(time[2], -jerk);
+        Self {
+            time,
+            jerk,
+            distance: end.x - from.x,
+        }
     }
 }
 
@@ -102,6 +115,8 @@ pub enum Outcome {
 pub struct Profile {
     start: ScalarState,
     pieces: [(f64, f64); PIECES],
+    /// Speed on the fourth piece; what rounding left of the acceleration before it must not act for minutes.
+    cruise: f64,
     duration: f64,
     exit_speed: f64,
     outcome: Outcome,
@@ -114,6 +129,7 @@ impl Profile {
         Self {
             start: ScalarState { x, v: 0.0, a: 0.0 },
             pieces: [(0.0, 0.0); PIECES],
+            cruise: 0.0,
             duration: 0.0,
             exit_speed: 0.0,
             outcome: Outcome::Rests,
@@ -121,18 +137,28 @@ impl Profile {
     }
 
     /// The fastest profile from `from` to `length` that exits with zero acceleration at no more than
-    /// `exit_cap`.
+    /// `wanted`.
     ///
     /// `limits.velocity` may lie below the present speed (an override was lowered): the speed then falls to
-    /// it where the run is long enough, and otherwise as far as the exit allows. Real-time safe.
+    /// it where the run is long enough. Where it is not, the exit may be faster than `wanted`, but never than
+    /// `allowed`. Real-time safe.
     #[must_use]
-    pub fn solve(from: ScalarState, length: f64, exit_cap: f64, limits: &ScalarLimits) -> Self {
+    pub fn solve(from: ScalarState, length: f64, wanted: f64, allowed: f64, limits: &ScalarLimits) -> Self {
         let room = length - from.x;
         let cap = limits.velocity;
-        let exit = exit_cap.min(cap);
+        let exit = wanted.min(cap);
         let change = |target: f64| Change::new(from, target, limits);
         let settle = |speed: f64| {
-            Change::new(ScalarState { x: 0.0, v: speed, a: 0.0 }, exit, limits).distance
+            Change::new(
+                ScalarState {
+                    x: 0.0,
+                    v: speed,
+                    a: 0.0,
+                },
+                exit,
+                limits,
+            )
+            .distance
         };
         let relaxed = from.relaxed_speed(limits.jerk);
 
@@ -151,14 +177,17 @@ impl Profile {
             return Self::one_change(from, room, speed, limits, Outcome::Exits);
         }
         if change(exit).distance <= room {
-            return Self::one_change(from, room, exit, limits, Outcome::Exits);
+            // Braking already: between braking on and letting go first, what uses up the room exactly.
+            let high = relaxed.min(cap).max(exit);
+            let middle = bisect(exit, high, |v| change(v).distance + settle(v) <= room);
+            return Self::two_changes(from, room, middle, exit, limits);
         }
         // Too short to come down to `exit`: the hump leaves lower speeds, the override leaves higher ones.
         if change(0.0).distance <= room {
             let speed = bisect(0.0, exit, |v| change(v).distance <= room);
             return Self::one_change(from, room, speed, limits, Outcome::Exits);
         }
-        let high = exit_cap.min(relaxed);
+        let high = allowed.min(relaxed);
         if high > exit && change(high).distance <= room {
             let speed = bisect(high, exit, |v| change(v).distance <= room);
             return Self::one_change(from, room, speed, limits, Outcome::Exits);
@@ -169,13 +198,13 @@ impl Profile {
     /// Brakes as hard as the limits permit: to rest within the run where it is long enough, otherwise to the
     /// lowest speed at its end. Real-time safe.
     #[must_use]
-    pub fn brake(from: ScalarState, length: f64, exit_cap: f64, limits: &ScalarLimits) -> Self {
+    pub fn brake(from: ScalarState, length: f64, allowed: f64, limits: &ScalarLimits) -> Self {
         let room = length - from.x;
         let change = |target: f64| Change::new(from, target, limits);
         if change(0.0).distance <= room {
             return Self::one_change(from, f64::NAN, 0.0, limits, Outcome::Rests);
         }
-        let high = exit_cap.min(from.relaxed_speed(limits.jerk));
+        let high = allowed.min(from.relaxed_speed(limits.jerk));
         if change(high).distance <= room {
             let speed = bisect(high, 0.0, |v| change(v).distance <= room);
             return Self::one_change(from, room, speed, limits, Outcome::Exits);
@@ -187,8 +216,11 @@ impl Profile {
     /// that ends there, else because the state was not allowed.
     fn last_resort(from: ScalarState, room: f64, target: f64, limits: &ScalarLimits) -> Self {
         let overshoot = Change::new(from, target, limits).distance - room;
-        let outcome =
-            if overshoot <= Self::rounding(from.v, room, limits) { Outcome::Exits } else { Outcome::Overruns };
+        let outcome = if overshoot <= Self::rounding(from.v, room, limits) {
+            Outcome::Exits
+        } else {
+            Outcome::Overruns
+        };
         Self::one_change(from, room, target, limits, outcome)
     }
 
@@ -214,12 +246,20 @@ impl Profile {
         if outcome == Outcome::Exits && target > 0.0 {
             pieces[3] = ((room - change.distance).max(0.0) / target, 0.0);
         }
-        Self::from_pieces(from, pieces, target, outcome)
+        Self::from_pieces(from, pieces, target, target, outcome)
     }
 
     fn two_changes(from: ScalarState, room: f64, cruise: f64, exit: f64, limits: &ScalarLimits) -> Self {
         let first = Change::new(from, cruise, limits);
-        let second = Change::new(ScalarState { x: 0.0, v: cruise, a: 0.0 }, exit, limits);
+        let second = Change::new(
+            ScalarState {
+                x: 0.0,
+                v: cruise,
+                a: 0.0,
+            },
+            exit,
+            limits,
+        );
         let rest = room - first.distance - second.distance;
         let pieces = [
             (first.time[0], first.jerk),
@@ -230,18 +270,30 @@ impl Profile {
             (second.time[1], 0.0),
             (second.time[2], -second.jerk),
         ];
-        let outcome = if cruise > 0.0 || room <= 0.0 { Outcome::Exits } else { Outcome::Rests };
-        Self::from_pieces(from, pieces, exit, outcome)
+        let outcome = if limits.velocity > 0.0 {
+            Outcome::Exits
+        } else {
+            Outcome::Rests
+        };
+        Self::from_pieces(from, pieces, cruise, exit, outcome)
     }
 
     fn from_pieces(
         start: ScalarState,
         pieces: [(f64, f64); PIECES],
+        cruise: f64,
         exit_speed: f64,
         outcome: Outcome,
     ) -> Self {
         let duration = pieces.iter().map(|piece| piece.0).sum();
-        Self { start, pieces, duration, exit_speed, outcome }
+        Self {
+            start,
+            pieces,
+            cruise,
+            duration,
+            exit_speed,
+            outcome,
+        }
     }
 
     /// Seconds from start to end.
@@ -266,15 +318,22 @@ impl Profile {
     #[must_use]
     pub fn at(&self, t: f64) -> (ScalarState, f64) {
         let (mut state, mut left) = (self.start, t);
-        for &(time, jerk) in &self.pieces {
-            if left < time {
+        for (i, &(time, jerk)) in self.pieces.iter().enumerate() {
+            if i == CRUISE {
+                (state.v, state.a) = (self.cruise, 0.0);
+            }
+            if left < time && t < self.duration {
                 return (state.after(left, jerk), jerk);
             }
             state = state.after(time, jerk);
             left -= time;
         }
-        let end = ScalarState { x: state.x, v: self.exit_speed, a: 0.0 };
-        (end.after(left.max(0.0), 0.0), 0.0)
+        let end = ScalarState {
+            x: state.x,
+            v: self.exit_speed,
+            a: 0.0,
+        };
+        (end.after((t - self.duration).max(0.0), 0.0), 0.0)
     }
 
     /// The state at the end.
@@ -334,7 +393,11 @@ pub fn reachable_speed(exit: f64, length: f64, limits: &ScalarLimits) -> f64 {
 mod tests {
     use super::*;
 
-    const LIMITS: ScalarLimits = ScalarLimits { velocity: 200.0, acceleration: 2000.0, jerk: 50_000.0 };
+    const LIMITS: ScalarLimits = ScalarLimits {
+        velocity: 200.0,
+        acceleration: 2000.0,
+        jerk: 50_000.0,
+    };
 
     /// xorshift64*: the seed is printed by every test that uses it.
     struct Random(u64);
@@ -358,27 +421,46 @@ mod tests {
         for i in 1..=n {
             let dt = profile.duration() / f64::from(n);
             let (now, jerk) = profile.at(dt * f64::from(i));
-            assert!(now.v <= speed_cap * (1.0 + 1e-9) + 1e-12, "{what}: speed {} > {speed_cap}", now.v);
-            assert!(now.v >= -1e-9 * speed_cap - 1e-12, "{what}: runs backwards, {}", now.v);
-            assert!(now.a.abs() <= limits.acceleration.max(from.a.abs()) * (1.0 + 1e-9), "{what}: a {}", now.a);
+            assert!(
+                now.v <= speed_cap * (1.0 + 1e-9) + 1e-12,
+                "{what}: speed {} > {speed_cap}",
+                now.v
+            );
+            assert!(
+                now.v >= -1e-9 * speed_cap - 1e-12,
+                "{what}: runs backwards, {}",
+                now.v
+            );
+            assert!(
+                now.a.abs() <= limits.acceleration.max(from.a.abs()) * (1.0 + 1e-9),
+                "{what}: a {}",
+                now.a
+            );
             assert!(jerk.abs() <= limits.jerk * (1.0 + 1e-12), "{what}: j {jerk}");
             let trapezoid = 0.5 * (before.a + now.a) * dt;
             let slack = limits.jerk * dt * dt + 1e-9 * speed_cap;
-            assert!((now.v - before.v - trapezoid).abs() <= slack, "{what}: v does not integrate a");
+            assert!(
+                (now.v - before.v - trapezoid).abs() <= slack,
+                "{what}: v does not integrate a"
+            );
             before = now;
         }
         let end = profile.end();
         let slack = Profile::rounding(from.v, length, limits);
-        assert!(end.x <= length + slack, "{what}: passes the end, {} > {length}", end.x);
+        assert!(
+            end.x <= length + slack,
+            "{what}: passes the end, {} > {length}",
+            end.x
+        );
     }
 
     #[test]
     fn rest_to_rest_takes_the_textbook_time() {
         // Long: V/A + A/J + L/V. Short, jerk only: four equal pieces, T = 4 cbrt(L / (2 J)).
-        let long = Profile::solve(ScalarState::default(), 1000.0, 0.0, &LIMITS);
+        let long = Profile::solve(ScalarState::default(), 1000.0, 0.0, 0.0, &LIMITS);
         let expected = 200.0 / 2000.0 + 2000.0 / 50_000.0 + 1000.0 / 200.0;
         assert!((long.duration() - expected).abs() < 1e-9, "{}", long.duration());
-        let short = Profile::solve(ScalarState::default(), 0.1, 0.0, &LIMITS);
+        let short = Profile::solve(ScalarState::default(), 0.1, 0.0, 0.0, &LIMITS);
         let expected = 4.0 * (0.1_f64 / 100_000.0).cbrt();
         assert!((short.duration() - expected).abs() < 1e-9, "{}", short.duration());
     }
@@ -398,8 +480,12 @@ mod tests {
             // An entry with a = 0 that the backward pass allows, then a moment on the way.
             let exit_cap = limits.velocity * random.unit();
             let entry = reachable_speed(exit_cap, length, &limits).min(limits.velocity) * random.unit();
-            let from = ScalarState { x: 0.0, v: entry, a: 0.0 };
-            let profile = Profile::solve(from, length, exit_cap, &limits);
+            let from = ScalarState {
+                x: 0.0,
+                v: entry,
+                a: 0.0,
+            };
+            let profile = Profile::solve(from, length, exit_cap, exit_cap, &limits);
             let what = format!("case {case}, {limits:?}, length {length}, entry {entry}, exit {exit_cap}");
             assert_eq!(profile.outcome(), Outcome::Exits, "{what}");
             assert_within(&profile, length, from, &limits, &what);
@@ -411,14 +497,33 @@ mod tests {
             let held = Profile::brake(moment, length, exit_cap, &limits);
             assert_ne!(held.outcome(), Outcome::Overruns, "{what}, hold at {moment:?}");
             assert_within(&held, length, moment, &limits, &what);
-            assert!(held.exit_speed() <= profile.exit_speed() * (1.0 + 1e-9) + 1e-9, "{what}: hold is faster");
+            assert!(
+                held.exit_speed() <= profile.exit_speed() * (1.0 + 1e-9) + 1e-9,
+                "{what}: hold is faster"
+            );
 
-            let slower = ScalarLimits { velocity: limits.velocity * random.unit(), ..limits };
-            let lowered = Profile::solve(moment, length, exit_cap, &slower);
-            assert_ne!(lowered.outcome(), Outcome::Overruns, "{what}, lowered at {moment:?}");
+            let slower = ScalarLimits {
+                velocity: limits.velocity * random.unit(),
+                ..limits
+            };
+            let lowered = Profile::solve(moment, length, exit_cap * random.unit(), exit_cap, &slower);
+            assert_ne!(
+                lowered.outcome(),
+                Outcome::Overruns,
+                "{what}, lowered at {moment:?}"
+            );
             assert_within(&lowered, length, moment, &limits, &what);
-            let resumed = Profile::solve(held.at(held.duration() * 0.7).0, length, exit_cap, &limits);
+            let resumed = Profile::solve(
+                held.at(held.duration() * 0.7).0,
+                length,
+                exit_cap,
+                exit_cap,
+                &limits,
+            );
             assert_ne!(resumed.outcome(), Outcome::Overruns, "{what}, resumed");
+            let miss = (resumed.end().x - length).abs();
+            let slack = Profile::rounding(limits.velocity, length, &limits);
+            assert!(miss <= slack, "{what}: resumed, misses the end by {miss}");
         }
     }
 
@@ -434,7 +539,11 @@ mod tests {
             let exit = 150.0 * random.unit();
             let time = |v0: f64, v1: f64| {
                 let dv: f64 = (v1 - v0).abs();
-                let t = if dv <= 80.0 { 2.0 * (dv / 50_000.0).sqrt() } else { 0.04 + dv / 2000.0 };
+                let t = if dv <= 80.0 {
+                    2.0 * (dv / 50_000.0).sqrt()
+                } else {
+                    0.04 + dv / 2000.0
+                };
                 (t, 0.5 * (v0 + v1) * t)
             };
             if time(entry, exit).1 > length {
@@ -449,9 +558,16 @@ mod tests {
                     (d1 + d2 <= length).then(|| t1 + t2 + (length - d1 - d2) / v)
                 })
                 .fold(f64::INFINITY, f64::min);
-            let from = ScalarState { x: 0.0, v: entry, a: 0.0 };
-            let solved = Profile::solve(from, length, exit, &LIMITS).duration();
-            assert!(solved <= best * (1.0 + 1e-9), "{entry} -> {exit} over {length}: {solved} > {best}");
+            let from = ScalarState {
+                x: 0.0,
+                v: entry,
+                a: 0.0,
+            };
+            let solved = Profile::solve(from, length, exit, exit, &LIMITS).duration();
+            assert!(
+                solved <= best * (1.0 + 1e-9),
+                "{entry} -> {exit} over {length}: {solved} > {best}"
+            );
         }
     }
 
@@ -461,27 +577,45 @@ mod tests {
         println!("seed {seed:#x}");
         let mut random = Random(seed);
         for _ in 0..20_000 {
-            let exit = if random.unit() < 0.2 { 0.0 } else { random.log(1e-3, 500.0) };
+            let exit = if random.unit() < 0.2 {
+                0.0
+            } else {
+                random.log(1e-3, 500.0)
+            };
             let length = random.log(1e-6, 1e3);
             let speed = reachable_speed(exit, length, &LIMITS);
             let distance = |v: f64| {
                 let dv: f64 = v - exit;
-                let t = if dv <= 80.0 { 2.0 * (dv / 50_000.0).sqrt() } else { 0.04 + dv / 2000.0 };
+                let t = if dv <= 80.0 {
+                    2.0 * (dv / 50_000.0).sqrt()
+                } else {
+                    0.04 + dv / 2000.0
+                };
                 0.5 * (v + exit) * t
             };
             let gain = speed - exit;
             if gain < 1e-6 * exit {
                 continue; // the difference of two doubles says nothing here
             }
-            assert!(distance(speed) <= length * (1.0 + 1e-7), "{exit} {length} {speed}");
-            assert!(distance(exit + 1.00001 * gain) > length, "{exit} {length} {speed}");
+            assert!(
+                distance(speed) <= length * (1.0 + 1e-7),
+                "{exit} {length} {speed}"
+            );
+            assert!(
+                distance(exit + 1.00001 * gain) > length,
+                "{exit} {length} {speed}"
+            );
         }
     }
 
     #[test]
     fn stopping_is_shorter_than_slowing_to_a_third() {
         // The hump: v0 sqrt(v0/J) against 4/3 v0 sqrt(2/3 v0/J), jerk only.
-        let from = ScalarState { x: 0.0, v: 30.0, a: 0.0 };
+        let from = ScalarState {
+            x: 0.0,
+            v: 30.0,
+            a: 0.0,
+        };
         let stop = Change::new(from, 0.0, &LIMITS).distance;
         let third = Change::new(from, 10.0, &LIMITS).distance;
         assert!((third / stop - 4.0 / 3.0 * (2.0_f64 / 3.0).sqrt()).abs() < 1e-12);

@@ -1,0 +1,234 @@
+//! The last check before a setpoint leaves.
+//!
+//! The guard knows nothing of plans: it differentiates the positions that were published and compares with the
+//! limits of the axes. What it measures is also what the run's summary reports.
+
+use evolvent_machine::Limits;
+use evolvent_path::{AXES, Axes, AxisLetter};
+
+/// By how much a measured velocity or acceleration may exceed its limit, as a factor.
+const SLACK: f64 = 1.001;
+/// The same for jerk, which is read from third differences.
+const JERK_SLACK: f64 = 1.02;
+/// Rounding of positions, mm or degrees, that the check of travel forgives.
+const TRAVEL_SLACK: f64 = 1e-6;
+/// Cycles after a joint of exact-path mode in which its step shows in second and third differences.
+const JOINT_CYCLES: u32 = 3;
+
+/// Which limit a setpoint would break.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Quantity {
+    /// Not a finite number.
+    Finite,
+    /// Travel of the axis.
+    Travel,
+    /// Velocity.
+    Velocity,
+    /// Acceleration.
+    Acceleration,
+    /// Jerk.
+    Jerk,
+}
+
+/// A setpoint that must not leave.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[error("axis {}: {quantity:?} would be {value:.6e}, its limit is {limit:.6e}", axis.letter())]
+pub struct Violation {
+    /// The axis.
+    pub axis: AxisLetter,
+    /// What is broken.
+    pub quantity: Quantity,
+    /// By this value.
+    pub value: f64,
+    /// Against this limit.
+    pub limit: f64,
+}
+
+/// Largest magnitudes seen in published positions.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Extremes {
+    /// First difference over the period, per s.
+    pub velocity: Axes,
+    /// Second difference, per s2.
+    pub acceleration: Axes,
+    /// Third difference, per s3, away from joints of exact-path mode.
+    pub jerk: Axes,
+    /// Third difference at joints of exact-path mode, per s3.
+    pub jerk_at_joints: Axes,
+    /// Distance between chord and curve from one setpoint to the next, mm.
+    pub chord_error_mm: f64,
+}
+
+/// Differentiates published positions and checks the next one.
+#[derive(Clone, Copy, Debug)]
+pub struct Guard {
+    limits: Limits,
+    rate_hz: f64,
+    /// The last three published positions, newest first.
+    past: [Axes; 3],
+    since_joint: u32,
+    extremes: Extremes,
+}
+
+impl Guard {
+    /// At rest at `position`.
+    #[must_use]
+    pub fn new(limits: Limits, period_s: f64, position: Axes) -> Self {
+        let none = Axes::zeros();
+        let extremes = Extremes {
+            velocity: none,
+            acceleration: none,
+            jerk: none,
+            jerk_at_joints: none,
+            chord_error_mm: 0.0,
+        };
+        Self {
+            limits,
+            rate_hz: 1.0 / period_s,
+            past: [position; 3],
+            since_joint: JOINT_CYCLES,
+            extremes,
+        }
+    }
+
+    /// What has been measured so far.
+    #[must_use]
+    pub fn extremes(&self) -> &Extremes {
+        &self.extremes
+    }
+
+    /// The last three published positions, newest first.
+    #[must_use]
+    pub fn past(&self) -> &[Axes; 3] {
+        &self.past
+    }
+
+    /// Checks a position against every limit. Real-time safe.
+    ///
+    /// # Errors
+    /// The first limit that it would break.
+    pub fn check(&self, position: &Axes, joint: bool) -> Result<(), Violation> {
+        self.check_place(position)?;
+        let (velocity, acceleration, jerk) = self.differences(position);
+        let near_joint = joint || self.since_joint < JOINT_CYCLES;
+        for i in 0..AXES {
+            if !self.limits.present[i] {
+                continue;
+            }
+            let axis = AxisLetter::ALL[i];
+            let test = |quantity, value: f64, limit: f64, slack: f64, order: i32| {
+                // What rounding of a double can make of the difference.
+                let noise = 16.0 * f64::EPSILON * position[i].abs().max(1.0) * self.rate_hz.powi(order);
+                if value.abs() <= limit * slack + noise {
+                    Ok(())
+                } else {
+                    Err(Violation {
+                        axis,
+                        quantity,
+                        value,
+                        limit,
+                    })
+                }
+            };
+            test(Quantity::Velocity, velocity[i], self.limits.velocity[i], SLACK, 1)?;
+            if !near_joint {
+                test(
+                    Quantity::Acceleration,
+                    acceleration[i],
+                    self.limits.acceleration[i],
+                    SLACK,
+                    2,
+                )?;
+                test(Quantity::Jerk, jerk[i], self.limits.jerk[i], JERK_SLACK, 3)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Checks only that a position is a number within the travel. Real-time safe.
+    ///
+    /// # Errors
+    /// The first axis that is not.
+    pub fn check_place(&self, position: &Axes) -> Result<(), Violation> {
+        for i in 0..AXES {
+            let (axis, value) = (AxisLetter::ALL[i], position[i]);
+            if !value.is_finite() {
+                return Err(Violation {
+                    axis,
+                    quantity: Quantity::Finite,
+                    value,
+                    limit: f64::NAN,
+                });
+            }
+            if self.limits.present[i] {
+                let (low, high) = (self.limits.travel_min[i], self.limits.travel_max[i]);
+                if value < low - TRAVEL_SLACK {
+                    return Err(Violation {
+                        axis,
+                        quantity: Quantity::Travel,
+                        value,
+                        limit: low,
+                    });
+                }
+                if value > high + TRAVEL_SLACK {
+                    return Err(Violation {
+                        axis,
+                        quantity: Quantity::Travel,
+                        value,
+                        limit: high,
+                    });
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Notes a position as published. Real-time safe.
+    pub fn publish(&mut self, position: &Axes, joint: bool) {
+        let (velocity, acceleration, jerk) = self.differences(position);
+        self.since_joint = if joint {
+            0
+        } else {
+            self.since_joint.saturating_add(1)
+        };
+        let most = &mut self.extremes;
+        let jerk_most = if self.since_joint < JOINT_CYCLES {
+            &mut most.jerk_at_joints
+        } else {
+            &mut most.jerk
+        };
+        for i in 0..AXES {
+            most.velocity[i] = most.velocity[i].max(velocity[i].abs());
+            most.acceleration[i] = most.acceleration[i].max(acceleration[i].abs());
+            jerk_most[i] = jerk_most[i].max(jerk[i].abs());
+        }
+        most.chord_error_mm = most
+            .chord_error_mm
+            .max(sagitta(position, &self.past[0], &self.past[1]));
+        self.past = [*position, self.past[0], self.past[1]];
+    }
+
+    fn differences(&self, p: &Axes) -> (Axes, Axes, Axes) {
+        let [p1, p2, p3] = &self.past;
+        let (d1, d2, d3) = (p - p1, p1 - p2, p2 - p3);
+        let (dd1, dd2) = (d1 - d2, d2 - d3);
+        let f = self.rate_hz;
+        (d1 * f, dd1 * (f * f), (dd1 - dd2) * (f * f * f))
+    }
+}
+
+/// Height of the arc through three XYZ points over the chord of two neighbours, for points close together:
+/// an eighth of the second difference across the chord.
+fn sagitta(p0: &Axes, p1: &Axes, p2: &Axes) -> f64 {
+    let (mut along, mut dd, mut chord) = (0.0, 0.0, 0.0);
+    for i in 0..3 {
+        let (second, across) = (p0[i] - 2.0 * p1[i] + p2[i], p0[i] - p2[i]);
+        along += second * across;
+        dd += second * second;
+        chord += across * across;
+    }
+    if chord <= 0.0 {
+        return 0.0;
+    }
+    0.125 * (dd - along * along / chord).max(0.0).sqrt()
+}

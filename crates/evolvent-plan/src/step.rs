@@ -1,0 +1,149 @@
+//! What the planner hands to the cycle: segments of path, and steps over them.
+
+use evolvent_path::{Curve, Jet};
+
+use crate::ScalarLimits;
+
+/// Marks of a segment.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SegmentMarks {
+    /// A blend between two programmed blocks.
+    pub blend: bool,
+    /// A rapid move.
+    pub rapid: bool,
+    /// Begins at a step of curvature that exact-path mode does not allow to be eased.
+    pub joint: bool,
+}
+
+/// A stretch of one curve: regular parameter `from` to `from + length`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Segment {
+    /// The curve, in machine coordinates.
+    pub curve: Curve,
+    /// Regular parameter at the start of the stretch.
+    pub from: f64,
+    /// Parameter length of the stretch.
+    pub length: f64,
+    /// Program line it belongs to.
+    pub line: u32,
+    /// Index of its block in the order of execution.
+    pub block: u32,
+    /// What it is.
+    pub marks: SegmentMarks,
+}
+
+impl Segment {
+    /// Position and derivatives at `x` in `0..=length`. Real-time safe.
+    #[must_use]
+    pub fn jet(&self, x: f64) -> Jet {
+        self.curve.jet(self.from + x)
+    }
+}
+
+/// A run: consecutive whole segments traversed under one set of scalar limits, with zero acceleration at both
+/// ends.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Run {
+    /// Parameter length: the sum over its segments.
+    pub length: f64,
+    /// Number of segments.
+    pub segments: u32,
+    /// Limits that every axis, the chord error and the path allow, the feed word aside.
+    pub limits: ScalarLimits,
+    /// Parameter speed of the programmed feed at 100 %; infinite for rapids.
+    pub feed: f64,
+}
+
+/// One thing to do, in order.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Step {
+    /// Move.
+    Run(Run),
+    /// Stand still for so many seconds (G4).
+    Dwell {
+        /// Seconds.
+        seconds: f64,
+        /// Program line.
+        line: u32,
+    },
+    /// Stand still until told to go on (M0, M1, M60).
+    ProgramStop {
+        /// Program line.
+        line: u32,
+    },
+    /// A command for the machine's periphery takes effect here, at rest (M3, M6, M8 ...); `action` indexes the
+    /// planner's list.
+    Action {
+        /// Number of the action in order of execution.
+        action: u32,
+        /// Program line.
+        line: u32,
+    },
+    /// The program ends here, at rest.
+    End {
+        /// Program line.
+        line: u32,
+    },
+}
+
+/// Highest speeds at which a step may be left, acceleration zero.
+///
+/// Two plans are kept side by side: one for the programmed feed, one for twice the programmed feed. Scaling a
+/// plan in time by a factor below 1 keeps every limit, and the larger of two allowed sequences is allowed, so
+/// the cycle derives from them, at once and without asking back, boundary speeds for any override from 0 to
+/// 200 % that never exceed the feed word times the override.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ExitSpeeds {
+    /// At the programmed feed.
+    pub nominal: f64,
+    /// At twice the programmed feed.
+    pub doubled: f64,
+}
+
+impl ExitSpeeds {
+    /// At rest.
+    pub const REST: Self = Self {
+        nominal: 0.0,
+        doubled: 0.0,
+    };
+
+    /// The boundary speed for an override in `0..=2`. Real-time safe.
+    #[must_use]
+    pub fn at_override(self, factor: f64) -> f64 {
+        if factor <= 1.0 {
+            self.nominal * factor
+        } else {
+            self.nominal.max(self.doubled * 0.5 * factor.min(2.0))
+        }
+    }
+}
+
+/// Receives the plan in order. Implemented by the queue to the cycle, and by tests.
+pub trait PlanSink {
+    /// What can go wrong downstream, such as a consumer that has gone.
+    type Error;
+
+    /// Appends a segment; it belongs to the next [`Step::Run`].
+    ///
+    /// # Errors
+    /// The consumer does not take more.
+    fn segment(&mut self, segment: &Segment) -> Result<(), Self::Error>;
+
+    /// Appends a step, at rest at its end for the time being.
+    ///
+    /// # Errors
+    /// The consumer does not take more.
+    fn step(&mut self, step: &Step) -> Result<(), Self::Error>;
+
+    /// Sets the exit speeds of step `index` (counted from 0). Speeds only ever grow, and arrive from the last
+    /// step backwards, so that at every moment what the consumer holds ends at rest within the limits.
+    fn exit(&mut self, index: u64, speeds: ExitSpeeds);
+
+    /// Step `index` is final and takes `duration` seconds at the programmed feed, without override or hold.
+    fn planned(&mut self, index: u64, duration: f64) {
+        let _ = (index, duration);
+    }
+
+    /// All steps below `count` have their final exit speeds.
+    fn finalise(&mut self, count: u64);
+}
