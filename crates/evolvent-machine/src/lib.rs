@@ -14,11 +14,12 @@
 //! - [`chord_feed_limit_mm_s`]: rate, curvature and permitted error are given: how fast may the path be run? The
 //!   planner keeps this limit, so the error stays permitted at any rate and too low a rate costs time instead.
 //!
-//! Nothing here starts threads or knows G-code; the functions of
+//! [`figures_svg`] draws the diagrams that belong to it. Nothing here starts threads or knows G-code; the functions of
 //! the chord error are free of allocation, everything else is for start-up.
 
 mod chord;
 mod error;
+mod figures;
 mod file;
 mod limits;
 mod machine;
@@ -30,6 +31,7 @@ pub use chord::{
     jerk_feed_mm_s, longest_chord_mm, rate_for,
 };
 pub use error::{MachineError, PeriodError};
+pub use figures::{FigureError, figures_svg};
 pub use file::machine_schema;
 pub use limits::Limits;
 pub use machine::{
