@@ -4,9 +4,10 @@ use evolvent_gcode::{Code, Diagnostic, Interpreter, Settings};
 
 /// X Y Z and A exist, so that B has a reason to be refused and rotary motion can be tried.
 fn settings() -> Settings {
-    let mut settings = Settings::default();
-    settings.axes = [true, true, true, true, false, false, false, false, false];
-    settings
+    Settings {
+        axes: [true, true, true, true, false, false, false, false, false],
+        ..Settings::default()
+    }
 }
 
 fn errors(program: &[u8]) -> Vec<Diagnostic> {

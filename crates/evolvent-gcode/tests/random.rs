@@ -1,0 +1,243 @@
+//! Random programs: nonsense never brings the interpreter down, sense comes through unchanged.
+//!
+//! Each test prints its seed when it fails; set `EVOLVENT_SEED` to run it again.
+
+use evolvent_gcode::{Action, Interpreter, Settings};
+use evolvent_path::Axes;
+use proptest::prelude::*;
+use proptest::test_runner::{Config, RngAlgorithm, TestRng, TestRunner};
+
+fn runner(cases: u32) -> TestRunner {
+    let seed = match std::env::var("EVOLVENT_SEED") {
+        Ok(text) => text.parse().expect("EVOLVENT_SEED is a whole number"),
+        Err(_) => std::time::SystemTime::now()
+            .duration_since(std::time::UNIX_EPOCH)
+            .map_or(1, |time| time.as_nanos() as u64),
+    };
+    println!("EVOLVENT_SEED={seed}");
+    let mut bytes = [0; 32];
+    bytes[..8].copy_from_slice(&seed.to_le_bytes());
+    let config = Config {
+        cases,
+        failure_persistence: None,
+        ..Config::default()
+    };
+    TestRunner::new_with_rng(config, TestRng::from_seed(RngAlgorithm::ChaCha, &bytes))
+}
+
+/// Runs a program to its end: everything handed out is finite and in order, every error has a place.
+fn survive(program: &[u8]) -> Result<usize, TestCaseError> {
+    let mut moves = 0;
+    let lines = program.iter().filter(|byte| **byte == b'\n').count() + 1;
+    let settings = Settings {
+        max_line_bytes: 300,
+        ..Settings::default()
+    };
+    let mut position = settings.start;
+    let mut last = 0;
+    let mut count = 0_usize;
+    for item in Interpreter::new(program, settings) {
+        count += 1;
+        prop_assert!(count <= 20 * lines, "no end");
+        match item {
+            Ok(command) => {
+                prop_assert!(command.line >= last && command.line as usize <= lines);
+                last = command.line;
+                match command.action {
+                    Action::Move(step) => {
+                        prop_assert_eq!(step.curve.start(), position);
+                        position = step.curve.end();
+                        moves += 1;
+                        prop_assert!(position.iter().all(|value| value.is_finite()));
+                        prop_assert!(step.feed > 0.0 && step.curve.length() > 0.0);
+                        let middle = step.curve.jet(step.curve.domain() / 2.0);
+                        prop_assert!(middle.position.iter().all(|value| value.is_finite()));
+                    }
+                    Action::Dwell { seconds } => prop_assert!(seconds >= 0.0 && seconds.is_finite()),
+                    Action::Spindle { speed_rpm, .. } => {
+                        prop_assert!(speed_rpm >= 0.0 && speed_rpm.is_finite());
+                    }
+                    _ => {}
+                }
+            }
+            Err(error) => {
+                prop_assert!(error.line >= 1 && error.line as usize <= lines && error.column >= 1);
+                prop_assert!(error.source.get(error.span.clone()).is_some());
+                prop_assert!(!error.render("x").is_empty());
+                last = last.max(error.line);
+            }
+        }
+    }
+    Ok(moves)
+}
+
+#[test]
+fn arbitrary_bytes_never_panic_and_always_end() {
+    runner(2000)
+        .run(&proptest::collection::vec(any::<u8>(), 0..600), |bytes| {
+            survive(&bytes)
+        })
+        .unwrap();
+}
+
+/// Pieces of real programs thrown together.
+fn soup() -> impl Strategy<Value = String> {
+    let codes = [
+        "G0", "G1", "G2", "G3", "G2.2", "G3.2", "G4", "G17", "G18", "G19", "G20", "G21", "G53", "G54",
+        "G59.3", "G61", "G61.1", "G64", "G80", "G90", "G91", "G90.1", "G91.1", "G92", "G92.1", "G92.2",
+        "G92.3", "G93", "G94", "G95", "M0", "M3", "M5", "M6", "M7", "M9", "\n", "\n", "\n", "\n", "F100",
+        "F1", "S100", "T1", "(MSG, a)", "(a)", ";", "/", "N10", "%", "O1", "#1", "[1]", "E5", "\r\n", "P1",
+        "P2", " ", ".", "-",
+    ];
+    let word = (
+        proptest::sample::select(b"XYZABCUVWIJKRPQFS".to_vec()),
+        prop_oneof![
+            (-5..5_i32).prop_map(|value| value.to_string()),
+            (-50.0..50.0_f64).prop_map(|value| format!("{value:.3}")),
+            (-1e9..1e9_f64).prop_map(|value| format!("{value}")),
+        ],
+    )
+        .prop_map(|(letter, value)| format!("{}{value}", char::from(letter)));
+    let piece = prop_oneof![
+        proptest::sample::select(codes.to_vec()).prop_map(String::from),
+        word
+    ];
+    proptest::collection::vec(piece, 0..120).prop_map(|pieces| format!("G21 F100 S9\n{}", pieces.concat()))
+}
+
+#[test]
+fn words_thrown_together_never_panic_and_moves_chain() {
+    runner(3000)
+        .run(&soup(), |program| survive(program.as_bytes()))
+        .unwrap();
+}
+
+/// One move of a random but valid program.
+#[derive(Clone, Debug)]
+struct Step {
+    incremental: bool,
+    inches: bool,
+    offset: usize,
+    machine: bool,
+    /// In thousandths of a program unit, so that text holds the number exactly.
+    words: [Option<i32>; 9],
+    blanks: bool,
+    lower: bool,
+}
+
+fn steps() -> impl Strategy<Value = Vec<Step>> {
+    let word = proptest::option::weighted(0.4, -200_000..200_000_i32);
+    let step = (
+        any::<bool>(),
+        any::<bool>(),
+        0..9_usize,
+        proptest::bool::weighted(0.2),
+        proptest::array::uniform9(word),
+        any::<bool>(),
+        any::<bool>(),
+    )
+        .prop_map(
+            |(incremental, inches, offset, machine, words, blanks, lower)| Step {
+                incremental: incremental && !machine,
+                inches,
+                offset,
+                machine,
+                words,
+                blanks,
+                lower,
+            },
+        );
+    proptest::collection::vec(step, 1..40)
+}
+
+fn write(step: &Step) -> String {
+    let offset = ["54", "55", "56", "57", "58", "59", "59.1", "59.2", "59.3"][step.offset];
+    let mut line = format!(
+        "G{} G{} G{offset} ",
+        if step.incremental { 91 } else { 90 },
+        if step.inches { 20 } else { 21 }
+    );
+    if step.machine {
+        line += "G53 ";
+    }
+    for (letter, word) in "XYZABCUVW".chars().zip(step.words) {
+        if let Some(word) = word {
+            line += &format!(
+                "{letter}{}{}.{:03} ",
+                if word < 0 { "-" } else { "" },
+                word.abs() / 1000,
+                word.abs() % 1000
+            );
+        }
+    }
+    line += if step.machine && step.words == [None; 9] {
+        "G1 X0"
+    } else {
+        "G1"
+    };
+    if step.blanks {
+        line = line.chars().flat_map(|character| [character, ' ']).collect();
+    }
+    if step.lower { line.to_lowercase() } else { line }
+}
+
+#[test]
+fn positions_of_valid_programs_are_those_of_an_independent_reckoning() {
+    let offsets: [Axes; 9] =
+        std::array::from_fn(|index| Axes::from_fn(|axis, _| (index * 10 + axis) as f64 * 0.5 - 7.0));
+    runner(500)
+        .run(&steps(), |steps| {
+            let mut program = String::from("G21 F1000\n");
+            let mut expected = Vec::new();
+            let mut position = [0.0_f64; 9];
+            for step in &steps {
+                program += &write(step);
+                program.push('\n');
+                let before = position;
+                for axis in 0..9 {
+                    let word = match step.words[axis] {
+                        Some(word) => word,
+                        None if axis == 0 && step.machine && step.words == [None; 9] => 0,
+                        None => continue,
+                    };
+                    let rotary = (3..6).contains(&axis);
+                    let scale = if step.inches && !rotary { 25.4 } else { 1.0 };
+                    let value = f64::from(word) / 1000.0 * scale;
+                    position[axis] = if step.machine {
+                        value
+                    } else if step.incremental {
+                        position[axis] + value
+                    } else {
+                        offsets[step.offset][axis] + value
+                    };
+                }
+                if position != before {
+                    expected.push(position);
+                }
+            }
+            let settings = Settings {
+                work_offsets: offsets,
+                ..Settings::default()
+            };
+            let mut found = Vec::new();
+            for item in Interpreter::new(program.as_bytes(), settings) {
+                let command = item.map_err(|error| TestCaseError::fail(error.render("random")))?;
+                if let Action::Move(step) = command.action {
+                    found.push(step.curve.end());
+                }
+            }
+            prop_assert_eq!(found.len(), expected.len());
+            for (found, expected) in found.iter().zip(&expected) {
+                for axis in 0..9 {
+                    prop_assert!(
+                        (found[axis] - expected[axis]).abs() <= 1e-9,
+                        "{} {}",
+                        found[axis],
+                        expected[axis]
+                    );
+                }
+            }
+            Ok(())
+        })
+        .unwrap();
+}
