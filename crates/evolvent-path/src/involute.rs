@@ -533,7 +533,7 @@ fn tangent_at(arm: Planar, r: f64, thread: f64, handed: f64) -> Planar {
 }
 
 /// sin x - x cos x, which is x^3 / 3 near zero.
-fn sin_less_angle_cos(x: f64, sin: f64, cos: f64) -> f64 {
+pub(crate) fn sin_less_angle_cos(x: f64, sin: f64, cos: f64) -> f64 {
     if x.abs() > 1.0 {
         return sin - x * cos;
     }

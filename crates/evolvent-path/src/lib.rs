@@ -15,6 +15,7 @@
 //!
 //! [`Arc`] and [`Involute`] lie in a [`Plane`] and turn with a [`Sense`]; the third axis and all others are
 //! linear in arc length. [`Blend`] is a quintic that takes over position and two derivatives at both ends.
+//! [`Hole`] plans the milling of a hole along involutes and gives these curves with their role.
 //!
 //! Nothing here knows of time, machine limits or files, and nothing panics: what comes from outside is checked
 //! when a curve is built, and everything after that is total.
@@ -29,6 +30,8 @@ mod axis;
 mod blend;
 mod curve;
 mod error;
+mod hole;
+mod hole_error;
 mod involute;
 mod jet;
 mod joint;
@@ -44,6 +47,8 @@ pub use axis::{AXES, Axes, AxisLetter};
 pub use blend::Blend;
 pub use curve::{Curve, ParamCurve};
 pub use error::{CurveError, MAX_ARC_TURNS, MAX_COORDINATE, MIN_RADIUS_MM};
+pub use hole::{BlockFigures, Hole, HoleBlock, HolePass, HoleStart, MAX_DEPTHS, Milling, Role, depths_mm};
+pub use hole_error::HoleError;
 pub use involute::{Involute, InvoluteError, MAX_INVOLUTE_TURNS};
 pub use jet::Jet;
 pub use joint::{Joint, JointKind};

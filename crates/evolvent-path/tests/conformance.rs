@@ -3,6 +3,12 @@
 //! Error budgets scale with magnitude: `scale` is the largest number that enters a curve (coordinates, centre,
 //! radius), because nothing can be better than that number's rounding.
 
+#![expect(
+    clippy::expect_used,
+    clippy::too_many_arguments,
+    reason = "the gallery is a fixture of the tests"
+)]
+
 use std::f64::consts::PI;
 
 use evolvent_path::{Arc, Axes, Blend, Curve, Involute, Jet, Line, Plane, Sense};
