@@ -143,6 +143,8 @@ struct Spiral {
     r: f64,
     phi: [f64; 2],
     psi: f64,
+    /// The start, where it was given as a point: it stays that point, bit for bit.
+    given: Option<Planar>,
 }
 
 impl Spiral {
@@ -155,8 +157,9 @@ impl Spiral {
         ]
     }
 
-    fn point(&self, phi: f64) -> Planar {
-        turned(self.unturned(phi), self.psi)
+    fn start(&self) -> Planar {
+        self.given
+            .unwrap_or_else(|| turned(self.unturned(self.phi[0]), self.psi))
     }
 
     /// The base circle's centre: the whole curve is moved so that its evolute begins in the origin.
@@ -333,6 +336,7 @@ impl Hole {
                 let phi = invert(&distance, &slope, distance_mm, end, guess);
                 let [x, y] = spiral.unturned(phi);
                 spiral.phi[0] = phi;
+                spiral.given = Some(point);
                 // The paper's (10) gives the cosine alone; this has the sign.
                 spiral.psi = libm::atan2(point[1], point[0]) - libm::atan2(y, x);
             }
@@ -376,7 +380,7 @@ impl Hole {
 
     fn involute(&self, role: Role, spiral: &Spiral, radius: f64, at: &Axes) -> Result<HoleBlock, HoleError> {
         let touch = spiral.touch(radius);
-        let (inner, base) = (spiral.point(spiral.phi[0]), spiral.base_centre());
+        let (inner, base) = (spiral.start(), spiral.base_centre());
         let (from, to, base, radii) = if role == Role::Departure {
             (
                 touch,
