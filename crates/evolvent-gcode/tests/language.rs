@@ -6,8 +6,15 @@ use evolvent_gcode::{
 use evolvent_path::{Axes, Curve};
 
 fn commands_with(program: &str, settings: Settings) -> Vec<Command> {
-    let items: Result<Vec<_>, _> = Interpreter::new(program.as_bytes(), settings).collect();
-    items.unwrap_or_else(|error| panic!("{}", error.render("test")))
+    let (good, bad): (Vec<_>, Vec<_>) =
+        Interpreter::new(program.as_bytes(), settings).partition(Result::is_ok);
+    let shown: Vec<_> = bad
+        .into_iter()
+        .filter_map(Result::err)
+        .map(|error| error.render("test"))
+        .collect();
+    assert!(shown.is_empty(), "{}", shown.join("\n"));
+    good.into_iter().filter_map(Result::ok).collect()
 }
 
 fn actions(program: &str) -> Vec<Action> {

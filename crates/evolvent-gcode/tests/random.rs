@@ -7,14 +7,17 @@ use evolvent_path::Axes;
 use proptest::prelude::*;
 use proptest::test_runner::{Config, RngAlgorithm, TestRng, TestRunner};
 
-fn runner(cases: u32) -> TestRunner {
-    let seed = match std::env::var("EVOLVENT_SEED") {
-        Ok(text) => text.parse().expect("EVOLVENT_SEED is a whole number"),
-        Err(_) => std::time::SystemTime::now()
-            .duration_since(std::time::UNIX_EPOCH)
-            .map_or(1, |time| time.as_nanos() as u64),
-    };
-    println!("EVOLVENT_SEED={seed}");
+fn seed() -> u64 {
+    let given = std::env::var("EVOLVENT_SEED")
+        .ok()
+        .and_then(|text| text.parse().ok());
+    given.unwrap_or_else(|| {
+        let time = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
+        time.map_or(1, |time| time.as_nanos() as u64)
+    })
+}
+
+fn runner(cases: u32, seed: u64) -> TestRunner {
     let mut bytes = [0; 32];
     bytes[..8].copy_from_slice(&seed.to_le_bytes());
     let config = Config {
@@ -73,9 +76,11 @@ fn survive(program: &[u8]) -> Result<usize, TestCaseError> {
 
 #[test]
 fn arbitrary_bytes_never_panic_and_always_end() {
-    runner(2000)
+    let seed = seed();
+    println!("EVOLVENT_SEED={seed}");
+    runner(2000, seed)
         .run(&proptest::collection::vec(any::<u8>(), 0..600), |bytes| {
-            survive(&bytes)
+            survive(&bytes).map(drop)
         })
         .unwrap();
 }
@@ -98,18 +103,39 @@ fn soup() -> impl Strategy<Value = String> {
         ],
     )
         .prop_map(|(letter, value)| format!("{}{value}", char::from(letter)));
-    let piece = prop_oneof![
-        proptest::sample::select(codes.to_vec()).prop_map(String::from),
-        word
-    ];
-    proptest::collection::vec(piece, 0..120).prop_map(|pieces| format!("G21 F100 S9\n{}", pieces.concat()))
+    let code = proptest::sample::select(codes.to_vec()).prop_map(String::from);
+    let piece = prop_oneof![3 => Just(String::from("\n")), 3 => word, 4 => code.clone()];
+    let junk = proptest::collection::vec(piece, 0..8).prop_map(|pieces| pieces.concat());
+    let motion = proptest::sample::select(vec![
+        "", "", "G0", "G1", "G1 F9", "G2", "G3", "G2.2", "G91 G3", "G53 G0",
+    ]);
+    let words = proptest::sample::subsequence(vec!["X", "Y", "Z", "A", "U", "I", "J", "R"], 1..4);
+    let moved =
+        (motion, words, proptest::array::uniform3(-20..20_i32)).prop_map(|(motion, words, values)| {
+            let words: String = words
+                .iter()
+                .zip(values)
+                .map(|(word, value)| format!(" {word}{value}"))
+                .collect();
+            format!("{motion}{words}")
+        });
+    let line = prop_oneof![6 => moved, 2 => code, 2 => junk];
+    proptest::collection::vec(line, 0..40).prop_map(|lines| format!("G21 F100 S9\n{}", lines.join("\n")))
 }
 
 #[test]
 fn words_thrown_together_never_panic_and_moves_chain() {
-    runner(3000)
-        .run(&soup(), |program| survive(program.as_bytes()))
+    let moves = std::cell::Cell::new(0);
+    let seed = seed();
+    println!("EVOLVENT_SEED={seed}");
+    runner(3000, seed)
+        .run(&soup(), |program| {
+            moves.set(moves.get() + survive(program.as_bytes())?);
+            Ok(())
+        })
         .unwrap();
+    // The soup is worth something only if part of it is understood.
+    assert!(moves.get() > 3000, "only {} moves", moves.get());
 }
 
 /// One move of a random but valid program.
@@ -185,7 +211,9 @@ fn write(step: &Step) -> String {
 fn positions_of_valid_programs_are_those_of_an_independent_reckoning() {
     let offsets: [Axes; 9] =
         std::array::from_fn(|index| Axes::from_fn(|axis, _| (index * 10 + axis) as f64 * 0.5 - 7.0));
-    runner(500)
+    let seed = seed();
+    println!("EVOLVENT_SEED={seed}");
+    runner(500, seed)
         .run(&steps(), |steps| {
             let mut program = String::from("G21 F1000\n");
             let mut expected = Vec::new();
