@@ -17,11 +17,14 @@
 //! clock are Unix time in ns, times of the path where the clock is virtual.
 
 mod checked_map;
+mod chunk;
 mod encode;
 mod format;
 mod histogram;
+mod reader;
 mod record;
 mod recorder;
+mod recover;
 mod run_info;
 mod scene;
 mod schema;
@@ -30,8 +33,10 @@ mod statistics;
 mod writer;
 
 pub use histogram::Histogram;
+pub use reader::{ChannelInfo, Messages, ReadError, TraceFile, TraceInfo, TraceMessage};
 pub use record::{BlockKind, BlockRecord, CycleRecord, EventKind, EventRecord, LogLevel, TimingRecord};
 pub use recorder::{RecordError, Recorder, Remains, part_path};
+pub use recover::{RecoverError, Recovered, recover, recover_leftovers};
 pub use run_info::{ProgramSource, RunInfo, configuration_hash};
 pub use sink::{FileSink, TraceSink};
 pub use statistics::RunStatistics;

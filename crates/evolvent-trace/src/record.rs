@@ -147,6 +147,19 @@ pub enum BlockKind {
     Other = 7,
 }
 
+impl BlockKind {
+    /// All kinds in the order of their numbers.
+    pub const ALL: [Self; 7] = [
+        Self::Rapid,
+        Self::Line,
+        Self::Arc,
+        Self::Involute,
+        Self::Dwell,
+        Self::Stop,
+        Self::Other,
+    ];
+}
+
 /// A block that has been executed, channel `/block`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BlockRecord {

@@ -506,10 +506,13 @@ impl Recorder {
     /// Takes a failed write in: saves what can be saved and keeps the error.
     fn settle(&mut self, result: io::Result<()>) -> Result<(), RecordError> {
         let Err(source) = result else { return Ok(()) };
+        // No summary of the run: it would speak of cycles that are not in the file.
+        let note = BTreeMap::from([("failure".to_owned(), source.to_string())]);
         let closed = self
             .writer
             .cut_back()
-            .and_then(|()| self.write_end(&BTreeMap::new()))
+            .and_then(|()| self.writer.metadata(schema::RECOVERY, &with_checksum(note)))
+            .and_then(|()| self.writer.finish())
             .is_ok();
         let bytes = self.writer.position();
         let remains = if closed && self.rename().is_ok() {
@@ -598,7 +601,11 @@ fn check(info: &RunInfo) -> Result<(), RecordError> {
 
 /// A text of a length that a reader can bear.
 fn cut(text: &str) -> String {
-    text[..text.floor_char_boundary(TEXT_BYTES)].to_owned()
+    let mut end = text.len().min(TEXT_BYTES);
+    while !text.is_char_boundary(end) {
+        end -= 1;
+    }
+    text[..end].to_owned()
 }
 
 /// Passes reads on and keeps their failure.

@@ -5,13 +5,13 @@ use std::collections::BTreeMap;
 use crate::writer::Writer;
 
 /// Messages of `proto/evolvent/v1/trace.proto`.
-#[allow(unreachable_pub, reason = "generated code")]
+#[allow(unreachable_pub, clippy::enum_variant_names, reason = "generated code")]
 pub(crate) mod evolvent {
     include!("generated/evolvent.v1.rs");
 }
 
 /// Messages of `proto/foxglove/foxglove.proto`.
-#[allow(unreachable_pub, reason = "generated code")]
+#[allow(unreachable_pub, clippy::enum_variant_names, reason = "generated code")]
 pub(crate) mod foxglove {
     include!("generated/foxglove.rs");
 }

@@ -399,12 +399,12 @@ impl Writer {
         group(out, op::SCHEMA, &|out| {
             self.schemas
                 .values()
-                .for_each(|record| out.extend_from_slice(record))
+                .for_each(|record| out.extend_from_slice(record));
         });
         group(out, op::CHANNEL, &|out| {
             self.channels
                 .values()
-                .for_each(|record| out.extend_from_slice(record))
+                .for_each(|record| out.extend_from_slice(record));
         });
         group(out, op::STATISTICS, &|out| {
             let at = begin_record(out, op::STATISTICS);
@@ -420,13 +420,13 @@ impl Writer {
             end_record(out, at);
         });
         group(out, op::CHUNK_INDEX, &|out| {
-            self.chunk_indexes.iter().for_each(|index| index.put(out))
+            self.chunk_indexes.iter().for_each(|index| index.put(out));
         });
         group(out, op::ATTACHMENT_INDEX, &|out| {
-            self.attachment_indexes.iter().for_each(|index| index.put(out))
+            self.attachment_indexes.iter().for_each(|index| index.put(out));
         });
         group(out, op::METADATA_INDEX, &|out| {
-            self.metadata_indexes.iter().for_each(|index| index.put(out))
+            self.metadata_indexes.iter().for_each(|index| index.put(out));
         });
 
         let offset_start = self.position + self.out.len() as u64;
