@@ -309,6 +309,7 @@ impl Hole {
             r,
             phi: [0.0, end],
             psi: 0.0,
+            given: None,
         };
         match start {
             HoleStart::Centre => {}
