@@ -247,8 +247,11 @@ impl Machine {
         increments
     }
 
-    /// What the rational control rate follows from: the largest limits over the linear axes (the paper's choice, on the
-    /// safe side) and the largest feed.
+    /// What the rational control rate follows from: the largest limits over the linear axes, which is the paper's choice,
+    /// and the largest feed.
+    ///
+    /// Several axes together can exceed what one of them can (by `sqrt(3)` at most for three equal axes); there the
+    /// planner's feed limit keeps the chord error.
     #[must_use]
     pub fn rate_input(&self) -> RateInput {
         let linear = self.axes.iter().filter(|axis| !axis.letter.is_rotary());

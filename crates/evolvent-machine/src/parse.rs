@@ -40,10 +40,21 @@ pub(crate) fn machine(text: &str, file: &str) -> Result<Machine, MachineError> {
     };
     let deserializer = toml::Deserializer::from(table.clone());
     let raw: MachineFile = serde_path_to_error::deserialize(deserializer).map_err(|error| {
-        let key = error.path().to_string();
+        let mut key = error.path().to_string();
         let inner = error.into_inner();
-        let what = one_line(inner.message());
+        let what = in_plain_words(inner.message());
         let advice = advice_for(&key, &what);
+        // Serde names the table that lacks a key; people look for the key.
+        if let Some(missing) = what
+            .strip_prefix("missing field `")
+            .and_then(|rest| rest.strip_suffix('`'))
+        {
+            key = if key == "." {
+                missing.to_owned()
+            } else {
+                format!("{key}.{missing}")
+            };
+        }
         check.error_at(&key, inner.span(), what, advice)
     })?;
     check.machine(raw)
@@ -555,6 +566,16 @@ fn line_and_column(text: &str, byte: usize) -> (usize, usize) {
     let line = before.matches('\n').count() + 1;
     let column = before.rsplit('\n').next().unwrap_or("").chars().count() + 1;
     (line, column)
+}
+
+/// Serde speaks of Rust's types.
+fn in_plain_words(message: &str) -> String {
+    let plain = message
+        .replace("expected f64", "expected a number")
+        .replace("expected i64", "expected a whole number")
+        .replace(" as i128", "")
+        .replace(" as u128", "");
+    one_line(&plain)
 }
 
 fn one_line(message: &str) -> String {
