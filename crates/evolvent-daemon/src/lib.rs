@@ -1,7 +1,33 @@
 //! Threads and clocks: the real-time loop, planner feeding, publisher, recorder.
+//!
+//! [`run`] starts four threads over wait-free queues and joins them:
+//!
+//! ```text
+//!   planner ──► cycle ──► publisher (owns the ports of the bus)
+//!   normal      FIFO  └─► recorder  (owns the trace file)
+//! ```
+//!
+//! The cycle owns nothing that can block it. [`Controls`] carries hold, override and stop to it, one atomic each,
+//! sampled once a cycle. In real time what finds no room in a queue is dropped and counted; with the virtual clock
+//! the cycle waits, because its time is not real.
+//!
+//! [`examine`] says what the host can do.
 
+mod cycle;
 mod doctor;
+mod feeder;
+mod job;
+mod publisher;
+mod recording;
 mod rt;
+mod run;
+mod shared;
+mod summary;
 
 pub use doctor::{BareLoopError, DoctorReport, Finding, LatenessReport, Verdict, bare_loop, examine};
+pub use feeder::{Notice, ProgramError};
+pub use job::{Clock, Job, Setup};
 pub use rt::{LowLatencyHold, MonotonicClock, RealtimeGranted, RealtimeRequest, apply_to_this_thread};
+pub use run::{RunObserver, RunOutcome, StartError, run};
+pub use shared::{Controls, Progress};
+pub use summary::{AxisSummary, Summary, TimingSummary};

@@ -1,0 +1,190 @@
+//! The cycle's thread: the loop around `Motion::step`.
+//!
+//! Once it runs it allocates nothing, locks nothing, and waits for nothing but its deadline (the virtual clock
+//! also waits for the planner and for room in the queues, because its time is not real).
+
+use std::sync::Arc;
+
+use evolvent_motion::{Motion, PlanConsumer, Setpoint, flags};
+use evolvent_trace::{CycleRecord, Histogram};
+use rtrb::Producer;
+
+use crate::job::Clock;
+use crate::rt::MonotonicClock;
+use crate::shared::Controls;
+
+/// Cycles that a virtual run may spin on a full queue before it lets another thread run.
+const SPINS: u32 = 64;
+
+/// A setpoint on its way to the bus.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct DueSetpoint {
+    pub setpoint: Setpoint,
+    pub due_time_ns: u64,
+}
+
+/// A cycle on its way to the trace.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct CycleSample {
+    pub record: CycleRecord,
+    pub block: u32,
+    pub actions: u32,
+}
+
+/// Everything the loop needs; built before it starts.
+pub(crate) struct CycleLoop {
+    pub motion: Motion,
+    pub queue: PlanConsumer,
+    pub controls: Arc<Controls>,
+    pub clock: Clock,
+    pub period_ns: u64,
+    pub lead_cycles: u32,
+    /// Stop after so many late setpoints in a row; 0 for never.
+    pub max_late_cycles: u32,
+    pub bus: Option<Producer<DueSetpoint>>,
+    pub trace: Option<Producer<CycleSample>>,
+    /// Unix time of the first setpoint.
+    pub start_unix_ns: u64,
+}
+
+/// What the loop counted.
+pub(crate) struct CycleReport {
+    pub motion: Motion,
+    pub last: Option<Setpoint>,
+    pub cycles: u64,
+    pub late_cycles: u64,
+    pub dropped_records: u64,
+    pub dropped_setpoints: u64,
+    pub starved_cycles: u64,
+    pub stopped_for_lateness: bool,
+    pub planner_died: bool,
+    pub lateness: Histogram,
+    pub work: Histogram,
+}
+
+impl CycleLoop {
+    /// Runs to the end of the plan, a stop or a fault. `observe` sees every setpoint (offline planning).
+    pub(crate) fn run(mut self, mut observe: impl FnMut(&Setpoint)) -> CycleReport {
+        let mut report = CycleReport {
+            motion: self.motion,
+            last: None,
+            cycles: 0,
+            late_cycles: 0,
+            dropped_records: 0,
+            dropped_setpoints: 0,
+            starved_cycles: 0,
+            stopped_for_lateness: false,
+            planner_died: false,
+            lateness: Histogram::default(),
+            work: Histogram::default(),
+        };
+        let realtime = self.clock == Clock::Realtime;
+        let start = MonotonicClock::now_ns() + 2 * self.period_ns;
+        let mut late_in_a_row = 0;
+        loop {
+            let path_time = report.cycles * self.period_ns;
+            let deadline = start + path_time;
+            let lateness = if realtime {
+                MonotonicClock::sleep_until(deadline)
+            } else {
+                wait_until(|| self.queue.is_ready() || self.queue.is_abandoned());
+                0
+            };
+            let mut inputs = self.controls.inputs();
+            inputs.stop |= report.stopped_for_lateness;
+            let mut setpoint = report.motion.step(&inputs, &mut self.queue);
+            let lead = u64::from(self.lead_cycles) * self.period_ns;
+            let mut work = 0;
+            if realtime {
+                let now = MonotonicClock::now_ns();
+                work = now.saturating_sub(deadline + lateness);
+                if now > deadline + lead {
+                    setpoint.flags |= flags::LATE;
+                    report.late_cycles += 1;
+                    late_in_a_row += 1;
+                    if self.max_late_cycles > 0 && late_in_a_row >= self.max_late_cycles {
+                        report.stopped_for_lateness = true;
+                    }
+                } else {
+                    late_in_a_row = 0;
+                }
+                report.lateness.record(lateness as i64);
+                report.work.record(work as i64);
+            }
+            if setpoint.flags & flags::STARVED != 0 {
+                report.starved_cycles += 1;
+            }
+            if let Some(bus) = &mut self.bus {
+                let due_time_ns = if realtime { deadline + lead } else { path_time };
+                let due = DueSetpoint { setpoint, due_time_ns };
+                if !hand_over(bus, due, realtime) {
+                    report.dropped_setpoints += 1;
+                }
+            }
+            if let Some(trace) = &mut self.trace {
+                let due_unix_ns = self.start_unix_ns + path_time;
+                let sample = sample(&setpoint, due_unix_ns, lateness, work);
+                if !hand_over(trace, sample, realtime) {
+                    report.dropped_records += 1;
+                }
+            }
+            observe(&setpoint);
+            self.controls.publish(&setpoint);
+            report.cycles += 1;
+            report.last = Some(setpoint);
+            if report.motion.is_over() {
+                break;
+            }
+            if self.queue.is_abandoned() && self.queue.step(0).is_none() && report.motion.is_at_rest() {
+                report.planner_died = true;
+                break;
+            }
+        }
+        self.controls.abandon();
+        report
+    }
+}
+
+/// In real time what finds no room is dropped; in virtual time there is time to wait.
+fn hand_over<T: Copy>(queue: &mut Producer<T>, item: T, realtime: bool) -> bool {
+    if !realtime {
+        wait_until(|| !queue.is_full() || queue.is_abandoned());
+    }
+    queue.push(item).is_ok()
+}
+
+fn wait_until(mut ready: impl FnMut() -> bool) {
+    let mut spins = 0;
+    while !ready() {
+        spins += 1;
+        if spins < SPINS {
+            std::hint::spin_loop();
+        } else {
+            std::thread::yield_now();
+        }
+    }
+}
+
+fn sample(setpoint: &Setpoint, due_unix_ns: u64, lateness: u64, work: u64) -> CycleSample {
+    CycleSample {
+        record: CycleRecord {
+            sequence: setpoint.sequence,
+            due_time_ns: due_unix_ns,
+            wake_lateness_ns: lateness as i64,
+            work_ns: work.min(u64::from(u32::MAX)) as u32,
+            path_mm: setpoint.path_mm,
+            feed_mm_s: setpoint.feed_mm_s,
+            position: setpoint.position.into(),
+            velocity: setpoint.velocity.into(),
+            acceleration: setpoint.acceleration.into(),
+            jerk: setpoint.jerk.into(),
+            line: setpoint.line,
+            state: setpoint.state as u8,
+            flags: setpoint.flags,
+            override_: setpoint.feed_override,
+            load: f64::NAN,
+        },
+        block: setpoint.block,
+        actions: setpoint.actions,
+    }
+}

@@ -1,0 +1,352 @@
+//! The planner's thread: program text in, plan out.
+
+use std::collections::VecDeque;
+use std::fs::File;
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::sync::mpsc::Sender;
+
+use evolvent_gcode::{Action, Command, Diagnostic, Interpreter, Move, MoveKind, SpindleDirection};
+use evolvent_motion::QueueClosed;
+use evolvent_path::Curve;
+use evolvent_plan::{ExitSpeeds, PlanError, PlanSink, Planner, Segment, Step};
+use evolvent_trace::BlockKind;
+
+use crate::job::Setup;
+
+/// Why a program cannot be run to its end.
+#[derive(Debug, thiserror::Error)]
+pub enum ProgramError {
+    /// The file cannot be read.
+    #[error("{file}: {source}; name a readable part program")]
+    Read {
+        /// The file.
+        file: String,
+        /// Why not.
+        source: std::io::Error,
+    },
+    /// The text is wrong.
+    #[error("{}", .diagnostic.render(.file))]
+    Text {
+        /// The file.
+        file: String,
+        /// What and where.
+        diagnostic: Box<Diagnostic>,
+    },
+    /// The machine cannot do it.
+    #[error("error: {reason}\n --> {file}:{line}\n  | {text}")]
+    Move {
+        /// The file.
+        file: String,
+        /// The line.
+        line: u32,
+        /// Its text.
+        text: String,
+        /// Why not.
+        reason: String,
+    },
+}
+
+/// A planned block, for the trace.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct BlockPlan {
+    pub block: u32,
+    pub line: u32,
+    pub kind: BlockKind,
+    pub length_mm: f64,
+    pub planned_s: f64,
+}
+
+/// Something that takes effect between moves.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Notice {
+    /// Number in order of execution; it has taken effect once that many actions and one are counted.
+    pub action: u32,
+    /// Program line.
+    pub line: u32,
+    /// `true` for a message of the program to its operator.
+    pub is_message: bool,
+    /// What it is.
+    pub text: String,
+}
+
+/// What the feeder tells the recorder and the person at the screen.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum FeederNews {
+    Block(BlockPlan),
+    Notice(Notice),
+}
+
+/// What the feeder knows at the end.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct FeedReport {
+    /// Largest distance of blends from the programmed path.
+    pub deviation_mm: f64,
+    /// Seconds at the programmed feed, without dwells.
+    pub planned_s: f64,
+    /// Moves planned.
+    pub moves: u64,
+}
+
+/// Passes the plan on, and adds up how long each block is planned to take.
+struct Tally<S> {
+    sink: S,
+    /// Parts of steps that are not final: for each step, its blocks and their shares of its length.
+    open: VecDeque<(u32, f64)>,
+    parts_of_step: VecDeque<u32>,
+    parts: u32,
+    finished: VecDeque<(u32, f64)>,
+    planned_s: f64,
+}
+
+impl<S: PlanSink> PlanSink for Tally<S> {
+    type Error = S::Error;
+
+    fn segment(&mut self, segment: &Segment) -> Result<(), S::Error> {
+        match self.open.back_mut() {
+            Some(last) if self.parts > 0 && last.0 == segment.block => last.1 += segment.length,
+            _ => {
+                self.open.push_back((segment.block, segment.length));
+                self.parts += 1;
+            }
+        }
+        self.sink.segment(segment)
+    }
+
+    fn step(&mut self, step: &Step) -> Result<(), S::Error> {
+        self.parts_of_step.push_back(self.parts);
+        self.parts = 0;
+        self.sink.step(step)
+    }
+
+    fn exit(&mut self, index: u64, speeds: ExitSpeeds) {
+        self.sink.exit(index, speeds);
+    }
+
+    fn planned(&mut self, index: u64, duration: f64) {
+        self.planned_s += duration;
+        let parts = self.parts_of_step.pop_front().unwrap_or(0) as usize;
+        let whole: f64 = self.open.iter().take(parts).map(|part| part.1).sum();
+        for (block, length) in self.open.drain(..parts.min(self.open.len())) {
+            let share = if whole > 0.0 { duration * length / whole } else { 0.0 };
+            match self.finished.back_mut() {
+                Some(last) if last.0 == block => last.1 += share,
+                _ => self.finished.push_back((block, share)),
+            }
+        }
+        self.sink.planned(index, duration);
+    }
+
+    fn finalise(&mut self, count: u64) {
+        self.sink.finalise(count);
+    }
+}
+
+/// Blocks that have been handed to the planner and not yet reported.
+struct Open {
+    block: u32,
+    line: u32,
+    kind: BlockKind,
+    length_mm: f64,
+}
+
+/// Feeds one program.
+pub(crate) struct Feeder<'a, S> {
+    file: String,
+    setup: &'a Setup,
+    planner: Planner<Tally<S>>,
+    news: Vec<Sender<FeederNews>>,
+    with_blocks: bool,
+    optional_stop: bool,
+    blocks: VecDeque<Open>,
+    next_block: u32,
+    actions: u32,
+    moves: u64,
+}
+
+impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
+    /// `with_blocks`: whether anyone wants to hear of blocks.
+    pub(crate) fn new(
+        file: &Path,
+        setup: &'a Setup,
+        sink: S,
+        news: Vec<Sender<FeederNews>>,
+        with_blocks: bool,
+        optional_stop: bool,
+    ) -> Self {
+        let tally = Tally {
+            sink,
+            open: VecDeque::new(),
+            parts_of_step: VecDeque::new(),
+            parts: 0,
+            finished: VecDeque::new(),
+            planned_s: 0.0,
+        };
+        Self {
+            file: file.display().to_string(),
+            setup,
+            planner: Planner::new(setup.path_limits(), setup.path_rules(), tally),
+            news,
+            with_blocks,
+            optional_stop,
+            blocks: VecDeque::new(),
+            next_block: 0,
+            actions: 0,
+            moves: 0,
+        }
+    }
+
+    /// Plans the program to its end, or to its first error: the plan then ends at rest before it.
+    pub(crate) fn feed(mut self, program: &Path) -> (FeedReport, Result<(), ProgramError>) {
+        let result = self.feed_lines(program);
+        let line = self.blocks.back().map_or(0, |open| open.line);
+        // A consumer that has gone needs no end.
+        let _gone = self.planner.finish(line);
+        self.report_blocks(true);
+        let report = FeedReport {
+            deviation_mm: self.planner.deviation_mm(),
+            planned_s: self.planner.sink().planned_s,
+            moves: self.moves,
+        };
+        (report, result)
+    }
+
+    fn feed_lines(&mut self, program: &Path) -> Result<(), ProgramError> {
+        let opened = File::open(program)
+            .map_err(|source| ProgramError::Read { file: self.file.clone(), source })?;
+        let reader = BufReader::with_capacity(256 * 1024, opened);
+        for command in Interpreter::new(reader, self.setup.interpreter_settings()) {
+            let command = command.map_err(|diagnostic| ProgramError::Text {
+                file: self.file.clone(),
+                diagnostic: Box::new(diagnostic),
+            })?;
+            match self.execute(&command) {
+                Ok(true) => {}
+                Ok(false) | Err(PlanError::Sink(_)) => break,
+                Err(error) => {
+                    return Err(ProgramError::Move {
+                        file: self.file.clone(),
+                        line: command.line,
+                        text: line_text(program, command.line),
+                        reason: error.to_string(),
+                    });
+                }
+            }
+            self.report_blocks(false);
+        }
+        Ok(())
+    }
+
+    /// `false` at the program's end.
+    fn execute(&mut self, command: &Command) -> Result<bool, PlanError<QueueClosed>> {
+        let line = command.line;
+        match &command.action {
+            Action::Move(motion) => self.push_move(motion, line)?,
+            Action::Dwell { seconds } => {
+                self.planner.rest(&Step::Dwell { seconds: *seconds, line }).map_err(PlanError::Sink)?;
+            }
+            Action::ProgramStop { optional, .. } => {
+                if !optional || self.optional_stop {
+                    self.planner.rest(&Step::ProgramStop { line }).map_err(PlanError::Sink)?;
+                }
+            }
+            Action::ProgramEnd => return Ok(false),
+            other => {
+                if let Some(text) = describe(other) {
+                    let is_message = matches!(other, Action::Message(_));
+                    self.act(line, is_message, text)?;
+                }
+            }
+        }
+        Ok(true)
+    }
+
+    fn push_move(&mut self, motion: &Move, line: u32) -> Result<(), PlanError<QueueClosed>> {
+        let mut motion = *motion;
+        if let (MoveKind::Feed, Some(most)) = (motion.kind, self.setup.machine.max_feed_mm_s) {
+            motion.feed = motion.feed.min(most);
+        }
+        let block = self.next_block;
+        self.planner.push(&motion, line, block)?;
+        self.next_block += 1;
+        self.moves += 1;
+        if self.with_blocks {
+            let kind = match (motion.kind, &motion.curve) {
+                (MoveKind::Rapid, _) => BlockKind::Rapid,
+                (_, Curve::Line(_)) => BlockKind::Line,
+                (_, Curve::Arc(_)) => BlockKind::Arc,
+                (_, Curve::Involute(_)) => BlockKind::Involute,
+                (_, Curve::Blend(_)) => BlockKind::Other,
+            };
+            self.blocks.push_back(Open { block, line, kind, length_mm: motion.curve.length() });
+        }
+        Ok(())
+    }
+
+    fn act(&mut self, line: u32, is_message: bool, text: String) -> Result<(), PlanError<QueueClosed>> {
+        let action = self.actions;
+        self.actions += 1;
+        for news in &self.news {
+            // Whoever does not listen any more misses nothing.
+            let _gone = news.send(FeederNews::Notice(Notice { action, line, is_message, text: text.clone() }));
+        }
+        self.planner.rest(&Step::Action { action, line }).map_err(PlanError::Sink)
+    }
+
+    /// Reports blocks whose plan is final.
+    fn report_blocks(&mut self, all: bool) {
+        let finished = &mut self.planner.sink_mut().finished;
+        let keep = usize::from(!all);
+        while finished.len() > keep {
+            let Some((block, planned_s)) = finished.pop_front() else { break };
+            while let Some(open) = self.blocks.front() {
+                if open.block > block {
+                    break;
+                }
+                let plan = BlockPlan {
+                    block: open.block,
+                    line: open.line,
+                    kind: open.kind,
+                    length_mm: open.length_mm,
+                    planned_s: if open.block == block { planned_s } else { 0.0 },
+                };
+                self.blocks.pop_front();
+                for news in &self.news {
+                    let _gone = news.send(FeederNews::Block(plan));
+                }
+            }
+        }
+    }
+}
+
+fn describe(action: &Action) -> Option<String> {
+    Some(match action {
+        Action::SelectTool(tool) => format!("select tool {tool}"),
+        Action::ChangeTool(tool) => format!("change to tool {tool}"),
+        Action::Spindle { direction, speed_rpm } => match direction {
+            SpindleDirection::Stopped => "spindle stop".to_owned(),
+            SpindleDirection::Clockwise => format!("spindle clockwise {speed_rpm} rpm"),
+            SpindleDirection::CounterClockwise => format!("spindle counter-clockwise {speed_rpm} rpm"),
+        },
+        Action::Coolant { mist, flood } => {
+            let word = |on: bool| if on { "on" } else { "off" };
+            format!("mist {}, flood {}", word(*mist), word(*flood))
+        }
+        Action::Message(text) => text.clone(),
+        _ => return None,
+    })
+}
+
+/// The text of one line of a file; empty where there is none.
+pub(crate) fn line_text(program: &Path, line: u32) -> String {
+    let Ok(file) = File::open(program) else { return String::new() };
+    let mut reader = BufReader::new(file);
+    let mut bytes = Vec::new();
+    for _ in 0..line {
+        bytes.clear();
+        if reader.read_until(b'\n', &mut bytes).unwrap_or(0) == 0 {
+            return String::new();
+        }
+    }
+    String::from_utf8_lossy(&bytes).trim_end().to_owned()
+}

@@ -1,0 +1,123 @@
+//! What a run is asked to do.
+
+use std::path::PathBuf;
+
+use evolvent_gcode as gcode;
+use evolvent_machine::{ControlRate, Machine, PathMode, PeriodError};
+use evolvent_path::AXES;
+use evolvent_plan::{PathLimits, PathRules};
+
+/// Which clock drives the cycle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Clock {
+    /// Absolute deadlines of `CLOCK_MONOTONIC`.
+    Realtime,
+    /// As fast as it computes: the same code, the same bits.
+    Virtual,
+}
+
+impl Clock {
+    /// The name on the command line and in traces.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Realtime => "realtime",
+            Self::Virtual => "virtual",
+        }
+    }
+}
+
+/// A machine at a control rate: what every room needs to know of it.
+#[derive(Clone, Debug)]
+pub struct Setup {
+    /// The machine.
+    pub machine: Machine,
+    /// Path of its file, and its text.
+    pub machine_file: PathBuf,
+    /// The file's text, attached to traces.
+    pub machine_text: String,
+    /// The control period.
+    pub period_ns: u64,
+}
+
+impl Setup {
+    /// The machine at a rate, or at the rate of its file.
+    ///
+    /// # Errors
+    /// The rate is outside what a loop can run.
+    pub fn new(
+        machine: Machine,
+        machine_file: PathBuf,
+        machine_text: String,
+        rate: Option<ControlRate>,
+    ) -> Result<Self, PeriodError> {
+        let period_ns = machine.period_ns(rate.unwrap_or(machine.rate))?;
+        Ok(Self { machine, machine_file, machine_text, period_ns })
+    }
+
+    /// The control rate.
+    #[must_use]
+    pub fn rate_hz(&self) -> f64 {
+        1e9 / self.period_ns as f64
+    }
+
+    /// Limits along the path.
+    #[must_use]
+    pub fn path_limits(&self) -> PathLimits {
+        let chord_error_mm = self.machine.path.chord_error_increments / self.machine.increments_per_mm;
+        PathLimits::new(self.machine.limits(), self.rate_hz(), chord_error_mm)
+    }
+
+    /// Rules of joining blocks.
+    #[must_use]
+    pub fn path_rules(&self) -> PathRules {
+        PathRules {
+            blend_tolerance_mm: self.machine.path.blend_tolerance_mm,
+            joint_time_s: self.machine.path.joint_time_s,
+        }
+    }
+
+    /// What the interpreter needs to know: the machine stands at home.
+    #[must_use]
+    pub fn interpreter_settings(&self) -> gcode::Settings {
+        let limits = self.machine.limits();
+        let path = &self.machine.path;
+        let mut axes = [false; AXES];
+        axes.copy_from_slice(&limits.present);
+        gcode::Settings {
+            start: limits.home,
+            axes,
+            path_mode: match path.mode {
+                PathMode::Exact => gcode::PathMode::ExactPath,
+                PathMode::Blend => gcode::PathMode::Blend { tolerance_mm: None },
+            },
+            involute_tolerance_mm: path.involute_end_tolerance_mm,
+            ..gcode::Settings::default()
+        }
+    }
+}
+
+/// One run of one program.
+#[derive(Clone, Debug)]
+pub struct Job {
+    /// The program's file.
+    pub program: PathBuf,
+    /// The machine at its rate.
+    pub setup: Setup,
+    /// Which clock.
+    pub clock: Clock,
+    /// Feed override at the start, 1 at 100 %.
+    pub feed_override: f64,
+    /// Where to write the trace; none for no trace.
+    pub trace: Option<PathBuf>,
+    /// Whether setpoints go out on the bus.
+    pub bus: bool,
+    /// iceoryx2's prefix; none for iceoryx2's own.
+    pub bus_prefix: Option<String>,
+    /// How many setpoint subscribers to wait for before the start, 10 s at the most.
+    pub wait_for_subscribers: usize,
+    /// Stop at M1.
+    pub optional_stop: bool,
+    /// Wait at M0, M1 and M60 until told to go on; otherwise go on at once.
+    pub stop_at_program_stops: bool,
+}

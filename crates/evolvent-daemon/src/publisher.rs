@@ -1,0 +1,165 @@
+//! The publisher's thread: owns the ports of the bus.
+
+use std::sync::Arc;
+use std::sync::mpsc::Sender;
+use std::time::Duration;
+
+use evolvent_bus::{BusConfig, BusError, CoreBus, EventKind, Status};
+use evolvent_motion::State;
+use evolvent_path::{AXES, Axes};
+use rtrb::Consumer;
+
+use crate::cycle::DueSetpoint;
+use crate::job::Clock;
+use crate::rt::MonotonicClock;
+use crate::shared::Controls;
+
+/// Time between two status snapshots.
+const STATUS_EVERY_NS: u64 = 50_000_000;
+/// How long to wait for subscribers that were asked for.
+const SUBSCRIBER_TIMEOUT: Duration = Duration::from_secs(10);
+/// Longest sleep between two looks at the queue.
+const LONGEST_SLEEP_NS: u64 = 1_000_000;
+
+/// What the publisher needs to know.
+pub(crate) struct Publishing {
+    pub config: BusConfig,
+    pub clock: Clock,
+    pub increments: Axes,
+    pub axes_mask: u32,
+    pub program: String,
+    pub wait_for_subscribers: usize,
+    pub controls: Arc<Controls>,
+}
+
+/// What the publisher counted.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct PublishReport {
+    /// Setpoints that left after they were due.
+    pub late: u64,
+    /// Setpoints that did not leave.
+    pub failed: u64,
+}
+
+impl Publishing {
+    /// Opens the bus, tells `ready` how that went, and publishes until the queue is abandoned and empty.
+    pub(crate) fn run(
+        self,
+        mut queue: Consumer<DueSetpoint>,
+        ready: &Sender<Result<usize, BusError>>,
+    ) -> PublishReport {
+        let mut report = PublishReport::default();
+        let mut bus = match CoreBus::open(&self.config) {
+            Ok(bus) => bus,
+            Err(error) => {
+                let _gone = ready.send(Err(error));
+                return report;
+            }
+        };
+        let subscribers = if self.wait_for_subscribers > 0 {
+            bus.wait_for_setpoint_subscribers(self.wait_for_subscribers, SUBSCRIBER_TIMEOUT)
+        } else {
+            bus.setpoint_subscribers()
+        };
+        let _gone = ready.send(Ok(subscribers));
+        let nap = (self.config.period_ns / 2).min(LONGEST_SLEEP_NS);
+        let mut status = Status::default();
+        status.set_program(&self.program);
+        let mut next_status = 0;
+        let mut state = State::Idle;
+        // A status or an event that does not leave is replaced by the next.
+        let _lost = bus.notify(EventKind::Started);
+        loop {
+            let over = queue.is_abandoned();
+            let mut last = None;
+            while let Ok(due) = queue.pop() {
+                let now = MonotonicClock::now_ns();
+                let message = self.message(&due);
+                if self.clock == Clock::Realtime && now > due.due_time_ns {
+                    report.late += 1;
+                }
+                if bus.publish_setpoint(&message).is_err() {
+                    report.failed += 1;
+                }
+                last = Some(message);
+                if due.setpoint.state != state {
+                    let event = event_of(state, due.setpoint.state);
+                    state = due.setpoint.state;
+                    let _lost = bus.notify(event);
+                }
+            }
+            let now = MonotonicClock::now_ns();
+            if let Some(message) = last
+                && (now >= next_status || over)
+            {
+                next_status = now + STATUS_EVERY_NS;
+                self.fill(&mut status, &message, now, report.late);
+                status.setpoint_subscribers = bus.setpoint_subscribers() as u32;
+                let _lost = bus.publish_status(&status);
+            }
+            if over && queue.is_empty() {
+                break;
+            }
+            let _late = MonotonicClock::sleep_until(now + nap);
+        }
+        let _lost = bus.notify(EventKind::Done);
+        report
+    }
+
+    fn message(&self, due: &DueSetpoint) -> evolvent_bus::Setpoint {
+        let setpoint = &due.setpoint;
+        let mut increments = [0; AXES];
+        for i in 0..AXES {
+            // The guard has checked the travel, so this fits by far.
+            increments[i] = (setpoint.position[i] * self.increments[i]).round() as i64;
+        }
+        evolvent_bus::Setpoint {
+            sequence: setpoint.sequence,
+            due_time_ns: due.due_time_ns,
+            period_ns: self.config.period_ns,
+            position: setpoint.position.into(),
+            velocity: setpoint.velocity.into(),
+            acceleration: setpoint.acceleration.into(),
+            position_increments: increments,
+            state: setpoint.state as u32,
+            flags: setpoint.flags,
+            line: setpoint.line,
+            axes_mask: self.axes_mask,
+            feed_mm_s: setpoint.feed_mm_s,
+            override_ratio: setpoint.feed_override,
+            path_mm: setpoint.path_mm,
+            ..evolvent_bus::Setpoint::default()
+        }
+    }
+
+    fn fill(&self, status: &mut Status, setpoint: &evolvent_bus::Setpoint, now: u64, late: u64) {
+        status.sequence += 1;
+        status.time_ns = now;
+        status.cycles = self.controls.progress().cycles;
+        status.period_ns = setpoint.period_ns;
+        status.state = setpoint.state;
+        status.machine_state = 2;
+        status.flags = setpoint.flags;
+        status.line = setpoint.line;
+        status.axes_mask = self.axes_mask;
+        status.position_machine = setpoint.position;
+        status.velocity = setpoint.velocity;
+        status.path_mm = setpoint.path_mm;
+        status.feed_mm_s = setpoint.feed_mm_s;
+        status.override_ratio = setpoint.override_ratio;
+        status.rapid_override_ratio = 1.0;
+        status.spindle_override_ratio = 1.0;
+        status.late_cycles = late;
+    }
+}
+
+fn event_of(before: State, now: State) -> EventKind {
+    match (before, now) {
+        (_, State::Holding | State::Held) => EventKind::Hold,
+        (State::Holding | State::Held, State::Running) => EventKind::Resumed,
+        (_, State::Stopped) => EventKind::Stopped,
+        (_, State::Done) => EventKind::Done,
+        (_, State::Fault) => EventKind::Fault,
+        _ => EventKind::StatusChanged,
+    }
+}

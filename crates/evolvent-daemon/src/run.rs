@@ -1,0 +1,409 @@
+//! One run: threads started, joined, and summed up.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
+use std::thread;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use evolvent_bus::{BusConfig, BusError};
+use evolvent_motion::{Motion, Setpoint, plan_queue};
+use evolvent_trace::{ProgramSource, RecordError, Recorder, RunInfo, configuration_hash};
+use rtrb::RingBuffer;
+
+use crate::cycle::{CycleLoop, CycleReport};
+use crate::feeder::{FeedReport, Feeder, FeederNews, Notice, ProgramError};
+use crate::job::{Clock, Job};
+use crate::publisher::Publishing;
+use crate::recording::Recording;
+use crate::rt::{RealtimeRequest, apply_to_this_thread};
+use crate::shared::Controls;
+use crate::summary::{Summary, TimingSummary, axis_summaries, outcome_of};
+
+/// How long the planner sleeps when the queue is full.
+const PLANNER_NAP: Duration = Duration::from_micros(500);
+/// Seconds of setpoints and records that the queues hold.
+const QUEUE_SECONDS: f64 = 2.0;
+/// Bounds of their length.
+const QUEUE_LENGTH: (usize, usize) = (4096, 65_536);
+/// How often the caller hears of progress.
+const PROGRESS_EVERY: Duration = Duration::from_millis(50);
+/// How long to wait for the bus: opening clears what killed runs have left, and may wait for subscribers.
+const BUS_TIMEOUT: Duration = Duration::from_secs(30);
+
+/// Why a run could not be started.
+#[derive(Debug, thiserror::Error)]
+pub enum StartError {
+    /// The bus.
+    #[error(transparent)]
+    Bus(#[from] BusError),
+    /// The bus did not open in time.
+    #[error("the bus did not open within {} s; see whether shared memory is usable (`evolvent doctor`)", BUS_TIMEOUT.as_secs())]
+    BusTimeout,
+    /// The trace.
+    #[error(transparent)]
+    Trace(#[from] RecordError),
+    /// The operating system gave no thread.
+    #[error("a thread could not be started: {0}; free memory or raise the limit of processes")]
+    Thread(#[from] std::io::Error),
+}
+
+/// What became of a run.
+#[derive(Debug)]
+pub struct RunOutcome {
+    /// The figures.
+    pub summary: Summary,
+    /// What was wrong with the program: it was run up to there.
+    pub program: Result<(), ProgramError>,
+    /// What was wrong with the trace.
+    pub trace_error: Option<RecordError>,
+    /// What the guard refused.
+    pub fault: Option<String>,
+}
+
+/// Tells the caller how the run goes.
+pub trait RunObserver {
+    /// Called about twenty times a second.
+    fn progress(&mut self, controls: &Controls);
+
+    /// Something between moves has taken effect.
+    fn notice(&mut self, notice: &Notice);
+
+    /// Something that the user should know at once.
+    fn note(&mut self, text: &str);
+}
+
+/// Runs a job to its end. `observe` sees every setpoint, on the cycle's thread: for offline use only.
+///
+/// # Errors
+/// The run could not be started; nothing has moved.
+pub fn run(
+    job: &Job,
+    controls: &Arc<Controls>,
+    observer: &mut dyn RunObserver,
+    observe: impl FnMut(&Setpoint) + Send,
+) -> Result<RunOutcome, StartError> {
+    let setup = &job.setup;
+    let limits = setup.machine.limits();
+    let rate_hz = setup.rate_hz();
+    let length = ((rate_hz * QUEUE_SECONDS) as usize).clamp(QUEUE_LENGTH.0, QUEUE_LENGTH.1);
+    let start_unix_ns = unix_ns();
+
+    let mut notes = Vec::new();
+
+    thread::scope(|scope| {
+        let (trace_producer, trace_consumer) = optional_ring(job.trace.is_some(), length);
+        let (bus_producer, bus_consumer) = optional_ring(job.bus, length);
+
+        // The bus first: what fails should fail before anything is planned.
+        let publisher = match bus_consumer {
+            None => None,
+            Some(queue) => {
+                let (ready_sender, ready) = mpsc::channel();
+                let publishing = publishing(job, controls);
+                let request = realtime_request(job, 1);
+                let handle = thread::Builder::new().name("publisher".into()).spawn_scoped(scope, move || {
+                    if let Some(request) = request {
+                        // The cycle's thread asks for the same and more, and reports.
+                        let _granted = apply_to_this_thread(&request);
+                    }
+                    publishing.run(queue, &ready_sender)
+                })?;
+                match ready.recv_timeout(BUS_TIMEOUT) {
+                    Ok(Ok(subscribers)) if subscribers < job.wait_for_subscribers => {
+                        let text = format!(
+                            "{subscribers} of {} subscribers came; the run starts without the others",
+                            job.wait_for_subscribers
+                        );
+                        observer.note(&text);
+                        notes.push(text);
+                    }
+                    Ok(Ok(_)) => {}
+                    Ok(Err(error)) => return Err(StartError::Bus(error)),
+                    Err(_) => return Err(StartError::BusTimeout),
+                }
+                Some(handle)
+            }
+        };
+
+        let recorder = match &job.trace {
+            Some(path) => Some(Recorder::create(path, &run_info(job, start_unix_ns))?),
+            None => None,
+        };
+        let (news, notices) = mpsc::channel();
+        let mut listeners = vec![news];
+        let (summary_sender, summary_receiver) = mpsc::channel();
+        let (failure_sender, failures) = mpsc::channel();
+        let recording = match (recorder, trace_consumer) {
+            (Some(recorder), Some(queue)) => {
+                let (news_sender, news) = mpsc::channel();
+                listeners.push(news_sender);
+                let recording = Recording {
+                    recorder,
+                    queue,
+                    news,
+                    on_full: setup.machine.trace.on_full,
+                    controls: Arc::clone(controls),
+                    program: job.program.clone(),
+                };
+                let period_ns = setup.period_ns;
+                Some(thread::Builder::new().name("recorder".into()).spawn_scoped(scope, move || {
+                    recording.run(period_ns, &summary_receiver, &failure_sender)
+                })?)
+            }
+            _ => None,
+        };
+
+        let waiting = Arc::clone(controls);
+        let (plan_producer, plan_consumer) = plan_queue(move || {
+            thread::sleep(PLANNER_NAP);
+            !waiting.is_abandoned()
+        });
+        let with_blocks = recording.is_some();
+        let feeder = thread::Builder::new().name("planner".into()).spawn_scoped(scope, move || {
+            let optional_stop = job.optional_stop;
+            Feeder::new(&job.program, setup, plan_producer, listeners, with_blocks, optional_stop)
+                .feed(&job.program)
+        })?;
+
+        let cycle = CycleLoop {
+            motion: Motion::new(limits, setup.period_ns, limits.home),
+            queue: plan_consumer,
+            controls: Arc::clone(controls),
+            clock: job.clock,
+            period_ns: setup.period_ns,
+            lead_cycles: setup.machine.lead_cycles,
+            max_late_cycles: setup.machine.realtime.max_late_cycles,
+            bus: bus_producer,
+            trace: trace_producer,
+            start_unix_ns,
+        };
+        let request = realtime_request(job, 0);
+        let (granted_sender, granted) = mpsc::channel();
+        let cycle_thread = thread::Builder::new().name("cycle".into()).spawn_scoped(scope, move || {
+            // Begin with a plan in hand, so that the first cycles do not depend on how fast it came.
+            while !(cycle.queue.is_ready() || cycle.queue.is_abandoned()) {
+                thread::sleep(PLANNER_NAP);
+            }
+            if let Some(request) = request {
+                let _gone = granted_sender.send(apply_to_this_thread(&request).notes);
+            }
+            drop(granted_sender);
+            cycle.run(observe)
+        })?;
+        for text in granted.iter().flatten() {
+            observer.note(&text);
+            notes.push(text);
+        }
+        watch(job, controls, observer, &notices, &failures, || cycle_thread.is_finished());
+
+        let report = join(cycle_thread)?;
+        let (feed, program) = join(feeder)?;
+        let published = publisher.map(join).transpose()?.unwrap_or_default();
+        watch(job, controls, observer, &notices, &failures, || true);
+        let late = if job.bus { published.late.max(report.late_cycles) } else { report.late_cycles };
+        let mut summary = summarise(job, &report, &feed, late, notes);
+        summary.dropped_setpoints += published.failed;
+        let fault = fault_text(&report);
+        let mut trace_error = None;
+        if let Some(recording) = recording {
+            let _gone = summary_sender.send(trace_summary(&summary));
+            let record = join(recording)?;
+            summary.dropped_records += record.lost;
+            match record.result {
+                Ok(path) => summary.trace = Some(path.display().to_string()),
+                Err(error) => trace_error = Some(error),
+            }
+        }
+        Ok(RunOutcome { summary, program, trace_error, fault })
+    })
+}
+
+/// A panic of a thread is a bug; it is passed on rather than turned into a wrong summary.
+fn join<T>(handle: thread::ScopedJoinHandle<'_, T>) -> Result<T, StartError> {
+    handle.join().map_err(|panic| std::panic::resume_unwind(panic))
+}
+
+fn optional_ring<T>(wanted: bool, length: usize) -> (Option<rtrb::Producer<T>>, Option<rtrb::Consumer<T>>) {
+    if !wanted {
+        return (None, None);
+    }
+    let (producer, consumer) = RingBuffer::new(length);
+    (Some(producer), Some(consumer))
+}
+
+fn unix_ns() -> u64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos() as u64)
+}
+
+fn realtime_request(job: &Job, below: u8) -> Option<RealtimeRequest> {
+    let settings = &job.setup.machine.realtime;
+    (job.clock == Clock::Realtime).then(|| RealtimeRequest {
+        priority: Some(settings.priority.saturating_sub(below).max(1)),
+        core: if below == 0 { settings.core } else { None },
+        lock_memory: settings.lock_memory && below == 0,
+    })
+}
+
+fn publishing(job: &Job, controls: &Arc<Controls>) -> Publishing {
+    let machine = &job.setup.machine;
+    let mut config = BusConfig::new(&machine.name, &machine.axis_letters(), job.setup.period_ns);
+    config.prefix.clone_from(&job.bus_prefix);
+    let axes_mask = machine.axes.iter().fold(0, |mask, axis| mask | 1 << axis.letter.index());
+    Publishing {
+        config,
+        clock: job.clock,
+        increments: machine.increments(),
+        axes_mask,
+        program: job.program.display().to_string(),
+        wait_for_subscribers: job.wait_for_subscribers,
+        controls: Arc::clone(controls),
+    }
+}
+
+fn run_info(job: &Job, start_time_ns: u64) -> RunInfo {
+    let setup = &job.setup;
+    let settings = &setup.machine.realtime;
+    let name = |path: &std::path::Path| {
+        path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned())
+    };
+    RunInfo {
+        program_name: name(&job.program),
+        program: ProgramSource::File(job.program.clone()),
+        machine_name: setup.machine.name.clone(),
+        machine_file_name: name(&setup.machine_file),
+        machine_file: setup.machine_text.clone(),
+        tool_table: None,
+        axes: setup.machine.axes.iter().map(|axis| axis.letter).collect(),
+        period_ns: setup.period_ns,
+        start_time_ns,
+        versions: BTreeMap::from([("evolvent".to_owned(), env!("CARGO_PKG_VERSION").to_owned())]),
+        configuration_hash: configuration_hash(&[setup.machine_text.as_bytes()]),
+        clock: job.clock.name().to_owned(),
+        real_time: format!(
+            "SCHED_FIFO {} asked for, core {:?}, lock memory {}",
+            settings.priority, settings.core, settings.lock_memory
+        ),
+        extra: BTreeMap::from([("feed_override".to_owned(), job.feed_override.to_string())]),
+    }
+}
+
+/// Passes on news until `finished`.
+fn watch(
+    job: &Job,
+    controls: &Controls,
+    observer: &mut dyn RunObserver,
+    notices: &Receiver<FeederNews>,
+    failures: &Receiver<RecordError>,
+    finished: impl Fn() -> bool,
+) {
+    // The planner is far ahead: a notice is passed on once the cycle has got there.
+    let mut ahead: std::collections::VecDeque<Notice> = std::collections::VecDeque::new();
+    loop {
+        let over = finished();
+        if !over {
+            thread::sleep(PROGRESS_EVERY.min(Duration::from_millis(if job.clock == Clock::Virtual { 2 } else { 50 })));
+        }
+        loop {
+            match notices.recv_timeout(Duration::ZERO) {
+                Ok(FeederNews::Notice(notice)) => ahead.push_back(notice),
+                Ok(FeederNews::Block(_)) => {}
+                Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => break,
+            }
+        }
+        let progress = controls.progress();
+        while ahead.front().is_some_and(|notice| notice.action < progress.actions) {
+            if let Some(notice) = ahead.pop_front() {
+                observer.notice(&notice);
+            }
+        }
+        while let Ok(error) = failures.try_recv() {
+            observer.note(&error.to_string());
+        }
+        if progress.at_program_stop && !job.stop_at_program_stops {
+            controls.resume();
+        }
+        observer.progress(controls);
+        if over {
+            break;
+        }
+    }
+}
+
+fn fault_text(report: &CycleReport) -> Option<String> {
+    let motion = &report.motion;
+    if let Some(violation) = motion.fault() {
+        return Some(format!(
+            "the guard refused a setpoint: {violation}; the machine was stopped. \
+             This is a fault of the planner: please report it with the trace"
+        ));
+    }
+    if report.planner_died {
+        return Some("the planner ended without completing its plan; the machine stopped on the path".to_owned());
+    }
+    report.stopped_for_lateness.then(|| {
+        "too many setpoints in a row left late; the machine was stopped on the path. Run `evolvent doctor`, \
+         lower the rate, or raise realtime.max_late_cycles"
+            .to_owned()
+    })
+}
+
+fn summarise(job: &Job, report: &CycleReport, feed: &FeedReport, late: u64, notes: Vec<String>) -> Summary {
+    let setup = &job.setup;
+    let machine = &setup.machine;
+    let extremes = report.motion.extremes();
+    let per_axis = axis_summaries(machine, extremes);
+    let position = report.last.map_or(machine.limits().home, |last| last.position);
+    let list = |of: fn(&crate::summary::AxisSummary) -> f64| per_axis.iter().map(of).collect::<Vec<_>>();
+    Summary {
+        program: job.program.display().to_string(),
+        machine: machine.name.clone(),
+        clock: job.clock.name(),
+        outcome: if report.stopped_for_lateness || report.planner_died {
+            "fault"
+        } else {
+            outcome_of(report.motion.state())
+        },
+        axes: machine.axes.iter().map(|axis| axis.letter.letter()).collect(),
+        cycles: report.cycles,
+        rate_hz: setup.rate_hz(),
+        period_ns: setup.period_ns,
+        duration_s: report.cycles as f64 * setup.period_ns as f64 * 1e-9,
+        planned_duration_s: feed.planned_s,
+        moves: feed.moves,
+        path_length_mm: report.last.map_or(0.0, |last| last.path_mm),
+        late_cycles: late,
+        dropped_records: report.dropped_records,
+        dropped_setpoints: report.dropped_setpoints,
+        starved_cycles: report.starved_cycles,
+        max_chord_error_mm: extremes.chord_error_mm,
+        permitted_chord_error_mm: machine.path.chord_error_increments / machine.increments_per_mm,
+        max_path_error_mm: feed.deviation_mm,
+        end_position: machine.axes.iter().map(|axis| position[axis.letter.index()]).collect(),
+        max_velocity_mm_s: list(|axis| axis.max_velocity_mm_s),
+        max_acceleration_mm_s2: list(|axis| axis.max_acceleration_mm_s2),
+        max_jerk_mm_s3: list(|axis| axis.max_jerk_mm_s3),
+        velocity_ratio: list(|axis| axis.velocity_ratio),
+        acceleration_ratio: list(|axis| axis.acceleration_ratio),
+        jerk_ratio: list(|axis| axis.jerk_ratio),
+        per_axis,
+        wake_lateness: TimingSummary::of(&report.lateness),
+        work: TimingSummary::of(&report.work),
+        trace: None,
+        notes,
+    }
+}
+
+/// What of the summary goes into the trace's metadata.
+fn trace_summary(summary: &Summary) -> BTreeMap<String, String> {
+    let pairs = [
+        ("outcome", summary.outcome.to_owned()),
+        ("duration_s", summary.duration_s.to_string()),
+        ("path_length_mm", summary.path_length_mm.to_string()),
+        ("late_cycles", summary.late_cycles.to_string()),
+        ("dropped_records", summary.dropped_records.to_string()),
+        ("max_chord_error_mm", summary.max_chord_error_mm.to_string()),
+        ("max_path_error_mm", summary.max_path_error_mm.to_string()),
+    ];
+    pairs.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
+}

@@ -1,0 +1,130 @@
+//! What the threads of a run tell one another without waiting.
+
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
+
+use evolvent_motion::{Inputs, Setpoint, State};
+
+/// Switches and gauges of a run. The cycle reads the switches once a cycle and sets the gauges; nobody waits.
+#[derive(Debug)]
+pub struct Controls {
+    feed_override: AtomicU64,
+    hold: AtomicBool,
+    stop: AtomicBool,
+    resume: AtomicBool,
+    abandon: AtomicBool,
+    sequence: AtomicU64,
+    path_mm: AtomicU64,
+    feed_mm_s: AtomicU64,
+    line: AtomicU32,
+    state: AtomicU32,
+    actions: AtomicU32,
+}
+
+impl Controls {
+    /// Nothing held, nothing stopped.
+    #[must_use]
+    pub fn new(feed_override: f64) -> Self {
+        Self {
+            feed_override: AtomicU64::new(feed_override.to_bits()),
+            hold: AtomicBool::new(false),
+            stop: AtomicBool::new(false),
+            resume: AtomicBool::new(false),
+            abandon: AtomicBool::new(false),
+            sequence: AtomicU64::new(0),
+            path_mm: AtomicU64::new(0),
+            feed_mm_s: AtomicU64::new(0),
+            line: AtomicU32::new(0),
+            state: AtomicU32::new(State::Idle as u32),
+            actions: AtomicU32::new(0),
+        }
+    }
+
+    /// Sets the feed override, 1 at 100 %.
+    pub fn set_override(&self, factor: f64) {
+        self.feed_override.store(factor.to_bits(), Ordering::Relaxed);
+    }
+
+    /// Holds the feed, or lets it go on.
+    pub fn set_hold(&self, hold: bool) {
+        self.hold.store(hold, Ordering::Relaxed);
+    }
+
+    /// Stops within the limits and ends the run.
+    pub fn stop(&self) {
+        self.stop.store(true, Ordering::Relaxed);
+    }
+
+    /// Whether a stop was asked for.
+    #[must_use]
+    pub fn is_stopping(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+
+    /// Goes on after a program stop.
+    pub fn resume(&self) {
+        self.resume.store(true, Ordering::Relaxed);
+    }
+
+    /// The cycle has ended: the planner need not go on.
+    pub(crate) fn abandon(&self) {
+        self.abandon.store(true, Ordering::Release);
+    }
+
+    pub(crate) fn is_abandoned(&self) -> bool {
+        self.abandon.load(Ordering::Acquire)
+    }
+
+    /// The cycle's inputs of this moment.
+    pub(crate) fn inputs(&self) -> Inputs {
+        let state = self.state.load(Ordering::Relaxed);
+        let resume = self.resume.load(Ordering::Relaxed);
+        if resume && state != State::ProgramStop as u32 {
+            self.resume.store(false, Ordering::Relaxed);
+        }
+        Inputs {
+            feed_override: f64::from_bits(self.feed_override.load(Ordering::Relaxed)),
+            hold: self.hold.load(Ordering::Relaxed),
+            stop: self.stop.load(Ordering::Relaxed),
+            resume: resume && state == State::ProgramStop as u32,
+        }
+    }
+
+    pub(crate) fn publish(&self, setpoint: &Setpoint) {
+        self.sequence.store(setpoint.sequence + 1, Ordering::Relaxed);
+        self.path_mm.store(setpoint.path_mm.to_bits(), Ordering::Relaxed);
+        self.feed_mm_s.store(setpoint.feed_mm_s.to_bits(), Ordering::Relaxed);
+        self.line.store(setpoint.line, Ordering::Relaxed);
+        self.state.store(setpoint.state as u32, Ordering::Relaxed);
+        self.actions.store(setpoint.actions, Ordering::Relaxed);
+    }
+
+    /// Where the run is.
+    #[must_use]
+    pub fn progress(&self) -> Progress {
+        Progress {
+            cycles: self.sequence.load(Ordering::Relaxed),
+            path_mm: f64::from_bits(self.path_mm.load(Ordering::Relaxed)),
+            feed_mm_s: f64::from_bits(self.feed_mm_s.load(Ordering::Relaxed)),
+            line: self.line.load(Ordering::Relaxed),
+            at_program_stop: self.state.load(Ordering::Relaxed) == State::ProgramStop as u32,
+            actions: self.actions.load(Ordering::Relaxed),
+        }
+    }
+}
+
+/// Where a run is, for people.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Progress {
+    /// Setpoints computed.
+    pub cycles: u64,
+    /// Path travelled.
+    pub path_mm: f64,
+    /// Speed along the path.
+    pub feed_mm_s: f64,
+    /// Program line.
+    pub line: u32,
+    /// Waiting at M0, M1 or M60.
+    pub at_program_stop: bool,
+    /// Actions for the periphery that have taken effect.
+    pub actions: u32,
+}

@@ -1,0 +1,147 @@
+//! What a run came to, against every limit.
+
+use evolvent_machine::Machine;
+use evolvent_motion::{Extremes, State};
+use evolvent_trace::Histogram;
+use serde::Serialize;
+
+/// Largest magnitudes of one axis and their ratios to the limits.
+#[derive(Clone, Debug, Serialize)]
+pub struct AxisSummary {
+    /// The axis's letter.
+    pub axis: char,
+    /// From first differences of setpoints: mm/s, or degrees/s.
+    pub max_velocity_mm_s: f64,
+    /// Ratio to the limit.
+    pub velocity_ratio: f64,
+    /// From second differences: mm/s2, or degrees/s2.
+    pub max_acceleration_mm_s2: f64,
+    /// Ratio to the limit.
+    pub acceleration_ratio: f64,
+    /// From third differences: mm/s3, or degrees/s3.
+    pub max_jerk_mm_s3: f64,
+    /// Ratio to the limit.
+    pub jerk_ratio: f64,
+    /// The same within three cycles of a step of curvature in exact-path mode, where only the joint time bounds it.
+    pub max_jerk_at_joints_mm_s3: f64,
+}
+
+/// Times of the loop, ns.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct TimingSummary {
+    /// Median.
+    pub p50_ns: i64,
+    /// 99 % are at most this.
+    pub p99_ns: i64,
+    /// 99.9 % are at most this.
+    pub p999_ns: i64,
+    /// The worst.
+    pub max_ns: i64,
+}
+
+impl TimingSummary {
+    pub(crate) fn of(histogram: &Histogram) -> Option<Self> {
+        (histogram.count() > 0).then(|| Self {
+            p50_ns: histogram.percentile_ns(50.0),
+            p99_ns: histogram.percentile_ns(99.0),
+            p999_ns: histogram.percentile_ns(99.9),
+            max_ns: histogram.max_ns(),
+        })
+    }
+}
+
+/// The summary of a run or of an offline plan; its JSON is part of the contract.
+#[derive(Clone, Debug, Serialize)]
+pub struct Summary {
+    /// The program.
+    pub program: String,
+    /// The machine's name.
+    pub machine: String,
+    /// `realtime` or `virtual`.
+    pub clock: &'static str,
+    /// How it ended: `done`, `stopped`, `fault`.
+    pub outcome: &'static str,
+    /// Letters of the axes in the order of the machine file; every list below is in that order.
+    pub axes: Vec<char>,
+    /// Setpoints.
+    pub cycles: u64,
+    /// The control rate.
+    pub rate_hz: f64,
+    /// The control period.
+    pub period_ns: u64,
+    /// Path time.
+    pub duration_s: f64,
+    /// Time planned for the moves at the programmed feed.
+    pub planned_duration_s: f64,
+    /// Moves in the program as far as it was planned.
+    pub moves: u64,
+    /// Programmed path travelled.
+    pub path_length_mm: f64,
+    /// Setpoints that left after they were due.
+    pub late_cycles: u64,
+    /// Trace records lost for want of room.
+    pub dropped_records: u64,
+    /// Setpoints lost on the way to the bus.
+    pub dropped_setpoints: u64,
+    /// Cycles that were slower than they could have been because the planner had not finished.
+    pub starved_cycles: u64,
+    /// Largest distance between the chord of two neighbouring setpoints and the curve.
+    pub max_chord_error_mm: f64,
+    /// The chord error that is permitted.
+    pub permitted_chord_error_mm: f64,
+    /// Largest distance between the path followed and the programmed path, by blends.
+    pub max_path_error_mm: f64,
+    /// Where the axes stand, mm or degrees.
+    pub end_position: Vec<f64>,
+    /// Largest velocities, mm/s or degrees/s.
+    pub max_velocity_mm_s: Vec<f64>,
+    /// Largest accelerations, mm/s2 or degrees/s2.
+    pub max_acceleration_mm_s2: Vec<f64>,
+    /// Largest jerks, mm/s3 or degrees/s3.
+    pub max_jerk_mm_s3: Vec<f64>,
+    /// Ratios to the limits.
+    pub velocity_ratio: Vec<f64>,
+    /// Ratios to the limits.
+    pub acceleration_ratio: Vec<f64>,
+    /// Ratios to the limits.
+    pub jerk_ratio: Vec<f64>,
+    /// The same, one entry an axis.
+    pub per_axis: Vec<AxisSummary>,
+    /// How late the cycle woke up; none with the virtual clock.
+    pub wake_lateness: Option<TimingSummary>,
+    /// How long its own work took; none with the virtual clock.
+    pub work: Option<TimingSummary>,
+    /// The trace file, if one was written.
+    pub trace: Option<String>,
+    /// What the user should know.
+    pub notes: Vec<String>,
+}
+
+pub(crate) fn outcome_of(state: State) -> &'static str {
+    match state {
+        State::Done => "done",
+        State::Fault => "fault",
+        _ => "stopped",
+    }
+}
+
+/// Per-axis figures in the order of the machine file.
+pub(crate) fn axis_summaries(machine: &Machine, extremes: &Extremes) -> Vec<AxisSummary> {
+    machine
+        .axes
+        .iter()
+        .map(|axis| {
+            let i = axis.letter.index();
+            AxisSummary {
+                axis: axis.letter.letter(),
+                max_velocity_mm_s: extremes.velocity[i],
+                velocity_ratio: extremes.velocity[i] / axis.max_velocity,
+                max_acceleration_mm_s2: extremes.acceleration[i],
+                acceleration_ratio: extremes.acceleration[i] / axis.max_acceleration,
+                max_jerk_mm_s3: extremes.jerk[i],
+                jerk_ratio: extremes.jerk[i] / axis.max_jerk,
+                max_jerk_at_joints_mm_s3: extremes.jerk_at_joints[i],
+            }
+        })
+        .collect()
+}
