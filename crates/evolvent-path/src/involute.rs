@@ -107,8 +107,8 @@ pub enum InvoluteError {
 /// turns. The axis normal to the plane and all others are linear in arc length (a helical involute).
 ///
 /// An end point that is off the curve, within the tolerance, is met by a displacement that grows evenly with
-/// arc length (so that the tangent at the base circle stays what it is); `length` and the parameters count the
-/// undisturbed curve then.
+/// arc length, nowhere larger than at the end (by roll angle it would turn the tangent at the base circle, where
+/// arc length grows with the angle's square). `length` and the parameters count the undisturbed curve then.
 ///
 /// Where the curve comes close to its base circle the regular parameter is not arc length, see `Roll`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -216,39 +216,54 @@ impl Involute {
             return Err(equal);
         }
         let turns = (far_thread - near_thread) / (r * TAU);
-        if turns > MAX_INVOLUTE_TURNS {
+        // A hundred turns, as computed, may be a rounding more.
+        if turns > MAX_INVOLUTE_TURNS * (1.0 + 1e-9) {
             return Err(InvoluteError::Turns { turns });
         }
 
         let normal = plane.axes().2;
-        let roll = Roll::new(r, near_thread / r, planar_length, outer[normal] - inner[normal]);
+        let climb = outer[normal] - inner[normal];
+        let phi_in = near_thread / r;
+        let tangent = tangent_at(near, r, near_thread, handed);
+        let roll = Roll::new(r, phi_in, planar_length, climb);
         let mut involute = Self {
             plane,
             inner,
             outer,
             inward,
             handed,
-            tangent: tangent_at(near, r, near_thread, handed),
+            tangent,
             gap: [0.0, 0.0],
             roll,
         };
-        involute.gap = sub(chord, involute.rolled(roll.last_turn()).0);
 
-        // Involutes of one circle are parallel curves: turned by an angle they are base radius times angle apart.
+        // Involutes of one circle are parallel curves: turned by an angle they are base radius times angle apart,
+        // everywhere. The foot of the end point is where the tangent is the end's own: many turns out that is far
+        // better known than the radius tells, where a micrometre of radius is phi micrometres of path.
         let meant = tangent_at(far, r, far_thread, handed);
         let (_, met, _) = involute.rolled(roll.last_turn());
         let angle = libm::atan2(cross(met, meant), dot(met, meant));
+        let turn = roll.last_turn() + handed * angle;
+        let mut planar_length = planar_length;
+        if angle.abs() > 8.0 * f64::EPSILON * (1.0 + roll.last_turn()) && turn > 0.0 {
+            planar_length = 0.5 * r * turn * (turn + 2.0 * phi_in);
+            involute.roll = Roll::new(r, phi_in, planar_length, climb);
+        }
+        involute.gap = sub(chord, involute.rolled(involute.roll.last_turn()).0);
+
         let distance_mm = r * angle.abs();
         let rounding = 64.0 * f64::EPSILON * (far_radius + norm(centre)) * (1.0 + roll.last_turn());
-        if distance_mm > tolerance_mm + rounding || norm(involute.gap) > 0.1 * planar_length {
+        // Whatever the tolerance, a displacement that is no longer small against the path is not a displacement.
+        let tolerance_mm = tolerance_mm.min(0.1 * planar_length);
+        if distance_mm > tolerance_mm + rounding || norm(involute.gap) > 0.2 * planar_length {
             if (far_radius - near_radius) <= tolerance_mm {
                 return Err(equal);
             }
             // Roll angle of the involute through the start where it crosses the end's direction.
             let (phi, angle) = if inward {
-                (roll.phi_in(), -angle)
+                (phi_in, -angle)
             } else {
-                (roll.phi_out(), angle)
+                (far_thread / r, angle)
             };
             let polar = phi - libm::atan(phi) + handed * angle;
             let polar = if polar < 0.0 { polar + TAU } else { polar };

@@ -311,3 +311,50 @@ impl Roll {
 fn below(x: f64) -> f64 {
     x.next_down()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn roll_angle_and_its_derivatives_are_monotone_over_the_stretch() {
+        // Safe bounds take the ends of a range for the extremes of phi' and phi''. Both depend on kappa by a factor
+        // only, so one kappa stands for all.
+        let zone = Zone {
+            full: 1.0,
+            x_in: 0.0,
+            u: 1.0,
+            s: 0.75,
+            kappa: 4.0 / 3.0,
+        };
+        let mut last = zone.phi(0.0);
+        assert_eq!(last[0], 0.0);
+        for i in 1..=10_000 {
+            let now = zone.phi(f64::from(i) / 10_000.0);
+            assert!(now[0] > last[0] && now[1] < last[1] && now[2] > last[2] && now[2] < 0.0);
+            last = now;
+        }
+        assert!((last[0] - 1.0).abs() <= 1e-15, "1 rad at the end of the stretch");
+    }
+
+    #[test]
+    fn three_derivatives_go_over_into_those_by_arc_length() {
+        for phi_in in [0.0, 0.1, 0.49] {
+            let roll = Roll::new(2.0, phi_in, 50.0, 3.0);
+            let zone = roll.zone.unwrap();
+            let (a, b) = (roll.at(zone.u.next_down()), roll.at(zone.u));
+            for (a, b) in [
+                (a.phi, b.phi),
+                (a.d1, b.d1),
+                (a.d2, b.d2),
+                (a.d3, b.d3),
+                (a.turn, b.turn),
+            ] {
+                assert!((a - b).abs() <= 1e-13, "{a} {b}");
+            }
+            for order in 0..3 {
+                assert!((a.s[order] - b.s[order]).abs() <= 1e-13);
+            }
+        }
+    }
+}
