@@ -234,6 +234,14 @@ impl Recorder {
         let run = with_checksum(info.to_metadata());
         let result = self.writer.metadata(schema::RUN, &run).and_then(|()| {
             schema::declare_channels(&mut self.writer, &letters);
+            // Some readers stumble over a chunk without a message.
+            let text = format!("{} on {}", info.program_name, info.machine_name);
+            self.writer
+                .message(Channel::Log.id(), 0, info.start_time_ns, |out| {
+                    out.extend_from_slice(
+                        &log_line(info.start_time_ns, LogLevel::Info, &text).encode_to_vec(),
+                    );
+                });
             self.writer.close_chunk()
         });
         self.settle(result)?;
@@ -252,7 +260,7 @@ impl Recorder {
             ProgramSource::Bytes(bytes) => self.attach(&info.program_name, "text/x-gcode", time_ns, bytes)?,
             ProgramSource::File(path) => self.attach_file(&info.program_name, path, time_ns)?,
         }
-        let result = self.writer.sync(false);
+        let result = self.writer.sync();
         self.settle(result)
     }
 
@@ -381,12 +389,7 @@ impl Recorder {
     /// As [`Self::cycle`].
     pub fn log(&mut self, time_ns: u64, level: LogLevel, text: &str) -> Result<(), RecordError> {
         self.check_failure()?;
-        let log = foxglove::Log {
-            timestamp: Some(timestamp(time_ns)),
-            level: level as i32,
-            message: cut(text),
-            name: "evolvent".to_owned(),
-        };
+        let log = log_line(time_ns, level, text);
         self.put(Channel::Log, time_ns, 0, &log);
         self.close_full_chunk()
     }
@@ -397,7 +400,7 @@ impl Recorder {
     /// As [`Self::cycle`], or the failure of an earlier synchronisation.
     pub fn flush(&mut self) -> Result<(), RecordError> {
         self.check_failure()?;
-        let result = self.writer.close_chunk().and_then(|()| self.writer.sync(false));
+        let result = self.writer.close_chunk().and_then(|()| self.writer.sync());
         self.settle(result)
     }
 
@@ -533,7 +536,7 @@ impl Drop for Recorder {
     fn drop(&mut self) {
         if !self.finished && self.failure.is_none() {
             // Nobody is left to hear of a failure. The part file stays and is recovered at the next start.
-            let _ = self.writer.close_chunk().and_then(|()| self.writer.sync(true));
+            let _ = self.writer.close_chunk().and_then(|()| self.writer.sync());
         }
     }
 }
@@ -597,6 +600,16 @@ fn check(info: &RunInfo) -> Result<(), RecordError> {
         ));
     }
     Ok(())
+}
+
+/// A line for people.
+pub(crate) fn log_line(time_ns: u64, level: LogLevel, text: &str) -> foxglove::Log {
+    foxglove::Log {
+        timestamp: Some(timestamp(time_ns)),
+        level: level as i32,
+        message: cut(text),
+        name: "evolvent".to_owned(),
+    }
 }
 
 /// A text of a length that a reader can bear.

@@ -11,8 +11,8 @@ use crate::checked_map::{with_checksum, without_checksum};
 use crate::chunk::{self, Inner, MAX_CHUNK_BYTES};
 use crate::format::{ChunkHead, FOOTER_LENGTH, Fields, MAGIC, RECORD_HEAD, ZSTD, op};
 use crate::reader::ChannelInfo;
-use crate::record::{CycleRecord, EventKind};
-use crate::recorder::sync_folder_of;
+use crate::record::{CycleRecord, EventKind, LogLevel};
+use crate::recorder::{log_line, sync_folder_of};
 use crate::run_info::RunInfo;
 use crate::schema::{self, Channel, evolvent};
 use crate::sink::FileSink;
@@ -500,6 +500,12 @@ impl Rescue {
         if !declares && !self.declared {
             // The chunk with the schemas is lost. Numbers of channels never change, so ours fit.
             schema::declare_channels(&mut self.writer, &self.letters);
+            let time_ns = index.start_time_ns().unwrap_or(0);
+            let text = "the descriptions of the channels were lost and are written anew by the recovery";
+            let line = log_line(time_ns, LogLevel::Warning, text).encode_to_vec();
+            self.writer
+                .message(Channel::Log.id(), 0, time_ns, |out| out.extend_from_slice(&line));
+            *self.counts.entry(Channel::Log.id()).or_default() += 1;
             self.writer.close_chunk().map_err(Trouble::Write)?;
             for channel in Channel::ALL {
                 let names = (channel.topic().to_owned(), channel.message_name().to_owned());

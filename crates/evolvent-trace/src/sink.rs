@@ -11,11 +11,12 @@ use std::thread::JoinHandle;
 /// A trace is only ever appended to, so that what is on disk is right at every moment up to the last complete
 /// record; no place is written twice.
 pub trait TraceSink: Send {
-    /// Appends all bytes.
+    /// Appends all bytes. `room_after` more may be needed to end the file; a sink that can tell that there is no
+    /// room for both fails at once and appends nothing, so that the file can still be ended.
     ///
     /// # Errors
-    /// The reason why they could not all be written; some of them may have been.
-    fn append(&mut self, bytes: &[u8]) -> io::Result<()>;
+    /// The reason why the bytes could not all be appended; some of them may have been.
+    fn append(&mut self, bytes: &[u8], room_after: u64) -> io::Result<()>;
 
     /// Forgets everything from `length` on; what is appended next begins there. Called after a failed
     /// append, to cut off what it left half done.
@@ -24,26 +25,39 @@ pub trait TraceSink: Send {
     /// The reason why the sink cannot forget.
     fn truncate(&mut self, length: u64) -> io::Result<()>;
 
-    /// Makes what has been appended survive a loss of power: at once if `wait`, else soon and without
-    /// holding the caller up.
+    /// Makes what has been appended survive a loss of power: soon, and without holding the caller up.
     ///
     /// # Errors
     /// A failure of this or of an earlier synchronisation.
-    fn sync(&mut self, wait: bool) -> io::Result<()>;
+    fn sync(&mut self) -> io::Result<()>;
+
+    /// The file is complete: waits until all of it is where it survives a loss of power.
+    ///
+    /// # Errors
+    /// The reason why it may not survive.
+    fn end(&mut self) -> io::Result<()>;
 }
 
-/// A file; its synchronisation with the disk runs in a thread of its own, because on a slow disk it takes longer
+/// Room is set aside in steps of this size.
+#[cfg(target_os = "linux")]
+const ROOM_STEP_BYTES: u64 = 1 << 20;
+
+/// A file. Room for its end is set aside on the disk before each append where the file system can do that, so that
+/// a trace on a full disk still gets its index. Its synchronisation with the disk runs in a thread of its own, because on a slow disk it takes longer
 /// than the queue before the recorder lasts.
 #[derive(Debug)]
 pub struct FileSink {
     file: File,
+    length: u64,
+    /// How far room has been set aside; `None` where the file system cannot.
+    room: Option<u64>,
     requests: Option<SyncSender<()>>,
     failure: Arc<Mutex<Option<io::Error>>>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl FileSink {
-    /// Takes over a file that is open for writing, at its end.
+    /// Takes over an empty file that is open for writing.
     ///
     /// # Errors
     /// If the file handle cannot be duplicated or the thread cannot be started.
@@ -63,10 +77,48 @@ impl FileSink {
             })?;
         Ok(Self {
             file,
+            length: 0,
+            room: Some(0),
             requests: Some(requests),
             failure,
             thread: Some(thread),
         })
+    }
+}
+
+impl FileSink {
+    /// Sets room aside up to `end`, or more.
+    #[cfg(target_os = "linux")]
+    fn set_aside(&mut self, end: u64) -> io::Result<()> {
+        use rustix::fs::{FallocateFlags, fallocate};
+        use rustix::io::Errno;
+        let Some(room) = self.room else { return Ok(()) };
+        if end <= room {
+            return Ok(());
+        }
+        // The step first; on a disk that is nearly full just what is needed.
+        for goal in [end.saturating_add(ROOM_STEP_BYTES), end] {
+            match fallocate(&self.file, FallocateFlags::KEEP_SIZE, room, goal - room) {
+                Ok(()) => {
+                    self.room = Some(goal);
+                    return Ok(());
+                }
+                Err(Errno::NOSPC | Errno::DQUOT | Errno::FBIG) => {}
+                Err(_) => {
+                    // A device or a file system that cannot: appends will tell when it is full.
+                    self.room = None;
+                    return Ok(());
+                }
+            }
+        }
+        Err(io::ErrorKind::StorageFull.into())
+    }
+
+    #[cfg(not(target_os = "linux"))]
+    #[expect(clippy::unnecessary_wraps, reason = "fails on other systems")]
+    fn set_aside(&mut self, _end: u64) -> io::Result<()> {
+        self.room = None;
+        Ok(())
     }
 }
 
@@ -79,21 +131,35 @@ fn sync_data(file: &File) -> io::Result<()> {
 }
 
 impl TraceSink for FileSink {
-    fn append(&mut self, bytes: &[u8]) -> io::Result<()> {
+    fn append(&mut self, bytes: &[u8], room_after: u64) -> io::Result<()> {
+        self.set_aside((self.length + bytes.len() as u64).saturating_add(room_after))?;
+        // Counted before: of a failed write an unknown part is in the file.
+        self.length += bytes.len() as u64;
         self.file.write_all(bytes)
     }
 
     fn truncate(&mut self, length: u64) -> io::Result<()> {
-        self.file.set_len(length)?;
-        self.file.seek(SeekFrom::Start(length)).map(|_| ())
+        // Not without need: it would give up the room that was set aside.
+        if length != self.length {
+            self.file.set_len(length)?;
+            self.file.seek(SeekFrom::Start(length))?;
+            self.length = length;
+            self.room = self.room.map(|_| length);
+        }
+        Ok(())
     }
 
-    fn sync(&mut self, wait: bool) -> io::Result<()> {
+    fn end(&mut self) -> io::Result<()> {
+        // Gives up the room that was not needed.
+        if self.room.is_some() {
+            self.file.set_len(self.length)?;
+        }
+        sync_data(&self.file)
+    }
+
+    fn sync(&mut self) -> io::Result<()> {
         if let Some(error) = self.failure.lock().unwrap_or_else(PoisonError::into_inner).take() {
             return Err(error);
-        }
-        if wait {
-            return sync_data(&self.file);
         }
         match self.requests.as_ref().map(|requests| requests.try_send(())) {
             // A full queue means that a synchronisation is already due, which will cover these bytes too.

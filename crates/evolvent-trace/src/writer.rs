@@ -19,6 +19,10 @@ use crate::sink::TraceSink;
 pub(crate) const CHUNK_BYTES: usize = 512 * 1024;
 /// Level 1 is the fastest that still halves the noise of doubles.
 const ZSTD_LEVEL: i32 = 1;
+/// More than the index of a chunk takes in the summary.
+const CHUNK_INDEX_BYTES: u64 = 256;
+/// More than everything else in the summary takes, but for schemas and channels.
+const SUMMARY_BYTES: u64 = 8 * 1024;
 /// Attachments are copied in pieces of this size.
 const PIECE_BYTES: usize = 256 * 1024;
 
@@ -42,6 +46,11 @@ impl ChunkContent {
             None => (time_ns, time_ns),
             Some((start, end)) => (start.min(time_ns), end.max(time_ns)),
         });
+    }
+
+    /// The time of the earliest message.
+    pub(crate) fn start_time_ns(&self) -> Option<u64> {
+        self.bounds.map(|bounds| bounds.0)
     }
 
     fn clear(&mut self) {
@@ -76,6 +85,8 @@ pub(crate) struct Writer {
     metadata_indexes: Vec<MetadataIndex>,
     message_counts: BTreeMap<u16, u64>,
     bounds: Option<(u64, u64)>,
+    /// From here on the room that was set aside for the end may be used.
+    ending: bool,
 }
 
 impl std::fmt::Debug for Writer {
@@ -104,6 +115,7 @@ impl Writer {
             metadata_indexes: Vec::new(),
             message_counts: BTreeMap::new(),
             bounds: None,
+            ending: false,
         };
         writer.out.extend_from_slice(&MAGIC);
         let at = begin_record(&mut writer.out, op::HEADER);
@@ -119,9 +131,23 @@ impl Writer {
         self.position
     }
 
+    /// What summary and footer will take, at most.
+    fn room_for_end(&self) -> u64 {
+        if self.ending {
+            return 0;
+        }
+        let declared = self
+            .schemas
+            .values()
+            .chain(self.channels.values())
+            .map(Vec::len)
+            .sum::<usize>() as u64;
+        SUMMARY_BYTES + declared + CHUNK_INDEX_BYTES * (self.chunk_indexes.len() as u64 + 1)
+    }
+
     /// Appends `out` as a whole and empties it.
     fn append_out(&mut self) -> io::Result<()> {
-        let result = self.sink.append(&self.out);
+        let result = self.sink.append(&self.out, self.room_for_end());
         if result.is_ok() {
             self.position += self.out.len() as u64;
         }
@@ -301,6 +327,7 @@ impl Writer {
     ) -> io::Result<()> {
         self.close_chunk()?;
         let offset = self.position;
+        let room = self.room_for_end();
         let out = &mut self.out;
         out.push(op::ATTACHMENT);
         let content_length = 8 + 8 + 4 + name.len() + 4 + media_type.len() + 8 + 4;
@@ -313,7 +340,7 @@ impl Writer {
         let mut crc = crc32fast::Hasher::new();
         crc.update(&out[RECORD_HEAD..]);
         let mut length = out.len() as u64;
-        let mut result = self.sink.append(out);
+        let mut result = self.sink.append(out, room);
         out.clear();
         let mut left = size;
         let mut piece = vec![0; PIECE_BYTES.min(usize::try_from(size).unwrap_or(PIECE_BYTES))];
@@ -321,13 +348,13 @@ impl Writer {
             let now = piece.len().min(usize::try_from(left).unwrap_or(PIECE_BYTES));
             result = data
                 .read_exact(&mut piece[..now])
-                .and_then(|()| self.sink.append(&piece[..now]));
+                .and_then(|()| self.sink.append(&piece[..now], room));
             crc.update(&piece[..now]);
             left -= now as u64;
             length += now as u64;
         }
         result?;
-        self.sink.append(&crc.finalize().to_le_bytes())?;
+        self.sink.append(&crc.finalize().to_le_bytes(), room)?;
         length += 4;
         self.position += length;
         self.attachment_indexes.push(AttachmentIndex {
@@ -360,13 +387,15 @@ impl Writer {
         Ok(())
     }
 
-    /// Makes what is written survive a loss of power.
-    pub(crate) fn sync(&mut self, wait: bool) -> io::Result<()> {
-        self.sink.sync(wait)
+    /// Makes what is written survive a loss of power, soon.
+    pub(crate) fn sync(&mut self) -> io::Result<()> {
+        self.sink.sync()
     }
 
-    /// After a failed write: cuts off what it left half done, and drops the open chunk.
+    /// After a failed write: cuts off what it left half done, and drops the open chunk. All that can follow is
+    /// the end.
     pub(crate) fn cut_back(&mut self) -> io::Result<()> {
+        self.ending = true;
         self.chunk.clear();
         self.content.clear();
         self.out.clear();
@@ -444,7 +473,9 @@ impl Writer {
         let crc = crc32fast::hash(&self.out[before..]);
         put_u32(&mut self.out, crc);
         self.out.extend_from_slice(&MAGIC);
+        // This is what the room was for.
+        self.ending = true;
         self.append_out()?;
-        self.sink.sync(true)
+        self.sink.end()
     }
 }

@@ -1,0 +1,247 @@
+//! A run made up by formula: what a reader must find is computed anew, never stored.
+#![allow(dead_code, unreachable_pub, reason = "each test binary uses its part")]
+
+use std::io;
+use std::path::Path;
+use std::sync::{Arc, Mutex};
+
+use evolvent_path::AxisLetter;
+use evolvent_trace::{
+    BlockKind, BlockRecord, CycleRecord, EventKind, EventRecord, LogLevel, ProgramSource, Recorder, RunInfo,
+    TraceSink, configuration_hash,
+};
+
+pub const START_NS: u64 = 1_700_000_000_000_000_123;
+pub const PERIOD_NS: u64 = 1_000_003;
+pub const PROGRAM: &[u8] = b"G0 X0 Y0\nG1 X10 F600\nM2\n";
+
+/// A folder for a test, in memory where there is such a place: hundreds of synchronisations take their time.
+pub fn folder() -> tempfile::TempDir {
+    let memory = Path::new("/dev/shm");
+    if memory.is_dir() {
+        tempfile::tempdir_in(memory)
+    } else {
+        tempfile::tempdir()
+    }
+    .expect("folder")
+}
+
+pub fn info(axes: &str) -> RunInfo {
+    let machine_file = "name = \"test-mill\"\n".to_owned();
+    RunInfo {
+        program_name: "part.ngc".into(),
+        program: ProgramSource::Bytes(PROGRAM.to_vec()),
+        machine_name: "test-mill".into(),
+        machine_file_name: "test-mill.toml".into(),
+        configuration_hash: configuration_hash(&[machine_file.as_bytes()]),
+        machine_file,
+        tool_table: Some(("tools.tbl".into(), b"T1 P1 D6\n".to_vec())),
+        axes: axes.chars().filter_map(AxisLetter::from_letter).collect(),
+        period_ns: PERIOD_NS,
+        start_time_ns: START_NS,
+        versions: [("evolvent".to_owned(), "0.1.0".to_owned())].into(),
+        clock: "virtual".into(),
+        real_time: "none".into(),
+        ..RunInfo::default()
+    }
+}
+
+/// Cycle `n` of the made-up run; axes that are not in `axes` rest at zero, as a reader gives them back.
+pub fn cycle(n: u64, axes: &str) -> CycleRecord {
+    let phase = n as f64 * 1e-3;
+    let of = |scale: f64| {
+        std::array::from_fn(|axis| {
+            if axes.contains(AxisLetter::ALL[axis].letter()) {
+                scale * libm_like_sine(phase + axis as f64) / 3.0
+            } else {
+                0.0
+            }
+        })
+    };
+    CycleRecord {
+        sequence: n,
+        due_time_ns: START_NS + n * PERIOD_NS,
+        wake_lateness_ns: (n % 50) as i64 * 1000 - 5000,
+        work_ns: 300 + (n % 7) as u32 * 50,
+        path_mm: phase * 10.0,
+        feed_mm_s: 10.0,
+        position: of(100.0),
+        velocity: of(10.0),
+        acceleration: of(500.0),
+        jerk: of(20_000.0),
+        line: (n / 100) as u32 + 1,
+        state: (n % 10) as u8,
+        flags: u32::from(n % 97 == 0),
+        override_: 1.0 + (n / 1000) as f64 / 10.0,
+        load: if n % 2 == 0 { f64::NAN } else { n as f64 },
+    }
+}
+
+/// Smooth, with full mantissas, and the same everywhere.
+fn libm_like_sine(x: f64) -> f64 {
+    let x = x % 2.0 - 1.0;
+    x * (1.0 - x * x) * 2.598
+}
+
+pub fn event(n: u64) -> EventRecord {
+    EventRecord {
+        time_ns: START_NS + n * PERIOD_NS,
+        sequence: n,
+        kind: EventKind::ALL[(n / 100 % 12) as usize],
+        code: n as u32,
+        text: format!("event at {n} \u{b5}"),
+        value: (n % 200 == 0).then_some(n as f64 / 3.0),
+    }
+}
+
+pub fn block(n: u64) -> BlockRecord {
+    BlockRecord {
+        time_ns: START_NS + n * PERIOD_NS,
+        line: (n / 100) as u32,
+        text: format!("G1 X{n} F600"),
+        kind: BlockKind::ALL[(n / 100 % 7) as usize],
+        length_mm: n as f64 / 7.0,
+        planned_duration_s: 0.1,
+        true_duration_s: 0.125,
+        start_sequence: n - 100,
+    }
+}
+
+/// Records cycles `0..cycles` with an event and a block each hundred, flushing each `flush_each`.
+pub fn record_into(recorder: &mut Recorder, cycles: u64, axes: &str, flush_each: u64) {
+    recorder.log(START_NS, LogLevel::Info, "started").expect("log");
+    for n in 0..cycles {
+        recorder.cycle(&cycle(n, axes)).expect("cycle");
+        if n > 0 && n % 100 == 0 {
+            recorder.event(&event(n)).expect("event");
+            recorder.block(&block(n)).expect("block");
+        }
+        if n % flush_each == flush_each - 1 {
+            recorder.flush().expect("flush");
+        }
+    }
+}
+
+pub fn record(path: &Path, cycles: u64, axes: &str, flush_each: u64) {
+    let mut recorder = Recorder::create(path, &info(axes)).expect("creating");
+    record_into(&mut recorder, cycles, axes, flush_each);
+    let summary = [("path_length_mm".to_owned(), "12.5".to_owned())].into();
+    assert_eq!(recorder.finish(&summary).expect("finishing"), path);
+}
+
+/// Equal bit for bit; NaN equals NaN.
+pub fn assert_same(found: &CycleRecord, wanted: &CycleRecord) {
+    let bits = |record: &CycleRecord| {
+        let mut bits: Vec<u64> = [record.position, record.velocity, record.acceleration, record.jerk]
+            .as_flattened()
+            .iter()
+            .chain(&[record.path_mm, record.feed_mm_s, record.override_])
+            .map(|value| value.to_bits())
+            .collect();
+        bits.push(if record.load.is_nan() {
+            u64::MAX
+        } else {
+            record.load.to_bits()
+        });
+        let whole = (
+            record.sequence,
+            record.due_time_ns,
+            record.wake_lateness_ns,
+            record.work_ns,
+            record.line,
+            record.state,
+            record.flags,
+        );
+        (bits, whole)
+    };
+    assert_eq!(bits(found), bits(wanted), "{found:?} is not {wanted:?}");
+}
+
+/// Small and seeded.
+pub struct Random(pub u64);
+
+impl Random {
+    pub fn next(&mut self) -> u64 {
+        self.0 ^= self.0 << 13;
+        self.0 ^= self.0 >> 7;
+        self.0 ^= self.0 << 17;
+        self.0
+    }
+
+    pub fn below(&mut self, bound: u64) -> u64 {
+        self.next() % bound
+    }
+}
+
+/// How a full disk behaves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Manners {
+    /// Says in advance that there will be no room, as a file system does that sets room aside.
+    Foresees,
+    /// Writes what fits, then fails; what was written can be cut off.
+    Truncates,
+    /// Writes what fits, then fails for ever.
+    Stubborn,
+}
+
+/// A disk in memory with a limited size. The bytes can be looked at after the recorder is gone.
+#[derive(Clone)]
+pub struct SmallDisk {
+    pub bytes: Arc<Mutex<Vec<u8>>>,
+    pub room: usize,
+    pub failures: Arc<Mutex<u64>>,
+    pub manners: Manners,
+}
+
+impl SmallDisk {
+    pub fn new(room: usize, manners: Manners) -> Self {
+        Self {
+            bytes: Arc::default(),
+            room,
+            failures: Arc::default(),
+            manners,
+        }
+    }
+
+    pub fn content(&self) -> Vec<u8> {
+        self.bytes.lock().expect("lock").clone()
+    }
+}
+
+impl TraceSink for SmallDisk {
+    fn append(&mut self, data: &[u8], room_after: u64) -> io::Result<()> {
+        let mut bytes = self.bytes.lock().expect("lock");
+        let room = self.room - bytes.len().min(self.room);
+        let needed = data.len()
+            + if self.manners == Manners::Foresees {
+                room_after as usize
+            } else {
+                0
+            };
+        if needed > room {
+            *self.failures.lock().expect("lock") += 1;
+            if self.manners != Manners::Foresees {
+                bytes.extend_from_slice(&data[..room]);
+            }
+            return Err(io::ErrorKind::StorageFull.into());
+        }
+        bytes.extend_from_slice(data);
+        Ok(())
+    }
+
+    fn truncate(&mut self, length: u64) -> io::Result<()> {
+        if self.manners == Manners::Stubborn {
+            return Err(io::ErrorKind::Unsupported.into());
+        }
+        self.bytes.lock().expect("lock").truncate(length as usize);
+        Ok(())
+    }
+
+    fn sync(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+
+    fn end(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
