@@ -11,6 +11,9 @@ use crate::{AXES, Axes, AxisLetter, CurveError, Jet, Sense};
 /// Relative accuracy of a blend's arc length.
 const ACCURACY: f64 = 1e-12;
 
+/// Shortest domain in mm: below it the third derivative of ordinary coordinates would leave the number range.
+const MIN_DOMAIN: f64 = 1e-9;
+
 /// A polynomial of degree five in the regular parameter, on all nine axes.
 ///
 /// It takes over position and the first two derivatives by the regular parameter at both ends. Arc length is
@@ -34,7 +37,7 @@ impl Blend {
     /// [`CurveError::Domain`], [`CurveError::Coordinate`], [`CurveError::Derivative`] for what is not finite or
     /// absurdly large, [`CurveError::ZeroLength`] if nothing moves.
     pub fn hermite(left: &Jet, right: &Jet, domain: f64) -> Result<Self, CurveError> {
-        if !(domain > 0.0 && domain <= MAX_COORDINATE) {
+        if !(MIN_DOMAIN..=MAX_COORDINATE).contains(&domain) {
             return Err(CurveError::Domain { domain });
         }
         check_coordinates(&left.position)?;

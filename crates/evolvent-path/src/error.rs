@@ -56,8 +56,10 @@ pub enum CurveError {
         /// Additional full turns asked for.
         turns: u32,
     },
-    /// A blend's parameter domain must be a positive length.
-    #[error("a blend over a parameter domain of {domain} mm is impossible: give a positive length")]
+    /// A blend's parameter domain is not a usable length.
+    #[error(
+        "a blend over a parameter domain of {domain} mm is impossible: give at least 1e-9 mm and at most {MAX_COORDINATE:e} mm"
+    )]
     Domain {
         /// The domain asked for.
         domain: f64,

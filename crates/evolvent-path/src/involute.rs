@@ -172,7 +172,7 @@ impl Involute {
         let to = sub(plane.project(&end), centre);
         let (start_radius_mm, end_radius_mm) = (norm(from), norm(to));
         // A point that was meant to be on the base circle may have been rounded to its inside.
-        let slack = tolerance_mm + 8.0 * f64::EPSILON * (r + norm(centre));
+        let slack = (tolerance_mm + 8.0 * f64::EPSILON * (r + norm(centre))).min(0.1 * r);
         if !(start_radius_mm >= r - slack) {
             return Err(InvoluteError::StartInside {
                 radius_mm: start_radius_mm,
@@ -255,7 +255,7 @@ impl Involute {
         let rounding = 64.0 * f64::EPSILON * (far_radius + norm(centre)) * (1.0 + roll.last_turn());
         // Whatever the tolerance, a displacement that is no longer small against the path is not a displacement.
         let tolerance_mm = tolerance_mm.min(0.1 * planar_length);
-        if distance_mm > tolerance_mm + rounding || norm(involute.gap) > 0.2 * planar_length {
+        if !(distance_mm <= tolerance_mm + rounding && norm(involute.gap) <= 0.2 * planar_length) {
             if (far_radius - near_radius) <= tolerance_mm {
                 return Err(equal);
             }
