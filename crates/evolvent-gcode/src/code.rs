@@ -5,7 +5,7 @@ macro_rules! codes {
     ($($(#[doc = $doc:literal])+ $name:ident = $text:literal,)+) => {
         /// What is wrong, by a number that never changes its meaning. Numbers of one hundred belong together:
         /// 00 the file, 01 characters, 02 parts of the language that are not there yet, 03 words, 04 state,
-        /// 05 arcs, 06 involutes, 07 positions.
+        /// 05 arcs, 06 involutes, 07 positions, 08 what the machine refuses.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
         #[non_exhaustive]
         pub enum Code {
@@ -163,6 +163,11 @@ codes! {
     PositionTooLarge = "G0701",
     /// The geometry refuses the line.
     LineRefused = "G0702",
+
+    /// A move leaves the travel of an axis.
+    BeyondTravel = "G0801",
+    /// The machine cannot do a move for another reason.
+    MoveRefused = "G0802",
 }
 
 impl std::fmt::Display for Code {

@@ -39,6 +39,33 @@ impl serde::Serialize for Code {
 }
 
 impl Diagnostic {
+    /// A diagnostic about a whole line, or about the first word on it with this letter, from a room that knows
+    /// commands but not words. `text` is the line as it stands in the file.
+    #[must_use]
+    pub fn about_line(code: Code, line: u32, text: &[u8], letter: Option<char>, message: String) -> Self {
+        let body = text
+            .iter()
+            .position(|byte| matches!(byte, b'(' | b';'))
+            .unwrap_or(text.len());
+        let is = |byte: &u8| letter.is_some_and(|letter| char::from(*byte).eq_ignore_ascii_case(&letter));
+        let start = text[..body].iter().position(is);
+        let span = match start {
+            Some(start) => {
+                let ends = |byte: &u8| byte.is_ascii_alphabetic() || byte.is_ascii_whitespace();
+                let length = text[start + 1..body].iter().position(ends);
+                Span::new(start, length.map_or(body, |length| start + 1 + length))
+            }
+            None => Span::new(0, text.trim_ascii_end().len()),
+        };
+        Fault {
+            code,
+            span,
+            message,
+            help: None,
+        }
+        .locate(line, text.trim_ascii_end())
+    }
+
     /// The diagnostic as a compiler would print it: several lines, plain text, no trailing newline.
     #[must_use]
     pub fn render(&self, file_name: &str) -> String {

@@ -316,6 +316,14 @@ fn one_pass_finds_the_errors_of_many_lines_and_faulty_lines_change_nothing() {
 }
 
 #[test]
+fn nothing_of_a_faulty_line_is_handed_out() {
+    let items: Vec<_> = Interpreter::new(&b"(MSG, go) T1 S5 M3 G1 X1"[..], settings()).collect();
+    assert!(matches!(&items[0], Err(error) if error.code == Code::FeedMissing));
+    assert!(matches!(&items[1], Ok(command) if command.action == evolvent_gcode::Action::ProgramEnd));
+    assert_eq!(items.len(), 2);
+}
+
+#[test]
 fn a_line_that_is_too_long_is_refused_and_the_next_one_read() {
     let mut program = vec![b' '; 100_000];
     program.extend_from_slice(b"\nG6");

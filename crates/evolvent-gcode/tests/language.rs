@@ -197,6 +197,9 @@ fn g92_makes_the_present_point_what_it_says() {
     assert_eq!(first_axis("G92 X5\nG55 G0 X0"), [6.0]);
     // In inches.
     assert_eq!(first_axis("G20\nG92 X1\nG21\nG0 X25.4\nX26.4"), [2.0]);
+    // Axes that are not named keep their offset: Y0 is machine -4.
+    let kept = moves_with("G92 X5 Y5\nG92 X6\nG0 Y0", offsets());
+    assert_eq!(kept[0].curve.end()[1], -4.0);
     // A second G92 counts from the first.
     assert_eq!(first_axis("G92 X5\nG92 X6\nG0 X6 Y-20\nX7"), [1.0, 2.0]);
 }
@@ -251,9 +254,12 @@ fn full_circles_and_turns() {
 
 #[test]
 fn a_circle_by_increments_that_do_not_add_up_exactly_is_still_a_circle() {
-    // 0.1 + 0.2 - 0.3 is not 0 in doubles.
-    let found = moves("G91 G0 X0.1\nX0.2\nX-0.3 Y0\nG90 F60 G2 X0 I5");
-    assert_near(found.last().unwrap().curve.length(), 5.0 * std::f64::consts::TAU);
+    // 0.1 + 0.2 - 0.3 is not 0 in doubles, so in one of the two senses the way is 1e-16 mm.
+    for sense in ["G2", "G3"] {
+        let found = moves(&format!("G91 G0 Y0.1\nY0.2\nY-0.3\nG90 F60 {sense} Y0 I5"));
+        assert_ne!(found[2].curve.end()[1], 0.0);
+        assert_near(found[3].curve.length(), 5.0 * std::f64::consts::TAU);
+    }
 }
 
 #[test]
