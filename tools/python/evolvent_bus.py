@@ -303,7 +303,6 @@ def open_node(prefix=None):
     iox2.set_log_level_from_env_or(iox2.LogLevel.Fatal)
     config = iox2.config.global_config()
     if prefix is not None:
-        config = iox2.config.default()
         config.global_cfg.prefix = iox2.FileName.new(prefix)
     # Signals are the caller's affair.
     return iox2.NodeBuilder.new().config(config).signal_handling_mode(
@@ -347,7 +346,7 @@ class Reader:
     @property
     def attributes(self):
         """The service's attributes as a dict of texts."""
-        return {str(a.key): str(a.value) for a in self._service.attributes.values}
+        return {a.key.to_string(): a.value.to_string() for a in self._service.attributes.values}
 
     def receive(self):
         """A copy of the oldest message not read yet, or None. Does not wait."""

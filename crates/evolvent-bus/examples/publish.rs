@@ -15,7 +15,9 @@ fn main() -> Result<(), Box<dyn Error>> {
         return Err("usage: publish NAME RATE_HZ COUNT [PREFIX]".into());
     };
     let (rate_hz, count): (u64, u64) = (rate_hz.parse()?, count.parse()?);
-    let period_ns = 1_000_000_000u64.checked_div(rate_hz).ok_or("a rate of 0 Hz has no period")?;
+    let period_ns = 1_000_000_000u64
+        .checked_div(rate_hz)
+        .ok_or("a rate of 0 Hz has no period")?;
     let mut config = BusConfig::new(name, "XYZ", period_ns);
     config.prefix = rest.first().cloned();
     let mut core = CoreBus::open(&config)?;
@@ -38,7 +40,11 @@ fn main() -> Result<(), Box<dyn Error>> {
             ..Setpoint::default()
         })?;
         if sequence % rate_hz.div_ceil(10) == 0 {
-            core.publish_status(&Status { sequence, cycles: sequence, ..Status::default() })?;
+            core.publish_status(&Status {
+                sequence,
+                cycles: sequence,
+                ..Status::default()
+            })?;
         }
     }
     core.notify(EventKind::Done)?;

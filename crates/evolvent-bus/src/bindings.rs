@@ -11,8 +11,10 @@ const PAYLOADS: [StructLayout; 4] = [Setpoint::LAYOUT, Status::LAYOUT, Feedback:
 
 const COMMAND: &str = "cargo run -p evolvent-bus --example generate-bindings";
 
-/// Groups of named numbers: the group's name, what it is, the entries.
-fn constants() -> [(&'static str, &'static str, Vec<(&'static str, u32)>); 4] {
+/// A group of named numbers: the group's name, what it is, the entries.
+type Constants = (&'static str, &'static str, Vec<(&'static str, u32)>);
+
+fn constants() -> [Constants; 4] {
     [
         (
             "STATE",
@@ -193,7 +195,6 @@ def open_node(prefix=None):
     iox2.set_log_level_from_env_or(iox2.LogLevel.Fatal)
     config = iox2.config.global_config()
     if prefix is not None:
-        config = iox2.config.default()
         config.global_cfg.prefix = iox2.FileName.new(prefix)
     # Signals are the caller's affair.
     return iox2.NodeBuilder.new().config(config).signal_handling_mode(
@@ -237,7 +238,7 @@ class Reader:
     @property
     def attributes(self):
         """The service's attributes as a dict of texts."""
-        return {str(a.key): str(a.value) for a in self._service.attributes.values}
+        return {a.key.to_string(): a.value.to_string() for a in self._service.attributes.values}
 
     def receive(self):
         """A copy of the oldest message not read yet, or None. Does not wait."""

@@ -52,13 +52,14 @@ impl CoreBus {
     pub fn open(config: &BusConfig) -> Result<Self, BusError> {
         check(config)?;
         let machine_name = config.machine_name.as_str();
-        let domain = Domain::join(machine_name, config.prefix.as_deref(), "core")?;
+        let mut domain = Domain::join(machine_name, config.prefix.as_deref(), "core")?;
         let wanted: Wanted = [
             (ATTRIBUTE_INTERFACE, Some(crate::INTERFACE_VERSION.to_string())),
             (ATTRIBUTE_PERIOD, Some(config.period_ns.to_string())),
             (ATTRIBUTE_AXES, Some(config.axes.clone())),
         ];
         let deadline = Instant::now() + config.open_timeout;
+        domain.begin_core(deadline)?;
 
         // The setpoint publisher comes first: it is the one whose number is limited to one, so it decides which
         // of two cores that start together lives.
@@ -114,6 +115,7 @@ impl CoreBus {
         let event_service = domain.create_event(&wanted, deadline)?;
         let notifier = notifier(&domain, &event_service, machine_name, deadline)?;
 
+        domain.end_core();
         Ok(Self {
             setpoint,
             status,

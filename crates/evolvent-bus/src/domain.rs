@@ -4,6 +4,7 @@ use crate::error::BusError;
 use crate::event::EventKind;
 use crate::layout::Payload;
 use crate::name::Channel;
+use crate::remains::{self, OpeningLock};
 use core::fmt::Debug;
 use core::time::Duration;
 use iceoryx2::node::NodeView;
@@ -48,6 +49,8 @@ pub(crate) struct Sizes {
 enum Failure {
     /// May go away: another process is just creating, removing or cleaning up.
     Passing(String),
+    /// Half made, and nobody goes on making it.
+    Hung(String),
     Missing,
     Attributes,
     Settings(String),
@@ -59,6 +62,8 @@ enum Failure {
 pub(crate) struct Domain {
     pub(crate) node: Node<Ipc>,
     machine_name: String,
+    /// Held by a core while it opens.
+    lock: Option<OpeningLock>,
 }
 
 impl Domain {
@@ -68,6 +73,7 @@ impl Domain {
         // iceoryx2 reports on standard error what is told by our errors already.
         set_log_level_from_env_or(LogLevel::Fatal);
         let config = configuration(prefix)?;
+        remains::clear_unborn_segments(&config);
         let failed = |cause: &dyn Debug| BusError::Domain {
             cause: format!("{cause:?}"),
         };
@@ -81,10 +87,35 @@ impl Domain {
             .create::<Ipc>()
             .map_err(|cause| failed(&cause))?;
         node.blocking_cleanup_dead_nodes(Duration::from_secs(1));
+        remains::clear_dead_nodes(node.config());
+        remains::clear_unborn_nodes(node.config(), Duration::from_secs(60));
         Ok(Self {
             node,
             machine_name: machine_name.to_owned(),
+            lock: None,
         })
+    }
+
+    /// Keeps other cores from opening at the same time, and removes what a killed one has left half made.
+    pub(crate) fn begin_core(&mut self, deadline: Instant) -> Result<(), BusError> {
+        let lock = OpeningLock::acquire(self.node.config(), deadline)?;
+        for channel in [
+            Channel::Setpoint,
+            Channel::Status,
+            Channel::Feedback,
+            Channel::Load,
+            Channel::Event,
+        ] {
+            let (_, name) = self.name(channel)?;
+            remains::clear_half_made_service(&lock, self.node.config(), &name, pattern(channel));
+        }
+        self.lock = Some(lock);
+        Ok(())
+    }
+
+    /// Lets other cores open.
+    pub(crate) fn end_core(&mut self) {
+        self.lock = None;
     }
 
     fn name(&self, channel: Channel) -> Result<(String, ServiceName), BusError> {
@@ -106,7 +137,7 @@ impl Domain {
     ) -> Result<PubSub<P>, BusError> {
         let (text, name) = self.name(channel)?;
         let verifier = verifier(wanted)?;
-        self.retry(&text, channel, wanted, deadline, true, || {
+        self.retry(&text, channel, wanted, deadline, || {
             self.node
                 .service_builder(&name)
                 .publish_subscribe::<P>()
@@ -123,6 +154,9 @@ impl Domain {
                     OpenOrCreateError::PublishSubscribeCreateError(CreateError::InsufficientPermissions) => {
                         Failure::Permission
                     }
+                    OpenOrCreateError::PublishSubscribeCreateError(
+                        error @ (CreateError::HangsInCreation | CreateError::ServiceInCorruptedState),
+                    ) => Failure::Hung(format!("{error:?}")),
                     other => Failure::Passing(format!("{other:?}")),
                 })
         })
@@ -137,7 +171,7 @@ impl Domain {
     ) -> Result<PubSub<P>, BusError> {
         let (text, name) = self.name(channel)?;
         let verifier = verifier(wanted)?;
-        self.retry(&text, channel, wanted, deadline, false, || {
+        self.retry(&text, channel, wanted, deadline, || {
             self.node
                 .service_builder(&name)
                 .publish_subscribe::<P>()
@@ -151,7 +185,7 @@ impl Domain {
         let (text, name) = self.name(Channel::Event)?;
         let verifier = verifier(wanted)?;
         let id = |kind: EventKind| EventId::new(kind.number() as usize);
-        self.retry(&text, Channel::Event, wanted, deadline, true, || {
+        self.retry(&text, Channel::Event, wanted, deadline, || {
             self.node
                 .service_builder(&name)
                 .event()
@@ -168,6 +202,9 @@ impl Domain {
                     EventOpenOrCreateError::EventCreateError(EventCreateError::InsufficientPermissions) => {
                         Failure::Permission
                     }
+                    EventOpenOrCreateError::EventCreateError(
+                        error @ EventCreateError::ServiceInCorruptedState,
+                    ) => Failure::Hung(format!("{error:?}")),
                     other => Failure::Passing(format!("{other:?}")),
                 })
         })
@@ -177,7 +214,7 @@ impl Domain {
     pub(crate) fn open_event(&self, wanted: &Wanted, deadline: Instant) -> Result<EventService, BusError> {
         let (text, name) = self.name(Channel::Event)?;
         let verifier = verifier(wanted)?;
-        self.retry(&text, Channel::Event, wanted, deadline, false, || {
+        self.retry(&text, Channel::Event, wanted, deadline, || {
             self.node
                 .service_builder(&name)
                 .event()
@@ -193,10 +230,10 @@ impl Domain {
         channel: Channel,
         wanted: &Wanted,
         deadline: Instant,
-        is_core: bool,
         attempt: impl Fn() -> Result<T, Failure>,
     ) -> Result<T, BusError> {
         let begin = Instant::now();
+        let is_core = self.lock.is_some();
         loop {
             let failure = match attempt() {
                 Ok(done) => return Ok(done),
@@ -230,16 +267,28 @@ impl Domain {
                         waited_ms,
                     });
                 }
-                Failure::Passing(cause) if Instant::now() >= deadline => {
+                Failure::Passing(cause) | Failure::Hung(cause) if Instant::now() >= deadline => {
                     return Err(BusError::Service { service, cause });
                 }
-                Failure::Passing(_) => {
+                Failure::Hung(_) if is_core => self.remove_service(channel),
+                Failure::Passing(_) | Failure::Hung(_) => {
                     self.node.blocking_cleanup_dead_nodes(Duration::from_secs(1));
                 }
                 Failure::Missing => {}
             }
             std::thread::sleep(RETRY);
         }
+    }
+
+    /// Removes a service that cannot be opened because its maker died before it was complete.
+    fn remove_service(&self, channel: Channel) {
+        let (Ok((_, name)), Some(lock)) = (self.name(channel), &self.lock) else {
+            return;
+        };
+        remains::clear_half_made_service(lock, self.node.config(), &name, pattern(channel));
+        // SAFETY: nobody uses the service: it cannot be opened, and only cores make one, of which only the holder
+        // of the lock, this one, is opening. Where it fails, the next attempt to open fails too, and reports it.
+        let _ = unsafe { self.node.force_remove_service(&name, pattern(channel)) };
     }
 
     /// The other core of this machine's name, if one lives: its process where that can be found out.
@@ -282,12 +331,7 @@ impl Domain {
         let Ok((_, name)) = self.name(channel) else {
             return String::new();
         };
-        let pattern = if channel == Channel::Event {
-            MessagingPattern::Event
-        } else {
-            MessagingPattern::PublishSubscribe
-        };
-        let details = Ipc::details(&name, self.node.config(), pattern);
+        let details = Ipc::details(&name, self.node.config(), pattern(channel));
         let Ok(Some(details)) = details else {
             return "its attributes cannot be read".to_owned();
         };
@@ -309,6 +353,16 @@ impl Domain {
     }
 }
 
+fn pattern(channel: Channel) -> MessagingPattern {
+    match channel {
+        Channel::Event => MessagingPattern::Event,
+        Channel::Control => MessagingPattern::RequestResponse,
+        Channel::Setpoint | Channel::Status | Channel::Feedback | Channel::Load => {
+            MessagingPattern::PublishSubscribe
+        }
+    }
+}
+
 /// iceoryx2's configuration, in the domain of a prefix.
 fn configuration(prefix: Option<&str>) -> Result<Config, BusError> {
     let mut config = Config::global_config().clone();
@@ -322,6 +376,8 @@ fn configuration(prefix: Option<&str>) -> Result<Config, BusError> {
         }
         config.global.prefix = FileName::new(prefix.as_bytes()).map_err(|_| bad())?;
     }
+    // A core that stops must not stumble over what another machine's killed core has left.
+    config.global.node.cleanup_dead_nodes_on_destruction = false;
     Ok(config)
 }
 
@@ -345,6 +401,7 @@ pub fn remove_private_domain(prefix: &str) -> Result<(), BusError> {
     if alive > 0 || listed.is_err() {
         return Ok(());
     }
+    remains::clear_unborn_nodes(&configuration(Some(prefix))?, Duration::ZERO);
     for file in files.flatten() {
         let name = file.file_name();
         // PREFIX, a hash of 40 digits, `_node.VERSION.global_mgmt`.
@@ -449,6 +506,9 @@ fn open_failure(error: OpenError) -> Failure {
         | OpenError::DoesNotSupportRequestedAmountOfPublishers
         | OpenError::DoesNotSupportRequestedAmountOfSubscribers
         | OpenError::DoesNotSupportRequestedAmountOfNodes => Failure::Settings(format!("{error:?}")),
+        OpenError::HangsInCreation | OpenError::ServiceInCorruptedState => {
+            Failure::Hung(format!("{error:?}"))
+        }
         other => Failure::Passing(format!("{other:?}")),
     }
 }
@@ -458,13 +518,14 @@ fn event_failure(error: EventOpenError) -> Failure {
         EventOpenError::DoesNotExist => Failure::Missing,
         EventOpenError::IncompatibleAttributes => Failure::Attributes,
         EventOpenError::InsufficientPermissions => Failure::Permission,
-        EventOpenError::HangsInCreation
-        | EventOpenError::Interrupt
+        EventOpenError::HangsInCreation | EventOpenError::ServiceInCorruptedState => {
+            Failure::Hung(format!("{error:?}"))
+        }
+        EventOpenError::Interrupt
         | EventOpenError::InternalFailure
         | EventOpenError::IsMarkedForDestruction
         | EventOpenError::ExceedsMaxNumberOfNodes
-        | EventOpenError::UnableToCreateServiceTag
-        | EventOpenError::ServiceInCorruptedState => Failure::Passing(format!("{error:?}")),
+        | EventOpenError::UnableToCreateServiceTag => Failure::Passing(format!("{error:?}")),
         other => Failure::Settings(format!("{other:?}")),
     }
 }

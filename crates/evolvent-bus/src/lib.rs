@@ -31,6 +31,7 @@ mod event;
 mod feedback;
 mod layout;
 mod name;
+mod remains;
 mod setpoint;
 mod status;
 

@@ -1,0 +1,206 @@
+//! What killed processes leave and iceoryx2 0.10.0 does not clear away by itself.
+//!
+//! Four things stay for ever where a process dies within the microseconds in which it makes them:
+//! - the description of a service that was written but not released: every later opening waits for it and fails;
+//! - the folder of a node in which a tag was begun: every later cleaning stumbles over it;
+//! - the folder of a node that has no monitor yet: nobody looks for it;
+//! - a segment of shared memory that has no size yet: who cleans up waits for it without end.
+//!
+//! What is half made is told by its mode: iceoryx2 makes a file read-only, a segment readable, when it is complete.
+//!
+//! Only cores make services, and they do so under the [`OpeningLock`]: who holds it knows that whatever is half
+//! made was left.
+
+use crate::domain::Ipc;
+use crate::error::BusError;
+use core::time::Duration;
+use iceoryx2::node::NodeView;
+use iceoryx2::prelude::*;
+use iceoryx2::service::service_hash::ServiceHash;
+use std::fs::{File, Metadata, TryLockError, read_dir, remove_dir, remove_file};
+use std::os::unix::fs::PermissionsExt;
+use std::path::{Path as StdPath, PathBuf};
+use std::time::Instant;
+
+/// Lets one core at a time open its services. The operating system gives it back when the process dies.
+#[derive(Debug)]
+pub(crate) struct OpeningLock {
+    _folder: File,
+}
+
+impl OpeningLock {
+    /// Waits for the lock on iceoryx2's folder, which must exist.
+    pub(crate) fn acquire(config: &Config, deadline: Instant) -> Result<Self, BusError> {
+        let folder = path(config.global.root_path());
+        let failed = |cause: String| BusError::Domain { cause };
+        let file = File::open(&folder).map_err(|cause| failed(format!("{}: {cause}", folder.display())))?;
+        loop {
+            match file.try_lock() {
+                Ok(()) => return Ok(Self { _folder: file }),
+                Err(TryLockError::Error(cause)) => {
+                    return Err(failed(format!("{}: {cause}", folder.display())));
+                }
+                Err(TryLockError::WouldBlock) if Instant::now() >= deadline => {
+                    return Err(failed("another core hangs while it opens".to_owned()));
+                }
+                Err(TryLockError::WouldBlock) => std::thread::sleep(Duration::from_millis(2)),
+            }
+        }
+    }
+}
+
+/// Removes segments of shared memory whose maker died before they had a size. iceoryx2 would wait for one without end,
+/// so this comes before anything else is asked of it.
+///
+/// A living maker is in that state for microseconds; what is younger than a quarter of a second is waited for.
+pub(crate) fn clear_unborn_segments(config: &Config) {
+    const AGE: Duration = Duration::from_millis(250);
+    let prefix = config.global.prefix.to_string();
+    for file in files(StdPath::new("/dev/shm")).filter(|file| begins_with(file, &prefix)) {
+        let age = || match file.metadata() {
+            Ok(facts) if is_unborn(&facts) => facts.modified().ok()?.elapsed().ok(),
+            _ => None,
+        };
+        let Some(rest) = age().map(|age| AGE.saturating_sub(age)) else {
+            continue;
+        };
+        std::thread::sleep(rest);
+        if age().is_some() {
+            let _ = remove_file(&file);
+        }
+    }
+}
+
+/// Removes the description of a service that was begun and not finished. The lock must be held.
+pub(crate) fn clear_half_made_service(
+    _lock: &OpeningLock,
+    config: &Config,
+    name: &ServiceName,
+    pattern: MessagingPattern,
+) {
+    let hash = ServiceHash::new::<<Ipc as Service>::ServiceNameHasher>(name, pattern);
+    let file = format!(
+        "{}{}{}",
+        config.global.prefix,
+        hash.as_str(),
+        config.global.service.static_config_storage_suffix
+    );
+    let file = path(&config.global.service_dir()).join(file);
+    if is_half_made(&file) {
+        // Where it cannot be removed, opening fails and says so.
+        let _ = remove_file(file);
+    }
+}
+
+/// Removes the folders of dead nodes that iceoryx2's own cleaning has left, where nothing in them is complete and
+/// so nothing depends on them.
+pub(crate) fn clear_dead_nodes(config: &Config) {
+    let mut dead = Vec::new();
+    // A domain that cannot be listed keeps its files; nothing else depends on it.
+    let _ = Node::<Ipc>::list(config, |state| {
+        if let NodeState::Dead(view) = state {
+            dead.push(view.id().value());
+        }
+        CallbackProgression::Continue
+    });
+    let nodes = path(&config.global.node_dir());
+    let prefix = config.global.prefix.to_string();
+    for id in dead {
+        let folder = nodes.join(id.to_string());
+        let tags: Vec<PathBuf> = files(&folder).filter(|file| is_tag(file, config)).collect();
+        if tags.iter().any(|tag| !is_half_made(tag)) {
+            continue;
+        }
+        for file in files(&folder).filter(|file| begins_with(file, &prefix)) {
+            let _ = remove_file(file);
+        }
+        // The monitor goes last: without it nobody would find the rest again.
+        if remove_dir(&folder).is_ok() || !folder.exists() {
+            let monitor = format!("{prefix}{id}.");
+            for file in files(&nodes).filter(|file| begins_with(file, &monitor)) {
+                let _ = remove_file(file);
+            }
+        }
+    }
+}
+
+/// Removes the folders of nodes that died before they could be seen: described, but without a finished
+/// monitor. A living
+/// node is in that state for less than a millisecond; only what is at least this old is taken for left.
+pub(crate) fn clear_unborn_nodes(config: &Config, at_least: Duration) {
+    let nodes = path(&config.global.node_dir());
+    let prefix = config.global.prefix.to_string();
+    for folder in read_dir(&nodes)
+        .into_iter()
+        .flatten()
+        .flatten()
+        .map(|entry| entry.path())
+    {
+        let is_old = folder
+            .metadata()
+            .and_then(|facts| facts.modified())
+            .is_ok_and(|made| {
+                // A clock that was set back makes it look younger: it is taken later.
+                made.elapsed().is_ok_and(|age| age >= at_least)
+            });
+        let id = folder
+            .file_name()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .into_owned();
+        // Its owner may not read a monitor that is being made.
+        let is_born = |file: PathBuf| {
+            file.metadata()
+                .is_ok_and(|facts| facts.permissions().mode() & 0o400 != 0)
+        };
+        let monitor = format!("{prefix}{id}{}", config.global.node.monitor_suffix);
+        let is_ours = || files(&folder).all(|file| begins_with(&file, &prefix));
+        if !folder.is_dir() || !is_old || !is_ours() || is_born(nodes.join(&monitor)) {
+            continue;
+        }
+        for file in files(&folder) {
+            let _ = remove_file(file);
+        }
+        if remove_dir(&folder).is_ok() {
+            for file in files(&nodes).filter(|file| begins_with(file, &monitor)) {
+                let _ = remove_file(file);
+            }
+        }
+    }
+}
+
+fn is_tag(file: &StdPath, config: &Config) -> bool {
+    let name = file.to_string_lossy();
+    let node = &config.global.node;
+    [&node.service_tag_suffix, &node.port_tag_suffix]
+        .iter()
+        .any(|suffix| name.ends_with(&suffix.to_string()))
+}
+
+/// iceoryx2 makes a file read-only when it is complete.
+fn is_half_made(file: &StdPath) -> bool {
+    file.metadata().is_ok_and(|facts| !facts.permissions().readonly())
+}
+
+/// iceoryx2 keeps a segment and a monitor unreadable, for its owner too, while it makes them.
+fn is_unborn(facts: &Metadata) -> bool {
+    facts.permissions().mode() & 0o400 == 0
+}
+
+fn begins_with(file: &StdPath, prefix: &str) -> bool {
+    file.file_name()
+        .is_some_and(|name| name.to_string_lossy().starts_with(prefix))
+}
+
+fn files(folder: &StdPath) -> impl Iterator<Item = PathBuf> {
+    read_dir(folder)
+        .into_iter()
+        .flatten()
+        .flatten()
+        .map(|entry| entry.path())
+        .filter(|path| path.is_file())
+}
+
+fn path(path: &Path) -> PathBuf {
+    PathBuf::from(path.to_string())
+}

@@ -1,0 +1,446 @@
+//! What core and clients may rely on, with two sides in one process.
+
+mod common;
+
+use common::{PERIOD_NS, PrivateDomain};
+use evolvent_bus::{
+    AXES, BusConfig, BusError, ClientBus, ClientConfig, CoreBus, EventKind, Feedback, Load,
+    MAX_SETPOINT_BUFFER, Setpoint, Status,
+};
+use std::time::Duration;
+
+fn setpoint(sequence: u64) -> Setpoint {
+    Setpoint {
+        sequence,
+        position: [sequence as f64; AXES],
+        ..Setpoint::default()
+    }
+}
+
+#[test]
+fn every_setpoint_arrives_once_and_in_order() {
+    let domain = PrivateDomain::new();
+    let mut core = CoreBus::open(&domain.core("mill")).expect("a core");
+    let client = domain.client("mill");
+    let mut reader = client.setpoints().expect("a reader");
+    assert_eq!(core.wait_for_setpoint_subscribers(1, Duration::from_secs(5)), 1);
+    for sequence in 0..5_000 {
+        assert_eq!(core.publish_setpoint(&setpoint(sequence)), Ok(1));
+        // A reader that lags behind, but by less than the buffer.
+        if sequence % 500 == 499 {
+            for expected in sequence - 499..=sequence {
+                assert_eq!(reader.receive(), Ok(Some(setpoint(expected))));
+            }
+        }
+    }
+    assert_eq!(reader.receive(), Ok(None));
+    assert_eq!(reader.lost(), 0);
+}
+
+#[test]
+fn a_reader_that_sleeps_loses_the_oldest_and_never_stops_the_core() {
+    let domain = PrivateDomain::new();
+    let config = BusConfig {
+        setpoint_buffer: 100,
+        ..domain.core("mill")
+    };
+    let mut core = CoreBus::open(&config).expect("a core");
+    let client = domain.client("mill");
+    let (mut sleeper, mut awake) = (client.setpoints().expect("one"), client.setpoints().expect("two"));
+    core.publish_setpoint(&setpoint(0)).expect("sent");
+    assert_eq!(sleeper.receive(), Ok(Some(setpoint(0))));
+    for sequence in 1..=1_000 {
+        core.publish_setpoint(&setpoint(sequence)).expect("sent");
+        awake.receive().expect("received");
+    }
+    let mut kept = Vec::new();
+    while let Some(setpoint) = sleeper.receive().expect("received") {
+        kept.push(setpoint.sequence);
+    }
+    assert_eq!(kept, (901..=1_000).collect::<Vec<u64>>());
+    assert_eq!((sleeper.lost(), awake.lost()), (900, 0));
+}
+
+#[test]
+fn what_was_sent_is_still_read_after_the_core_has_closed() {
+    let domain = PrivateDomain::new();
+    let mut core = CoreBus::open(&domain.core("mill")).expect("a core");
+    let client = domain.client("mill");
+    let mut reader = client.setpoints().expect("a reader");
+    for sequence in 0..300 {
+        core.publish_setpoint(&setpoint(sequence)).expect("sent");
+        if sequence == 0 {
+            assert_eq!(reader.receive(), Ok(Some(setpoint(0))));
+        }
+    }
+    drop(core);
+    for sequence in 1..300 {
+        assert_eq!(reader.receive(), Ok(Some(setpoint(sequence))));
+    }
+    assert_eq!(reader.receive(), Ok(None));
+}
+
+#[test]
+fn status_is_the_latest_for_early_and_late_readers() {
+    let domain = PrivateDomain::new();
+    let mut core = CoreBus::open(&domain.core("mill")).expect("a core");
+    let client = domain.client("mill");
+    let mut early = client.status().expect("a reader");
+    assert_eq!(early.latest(), Ok(None));
+    let status = |sequence| {
+        let mut status = Status {
+            sequence,
+            ..Status::default()
+        };
+        status.set_program("bore-200.ngc");
+        status.push_alarm(4711);
+        status
+    };
+    for sequence in 0..50 {
+        core.publish_status(&status(sequence)).expect("sent");
+    }
+    assert_eq!(early.latest(), Ok(Some(status(49))));
+    let mut late = client.status().expect("a reader");
+    core.publish_status(&status(50)).expect("sent");
+    for reader in [&mut early, &mut late] {
+        let latest = reader.latest().expect("received").expect("a status");
+        assert_eq!((latest.sequence, latest.program_name()), (50, "bore-200.ngc"));
+        assert_eq!(latest.listed_alarms(), [4711]);
+    }
+}
+
+#[test]
+fn texts_and_alarms_that_do_not_fit_are_cut_and_counted() {
+    let mut status = Status::default();
+    // 127 bytes and a character of two: the cut must not fall into it.
+    status.set_program(&format!("{}ä", "x".repeat(127)));
+    assert_eq!(status.program_name(), "x".repeat(127));
+    for number in 0..20 {
+        status.push_alarm(number);
+    }
+    assert_eq!((status.alarm_count, status.listed_alarms().len()), (20, 16));
+    // From outside anything may come.
+    let broken = Status {
+        program_length: u32::MAX,
+        program: [0xff; 128],
+        alarm_count: u32::MAX,
+        ..status
+    };
+    assert_eq!((broken.program_name(), broken.listed_alarms().len()), ("", 16));
+}
+
+#[test]
+fn events_wake_a_sleeping_client() {
+    let domain = PrivateDomain::new();
+    let mut core = CoreBus::open(&domain.core("mill")).expect("a core");
+    let client = domain.client("mill");
+    let mut events = client.events().expect("a listener");
+    assert_eq!(events.wait(Duration::from_millis(1)), Ok(vec![]));
+    for kind in EventKind::ALL {
+        core.notify(kind).expect("notified");
+        assert_eq!(events.wait(Duration::from_secs(5)), Ok(vec![kind]));
+    }
+    drop(core);
+    assert_eq!(
+        events.wait(Duration::from_secs(5)),
+        Ok(vec![EventKind::CoreClosed])
+    );
+}
+
+#[test]
+fn feedback_and_load_come_in_and_nonsense_is_dropped() {
+    let domain = PrivateDomain::new();
+    let mut core = CoreBus::open(&domain.core("mill")).expect("a core");
+    let client = domain.client("mill");
+    let (mut drives, mut sensor) = (
+        client.feedback_sender().expect("a bridge"),
+        client.load_sender().expect("a sensor"),
+    );
+    let good = Feedback {
+        sequence: 7,
+        position: [1.5; AXES],
+        axes_mask: 0b111,
+        ..Feedback::default()
+    };
+    let mut bad = good;
+    bad.position[1] = f64::NAN;
+    let mut unused = good;
+    unused.velocity[8] = f64::INFINITY;
+    for feedback in [good, bad, unused] {
+        drives.send(&feedback).expect("sent");
+    }
+    assert_eq!(core.feedback(), Ok(Some(good)));
+    assert_eq!(core.feedback().map(|f| f.map(|f| f.sequence)), Ok(Some(7)));
+    assert_eq!(core.feedback(), Ok(None));
+
+    let load = Load {
+        kind: 1,
+        value: 120.0,
+        range_min: 0.0,
+        range_max: 500.0,
+        ..Load::default()
+    };
+    for wrong in [
+        Load {
+            value: f64::NAN,
+            ..load
+        },
+        Load { value: 501.0, ..load },
+        Load {
+            range_max: f64::INFINITY,
+            ..load
+        },
+        Load {
+            range_min: 400.0,
+            range_max: 100.0,
+            ..load
+        },
+        Load { kind: 99, ..load },
+    ] {
+        sensor.send(&wrong).expect("sent");
+    }
+    sensor.send(&load).expect("sent");
+    assert_eq!(core.load(), Ok(Some(load)));
+    assert_eq!(core.load(), Ok(None));
+    assert_eq!(core.rejected_inputs(), 6);
+}
+
+#[test]
+fn a_message_of_another_version_is_refused_by_name() {
+    let domain = PrivateDomain::new();
+    let mut core = CoreBus::open(&domain.core("mill")).expect("a core");
+    let client = domain.client("mill");
+    let mut drives = client.feedback_sender().expect("a bridge");
+    drives
+        .send(&Feedback {
+            interface_version: 99,
+            ..Feedback::default()
+        })
+        .expect("sent");
+    let error = core.feedback().expect_err("another version").to_string();
+    assert!(
+        error.contains("version 99") && error.contains("knows 1"),
+        "{error}"
+    );
+    assert_eq!(core.feedback(), Ok(None));
+}
+
+#[test]
+fn two_machines_run_side_by_side_by_name() {
+    let domain = PrivateDomain::new();
+    let mut mill = CoreBus::open(&domain.core("mill")).expect("a mill");
+    let mut lathe = CoreBus::open(&domain.core("lathe")).expect("a lathe");
+    let (at_mill, at_lathe) = (domain.client("mill"), domain.client("lathe"));
+    let (mut from_mill, mut from_lathe) = (
+        at_mill.setpoints().expect("one"),
+        at_lathe.setpoints().expect("two"),
+    );
+    mill.publish_setpoint(&setpoint(1)).expect("sent");
+    lathe.publish_setpoint(&setpoint(2)).expect("sent");
+    assert_eq!(from_mill.receive(), Ok(Some(setpoint(1))));
+    assert_eq!(from_lathe.receive(), Ok(Some(setpoint(2))));
+    assert_eq!((from_mill.receive(), from_lathe.receive()), (Ok(None), Ok(None)));
+}
+
+#[test]
+fn a_second_core_of_a_name_is_refused_with_the_first_ones_process() {
+    let domain = PrivateDomain::new();
+    let _first = CoreBus::open(&domain.core("mill")).expect("a core");
+    let pid = i32::try_from(std::process::id()).ok();
+    let refused = BusError::AlreadyRunning {
+        machine_name: "mill".to_owned(),
+        pid,
+    };
+    assert_eq!(CoreBus::open(&domain.core("mill")).err(), Some(refused.clone()));
+    // Also where it would not fit the services that are there.
+    let other = BusConfig {
+        period_ns: 500_000,
+        ..domain.core("mill")
+    };
+    assert_eq!(CoreBus::open(&other).err(), Some(refused.clone()));
+    let text = refused.to_string();
+    assert!(text.contains("machine mill is already running, pid "), "{text}");
+}
+
+#[test]
+fn a_core_starts_again_after_it_was_closed_with_other_settings_too() {
+    let domain = PrivateDomain::new();
+    for period_ns in [PERIOD_NS, 500_000, 28_571] {
+        let config = BusConfig {
+            period_ns,
+            ..domain.core("mill")
+        };
+        drop(CoreBus::open(&config).expect("a core"));
+    }
+}
+
+#[test]
+fn a_core_starts_again_while_its_clients_stay() {
+    let domain = PrivateDomain::new();
+    let mut core = CoreBus::open(&domain.core("mill")).expect("a core");
+    let client = domain.client("mill");
+    let mut reader = client.setpoints().expect("a reader");
+    core.publish_setpoint(&setpoint(10)).expect("sent");
+    assert_eq!(reader.receive(), Ok(Some(setpoint(10))));
+    drop(core);
+
+    // With another period the client would misread the new core, so that one must not start.
+    let other = BusConfig {
+        period_ns: 500_000,
+        ..domain.core("mill")
+    };
+    let error = CoreBus::open(&other).expect_err("held by a client").to_string();
+    assert!(
+        error.contains("evolvent.period_ns is 1000000 there and 500000 here"),
+        "{error}"
+    );
+    assert!(error.contains("close them"), "{error}");
+
+    let mut core = CoreBus::open(&domain.core("mill")).expect("the same core again");
+    core.publish_setpoint(&setpoint(0)).expect("sent");
+    assert_eq!(reader.receive(), Ok(Some(setpoint(0))));
+    assert_eq!(reader.lost(), 0, "a new run is no loss");
+}
+
+#[test]
+fn a_client_that_does_not_fit_fails_when_it_opens_and_names_both_values() {
+    let domain = PrivateDomain::new();
+    let _core = CoreBus::open(&domain.core("mill")).expect("a core");
+    let fits = ClientConfig {
+        period_ns: Some(PERIOD_NS),
+        axes: Some("XYZ".to_owned()),
+        ..domain.client_config("mill")
+    };
+    let client = ClientBus::open(&fits).expect("a client");
+    assert_eq!((client.period_ns(), client.axes()), (PERIOD_NS, "XYZ"));
+    let wrong_period = ClientConfig {
+        period_ns: Some(2_000_000),
+        ..fits.clone()
+    };
+    let wrong_axes = ClientConfig {
+        axes: Some("XYZC".to_owned()),
+        ..fits
+    };
+    for (config, words) in [
+        (
+            wrong_period,
+            "evolvent.period_ns is 1000000 there and 2000000 here",
+        ),
+        (wrong_axes, "evolvent.axes is XYZ there and XYZC here"),
+    ] {
+        let error = ClientBus::open(&config).expect_err("no fit").to_string();
+        assert!(error.contains(words), "{error}");
+    }
+}
+
+#[test]
+fn a_client_waits_for_its_core_and_gives_up_in_time() {
+    let domain = PrivateDomain::new();
+    let config = ClientConfig {
+        wait: Duration::from_millis(30),
+        ..domain.client_config("mill")
+    };
+    assert!(matches!(
+        ClientBus::open(&config),
+        Err(BusError::NoCore { waited_ms: 30.., .. })
+    ));
+
+    let patient = domain.client_config("mill");
+    std::thread::scope(|scope| {
+        let client = scope.spawn(move || {
+            let client = ClientBus::open(&patient).expect("a core");
+            client.setpoints().expect("a reader");
+            client.period_ns()
+        });
+        std::thread::sleep(Duration::from_millis(50));
+        let core = CoreBus::open(&domain.core("mill")).expect("a core");
+        assert_eq!(client.join().ok(), Some(PERIOD_NS));
+        drop(core);
+    });
+}
+
+#[test]
+fn one_subscriber_too_many_is_told_so_and_a_place_is_free_again_after_one_has_left() {
+    let domain = PrivateDomain::new();
+    let config = BusConfig {
+        max_setpoint_subscribers: 2,
+        ..domain.core("mill")
+    };
+    let core = CoreBus::open(&config).expect("a core");
+    let client = domain.client("mill");
+    let (one, _two) = (client.setpoints().expect("one"), client.setpoints().expect("two"));
+    assert!(matches!(
+        client.setpoints(),
+        Err(BusError::NoPlace {
+            port: "subscriber",
+            ..
+        })
+    ));
+    drop(one);
+    assert!(client.setpoints().is_ok());
+    drop(core);
+}
+
+#[test]
+fn senseless_settings_are_named_before_anything_is_opened() {
+    let domain = PrivateDomain::new();
+    let core = || domain.core("mill");
+    for name in ["", "mill 1", "mühle", "a/b", "../x", "m\0", &"m".repeat(65)] {
+        assert!(
+            matches!(CoreBus::open(&domain.core(name)), Err(BusError::Name(_))),
+            "{name:?}"
+        );
+        let client = domain.client_config(name);
+        assert!(
+            matches!(ClientBus::open(&client), Err(BusError::Name(_))),
+            "{name:?}"
+        );
+    }
+    for prefix in ["", "a/b", "..", "ä", &"p".repeat(33)] {
+        let config = BusConfig {
+            prefix: Some(prefix.to_owned()),
+            ..core()
+        };
+        assert!(
+            matches!(CoreBus::open(&config), Err(BusError::Prefix { .. })),
+            "{prefix:?}"
+        );
+    }
+    for period_ns in [0, 999, 1_000_000_001, u64::MAX] {
+        let config = BusConfig { period_ns, ..core() };
+        assert_eq!(CoreBus::open(&config).err(), Some(BusError::Period { period_ns }));
+        // The usual settings must stand whatever the period.
+        assert!((256..=16_384).contains(&BusConfig::new("mill", "XYZ", period_ns).setpoint_buffer));
+    }
+    for axes in ["", "XX", "xyz", "XYQ", "X Y"] {
+        let config = BusConfig {
+            axes: axes.to_owned(),
+            ..core()
+        };
+        assert!(
+            matches!(CoreBus::open(&config), Err(BusError::Axes { .. })),
+            "{axes:?}"
+        );
+    }
+    for setpoint_buffer in [0, MAX_SETPOINT_BUFFER + 1, usize::MAX] {
+        let config = BusConfig {
+            setpoint_buffer,
+            ..core()
+        };
+        assert!(matches!(
+            CoreBus::open(&config),
+            Err(BusError::SetpointBuffer { .. })
+        ));
+    }
+    for max_setpoint_subscribers in [0, 65, usize::MAX] {
+        let config = BusConfig {
+            max_setpoint_subscribers,
+            ..core()
+        };
+        assert!(matches!(
+            CoreBus::open(&config),
+            Err(BusError::Subscribers { .. })
+        ));
+    }
+    assert_eq!(domain.files(), Vec::<std::path::PathBuf>::new());
+}

@@ -1,0 +1,179 @@
+//! Cores that are killed at any moment, and what is left of them.
+#![expect(
+    clippy::expect_used,
+    clippy::print_stdout,
+    reason = "helpers of tests fail as tests do"
+)]
+
+mod common;
+
+use common::PrivateDomain;
+use evolvent_bus::{BusConfig, BusError, CoreBus, EventKind, Setpoint, Status};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+const PREFIX: &str = "EVOLVENT_BUS_TEST_PREFIX";
+/// The environment variable EVOLVENT_KILLS raises it.
+const ROUNDS: u64 = 24;
+
+/// Not a test of its own: the process that is killed. Does nothing in an ordinary run.
+#[test]
+fn child_core() {
+    let Ok(prefix) = std::env::var(PREFIX) else { return };
+    let config = BusConfig {
+        prefix: Some(prefix),
+        ..BusConfig::new("mill", "XYZ", common::PERIOD_NS)
+    };
+    let mut core = CoreBus::open(&config).expect("a core");
+    for sequence in 0.. {
+        core.publish_setpoint(&Setpoint {
+            sequence,
+            ..Setpoint::default()
+        })
+        .expect("sent");
+        core.publish_status(&Status {
+            sequence,
+            ..Status::default()
+        })
+        .expect("sent");
+        core.notify(EventKind::StatusChanged).expect("notified");
+        core.feedback().expect("received");
+        std::thread::sleep(Duration::from_micros(200));
+    }
+}
+
+fn start(prefix: &str) -> Child {
+    Command::new(std::env::current_exe().expect("a path"))
+        .args(["--exact", "child_core", "--test-threads", "1"])
+        .env(PREFIX, prefix)
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .expect("a child")
+}
+
+fn kill(mut child: Child) {
+    child.kill().expect("killed");
+    child.wait().expect("waited");
+}
+
+/// A small generator of pseudo-random numbers (Marsaglia's xorshift64).
+fn random(state: &mut u64) -> u64 {
+    *state ^= *state << 13;
+    *state ^= *state >> 7;
+    *state ^= *state << 17;
+    *state
+}
+
+fn seed() -> u64 {
+    let given = std::env::var("EVOLVENT_SEED")
+        .ok()
+        .and_then(|text| text.parse().ok());
+    let seed = given.unwrap_or_else(|| u64::from(std::process::id()) | 1 << 40);
+    println!("EVOLVENT_SEED={seed}");
+    seed
+}
+
+#[test]
+fn a_core_killed_at_any_moment_starts_again() {
+    let domain = PrivateDomain::new();
+    let mut state = seed();
+    let mut slowest = Duration::ZERO;
+    let rounds = std::env::var("EVOLVENT_KILLS")
+        .ok()
+        .and_then(|text| text.parse().ok())
+        .unwrap_or(ROUNDS);
+    for round in 0..rounds {
+        let child = start(&domain.prefix);
+        // Opening takes some 20 ms: half of the kills fall into it.
+        std::thread::sleep(Duration::from_micros(random(&mut state) % 60_000));
+        kill(child);
+        let begin = Instant::now();
+        let mut core = CoreBus::open(&domain.core("mill")).unwrap_or_else(|e| panic!("round {round}: {e}"));
+        slowest = slowest.max(begin.elapsed());
+        core.publish_setpoint(&Setpoint::default()).expect("sent");
+    }
+    println!("slowest restart {slowest:?}");
+}
+
+#[test]
+fn clients_survive_the_death_of_their_core_and_read_the_next() {
+    let domain = PrivateDomain::new();
+    let mut state = seed();
+    let child = start(&domain.prefix);
+    let client = domain.client("mill");
+    let mut setpoints = client.setpoints().expect("a reader");
+    let mut events = client.events().expect("a listener");
+    let mut next = Some(child);
+    for round in 0..6 {
+        let child = next.take().unwrap_or_else(|| start(&domain.prefix));
+        // Wait for a number so low that it can only be the new core's.
+        let begin = Instant::now();
+        loop {
+            match setpoints.receive().expect("received") {
+                Some(setpoint) if setpoint.sequence < 20_000 => break,
+                _ => std::thread::sleep(Duration::from_millis(1)),
+            }
+            assert!(
+                begin.elapsed() < Duration::from_secs(10),
+                "round {round}: no setpoints"
+            );
+        }
+        std::thread::sleep(Duration::from_micros(random(&mut state) % 30_000));
+        kill(child);
+        while setpoints.receive().expect("received").is_some() {}
+        events.wait(Duration::ZERO).expect("no broken connection");
+    }
+    drop((setpoints, events, client));
+    drop(CoreBus::open(&domain.core("mill")).expect("a core"));
+}
+
+#[test]
+fn a_core_in_another_process_is_named_with_its_pid() {
+    let domain = PrivateDomain::new();
+    let child = start(&domain.prefix);
+    drop(domain.client("mill"));
+    // The child may not have its publisher yet when its services are there.
+    std::thread::sleep(Duration::from_millis(100));
+    let pid = i32::try_from(child.id()).ok();
+    let error = CoreBus::open(&domain.core("mill")).err();
+    kill(child);
+    assert_eq!(
+        error,
+        Some(BusError::AlreadyRunning {
+            machine_name: "mill".to_owned(),
+            pid
+        })
+    );
+    assert!(CoreBus::open(&domain.core("mill")).is_ok());
+}
+
+#[test]
+fn of_cores_that_start_together_exactly_one_lives() {
+    let domain = PrivateDomain::new();
+    for _ in 0..5 {
+        let barrier = std::sync::Barrier::new(4);
+        let opened: Vec<bool> = std::thread::scope(|scope| {
+            let (barrier, domain) = (&barrier, &domain);
+            let threads: Vec<_> = (0..4)
+                .map(|_| {
+                    scope.spawn(move || {
+                        barrier.wait();
+                        let core = CoreBus::open(&domain.core("mill"));
+                        barrier.wait();
+                        match core {
+                            Ok(_) => true,
+                            Err(BusError::AlreadyRunning { .. }) => false,
+                            Err(other) => panic!("{other}"),
+                        }
+                    })
+                })
+                .collect();
+            threads
+                .into_iter()
+                .map(|thread| thread.join().expect("no panic"))
+                .collect()
+        });
+        assert_eq!(opened.iter().filter(|&&open| open).count(), 1, "{opened:?}");
+    }
+}
