@@ -335,8 +335,13 @@ impl Involute {
 
     /// Position at `outwards`, the regular parameter from the inner end, with the roll there.
     fn place(&self, turn: f64, share: f64) -> Axes {
+        self.displaced(self.rolled(turn).0, share)
+    }
+
+    /// The point at an in-plane displacement of the undisturbed curve from the inner end.
+    fn displaced(&self, displacement: Planar, share: f64) -> Axes {
         let (first, second, _) = self.plane.axes();
-        let displacement = mix(self.rolled(turn).0, 1.0, self.gap, share);
+        let displacement = mix(displacement, 1.0, self.gap, share);
         let mut position = self.inner + (self.outer - self.inner) * share;
         position[first] = self.inner[first] + displacement[0];
         position[second] = self.inner[second] + displacement[1];
@@ -372,7 +377,14 @@ impl Involute {
     fn outward_jet(&self, outwards: f64) -> Jet {
         let r = self.roll.base_radius();
         let state = self.roll.at(outwards);
-        let (_, tangent, normal) = self.rolled(state.turn);
+        let (displacement, tangent, normal) = self.rolled(state.turn);
+        let position = if outwards <= 0.0 {
+            self.inner
+        } else if outwards >= self.roll.domain() {
+            self.outer
+        } else {
+            self.displaced(displacement, state.s[0] / self.roll.length())
+        };
         let [t2, n2, t3, n3] = state.weights(r);
         let planar = [
             mix(tangent, state.s[1] * self.roll.planar_share(), normal, 0.0),
@@ -381,7 +393,7 @@ impl Involute {
         ];
         let slope = self.slope();
         let mut jet = Jet {
-            position: self.point(outwards),
+            position,
             first: slope * state.s[1],
             second: slope * state.s[2],
             third: slope * state.s[3],
@@ -552,14 +564,19 @@ pub(crate) fn sin_less_angle_cos(x: f64, sin: f64, cos: f64) -> f64 {
     if x.abs() > 1.0 {
         return sin - x * cos;
     }
-    // Sum of (-1)^(k+1) 2k / (2k+1)! x^(2k+1), by Horner.
+    // Sum of (-1)^(k+1) 2k / (2k+1)! x^(2k+1), by Horner, with x^3 / 3 taken out.
+    const SERIES: [f64; 8] = [
+        1.0,
+        -1.0 / 10.0,
+        1.0 / 280.0,
+        -1.0 / 15_120.0,
+        1.0 / 1_330_560.0,
+        -1.0 / 172_972_800.0,
+        1.0 / 31_135_104_000.0,
+        -1.0 / 7_410_154_752_000.0,
+    ];
     let y = x * x;
-    let mut sum = 0.0;
-    for k in (1..=9u32).rev() {
-        // Ratio of the terms k+1 and k: -(y) (k+1) / (k (2k+2) (2k+3)).
-        let k = f64::from(k);
-        sum = 1.0 - y * sum / (2.0 * k * (2.0 * k + 3.0));
-    }
+    let sum = SERIES.iter().rev().fold(0.0, |sum, term| sum * y + term);
     x * y / 3.0 * sum
 }
 

@@ -396,6 +396,25 @@ fn a_blend_between_points_of_a_quintic_is_that_quintic() {
 }
 
 #[test]
+fn curvature_and_its_derivative_do_not_depend_on_the_parameter() {
+    // A parabola (u + u^2, (u + u^2)^2 / 2) run at uneven speed: k = (1 + x^2)^(-3/2), dk/ds = -3 x (1 + x^2)^(-3).
+    for u in [0.0, 0.3, 1.0] {
+        let (x, x1, x2) = (u + u * u, 1.0 + 2.0 * u, 2.0);
+        let jet = Jet {
+            position: xyz(x, 0.5 * x * x, 0.0),
+            first: xyz(x1, x * x1, 0.0),
+            second: xyz(x2, x1 * x1 + x * x2, 0.0),
+            third: xyz(0.0, 3.0 * x1 * x2, 0.0),
+        };
+        for jet in [jet, jet.by_arc_length()] {
+            assert!((jet.curvature() - (1.0 + x * x).powf(-1.5)).abs() <= 1e-14);
+            assert!((jet.curvature_derivative() + 3.0 * x * (1.0 + x * x).powi(-3)).abs() <= 1e-14);
+        }
+        assert!((jet.by_arc_length().first.norm() - 1.0).abs() <= 1e-15);
+    }
+}
+
+#[test]
 fn a_blend_that_comes_to_a_stand_has_a_length_and_no_curvature_bound() {
     // There and back: speed is zero in the middle, arc length has a kink there.
     let left = Jet {
