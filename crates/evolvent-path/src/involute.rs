@@ -375,7 +375,6 @@ impl Involute {
     }
 
     fn outward_jet(&self, outwards: f64) -> Jet {
-        let r = self.roll.base_radius();
         let state = self.roll.at(outwards);
         let (displacement, tangent, normal) = self.rolled(state.turn);
         let position = if outwards <= 0.0 {
@@ -385,7 +384,7 @@ impl Involute {
         } else {
             self.displaced(displacement, state.s[0] / self.roll.length())
         };
-        let [t2, n2, t3, n3] = state.weights(r);
+        let [t2, n2, t3, n3] = state.weights(self.roll.planar_share());
         let planar = [
             mix(tangent, state.s[1] * self.roll.planar_share(), normal, 0.0),
             mix(tangent, t2, normal, n2),

@@ -51,7 +51,6 @@ pub(crate) struct RollState {
     pub(crate) phi: f64,
     d1: f64,
     d2: f64,
-    d3: f64,
     /// Roll angle less that of the inner end.
     pub(crate) turn: f64,
     /// Arc length from the inner end and its derivatives.
@@ -59,16 +58,12 @@ pub(crate) struct RollState {
 }
 
 impl RollState {
-    /// Coefficients of tangent and normal in the second and the third derivative of the in-plane point
-    /// (p_phi = r phi t, p_phiphi = r (t + phi n), p_phiphiphi = r (2 n - phi t), by the chain rule).
-    pub(crate) fn weights(&self, r: f64) -> [f64; 4] {
-        let Self { phi, d1, d2, d3, .. } = *self;
-        [
-            r * (d1 * d1 + phi * d2),
-            r * phi * d1 * d1,
-            r * (3.0 * d1 * d2 + phi * d3 - phi * d1 * d1 * d1),
-            r * (2.0 * d1 * d1 * d1 + 3.0 * phi * d1 * d2),
-        ]
+    /// Coefficients of tangent and normal in the second and the third derivative of the in-plane point, whose
+    /// first is `share` s' t, by t' = phi' n and n' = -phi' t.
+    pub(crate) fn weights(&self, share: f64) -> [f64; 4] {
+        let [k1, k2, k3] = [share * self.s[1], share * self.s[2], share * self.s[3]];
+        let (d1, d2) = (self.d1, self.d2);
+        [k2, k1 * d1, k3 - k1 * d1 * d1, 2.0 * k2 * d1 + k1 * d2]
     }
 }
 
@@ -91,20 +86,14 @@ impl Zone {
     }
 
     /// phi and its derivatives by u at the fraction x.
-    fn phi(&self, x: f64) -> [f64; 4] {
+    fn phi(&self, x: f64) -> [f64; 3] {
         let p = 1.5 - x + 0.25 * x * x;
         let p1 = 0.5 * x - 1.0;
         let h = (self.kappa * p).sqrt();
         let h1 = 0.5 * self.kappa * p1 / h;
         let h2 = (0.25 * self.kappa - h1 * h1) / h;
-        let h3 = -3.0 * h1 * h2 / h;
         let d = 1.0 / self.full;
-        [
-            x * h,
-            (h + x * h1) * d,
-            (2.0 * h1 + x * h2) * d * d,
-            (3.0 * h2 + x * h3) * d * d * d,
-        ]
+        [x * h, (h + x * h1) * d, (2.0 * h1 + x * h2) * d * d]
     }
 }
 
@@ -248,26 +237,17 @@ impl Roll {
         if let Some(zone) = self.zone_at(u) {
             let s = zone.arc_length(u);
             let turn = self.roll_at_arc_length(s[0]).1;
-            let [phi, d1, d2, d3] = zone.phi(zone.x_in + u / zone.full);
-            return RollState {
-                phi,
-                d1,
-                d2,
-                d3,
-                turn,
-                s,
-            };
+            let [phi, d1, d2] = zone.phi(zone.x_in + u / zone.full);
+            return RollState { phi, d1, d2, turn, s };
         }
         let s = self.arc_length(u);
         let (phi, turn) = self.roll_at_arc_length(s);
         let d1 = self.share / (r * phi);
         let d2 = -d1 * d1 / phi;
-        let d3 = -3.0 * d1 * d2 / phi;
         RollState {
             phi,
             d1,
             d2,
-            d3,
             turn,
             s: [s, 1.0, 0.0, 0.0],
         }
@@ -343,13 +323,7 @@ mod tests {
             let roll = Roll::new(2.0, phi_in, 50.0, 3.0);
             let zone = roll.zone.unwrap();
             let (a, b) = (roll.at(zone.u.next_down()), roll.at(zone.u));
-            for (a, b) in [
-                (a.phi, b.phi),
-                (a.d1, b.d1),
-                (a.d2, b.d2),
-                (a.d3, b.d3),
-                (a.turn, b.turn),
-            ] {
+            for (a, b) in [(a.phi, b.phi), (a.d1, b.d1), (a.d2, b.d2), (a.turn, b.turn)] {
                 assert!((a - b).abs() <= 1e-13, "{a} {b}");
             }
             for order in 0..3 {
