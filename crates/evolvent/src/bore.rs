@@ -17,7 +17,7 @@ const CLEARANCE_MM: f64 = 1.0;
 
 /// Mill a hole: write a part program to standard output.
 #[derive(Args, Clone, Debug)]
-pub struct BoreArgs {
+pub(crate) struct BoreArgs {
     /// Diameter of the hole in mm.
     #[arg(long, value_name = "MM")]
     pub hole: f64,
@@ -99,7 +99,7 @@ pub struct BoreArgs {
 
 /// Why no program was written.
 #[derive(Debug)]
-pub enum BoreError {
+pub(crate) enum BoreError {
     /// The hole cannot be milled as asked.
     Hole(HoleError),
     /// An option has a value that makes no sense.
@@ -145,7 +145,7 @@ impl From<io::Error> for BoreError {
 ///
 /// # Errors
 /// [`BoreError`]: what is impossible, with its numbers, or that writing failed.
-pub fn run(args: &BoreArgs, out: &mut dyn Write) -> Result<(), BoreError> {
+pub(crate) fn run(args: &BoreArgs, out: &mut dyn Write) -> Result<(), BoreError> {
     let plan = Plan::new(args)?;
     let mut text = Vec::new();
     plan.write(&mut text)?;
