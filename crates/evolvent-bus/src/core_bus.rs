@@ -142,8 +142,8 @@ impl CoreBus {
             .map_err(|cause| send_error(Channel::Setpoint, cause))
     }
 
-    /// Replaces the snapshot that status readers see. A reader that joins later gets it with the next call: call
-    /// it regularly.
+    /// Replaces the snapshot that status readers see. A reader that joins later gets it with the next call, or
+    /// with [`CoreBus::admit_readers`].
     ///
     /// # Errors
     /// The status did not leave, or not to all.
@@ -151,6 +151,14 @@ impl CoreBus {
         self.status
             .send_copy(*status)
             .map_err(|cause| send_error(Channel::Status, cause))
+    }
+
+    /// Connects to readers that have joined since the last message: late status readers get the latest snapshot
+    /// now, and joining costs the next setpoint no time. Call it a few times a second.
+    pub fn admit_readers(&mut self) {
+        // A failure shows up again, as an error, with the next message.
+        let _ = self.setpoint.update_connections();
+        let _ = self.status.update_connections();
     }
 
     /// Wakes every listener. Publish the status that explains it first.

@@ -101,6 +101,8 @@ fn status_is_the_latest_for_early_and_late_readers() {
     }
     assert_eq!(early.latest(), Ok(Some(status(49))));
     let mut late = client.status().expect("a reader");
+    core.admit_readers();
+    assert_eq!(late.latest(), Ok(Some(status(49))));
     core.publish_status(&status(50)).expect("sent");
     for reader in [&mut early, &mut late] {
         let latest = reader.latest().expect("received").expect("a status");
