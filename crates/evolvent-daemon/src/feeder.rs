@@ -6,7 +6,7 @@ use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::sync::mpsc::Sender;
 
-use evolvent_gcode::{Action, Command, Diagnostic, Interpreter, Move, MoveKind, SpindleDirection};
+use evolvent_gcode::{Action, Code, Command, Diagnostic, Interpreter, Move, MoveKind, SpindleDirection};
 use evolvent_motion::QueueClosed;
 use evolvent_path::Curve;
 use evolvent_plan::{ExitSpeeds, PlanError, PlanSink, Planner, Segment, Step};
@@ -32,18 +32,6 @@ pub enum ProgramError {
         file: String,
         /// What and where.
         diagnostic: Box<Diagnostic>,
-    },
-    /// The machine cannot do it.
-    #[error("error: {reason}\n --> {file}:{line}\n  | {text}")]
-    Move {
-        /// The file.
-        file: String,
-        /// The line.
-        line: u32,
-        /// Its text.
-        text: String,
-        /// Why not.
-        reason: String,
     },
 }
 
@@ -224,12 +212,8 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
                 Ok(true) => {}
                 Ok(false) | Err(PlanError::Sink(_)) => break,
                 Err(error) => {
-                    return Err(ProgramError::Move {
-                        file: self.file.clone(),
-                        line: command.line,
-                        text: line_text(program, command.line),
-                        reason: error.to_string(),
-                    });
+                    let diagnostic = Box::new(explain(&error, program, command.line));
+                    return Err(ProgramError::Text { file: self.file.clone(), diagnostic });
                 }
             }
             self.report_blocks(false);
@@ -337,16 +321,75 @@ fn describe(action: &Action) -> Option<String> {
     })
 }
 
+/// Every error of a program, in the order of its lines, at most `limit` of them: what the text gets wrong and
+/// what the machine refuses.
+///
+/// # Errors
+/// The file cannot be read.
+pub fn check(program: &Path, setup: &Setup, limit: usize) -> std::io::Result<Vec<Diagnostic>> {
+    let reader = BufReader::with_capacity(256 * 1024, File::open(program)?);
+    let mut planner = Planner::new(setup.path_limits(), setup.path_rules(), Nowhere);
+    let mut errors = Vec::new();
+    let mut block = 0;
+    for command in Interpreter::new(reader, setup.interpreter_settings()) {
+        let error = match command {
+            Err(diagnostic) => Some(diagnostic),
+            Ok(Command { line, action: Action::Move(motion) }) => {
+                block += 1;
+                match planner.push(&motion, line, block) {
+                    Ok(()) => None,
+                    // A move after one that was refused starts elsewhere: nothing new.
+                    Err(PlanError::Gap { .. } | PlanError::Sink(_)) => {
+                        planner = Planner::new(setup.path_limits(), setup.path_rules(), Nowhere);
+                        planner.push(&motion, line, block).err().map(|error| explain(&error, program, line))
+                    }
+                    Err(error) => Some(explain(&error, program, line)),
+                }
+            }
+            Ok(_) => None,
+        };
+        errors.extend(error);
+        if errors.len() >= limit {
+            break;
+        }
+    }
+    Ok(errors)
+}
+
+/// Takes a plan and forgets it.
+struct Nowhere;
+
+impl PlanSink for Nowhere {
+    type Error = QueueClosed;
+    fn segment(&mut self, _: &Segment) -> Result<(), QueueClosed> {
+        Ok(())
+    }
+    fn step(&mut self, _: &Step) -> Result<(), QueueClosed> {
+        Ok(())
+    }
+    fn exit(&mut self, _: u64, _: ExitSpeeds) {}
+    fn finalise(&mut self, _: u64) {}
+}
+
+/// A refused move with its place.
+fn explain(error: &PlanError<QueueClosed>, program: &Path, line: u32) -> Diagnostic {
+    let (code, letter) = match error {
+        PlanError::Travel { axis, .. } => (Code::BeyondTravel, Some(axis.letter())),
+        _ => (Code::MoveRefused, None),
+    };
+    let text = line_text(program, line).unwrap_or_default();
+    Diagnostic::about_line(code, line, &text, letter, error.to_string())
+}
+
 /// The text of one line of a file; empty where there is none.
-pub(crate) fn line_text(program: &Path, line: u32) -> String {
-    let Ok(file) = File::open(program) else { return String::new() };
-    let mut reader = BufReader::new(file);
+fn line_text(program: &Path, line: u32) -> std::io::Result<Vec<u8>> {
+    let mut reader = BufReader::new(File::open(program)?);
     let mut bytes = Vec::new();
     for _ in 0..line {
         bytes.clear();
-        if reader.read_until(b'\n', &mut bytes).unwrap_or(0) == 0 {
-            return String::new();
+        if reader.read_until(b'\n', &mut bytes)? == 0 {
+            break;
         }
     }
-    String::from_utf8_lossy(&bytes).trim_end().to_owned()
+    Ok(bytes)
 }

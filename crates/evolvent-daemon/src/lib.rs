@@ -25,7 +25,7 @@ mod shared;
 mod summary;
 
 pub use doctor::{BareLoopError, DoctorReport, Finding, LatenessReport, Verdict, bare_loop, examine};
-pub use feeder::{Notice, ProgramError};
+pub use feeder::{Notice, ProgramError, check};
 pub use job::{Clock, Job, Setup};
 pub use rt::{LowLatencyHold, MonotonicClock, RealtimeGranted, RealtimeRequest, apply_to_this_thread};
 pub use run::{RunObserver, RunOutcome, StartError, run};

@@ -10,12 +10,12 @@ use crate::limits::PathLimits;
 use crate::lookahead::LookAhead;
 use crate::step::{PlanSink, Segment, SegmentMarks, Step};
 
-/// A joint this fast is no joint: no axis could tell.
-const SMOOTH_SPEED: f64 = 1e6;
+/// A step of the tangent below this is rounding: at 1 m/s and 35 kHz its jerk is below a hundredth of any limit.
+const SMOOTH_TANGENT: f64 = 1e-10;
+/// A step of the second derivative, 1/mm, below this likewise.
+const SMOOTH_CURVATURE: f64 = 1e-7;
 /// A joint slower than this, parameter units per s, is a stop.
 const SLOWEST_JOINT: f64 = 0.01;
-/// Time in which a step of curvature that rounding left may act, s, for a joint to count as smooth.
-const SMOOTH_TIME: f64 = 1e-6;
 /// Rounding of positions, mm or degrees, that the check of travel forgives.
 const TRAVEL_SLACK: f64 = 1e-9;
 /// Stretches shorter than this are rounding, parameter units.
@@ -183,13 +183,14 @@ impl<S: PlanSink> Planner<S> {
         let (left, right) = (&held.motion.curve, &next.motion.curve);
         let (end, start) = (left.jet(left.domain()), right.jet(0.0));
         let limits = *self.ahead.limits().axes();
-        let speed_at = |time: f64| exact_joint_speed(&end, &start, &limits.jerk, &limits.present, time);
+        let smooth = (start.first - end.first).amax() <= SMOOTH_TANGENT
+            && (start.second - end.second).amax() <= SMOOTH_CURVATURE;
         let regular = metric(&end.first) > REGULAR_SPEED && metric(&start.first) > REGULAR_SPEED;
         let stop = matches!(held.motion.path_mode, PathMode::ExactStop);
         let mut cap = f64::INFINITY;
         if stop {
             cap = 0.0;
-        } else if !regular || speed_at(SMOOTH_TIME) < SMOOTH_SPEED {
+        } else if !regular || !smooth {
             if let Some(tolerance) = self.tolerance(&held.motion, &next.motion) {
                 let room = (0.5 * left.domain())
                     .min(left.domain() - held.from)

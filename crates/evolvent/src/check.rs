@@ -1,40 +1,50 @@
 //! `evolvent check`: what is wrong with a program, without moving anything.
 
-use std::fs::File;
-use std::io::{self, BufRead, BufReader, Write};
-use std::path::Path;
+use std::io::{self, IsTerminal, Write};
 
-use evolvent_gcode::{Diagnostic, Interpreter, Settings};
+use clap::Args;
+use evolvent_gcode::Diagnostic;
 
-/// Errors in a program that are shown before it is taken for no program at all.
-pub(crate) const DEFAULT_LIMIT: usize = 50;
+use crate::program::ProgramArgs;
+use crate::{CommandError, Ending};
 
-/// The errors of the program at `path`, in the order of its lines, at most `limit` of them. One a line: a faulty
-/// line counts as not written, so what follows from it may show up as further errors.
-///
-/// # Errors
-/// The file cannot be opened. (If reading fails later on, the last diagnostic says so.)
-pub(crate) fn diagnose(path: &Path, settings: Settings, limit: usize) -> io::Result<Vec<Diagnostic>> {
-    let file = File::open(path)?;
-    Ok(errors_of(
-        BufReader::with_capacity(1 << 16, file),
-        settings,
-        limit,
-    ))
+/// Options of `evolvent check`.
+#[derive(Debug, Args)]
+pub(crate) struct CheckArgs {
+    #[command(flatten)]
+    program: ProgramArgs,
+    /// Stop after so many errors.
+    #[arg(long, value_name = "N", default_value_t = 50)]
+    limit: usize,
+    /// Print the errors as one JSON object, for editors.
+    #[arg(long)]
+    json: bool,
 }
 
-fn errors_of(program: impl BufRead, settings: Settings, limit: usize) -> Vec<Diagnostic> {
-    Interpreter::new(program, settings)
-        .filter_map(Result::err)
-        .take(limit)
-        .collect()
+pub(crate) fn run(
+    args: &CheckArgs,
+    out: &mut dyn Write,
+    err: &mut dyn Write,
+) -> Result<Ending, CommandError> {
+    let setup = args.program.setup()?;
+    let file_name = args.program.program.display().to_string();
+    let limit = args.limit.max(1);
+    let found = evolvent_daemon::check(&args.program.program, &setup, limit)
+        .map_err(|error| CommandError::Usage(format!("{file_name}: {error}; name a readable part program")))?;
+    let written = if args.json {
+        writeln!(out, "{}", to_json(&file_name, &found))
+    } else {
+        write_text(err, &file_name, &found, limit, io::stderr().is_terminal())
+    };
+    written.map_err(|error| CommandError::Failed(format!("the errors cannot be written: {error}")))?;
+    Ok(if found.is_empty() { Ending::Clean } else { Ending::Negative })
 }
 
 /// Writes errors as a compiler would, each with its source line, and a last line that counts them.
 ///
 /// # Errors
 /// `out` cannot be written.
-pub(crate) fn write_text(
+fn write_text(
     out: &mut dyn Write,
     file_name: &str,
     diagnostics: &[Diagnostic],
@@ -62,16 +72,18 @@ pub(crate) fn write_text(
 
 /// The errors as one JSON value for editors: `{"file", "errors": [{"code", "line", "column", "length", "message",
 /// "help", "source", "span"}]}`.
-pub(crate) fn to_json(file_name: &str, diagnostics: &[Diagnostic]) -> serde_json::Value {
+fn to_json(file_name: &str, diagnostics: &[Diagnostic]) -> serde_json::Value {
     serde_json::json!({ "file": file_name, "errors": diagnostics })
 }
 
 #[cfg(test)]
 mod tests {
+    use evolvent_gcode::{Interpreter, Settings};
+
     use super::*;
 
     fn errors(program: &str) -> Vec<Diagnostic> {
-        errors_of(program.as_bytes(), Settings::default(), 3)
+        Interpreter::new(program.as_bytes(), Settings::default()).filter_map(Result::err).take(3).collect()
     }
 
     #[test]
@@ -100,10 +112,5 @@ mod tests {
         assert_eq!(json["errors"][0]["code"], "G0307");
         assert_eq!(json["errors"][0]["line"], 1);
         assert_eq!(json["errors"][0]["column"], 7);
-    }
-
-    #[test]
-    fn a_file_that_is_not_there_is_an_error_of_its_own() {
-        assert!(diagnose(Path::new("/nowhere/part.ngc"), Settings::default(), 3).is_err());
     }
 }

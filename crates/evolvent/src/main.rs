@@ -1,2 +1,104 @@
-//! The command line.
-fn main() {}
+//! The `evolvent` command.
+
+mod bore;
+mod check;
+mod doctor;
+mod plan;
+mod program;
+mod rate;
+mod run;
+mod screen;
+mod trace;
+
+use std::io::{self, Write};
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// A real-time CNC core: part programs to setpoints on shared memory, every cycle recorded.
+///
+/// Exit codes: 0 done; 1 the program or the run failed; 2 wrong usage or configuration; 3 done, but data was
+/// lost (trace) or setpoints left late.
+#[derive(Debug, Parser)]
+#[command(version, propagate_version = true)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Run a part program: progress, setpoints on the bus, a trace, a summary at the end.
+    Run(run::RunArgs),
+    /// Plan a program without running it: time, limits reached, the control rate that it needs.
+    Plan(plan::PlanArgs),
+    /// Look for errors in a program without moving anything.
+    Check(check::CheckArgs),
+    /// The rational control rate of a machine.
+    Rate(rate::RateArgs),
+    /// Write a part program that mills a hole along involutes.
+    Bore(bore::BoreArgs),
+    /// What this host can do for a real-time loop, measured, and what to change.
+    Doctor(doctor::DoctorArgs),
+    /// Look into traces, and recover torn ones.
+    Trace(trace::TraceArgs),
+}
+
+/// Why a command did not do what it was asked.
+#[derive(Debug, PartialEq, Eq)]
+pub(crate) enum CommandError {
+    /// Wrong usage or configuration: exit code 2.
+    Usage(String),
+    /// The program or the run failed: exit code 1.
+    Failed(String),
+}
+
+/// How a command ended that did what it was asked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Ending {
+    /// All is well: exit code 0.
+    Clean,
+    /// Done, and the result is negative: exit code 1. It has been reported.
+    Negative,
+    /// Done, but data was lost or setpoints left late: exit code 3.
+    Lossy,
+}
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    let (mut out, mut err) = (io::stdout(), io::stderr());
+    let result = match &cli.command {
+        Command::Run(args) => run::run(args, &mut out, &mut err),
+        Command::Plan(args) => plan::run(args, &mut out, &mut err),
+        Command::Check(args) => check::run(args, &mut out, &mut err),
+        Command::Rate(args) => rate::run(args, &mut out, &mut err).map(|()| Ending::Clean),
+        Command::Bore(args) => bore(args, &mut out),
+        Command::Doctor(args) => doctor::run(args, &mut out, &mut err).map(|()| Ending::Clean),
+        Command::Trace(args) => trace::run(args, &mut out, &mut err),
+    };
+    match result {
+        Ok(Ending::Clean) => ExitCode::SUCCESS,
+        Ok(Ending::Negative) => ExitCode::from(1),
+        Ok(Ending::Lossy) => ExitCode::from(3),
+        Err(CommandError::Usage(text)) => complain(&mut err, &text, 2),
+        Err(CommandError::Failed(text)) => complain(&mut err, &text, 1),
+    }
+}
+
+fn bore(args: &bore::BoreArgs, out: &mut dyn Write) -> Result<Ending, CommandError> {
+    match bore::run(args, out) {
+        Ok(()) => Ok(Ending::Clean),
+        Err(error @ bore::BoreError::Write(_)) => Err(CommandError::Failed(error.to_string())),
+        Err(error) => Err(CommandError::Usage(error.to_string())),
+    }
+}
+
+fn complain(err: &mut dyn Write, text: &str, code: u8) -> ExitCode {
+    let text = text.trim_end();
+    // Diagnostics of a program come with their own heading.
+    let result =
+        if text.starts_with("error") { writeln!(err, "{text}") } else { writeln!(err, "error: {text}") };
+    // With standard error gone there is nobody left to tell.
+    drop(result);
+    ExitCode::from(code)
+}

@@ -1,0 +1,199 @@
+//! `evolvent plan`: the same code as a run, with the virtual clock and nobody listening.
+
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use clap::Args;
+use evolvent_daemon::{Clock, Controls, Job};
+use evolvent_machine::{Machine, rate_for};
+use evolvent_motion::Setpoint;
+use serde::Serialize;
+
+use crate::program::{ProgramArgs, parse_override};
+use crate::run::report;
+use crate::screen::Screen;
+use crate::{CommandError, Ending};
+
+/// Options of `evolvent plan`.
+#[derive(Debug, Args)]
+pub(crate) struct PlanArgs {
+    #[command(flatten)]
+    program: ProgramArgs,
+    /// Write every setpoint as CSV: time, position, velocity, acceleration and jerk of every axis.
+    #[arg(long, value_name = "FILE.csv")]
+    setpoints: Option<PathBuf>,
+    /// Feed override in percent, 0 to 200.
+    #[arg(long = "override", value_name = "PCT", value_parser = parse_override, default_value = "100")]
+    feed_override: f64,
+    /// Print the plan as one JSON object.
+    #[arg(long)]
+    json: bool,
+}
+
+/// What the plan of a program needs of the control rate, equation (4) over the planned feed and the true curvature.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+struct NeededRate {
+    /// The rate that keeps the permitted chord error along this plan.
+    needed_rate_hz: f64,
+    /// Where the plan needs it: program line.
+    needed_at_line: u32,
+    /// Radius of curvature there; 0 where nothing curves.
+    needed_at_radius_mm: f64,
+    /// Feed there.
+    needed_at_feed_mm_min: f64,
+}
+
+pub(crate) fn run(
+    args: &PlanArgs,
+    out: &mut dyn Write,
+    err: &mut dyn Write,
+) -> Result<Ending, CommandError> {
+    let setup = args.program.setup()?;
+    let machine = setup.machine.clone();
+    let period_s = setup.period_ns as f64 * 1e-9;
+    let job = Job {
+        program: args.program.program.clone(),
+        setup,
+        clock: Clock::Virtual,
+        feed_override: args.feed_override,
+        trace: None,
+        bus: false,
+        bus_prefix: None,
+        wait_for_subscribers: 0,
+        optional_stop: false,
+        stop_at_program_stops: false,
+    };
+    let mut table = match &args.setpoints {
+        Some(path) => Some(Table::create(path, &machine)?),
+        None => None,
+    };
+    let mut needed = NeededRate::default();
+    let mut failure: Option<io::Error> = None;
+    let controls = Arc::new(Controls::new(args.feed_override));
+    let mut screen = Screen::new(&job.program, args.json);
+    let result = evolvent_daemon::run(&job, &controls, &mut screen, |setpoint| {
+        needed.see(setpoint, &machine);
+        if let Some(table) = &mut table
+            && failure.is_none()
+        {
+            failure = table.write(setpoint, period_s).err();
+        }
+    });
+    screen.finish();
+    let outcome = result.map_err(|error| CommandError::Failed(error.to_string()))?;
+    if let Some(table) = table {
+        table.finish(failure)?;
+    }
+    if !args.json {
+        let ending = report(false, &outcome, out, err)?;
+        needed.write(out).map_err(|error| CommandError::Failed(error.to_string()))?;
+        return Ok(ending);
+    }
+    let text = merge(&outcome.summary, &needed).map_err(|error| CommandError::Failed(error.to_string()))?;
+    writeln!(out, "{text}").map_err(|error| CommandError::Failed(error.to_string()))?;
+    report(true, &outcome, &mut io::sink(), err)
+}
+
+/// The summary's JSON with the rate's fields and the warnings.
+fn merge(summary: &evolvent_daemon::Summary, needed: &NeededRate) -> serde_json::Result<String> {
+    let mut object = serde_json::to_value(summary)?;
+    if let (Some(object), serde_json::Value::Object(more)) =
+        (object.as_object_mut(), serde_json::to_value(needed)?)
+    {
+        object.extend(more);
+        object.insert("warnings".to_owned(), serde_json::to_value(&summary.notes)?);
+    }
+    serde_json::to_string(&object)
+}
+
+impl NeededRate {
+    fn see(&mut self, setpoint: &Setpoint, machine: &Machine) {
+        let (v, a) = (&setpoint.velocity, &setpoint.acceleration);
+        let cross = [v[1] * a[2] - v[2] * a[1], v[2] * a[0] - v[0] * a[2], v[0] * a[1] - v[1] * a[0]];
+        let speed = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
+        let bend = (cross[0] * cross[0] + cross[1] * cross[1] + cross[2] * cross[2]).sqrt();
+        if speed <= 0.0 || bend <= 0.0 {
+            return;
+        }
+        let radius = speed * speed * speed / bend;
+        let rate =
+            rate_for(speed, radius, machine.increments_per_mm, machine.path.chord_error_increments);
+        if rate > self.needed_rate_hz && rate.is_finite() {
+            *self = Self {
+                needed_rate_hz: rate,
+                needed_at_line: setpoint.line,
+                needed_at_radius_mm: radius,
+                needed_at_feed_mm_min: 60.0 * speed,
+            };
+        }
+    }
+
+    fn write(&self, out: &mut dyn Write) -> io::Result<()> {
+        if self.needed_rate_hz <= 0.0 {
+            return writeln!(out, "  any control rate will do: nothing in this program curves");
+        }
+        writeln!(
+            out,
+            "  this plan needs a control rate of {:.2} Hz: line {}, radius {:.4} mm at {:.1} mm/min",
+            self.needed_rate_hz, self.needed_at_line, self.needed_at_radius_mm, self.needed_at_feed_mm_min
+        )
+    }
+}
+
+/// Setpoints as CSV; the file gets its name only when it is complete.
+struct Table {
+    out: BufWriter<File>,
+    part: PathBuf,
+    path: PathBuf,
+    axes: Vec<usize>,
+}
+
+impl Table {
+    fn create(path: &Path, machine: &Machine) -> Result<Self, CommandError> {
+        let mut name = path.as_os_str().to_owned();
+        name.push(".part");
+        let part = PathBuf::from(name);
+        let fail = |error: io::Error| CommandError::Failed(format!("{}: {error}", part.display()));
+        let mut out = BufWriter::with_capacity(1 << 20, File::create(&part).map_err(fail)?);
+        let mut head = "sequence,time_s,line,path_mm,feed_mm_s".to_owned();
+        for order in ["", "'", "''", "'''"] {
+            for axis in &machine.axes {
+                let unit = if axis.letter.is_rotary() { "deg" } else { "mm" };
+                let per = ["", "_s", "_s2", "_s3"][order.len()];
+                head.push_str(&format!(",{}{order}_{unit}{per}", axis.letter.letter()));
+            }
+        }
+        writeln!(out, "{head}").map_err(fail)?;
+        let axes = machine.axes.iter().map(|axis| axis.letter.index()).collect();
+        Ok(Self { out, part: part.clone(), path: path.to_owned(), axes })
+    }
+
+    fn write(&mut self, setpoint: &Setpoint, period_s: f64) -> io::Result<()> {
+        let time = (setpoint.sequence + 1) as f64 * period_s;
+        write!(
+            self.out,
+            "{},{time},{},{},{}",
+            setpoint.sequence, setpoint.line, setpoint.path_mm, setpoint.feed_mm_s
+        )?;
+        for values in [&setpoint.position, &setpoint.velocity, &setpoint.acceleration, &setpoint.jerk] {
+            for &axis in &self.axes {
+                write!(self.out, ",{}", values[axis])?;
+            }
+        }
+        writeln!(self.out)
+    }
+
+    fn finish(mut self, failure: Option<io::Error>) -> Result<(), CommandError> {
+        let done = match failure {
+            Some(error) => Err(error),
+            None => self.out.flush().and_then(|()| std::fs::rename(&self.part, &self.path)),
+        };
+        done.map_err(|error| {
+            // Half a table would be read as a whole one.
+            drop(std::fs::remove_file(&self.part));
+            CommandError::Failed(format!("{}: {error}", self.path.display()))
+        })
+    }
+}

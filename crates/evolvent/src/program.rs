@@ -1,0 +1,122 @@
+//! Options that every command about a program shares.
+
+use std::path::{Path, PathBuf};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use clap::Args;
+use evolvent_daemon::Setup;
+use evolvent_machine::{ControlRate, Machine};
+
+use crate::CommandError;
+
+/// A program on a machine.
+#[derive(Clone, Debug, Args)]
+pub(crate) struct ProgramArgs {
+    /// The part program (RS274/NGC).
+    pub(crate) program: PathBuf,
+    /// The machine file (TOML).
+    #[arg(long, value_name = "FILE")]
+    pub(crate) machine: PathBuf,
+    /// Control rate in Hz, or `rational`: what the machine's limits need. Default: the machine file's.
+    #[arg(long, value_name = "HZ", value_parser = parse_rate)]
+    pub(crate) rate: Option<ControlRate>,
+}
+
+impl ProgramArgs {
+    /// Reads and checks the machine file; makes sure that the program is there.
+    pub(crate) fn setup(&self) -> Result<Setup, CommandError> {
+        let usage = |text: String| CommandError::Usage(text);
+        let machine = Machine::load(&self.machine).map_err(|error| usage(error.to_string()))?;
+        let text = std::fs::read_to_string(&self.machine)
+            .map_err(|error| usage(format!("{}: {error}", self.machine.display())))?;
+        let readable = std::fs::metadata(&self.program)
+            .map_err(|error| usage(format!("{}: {error}; name a part program", self.program.display())))?;
+        if readable.is_dir() {
+            return Err(usage(format!("{} is a folder; name a part program", self.program.display())));
+        }
+        Setup::new(machine, self.machine.clone(), text, self.rate).map_err(|error| usage(error.to_string()))
+    }
+}
+
+fn parse_rate(text: &str) -> Result<ControlRate, String> {
+    if text.eq_ignore_ascii_case("rational") {
+        return Ok(ControlRate::Rational);
+    }
+    match text.parse::<f64>() {
+        Ok(hz) if hz.is_finite() && hz > 0.0 => Ok(ControlRate::Hz(hz)),
+        _ => Err("give a rate in Hz above 0, or `rational`".to_owned()),
+    }
+}
+
+/// Checks an override in percent and gives the factor.
+pub(crate) fn parse_override(text: &str) -> Result<f64, String> {
+    match text.trim_end_matches('%').parse::<f64>() {
+        Ok(percent) if (0.0..=200.0).contains(&percent) => Ok(percent / 100.0),
+        _ => Err("give a percentage from 0 to 200".to_owned()),
+    }
+}
+
+/// Where a trace goes by default: `traces/NAME-TIME.mcap`, time in UTC.
+pub(crate) fn default_trace(program: &Path) -> PathBuf {
+    let name = program.file_stem().map_or_else(|| "run".into(), |stem| stem.to_string_lossy());
+    let seconds = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
+    let millis = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.subsec_millis());
+    let (days, rest) = (seconds / 86_400, seconds % 86_400);
+    let (year, month, day) = civil_date(days);
+    let (hour, minute, second) = (rest / 3600, rest / 60 % 60, rest % 60);
+    PathBuf::from("traces").join(format!(
+        "{name}-{year:04}{month:02}{day:02}T{hour:02}{minute:02}{second:02}.{millis:03}Z.mcap"
+    ))
+}
+
+/// Date of the proleptic Gregorian calendar, days since 1970-01-01, by counting: called once a run.
+fn civil_date(mut days: u64) -> (u64, u64, u64) {
+    let leap = |year: u64| year.is_multiple_of(4) && (!year.is_multiple_of(100) || year.is_multiple_of(400));
+    let mut year = 1970;
+    while days >= 365 + u64::from(leap(year)) {
+        days -= 365 + u64::from(leap(year));
+        year += 1;
+    }
+    let february = 28 + u64::from(leap(year));
+    let mut month = 1;
+    for length in [31, february, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31] {
+        if days < length {
+            break;
+        }
+        days -= length;
+        month += 1;
+    }
+    (year, month, days + 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn dates_are_those_of_the_calendar() {
+        // `date -u -d @N`
+        assert_eq!(civil_date(0), (1970, 1, 1));
+        assert_eq!(civil_date(951_782_400 / 86_400), (2000, 2, 29));
+        assert_eq!(civil_date(1_795_219_200 / 86_400), (2026, 11, 21));
+        assert_eq!(civil_date(4_107_542_400 / 86_400), (2100, 3, 1));
+    }
+
+    #[test]
+    fn overrides_outside_0_to_200_percent_are_refused() {
+        assert_eq!(parse_override("150"), Ok(1.5));
+        assert_eq!(parse_override("0%"), Ok(0.0));
+        for bad in ["-1", "200.1", "nan", "inf", "fast", ""] {
+            assert!(parse_override(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn rates_are_positive_numbers_or_rational() {
+        assert_eq!(parse_rate("Rational"), Ok(ControlRate::Rational));
+        assert_eq!(parse_rate("1000"), Ok(ControlRate::Hz(1000.0)));
+        for bad in ["0", "-5", "nan", "inf", "quick"] {
+            assert!(parse_rate(bad).is_err(), "{bad}");
+        }
+    }
+}

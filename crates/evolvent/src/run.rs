@@ -1,0 +1,171 @@
+//! `evolvent run`.
+
+use std::io::{self, IsTerminal, Write};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::Duration;
+
+use clap::{Args, ValueEnum};
+use evolvent_daemon::{Clock, Controls, Job, RunOutcome, StartError};
+
+use crate::program::{ProgramArgs, default_trace, parse_override};
+use crate::screen::{Screen, write_summary};
+use crate::{CommandError, Ending};
+
+/// How often signals are looked at.
+const SIGNAL_POLL: Duration = Duration::from_millis(5);
+
+/// Options of `evolvent run`.
+#[derive(Debug, Args)]
+pub(crate) struct RunArgs {
+    #[command(flatten)]
+    program: ProgramArgs,
+    /// Real time, or as fast as it computes with the same bits.
+    #[arg(long, value_enum, default_value_t = ClockArg::Realtime)]
+    clock: ClockArg,
+    /// Trace file. Default: traces/NAME-TIME.mcap.
+    #[arg(long, value_name = "FILE.mcap", conflicts_with = "no_trace")]
+    trace: Option<PathBuf>,
+    /// Do not write a trace.
+    #[arg(long)]
+    no_trace: bool,
+    /// Do not open the bus (iceoryx2).
+    #[arg(long)]
+    no_bus: bool,
+    /// Prefix of the bus's files: cores and clients of different prefixes do not see each other.
+    #[arg(long, value_name = "PREFIX")]
+    bus_prefix: Option<String>,
+    /// Wait, 10 s at the most, until so many clients listen to setpoints.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    wait_for_clients: usize,
+    /// Feed override in percent, 0 to 200.
+    #[arg(long = "override", value_name = "PCT", value_parser = parse_override, default_value = "100")]
+    feed_override: f64,
+    /// Stop at M1.
+    #[arg(long)]
+    optional_stop: bool,
+    /// Print the summary as one JSON object.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum ClockArg {
+    Realtime,
+    Virtual,
+}
+
+pub(crate) fn run(
+    args: &RunArgs,
+    out: &mut dyn Write,
+    err: &mut dyn Write,
+) -> Result<Ending, CommandError> {
+    let setup = args.program.setup()?;
+    let trace = if args.no_trace {
+        None
+    } else {
+        Some(args.trace.clone().unwrap_or_else(|| default_trace(&args.program.program)))
+    };
+    if let Some(folder) = trace.as_ref().and_then(|path| path.parent())
+        && !folder.as_os_str().is_empty()
+    {
+        std::fs::create_dir_all(folder).map_err(|error| {
+            CommandError::Failed(format!("{}: {error}; choose another place with --trace", folder.display()))
+        })?;
+    }
+    let clock = match args.clock {
+        ClockArg::Realtime => Clock::Realtime,
+        ClockArg::Virtual => Clock::Virtual,
+    };
+    let stop_at_program_stops = clock == Clock::Realtime && io::stdin().is_terminal();
+    let job = Job {
+        program: args.program.program.clone(),
+        setup,
+        clock,
+        feed_override: args.feed_override,
+        trace,
+        bus: !args.no_bus,
+        bus_prefix: args.bus_prefix.clone(),
+        wait_for_subscribers: args.wait_for_clients,
+        optional_stop: args.optional_stop,
+        stop_at_program_stops,
+    };
+    let controls = Arc::new(Controls::new(args.feed_override));
+    watch_signals(&controls)?;
+    if stop_at_program_stops {
+        resume_on_enter(&controls);
+    }
+    let mut screen = Screen::new(&job.program, args.json);
+    let result = evolvent_daemon::run(&job, &controls, &mut screen, |_| {});
+    screen.finish();
+    let outcome = result.map_err(|error| match error {
+        StartError::Bus(_) | StartError::BusTimeout => {
+            CommandError::Failed(format!("{error} (or run without a bus: --no-bus)"))
+        }
+        other => CommandError::Failed(other.to_string()),
+    })?;
+    report(args.json, &outcome, out, err)
+}
+
+/// Summary, errors, and the exit code that they call for.
+pub(crate) fn report(
+    json: bool,
+    outcome: &RunOutcome,
+    out: &mut dyn Write,
+    err: &mut dyn Write,
+) -> Result<Ending, CommandError> {
+    let summary = &outcome.summary;
+    let written = if json {
+        serde_json::to_string(summary).map_err(io::Error::from).and_then(|text| writeln!(out, "{text}"))
+    } else {
+        write_summary(out, summary)
+    };
+    written.map_err(|error| CommandError::Failed(format!("the summary cannot be written: {error}")))?;
+    if let Some(error) = &outcome.trace_error {
+        // The run itself went on; the exit code says that data was lost.
+        drop(writeln!(err, "warning: {error}"));
+    }
+    if let Some(fault) = &outcome.fault {
+        return Err(CommandError::Failed(fault.clone()));
+    }
+    if let Err(error) = &outcome.program {
+        return Err(CommandError::Failed(error.to_string()));
+    }
+    if summary.outcome != "done" {
+        return Err(CommandError::Failed("the run was stopped before the program's end".to_owned()));
+    }
+    let lossy = outcome.trace_error.is_some()
+        || summary.late_cycles > 0
+        || summary.dropped_records > 0
+        || summary.dropped_setpoints > 0;
+    Ok(if lossy { Ending::Lossy } else { Ending::Clean })
+}
+
+/// SIGINT and SIGTERM stop within the limits; a second one ends the process at once.
+fn watch_signals(controls: &Arc<Controls>) -> Result<(), CommandError> {
+    let signalled = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+        signal_hook::flag::register_conditional_shutdown(signal, 1, Arc::clone(&signalled))
+            .and_then(|_| signal_hook::flag::register(signal, Arc::clone(&signalled)))
+            .map_err(|error| CommandError::Failed(format!("signals cannot be caught: {error}")))?;
+    }
+    let controls = Arc::clone(controls);
+    thread::spawn(move || {
+        while !signalled.load(Ordering::Relaxed) {
+            thread::sleep(SIGNAL_POLL);
+        }
+        controls.stop();
+    });
+    Ok(())
+}
+
+fn resume_on_enter(controls: &Arc<Controls>) {
+    let controls = Arc::clone(controls);
+    thread::spawn(move || {
+        for _line in io::stdin().lines().map_while(Result::ok) {
+            controls.resume();
+        }
+    });
+}
