@@ -66,7 +66,7 @@ impl<R: BufRead> LineReader<R> {
             let help = "is this a part program? If so, split the line";
             return Err(Fault::new(Code::LineTooLong, span, message).help(help));
         }
-        // The mark that some editors put at the beginning of UTF-8 text. Blanks keep the columns' distances.
+        // The mark that some editors put at the beginning of UTF-8 text; columns count from after it.
         if self.line == 1 && self.buffer.starts_with(b"\xef\xbb\xbf") {
             self.buffer.drain(..3);
         }

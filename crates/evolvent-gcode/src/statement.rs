@@ -16,10 +16,10 @@ const LETTERS: usize = 26;
 /// Codes and words of one line. Kept and filled again.
 #[derive(Clone, Debug)]
 pub(crate) struct Statement {
-    /// The G code of each group, if any.
-    g: [Option<(GCode, Span)>; GROUPS],
-    /// The M code of each group, if any.
-    m: [Option<(MCode, Span)>; GROUPS],
+    /// The G code of each group, if any, its place and its number as written.
+    g: [Option<(GCode, Span, f64)>; GROUPS],
+    /// The M code of each group, if any, its place and its number.
+    m: [Option<(MCode, Span, f64)>; GROUPS],
     values: [f64; LETTERS],
     spans: [Span; LETTERS],
     /// Bit per letter.
@@ -76,12 +76,12 @@ impl Statement {
 
     /// The G code of a group.
     pub(crate) fn g(&self, group: Group) -> Option<GCode> {
-        self.g[group as usize].map(|(code, _)| code)
+        self.g[group as usize].map(|(code, ..)| code)
     }
 
     /// The M code of a group.
     pub(crate) fn m(&self, group: Group) -> Option<MCode> {
-        self.m[group as usize].map(|(code, _)| code)
+        self.m[group as usize].map(|(code, ..)| code)
     }
 
     /// The code of group 0.
@@ -138,14 +138,14 @@ impl Statement {
     /// Place of a group's code, or of the motion.
     pub(crate) fn group_span(&self, group: Group) -> Span {
         self.g[group as usize]
-            .map(|(_, span)| span)
-            .or_else(|| self.m[group as usize].map(|(_, span)| span))
+            .map(|(_, span, _)| span)
+            .or_else(|| self.m[group as usize].map(|(_, span, _)| span))
             .unwrap_or_else(|| self.motion_span())
     }
 
     /// Place of the motion code; if it does not stand on the line, of the words that it moves.
     pub(crate) fn motion_span(&self) -> Span {
-        if let Some((_, span)) = self.g[Group::Motion as usize] {
+        if let Some((_, span, _)) = self.g[Group::Motion as usize] {
             return span;
         }
         let mut moved = self.present & (AXIS_BITS | CENTRE_BITS | bit(b'R'));
@@ -173,10 +173,10 @@ impl Statement {
             return Err(Fault::new(Code::UnknownG, span, message));
         };
         let group = code.group();
-        if self.g[group as usize].is_some() {
-            return Err(two_of_group(group, span));
+        if let Some((.., first)) = self.g[group as usize] {
+            return Err(two_of_group(group, span, format!("G{first} and G{value}")));
         }
-        self.g[group as usize] = Some((code, span));
+        self.g[group as usize] = Some((code, span, value));
         Ok(())
     }
 
@@ -194,10 +194,10 @@ impl Statement {
             });
         };
         let group = code.group();
-        if self.m[group as usize].is_some() {
-            return Err(two_of_group(group, span));
+        if let Some((.., first)) = self.m[group as usize] {
+            return Err(two_of_group(group, span, format!("M{first} and M{value}")));
         }
-        self.m[group as usize] = Some((code, span));
+        self.m[group as usize] = Some((code, span, value));
         Ok(())
     }
 
@@ -346,9 +346,11 @@ impl Statement {
 }
 
 #[cold]
-fn two_of_group(group: Group, span: Span) -> Fault {
-    let message = format!("a second code of one group ({}) on a line", group.name());
-    Fault::new(Code::ModalGroup, span, message).help("write them on two lines, or leave one out")
+fn two_of_group(group: Group, span: Span, mut message: String) -> Fault {
+    message.push_str(" are both ");
+    message.push_str(group.name());
+    Fault::new(Code::ModalGroup, span, message)
+        .help("one of a kind per line: write them on two lines, or leave one out")
 }
 
 fn not_negative(letter: char, value: f64, span: Span) -> Result<(), Fault> {

@@ -278,6 +278,8 @@ fn messages_name_the_word_that_is_wrong() {
         ("M12", "M12"),
         ("G81 X1", "G81"),
         ("G0 B1", "B"),
+        ("G17 G18", "G17 and G18"),
+        ("M03 M5", "M3 and M5"),
         ("G0 X#3", "#"),
         ("F1\nG2 X20 I10.05", "r1=10.0500 r2=9.9500"),
     ] {
