@@ -3,6 +3,8 @@
 //! The run is a tool that goes round a circle under jerk-like changing accelerations: full mantissas in every number, as
 //! in a real trace, which is the hard case for the compressor.
 
+#![expect(clippy::print_stdout, reason = "a benchmark reports")]
+
 use std::hint::black_box;
 use std::path::Path;
 use std::time::Instant;

@@ -11,6 +11,7 @@ use prost::Message as _;
 use crate::checked_map::with_checksum;
 use crate::encode::put_cycle;
 use crate::record::{BlockRecord, CycleRecord, EventRecord, LogLevel, TimingRecord};
+use crate::record_error::{RecordError, Remains, write_error};
 use crate::run_info::{ProgramSource, RunInfo};
 use crate::scene::{self, Scene};
 use crate::schema::{self, Channel, evolvent, foxglove, timestamp};
@@ -22,105 +23,6 @@ use crate::writer::Writer;
 const TEXT_BYTES: usize = 64 * 1024;
 /// A program or tool table that is given in memory, and the machine file.
 const ATTACHMENT_BYTES: usize = u32::MAX as usize;
-
-/// Where a failed trace stands.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Remains {
-    /// The file was cut back to its last complete chunk and closed: it is readable and indexed, under its
-    /// final name.
-    Complete,
-    /// The file could not be closed; it must be recovered.
-    NeedsRecovery,
-}
-
-impl std::fmt::Display for Remains {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match self {
-            Self::Complete => "what was written before is complete and readable",
-            Self::NeedsRecovery => "recover what was written before with `evolvent trace recover`",
-        })
-    }
-}
-
-/// Why recording failed. Cheap to clone: a failed recorder gives the same error again and again.
-#[derive(Clone, Debug, thiserror::Error)]
-pub enum RecordError {
-    /// The run's description cannot be recorded.
-    #[error("the run cannot be recorded: {reason}; correct the machine file or the caller")]
-    Invalid {
-        /// What is wrong, with its number.
-        reason: String,
-    },
-    /// A part file of this name lies there already.
-    #[error(
-        "{} is left over from an earlier run or written by another one; recover it with \
-         `evolvent trace recover`, remove it or choose another name", .part.display()
-    )]
-    LeftOver {
-        /// The part file.
-        part: PathBuf,
-    },
-    /// The file cannot be created.
-    #[error("the trace {} cannot be created: {source}; choose another place with --trace", .path.display())]
-    Create {
-        /// The part file.
-        path: PathBuf,
-        /// Why.
-        source: Arc<io::Error>,
-    },
-    /// The program cannot be read for its attachment.
-    #[error("{} cannot be attached to the trace: {source}; make it readable", .path.display())]
-    Attach {
-        /// The program's file.
-        path: PathBuf,
-        /// Why.
-        source: Arc<io::Error>,
-    },
-    /// There is no room left.
-    #[error(
-        "no room left for the trace {} after {bytes} bytes: {source}; free some or choose another disk \
-         with --trace; {remains}", .path.display()
-    )]
-    DiskFull {
-        /// The file as it is named now.
-        path: PathBuf,
-        /// Bytes that are complete.
-        bytes: u64,
-        /// Whether the file is readable.
-        remains: Remains,
-        /// What the operating system said.
-        source: Arc<io::Error>,
-    },
-    /// Writing failed for another reason.
-    #[error("the trace {} cannot be written after {bytes} bytes: {source}; check the disk; {remains}", .path.display())]
-    Write {
-        /// The file as it is named now.
-        path: PathBuf,
-        /// Bytes that are complete.
-        bytes: u64,
-        /// Whether the file is readable.
-        remains: Remains,
-        /// What the operating system said.
-        source: Arc<io::Error>,
-    },
-    /// The finished file could not get its name.
-    #[error("the trace is complete in {}, but cannot be renamed to {}: {source}; rename it", .from.display(), .to.display())]
-    Rename {
-        /// The part file.
-        from: PathBuf,
-        /// The name it should have.
-        to: PathBuf,
-        /// Why.
-        source: Arc<io::Error>,
-    },
-}
-
-fn is_full(error: &io::Error) -> bool {
-    matches!(
-        error.kind(),
-        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded | io::ErrorKind::FileTooLarge
-    )
-}
 
 /// The name that a trace has while it is written: `NAME.mcap.part`.
 #[must_use]
@@ -537,24 +439,6 @@ impl Drop for Recorder {
         if !self.finished && self.failure.is_none() {
             // Nobody is left to hear of a failure. The part file stays and is recovered at the next start.
             let _ = self.writer.close_chunk().and_then(|()| self.writer.sync());
-        }
-    }
-}
-
-fn write_error(path: PathBuf, bytes: u64, remains: Remains, source: Arc<io::Error>) -> RecordError {
-    if is_full(&source) {
-        RecordError::DiskFull {
-            path,
-            bytes,
-            remains,
-            source,
-        }
-    } else {
-        RecordError::Write {
-            path,
-            bytes,
-            remains,
-            source,
         }
     }
 }

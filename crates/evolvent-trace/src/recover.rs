@@ -9,20 +9,17 @@ use prost::Message as _;
 
 use crate::checked_map::{with_checksum, without_checksum};
 use crate::chunk::{self, Inner, MAX_CHUNK_BYTES};
-use crate::format::{ChunkHead, FOOTER_LENGTH, Fields, MAGIC, RECORD_HEAD, ZSTD, op};
+use crate::format::{ChunkHead, FOOTER_LENGTH, Fields, MAGIC, RECORD_HEAD, op};
 use crate::reader::ChannelInfo;
 use crate::record::{CycleRecord, EventKind, LogLevel};
 use crate::recorder::{log_line, sync_folder_of};
 use crate::run_info::RunInfo;
+use crate::scan::{SEARCH_BYTES, Scan};
 use crate::schema::{self, Channel, evolvent};
 use crate::sink::FileSink;
 use crate::statistics::RunStatistics;
 use crate::writer::{ChunkContent, CompressedChunk, Writer};
 
-/// What stands before the compression's name in a chunk record: head, two times, size, checksum.
-const BEFORE_COMPRESSION: usize = RECORD_HEAD + 8 + 8 + 8 + 4;
-/// The search for the next chunk reads this much at once.
-const SEARCH_BYTES: usize = 1 << 20;
 /// Longer names are no names of attachments.
 const MAX_ATTACHMENT_HEAD: u64 = 64 * 1024;
 
@@ -218,57 +215,6 @@ fn default_output(source: &Path) -> PathBuf {
         })
         .find(|path| !path.exists())
         .unwrap_or_else(|| source.with_extension("recovered"))
-}
-
-/// Reads a file at any place.
-struct Scan {
-    file: File,
-    length: u64,
-}
-
-impl Scan {
-    fn read(&mut self, offset: u64, length: usize) -> io::Result<Vec<u8>> {
-        let mut bytes = vec![0; length];
-        self.file.seek(SeekFrom::Start(offset))?;
-        self.file.read_exact(&mut bytes)?;
-        Ok(bytes)
-    }
-
-    /// Opcode and content's length of the record at `offset`, if one can be there.
-    fn head(&mut self, offset: u64) -> io::Result<Option<(u8, u64)>> {
-        if self.length.saturating_sub(offset) < RECORD_HEAD as u64 {
-            return Ok(None);
-        }
-        let bytes = self.read(offset, RECORD_HEAD)?;
-        let mut fields = Fields(&bytes);
-        let (Some(opcode), Some(length)) = (fields.u8(), fields.u64()) else {
-            return Ok(None);
-        };
-        let room = self.length - offset - RECORD_HEAD as u64;
-        Ok(((op::HEADER..=op::DATA_END).contains(&opcode) && length <= room).then_some((opcode, length)))
-    }
-
-    /// The next place from `offset` on where a chunk may begin: known by the name of its compression.
-    fn next_chunk(&mut self, offset: u64) -> io::Result<Option<u64>> {
-        let mut mark = (ZSTD.len() as u32).to_le_bytes().to_vec();
-        mark.extend_from_slice(ZSTD.as_bytes());
-        let mut from = offset + BEFORE_COMPRESSION as u64;
-        while from + mark.len() as u64 <= self.length {
-            let size = usize::try_from(self.length - from)
-                .unwrap_or(SEARCH_BYTES)
-                .min(SEARCH_BYTES);
-            let bytes = self.read(from, size)?;
-            for at in (0..=bytes.len() - mark.len()).filter(|&at| bytes[at..].starts_with(&mark)) {
-                let start = from + at as u64 - BEFORE_COMPRESSION as u64;
-                if matches!(self.head(start)?, Some((op::CHUNK, _))) {
-                    return Ok(Some(start));
-                }
-            }
-            // Overlap by a mark less one byte, in case it lies across.
-            from += (size - mark.len() + 1) as u64;
-        }
-        Ok(None)
-    }
 }
 
 enum Trouble {

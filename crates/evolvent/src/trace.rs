@@ -46,7 +46,7 @@ pub(crate) fn run(
 ) -> Result<Ending, CommandError> {
     match &args.command {
         TraceCommand::Info { file, json } => {
-            let trace = TraceFile::open(file).map_err(read_error)?;
+            let trace = TraceFile::open(file).map_err(|error| read_error(&error))?;
             let info = trace.info();
             let written = if *json {
                 writeln!(out, "{}", info_to_json(info))
@@ -57,7 +57,8 @@ pub(crate) fn run(
             Ok(Ending::Clean)
         }
         TraceCommand::Recover { file, output, json } => {
-            let recovered = evolvent_trace::recover(file, output.as_deref()).map_err(recover_error)?;
+            let recovered =
+                evolvent_trace::recover(file, output.as_deref()).map_err(|error| recover_error(&error))?;
             let written = if *json {
                 writeln!(out, "{}", recovered_to_json(&recovered))
             } else {
@@ -74,19 +75,19 @@ pub(crate) fn run(
 }
 
 /// A name that was mistyped is wrong usage; a file that is broken is a failure.
-fn read_error(error: ReadError) -> CommandError {
+fn read_error(error: &ReadError) -> CommandError {
     match error {
         ReadError::NotATrace { .. } => CommandError::Usage(error.to_string()),
-        ReadError::Io { ref source, .. } if source.kind() == io::ErrorKind::NotFound => {
+        ReadError::Io { source, .. } if source.kind() == io::ErrorKind::NotFound => {
             CommandError::Usage(error.to_string())
         }
         _ => CommandError::Failed(error.to_string()),
     }
 }
 
-fn recover_error(error: RecoverError) -> CommandError {
+fn recover_error(error: &RecoverError) -> CommandError {
     match error {
-        RecoverError::Read { ref source, .. } if source.kind() == io::ErrorKind::NotFound => {
+        RecoverError::Read { source, .. } if source.kind() == io::ErrorKind::NotFound => {
             CommandError::Usage(error.to_string())
         }
         _ => CommandError::Failed(error.to_string()),
