@@ -221,12 +221,9 @@ impl<S: PlanSink> Planner<S> {
                     }
                 }
             }
-            cap = if regular {
-                speed_at(self.rules.joint_time_s)
-            } else {
-                0.0
-            };
-            if cap < SLOWEST_JOINT {
+            let joint_time = self.rules.joint_time_s;
+            cap = exact_joint_speed(&end, &start, &limits.jerk, &limits.present, joint_time);
+            if !regular || cap < SLOWEST_JOINT {
                 cap = 0.0;
             }
             next.joint = cap > 0.0;
