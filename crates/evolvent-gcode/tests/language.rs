@@ -254,9 +254,9 @@ fn full_circles_and_turns() {
 
 #[test]
 fn a_circle_by_increments_that_do_not_add_up_exactly_is_still_a_circle() {
-    // 300.1 + 0.2 - 300.3 is not 0 in doubles, so in one of the two senses the way is 1e-14 mm.
+    // 253.2 + 2.9 - 256.1 is not 0 in doubles, so in one of the two senses the way is 1e-14 mm.
     for sense in ["G2", "G3"] {
-        let found = moves(&format!("G91 G0 Y300.1\nY0.2\nY-300.3\nG90 F60 {sense} Y0 I5"));
+        let found = moves(&format!("G91 G0 Y253.2\nY2.9\nY-256.1\nG90 F60 {sense} Y0 I5"));
         assert_ne!(found[2].curve.end()[1], 0.0);
         assert_near(found[3].curve.length(), 5.0 * std::f64::consts::TAU);
     }
