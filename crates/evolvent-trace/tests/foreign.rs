@@ -1,5 +1,12 @@
 //! A foreign reader finds every cycle, and the same bits. Needs Python with `tests/python/requirements.txt`.
 
+#![allow(
+    clippy::expect_used,
+    clippy::panic,
+    clippy::print_stdout,
+    reason = "helpers of tests fail as tests do"
+)]
+
 mod common;
 
 use std::path::Path;

@@ -1,5 +1,12 @@
 //! A disk without room: a clear error, a readable file, and nothing that was flushed is lost.
 
+#![allow(
+    clippy::expect_used,
+    clippy::panic,
+    clippy::print_stdout,
+    reason = "helpers of tests fail as tests do"
+)]
+
 mod common;
 
 use std::fs::{self, File};
@@ -73,6 +80,34 @@ fn whatever_the_size_of_the_disk_what_was_flushed_is_readable() {
             }
         }
     }
+}
+
+#[test]
+fn what_a_failed_write_left_half_done_is_cut_off() {
+    let folder = common::folder();
+    let path = folder.path().join("hiccup.mcap");
+    let disk = SmallDisk::new(150_000, Manners::Hiccups);
+    let mut recorder = Recorder::with_sink(Box::new(disk.clone()), &path, &info("XYZ")).expect("creating");
+    let (flushed, error) = fill(&mut recorder);
+    assert!(
+        matches!(
+            error,
+            RecordError::Write {
+                remains: Remains::Complete,
+                ..
+            }
+        ),
+        "{error}"
+    );
+    fs::write(&path, disk.content()).expect("writing");
+    assert!(flushed > 100);
+    assert_eq!(cycles_of(&path), flushed);
+    // In the order of the file too, without the index.
+    let messages = mcap::MessageStream::new(&disk.content())
+        .expect("stream")
+        .filter(|message| message.as_ref().expect("a whole message").channel.topic == "/cycle")
+        .count();
+    assert_eq!(messages as u64, flushed);
 }
 
 #[test]

@@ -1,5 +1,12 @@
 //! What is recorded is found again: by this crate's reader and by the reference implementation.
 
+#![allow(
+    clippy::expect_used,
+    clippy::panic,
+    clippy::print_stdout,
+    reason = "helpers of tests fail as tests do"
+)]
+
 mod common;
 
 use std::collections::BTreeMap;

@@ -3,6 +3,13 @@
 //! After an edit of a `.proto` file: `EVOLVENT_REGENERATE=1 cargo test -p evolvent-trace --test schema`.
 //! Generated code is checked in so that a build needs no protobuf compiler, not even one written in Rust.
 
+#![allow(
+    clippy::expect_used,
+    clippy::panic,
+    clippy::print_stdout,
+    reason = "helpers of tests fail as tests do"
+)]
+
 use std::fs;
 use std::path::{Path, PathBuf};
 

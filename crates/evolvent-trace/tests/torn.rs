@@ -1,5 +1,12 @@
 //! Torn and damaged files: whatever is whole is recovered, and what is lost is told.
 
+#![allow(
+    clippy::expect_used,
+    clippy::panic,
+    clippy::print_stdout,
+    reason = "helpers of tests fail as tests do"
+)]
+
 mod common;
 
 use std::fs;

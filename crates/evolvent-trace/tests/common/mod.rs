@@ -71,9 +71,9 @@ pub fn cycle(n: u64, axes: &str) -> CycleRecord {
         jerk: of(20_000.0),
         line: (n / 100) as u32 + 1,
         state: (n % 10) as u8,
-        flags: u32::from(n % 97 == 0),
+        flags: u32::from(n.is_multiple_of(97)),
         override_: 1.0 + (n / 1000) as f64 / 10.0,
-        load: if n % 2 == 0 { f64::NAN } else { n as f64 },
+        load: if n.is_multiple_of(2) { f64::NAN } else { n as f64 },
     }
 }
 
@@ -90,7 +90,7 @@ pub fn event(n: u64) -> EventRecord {
         kind: EventKind::ALL[(n / 100 % 12) as usize],
         code: n as u32,
         text: format!("event at {n} \u{b5}"),
-        value: (n % 200 == 0).then_some(n as f64 / 3.0),
+        value: n.is_multiple_of(200).then_some(n as f64 / 3.0),
     }
 }
 
@@ -182,6 +182,8 @@ pub enum Manners {
     Truncates,
     /// Writes what fits, then fails for ever.
     Stubborn,
+    /// Fails once, half way through what would pass its size, and then has room again.
+    Hiccups,
 }
 
 /// A disk in memory with a limited size. The bytes can be looked at after the recorder is gone.
@@ -218,10 +220,14 @@ impl TraceSink for SmallDisk {
             } else {
                 0
             };
-        if needed > room {
+        let healed = self.manners == Manners::Hiccups && *self.failures.lock().expect("lock") > 0;
+        if needed > room && !healed {
             *self.failures.lock().expect("lock") += 1;
             if self.manners != Manners::Foresees {
                 bytes.extend_from_slice(&data[..room]);
+            }
+            if self.manners == Manners::Hiccups {
+                return Err(io::Error::other("the cable came loose"));
             }
             return Err(io::ErrorKind::StorageFull.into());
         }
