@@ -116,7 +116,10 @@ impl CycleLoop {
             }
             if let Some(bus) = &mut self.bus {
                 let due_time_ns = if realtime { deadline + lead } else { path_time };
-                let due = DueSetpoint { setpoint, due_time_ns };
+                let due = DueSetpoint {
+                    setpoint,
+                    due_time_ns,
+                };
                 if !hand_over(bus, due, realtime) {
                     report.dropped_setpoints += 1;
                 }

@@ -116,7 +116,11 @@ impl<S: PlanSink> PlanSink for Tally<S> {
         let parts = self.parts_of_step.pop_front().unwrap_or(0) as usize;
         let whole: f64 = self.open.iter().take(parts).map(|part| part.1).sum();
         for (block, length) in self.open.drain(..parts.min(self.open.len())) {
-            let share = if whole > 0.0 { duration * length / whole } else { 0.0 };
+            let share = if whole > 0.0 {
+                duration * length / whole
+            } else {
+                0.0
+            };
             match self.finished.back_mut() {
                 Some(last) if last.0 == block => last.1 += share,
                 _ => self.finished.push_back((block, share)),
@@ -200,8 +204,10 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
     }
 
     fn feed_lines(&mut self, program: &Path) -> Result<(), ProgramError> {
-        let opened = File::open(program)
-            .map_err(|source| ProgramError::Read { file: self.file.clone(), source })?;
+        let opened = File::open(program).map_err(|source| ProgramError::Read {
+            file: self.file.clone(),
+            source,
+        })?;
         let reader = BufReader::with_capacity(256 * 1024, opened);
         for command in Interpreter::new(reader, self.setup.interpreter_settings()) {
             let command = command.map_err(|diagnostic| ProgramError::Text {
@@ -213,7 +219,10 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
                 Ok(false) | Err(PlanError::Sink(_)) => break,
                 Err(error) => {
                     let diagnostic = Box::new(explain(&error, program, command.line));
-                    return Err(ProgramError::Text { file: self.file.clone(), diagnostic });
+                    return Err(ProgramError::Text {
+                        file: self.file.clone(),
+                        diagnostic,
+                    });
                 }
             }
             self.report_blocks(false);
@@ -227,18 +236,25 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         match &command.action {
             Action::Move(motion) => self.push_move(motion, line)?,
             Action::Dwell { seconds } => {
-                self.planner.rest(&Step::Dwell { seconds: *seconds, line }).map_err(PlanError::Sink)?;
+                self.planner
+                    .rest(&Step::Dwell {
+                        seconds: *seconds,
+                        line,
+                    })
+                    .map_err(PlanError::Sink)?;
             }
             Action::ProgramStop { optional, .. } => {
                 if !optional || self.optional_stop {
-                    self.planner.rest(&Step::ProgramStop { line }).map_err(PlanError::Sink)?;
+                    self.planner
+                        .rest(&Step::ProgramStop { line })
+                        .map_err(PlanError::Sink)?;
                 }
             }
             Action::ProgramEnd => return Ok(false),
             other => {
                 if let Some(text) = describe(other) {
                     let is_message = matches!(other, Action::Message(_));
-                    self.act(line, is_message, text)?;
+                    self.act(line, is_message, &text)?;
                 }
             }
         }
@@ -262,19 +278,31 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
                 (_, Curve::Involute(_)) => BlockKind::Involute,
                 (_, Curve::Blend(_)) => BlockKind::Other,
             };
-            self.blocks.push_back(Open { block, line, kind, length_mm: motion.curve.length() });
+            self.blocks.push_back(Open {
+                block,
+                line,
+                kind,
+                length_mm: motion.curve.length(),
+            });
         }
         Ok(())
     }
 
-    fn act(&mut self, line: u32, is_message: bool, text: String) -> Result<(), PlanError<QueueClosed>> {
+    fn act(&mut self, line: u32, is_message: bool, text: &str) -> Result<(), PlanError<QueueClosed>> {
         let action = self.actions;
         self.actions += 1;
         for news in &self.news {
             // Whoever does not listen any more misses nothing.
-            let _gone = news.send(FeederNews::Notice(Notice { action, line, is_message, text: text.clone() }));
+            let _gone = news.send(FeederNews::Notice(Notice {
+                action,
+                line,
+                is_message,
+                text: text.to_owned(),
+            }));
         }
-        self.planner.rest(&Step::Action { action, line }).map_err(PlanError::Sink)
+        self.planner
+            .rest(&Step::Action { action, line })
+            .map_err(PlanError::Sink)
     }
 
     /// Reports blocks whose plan is final.
@@ -282,7 +310,9 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         let finished = &mut self.planner.sink_mut().finished;
         let keep = usize::from(!all);
         while finished.len() > keep {
-            let Some((block, planned_s)) = finished.pop_front() else { break };
+            let Some((block, planned_s)) = finished.pop_front() else {
+                break;
+            };
             while let Some(open) = self.blocks.front() {
                 if open.block > block {
                     break;
@@ -334,14 +364,20 @@ pub fn check(program: &Path, setup: &Setup, limit: usize) -> std::io::Result<Vec
     for command in Interpreter::new(reader, setup.interpreter_settings()) {
         let error = match command {
             Err(diagnostic) => Some(diagnostic),
-            Ok(Command { line, action: Action::Move(motion) }) => {
+            Ok(Command {
+                line,
+                action: Action::Move(motion),
+            }) => {
                 block += 1;
                 match planner.push(&motion, line, block) {
                     Ok(()) => None,
                     // A move after one that was refused starts elsewhere: nothing new.
                     Err(PlanError::Gap { .. } | PlanError::Sink(_)) => {
                         planner = Planner::new(setup.path_limits(), setup.path_rules(), Nowhere);
-                        planner.push(&motion, line, block).err().map(|error| explain(&error, program, line))
+                        planner
+                            .push(&motion, line, block)
+                            .err()
+                            .map(|error| explain(&error, program, line))
                     }
                     Err(error) => Some(explain(&error, program, line)),
                 }

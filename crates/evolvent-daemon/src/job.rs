@@ -52,7 +52,12 @@ impl Setup {
         rate: Option<ControlRate>,
     ) -> Result<Self, PeriodError> {
         let period_ns = machine.period_ns(rate.unwrap_or(machine.rate))?;
-        Ok(Self { machine, machine_file, machine_text, period_ns })
+        Ok(Self {
+            machine,
+            machine_file,
+            machine_text,
+            period_ns,
+        })
     }
 
     /// The control rate.

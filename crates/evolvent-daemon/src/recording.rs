@@ -187,13 +187,25 @@ impl Tracks {
         let late = cycle.flags & flags::LATE != 0;
         if late && !self.late {
             let text = "setpoints leave after they are due".to_owned();
-            recorder.event(&event(EventKind::Late, 0, text, Some(cycle.wake_lateness_ns as f64)))?;
+            recorder.event(&event(
+                EventKind::Late,
+                0,
+                text,
+                Some(cycle.wake_lateness_ns as f64),
+            ))?;
         }
         self.late = late;
         while self.actions < sample.actions {
-            let notice = self.notices.iter().position(|notice| notice.action == self.actions);
+            let notice = self
+                .notices
+                .iter()
+                .position(|notice| notice.action == self.actions);
             if let Some(notice) = notice.and_then(|at| self.notices.remove(at)) {
-                let kind = if notice.is_message { EventKind::Message } else { EventKind::Command };
+                let kind = if notice.is_message {
+                    EventKind::Message
+                } else {
+                    EventKind::Command
+                };
                 recorder.event(&event(kind, notice.line, notice.text, None))?;
             }
             self.actions += 1;
@@ -214,7 +226,12 @@ impl Tracks {
             return Ok(());
         }
         self.close_block(sample.record.due_time_ns, sample.record.sequence);
-        self.block = Some(Span { block: sample.block, start: sample.record.sequence, end: 0, time_ns: 0 });
+        self.block = Some(Span {
+            block: sample.block,
+            start: sample.record.sequence,
+            end: 0,
+            time_ns: 0,
+        });
         self.write_blocks(recorder)
     }
 
@@ -295,7 +312,12 @@ struct Lines {
 
 impl Lines {
     fn new(path: &Path) -> Self {
-        Self { path: path.to_owned(), reader: None, line: 0, text: Vec::new() }
+        Self {
+            path: path.to_owned(),
+            reader: None,
+            line: 0,
+            text: Vec::new(),
+        }
     }
 
     fn text(&mut self, line: u32) -> String {
@@ -303,7 +325,9 @@ impl Lines {
             self.reader = File::open(&self.path).ok().map(BufReader::new);
             self.line = 0;
         }
-        let Some(reader) = &mut self.reader else { return String::new() };
+        let Some(reader) = &mut self.reader else {
+            return String::new();
+        };
         while self.line < line {
             self.text.clear();
             if reader.read_until(b'\n', &mut self.text).unwrap_or(0) == 0 {

@@ -102,13 +102,16 @@ pub fn run(
                 let (ready_sender, ready) = mpsc::channel();
                 let publishing = publishing(job, controls);
                 let request = realtime_request(job, 1);
-                let handle = thread::Builder::new().name("publisher".into()).spawn_scoped(scope, move || {
-                    if let Some(request) = request {
-                        // The cycle's thread asks for the same and more, and reports.
-                        let _granted = apply_to_this_thread(&request);
-                    }
-                    publishing.run(queue, &ready_sender)
-                })?;
+                let handle =
+                    thread::Builder::new()
+                        .name("publisher".into())
+                        .spawn_scoped(scope, move || {
+                            if let Some(request) = request {
+                                // The cycle's thread asks for the same and more, and reports.
+                                let _granted = apply_to_this_thread(&request);
+                            }
+                            publishing.run(queue, &ready_sender)
+                        })?;
                 match ready.recv_timeout(BUS_TIMEOUT) {
                     Ok(Ok(subscribers)) if subscribers < job.wait_for_subscribers => {
                         let text = format!(
@@ -147,9 +150,13 @@ pub fn run(
                     program: job.program.clone(),
                 };
                 let period_ns = setup.period_ns;
-                Some(thread::Builder::new().name("recorder".into()).spawn_scoped(scope, move || {
-                    recording.run(period_ns, &summary_receiver, &failure_sender)
-                })?)
+                Some(
+                    thread::Builder::new()
+                        .name("recorder".into())
+                        .spawn_scoped(scope, move || {
+                            recording.run(period_ns, &summary_receiver, &failure_sender)
+                        })?,
+                )
             }
             _ => None,
         };
@@ -160,11 +167,20 @@ pub fn run(
             !waiting.is_abandoned()
         });
         let with_blocks = recording.is_some();
-        let feeder = thread::Builder::new().name("planner".into()).spawn_scoped(scope, move || {
-            let optional_stop = job.optional_stop;
-            Feeder::new(&job.program, setup, plan_producer, listeners, with_blocks, optional_stop)
+        let feeder = thread::Builder::new()
+            .name("planner".into())
+            .spawn_scoped(scope, move || {
+                let optional_stop = job.optional_stop;
+                Feeder::new(
+                    &job.program,
+                    setup,
+                    plan_producer,
+                    listeners,
+                    with_blocks,
+                    optional_stop,
+                )
                 .feed(&job.program)
-        })?;
+            })?;
 
         let cycle = CycleLoop {
             motion: Motion::new(limits, setup.period_ns, limits.home),
@@ -180,28 +196,36 @@ pub fn run(
         };
         let request = realtime_request(job, 0);
         let (granted_sender, granted) = mpsc::channel();
-        let cycle_thread = thread::Builder::new().name("cycle".into()).spawn_scoped(scope, move || {
-            // Begin with a plan in hand, so that the first cycles do not depend on how fast it came.
-            while !(cycle.queue.is_ready() || cycle.queue.is_abandoned()) {
-                thread::sleep(PLANNER_NAP);
-            }
-            if let Some(request) = request {
-                let _gone = granted_sender.send(apply_to_this_thread(&request).notes);
-            }
-            drop(granted_sender);
-            cycle.run(observe)
-        })?;
+        let cycle_thread = thread::Builder::new()
+            .name("cycle".into())
+            .spawn_scoped(scope, move || {
+                // Begin with a plan in hand, so that the first cycles do not depend on how fast it came.
+                while !(cycle.queue.is_ready() || cycle.queue.is_abandoned()) {
+                    thread::sleep(PLANNER_NAP);
+                }
+                if let Some(request) = request {
+                    let _gone = granted_sender.send(apply_to_this_thread(&request).notes);
+                }
+                drop(granted_sender);
+                cycle.run(observe)
+            })?;
         for text in granted.iter().flatten() {
             observer.note(&text);
             notes.push(text);
         }
-        watch(job, controls, observer, &notices, &failures, || cycle_thread.is_finished());
+        watch(job, controls, observer, &notices, &failures, || {
+            cycle_thread.is_finished()
+        });
 
         let report = join(cycle_thread)?;
         let (feed, program) = join(feeder)?;
         let published = publisher.map(join).transpose()?.unwrap_or_default();
         watch(job, controls, observer, &notices, &failures, || true);
-        let late = if job.bus { published.late.max(report.late_cycles) } else { report.late_cycles };
+        let late = if job.bus {
+            published.late.max(report.late_cycles)
+        } else {
+            report.late_cycles
+        };
         let mut summary = summarise(job, &report, &feed, late, notes);
         summary.dropped_setpoints += published.failed;
         let fault = fault_text(&report);
@@ -215,7 +239,12 @@ pub fn run(
                 Err(error) => trace_error = Some(error),
             }
         }
-        Ok(RunOutcome { summary, program, trace_error, fault })
+        Ok(RunOutcome {
+            summary,
+            program,
+            trace_error,
+            fault,
+        })
     })
 }
 
@@ -233,7 +262,9 @@ fn optional_ring<T>(wanted: bool, length: usize) -> (Option<rtrb::Producer<T>>, 
 }
 
 fn unix_ns() -> u64 {
-    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_nanos() as u64)
+    SystemTime::now()
+        .duration_since(UNIX_EPOCH)
+        .map_or(0, |since| since.as_nanos() as u64)
 }
 
 fn realtime_request(job: &Job, below: u8) -> Option<RealtimeRequest> {
@@ -249,7 +280,10 @@ fn publishing(job: &Job, controls: &Arc<Controls>) -> Publishing {
     let machine = &job.setup.machine;
     let mut config = BusConfig::new(&machine.name, &machine.axis_letters(), job.setup.period_ns);
     config.prefix.clone_from(&job.bus_prefix);
-    let axes_mask = machine.axes.iter().fold(0, |mask, axis| mask | 1 << axis.letter.index());
+    let axes_mask = machine
+        .axes
+        .iter()
+        .fold(0, |mask, axis| mask | 1 << axis.letter.index());
     Publishing {
         config,
         clock: job.clock,
@@ -265,7 +299,8 @@ fn run_info(job: &Job, start_time_ns: u64) -> RunInfo {
     let setup = &job.setup;
     let settings = &setup.machine.realtime;
     let name = |path: &std::path::Path| {
-        path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned())
+        path.file_name()
+            .map_or_else(String::new, |name| name.to_string_lossy().into_owned())
     };
     RunInfo {
         program_name: name(&job.program),
@@ -302,7 +337,13 @@ fn watch(
     loop {
         let over = finished();
         if !over {
-            thread::sleep(PROGRESS_EVERY.min(Duration::from_millis(if job.clock == Clock::Virtual { 2 } else { 50 })));
+            thread::sleep(
+                PROGRESS_EVERY.min(Duration::from_millis(if job.clock == Clock::Virtual {
+                    2
+                } else {
+                    50
+                })),
+            );
         }
         loop {
             match notices.recv_timeout(Duration::ZERO) {
@@ -312,7 +353,10 @@ fn watch(
             }
         }
         let progress = controls.progress();
-        while ahead.front().is_some_and(|notice| notice.action < progress.actions) {
+        while ahead
+            .front()
+            .is_some_and(|notice| notice.action < progress.actions)
+        {
             if let Some(notice) = ahead.pop_front() {
                 observer.notice(&notice);
             }
@@ -339,7 +383,9 @@ fn fault_text(report: &CycleReport) -> Option<String> {
         ));
     }
     if report.planner_died {
-        return Some("the planner ended without completing its plan; the machine stopped on the path".to_owned());
+        return Some(
+            "the planner ended without completing its plan; the machine stopped on the path".to_owned(),
+        );
     }
     report.stopped_for_lateness.then(|| {
         "too many setpoints in a row left late; the machine was stopped on the path. Run `evolvent doctor`, \
@@ -379,7 +425,11 @@ fn summarise(job: &Job, report: &CycleReport, feed: &FeedReport, late: u64, note
         max_chord_error_mm: extremes.chord_error_mm,
         permitted_chord_error_mm: machine.path.chord_error_increments / machine.increments_per_mm,
         max_path_error_mm: feed.deviation_mm,
-        end_position: machine.axes.iter().map(|axis| position[axis.letter.index()]).collect(),
+        end_position: machine
+            .axes
+            .iter()
+            .map(|axis| position[axis.letter.index()])
+            .collect(),
         max_velocity_mm_s: list(|axis| axis.max_velocity_mm_s),
         max_acceleration_mm_s2: list(|axis| axis.max_acceleration_mm_s2),
         max_jerk_mm_s3: list(|axis| axis.max_jerk_mm_s3),
@@ -405,5 +455,8 @@ fn trace_summary(summary: &Summary) -> BTreeMap<String, String> {
         ("max_chord_error_mm", summary.max_chord_error_mm.to_string()),
         ("max_path_error_mm", summary.max_path_error_mm.to_string()),
     ];
-    pairs.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
+    pairs
+        .into_iter()
+        .map(|(key, value)| (key.to_owned(), value))
+        .collect()
 }

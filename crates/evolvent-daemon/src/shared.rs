@@ -92,7 +92,8 @@ impl Controls {
     pub(crate) fn publish(&self, setpoint: &Setpoint) {
         self.sequence.store(setpoint.sequence + 1, Ordering::Relaxed);
         self.path_mm.store(setpoint.path_mm.to_bits(), Ordering::Relaxed);
-        self.feed_mm_s.store(setpoint.feed_mm_s.to_bits(), Ordering::Relaxed);
+        self.feed_mm_s
+            .store(setpoint.feed_mm_s.to_bits(), Ordering::Relaxed);
         self.line.store(setpoint.line, Ordering::Relaxed);
         self.state.store(setpoint.state as u32, Ordering::Relaxed);
         self.actions.store(setpoint.actions, Ordering::Relaxed);

@@ -103,11 +103,12 @@ impl Guard {
         &self.past
     }
 
-    /// Checks a position against every limit. Real-time safe.
+    /// Checks a position against every limit. While `braking` after a fault the speed may still be above its limit:
+    /// only acceleration and jerk, and so time, bring it down. Real-time safe.
     ///
     /// # Errors
     /// The first limit that it would break.
-    pub fn check(&self, position: &Axes, joint: bool) -> Result<(), Violation> {
+    pub fn check(&self, position: &Axes, joint: bool, braking: bool) -> Result<(), Violation> {
         self.check_place(position)?;
         let (velocity, acceleration, jerk) = self.differences(position);
         let near_joint = joint || self.since_joint < JOINT_CYCLES;
@@ -130,7 +131,9 @@ impl Guard {
                     })
                 }
             };
-            test(Quantity::Velocity, velocity[i], self.limits.velocity[i], SLACK, 1)?;
+            if !braking {
+                test(Quantity::Velocity, velocity[i], self.limits.velocity[i], SLACK, 1)?;
+            }
             if !near_joint {
                 test(
                     Quantity::Acceleration,

@@ -160,13 +160,16 @@ impl Motion {
             let mut cursor = self.cursor;
             self.advance(&mut cursor, inputs, changed, queue);
             let (mut jet, mut segment) = self.evaluate(&mut cursor, queue);
-            if let Err(violation) = self.guard.check(&jet.position, cursor.joint) {
+            if let Err(violation) = self
+                .guard
+                .check(&jet.position, cursor.joint, self.fault.is_some())
+            {
                 self.fault.get_or_insert(violation);
                 cursor = self.cursor;
                 cursor.state = State::Fault;
                 self.advance(&mut cursor, inputs, false, queue);
                 (jet, segment) = self.evaluate(&mut cursor, queue);
-                if self.guard.check(&jet.position, cursor.joint).is_err() {
+                if self.guard.check(&jet.position, cursor.joint, true).is_err() {
                     self.start_quick_stop();
                 }
             }
@@ -330,7 +333,7 @@ impl Motion {
             }
             Step::ProgramStop { line } => {
                 cursor.line = line;
-                if !(inputs.resume && !self.resume_seen) {
+                if !inputs.resume || self.resume_seen {
                     cursor.state = State::ProgramStop;
                     return false;
                 }
@@ -433,15 +436,13 @@ impl Motion {
 
     /// Every axis comes to rest by itself from its last published state: the path is left.
     fn start_quick_stop(&mut self) {
-        let past = *self.guard.past();
-        let rate = 1.0 / self.period;
         let mut axes = [(Profile::at_rest(0.0), 1.0); AXES];
         for i in 0..AXES {
-            if !self.limits.present[i] {
+            let (velocity, acceleration) = (self.last.first[i], self.last.second[i]);
+            // The last setpoint has left, so its position is sound; its derivatives are not worth a wrong motion.
+            if !self.limits.present[i] || !velocity.is_finite() || !acceleration.is_finite() {
                 continue;
             }
-            let velocity = (past[0][i] - past[1][i]) * rate;
-            let acceleration = (past[0][i] - 2.0 * past[1][i] + past[2][i]) * rate * rate;
             let sign = if velocity < 0.0 { -1.0 } else { 1.0 };
             let bound = self.limits.acceleration[i];
             let from = ScalarState {
@@ -457,7 +458,7 @@ impl Motion {
             axes[i] = (Profile::brake(from, f64::INFINITY, 0.0, &limits), sign);
         }
         self.quick_stop = Some(axes);
-        self.quick_stop_from = past[0];
+        self.quick_stop_from = self.guard.past()[0];
         self.quick_stop_time = 0.0;
         self.cursor.state = State::Fault;
     }

@@ -204,7 +204,11 @@ impl<S: PlanSink> LookAhead<S> {
         let run = &self.gathering;
         let like = speed.min(run.slowest) >= LIKE_SPEED * speed.max(run.fastest) && feed == run.feed;
         let full = run.segments >= MOST_SEGMENTS || run.cells.len() + self.scratch.len() > MOST_CELLS;
-        let short = run.length < SHORTEST_RUN * run.slowest;
+        // Too short for a run of its own, and taking the slower speed for both costs no time to speak of.
+        let slower = speed.min(run.slowest);
+        let extra =
+            run.length * (1.0 / slower - 1.0 / run.slowest) + segment.length * (1.0 / slower - 1.0 / speed);
+        let short = run.length.min(segment.length) < SHORTEST_RUN * slower && extra < SHORTEST_RUN;
         if run.segments > 0 && (full || !(short || like && run.length < 2.0 * run.stop)) {
             self.close_run(f64::INFINITY)?;
         }

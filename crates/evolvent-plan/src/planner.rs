@@ -2,7 +2,7 @@
 
 use evolvent_gcode::{Move, MoveKind, PathMode};
 use evolvent_machine::Limits;
-use evolvent_path::{AXES, AxisLetter, Curve};
+use evolvent_path::{AxisLetter, Curve};
 use thiserror::Error;
 
 use crate::corner::{exact_joint_speed, round_corner};
@@ -300,7 +300,6 @@ fn check_travel<E>(curve: &Curve, limits: &Limits) -> Result<(), PlanError<E>> {
 fn metric(first: &evolvent_path::Axes) -> f64 {
     let norm =
         |i: usize| (first[i] * first[i] + first[i + 1] * first[i + 1] + first[i + 2] * first[i + 2]).sqrt();
-    debug_assert!(AXES == 9);
     let (xyz, uvw, abc) = (norm(0), norm(6), norm(3));
     if xyz > 0.0 {
         xyz

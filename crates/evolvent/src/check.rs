@@ -29,15 +29,20 @@ pub(crate) fn run(
     let setup = args.program.setup()?;
     let file_name = args.program.program.display().to_string();
     let limit = args.limit.max(1);
-    let found = evolvent_daemon::check(&args.program.program, &setup, limit)
-        .map_err(|error| CommandError::Usage(format!("{file_name}: {error}; name a readable part program")))?;
+    let found = evolvent_daemon::check(&args.program.program, &setup, limit).map_err(|error| {
+        CommandError::Usage(format!("{file_name}: {error}; name a readable part program"))
+    })?;
     let written = if args.json {
         writeln!(out, "{}", to_json(&file_name, &found))
     } else {
         write_text(err, &file_name, &found, limit, io::stderr().is_terminal())
     };
     written.map_err(|error| CommandError::Failed(format!("the errors cannot be written: {error}")))?;
-    Ok(if found.is_empty() { Ending::Clean } else { Ending::Negative })
+    Ok(if found.is_empty() {
+        Ending::Clean
+    } else {
+        Ending::Negative
+    })
 }
 
 /// Writes errors as a compiler would, each with its source line, and a last line that counts them.
@@ -83,7 +88,10 @@ mod tests {
     use super::*;
 
     fn errors(program: &str) -> Vec<Diagnostic> {
-        Interpreter::new(program.as_bytes(), Settings::default()).filter_map(Result::err).take(3).collect()
+        Interpreter::new(program.as_bytes(), Settings::default())
+            .filter_map(Result::err)
+            .take(3)
+            .collect()
     }
 
     #[test]

@@ -96,8 +96,11 @@ fn bore(args: &bore::BoreArgs, out: &mut dyn Write) -> Result<Ending, CommandErr
 fn complain(err: &mut dyn Write, text: &str, code: u8) -> ExitCode {
     let text = text.trim_end();
     // Diagnostics of a program come with their own heading.
-    let result =
-        if text.starts_with("error") { writeln!(err, "{text}") } else { writeln!(err, "error: {text}") };
+    let result = if text.starts_with("error") {
+        writeln!(err, "{text}")
+    } else {
+        writeln!(err, "error: {text}")
+    };
     // With standard error gone there is nobody left to tell.
     drop(result);
     ExitCode::from(code)

@@ -45,11 +45,7 @@ struct NeededRate {
     needed_at_feed_mm_min: f64,
 }
 
-pub(crate) fn run(
-    args: &PlanArgs,
-    out: &mut dyn Write,
-    err: &mut dyn Write,
-) -> Result<Ending, CommandError> {
+pub(crate) fn run(args: &PlanArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Ending, CommandError> {
     let setup = args.program.setup()?;
     let machine = setup.machine.clone();
     let period_s = setup.period_ns as f64 * 1e-9;
@@ -88,7 +84,9 @@ pub(crate) fn run(
     }
     if !args.json {
         let ending = report(false, &outcome, out, err)?;
-        needed.write(out).map_err(|error| CommandError::Failed(error.to_string()))?;
+        needed
+            .write(out)
+            .map_err(|error| CommandError::Failed(error.to_string()))?;
         return Ok(ending);
     }
     let text = merge(&outcome.summary, &needed).map_err(|error| CommandError::Failed(error.to_string()))?;
@@ -111,15 +109,23 @@ fn merge(summary: &evolvent_daemon::Summary, needed: &NeededRate) -> serde_json:
 impl NeededRate {
     fn see(&mut self, setpoint: &Setpoint, machine: &Machine) {
         let (v, a) = (&setpoint.velocity, &setpoint.acceleration);
-        let cross = [v[1] * a[2] - v[2] * a[1], v[2] * a[0] - v[0] * a[2], v[0] * a[1] - v[1] * a[0]];
+        let cross = [
+            v[1] * a[2] - v[2] * a[1],
+            v[2] * a[0] - v[0] * a[2],
+            v[0] * a[1] - v[1] * a[0],
+        ];
         let speed = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
         let bend = (cross[0] * cross[0] + cross[1] * cross[1] + cross[2] * cross[2]).sqrt();
         if speed <= 0.0 || bend <= 0.0 {
             return;
         }
         let radius = speed * speed * speed / bend;
-        let rate =
-            rate_for(speed, radius, machine.increments_per_mm, machine.path.chord_error_increments);
+        let rate = rate_for(
+            speed,
+            radius,
+            machine.increments_per_mm,
+            machine.path.chord_error_increments,
+        );
         if rate > self.needed_rate_hz && rate.is_finite() {
             *self = Self {
                 needed_rate_hz: rate,
@@ -167,7 +173,12 @@ impl Table {
         }
         writeln!(out, "{head}").map_err(fail)?;
         let axes = machine.axes.iter().map(|axis| axis.letter.index()).collect();
-        Ok(Self { out, part: part.clone(), path: path.to_owned(), axes })
+        Ok(Self {
+            out,
+            part: part.clone(),
+            path: path.to_owned(),
+            axes,
+        })
     }
 
     fn write(&mut self, setpoint: &Setpoint, period_s: f64) -> io::Result<()> {
@@ -177,7 +188,12 @@ impl Table {
             "{},{time},{},{},{}",
             setpoint.sequence, setpoint.line, setpoint.path_mm, setpoint.feed_mm_s
         )?;
-        for values in [&setpoint.position, &setpoint.velocity, &setpoint.acceleration, &setpoint.jerk] {
+        for values in [
+            &setpoint.position,
+            &setpoint.velocity,
+            &setpoint.acceleration,
+            &setpoint.jerk,
+        ] {
             for &axis in &self.axes {
                 write!(self.out, ",{}", values[axis])?;
             }
@@ -188,7 +204,10 @@ impl Table {
     fn finish(mut self, failure: Option<io::Error>) -> Result<(), CommandError> {
         let done = match failure {
             Some(error) => Err(error),
-            None => self.out.flush().and_then(|()| std::fs::rename(&self.part, &self.path)),
+            None => self
+                .out
+                .flush()
+                .and_then(|()| std::fs::rename(&self.part, &self.path)),
         };
         done.map_err(|error| {
             // Half a table would be read as a whole one.

@@ -29,10 +29,17 @@ impl ProgramArgs {
         let machine = Machine::load(&self.machine).map_err(|error| usage(error.to_string()))?;
         let text = std::fs::read_to_string(&self.machine)
             .map_err(|error| usage(format!("{}: {error}", self.machine.display())))?;
-        let readable = std::fs::metadata(&self.program)
-            .map_err(|error| usage(format!("{}: {error}; name a part program", self.program.display())))?;
+        let readable = std::fs::metadata(&self.program).map_err(|error| {
+            usage(format!(
+                "{}: {error}; name a part program",
+                self.program.display()
+            ))
+        })?;
         if readable.is_dir() {
-            return Err(usage(format!("{} is a folder; name a part program", self.program.display())));
+            return Err(usage(format!(
+                "{} is a folder; name a part program",
+                self.program.display()
+            )));
         }
         Setup::new(machine, self.machine.clone(), text, self.rate).map_err(|error| usage(error.to_string()))
     }
@@ -58,9 +65,15 @@ pub(crate) fn parse_override(text: &str) -> Result<f64, String> {
 
 /// Where a trace goes by default: `traces/NAME-TIME.mcap`, time in UTC.
 pub(crate) fn default_trace(program: &Path) -> PathBuf {
-    let name = program.file_stem().map_or_else(|| "run".into(), |stem| stem.to_string_lossy());
-    let seconds = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
-    let millis = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.subsec_millis());
+    let name = program
+        .file_stem()
+        .map_or_else(|| "run".into(), |stem| stem.to_string_lossy());
+    let seconds = SystemTime::now()
+        .duration_since(UNIX_EPOCH)
+        .map_or(0, |since| since.as_secs());
+    let millis = SystemTime::now()
+        .duration_since(UNIX_EPOCH)
+        .map_or(0, |since| since.subsec_millis());
     let (days, rest) = (seconds / 86_400, seconds % 86_400);
     let (year, month, day) = civil_date(days);
     let (hour, minute, second) = (rest / 3600, rest / 60 % 60, rest % 60);

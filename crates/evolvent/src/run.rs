@@ -57,22 +57,25 @@ enum ClockArg {
     Virtual,
 }
 
-pub(crate) fn run(
-    args: &RunArgs,
-    out: &mut dyn Write,
-    err: &mut dyn Write,
-) -> Result<Ending, CommandError> {
+pub(crate) fn run(args: &RunArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Ending, CommandError> {
     let setup = args.program.setup()?;
     let trace = if args.no_trace {
         None
     } else {
-        Some(args.trace.clone().unwrap_or_else(|| default_trace(&args.program.program)))
+        Some(
+            args.trace
+                .clone()
+                .unwrap_or_else(|| default_trace(&args.program.program)),
+        )
     };
     if let Some(folder) = trace.as_ref().and_then(|path| path.parent())
         && !folder.as_os_str().is_empty()
     {
         std::fs::create_dir_all(folder).map_err(|error| {
-            CommandError::Failed(format!("{}: {error}; choose another place with --trace", folder.display()))
+            CommandError::Failed(format!(
+                "{}: {error}; choose another place with --trace",
+                folder.display()
+            ))
         })?;
     }
     let clock = match args.clock {
@@ -118,7 +121,9 @@ pub(crate) fn report(
 ) -> Result<Ending, CommandError> {
     let summary = &outcome.summary;
     let written = if json {
-        serde_json::to_string(summary).map_err(io::Error::from).and_then(|text| writeln!(out, "{text}"))
+        serde_json::to_string(summary)
+            .map_err(io::Error::from)
+            .and_then(|text| writeln!(out, "{text}"))
     } else {
         write_summary(out, summary)
     };
@@ -134,7 +139,9 @@ pub(crate) fn report(
         return Err(CommandError::Failed(error.to_string()));
     }
     if summary.outcome != "done" {
-        return Err(CommandError::Failed("the run was stopped before the program's end".to_owned()));
+        return Err(CommandError::Failed(
+            "the run was stopped before the program's end".to_owned(),
+        ));
     }
     let lossy = outcome.trace_error.is_some()
         || summary.late_cycles > 0

@@ -24,7 +24,11 @@ impl Screen {
             bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
             bar
         });
-        Self { bar, lines, asked: false }
+        Self {
+            bar,
+            lines,
+            asked: false,
+        }
     }
 
     /// Takes the progress bar away.
@@ -57,7 +61,10 @@ impl RunObserver for Screen {
         }
         if progress.at_program_stop && !self.asked {
             self.asked = true;
-            self.say(&format!("program stop at line {}: press Enter to go on", progress.line));
+            self.say(&format!(
+                "program stop at line {}: press Enter to go on",
+                progress.line
+            ));
         }
         if !progress.at_program_stop {
             self.asked = false;
@@ -76,11 +83,15 @@ impl RunObserver for Screen {
 }
 
 fn count_lines(program: &Path) -> u64 {
-    let Ok(file) = std::fs::File::open(program) else { return 0 };
+    let Ok(file) = std::fs::File::open(program) else {
+        return 0;
+    };
     let mut reader = io::BufReader::with_capacity(1 << 20, file);
     let mut lines = 0;
     loop {
-        let Ok(chunk) = reader.fill_buf() else { return lines };
+        let Ok(chunk) = reader.fill_buf() else {
+            return lines;
+        };
         if chunk.is_empty() {
             return lines;
         }
@@ -92,7 +103,11 @@ fn count_lines(program: &Path) -> u64 {
 
 /// The summary for people.
 pub(crate) fn write_summary(out: &mut dyn Write, summary: &Summary) -> io::Result<()> {
-    writeln!(out, "{} on {}: {}", summary.program, summary.machine, summary.outcome)?;
+    writeln!(
+        out,
+        "{} on {}: {}",
+        summary.program, summary.machine, summary.outcome
+    )?;
     writeln!(
         out,
         "  {:.3} s at {:.2} Hz ({} ns), {} setpoints, {} moves, {:.3} mm of path",
@@ -109,7 +124,11 @@ pub(crate) fn write_summary(out: &mut dyn Write, summary: &Summary) -> io::Resul
         "  axis      end position     velocity, of limit      acceleration, of limit          jerk, of limit"
     )?;
     for (axis, position) in summary.per_axis.iter().zip(&summary.end_position) {
-        let (length, rotary) = if "ABC".contains(axis.axis) { ("deg", true) } else { ("mm ", false) };
+        let (length, rotary) = if "ABC".contains(axis.axis) {
+            ("deg", true)
+        } else {
+            ("mm ", false)
+        };
         let mark = if rotary { "deg" } else { "mm" };
         writeln!(
             out,
@@ -132,7 +151,11 @@ pub(crate) fn write_summary(out: &mut dyn Write, summary: &Summary) -> io::Resul
         1000.0 * summary.permitted_chord_error_mm,
         1000.0 * summary.max_path_error_mm
     )?;
-    if summary.per_axis.iter().any(|axis| axis.max_jerk_at_joints_mm_s3 > 0.0) {
+    if summary
+        .per_axis
+        .iter()
+        .any(|axis| axis.max_jerk_at_joints_mm_s3 > 0.0)
+    {
         writeln!(
             out,
             "  at steps of curvature in exact-path mode jerk is bounded by the joint time only (path.joint_time)"
