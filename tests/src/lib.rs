@@ -1,1 +1,38 @@
-//! Tests across crates and with foreign clients; see the `tests` folder beside this file.
+//! Tests across crates and with foreign clients: Evolvent as its users see it.
+//!
+//! The tests stand in the `tests` folder beside this one and drive the binary. What they share is here:
+//!
+//! - [`evolvent`], [`run`] and [`Finished`]: the binary under test, and what one command came to;
+//! - [`Launch`]: one `evolvent run`;
+//! - [`Domain`]: a corner of shared memory of one's own, swept and checked at the end;
+//! - [`Workshop`]: a folder of one's own with machine files and programs made for one test;
+//! - [`cycles`]: what a trace recorded;
+//! - [`Hole`]: exact involutes and circles of a program, by formulas of their own and not the crates under test;
+//! - [`Random`]: random numbers that tell their seed.
+//!
+//! Foreign clients are Python scripts in `python`, run by the interpreter that `EVOLVENT_PYTHON` names; `tools/test`
+//! makes one.
+#![expect(
+    clippy::expect_used,
+    clippy::panic,
+    clippy::print_stdout,
+    reason = "helpers of tests fail and talk as tests do"
+)]
+
+mod binary;
+mod domain;
+mod hole;
+mod launch;
+mod python;
+mod random;
+mod trace;
+mod workshop;
+
+pub use binary::{Finished, evolvent, run, wait};
+pub use domain::Domain;
+pub use hole::{Hole, Piece};
+pub use launch::Launch;
+pub use python::python;
+pub use random::Random;
+pub use trace::{Cycle, cycles};
+pub use workshop::{Workshop, repository};

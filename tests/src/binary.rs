@@ -1,0 +1,123 @@
+//! The binary under test.
+
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::sync::OnceLock;
+
+use serde_json::Value;
+
+use crate::repository;
+
+/// A command that starts the binary, in the repository's folder and with nothing on its standard input. The
+/// binary is brought up to date first, in the target folder and profile of the running test.
+#[must_use]
+pub fn evolvent() -> Command {
+    static BINARY: OnceLock<PathBuf> = OnceLock::new();
+    let mut command = Command::new(BINARY.get_or_init(build));
+    command.current_dir(repository()).stdin(Stdio::null());
+    command
+}
+
+fn build() -> PathBuf {
+    let test = std::env::current_exe().expect("the path of this test");
+    let profile_folder = test.ancestors().nth(2).expect("target/PROFILE/deps/TEST");
+    let profile = match profile_folder.file_name().and_then(OsStr::to_str) {
+        Some("debug") | None => "dev",
+        Some(name) => name,
+    };
+    let built = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
+        .current_dir(repository())
+        .args([
+            "build",
+            "--quiet",
+            "--package",
+            "evolvent",
+            "--bin",
+            "evolvent",
+            "--profile",
+            profile,
+        ])
+        .arg("--target-dir")
+        .arg(profile_folder.parent().unwrap_or(Path::new("target")))
+        .output()
+        .expect("cargo to start");
+    assert!(
+        built.status.success(),
+        "{}",
+        String::from_utf8_lossy(&built.stderr)
+    );
+    profile_folder.join("evolvent")
+}
+
+/// What a command came to.
+#[derive(Clone, Debug)]
+pub struct Finished {
+    /// The exit code; none if a signal ended it.
+    pub code: Option<i32>,
+    /// Standard output.
+    pub out: String,
+    /// Standard error.
+    pub err: String,
+}
+
+impl Finished {
+    /// Standard output as the one JSON object that `--json` promises.
+    ///
+    /// # Panics
+    /// It is not exactly that.
+    #[must_use]
+    pub fn json(&self) -> Value {
+        let value: Value = serde_json::from_str(&self.out)
+            .unwrap_or_else(|error| panic!("not one JSON value: {error}\n{}\n{}", self.out, self.err));
+        assert!(value.is_object(), "not an object: {value}");
+        value
+    }
+
+    /// Asserts the exit code, showing both outputs if it is another.
+    ///
+    /// # Panics
+    /// It is another.
+    #[track_caller]
+    pub fn expect_code(self, codes: &[i32]) -> Self {
+        let fits = self.code.is_some_and(|code| codes.contains(&code));
+        assert!(
+            fits,
+            "exit code {:?}, not {codes:?}\n{}\n{}",
+            self.code, self.out, self.err
+        );
+        self
+    }
+}
+
+impl From<Output> for Finished {
+    fn from(output: Output) -> Self {
+        let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+        Self {
+            code: output.status.code(),
+            out: text(&output.stdout),
+            err: text(&output.stderr),
+        }
+    }
+}
+
+/// Runs the binary to its end.
+///
+/// # Panics
+/// It cannot be started.
+pub fn run<I: IntoIterator<Item = S>, S: AsRef<OsStr>>(arguments: I) -> Finished {
+    evolvent()
+        .args(arguments)
+        .output()
+        .expect("the binary to start")
+        .into()
+}
+
+/// Waits for the end of a process whose outputs are piped.
+///
+/// # Panics
+/// Its end cannot be waited for.
+#[must_use]
+pub fn wait(child: Child) -> Finished {
+    child.wait_with_output().expect("a process that ends").into()
+}

@@ -1,0 +1,68 @@
+//! A corner of shared memory of one's own.
+
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::Duration;
+
+use evolvent_bus::{ClientBus, ClientConfig, remove_private_domain};
+
+/// An iceoryx2 prefix that nobody else uses. At the end its files are swept away, and it is checked that none is left.
+#[derive(Debug)]
+pub struct Domain {
+    /// The prefix, for `--bus-prefix`.
+    pub prefix: String,
+}
+
+impl Domain {
+    /// A fresh one.
+    #[must_use]
+    #[expect(clippy::new_without_default, reason = "two of them are never equal")]
+    pub fn new() -> Self {
+        static NUMBER: AtomicU32 = AtomicU32::new(0);
+        let number = NUMBER.fetch_add(1, Ordering::Relaxed);
+        Self {
+            prefix: format!("evts{}-{number}-", std::process::id()),
+        }
+    }
+
+    /// A client of a machine, waiting for its core.
+    ///
+    /// # Panics
+    /// The core does not come within 20 s.
+    #[must_use]
+    pub fn client(&self, machine: &str) -> ClientBus {
+        let config = ClientConfig {
+            prefix: Some(self.prefix.clone()),
+            wait: Duration::from_secs(20),
+            ..ClientConfig::new(machine)
+        };
+        ClientBus::open(&config).expect("a core on the bus")
+    }
+
+    /// Its files.
+    #[must_use]
+    pub fn files(&self) -> Vec<PathBuf> {
+        let mut found = Vec::new();
+        let mut folders = vec![PathBuf::from("/dev/shm"), PathBuf::from("/tmp/iceoryx2")];
+        while let Some(folder) = folders.pop() {
+            for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+                if entry.file_name().to_string_lossy().starts_with(&self.prefix) {
+                    found.push(entry.path());
+                } else if entry.path().is_dir() {
+                    folders.push(entry.path());
+                }
+            }
+        }
+        found
+    }
+}
+
+impl Drop for Domain {
+    fn drop(&mut self) {
+        let removed = remove_private_domain(&self.prefix);
+        if !std::thread::panicking() {
+            removed.expect("the domain to be swept");
+            assert_eq!(self.files(), Vec::<PathBuf>::new(), "left in shared memory");
+        }
+    }
+}

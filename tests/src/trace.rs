@@ -1,0 +1,31 @@
+//! What a trace recorded.
+
+use std::path::Path;
+
+use evolvent_trace::TraceFile;
+
+/// One cycle of a trace.
+pub type Cycle = evolvent_trace::CycleRecord;
+
+/// Every cycle of a trace; it must be complete and without a gap.
+///
+/// # Panics
+/// It is not.
+#[must_use]
+#[track_caller]
+pub fn cycles(trace: &Path) -> Vec<Cycle> {
+    let mut file = TraceFile::open(trace).expect("a complete trace");
+    let found: Vec<Cycle> = file
+        .cycles()
+        .map(|cycle| cycle.expect("a readable cycle"))
+        .collect();
+    for (index, cycle) in found.iter().enumerate() {
+        assert_eq!(
+            cycle.sequence,
+            index as u64,
+            "sequence numbers of {}",
+            trace.display()
+        );
+    }
+    found
+}

@@ -1,0 +1,214 @@
+//! Setpoints lie on the programmed curves, and the chords between them keep the chord error: measured in the trace,
+//! against formulas that share nothing with the crates under test.
+#![expect(
+    clippy::expect_used,
+    clippy::panic,
+    reason = "helpers of tests fail as tests do"
+)]
+
+use std::fs;
+use std::path::Path;
+
+use evolvent_trace::TraceFile;
+use evolvent_tests::{Cycle, Hole, Launch, Piece, Workshop, cycles, repository, run};
+
+/// Runs a program with the virtual clock and gives its curves and its cycles. The lengths of the trace's blocks are those
+/// of the curves.
+fn run_exact(workshop: &Workshop, program: &Path, machine: &Path) -> (Hole, Vec<Cycle>) {
+    let trace = workshop.path("run.mcap");
+    Launch::in_virtual_time(program, machine).trace(&trace).finish().expect_code(&[0]);
+    (
+        Hole::read(&fs::read_to_string(program).expect("the program")),
+        cycles(&trace),
+    )
+}
+
+const fn xy(cycle: &Cycle) -> [f64; 2] {
+    [cycle.position[0], cycle.position[1]]
+}
+
+/// The greatest distance of a setpoint to its curve, and the greatest chord error, each with its line; over
+/// circles and involutes only.
+fn worst(hole: &Hole, cycles: &[Cycle]) -> ((f64, u32), (f64, u32)) {
+    let (mut off, mut chord) = ((0.0, 0), (0.0, 0));
+    let mut seen = 0;
+    for pair in cycles.windows(2) {
+        let Some(piece) = hole.pieces.get(&pair[1].line).filter(|piece| piece.is_curved()) else {
+            continue;
+        };
+        seen += 1;
+        let distance = piece.distance(xy(&pair[1]));
+        if distance > off.0 {
+            off = (distance, pair[1].line);
+        }
+        // The setpoint before the first of a curve lies on the curve before.
+        let error = if pair[0].line == pair[1].line {
+            piece.chord_error(xy(&pair[0]), xy(&pair[1]))
+        } else {
+            0.0
+        };
+        if error > chord.0 {
+            chord = (error, pair[1].line);
+        }
+    }
+    assert!(seen > 100, "only {seen} setpoints on curves");
+    (off, chord)
+}
+
+#[track_caller]
+fn assert_exact(hole: &Hole, cycles: &[Cycle], permitted_mm: f64) {
+    let (off, chord) = worst(hole, cycles);
+    println!(
+        "off the curve {:e} mm (line {}), chord error {:e} mm (line {})",
+        off.0, off.1, chord.0, chord.1
+    );
+    assert!(
+        off.0 <= 1e-9,
+        "a setpoint of line {} is {:e} mm off its curve",
+        off.1,
+        off.0
+    );
+    assert!(
+        chord.0 <= permitted_mm,
+        "a chord of line {} is {:e} mm off its curve",
+        chord.1,
+        chord.0
+    );
+    let last = cycles.last().expect("setpoints");
+    for axis in 0..3 {
+        let miss = (last.position[axis] - hole.end[axis]).abs();
+        assert!(miss <= 1e-9, "axis {axis} ends {miss:e} mm off");
+    }
+    let length = last.path_mm;
+    assert!(
+        (length - hole.length()).abs() <= 1e-6,
+        "{length} mm of path for {} mm",
+        hole.length()
+    );
+}
+
+/// The hole of the paper's examples: 200 mm, tool 40 mm, 20 turns of 3.95 mm.
+#[test]
+fn setpoints_of_the_papers_hole_lie_on_its_involutes_and_circles_within_a_nanometre() {
+    let workshop = Workshop::new();
+    let machine = workshop.mill("exact", &[]);
+    let (hole, cycles) = run_exact(
+        &workshop,
+        &repository().join("tests/programs/bore-200.ngc"),
+        &machine,
+    );
+    // The paper's table 2: lengths of the roughing involute and of the circle that ends it.
+    let lengths: Vec<f64> = hole
+        .pieces
+        .values()
+        .filter(|piece| piece.is_curved())
+        .map(Piece::length)
+        .collect();
+    assert!((lengths[0] - 4963.716_39).abs() < 5e-6, "{}", lengths[0]);
+    assert!((lengths[1] - 496.371_639).abs() < 5e-7, "{}", lengths[1]);
+    assert_exact(&hole, &cycles, 0.001);
+}
+
+/// Holes of other sizes, milled either way, from elsewhere, on finer and coarser grids: at the rational rate no chord is
+/// further from its curve than one increment.
+#[test]
+fn at_the_rational_rate_chords_stay_within_one_increment() {
+    let holes: [(&str, &[&str]); 4] = [
+        (
+            "1000",
+            &[
+                "--hole",
+                "60",
+                "--tool",
+                "20",
+                "--pitch",
+                "1.5",
+                "--allowance",
+                "0.3",
+                "--finish",
+            ],
+        ),
+        (
+            "200",
+            &[
+                "--hole",
+                "90",
+                "--tool",
+                "16",
+                "--pitch",
+                "5",
+                "--conventional",
+                "--center",
+                "30,-20",
+            ],
+        ),
+        (
+            "10000",
+            &[
+                "--hole",
+                "30",
+                "--tool",
+                "8",
+                "--pitch",
+                "0.7",
+                "--finish",
+                "--allowance",
+                "0.1",
+            ],
+        ),
+        (
+            "1000",
+            &["--hole", "300", "--tool", "12", "--pitch", "9", "--feed", "30000"],
+        ),
+    ];
+    for (increments, options) in holes {
+        let workshop = Workshop::new();
+        let grid = format!("increments_per_mm = {increments}   ");
+        let machine = workshop.mill("chords", &[("increments_per_mm = 1000", &grid)]);
+        let written = run(["bore"].iter().chain(options)).expect_code(&[0]);
+        let program = workshop.write("hole.ngc", written.out);
+        let (hole, cycles) = run_exact(&workshop, &program, &machine);
+        println!("{options:?} at {increments} increments a mm");
+        let increment_mm = 1.0 / increments.parse::<f64>().expect("a number");
+        assert_exact(&hole, &cycles, increment_mm);
+    }
+}
+
+/// Circles at a feed that no axis can keep: the chord error of the slow ones, the acceleration of the fast ones, and
+/// near the rational radius both bind.
+#[test]
+fn circles_at_the_greatest_feed_keep_the_chord_error() {
+    let workshop = Workshop::new();
+    let machine = workshop.mill("circles", &[]);
+    let radii = [0.01, 0.05, 0.2, 1.0, 3.0, 10.0, 30.0, 100.0];
+    let circles = radii
+        .map(|radius| format!("G1 X{radius} Y0\nG3 X{radius} Y0 I-{radius} J0\n"))
+        .concat();
+    let program = workshop.write(
+        "circles.ngc",
+        format!("G17 G21 G90 G94\nG61\nF30000\n{circles}M30\n"),
+    );
+    let (hole, cycles) = run_exact(&workshop, &program, &machine);
+    assert_exact(&hole, &cycles, 0.001);
+}
+
+/// Guards the measure itself: with the control rate halved and the chord error allowed in the file raised, the test
+/// above must be able to see it.
+#[test]
+fn a_chord_error_that_is_too_great_is_seen() {
+    let workshop = Workshop::new();
+    let wide = "[path]\nchord_error_increments = 40\n";
+    let machine = workshop.mill(
+        "wide",
+        &[("rate = \"rational\"", "rate = 250"), ("[path]\n", wide)],
+    );
+    let program = workshop.write(
+        "circle.ngc",
+        "G17 G21 G90 G94\nG61\nF30000\nG1 X30 Y0\nG3 X30 Y0 I-30 J0\nM30\n",
+    );
+    let (hole, cycles) = run_exact(&workshop, &program, &machine);
+    let (off, chord) = worst(&hole, &cycles);
+    assert!(off.0 <= 1e-9, "{off:?}");
+    // Radius 30 mm at no more than sqrt(5000 * 30) mm/s: a chord of 1.55 mm, a sagitta of 10 um.
+    assert!((0.005..0.0102).contains(&chord.0), "{chord:?}");
+}

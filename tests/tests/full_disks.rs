@@ -1,0 +1,53 @@
+//! A disk without room ends in a clear error and a readable file, while motion goes on or stops, as configured. The shell's
+//! limit of the size of a file stands for the disk's.
+#![expect(clippy::expect_used, clippy::panic, reason = "helpers of tests fail as tests do")]
+
+use std::path::Path;
+
+use evolvent_tests::{Cycle, Finished, Launch, Workshop, cycles, repository, run};
+
+/// Files of at most 1 MB; without the signal that the system would send first.
+const SMALL_DISK: &str = "trap '' XFSZ; ulimit -f 1024";
+
+fn run_on_small_disk(workshop: &Workshop, on_full: &str) -> (Finished, Vec<Cycle>) {
+    let rule = format!("on_full = {on_full:?}");
+    let machine = workshop.mill("small", &[("on_full = \"continue\"", &rule)]);
+    let program = repository().join("tests/programs/bore-200.ngc");
+    let trace = workshop.path("run.mcap");
+    let finished = Launch::in_virtual_time(&program, &machine).trace(&trace).finish_after(SMALL_DISK);
+    println!("{:?} {}\n{:?}", finished.code, finished.err, workshop.files());
+    // What was recorded is there under one of two names; a torn one can be recovered.
+    let part = workshop.path("run.mcap.part");
+    if !trace.exists() {
+        let recovery = run(["trace", "recover"].map(Path::new).into_iter().chain([part.as_path(), Path::new("-o"), &trace]));
+        recovery.expect_code(&[0, 3]);
+    }
+    let found = cycles(&trace);
+    assert!(found.len() > 1000, "only {} cycles", found.len());
+    (finished, found)
+}
+
+#[test]
+fn motion_goes_on_without_a_trace_where_it_shall_and_the_exit_code_tells() {
+    let workshop = Workshop::new();
+    let (finished, recorded) = run_on_small_disk(&workshop, "continue");
+    let finished = finished.expect_code(&[3]);
+    let summary = finished.json();
+    assert_eq!(summary["outcome"], "done");
+    let total = summary["cycles"].as_u64().expect("a count");
+    assert_eq!(summary["end_position"][2], 5.0, "the program's end was reached");
+    assert!(total > recorded.len() as u64);
+    assert!(finished.err.contains("run.mcap"), "the file is named: {}", finished.err);
+}
+
+#[test]
+fn motion_stops_where_it_shall_not_go_on_without_a_trace() {
+    let workshop = Workshop::new();
+    let (finished, recorded) = run_on_small_disk(&workshop, "stop");
+    let finished = finished.expect_code(&[1]);
+    let summary = finished.json();
+    assert_eq!(summary["outcome"], "stopped");
+    assert!(summary["cycles"].as_u64().expect("a count") >= recorded.len() as u64);
+    assert_ne!(summary["end_position"][2], 5.0, "stopped on its way");
+    assert!(finished.err.contains("run.mcap"), "the file is named: {}", finished.err);
+}
