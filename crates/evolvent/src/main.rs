@@ -3,6 +3,7 @@
 mod bore;
 mod check;
 mod doctor;
+mod figure;
 mod plan;
 mod program;
 mod rate;

@@ -11,7 +11,9 @@ use evolvent_machine::{Machine, rate_for};
 use evolvent_motion::Setpoint;
 use serde::Serialize;
 
+use crate::figure::PlanFigure;
 use crate::program::{ProgramArgs, parse_override};
+use crate::rate::write_whole;
 use crate::run::report;
 use crate::screen::Screen;
 use crate::{CommandError, Ending};
@@ -24,7 +26,10 @@ pub(crate) struct PlanArgs {
     /// Write every setpoint as CSV: time, position, velocity, acceleration and jerk of every axis.
     #[arg(long, value_name = "FILE.csv")]
     setpoints: Option<PathBuf>,
-    /// Feed override in percent, 0 to 200.
+    /// Draw the path coloured by feed, the feed over time, and each axis against its limits.
+    #[arg(long, value_name = "FILE.svg")]
+    plot: Option<PathBuf>,
+    /// Feed override in percent, 1 to 200.
     #[arg(long = "override", value_name = "PCT", value_parser = parse_override, default_value = "100")]
     feed_override: f64,
     /// Print the plan as one JSON object.
@@ -65,12 +70,16 @@ pub(crate) fn run(args: &PlanArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
         Some(path) => Some(Table::create(path, &machine)?),
         None => None,
     };
+    let mut figure = args.plot.as_ref().map(|_| PlanFigure::new(&machine, period_s));
     let mut needed = NeededRate::default();
     let mut failure: Option<io::Error> = None;
     let controls = Arc::new(Controls::new(args.feed_override));
-    let mut screen = Screen::new(&job.program, args.json);
+    let mut screen = Screen::new(&job.program, args.json, false);
     let result = evolvent_daemon::run(&job, &controls, &mut screen, |setpoint| {
         needed.see(setpoint, &machine);
+        if let Some(figure) = &mut figure {
+            figure.see(setpoint);
+        }
         if let Some(table) = &mut table
             && failure.is_none()
         {
@@ -81,6 +90,13 @@ pub(crate) fn run(args: &PlanArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
     let outcome = result.map_err(|error| CommandError::Failed(error.to_string()))?;
     if let Some(table) = table {
         table.finish(failure)?;
+    }
+    if let (Some(figure), Some(path)) = (&figure, &args.plot) {
+        let summary = &outcome.summary;
+        let title = format!("{} on {}, {:.3} s", summary.program, summary.machine, summary.duration_s);
+        let svg = figure.svg(&title).map_err(CommandError::Failed)?;
+        write_whole(path, svg.as_bytes())
+            .map_err(|error| CommandError::Failed(format!("{}: {error}", path.display())))?;
     }
     if !args.json {
         let ending = report(false, &outcome, out, err)?;

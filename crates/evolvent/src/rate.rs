@@ -240,7 +240,7 @@ fn report_text(name: &str, input: &RateInput, rate: &RationalRate, axes: &[(char
     lines.join("\n")
 }
 
-fn check_svg_name(file: &Path) -> Result<(), CommandError> {
+pub(crate) fn check_svg_name(file: &Path) -> Result<(), CommandError> {
     if file
         .extension()
         .is_some_and(|extension| extension.eq_ignore_ascii_case("svg"))
@@ -254,7 +254,7 @@ fn check_svg_name(file: &Path) -> Result<(), CommandError> {
 }
 
 /// Writes a file so that there is the old one or the whole new one, never a part: beside it, then renamed.
-fn write_whole(file: &Path, bytes: &[u8]) -> std::io::Result<()> {
+pub(crate) fn write_whole(file: &Path, bytes: &[u8]) -> std::io::Result<()> {
     let mut name = std::ffi::OsString::from(".");
     name.push(file.file_name().unwrap_or_default());
     name.push(format!(".{}.part", std::process::id()));
