@@ -5,10 +5,11 @@
 
 use std::sync::Arc;
 
-use evolvent_motion::{Motion, PlanConsumer, Setpoint, flags};
+use evolvent_motion::{Motion, PlanConsumer, Setpoint, State, flags};
 use evolvent_trace::{CycleRecord, Histogram};
 use rtrb::Producer;
 
+use crate::alarm::Alarm;
 use crate::job::Clock;
 use crate::rt::MonotonicClock;
 use crate::shared::Controls;
@@ -33,7 +34,6 @@ pub(crate) struct CycleSample {
 
 /// Everything the loop needs; built before it starts.
 pub(crate) struct CycleLoop {
-    pub motion: Motion,
     pub queue: PlanConsumer,
     pub controls: Arc<Controls>,
     pub clock: Clock,
@@ -41,6 +41,8 @@ pub(crate) struct CycleLoop {
     pub lead_cycles: u32,
     /// Stop after so many late setpoints in a row; 0 for never.
     pub max_late_cycles: u32,
+    /// Wait at program stops until told to go on; otherwise stand there for one cycle.
+    pub stop_at_program_stops: bool,
     pub bus: Option<Producer<DueSetpoint>>,
     pub trace: Option<Producer<CycleSample>>,
     /// Unix time of the first setpoint.
@@ -58,15 +60,19 @@ pub(crate) struct CycleReport {
     pub starved_cycles: u64,
     pub stopped_for_lateness: bool,
     pub planner_died: bool,
+    /// The plan ended before the program did.
+    pub program_failed: bool,
+    /// Program stops at which nobody was waited for.
+    pub program_stops_passed: u64,
     pub lateness: Histogram,
     pub work: Histogram,
 }
 
 impl CycleLoop {
     /// Runs to the end of the plan, a stop or a fault. `observe` sees every setpoint (offline planning).
-    pub(crate) fn run(mut self, mut observe: impl FnMut(&Setpoint)) -> CycleReport {
+    pub(crate) fn run(mut self, motion: Motion, mut observe: impl FnMut(&Setpoint)) -> CycleReport {
         let mut report = CycleReport {
-            motion: self.motion,
+            motion,
             last: None,
             cycles: 0,
             late_cycles: 0,
@@ -75,41 +81,65 @@ impl CycleLoop {
             starved_cycles: 0,
             stopped_for_lateness: false,
             planner_died: false,
+            program_failed: false,
+            program_stops_passed: 0,
             lateness: Histogram::default(),
             work: Histogram::default(),
         };
         let realtime = self.clock == Clock::Realtime;
         let start = MonotonicClock::now_ns() + 2 * self.period_ns;
         let mut late_in_a_row = 0;
+        let mut resumed = false;
         loop {
             let path_time = report.cycles * self.period_ns;
             let deadline = start + path_time;
             let lateness = if realtime {
                 MonotonicClock::sleep_until(deadline)
             } else {
-                wait_until(|| self.queue.is_ready() || self.queue.is_abandoned());
+                let controls = &self.controls;
+                wait_until(|| self.queue.is_ready() || self.queue.is_abandoned() || controls.is_stopping());
                 0
             };
             let mut inputs = self.controls.inputs();
             inputs.stop |= report.stopped_for_lateness;
+            if !self.stop_at_program_stops {
+                // In the cycle itself, so that a run with the virtual clock takes the same cycles each time.
+                inputs.resume = !resumed && report.motion.state() == State::ProgramStop;
+                report.program_stops_passed += u64::from(inputs.resume);
+            }
+            resumed = inputs.resume;
             let mut setpoint = report.motion.step(&inputs, &mut self.queue);
+            if setpoint.state == State::Done && self.controls.has_program_failed() {
+                setpoint.state = State::Stopped;
+                report.program_failed = true;
+                self.controls.raise(Alarm::Program);
+            }
+            if report.motion.fault().is_some() {
+                self.controls.raise(Alarm::Guard);
+            }
+            if self.is_stuck(&report.motion) {
+                setpoint.state = State::Fault;
+                setpoint.flags |= flags::LAST;
+                report.planner_died = true;
+                self.controls.raise(Alarm::Planner);
+            }
             let lead = u64::from(self.lead_cycles) * self.period_ns;
             let mut work = 0;
             if realtime {
                 let now = MonotonicClock::now_ns();
                 work = now.saturating_sub(deadline + lateness);
+                report.lateness.record(lateness as i64);
                 if now > deadline + lead {
                     setpoint.flags |= flags::LATE;
                     report.late_cycles += 1;
                     late_in_a_row += 1;
                     if self.max_late_cycles > 0 && late_in_a_row >= self.max_late_cycles {
                         report.stopped_for_lateness = true;
+                        self.controls.raise(Alarm::Lateness);
                     }
                 } else {
                     late_in_a_row = 0;
                 }
-                report.lateness.record(lateness as i64);
-                report.work.record(work as i64);
             }
             if setpoint.flags & flags::STARVED != 0 {
                 report.starved_cycles += 1;
@@ -133,18 +163,28 @@ impl CycleLoop {
             }
             observe(&setpoint);
             self.controls.publish(&setpoint);
+            if realtime {
+                // With the handing over, which the cycle's own record cannot know yet.
+                let whole = MonotonicClock::now_ns().saturating_sub(deadline + lateness);
+                report.work.record(whole as i64);
+            }
             report.cycles += 1;
             report.last = Some(setpoint);
-            if report.motion.is_over() {
-                break;
-            }
-            if self.queue.is_abandoned() && self.queue.step(0).is_none() && report.motion.is_at_rest() {
-                report.planner_died = true;
+            if report.motion.is_over() || report.planner_died {
                 break;
             }
         }
         self.controls.abandon();
         report
+    }
+
+    /// Whether the machine stands, not at the plan's end, and nobody is left to plan on. A step that is not final
+    /// is not entered from rest.
+    fn is_stuck(&mut self, motion: &Motion) -> bool {
+        self.queue.is_abandoned()
+            && motion.is_at_rest()
+            && !motion.is_over()
+            && (self.queue.step(0).is_none() || !self.queue.is_final(0))
     }
 }
 

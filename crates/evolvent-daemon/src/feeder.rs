@@ -188,9 +188,17 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         }
     }
 
-    /// Plans the program to its end, or to its first error: the plan then ends at rest before it.
-    pub(crate) fn feed(mut self, program: &Path) -> (FeedReport, Result<(), ProgramError>) {
+    /// Plans the program to its end, or to its first error: the plan then ends at rest before it, and `failed` is
+    /// called before its end is handed on.
+    pub(crate) fn feed(
+        mut self,
+        program: &Path,
+        failed: impl FnOnce(),
+    ) -> (FeedReport, Result<(), ProgramError>) {
         let result = self.feed_lines(program);
+        if result.is_err() {
+            failed();
+        }
         let line = self.blocks.back().map_or(0, |open| open.line);
         // A consumer that has gone needs no end.
         let _gone = self.planner.finish(line);

@@ -13,6 +13,7 @@
 //!
 //! [`examine`] says what the host can do.
 
+mod alarm;
 mod cycle;
 mod doctor;
 mod feeder;
@@ -24,6 +25,7 @@ mod run;
 mod shared;
 mod summary;
 
+pub use alarm::Alarm;
 pub use doctor::{BareLoopError, DoctorReport, Finding, LatenessReport, Verdict, bare_loop, examine};
 pub use feeder::{Notice, ProgramError, check};
 pub use job::{Clock, Job, Setup};

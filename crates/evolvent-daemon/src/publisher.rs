@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 use std::sync::mpsc::Sender;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use evolvent_bus::{BusConfig, BusError, CoreBus, EventKind, Status};
 use evolvent_motion::State;
@@ -18,6 +18,8 @@ use crate::shared::Controls;
 const STATUS_EVERY_NS: u64 = 50_000_000;
 /// How long to wait for subscribers that were asked for.
 const SUBSCRIBER_TIMEOUT: Duration = Duration::from_secs(10);
+/// How often a stop is looked for meanwhile.
+const SUBSCRIBER_POLL: Duration = Duration::from_millis(50);
 /// Longest sleep between two looks at the queue.
 const LONGEST_SLEEP_NS: u64 = 1_000_000;
 
@@ -29,6 +31,8 @@ pub(crate) struct Publishing {
     pub axes_mask: u32,
     pub program: String,
     pub wait_for_subscribers: usize,
+    /// Where the axes stand before the first setpoint.
+    pub home: Axes,
     pub controls: Arc<Controls>,
 }
 
@@ -56,23 +60,30 @@ impl Publishing {
                 return report;
             }
         };
-        let subscribers = if self.wait_for_subscribers > 0 {
-            bus.wait_for_setpoint_subscribers(self.wait_for_subscribers, SUBSCRIBER_TIMEOUT)
-        } else {
-            bus.setpoint_subscribers()
-        };
+        let subscribers = self.await_subscribers(&bus);
         let _gone = ready.send(Ok(subscribers));
         let nap = (self.config.period_ns / 2).min(LONGEST_SLEEP_NS);
         let mut status = Status::default();
         status.set_program(&self.program);
+        let mut last = evolvent_bus::Setpoint {
+            period_ns: self.config.period_ns,
+            position: self.home.into(),
+            override_ratio: self.controls.feed_override(),
+            ..evolvent_bus::Setpoint::default()
+        };
         let mut next_status = 0;
         let mut state = State::Idle;
         // A status or an event that does not leave is replaced by the next.
-        let _lost = bus.notify(EventKind::Started);
+        self.fill(&mut status, &last, MonotonicClock::now_ns(), &bus, &report);
+        let _lost = bus.publish_status(&status);
+        let mut started = false;
         loop {
             let over = queue.is_abandoned();
-            let mut last = None;
             while let Ok(due) = queue.pop() {
+                if !started {
+                    started = true;
+                    let _lost = bus.notify(EventKind::Started);
+                }
                 let now = MonotonicClock::now_ns();
                 let message = self.message(&due);
                 if self.clock == Clock::Realtime && now > due.due_time_ns {
@@ -81,29 +92,41 @@ impl Publishing {
                 if bus.publish_setpoint(&message).is_err() {
                     report.failed += 1;
                 }
-                last = Some(message);
+                last = message;
                 if due.setpoint.state != state {
                     let event = event_of(state, due.setpoint.state);
                     state = due.setpoint.state;
+                    // Whoever is woken finds the reason in the status.
+                    self.fill(&mut status, &last, now, &bus, &report);
+                    let _lost = bus.publish_status(&status);
                     let _lost = bus.notify(event);
                 }
             }
             let now = MonotonicClock::now_ns();
-            if let Some(message) = last
-                && (now >= next_status || over)
-            {
+            if now >= next_status || over {
                 next_status = now + STATUS_EVERY_NS;
-                self.fill(&mut status, &message, now, report.late);
-                status.setpoint_subscribers = bus.setpoint_subscribers() as u32;
+                self.fill(&mut status, &last, now, &bus, &report);
                 let _lost = bus.publish_status(&status);
+                bus.admit_readers();
             }
             if over && queue.is_empty() {
                 break;
             }
             let _late = MonotonicClock::sleep_until(now + nap);
         }
-        let _lost = bus.notify(EventKind::Done);
         report
+    }
+
+    /// Waits for as many subscribers as were asked for, not beyond a stop.
+    fn await_subscribers(&self, bus: &CoreBus) -> usize {
+        let deadline = Instant::now() + SUBSCRIBER_TIMEOUT;
+        loop {
+            let found = bus.wait_for_setpoint_subscribers(self.wait_for_subscribers, SUBSCRIBER_POLL);
+            let enough = found >= self.wait_for_subscribers;
+            if enough || self.controls.is_stopping() || Instant::now() >= deadline {
+                return found;
+            }
+        }
     }
 
     fn message(&self, due: &DueSetpoint) -> evolvent_bus::Setpoint {
@@ -132,7 +155,14 @@ impl Publishing {
         }
     }
 
-    fn fill(&self, status: &mut Status, setpoint: &evolvent_bus::Setpoint, now: u64, late: u64) {
+    fn fill(
+        &self,
+        status: &mut Status,
+        setpoint: &evolvent_bus::Setpoint,
+        now: u64,
+        bus: &CoreBus,
+        report: &PublishReport,
+    ) {
         status.sequence += 1;
         status.time_ns = now;
         status.cycles = self.controls.progress().cycles;
@@ -149,7 +179,13 @@ impl Publishing {
         status.override_ratio = setpoint.override_ratio;
         status.rapid_override_ratio = 1.0;
         status.spindle_override_ratio = 1.0;
-        status.late_cycles = late;
+        status.late_cycles = report.late;
+        status.dropped_setpoints = report.failed;
+        status.setpoint_subscribers = bus.setpoint_subscribers() as u32;
+        let alarm = self.controls.alarm();
+        if alarm != 0 && status.alarm_count == 0 {
+            status.push_alarm(alarm);
+        }
     }
 }
 

@@ -10,9 +10,10 @@ use std::time::{Duration, Instant};
 
 use evolvent_machine::OnFull;
 use evolvent_motion::{State, flags};
-use evolvent_trace::{BlockRecord, EventKind, EventRecord, RecordError, Recorder};
+use evolvent_trace::{BlockRecord, CycleRecord, EventKind, EventRecord, LogLevel, RecordError, Recorder};
 use rtrb::Consumer;
 
+use crate::alarm::Alarm;
 use crate::cycle::CycleSample;
 use crate::feeder::{BlockPlan, FeederNews, Notice};
 use crate::shared::Controls;
@@ -21,8 +22,6 @@ use crate::shared::Controls;
 const FLUSH_EVERY: Duration = Duration::from_millis(250);
 /// Time between two looks at an empty queue.
 const NAP: Duration = Duration::from_millis(1);
-/// Path time between two tool poses for viewers.
-const POSE_EVERY_NS: u64 = 50_000_000;
 
 /// Records one run.
 pub(crate) struct Recording {
@@ -32,6 +31,14 @@ pub(crate) struct Recording {
     pub on_full: OnFull,
     pub controls: Arc<Controls>,
     pub program: PathBuf,
+}
+
+/// What the trace says of the run as a whole, at its end.
+pub(crate) struct Closing {
+    /// Names and values of the metadata.
+    pub summary: BTreeMap<String, String>,
+    /// Why the run ended early: number and text.
+    pub alarm: Option<(Alarm, String)>,
 }
 
 /// What became of the trace.
@@ -57,21 +64,20 @@ struct Tracks {
     period_s: f64,
     block: Option<Span>,
     closed: VecDeque<Span>,
+    last_closed: Option<u32>,
     state: u8,
     feed_override: f64,
     starved: bool,
     late: bool,
     actions: u32,
-    next_pose_ns: u64,
 }
 
 impl Recording {
-    /// Records until the cycle has gone and the queue is empty, then finishes the file with what `summary`
-    /// brings.
+    /// Records until the cycle has gone and the queue is empty, then finishes the file with what `closing` brings.
     pub(crate) fn run(
         mut self,
         period_ns: u64,
-        summary: &Receiver<BTreeMap<String, String>>,
+        closing: &Receiver<Closing>,
         failed: &Sender<RecordError>,
     ) -> RecordReport {
         let mut tracks = Tracks {
@@ -81,12 +87,12 @@ impl Recording {
             period_s: period_ns as f64 * 1e-9,
             block: None,
             closed: VecDeque::new(),
+            last_closed: None,
             state: State::Idle as u8,
             feed_override: 1.0,
             starved: false,
             late: false,
             actions: 0,
-            next_pose_ns: 0,
         };
         let mut failure: Option<RecordError> = None;
         let mut lost = 0;
@@ -102,7 +108,8 @@ impl Recording {
                     lost += 1;
                     continue;
                 }
-                if count % 256 == 1 {
+                // What an action is called was told before the action went into the plan.
+                if count % 256 == 1 || sample.actions > tracks.actions {
                     while let Ok(news) = self.news.try_recv() {
                         tracks.hear(news);
                     }
@@ -137,10 +144,12 @@ impl Recording {
         while let Ok(news) = self.news.recv() {
             tracks.hear(news);
         }
+        let ended = closing.recv().ok();
         if failure.is_none() {
-            failure = tracks.end(&mut self.recorder, last_ns).err();
+            let alarm = ended.as_ref().and_then(|closing| closing.alarm.as_ref());
+            failure = tracks.end(&mut self.recorder, last_ns, alarm).err();
         }
-        let summary = summary.recv().unwrap_or_default();
+        let summary = ended.map(|closing| closing.summary).unwrap_or_default();
         let result = match failure {
             None => self.recorder.finish(&summary),
             Some(error) => Err(error),
@@ -174,8 +183,14 @@ impl Tracks {
             recorder.event(&event(EventKind::Override, 0, text, Some(cycle.override_)))?;
         }
         if cycle.state != self.state {
-            let (kind, text) = describe(self.state, cycle.state);
-            recorder.event(&event(kind, u32::from(cycle.state), text.to_owned(), None))?;
+            let (kind, text) = describe(self.state, cycle);
+            let is_guard = kind == EventKind::Alarm;
+            let code = if is_guard {
+                Alarm::Guard.number()
+            } else {
+                u32::from(cycle.state)
+            };
+            recorder.event(&event(kind, code, text.to_owned(), None))?;
             self.state = cycle.state;
         }
         let starved = cycle.flags & flags::STARVED != 0;
@@ -206,23 +221,25 @@ impl Tracks {
                 } else {
                     EventKind::Command
                 };
+                // Messages and commands are marked with their line.
                 recorder.event(&event(kind, notice.line, notice.text, None))?;
             }
             self.actions += 1;
         }
-        self.follow_block(recorder, sample)?;
-        if cycle.due_time_ns >= self.next_pose_ns {
-            self.next_pose_ns = cycle.due_time_ns + POSE_EVERY_NS;
-            let [x, y, z, ..] = cycle.position;
-            recorder.pose(cycle.due_time_ns, [x, y, z])?;
-        }
-        Ok(())
+        self.follow_block(recorder, sample)
     }
 
-    /// A block begins with its first setpoint and ends with that of a later one.
+    /// A block begins with the first setpoint that moves along it, and ends with that of a later one, a dwell or a program stop.
     fn follow_block(&mut self, recorder: &mut Recorder, sample: &CycleSample) -> Result<(), RecordError> {
-        let moving = sample.record.line > 0 && sample.record.state != State::Dwell as u8;
-        if !moving || self.block.is_some_and(|open| open.block >= sample.block) {
+        let between = [State::Idle, State::Dwell, State::ProgramStop].map(|state| state as u8);
+        if between.contains(&sample.record.state) {
+            self.close_block(sample.record.due_time_ns, sample.record.sequence);
+            return self.write_blocks(recorder);
+        }
+        let open = self.block.map(|open| open.block).or(self.last_closed);
+        // At rest between two steps the next block is named already.
+        let moves = sample.record.feed_mm_s > 0.0;
+        if !moves || open.is_some_and(|open| open >= sample.block) {
             return Ok(());
         }
         self.close_block(sample.record.due_time_ns, sample.record.sequence);
@@ -237,6 +254,7 @@ impl Tracks {
 
     fn close_block(&mut self, time_ns: u64, end: u64) {
         if let Some(open) = self.block.take() {
+            self.last_closed = Some(open.block);
             self.closed.push_back(Span { end, time_ns, ..open });
         }
     }
@@ -269,21 +287,43 @@ impl Tracks {
         Ok(())
     }
 
-    fn end(&mut self, recorder: &mut Recorder, time_ns: u64) -> Result<(), RecordError> {
+    fn end(
+        &mut self,
+        recorder: &mut Recorder,
+        time_ns: u64,
+        alarm: Option<&(Alarm, String)>,
+    ) -> Result<(), RecordError> {
         let end = recorder.statistics().cycles;
         self.close_block(time_ns, end);
-        self.write_blocks(recorder)
+        self.write_blocks(recorder)?;
+        let Some((alarm, text)) = alarm else {
+            return Ok(());
+        };
+        recorder.log(time_ns, LogLevel::Error, text)?;
+        if *alarm == Alarm::Guard {
+            // Recorded at the cycle that was refused.
+            return Ok(());
+        }
+        recorder.event(&EventRecord {
+            time_ns,
+            sequence: end.saturating_sub(1),
+            kind: EventKind::Alarm,
+            code: alarm.number(),
+            text: text.clone(),
+            value: None,
+        })
     }
 }
 
-fn describe(before: u8, now: u8) -> (EventKind, &'static str) {
+fn describe(before: u8, cycle: &CycleRecord) -> (EventKind, &'static str) {
+    let now = cycle.state;
     let is = |state: State| now == state as u8;
     let was_held = before == State::Holding as u8 || before == State::Held as u8;
     if is(State::Holding) {
         (EventKind::Hold, "feed hold")
     } else if is(State::Stopping) {
         (EventKind::Stop, "stop")
-    } else if is(State::Fault) {
+    } else if is(State::Fault) && cycle.flags & flags::GUARD != 0 {
         (EventKind::Alarm, "the guard refused a setpoint")
     } else if is(State::Running) && was_held {
         (EventKind::Resume, "resume")
@@ -295,6 +335,7 @@ fn describe(before: u8, now: u8) -> (EventKind, &'static str) {
             5 => "stopped",
             6 => "dwell",
             7 => "program stop",
+            8 => "fault",
             9 => "done",
             _ => "unknown",
         };

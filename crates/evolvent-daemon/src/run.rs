@@ -1,6 +1,7 @@
 //! One run: threads started, joined, and summed up.
 
 use std::collections::BTreeMap;
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
 use std::thread;
@@ -8,14 +9,15 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use evolvent_bus::{BusConfig, BusError};
 use evolvent_motion::{Motion, Setpoint, plan_queue};
-use evolvent_trace::{ProgramSource, RecordError, Recorder, RunInfo, configuration_hash};
+use evolvent_trace::{ProgramSource, RecordError, Recorder, RunInfo, configuration_hash, recover_leftovers};
 use rtrb::RingBuffer;
 
+use crate::alarm::Alarm;
 use crate::cycle::{CycleLoop, CycleReport};
 use crate::feeder::{FeedReport, Feeder, FeederNews, Notice, ProgramError};
 use crate::job::{Clock, Job};
 use crate::publisher::Publishing;
-use crate::recording::Recording;
+use crate::recording::{Closing, Recording};
 use crate::rt::{RealtimeRequest, apply_to_this_thread};
 use crate::shared::Controls;
 use crate::summary::{Summary, TimingSummary, axis_summaries, outcome_of};
@@ -129,13 +131,18 @@ pub fn run(
             }
         };
 
+        if let Some(path) = &job.trace {
+            for text in rescue_leftovers(path) {
+                observer.note(&text);
+            }
+        }
         let recorder = match &job.trace {
             Some(path) => Some(Recorder::create(path, &run_info(job, start_unix_ns))?),
             None => None,
         };
         let (news, notices) = mpsc::channel();
         let mut listeners = vec![news];
-        let (summary_sender, summary_receiver) = mpsc::channel();
+        let (closing_sender, closing) = mpsc::channel();
         let (failure_sender, failures) = mpsc::channel();
         let recording = match (recorder, trace_consumer) {
             (Some(recorder), Some(queue)) => {
@@ -153,9 +160,7 @@ pub fn run(
                 Some(
                     thread::Builder::new()
                         .name("recorder".into())
-                        .spawn_scoped(scope, move || {
-                            recording.run(period_ns, &summary_receiver, &failure_sender)
-                        })?,
+                        .spawn_scoped(scope, move || recording.run(period_ns, &closing, &failure_sender))?,
                 )
             }
             _ => None,
@@ -167,6 +172,7 @@ pub fn run(
             !waiting.is_abandoned()
         });
         let with_blocks = recording.is_some();
+        let feeding = Arc::clone(controls);
         let feeder = thread::Builder::new()
             .name("planner".into())
             .spawn_scoped(scope, move || {
@@ -179,35 +185,37 @@ pub fn run(
                     with_blocks,
                     optional_stop,
                 )
-                .feed(&job.program)
+                .feed(&job.program, || feeding.fail_program())
             })?;
 
         let cycle = CycleLoop {
-            motion: Motion::new(limits, setup.period_ns, limits.home),
             queue: plan_consumer,
             controls: Arc::clone(controls),
             clock: job.clock,
             period_ns: setup.period_ns,
             lead_cycles: setup.machine.lead_cycles,
             max_late_cycles: setup.machine.realtime.max_late_cycles,
+            stop_at_program_stops: job.stop_at_program_stops,
             bus: bus_producer,
             trace: trace_producer,
             start_unix_ns,
         };
+        let motion = Motion::new(limits, setup.period_ns, limits.home);
         let request = realtime_request(job, 0);
         let (granted_sender, granted) = mpsc::channel();
         let cycle_thread = thread::Builder::new()
             .name("cycle".into())
             .spawn_scoped(scope, move || {
                 // Begin with a plan in hand, so that the first cycles do not depend on how fast it came.
-                while !(cycle.queue.is_ready() || cycle.queue.is_abandoned()) {
+                let ready = || cycle.queue.is_ready() || cycle.queue.is_abandoned();
+                while !ready() && !cycle.controls.is_stopping() {
                     thread::sleep(PLANNER_NAP);
                 }
                 if let Some(request) = request {
                     let _gone = granted_sender.send(apply_to_this_thread(&request).notes);
                 }
                 drop(granted_sender);
-                cycle.run(observe)
+                cycle.run(motion, observe)
             })?;
         for text in granted.iter().flatten() {
             observer.note(&text);
@@ -226,12 +234,31 @@ pub fn run(
         } else {
             report.late_cycles
         };
+        let fault = fault_of(&report);
+        let alarm = match (&fault, &program) {
+            (Some((alarm, text)), _) => Some((*alarm, text.clone())),
+            (None, Err(error)) if report.program_failed => Some((Alarm::Program, error.to_string())),
+            _ => None,
+        };
+        if job.clock == Clock::Realtime && report.program_stops_passed > 0 {
+            let text = format!(
+                "{} program stops (M0, M1, M60) were passed without waiting, because nobody could be asked: run in a \
+                 terminal to be asked",
+                report.program_stops_passed
+            );
+            observer.note(&text);
+            notes.push(text);
+        }
         let mut summary = summarise(job, &report, &feed, late, notes);
         summary.dropped_setpoints += published.failed;
-        let fault = fault_text(&report);
+        summary.alarm = alarm.as_ref().map(|(alarm, _)| alarm.number());
+        summary.error = alarm.as_ref().map(|(_, text)| text.clone());
         let mut trace_error = None;
         if let Some(recording) = recording {
-            let _gone = summary_sender.send(trace_summary(&summary));
+            let _gone = closing_sender.send(Closing {
+                summary: trace_summary(&summary),
+                alarm,
+            });
             let record = join(recording)?;
             summary.dropped_records += record.lost;
             match record.result {
@@ -243,7 +270,7 @@ pub fn run(
             summary,
             program,
             trace_error,
-            fault,
+            fault: fault.map(|(_, text)| text),
         })
     })
 }
@@ -259,6 +286,27 @@ fn optional_ring<T>(wanted: bool, length: usize) -> (Option<rtrb::Producer<T>>, 
     }
     let (producer, consumer) = RingBuffer::new(length);
     (Some(producer), Some(consumer))
+}
+
+/// Makes complete traces of what killed runs have left in the folder of `trace`; says what became of each.
+fn rescue_leftovers(trace: &Path) -> Vec<String> {
+    let folder = trace
+        .parent()
+        .filter(|folder| !folder.as_os_str().is_empty())
+        .unwrap_or(Path::new("."));
+    // A folder that cannot be read is told by the recorder, if it matters.
+    let leftovers = recover_leftovers(folder).unwrap_or_default();
+    leftovers
+        .into_iter()
+        .map(|(part, result)| match result {
+            Ok(recovered) => format!(
+                "{}: left by a run that was killed, recovered as {}",
+                part.display(),
+                recovered.path.display()
+            ),
+            Err(error) => format!("{}: left by a run that was killed: {error}", part.display()),
+        })
+        .collect()
 }
 
 fn unix_ns() -> u64 {
@@ -291,6 +339,7 @@ fn publishing(job: &Job, controls: &Arc<Controls>) -> Publishing {
         axes_mask,
         program: job.program.display().to_string(),
         wait_for_subscribers: job.wait_for_subscribers,
+        home: machine.limits().home,
         controls: Arc::clone(controls),
     }
 }
@@ -298,7 +347,7 @@ fn publishing(job: &Job, controls: &Arc<Controls>) -> Publishing {
 fn run_info(job: &Job, start_time_ns: u64) -> RunInfo {
     let setup = &job.setup;
     let settings = &setup.machine.realtime;
-    let name = |path: &std::path::Path| {
+    let name = |path: &Path| {
         path.file_name()
             .map_or_else(String::new, |name| name.to_string_lossy().into_owned())
     };
@@ -364,9 +413,6 @@ fn watch(
         while let Ok(error) = failures.try_recv() {
             observer.note(&error.to_string());
         }
-        if progress.at_program_stop && !job.stop_at_program_stops {
-            controls.resume();
-        }
         observer.progress(controls);
         if over {
             break;
@@ -374,23 +420,23 @@ fn watch(
     }
 }
 
-fn fault_text(report: &CycleReport) -> Option<String> {
+fn fault_of(report: &CycleReport) -> Option<(Alarm, String)> {
     let motion = &report.motion;
     if let Some(violation) = motion.fault() {
-        return Some(format!(
+        let text = format!(
             "the guard refused a setpoint: {violation}; the machine was stopped. \
              This is a fault of the planner: please report it with the trace"
-        ));
+        );
+        return Some((Alarm::Guard, text));
     }
     if report.planner_died {
-        return Some(
-            "the planner ended without completing its plan; the machine stopped on the path".to_owned(),
-        );
+        let text = "the planner ended without completing its plan; the machine stopped on the path";
+        return Some((Alarm::Planner, text.to_owned()));
     }
     report.stopped_for_lateness.then(|| {
-        "too many setpoints in a row left late; the machine was stopped on the path. Run `evolvent doctor`, \
-         lower the rate, or raise realtime.max_late_cycles"
-            .to_owned()
+        let text = "too many setpoints in a row left late; the machine was stopped on the path. Run \
+                    `evolvent doctor`, lower the rate, or raise realtime.max_late_cycles";
+        (Alarm::Lateness, text.to_owned())
     })
 }
 
@@ -407,6 +453,8 @@ fn summarise(job: &Job, report: &CycleReport, feed: &FeedReport, late: u64, note
         clock: job.clock.name(),
         outcome: if report.stopped_for_lateness || report.planner_died {
             "fault"
+        } else if report.program_failed {
+            "failed"
         } else {
             outcome_of(report.motion.state())
         },
@@ -440,6 +488,8 @@ fn summarise(job: &Job, report: &CycleReport, feed: &FeedReport, late: u64, note
         wake_lateness: TimingSummary::of(&report.lateness),
         work: TimingSummary::of(&report.work),
         trace: None,
+        alarm: None,
+        error: None,
         notes,
     }
 }
@@ -455,8 +505,12 @@ fn trace_summary(summary: &Summary) -> BTreeMap<String, String> {
         ("max_chord_error_mm", summary.max_chord_error_mm.to_string()),
         ("max_path_error_mm", summary.max_path_error_mm.to_string()),
     ];
+    let notes = (!summary.notes.is_empty()).then(|| ("notes", summary.notes.join("\n")));
+    let error = summary.error.clone().map(|text| ("error", text));
     pairs
         .into_iter()
+        .chain(notes)
+        .chain(error)
         .map(|(key, value)| (key.to_owned(), value))
         .collect()
 }

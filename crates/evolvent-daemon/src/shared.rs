@@ -4,6 +4,8 @@ use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 
 use evolvent_motion::{Inputs, Setpoint, State};
 
+use crate::alarm::Alarm;
+
 /// Switches and gauges of a run. The cycle reads the switches once a cycle and sets the gauges; nobody waits.
 #[derive(Debug)]
 pub struct Controls {
@@ -12,6 +14,8 @@ pub struct Controls {
     stop: AtomicBool,
     resume: AtomicBool,
     abandon: AtomicBool,
+    program_failed: AtomicBool,
+    alarm: AtomicU32,
     sequence: AtomicU64,
     path_mm: AtomicU64,
     feed_mm_s: AtomicU64,
@@ -30,6 +34,8 @@ impl Controls {
             stop: AtomicBool::new(false),
             resume: AtomicBool::new(false),
             abandon: AtomicBool::new(false),
+            program_failed: AtomicBool::new(false),
+            alarm: AtomicU32::new(0),
             sequence: AtomicU64::new(0),
             path_mm: AtomicU64::new(0),
             feed_mm_s: AtomicU64::new(0),
@@ -74,19 +80,43 @@ impl Controls {
         self.abandon.load(Ordering::Acquire)
     }
 
+    /// The plan ends before the program does. Called before the plan's end is handed on.
+    pub(crate) fn fail_program(&self) {
+        self.program_failed.store(true, Ordering::Release);
+    }
+
+    pub(crate) fn has_program_failed(&self) -> bool {
+        self.program_failed.load(Ordering::Acquire)
+    }
+
+    /// Latches an alarm; the first stays.
+    pub(crate) fn raise(&self, alarm: Alarm) {
+        let _latched = self
+            .alarm
+            .compare_exchange(0, alarm.number(), Ordering::Relaxed, Ordering::Relaxed);
+    }
+
+    /// Number of the alarm in force; 0 for none.
+    pub(crate) fn alarm(&self) -> u32 {
+        self.alarm.load(Ordering::Relaxed)
+    }
+
     /// The cycle's inputs of this moment.
     pub(crate) fn inputs(&self) -> Inputs {
-        let state = self.state.load(Ordering::Relaxed);
-        let resume = self.resume.load(Ordering::Relaxed);
-        if resume && state != State::ProgramStop as u32 {
-            self.resume.store(false, Ordering::Relaxed);
-        }
+        // Taken once: it counts for the program stop that the machine stands at, and for none after it.
+        let resume = self.resume.load(Ordering::Relaxed) && self.resume.swap(false, Ordering::Relaxed);
+        let at_stop = self.state.load(Ordering::Relaxed) == State::ProgramStop as u32;
         Inputs {
-            feed_override: f64::from_bits(self.feed_override.load(Ordering::Relaxed)),
+            feed_override: self.feed_override(),
             hold: self.hold.load(Ordering::Relaxed),
             stop: self.stop.load(Ordering::Relaxed),
-            resume: resume && state == State::ProgramStop as u32,
+            resume: resume && at_stop,
         }
+    }
+
+    /// The feed override asked for.
+    pub(crate) fn feed_override(&self) -> f64 {
+        f64::from_bits(self.feed_override.load(Ordering::Relaxed))
     }
 
     pub(crate) fn publish(&self, setpoint: &Setpoint) {

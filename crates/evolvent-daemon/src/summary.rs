@@ -59,7 +59,8 @@ pub struct Summary {
     pub machine: String,
     /// `realtime` or `virtual`.
     pub clock: &'static str,
-    /// How it ended: `done`, `stopped`, `fault`.
+    /// How it ended: `done`; `stopped` by a person; `failed`, at an error of the program, which was run up to there;
+    /// `fault`.
     pub outcome: &'static str,
     /// Letters of the axes in the order of the machine file; every list below is in that order.
     pub axes: Vec<char>,
@@ -113,6 +114,10 @@ pub struct Summary {
     pub work: Option<TimingSummary>,
     /// The trace file, if one was written.
     pub trace: Option<String>,
+    /// Number of the alarm that ended the run early.
+    pub alarm: Option<u32>,
+    /// What ended the run early, for people.
+    pub error: Option<String>,
     /// What the user should know.
     pub notes: Vec<String>,
 }

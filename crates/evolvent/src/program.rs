@@ -41,6 +41,19 @@ impl ProgramArgs {
                 self.program.display()
             )));
         }
+        if !readable.is_file() {
+            return Err(usage(format!(
+                "{} is no ordinary file; a program is read more than once (for the trace, for messages), so save it to \
+                 a file first",
+                self.program.display()
+            )));
+        }
+        std::fs::File::open(&self.program).map_err(|error| {
+            usage(format!(
+                "{}: {error}; name a readable part program",
+                self.program.display()
+            ))
+        })?;
         Setup::new(machine, self.machine.clone(), text, self.rate).map_err(|error| usage(error.to_string()))
     }
 }
@@ -58,9 +71,32 @@ fn parse_rate(text: &str) -> Result<ControlRate, String> {
 /// Checks an override in percent and gives the factor.
 pub(crate) fn parse_override(text: &str) -> Result<f64, String> {
     match text.trim_end_matches('%').parse::<f64>() {
-        Ok(percent) if (0.0..=200.0).contains(&percent) => Ok(percent / 100.0),
-        _ => Err("give a percentage from 0 to 200".to_owned()),
+        // A run that starts at 0 would stand for ever: nobody could raise it.
+        Ok(percent) if (1.0..=200.0).contains(&percent) => Ok(percent / 100.0),
+        _ => Err("give a percentage from 1 to 200".to_owned()),
     }
+}
+
+/// Refuses to write over a folder, the program or the machine file.
+pub(crate) fn check_output(output: &Path, inputs: &ProgramArgs) -> Result<(), CommandError> {
+    // What cannot be resolved does not exist yet.
+    let same = |input: &Path| match (output.canonicalize(), input.canonicalize()) {
+        (Ok(output), Ok(input)) => output == input,
+        _ => false,
+    };
+    let what = if output.is_dir() {
+        "a folder"
+    } else if same(&inputs.program) {
+        "the program itself"
+    } else if same(&inputs.machine) {
+        "the machine file itself"
+    } else {
+        return Ok(());
+    };
+    Err(CommandError::Usage(format!(
+        "{} is {what}; name another file to write to",
+        output.display()
+    )))
 }
 
 /// Where a trace goes by default: `traces/NAME-TIME.mcap`, time in UTC.
@@ -116,10 +152,10 @@ mod tests {
     }
 
     #[test]
-    fn overrides_outside_0_to_200_percent_are_refused() {
+    fn overrides_outside_1_to_200_percent_are_refused() {
         assert_eq!(parse_override("150"), Ok(1.5));
-        assert_eq!(parse_override("0%"), Ok(0.0));
-        for bad in ["-1", "200.1", "nan", "inf", "fast", ""] {
+        assert_eq!(parse_override("1%"), Ok(0.01));
+        for bad in ["-1", "0", "0.9", "200.1", "nan", "inf", "fast", ""] {
             assert!(parse_override(bad).is_err(), "{bad}");
         }
     }

@@ -10,7 +10,7 @@ use std::time::Duration;
 use clap::{Args, ValueEnum};
 use evolvent_daemon::{Clock, Controls, Job, RunOutcome, StartError};
 
-use crate::program::{ProgramArgs, default_trace, parse_override};
+use crate::program::{ProgramArgs, check_output, default_trace, parse_override};
 use crate::screen::{Screen, write_summary};
 use crate::{CommandError, Ending};
 
@@ -40,7 +40,7 @@ pub(crate) struct RunArgs {
     /// Wait, 10 s at the most, until so many clients listen to setpoints.
     #[arg(long, value_name = "N", default_value_t = 0)]
     wait_for_clients: usize,
-    /// Feed override in percent, 0 to 200.
+    /// Feed override in percent, 1 to 200.
     #[arg(long = "override", value_name = "PCT", value_parser = parse_override, default_value = "100")]
     feed_override: f64,
     /// Stop at M1.
@@ -68,6 +68,9 @@ pub(crate) fn run(args: &RunArgs, out: &mut dyn Write, err: &mut dyn Write) -> R
                 .unwrap_or_else(|| default_trace(&args.program.program)),
         )
     };
+    if let Some(path) = &trace {
+        check_output(path, &args.program)?;
+    }
     if let Some(folder) = trace.as_ref().and_then(|path| path.parent())
         && !folder.as_os_str().is_empty()
     {
@@ -100,7 +103,7 @@ pub(crate) fn run(args: &RunArgs, out: &mut dyn Write, err: &mut dyn Write) -> R
     if stop_at_program_stops {
         resume_on_enter(&controls);
     }
-    let mut screen = Screen::new(&job.program, args.json);
+    let mut screen = Screen::new(&job.program, args.json, stop_at_program_stops);
     let result = evolvent_daemon::run(&job, &controls, &mut screen, |_| {});
     screen.finish();
     let outcome = result.map_err(|error| match error {
@@ -136,6 +139,12 @@ pub(crate) fn report(
         return Err(CommandError::Failed(fault.clone()));
     }
     if let Err(error) = &outcome.program {
+        if summary.outcome == "stopped" {
+            drop(writeln!(
+                err,
+                "the run was stopped; further on the program has an error"
+            ));
+        }
         return Err(CommandError::Failed(error.to_string()));
     }
     if summary.outcome != "done" {

@@ -10,12 +10,14 @@ use indicatif::{ProgressBar, ProgressStyle};
 pub(crate) struct Screen {
     bar: Option<ProgressBar>,
     lines: u64,
+    /// Whether someone can answer at program stops.
+    asks: bool,
     asked: bool,
 }
 
 impl Screen {
-    /// For a program whose lines are counted beforehand.
-    pub(crate) fn new(program: &Path, quiet: bool) -> Self {
+    /// For a program whose lines are counted beforehand. `asks`: somebody at the terminal answers at program stops.
+    pub(crate) fn new(program: &Path, quiet: bool, asks: bool) -> Self {
         let terminal = !quiet && io::stderr().is_terminal();
         let lines = if terminal { count_lines(program) } else { 0 };
         let bar = terminal.then(|| {
@@ -27,6 +29,7 @@ impl Screen {
         Self {
             bar,
             lines,
+            asks,
             asked: false,
         }
     }
@@ -59,7 +62,7 @@ impl RunObserver for Screen {
                 progress.cycles
             ));
         }
-        if progress.at_program_stop && !self.asked {
+        if self.asks && progress.at_program_stop && !self.asked {
             self.asked = true;
             self.say(&format!(
                 "program stop at line {}: press Enter to go on",

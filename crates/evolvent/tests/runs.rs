@@ -1,0 +1,223 @@
+//! What runs say of themselves: in JSON, in their exit code, in their trace.
+
+#![expect(clippy::unwrap_used, clippy::expect_used, reason = "a test may fail")]
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+use evolvent_trace::{EventKind, TraceFile};
+use serde_json::Value;
+use tempfile::TempDir;
+
+/// Far beyond what any run here takes.
+const TOO_LONG: Duration = Duration::from_secs(60);
+const MACHINE: &str = concat!(
+    env!("CARGO_MANIFEST_DIR"),
+    "/../../config/machines/mill-3axis.toml"
+);
+const STATE_STOPPED: u8 = 5;
+
+/// Runs the command to its end, or fails if it does not come to one.
+fn evolvent(arguments: &[&str]) -> Output {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_evolvent"))
+        .args(arguments)
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let start = Instant::now();
+    while child.try_wait().unwrap().is_none() {
+        if start.elapsed() > TOO_LONG {
+            child.kill().unwrap();
+            panic!("{arguments:?} does not end");
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    child.wait_with_output().unwrap()
+}
+
+struct Bench {
+    folder: TempDir,
+}
+
+impl Bench {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        Self { folder }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn program(&self, text: &str) -> PathBuf {
+        let path = self.path("program.ngc");
+        fs::write(&path, text).unwrap();
+        path
+    }
+
+    fn plan(&self, text: &str) -> Output {
+        let program = self.program(text);
+        evolvent(&["plan", as_str(&program), "--machine", MACHINE, "--json"])
+    }
+
+    /// Runs with the virtual clock into `run.mcap`.
+    fn run(&self, text: &str) -> (Output, PathBuf) {
+        let (program, trace) = (self.program(text), self.path("run.mcap"));
+        let output = evolvent(&[
+            "run",
+            as_str(&program),
+            "--machine",
+            MACHINE,
+            "--clock",
+            "virtual",
+            "--no-bus",
+            "--trace",
+            as_str(&trace),
+            "--json",
+        ]);
+        (output, trace)
+    }
+}
+
+fn as_str(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+/// Standard output as exactly one JSON object.
+fn json(output: &Output) -> Value {
+    let value: Value = serde_json::from_slice(&output.stdout).expect("one JSON value");
+    assert!(value.is_object());
+    value
+}
+
+#[test]
+fn program_stops_in_a_row_are_passed_in_the_same_cycles_each_time() {
+    let bench = Bench::new();
+    let text = "G1 X1 F600\nM0\nM0\nM60\nG1 X2\nM0\nM2\n";
+    let (first, second) = (bench.plan(text), bench.plan(text));
+    assert_eq!(first.status.code(), Some(0));
+    assert_eq!(json(&first), json(&second));
+    // The moves alone take all but a handful of cycles.
+    let none = json(&bench.plan("G1 X1 F600\nG4 P0\nG1 X2\nM2\n"));
+    let extra = json(&first)["cycles"].as_u64().unwrap() - none["cycles"].as_u64().unwrap();
+    assert!(extra <= 10, "{extra} cycles");
+}
+
+#[test]
+fn a_program_with_an_error_is_run_up_to_it_and_has_failed() {
+    let bench = Bench::new();
+    let (output, trace) = bench.run("G61\nG1 X5 F600\nG1 Y5\nG6 X1\nG1 X0\nM2\n");
+    assert_eq!(output.status.code(), Some(1));
+    let summary = json(&output);
+    assert_eq!(summary["outcome"], "failed");
+    assert_eq!(summary["alarm"], 100);
+    assert!(
+        summary["error"].as_str().unwrap().contains("program.ngc:4:1"),
+        "{summary}"
+    );
+    assert_eq!(summary["end_position"], serde_json::json!([5.0, 5.0, 0.0]));
+
+    let mut trace = TraceFile::open(&trace).unwrap();
+    let last = trace.cycles().last().unwrap().unwrap();
+    assert_eq!(last.state, STATE_STOPPED, "not done");
+    let alarms: Vec<_> = trace
+        .events()
+        .map(Result::unwrap)
+        .filter(|event| event.kind == EventKind::Alarm)
+        .collect();
+    assert_eq!(alarms.len(), 1, "{alarms:?}");
+    assert_eq!((alarms[0].code, alarms[0].sequence), (100, last.sequence));
+    assert!(alarms[0].text.contains("program.ngc:4:1"), "{alarms:?}");
+}
+
+#[test]
+fn blocks_last_as_long_as_planned_whatever_dwells_lie_between() {
+    let bench = Bench::new();
+    let (output, trace) = bench.run("G61.1\nG4 P0.5\nG1 X5 F600\nG4 P2\nM0\nG1 Y5\nG1 X0\nG4 P1\nM2\n");
+    let summary = json(&output);
+    let period_s = summary["period_ns"].as_f64().unwrap() * 1e-9;
+    let mut trace = TraceFile::open(&trace).unwrap();
+    let blocks: Vec<_> = trace.blocks().map(Result::unwrap).collect();
+    assert_eq!(
+        blocks.iter().map(|block| block.line).collect::<Vec<_>>(),
+        [3, 6, 7]
+    );
+    let mut total = 0.0;
+    for block in &blocks {
+        let off = (block.true_duration_s - block.planned_duration_s).abs();
+        assert!(off <= 2.0 * period_s, "{block:?}");
+        total += block.true_duration_s;
+    }
+    let whole = summary["duration_s"].as_f64().unwrap();
+    assert!((whole - total - 3.5).abs() <= 12.0 * period_s, "{whole} {total}");
+}
+
+#[test]
+fn every_message_is_in_the_trace_where_it_was_shown() {
+    let bench = Bench::new();
+    let mut text = String::new();
+    for k in 0..500 {
+        text.push_str(&format!("G0 X{}\n(MSG, number {k})\n", 0.001 * f64::from(k % 7)));
+    }
+    let (output, trace) = bench.run(&text);
+    assert_eq!(output.status.code(), Some(0));
+    let mut trace = TraceFile::open(&trace).unwrap();
+    let shown: Vec<_> = trace
+        .events()
+        .map(Result::unwrap)
+        .filter(|event| event.kind == EventKind::Message)
+        .collect();
+    let texts: Vec<_> = shown.iter().map(|event| event.text.clone()).collect();
+    let expected: Vec<_> = (0..500).map(|k| format!("number {k}")).collect();
+    assert_eq!(texts, expected);
+    assert!(shown.is_sorted_by_key(|event| event.sequence));
+}
+
+#[test]
+fn the_next_run_recovers_what_a_killed_run_has_left() {
+    let bench = Bench::new();
+    let (_, trace) = bench.run("G1 X5 F600\nG1 X0\nM2\n");
+    let whole = fs::read(&trace).unwrap();
+    fs::remove_file(&trace).unwrap();
+    fs::write(bench.path("killed.mcap.part"), &whole[..whole.len() * 9 / 10]).unwrap();
+    let (output, _) = bench.run("M2\n");
+    assert_eq!(output.status.code(), Some(0));
+    assert!(!bench.path("killed.mcap.part").exists());
+    let mut recovered = TraceFile::open(&bench.path("killed.mcap")).unwrap();
+    assert!(recovered.cycles().all(|cycle| cycle.is_ok()));
+    let told = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(told.contains("killed.mcap.part"), "{told}");
+}
+
+#[test]
+fn a_trace_never_replaces_what_is_run() {
+    let bench = Bench::new();
+    let program = bench.program("G1 X1 F600\nM2\n");
+    for place in [as_str(&program), as_str(bench.folder.path())] {
+        let output = evolvent(&[
+            "run",
+            as_str(&program),
+            "--machine",
+            MACHINE,
+            "--no-bus",
+            "--clock",
+            "virtual",
+            "--trace",
+            place,
+        ]);
+        assert_eq!(output.status.code(), Some(2), "{place}");
+    }
+    assert_eq!(fs::read_to_string(&program).unwrap(), "G1 X1 F600\nM2\n");
+}
+
+#[test]
+fn a_run_that_could_never_move_is_refused() {
+    let bench = Bench::new();
+    let program = bench.program("G1 X1 F600\nM2\n");
+    let output = evolvent(&["plan", as_str(&program), "--machine", MACHINE, "--override", "0"]);
+    assert_eq!(output.status.code(), Some(2));
+}
