@@ -1,0 +1,41 @@
+//! Cases that once went wrong, each named for its cause.
+
+mod common;
+
+use common::{BLEND, Random, check, run, scenario};
+use evolvent_gcode::PathMode;
+use evolvent_motion::Inputs;
+
+/// The speed at which an override is changed is known to its last digit; the time of the change that is still
+/// to be made is the root of what is left. Left at that, the run ended nanometres late, and where the path came
+/// to rest that was a step of acceleration, which the guard refused.
+#[test]
+fn rounding_of_the_speed_does_not_carry_a_rest_beyond_its_place() {
+    let mut random = Random(1000);
+    let mut case = 0;
+    let scenario = loop {
+        let mode = if case % 2 == 0 { BLEND } else { PathMode::ExactPath };
+        let scenario = scenario(&mut random, mode, false);
+        if case == 113 {
+            break scenario;
+        }
+        case += 1;
+    };
+    let mut inputs = Inputs::default();
+    let mut next = 0;
+    let mut history = Random(random.0 ^ 0xabcd);
+    let (setpoints, motion) = run(&scenario, |cycle| {
+        if cycle >= next {
+            next = cycle + history.log(1.0, 400.0) as u64;
+            inputs.hold = history.unit() < 0.3;
+            if history.unit() < 0.6 {
+                inputs.feed_override = history.between(0.0, 2.2);
+            }
+            if cycle > 20_000 {
+                inputs = Inputs::default();
+            }
+        }
+        inputs
+    });
+    check(&scenario, &setpoints, &motion, 1e-6, "case 113");
+}
