@@ -22,6 +22,7 @@ pub struct Controls {
     line: AtomicU32,
     state: AtomicU32,
     actions: AtomicU32,
+    resumes: AtomicU32,
 }
 
 impl Controls {
@@ -42,6 +43,7 @@ impl Controls {
             line: AtomicU32::new(0),
             state: AtomicU32::new(State::Idle as u32),
             actions: AtomicU32::new(0),
+            resumes: AtomicU32::new(0),
         }
     }
 
@@ -106,6 +108,9 @@ impl Controls {
         // Taken once: it counts for the program stop that the machine stands at, and for none after it.
         let resume = self.resume.load(Ordering::Relaxed) && self.resume.swap(false, Ordering::Relaxed);
         let at_stop = self.state.load(Ordering::Relaxed) == State::ProgramStop as u32;
+        if resume && at_stop {
+            self.resumes.fetch_add(1, Ordering::Relaxed);
+        }
         Inputs {
             feed_override: self.feed_override(),
             hold: self.hold.load(Ordering::Relaxed),
@@ -139,6 +144,7 @@ impl Controls {
             line: self.line.load(Ordering::Relaxed),
             at_program_stop: self.state.load(Ordering::Relaxed) == State::ProgramStop as u32,
             actions: self.actions.load(Ordering::Relaxed),
+            resumes: self.resumes.load(Ordering::Relaxed),
         }
     }
 }
@@ -158,4 +164,6 @@ pub struct Progress {
     pub at_program_stop: bool,
     /// Actions for the periphery that have taken effect.
     pub actions: u32,
+    /// Program stops after which somebody has let the machine go on.
+    pub resumes: u32,
 }

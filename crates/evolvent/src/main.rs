@@ -4,6 +4,7 @@ mod bore;
 mod check;
 mod doctor;
 mod figure;
+mod operator;
 mod plan;
 mod program;
 mod rate;
@@ -30,14 +31,19 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     /// Run a part program: progress, setpoints on the bus, a trace, a summary at the end.
+    #[command(allow_negative_numbers = true)]
     Run(run::RunArgs),
     /// Plan a program without running it: time, limits reached, the control rate that it needs.
+    #[command(allow_negative_numbers = true)]
     Plan(plan::PlanArgs),
     /// Look for errors in a program without moving anything.
+    #[command(allow_negative_numbers = true)]
     Check(check::CheckArgs),
     /// The rational control rate of a machine.
+    #[command(allow_negative_numbers = true)]
     Rate(rate::RateArgs),
     /// Write a part program that mills a hole along involutes.
+    #[command(allow_negative_numbers = true)]
     Bore(bore::BoreArgs),
     /// What this host can do for a real-time loop, measured, and what to change.
     Doctor(doctor::DoctorArgs),

@@ -93,7 +93,10 @@ pub(crate) fn run(args: &PlanArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
     }
     if let (Some(figure), Some(path)) = (&figure, &args.plot) {
         let summary = &outcome.summary;
-        let title = format!("{} on {}, {:.3} s", summary.program, summary.machine, summary.duration_s);
+        let title = format!(
+            "{} on {}, {:.3} s",
+            summary.program, summary.machine, summary.duration_s
+        );
         let svg = figure.svg(&title).map_err(CommandError::Failed)?;
         write_whole(path, svg.as_bytes())
             .map_err(|error| CommandError::Failed(format!("{}: {error}", path.display())))?;

@@ -3,19 +3,14 @@
 use std::io::{self, IsTerminal, Write};
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread;
-use std::time::Duration;
 
 use clap::{Args, ValueEnum};
 use evolvent_daemon::{Clock, Controls, Job, RunOutcome, StartError};
 
+use crate::operator::{resume_on_enter, watch_signals};
 use crate::program::{ProgramArgs, check_output, default_trace, parse_override};
 use crate::screen::{Screen, write_summary};
 use crate::{CommandError, Ending};
-
-/// How often signals are looked at.
-const SIGNAL_POLL: Duration = Duration::from_millis(5);
 
 /// Options of `evolvent run`.
 #[derive(Debug, Args)]
@@ -157,31 +152,4 @@ pub(crate) fn report(
         || summary.dropped_records > 0
         || summary.dropped_setpoints > 0;
     Ok(if lossy { Ending::Lossy } else { Ending::Clean })
-}
-
-/// SIGINT and SIGTERM stop within the limits; a second one ends the process at once.
-fn watch_signals(controls: &Arc<Controls>) -> Result<(), CommandError> {
-    let signalled = Arc::new(AtomicBool::new(false));
-    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
-        signal_hook::flag::register_conditional_shutdown(signal, 1, Arc::clone(&signalled))
-            .and_then(|_| signal_hook::flag::register(signal, Arc::clone(&signalled)))
-            .map_err(|error| CommandError::Failed(format!("signals cannot be caught: {error}")))?;
-    }
-    let controls = Arc::clone(controls);
-    thread::spawn(move || {
-        while !signalled.load(Ordering::Relaxed) {
-            thread::sleep(SIGNAL_POLL);
-        }
-        controls.stop();
-    });
-    Ok(())
-}
-
-fn resume_on_enter(controls: &Arc<Controls>) {
-    let controls = Arc::clone(controls);
-    thread::spawn(move || {
-        for _line in io::stdin().lines().map_while(Result::ok) {
-            controls.resume();
-        }
-    });
 }

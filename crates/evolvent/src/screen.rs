@@ -12,7 +12,8 @@ pub(crate) struct Screen {
     lines: u64,
     /// Whether someone can answer at program stops.
     asks: bool,
-    asked: bool,
+    /// The program stop that was last told of, as the number of stops passed by then.
+    asked: Option<u32>,
 }
 
 impl Screen {
@@ -30,7 +31,7 @@ impl Screen {
             bar,
             lines,
             asks,
-            asked: false,
+            asked: None,
         }
     }
 
@@ -62,15 +63,12 @@ impl RunObserver for Screen {
                 progress.cycles
             ));
         }
-        if self.asks && progress.at_program_stop && !self.asked {
-            self.asked = true;
+        if self.asks && progress.at_program_stop && self.asked != Some(progress.resumes) {
+            self.asked = Some(progress.resumes);
             self.say(&format!(
                 "program stop at line {}: press Enter to go on",
                 progress.line
             ));
-        }
-        if !progress.at_program_stop {
-            self.asked = false;
         }
     }
 

@@ -215,6 +215,14 @@ fn a_trace_never_replaces_what_is_run() {
 }
 
 #[test]
+fn negative_numbers_are_judged_as_numbers() {
+    let output = evolvent(&["bore", "--hole", "20", "--tool", "8", "--pitch", "-1"]);
+    let told = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2));
+    assert!(told.contains("a pitch of -1 mm is impossible"), "{told}");
+}
+
+#[test]
 fn a_run_that_could_never_move_is_refused() {
     let bench = Bench::new();
     let program = bench.program("G1 X1 F600\nM2\n");
