@@ -61,6 +61,17 @@ impl Piece {
         }
     }
 
+    /// Radius of the base circle of an involute that begins or ends on it, mm; 0 for all else.
+    #[must_use]
+    pub fn base_radius_touched(&self) -> f64 {
+        match self {
+            Self::Involute {
+                radius, roll: [a, b], ..
+            } if a.min(*b) < 1e-3 => *radius,
+            _ => 0.0,
+        }
+    }
+
     /// Whether it curves.
     #[must_use]
     pub const fn is_curved(&self) -> bool {

@@ -24,7 +24,12 @@ impl Launch {
 
     fn new(program: &Path, machine: &Path) -> Self {
         let mut command = evolvent();
-        command.arg("run").arg(program).arg("--machine").arg(machine).arg("--json");
+        command
+            .arg("run")
+            .arg(program)
+            .arg("--machine")
+            .arg(machine)
+            .arg("--json");
         Self(command)
     }
 
@@ -63,7 +68,11 @@ impl Launch {
     /// It cannot be started.
     #[must_use]
     pub fn start(mut self) -> Child {
-        self.0.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("the binary to start")
+        self.0
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("the binary to start")
     }
 
     /// Starts it in a shell after a command of that shell.
@@ -74,7 +83,9 @@ impl Launch {
     pub fn finish_after(self, shell_command: &str) -> Finished {
         let mut shell = Command::new("bash");
         shell.current_dir(crate::repository()).stdin(Stdio::null());
-        shell.arg("-c").arg(format!("{shell_command}; exec \"$0\" \"$@\""));
+        shell
+            .arg("-c")
+            .arg(format!("{shell_command}; exec \"$0\" \"$@\""));
         shell.arg(self.0.get_program()).args(self.0.get_args());
         shell.output().expect("bash to start").into()
     }

@@ -1,9 +1,4 @@
 //! Clients in another language find on the bus and in the trace what was commanded, every cycle and every bit.
-#![expect(
-    clippy::expect_used,
-    clippy::panic,
-    reason = "helpers of tests fail as tests do"
-)]
 
 use std::fs;
 use std::io::{BufRead, BufReader};
@@ -45,8 +40,10 @@ fn python_finds_every_setpoint_once_and_in_order_on_the_bus_and_the_same_bits_in
     let mut lines = BufReader::new(reader.stdout.take().expect("its output")).lines();
     assert_eq!(lines.next().expect("a line").expect("text"), "ready");
 
-    let finished =
-        Launch::in_real_time(&program, &machine, &domain).with(&["--wait-for-clients", "1"]).trace(&trace).finish();
+    let finished = Launch::in_real_time(&program, &machine, &domain)
+        .with(&["--wait-for-clients", "1"])
+        .trace(&trace)
+        .finish();
     let run_summary = finished.expect_code(&[0, 3]).json();
     let client_summary: serde_json::Value =
         serde_json::from_str(&lines.next().expect("a summary").expect("text")).expect("JSON");
@@ -90,7 +87,10 @@ fn python_finds_every_setpoint_once_and_in_order_on_the_bus_and_the_same_bits_in
     );
 
     let virtual_trace = workshop.path("virtual.mcap");
-    Launch::in_virtual_time(&program, &machine).trace(&virtual_trace).finish().expect_code(&[0]);
+    Launch::in_virtual_time(&program, &machine)
+        .trace(&virtual_trace)
+        .finish()
+        .expect_code(&[0]);
     let computed: Vec<u8> = cycles(&virtual_trace)
         .iter()
         .flat_map(|cycle| {
@@ -113,8 +113,10 @@ fn a_client_that_stops_reading_delays_nobody() {
     let workshop = Workshop::new();
     let program = workshop.short_program();
     let machine = workshop.mill("lazy", &[]);
-    let running =
-        Launch::in_real_time(&program, &machine, &domain).no_trace().with(&["--wait-for-clients", "2"]).start();
+    let running = Launch::in_real_time(&program, &machine, &domain)
+        .no_trace()
+        .with(&["--wait-for-clients", "2"])
+        .start();
     let client = domain.client("lazy");
     // Subscribed, and never read.
     let lazy = client.setpoints().expect("a subscription");

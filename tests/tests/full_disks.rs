@@ -1,6 +1,6 @@
 //! A disk without room ends in a clear error and a readable file, while motion goes on or stops, as configured. The shell's
 //! limit of the size of a file stands for the disk's.
-#![expect(clippy::expect_used, clippy::panic, reason = "helpers of tests fail as tests do")]
+#![expect(clippy::print_stdout, reason = "helpers of tests fail and talk as tests do")]
 
 use std::path::Path;
 
@@ -14,12 +14,18 @@ fn run_on_small_disk(workshop: &Workshop, on_full: &str) -> (Finished, Vec<Cycle
     let machine = workshop.mill("small", &[("on_full = \"continue\"", &rule)]);
     let program = repository().join("tests/programs/bore-200.ngc");
     let trace = workshop.path("run.mcap");
-    let finished = Launch::in_virtual_time(&program, &machine).trace(&trace).finish_after(SMALL_DISK);
+    let finished = Launch::in_virtual_time(&program, &machine)
+        .trace(&trace)
+        .finish_after(SMALL_DISK);
     println!("{:?} {}\n{:?}", finished.code, finished.err, workshop.files());
     // What was recorded is there under one of two names; a torn one can be recovered.
     let part = workshop.path("run.mcap.part");
     if !trace.exists() {
-        let recovery = run(["trace", "recover"].map(Path::new).into_iter().chain([part.as_path(), Path::new("-o"), &trace]));
+        let recovery = run(["trace", "recover"].map(Path::new).into_iter().chain([
+            part.as_path(),
+            Path::new("-o"),
+            &trace,
+        ]));
         recovery.expect_code(&[0, 3]);
     }
     let found = cycles(&trace);
@@ -37,7 +43,11 @@ fn motion_goes_on_without_a_trace_where_it_shall_and_the_exit_code_tells() {
     let total = summary["cycles"].as_u64().expect("a count");
     assert_eq!(summary["end_position"][2], 5.0, "the program's end was reached");
     assert!(total > recorded.len() as u64);
-    assert!(finished.err.contains("run.mcap"), "the file is named: {}", finished.err);
+    assert!(
+        finished.err.contains("run.mcap"),
+        "the file is named: {}",
+        finished.err
+    );
 }
 
 #[test]
@@ -49,5 +59,9 @@ fn motion_stops_where_it_shall_not_go_on_without_a_trace() {
     assert_eq!(summary["outcome"], "stopped");
     assert!(summary["cycles"].as_u64().expect("a count") >= recorded.len() as u64);
     assert_ne!(summary["end_position"][2], 5.0, "stopped on its way");
-    assert!(finished.err.contains("run.mcap"), "the file is named: {}", finished.err);
+    assert!(
+        finished.err.contains("run.mcap"),
+        "the file is named: {}",
+        finished.err
+    );
 }

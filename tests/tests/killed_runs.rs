@@ -1,5 +1,5 @@
 //! Runs that end before their time: killed at any moment, or told to stop.
-#![expect(clippy::expect_used, clippy::panic, reason = "helpers of tests fail as tests do")]
+#![expect(clippy::expect_used, reason = "helpers of tests fail and talk as tests do")]
 
 use std::path::Path;
 use std::process::Child;
@@ -37,14 +37,19 @@ fn read_for(reader: &mut SetpointReader, time: Duration) -> Option<u64> {
 /// Every other run is killed while it starts or has just started, where there may be nothing to recover yet.
 #[test]
 fn a_killed_run_loses_a_quarter_of_a_second_and_leaves_the_bus_usable() {
-    let kills = std::env::var("EVOLVENT_KILLS").ok().and_then(|text| text.parse().ok()).unwrap_or(KILLS);
+    let kills = std::env::var("EVOLVENT_KILLS")
+        .ok()
+        .and_then(|text| text.parse().ok())
+        .unwrap_or(KILLS);
     let mut random = Random::new();
     let domain = Domain::new();
     let workshop = Workshop::new();
     let (program, machine) = (workshop.long_program(60), workshop.mill("killed", &[]));
     for kill in 0..kills {
         let trace = workshop.path(&format!("{kill}.mcap"));
-        let mut running = Launch::in_real_time(&program, &machine, &domain).trace(&trace).start();
+        let mut running = Launch::in_real_time(&program, &machine, &domain)
+            .trace(&trace)
+            .start();
         let seen = if kill % 2 == 0 {
             let mut reader = domain.client("killed").setpoints().expect("a subscription");
             read_for(&mut reader, Duration::from_secs_f64(random.between(0.3, 1.5)))
@@ -57,11 +62,19 @@ fn a_killed_run_loses_a_quarter_of_a_second_and_leaves_the_bus_usable() {
 
         let part = workshop.path(&format!("{kill}.mcap.part"));
         assert!(!trace.exists(), "a killed run has no finished trace");
-        let recovery = run(["trace", "recover", "--json"].map(Path::new).into_iter().chain([part.as_path()]));
+        let recovery = run(["trace", "recover", "--json"]
+            .map(Path::new)
+            .into_iter()
+            .chain([part.as_path()]));
         let Some(seen) = seen else {
             // Not even begun, or begun and recovered: either way in an orderly manner.
             let recovery = recovery.expect_code(&[0, 1, 2, 3]);
-            assert_eq!(recovery.code.map(|code| code == 0 || code == 3), Some(trace.exists()), "{}", recovery.err);
+            assert_eq!(
+                recovery.code.map(|code| code == 0 || code == 3),
+                Some(trace.exists()),
+                "{}",
+                recovery.err
+            );
             continue;
         };
         let recovered = recovery.expect_code(&[0, 3]).json();
@@ -70,11 +83,17 @@ fn a_killed_run_loses_a_quarter_of_a_second_and_leaves_the_bus_usable() {
         let found = cycles(&trace);
         let period_s = (found[1].due_time_ns - found[0].due_time_ns) as f64 * 1e-9;
         let lost_s = (seen as f64 - found.len() as f64) * period_s;
-        println!("kill {kill}: {} cycles recovered, {seen} seen on the bus, {lost_s:.3} s lost", found.len());
+        println!(
+            "kill {kill}: {} cycles recovered, {seen} seen on the bus, {lost_s:.3} s lost",
+            found.len()
+        );
         assert!(lost_s <= LOST_S, "{lost_s} s lost");
     }
     let (short, trace) = (workshop.short_program(), workshop.path("after.mcap"));
-    Launch::in_real_time(&short, &machine, &domain).trace(&trace).finish().expect_code(&[0, 3]);
+    Launch::in_real_time(&short, &machine, &domain)
+        .trace(&trace)
+        .finish()
+        .expect_code(&[0, 3]);
     assert!(!cycles(&trace).is_empty());
 }
 
@@ -83,7 +102,10 @@ fn extremes(cycles: &[Cycle], axis: usize) -> [f64; 3] {
     let period_s = (cycles[1].due_time_ns - cycles[0].due_time_ns) as f64 * 1e-9;
     let mut values: Vec<f64> = cycles.iter().map(|cycle| cycle.position[axis]).collect();
     [0; 3].map(|_| {
-        values = values.windows(2).map(|pair| (pair[1] - pair[0]) / period_s).collect();
+        values = values
+            .windows(2)
+            .map(|pair| (pair[1] - pair[0]) / period_s)
+            .collect();
         values.iter().fold(0.0, |most: f64, value| most.max(value.abs()))
     })
 }
@@ -97,7 +119,9 @@ fn sigterm_and_sigint_stop_at_rest_on_the_path_within_the_limits() {
         let workshop = Workshop::new();
         let (program, machine) = (workshop.long_program(60), workshop.mill("stopped", &[]));
         let trace = workshop.path("run.mcap");
-        let running = Launch::in_real_time(&program, &machine, &domain).trace(&trace).start();
+        let running = Launch::in_real_time(&program, &machine, &domain)
+            .trace(&trace)
+            .start();
         let mut reader = domain.client("stopped").setpoints().expect("a subscription");
         let seen = read_for(&mut reader, Duration::from_secs_f64(random.between(0.5, 1.0)));
         assert!(seen.is_some(), "it runs");
@@ -115,7 +139,11 @@ fn sigterm_and_sigint_stop_at_rest_on_the_path_within_the_limits() {
         let last = found.last().expect("cycles");
         assert_eq!(last.feed_mm_s, 0.0, "at rest");
         assert_eq!(last.velocity, [0.0; 9], "at rest");
-        assert!(last.position[0].abs() < 99.0, "stopped on its way, at X {}", last.position[0]);
+        assert!(
+            last.position[0].abs() < 99.0,
+            "stopped on its way, at X {}",
+            last.position[0]
+        );
         for cycle in &found {
             let off = (cycle.position[1] - 0.5 * cycle.position[0]).abs();
             assert!(off < 1e-9, "cycle {} is {off:e} mm off the path", cycle.sequence);

@@ -1,5 +1,4 @@
 //! One name, one core: machines of different names run side by side, a second core of the same name is refused.
-#![expect(clippy::expect_used, clippy::panic, reason = "helpers of tests fail as tests do")]
 
 use std::time::{Duration, Instant};
 
@@ -14,7 +13,10 @@ fn two_machines_run_side_by_side_and_each_client_gets_its_own() {
     let [left, right] = [("left", &program), ("right", &other)].map(|(name, program)| {
         let machine = workshop.mill(name, &[]);
         let options = ["--wait-for-clients", "1"];
-        Launch::in_real_time(program, &machine, &domain).no_trace().with(&options).start()
+        Launch::in_real_time(program, &machine, &domain)
+            .no_trace()
+            .with(&options)
+            .start()
     });
     let mut readers = ["left", "right"].map(|name| domain.client(name).setpoints().expect("a subscription"));
     let (mut counts, mut y_seen) = ([0_u64; 2], [0.0_f64; 2]);
@@ -38,7 +40,10 @@ fn two_machines_run_side_by_side_and_each_client_gets_its_own() {
     });
     assert_eq!(summaries[0]["cycles"], counts[0]);
     assert_eq!(summaries[1]["cycles"], counts[1]);
-    assert!(y_seen[0] > 9.0 && y_seen[1] == 0.0, "{y_seen:?}: only the left one moves in Y");
+    assert!(
+        y_seen[0] > 9.0 && y_seen[1] == 0.0,
+        "{y_seen:?}: only the left one moves in Y"
+    );
 }
 
 #[test]
@@ -46,23 +51,34 @@ fn a_second_core_of_the_same_name_is_refused_and_moves_nothing() {
     let domain = Domain::new();
     let workshop = Workshop::new();
     let (program, machine) = (workshop.long_program(60), workshop.mill("taken", &[]));
-    let mut first = Launch::in_real_time(&program, &machine, &domain).no_trace().start();
+    let mut first = Launch::in_real_time(&program, &machine, &domain)
+        .no_trace()
+        .start();
     let mut reader = domain.client("taken").setpoints().expect("a subscription");
 
     let asked = Instant::now();
     let trace = workshop.path("second.mcap");
-    let second = Launch::in_real_time(&program, &machine, &domain).trace(&trace).finish();
+    let second = Launch::in_real_time(&program, &machine, &domain)
+        .trace(&trace)
+        .finish();
     println!("refused after {:?}", asked.elapsed());
     let second = second.expect_code(&[1]);
     assert_eq!(second.out, "", "no summary: it never ran");
     assert!(second.err.contains("taken"), "the name is in: {}", second.err);
     assert_eq!(workshop.files(), ["long.ngc", "taken.toml"], "no trace was begun");
 
-    assert!(first.try_wait().expect("a process").is_none(), "the first goes on");
+    assert!(
+        first.try_wait().expect("a process").is_none(),
+        "the first goes on"
+    );
     let mut next = None;
     for _ in 0..50 {
         while let Some(setpoint) = reader.receive().expect("the bus") {
-            assert_eq!(setpoint.sequence, next.unwrap_or(setpoint.sequence), "undisturbed");
+            assert_eq!(
+                setpoint.sequence,
+                next.unwrap_or(setpoint.sequence),
+                "undisturbed"
+            );
             next = Some(setpoint.sequence + 1);
         }
         std::thread::sleep(Duration::from_millis(1));

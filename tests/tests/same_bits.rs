@@ -1,9 +1,4 @@
 //! The same program on the same machine gives the same setpoints, bit for bit, whatever the clock.
-#![expect(
-    clippy::expect_used,
-    clippy::panic,
-    reason = "helpers of tests fail as tests do"
-)]
 
 use std::path::Path;
 
@@ -41,8 +36,14 @@ fn real_and_virtual_clock_give_the_same_bits() {
     let workshop = Workshop::new();
     let (program, machine) = (workshop.short_program(), workshop.mill("clocks", &[]));
     let traces = ["realtime.mcap", "virtual.mcap"].map(|name| workshop.path(name));
-    Launch::in_real_time(&program, &machine, &domain).trace(&traces[0]).finish().expect_code(&[0, 3]);
-    Launch::in_virtual_time(&program, &machine).trace(&traces[1]).finish().expect_code(&[0]);
+    Launch::in_real_time(&program, &machine, &domain)
+        .trace(&traces[0])
+        .finish()
+        .expect_code(&[0, 3]);
+    Launch::in_virtual_time(&program, &machine)
+        .trace(&traces[1])
+        .finish()
+        .expect_code(&[0]);
     assert_same(&traces[0], &traces[1]);
 }
 
@@ -54,7 +55,10 @@ fn two_virtual_runs_of_every_shipped_program_give_the_same_bits() {
         let file = repository().join(format!("tests/programs/{program}.ngc"));
         let traces = [1, 2].map(|number| {
             let trace = workshop.path(&format!("{program}-{number}.mcap"));
-            Launch::in_virtual_time(&file, &machine).trace(&trace).finish().expect_code(&[0]);
+            Launch::in_virtual_time(&file, &machine)
+                .trace(&trace)
+                .finish()
+                .expect_code(&[0]);
             trace
         });
         assert_same(&traces[0], &traces[1]);
@@ -68,9 +72,17 @@ fn the_table_of_a_plan_holds_the_setpoints_of_the_run() {
     let (program, machine) = (workshop.short_program(), workshop.mill("table", &[]));
     let (table, trace) = (workshop.path("table.csv"), workshop.path("run.mcap"));
     let mut plan = evolvent();
-    plan.arg("plan").arg(&program).arg("--machine").arg(&machine).arg("--setpoints").arg(&table);
+    plan.arg("plan")
+        .arg(&program)
+        .arg("--machine")
+        .arg(&machine)
+        .arg("--setpoints")
+        .arg(&table);
     Finished::from(plan.output().expect("the binary to start")).expect_code(&[0]);
-    Launch::in_virtual_time(&program, &machine).trace(&trace).finish().expect_code(&[0]);
+    Launch::in_virtual_time(&program, &machine)
+        .trace(&trace)
+        .finish()
+        .expect_code(&[0]);
     let text = std::fs::read_to_string(&table).expect("the table");
     let mut rows = text.lines();
     let head: Vec<&str> = rows.next().expect("a head").split(',').collect();
