@@ -44,6 +44,7 @@ const JOINT: u32 = 1 << 4;
 fn round(value: &Value, digits: i32) -> Value {
     let scale = 10_f64.powi(digits);
     match value {
+        Value::Number(number) if number.is_u64() => value.clone(),
         // Zero has no sign here.
         Value::Number(number) => json!((number.as_f64().unwrap_or(f64::NAN) * scale).round() / scale + 0.0),
         Value::Array(list) => list.iter().map(|value| round(value, digits)).collect(),
