@@ -29,8 +29,11 @@ fn every_setpoint_keeps_every_limit_and_the_path() {
         assert_eq!(last.state, State::Done);
         for setpoint in &setpoints {
             let motion = &scenario.moves[setpoint.block as usize];
+            // The speed on a blend is bounded by samples.
+            let blend = setpoint.flags & evolvent_motion::flags::BLEND != 0;
+            let slack = if blend { 1e-4 } else { 1e-6 };
             assert!(
-                setpoint.feed_mm_s <= motion.feed * (1.0 + 1e-6),
+                setpoint.feed_mm_s <= motion.feed * (1.0 + slack),
                 "{what}: {} over feed {} flags {}",
                 setpoint.feed_mm_s,
                 motion.feed,

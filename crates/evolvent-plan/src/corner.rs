@@ -122,3 +122,150 @@ fn distance(d: &Axes) -> f64 {
 fn xyz(d: &Axes) -> f64 {
     (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt()
 }
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::expect_used, reason = "a test may fail")]
+
+    use evolvent_path::{Arc, Line, Plane, Sense};
+
+    use super::*;
+
+    fn point(x: f64, y: f64) -> Axes {
+        let mut point = Axes::zeros();
+        (point[0], point[1]) = (x, y);
+        point
+    }
+
+    fn corner(turn: f64, length: f64) -> (Curve, Curve) {
+        let end = point(10.0 + length * turn.cos(), length * turn.sin());
+        let left = Line::new(point(10.0 - length, 0.0), point(10.0, 0.0)).expect("line");
+        let right = Line::new(point(10.0, 0.0), end).expect("line");
+        (Curve::Line(left), Curve::Line(right))
+    }
+
+    #[test]
+    fn the_middle_of_a_blend_of_two_lines_lies_three_sixteenths_of_the_turn_off_the_corner() {
+        for turn in [0.01, 0.3, 1.0, 2.0, 3.0, std::f64::consts::PI] {
+            for tolerance in [1e-4, 0.01, 0.5] {
+                let (left, right) = corner(turn, 1000.0);
+                let rounding = round_corner(&left, &right, tolerance, 500.0).expect("room");
+                let h = rounding.stretch;
+                let middle = distance(&(rounding.blend.position(h) - point(10.0, 0.0)));
+                // |t2 - t1| = 2 sin(turn / 2)
+                let expected = 3.0 / 16.0 * h * 2.0 * (turn / 2.0).sin();
+                assert!(
+                    (middle - expected).abs() < 1e-9 * h + 1e-12,
+                    "{turn}: {middle} {expected}"
+                );
+                assert!((rounding.deviation - expected).abs() < 1e-9 * h + 1e-12);
+                // The tolerance is used, but for its margin and one step of shrinking, where there is room.
+                let used = middle / tolerance;
+                assert!(
+                    used <= 0.98 + 1e-9 && (used > 0.93 || h >= 499.0),
+                    "{turn}: {used}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn a_blend_takes_no_more_than_the_room() {
+        let (left, right) = corner(1.0, 1000.0);
+        let rounding = round_corner(&left, &right, 1.0, 0.25).expect("room");
+        assert!((rounding.stretch - 0.25).abs() < 1e-15);
+        assert!(round_corner(&left, &right, 1.0, 0.9e-7).is_none());
+        assert!(round_corner(&left, &right, 1.0, 1.1e-7).is_some());
+        assert!(round_corner(&left, &right, f64::NAN, f64::NAN).is_none());
+    }
+
+    #[test]
+    fn blends_of_every_pair_continue_position_tangent_and_curvature_within_tolerance() {
+        // A line, then a quarter circle that bends away at some angle; and the other way round.
+        for degrees in [0.0_f64, 5.0, 60.0, 150.0] {
+            for (radius, tolerance) in [(0.5, 0.01), (20.0, 0.1), (3.0, 0.5)] {
+                let angle = degrees.to_radians();
+                let heading = |a: f64| point(a.cos(), a.sin());
+                let corner = point(10.0, 0.0);
+                let centre = corner + heading(angle + std::f64::consts::FRAC_PI_2) * radius;
+                let end = centre + heading(angle) * radius;
+                let line = Curve::Line(Line::new(point(-10.0, 0.0), corner).expect("line"));
+                let arc = Arc::new(
+                    Plane::Xy,
+                    corner,
+                    end,
+                    [centre[0], centre[1]],
+                    Sense::CounterClockwise,
+                    0,
+                );
+                let arc = Curve::Arc(arc.expect("arc"));
+                for (left, right) in [(line, arc), (arc.reversed(), line.reversed())] {
+                    let rounding = round_corner(&left, &right, tolerance, 5.0).expect("room");
+                    let (h, blend) = (rounding.stretch, rounding.blend);
+                    let pairs = [
+                        (blend.jet(0.0), left.jet(left.domain() - h)),
+                        (blend.jet(2.0 * h), right.jet(h)),
+                    ];
+                    for (blend, curve) in pairs {
+                        assert!((blend.position - curve.position).amax() < 1e-12);
+                        assert!((blend.first - curve.first).amax() < 1e-11);
+                        assert!((blend.second - curve.second).amax() < 1e-9 / h);
+                    }
+                    // Nowhere farther from the programmed point of equal parameter, sampled finer than it does.
+                    for k in 0..=1000 {
+                        let u = 2.0 * h * f64::from(k) / 1000.0;
+                        let programmed = if u < h {
+                            left.position(left.domain() - h + u)
+                        } else {
+                            right.position(u - h)
+                        };
+                        let off = distance(&(blend.position(u) - programmed));
+                        assert!(
+                            off <= tolerance,
+                            "{degrees} {radius}: {off} of {tolerance} at {k}"
+                        );
+                    }
+                    // No more than half a radian of the arc is replaced.
+                    assert!(h <= 0.5 * radius * (1.0 + 1e-12), "{h} of radius {radius}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_joint_is_as_fast_as_jerk_undoes_its_steps_within_the_joint_time() {
+        let (left, right) = corner(0.001, 100.0);
+        let (end, start) = (left.jet(left.domain()), right.jet(0.0));
+        let mut present = [false; AXES];
+        (present[0], present[1]) = (true, true);
+        let jerk = Axes::repeat(50_000.0);
+        // The step of Y's velocity is v sin(0.001), which J t^2 / 2 undoes.
+        let speed = exact_joint_speed(&end, &start, &jerk, &present, 0.002);
+        let expected = 0.5 * 50_000.0 * 0.002 * 0.002 / 0.001_f64.sin();
+        assert!((speed - expected).abs() < 1e-9 * expected, "{speed} {expected}");
+        // A step of curvature 1/R is a step of acceleration v^2 / R, which J t undoes.
+        let mut curved = end;
+        curved.second[1] = 1.0 / 40.0;
+        let speed = exact_joint_speed(&end, &curved, &jerk, &present, 0.002);
+        let expected = (50_000.0_f64 * 0.002 * 40.0).sqrt();
+        assert!((speed - expected).abs() < 1e-9 * expected, "{speed} {expected}");
+        // An axis that is not there does not count, and no step needs no cap.
+        present[1] = false;
+        assert!(exact_joint_speed(&end, &curved, &jerk, &present, 0.002).is_infinite());
+        curved.second[0] = f64::NAN;
+        let speed = exact_joint_speed(&end, &curved, &jerk, &present, 0.002);
+        assert!(speed.is_infinite() || speed == 0.0);
+    }
+
+    #[test]
+    fn rotary_angles_and_the_secondary_axes_count_like_distances() {
+        for (axis, expected) in [(0, 2.0), (3, 2.0), (4, 2.0), (5, 2.0), (6, 2.0), (8, 2.0)] {
+            let mut off = Axes::zeros();
+            off[axis] = -2.0;
+            assert!((distance(&off) - expected).abs() < 1e-15, "axis {axis}");
+        }
+        let off = Axes::from([2.0, 3.0, 6.0, 1.0, 1.0, 1.0, 1.0, 4.0, 8.0]);
+        // sqrt(1 + 16 + 64) = 9 beats sqrt(4 + 9 + 36) = 7.
+        assert!((distance(&off) - 9.0).abs() < 1e-15);
+    }
+}

@@ -169,3 +169,210 @@ pub(crate) fn append_cells(curve: &Curve, from: f64, to: f64, cells: &mut Vec<De
 fn xyz(v: &Axes) -> f64 {
     (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt()
 }
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::expect_used, reason = "a test may fail")]
+
+    use evolvent_path::{Arc, Plane, Sense};
+
+    use super::*;
+
+    struct Random(u64);
+    impl Random {
+        fn unit(&mut self) -> f64 {
+            self.0 ^= self.0 >> 12;
+            self.0 ^= self.0 << 25;
+            self.0 ^= self.0 >> 27;
+            (self.0.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 11) as f64 / (1_u64 << 53) as f64
+        }
+        fn log(&mut self, low: f64, high: f64) -> f64 {
+            low * (high / low).powf(self.unit())
+        }
+    }
+
+    fn axes(velocity: f64, acceleration: f64, jerk: f64) -> Limits {
+        Limits {
+            present: [true; AXES],
+            velocity: Axes::repeat(velocity),
+            acceleration: Axes::repeat(acceleration),
+            jerk: Axes::repeat(jerk),
+            travel_min: Axes::repeat(-1e4),
+            travel_max: Axes::repeat(1e4),
+            home: Axes::zeros(),
+        }
+    }
+
+    #[test]
+    fn every_state_within_the_limits_of_the_parameter_keeps_those_of_the_axes() {
+        let seed = 0x11_0001;
+        println!("seed {seed:#x}");
+        let mut random = Random(seed);
+        for case in 0..3000 {
+            let mut limits = axes(1.0, 1.0, 1.0);
+            let mut bounds = DerivativeBounds {
+                first: Axes::zeros(),
+                second: Axes::zeros(),
+                third: Axes::zeros(),
+            };
+            for i in 0..AXES {
+                limits.present[i] = random.unit() < 0.8;
+                limits.velocity[i] = random.log(0.1, 1e4);
+                limits.acceleration[i] = random.log(1.0, 1e5);
+                limits.jerk[i] = random.log(10.0, 1e7);
+                bounds.first[i] = if random.unit() < 0.2 { 0.0 } else { random.unit() };
+                bounds.second[i] = if random.unit() < 0.3 {
+                    0.0
+                } else {
+                    random.log(1e-4, 10.0)
+                };
+                bounds.third[i] = if random.unit() < 0.3 {
+                    0.0
+                } else {
+                    random.log(1e-6, 100.0)
+                };
+            }
+            let path = PathLimits::new(limits, 1000.0, 1e-3);
+            let speed = path.speed(&bounds);
+            let (acceleration, jerk) = path.tangential(&bounds, speed);
+            // Enough is left to speed up and slow down with.
+            assert!(
+                speed > 0.0 && acceleration > 0.0 && jerk > 0.0,
+                "case {case}: {speed} {acceleration} {jerk}"
+            );
+            for _ in 0..20 {
+                let sign = |unit: f64| (2.0 * unit - 1.0).clamp(-1.0, 1.0);
+                let corner = random.unit() < 0.5;
+                let pick = |unit: f64| if corner { sign(unit).signum() } else { sign(unit) };
+                let v = speed * pick(random.unit()).abs();
+                let (b, c) = (acceleration * pick(random.unit()), jerk * pick(random.unit()));
+                for i in (0..AXES).filter(|&i| limits.present[i]) {
+                    // Any derivatives within the bounds, of any sign.
+                    let d1 = bounds.first[i] * pick(random.unit());
+                    let d2 = bounds.second[i] * pick(random.unit());
+                    let d3 = bounds.third[i] * pick(random.unit());
+                    let within = |value: f64, limit: f64| value.abs() <= limit * (1.0 + 1e-9);
+                    assert!(
+                        within(d1 * v, limits.velocity[i]),
+                        "case {case}, axis {i}: velocity"
+                    );
+                    assert!(
+                        within(d2 * v * v + d1 * b, limits.acceleration[i]),
+                        "case {case}, axis {i}: acceleration"
+                    );
+                    assert!(
+                        within(d3 * v * v * v + 3.0 * d2 * v * b + d1 * c, 0.99 * limits.jerk[i]),
+                        "case {case}, axis {i}: jerk"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_straight_axis_may_use_all_its_limits() {
+        let mut bounds = DerivativeBounds {
+            first: Axes::zeros(),
+            second: Axes::zeros(),
+            third: Axes::zeros(),
+        };
+        bounds.first[0] = 0.5;
+        let path = PathLimits::new(axes(100.0, 2000.0, 50_000.0), 1000.0, 1e-3);
+        let one = path.over(&[bounds], path.speed(&bounds));
+        assert!((one.velocity - 200.0).abs() < 1e-9, "{one:?}");
+        assert!((one.acceleration - 4000.0).abs() < 1e-9, "{one:?}");
+        assert!((one.jerk - 0.99 * 100_000.0).abs() < 1e-6, "{one:?}");
+        // Over several cells the weakest counts.
+        let mut other = bounds;
+        other.first[1] = 1.0;
+        let both = path.over(&[bounds, other, bounds], 100.0);
+        assert!((both.acceleration - 2000.0).abs() < 1e-9 && (both.jerk - 49_500.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn the_chord_of_one_period_misses_a_circle_by_the_permitted_error() {
+        // Geometry, not the formula: chord c on radius R misses by R - sqrt(R^2 - c^2 / 4).
+        for radius in [0.02, 1.0, 250.0] {
+            for (rate, error) in [(1000.0, 1e-3), (35_000.0, 1e-5)] {
+                let path = PathLimits::new(axes(1e12, 1e15, 1e18), rate, error);
+                let mut bounds = DerivativeBounds {
+                    first: Axes::zeros(),
+                    second: Axes::zeros(),
+                    third: Axes::zeros(),
+                };
+                bounds.second[0] = 1.0 / radius;
+                let half = 0.5 * path.speed(&bounds) / rate;
+                let miss = half * half / (radius + (radius * radius - half * half).sqrt());
+                assert!(
+                    (miss / error - 1.0).abs() < 1e-9,
+                    "R {radius}: {miss} for {error}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn a_circle_within_the_chord_error_does_not_slow_down_below_its_radius() {
+        let path = PathLimits::new(axes(1e12, 1e15, 1e18), 1000.0, 1e-3);
+        let speed = |radius: f64| {
+            let mut bounds = DerivativeBounds {
+                first: Axes::zeros(),
+                second: Axes::zeros(),
+                third: Axes::zeros(),
+            };
+            bounds.second[1] = 1.0 / radius;
+            path.speed(&bounds)
+        };
+        // 2 f sqrt(e R) with R below e: no faster than the diameter in a period allows, and growing with R.
+        assert!((speed(2.5e-4) - 2000.0 * (1e-3_f64 * 2.5e-4).sqrt()).abs() < 1e-9);
+        assert!(speed(2.5e-4) < speed(5e-4) && speed(5e-4) < speed(1e-3) && speed(1e-3) < speed(2e-3));
+    }
+
+    #[test]
+    fn cells_of_a_curve_turn_no_more_than_they_may_and_bound_the_curve_without_gap() {
+        let mut end = Axes::zeros();
+        (end[0], end[1]) = (-5.0, 5.0);
+        let arc = Arc::new(
+            Plane::Xy,
+            Axes::zeros(),
+            end,
+            [-5.0, 0.0],
+            Sense::CounterClockwise,
+            0,
+        );
+        let curve = Curve::Arc(arc.expect("arc"));
+        let mut cells = Vec::new();
+        append_cells(&curve, 0.0, curve.domain(), &mut cells);
+        // A quarter turn in cells of 0.3 rad; the curvature may be taken as up to sqrt(2) of what it is.
+        assert!((6..=8).contains(&cells.len()), "{}", cells.len());
+        let count = cells.len() as f64;
+        for (k, cell) in cells.iter().enumerate() {
+            for step in 0..=10 {
+                let u = curve.domain() * (k as f64 + f64::from(step) / 10.0) / count;
+                let jet = curve.jet(u);
+                for i in 0..3 {
+                    assert!(jet.first[i].abs() <= cell.first[i] + 1e-12, "cell {k} axis {i}");
+                    assert!(jet.second[i].abs() <= cell.second[i] + 1e-12, "cell {k} axis {i}");
+                    assert!(jet.third[i].abs() <= cell.third[i] + 1e-12, "cell {k} axis {i}");
+                }
+            }
+            // And tight: the direction at the cell's ends is all that the bound allows.
+            let ends =
+                [k as f64, k as f64 + 1.0].map(|k| curve.jet(curve.domain() * k / count).first[0].abs());
+            assert!((cell.first[0] - ends[0].max(ends[1])).abs() < 1e-9, "cell {k}");
+        }
+        // Many turns are no more than the most cells, a line is one.
+        let helix = Arc::new(
+            Plane::Xy,
+            Axes::zeros(),
+            Axes::zeros(),
+            [-5.0, 0.0],
+            Sense::Clockwise,
+            50,
+        );
+        let helix = Curve::Arc(helix.expect("arc"));
+        cells.clear();
+        append_cells(&helix, 0.0, helix.domain(), &mut cells);
+        assert_eq!(cells.len(), 24);
+    }
+}

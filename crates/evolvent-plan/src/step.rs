@@ -147,3 +147,29 @@ pub trait PlanSink {
     /// All steps below `count` have their final exit speeds.
     fn finalise(&mut self, count: u64);
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn boundary_speeds_scale_with_the_override_and_keep_the_doubled_plan() {
+        let speeds = ExitSpeeds {
+            nominal: 30.0,
+            doubled: 40.0,
+        };
+        // Below 1 the programmed plan slowed down; above, the better of it and of the doubled plan slowed down.
+        for (factor, expected) in [
+            (0.0, 0.0),
+            (0.5, 15.0),
+            (1.0, 30.0),
+            (1.4, 30.0),
+            (1.6, 32.0),
+            (2.0, 40.0),
+            (3.0, 40.0),
+        ] {
+            let speed = speeds.at_override(factor);
+            assert!((speed - expected).abs() < 1e-12, "{factor}: {speed}");
+        }
+    }
+}
