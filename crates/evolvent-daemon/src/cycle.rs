@@ -231,3 +231,71 @@ fn sample(setpoint: &Setpoint, due_unix_ns: u64, lateness: u64, work: u64) -> Cy
         actions: setpoint.actions,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+    use std::sync::mpsc;
+    use std::time::Duration;
+
+    use evolvent_machine::Machine;
+    use evolvent_motion::plan_queue;
+    use evolvent_path::{Axes, Curve, Line};
+    use evolvent_plan::{PlanSink, Run, ScalarLimits, Segment, SegmentMarks, Step};
+
+    use super::*;
+
+    #[test]
+    fn a_planner_that_dies_before_its_steps_are_final_ends_the_run_with_a_fault() {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/machines/mill-3axis.toml");
+        let limits = Machine::load(&file).unwrap().limits();
+        let (mut producer, queue) = plan_queue(|| true);
+        let mut to = Axes::zeros();
+        to[0] = 10.0;
+        let segment = Segment {
+            curve: Curve::Line(Line::new(Axes::zeros(), to).unwrap()),
+            from: 0.0,
+            length: 10.0,
+            line: 1,
+            block: 0,
+            marks: SegmentMarks::default(),
+        };
+        let run = Run {
+            length: 10.0,
+            segments: 1,
+            limits: ScalarLimits {
+                velocity: 10.0,
+                acceleration: 100.0,
+                jerk: 1000.0,
+            },
+            feed: 10.0,
+        };
+        producer.segment(&segment).unwrap();
+        producer.step(&Step::Run(run)).unwrap();
+        drop(producer);
+
+        let controls = Arc::new(Controls::new(1.0));
+        let cycle = CycleLoop {
+            queue,
+            controls: Arc::clone(&controls),
+            clock: Clock::Virtual,
+            period_ns: 1_000_000,
+            lead_cycles: 2,
+            max_late_cycles: 0,
+            stop_at_program_stops: false,
+            bus: None,
+            trace: None,
+            start_unix_ns: 0,
+        };
+        let (sender, receiver) = mpsc::channel();
+        std::thread::spawn(move || {
+            let report = cycle.run(Motion::new(limits, 1_000_000, Axes::zeros()), |_| {});
+            sender.send((report.planner_died, report.last.unwrap())).unwrap();
+        });
+        let (planner_died, last) = receiver.recv_timeout(Duration::from_secs(10)).unwrap();
+        assert!(planner_died);
+        assert_eq!(last.state, State::Fault);
+        assert_eq!(last.position, Axes::zeros());
+        assert_eq!(controls.alarm(), Alarm::Planner.number());
+    }
+}

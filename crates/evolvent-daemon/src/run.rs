@@ -263,7 +263,10 @@ pub fn run(
             summary.dropped_records += record.lost;
             match record.result {
                 Ok(path) => summary.trace = Some(path.display().to_string()),
-                Err(error) => trace_error = Some(error),
+                Err(error) => {
+                    summary.notes.push(error.to_string());
+                    trace_error = Some(error);
+                }
             }
         }
         Ok(RunOutcome {

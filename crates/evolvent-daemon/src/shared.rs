@@ -167,3 +167,32 @@ pub struct Progress {
     /// Program stops after which somebody has let the machine go on.
     pub resumes: u32,
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_wish_to_go_on_counts_for_one_program_stop_and_none_before_it() {
+        let controls = Controls::new(1.0);
+        controls.resume();
+        assert!(!controls.inputs().resume, "asked before there was a stop");
+        controls.state.store(State::ProgramStop as u32, Ordering::Relaxed);
+        assert!(!controls.inputs().resume, "the wish from before is forgotten");
+        controls.resume();
+        assert!(controls.inputs().resume);
+        assert!(
+            !controls.inputs().resume,
+            "a second stop in a row waits for its own wish"
+        );
+        assert_eq!(controls.progress().resumes, 1);
+    }
+
+    #[test]
+    fn the_first_alarm_stays() {
+        let controls = Controls::new(1.0);
+        controls.raise(Alarm::Guard);
+        controls.raise(Alarm::Lateness);
+        assert_eq!(controls.alarm(), Alarm::Guard.number());
+    }
+}
