@@ -15,7 +15,8 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use evolvent_daemon::{
-    Clock, Controls, Job, LatenessReport, Notice, RealtimeRequest, RunObserver, Setup, Summary, bare_loop, run,
+    Clock, Controls, Job, LatenessReport, Notice, RealtimeRequest, RunObserver, Setup, Summary, bare_loop,
+    run,
 };
 use evolvent_gcode::{Action, Interpreter};
 use evolvent_machine::{ControlRate, Machine};
@@ -125,7 +126,11 @@ fn million_lines(path: &Path) {
     writeln!(out, "G21 G90 G64 P0.01 F6000\nG0 X0 Y0 Z0").expect("write");
     for i in 0..1_000_000 {
         let t = f64::from(i) * 0.0005;
-        let (x, y, z) = (50.0 * t.sin(), 50.0 * (1.3 * t + 0.4).sin() - 19.47, 5.0 * (0.11 * t).sin());
+        let (x, y, z) = (
+            50.0 * t.sin(),
+            50.0 * (1.3 * t + 0.4).sin() - 19.47,
+            5.0 * (0.11 * t).sin(),
+        );
         writeln!(out, "G1 X{x:.4} Y{y:.4} Z{z:.4}").expect("write");
     }
     writeln!(out, "M30").expect("write");
@@ -134,8 +139,15 @@ fn million_lines(path: &Path) {
 /// Largest resident memory of this process, MB.
 fn resident_mb() -> f64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let line = status.lines().find(|line| line.starts_with("VmHWM")).unwrap_or_default();
-    line.split_whitespace().nth(1).and_then(|kb| kb.parse::<f64>().ok()).unwrap_or(f64::NAN) / 1024.0
+    let line = status
+        .lines()
+        .find(|line| line.starts_with("VmHWM"))
+        .unwrap_or_default();
+    line.split_whitespace()
+        .nth(1)
+        .and_then(|kb| kb.parse::<f64>().ok())
+        .unwrap_or(f64::NAN)
+        / 1024.0
 }
 
 fn us(ns: i64) -> f64 {
@@ -151,7 +163,10 @@ fn lateness(report: &LatenessReport) -> String {
 }
 
 fn main() {
-    let seconds = std::env::args().filter_map(|text| text.parse::<u64>().ok()).next().unwrap_or(60);
+    let seconds = std::env::args()
+        .filter_map(|text| text.parse::<u64>().ok())
+        .next()
+        .unwrap_or(60);
     let folder = std::env::temp_dir().join(format!("evolvent-figures-{}", std::process::id()));
     std::fs::create_dir_all(&folder).expect("temporary folder");
     println!("| what | figure |\n|---|---|");
@@ -161,11 +176,22 @@ fn main() {
     million_lines(&program);
     let rational = setup("mill-3axis.toml", None);
     let (summary, time, first) = timed(&job(program, rational.clone(), Clock::Virtual, None));
-    row("1 000 000 lines: first setpoint", &format!("{:.3} s", first.as_secs_f64()));
-    row("1 000 000 lines: largest resident memory", &format!("{:.0} MB", resident_mb()));
+    row(
+        "1 000 000 lines: first setpoint",
+        &format!("{:.3} s", first.as_secs_f64()),
+    );
+    row(
+        "1 000 000 lines: largest resident memory",
+        &format!("{:.0} MB", resident_mb()),
+    );
     row(
         "1 000 000 lines: planned and stepped",
-        &format!("{:.1} s, {:.0} blocks/s, path time {:.0} s", time.as_secs_f64(), 1e6 / time.as_secs_f64(), summary.duration_s),
+        &format!(
+            "{:.1} s, {:.0} blocks/s, path time {:.0} s",
+            time.as_secs_f64(),
+            1e6 / time.as_secs_f64(),
+            summary.duration_s
+        ),
     );
 
     for program in ["letters.ngc", "bore-200.ngc", "relief.ngc"] {
@@ -188,7 +214,10 @@ fn main() {
         let file = root().join("tests/programs").join(program);
         let (summary, time, _) = timed(&job(file.clone(), fast.clone(), Clock::Virtual, None));
         let rate = summary.cycles as f64 / time.as_secs_f64();
-        row(&format!("virtual clock, no trace, {program}"), &format!("{:.2} million cycles/s", rate / 1e6));
+        row(
+            &format!("virtual clock, no trace, {program}"),
+            &format!("{:.2} million cycles/s", rate / 1e6),
+        );
         let trace = folder.join(format!("{program}.mcap"));
         let (summary, time, _) = timed(&job(file, fast.clone(), Clock::Virtual, Some(trace.clone())));
         let rate = summary.cycles as f64 / time.as_secs_f64();
@@ -200,16 +229,37 @@ fn main() {
     }
 
     let bore = root().join("tests/programs/bore-200.ngc");
-    let (summary, _, _) = timed(&job(bore.clone(), rational, Clock::Virtual, None));
+    let (summary, _, _) = timed(&job(bore, rational, Clock::Virtual, None));
     row(
         "bore-200 at the rational rate: chord error",
-        &format!("{:.3} of 1 um at {:.2} Hz", 1000.0 * summary.max_chord_error_mm, summary.rate_hz),
+        &format!(
+            "{:.3} of 1 um at {:.2} Hz",
+            1000.0 * summary.max_chord_error_mm,
+            summary.rate_hz
+        ),
     );
-    for program in ["bore-200.ngc", "letters.ngc", "pocket-helix.ngc", "bracket-g61.ngc", "facing-inch.ngc", "relief.ngc"] {
-        for rate in [None, Some(ControlRate::Hz(250.0)), Some(ControlRate::Hz(1000.0)), Some(ControlRate::Hz(10_000.0)), Some(ControlRate::Hz(35_000.0))] {
+    for program in [
+        "bore-200.ngc",
+        "letters.ngc",
+        "pocket-helix.ngc",
+        "bracket-g61.ngc",
+        "facing-inch.ngc",
+        "relief.ngc",
+    ] {
+        for rate in [
+            None,
+            Some(ControlRate::Hz(250.0)),
+            Some(ControlRate::Hz(1000.0)),
+            Some(ControlRate::Hz(10_000.0)),
+            Some(ControlRate::Hz(35_000.0)),
+        ] {
             let setup = setup("mill-3axis.toml", rate);
-            let (summary, _, _) =
-                timed(&job(root().join("tests/programs").join(program), setup, Clock::Virtual, None));
+            let (summary, _, _) = timed(&job(
+                root().join("tests/programs").join(program),
+                setup,
+                Clock::Virtual,
+                None,
+            ));
             let most = |list: &[f64]| list.iter().copied().fold(0.0, f64::max);
             row(
                 &format!("{program} at {:.2} Hz: ratio to limits", summary.rate_hz),
@@ -225,19 +275,31 @@ fn main() {
         }
     }
 
-    let request = RealtimeRequest { priority: Some(80), core: None, lock_memory: true };
+    let request = RealtimeRequest {
+        priority: Some(80),
+        core: None,
+        lock_memory: true,
+    };
     match bare_loop(35_000.0, Duration::from_secs(seconds.min(20)), &request) {
         Ok(report) => row("35 kHz bare loop, nothing else", &lateness(&report)),
         Err(error) => row("35 kHz bare loop", &format!("not measured: {error}")),
     }
     let trace = folder.join("realtime.mcap");
     let letters = root().join("tests/programs/letters.ngc");
-    let summary = stopped_after(&job(letters, fast, Clock::Realtime, Some(trace)), Duration::from_secs(seconds));
+    let summary = stopped_after(
+        &job(letters, fast, Clock::Realtime, Some(trace)),
+        Duration::from_secs(seconds),
+    );
     row(
         &format!("35 kHz in real time, {seconds} s, traced"),
         &format!(
             "{} cycles, {} records dropped, {} late setpoints; woken {:?}; own work {:?}; {:?}",
-            summary.cycles, summary.dropped_records, summary.late_cycles, summary.wake_lateness, summary.work, summary.notes
+            summary.cycles,
+            summary.dropped_records,
+            summary.late_cycles,
+            summary.wake_lateness,
+            summary.work,
+            summary.notes
         ),
     );
     drop(std::fs::remove_dir_all(&folder));

@@ -32,6 +32,18 @@ pub(crate) struct CycleSample {
     pub actions: u32,
 }
 
+impl CycleSample {
+    /// Blocks begun up to here; 0 where nothing moves.
+    pub(crate) fn blocks_begun(&self) -> u32 {
+        let still = [State::Idle, State::Dwell, State::ProgramStop].map(|state| state as u8);
+        if still.contains(&self.record.state) {
+            0
+        } else {
+            self.block + 1
+        }
+    }
+}
+
 /// Everything the loop needs; built before it starts.
 pub(crate) struct CycleLoop {
     pub queue: PlanConsumer,

@@ -45,11 +45,29 @@ pub(crate) struct BlockPlan {
     pub planned_s: f64,
 }
 
+/// When a notice takes effect.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Moment {
+    /// At rest: when more actions than this have been counted.
+    Rest(u32),
+    /// In passing: with the first setpoint of this block or a later one.
+    Block(u32),
+}
+
+impl Moment {
+    /// Whether it has come, given the actions and blocks begun, and whether the plan has ended.
+    pub(crate) fn has_come(self, actions: u32, blocks: u32, ended: bool) -> bool {
+        match self {
+            Self::Rest(action) => action < actions,
+            Self::Block(block) => ended || block < blocks,
+        }
+    }
+}
+
 /// Something that takes effect between moves.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Notice {
-    /// Number in order of execution; it has taken effect once that many actions and one are counted.
-    pub action: u32,
+    pub(crate) moment: Moment,
     /// Program line.
     pub line: u32,
     /// `true` for a message of the program to its operator.
@@ -261,8 +279,13 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
             Action::ProgramEnd => return Ok(false),
             other => {
                 if let Some(text) = describe(other) {
-                    let is_message = matches!(other, Action::Message(_));
-                    self.act(line, is_message, &text)?;
+                    // Neither a message nor the next tool's number is a reason to stop.
+                    if matches!(other, Action::Message(_) | Action::SelectTool(_)) {
+                        let is_message = matches!(other, Action::Message(_));
+                        self.announce(Moment::Block(self.next_block), line, is_message, &text);
+                    } else {
+                        self.act(line, &text)?;
+                    }
                 }
             }
         }
@@ -296,21 +319,27 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         Ok(())
     }
 
-    fn act(&mut self, line: u32, is_message: bool, text: &str) -> Result<(), PlanError<QueueClosed>> {
+    /// Something of the periphery's that takes effect at rest.
+    fn act(&mut self, line: u32, text: &str) -> Result<(), PlanError<QueueClosed>> {
         let action = self.actions;
         self.actions += 1;
-        for news in &self.news {
-            // Whoever does not listen any more misses nothing.
-            let _gone = news.send(FeederNews::Notice(Notice {
-                action,
-                line,
-                is_message,
-                text: text.to_owned(),
-            }));
-        }
+        self.announce(Moment::Rest(action), line, false, text);
         self.planner
             .rest(&Step::Action { action, line })
             .map_err(PlanError::Sink)
+    }
+
+    fn announce(&self, moment: Moment, line: u32, is_message: bool, text: &str) {
+        for news in &self.news {
+            let notice = Notice {
+                moment,
+                line,
+                is_message,
+                text: text.to_owned(),
+            };
+            // Whoever does not listen any more misses nothing.
+            let _gone = news.send(FeederNews::Notice(notice));
+        }
     }
 
     /// Reports blocks whose plan is final.

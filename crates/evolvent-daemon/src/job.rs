@@ -96,6 +96,13 @@ impl Setup {
                 PathMode::Exact => gcode::PathMode::ExactPath,
                 PathMode::Blend => gcode::PathMode::Blend { tolerance_mm: None },
             },
+            arc: gcode::ArcTolerance {
+                metric_mm: path.arc_radius_tolerance_mm,
+                // An inch program is rounded to a thousandth of an inch rather than a hundredth of a millimetre.
+                inch_mm: 2.54 * path.arc_radius_tolerance_mm,
+                relative: path.arc_radius_tolerance_ratio,
+                ..gcode::ArcTolerance::default()
+            },
             involute_tolerance_mm: path.involute_end_tolerance_mm,
             ..gcode::Settings::default()
         }

@@ -70,6 +70,7 @@ struct Tracks {
     starved: bool,
     late: bool,
     actions: u32,
+    blocks: u32,
 }
 
 impl Recording {
@@ -93,6 +94,7 @@ impl Recording {
             starved: false,
             late: false,
             actions: 0,
+            blocks: 0,
         };
         let mut failure: Option<RecordError> = None;
         let mut lost = 0;
@@ -109,7 +111,8 @@ impl Recording {
                     continue;
                 }
                 // What an action is called was told before the action went into the plan.
-                if count % 256 == 1 || sample.actions > tracks.actions {
+                let news = sample.actions > tracks.actions || sample.blocks_begun() > tracks.blocks;
+                if count % 256 == 1 || news {
                     while let Ok(news) = self.news.try_recv() {
                         tracks.hear(news);
                     }
@@ -210,21 +213,20 @@ impl Tracks {
             ))?;
         }
         self.late = late;
-        while self.actions < sample.actions {
-            let notice = self
-                .notices
-                .iter()
-                .position(|notice| notice.action == self.actions);
-            if let Some(notice) = notice.and_then(|at| self.notices.remove(at)) {
-                let kind = if notice.is_message {
-                    EventKind::Message
-                } else {
-                    EventKind::Command
-                };
-                // Messages and commands are marked with their line.
-                recorder.event(&event(kind, notice.line, notice.text, None))?;
-            }
-            self.actions += 1;
+        self.actions = sample.actions;
+        self.blocks = self.blocks.max(sample.blocks_begun());
+        let ended = cycle.state == State::Done as u8;
+        while let Some(notice) = self.notices.front()
+            && notice.moment.has_come(self.actions, self.blocks, ended)
+        {
+            let kind = if notice.is_message {
+                EventKind::Message
+            } else {
+                EventKind::Command
+            };
+            // Messages and commands are marked with their line.
+            recorder.event(&event(kind, notice.line, notice.text.clone(), None))?;
+            self.notices.pop_front();
         }
         self.follow_block(recorder, sample)
     }

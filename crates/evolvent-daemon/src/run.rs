@@ -405,10 +405,11 @@ fn watch(
             }
         }
         let progress = controls.progress();
-        while ahead
-            .front()
-            .is_some_and(|notice| notice.action < progress.actions)
-        {
+        while ahead.front().is_some_and(|notice| {
+            notice
+                .moment
+                .has_come(progress.actions, progress.blocks, progress.has_ended)
+        }) {
             if let Some(notice) = ahead.pop_front() {
                 observer.notice(&notice);
             }

@@ -22,6 +22,7 @@ pub struct Controls {
     line: AtomicU32,
     state: AtomicU32,
     actions: AtomicU32,
+    blocks: AtomicU32,
     resumes: AtomicU32,
 }
 
@@ -43,6 +44,7 @@ impl Controls {
             line: AtomicU32::new(0),
             state: AtomicU32::new(State::Idle as u32),
             actions: AtomicU32::new(0),
+            blocks: AtomicU32::new(0),
             resumes: AtomicU32::new(0),
         }
     }
@@ -132,6 +134,9 @@ impl Controls {
         self.line.store(setpoint.line, Ordering::Relaxed);
         self.state.store(setpoint.state as u32, Ordering::Relaxed);
         self.actions.store(setpoint.actions, Ordering::Relaxed);
+        if !matches!(setpoint.state, State::Idle | State::Dwell | State::ProgramStop) {
+            self.blocks.store(setpoint.block + 1, Ordering::Relaxed);
+        }
     }
 
     /// Where the run is.
@@ -144,6 +149,8 @@ impl Controls {
             line: self.line.load(Ordering::Relaxed),
             at_program_stop: self.state.load(Ordering::Relaxed) == State::ProgramStop as u32,
             actions: self.actions.load(Ordering::Relaxed),
+            blocks: self.blocks.load(Ordering::Relaxed),
+            has_ended: self.state.load(Ordering::Relaxed) == State::Done as u32,
             resumes: self.resumes.load(Ordering::Relaxed),
         }
     }
@@ -164,6 +171,10 @@ pub struct Progress {
     pub at_program_stop: bool,
     /// Actions for the periphery that have taken effect.
     pub actions: u32,
+    /// Blocks begun.
+    pub blocks: u32,
+    /// The program has come to its end.
+    pub has_ended: bool,
     /// Program stops after which somebody has let the machine go on.
     pub resumes: u32,
 }

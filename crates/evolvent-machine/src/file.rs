@@ -192,7 +192,7 @@ pub(crate) struct PathFile {
     pub(crate) chord_error_increments: Option<f64>,
     /// Smallest radius of curvature that the rational control rate allows for, mm; 0.25 where it is not given.
     pub(crate) min_radius_mm: Option<f64>,
-    /// An arc whose radii at start and end differ by more than this may be wrong, mm; 0.00127 where it is not given.
+    /// An arc whose radii at start and end differ by more than this may be wrong, mm; 0.0283 where it is not given.
     pub(crate) arc_radius_tolerance_mm: Option<f64>,
     /// ... and is wrong if they also differ by more than this part of the radius; 0.001 where it is not given.
     pub(crate) arc_radius_tolerance_ratio: Option<f64>,

@@ -103,7 +103,7 @@ pub struct PathSettings {
     pub chord_error_increments: f64,
     /// Smallest radius of curvature that the rational control rate allows for, mm.
     pub min_radius_mm: f64,
-    /// An arc whose radii at start and end differ by more than this may be wrong, mm (LinuxCNC: 0.00127 mm).
+    /// An arc whose radii at start and end differ by more than this may be wrong, mm (LinuxCNC: 0.0283 mm).
     pub arc_radius_tolerance_mm: f64,
     /// ... and is wrong if they also differ by more than this part of the radius (LinuxCNC: 0.001).
     pub arc_radius_tolerance_ratio: f64,

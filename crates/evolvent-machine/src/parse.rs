@@ -346,7 +346,8 @@ impl Check<'_> {
             arc_radius_tolerance_mm: number(
                 "arc_radius_tolerance_mm",
                 path.arc_radius_tolerance_mm,
-                0.00127,
+                // Both ends and the centre rounded to 0.01 mm, as LinuxCNC allows.
+                0.02 * std::f64::consts::SQRT_2,
                 TINY,
                 100.0,
             )?,

@@ -159,7 +159,7 @@ pub(crate) fn write_summary(out: &mut dyn Write, summary: &Summary) -> io::Resul
     {
         writeln!(
             out,
-            "  at steps of curvature in exact-path mode jerk is bounded by the joint time only (path.joint_time)"
+            "  at steps of curvature in exact-path mode jerk is bounded by the joint time only (path.joint_time_ms)"
         )?;
     }
     writeln!(

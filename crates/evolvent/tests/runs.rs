@@ -1,6 +1,11 @@
 //! What runs say of themselves: in JSON, in their exit code, in their trace.
 
-#![expect(clippy::unwrap_used, clippy::expect_used, reason = "a test may fail")]
+#![expect(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    reason = "a test may fail"
+)]
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -228,4 +233,36 @@ fn a_run_that_could_never_move_is_refused() {
     let program = bench.program("G1 X1 F600\nM2\n");
     let output = evolvent(&["plan", as_str(&program), "--machine", MACHINE, "--override", "0"]);
     assert_eq!(output.status.code(), Some(2));
+}
+
+#[test]
+fn a_message_or_the_next_tool_does_not_stop_the_path() {
+    let bench = Bench::new();
+    let plain = "G21 G61 F3000\nG1 X20\nX40\nX60\nM2\n";
+    let with_words = "G21 G61 F3000\nG1 X20\n(MSG, half way)\nX40\nT2\nX60\nM2\n";
+    let [plain, with_words] = [plain, with_words].map(|text| json(&bench.plan(text))["cycles"].clone());
+    assert_eq!(plain, with_words);
+    // 60 mm at 50 mm/s, and little more than one start and one stop.
+    let cycles = plain.as_f64().unwrap() * 0.001_264_809;
+    assert!((1.2..1.3).contains(&cycles), "{cycles} s");
+}
+
+#[test]
+fn the_machine_file_says_how_far_an_arc_may_be_off() {
+    let bench = Bench::new();
+    // Radius 10 at the start, 10.02 at the end.
+    let program = bench.program("G21 F600\nG2 X10 Y10.02 I10 J0\nM2\n");
+    let text = fs::read_to_string(MACHINE).unwrap();
+    for (tolerance, code) in [("0.05", 0), ("0.001", 1)] {
+        let machine = bench.path("machine.toml");
+        let key = format!("[path]\narc_radius_tolerance_mm = {tolerance}");
+        fs::write(&machine, text.replace("[path]", &key)).unwrap();
+        let output = evolvent(&["check", as_str(&program), "--machine", as_str(&machine)]);
+        assert_eq!(
+            output.status.code(),
+            Some(code),
+            "{}",
+            String::from_utf8_lossy(&output.stderr)
+        );
+    }
 }
