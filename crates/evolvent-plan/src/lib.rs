@@ -20,6 +20,8 @@ mod corner;
 mod limits;
 mod lookahead;
 mod planner;
+#[cfg(test)]
+mod recorder;
 mod scurve;
 mod step;
 
@@ -27,5 +29,5 @@ pub use corner::{Rounding, exact_joint_speed, round_corner};
 pub use limits::{DerivativeBounds, PathLimits};
 pub use lookahead::{LookAhead, PENDING_SEGMENTS, PENDING_STEPS};
 pub use planner::{PathRules, PlanError, Planner};
-pub use scurve::{Outcome, Profile, ScalarLimits, ScalarState, reachable_speed};
+pub use scurve::{Outcome, Profile, ScalarLimits, ScalarState, lasting_speed, reachable_speed};
 pub use step::{ExitSpeeds, PlanSink, Run, Segment, SegmentMarks, Step};

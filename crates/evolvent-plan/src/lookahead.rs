@@ -11,7 +11,7 @@ use std::collections::VecDeque;
 use evolvent_path::Curve;
 
 use crate::limits::{DerivativeBounds, PathLimits, append_cells};
-use crate::scurve::{Profile, ScalarLimits, ScalarState, reachable_speed};
+use crate::scurve::{Profile, ScalarLimits, ScalarState, lasting_speed, reachable_speed};
 use crate::step::{ExitSpeeds, PlanSink, Run, Segment, Step};
 
 /// Steps without final exit speed after which the older half is made final all the same.
@@ -315,10 +315,22 @@ impl<S: PlanSink> LookAhead<S> {
             self.sink.exit(self.final_steps + k as u64, exit);
             speed = match step.motion {
                 None => ExitSpeeds::REST,
-                Some(run) => ExitSpeeds {
-                    nominal: reachable_speed(exit.nominal, run.length, &run.limits).min(before_cap.nominal),
-                    doubled: reachable_speed(exit.doubled, run.length, &run.limits).min(before_cap.doubled),
-                },
+                Some(run) => {
+                    // What may still grow must not take back what it is built upon.
+                    let entry = |exit: f64, cap: f64, settled: bool| {
+                        if settled {
+                            reachable_speed(exit, run.length, &run.limits)
+                        } else {
+                            lasting_speed(exit, cap, run.length, &run.limits)
+                        }
+                    };
+                    let nominal = entry(exit.nominal, step.cap.nominal, nominal_final > k);
+                    let doubled = entry(exit.doubled, step.cap.doubled, doubled_final > k);
+                    ExitSpeeds {
+                        nominal: nominal.min(before_cap.nominal),
+                        doubled: doubled.min(before_cap.doubled),
+                    }
+                }
             };
         }
         nominal_final.min(doubled_final)
@@ -368,6 +380,213 @@ fn metric_speed(curve: &Curve, from: f64, to: f64) -> f64 {
                 .map(|k| at(from + (to - from) * f64::from(k) / 16.0))
                 .fold(1.0, f64::max);
             if most > 1.0 { most * (1.0 + 1e-4) } else { 1.0 }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::expect_used, reason = "a test may fail")]
+
+    use evolvent_path::{Arc, Line, Plane, Sense};
+
+    use super::*;
+    use crate::SegmentMarks;
+    use crate::recorder::{Recorder, equal_axes, point};
+
+    fn ahead() -> LookAhead<Recorder> {
+        let limits = PathLimits::new(equal_axes(500.0, 2000.0, 50_000.0), 1000.0, 1e-3);
+        LookAhead::new(limits, Recorder::default())
+    }
+
+    fn straight(from: f64, to: f64) -> Segment {
+        let curve = Curve::Line(Line::new(point(from, 0.0), point(to, 0.0)).expect("line"));
+        whole(curve)
+    }
+
+    fn whole(curve: Curve) -> Segment {
+        Segment {
+            curve,
+            from: 0.0,
+            length: curve.domain(),
+            line: 1,
+            block: 0,
+            marks: SegmentMarks::default(),
+        }
+    }
+
+    /// Length that a change of speed takes, acceleration zero at both ends: `(v0 + v1)/2 T`.
+    fn distance(v0: f64, v1: f64, limits: &ScalarLimits) -> f64 {
+        let (dv, a, j) = ((v0 - v1).abs(), limits.acceleration, limits.jerk);
+        let time = if dv <= a * a / j {
+            2.0 * (dv / j).sqrt()
+        } else {
+            a / j + dv / a
+        };
+        0.5 * (v0 + v1) * time
+    }
+
+    #[test]
+    fn a_line_takes_the_time_that_its_limits_give() {
+        let mut ahead = ahead();
+        ahead.segment(straight(0.0, 100.0), 50.0).expect("plan");
+        ahead.finish(2).expect("finish");
+        // Each change takes 2 sqrt(V/J), the way is the same as at V for half of both; 1 % of the jerk is kept.
+        let expected = 100.0 / 50.0 + 2.0 * (50.0_f64 / 49_500.0).sqrt();
+        let took: f64 = ahead.sink().durations.iter().sum();
+        assert!((took - expected).abs() < 1e-9, "{took} {expected}");
+    }
+
+    #[test]
+    fn a_boundary_is_as_fast_as_the_slower_feed_and_twice_that_at_the_doubled() {
+        let mut ahead = ahead();
+        ahead.segment(straight(0.0, 200.0), 100.0).expect("plan");
+        ahead.segment(straight(200.0, 400.0), 30.0).expect("plan");
+        ahead.segment(straight(400.0, 600.0), 300.0).expect("plan");
+        ahead.finish(2).expect("finish");
+        let exits = &ahead.sink().exits;
+        assert_eq!(exits.len(), 4);
+        for exit in &exits[..2] {
+            assert!(
+                (exit.nominal - 30.0).abs() < 1e-9 && (exit.doubled - 60.0).abs() < 1e-9,
+                "{exit:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_bounded_boundary_keeps_its_bound_whichever_side_it_is_told_from() {
+        let mut ahead = ahead();
+        ahead.segment(straight(0.0, 200.0), 100.0).expect("plan");
+        ahead.boundary(7.0).expect("plan");
+        ahead.boundary(5.0).expect("plan");
+        ahead.boundary(6.0).expect("plan");
+        ahead.segment(straight(200.0, 400.0), 100.0).expect("plan");
+        ahead.finish(2).expect("finish");
+        let exit = ahead.sink().exits[0];
+        assert!(
+            (exit.nominal - 5.0).abs() < 1e-12 && (exit.doubled - 5.0).abs() < 1e-12,
+            "{exit:?}"
+        );
+    }
+
+    #[test]
+    fn short_blocks_of_one_feed_are_one_run_and_slow_ones_are_not_made_fast() {
+        let mut ahead = ahead();
+        for k in 0..100 {
+            let x = f64::from(k) * 0.01;
+            ahead.segment(straight(x, x + 0.01), 20.0).expect("plan");
+        }
+        ahead.finish(2).expect("finish");
+        let runs = ahead.sink().runs();
+        assert_eq!(runs.len(), 1);
+        assert_eq!(runs[0].0.segments, 100);
+        assert!((runs[0].0.length - 1.0).abs() < 1e-12 && (runs[0].0.feed - 20.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn every_boundary_can_be_reached_and_none_could_be_faster() {
+        // Blocks of random length and feed; the limits of a straight line are those of the axis.
+        let seed = 0x100c_0001_u64;
+        println!("seed {seed:#x}");
+        let mut state = seed;
+        let mut unit = || {
+            state ^= state >> 12;
+            state ^= state << 25;
+            state ^= state >> 27;
+            (state.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 11) as f64 / (1_u64 << 53) as f64
+        };
+        let mut ahead = ahead();
+        let mut at = 0.0;
+        for _ in 0..1500 {
+            let length = 0.5 * 20.0_f64.powf(unit());
+            ahead
+                .segment(straight(at, at + length), 5.0 * 60.0_f64.powf(unit()))
+                .expect("plan");
+            at += length;
+        }
+        ahead.finish(2).expect("finish");
+        let runs = ahead.sink().runs();
+        assert!(runs.len() > 1000, "{}", runs.len());
+        for (k, (run, entry, exit)) in runs.iter().enumerate() {
+            let limits = &run.limits;
+            assert!((limits.acceleration - 2000.0).abs() < 1e-9 && (limits.jerk - 49_500.0).abs() < 1e-6);
+            let top = limits.velocity.min(run.feed) * (1.0 + 1e-12);
+            assert!(
+                *entry <= top && *exit <= top,
+                "run {k}: {entry} {exit} above {top}"
+            );
+            if entry > exit {
+                let needs = distance(*entry, *exit, limits);
+                assert!(
+                    needs <= run.length * (1.0 + 1e-9),
+                    "run {k}: {needs} of {}",
+                    run.length
+                );
+            }
+            // The entry is at one of its bounds: this run's, the last one's, or the way to brake.
+            if k > 0 {
+                let before = &runs[k - 1].0;
+                let bound = top.min(before.limits.velocity.min(before.feed) * (1.0 + 1e-12));
+                let faster = entry * (1.0 + 1e-6) + 1e-9;
+                let could = faster <= bound && distance(faster, *exit, limits) <= run.length;
+                assert!(!could, "run {k}: {entry} could be faster, bound {bound}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_curve_is_cut_where_its_halves_differ_and_loses_nothing() {
+        // A narrow involute: the speed that it allows grows with the radius of curvature.
+        let radius = 2.0;
+        let place = |phi: f64| {
+            let (sin, cos) = phi.sin_cos();
+            point(radius * (cos + phi * sin), radius * (sin - phi * cos))
+        };
+        let involute = evolvent_path::Involute::new(
+            Plane::Xy,
+            place(0.5),
+            place(9.0),
+            [0.0, 0.0],
+            radius,
+            Sense::CounterClockwise,
+            1e-9,
+        );
+        let curve = Curve::Involute(involute.expect("involute"));
+        let mut ahead = ahead();
+        let mut one = whole(curve);
+        one.marks.joint = true;
+        ahead.segment(one, 400.0).expect("plan");
+        ahead.finish(2).expect("finish");
+        let segments = &ahead.sink().segments;
+        assert!(segments.len() > 3, "{}", segments.len());
+        let mut at = 0.0;
+        for (k, segment) in segments.iter().enumerate() {
+            assert!((segment.from - at).abs() < 1e-12 * curve.domain());
+            assert_eq!(
+                segment.marks.joint,
+                k == 0,
+                "only the first piece starts at the joint"
+            );
+            at += segment.length;
+        }
+        assert!((at - curve.domain()).abs() < 1e-12 * at);
+        let counted: u32 = ahead.sink().runs().iter().map(|run| run.0.segments).sum();
+        assert_eq!(counted as usize, segments.len());
+        // A full circle is the same all round, and a feed that rules everywhere leaves nothing to gain.
+        let circle = Arc::new(
+            Plane::Xy,
+            point(0.0, 0.0),
+            point(0.0, 0.0),
+            [5.0, 0.0],
+            Sense::Clockwise,
+            0,
+        );
+        for (curve, feed) in [(Curve::Arc(circle.expect("arc")), 400.0), (curve, 2.0)] {
+            let mut ahead = self::ahead();
+            ahead.segment(whole(curve), feed).expect("plan");
+            ahead.finish(2).expect("finish");
+            assert_eq!(ahead.sink().segments.len(), 1);
         }
     }
 }

@@ -447,6 +447,18 @@ pub fn reachable_speed(exit: f64, length: f64, limits: &ScalarLimits) -> f64 {
     exit + gain.max(0.0)
 }
 
+/// The highest speed from which a run of `length` can be left at `exit`, and at every other speed up to
+/// `highest`: it never falls when `exit` grows.
+///
+/// [`reachable_speed`] does. It takes longest to come down to `e = v/3`, or to `A^2/(2 J)` where that is less:
+/// there `(v + e)/2 T` has its one maximum. With jerk alone that is `L^2 J = 32/27 v^3`.
+#[must_use]
+pub fn lasting_speed(exit: f64, highest: f64, length: f64, limits: &ScalarLimits) -> f64 {
+    let (a, j) = (limits.acceleration, limits.jerk);
+    let farthest = (libm::cbrt(27.0 / 32.0 * length * length * j) / 3.0).min(0.5 * a * a / j);
+    reachable_speed(exit.max(farthest.min(highest)), length, limits)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -730,6 +742,40 @@ mod tests {
         }
         assert!(worst <= 2.0, "{worst} times what rounding explains");
         assert!(beyond <= 4000, "{beyond} of up to 400 000 changes end beyond");
+    }
+
+    #[test]
+    fn a_lasting_speed_meets_every_exit_and_is_the_highest_that_does() {
+        let seed = 0x5eed_0005;
+        println!("seed {seed:#x}");
+        let mut random = Random(seed);
+        for case in 0..2000 {
+            let length = random.log(1e-4, 1e2);
+            let exit = if random.unit() < 0.5 {
+                0.0
+            } else {
+                random.log(0.01, 200.0)
+            };
+            let highest = exit
+                + if random.unit() < 0.2 {
+                    0.0
+                } else {
+                    random.log(0.01, 300.0)
+                };
+            let speed = lasting_speed(exit, highest, length, &LIMITS);
+            let least = (0..=4000)
+                .map(|k| exit + (highest - exit) * (f64::from(k) / 4000.0).powi(4))
+                .map(|exit| reachable_speed(exit, length, &LIMITS))
+                .fold(f64::INFINITY, f64::min);
+            assert!(
+                speed <= least * (1.0 + 1e-9),
+                "case {case}: {speed} above {least}"
+            );
+            assert!(
+                speed >= least * (1.0 - 1e-4),
+                "case {case}: {speed} below {least}"
+            );
+        }
     }
 
     #[test]
