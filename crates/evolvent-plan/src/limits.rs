@@ -342,24 +342,34 @@ mod tests {
         );
         let curve = Curve::Arc(arc.expect("arc"));
         let mut cells = Vec::new();
-        append_cells(&curve, 0.0, curve.domain(), &mut cells);
-        // A quarter turn in cells of 0.3 rad; the curvature may be taken as up to sqrt(2) of what it is.
-        assert!((6..=8).contains(&cells.len()), "{}", cells.len());
-        let count = cells.len() as f64;
-        for (k, cell) in cells.iter().enumerate() {
-            for step in 0..=10 {
-                let u = curve.domain() * (k as f64 + f64::from(step) / 10.0) / count;
-                let jet = curve.jet(u);
-                for i in 0..3 {
-                    assert!(jet.first[i].abs() <= cell.first[i] + 1e-12, "cell {k} axis {i}");
-                    assert!(jet.second[i].abs() <= cell.second[i] + 1e-12, "cell {k} axis {i}");
-                    assert!(jet.third[i].abs() <= cell.third[i] + 1e-12, "cell {k} axis {i}");
+        for (from, to) in [
+            (0.0, curve.domain()),
+            (0.4 * curve.domain(), 0.9 * curve.domain()),
+        ] {
+            cells.clear();
+            append_cells(&curve, from, to, &mut cells);
+            // Cells of 0.3 rad; the curvature may be taken as up to sqrt(2) of what it is.
+            let least = ((to - from) / 5.0 / 0.3).ceil() as usize;
+            assert!(
+                (least..=least + least / 2).contains(&cells.len()),
+                "{}",
+                cells.len()
+            );
+            let width = (to - from) / cells.len() as f64;
+            for (k, cell) in cells.iter().enumerate() {
+                let at = |step: f64| curve.jet(from + width * (k as f64 + step));
+                for step in 0..=10 {
+                    let jet = at(f64::from(step) / 10.0);
+                    for i in 0..3 {
+                        assert!(jet.first[i].abs() <= cell.first[i] + 1e-12, "cell {k} axis {i}");
+                        assert!(jet.second[i].abs() <= cell.second[i] + 1e-12, "cell {k} axis {i}");
+                        assert!(jet.third[i].abs() <= cell.third[i] + 1e-12, "cell {k} axis {i}");
+                    }
                 }
+                // And tight: the direction at the cell's ends is all that the bound allows.
+                let ends = at(0.0).first[0].abs().max(at(1.0).first[0].abs());
+                assert!((cell.first[0] - ends).abs() < 1e-9, "cell {k}");
             }
-            // And tight: the direction at the cell's ends is all that the bound allows.
-            let ends =
-                [k as f64, k as f64 + 1.0].map(|k| curve.jet(curve.domain() * k / count).first[0].abs());
-            assert!((cell.first[0] - ends[0].max(ends[1])).abs() < 1e-9, "cell {k}");
         }
         // Many turns are no more than the most cells, a line is one.
         let helix = Arc::new(
