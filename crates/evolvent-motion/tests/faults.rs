@@ -5,7 +5,7 @@
 mod common;
 
 use common::{BLEND, Random, campaign, check, scenario};
-use evolvent_gcode::PathMode;
+use evolvent_gcode::{Move, MoveKind, PathMode};
 use evolvent_machine::Limits;
 use evolvent_motion::{Inputs, Motion, QueueClosed, State, flags, plan_queue};
 use evolvent_path::{AXES, Axes, Curve, Line};
@@ -61,6 +61,60 @@ fn a_planner_that_dies_at_any_moment_leaves_a_machine_that_stops_on_the_path() {
         }
         check(&scenario, &setpoints, &motion, 0.02, &format!("case {case}"));
     }
+}
+
+/// What the cycle enters still changes behind it.
+#[test]
+fn overrides_while_the_planner_is_close_behind_keep_every_limit() {
+    let (mut random, cases) = campaign(0xdead_0002, 5);
+    let mut starved = 0;
+    for case in 0..cases {
+        let mut scenario = scenario(&mut random, PathMode::ExactPath, false);
+        // Straight blocks of a few milliseconds each: the plan changes with every look at it.
+        let mut at = Axes::zeros();
+        scenario.moves = (0..400)
+            .map(|_| {
+                let (start, feed) = (at, random.log(20.0, 200.0));
+                at[0] += feed * random.log(0.004, 0.03);
+                let curve = Curve::Line(Line::new(start, at).expect("line"));
+                Move {
+                    curve,
+                    kind: MoveKind::Feed,
+                    feed,
+                    path_mode: PathMode::ExactPath,
+                }
+            })
+            .collect();
+        scenario.period_ns = 500_000;
+        let (producer, mut queue) = plan_queue(|| false);
+        let limits = PathLimits::new(scenario.limits, 2000.0, scenario.chord_error_mm);
+        let mut planner = Planner::new(limits, RULES, producer);
+        let mut motion = Motion::new(scenario.limits, scenario.period_ns, Axes::zeros());
+        let (mut setpoints, mut fed) = (Vec::new(), 0);
+        let every = 20 + random.pick(60);
+        let mut inputs = Inputs::default();
+        while !motion.is_over() {
+            let cycle = setpoints.len();
+            if cycle > every * fed {
+                if let Some(one) = scenario.moves.get(fed) {
+                    planner.push(one, fed as u32 + 1, fed as u32).expect("plan");
+                } else if fed == scenario.moves.len() {
+                    planner.finish(999).expect("finish");
+                }
+                fed += 1;
+            }
+            if random.unit() < 0.1 {
+                inputs.feed_override = random.between(0.2, 2.0);
+                inputs.hold = random.unit() < 0.05;
+            }
+            let setpoint = motion.step(&inputs, &mut queue);
+            starved += u32::from(setpoint.flags & flags::STARVED != 0);
+            setpoints.push(setpoint);
+            assert!(cycle < 1_000_000, "case {case} does not end");
+        }
+        check(&scenario, &setpoints, &motion, 1e-6, &format!("case {case}"));
+    }
+    assert!(starved > 0, "the planner was never close behind");
 }
 
 #[test]
