@@ -438,6 +438,30 @@ mod tests {
     }
 
     #[test]
+    fn durations_follow_the_speed_from_run_to_run() {
+        let mut ahead = ahead();
+        ahead.segment(straight(0.0, 200.0), 100.0).expect("plan");
+        ahead.segment(straight(200.0, 400.0), 30.0).expect("plan");
+        ahead.finish(2).expect("finish");
+        let limits = ScalarLimits {
+            velocity: 500.0,
+            acceleration: 2000.0,
+            jerk: 49_500.0,
+        };
+        // Up to 100, down to 30 at the boundary, and down to rest at the end; constant speed between.
+        let way = |v0: f64, v1: f64| distance(v0, v1, &limits);
+        let time = |v0: f64, v1: f64| 2.0 * way(v0, v1) / (v0 + v1);
+        let first =
+            time(0.0, 100.0) + time(100.0, 30.0) + (200.0 - way(0.0, 100.0) - way(100.0, 30.0)) / 100.0;
+        let second = time(30.0, 0.0) + (200.0 - way(30.0, 0.0)) / 30.0;
+        let took = &ahead.sink().durations;
+        assert!(
+            (took[0] - first).abs() < 1e-9 && (took[1] - second).abs() < 1e-9,
+            "{took:?} {first} {second}"
+        );
+    }
+
+    #[test]
     fn a_boundary_is_as_fast_as_the_slower_feed_and_twice_that_at_the_doubled() {
         let mut ahead = ahead();
         ahead.segment(straight(0.0, 200.0), 100.0).expect("plan");

@@ -16,6 +16,9 @@ const SMOOTH_TANGENT: f64 = 1e-10;
 const SMOOTH_CURVATURE: f64 = 1e-7;
 /// A joint slower than this, parameter units per s, is a stop.
 const SLOWEST_JOINT: f64 = 0.01;
+/// A step of the tangent above this is a corner, where exact-path mode stops; below, it is how programs with few
+/// decimals write a tangent joint.
+const CORNER: f64 = 0.01;
 /// Rounding of positions, mm or degrees, that the check of travel forgives.
 const TRAVEL_SLACK: f64 = 1e-9;
 /// Stretches shorter than this are rounding, parameter units.
@@ -223,7 +226,8 @@ impl<S: PlanSink> Planner<S> {
             }
             let joint_time = self.rules.joint_time_s;
             cap = exact_joint_speed(&end, &start, &limits.jerk, &limits.present, joint_time);
-            if !regular || cap < SLOWEST_JOINT {
+            let corner = (start.first - end.first).amax() > CORNER;
+            if !regular || corner || cap < SLOWEST_JOINT {
                 cap = 0.0;
             }
             next.joint = cap > 0.0;
