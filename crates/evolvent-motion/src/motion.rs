@@ -33,6 +33,7 @@ struct Cursor {
     state: State,
     actions: u32,
     line: u32,
+    block: u32,
     starved: bool,
     /// A step of curvature was passed in this cycle.
     joint: bool,
@@ -89,6 +90,7 @@ impl Motion {
                 state: State::Idle,
                 actions: 0,
                 line: 0,
+                block: 0,
                 starved: false,
                 joint: false,
                 braking: false,
@@ -205,8 +207,9 @@ impl Motion {
         }
         queue.take(cursor.steps, cursor.segments);
         (cursor.steps, cursor.segments) = (0, 0);
-        if let Some(segment) = segment {
-            cursor.line = segment.line;
+        // At rest the front segment is that of the next move, not of the step that is waited for.
+        if let (Some(segment), Some(_)) = (segment, cursor.run) {
+            (cursor.line, cursor.block) = (segment.line, segment.block);
         }
         let path_mm = cursor.travelled + if cursor.run.is_some() { state.x } else { 0.0 };
         self.cursor = cursor;
@@ -214,10 +217,10 @@ impl Motion {
         if self.is_over() {
             bits |= flags::LAST;
         }
-        self.setpoint(jet, path_mm, segment.map_or(0, |segment| segment.block), bits)
+        self.setpoint(jet, path_mm, bits)
     }
 
-    fn setpoint(&mut self, jet: Jet, path_mm: f64, block: u32, flags: u32) -> Setpoint {
+    fn setpoint(&mut self, jet: Jet, path_mm: f64, flags: u32) -> Setpoint {
         let sequence = self.sequence;
         self.sequence += 1;
         Setpoint {
@@ -230,7 +233,7 @@ impl Motion {
             feed_mm_s: feed_metric(&jet.first),
             feed_override: self.feed_override,
             line: self.cursor.line,
-            block,
+            block: self.cursor.block,
             state: self.cursor.state,
             flags,
             actions: self.cursor.actions,
@@ -347,7 +350,9 @@ impl Motion {
                 cursor.steps += 1;
             }
             Step::End { line } => {
-                cursor.line = line;
+                if line > 0 {
+                    cursor.line = line;
+                }
                 cursor.state = State::Done;
                 return false;
             }
@@ -488,7 +493,7 @@ impl Motion {
             bits |= flags::LAST;
         }
         let path_mm = self.cursor.travelled;
-        self.setpoint(jet, path_mm, 0, bits)
+        self.setpoint(jet, path_mm, bits)
     }
 }
 

@@ -304,3 +304,52 @@ fn an_override_that_is_no_number_stands_still() {
         assert_eq!(setpoint.flags & flags::GUARD, 0);
     }
 }
+
+#[test]
+fn at_rest_the_line_is_that_of_the_step_that_is_waited_for() {
+    let scalar = ScalarLimits {
+        velocity: 200.0,
+        acceleration: 2000.0,
+        jerk: 50_000.0,
+    };
+    let (mut producer, mut queue) = plan_queue(|| false);
+    let mut second = line(10.0, 20.0);
+    (second.line, second.block) = (5, 1);
+    let run = Step::Run(Run {
+        length: 10.0,
+        segments: 1,
+        limits: scalar,
+        feed: f64::INFINITY,
+    });
+    for (segment, step) in [
+        (Some(line(0.0, 10.0)), run),
+        (None, Step::ProgramStop { line: 2 }),
+        (Some(second), run),
+    ] {
+        if let Some(segment) = segment {
+            producer.segment(&segment).expect("room");
+        }
+        producer.step(&step).expect("room");
+    }
+    producer.step(&Step::End { line: 6 }).expect("room");
+    producer.finalise(4);
+    let mut motion = Motion::new(one_axis(200.0, 2000.0, 50_000.0), 1_000_000, Axes::zeros());
+    let mut seen = Vec::new();
+    for cycle in 0..1000 {
+        let inputs = Inputs {
+            resume: cycle > 500,
+            ..Inputs::default()
+        };
+        let setpoint = motion.step(&inputs, &mut queue);
+        if seen.last() != Some(&(setpoint.state, setpoint.line, setpoint.block)) {
+            seen.push((setpoint.state, setpoint.line, setpoint.block));
+        }
+    }
+    let expected = [
+        (State::Running, 1, 0),
+        (State::ProgramStop, 2, 0),
+        (State::Running, 5, 1),
+        (State::Done, 6, 1),
+    ];
+    assert_eq!(seen, expected);
+}

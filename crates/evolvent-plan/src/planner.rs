@@ -431,13 +431,31 @@ mod tests {
     }
 
     #[test]
-    fn an_exact_corner_is_as_fast_as_the_joint_rule_allows() {
+    fn an_exact_corner_is_a_stop_and_a_joint_that_is_all_but_tangent_is_as_fast_as_the_joint_rule_allows() {
         let planner = corner(PathMode::ExactPath, PathMode::ExactPath);
+        let runs = planner.sink().runs();
+        assert_eq!((runs.len(), runs[0].2), (2, 0.0));
+        assert!(!planner.sink().segments[1].marks.joint);
+
+        // Y steps by 0.005 of the speed, which J t^2 / 2 = 0.1 mm/s undoes: 20 mm/s.
+        let mut planner = super::tests::planner();
+        let turn = 0.005_f64.asin();
+        let end = point(20.0 + 20.0 * turn.cos(), 20.0 * turn.sin());
+        planner
+            .push(
+                &line(point(0.0, 0.0), point(20.0, 0.0), PathMode::ExactPath),
+                10,
+                0,
+            )
+            .expect("plan");
+        planner
+            .push(&line(point(20.0, 0.0), end, PathMode::ExactPath), 11, 1)
+            .expect("plan");
+        planner.finish(12).expect("finish");
         let plan = planner.sink();
-        // Both axes step by the speed, which J t^2 / 2 = 0.1 mm/s undoes.
         let runs = plan.runs();
         assert_eq!(runs.len(), 2);
-        assert!((runs[0].2 - 0.1).abs() < 1e-9, "{}", runs[0].2);
+        assert!((runs[0].2 - 20.0).abs() < 1e-6, "{}", runs[0].2);
         assert!(plan.segments[1].marks.joint && !plan.segments[0].marks.joint);
         assert_eq!(planner.deviation_mm(), 0.0);
     }
@@ -480,8 +498,11 @@ mod tests {
         ] {
             let planner = corner(first, second);
             assert_eq!(planner.sink().segments.len(), 2);
-            let stop = matches!(first, PathMode::ExactStop);
-            assert_eq!(planner.sink().runs()[0].2 == 0.0, stop);
+            assert_eq!(
+                planner.sink().runs()[0].2,
+                0.0,
+                "a corner that is not blended is a stop"
+            );
         }
     }
 
