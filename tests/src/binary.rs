@@ -26,15 +26,18 @@ fn build() -> PathBuf {
         Some("debug") | None => "dev",
         Some(name) => name,
     };
+    // The workspace with one of its tests: the same features of all dependencies as in `cargo test --workspace`, so
+    // that nothing is compiled twice.
     let built = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
         .current_dir(repository())
         .args([
             "build",
             "--quiet",
-            "--package",
-            "evolvent",
+            "--workspace",
             "--bin",
             "evolvent",
+            "--test",
+            "runs",
             "--profile",
             profile,
         ])
