@@ -432,13 +432,13 @@ mod tests {
 
     #[test]
     fn an_exact_corner_is_a_stop_and_a_joint_that_is_all_but_tangent_is_as_fast_as_the_joint_rule_allows() {
-        let planner = corner(PathMode::ExactPath, PathMode::ExactPath);
-        let runs = planner.sink().runs();
+        let sharp = corner(PathMode::ExactPath, PathMode::ExactPath);
+        let runs = sharp.sink().runs();
         assert_eq!((runs.len(), runs[0].2), (2, 0.0));
-        assert!(!planner.sink().segments[1].marks.joint);
+        assert!(!sharp.sink().segments[1].marks.joint);
 
         // Y steps by 0.005 of the speed, which J t^2 / 2 = 0.1 mm/s undoes: 20 mm/s.
-        let mut planner = super::tests::planner();
+        let mut planner = planner();
         let turn = 0.005_f64.asin();
         let end = point(20.0 + 20.0 * turn.cos(), 20.0 * turn.sin());
         planner
