@@ -12,6 +12,8 @@ use crate::state::{State, flags};
 /// Steps and segments passed in one cycle at the most. Runs last half a millisecond or more, so only a broken
 /// plan comes near it.
 const MOST_PER_CYCLE: usize = 512;
+/// What rounding leaves between a rest at the end of a move and its end, parameter units.
+const END_ROUNDING: f64 = 1e-11;
 
 /// Where the cycle is in the plan. `Copy`: a step is computed on a copy and kept only if the guard agrees.
 #[derive(Clone, Copy, Debug)]
@@ -428,7 +430,13 @@ impl Motion {
             cursor.joint |= next.marks.joint;
             segment = next;
         }
-        let path = segment.jet((now.x - cursor.segment_start).min(segment.length));
+        let x = (now.x - cursor.segment_start).min(segment.length);
+        let mut path = segment.jet(x);
+        // At rest at the end of a move the place is the programmed one to the last bit.
+        let last = segment.from + segment.length >= segment.curve.domain() - END_ROUNDING;
+        if cursor.run.is_none() && last && segment.length - x <= END_ROUNDING {
+            path.position = segment.curve.end();
+        }
         let (v, a) = (now.v, now.a);
         let jet = Jet {
             position: path.position,
