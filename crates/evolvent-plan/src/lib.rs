@@ -17,17 +17,17 @@
 //! takes the same segments and hands on steps of a further kind.
 
 mod corner;
-mod limits;
 mod lookahead;
 mod planner;
 #[cfg(test)]
 mod recorder;
-mod scurve;
 mod step;
 
+pub use evolvent_feed::{
+    DerivativeBounds, Outcome, PathLimits, Profile, ScalarLimits, ScalarState, lasting_speed, reachable_speed,
+};
+
 pub use corner::{Rounding, exact_joint_speed, round_corner};
-pub use limits::{DerivativeBounds, PathLimits};
 pub use lookahead::{LookAhead, PENDING_SEGMENTS, PENDING_STEPS};
 pub use planner::{PathRules, PlanError, Planner};
-pub use scurve::{Outcome, Profile, ScalarLimits, ScalarState, lasting_speed, reachable_speed};
 pub use step::{ExitSpeeds, PlanSink, Run, Segment, SegmentMarks, Step};

@@ -10,9 +10,11 @@ use std::collections::VecDeque;
 
 use evolvent_path::Curve;
 
-use crate::limits::{DerivativeBounds, PathLimits, append_cells};
-use crate::scurve::{Profile, ScalarLimits, ScalarState, lasting_speed, reachable_speed};
 use crate::step::{ExitSpeeds, PlanSink, Run, Segment, Step};
+use evolvent_feed::{
+    DerivativeBounds, PathLimits, Profile, ScalarLimits, ScalarState, append_cells, lasting_speed,
+    reachable_speed,
+};
 
 /// Steps without final exit speed after which the older half is made final all the same.
 const MOST_PENDING: usize = 4096;

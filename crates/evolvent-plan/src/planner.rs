@@ -6,9 +6,9 @@ use evolvent_path::{AxisLetter, Curve};
 use thiserror::Error;
 
 use crate::corner::{exact_joint_speed, round_corner};
-use crate::limits::PathLimits;
 use crate::lookahead::LookAhead;
 use crate::step::{PlanSink, Segment, SegmentMarks, Step};
+use evolvent_feed::PathLimits;
 
 /// A step of the tangent below this is rounding: at 1 m/s and 35 kHz its jerk is below a hundredth of any limit.
 const SMOOTH_TANGENT: f64 = 1e-10;

@@ -142,8 +142,8 @@ impl PathLimits {
 }
 
 /// Appends the derivative bounds of `curve` over `from..to`, in cells short enough for the direction of the
-/// tangent to be the same within [`CELL_ANGLE`].
-pub(crate) fn append_cells(curve: &Curve, from: f64, to: f64, cells: &mut Vec<DerivativeBounds>) {
+/// tangent to be the same within 0.3 rad.
+pub fn append_cells(curve: &Curve, from: f64, to: f64, cells: &mut Vec<DerivativeBounds>) {
     let whole = curve.derivative_bounds(from, to);
     let angle = xyz(&whole.1) * (to - from);
     let count = (angle / CELL_ANGLE).ceil().clamp(1.0, MOST_CELLS);
@@ -177,19 +177,7 @@ mod tests {
     use evolvent_path::{Arc, Plane, Sense};
 
     use super::*;
-
-    struct Random(u64);
-    impl Random {
-        fn unit(&mut self) -> f64 {
-            self.0 ^= self.0 >> 12;
-            self.0 ^= self.0 << 25;
-            self.0 ^= self.0 >> 27;
-            (self.0.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 11) as f64 / (1_u64 << 53) as f64
-        }
-        fn log(&mut self, low: f64, high: f64) -> f64 {
-            low * (high / low).powf(self.unit())
-        }
-    }
+    use crate::random::Random;
 
     fn axes(velocity: f64, acceleration: f64, jerk: f64) -> Limits {
         Limits {

@@ -3,116 +3,19 @@
 //! Everything here is closed form or a bisection of fixed length, allocates nothing, and may be called by the
 //! real-time cycle. Parameter `x` is the path parameter of one run; `v`, `a`, `j` are its time derivatives.
 //!
-//! A *change* takes the state `(v, a)` to `(target, 0)` with at most three pieces of constant jerk. With
-//! `a = 0` at both ends a change by `dv` takes `T = 2 sqrt(dv/J)` where `dv <= A^2/J`, else `A/J + dv/A`, and
-//! covers `(v0 + v1)/2 T`.
-//!
 //! Two facts carry the solver:
-//! - the distance of a change grows with the *initial* speed, so a speed that is allowed at a boundary stays
+//! - the distance of a [`Change`] grows with the *initial* speed, so a speed that is allowed at a boundary stays
 //!   allowed when it is lowered;
 //! - for braking it is *not* monotone in the final speed: from 100 it takes longer to reach 33 (with zero
 //!   acceleration) than to stop. As a function of the final speed it has one hump, so a bisection between a
 //!   final speed that fits and one that does not finds the only crossing.
 
-/// Iterations of a bisection: enough for 52 bits from any bracket that occurs.
-const BISECTIONS: usize = 60;
-
-/// What rounding can add to a speed that came down from a far higher one, as a share of it.
-const SPEED_ROUNDING: f64 = 1e-11;
-/// Share of the jerk that may be added to make up for rounding; limits are planned with a greater margin.
-const SPARE_JERK: f64 = 1e-4;
+use crate::change::{Change, SPARE_JERK, SPEED_ROUNDING, ScalarLimits, ScalarState, bisect};
 
 /// Most pieces of a [`Profile`]: a change, a cruise, a change.
 const PIECES: usize = 7;
 /// Which of them is the cruise.
 const CRUISE: usize = 3;
-
-/// Limits of the motion along one parameter.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ScalarLimits {
-    /// Highest speed, parameter units per s.
-    pub velocity: f64,
-    /// Highest magnitude of the second derivative, per s2.
-    pub acceleration: f64,
-    /// Highest magnitude of the third derivative, per s3.
-    pub jerk: f64,
-}
-
-/// Place, speed and acceleration along the parameter.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct ScalarState {
-    /// Parameter since the start of the run.
-    pub x: f64,
-    /// First derivative by time, per s.
-    pub v: f64,
-    /// Second derivative by time, per s2.
-    pub a: f64,
-}
-
-impl ScalarState {
-    /// The state after `t` seconds of constant jerk.
-    #[must_use]
-    pub fn after(self, t: f64, jerk: f64) -> Self {
-        Self {
-            x: self.x + t * (self.v + t * (self.a * 0.5 + t * jerk / 6.0)),
-            v: self.v + t * (self.a + t * jerk * 0.5),
-            a: self.a + t * jerk,
-        }
-    }
-
-    /// Speed that remains when acceleration is brought to zero at once with jerk limit `jerk`.
-    fn relaxed_speed(self, jerk: f64) -> f64 {
-        self.v + self.a * self.a.abs() / (2.0 * jerk)
-    }
-}
-
-/// Up to three pieces of constant jerk that end with zero acceleration.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Change {
-    time: [f64; 3],
-    jerk: f64,
-    distance: f64,
-}
-
-impl Change {
-    fn new(from: ScalarState, target: f64, limits: &ScalarLimits) -> Self {
-        let (a_max, j_max) = (limits.acceleration, limits.jerk);
-        let sign = if target >= from.relaxed_speed(j_max) {
-            1.0
-        } else {
-            -1.0
-        };
-        // Acceleration that would carry a little beyond the target: to come back to it would take far longer,
-        // and at the end of braking to rest it would mean going backwards.
-        let exact = from.a * from.a / (2.0 * (target - from.v).abs());
-        if sign * from.a < 0.0 && from.a * (target - from.v) > 0.0 && exact <= j_max * (1.0 + SPARE_JERK) {
-            let (time, jerk) = (from.a.abs() / exact, sign * exact);
-            return Self {
-                time: [time, 0.0, 0.0],
-                jerk,
-                distance: from.after(time, jerk).x - from.x,
-            };
-        }
-        let (a, dv) = (sign * from.a, sign * (target - from.v));
-        let peak = (j_max * dv + 0.5 * a * a).max(0.0).sqrt();
-        let time = if peak <= a_max {
-            [((peak - a) / j_max).max(0.0), 0.0, peak / j_max]
-        } else {
-            let level = (dv - (a_max * a_max - 0.5 * a * a) / j_max) / a_max;
-            [((a_max - a) / j_max).max(0.0), level.max(0.0), a_max / j_max]
-        };
-        let jerk = sign * j_max;
-        let end = from
-            .after(time[0], jerk)
-            .after(time[1], 0.0)
-            .after(time[2], -jerk);
-        Self {
-            time,
-            jerk,
-            distance: end.x - from.x,
-        }
-    }
-}
 
 /// What [`Profile::solve`] could do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -399,89 +302,17 @@ impl Profile {
     }
 }
 
-/// The value nearest to `bad` that still satisfies `fits`, between `good` (which does) and `bad` (which does
-/// not).
-fn bisect(good: f64, bad: f64, fits: impl Fn(f64) -> bool) -> f64 {
-    let (mut good, mut bad) = (good, bad);
-    for _ in 0..BISECTIONS {
-        let middle = 0.5 * (good + bad);
-        if middle == good || middle == bad {
-            break;
-        }
-        if fits(middle) {
-            good = middle;
-        } else {
-            bad = middle;
-        }
-    }
-    good
-}
-
-/// The highest speed from which a run of `length` can be left at `exit` with zero acceleration at both ends
-/// (or, mirrored in time, reached from `exit`). The caller bounds it by the speed limits.
-///
-/// Closed form for the acceleration-limited case, a convex cubic by Newton's method otherwise; the result is
-/// rounded down by 1e-12 of the gain and by several roundings of the speed, so that the solver of the cycle finds
-/// it allowed even where rounding has made it enter a little faster.
-#[must_use]
-pub fn reachable_speed(exit: f64, length: f64, limits: &ScalarLimits) -> f64 {
-    let (a, j) = (limits.acceleration, limits.jerk);
-    // y^2 = dv:  (2 exit + y^2) y = length sqrt(J), convex and growing for y > 0.
-    let goal = length * j.sqrt();
-    let mut y = libm::cbrt(goal);
-    for _ in 0..BISECTIONS {
-        let next = y - (y * (y * y + 2.0 * exit) - goal) / (3.0 * y * y + 2.0 * exit);
-        if next.is_nan() || next >= y {
-            break;
-        }
-        y = next;
-    }
-    let mut dv = y * y;
-    if dv > a * a / j {
-        // dv^2/(2A) + dv (exit/A + A/(2J)) + exit A/J - length = 0
-        let half_b = exit + a * a / (2.0 * j);
-        let c = 2.0 * a * (length - exit * a / j);
-        dv = c / (half_b + (half_b * half_b + c).max(0.0).sqrt());
-    }
-    let gain = dv * (1.0 - 1e-12) - 2.0 * SPEED_ROUNDING * (exit + dv);
-    exit + gain.max(0.0)
-}
-
-/// The highest speed from which a run of `length` can be left at `exit`, and at every other speed up to
-/// `highest`: it never falls when `exit` grows.
-///
-/// [`reachable_speed`] does. It takes longest to come down to `e = v/3`, or to `A^2/(2 J)` where that is less:
-/// there `(v + e)/2 T` has its one maximum. With jerk alone that is `L^2 J = 32/27 v^3`.
-#[must_use]
-pub fn lasting_speed(exit: f64, highest: f64, length: f64, limits: &ScalarLimits) -> f64 {
-    let (a, j) = (limits.acceleration, limits.jerk);
-    let farthest = (libm::cbrt(27.0 / 32.0 * length * length * j) / 3.0).min(0.5 * a * a / j);
-    reachable_speed(exit.max(farthest.min(highest)), length, limits)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::random::Random;
+    use crate::reachable_speed;
 
     const LIMITS: ScalarLimits = ScalarLimits {
         velocity: 200.0,
         acceleration: 2000.0,
         jerk: 50_000.0,
     };
-
-    /// xorshift64*: the seed is printed by every test that uses it.
-    struct Random(u64);
-    impl Random {
-        fn unit(&mut self) -> f64 {
-            self.0 ^= self.0 >> 12;
-            self.0 ^= self.0 << 25;
-            self.0 ^= self.0 >> 27;
-            (self.0.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 11) as f64 / (1_u64 << 53) as f64
-        }
-        fn log(&mut self, low: f64, high: f64) -> f64 {
-            low * (high / low).powf(self.unit())
-        }
-    }
 
     /// Independent of the pieces: samples the profile and differentiates it.
     fn assert_within(profile: &Profile, length: f64, from: ScalarState, limits: &ScalarLimits, what: &str) {
@@ -645,43 +476,6 @@ mod tests {
     }
 
     #[test]
-    fn reachable_speed_is_the_highest_from_which_the_exit_is_met() {
-        let seed = 0x5eed_0003;
-        println!("seed {seed:#x}");
-        let mut random = Random(seed);
-        for _ in 0..20_000 {
-            let exit = if random.unit() < 0.2 {
-                0.0
-            } else {
-                random.log(1e-3, 500.0)
-            };
-            let length = random.log(1e-6, 1e3);
-            let speed = reachable_speed(exit, length, &LIMITS);
-            let distance = |v: f64| {
-                let dv: f64 = v - exit;
-                let t = if dv <= 80.0 {
-                    2.0 * (dv / 50_000.0).sqrt()
-                } else {
-                    0.04 + dv / 2000.0
-                };
-                0.5 * (v + exit) * t
-            };
-            let gain = speed - exit;
-            if gain < 1e-5 * exit {
-                continue; // the difference of two doubles says nothing here
-            }
-            assert!(
-                distance(speed) <= length * (1.0 + 1e-7),
-                "{exit} {length} {speed}"
-            );
-            assert!(
-                distance(exit + 1.00001 * gain) > length,
-                "{exit} {length} {speed}"
-            );
-        }
-    }
-
-    #[test]
     fn no_history_of_changes_passes_the_end_by_more_than_rounding() {
         let seed = 0x5eed_0004;
         println!("seed {seed:#x}");
@@ -742,52 +536,5 @@ mod tests {
         }
         assert!(worst <= 2.0, "{worst} times what rounding explains");
         assert!(beyond <= 4000, "{beyond} of up to 400 000 changes end beyond");
-    }
-
-    #[test]
-    fn a_lasting_speed_meets_every_exit_and_is_the_highest_that_does() {
-        let seed = 0x5eed_0005;
-        println!("seed {seed:#x}");
-        let mut random = Random(seed);
-        for case in 0..2000 {
-            let length = random.log(1e-4, 1e2);
-            let exit = if random.unit() < 0.5 {
-                0.0
-            } else {
-                random.log(0.01, 200.0)
-            };
-            let highest = exit
-                + if random.unit() < 0.2 {
-                    0.0
-                } else {
-                    random.log(0.01, 300.0)
-                };
-            let speed = lasting_speed(exit, highest, length, &LIMITS);
-            let least = (0..=4000)
-                .map(|k| exit + (highest - exit) * (f64::from(k) / 4000.0).powi(4))
-                .map(|exit| reachable_speed(exit, length, &LIMITS))
-                .fold(f64::INFINITY, f64::min);
-            assert!(
-                speed <= least * (1.0 + 1e-9),
-                "case {case}: {speed} above {least}"
-            );
-            assert!(
-                speed >= least * (1.0 - 1e-4),
-                "case {case}: {speed} below {least}"
-            );
-        }
-    }
-
-    #[test]
-    fn stopping_is_shorter_than_slowing_to_a_third() {
-        // The hump: v0 sqrt(v0/J) against 4/3 v0 sqrt(2/3 v0/J), jerk only.
-        let from = ScalarState {
-            x: 0.0,
-            v: 30.0,
-            a: 0.0,
-        };
-        let stop = Change::new(from, 0.0, &LIMITS).distance;
-        let third = Change::new(from, 10.0, &LIMITS).distance;
-        assert!((third / stop - 4.0 / 3.0 * (2.0_f64 / 3.0).sqrt()).abs() < 1e-12);
     }
 }
