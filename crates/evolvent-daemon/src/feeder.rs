@@ -307,7 +307,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
                 (_, Curve::Line(_)) => BlockKind::Line,
                 (_, Curve::Arc(_)) => BlockKind::Arc,
                 (_, Curve::Involute(_)) => BlockKind::Involute,
-                (_, Curve::Blend(_)) => BlockKind::Other,
+                (_, Curve::Blend(_) | Curve::Spline(_)) => BlockKind::Other,
             };
             self.blocks.push_back(Open {
                 block,

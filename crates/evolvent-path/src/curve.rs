@@ -2,13 +2,13 @@
 
 use nalgebra::Vector3;
 
-use crate::{Arc, Axes, Blend, Involute, Jet, Line, Sense};
+use crate::{Arc, Axes, Blend, Involute, Jet, Line, Sense, Spline};
 
 /// What every curve of a path can do.
 ///
 /// Two parameters: the *regular parameter* `u` in `0..=domain()`, by which every derivative is finite, and the
 /// *arc length* `s` in `0..=length()`. They are the same on lines and exact arcs; they differ near an
-/// involute's base circle, on arcs whose two radii differ, and on blends. Values outside the range are taken
+/// involute's base circle, on arcs whose two radii differ, on blends and on splines. Values outside the range are taken
 /// as the nearest end, NaN as the start.
 ///
 /// Lengths are in the feed metric: mm of XYZ; where XYZ stands still mm of UVW; where that stands still too,
@@ -79,12 +79,8 @@ pub trait ParamCurve {
         Self: Sized;
 }
 
-/// A curve of a path: a small value without heap, fit for wait-free queues.
+/// A curve of a path: a small value without heap, fit for wait-free queues that must not allocate.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[expect(
-    clippy::large_enum_variant,
-    reason = "a box would put the heap into queues that must not allocate"
-)]
 pub enum Curve {
     /// A straight line.
     Line(Line),
@@ -94,6 +90,8 @@ pub enum Curve {
     Involute(Involute),
     /// A polynomial blend.
     Blend(Blend),
+    /// A cubic piece of a spline.
+    Spline(Spline),
 }
 
 macro_rules! each {
@@ -103,6 +101,7 @@ macro_rules! each {
             Curve::Arc($inner) => $body,
             Curve::Involute($inner) => $body,
             Curve::Blend($inner) => $body,
+            Curve::Spline($inner) => $body,
         }
     };
 }
@@ -213,6 +212,7 @@ impl Curve {
             Self::Arc(c) => Self::Arc(c.reversed()),
             Self::Involute(c) => Self::Involute(c.reversed()),
             Self::Blend(c) => Self::Blend(c.reversed()),
+            Self::Spline(c) => Self::Spline(c.reversed()),
         }
     }
 }
@@ -238,5 +238,11 @@ impl From<Involute> for Curve {
 impl From<Blend> for Curve {
     fn from(blend: Blend) -> Self {
         Self::Blend(blend)
+    }
+}
+
+impl From<Spline> for Curve {
+    fn from(spline: Spline) -> Self {
+        Self::Spline(spline)
     }
 }

@@ -1,4 +1,4 @@
-//! Curves by arc length: line, arc, involute, blend; hole-milling synthesis.
+//! Curves by arc length: line, arc, involute, blend, spline; hole-milling synthesis.
 //!
 //! A path is a chain of curves. Every [`Curve`] is a small value (no heap) that carries nine axes
 //! ([`Axes`]: X Y Z A B C U V W) from its start to its end; both ends are kept bit for bit as given.
@@ -14,7 +14,8 @@
 //! - [`Joint`] compares two jets where two curves meet.
 //!
 //! [`Arc`] and [`Involute`] lie in a [`Plane`] and turn with a [`Sense`]; the third axis and all others are
-//! linear in arc length. [`Blend`] is a quintic that takes over position and two derivatives at both ends.
+//! linear in arc length. [`Blend`] is a quintic that takes over position and two derivatives at both ends;
+//! [`Spline`] is one cubic piece of a spline.
 //! [`Hole`] plans the milling of a hole along involutes and gives these curves with their role.
 //!
 //! Nothing here knows of time, machine limits or files, and nothing panics: what comes from outside is checked
@@ -41,6 +42,7 @@ mod plane;
 mod polynomial;
 mod quadrature;
 mod roll;
+mod spline;
 
 pub use arc::Arc;
 pub use axis::{AXES, Axes, AxisLetter};
@@ -54,3 +56,4 @@ pub use jet::Jet;
 pub use joint::{Joint, JointKind};
 pub use line::Line;
 pub use plane::{Plane, Sense};
+pub use spline::Spline;

@@ -377,7 +377,7 @@ fn metric_speed(curve: &Curve, from: f64, to: f64) -> f64 {
         Curve::Line(_) | Curve::Arc(_) => 1.0,
         // Monotone over the stretch in which it is not 1.
         Curve::Involute(_) => at(from).max(at(to)).clamp(1e-6, 1.0),
-        Curve::Blend(_) => {
+        Curve::Blend(_) | Curve::Spline(_) => {
             let most = (0..=16)
                 .map(|k| at(from + (to - from) * f64::from(k) / 16.0))
                 .fold(1.0, f64::max);
