@@ -1,0 +1,27 @@
+//! One block of the programmed path.
+
+use evolvent_path::Axes;
+
+use crate::piece::Piece;
+
+/// A move of the program as the judge sees it.
+#[derive(Clone, Debug)]
+pub struct Block {
+    pub(crate) piece: Piece,
+    pub(crate) length: f64,
+    pub(crate) end: Axes,
+    /// Program line.
+    pub line: u32,
+    /// Programmed speed in the feed metric, mm/s, degrees/s where only rotary axes move; infinite for rapids.
+    pub feed: f64,
+    /// How far the motion may leave this block, mm or degrees of an axis; 0 in exact-path mode.
+    pub tolerance: f64,
+    /// Path length in the feed metric, mm or degrees.
+    pub path_length: f64,
+    /// First axis of the group that the feed speaks of: 0 for XYZ, 6 for UVW, 3 for ABC.
+    pub(crate) metric: usize,
+    /// Whether the machine has to come to rest at its end, exactly there.
+    pub(crate) rest: bool,
+    /// Whether its end is a joint of exact-path mode where direction holds and curvature steps.
+    pub(crate) joint: bool,
+}

@@ -1,0 +1,303 @@
+//! Following a motion along the programmed path, in its order, forwards only.
+//!
+//! The place kept is the earliest of the program, not before the last one, that lies within the tolerance of the
+//! motion's present point. If any reading of the motion as the program in its order exists, then one exists that goes on
+//! from the earliest place, so nothing has to be taken back. (It is the greedy decision of the Fréchet distance with one
+//! side free to jump.) A jump forward must not leave anything out: what is passed over has to lie within a few
+//! tolerances of the stretch driven meanwhile. So the search ends where the program leaves that neighbourhood, and its
+//! cost is that of the blocks passed.
+
+use std::collections::VecDeque;
+
+use evolvent_path::Axes;
+
+use crate::Route;
+use crate::measure::{distance, from_stretch, linear, rotary};
+
+/// How many tolerances what is passed over may lie off the motion: a corner of 120 degrees, cut within the tolerance of
+/// both sides, is 2 of them away.
+const NEIGHBOURHOOD: f64 = 4.0;
+/// Most points between two setpoints that are looked at.
+const MOST_POINTS: f64 = 64.0;
+/// Most blocks that are searched after the motion has been lost.
+const MOST_BLOCKS: usize = 4000;
+/// Places at which a curve is tried after the motion has been lost.
+const TRIES: usize = 64;
+
+/// A place on the route.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Place {
+    block: usize,
+    u: f64,
+}
+
+/// What following one setpoint found.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Found {
+    /// Distance to the program, mm (XYZ or UVW) and degrees (the worst rotary axis), less what is allowed there in
+    /// `ratio`.
+    pub(crate) linear: f64,
+    pub(crate) rotary: f64,
+    /// The greater of both over the tolerance there.
+    pub(crate) ratio: f64,
+    /// The same for points on the chord from the setpoint before; over tolerance and chord error.
+    pub(crate) between: f64,
+    pub(crate) between_ratio: f64,
+    /// The block nearest.
+    pub(crate) block: usize,
+    /// The first and the last block that may be meant.
+    pub(crate) first: usize,
+    pub(crate) last: usize,
+    /// The program cannot be followed to here in its order.
+    pub(crate) lost: bool,
+}
+
+/// What is known in the end.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Coverage {
+    /// Ends of blocks: greatest distance from the motion, mm or degrees, and where.
+    pub(crate) farthest: (f64, usize),
+    /// Blocks whose end the motion did not come near.
+    pub(crate) missed: usize,
+    /// The first of them.
+    pub(crate) first_missed: Option<usize>,
+    /// Places of rest: greatest distance from the nearest setpoint, and where.
+    pub(crate) rest: (f64, usize),
+}
+
+#[derive(Clone, Debug)]
+pub(crate) struct Follower<'a> {
+    route: &'a Route,
+    /// Chord error that is permitted, mm.
+    chord_mm: f64,
+    at: Place,
+    last: Axes,
+    /// Distances of block ends to the motion (chords; setpoints alone), from `done` on.
+    ends: VecDeque<(f64, f64)>,
+    done: usize,
+    coverage: Coverage,
+}
+
+impl<'a> Follower<'a> {
+    pub(crate) fn new(route: &'a Route, chord_mm: f64) -> Self {
+        Self {
+            route,
+            chord_mm,
+            at: Place { block: 0, u: 0.0 },
+            last: route.start(),
+            ends: VecDeque::new(),
+            done: 0,
+            coverage: Coverage::default(),
+        }
+    }
+
+    /// The next setpoint. The route must have blocks.
+    pub(crate) fn follow(&mut self, position: &Axes) -> Found {
+        let from = self.last;
+        self.last = *position;
+        let first = self.at.block;
+        let step = distance(&from, position);
+        let mut found = Found::default();
+        // On a line that both ends of the chord belong to there is nothing in between.
+        let here = &self.route.blocks[self.at.block];
+        let same = here.piece.is_straight() && {
+            let place = self.at;
+            self.search(&from, position, place)
+                .is_some_and(|to| to.block == self.at.block)
+        };
+        let points = if same {
+            1.0
+        } else {
+            (step / (2.0 * self.within(self.at.block)))
+                .ceil()
+                .clamp(1.0, MOST_POINTS)
+        };
+        let mut before = from;
+        for i in 1..=points as usize {
+            let last = i == points as usize;
+            let point = if last {
+                *position
+            } else {
+                from + (position - from) * (i as f64 / points)
+            };
+            let lost = !self.advance(&before, &point);
+            self.see(&before, &point, last);
+            let (block, gap, end) = self.nearest(&point, lost);
+            let off = linear(&gap).max(rotary(&gap));
+            let tolerance = self.tolerance(block);
+            if last {
+                found.linear = linear(&gap);
+                found.rotary = rotary(&gap);
+                found.ratio = off / tolerance;
+                found.block = block;
+                found.last = end;
+            }
+            found.between = found.between.max(off);
+            found.between_ratio = found.between_ratio.max(off / (tolerance + self.chord_mm));
+            found.lost |= lost;
+            before = point;
+        }
+        found.first = first.min(found.block);
+        self.settle(self.at.block);
+        found
+    }
+
+    /// The motion has ended where it is: whatever of the program is not near has been left out.
+    pub(crate) fn finish(mut self) -> Coverage {
+        let blocks = self.route.blocks.len();
+        let here = self.last;
+        self.see(&here, &here, true);
+        self.settle(blocks);
+        self.coverage
+    }
+
+    /// Tolerance of a block, and of the corner before it.
+    fn tolerance(&self, block: usize) -> f64 {
+        let before = &self.route.blocks[block.saturating_sub(1)];
+        self.route.blocks[block]
+            .tolerance
+            .max(before.tolerance)
+            .max(EXACT)
+    }
+
+    /// Within what distance a point between setpoints counts as on the block.
+    fn within(&self, block: usize) -> f64 {
+        1.000_001 * self.tolerance(block) + self.chord_mm
+    }
+
+    /// The earliest place from `place` on that lies near `point`, if all that is passed over lies near the stretch to it.
+    fn search(&self, before: &Axes, point: &Axes, mut place: Place) -> Option<Place> {
+        loop {
+            let block = &self.route.blocks[place.block];
+            let within = self.within(place.block);
+            loop {
+                let there = block.piece.point(place.u);
+                let off = distance(point, &there);
+                if off <= within {
+                    return Some(place);
+                }
+                if from_stretch(&there, before, point) > NEIGHBOURHOOD * within {
+                    return None;
+                }
+                if place.u >= block.length {
+                    break;
+                }
+                // Nothing nearer than this can be near enough, because no place moves faster than its parameter.
+                place.u = (place.u + (off - within).max(within / 64.0)).min(block.length);
+            }
+            if place.block + 1 == self.route.blocks.len() {
+                return None;
+            }
+            place = Place {
+                block: place.block + 1,
+                u: 0.0,
+            };
+        }
+    }
+
+    /// Goes on to `point`; `false` if the program does not lead there.
+    fn advance(&mut self, before: &Axes, point: &Axes) -> bool {
+        if let Some(place) = self.search(before, point, self.at) {
+            self.at = place;
+            return true;
+        }
+        self.at = self.recover(point);
+        false
+    }
+
+    /// The nearest place ahead, for a motion that has left the path: at most so far ahead as it is away.
+    fn recover(&self, point: &Axes) -> Place {
+        let mut best = self.at;
+        let off = |place: Place| distance(point, &self.route.blocks[place.block].piece.point(place.u));
+        let mut least = off(best);
+        let reach = 4.0 * least + 100.0 * self.within(best.block);
+        let mut passed = -self.at.u;
+        for index in (self.at.block..self.route.blocks.len()).take(MOST_BLOCKS) {
+            let block = &self.route.blocks[index];
+            let from = if index == self.at.block { self.at.u } else { 0.0 };
+            let tries = if block.piece.is_straight() { 1 } else { TRIES };
+            for i in 0..tries {
+                let u = from + (block.length - from) * (i as f64 / tries as f64);
+                let (u, distance) = block.piece.nearest(point, u);
+                if distance < least {
+                    least = distance;
+                    best = Place { block: index, u };
+                }
+            }
+            passed += block.length;
+            if passed > reach {
+                break;
+            }
+        }
+        best
+    }
+
+    /// The nearest place from the present one on, as far as the path stays about `point`: block, gap, last block looked at.
+    fn nearest(&self, point: &Axes, lost: bool) -> (usize, Axes, usize) {
+        let mut index = self.at.block;
+        let mut from = self.at.u;
+        let mut best = (f64::INFINITY, index, 0.0);
+        loop {
+            let block = &self.route.blocks[index];
+            let (u, off) = block.piece.nearest(point, from);
+            if off < best.0 {
+                best = (off, index, u);
+            }
+            let goes_on = index + 1 < self.route.blocks.len()
+                && !lost
+                && distance(point, &block.end) <= 2.0 * self.within(index);
+            if !goes_on {
+                break;
+            }
+            index += 1;
+            from = 0.0;
+        }
+        let place = self.route.blocks[best.1].piece.point(best.2);
+        (best.1, point - place, index)
+    }
+
+    /// Notes how near the stretch comes to the ends of blocks that are being passed or lie ahead.
+    fn see(&mut self, before: &Axes, point: &Axes, is_setpoint: bool) {
+        let passed = self.at.block;
+        for index in self.done..self.route.blocks.len() {
+            let block = &self.route.blocks[index];
+            let off = from_stretch(&block.end, before, point);
+            if index >= passed && off > 2.0 * NEIGHBOURHOOD * self.within(index) {
+                break;
+            }
+            if self.ends.len() <= index - self.done {
+                self.ends.push_back((f64::INFINITY, f64::INFINITY));
+            }
+            let known = &mut self.ends[index - self.done];
+            known.0 = known.0.min(off);
+            if is_setpoint {
+                known.1 = known.1.min(distance(&block.end, point));
+            }
+        }
+    }
+
+    /// Nothing more will be seen of the ends before `block`.
+    fn settle(&mut self, block: usize) {
+        while self.done < block {
+            let end = &self.route.blocks[self.done];
+            let (off, setpoint) = self.ends.pop_front().unwrap_or_else(|| {
+                let off = distance(&end.end, &self.last);
+                (off, off)
+            });
+            if off > self.coverage.farthest.0 {
+                self.coverage.farthest = (off, self.done);
+            }
+            if off > NEIGHBOURHOOD * self.within(self.done) {
+                self.coverage.missed += 1;
+                self.coverage.first_missed.get_or_insert(self.done);
+            }
+            if end.rest && setpoint > self.coverage.rest.0 {
+                self.coverage.rest = (setpoint, self.done);
+            }
+            self.done += 1;
+        }
+    }
+}
+
+/// What exact-path mode may be off, mm or degrees.
+const EXACT: f64 = 1e-6;

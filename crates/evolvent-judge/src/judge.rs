@@ -1,0 +1,159 @@
+//! The judge: positions in, verdict out.
+
+use evolvent_machine::Machine;
+use evolvent_path::Axes;
+
+use crate::differences::Differences;
+use crate::follower::Follower;
+use crate::{Route, Verdict};
+
+/// For how many setpoints after a joint the third difference holds its step.
+const JOINT_SETPOINTS: u64 = 4;
+
+/// Judges one motion, setpoint by setpoint.
+///
+/// Time and memory a setpoint do not depend on the length of the program.
+#[derive(Clone, Debug)]
+pub struct Judge<'a> {
+    route: &'a Route,
+    follower: Follower<'a>,
+    differences: Differences,
+    jerk: Axes,
+    period_s: f64,
+    chord_mm: f64,
+    /// The block nearest to the last setpoint.
+    block: usize,
+    last: Axes,
+    /// The last setpoint before which a joint was passed.
+    joint: Option<u64>,
+    verdict: Verdict,
+}
+
+impl<'a> Judge<'a> {
+    /// A machine at rest at the route's start; the first setpoint is one period later.
+    #[must_use]
+    pub fn new(machine: &Machine, period_ns: u64, route: &'a Route) -> Self {
+        let period_s = period_ns as f64 * 1e-9;
+        let chord_mm = machine.path.chord_error_increments / machine.increments_per_mm;
+        Self {
+            route,
+            follower: Follower::new(route, chord_mm),
+            differences: Differences::new(machine, period_s, route.start()),
+            jerk: machine.limits().jerk,
+            period_s,
+            chord_mm,
+            block: 0,
+            last: route.start(),
+            joint: None,
+            verdict: Verdict {
+                blocks: route.blocks.len(),
+                path_mm: route.length_mm(),
+                ..Verdict::default()
+            },
+        }
+    }
+
+    /// The next setpoint: where the axes are, mm and degrees. Nothing else is asked.
+    pub fn sample(&mut self, position: &Axes) {
+        let setpoint = self.verdict.setpoints;
+        self.verdict.setpoints += 1;
+        self.verdict.duration_s = self.verdict.setpoints as f64 * self.period_s;
+        if !position.iter().all(|value| value.is_finite()) {
+            self.verdict.unreadable += 1;
+            return;
+        }
+        if setpoint == 0 {
+            self.verdict.start = self.start_off(position);
+        }
+        if *position != self.last && !self.route.blocks.is_empty() {
+            self.follow(position, setpoint);
+        }
+        self.differences(position, setpoint);
+        self.last = *position;
+    }
+
+    /// The motion is over, and the axes stay where they are.
+    #[must_use]
+    pub fn finish(mut self) -> Verdict {
+        let last = self.last;
+        let setpoint = self.verdict.setpoints;
+        // A motion that just breaks off is one that stops dead.
+        for _ in 0..3 {
+            self.differences(&last, setpoint);
+        }
+        let verdict = &mut self.verdict;
+        verdict.end = (last - self.route.end()).amax();
+        let coverage = self.follower.finish();
+        let line = |block: usize| self.route.blocks.get(block).map_or(0, |block| block.line);
+        verdict.missed = coverage.missed;
+        verdict.first_missed = coverage.first_missed.map(line);
+        verdict
+            .reverse
+            .see(coverage.farthest.0, 0, line(coverage.farthest.1), 0);
+        verdict.rest.see(coverage.rest.0, 0, line(coverage.rest.1), 0);
+        self.verdict
+    }
+
+    /// How much farther the first setpoint is from the start than jerk takes an axis in a period.
+    fn start_off(&self, position: &Axes) -> f64 {
+        let far = self.jerk * (self.period_s * self.period_s * self.period_s);
+        (position - self.route.start())
+            .abs()
+            .zip_map(&far, |off, far| (off - far).max(0.0))
+            .amax()
+    }
+
+    fn follow(&mut self, position: &Axes, setpoint: u64) {
+        let found = self.follower.follow(position);
+        let blocks = &self.route.blocks;
+        let line = blocks[found.block].line;
+        let verdict = &mut self.verdict;
+        verdict.deviation_mm.see(found.linear, setpoint, line, 0);
+        verdict.deviation_deg.see(found.rotary, setpoint, line, 0);
+        verdict.deviation.see(found.ratio, setpoint, line, 0);
+        verdict.between_mm.see(found.between, setpoint, line, 0);
+        verdict.between.see(found.between_ratio, setpoint, line, 0);
+        if found.lost {
+            verdict.lost += 1;
+            verdict.first_lost.get_or_insert((setpoint, line));
+        }
+        let about = &blocks[found.first..=found.last.max(found.block)];
+        let metric = blocks[found.block].metric;
+        if about.iter().all(|block| block.metric == metric) {
+            let step = (position - self.last).fixed_rows::<3>(metric).norm();
+            let most = about.iter().fold(0.0_f64, |most, block| most.max(block.feed));
+            // What rounding of positions makes of a speed.
+            let noise = 8.0 * f64::EPSILON * position.amax();
+            let ratio = (step - noise).max(0.0) / (self.period_s * most);
+            verdict.feed.see(ratio, setpoint, line, 0);
+        }
+        let (low, high) = (self.block.min(found.block), self.block.max(found.block));
+        if blocks[low..high].iter().any(|block| block.joint) {
+            self.joint = Some(setpoint);
+        }
+        self.block = found.block;
+    }
+
+    fn differences(&mut self, position: &Axes, setpoint: u64) {
+        let ratios = self.differences.push(position);
+        let line = self.route.blocks.get(self.block).map_or(0, |block| block.line);
+        let verdict = &mut self.verdict;
+        let [velocity, acceleration, jerk] = ratios.orders;
+        verdict.velocity.see(velocity.0, setpoint, line, velocity.1);
+        verdict
+            .acceleration
+            .see(acceleration.0, setpoint, line, acceleration.1);
+        let at_joint = self.joint.is_some_and(|joint| setpoint < joint + JOINT_SETPOINTS);
+        if at_joint {
+            verdict.joint.see(ratios.joint.0, setpoint, line, ratios.joint.1);
+        } else {
+            verdict.jerk.see(jerk.0, setpoint, line, jerk.1);
+        }
+        verdict
+            .chord
+            .see(ratios.chord_mm / self.chord_mm, setpoint, line, 0);
+        verdict
+            .travel
+            .see(ratios.beyond.0, setpoint, line, ratios.beyond.1);
+    }
+}

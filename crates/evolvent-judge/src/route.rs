@@ -1,0 +1,157 @@
+//! The programmed path.
+
+use std::io::BufRead;
+
+use evolvent_gcode::{Action, Diagnostic, Interpreter, Move, PathMode, Settings};
+use evolvent_machine::Machine;
+use evolvent_path::Axes;
+use thiserror::Error;
+
+use crate::block::Block;
+use crate::measure::distance;
+use crate::piece::Piece;
+
+/// Two directions that differ by less than this, per unit length, are one: what rounded programs call tangent.
+const TANGENT: f64 = 0.02;
+/// Where a move starts elsewhere than the last one ended, by more than this, mm or degrees.
+const GAP: f64 = 1e-9;
+
+/// Why there is no route.
+#[derive(Debug, Error)]
+pub enum RouteError {
+    /// The program is wrong.
+    #[error("line {}: {diagnostic:?}; mend the program before it is judged", .diagnostic.line)]
+    Program {
+        /// What and where.
+        diagnostic: Box<Diagnostic>,
+    },
+    /// A move starts elsewhere than where the one before ended.
+    #[error(
+        "line {line}: the move starts {distance} mm or degrees from where the last one ended; report this program"
+    )]
+    Gap {
+        /// Program line.
+        line: u32,
+        /// How far.
+        distance: f64,
+    },
+}
+
+/// All blocks of a program in their order, and where the machine stands before the first.
+#[derive(Clone, Debug)]
+pub struct Route {
+    start: Axes,
+    pub(crate) blocks: Vec<Block>,
+}
+
+impl Route {
+    /// Reads a program as the machine would: `settings` say where it stands and what holds before the first line.
+    ///
+    /// # Errors
+    /// [`RouteError`] for the first line that is wrong.
+    pub fn read(input: impl BufRead, settings: Settings, machine: &Machine) -> Result<Self, RouteError> {
+        let mut route = Self {
+            start: settings.start,
+            blocks: Vec::new(),
+        };
+        for command in Interpreter::new(input, settings) {
+            let command = command.map_err(|diagnostic| RouteError::Program {
+                diagnostic: Box::new(diagnostic),
+            })?;
+            match command.action {
+                Action::Move(motion) => route.push(&motion, command.line, machine)?,
+                Action::SelectTool(_) | Action::Message(_) | Action::ProgramStop { optional: true, .. } => {}
+                Action::ProgramEnd => break,
+                // Whatever else there is takes effect at rest.
+                _ => route.rest(),
+            }
+        }
+        route.rest();
+        route.find_joints();
+        Ok(route)
+    }
+
+    /// The blocks.
+    #[must_use]
+    pub fn blocks(&self) -> &[Block] {
+        &self.blocks
+    }
+
+    /// Where the machine stands before the first block.
+    #[must_use]
+    pub fn start(&self) -> Axes {
+        self.start
+    }
+
+    /// Where the machine has to stand at the end.
+    #[must_use]
+    pub fn end(&self) -> Axes {
+        self.blocks.last().map_or(self.start, |block| block.end)
+    }
+
+    /// Programmed length in the feed metric, mm (degrees of blocks in which only rotary axes move).
+    #[must_use]
+    pub fn length_mm(&self) -> f64 {
+        self.blocks.iter().map(|block| block.path_length).sum()
+    }
+
+    fn push(&mut self, motion: &Move, line: u32, machine: &Machine) -> Result<(), RouteError> {
+        let off = distance(&motion.curve.start(), &self.end());
+        if !(off <= GAP) {
+            return Err(RouteError::Gap { line, distance: off });
+        }
+        let piece = Piece::of(&motion.curve);
+        let length = piece.length();
+        let most = machine.max_feed_mm_s.unwrap_or(f64::INFINITY);
+        let (tolerance, rest) = match motion.path_mode {
+            PathMode::ExactPath => (0.0, false),
+            PathMode::ExactStop => (0.0, true),
+            PathMode::Blend { tolerance_mm, .. } => {
+                (tolerance_mm.unwrap_or(machine.path.blend_tolerance_mm), false)
+            }
+        };
+        let middle = piece.tangent(0.5 * length);
+        let metric = [0, 6, 3]
+            .into_iter()
+            .find(|first| middle.rows(*first, 3).iter().any(|rate| *rate != 0.0));
+        // A move that moves nothing is none.
+        if let (Some(metric), true) = (metric, length > 0.0) {
+            self.blocks.push(Block {
+                end: motion.curve.end(),
+                piece,
+                length,
+                line,
+                feed: if motion.feed.is_finite() {
+                    motion.feed.min(most)
+                } else {
+                    motion.feed
+                },
+                tolerance,
+                path_length: motion.curve.length(),
+                metric,
+                rest,
+                joint: false,
+            });
+        }
+        Ok(())
+    }
+
+    fn rest(&mut self) {
+        if let Some(last) = self.blocks.last_mut() {
+            last.rest = true;
+        }
+    }
+
+    fn find_joints(&mut self) {
+        for i in 1..self.blocks.len() {
+            let (before, after) = (&self.blocks[i - 1], &self.blocks[i]);
+            let curved = !(before.piece.is_straight() && after.piece.is_straight());
+            let exact = before.tolerance == 0.0;
+            let (a, b) = (before.piece.tangent(before.length), after.piece.tangent(0.0));
+            let (sizes, product) = (a.norm() * b.norm(), a.dot(&b));
+            // |sin| and the sense at once.
+            let tangent = sizes == 0.0 || product >= sizes * (1.0 - 0.5 * TANGENT * TANGENT);
+            self.blocks[i - 1].joint = curved && exact && tangent && !before.rest;
+        }
+    }
+}
