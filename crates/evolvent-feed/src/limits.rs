@@ -81,15 +81,19 @@ impl PathLimits {
                     .min(libm::cbrt(JERK_SHARE * JERK_MARGIN * self.axes.jerk[i] / d3));
             }
         }
-        speed.min(self.chord_speed(bounds))
+        speed.min(self.chord_speed(&bounds.second))
     }
 
+    /// The highest parameter speed at which the chord of one period misses the path by no more than is permitted,
+    /// where the second derivatives are `second`.
+    ///
     /// Equation (4) of Kombarov and Sorokin turned round: `v <= 2 f sqrt(e (2 R - e))`. The largest second
     /// derivative stands for `1/R`, which is exact where the parameter is arc length and otherwise bounds the
     /// distance from the chord as well (`|q''| (v/f)^2 / 8`). Below `R = e` the root would fall again, although
     /// a chord cannot miss by more than the radius: the value at `R = e` goes on as `sqrt(R)`.
-    fn chord_speed(&self, bounds: &DerivativeBounds) -> f64 {
-        let bend = xyz(&bounds.second);
+    #[must_use]
+    pub fn chord_speed(&self, second: &Axes) -> f64 {
+        let bend = xyz(second);
         if bend <= 0.0 {
             return UNLIMITED;
         }

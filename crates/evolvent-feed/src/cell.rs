@@ -1,0 +1,133 @@
+//! One interval between two stations, with what limits the motion there.
+
+use evolvent_path::{AXES, Axes, Curve, Jet};
+
+use crate::limits::PathLimits;
+
+/// Largest turn of the tangent within one interval, rad.
+const TURN: f64 = 0.1;
+/// Fewest and most intervals of a curved stretch.
+const CURVED: (f64, f64) = (12.0, 2000.0);
+/// Intervals grow by this factor from the ends of a line to its middle.
+const GROWTH: f64 = 1.25;
+
+/// A part of a curve with its feed.
+#[derive(Clone, Debug)]
+pub(crate) struct Stretch {
+    pub(crate) curve: Curve,
+    pub(crate) from: f64,
+    pub(crate) feed: f64,
+}
+
+/// Derivatives at one point of an interval and the highest speeds there.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Point {
+    pub(crate) first: Axes,
+    pub(crate) second: Axes,
+    pub(crate) third: Axes,
+    /// Highest parameter speed by the axes' velocity and the chord error.
+    pub(crate) speed: f64,
+    /// Highest parameter speed by the feed word.
+    pub(crate) feed: f64,
+}
+
+/// One interval.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Cell {
+    pub(crate) stretch: u64,
+    /// Offset of the start from the stretch's.
+    pub(crate) from: f64,
+    pub(crate) length: f64,
+    /// Start, middle and end, each with the derivatives that the curve of this stretch has there.
+    pub(crate) points: [Point; 3],
+    /// Highest parameter speed at the end, by the rule for joints.
+    pub(crate) joint: f64,
+}
+
+impl Stretch {
+    /// Start and width of each interval that the stretch is cut into.
+    pub(crate) fn cuts(
+        &self,
+        length: f64,
+        _before: Option<&Cell>,
+        _limits: &PathLimits,
+    ) -> impl Iterator<Item = (f64, f64)> + use<> {
+        let straight = matches!(self.curve, Curve::Line(_));
+        let (first, second, _) = self.curve.derivative_bounds(self.from, self.from + length);
+        let turn = second.norm() / first.norm().max(1e-12) * length;
+        let count = if straight {
+            24.0
+        } else {
+            (turn / TURN).ceil().clamp(CURVED.0, CURVED.1)
+        };
+        // Sizes 1, g, g^2 ... from both ends on lines, equal ones on curves.
+        let growth: f64 = if straight { GROWTH } else { 1.0 };
+        let size = move |k: u32| {
+            let n = count as u32;
+            growth.powi(k.min(n - 1 - k).cast_signed())
+        };
+        let total: f64 = (0..count as u32).map(size).sum();
+        let mut at = 0.0;
+        (0..count as u32).map(move |k| {
+            let start = at;
+            at = if f64::from(k + 1) >= count {
+                length
+            } else {
+                at + length * size(k) / total
+            };
+            (start, at - start)
+        })
+    }
+}
+
+impl Cell {
+    /// The interval of `length` at the offset `from` of `stretch`, whose index is `index`.
+    pub(crate) fn new(stretch: &Stretch, index: u64, from: f64, length: f64, limits: &PathLimits) -> Self {
+        let point = |x: f64| Point::new(&stretch.curve.jet(stretch.from + x), stretch.feed, limits);
+        Self {
+            stretch: index,
+            from,
+            length,
+            points: [point(from), point(from + 0.5 * length), point(from + length)],
+            joint: f64::INFINITY,
+        }
+    }
+}
+
+impl Point {
+    fn new(jet: &Jet, feed: f64, limits: &PathLimits) -> Self {
+        let axes = limits.axes();
+        let mut speed = limits.chord_speed(&jet.second);
+        for i in 0..AXES {
+            if axes.present[i] {
+                speed = speed.min(axes.velocity[i] / jet.first[i].abs());
+            }
+        }
+        Self {
+            first: jet.first,
+            second: jet.second,
+            third: jet.third,
+            speed,
+            feed: feed / metric(&jet.first),
+        }
+    }
+
+    /// Highest parameter speed with the feeds times `factor`; rapids are not scaled.
+    pub(crate) fn cap(&self, factor: f64) -> f64 {
+        self.speed.min(self.feed * factor)
+    }
+}
+
+/// Speed of the feed metric per unit of parameter speed: XYZ where it moves, else UVW, else ABC.
+fn metric(first: &Axes) -> f64 {
+    let norm =
+        |i: usize| (first[i] * first[i] + first[i + 1] * first[i + 1] + first[i + 2] * first[i + 2]).sqrt();
+    let (xyz, uvw, abc) = (norm(0), norm(6), norm(3));
+    if xyz > 0.0 {
+        xyz
+    } else if uvw > 0.0 {
+        uvw
+    } else {
+        abc
+    }
+}
