@@ -1,0 +1,292 @@
+//! What goes in and what comes out, both checked.
+
+use evolvent_machine::Limits;
+use evolvent_path::{AXES, Axes, AxisLetter};
+
+use crate::error::{Place, Quantity, TransferError};
+use crate::state::{AxesState, AxisLimits, AxisState};
+use crate::track::Track;
+
+/// Share of a limit by which a state may be beyond it: it comes from a plan that was rounded.
+const SLACK: f64 = 1e-6;
+/// Share of a limit by which a move may be beyond it.
+const MARGIN: f64 = 3e-6;
+/// How exactly places are known, mm or degrees.
+const PLACE: f64 = 1e-9;
+/// What a machine's limit may be.
+const USABLE: std::ops::RangeInclusive<f64> = 1e-6..=1e12;
+
+/// Checks limits and both states.
+pub(crate) fn entry(limits: &Limits, from: &AxesState, to: &AxesState) -> Result<(), TransferError> {
+    for axis in AxisLetter::ALL {
+        let i = axis.index();
+        let start = AxisState::of(from, i);
+        let target = AxisState::of(to, i);
+        for (place, state) in [(Place::Start, start), (Place::Target, target)] {
+            finite(axis, place, state)?;
+        }
+        if !limits.present[i] {
+            if start != target || !start.is_at_rest() {
+                return Err(TransferError::NoSuchAxis { axis });
+            }
+            continue;
+        }
+        for (quantity, value) in [
+            (Quantity::Velocity, limits.velocity[i]),
+            (Quantity::Acceleration, limits.acceleration[i]),
+            (Quantity::Jerk, limits.jerk[i]),
+        ] {
+            if !USABLE.contains(&value) {
+                return Err(TransferError::Limit {
+                    axis,
+                    quantity,
+                    value,
+                });
+            }
+        }
+        for (place, state) in [(Place::Start, start), (Place::Target, target)] {
+            within(limits, axis, place, state)?;
+        }
+    }
+    Ok(())
+}
+
+fn finite(axis: AxisLetter, place: Place, state: AxisState) -> Result<(), TransferError> {
+    for (quantity, value) in [
+        (Quantity::Position, state.p),
+        (Quantity::Velocity, state.v),
+        (Quantity::Acceleration, state.a),
+    ] {
+        if !value.is_finite() {
+            return Err(TransferError::NotFinite {
+                axis,
+                place,
+                quantity,
+                value,
+            });
+        }
+    }
+    Ok(())
+}
+
+fn within(limits: &Limits, axis: AxisLetter, place: Place, state: AxisState) -> Result<(), TransferError> {
+    let i = axis.index();
+    let (min, max) = (limits.travel_min[i], limits.travel_max[i]);
+    // Not (inside) so that a travel that is not a number is refused.
+    if !(state.p >= min - PLACE && state.p <= max + PLACE) {
+        return Err(TransferError::OutsideTravel {
+            axis,
+            place,
+            position: state.p,
+            min,
+            max,
+        });
+    }
+    let unavoidable = unavoidable_speed(place, state, limits.jerk[i]);
+    for (quantity, value, limit) in [
+        (Quantity::Acceleration, state.a, limits.acceleration[i]),
+        (Quantity::Velocity, state.v, limits.velocity[i]),
+        (Quantity::Velocity, unavoidable, limits.velocity[i]),
+    ] {
+        if value.abs() > limit * (1.0 + SLACK) {
+            return Err(TransferError::BeyondLimit {
+                axis,
+                place,
+                quantity,
+                value,
+                limit,
+            });
+        }
+    }
+    Ok(())
+}
+
+/// The speed at which acceleration can be zero soonest: after the start, or before the target.
+fn unavoidable_speed(place: Place, state: AxisState, jerk: f64) -> f64 {
+    match place {
+        Place::Start => state.relaxed_speed(jerk),
+        Place::Target => AxisState { a: -state.a, ..state }.relaxed_speed(jerk),
+    }
+}
+
+/// The limits of an axis, widened by what rounding has put the states beyond them.
+pub(crate) fn limits_of(limits: &Limits, axis: usize, from: AxisState, to: AxisState) -> AxisLimits {
+    let j = limits.jerk[axis];
+    let widest = |limit: f64, values: &[f64]| values.iter().fold(limit, |most, value| most.max(value.abs()));
+    AxisLimits {
+        v: widest(
+            limits.velocity[axis],
+            &[
+                from.v,
+                to.v,
+                unavoidable_speed(Place::Start, from, j),
+                unavoidable_speed(Place::Target, to, j),
+            ],
+        ),
+        a: widest(limits.acceleration[axis], &[from.a, to.a]),
+        j,
+    }
+}
+
+/// Checks every limit, the travel, the ends and that the pieces fit together, on the pieces alone.
+pub(crate) fn exit(
+    limits: &Limits,
+    from: &AxesState,
+    to: &AxesState,
+    tracks: &[Track; AXES],
+) -> Result<(), TransferError> {
+    for axis in AxisLetter::ALL {
+        let i = axis.index();
+        if let Some(track) = tracks.get(i).filter(|_| limits.present[i]) {
+            axis_exit(limits, axis, AxisState::of(from, i), AxisState::of(to, i), track)?;
+        }
+    }
+    Ok(())
+}
+
+/// Largest magnitudes over a track, and its range.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Extremes {
+    pub v: f64,
+    pub a: f64,
+    pub j: f64,
+    pub min: f64,
+    pub max: f64,
+}
+
+/// The extremes of all pieces: their ends, and where the next derivative passes zero inside.
+pub(crate) fn extremes(track: &Track) -> Extremes {
+    let end = track.end();
+    let mut found = Extremes {
+        v: end.v.abs(),
+        a: end.a.abs(),
+        j: 0.0,
+        min: end.p,
+        max: end.p,
+    };
+    for piece in track.pieces() {
+        let mut see = |t: f64| {
+            if (0.0..=piece.duration_s).contains(&t) {
+                let state = piece.state().after(t, piece.jerk);
+                found.v = found.v.max(state.v.abs());
+                found.a = found.a.max(state.a.abs());
+                found.min = found.min.min(state.p);
+                found.max = found.max.max(state.p);
+            }
+        };
+        see(0.0);
+        see(piece.duration_s);
+        see(-piece.acceleration / piece.jerk);
+        // v + a t + j t^2 / 2 = 0, in the form that does not cancel.
+        let (a, v, half) = (piece.acceleration, piece.velocity, 0.5 * piece.jerk);
+        let root = (a * a - 4.0 * half * v).max(0.0).sqrt();
+        let q = -0.5 * (a + root.copysign(a));
+        see(q / half);
+        see(v / q);
+        found.j = found.j.max(piece.jerk.abs());
+    }
+    found
+}
+
+fn axis_exit(
+    limits: &Limits,
+    axis: AxisLetter,
+    from: AxisState,
+    to: AxisState,
+    track: &Track,
+) -> Result<(), TransferError> {
+    let i = axis.index();
+    let found = extremes(track);
+    for (quantity, value, limit) in [
+        (Quantity::Velocity, found.v, limits.velocity[i]),
+        (Quantity::Acceleration, found.a, limits.acceleration[i]),
+        (Quantity::Jerk, found.j, limits.jerk[i]),
+    ] {
+        // Not (within) so that NaN fails.
+        if !(value <= limit * (1.0 + MARGIN)) {
+            return Err(TransferError::Unsolved {
+                axis,
+                quantity,
+                value,
+                limit,
+            });
+        }
+    }
+    // Pieces fit together, begin at the start and end at the target.
+    let mut state = track.pieces().first().map_or(track.end(), |piece| piece.state());
+    differs(limits, axis, state, from)?;
+    let mut time = 0.0;
+    for piece in track.pieces() {
+        differs(limits, axis, piece.state(), state)?;
+        if (piece.start_s - time).abs() > 1e-9 * (1.0 + time) || !(piece.duration_s > 0.0) {
+            return Err(unfit(axis, Quantity::Position, f64::NAN, 0.0));
+        }
+        state = piece.state().after(piece.duration_s, piece.jerk);
+        time = piece.start_s + piece.duration_s;
+    }
+    differs(limits, axis, state, to)?;
+    let (min, max) = (limits.travel_min[i], limits.travel_max[i]);
+    for position in [found.min, found.max] {
+        if !(position >= min - 2.0 * PLACE && position <= max + 2.0 * PLACE) {
+            return Err(TransferError::LeavesTravel {
+                axis,
+                position,
+                min,
+                max,
+            });
+        }
+    }
+    Ok(())
+}
+
+fn unfit(axis: AxisLetter, quantity: Quantity, value: f64, limit: f64) -> TransferError {
+    TransferError::Unsolved {
+        axis,
+        quantity,
+        value,
+        limit,
+    }
+}
+
+fn differs(limits: &Limits, axis: AxisLetter, is: AxisState, wanted: AxisState) -> Result<(), TransferError> {
+    let i = axis.index();
+    for (quantity, value, wanted, tolerance) in [
+        (Quantity::Position, is.p, wanted.p, PLACE),
+        (
+            Quantity::Velocity,
+            is.v,
+            wanted.v,
+            PLACE * limits.velocity[i].max(1.0),
+        ),
+        (
+            Quantity::Acceleration,
+            is.a,
+            wanted.a,
+            PLACE * limits.acceleration[i].max(1.0),
+        ),
+    ] {
+        if !((value - wanted).abs() <= tolerance) {
+            return Err(unfit(axis, quantity, value, wanted));
+        }
+    }
+    Ok(())
+}
+
+/// Which axes have to move at all.
+pub(crate) fn moving(limits: &Limits, from: &AxesState, to: &AxesState) -> Vec<usize> {
+    (0..AXES)
+        .filter(|&i| {
+            limits.present[i]
+                && (from.position[i] != to.position[i]
+                    || from.velocity[i] != 0.0
+                    || from.acceleration[i] != 0.0
+                    || to.velocity[i] != 0.0
+                    || to.acceleration[i] != 0.0)
+        })
+        .collect()
+}
+
+/// Largest magnitude of the axes listed.
+pub(crate) fn largest(values: &Axes, axes: &[usize]) -> f64 {
+    axes.iter().fold(0.0, |most, &i| values[i].abs().max(most))
+}

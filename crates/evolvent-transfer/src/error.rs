@@ -1,0 +1,174 @@
+//! Why a transfer cannot be made.
+
+use std::fmt;
+
+use evolvent_path::AxisLetter;
+
+/// Which of the two states of a transfer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Place {
+    /// Where it begins.
+    Start,
+    /// Where it ends.
+    Target,
+}
+
+impl fmt::Display for Place {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Start => "start",
+            Self::Target => "target",
+        })
+    }
+}
+
+/// What a number of an axis says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Quantity {
+    /// mm or degrees.
+    Position,
+    /// Per s.
+    Velocity,
+    /// Per s2.
+    Acceleration,
+    /// Per s3.
+    Jerk,
+}
+
+impl fmt::Display for Quantity {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Position => "position",
+            Self::Velocity => "velocity",
+            Self::Acceleration => "acceleration",
+            Self::Jerk => "jerk",
+        })
+    }
+}
+
+/// Why a transfer cannot be made. Numbers in mm (degrees for rotary axes) and s.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum TransferError {
+    /// A limit is not a usable number.
+    #[error(
+        "the {quantity} limit of axis {} is {value}; it must be a number above 0 (1e-6 to 1e12)", .axis.letter()
+    )]
+    Limit {
+        /// The axis.
+        axis: AxisLetter,
+        /// Which limit.
+        quantity: Quantity,
+        /// Its value.
+        value: f64,
+    },
+    /// A state is not a number.
+    #[error("the {place} {quantity} of axis {} is {value}; give a finite number", .axis.letter())]
+    NotFinite {
+        /// The axis.
+        axis: AxisLetter,
+        /// Start or target.
+        place: Place,
+        /// Which number.
+        quantity: Quantity,
+        /// Its value.
+        value: f64,
+    },
+    /// An axis moves that the machine has not.
+    #[error("the machine has no axis {}, but it is to move; leave its position and keep it at rest", .axis.letter())]
+    NoSuchAxis {
+        /// The axis.
+        axis: AxisLetter,
+    },
+    /// A state is beyond a limit, or cannot help exceeding it at once.
+    #[error(
+        "axis {} at the {place} has a {quantity} of {value}, beyond its limit of {limit}; \
+         slow down first, or choose a slower target", .axis.letter()
+    )]
+    BeyondLimit {
+        /// The axis.
+        axis: AxisLetter,
+        /// Start or target.
+        place: Place,
+        /// What is too large.
+        quantity: Quantity,
+        /// How large; for velocity, with what the present acceleration still adds.
+        value: f64,
+        /// The limit.
+        limit: f64,
+    },
+    /// A position is outside the travel.
+    #[error(
+        "axis {} at the {place} is at {position}, outside its travel of {min} to {max}; choose another position",
+        .axis.letter()
+    )]
+    OutsideTravel {
+        /// The axis.
+        axis: AxisLetter,
+        /// Start or target.
+        place: Place,
+        /// Where.
+        position: f64,
+        /// Lowest position of the travel.
+        min: f64,
+        /// Highest position of the travel.
+        max: f64,
+    },
+    /// Any move between the two states that was found leaves the travel on its way.
+    #[error(
+        "on its way axis {} would go to {position}, outside its travel of {min} to {max}: it is too fast to turn \
+         round before; start slower or further inside", .axis.letter()
+    )]
+    LeavesTravel {
+        /// The axis.
+        axis: AxisLetter,
+        /// The farthest position.
+        position: f64,
+        /// Lowest position of the travel.
+        min: f64,
+        /// Highest position of the travel.
+        max: f64,
+    },
+    /// A straight line was asked for, but the axes do not move along it at the start or at the target.
+    #[error(
+        "axis {} does not move along the straight line at the {place}: its {quantity} is off by {off}; \
+         come to rest first, or do without the straight line", .axis.letter()
+    )]
+    NotStraight {
+        /// The axis.
+        axis: AxisLetter,
+        /// Start or target.
+        place: Place,
+        /// Velocity or acceleration.
+        quantity: Quantity,
+        /// By how much.
+        off: f64,
+    },
+    /// Axes that move by themselves arrive at different times, so they cannot arrive moving.
+    #[error(
+        "without synchronisation axes arrive at different times, so all must end at rest, but axis {} is to end at \
+         velocity {velocity} and acceleration {acceleration}; synchronise in time", .axis.letter()
+    )]
+    ArrivesMoving {
+        /// The axis.
+        axis: AxisLetter,
+        /// Its velocity at the target.
+        velocity: f64,
+        /// Its acceleration at the target.
+        acceleration: f64,
+    },
+    /// Neither ruckig nor the move that takes its place could be verified.
+    #[error(
+        "no move within the limits was found: that of axis {} reaches a {quantity} of {value} (limit {limit}); \
+         please report these states and limits, and come to rest first", .axis.letter()
+    )]
+    Unsolved {
+        /// The axis that failed.
+        axis: AxisLetter,
+        /// What it exceeds.
+        quantity: Quantity,
+        /// How much it reaches.
+        value: f64,
+        /// What it may reach.
+        limit: f64,
+    },
+}

@@ -1,0 +1,138 @@
+//! The move that takes ruckig's place where ruckig fails: stop, go, speed up.
+//!
+//! Every axis comes to rest as fast as it can; then all go in a straight line, rest to rest, to the places from which
+//! they reach their targets by speeding up. Each of the three parts is closed form, so this cannot fail numerically.
+//! It is slower than what is possible, never beyond a limit of velocity, acceleration or jerk.
+
+use crate::landing::Steps;
+use crate::state::{AxisLimits, AxisState};
+
+/// One axis of a move.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct AxisTask {
+    pub limits: AxisLimits,
+    pub from: AxisState,
+    pub to: AxisState,
+}
+
+/// Steps of all axes, of the same total time.
+pub(crate) fn stop_and_go(tasks: &[AxisTask]) -> Vec<Steps> {
+    let stops: Vec<[(f64, f64); 3]> = tasks.iter().map(|task| stop(task.from, &task.limits)).collect();
+    // Backwards in time: velocity and jerk change their sign.
+    let starts: Vec<[(f64, f64); 3]> = tasks
+        .iter()
+        .map(|task| {
+            let back = stop(reversed(task.to), &task.limits);
+            [2, 1, 0].map(|k| (back[k].0, -back[k].1))
+        })
+        .collect();
+    let lasting = |steps: &[(f64, f64)]| steps.iter().map(|step| step.0).sum::<f64>();
+    let stopped_s = stops.iter().map(|steps| lasting(steps)).fold(0.0, f64::max);
+    let starting_s = starts.iter().map(|steps| lasting(steps)).fold(0.0, f64::max);
+
+    let ways: Vec<f64> = tasks
+        .iter()
+        .map(|task| {
+            let rest = run(task.from, &stop(task.from, &task.limits));
+            let leave = run(reversed(task.to), &stop(reversed(task.to), &task.limits));
+            leave.p - rest.p
+        })
+        .collect();
+    let mut line = AxisLimits {
+        v: f64::INFINITY,
+        a: f64::INFINITY,
+        j: f64::INFINITY,
+    };
+    for (task, way) in tasks.iter().zip(&ways) {
+        if *way != 0.0 {
+            line.v = line.v.min(task.limits.v / way.abs());
+            line.a = line.a.min(task.limits.a / way.abs());
+            line.j = line.j.min(task.limits.j / way.abs());
+        }
+    }
+    let go = if line.v.is_finite() && line.a.is_finite() && line.j.is_finite() {
+        rest_to_rest(1.0, &line)
+    } else {
+        [(0.0, 0.0); 7]
+    };
+
+    let mut result = Vec::with_capacity(tasks.len());
+    for ((stop, start), way) in stops.iter().zip(&starts).zip(&ways) {
+        let mut steps = Steps::with_capacity(16);
+        steps.extend(stop);
+        steps.push((stopped_s - lasting(stop), 0.0));
+        steps.extend(go.iter().map(|step| (step.0, step.1 * way)));
+        steps.push((starting_s - lasting(start), 0.0));
+        steps.extend(start);
+        steps.retain(|step| step.0 > 0.0);
+        result.push(steps);
+    }
+    result
+}
+
+fn reversed(state: AxisState) -> AxisState {
+    AxisState { v: -state.v, ..state }
+}
+
+fn run(state: AxisState, steps: &[(f64, f64)]) -> AxisState {
+    steps.iter().fold(state, |state, &(t, jerk)| state.after(t, jerk))
+}
+
+/// The fastest way to rest, wherever that is: at most three pieces.
+pub(crate) fn stop(from: AxisState, limits: &AxisLimits) -> [(f64, f64); 3] {
+    let sign = if from.relaxed_speed(limits.j) > 0.0 {
+        -1.0
+    } else {
+        1.0
+    };
+    let (a, dv) = (sign * from.a, -sign * from.v);
+    let peak = (limits.j * dv + 0.5 * a * a).max(0.0).sqrt();
+    let jerk = sign * limits.j;
+    if peak <= limits.a {
+        return [
+            (((peak - a) / limits.j).max(0.0), jerk),
+            (0.0, 0.0),
+            (peak / limits.j, -jerk),
+        ];
+    }
+    let level = (dv - (limits.a * limits.a - 0.5 * a * a) / limits.j) / limits.a;
+    [
+        (((limits.a - a) / limits.j).max(0.0), jerk),
+        (level.max(0.0), 0.0),
+        (limits.a / limits.j, -jerk),
+    ]
+}
+
+/// The fastest move over `distance`, not negative, from rest to rest: seven pieces, symmetric in time.
+///
+/// Jerk lasts as long as the least of acceleration limit, velocity limit and distance allows; then acceleration;
+/// then speed.
+pub(crate) fn rest_to_rest(distance: f64, limits: &AxisLimits) -> [(f64, f64); 7] {
+    let (v, a, j) = (limits.v, limits.a, limits.j);
+    let by_acceleration = a / j;
+    let ramp = by_acceleration
+        .min((v / j).sqrt())
+        .min(libm::cbrt(distance / (2.0 * j)));
+    let level = if ramp < by_acceleration {
+        0.0
+    } else {
+        // Without cruise the distance is a (level + ramp) (level + 2 ramp).
+        let by_distance = 0.5 * ((ramp * ramp + 4.0 * distance / a).sqrt() - 3.0 * ramp);
+        by_distance.min(v / a - ramp).max(0.0)
+    };
+    let speed = j * ramp * (ramp + level);
+    let cruise = if speed > 0.0 {
+        (distance / speed - level - 2.0 * ramp).max(0.0)
+    } else {
+        0.0
+    };
+    [
+        (ramp, j),
+        (level, 0.0),
+        (ramp, -j),
+        (cruise, 0.0),
+        (ramp, -j),
+        (level, 0.0),
+        (ramp, j),
+    ]
+}

@@ -1,0 +1,176 @@
+//! Reads pieces of constant jerk back from samples of a motion.
+//!
+//! Acceleration is piecewise linear in time and continuous. An interval is one piece if velocity and position at its
+//! end, and acceleration inside, are what constant jerk makes of its start, to rounding. It is two pieces if the same
+//! holds with one break where the straight lines from both ends meet. Everything else is halved. What an interval
+//! hides from this test is below rounding; and whatever is wrong here is seen by the verification afterwards.
+
+use std::collections::BTreeMap;
+
+use crate::landing::Steps;
+use crate::state::AxisState;
+
+/// Halvings of the whole before an interval is taken as one piece whatever it holds.
+const DEEPEST: u32 = 36;
+/// Intervals looked at before giving up: some hundred are usual.
+const MOST_INTERVALS: usize = 20_000;
+/// Rounding of a sample, in units of the last place of its largest summand.
+const ROUNDING: f64 = 16.0 * f64::EPSILON;
+/// Where accelerations are compared within an interval.
+const PROBES: [f64; 4] = [0.19, 0.382, 0.618, 0.83];
+
+/// Samples of all axes, each instant asked for once.
+pub(crate) struct Recorded<F> {
+    source: F,
+    known: BTreeMap<u64, Vec<AxisState>>,
+    axes: usize,
+}
+
+impl<F: FnMut(f64) -> Vec<AxisState>> Recorded<F> {
+    pub(crate) fn new(axes: usize, source: F) -> Self {
+        Self {
+            source,
+            known: BTreeMap::new(),
+            axes,
+        }
+    }
+
+    fn at(&mut self, axis: usize, time: f64) -> AxisState {
+        // Times are not negative, so their bits are in their order.
+        let source = &mut self.source;
+        let states = self.known.entry(time.to_bits()).or_insert_with(|| source(time));
+        states.get(axis).copied().unwrap_or(AxisState {
+            p: f64::NAN,
+            v: f64::NAN,
+            a: f64::NAN,
+        })
+    }
+}
+
+/// What rounding may do to the samples of one axis.
+#[derive(Clone, Copy)]
+struct Noise {
+    p: f64,
+    v: f64,
+    a: f64,
+}
+
+/// The steps `(duration, jerk)` of one axis over `0..duration`, where no jerk is above `jerk`; none if the samples are
+/// not numbers or no such motion.
+pub(crate) fn recover<F: FnMut(f64) -> Vec<AxisState>>(
+    recorded: &mut Recorded<F>,
+    axis: usize,
+    duration: f64,
+    jerk: f64,
+) -> Option<Steps> {
+    if axis >= recorded.axes {
+        return None;
+    }
+    if duration == 0.0 {
+        return Some(Steps::new());
+    }
+    let mut largest = Noise {
+        p: 0.0,
+        v: 0.0,
+        a: 0.0,
+    };
+    for k in 0..=32 {
+        // At the very end ruckig goes over to what comes after: ask just before.
+        let state = recorded.at(axis, duration * f64::from(k) / 32.0 * (1.0 - f64::EPSILON));
+        if !(state.p.is_finite() && state.v.is_finite() && state.a.is_finite()) {
+            return None;
+        }
+        largest.p = largest.p.max(state.p.abs());
+        largest.v = largest.v.max(state.v.abs());
+        largest.a = largest.a.max(state.a.abs());
+    }
+    // An instant itself is rounded: that moves the acceleration by what the jerk makes of it, and so on.
+    let a = largest.a + jerk * duration;
+    let v = largest.v + a * duration;
+    let noise = Noise {
+        a: ROUNDING * a,
+        v: ROUNDING * v,
+        p: ROUNDING * (largest.p + v * duration),
+    };
+    let mut steps = Steps::with_capacity(16);
+    let end = duration * (1.0 - f64::EPSILON);
+    let mut open = vec![(0.0, end, 0_u32)];
+    let mut looked_at = 0;
+    while let Some((left, right, depth)) = open.pop() {
+        looked_at += 1;
+        if looked_at > MOST_INTERVALS {
+            return None;
+        }
+        let width = right - left;
+        let (l, r) = (recorded.at(axis, left), recorded.at(axis, right));
+        let slope = (r.a - l.a) / width;
+        let one = [(width, slope), (0.0, 0.0)];
+        if fits(recorded, axis, left, l, r, one, noise) {
+            steps.push((width, slope));
+            continue;
+        }
+        let edge = 0.125 * width;
+        let (first, last) = (recorded.at(axis, left + edge), recorded.at(axis, right - edge));
+        let (before, after) = ((first.a - l.a) / edge, (r.a - last.a) / edge);
+        let turn = (r.a - l.a - after * width) / (before - after);
+        if turn > 0.0 && turn < width {
+            let two = [(turn, before), (width - turn, after)];
+            if fits(recorded, axis, left, l, r, two, noise) {
+                steps.extend(two);
+                continue;
+            }
+        }
+        if depth >= DEEPEST {
+            steps.push((width, slope));
+            continue;
+        }
+        let middle = left + 0.5 * width;
+        open.push((middle, right, depth + 1));
+        open.push((left, middle, depth + 1));
+    }
+    Some(join(&steps, noise))
+}
+
+/// Whether two steps lead through the interval, all that lies in it included.
+fn fits<F: FnMut(f64) -> Vec<AxisState>>(
+    recorded: &mut Recorded<F>,
+    axis: usize,
+    left: f64,
+    l: AxisState,
+    r: AxisState,
+    steps: [(f64, f64); 2],
+    noise: Noise,
+) -> bool {
+    let turn = l.after(steps[0].0, steps[0].1);
+    let end = turn.after(steps[1].0, steps[1].1);
+    let near = |x: AxisState, y: AxisState| {
+        (x.a - y.a).abs() <= noise.a && (x.v - y.v).abs() <= noise.v && (x.p - y.p).abs() <= noise.p
+    };
+    let width = steps[0].0 + steps[1].0;
+    near(end, r)
+        && PROBES.iter().all(|share| {
+            let at = share * width;
+            let state = if at <= steps[0].0 {
+                l.after(at, steps[0].1)
+            } else {
+                turn.after(at - steps[0].0, steps[1].1)
+            };
+            near(state, recorded.at(axis, left + at))
+        })
+}
+
+/// Joins neighbours of the same jerk.
+fn join(steps: &[(f64, f64)], noise: Noise) -> Steps {
+    let mut joined = Steps::with_capacity(steps.len());
+    for &(duration, jerk) in steps {
+        match joined.last_mut() {
+            Some(last) if (last.1 - jerk).abs() * last.0.min(duration) <= 4.0 * noise.a => {
+                let whole = last.0 + duration;
+                last.1 = (last.1 * last.0 + jerk * duration) / whole;
+                last.0 = whole;
+            }
+            _ => joined.push((duration, jerk)),
+        }
+    }
+    joined
+}

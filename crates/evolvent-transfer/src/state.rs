@@ -1,0 +1,89 @@
+//! Where all axes are, and how they move, at one instant.
+
+use evolvent_path::Axes;
+
+/// Position, velocity and acceleration of all nine axes: mm and s, degrees for rotary axes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AxesState {
+    /// Position.
+    pub position: Axes,
+    /// Velocity per s.
+    pub velocity: Axes,
+    /// Acceleration per s2.
+    pub acceleration: Axes,
+}
+
+impl AxesState {
+    /// Standing still.
+    #[must_use]
+    pub fn at_rest(position: Axes) -> Self {
+        Self {
+            position,
+            velocity: Axes::zeros(),
+            acceleration: Axes::zeros(),
+        }
+    }
+
+    /// Whether nothing moves, to the last bit.
+    #[must_use]
+    pub fn is_at_rest(&self) -> bool {
+        self.velocity == Axes::zeros() && self.acceleration == Axes::zeros()
+    }
+}
+
+/// One instant of a transfer.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TransferPoint {
+    /// Position, mm or degrees.
+    pub position: Axes,
+    /// Velocity per s.
+    pub velocity: Axes,
+    /// Acceleration per s2.
+    pub acceleration: Axes,
+    /// Jerk per s3.
+    pub jerk: Axes,
+}
+
+/// One axis at one instant.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct AxisState {
+    pub p: f64,
+    pub v: f64,
+    pub a: f64,
+}
+
+impl AxisState {
+    pub(crate) fn of(state: &AxesState, axis: usize) -> Self {
+        Self {
+            p: state.position[axis],
+            v: state.velocity[axis],
+            a: state.acceleration[axis],
+        }
+    }
+
+    /// The state after `t` seconds of constant jerk.
+    pub(crate) fn after(self, t: f64, jerk: f64) -> Self {
+        Self {
+            p: self.p + t * (self.v + t * (self.a * 0.5 + t * jerk / 6.0)),
+            v: self.v + t * (self.a + t * jerk * 0.5),
+            a: self.a + t * jerk,
+        }
+    }
+
+    /// The speed that remains when acceleration is brought to zero at once with jerk `limit`.
+    pub(crate) fn relaxed_speed(self, limit: f64) -> f64 {
+        self.v + self.a * self.a.abs() / (2.0 * limit)
+    }
+
+    pub(crate) fn is_at_rest(self) -> bool {
+        self.v == 0.0 && self.a == 0.0
+    }
+}
+
+/// Limits of one axis, all above zero.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct AxisLimits {
+    pub v: f64,
+    pub a: f64,
+    pub j: f64,
+}

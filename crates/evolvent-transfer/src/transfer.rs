@@ -1,0 +1,432 @@
+//! Solving, and what comes of it.
+
+use evolvent_machine::Limits;
+use evolvent_path::{AXES, Axes, AxisLetter};
+
+use crate::check;
+use crate::engine::{self, Units};
+use crate::error::{Place, Quantity, TransferError};
+use crate::fallback::{AxisTask, rest_to_rest, stop, stop_and_go};
+use crate::landing::{Steps, land};
+use crate::state::{AxesState, AxisLimits, AxisState, TransferPoint};
+use crate::track::Track;
+
+/// How the axes are bound to each other.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Sync {
+    /// All arrive at the same time.
+    #[default]
+    Time,
+    /// All keep to the straight line between start and target (of all nine axes), so they arrive at the same time.
+    Phase,
+    /// Each arrives as soon as it can; all must end at rest.
+    None,
+}
+
+/// How a transfer was found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Method {
+    /// By ruckig: the fastest there is.
+    Ruckig,
+    /// To rest, in a straight line, and up to speed: where ruckig failed, or would have left the travel.
+    StopAndGo,
+}
+
+/// A verified move from one state to another.
+///
+/// A plain value of about 10 kB without heap; copying and [`Transfer::at`] are real-time safe.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Transfer {
+    tracks: [Track; AXES],
+    duration_s: f64,
+    method: Method,
+}
+
+/// Share of the jerk limit that is not used, so that landing exactly finds room.
+const SPARE: f64 = 1e-7;
+/// How far states may be off the straight line, as a share of the axis' limit.
+const STRAIGHT: f64 = 1e-9;
+
+impl Transfer {
+    /// The fastest move between two states within `limits` and the travel.
+    ///
+    /// Not for the real-time cycle: allocates, and takes some tens of microseconds an axis, at worst milliseconds.
+    /// Limits hold to three millionths; the target is reached to 1e-9 (mm, degrees; velocity and acceleration: of
+    /// their limits).
+    ///
+    /// # Errors
+    /// A number that is not finite or not above zero, a state beyond limits or travel, states that [`Sync`] does not
+    /// permit; or a way that leaves the travel. Numbers that were refused are in the error.
+    pub fn solve(
+        limits: &Limits,
+        from: &AxesState,
+        to: &AxesState,
+        sync: Sync,
+    ) -> Result<Self, TransferError> {
+        check::entry(limits, from, to)?;
+        let moving = check::moving(limits, from, to);
+        let tasks: Vec<AxisTask> = moving
+            .iter()
+            .map(|&i| {
+                let (from, to) = (AxisState::of(from, i), AxisState::of(to, i));
+                AxisTask {
+                    limits: check::limits_of(limits, i, from, to),
+                    from,
+                    to,
+                }
+            })
+            .collect();
+        let job = Job {
+            limits,
+            from,
+            to,
+            moving,
+            tasks,
+        };
+        match sync {
+            Sync::Time => job.solve(&[job.tasks.as_slice()], |steps| steps),
+            Sync::None => {
+                job.arrives_at_rest()?;
+                let apart: Vec<&[AxisTask]> = job.tasks.chunks(1).collect();
+                job.solve(&apart, |steps| steps)
+            }
+            Sync::Phase => {
+                let StraightLine { task, ways } = job.line()?;
+                job.solve(&[&[task]], |steps| spread(&steps, &ways))
+            }
+        }
+    }
+
+    /// State and jerk at `t` seconds: the start before 0, the target after the end. Real-time safe.
+    #[must_use]
+    pub fn at(&self, t: f64) -> TransferPoint {
+        let mut point = TransferPoint {
+            position: Axes::zeros(),
+            velocity: Axes::zeros(),
+            acceleration: Axes::zeros(),
+            jerk: Axes::zeros(),
+        };
+        for (i, track) in self.tracks.iter().enumerate() {
+            let (state, jerk) = track.at(t);
+            point.position[i] = state.p;
+            point.velocity[i] = state.v;
+            point.acceleration[i] = state.a;
+            point.jerk[i] = jerk;
+        }
+        point
+    }
+
+    /// When the last axis has arrived, s. Real-time safe.
+    #[must_use]
+    pub fn duration_s(&self) -> f64 {
+        self.duration_s
+    }
+
+    /// How it was found.
+    #[must_use]
+    pub fn method(&self) -> Method {
+        self.method
+    }
+
+    /// The pieces of an axis. Real-time safe.
+    #[must_use]
+    pub fn track(&self, axis: AxisLetter) -> &Track {
+        &self.tracks[axis.index()]
+    }
+}
+
+/// A question that has passed its checks.
+struct Job<'a> {
+    limits: &'a Limits,
+    from: &'a AxesState,
+    to: &'a AxesState,
+    /// Axes that move, and the task of each.
+    moving: Vec<usize>,
+    tasks: Vec<AxisTask>,
+}
+
+/// The straight line of all axes as one task.
+struct StraightLine {
+    task: AxisTask,
+    /// How far each moving axis goes while the line goes 1.
+    ways: Vec<f64>,
+}
+
+impl Job<'_> {
+    /// Asks ruckig for each group in several ways, and takes the first answer that can be verified; else stop and go.
+    fn solve(
+        &self,
+        groups: &[&[AxisTask]],
+        spread: impl Fn(Vec<Steps>) -> Vec<Steps>,
+    ) -> Result<Transfer, TransferError> {
+        if self.tasks.is_empty() {
+            return self.finish(Vec::new(), Method::Ruckig);
+        }
+        for attempt in ATTEMPTS {
+            let mut answer = Vec::with_capacity(self.tasks.len());
+            for tasks in groups {
+                match together(tasks, attempt) {
+                    Some(steps) => answer.extend(steps),
+                    None => break,
+                }
+            }
+            let steps = spread(answer);
+            if steps.len() == self.tasks.len()
+                && let Ok(transfer) = self.finish(steps, Method::Ruckig)
+            {
+                return Ok(transfer);
+            }
+        }
+        let mut slow = Vec::with_capacity(self.tasks.len());
+        for tasks in groups {
+            slow.extend(stop_and_go(tasks));
+        }
+        self.finish(spread(slow), Method::StopAndGo)
+    }
+
+    /// Lands the steps on the target and verifies them.
+    fn finish(&self, steps: Vec<Steps>, method: Method) -> Result<Transfer, TransferError> {
+        let mut tracks: [Track; AXES] = std::array::from_fn(|i| Track::resting(AxisState::of(self.to, i)));
+        let mut duration_s: f64 = 0.0;
+        for ((mut steps, task), &i) in steps.into_iter().zip(&self.tasks).zip(&self.moving) {
+            land(&mut steps, task.from, task.to);
+            let Some(track) = Track::through(task.from, task.to, &steps) else {
+                return Err(TransferError::Unsolved {
+                    axis: AxisLetter::ALL[i],
+                    quantity: Quantity::Jerk,
+                    value: f64::NAN,
+                    limit: task.limits.j,
+                });
+            };
+            duration_s = duration_s.max(track.duration_s());
+            tracks[i] = track;
+        }
+        check::exit(self.limits, self.from, self.to, &tracks)?;
+        Ok(Transfer {
+            tracks,
+            duration_s,
+            method,
+        })
+    }
+
+    fn arrives_at_rest(&self) -> Result<(), TransferError> {
+        for (&i, task) in self.moving.iter().zip(&self.tasks) {
+            if self.tasks.len() > 1 && !task.to.is_at_rest() {
+                return Err(TransferError::ArrivesMoving {
+                    axis: AxisLetter::ALL[i],
+                    velocity: task.to.v,
+                    acceleration: task.to.a,
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// The straight line, if all states move along it.
+    fn line(&self) -> Result<StraightLine, TransferError> {
+        let between = self.to.position - self.from.position;
+        // A line of no length takes its direction from what moves most.
+        let mut direction = between;
+        for vector in [
+            self.from.velocity,
+            self.to.velocity,
+            self.from.acceleration,
+            self.to.acceleration,
+        ] {
+            if check::largest(&direction, &self.moving) == 0.0 {
+                direction = vector;
+            }
+        }
+        let length = check::largest(&direction, &self.moving);
+        let ways: Vec<f64> = self
+            .moving
+            .iter()
+            .map(|&i| if length > 0.0 { direction[i] / length } else { 0.0 })
+            .collect();
+        let mut limits = AxisLimits {
+            v: f64::INFINITY,
+            a: f64::INFINITY,
+            j: f64::INFINITY,
+        };
+        for (way, task) in ways.iter().zip(&self.tasks) {
+            if *way != 0.0 {
+                limits.v = limits.v.min(task.limits.v / way.abs());
+                limits.a = limits.a.min(task.limits.a / way.abs());
+                limits.j = limits.j.min(task.limits.j / way.abs());
+            }
+        }
+        let along = |vector: &Axes| {
+            let (mut sum, mut norm) = (0.0, 0.0);
+            for (way, &i) in ways.iter().zip(&self.moving) {
+                sum += way * vector[i];
+                norm += way * way;
+            }
+            if norm > 0.0 { sum / norm } else { 0.0 }
+        };
+        let state = |state: &AxesState| AxisState {
+            p: 0.0,
+            v: along(&state.velocity),
+            a: along(&state.acceleration),
+        };
+        let (from, mut to) = (state(self.from), state(self.to));
+        to.p = along(&between);
+        for (way, &i) in ways.iter().zip(&self.moving) {
+            for (place, line, axis) in [(Place::Start, from, self.from), (Place::Target, to, self.to)] {
+                for (quantity, off, limit) in [
+                    (
+                        Quantity::Velocity,
+                        axis.velocity[i] - way * line.v,
+                        self.limits.velocity[i],
+                    ),
+                    (
+                        Quantity::Acceleration,
+                        axis.acceleration[i] - way * line.a,
+                        self.limits.acceleration[i],
+                    ),
+                ] {
+                    if off.abs() > STRAIGHT * limit {
+                        return Err(TransferError::NotStraight {
+                            axis: AxisLetter::ALL[i],
+                            place,
+                            quantity,
+                            off,
+                        });
+                    }
+                }
+            }
+        }
+        // What the axes were allowed beyond their limits is more along the line by rounding.
+        limits.v = limits.v.max(from.v.abs()).max(to.v.abs());
+        limits.a = limits.a.max(from.a.abs()).max(to.a.abs());
+        Ok(StraightLine {
+            task: AxisTask { limits, from, to },
+            ways,
+        })
+    }
+}
+
+/// Steps of the line as steps of the axes.
+fn spread(steps: &[Steps], ways: &[f64]) -> Vec<Steps> {
+    let Some(line) = steps.first() else {
+        return Vec::new();
+    };
+    ways.iter()
+        .map(|way| line.iter().map(|step| (step.0, step.1 * way)).collect())
+        .collect()
+}
+
+/// Steps of all tasks, which arrive together.
+///
+/// Axes that stand still at both ends need no solver: the fastest such move is closed form, and slower by a factor `k`
+/// it has `1/k^3` of the jerk. Only the slowest of them is handed on, so that it has its say in the duration. That
+/// spares ruckig what it is worst at: an axis that goes a micrometre while another goes a metre.
+fn together(tasks: &[AxisTask], attempt: Attempt) -> Option<Vec<Steps>> {
+    let resting = |task: &AxisTask| task.from.is_at_rest() && task.to.is_at_rest();
+    let fastest = |task: &AxisTask| {
+        let share = attempt.share;
+        let AxisLimits { v, a, j } = task.limits;
+        let limits = AxisLimits {
+            v: v * share,
+            a: a * share,
+            j: j * share,
+        };
+        let way = task.to.p - task.from.p;
+        rest_to_rest(way.abs(), &limits).map(|step| (step.0, step.1 * way.signum()))
+    };
+    let mut slowest = None;
+    let mut slowest_s = -1.0;
+    for (k, task) in tasks.iter().enumerate().filter(|(_, task)| resting(task)) {
+        let lasting = lasting(&fastest(task));
+        if lasting > slowest_s {
+            (slowest, slowest_s) = (Some(k), lasting);
+        }
+    }
+    let asked: Vec<usize> = (0..tasks.len())
+        .filter(|&k| slowest == Some(k) || !resting(&tasks[k]))
+        .collect();
+    let questions: Vec<AxisTask> = asked.iter().map(|&k| tasks[k]).collect();
+    let answers = engine::fastest(&questions, &attempt.units(&questions), attempt.share)?;
+    let duration = answers.iter().map(|steps| lasting(steps)).fold(0.0, f64::max);
+    let mut all: Vec<Steps> = vec![Steps::new(); tasks.len()];
+    for (k, steps) in asked.iter().zip(answers) {
+        all[*k] = steps;
+    }
+    for (k, task) in tasks.iter().enumerate() {
+        if resting(task) && slowest != Some(k) {
+            let quick = fastest(task);
+            let slower = (duration / lasting(&quick)).max(1.0);
+            all[k] = quick
+                .iter()
+                .map(|step| (step.0 * slower, step.1 / (slower * slower * slower)))
+                .collect();
+        }
+    }
+    Some(all)
+}
+
+fn lasting(steps: &[(f64, f64)]) -> f64 {
+    steps.iter().map(|step| step.0).sum()
+}
+
+/// One way to ask ruckig a question.
+#[derive(Clone, Copy)]
+struct Attempt {
+    /// In units of the move itself, so that its numbers are about 1; otherwise in seconds and the way that an axis
+    /// goes in one.
+    natural: bool,
+    /// Share of the limits that may be used. Other digits are another way through the solver.
+    share: f64,
+}
+
+/// Nearly all is solved by the first.
+const ATTEMPTS: [Attempt; 4] = [
+    Attempt {
+        natural: true,
+        share: 1.0 - SPARE,
+    },
+    Attempt {
+        natural: false,
+        share: 1.0 - SPARE,
+    },
+    Attempt {
+        natural: true,
+        share: 1.0 - 1e-5,
+    },
+    Attempt {
+        natural: false,
+        share: 1.0 - 1e-3,
+    },
+];
+
+impl Attempt {
+    fn units(self, tasks: &[AxisTask]) -> Units {
+        if !self.natural {
+            let length = tasks.iter().map(|task| task.limits.v).collect();
+            return Units { second: 1.0, length };
+        }
+        let second = natural_time(tasks);
+        let length = tasks.iter().map(|task| natural_length(task, second)).collect();
+        Units { second, length }
+    }
+}
+
+/// About how long the move takes, but not longer than it takes to speed up.
+fn natural_time(tasks: &[AxisTask]) -> f64 {
+    let mut longest = 1e-9_f64;
+    for task in tasks {
+        let all = lasting(&rest_to_rest((task.to.p - task.from.p).abs(), &task.limits))
+            + lasting(&stop(task.from, &task.limits))
+            + lasting(&stop(task.to, &task.limits));
+        let AxisLimits { v, a, j } = task.limits;
+        longest = longest.max(all.min(v / a + a / j));
+    }
+    longest
+}
+
+fn natural_length(task: &AxisTask, second: f64) -> f64 {
+    let AxisLimits { v, .. } = task.limits;
+    let way = (task.to.p - task.from.p).abs();
+    let moving = (task.from.v.abs().max(task.to.v.abs())) * second
+        + (task.from.a.abs().max(task.to.a.abs())) * second * second;
+    (way + moving).clamp(1e-9 * v * second, v * second)
+}
