@@ -37,7 +37,7 @@ fn setup(machine: &str, rate: Option<ControlRate>) -> Setup {
 /// Plans a whole program into a queue; for programs that fit.
 fn planned(program: &Path, setup: &Setup) -> PlanConsumer {
     let (producer, consumer) = plan_queue(|| false);
-    let mut planner = Planner::new(setup.path_limits(), setup.path_rules(), producer);
+    let mut planner = Planner::new(setup.path_limits(), setup.path_rules(1.0), producer);
     let reader = BufReader::new(File::open(program).expect("program"));
     for (block, command) in Interpreter::new(reader, setup.interpreter_settings()).enumerate() {
         let command = command.expect("program without errors");

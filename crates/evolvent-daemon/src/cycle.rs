@@ -108,8 +108,8 @@ impl CycleLoop {
             let lateness = if realtime {
                 MonotonicClock::sleep_until(deadline)
             } else {
-                let controls = &self.controls;
-                wait_until(|| self.queue.is_ready() || self.queue.is_abandoned() || controls.is_stopping());
+                let (motion, queue, controls) = (&report.motion, &mut self.queue, &self.controls);
+                wait_until(|| motion.is_ready(queue) || (controls.is_stopping() && motion.is_at_rest()));
                 0
             };
             let mut inputs = self.controls.inputs();
@@ -129,7 +129,7 @@ impl CycleLoop {
             if report.motion.fault().is_some() {
                 self.controls.raise(Alarm::Guard);
             }
-            if self.is_stuck(&report.motion) {
+            if report.motion.is_stuck(&mut self.queue) {
                 setpoint.state = State::Fault;
                 setpoint.flags |= flags::LAST;
                 report.planner_died = true;
@@ -188,15 +188,6 @@ impl CycleLoop {
         }
         self.controls.abandon();
         report
-    }
-
-    /// Whether the machine stands, not at the plan's end, and nobody is left to plan on. A step that is not final
-    /// is not entered from rest.
-    fn is_stuck(&mut self, motion: &Motion) -> bool {
-        self.queue.is_abandoned()
-            && motion.is_at_rest()
-            && !motion.is_over()
-            && (self.queue.step(0).is_none() || !self.queue.is_final(0))
     }
 }
 

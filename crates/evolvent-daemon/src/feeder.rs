@@ -9,7 +9,10 @@ use std::sync::mpsc::Sender;
 use evolvent_gcode::{Action, Code, Command, Diagnostic, Interpreter, Move, MoveKind, SpindleDirection};
 use evolvent_motion::QueueClosed;
 use evolvent_path::Curve;
-use evolvent_plan::{ExitSpeeds, PlanError, PlanSink, Planner, Segment, Step};
+use evolvent_machine::PlannerKind;
+use evolvent_plan::{
+    Answer, BlockMark, ExitSpeeds, PathRules, PlanError, PlanSink, Planner, Request, Segment, Step,
+};
 use evolvent_trace::BlockKind;
 
 use crate::job::Setup;
@@ -150,6 +153,43 @@ impl<S: PlanSink> PlanSink for Tally<S> {
     fn finalise(&mut self, count: u64) {
         self.sink.finalise(count);
     }
+
+    fn mark(&mut self, mark: &BlockMark) -> Result<(), S::Error> {
+        self.sink.mark(mark)
+    }
+
+    fn link(&mut self, from: u64, to: u64) -> bool {
+        self.sink.link(from, to)
+    }
+
+    fn planned_block(&mut self, block: u32, seconds: f64) {
+        self.planned_s += seconds;
+        match self.finished.back_mut() {
+            Some(last) if last.0 == block => last.1 += seconds,
+            _ => self.finished.push_back((block, seconds)),
+        }
+        self.sink.planned_block(block, seconds);
+    }
+
+    fn has_room(&self, steps: usize, segments: usize) -> bool {
+        self.sink.has_room(steps, segments)
+    }
+
+    fn wait(&mut self) -> Result<(), S::Error> {
+        self.sink.wait()
+    }
+
+    fn request(&mut self) -> Option<Request> {
+        self.sink.request()
+    }
+
+    fn answer(&mut self, answer: Answer) {
+        self.sink.answer(answer);
+    }
+
+    fn reached(&self) -> u64 {
+        self.sink.reached()
+    }
 }
 
 /// Blocks that have been handed to the planner and not yet reported.
@@ -179,6 +219,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
     pub(crate) fn new(
         file: &Path,
         setup: &'a Setup,
+        feed_override: f64,
         sink: S,
         news: Vec<Sender<FeederNews>>,
         with_blocks: bool,
@@ -195,7 +236,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         Self {
             file: file.display().to_string(),
             setup,
-            planner: Planner::new(setup.path_limits(), setup.path_rules(), tally),
+            planner: Planner::new(setup.path_limits(), setup.path_rules(feed_override), tally),
             news,
             with_blocks,
             optional_stop,
@@ -221,6 +262,8 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         // A consumer that has gone needs no end.
         let _gone = self.planner.finish(line);
         self.report_blocks(true);
+        // Holds and overrides are answered as long as the program runs.
+        self.planner.attend();
         let report = FeedReport {
             deviation_mm: self.planner.deviation_mm(),
             planned_s: self.planner.sink().planned_s,
@@ -395,7 +438,12 @@ fn describe(action: &Action) -> Option<String> {
 /// The file cannot be read.
 pub fn check(program: &Path, setup: &Setup, limit: usize) -> std::io::Result<Vec<Diagnostic>> {
     let reader = BufReader::with_capacity(256 * 1024, File::open(program)?);
-    let mut planner = Planner::new(setup.path_limits(), setup.path_rules(), Nowhere);
+    // Nothing is planned in earnest: the classic planner is enough to check moves.
+    let rules = PathRules {
+        planner: PlannerKind::Classic,
+        ..setup.path_rules(1.0)
+    };
+    let mut planner = Planner::new(setup.path_limits(), rules, Nowhere);
     let mut errors = Vec::new();
     let mut block = 0;
     for command in Interpreter::new(reader, setup.interpreter_settings()) {
@@ -410,7 +458,7 @@ pub fn check(program: &Path, setup: &Setup, limit: usize) -> std::io::Result<Vec
                     Ok(()) => None,
                     // A move after one that was refused starts elsewhere: nothing new.
                     Err(PlanError::Gap { .. } | PlanError::Sink(_)) => {
-                        planner = Planner::new(setup.path_limits(), setup.path_rules(), Nowhere);
+                        planner = Planner::new(setup.path_limits(), rules, Nowhere);
                         planner
                             .push(&motion, line, block)
                             .err()

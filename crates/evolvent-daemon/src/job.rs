@@ -73,12 +73,14 @@ impl Setup {
         PathLimits::new(self.machine.limits(), self.rate_hz(), chord_error_mm)
     }
 
-    /// Rules of joining blocks.
+    /// Rules of following the path, to be planned for this feed override at first.
     #[must_use]
-    pub fn path_rules(&self) -> PathRules {
+    pub fn path_rules(&self, feed_override: f64) -> PathRules {
         PathRules {
             blend_tolerance_mm: self.machine.path.blend_tolerance_mm,
             joint_time_s: self.machine.path.joint_time_s,
+            planner: self.machine.path.planner,
+            feed_override,
         }
     }
 

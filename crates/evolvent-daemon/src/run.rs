@@ -180,6 +180,7 @@ pub fn run(
                 Feeder::new(
                     &job.program,
                     setup,
+                    job.feed_override,
                     plan_producer,
                     listeners,
                     with_blocks,
@@ -188,7 +189,7 @@ pub fn run(
                 .feed(&job.program, || feeding.fail_program())
             })?;
 
-        let cycle = CycleLoop {
+        let mut cycle = CycleLoop {
             queue: plan_consumer,
             controls: Arc::clone(controls),
             clock: job.clock,
@@ -200,15 +201,14 @@ pub fn run(
             trace: trace_producer,
             start_unix_ns,
         };
-        let motion = Motion::new(limits, setup.period_ns, limits.home);
+        let motion = Motion::new(limits, setup.period_ns, limits.home).planned_for(job.feed_override);
         let request = realtime_request(job, 0);
         let (granted_sender, granted) = mpsc::channel();
         let cycle_thread = thread::Builder::new()
             .name("cycle".into())
             .spawn_scoped(scope, move || {
                 // Begin with a plan in hand, so that the first cycles do not depend on how fast it came.
-                let ready = || cycle.queue.is_ready() || cycle.queue.is_abandoned();
-                while !ready() && !cycle.controls.is_stopping() {
+                while !motion.is_ready(&mut cycle.queue) && !cycle.controls.is_stopping() {
                     thread::sleep(PLANNER_NAP);
                 }
                 if let Some(request) = request {

@@ -10,7 +10,7 @@ use serde::de::{Error, Visitor};
 use serde::{Deserialize, Deserializer};
 use serde_json::json;
 
-use crate::machine::{ControlRate, Kinematics, MAX_RATE_HZ, MIN_RATE_HZ, MachineKind, OnFull, PathMode};
+use crate::machine::{ControlRate, Kinematics, MAX_RATE_HZ, MIN_RATE_HZ, MachineKind, OnFull, PathMode, PlannerKind};
 
 /// A machine as Evolvent controls it: axes, limits, and how the control loop runs.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -182,6 +182,10 @@ pub(crate) struct PathFile {
     /// "blend" (as G64) or "exact" (as G61) until the program says otherwise; "blend" where it is not given.
     #[serde(default)]
     pub(crate) mode: PathMode,
+    /// "optimal" (smooth and as fast as the axes allow) or "classic" (blends and look-ahead); "classic" where it is not
+    /// given.
+    #[serde(default)]
+    pub(crate) planner: PlannerKind,
     /// How far a blend may leave the programmed path, mm; 0.01 where it is not given.
     #[schemars(range(min = 0, max = 100))]
     pub(crate) blend_tolerance_mm: Option<f64>,

@@ -60,6 +60,17 @@ pub enum PathMode {
     Blend,
 }
 
+/// Which planner computes the motion.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum PlannerKind {
+    /// Smooth path within the tolerance, as fast as the limits of the axes allow.
+    Optimal,
+    /// Blends at corners and look-ahead over constant limits along the path: simple, slower.
+    #[default]
+    Classic,
+}
+
 /// What happens when the trace can no longer be written.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
@@ -93,6 +104,8 @@ pub struct Axis {
 /// How the path is followed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PathSettings {
+    /// Which planner.
+    pub planner: PlannerKind,
     /// Mode until the program says G61 or G64.
     pub mode: PathMode,
     /// How far a blend may leave the programmed path, mm, until the program says G64 P.

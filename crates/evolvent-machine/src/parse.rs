@@ -326,6 +326,7 @@ impl Check<'_> {
         }
         let one_increment_mm = (1.0 / raw.increments_per_mm).max(1e-3);
         Ok(PathSettings {
+            planner: path.planner,
             mode: path.mode,
             blend_tolerance_mm,
             joint_time_s: number("joint_time_ms", path.joint_time_ms, 1.0, 1e-3, 1000.0)? / 1000.0,

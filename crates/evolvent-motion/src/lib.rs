@@ -9,10 +9,15 @@
 //! Whatever happens to the planner, the queue ends at rest on the path. Should a plan be wrong, the guard refuses
 //! the setpoint, the machine brakes on the path, and if that breaks a limit as well, each axis stops by itself.
 
+mod advance;
+mod asking;
+mod cursor;
 mod guard;
 mod motion;
 mod queue;
+mod quick_stop;
 mod setpoint;
+mod slow;
 mod state;
 
 pub use guard::{Extremes, Guard, Quantity, Violation};

@@ -1,47 +1,17 @@
 //! One step of the cycle.
 
 use evolvent_machine::Limits;
-use evolvent_path::{AXES, Axes, Jet};
-use evolvent_plan::{Outcome, Profile, ScalarLimits, ScalarState, Segment, Step};
+use evolvent_path::{Axes, Jet};
+use evolvent_plan::Segment;
 
+use crate::asking::Asking;
+use crate::cursor::{Cursor, Drive};
 use crate::guard::{Extremes, Guard, Violation};
 use crate::queue::PlanConsumer;
+use crate::quick_stop::QuickStop;
 use crate::setpoint::{Inputs, Setpoint};
+use crate::slow::Slow;
 use crate::state::{State, flags};
-
-/// Steps and segments passed in one cycle at the most. Runs last half a millisecond or more, so only a broken
-/// plan comes near it.
-const MOST_PER_CYCLE: usize = 512;
-/// What rounding leaves between a rest at the end of a move and its end, parameter units.
-const END_ROUNDING: f64 = 1e-11;
-
-/// Where the cycle is in the plan. `Copy`: a step is computed on a copy and kept only if the guard agrees.
-#[derive(Clone, Copy, Debug)]
-struct Cursor {
-    /// Present run, if any: its length, limits and feed.
-    run: Option<(f64, ScalarLimits, f64)>,
-    profile: Profile,
-    /// Seconds since the profile's start.
-    time: f64,
-    /// Parameter, from the run's start, at which the front segment starts.
-    segment_start: f64,
-    /// Steps and segments passed but not yet taken from the queue.
-    steps: usize,
-    segments: usize,
-    /// Parameter length of all runs passed.
-    travelled: f64,
-    /// Seconds of dwell left.
-    dwell: f64,
-    state: State,
-    actions: u32,
-    line: u32,
-    block: u32,
-    starved: bool,
-    /// A step of curvature was passed in this cycle.
-    joint: bool,
-    /// The profile was solved for braking.
-    braking: bool,
-}
 
 /// Motion of one machine along one plan.
 ///
@@ -49,24 +19,23 @@ struct Cursor {
 /// or wait, and its work is bounded.
 #[derive(Debug)]
 pub struct Motion {
-    period: f64,
-    limits: Limits,
+    pub(crate) period: f64,
+    pub(crate) limits: Limits,
     guard: Guard,
-    cursor: Cursor,
-    sequence: u64,
-    feed_override: f64,
-    stop: bool,
-    resume_seen: bool,
+    pub(crate) cursor: Cursor,
+    pub(crate) sequence: u64,
+    pub(crate) feed_override: f64,
+    pub(crate) stop: bool,
+    pub(crate) resume_seen: bool,
     fault: Option<Violation>,
     /// Set where even braking on the path breaks a limit: every axis stops by itself.
-    quick_stop: Option<[(Profile, f64); AXES]>,
-    quick_stop_from: Axes,
-    quick_stop_time: f64,
-    last: Jet,
+    pub(crate) quick_stop: Option<QuickStop>,
+    pub(crate) last: Jet,
+    pub(crate) asking: Asking,
 }
 
 impl Motion {
-    /// At rest at `position`, the first setpoint still to come.
+    /// At rest at `position`, the first setpoint still to come; the plan is made for 100 % feed.
     #[must_use]
     pub fn new(limits: Limits, period_ns: u64, position: Axes) -> Self {
         let period = period_ns as f64 * 1e-9;
@@ -80,33 +49,24 @@ impl Motion {
             period,
             limits,
             guard: Guard::new(limits, period, position),
-            cursor: Cursor {
-                run: None,
-                profile: Profile::at_rest(0.0),
-                time: 0.0,
-                segment_start: 0.0,
-                steps: 0,
-                segments: 0,
-                travelled: 0.0,
-                dwell: 0.0,
-                state: State::Idle,
-                actions: 0,
-                line: 0,
-                block: 0,
-                starved: false,
-                joint: false,
-                braking: false,
-            },
+            cursor: Cursor::at_start(),
             sequence: 0,
             feed_override: 1.0,
             stop: false,
             resume_seen: false,
             fault: None,
             quick_stop: None,
-            quick_stop_from: position,
-            quick_stop_time: 0.0,
             last: still,
+            asking: Asking::new(period),
         }
+    }
+
+    /// Says which feed override the plan is made for at first.
+    #[must_use]
+    pub fn planned_for(mut self, feed_override: f64) -> Self {
+        self.feed_override = checked_override(feed_override);
+        self.asking.plan_for(self.feed_override);
+        self
     }
 
     /// What the guard measured in the published positions.
@@ -130,7 +90,7 @@ impl Motion {
     /// Whether the axes are at rest at a place where the plan may be waited for.
     #[must_use]
     pub fn is_at_rest(&self) -> bool {
-        let state = self.cursor.profile.at(self.cursor.time).0;
+        let state = self.cursor.now().0;
         self.quick_stop.is_none() && state.v == 0.0 && state.a == 0.0
     }
 
@@ -141,9 +101,7 @@ impl Motion {
             State::Done | State::Stopped => true,
             State::Fault => match &self.quick_stop {
                 None => self.is_at_rest(),
-                Some(axes) => axes
-                    .iter()
-                    .all(|(profile, _)| self.quick_stop_time >= profile.duration()),
+                Some(stop) => stop.is_over(),
             },
             _ => false,
         }
@@ -151,17 +109,14 @@ impl Motion {
 
     /// Computes the next setpoint, one period after the last.
     pub fn step(&mut self, inputs: &Inputs, queue: &mut PlanConsumer) -> Setpoint {
-        let wanted = if inputs.feed_override.is_nan() {
-            0.0
-        } else {
-            inputs.feed_override.clamp(0.0, 2.0)
-        };
+        let wanted = checked_override(inputs.feed_override);
         let changed = wanted != self.feed_override;
         self.feed_override = wanted;
         self.stop |= inputs.stop;
 
         if self.quick_stop.is_none() {
             let mut cursor = self.cursor;
+            self.take_answer(&mut cursor, queue);
             self.advance(&mut cursor, inputs, changed, queue);
             let (mut jet, mut segment) = self.evaluate(&mut cursor, queue);
             if let Err(violation) = self
@@ -171,6 +126,9 @@ impl Motion {
                 self.fault.get_or_insert(violation);
                 cursor = self.cursor;
                 cursor.state = State::Fault;
+                if matches!(cursor.drive, Drive::Flow { .. }) && cursor.slow.is_none() {
+                    cursor.slow = Some(Slow::new(&self.limits));
+                }
                 self.advance(&mut cursor, inputs, false, queue);
                 (jet, segment) = self.evaluate(&mut cursor, queue);
                 if self.guard.check(&jet.position, cursor.joint, true).is_err() {
@@ -178,7 +136,9 @@ impl Motion {
                 }
             }
             if self.quick_stop.is_none() {
-                return self.publish(cursor, jet, segment.as_ref(), queue);
+                let setpoint = self.publish(cursor, jet, segment.as_ref(), queue);
+                self.ask(inputs, queue);
+                return setpoint;
             }
         }
         self.step_quick_stop()
@@ -192,7 +152,6 @@ impl Motion {
         queue: &mut PlanConsumer,
     ) -> Setpoint {
         self.guard.publish(&jet.position, cursor.joint);
-        let (state, _) = cursor.profile.at(cursor.time);
         let marks = segment.map(|segment| segment.marks).unwrap_or_default();
         let mut bits = 0;
         for (set, bit) in [
@@ -207,19 +166,26 @@ impl Motion {
                 bits |= bit;
             }
         }
-        queue.take(cursor.steps, cursor.segments);
-        (cursor.steps, cursor.segments) = (0, 0);
         // At rest the front segment is that of the next move, not of the step that is waited for.
-        if let (Some(segment), Some(_)) = (segment, cursor.run) {
-            (cursor.line, cursor.block) = (segment.line, segment.block);
+        if let (Some(segment), false) = (segment, cursor.is_still()) {
+            (cursor.line, cursor.block) = match queue.mark(cursor.mark) {
+                Some(mark) => (mark.line, mark.block),
+                None => (segment.line, segment.block),
+            };
         }
-        let path_mm = cursor.travelled + if cursor.run.is_some() { state.x } else { 0.0 };
+        queue.take(cursor.step, cursor.segment, cursor.mark, cursor.interval);
+        let path_mm = cursor.path();
         self.cursor = cursor;
         self.last = jet;
         if self.is_over() {
             bits |= flags::LAST;
         }
         self.setpoint(jet, path_mm, bits)
+    }
+
+    /// Whether the axes are to come to rest on the path and stay there.
+    pub(crate) fn is_told_to_stand(&self, cursor: &Cursor, inputs: &Inputs) -> bool {
+        self.stop || inputs.hold || cursor.state == State::Fault
     }
 
     fn setpoint(&mut self, jet: Jet, path_mm: f64, flags: u32) -> Setpoint {
@@ -242,255 +208,18 @@ impl Motion {
         }
     }
 
-    /// Advances the cursor by one period.
-    fn advance(&mut self, cursor: &mut Cursor, inputs: &Inputs, changed: bool, queue: &mut PlanConsumer) {
-        let standing = self.stop || inputs.hold || cursor.state == State::Fault;
-        let brake = standing || self.feed_override == 0.0;
-        // A profile is solved once, and again only when something that it was solved for has changed.
-        if cursor.run.is_some() && (brake != cursor.braking || (changed && !brake)) {
-            let (now, _) = cursor.profile.at(cursor.time);
-            Self::solve(cursor, now, brake, self.feed_override, queue);
-        }
-        let mut left = self.period;
-        for _ in 0..MOST_PER_CYCLE {
-            if let Some((length, _, _)) = cursor.run {
-                let rest = cursor.profile.duration() - cursor.time;
-                if left < rest || cursor.profile.outcome() == Outcome::Rests {
-                    cursor.time = (cursor.time + left).min(cursor.profile.duration());
-                    break;
-                }
-                left -= rest.max(0.0);
-                let end = cursor.profile.end();
-                cursor.run = None;
-                cursor.steps += 1;
-                cursor.travelled += length;
-                cursor.segment_start -= length;
-                let carried = ScalarState {
-                    x: end.x - length,
-                    ..end
-                };
-                cursor.profile = Profile::at_rest(carried.x);
-                cursor.time = 0.0;
-                self.enter(cursor, carried, brake, inputs, queue);
-            } else {
-                let from = cursor.profile.end();
-                if cursor.dwell > 0.0 {
-                    if !standing {
-                        cursor.dwell -= left;
-                    }
-                    if cursor.dwell > 0.0 {
-                        break;
-                    }
-                    cursor.dwell = 0.0;
-                    cursor.steps += 1;
-                    break;
-                }
-                if !self.enter(
-                    cursor,
-                    ScalarState {
-                        x: from.x,
-                        v: 0.0,
-                        a: 0.0,
-                    },
-                    brake,
-                    inputs,
-                    queue,
-                ) {
-                    break;
-                }
-            }
-        }
-        self.settle(cursor, standing, inputs);
-    }
-
-    /// Enters the next step; `false` where it has to be waited for.
-    fn enter(
-        &mut self,
-        cursor: &mut Cursor,
-        from: ScalarState,
-        brake: bool,
-        inputs: &Inputs,
-        queue: &mut PlanConsumer,
-    ) -> bool {
-        let Some(step) = queue.step(cursor.steps) else {
-            return false;
-        };
-        let moving = from.v > 0.0;
-        if !moving && brake {
-            return false;
-        }
-        match step {
-            Step::Run(run) => {
-                let is_final = queue.is_final(cursor.steps);
-                if !moving && !is_final {
-                    return false;
-                }
-                cursor.starved = !is_final;
-                cursor.run = Some((run.length, run.limits, run.feed));
-                Self::solve(cursor, from, brake, self.feed_override, queue);
-            }
-            Step::Dwell { seconds, line } => {
-                cursor.line = line;
-                cursor.dwell = seconds;
-                if seconds <= 0.0 {
-                    cursor.steps += 1;
-                }
-            }
-            Step::ProgramStop { line } => {
-                cursor.line = line;
-                if !inputs.resume || self.resume_seen {
-                    cursor.state = State::ProgramStop;
-                    return false;
-                }
-                self.resume_seen = true;
-                cursor.state = State::Running;
-                cursor.steps += 1;
-            }
-            Step::Action { action, line } => {
-                cursor.line = line;
-                cursor.actions = action + 1;
-                cursor.steps += 1;
-            }
-            Step::End { line } => {
-                if line > 0 {
-                    cursor.line = line;
-                }
-                cursor.state = State::Done;
-                return false;
-            }
-        }
-        true
-    }
-
-    fn solve(cursor: &mut Cursor, from: ScalarState, brake: bool, feed_override: f64, queue: &PlanConsumer) {
-        let Some((length, limits, feed)) = cursor.run else {
-            return;
-        };
-        let exits = queue.exit(cursor.steps);
-        cursor.profile = if brake {
-            Profile::brake(from, length, exits.doubled, &limits)
-        } else {
-            let velocity = limits.velocity.min(feed * feed_override);
-            let limits = ScalarLimits { velocity, ..limits };
-            Profile::solve(
-                from,
-                length,
-                exits.at_override(feed_override),
-                exits.doubled,
-                &limits,
-            )
-        };
-        cursor.braking = brake;
-        cursor.time = 0.0;
-    }
-
-    /// The state after the step.
-    fn settle(&mut self, cursor: &mut Cursor, standing: bool, inputs: &Inputs) {
-        if !inputs.resume {
-            self.resume_seen = false;
-        }
-        if matches!(cursor.state, State::Done | State::Fault) {
-            return;
-        }
-        let (now, _) = cursor.profile.at(cursor.time);
-        let still = cursor.run.is_none() || (now.v == 0.0 && cursor.profile.outcome() == Outcome::Rests);
-        cursor.state = if self.stop {
-            if still { State::Stopped } else { State::Stopping }
-        } else if standing {
-            if still { State::Held } else { State::Holding }
-        } else if cursor.dwell > 0.0 {
-            State::Dwell
-        } else if cursor.run.is_none() && cursor.state == State::ProgramStop {
-            State::ProgramStop
-        } else if cursor.run.is_none() && cursor.state == State::Idle {
-            State::Idle
-        } else {
-            State::Running
-        };
-    }
-
-    /// Position and time derivatives at the cursor; passes segments that lie behind.
-    fn evaluate(&self, cursor: &mut Cursor, queue: &mut PlanConsumer) -> (Jet, Option<Segment>) {
-        let (now, jerk) = cursor.profile.at(cursor.time);
-        cursor.joint = false;
-        let Some(mut segment) = queue.segment(cursor.segments) else {
-            let mut still = self.last;
-            (still.first, still.second, still.third) = (Axes::zeros(), Axes::zeros(), Axes::zeros());
-            return (still, None);
-        };
-        for _ in 0..MOST_PER_CYCLE {
-            if now.x < cursor.segment_start + segment.length {
-                break;
-            }
-            let Some(next) = queue.segment(cursor.segments + 1) else {
-                break;
-            };
-            cursor.segment_start += segment.length;
-            cursor.segments += 1;
-            cursor.joint |= next.marks.joint;
-            segment = next;
-        }
-        let x = (now.x - cursor.segment_start).min(segment.length);
-        let mut path = segment.jet(x);
-        // At rest at the end of a move the place is the programmed one to the last bit.
-        let last = segment.from + segment.length >= segment.curve.domain() - END_ROUNDING;
-        if cursor.run.is_none() && last && segment.length - x <= END_ROUNDING {
-            path.position = segment.curve.end();
-        }
-        let (v, a) = (now.v, now.a);
-        let jet = Jet {
-            position: path.position,
-            first: path.first * v,
-            second: path.second * (v * v) + path.first * a,
-            third: path.third * (v * v * v) + path.second * (3.0 * v * a) + path.first * jerk,
-        };
-        (jet, Some(segment))
-    }
-
     /// Every axis comes to rest by itself from its last published state: the path is left.
     fn start_quick_stop(&mut self) {
-        let mut axes = [(Profile::at_rest(0.0), 1.0); AXES];
-        for i in 0..AXES {
-            let (velocity, acceleration) = (self.last.first[i], self.last.second[i]);
-            // The last setpoint has left, so its position is sound; its derivatives are not worth a wrong motion.
-            if !self.limits.present[i] || !velocity.is_finite() || !acceleration.is_finite() {
-                continue;
-            }
-            let sign = if velocity < 0.0 { -1.0 } else { 1.0 };
-            let bound = self.limits.acceleration[i];
-            let from = ScalarState {
-                x: 0.0,
-                v: velocity.abs(),
-                a: (sign * acceleration).clamp(-bound, bound),
-            };
-            let limits = ScalarLimits {
-                velocity: self.limits.velocity[i],
-                acceleration: bound,
-                jerk: self.limits.jerk[i],
-            };
-            axes[i] = (Profile::brake(from, f64::INFINITY, 0.0, &limits), sign);
-        }
-        self.quick_stop = Some(axes);
-        self.quick_stop_from = self.guard.past()[0];
-        self.quick_stop_time = 0.0;
+        let from = self.guard.past()[0];
+        self.quick_stop = Some(QuickStop::new(&self.limits, from, &self.last));
         self.cursor.state = State::Fault;
     }
 
     fn step_quick_stop(&mut self) -> Setpoint {
-        self.quick_stop_time += self.period;
-        let mut jet = Jet {
-            position: self.quick_stop_from,
-            ..self.last
+        let mut jet = match &mut self.quick_stop {
+            Some(stop) => stop.advance(self.period),
+            None => self.last,
         };
-        if let Some(axes) = &self.quick_stop {
-            for (i, (profile, sign)) in axes.iter().enumerate() {
-                let (now, jerk) = profile.at(self.quick_stop_time);
-                jet.position[i] += sign * now.x;
-                jet.first[i] = sign * now.v;
-                jet.second[i] = sign * now.a;
-                jet.third[i] = sign * jerk;
-            }
-        }
         // The travel is the last line; standing still is all that is left beyond it.
         if self.guard.check_place(&jet.position).is_err() {
             jet.position = self.guard.past()[0];
@@ -503,6 +232,10 @@ impl Motion {
         let path_mm = self.cursor.travelled;
         self.setpoint(jet, path_mm, bits)
     }
+}
+
+fn checked_override(factor: f64) -> f64 {
+    if factor.is_nan() { 0.0 } else { factor.clamp(0.0, 2.0) }
 }
 
 fn feed_metric(v: &Axes) -> f64 {

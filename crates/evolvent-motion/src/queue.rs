@@ -1,33 +1,56 @@
-//! The wait-free queue from the planner to the cycle.
+//! The wait-free queue from the planner to the cycle, and the cycle's requests back.
 //!
-//! Segments and steps go through rings; exit speeds through a table of atomics beside them, because the
-//! look-ahead raises the exit speed of steps that are already queued. Speeds are raised from the last step
-//! backwards, so whatever the cycle reads, at whatever moment, can be brought to rest on the path.
+//! Segments, marks and steps go through rings; what changes of steps that are already queued stands in a table of
+//! atomics beside them.
+//!
+//! A classic plan raises the exit speed of queued runs, from the last run backwards, so whatever the cycle reads,
+//! at whatever moment, can be brought to rest on the path.
+//!
+//! A near-optimal plan is a chain of pieces of a time law. Behind the committed pieces lies a *tail* that ends at
+//! rest. When more has been planned, it is appended behind the tail, and the last committed step is *linked* to it:
+//! the tail is skipped. A cycle that comes to the end of what is committed before that claims the link, drives the
+//! tail, and the planner's late link fails. Holds and overrides come as a [`Request`] for a new plan from a place a
+//! few cycles ahead; the [`Answer`] names the step to go on with there.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use evolvent_plan::{ExitSpeeds, PENDING_SEGMENTS, PENDING_STEPS, PlanSink, Segment, Step};
+use evolvent_plan::{
+    Answer, BlockMark, ExitSpeeds, PENDING_SEGMENTS, PENDING_STEPS, PlanSink, Request, Segment, Step,
+};
 use rtrb::{Consumer, Producer, RingBuffer};
 
 /// Steps that are final and waiting, beyond what the look-ahead needs for itself.
-const READY_STEPS: usize = 4096;
+const READY_STEPS: usize = 28_608;
 /// The same for segments: enough for [`STEPS_AHEAD`] runs of the most segments.
 const READY_SEGMENTS: usize = 12_288;
-/// The virtual clock, and every start from rest, waits until this many steps are final (or the plan is
-/// complete), so that a cycle never enters a step that could still change.
+/// Ends of blocks.
+const MARKS: usize = 1 << 17;
+/// Requests and answers; one at a time is open.
+const REQUESTS: usize = 8;
+/// The virtual clock, and every start from rest, waits until this many runs are final (or the plan is
+/// complete), so that a cycle never enters a run that could still change.
 pub const STEPS_AHEAD: u64 = 64;
+/// A link that the cycle has claimed: it goes on with the step behind.
+const CLAIMED: u64 = u64::MAX;
 
 #[derive(Debug)]
 struct Table {
     exits: Box<[[AtomicU64; 2]]>,
+    /// Successor + 1 where it is not simply the next step; 0 where it is.
+    links: Box<[AtomicU64]>,
     finalised: AtomicU64,
     complete: AtomicU64,
+    reached: AtomicU64,
 }
 
 impl Table {
-    fn slot(&self, index: u64) -> &[AtomicU64; 2] {
+    fn exit(&self, index: u64) -> &[AtomicU64; 2] {
         &self.exits[(index % self.exits.len() as u64) as usize]
+    }
+
+    fn link(&self, index: u64) -> &AtomicU64 {
+        &self.links[(index % self.links.len() as u64) as usize]
     }
 }
 
@@ -37,16 +60,24 @@ pub fn plan_queue<W: FnMut() -> bool>(wait: W) -> (PlanProducer<W>, PlanConsumer
     let steps = PENDING_STEPS + READY_STEPS;
     let (step_producer, step_consumer) = RingBuffer::new(steps);
     let (segment_producer, segment_consumer) = RingBuffer::new(PENDING_SEGMENTS + READY_SEGMENTS);
+    let (mark_producer, mark_consumer) = RingBuffer::new(MARKS);
+    let (request_producer, request_consumer) = RingBuffer::new(REQUESTS);
+    let (answer_producer, answer_consumer) = RingBuffer::new(REQUESTS);
     let table = Arc::new(Table {
         exits: (0..steps)
             .map(|_| [AtomicU64::new(0), AtomicU64::new(0)])
             .collect(),
+        links: (0..steps).map(|_| AtomicU64::new(0)).collect(),
         finalised: AtomicU64::new(0),
         complete: AtomicU64::new(0),
+        reached: AtomicU64::new(0),
     });
     let producer = PlanProducer {
         steps: step_producer,
         segments: segment_producer,
+        marks: mark_producer,
+        requests: request_consumer,
+        answers: answer_producer,
         table: Arc::clone(&table),
         appended: 0,
         wait,
@@ -54,8 +85,13 @@ pub fn plan_queue<W: FnMut() -> bool>(wait: W) -> (PlanProducer<W>, PlanConsumer
     let consumer = PlanConsumer {
         steps: step_consumer,
         segments: segment_consumer,
+        marks: mark_consumer,
+        requests: request_producer,
+        answers: answer_consumer,
         table,
         taken: 0,
+        taken_segments: 0,
+        taken_marks: 0,
     };
     (producer, consumer)
 }
@@ -70,6 +106,9 @@ pub struct QueueClosed;
 pub struct PlanProducer<W> {
     steps: Producer<Step>,
     segments: Producer<Segment>,
+    marks: Producer<BlockMark>,
+    requests: Consumer<Request>,
+    answers: Producer<Answer>,
     table: Arc<Table>,
     appended: u64,
     wait: W,
@@ -80,22 +119,19 @@ impl<W: FnMut() -> bool> PlanSink for PlanProducer<W> {
 
     fn segment(&mut self, segment: &Segment) -> Result<(), QueueClosed> {
         while self.segments.is_full() {
-            if self.segments.is_abandoned() || !(self.wait)() {
-                return Err(QueueClosed);
-            }
+            self.wait()?;
         }
         self.segments.push(*segment).map_err(|_| QueueClosed)
     }
 
     fn step(&mut self, step: &Step) -> Result<(), QueueClosed> {
         while self.steps.is_full() {
-            if self.steps.is_abandoned() || !(self.wait)() {
-                return Err(QueueClosed);
-            }
+            self.wait()?;
         }
-        for speed in self.table.slot(self.appended) {
+        for speed in self.table.exit(self.appended) {
             speed.store(0, Ordering::Release);
         }
+        self.table.link(self.appended).store(0, Ordering::Release);
         if matches!(step, Step::End { .. }) {
             self.table.complete.store(self.appended + 1, Ordering::Release);
         }
@@ -104,13 +140,56 @@ impl<W: FnMut() -> bool> PlanSink for PlanProducer<W> {
     }
 
     fn exit(&mut self, index: u64, speeds: ExitSpeeds) {
-        let [nominal, doubled] = self.table.slot(index);
+        let [nominal, doubled] = self.table.exit(index);
         nominal.store(speeds.nominal.to_bits(), Ordering::Release);
         doubled.store(speeds.doubled.to_bits(), Ordering::Release);
     }
 
     fn finalise(&mut self, count: u64) {
         self.table.finalised.store(count, Ordering::Release);
+    }
+
+    fn mark(&mut self, mark: &BlockMark) -> Result<(), QueueClosed> {
+        while self.marks.is_full() {
+            self.wait()?;
+        }
+        self.marks.push(*mark).map_err(|_| QueueClosed)
+    }
+
+    fn link(&mut self, from: u64, to: u64) -> bool {
+        self.table
+            .link(from)
+            .compare_exchange(0, to + 1, Ordering::AcqRel, Ordering::Acquire)
+            .is_ok()
+    }
+
+    fn has_room(&self, steps: usize, segments: usize) -> bool {
+        self.steps.slots() >= steps && self.segments.slots() >= segments
+    }
+
+    fn wait(&mut self) -> Result<(), QueueClosed> {
+        if self.steps.is_abandoned() || !(self.wait)() {
+            return Err(QueueClosed);
+        }
+        Ok(())
+    }
+
+    fn request(&mut self) -> Option<Request> {
+        // Only the last one is still open.
+        let mut last = None;
+        while let Ok(request) = self.requests.pop() {
+            last = Some(request);
+        }
+        last
+    }
+
+    fn answer(&mut self, answer: Answer) {
+        // An answer that finds no room is one that nobody waits for.
+        let _unheard = self.answers.push(answer);
+    }
+
+    fn reached(&self) -> u64 {
+        self.table.reached.load(Ordering::Acquire)
     }
 }
 
@@ -119,62 +198,139 @@ impl<W: FnMut() -> bool> PlanSink for PlanProducer<W> {
 pub struct PlanConsumer {
     steps: Consumer<Step>,
     segments: Consumer<Segment>,
+    marks: Consumer<BlockMark>,
+    requests: Producer<Request>,
+    answers: Consumer<Answer>,
     table: Arc<Table>,
     taken: u64,
+    taken_segments: u64,
+    taken_marks: u64,
 }
 
 impl PlanConsumer {
-    /// The `ahead`-th step not yet taken.
-    pub fn step(&mut self, ahead: usize) -> Option<Step> {
-        nth(&mut self.steps, ahead)
+    /// Step number `index`, counted from the first ever; none if it has not come or was taken.
+    pub fn step(&mut self, index: u64) -> Option<Step> {
+        nth(&mut self.steps, index.checked_sub(self.taken)? as usize)
     }
 
-    /// The `ahead`-th segment not yet taken.
-    pub fn segment(&mut self, ahead: usize) -> Option<Segment> {
-        nth(&mut self.segments, ahead)
+    /// Segment number `index`.
+    pub fn segment(&mut self, index: u64) -> Option<Segment> {
+        nth(
+            &mut self.segments,
+            index.checked_sub(self.taken_segments)? as usize,
+        )
     }
 
-    /// Exit speeds of the `ahead`-th step not yet taken.
+    /// Mark number `index`.
+    pub fn mark(&mut self, index: u64) -> Option<BlockMark> {
+        nth(&mut self.marks, index.checked_sub(self.taken_marks)? as usize)
+    }
+
+    /// Exit speeds of step `index`.
     #[must_use]
-    pub fn exit(&self, ahead: usize) -> ExitSpeeds {
-        let [nominal, doubled] = self.table.slot(self.taken + ahead as u64);
+    pub fn exit(&self, index: u64) -> ExitSpeeds {
+        let [nominal, doubled] = self.table.exit(index);
         ExitSpeeds {
             nominal: f64::from_bits(nominal.load(Ordering::Acquire)),
             doubled: f64::from_bits(doubled.load(Ordering::Acquire)),
         }
     }
 
-    /// Whether the exit speed of the `ahead`-th step not yet taken is final.
+    /// Whether step `index` is final.
     #[must_use]
-    pub fn is_final(&self, ahead: usize) -> bool {
-        self.table.finalised.load(Ordering::Acquire) > self.taken + ahead as u64
+    pub fn is_final(&self, index: u64) -> bool {
+        self.table.finalised.load(Ordering::Acquire) > index
     }
 
-    /// Whether a cycle can go on without meeting a step that could still change: the next
-    /// [`STEPS_AHEAD`] steps are final, or the plan is complete.
+    /// The step after step `index`, and whether it is final. Does not settle which way is taken.
     #[must_use]
-    pub fn is_ready(&self) -> bool {
+    pub fn successor(&self, index: u64) -> (u64, bool) {
+        // In this order: what is final was linked before it was declared final.
+        let finalised = self.table.finalised.load(Ordering::Acquire);
+        match self.table.link(index).load(Ordering::Acquire) {
+            0 => (index + 1, index + 1 < finalised),
+            CLAIMED => (index + 1, false),
+            link => (link - 1, link - 1 < finalised),
+        }
+    }
+
+    /// The same, and settles it: after this the planner cannot link step `index` elsewhere.
+    pub fn claim_successor(&mut self, index: u64) -> (u64, bool) {
+        let (next, is_final) = self.successor(index);
+        if is_final || next != index + 1 {
+            return (next, is_final);
+        }
+        match self
+            .table
+            .link(index)
+            .compare_exchange(0, CLAIMED, Ordering::AcqRel, Ordering::Acquire)
+        {
+            Ok(_) | Err(CLAIMED) => (index + 1, false),
+            Err(link) => (link - 1, true),
+        }
+    }
+
+    /// Whether the runs ahead of step `index` cannot change any more: the next [`STEPS_AHEAD`] steps are final, or
+    /// the plan is complete.
+    #[must_use]
+    pub fn has_final_ahead(&self, index: u64) -> bool {
+        let finalised = self.table.finalised.load(Ordering::Acquire);
+        finalised >= index + STEPS_AHEAD || self.is_complete()
+    }
+
+    /// Whether everything up to the program's end is final.
+    #[must_use]
+    pub fn is_complete(&self) -> bool {
         let finalised = self.table.finalised.load(Ordering::Acquire);
         let complete = self.table.complete.load(Ordering::Acquire);
-        finalised >= self.taken + STEPS_AHEAD || (complete > 0 && finalised >= complete)
+        complete > 0 && finalised >= complete
     }
 
     /// Whether the planner has gone without completing the plan.
     #[must_use]
     pub fn is_abandoned(&self) -> bool {
-        self.steps.is_abandoned() && self.table.complete.load(Ordering::Acquire) == 0
+        self.has_no_planner() && self.table.complete.load(Ordering::Acquire) == 0
     }
 
-    /// Takes steps and segments for good.
-    pub fn take(&mut self, steps: usize, segments: usize) {
-        self.taken += steps as u64;
-        if let Ok(chunk) = self.steps.read_chunk(steps) {
-            chunk.commit_all();
-        }
-        if let Ok(chunk) = self.segments.read_chunk(segments) {
-            chunk.commit_all();
-        }
+    /// Whether nobody answers requests any more.
+    #[must_use]
+    pub fn has_no_planner(&self) -> bool {
+        self.steps.is_abandoned()
     }
+
+    /// Sends a request to the planner; `false` if there is no room, which only a dead planner leaves.
+    pub fn ask(&mut self, request: Request) -> bool {
+        self.requests.push(request).is_ok()
+    }
+
+    /// The answer to request `id`, if it has come; older ones are dropped.
+    pub fn answer(&mut self, id: u64) -> Option<Answer> {
+        while let Ok(answer) = self.answers.peek().copied() {
+            if answer.id == id {
+                return Some(answer);
+            }
+            let _old = self.answers.pop();
+        }
+        None
+    }
+
+    /// Takes everything before these indices for good. `interval` is the grid interval reached.
+    pub fn take(&mut self, step: u64, segment: u64, mark: u64, interval: u64) {
+        self.taken += take(&mut self.steps, step.saturating_sub(self.taken));
+        self.taken_segments += take(&mut self.segments, segment.saturating_sub(self.taken_segments));
+        self.taken_marks += take(&mut self.marks, mark.saturating_sub(self.taken_marks));
+        self.table.reached.store(interval, Ordering::Release);
+    }
+}
+
+fn take<T>(consumer: &mut Consumer<T>, count: u64) -> u64 {
+    if count > 0
+        && let Ok(chunk) = consumer.read_chunk(count as usize)
+    {
+        chunk.commit_all();
+        return count;
+    }
+    0
 }
 
 fn nth<T: Copy>(consumer: &mut Consumer<T>, ahead: usize) -> Option<T> {

@@ -6,7 +6,7 @@ mod common;
 
 use common::{BLEND, Random, Scenario, campaign, check, run, scenario};
 use evolvent_gcode::{Move, MoveKind, PathMode};
-use evolvent_machine::Limits;
+use evolvent_machine::{Limits, PlannerKind};
 use evolvent_motion::{Inputs, Motion, STEPS_AHEAD, Setpoint, flags, plan_queue};
 use evolvent_path::{AXES, Axes, Curve, Line};
 use evolvent_plan::{PathLimits, PathRules, Planner};
@@ -25,6 +25,8 @@ fn run_in_lumps(scenario: &Scenario, random: &mut Random, lump: usize) -> (Vec<S
     let rules = PathRules {
         blend_tolerance_mm: 0.01,
         joint_time_s: 0.001,
+        planner: PlannerKind::Classic,
+        feed_override: 1.0,
     };
     let rate = 1e9 / scenario.period_ns as f64;
     let limits = PathLimits::new(scenario.limits, rate, scenario.chord_error_mm);
@@ -36,7 +38,7 @@ fn run_in_lumps(scenario: &Scenario, random: &mut Random, lump: usize) -> (Vec<S
     );
     let (mut out, mut fed, mut finished) = (Vec::new(), 0, false);
     while !motion.is_over() {
-        while !queue.is_ready() && !finished {
+        while !motion.is_ready(&mut queue) && !finished {
             for _ in 0..=random.pick(lump) {
                 if let Some(one) = scenario.moves.get(fed) {
                     planner.push(one, fed as u32 + 1, fed as u32).expect("plan");

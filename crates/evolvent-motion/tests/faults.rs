@@ -6,7 +6,7 @@ mod common;
 
 use common::{BLEND, Random, campaign, check, scenario};
 use evolvent_gcode::{Move, MoveKind, PathMode};
-use evolvent_machine::Limits;
+use evolvent_machine::{Limits, PlannerKind};
 use evolvent_motion::{Inputs, Motion, QueueClosed, State, flags, plan_queue};
 use evolvent_path::{AXES, Axes, Curve, Line};
 use evolvent_plan::{
@@ -16,6 +16,8 @@ use evolvent_plan::{
 const RULES: PathRules = PathRules {
     blend_tolerance_mm: 0.01,
     joint_time_s: 0.001,
+        planner: PlannerKind::Classic,
+        feed_override: 1.0,
 };
 
 #[test]

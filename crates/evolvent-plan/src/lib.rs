@@ -16,7 +16,9 @@
 //! This is the safe, classic planner. A planner that gives the true optimum slots in beside [`LookAhead`]: it
 //! takes the same segments and hands on steps of a further kind.
 
+mod classic;
 mod corner;
+mod horizon;
 mod lookahead;
 mod planner;
 #[cfg(test)]
@@ -30,4 +32,6 @@ pub use evolvent_feed::{
 pub use corner::{Rounding, exact_joint_speed, round_corner};
 pub use lookahead::{LookAhead, PENDING_SEGMENTS, PENDING_STEPS};
 pub use planner::{PathRules, PlanError, Planner};
-pub use step::{ExitSpeeds, PlanSink, Run, Segment, SegmentMarks, Step};
+pub use step::{
+    Answer, BlockMark, ExitSpeeds, Flow, PlanSink, Request, Run, Segment, SegmentMarks, Step,
+};

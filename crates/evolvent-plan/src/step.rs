@@ -1,5 +1,6 @@
 //! What the planner hands to the cycle: segments of path, and steps over them.
 
+use evolvent_feed::Piece;
 use evolvent_path::{Curve, Jet};
 
 use crate::ScalarLimits;
@@ -57,8 +58,12 @@ pub struct Run {
 /// One thing to do, in order.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Step {
-    /// Move.
+    /// Move as solved by the cycle, which keeps the run's limits (the classic planner).
     Run(Run),
+    /// Move by a law that the planner has solved (the near-optimal planner).
+    Flow(Flow),
+    /// Stand still until a further plan comes: the end of what is known so far, or of a feed hold.
+    Wait,
     /// Stand still for so many seconds (G4).
     Dwell {
         /// Seconds.
@@ -84,6 +89,58 @@ pub enum Step {
         /// Program line.
         line: u32,
     },
+}
+
+/// One piece of a time law, and where it lies on the path.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Flow {
+    /// The law, over part of one segment; its `stretch` is the segment's index in the order of handing on.
+    pub piece: Piece,
+    /// Path parameter from the program's start to the piece's start.
+    pub path: f64,
+}
+
+/// Where a programmed block ends on a path that is not cut at every block.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BlockMark {
+    /// Path parameter from the program's start to the block's end.
+    pub end: f64,
+    /// Program line.
+    pub line: u32,
+    /// Index of the block in the order of execution.
+    pub block: u32,
+}
+
+/// What the cycle asks of the planner while the program runs. At most one request is open.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Request {
+    /// Serial number, echoed by the answer.
+    pub id: u64,
+    /// Segment, and offset in it, at which the new plan takes over.
+    pub segment: u64,
+    /// Parameter offset in the segment.
+    pub offset: f64,
+    /// Grid interval of that place.
+    pub interval: u64,
+    /// Speed and acceleration of the path parameter there; both 0 at rest.
+    pub v: f64,
+    /// Acceleration of the path parameter.
+    pub a: f64,
+    /// Steps at rest (dwells, actions, stops) that have been passed.
+    pub rests: u64,
+    /// Come to rest as soon as the axes allow, and wait.
+    pub brake: bool,
+    /// Feed override to plan for, in `0..=2`.
+    pub feed_factor: f64,
+}
+
+/// The planner's answer to a [`Request`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Answer {
+    /// Serial number of the request.
+    pub id: u64,
+    /// Step with which to go on from the request's place; none if no plan was found, so that the old one stays.
+    pub step: Option<u64>,
 }
 
 /// Highest speeds at which a step may be left, acceleration zero.
@@ -144,8 +201,57 @@ pub trait PlanSink {
         let _ = (index, duration);
     }
 
-    /// All steps below `count` have their final exit speeds.
+    /// All steps below `count` are final: they will be driven as they are unless the cycle asks for another plan.
     fn finalise(&mut self, count: u64);
+
+    /// Appends the mark of a block's end.
+    ///
+    /// # Errors
+    /// The consumer does not take more.
+    fn mark(&mut self, mark: &BlockMark) -> Result<(), Self::Error> {
+        let _ = mark;
+        Ok(())
+    }
+
+    /// Makes step `to` the successor of step `from`. `false` if the consumer has already gone on from `from`.
+    fn link(&mut self, from: u64, to: u64) -> bool {
+        let _ = (from, to);
+        true
+    }
+
+    /// The planner's work for a block comes to `seconds` more at the feed in force.
+    fn planned_block(&mut self, block: u32, seconds: f64) {
+        let _ = (block, seconds);
+    }
+
+    /// Whether so many steps and segments can be appended without waiting.
+    fn has_room(&self, steps: usize, segments: usize) -> bool {
+        let _ = (steps, segments);
+        true
+    }
+
+    /// Waits a little for room or for a request.
+    ///
+    /// # Errors
+    /// The consumer has gone.
+    fn wait(&mut self) -> Result<(), Self::Error> {
+        Ok(())
+    }
+
+    /// The request that is open, once.
+    fn request(&mut self) -> Option<Request> {
+        None
+    }
+
+    /// Answers a request.
+    fn answer(&mut self, answer: Answer) {
+        let _ = answer;
+    }
+
+    /// Grid interval that the consumer has reached; what lies before is not needed any more.
+    fn reached(&self) -> u64 {
+        0
+    }
 }
 
 #[cfg(test)]

@@ -5,7 +5,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 use clap::Args;
 use evolvent_daemon::Setup;
-use evolvent_machine::{ControlRate, Machine};
+use evolvent_machine::{ControlRate, Machine, PlannerKind};
 
 use crate::CommandError;
 
@@ -20,13 +20,19 @@ pub(crate) struct ProgramArgs {
     /// Control rate in Hz, or `rational`: what the machine's limits need. Default: the machine file's.
     #[arg(long, value_name = "HZ", value_parser = parse_rate)]
     pub(crate) rate: Option<ControlRate>,
+    /// Planner: `optimal` or `classic`. Default: the machine file's.
+    #[arg(long, value_name = "NAME", value_parser = parse_planner)]
+    pub(crate) planner: Option<PlannerKind>,
 }
 
 impl ProgramArgs {
     /// Reads and checks the machine file; makes sure that the program is there.
     pub(crate) fn setup(&self) -> Result<Setup, CommandError> {
         let usage = |text: String| CommandError::Usage(text);
-        let machine = Machine::load(&self.machine).map_err(|error| usage(error.to_string()))?;
+        let mut machine = Machine::load(&self.machine).map_err(|error| usage(error.to_string()))?;
+        if let Some(planner) = self.planner {
+            machine.path.planner = planner;
+        }
         let text = std::fs::read_to_string(&self.machine)
             .map_err(|error| usage(format!("{}: {error}", self.machine.display())))?;
         let readable = std::fs::metadata(&self.program).map_err(|error| {
@@ -65,6 +71,14 @@ fn parse_rate(text: &str) -> Result<ControlRate, String> {
     match text.parse::<f64>() {
         Ok(hz) if hz.is_finite() && hz > 0.0 => Ok(ControlRate::Hz(hz)),
         _ => Err("give a rate in Hz above 0, or `rational`".to_owned()),
+    }
+}
+
+fn parse_planner(text: &str) -> Result<PlannerKind, String> {
+    match text {
+        "optimal" => Ok(PlannerKind::Optimal),
+        "classic" => Ok(PlannerKind::Classic),
+        _ => Err("name `optimal` or `classic`".to_owned()),
     }
 }
 

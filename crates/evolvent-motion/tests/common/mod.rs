@@ -9,7 +9,7 @@
 )]
 
 use evolvent_gcode::{Move, MoveKind, PathMode};
-use evolvent_machine::Limits;
+use evolvent_machine::{Limits, PlannerKind};
 use evolvent_motion::{Inputs, Motion, PlanConsumer, Setpoint, flags, plan_queue};
 use evolvent_path::{AXES, Arc, Axes, Curve, Involute, Line, Plane, Sense};
 use evolvent_plan::{PathLimits, PathRules, Planner};
@@ -196,6 +196,8 @@ pub fn plan(scenario: &Scenario) -> PlanConsumer {
     let rules = PathRules {
         blend_tolerance_mm: 0.01,
         joint_time_s: 0.001,
+        planner: PlannerKind::Classic,
+        feed_override: 1.0,
     };
     let path_limits = PathLimits::new(scenario.limits, rate, scenario.chord_error_mm);
     let mut planner = Planner::new(path_limits, rules, producer);

@@ -1,2 +1,0 @@
-//! How the cost of planning grows.
-fn main() {}

@@ -1,0 +1,559 @@
+//! The receding horizon: path in, windows of near-optimal plan out.
+//!
+//! The known path is planned in windows. Of each window the first part is committed, the rest is a tail that comes
+//! to rest on known path; the next window starts where the last commitment ends and replaces the tail. Where the
+//! path itself comes to rest, a window ends there and all of it is committed. Windows are cut by what is on the
+//! path, never by time, so the same program gives the same plan.
+//!
+//! The cycle may ask for another plan from a place ahead of it: for a hold, for another override, or because it has
+//! had to drive a tail. Everything behind that place is planned anew; what had been planned is dropped.
+
+use std::collections::VecDeque;
+
+use evolvent_feed::{Entry, Exit, Grid, MOST_INTERVALS, Optimizer, PathLimits, Piece, Place};
+use evolvent_path::AXES;
+
+use crate::step::{Answer, BlockMark, Flow, PlanSink, Request, Segment, Step};
+
+/// Intervals of path that wait for a plan while none is made (during a hold) before no more is read.
+const MOST_BACKLOG: u64 = 1 << 16;
+/// Share of a window's intervals that is committed at least, and at most.
+const COMMITTED: (f64, f64) = (0.5, 0.9);
+/// The tail takes at least so many times as long as stopping does.
+const TAIL_STOPS: f64 = 2.0;
+
+/// A place where the path comes to rest.
+#[derive(Clone, Copy, Debug)]
+struct Rest {
+    /// Grid interval that starts there.
+    at: u64,
+    /// What happens there, if anything.
+    step: Option<Step>,
+    /// How many steps at rest the cycle has passed before this one.
+    index: u64,
+}
+
+/// How far the plan has come.
+#[derive(Clone, Copy, Debug)]
+struct Front {
+    place: Place,
+    entry: Entry,
+    /// The committed step that the next window is to follow, where a tail follows it now.
+    link: Option<u64>,
+    /// Index in `rests` of the next one.
+    rest: usize,
+    feed_factor: f64,
+    /// The cycle has been brought to rest, or has left the plan: nothing is planned until it asks.
+    waits: bool,
+}
+
+/// Plans the path of one program.
+#[derive(Debug)]
+pub(crate) struct Horizon<S> {
+    sink: S,
+    grid: Grid,
+    optimizer: Optimizer,
+    front: Front,
+    rests: VecDeque<Rest>,
+    rests_seen: u64,
+    /// Segments that no piece has needed yet, and how many have been handed on.
+    segments: VecDeque<Segment>,
+    handed_segments: u64,
+    /// Path parameter at the start of each segment from `first_start` on.
+    starts: VecDeque<f64>,
+    first_start: u64,
+    length: f64,
+    marks: VecDeque<BlockMark>,
+    /// Marks of blocks whose planned time is still growing.
+    accounts: VecDeque<BlockMark>,
+    accounted: f64,
+    appended: u64,
+    pieces: Vec<Piece>,
+    /// Time that stopping takes per speed, and at the least, s.
+    stopping: (f64, f64),
+}
+
+impl<S: PlanSink> Horizon<S> {
+    pub(crate) fn new(limits: &PathLimits, feed_factor: f64, sink: S) -> Self {
+        let axes = limits.axes();
+        let least = |values: &evolvent_path::Axes| {
+            (0..AXES)
+                .filter(|&i| axes.present[i])
+                .map(|i| values[i])
+                .fold(f64::INFINITY, f64::min)
+        };
+        let (a, j) = (least(&axes.acceleration), least(&axes.jerk));
+        Self {
+            sink,
+            grid: Grid::new(limits),
+            optimizer: Optimizer::new(limits),
+            front: Front {
+                place: Place { interval: 0, x: 0.0 },
+                entry: Entry::Rest,
+                link: None,
+                rest: 0,
+                feed_factor,
+                waits: false,
+            },
+            rests: VecDeque::new(),
+            rests_seen: 0,
+            segments: VecDeque::new(),
+            handed_segments: 0,
+            starts: VecDeque::new(),
+            first_start: 0,
+            length: 0.0,
+            marks: VecDeque::new(),
+            accounts: VecDeque::new(),
+            accounted: 0.0,
+            appended: 0,
+            pieces: Vec::with_capacity(2 * MOST_INTERVALS),
+            stopping: (1.0 / a, a / j),
+        }
+    }
+
+    pub(crate) fn sink(&self) -> &S {
+        &self.sink
+    }
+
+    pub(crate) fn sink_mut(&mut self) -> &mut S {
+        &mut self.sink
+    }
+
+    /// Appends a stretch of path; `feed` in the feed metric, infinite for rapids.
+    pub(crate) fn segment(&mut self, segment: Segment, feed: f64) {
+        self.grid
+            .push(&segment.curve, segment.from, segment.length, feed);
+        self.starts.push_back(self.length);
+        self.length += segment.length;
+        self.segments.push_back(segment);
+    }
+
+    /// Bounds the speed at the present end; 0 is a stop.
+    pub(crate) fn cap(&mut self, speed: f64) {
+        if speed > 0.0 {
+            self.grid.cap(speed);
+        } else {
+            self.stop_at_end(None);
+        }
+    }
+
+    pub(crate) fn mark(&mut self, mark: BlockMark) {
+        self.marks.push_back(mark);
+        self.accounts.push_back(mark);
+    }
+
+    /// Appends a step at rest.
+    pub(crate) fn rest(&mut self, step: Step) {
+        self.stop_at_end(Some(step));
+    }
+
+    fn stop_at_end(&mut self, step: Option<Step>) {
+        self.rests.push_back(Rest {
+            at: self.grid.end(),
+            step,
+            index: self.rests_seen,
+        });
+        self.rests_seen += u64::from(step.is_some());
+    }
+
+    /// Plans what can be planned of the path that is known.
+    ///
+    /// # Errors
+    /// As the sink's.
+    pub(crate) fn advance(&mut self) -> Result<(), S::Error> {
+        self.forget();
+        loop {
+            self.serve()?;
+            if self.front.waits {
+                if self.grid.end() - self.front.place.interval < MOST_BACKLOG {
+                    return Ok(());
+                }
+                self.sink.wait()?;
+                continue;
+            }
+            if !self.pass_rests()? {
+                continue;
+            }
+            let Some((until, exit)) = self.window(&self.front) else {
+                return Ok(());
+            };
+            if self.solve(until, exit).is_err() {
+                // The tail in force ends at rest; from there the cycle asks again.
+                self.give_up()?;
+                continue;
+            }
+            if self.make_room()? {
+                continue;
+            }
+            self.commit(until, exit)?;
+        }
+    }
+
+    /// Serves requests until the consumer has gone.
+    ///
+    /// # Errors
+    /// As the sink's: the consumer has gone.
+    pub(crate) fn attend(&mut self) -> Result<(), S::Error> {
+        loop {
+            self.advance()?;
+            self.sink.wait()?;
+        }
+    }
+
+    /// Hands on the steps at the place of rest where the plan stands. `false` if a request has come in between.
+    fn pass_rests(&mut self) -> Result<bool, S::Error> {
+        while let Some(&rest) = self.rests.get(self.front.rest) {
+            if rest.at > self.front.place.interval || !matches!(self.front.entry, Entry::Rest) {
+                break;
+            }
+            if let Some(step) = rest.step {
+                if self.make_room()? {
+                    return Ok(false);
+                }
+                self.sink.step(&step)?;
+                self.appended += 1;
+                self.sink.finalise(self.appended);
+            }
+            self.front.rest += 1;
+        }
+        Ok(true)
+    }
+
+    /// The next window's end, once enough path is known.
+    fn window(&self, front: &Front) -> Option<(u64, Exit)> {
+        let start = front.place.interval;
+        let rest = self.rests.get(front.rest).map(|rest| rest.at);
+        let known = rest.unwrap_or_else(|| self.grid.end());
+        let most = start + MOST_INTERVALS as u64;
+        if known <= start || (rest.is_none() && known < most) {
+            return None;
+        }
+        if rest.is_some() && known <= most {
+            return Some((known, Exit::Rest));
+        }
+        Some((most, Exit::Open))
+    }
+
+    fn solve(&mut self, until: u64, exit: Exit) -> Result<(), evolvent_feed::FeedError> {
+        self.pieces.clear();
+        let front = &self.front;
+        self.optimizer
+            .plan(
+                &self.grid,
+                front.place,
+                front.entry,
+                until,
+                exit,
+                front.feed_factor,
+                &mut self.pieces,
+            )
+            .map(|_| ())
+    }
+
+    /// Waits until everything solved can be appended at once. `true` if a request was served meanwhile, so that
+    /// what was solved is not wanted any more.
+    fn make_room(&mut self) -> Result<bool, S::Error> {
+        loop {
+            if self.serve()? {
+                return Ok(true);
+            }
+            if self.sink.has_room(self.pieces.len() + 2, self.segments_needed()) {
+                return Ok(false);
+            }
+            self.sink.wait()?;
+        }
+    }
+
+    fn segments_needed(&self) -> usize {
+        self.pieces.last().map_or(0, |piece| {
+            (piece.stretch + 1).saturating_sub(self.handed_segments) as usize
+        })
+    }
+
+    /// Hands on the window that was solved: the first part final, the rest as a tail.
+    fn commit(&mut self, until: u64, exit: Exit) -> Result<(), S::Error> {
+        let first = self.appended;
+        let committed = match exit {
+            Exit::Rest => self.pieces.len(),
+            Exit::Open => self.committed_pieces(),
+        };
+        self.append_pieces()?;
+        let feed_factor = self.front.feed_factor;
+        let next = match self.pieces.get(committed) {
+            Some(piece) => {
+                self.sink.step(&Step::Wait)?;
+                self.appended += 1;
+                let (state, _) = piece.law.at(0.0);
+                Front {
+                    place: Place {
+                        interval: piece.interval,
+                        x: piece.from - self.interval_start(piece.interval),
+                    },
+                    entry: Entry::Moving {
+                        v: state.v,
+                        a: state.a,
+                    },
+                    link: Some(first + committed as u64 - 1),
+                    ..self.front
+                }
+            }
+            None => Front {
+                place: Place {
+                    interval: until,
+                    x: 0.0,
+                },
+                entry: Entry::Rest,
+                link: None,
+                ..self.front
+            },
+        };
+        let follows = match self.front.link {
+            Some(link) => self.sink.link(link, first),
+            None => true,
+        };
+        if !follows {
+            // The cycle drives the tail already, and will ask.
+            return self.give_up();
+        }
+        self.account(committed);
+        self.sink.finalise(first + committed as u64);
+        self.front = Front { feed_factor, ..next };
+        Ok(())
+    }
+
+    /// Hands on all pieces, and the segments and marks that they need.
+    fn append_pieces(&mut self) -> Result<(), S::Error> {
+        for piece in &self.pieces {
+            while self.handed_segments <= piece.stretch {
+                let Some(segment) = self.segments.pop_front() else {
+                    break;
+                };
+                self.sink.segment(&segment)?;
+                self.handed_segments += 1;
+            }
+            let path = self.starts[(piece.stretch - self.first_start) as usize] + piece.from;
+            while let Some(mark) = self.marks.front() {
+                if mark.end > path + piece.length {
+                    break;
+                }
+                self.sink.mark(mark)?;
+                self.marks.pop_front();
+            }
+            self.sink.step(&Step::Flow(Flow {
+                piece: *piece,
+                path,
+            }))?;
+            self.appended += 1;
+        }
+        // That of the block in which the pieces end.
+        if let Some(mark) = self.marks.pop_front() {
+            self.sink.mark(&mark)?;
+        }
+        Ok(())
+    }
+
+    /// How many pieces to commit: as many as leave a tail long enough that its end cannot be felt.
+    fn committed_pieces(&self) -> usize {
+        let intervals = |k: usize| self.pieces[k].interval - self.pieces[0].interval;
+        let last = self.pieces.len().saturating_sub(1);
+        let whole = intervals(last) as f64;
+        let (least, most) = (COMMITTED.0 * whole, COMMITTED.1 * whole);
+        let mut tail = 0.0;
+        let mut k = last;
+        while k > 1 {
+            let piece = &self.pieces[k];
+            tail += piece.duration;
+            let speed = piece.law.at(0.0).0.v;
+            let stopping = speed * self.stopping.0 + self.stopping.1;
+            let starts_interval = piece.interval != self.pieces[k - 1].interval;
+            let share = intervals(k) as f64;
+            if starts_interval && share <= most && (tail >= TAIL_STOPS * stopping || share <= least) {
+                break;
+            }
+            k -= 1;
+        }
+        k.max(1)
+    }
+
+    /// Adds the planned time of the first `count` pieces to their blocks.
+    fn account(&mut self, count: usize) {
+        for piece in &self.pieces[..count] {
+            let start = self.starts[(piece.stretch - self.first_start) as usize] + piece.from;
+            let middle = start + 0.5 * piece.length;
+            if start < self.accounted {
+                continue;
+            }
+            self.accounted = start + piece.length;
+            while self.accounts.len() > 1 && self.accounts[0].end < middle {
+                self.accounts.pop_front();
+            }
+            if let Some(mark) = self.accounts.front() {
+                self.sink.planned_block(mark.block, piece.duration);
+            }
+        }
+    }
+
+    /// No plan was found, or it came too late: the cycle comes to rest on the tail and asks from there.
+    fn give_up(&mut self) -> Result<(), S::Error> {
+        if self.front.link.is_none() {
+            // At rest, with nothing to follow: let it stand and ask.
+            self.sink.step(&Step::Wait)?;
+            self.appended += 1;
+            self.sink.finalise(self.appended);
+        }
+        self.front.waits = true;
+        Ok(())
+    }
+
+    /// Serves a request, if one is open.
+    fn serve(&mut self) -> Result<bool, S::Error> {
+        let Some(request) = self.sink.request() else {
+            return Ok(false);
+        };
+        let old = self.front;
+        self.front = self.front_at(&request);
+        let solved = if matches!(self.front.entry, Entry::Rest) {
+            // Nothing is in a hurry: the next windows follow from here.
+            self.pieces.clear();
+            self.sink.answer(Answer {
+                id: request.id,
+                step: Some(self.appended),
+            });
+            return Ok(true);
+        } else if request.brake {
+            self.solve_stop(&request)
+        } else {
+            self.solve_on()
+        };
+        let Some((until, exit)) = solved else {
+            self.front = old;
+            self.sink.answer(Answer {
+                id: request.id,
+                step: None,
+            });
+            return Ok(false);
+        };
+        let step = self.appended;
+        while !self.sink.has_room(self.pieces.len() + 2, self.segments_needed()) {
+            self.sink.wait()?;
+        }
+        self.commit(until, exit)?;
+        if request.brake {
+            self.sink.step(&Step::Wait)?;
+            self.appended += 1;
+            self.sink.finalise(self.appended);
+            self.front = self.front_after_stop();
+        }
+        self.sink.answer(Answer {
+            id: request.id,
+            step: Some(step),
+        });
+        Ok(true)
+    }
+
+    /// Offset of an interval from the start of its stretch.
+    fn interval_start(&self, interval: u64) -> f64 {
+        self.grid.stretch_of(interval).map_or(0.0, |stretch| stretch.1)
+    }
+
+    fn front_at(&self, request: &Request) -> Front {
+        let interval = request.interval;
+        let length = self.grid.interval_length(interval).unwrap_or(0.0);
+        let x = (request.offset - self.interval_start(interval)).clamp(0.0, length);
+        let moving = request.v > 0.0;
+        let passed = |rest: &Rest| match rest.step {
+            Some(_) => rest.index < request.rests,
+            None => rest.at < interval || (moving && rest.at == interval),
+        };
+        let rest = (0..self.rests.len())
+            .rev()
+            .find(|&k| passed(&self.rests[k]))
+            .map_or(0, |k| k + 1);
+        // A place at an interval's end is the start of the next.
+        let place = if x >= length {
+            Place {
+                interval: interval + 1,
+                x: 0.0,
+            }
+        } else {
+            Place { interval, x }
+        };
+        Front {
+            place,
+            entry: if moving {
+                Entry::Moving {
+                    v: request.v,
+                    a: request.a,
+                }
+            } else {
+                Entry::Rest
+            },
+            link: None,
+            rest,
+            feed_factor: request.feed_factor,
+            waits: false,
+        }
+    }
+
+    fn solve_on(&mut self) -> Option<(u64, Exit)> {
+        let front = self.front;
+        let window = self.window(&front).or_else(|| self.whatever_is_known(&front))?;
+        self.solve(window.0, window.1).ok()?;
+        (!self.pieces.is_empty()).then_some(window)
+    }
+
+    fn solve_stop(&mut self, request: &Request) -> Option<(u64, Exit)> {
+        let front = self.front;
+        let (until, _) = self
+            .window(&front)
+            .or_else(|| self.whatever_is_known(&front))?;
+        self.pieces.clear();
+        self.optimizer
+            .stop(
+                &self.grid,
+                front.place,
+                request.v,
+                request.a,
+                until,
+                &mut self.pieces,
+            )
+            .ok()?;
+        (!self.pieces.is_empty()).then_some((until, Exit::Rest))
+    }
+
+    /// A window over less path than one waits for otherwise.
+    fn whatever_is_known(&self, front: &Front) -> Option<(u64, Exit)> {
+        let end = self.grid.end();
+        (end > front.place.interval).then_some((end, Exit::Open))
+    }
+
+    fn front_after_stop(&self) -> Front {
+        let place = self.pieces.last().map_or(self.front.place, |piece| Place {
+            interval: piece.interval,
+            x: piece.from - self.interval_start(piece.interval) + piece.length,
+        });
+        Front {
+            place,
+            entry: Entry::Rest,
+            link: None,
+            waits: true,
+            ..self.front
+        }
+    }
+
+    /// Forgets what the consumer has passed.
+    fn forget(&mut self) {
+        let reached = self.sink.reached();
+        self.grid.release(reached);
+        while self.front.rest > 0 && self.rests.front().is_some_and(|rest| rest.at < reached) {
+            self.rests.pop_front();
+            self.front.rest -= 1;
+        }
+        if let Some((stretch, _)) = self.grid.stretch_of(reached) {
+            while self.first_start < stretch && self.first_start < self.handed_segments {
+                self.starts.pop_front();
+                self.first_start += 1;
+            }
+        }
+    }
+}
