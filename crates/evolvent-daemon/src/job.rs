@@ -96,7 +96,10 @@ impl Setup {
             axes,
             path_mode: match path.mode {
                 PathMode::Exact => gcode::PathMode::ExactPath,
-                PathMode::Blend => gcode::PathMode::Blend { tolerance_mm: None },
+                PathMode::Blend => gcode::PathMode::Blend {
+                    tolerance_mm: None,
+                    merge_mm: None,
+                },
             },
             arc: gcode::ArcTolerance {
                 metric_mm: path.arc_radius_tolerance_mm,

@@ -4,7 +4,7 @@
 macro_rules! codes {
     ($($(#[doc = $doc:literal])+ $name:ident = $text:literal,)+) => {
         /// What is wrong, by a number that never changes its meaning. Numbers of one hundred belong together:
-        /// 00 the file, 01 characters, 02 parts of the language that are not there yet, 03 words, 04 state,
+        /// 00 the file, 01 characters, 02 parameters, formulas, O-words, 03 words, 04 state,
         /// 05 arcs, 06 involutes, 07 positions, 08 what the machine refuses.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
         #[non_exhaustive]
@@ -60,18 +60,42 @@ codes! {
     /// A number without a letter before it.
     LetterMissing = "G0111",
 
-    /// `#`.
+    /// No such parameter.
     Parameter = "G0201",
-    /// `[` or a function.
+    /// A formula that is none.
     Expression = "G0202",
-    /// O: subroutines, loops, conditions.
+    /// An O-word that is none.
     OWord = "G0203",
-    /// `@` or `^`.
+    /// `@` and `^` where they have no meaning.
     PolarCoordinates = "G0204",
-    /// `$`: one of several spindles.
+    /// `$` with a spindle that does not exist.
     SpindleSelection = "G0205",
-    /// A comment that would have to act, such as `(ABORT, text)`.
+    /// A comment that ends the program: `(ABORT, text)`.
     ActiveComment = "G0206",
+    /// A parameter that a program cannot write.
+    ReadOnlyParameter = "G0207",
+    /// A named parameter that has not been set.
+    UndefinedParameter = "G0208",
+    /// A formula without a value: division by 0, root of a negative number.
+    Arithmetic = "G0209",
+    /// Brackets or subroutines nested too deep.
+    NestingTooDeep = "G0210",
+    /// The name of a parameter or subroutine that is none.
+    BadName = "G0211",
+    /// No subroutine of this name.
+    SubroutineMissing = "G0212",
+    /// A file of a subroutine that cannot be read or is too large.
+    SubroutineFile = "G0213",
+    /// An O-word that does not go with those before it.
+    OWordOrder = "G0214",
+    /// The end of a loop, condition or subroutine is missing.
+    OWordOpen = "G0215",
+    /// The body of a loop or subroutine is too long to be kept.
+    BodyTooLong = "G0216",
+    /// Too many lines without anything to do for the machine.
+    TooManySteps = "G0217",
+    /// The interpreter was told to stop.
+    Interrupted = "G0218",
 
     /// No such G code.
     UnknownG = "G0301",
@@ -116,6 +140,9 @@ codes! {
     OffsetAxesMissing = "G0408",
     /// M6, but T has never been given.
     ToolMissing = "G0409",
+
+    /// A tool that the tool table does not have.
+    UnknownTool = "G0410",
 
     /// An arc without I, J, K or R.
     ArcCentreMissing = "G0501",

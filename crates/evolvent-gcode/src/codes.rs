@@ -67,6 +67,19 @@ pub(crate) enum FeedMode {
     PerRevolution,
 }
 
+/// Tool length offset, group 8.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum LengthOffset {
+    /// G43: of the tool H, or of the tool in the spindle.
+    Table,
+    /// G43.1: the axis words.
+    Given,
+    /// G43.2: of the tool H, or the axis words, on top of what is in force.
+    Added,
+    /// G49.
+    Off,
+}
+
 /// Path control, group 13; the tolerance of G64 is a word of its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum PathControl {
@@ -93,8 +106,8 @@ pub(crate) enum GCode {
     Inches(bool),
     /// G40: never on, so nothing to cancel.
     CutterCompensationOff,
-    /// G49: never on, so nothing to cancel.
-    LengthOffsetOff,
+    /// G43, G43.1, G43.2, G49.
+    LengthOffset(LengthOffset),
     /// G54 to G59.3, from 0.
     WorkOffset(usize),
     Path(PathControl),
@@ -167,7 +180,10 @@ impl GCode {
             200 => Self::Inches(true),
             210 => Self::Inches(false),
             400 => Self::CutterCompensationOff,
-            490 => Self::LengthOffsetOff,
+            430 => Self::LengthOffset(LengthOffset::Table),
+            431 => Self::LengthOffset(LengthOffset::Given),
+            432 => Self::LengthOffset(LengthOffset::Added),
+            490 => Self::LengthOffset(LengthOffset::Off),
             530 => Self::Once(Once::MachineCoordinates),
             540 | 550 | 560 | 570 | 580 | 590 => Self::WorkOffset((tenths / 10 - 54) as usize),
             591..=593 => Self::WorkOffset((tenths - 591 + 6) as usize),
@@ -201,7 +217,7 @@ impl GCode {
             Self::FeedMode(_) => Group::FeedMode,
             Self::Inches(_) => Group::Units,
             Self::CutterCompensationOff => Group::CutterCompensation,
-            Self::LengthOffsetOff => Group::LengthOffset,
+            Self::LengthOffset(_) => Group::LengthOffset,
             Self::WorkOffset(_) => Group::WorkOffset,
             Self::Path(_) => Group::PathControl,
             Self::SpindleRpm => Group::SpindleMode,
@@ -231,7 +247,6 @@ pub(crate) fn is_g_of_the_dialect(tenths: u32) -> bool {
             | 411
             | 420
             | 421
-            | 430..=432
             | 520
             | 700
             | 701

@@ -93,6 +93,9 @@ pub enum PathMode {
         /// Greatest distance between the programmed corner and the path in mm (G64 P); without P: `None`,
         /// what the machine is set up for.
         tolerance_mm: Option<f64>,
+        /// How far a point may lie off the line through its neighbours to be left out, in mm (G64 Q): short
+        /// lines are merged. Without Q: `None`, as P says; 0: nothing is merged.
+        merge_mm: Option<f64>,
     },
 }
 

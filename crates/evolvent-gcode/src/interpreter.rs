@@ -8,8 +8,12 @@ use evolvent_path::Axes;
 use crate::block::Block;
 use crate::comment;
 use crate::diagnostic::Fault;
-use crate::parser::{first_character, is_block_delete, is_percent, parse};
+use crate::expression::Target;
+use crate::names::Normal;
+use crate::parameters::Parameters;
+use crate::parser::{first_character, is_block_delete, is_percent, o_word, parse};
 use crate::reader::LineReader;
+use crate::scope::Scope;
 use crate::state::State;
 use crate::statement::Statement;
 use crate::{Action, Code, Command, Diagnostic, Settings};
@@ -36,6 +40,7 @@ pub struct Interpreter<R> {
     state: State,
     block: Block,
     statement: Statement,
+    parameters: Parameters,
     /// Commands of the last line that nobody has asked for yet.
     pending: VecDeque<Command>,
     /// Whether the program began with `%`; unknown before the first line that is not blank.
@@ -46,7 +51,13 @@ pub struct Interpreter<R> {
 impl<R: BufRead> Interpreter<R> {
     /// Starts at the first line of `input`.
     pub fn new(input: R, settings: Settings) -> Self {
+        let mut parameters = Parameters::new();
+        for (index, value) in &settings.parameters {
+            parameters.set_numbered(*index as usize, *value);
+        }
+        parameters.commit();
         Self {
+            parameters,
             reader: LineReader::new(input, settings.max_line_bytes),
             state: State::new(&settings),
             settings,
@@ -85,6 +96,7 @@ impl<R: BufRead> Interpreter<R> {
         }
         self.interpret().map_err(|fault| {
             self.pending.clear();
+            self.parameters.roll_back();
             fault.locate(self.reader.line(), self.reader.text())
         })
     }
@@ -106,11 +118,37 @@ impl<R: BufRead> Interpreter<R> {
         if self.settings.block_delete && is_block_delete(text) {
             return Ok(());
         }
-        parse(text, &mut self.block)?;
+        let line = self.reader.line();
+        let scope = Scope {
+            parameters: &self.parameters,
+            state: &self.state,
+            settings: &self.settings,
+            line,
+        };
+        if let Some(word) = o_word(text, &scope)? {
+            return Err(Fault::new(
+                Code::OWord,
+                word.span,
+                "O: subroutines, loops and program numbers",
+            )
+            .help("O-words are not available yet"));
+        }
+        parse(text, &mut self.block, &scope)?;
         self.statement
             .fill(&self.block, self.state.motion, &self.settings.axes)?;
 
-        let line = self.reader.line();
+        for (target, value) in &self.block.assignments {
+            match *target {
+                Target::Numbered(index) => self.parameters.set_numbered(index, *value),
+                Target::Named(inside) => {
+                    let name = Normal::new(&text[inside.start as usize..inside.end as usize]);
+                    if !name.is_some_and(|name| self.parameters.set_named(&name, *value)) {
+                        let message = "there are too many names of parameters";
+                        return Err(Fault::new(Code::BadName, inside, message));
+                    }
+                }
+            }
+        }
         let pending = &mut self.pending;
         let mut out = |action| pending.push_back(Command { line, action });
         for inside in &self.block.comments {
@@ -121,6 +159,7 @@ impl<R: BufRead> Interpreter<R> {
         let mut state = self.state;
         state.execute(&self.statement, &self.settings, &mut out)?;
         self.state = state;
+        self.parameters.commit();
         self.finished = state.ended;
         Ok(())
     }

@@ -9,21 +9,6 @@ use crate::diagnostic::{Fault, Span};
 /// Greatest magnitude of a number in a program. Ten thousand kilometres of mm leave a double its micrometres.
 pub(crate) const LARGEST_NUMBER: f64 = 1e9;
 
-const NO_FORMULAS: &str = "parameters, formulas and O-words are not available yet: write numbers";
-
-/// A token.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Token {
-    /// A letter, upper case.
-    Letter(u8),
-    /// A number; finite, at most [`LARGEST_NUMBER`].
-    Number(f64),
-    /// The inside of a `(comment)`.
-    Comment(Span),
-    /// `/`.
-    Slash,
-}
-
 /// Walks along a line.
 pub(crate) struct Lexer<'text> {
     text: &'text [u8],
@@ -35,76 +20,108 @@ impl<'text> Lexer<'text> {
         Self { text, at: 0 }
     }
 
-    /// The next token and its place; `None` at the end of the line or at a `;`.
+    /// Where the lexer stands.
+    pub(crate) fn place(&self) -> usize {
+        self.at
+    }
+
+    /// Goes on after the next character, which has been looked at.
     #[inline]
-    pub(crate) fn next(&mut self) -> Result<Option<(Token, Span)>, Fault> {
-        let Some(byte) = self.peek() else { return Ok(None) };
-        let start = self.at;
-        let token = match byte {
-            b'a'..=b'z' | b'A'..=b'Z' => {
-                self.at += 1;
-                Token::Letter(byte.to_ascii_uppercase())
-            }
-            b'0'..=b'9' | b'.' | b'+' | b'-' => Token::Number(self.number()?),
-            b'(' => Token::Comment(self.comment()?),
-            b';' => {
-                self.at = self.text.len();
-                return Ok(None);
-            }
-            b'/' => {
-                self.at += 1;
-                Token::Slash
-            }
-            _ => return Err(self.unexpected(byte)),
-        };
-        Ok(Some((token, Span::new(start, self.at))))
+    pub(crate) fn advance(&mut self) {
+        self.at += 1;
     }
 
-    /// The number that must follow the letter that has just been read.
+    /// Goes back to an earlier place.
+    pub(crate) fn go_back(&mut self, place: usize) {
+        self.at = place;
+    }
+
+    /// Leaves the rest of the line unread.
+    pub(crate) fn finish(&mut self) {
+        self.at = self.text.len();
+    }
+
+    /// The whole line.
+    pub(crate) fn text(&self) -> &'text [u8] {
+        self.text
+    }
+
+    /// Takes the next character if it is this one.
     #[inline]
-    pub(crate) fn value(&mut self, letter: u8, place: Span) -> Result<(f64, Span), Fault> {
-        let found = self.peek();
+    pub(crate) fn take(&mut self, wanted: u8) -> bool {
+        let found = self.peek() == Some(wanted);
+        if found {
+            self.at += 1;
+        }
+        found
+    }
+
+    /// Takes letters as long as there are any, lower case, with blanks between them left out; at most 15. Where
+    /// there are more than that the rest is dropped, since no keyword is as long.
+    pub(crate) fn letters(&mut self, into: &mut [u8; 16]) -> usize {
+        let mut count = 0;
+        while let Some(byte) = self.peek() {
+            if !byte.is_ascii_alphabetic() {
+                break;
+            }
+            if count < into.len() - 1 {
+                into[count] = byte.to_ascii_lowercase();
+                count += 1;
+            }
+            self.at += 1;
+        }
+        count
+    }
+
+    /// Takes the keyword if it comes next, in either case and with blanks anywhere.
+    pub(crate) fn keyword(&mut self, wanted: &[u8]) -> bool {
         let start = self.at;
-        if let Some(b'0'..=b'9' | b'.' | b'+' | b'-') = found {
-            let number = self.number()?;
-            return Ok((number, Span::new(start, self.at)));
+        for &letter in wanted {
+            match self.peek() {
+                Some(byte) if byte.to_ascii_lowercase() == letter => self.at += 1,
+                _ => {
+                    self.at = start;
+                    return false;
+                }
+            }
         }
-        Err(self.value_missing(letter, place, found))
+        true
     }
 
-    #[cold]
-    fn value_missing(&self, letter: u8, place: Span, found: Option<u8>) -> Fault {
-        let name = char::from(letter);
-        match found {
-            Some(byte @ (b'#' | b'[')) => self.unexpected(byte),
-            Some(b'a'..=b'z' | b'A'..=b'Z') if self.function_follows() => {
-                let message = format!("{name} is given by a function");
-                Fault::new(Code::Expression, Span::at(self.at), message).help(NO_FORMULAS)
-            }
-            Some(byte) if !byte.is_ascii_alphabetic() && byte != b'(' && byte != b';' => {
-                let mut fault = self.unexpected(byte);
-                fault.message = format!("{name} needs a number; {}", fault.message);
-                fault
-            }
-            _ => Fault::new(
-                Code::NumberMissing,
-                place,
-                format!("{name} needs a number right after it"),
-            ),
-        }
-    }
-
-    /// Whether letters follow and then `[`: `SIN[`, `FUP[`.
-    fn function_follows(&self) -> bool {
-        let rest = self.text[self.at..]
-            .iter()
+    /// The character after the next one that is not blank, without taking any.
+    pub(crate) fn second(&self) -> Option<u8> {
+        let mut rest = self.text.get(self.at..)?.iter();
+        let mut meaning = rest
+            .by_ref()
+            .copied()
             .filter(|byte| !matches!(byte, b' ' | b'\t'));
-        rest.copied().find(|byte| !byte.is_ascii_alphabetic()) == Some(b'[')
+        meaning.next()?;
+        meaning.next()
+    }
+
+    /// What stands between `<` and `>`; the next character is `<`.
+    pub(crate) fn name(&mut self) -> Result<Span, Fault> {
+        let open = self.at;
+        let mut depth = 0_u32;
+        for (place, &byte) in self.text.iter().enumerate().skip(open + 1) {
+            match byte {
+                b'>' if depth == 0 => {
+                    self.at = place + 1;
+                    return Ok(Span::new(open + 1, place));
+                }
+                b'[' => depth += 1,
+                b']' => depth = depth.saturating_sub(1),
+                b'(' | b'<' => break,
+                _ => {}
+            }
+        }
+        let message = "this name is not closed";
+        Err(Fault::new(Code::BadName, Span::at(open), message).help("write > after it, as in #<width>"))
     }
 
     /// The next character that means something, not taken.
     #[inline]
-    fn peek(&mut self) -> Option<u8> {
+    pub(crate) fn peek(&mut self) -> Option<u8> {
         while let Some(&byte) = self.text.get(self.at) {
             if byte != b' ' && byte != b'\t' {
                 return Some(byte);
@@ -116,7 +133,7 @@ impl<'text> Lexer<'text> {
 
     /// Reads a number; the next character is a digit, a point or a sign.
     #[inline]
-    fn number(&mut self) -> Result<f64, Fault> {
+    pub(crate) fn number(&mut self) -> Result<f64, Fault> {
         let start = self.at;
         let negative = self.text[start] == b'-';
         if matches!(self.text[start], b'+' | b'-') {
@@ -179,9 +196,6 @@ impl<'text> Lexer<'text> {
     #[cold]
     fn no_digits(&self, start: usize) -> Fault {
         let next = self.text.get(self.at).copied();
-        if let Some(byte @ (b'#' | b'[')) = next {
-            return self.unexpected(byte);
-        }
         let end = if matches!(next, Some(b'+' | b'-')) {
             self.at + 1
         } else {
@@ -206,7 +220,7 @@ impl<'text> Lexer<'text> {
     }
 
     /// Reads a comment; the next character is `(`. Whatever is inside may be any bytes.
-    fn comment(&mut self) -> Result<Span, Fault> {
+    pub(crate) fn comment(&mut self) -> Result<Span, Fault> {
         let open = self.at;
         for (place, &byte) in self.text.iter().enumerate().skip(open + 1) {
             match byte {
@@ -231,17 +245,13 @@ impl<'text> Lexer<'text> {
     }
 
     #[cold]
-    fn unexpected(&self, byte: u8) -> Fault {
+    pub(crate) fn unexpected(&self, byte: u8) -> Fault {
         let span = Span::at(self.at);
         match byte {
-            b'#' => Fault::new(Code::Parameter, span, "'#': a parameter").help(NO_FORMULAS),
-            b'[' => Fault::new(Code::Expression, span, "'[': an expression").help(NO_FORMULAS),
-            b'@' | b'^' => {
-                let message = format!("'{}': polar coordinates are not available yet", char::from(byte));
-                Fault::new(Code::PolarCoordinates, span, message).help("write X and Y")
-            }
-            b'$' => {
-                Fault::new(Code::SpindleSelection, span, "'$': there is only one spindle").help("leave $ out")
+            b'[' => Fault::new(Code::LetterMissing, span, "a formula without a letter before it")
+                .help("write the letter whose value it is, as in X[1 + 2]"),
+            b']' => {
+                Fault::new(Code::Expression, span, "']' closes nothing").help("is a [ missing before it?")
             }
             b')' => Fault::new(
                 Code::StrayParenthesis,
@@ -292,12 +302,10 @@ mod tests {
 
     fn number(text: &str) -> Result<f64, Code> {
         let mut lexer = Lexer::new(text.as_bytes());
-        let value = lexer.value(b'X', Span::at(0)).map_err(|fault| fault.code)?;
-        assert!(
-            lexer.next().is_ok_and(|token| token.is_none()),
-            "{text:?} is not read to its end"
-        );
-        Ok(value.0)
+        lexer.peek();
+        let value = lexer.number().map_err(|fault| fault.code)?;
+        assert_eq!(lexer.peek(), None, "{text:?} is not read to its end");
+        Ok(value)
     }
 
     #[test]
@@ -332,7 +340,6 @@ mod tests {
     #[test]
     fn what_is_no_number_is_refused() {
         for (text, expected) in [
-            ("", Code::NumberMissing),
             (".", Code::BadNumber),
             ("+-1", Code::BadNumber),
             ("--1", Code::BadNumber),
@@ -340,9 +347,6 @@ mod tests {
             ("-", Code::BadNumber),
             ("1000000001", Code::NumberTooLarge),
             (&"9".repeat(400), Code::NumberTooLarge),
-            ("-#1", Code::Parameter),
-            ("-[1]", Code::Expression),
-            ("SIN[30]", Code::Expression),
         ] {
             assert_eq!(number(text), Err(expected), "{text:?}");
         }

@@ -2,7 +2,7 @@
 
 use evolvent_path::{AXES, Axes};
 
-use crate::PathMode;
+use crate::{PathMode, ToolTable};
 
 /// Set-up at the start of a program. [`Settings::default`] is a machine of nine axes standing at zero.
 #[derive(Clone, Debug, PartialEq)]
@@ -31,6 +31,12 @@ pub struct Settings {
     pub max_line_bytes: usize,
     /// Tool in the spindle at the start; 0 for none.
     pub tool: u32,
+    /// What is known of the tools. Without a table every tool has no length and no diameter, and a program that
+    /// asks for them is warned by a message.
+    pub tools: Option<ToolTable>,
+    /// Values of numbered parameters that earlier runs left. Those that the fields above tell (offsets, tool) are
+    /// overwritten by them.
+    pub parameters: Vec<(u32, f64)>,
 }
 
 /// How many work offsets there are: G54 to G59, G59.1 to G59.3.
@@ -70,13 +76,25 @@ impl Default for Settings {
             work_offsets: [Axes::zeros(); WORK_OFFSETS],
             active_offset: 0,
             g92_offset: Axes::zeros(),
-            path_mode: PathMode::Blend { tolerance_mm: None },
+            path_mode: PathMode::Blend {
+                tolerance_mm: None,
+                merge_mm: None,
+            },
             inches: false,
             block_delete: true,
             arc: ArcTolerance::default(),
             involute_tolerance_mm: 0.001,
             max_line_bytes: 64 * 1024,
             tool: 0,
+            tools: None,
+            parameters: Vec::new(),
         }
+    }
+}
+
+impl Settings {
+    /// The pocket of a tool.
+    pub(crate) fn pocket(&self, tool: u32) -> Option<u32> {
+        self.tools.as_ref()?.get(tool).map(|tool| tool.pocket)
     }
 }

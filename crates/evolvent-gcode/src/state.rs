@@ -2,10 +2,11 @@
 
 use evolvent_path::{AXES, Axes, AxisLetter, Curve, Line, MAX_COORDINATE, Plane};
 
-use crate::codes::{FeedMode, GCode, Group, MCode, Motion, Once, PathControl};
+use crate::codes::{FeedMode, GCode, Group, LengthOffset, MCode, Motion, Once, PathControl};
 use crate::diagnostic::Fault;
 use crate::round;
 use crate::statement::{Statement, whole};
+use crate::system::System;
 use crate::{Action, Code, Move, MoveKind, PathMode, Settings, SpindleDirection};
 
 /// Millimetres of an inch.
@@ -37,8 +38,11 @@ pub(crate) struct State {
     work_offset: usize,
     g92: Axes,
     g92_active: bool,
+    tool_offset: Axes,
+    tool: u32,
     spindle: SpindleDirection,
     speed_rpm: f64,
+    cached_zero: Axes,
     mist: bool,
     flood: bool,
     selected_tool: Option<u32>,
@@ -61,8 +65,11 @@ impl State {
             work_offset: settings.active_offset,
             g92: settings.g92_offset,
             g92_active: true,
+            tool_offset: Axes::zeros(),
+            tool: settings.tool,
             spindle: SpindleDirection::Stopped,
             speed_rpm: 0.0,
+            cached_zero: settings.work_offsets[settings.active_offset.min(8)] + settings.g92_offset,
             mist: false,
             flood: false,
             selected_tool: None,
@@ -91,8 +98,10 @@ impl State {
         if let (Some(Once::Dwell), Some(seconds)) = (line.once(), line.word(b'P')) {
             out(Action::Dwell { seconds });
         }
+        self.length_offset(line, settings, out)?;
         self.modes(line, settings);
         self.offset(line, settings)?;
+        self.cached_zero = self.zero(settings);
         if let Some(motion) = line.motion_code() {
             self.motion = motion;
         }
@@ -164,7 +173,7 @@ impl State {
 
     /// Program zero in machine coordinates.
     pub(crate) fn zero(&self, settings: &Settings) -> Axes {
-        self.work_zero(settings) + self.active_g92()
+        self.work_zero(settings) + self.active_g92() + self.tool_offset
     }
 
     fn work_zero(&self, settings: &Settings) -> Axes {
@@ -218,6 +227,7 @@ impl State {
                     speed_rpm: self.speed_rpm,
                 });
             }
+            self.tool = tool;
             out(Action::ChangeTool(tool));
         }
         let turned = line.m(Group::Spindle);
@@ -247,6 +257,95 @@ impl State {
         Ok(())
     }
 
+    fn length_offset(
+        &mut self,
+        line: &Statement,
+        settings: &Settings,
+        out: &mut impl FnMut(Action),
+    ) -> Result<(), Fault> {
+        let Some(offset) = line.length_offset() else {
+            return Ok(());
+        };
+        let unit = if line.g(Group::Units).is_some() {
+            // Units come before tool offsets in the order of execution.
+            if line.g(Group::Units) == Some(GCode::Inches(true)) {
+                INCH_MM
+            } else {
+                1.0
+            }
+        } else {
+            self.unit_mm()
+        };
+        let mut change = Axes::zeros();
+        if offset != LengthOffset::Off && !(offset == LengthOffset::Given || line.has_axes()) {
+            let number = match line.word(b'H') {
+                Some(number) => whole(number, "H", line.span(b'H'))?,
+                None => self.tool,
+            };
+            match settings.tools.as_ref().map(|tools| tools.get(number)) {
+                _ if number == 0 => {}
+                Some(Some(tool)) => change = tool.offset,
+                Some(None) => {
+                    let message = format!("tool {number} is not in the tool table");
+                    let span = if line.has(b'H') {
+                        line.span(b'H')
+                    } else {
+                        line.group_span(Group::LengthOffset)
+                    };
+                    return Err(Fault::new(Code::UnknownTool, span, message)
+                        .help("add the tool to the table, or name another one with H"));
+                }
+                None => out(Action::Message(format!(
+                    "warning: there is no tool table, so the length of tool {number} counts as 0"
+                ))),
+            }
+        }
+        match offset {
+            LengthOffset::Off => self.tool_offset = Axes::zeros(),
+            LengthOffset::Table => self.tool_offset = change,
+            LengthOffset::Added if !line.has_axes() => self.tool_offset += change,
+            LengthOffset::Given | LengthOffset::Added => {
+                for axis in AxisLetter::ALL {
+                    let index = axis.index();
+                    if let Some(value) = line.axis(index) {
+                        let value = value * if axis.is_rotary() { 1.0 } else { unit };
+                        let base = if offset == LengthOffset::Added {
+                            self.tool_offset[index]
+                        } else {
+                            0.0
+                        };
+                        self.tool_offset[index] = base + value;
+                        check_coordinate(self.tool_offset[index], axis, line)?;
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Place of an axis in program coordinates and units.
+    pub(crate) fn program_position(&self, axis: usize) -> f64 {
+        (self.position[axis] - self.cached_zero[axis]) / self.axis_unit(axis)
+    }
+
+    /// Place of an axis in machine coordinates, in program units.
+    pub(crate) fn machine_position(&self, axis: usize) -> f64 {
+        self.position[axis] / self.axis_unit(axis)
+    }
+
+    pub(crate) fn tool(&self) -> u32 {
+        self.tool
+    }
+
+    pub(crate) fn selected_tool(&self) -> Option<u32> {
+        self.selected_tool
+    }
+
+    /// A predefined parameter.
+    pub(crate) fn system(&self, _system: System) -> f64 {
+        0.0
+    }
+
     fn modes(&mut self, line: &Statement, settings: &Settings) {
         if let Some(GCode::Plane(plane)) = line.g(Group::Plane) {
             self.plane = plane;
@@ -265,6 +364,7 @@ impl State {
                 PathControl::ExactStop => PathMode::ExactStop,
                 PathControl::Blend => PathMode::Blend {
                     tolerance_mm: line.word(b'P').map(|p| p * self.unit_mm()),
+                    merge_mm: line.word(b'Q').map(|q| q * self.unit_mm()),
                 },
             };
         }
@@ -285,7 +385,10 @@ impl State {
                 for axis in AxisLetter::ALL {
                     let index = axis.index();
                     if let Some(value) = line.axis(index) {
-                        offset[index] = self.position[index] - work[index] - value * self.axis_unit(index);
+                        offset[index] = self.position[index]
+                            - work[index]
+                            - self.tool_offset[index]
+                            - value * self.axis_unit(index);
                         check_coordinate(offset[index], axis, line)?;
                     }
                 }

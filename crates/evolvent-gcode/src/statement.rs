@@ -7,7 +7,7 @@ use evolvent_path::{AXES, AxisLetter};
 
 use crate::Code;
 use crate::block::Block;
-use crate::codes::{GCode, GROUPS, Group, MCode, Motion, Once, PathControl};
+use crate::codes::{GCode, GROUPS, Group, LengthOffset, MCode, Motion, Once, PathControl};
 use crate::codes::{is_g_of_the_dialect, is_m_of_the_dialect};
 use crate::diagnostic::{Fault, Span};
 
@@ -63,10 +63,21 @@ impl Statement {
         self.present = 0;
         self.motion = None;
         for word in &block.words {
-            let value = word.value.evaluate();
+            let value = word.value;
             match word.letter {
                 b'G' => self.add_g(value, word.span)?,
                 b'M' => self.add_m(value, word.span)?,
+                b'@' | b'^' => {
+                    let message = format!(
+                        "'{}': polar coordinates are not available yet",
+                        char::from(word.letter)
+                    );
+                    return Err(Fault::new(Code::PolarCoordinates, word.span, message).help("write X and Y"));
+                }
+                b'$' => {
+                    let message = "'$': there is only one spindle";
+                    return Err(Fault::new(Code::SpindleSelection, word.span, message).help("leave $ out"));
+                }
                 letter => self.add_word(letter, value, word.span, axes)?,
             }
         }
@@ -88,6 +99,14 @@ impl Statement {
     pub(crate) fn once(&self) -> Option<Once> {
         match self.g(Group::Once) {
             Some(GCode::Once(once)) => Some(once),
+            _ => None,
+        }
+    }
+
+    /// The tool length offset that stands on the line.
+    pub(crate) fn length_offset(&self) -> Option<LengthOffset> {
+        match self.g(Group::LengthOffset) {
+            Some(GCode::LengthOffset(offset)) => Some(offset),
             _ => None,
         }
     }
@@ -253,6 +272,19 @@ impl Statement {
             }
             return Ok(());
         }
+        if matches!(
+            self.length_offset(),
+            Some(LengthOffset::Given | LengthOffset::Added)
+        ) && self.has_axes()
+        {
+            if let Some(motion) = code.filter(|motion| *motion != Motion::None) {
+                let message = format!("the tool offset and {} both want the axis words", motion.name());
+                return Err(
+                    Fault::new(Code::TwoUsers, self.motion_span(), message).help("write them on two lines")
+                );
+            }
+            return Ok(());
+        }
         let round = self.present & (CENTRE_BITS | bit(b'R')) != 0;
         let wanted = self.has_axes() || modal.is_round() && round;
         let motion = code
@@ -289,6 +321,12 @@ impl Statement {
         }
         if blend {
             used |= bit(b'Q');
+        }
+        if matches!(
+            self.length_offset(),
+            Some(LengthOffset::Table | LengthOffset::Added)
+        ) {
+            used |= bit(b'H');
         }
         let unused = self.present & !used;
         if unused != 0 {
@@ -338,7 +376,7 @@ impl Statement {
             b'R' => fault.help("R belongs to G2, G3, G2.2 or G3.2"),
             b'P' => fault.help("P belongs to G4, G64, G2 or G3"),
             b'Q' => fault.help("Q belongs to G64"),
-            b'H' => fault.help("H belongs to G43, which is not available yet"),
+            b'H' => fault.help("H belongs to G43 and G43.2"),
             b'D' => fault.help("D belongs to G41 and G42, which are not available yet"),
             _ => fault,
         }

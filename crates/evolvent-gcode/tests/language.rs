@@ -405,19 +405,23 @@ fn path_control_rides_on_every_move() {
         .iter()
         .map(|step| step.path_mode)
         .collect();
-    let blend = |tolerance_mm| PathMode::Blend { tolerance_mm };
+    let blend = |tolerance_mm, merge_mm| PathMode::Blend {
+        tolerance_mm,
+        merge_mm,
+    };
     assert_eq!(
         modes[..5],
         [
-            blend(None),
+            blend(None, None),
             PathMode::ExactPath,
             PathMode::ExactStop,
-            blend(None),
-            blend(Some(0.05))
+            blend(None, None),
+            blend(Some(0.05), Some(0.01))
         ]
     );
     let PathMode::Blend {
         tolerance_mm: Some(tolerance),
+        ..
     } = modes[5]
     else {
         panic!("{:?}", modes[5])

@@ -181,7 +181,7 @@ impl<S: PlanSink> Classic<S> {
     /// The tolerance of the corner between two moves, if both may be rounded.
     fn tolerance(&self, left: &Move, right: &Move) -> Option<f64> {
         let of = |motion: &Move| match motion.path_mode {
-            PathMode::Blend { tolerance_mm } => Some(tolerance_mm.unwrap_or(self.rules.blend_tolerance_mm)),
+            PathMode::Blend { tolerance_mm, .. } => Some(tolerance_mm.unwrap_or(self.rules.blend_tolerance_mm)),
             PathMode::ExactPath | PathMode::ExactStop => None,
         };
         let least = of(left)?.min(of(right)?);
@@ -380,7 +380,10 @@ mod tests {
 
     #[test]
     fn corners_are_blended_only_where_both_moves_may_be_within_the_lesser_tolerance() {
-        let blend = |tolerance_mm| PathMode::Blend { tolerance_mm };
+        let blend = |tolerance_mm| PathMode::Blend {
+            tolerance_mm,
+            merge_mm: None,
+        };
         let (fine, coarse) = (blend(Some(0.01)), blend(Some(0.4)));
         for (first, second, tolerance) in [
             (fine, coarse, 0.01),
@@ -428,6 +431,7 @@ mod tests {
     fn blends_at_both_ends_leave_each_move_its_half() {
         let mode = PathMode::Blend {
             tolerance_mm: Some(5.0),
+            merge_mm: None,
         };
         let mut planner = planner();
         let mut at = point(0.0, 0.0);

@@ -226,10 +226,15 @@ impl<S: PlanSink> Optimal<S> {
         let tolerance = match motion.path_mode {
             PathMode::ExactPath => Tolerance::Exact,
             PathMode::ExactStop => Tolerance::Stop,
-            PathMode::Blend { tolerance_mm } => Tolerance::Within {
-                mm: tolerance_mm.unwrap_or(self.rules.blend_tolerance_mm),
-                merge_mm: 0.0,
-            },
+            PathMode::Blend {
+                tolerance_mm,
+                merge_mm,
+            } => {
+                let mm = tolerance_mm.unwrap_or(self.rules.blend_tolerance_mm);
+                // Q without a word is P, and no vertex may be farther off than P.
+                let merge_mm = merge_mm.unwrap_or(mm).min(mm);
+                Tolerance::Within { mm, merge_mm }
+            }
         };
         let block = Block {
             curve: motion.curve,
