@@ -233,6 +233,7 @@ impl<'a> Follower<'a> {
     }
 
     /// The nearest place from the present one on, as far as the path stays about `point`: block, gap, last block looked at.
+    /// After a reversal the present place lags a tolerance behind it while the motion is a tolerance past it.
     fn nearest(&self, point: &Axes, lost: bool) -> (usize, Axes, usize) {
         let mut index = self.at.block;
         let mut from = self.at.u;
@@ -245,7 +246,7 @@ impl<'a> Follower<'a> {
             }
             let goes_on = index + 1 < self.route.blocks.len()
                 && !lost
-                && distance(point, &block.end) <= 2.0 * self.within(index);
+                && distance(point, &block.end) <= NEIGHBOURHOOD * self.within(index);
             if !goes_on {
                 break;
             }

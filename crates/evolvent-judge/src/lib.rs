@@ -39,5 +39,5 @@ mod verdict;
 pub use block::Block;
 pub use judge::Judge;
 pub use route::{Route, RouteError};
-pub use suite::{Program, suite};
+pub use suite::{Program, butterfly_point, butterfly_program, suite};
 pub use verdict::{Allowances, Kind, Verdict, Violation, Worst};

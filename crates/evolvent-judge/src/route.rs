@@ -20,7 +20,7 @@ const GAP: f64 = 1e-9;
 #[derive(Debug, Error)]
 pub enum RouteError {
     /// The program is wrong.
-    #[error("line {}: {diagnostic:?}; mend the program before it is judged", .diagnostic.line)]
+    #[error("line {}: {}; mend the program before it is judged", .diagnostic.line, .diagnostic.message)]
     Program {
         /// What and where.
         diagnostic: Box<Diagnostic>,

@@ -1,0 +1,2 @@
+//! How the cost of planning grows.
+fn main() {}

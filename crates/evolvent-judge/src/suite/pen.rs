@@ -1,0 +1,159 @@
+//! Writes programs, turned about Z.
+
+use std::fmt::Write as _;
+
+/// A sense of turning.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Turn {
+    Left,
+    Right,
+}
+
+impl Turn {
+    pub(crate) const fn sign(self) -> f64 {
+        match self {
+            Self::Left => 1.0,
+            Self::Right => -1.0,
+        }
+    }
+
+    const fn word(self) -> &'static str {
+        match self {
+            Self::Left => "G3",
+            Self::Right => "G2",
+        }
+    }
+}
+
+/// Moves in mm, coordinates before the rotation.
+#[derive(Clone, Debug)]
+pub(crate) struct Pen {
+    text: String,
+    sin: f64,
+    cos: f64,
+    /// Where it is, before the rotation.
+    pub(crate) at: [f64; 3],
+}
+
+impl Pen {
+    /// The text of what `draw` draws, turned by so many degrees.
+    pub(crate) fn draw(degrees: f64, draw: impl FnOnce(&mut Self)) -> String {
+        let (sin, cos) = libm::sincos(degrees.to_radians());
+        let mut pen = Self {
+            text: "G17 G21 G40 G49 G90 G91.1 G94\nG64 P0.02 Q0\n".to_owned(),
+            sin,
+            cos,
+            at: [0.0; 3],
+        };
+        draw(&mut pen);
+        pen.text.push_str("M2\n");
+        pen.text
+    }
+
+    fn turned(&self, x: f64, y: f64) -> (f64, f64) {
+        let turned = (self.cos * x - self.sin * y, self.sin * x + self.cos * y);
+        // No "-0.00000".
+        (turned.0 + 0.0, turned.1 + 0.0)
+    }
+
+    fn write(&mut self, line: std::fmt::Arguments<'_>) {
+        // Writing to a string cannot fail.
+        let _infallible = self.text.write_fmt(line);
+        self.text.push('\n');
+    }
+
+    fn to(&mut self, word: &str, [x, y, z]: [f64; 3]) {
+        let (tx, ty) = self.turned(x, y);
+        self.write(format_args!("{word} X{tx:.5} Y{ty:.5} Z{z:.5}"));
+        self.at = [x, y, z];
+    }
+
+    /// Feed in mm/min.
+    pub(crate) fn feed(&mut self, mm_min: f64) {
+        self.write(format_args!("F{mm_min}"));
+    }
+
+    /// A comment.
+    pub(crate) fn say(&mut self, text: &str) {
+        self.write(format_args!("({text})"));
+    }
+
+    /// G0.
+    pub(crate) fn rapid(&mut self, to: [f64; 3]) {
+        self.to("G0", to);
+    }
+
+    /// G1.
+    pub(crate) fn line(&mut self, to: [f64; 3]) {
+        self.to("G1", to);
+    }
+
+    /// G1 by so much.
+    pub(crate) fn by(&mut self, step: [f64; 3]) {
+        let [x, y, z] = self.at;
+        self.line([x + step[0], y + step[1], z + step[2]]);
+    }
+
+    /// G2 or G3 in the XY plane; a full circle if it ends where it begins.
+    pub(crate) fn arc(&mut self, turn: Turn, to: [f64; 3], centre: [f64; 2]) {
+        let [x, y, z] = to;
+        let (tx, ty) = self.turned(x, y);
+        let (i, j) = self.turned(centre[0] - self.at[0], centre[1] - self.at[1]);
+        self.write(format_args!(
+            "{} X{tx:.6} Y{ty:.6} Z{z:.6} I{i:.6} J{j:.6}",
+            turn.word()
+        ));
+        self.at = to;
+    }
+
+    /// A quarter turn or any other from where the pen is, about a centre.
+    pub(crate) fn sweep(&mut self, turn: Turn, centre: [f64; 2], degrees: f64) {
+        let (sin, cos) = libm::sincos(turn.sign() * degrees.to_radians());
+        let arm = [self.at[0] - centre[0], self.at[1] - centre[1]];
+        let to = [
+            centre[0] + cos * arm[0] - sin * arm[1],
+            centre[1] + sin * arm[0] + cos * arm[1],
+            self.at[2],
+        ];
+        self.arc(turn, to, centre);
+    }
+
+    /// G2.2 or G3.2 in the XY plane, to full precision.
+    pub(crate) fn involute(&mut self, turn: Turn, to: [f64; 2], centre: [f64; 2], base: f64) {
+        let (x, y) = self.turned(to[0], to[1]);
+        let (i, j) = self.turned(centre[0] - self.at[0], centre[1] - self.at[1]);
+        self.write(format_args!(
+            "{}.2 X{x:?} Y{y:?} I{i:?} J{j:?} R{base:?}",
+            turn.word()
+        ));
+        self.at = [to[0], to[1], self.at[2]];
+    }
+
+    /// A line as it is, for what the pen has no word for; it does not turn and ends at `to`.
+    pub(crate) fn raw(&mut self, line: &str, to: [f64; 3]) {
+        self.write(format_args!("{line}"));
+        self.at = to;
+    }
+}
+
+/// A generator with a seed (xorshift64*).
+#[derive(Clone, Debug)]
+pub(crate) struct Random(u64);
+
+impl Random {
+    pub(crate) const fn new(seed: u64) -> Self {
+        Self(seed | 1)
+    }
+
+    /// From 0 to before 1.
+    pub(crate) fn unit(&mut self) -> f64 {
+        self.0 ^= self.0 >> 12;
+        self.0 ^= self.0 << 25;
+        self.0 ^= self.0 >> 27;
+        (self.0.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 11) as f64 / (1_u64 << 53) as f64
+    }
+
+    pub(crate) fn between(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * self.unit()
+    }
+}
