@@ -1,5 +1,6 @@
 //! The time law along a known path: how fast the path parameter runs under the limits of every axis.
 
+mod barrier;
 mod cell;
 mod change;
 mod error;
@@ -11,6 +12,12 @@ mod profile;
 #[cfg(test)]
 mod random;
 mod reach;
+mod riccati;
+mod solver;
+mod spans;
+mod start;
+mod stub;
+mod window;
 
 pub use change::{ScalarLimits, ScalarState};
 pub use error::FeedError;

@@ -1,0 +1,162 @@
+//! Newton's method with feasible iterates on the barrier function of one window.
+
+use crate::barrier::{Iterate, Local, Objective, assemble, duration, interval_time, value};
+use crate::riccati::Riccati;
+use crate::window::Window;
+
+/// Barrier parameter at the start, relative to the duration.
+const FIRST: f64 = 0.1;
+/// ... and at the end.
+pub(crate) const LAST: f64 = 4e-4;
+/// By which it falls from one centre to the next.
+const FALL: f64 = 0.2;
+/// Newton's decrement, as a share of the barrier's weight, below which an iterate counts as centred.
+const CENTRED: f64 = 0.02;
+/// Share of the way to the nearest cap that a step may go.
+const TO_CAP: f64 = 0.98;
+/// Steps are shortened by this factor until they are feasible and descend.
+const SHORTER: f64 = 0.6;
+/// Most shortenings of one step.
+const SHORTENINGS: usize = 30;
+
+/// Working memory of the method.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Solver {
+    pub(crate) x: Iterate,
+    trial: Iterate,
+    step: Iterate,
+    local: Local,
+    riccati: Riccati,
+    pub(crate) objective: Objective,
+    /// Factors on the barrier's weights, where the motion shall keep away from the limits.
+    pub(crate) stiff: Vec<f64>,
+    pub(crate) iterations: u32,
+}
+
+impl Solver {
+    pub(crate) fn with_capacity(stations: usize) -> Self {
+        Self {
+            x: Iterate::with_capacity(stations),
+            trial: Iterate::with_capacity(stations),
+            step: Iterate::with_capacity(stations),
+            local: Local {
+                g: Vec::with_capacity(stations + 1),
+                h: Vec::with_capacity(stations + 1),
+            },
+            riccati: Riccati::with_capacity(stations),
+            objective: Objective {
+                time: 1.0,
+                linear: Vec::with_capacity(stations + 1),
+                weight: Vec::with_capacity(stations),
+            },
+            stiff: Vec::with_capacity(stations),
+            iterations: 0,
+        }
+    }
+
+    /// Whether the iterate is strictly within all limits.
+    pub(crate) fn feasible(&mut self, window: &Window) -> bool {
+        self.time_objective(window, 1.0);
+        value(window, &self.objective, &self.x).is_some()
+    }
+
+    /// Duration as objective, barrier weights by the present times.
+    fn time_objective(&mut self, window: &Window, mu: f64) {
+        let n = window.n();
+        self.objective.time = 1.0;
+        self.objective.linear.clear();
+        self.objective.linear.resize(n + 1, 0.0);
+        self.objective.weight.clear();
+        self.stiff.resize(n, 1.0);
+        for k in 0..n {
+            let (d, a) = (window.d[k], self.x.a[k]);
+            let middle = a + d * (self.x.b[k] + 0.25 * d * self.x.c[k]);
+            let time = interval_time(d, a, middle.max(1e-300), self.x.a[k + 1]);
+            self.objective.weight.push(mu * time * self.stiff[k]);
+        }
+    }
+
+    /// From far below the limits to where they begin to tell: the duration's slope at the expected `guess` of
+    /// `u'^2` takes the place of the duration, which is too steep for Newton's method there.
+    pub(crate) fn lift(&mut self, window: &Window, guess: &[f64], most: u32) {
+        let n = window.n();
+        self.objective.time = 0.0;
+        self.objective.linear.clear();
+        self.objective.linear.resize(n + 1, 0.0);
+        self.objective.weight.clear();
+        for k in 0..n {
+            let time = window.d[k] / (0.5 * (guess[k] + guess[k + 1])).sqrt();
+            self.objective.weight.push(FIRST * time);
+            for at in [k, k + 1] {
+                self.objective.linear[at] -= 0.25 * time / guess[at];
+            }
+        }
+        self.newton(window, most, 0.5);
+    }
+
+    /// Follows the centres from barrier parameter `mu` down to [`LAST`], in at most `most` steps. Returns the barrier
+    /// parameter reached.
+    pub(crate) fn descend(&mut self, window: &Window, mut mu: f64, most: u32) -> f64 {
+        let limit = self.iterations + most;
+        loop {
+            self.time_objective(window, mu);
+            let left = limit.saturating_sub(self.iterations);
+            self.newton(window, left, if mu > LAST { 10.0 * CENTRED } else { CENTRED });
+            if mu <= LAST || self.iterations >= limit {
+                return mu;
+            }
+            mu = (mu * FALL).max(LAST);
+        }
+    }
+
+    pub(crate) fn first() -> f64 {
+        FIRST
+    }
+
+    fn newton(&mut self, window: &Window, most: u32, centred: f64) {
+        let Some(mut now) = value(window, &self.objective, &self.x) else {
+            return;
+        };
+        self.trial.copy(&self.x);
+        let weight: f64 = self.objective.weight.iter().sum();
+        for _ in 0..most {
+            self.iterations += 1;
+            assemble(window, &self.objective, &self.x, &mut self.local);
+            let slope = self.riccati.step(window, &self.local, (0.0, 0.0), &mut self.step);
+            if !(slope < 0.0) || -slope < centred * weight {
+                return;
+            }
+            let Some(next) = self.search(window, now, slope) else {
+                return;
+            };
+            std::mem::swap(&mut self.x, &mut self.trial);
+            now = next;
+        }
+    }
+
+    /// A feasible step along the direction that descends; its value.
+    fn search(&mut self, window: &Window, now: f64, slope: f64) -> Option<f64> {
+        let mut t: f64 = 1.0;
+        for ((step, a), cap) in self.step.a.iter().zip(&self.x.a).zip(&window.cap) {
+            if *step > 0.0 {
+                t = t.min(TO_CAP * (cap - a) / step);
+            } else if *step < 0.0 {
+                t = t.min(-TO_CAP * a / step);
+            }
+        }
+        for _ in 0..SHORTENINGS {
+            self.trial.along(&self.x, &self.step, t);
+            if let Some(next) = value(window, &self.objective, &self.trial)
+                && next <= now + 1e-4 * t * slope
+            {
+                return Some(next);
+            }
+            t *= SHORTER;
+        }
+        None
+    }
+
+    pub(crate) fn time(&self, window: &Window) -> f64 {
+        duration(window, &self.x)
+    }
+}

@@ -1,0 +1,121 @@
+//! How the intervals of a window are divided further where the motion begins and ends at rest.
+
+use crate::cell::Cell;
+use crate::grid::{Grid, Place};
+use crate::limits::PathLimits;
+use crate::stub::most_jerk;
+use crate::window::{Span, Window};
+
+/// Largest length of a span as a share of its distance from a rest.
+const SLOPE: f64 = 0.12;
+/// Near a rest spans need not be shorter than this share of the stub that would be good there.
+const FINEST: f64 = 0.02;
+
+/// The spans from a place to the end of interval `until - 1`, undivided.
+pub(crate) fn plain(grid: &Grid, from: Place, until: u64, spans: &mut Vec<Span>) {
+    for interval in from.interval..until {
+        let length = grid.interval_length(interval).unwrap_or(0.0);
+        let x = if interval == from.interval { from.x } else { 0.0 };
+        if length - x > 0.0 {
+            spans.push(Span {
+                interval,
+                x,
+                length: length - x,
+            });
+        }
+    }
+}
+
+/// Divides the spans from index `first` on, which begin at rest (or, `reverse`, end there), so that the first is a
+/// stub and the following grow in proportion to their distance from the rest. At most `room` spans in all.
+pub(crate) fn grade(
+    window: &mut Window,
+    grid: &Grid,
+    limits: &PathLimits,
+    factor: f64,
+    reverse: bool,
+    room: usize,
+    scratch: &mut Vec<Span>,
+) {
+    let total: f64 = window.spans.iter().map(|span| span.length).sum();
+    if reverse {
+        window.spans.reverse();
+    }
+    let Some(first) = window.spans.first().copied() else {
+        return;
+    };
+    let good = good_length(grid, first, limits, factor, reverse).min(total / 20.0);
+    let stub = good.min(0.5 * first.length);
+    scratch.clear();
+    let (mut at, mut next) = (0.0, stub);
+    let mut spare = room.saturating_sub(window.spans.len());
+    for span in &window.spans {
+        let mut left = *span;
+        while left.length > 1.5 * next && spare > 0 {
+            spare -= 1;
+            // An even share of what is left rather than a crumb at the end.
+            let part = if left.length < 2.0 * next {
+                0.5 * left.length
+            } else {
+                next
+            };
+            let piece = if reverse {
+                Span {
+                    x: left.x + (left.length - part),
+                    length: part,
+                    ..left
+                }
+            } else {
+                Span { length: part, ..left }
+            };
+            if !reverse {
+                left.x += part;
+            }
+            left.length -= part;
+            scratch.push(piece);
+            at += part;
+            next = (SLOPE * at).max(FINEST * good);
+        }
+        scratch.push(left);
+        at += left.length;
+        next = (SLOPE * at).max(FINEST * good);
+    }
+    if reverse {
+        scratch.reverse();
+    }
+    std::mem::swap(&mut window.spans, scratch);
+}
+
+/// Over which length from rest constant jerk is as good as anything: well within the first phase of jerk, before
+/// the path has turned.
+fn good_length(grid: &Grid, first: Span, limits: &PathLimits, factor: f64, reverse: bool) -> f64 {
+    let (Some(cell), true) = (grid.cell(first.interval), first.length > 0.0) else {
+        return 0.0;
+    };
+    let Some(stretch) = grid.stretch(cell.stretch) else {
+        return 0.0;
+    };
+    let mut length = first.length;
+    let most = |length: f64| {
+        let x = if reverse {
+            first.x + first.length - length
+        } else {
+            first.x
+        };
+        let part = Cell::new(stretch, cell.stretch, cell.from + x, length, limits);
+        let far = usize::from(!reverse) * 2;
+        let ends = |point: usize, x: f64| most_jerk(&part.points[point], x, limits, factor, 1.0, reverse);
+        (
+            ends(2 - far, 0.0),
+            ends(1, 0.5 * length).min(ends(far, 2.0 * length)),
+        )
+    };
+    for _ in 0..10 {
+        let (at_rest, later) = most(length);
+        if later >= 0.98 * at_rest {
+            break;
+        }
+        length *= 0.5;
+    }
+    length
+}

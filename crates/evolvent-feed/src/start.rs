@@ -1,0 +1,135 @@
+//! Feasible motions to start the solver from.
+
+use crate::barrier::Iterate;
+use crate::limits::PathLimits;
+use crate::window::Window;
+
+/// Over how many lengths of the stub the acceleration fades between it and the crawl.
+const FADE: f64 = 20.0;
+/// Share of what the limits allow at which the crawl begins to be tried.
+const SHARE: f64 = 0.3;
+
+/// How the acceleration fades at distance `x` from a stub of length `stub`, within `room`.
+fn fade(x: f64, stub: f64, room: f64) -> f64 {
+    let reach = (FADE * stub).min(0.45 * room);
+    if x < reach {
+        let left = 1.0 - x / reach;
+        left * left
+    } else {
+        0.0
+    }
+}
+
+/// Sets the stations from `first` on to a crawl at `u'^2 = level` that ends in the last stub. The state at `first`
+/// is taken as `level` with zero acceleration unless that is the last station but one and the stub is upon it.
+pub(crate) fn crawl_to_end(window: &Window, first: usize, level: f64, x: &mut Iterate) {
+    let n = window.n();
+    let room: f64 = window.d[first..].iter().sum();
+    let stub = window.end.length;
+    // From the end: shape of b at the stations, and twice its integral.
+    let (mut twice, mut at) = (0.0, 0.0);
+    x.b[n] = 1.0;
+    for k in (first..n).rev() {
+        at += window.d[k];
+        x.b[k] = if k == first { 0.0 } else { fade(at, stub, room) };
+        twice += (x.b[k] + x.b[k + 1]) * window.d[k];
+    }
+    let beta = level / (1.5 * stub + twice);
+    x.a[n] = 1.5 * stub * beta;
+    for k in first..=n {
+        x.b[k] *= -beta;
+    }
+    for k in (first..n).rev() {
+        x.c[k] = (x.b[k + 1] - x.b[k]) / window.d[k];
+        x.a[k] = x.a[k + 1] - (x.b[k] + x.b[k + 1]) * window.d[k];
+    }
+}
+
+/// Sets all stations to a crawl from rest to rest at `u'^2 = level`.
+pub(crate) fn crawl(window: &Window, level: f64, x: &mut Iterate) {
+    let n = window.n();
+    let total: f64 = window.d.iter().sum();
+    let (mut from_start, mut from_end) = (window.start.length, window.end.length);
+    let (mut up, mut down) = (1.5 * from_start, 1.5 * from_end);
+    let (start, end) = (from_start, from_end);
+    let mut at = 0.0;
+    let shapes = |at: f64, k: usize| {
+        let s = if k == 0 {
+            1.0
+        } else if k == n {
+            0.0
+        } else {
+            fade(at, start, total)
+        };
+        let e = if k == n {
+            1.0
+        } else if k == 0 {
+            0.0
+        } else {
+            fade(total - at, end, total)
+        };
+        (s, e)
+    };
+    for k in 0..n {
+        let (s0, e0) = shapes(at, k);
+        at += window.d[k];
+        let (s1, e1) = shapes(at, k + 1);
+        up += (s0 + s1) * window.d[k];
+        down += (e0 + e1) * window.d[k];
+    }
+    (from_start, from_end) = (level / up, level / down);
+    at = 0.0;
+    for k in 0..=n {
+        let (s, e) = shapes(at, k);
+        x.b[k] = from_start * s - from_end * e;
+        if k < n {
+            at += window.d[k];
+        }
+    }
+    x.a[0] = 1.5 * start * x.b[0];
+    for k in 0..n {
+        x.c[k] = (x.b[k + 1] - x.b[k]) / window.d[k];
+        x.a[k + 1] = x.a[k] + (x.b[k] + x.b[k + 1]) * window.d[k];
+    }
+    // The last state lies on the stub's line but for rounding, which grows along the path: to the bit, then.
+    x.a[n] = -1.5 * end * x.b[n];
+}
+
+/// The level at which a crawl may be tried.
+pub(crate) fn crawl_level(window: &Window, first: usize, limits: &PathLimits) -> f64 {
+    (first..window.n())
+        .map(|k| window.steady(k, limits))
+        .fold(f64::INFINITY, f64::min)
+        * SHARE
+}
+
+/// What `u'^2` may come to at the stations: caps and steady curvature, and what constant acceleration reaches from
+/// the ends.
+pub(crate) fn guess(window: &Window, limits: &PathLimits, first_a: f64, out: &mut Vec<f64>) {
+    let n = window.n();
+    out.clear();
+    out.extend(window.cap.iter().map(|cap| 0.5 * cap));
+    for k in 0..n {
+        let steady = 0.5 * window.steady(k, limits);
+        out[k] = out[k].min(steady);
+        out[k + 1] = out[k + 1].min(steady);
+    }
+    // Tangential acceleration of each interval.
+    let push = |k: usize| {
+        let axes = limits.axes();
+        let cell = &window.cells[window.span_index(k)];
+        let mut most = f64::INFINITY;
+        for &i in &window.active[..window.count] {
+            most = most.min(axes.acceleration[i] / cell.points[1].first[i].abs());
+        }
+        most.min(1e12)
+    };
+    out[0] = out[0].min(first_a.max(1.5 * window.start.length * window.start.most));
+    out[n] = out[n].min(1.5 * window.end.length * window.end.most);
+    for k in 0..n {
+        out[k + 1] = out[k + 1].min(out[k] + push(k) * window.d[k]);
+    }
+    for k in (0..n).rev() {
+        out[k] = out[k].min(out[k + 1] + push(k) * window.d[k]);
+    }
+}

@@ -1,0 +1,217 @@
+//! The stations of one window with their rows, packed for the solver.
+
+use evolvent_path::AXES;
+
+use crate::cell::{Cell, Point};
+use crate::grid::Grid;
+use crate::limits::PathLimits;
+use crate::stub::Stub;
+
+/// Widest packing: nine axes and one lane of padding.
+pub(crate) const MOST_LANES: usize = 10;
+/// Share of the axes' acceleration that is planned with: what may be gained between stations.
+const ACCELERATION_MARGIN: f64 = 0.9997;
+/// The same for jerk.
+const JERK_MARGIN: f64 = 0.997;
+/// Above every meaningful speed.
+pub(crate) const UNLIMITED: f64 = 1e9;
+
+/// A part of a grid interval between two stations of the window.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Span {
+    /// Absolute index of the grid interval.
+    pub(crate) interval: u64,
+    /// Offset from the interval's start.
+    pub(crate) x: f64,
+    pub(crate) length: f64,
+}
+
+/// What is known of a span beside its rows.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Traits {
+    /// Second and third derivatives vanish: no rows at the middle.
+    pub(crate) straight: bool,
+    /// The derivatives step at the end: rows of acceleration on both sides.
+    pub(crate) joint: bool,
+}
+
+/// Stations `0..=n` with the intervals between them; at rest beyond either end there may be a stub.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Window {
+    /// All spans, stubs included.
+    pub(crate) spans: Vec<Span>,
+    pub(crate) cells: Vec<Cell>,
+    /// Whether the first span is a stub; the last one always is.
+    pub(crate) from_rest: bool,
+    pub(crate) lanes: usize,
+    pub(crate) active: [usize; AXES],
+    pub(crate) count: usize,
+    pub(crate) inverse_a: [f64; MOST_LANES],
+    pub(crate) inverse_j: [f64; MOST_LANES],
+    /// Lengths of the `n` intervals.
+    pub(crate) d: Vec<f64>,
+    /// Per interval, point (start, middle, end) and derivative (first, second, third): one number a lane.
+    pub(crate) q: Vec<f64>,
+    /// Caps of `u'^2` at stations and in the middle of intervals.
+    pub(crate) cap: Vec<f64>,
+    pub(crate) middle_cap: Vec<f64>,
+    pub(crate) traits: Vec<Traits>,
+    pub(crate) start: Stub,
+    pub(crate) end: Stub,
+}
+
+impl Window {
+    pub(crate) fn with_capacity(stations: usize) -> Self {
+        Self {
+            spans: Vec::with_capacity(stations + 2),
+            cells: Vec::with_capacity(stations + 2),
+            d: Vec::with_capacity(stations),
+            q: Vec::with_capacity(stations * 9 * MOST_LANES),
+            cap: Vec::with_capacity(stations + 1),
+            middle_cap: Vec::with_capacity(stations),
+            traits: Vec::with_capacity(stations),
+            ..Self::default()
+        }
+    }
+
+    /// Intervals between stations.
+    pub(crate) fn n(&self) -> usize {
+        self.d.len()
+    }
+
+    /// Index of the span of interval `k`.
+    pub(crate) fn span_index(&self, k: usize) -> usize {
+        k + usize::from(self.from_rest)
+    }
+
+    /// Fills `cells` for `spans`. False where the grid does not know a span.
+    pub(crate) fn fetch(&mut self, grid: &Grid) -> bool {
+        self.cells.clear();
+        for span in &self.spans {
+            let Some(cell) = grid.cell(span.interval) else {
+                return false;
+            };
+            if span.x == 0.0 && span.length == cell.length {
+                self.cells.push(*cell);
+                continue;
+            }
+            let Some(stretch) = grid.stretch(cell.stretch) else {
+                return false;
+            };
+            let ends = span.x + span.length >= cell.length * (1.0 - 1e-12);
+            let mut part = Cell::new(
+                stretch,
+                cell.stretch,
+                cell.from + span.x,
+                span.length,
+                grid.limits(),
+            );
+            part.joint = if ends { cell.joint } else { f64::INFINITY };
+            self.cells.push(part);
+        }
+        true
+    }
+
+    /// Packs the rows of all spans; `gentle` is the share of the jerk limit that the last stub may use.
+    pub(crate) fn pack(&mut self, limits: &PathLimits, factor: f64, gentle: f64) {
+        let axes = limits.axes();
+        self.count = 0;
+        for i in 0..AXES {
+            let moves = self.cells.iter().any(|cell| {
+                cell.points
+                    .iter()
+                    .any(|p| p.first[i] != 0.0 || p.second[i] != 0.0 || p.third[i] != 0.0)
+            });
+            if axes.present[i] && moves {
+                self.active[self.count] = i;
+                self.inverse_a[self.count] = 1.0 / (ACCELERATION_MARGIN * axes.acceleration[i]);
+                self.inverse_j[self.count] = 1.0 / (JERK_MARGIN * axes.jerk[i]);
+                self.count += 1;
+            }
+        }
+        self.lanes = match self.count {
+            0..=2 => 2,
+            3..=4 => 4,
+            5..=6 => 6,
+            _ => MOST_LANES,
+        };
+        for lane in self.count..MOST_LANES {
+            (self.inverse_a[lane], self.inverse_j[lane]) = (0.0, 0.0);
+        }
+        let lead = usize::from(self.from_rest);
+        let last = self.cells.len() - 1;
+        self.d.clear();
+        self.q.clear();
+        self.cap.clear();
+        self.middle_cap.clear();
+        self.traits.clear();
+        for k in lead..last {
+            let cell = &self.cells[k];
+            self.d.push(cell.length);
+            for point in &cell.points {
+                for derivative in [&point.first, &point.second, &point.third] {
+                    for lane in 0..self.lanes {
+                        let value = if lane < self.count {
+                            derivative[self.active[lane]]
+                        } else {
+                            0.0
+                        };
+                        self.q.push(value);
+                    }
+                }
+            }
+            self.middle_cap.push(square(cell.points[1].cap(factor)));
+            let next = &self.cells[k + 1];
+            let straight = cell
+                .points
+                .iter()
+                .all(|p| p.second == p.third && p.third.amax() == 0.0);
+            let joint = next.stretch != cell.stretch;
+            self.traits.push(Traits { straight, joint });
+        }
+        for k in lead..=last {
+            let mut speed = self.cells[k].points[0].cap(factor);
+            if k > 0 {
+                let before = &self.cells[k - 1];
+                speed = speed.min(before.points[2].cap(factor)).min(before.joint);
+            }
+            self.cap.push(square(speed));
+        }
+        self.start = if self.from_rest {
+            Stub::new(&self.cells[0], limits, factor, JERK_MARGIN, false)
+        } else {
+            Stub::default()
+        };
+        self.end = Stub::new(&self.cells[last], limits, factor, JERK_MARGIN * gentle, true);
+    }
+
+    /// The highest `u'^2` at which interval `k` may be gone through at constant speed.
+    pub(crate) fn steady(&self, k: usize, limits: &PathLimits) -> f64 {
+        let cell = &self.cells[self.span_index(k)];
+        let mut most = self.middle_cap[k].min(self.cap[k]).min(self.cap[k + 1]);
+        for point in &cell.points {
+            most = most.min(steady(point, limits));
+        }
+        most
+    }
+}
+
+/// The highest `u'^2` of a constant parameter speed at a point, by acceleration and jerk of the axes.
+pub(crate) fn steady(point: &Point, limits: &PathLimits) -> f64 {
+    let axes = limits.axes();
+    let mut most = UNLIMITED * UNLIMITED;
+    for i in 0..AXES {
+        if axes.present[i] {
+            let speed = libm::cbrt(axes.jerk[i] / point.third[i].abs());
+            most = most
+                .min(axes.acceleration[i] / point.second[i].abs())
+                .min(speed * speed);
+        }
+    }
+    most
+}
+
+fn square(speed: f64) -> f64 {
+    let speed = speed.min(UNLIMITED);
+    speed * speed
+}
