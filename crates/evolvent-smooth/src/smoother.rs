@@ -1,79 +1,568 @@
 //! Blocks in, path out.
 
+use std::collections::VecDeque;
+
+use evolvent_path::{AXES, Curve, Jet, Spline};
+
+use crate::chain::{Chain, Link};
 use crate::joint::{JointKind, judge};
+use crate::newton::{Problem, Workspace, minimise};
+use crate::spacing::{self, GROWTH};
+use crate::weights::{Scales, Weights};
+use crate::zone::{Clamp, Laid, Zone, spread};
 use crate::{Block, Mark, Output, Settings, Stretch, Tolerance};
 
+/// How far a zone reaches to each side of a joint, in spacings there: where the spacing has grown for 20 knots.
+const EXTENT: f64 = 100.0;
+/// Control points that are found together, and how many of them become final.
+const WINDOW: usize = 64;
+const COMMIT: usize = 32;
+/// Rounds of weights, barrier at the first and the last, Newton steps of a round and of the last.
+const ROUNDS: usize = 6;
+const BARRIER: (f64, f64, f64) = (0.3, 0.35, 0.01);
+const STEPS: (usize, usize) = (4, 8);
+/// Stretches shorter than this are rounding, parameter units.
+const SHORTEST: f64 = 1e-12;
+
+/// Whether the path is on the programmed curve or in a zone that becomes a spline.
+#[derive(Clone, Copy, Debug)]
+enum State {
+    Exact,
+    Zone {
+        start: Clamp,
+        /// Number of the last joint that is known to belong to it.
+        joint: usize,
+        end: Option<(f64, Clamp)>,
+    },
+}
+
+/// How a section of the path ends.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Ending {
+    /// At rest.
+    Rest,
+    /// At a joint that is kept, or smooth.
+    Moving,
+}
+
 /// Turns programmed blocks into the path that is driven.
+///
+/// Nothing here may be called by the real-time cycle. After the first few thousand blocks no memory is allocated.
 #[derive(Debug)]
 pub struct Smoother {
     settings: Settings,
-    held: Option<Block>,
-    /// Parameter at the end of what was pushed.
-    end: f64,
+    scales: Scales,
+    /// The path since the last place at which it is kept: the section.
+    chain: Chain,
+    state: State,
+    zone: Zone,
+    weights: Weights,
+    work: Workspace,
+    last: Option<Block>,
+    marks: VecDeque<Mark>,
+    /// Parameter of the section's start since the smoother was made, and what has come out of the section.
+    base: f64,
+    cursor: f64,
+    /// The next joint whose spacing is to be found, the last spacing, and the next joint to be eased.
+    unripe: usize,
+    guess: f64,
+    /// Whether the section began in motion, and at a joint that is kept.
+    moving: bool,
+    joint: bool,
+    active: [bool; AXES],
     deviation: f64,
+    failures: u64,
 }
 
 impl Smoother {
     /// At rest at the start of the first block.
     #[must_use]
     pub fn new(settings: Settings) -> Self {
+        let mut chain = Chain::default();
+        chain.clear();
         Self {
             settings,
-            held: None,
-            end: 0.0,
+            scales: Scales::new(&settings.limits),
+            chain,
+            state: State::Exact,
+            zone: Zone::default(),
+            weights: Weights::default(),
+            work: Workspace::default(),
+            last: None,
+            marks: VecDeque::new(),
+            base: 0.0,
+            cursor: 0.0,
+            unripe: 1,
+            guess: 0.01,
+            moving: false,
+            joint: false,
+            active: [false; AXES],
             deviation: 0.0,
+            failures: 0,
         }
     }
 
     /// Appends a block; whatever of the path is settled by it comes out.
     pub fn push(&mut self, block: &Block, out: &mut Vec<Output>) {
-        let mut joint = false;
-        if let Some(held) = self.held.replace(*block) {
-            let (left, right) = (&held.curve, &block.curve);
-            let kind = judge(
-                &left.jet(left.domain()),
-                &right.jet(0.0),
-                &self.settings.limits,
-                self.settings.joint_time_s,
-            );
-            match kind {
-                _ if held.tolerance == Tolerance::Stop => out.push(Output::Cap { speed: 0.0 }),
-                JointKind::Smooth => {}
-                JointKind::Step { speed } => {
-                    out.push(Output::Cap { speed });
-                    joint = speed > 0.0;
-                }
-            }
-        }
         let length = block.curve.domain();
-        self.end += length;
-        out.push(Output::Stretch(Stretch {
-            curve: block.curve,
-            from: 0.0,
-            length,
-            feed: block.feed,
-            rapid: block.rapid,
-            blend: false,
-            joint,
-        }));
-        out.push(Output::Mark(Mark {
-            end: self.end,
+        let mark = |end: f64| Mark {
+            end,
             line: block.line,
             block: block.block,
             rapid: block.rapid,
-        }));
+        };
+        if !(length > 0.0 && length.is_finite()) {
+            self.marks.push_back(mark(self.base + self.chain.end()));
+            self.release_marks(out);
+            return;
+        }
+        let mut link = Link::new(block, self.chain.end());
+        if let Some(last) = self.last {
+            let (end, start) = (last.curve.jet(last.curve.domain()), block.curve.jet(0.0));
+            let (limits, joint_time) = (&self.settings.limits, self.settings.joint_time_s);
+            let kind = judge(&end, &start, limits, joint_time);
+            let free = last.tolerance.mm() > 0.0 && block.tolerance.mm() > 0.0;
+            let either = last.tolerance.mm() > 0.0 || block.tolerance.mm() > 0.0;
+            match kind {
+                _ if last.tolerance == Tolerance::Stop => self.section(Ending::Rest, Some(0.0), out),
+                JointKind::Smooth if free => {}
+                JointKind::Smooth if either => self.section(Ending::Moving, None, out),
+                JointKind::Smooth => {}
+                JointKind::Step { .. } if free => {
+                    link.eased = true;
+                    let turn = end.first.fixed_rows::<3>(0).dot(&start.first.fixed_rows::<3>(0));
+                    link.sharp = turn < -0.5;
+                }
+                JointKind::Step { speed } => {
+                    let ending = if speed > 0.0 { Ending::Moving } else { Ending::Rest };
+                    self.section(ending, Some(speed), out);
+                }
+            }
+            let from = self.chain.end();
+            link.to += from - link.from;
+            link.from = from;
+        }
+        link.inner_spacing = spacing::inside(&link);
+        if link.tolerance > 0.0 {
+            let (first, ..) = block.curve.derivative_bounds(0.0, length);
+            for i in 0..AXES {
+                self.active[i] |= first[i] != 0.0;
+            }
+        }
+        self.chain.push(link);
+        self.last = Some(*block);
+        self.marks.push_back(mark(self.base + self.chain.end()));
+        self.advance(None, out);
     }
 
     /// The path comes to rest at the end of what was pushed: all of it comes out.
     pub fn rest(&mut self, out: &mut Vec<Output>) {
-        if self.held.take().is_some() {
-            out.push(Output::Cap { speed: 0.0 });
+        if self.last.is_some() {
+            self.section(Ending::Rest, Some(0.0), out);
+            self.last = None;
         }
+        self.release_marks(out);
     }
 
     /// Largest distance of the path that came out from the programmed one, mm (or degrees of a rotary axis).
     #[must_use]
     pub fn deviation_mm(&self) -> f64 {
         self.deviation
+    }
+
+    /// How often a joint was taken at rest because no smooth path was found there.
+    #[must_use]
+    pub fn failures(&self) -> u64 {
+        self.failures
+    }
+
+    /// Brings out all of the section and begins the next.
+    fn section(&mut self, ending: Ending, cap: Option<f64>, out: &mut Vec<Output>) {
+        self.advance(Some(ending), out);
+        if let Some(speed) = cap {
+            out.push(Output::Cap { speed });
+        }
+        self.base += self.chain.end();
+        self.chain.clear();
+        self.state = State::Exact;
+        self.cursor = 0.0;
+        self.unripe = 1;
+        self.moving = ending == Ending::Moving;
+        self.joint = self.moving && cap.is_some();
+        self.active = [false; AXES];
+    }
+
+    fn advance(&mut self, ending: Option<Ending>, out: &mut Vec<Output>) {
+        self.ripen(ending.is_some());
+        loop {
+            let more = match self.state {
+                State::Exact => self.advance_exact(ending, out),
+                State::Zone { start, joint, end } => self.advance_zone(start, joint, end, ending, out),
+            };
+            if !more {
+                break;
+            }
+        }
+        let keep = 2.0 * self.chain.get(self.chain.first()).map_or(0.0, |link| spacing::most(link.tolerance));
+        self.chain.forget(self.cursor - keep);
+    }
+
+    /// Finds the spacing at the joints for which enough of the path is known.
+    fn ripen(&mut self, complete: bool) {
+        while let Some(link) = self.chain.get(self.unripe) {
+            let before = self.unripe.checked_sub(1).and_then(|n| self.chain.get(n));
+            let inherited = before.map_or(f64::INFINITY, |b| b.spacing + GROWTH * (link.from - b.from));
+            let own = if link.eased {
+                let Some(own) = spacing::at_joint(&self.chain, self.unripe, self.guess, complete) else {
+                    return;
+                };
+                self.guess = 2.0 * own;
+                own
+            } else {
+                f64::INFINITY
+            };
+            if let Some(link) = self.chain.get_mut(self.unripe) {
+                link.spacing = link.spacing.min(own).min(inherited);
+            }
+            spread(&mut self.chain, self.unripe);
+            self.unripe += 1;
+        }
+    }
+
+    /// Up to where the spacing is settled.
+    fn reach(&self, complete: bool) -> f64 {
+        match self.chain.get(self.unripe) {
+            Some(link) => link.from,
+            None if complete => f64::INFINITY,
+            None => self.chain.end(),
+        }
+    }
+
+    /// The first joint from `number` on that is eased.
+    fn eased(&self, mut number: usize) -> Option<usize> {
+        number = number.max(self.chain.first());
+        while let Some(link) = self.chain.get(number) {
+            if link.eased {
+                return Some(number);
+            }
+            number += 1;
+        }
+        None
+    }
+
+    /// How far a joint's zone reaches, once its spacing is settled.
+    fn extent(&self, number: usize, complete: bool) -> Option<f64> {
+        let link = self.chain.get(number)?;
+        let settled = number < self.unripe
+            && (complete || link.from + link.spacing / GROWTH <= self.reach(complete));
+        settled.then_some(EXTENT * link.spacing)
+    }
+
+    fn advance_exact(&mut self, ending: Option<Ending>, out: &mut Vec<Output>) -> bool {
+        let first = self.chain.find(self.cursor) + 1;
+        let Some(joint) = self.eased(first) else {
+            let end = self.chain.end();
+            let most = self.chain.get(self.chain.next().wrapping_sub(1)).map_or(0.0, |link| {
+                EXTENT * spacing::most(link.tolerance)
+            });
+            let to = if ending.is_some() { end } else { end - most };
+            self.exact(to, out);
+            return false;
+        };
+        let Some(extent) = self.extent(joint, ending.is_some()) else {
+            return false;
+        };
+        let Some(&link) = self.chain.get(joint) else {
+            return false;
+        };
+        let from = (link.from - extent).max(self.cursor);
+        self.exact(from, out);
+        let run = link.from - self.cursor;
+        let at_start = self.cursor <= 0.0;
+        let start = if at_start && !self.moving && run < 4.0 * link.tolerance {
+            Clamp::Place(self.chain.position(self.cursor))
+        } else {
+            if at_start {
+                let number = self.chain.first();
+                if let Some(link) = self.chain.get_mut(number) {
+                    link.spacing = link.spacing.min(0.5 * run);
+                }
+                spread(&mut self.chain, number);
+            }
+            Clamp::Jet(self.jet(self.cursor))
+        };
+        self.zone.begin(self.cursor);
+        self.state = State::Zone {
+            start,
+            joint,
+            end: None,
+        };
+        true
+    }
+
+    fn jet(&self, u: f64) -> Jet {
+        match self.chain.get(self.chain.find(u)) {
+            Some(link) => link.jet(u),
+            None => Jet::at_rest(self.chain.position(u)),
+        }
+    }
+
+    /// Where the zone ends, as far as that is known by now; also the last joint known to be in it.
+    fn zone_end(&mut self, joint: usize, ending: Option<Ending>) -> (usize, Option<(f64, Clamp)>) {
+        let complete = ending.is_some();
+        let mut joint = joint;
+        loop {
+            let (Some(&link), Some(extent)) = (self.chain.get(joint), self.extent(joint, complete)) else {
+                return (joint, None);
+            };
+            let leave = link.from + extent;
+            let gap = 2.0 * (link.spacing + GROWTH * extent);
+            if let Some(next) = self.eased(joint + 1) {
+                let (Some(&following), Some(before)) = (self.chain.get(next), self.extent(next, complete)) else {
+                    return (joint, None);
+                };
+                if following.from - before > leave + gap {
+                    return (joint, Some((leave, Clamp::Jet(self.jet(leave)))));
+                }
+                joint = next;
+                continue;
+            }
+            let end = self.chain.end();
+            if let Some(ending) = ending {
+                if end > leave + gap {
+                    return (joint, Some((leave, Clamp::Jet(self.jet(leave)))));
+                }
+                let run = end - link.from;
+                let clamp = if ending == Ending::Rest && run < 4.0 * link.tolerance {
+                    Clamp::Place(self.end_jet().position)
+                } else {
+                    self.chain.end_spacing = 0.5 * run;
+                    self.spread_from_end();
+                    Clamp::Jet(self.end_jet())
+                };
+                return (joint, Some((end, clamp)));
+            }
+            let most = EXTENT * spacing::most(link.tolerance);
+            if end > leave + gap + most {
+                return (joint, Some((leave, Clamp::Jet(self.jet(leave)))));
+            }
+            return (joint, None);
+        }
+    }
+
+    fn end_jet(&self) -> Jet {
+        let number = self.chain.next().wrapping_sub(1);
+        match self.chain.get(number) {
+            Some(link) => link.curve.jet(link.curve.domain()),
+            None => Jet::at_rest(self.chain.position(self.chain.end())),
+        }
+    }
+
+    fn spread_from_end(&mut self) {
+        let number = self.chain.next().wrapping_sub(1);
+        let bound = self.chain.end_spacing;
+        if let Some(link) = self.chain.get_mut(number) {
+            link.spacing = link.spacing.min(bound + GROWTH * (link.to - link.from));
+            spread(&mut self.chain, number);
+        }
+    }
+
+    fn advance_zone(
+        &mut self,
+        start: Clamp,
+        joint: usize,
+        end: Option<(f64, Clamp)>,
+        ending: Option<Ending>,
+        out: &mut Vec<Output>,
+    ) -> bool {
+        let (joint, end) = match end {
+            Some(end) => (joint, Some(end)),
+            None => self.zone_end(joint, ending),
+        };
+        self.state = State::Zone { start, joint, end };
+        loop {
+            let ready = self.zone.complete || self.zone.intervals() >= self.zone.fixed + WINDOW;
+            if !ready {
+                let mut reach = self.reach(ending.is_some());
+                if end.is_none() {
+                    // Where the zone may end, knots have to fit.
+                    let leave = self.chain.get(joint).map_or(reach, |link| link.from + EXTENT * link.spacing);
+                    reach = reach.min(leave);
+                }
+                match self.zone.lay(&mut self.chain, &start, end, reach, &self.active) {
+                    Laid::Batch | Laid::End => continue,
+                    Laid::Wait => return false,
+                    Laid::Failed => {
+                        self.failures += 1;
+                        return false;
+                    }
+                }
+            }
+            self.solve();
+            self.emit(end.map(|(_, clamp)| clamp), out);
+            if self.zone.complete && self.zone.intervals() == 0 {
+                self.state = State::Exact;
+                return true;
+            }
+        }
+    }
+
+    /// Finds the next control points and makes the first of them final.
+    fn solve(&mut self) {
+        let zone = &mut self.zone;
+        let low = zone.fixed;
+        let last = if zone.complete {
+            zone.points.len() - zone.clamped
+        } else {
+            zone.intervals()
+        };
+        let high = (low + WINDOW).min(last);
+        if high > low {
+            let (from, to) = (low.saturating_sub(3), high.min(zone.intervals()));
+            let wide = (from.saturating_sub(4), (high + 4).min(zone.intervals()));
+            let mut active = [false; AXES];
+            let here = zone.points[from];
+            for point in &zone.points[from..(to + 3).min(zone.points.len())] {
+                for i in 0..AXES {
+                    active[i] |= point[i] != here[i];
+                }
+            }
+            let first = zone.samples.partition_point(|sample| sample.interval < from);
+            let behind = zone.samples.partition_point(|sample| sample.interval < to);
+            let (start, factor, least) = BARRIER;
+            let mut mu = start;
+            for round in 0..ROUNDS {
+                self.weights.update(zone, wide.0, wide.1, &self.scales, &active);
+                // Every interval's samples share its weight.
+                let times = &mut self.weights.times;
+                let mut at = first;
+                for i in from..to {
+                    let next = at + zone.samples[at..behind].partition_point(|sample| sample.interval <= i);
+                    times[i - wide.0] /= (next - at).max(1) as f64;
+                    at = next;
+                }
+                let terms = &self.weights.terms[2 * (from - wide.0)..2 * (to - wide.0)];
+                let problem = Problem {
+                    terms,
+                    samples: &zone.samples[first..behind],
+                    barrier: times,
+                    first: wide.0,
+                    mu,
+                    free: (low, high),
+                    active,
+                };
+                let steps = if round + 1 == ROUNDS { STEPS.1 } else { STEPS.0 };
+                minimise(&problem, &mut zone.points, steps, &mut self.work);
+                mu = (mu * factor).max(least);
+            }
+        }
+        zone.fixed = if zone.complete && high == last {
+            zone.points.len()
+        } else {
+            low + COMMIT
+        };
+    }
+
+    /// Brings out the intervals that are final.
+    fn emit(&mut self, end: Option<Clamp>, out: &mut Vec<Output>) {
+        let zone = &self.zone;
+        let count = zone.intervals();
+        let done = zone.fixed.saturating_sub(3).min(count);
+        let mut gone = 0;
+        for i in 0..done {
+            let jet = zone.jet(i);
+            let behind = match end {
+                _ if i + 1 < count => zone.jet(i + 1).position,
+                Some(Clamp::Jet(jet)) => jet.position,
+                Some(Clamp::Place(place)) => place,
+                None => break,
+            };
+            let (from, to) = (zone.knot(i), zone.knot(i + 1));
+            gone = i + 1;
+            let Ok(spline) = Spline::new(&jet, behind, to - from) else {
+                self.failures += 1;
+                continue;
+            };
+            let curve = Curve::Spline(spline);
+            let mut number = self.chain.find(from);
+            let mut at = from;
+            while let Some(link) = self.chain.get(number) {
+                let mut stop = link.to;
+                number += 1;
+                while stop < to
+                    && let Some(next) = self.chain.get(number)
+                    && (next.feed, next.rapid) == (link.feed, link.rapid)
+                {
+                    stop = next.to;
+                    number += 1;
+                }
+                let last = stop >= to - SHORTEST;
+                let stop = if last { to } else { stop };
+                if stop - at > SHORTEST {
+                    out.push(Output::Stretch(Stretch {
+                        curve,
+                        from: at - from,
+                        length: stop - at,
+                        feed: link.feed,
+                        rapid: link.rapid,
+                        blend: true,
+                        joint: std::mem::take(&mut self.joint),
+                    }));
+                    at = stop;
+                }
+                if last {
+                    break;
+                }
+            }
+            self.cursor = to;
+            release(&mut self.marks, self.base + to, out);
+        }
+        for sample in zone.samples.iter().take_while(|sample| sample.interval < gone) {
+            let error = sample.error(&zone.points[sample.interval..sample.interval + 4]);
+            let used = sample.ratio(&error).sqrt() * sample.radius2.sqrt();
+            self.deviation = self.deviation.max(used);
+        }
+        self.zone.forget(gone);
+    }
+
+    /// Brings out the programmed path up to `to`.
+    fn exact(&mut self, to: f64, out: &mut Vec<Output>) {
+        let mut number = self.chain.find(self.cursor);
+        while let Some(link) = self.chain.get(number) {
+            let stop = link.to.min(to);
+            if stop - self.cursor > SHORTEST {
+                out.push(Output::Stretch(Stretch {
+                    curve: link.curve,
+                    from: self.cursor - link.from,
+                    length: stop - self.cursor,
+                    feed: link.feed,
+                    rapid: link.rapid,
+                    blend: false,
+                    joint: std::mem::take(&mut self.joint),
+                }));
+                self.cursor = stop;
+            }
+            if link.to >= to {
+                break;
+            }
+            number += 1;
+            self.release_marks(out);
+        }
+        self.release_marks(out);
+    }
+
+    /// Brings out the marks of what has come out.
+    fn release_marks(&mut self, out: &mut Vec<Output>) {
+        release(&mut self.marks, self.base + self.cursor, out);
+    }
+}
+
+/// Brings out the marks up to `end`.
+fn release(marks: &mut VecDeque<Mark>, end: f64, out: &mut Vec<Output>) {
+    while let Some(mark) = marks.front()
+        && mark.end <= end + SHORTEST
+    {
+        out.push(Output::Mark(*mark));
+        marks.pop_front();
     }
 }

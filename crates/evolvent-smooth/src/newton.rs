@@ -1,0 +1,293 @@
+//! Newton's method for a quadratic cost in a tube, on banded matrices.
+
+use evolvent_path::{AXES, Axes};
+
+use crate::tube::{GROUPS, Sample};
+
+/// A term of the cost: the square of a linear function of the four control points of an interval, axis by axis.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Term {
+    pub(crate) interval: usize,
+    pub(crate) weights: [f64; 4],
+    /// Factor of each axis' square.
+    pub(crate) factors: Axes,
+}
+
+/// The problem on a stretch of control points.
+pub(crate) struct Problem<'a> {
+    pub(crate) terms: &'a [Term],
+    pub(crate) samples: &'a [Sample],
+    /// Barrier weight of a sample of each interval, times `mu`; indexed from interval `first`.
+    pub(crate) barrier: &'a [f64],
+    pub(crate) first: usize,
+    pub(crate) mu: f64,
+    /// Free control points.
+    pub(crate) free: (usize, usize),
+    pub(crate) active: [bool; AXES],
+}
+
+/// Memory that is kept between solutions.
+#[derive(Debug, Default)]
+pub(crate) struct Workspace {
+    matrix: Vec<f64>,
+    gradient: Vec<f64>,
+    step: Vec<f64>,
+    errors: Vec<[f64; 3]>,
+}
+
+/// At most `steps` Newton steps; returns how many were taken. The points stay strictly inside the tube.
+pub(crate) fn minimise(problem: &Problem<'_>, points: &mut [Axes], steps: usize, work: &mut Workspace) -> usize {
+    let count = problem.active.iter().filter(|&&active| active).count();
+    match count {
+        0 => 0,
+        1 => Solver::<1>::new(problem).run(points, steps, work),
+        2 => Solver::<2>::new(problem).run(points, steps, work),
+        3 => Solver::<3>::new(problem).run(points, steps, work),
+        4 => Solver::<4>::new(problem).run(points, steps, work),
+        5 => Solver::<5>::new(problem).run(points, steps, work),
+        6 => Solver::<6>::new(problem).run(points, steps, work),
+        7 => Solver::<7>::new(problem).run(points, steps, work),
+        8 => Solver::<8>::new(problem).run(points, steps, work),
+        _ => Solver::<9>::new(problem).run(points, steps, work),
+    }
+}
+
+struct Solver<'a, const D: usize> {
+    problem: &'a Problem<'a>,
+    axes: [usize; D],
+    /// For each group how many of its axes are active, their columns and their places in the group.
+    groups: [(usize, [usize; 3], [usize; 3]); 5],
+}
+
+impl<'a, const D: usize> Solver<'a, D> {
+    fn new(problem: &'a Problem<'a>) -> Self {
+        let mut axes = [0; D];
+        let mut columns = [usize::MAX; AXES];
+        for (column, axis) in (0..AXES).filter(|&i| problem.active[i]).take(D).enumerate() {
+            axes[column] = axis;
+            columns[axis] = column;
+        }
+        let groups = GROUPS.map(|(first, count)| {
+            let (mut n, mut cols, mut places) = (0, [0; 3], [0; 3]);
+            for d in 0..count {
+                if columns[first + d] != usize::MAX {
+                    cols[n] = columns[first + d];
+                    places[n] = d;
+                    n += 1;
+                }
+            }
+            (n, cols, places)
+        });
+        Self { problem, axes, groups }
+    }
+
+    /// Width of the band: four control points.
+    const BAND: usize = 4 * D;
+
+    fn run(&self, points: &mut [Axes], steps: usize, work: &mut Workspace) -> usize {
+        let (low, high) = self.problem.free;
+        let size = (high - low) * D;
+        if size == 0 {
+            return 0;
+        }
+        work.matrix.resize((size + Self::BAND) * Self::BAND, 0.0);
+        work.gradient.resize(size + Self::BAND, 0.0);
+        work.step.resize(size + Self::BAND, 0.0);
+        let mut last = 0.0;
+        let mut back = 0;
+        for taken in 0..steps {
+            self.assemble(points, work);
+            if taken > 0 {
+                // Too far: the slope has turned. Half of the step back, and look again.
+                let slope: f64 = work.step[..size].iter().zip(&work.gradient).map(|(s, g)| s * g).sum();
+                if slope > 0.7 * last && back < 4 {
+                    back += 1;
+                    for s in &mut work.step[..size] {
+                        *s *= 0.5;
+                    }
+                    self.advance(points, &work.step, -1.0);
+                    last *= 0.5;
+                    continue;
+                }
+            }
+            back = 0;
+            self.solve(work, size);
+            let limit = self.limit(points, work);
+            let length = limit.min(1.0);
+            for s in &mut work.step[..size] {
+                *s *= length;
+            }
+            last = -work.step[..size].iter().zip(&work.gradient).map(|(s, g)| s * g).sum::<f64>();
+            if !last.is_finite() {
+                return taken;
+            }
+            self.advance(points, &work.step, 1.0);
+        }
+        steps
+    }
+
+    fn advance(&self, points: &mut [Axes], step: &[f64], sign: f64) {
+        let (low, high) = self.problem.free;
+        for (point, change) in points[low..high].iter_mut().zip(step.chunks_exact(D)) {
+            for d in 0..D {
+                point[self.axes[d]] += sign * change[d];
+            }
+        }
+    }
+
+    /// Gradient and lower half of the Hessian by columns: entry `(r, c)` at `c * BAND + r - c`.
+    fn assemble(&self, points: &[Axes], work: &mut Workspace) {
+        let (low, high) = self.problem.free;
+        let (matrix, gradient) = (&mut work.matrix, &mut work.gradient);
+        matrix.fill(0.0);
+        gradient.fill(0.0);
+        let band = Self::BAND;
+        for term in self.problem.terms {
+            let i = term.interval;
+            for d in 0..D {
+                let axis = self.axes[d];
+                let factor = 2.0 * term.factors[axis];
+                let value: f64 = (0..4).map(|l| term.weights[l] * points[i + l][axis]).sum();
+                for l in 0..4 {
+                    if i + l < low || i + l >= high {
+                        continue;
+                    }
+                    let column = (i + l - low) * D + d;
+                    let w = factor * term.weights[l];
+                    gradient[column] += w * value;
+                    for m in l..4 {
+                        if i + m < high {
+                            matrix[column * band + (m - l) * D] += w * term.weights[m];
+                        }
+                    }
+                }
+            }
+        }
+        work.errors.clear();
+        for sample in self.problem.samples {
+            let i = sample.interval;
+            let error = sample.error(&points[i..i + 4]);
+            work.errors.push(error);
+            let (n, columns, places) = &self.groups[sample.group];
+            let slip = sample.squash * crate::tube::dot(&error, &sample.along);
+            let ratio = sample.ratio(&error);
+            let inverse = 1.0 / (1.0 - ratio);
+            let weight = self.problem.mu * self.problem.barrier[i - self.problem.first];
+            let h1 = 2.0 * weight * inverse / sample.radius2;
+            let h2 = 2.0 * inverse / sample.radius2;
+            let mut g = [0.0; 3];
+            let mut h = [[0.0; 3]; 3];
+            for a in 0..*n {
+                let p = places[a];
+                g[a] = error[p] - slip * sample.along[p];
+            }
+            for a in 0..*n {
+                for b in 0..*n {
+                    let (p, q) = (places[a], places[b]);
+                    h[a][b] = h1 * (h2 * g[a] * g[b] - sample.squash * sample.along[p] * sample.along[q]);
+                }
+                h[a][a] += h1;
+            }
+            for l in 0..4 {
+                if i + l < low || i + l >= high {
+                    continue;
+                }
+                let base = (i + l - low) * D;
+                let w = sample.weights[l];
+                for a in 0..*n {
+                    gradient[base + columns[a]] += h1 * w * g[a];
+                }
+                for m in l..4 {
+                    if i + m >= high {
+                        break;
+                    }
+                    let ww = w * sample.weights[m];
+                    for b in 0..*n {
+                        let column = base + columns[b];
+                        // Row minus column; on the diagonal block only the lower half.
+                        for a in 0..*n {
+                            let row = (m - l) * D + columns[a];
+                            if row >= columns[b] {
+                                matrix[column * band + row - columns[b]] += ww * h[a][b];
+                            }
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    /// The Newton step, by an LDL' factorisation that updates to the right.
+    fn solve(&self, work: &mut Workspace, size: usize) {
+        let band = Self::BAND;
+        let (matrix, step) = (&mut work.matrix, &mut work.step);
+        for (s, g) in step.iter_mut().zip(&work.gradient) {
+            *s = -g;
+        }
+        for s in &mut step[size..] {
+            *s = 0.0;
+        }
+        for r in 0..size {
+            let (head, tail) = matrix.split_at_mut((r + 1) * band);
+            let pivot = &mut head[r * band..];
+            let inverse = 1.0 / pivot[0].max(1e-300);
+            pivot[0] = inverse;
+            let value = step[r];
+            for j in 1..band {
+                let factor = pivot[j] * inverse;
+                if factor == 0.0 {
+                    continue;
+                }
+                let column = &mut tail[(j - 1) * band..(j - 1) * band + band - j];
+                for (entry, p) in column.iter_mut().zip(&pivot[j..band]) {
+                    *entry -= factor * p;
+                }
+                step[r + j] -= factor * value;
+            }
+        }
+        for r in (0..size).rev() {
+            let pivot = &matrix[r * band..(r + 1) * band];
+            let sum: f64 = (1..band).map(|j| pivot[j] * step[r + j]).sum();
+            step[r] = (step[r] - sum) * pivot[0];
+        }
+        // What lies beyond the free points has no row.
+        for s in &mut step[size..] {
+            *s = 0.0;
+        }
+    }
+
+    /// Largest multiple of the step that stays well inside the tube.
+    fn limit(&self, points: &[Axes], work: &Workspace) -> f64 {
+        let (low, high) = self.problem.free;
+        let _ = points;
+        let mut limit = f64::INFINITY;
+        for (sample, error) in self.problem.samples.iter().zip(&work.errors) {
+            let i = sample.interval;
+            let (n, columns, places) = &self.groups[sample.group];
+            let mut change = [0.0; 3];
+            for l in 0..4 {
+                if i + l < low || i + l >= high {
+                    continue;
+                }
+                let base = (i + l - low) * D;
+                for a in 0..*n {
+                    change[places[a]] += sample.weights[l] * work.step[base + columns[a]];
+                }
+            }
+            let (e, c) = (
+                crate::tube::dot(error, &sample.along),
+                crate::tube::dot(&change, &sample.along),
+            );
+            let a = crate::tube::dot(&change, &change) - sample.squash * c * c;
+            let b = crate::tube::dot(error, &change) - sample.squash * e * c;
+            let r = sample.radius2 * (1.0 - sample.ratio(error));
+            if a > 0.0 {
+                // The positive root of a t^2 + 2 b t = r.
+                let root = (b * b + a * r).sqrt();
+                let t = if b > 0.0 { r / (root + b) } else { (root - b) / a };
+                limit = limit.min(t);
+            }
+        }
+        0.95 * limit
+    }
+}

@@ -1,0 +1,353 @@
+//! A stretch of the path that becomes a spline: its knots, control points and conditions.
+
+use evolvent_path::{Axes, Jet};
+
+use crate::basis::{Basis, basis};
+use crate::chain::Chain;
+use crate::spacing::{self, GROWTH};
+use crate::tube::{Sample, sample};
+
+/// Intervals that are settled at a time.
+const BATCH: usize = 32;
+/// Intervals beyond, laid to see that the settled ones can be continued.
+const AHEAD: usize = 8;
+/// Attempts to lay a batch, with smaller spacing each time.
+const ATTEMPTS: usize = 40;
+/// Largest squared error, in units of the squared radius, of the start.
+const START_RATIO: f64 = 0.85;
+/// Fewest intervals of a zone.
+const FEWEST: usize = 6;
+/// Intervals over which the spacing is adapted to meet the zone's end.
+const ENDING: usize = 12;
+
+/// What is kept at an end of a zone.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Clamp {
+    /// Position and two derivatives.
+    Jet(Jet),
+    /// The position: the path is at rest there.
+    Place(Axes),
+}
+
+/// Progress of laying.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Laid {
+    /// A batch was settled.
+    Batch,
+    /// The zone is settled to its end.
+    End,
+    /// More of the path must be known.
+    Wait,
+    /// No spacing was found that keeps the start in the tube.
+    Failed,
+}
+
+/// The zone that is being built.
+#[derive(Debug, Default)]
+pub(crate) struct Zone {
+    /// Knots; three more before the first interval, and behind the last.
+    pub(crate) knots: Vec<f64>,
+    pub(crate) bases: Vec<Basis>,
+    pub(crate) points: Vec<Axes>,
+    pub(crate) samples: Vec<Sample>,
+    /// Knots that are settled.
+    settled: usize,
+    /// Control points that do not change any more.
+    pub(crate) fixed: usize,
+    /// Control points kept at the end.
+    pub(crate) clamped: usize,
+    pub(crate) complete: bool,
+    /// Intervals that were given away: the first of those is still here when this is not 0.
+    trial: Vec<f64>,
+}
+
+impl Zone {
+    /// Begins at `u`.
+    pub(crate) fn begin(&mut self, u: f64) {
+        self.knots.clear();
+        self.knots.extend([u; 4]);
+        self.bases.clear();
+        self.points.clear();
+        self.samples.clear();
+        self.settled = 4;
+        self.fixed = 0;
+        self.clamped = 0;
+        self.complete = false;
+    }
+
+    pub(crate) fn knot(&self, interval: usize) -> f64 {
+        self.knots[interval + 3]
+    }
+
+    /// Settled intervals.
+    pub(crate) fn intervals(&self) -> usize {
+        self.bases.len()
+    }
+
+    pub(crate) fn jet(&self, interval: usize) -> Jet {
+        let (basis, points) = (&self.bases[interval], &self.points[interval..interval + 4]);
+        let of = |order: usize| {
+            (1..4).fold(points[0] * basis[0][order], |sum, l| sum + points[l] * basis[l][order])
+        };
+        Jet {
+            position: of(0),
+            first: of(1),
+            second: of(2),
+            third: of(3),
+        }
+    }
+
+    /// Lays knots as far as the path allows. `start` is the clamp at the zone's start, `end` where it ends, if that
+    /// is known, and `reach` up to where spacings are settled.
+    pub(crate) fn lay(
+        &mut self,
+        chain: &mut Chain,
+        start: &Clamp,
+        end: Option<(f64, Clamp)>,
+        reach: f64,
+        active: &[bool; 9],
+    ) -> Laid {
+        if self.complete {
+            return Laid::End;
+        }
+        let (points, bases, samples) = (self.points.len(), self.bases.len(), self.samples.len());
+        let settled = self.settled;
+        for _ in 0..ATTEMPTS {
+            self.knots.truncate(settled);
+            self.points.truncate(points);
+            self.bases.truncate(bases);
+            self.samples.truncate(samples);
+            let Some(complete) = self.march(chain, end.map(|(u, _)| u), reach) else {
+                self.knots.truncate(settled);
+                return Laid::Wait;
+            };
+            self.start_points(chain, start, end.filter(|_| complete).map(|(_, clamp)| clamp));
+            match self.condition(chain, active) {
+                Some(interval) => {
+                    let width = self.knot(interval + 1) - self.knot(interval);
+                    let middle = 0.5 * (self.knot(interval + 1) + self.knot(interval));
+                    shrink(chain, middle, width);
+                    continue;
+                }
+                None if complete => {
+                    self.settled = self.knots.len();
+                    self.complete = true;
+                    return Laid::End;
+                }
+                None => {
+                    // What was laid ahead is laid again next time.
+                    self.settled = settled + BATCH;
+                    self.knots.truncate(self.settled);
+                    self.points.truncate(self.settled - 3);
+                    self.bases.truncate(self.settled - 6);
+                    let count = self.bases.len();
+                    let kept = self.samples.partition_point(|sample| sample.interval < count);
+                    self.samples.truncate(kept);
+                    return Laid::Batch;
+                }
+            }
+        }
+        self.knots.truncate(settled);
+        self.points.truncate(points);
+        self.bases.truncate(bases);
+        self.samples.truncate(samples);
+        Laid::Failed
+    }
+
+    /// Places knots; whether the end was reached, `None` if the path is not known far enough.
+    fn march(&mut self, chain: &Chain, end: Option<f64>, reach: f64) -> Option<bool> {
+        let target = self.knots.len() + BATCH + AHEAD;
+        let mut near = chain.find(*self.knots.last()?);
+        while self.knots.len() < target {
+            let u = *self.knots.last()?;
+            if let Some(end) = end
+                && self.finish(chain, u, end, &mut near)
+            {
+                return Some(true);
+            }
+            let step = step(chain, u, &mut near);
+            if end.is_none() && u + step + step / GROWTH > reach {
+                return None;
+            }
+            self.knots.push(u + step);
+        }
+        Some(false)
+    }
+
+    /// Distributes the last knots, if the end is near.
+    fn finish(&mut self, chain: &Chain, from: f64, end: f64, near: &mut usize) -> bool {
+        self.trial.clear();
+        self.trial.push(from);
+        let mut u = from;
+        while u < end {
+            if self.trial.len() > ENDING {
+                return false;
+            }
+            u += step(chain, u, near);
+            self.trial.push(u);
+        }
+        let last = self.trial.len() - 1;
+        let before = self.trial[last - 1];
+        let share = (end - before) / (self.trial[last] - before);
+        let left = (last - 1) as f64 + share;
+        let begun = self.knots.len() == 4;
+        let least = if begun { FEWEST } else { 1 };
+        // Of two possible counts the smaller, if that stretches the intervals little.
+        let count = ((left - 0.1).ceil().max(1.0) as usize).max(least);
+        for k in 1..count {
+            let w = left * k as f64 / count as f64;
+            let j = (w.floor() as usize).min(last - 1);
+            let (a, b) = (self.trial[j], self.trial[j + 1]);
+            self.knots.push(a + (b - a) * (w - j as f64));
+        }
+        self.knots.extend([end; 4]);
+        true
+    }
+
+    /// Control points that the new knots determine: on the programmed path, so that the start is a moving average
+    /// of it, but for those that a clamp prescribes.
+    fn start_points(&mut self, chain: &Chain, start: &Clamp, end: Option<Clamp>) {
+        let first = self.points.len();
+        let mut near = chain.find(self.knots[first + 1]);
+        for j in first..self.knots.len() - 3 {
+            let u = (self.knots[j + 1] + self.knots[j + 2] + self.knots[j + 3]) / 3.0;
+            near = chain.find_near(u, near);
+            self.points.push(chain.get(near).map_or_else(Axes::zeros, |link| link.position(u)));
+        }
+        if first == 0 {
+            let (h1, h2) = (self.knots[4] - self.knots[3], self.knots[5] - self.knots[4]);
+            let clamped = clamped(start, h1, h2, 1.0);
+            self.fixed = clamped.1;
+            self.points[..self.fixed].copy_from_slice(&clamped.0[..self.fixed]);
+        }
+        if let Some(end) = end {
+            // The three coincident end knots make one point too many.
+            self.points.truncate(self.knots.len() - 4);
+            let n = self.knots.len();
+            let (h1, h2) = (self.knots[n - 4] - self.knots[n - 5], self.knots[n - 5] - self.knots[n - 6]);
+            let clamped = clamped(&end, h1, h2, -1.0);
+            self.clamped = clamped.1;
+            let count = self.points.len();
+            for k in 0..self.clamped {
+                self.points[count - 1 - k] = clamped.0[k];
+            }
+        }
+        let intervals = self.points.len() - 3;
+        for i in self.bases.len()..intervals.min(self.knots.len() - 6) {
+            let six: [f64; 6] = std::array::from_fn(|k| self.knots[i + 1 + k]);
+            self.bases.push(basis(&six));
+        }
+    }
+
+    /// Samples of the new intervals; the first interval whose start is not well inside the tube.
+    fn condition(&mut self, chain: &Chain, active: &[bool; 9]) -> Option<usize> {
+        let next = self.samples.last().map_or(0, |sample| sample.interval + 1);
+        for i in next..self.bases.len() {
+            let from = self.samples.len();
+            let range = (self.knot(i), self.knot(i + 1));
+            sample(chain, i, range, &self.bases[i], active, &mut self.samples);
+            let points = &self.points[i..i + 4];
+            let bad = self.samples[from..]
+                .iter()
+                .any(|sample| !(sample.ratio(&sample.error(points)) <= START_RATIO));
+            if bad {
+                return Some(i);
+            }
+        }
+        None
+    }
+
+    /// Forgets the first intervals.
+    pub(crate) fn forget(&mut self, intervals: usize) {
+        self.knots.drain(..intervals);
+        self.points.drain(..intervals);
+        self.bases.drain(..intervals);
+        let behind = self.samples.partition_point(|sample| sample.interval < intervals);
+        self.samples.drain(..behind);
+        for sample in &mut self.samples {
+            sample.interval -= intervals;
+        }
+        self.settled -= intervals;
+        self.fixed -= intervals;
+    }
+}
+
+/// The next interval's width: the spacing at its middle.
+fn step(chain: &Chain, u: f64, near: &mut usize) -> f64 {
+    let at = |u: f64, near: &mut usize| {
+        *near = chain.find_near(u, *near);
+        let Some(link) = chain.get(*near) else {
+            return 1.0;
+        };
+        let at_end = chain.get(*near + 1).map_or(chain.end_spacing, |next| next.spacing);
+        spacing::within(link, at_end, u)
+    };
+    let mut step = at(u, near);
+    for _ in 0..2 {
+        step = at(u + 0.5 * step, near);
+    }
+    step
+}
+
+/// Asks for smaller spacing about an interval.
+fn shrink(chain: &mut Chain, u: f64, width: f64) {
+    let number = chain.find(u);
+    if let Some(link) = chain.get_mut(number)
+        && !link.straight
+    {
+        link.inner_spacing = link.inner_spacing.min(0.7 * width);
+    }
+    for joint in [number, number + 1] {
+        if let Some(link) = chain.get_mut(joint) {
+            link.spacing = (0.8 * link.spacing).min(0.7 * width);
+        }
+        spread(chain, joint);
+    }
+}
+
+/// Carries the bound of a joint's spacing to both sides.
+pub(crate) fn spread(chain: &mut Chain, number: usize) {
+    let Some(&link) = chain.get(number) else {
+        return;
+    };
+    let (mut spacing, mut u) = (link.spacing, link.from);
+    let mut at = number;
+    while at > chain.first() {
+        at -= 1;
+        let Some(link) = chain.get_mut(at) else {
+            break;
+        };
+        spacing += GROWTH * (u - link.from);
+        u = link.from;
+        if link.spacing <= spacing {
+            break;
+        }
+        link.spacing = spacing;
+    }
+    let (mut spacing, mut u) = (link.spacing, link.from);
+    let mut at = number + 1;
+    while let Some(link) = chain.get_mut(at) {
+        spacing += GROWTH * (link.from - u);
+        u = link.from;
+        if link.spacing <= spacing {
+            break;
+        }
+        link.spacing = spacing;
+        at += 1;
+    }
+}
+
+/// The control points that a clamp prescribes, from the end inwards, and their number; `h1`, `h2` are the widths of
+/// the intervals from the end inwards, `sign` -1 at a zone's end.
+fn clamped(clamp: &Clamp, h1: f64, h2: f64, sign: f64) -> ([Axes; 3], usize) {
+    match clamp {
+        Clamp::Place(place) => ([*place; 3], 1),
+        Clamp::Jet(jet) => {
+            let first = jet.first * sign;
+            let second = first + jet.second * (0.5 * h1);
+            let c1 = jet.position + first * (h1 / 3.0);
+            let c2 = c1 + second * ((h1 + h2) / 3.0);
+            ([jet.position, c1, c2], 3)
+        }
+    }
+}
