@@ -220,9 +220,9 @@ impl Motion {
     pub(crate) fn evaluate(&self, cursor: &mut Cursor, queue: &mut PlanConsumer) -> (Jet, Option<Segment>) {
         let (now, jerk) = cursor.now();
         cursor.joint = false;
-        if let Drive::Flow { flow, .. } = cursor.drive {
+        if let Some((stretch, from)) = cursor.piece_at {
             for _ in 0..MOST_PER_CYCLE {
-                if cursor.segment >= flow.piece.stretch {
+                if cursor.segment >= stretch {
                     break;
                 }
                 cursor.segment += 1;
@@ -230,7 +230,7 @@ impl Motion {
                     .segment(cursor.segment)
                     .is_some_and(|segment| segment.marks.joint);
             }
-            cursor.segment_start = -flow.piece.from;
+            cursor.segment_start = -from;
         }
         let Some(mut segment) = queue.segment(cursor.segment) else {
             let mut still = self.last;
@@ -286,6 +286,7 @@ impl Cursor {
     pub(crate) fn start(&mut self, flow: Flow) {
         self.drive = Drive::Flow { flow, time: 0.0 };
         self.interval = flow.piece.interval;
+        self.piece_at = Some((flow.piece.stretch, flow.piece.from));
         self.travelled = flow.path;
     }
 

@@ -39,6 +39,8 @@ pub(crate) struct Cursor {
     pub(crate) segment: u64,
     /// Parameter of the drive (0 where it starts) at which that segment starts.
     pub(crate) segment_start: f64,
+    /// Segment of the present or last piece, and the piece's start in it.
+    pub(crate) piece_at: Option<(u64, f64)>,
     /// Parameter of the drive at rest.
     pub(crate) rest_x: f64,
     /// The first mark of a block's end that lies ahead.
@@ -69,6 +71,7 @@ impl Cursor {
             step: 0,
             segment: 0,
             segment_start: 0.0,
+            piece_at: None,
             rest_x: 0.0,
             mark: 0,
             interval: 0,

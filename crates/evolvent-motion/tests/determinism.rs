@@ -4,7 +4,7 @@
 
 mod common;
 
-use common::{BLEND, Random, Scenario, campaign, check, run, scenario};
+use common::{BLEND, Pair, Random, Scenario, campaign, check, run, scenario};
 use evolvent_gcode::{Move, MoveKind, PathMode};
 use evolvent_machine::{Limits, PlannerKind};
 use evolvent_motion::{Inputs, Motion, STEPS_AHEAD, Setpoint, flags, plan_queue};
@@ -21,38 +21,15 @@ fn inputs(cycle: u64) -> Inputs {
 
 /// Feeds the moves in lumps of up to `lump`, and only when the cycle would have to wait.
 fn run_in_lumps(scenario: &Scenario, random: &mut Random, lump: usize) -> (Vec<Setpoint>, Motion) {
-    let (producer, mut queue) = plan_queue(|| false);
-    let rules = PathRules {
-        blend_tolerance_mm: 0.01,
-        joint_time_s: 0.001,
-        planner: PlannerKind::Classic,
-        feed_override: 1.0,
-    };
-    let rate = 1e9 / scenario.period_ns as f64;
-    let limits = PathLimits::new(scenario.limits, rate, scenario.chord_error_mm);
-    let mut planner = Planner::new(limits, rules, producer);
-    let mut motion = Motion::new(
-        scenario.limits,
-        scenario.period_ns,
-        scenario.moves[0].curve.start(),
-    );
-    let (mut out, mut fed, mut finished) = (Vec::new(), 0, false);
-    while !motion.is_over() {
-        while !motion.is_ready(&mut queue) && !finished {
-            for _ in 0..=random.pick(lump) {
-                if let Some(one) = scenario.moves.get(fed) {
-                    planner.push(one, fed as u32 + 1, fed as u32).expect("plan");
-                    fed += 1;
-                } else if !finished {
-                    planner.finish(9999).expect("finish");
-                    finished = true;
-                }
-            }
-        }
-        out.push(motion.step(&inputs(out.len() as u64), &mut queue));
+    let mut pair = Pair::new(scenario);
+    let mut out = Vec::new();
+    while !pair.motion.is_over() {
+        pair.lump = 1 + random.pick(lump);
+        pair.plan_ahead(scenario);
+        out.push(pair.step(&inputs(out.len() as u64)));
         assert!(out.len() < 4_000_000, "does not end");
     }
-    (out, motion)
+    (out, pair.motion)
 }
 
 fn assert_same(scenario: &Scenario, random: &mut Random, what: &str) -> Vec<Setpoint> {
@@ -108,6 +85,7 @@ fn straight(limits: Limits, moves: usize, length: f64, feeds: [f64; 2], period_n
         period_ns,
         moves,
         chord_error_mm: 1e-3,
+        planner: PlannerKind::Classic,
     }
 }
 

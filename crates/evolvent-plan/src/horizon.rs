@@ -10,7 +10,7 @@
 
 use std::collections::VecDeque;
 
-use evolvent_feed::{Entry, Exit, Grid, MOST_INTERVALS, Optimizer, PathLimits, Piece, Place};
+use evolvent_feed::{Entry, Exit, FeedError, Grid, MOST_INTERVALS, Optimizer, PathLimits, Piece, Place};
 use evolvent_path::AXES;
 
 use crate::step::{Answer, BlockMark, Flow, PlanSink, Request, Segment, Step};
@@ -54,6 +54,8 @@ pub(crate) struct Horizon<S> {
     grid: Grid,
     optimizer: Optimizer,
     front: Front,
+    /// What the cycle has asked for and not been answered.
+    request: Option<Request>,
     rests: VecDeque<Rest>,
     rests_seen: u64,
     /// Segments that no piece has needed yet, and how many have been handed on.
@@ -95,6 +97,7 @@ impl<S: PlanSink> Horizon<S> {
                 feed_factor,
                 waits: false,
             },
+            request: None,
             rests: VecDeque::new(),
             rests_seen: 0,
             segments: VecDeque::new(),
@@ -177,7 +180,8 @@ impl<S: PlanSink> Horizon<S> {
             let Some((until, exit)) = self.window(&self.front) else {
                 return Ok(());
             };
-            if self.solve(until, exit).is_err() {
+            let front = self.front;
+            if self.solve(&front, until, exit).is_err() {
                 // The tail in force ends at rest; from there the cycle asks again.
                 self.give_up()?;
                 continue;
@@ -234,9 +238,8 @@ impl<S: PlanSink> Horizon<S> {
         Some((most, Exit::Open))
     }
 
-    fn solve(&mut self, until: u64, exit: Exit) -> Result<(), evolvent_feed::FeedError> {
+    fn solve(&mut self, front: &Front, until: u64, exit: Exit) -> Result<(), FeedError> {
         self.pieces.clear();
-        let front = &self.front;
         self.optimizer
             .plan(
                 &self.grid,
@@ -397,58 +400,74 @@ impl<S: PlanSink> Horizon<S> {
     fn give_up(&mut self) -> Result<(), S::Error> {
         if self.front.link.is_none() {
             // At rest, with nothing to follow: let it stand and ask.
-            self.sink.step(&Step::Wait)?;
-            self.appended += 1;
-            self.sink.finalise(self.appended);
+            self.append_wait()?;
         }
         self.front.waits = true;
         Ok(())
     }
 
-    /// Serves a request, if one is open.
+    /// Serves the request that is open, as soon as enough path is known: how much that is must not depend on how
+    /// the program's text happens to arrive.
     fn serve(&mut self) -> Result<bool, S::Error> {
-        let Some(request) = self.sink.request() else {
+        if let Some(request) = self.sink.request() {
+            self.request = Some(request);
+        }
+        let Some(request) = self.request else {
             return Ok(false);
         };
-        let old = self.front;
-        self.front = self.front_at(&request);
-        let solved = if matches!(self.front.entry, Entry::Rest) {
+        let front = self.front_at(&request);
+        if matches!(front.entry, Entry::Rest) {
             // Nothing is in a hurry: the next windows follow from here.
-            self.pieces.clear();
-            self.sink.answer(Answer {
-                id: request.id,
-                step: Some(self.appended),
-            });
+            self.front = front;
+            self.reply(&request, Some(self.appended));
             return Ok(true);
-        } else if request.brake {
-            self.solve_stop(&request)
-        } else {
-            self.solve_on()
-        };
-        let Some((until, exit)) = solved else {
-            self.front = old;
-            self.sink.answer(Answer {
-                id: request.id,
-                step: None,
-            });
+        }
+        let Some((until, exit)) = self.window(&front) else {
             return Ok(false);
         };
+        // TODO forget
+        let solved = if request.brake {
+            self.solve_stop(&front, until)
+        } else {
+            self.solve(&front, until, exit)
+        };
+        if solved.is_err() || self.pieces.is_empty() {
+            self.reply(&request, None);
+            return Ok(false);
+        }
         let step = self.appended;
-        while !self.sink.has_room(self.pieces.len() + 2, self.segments_needed()) {
+        while !self
+            .sink
+            .has_room(self.pieces.len() + 2, self.segments_needed())
+        {
             self.sink.wait()?;
         }
-        self.commit(until, exit)?;
+        self.front = front;
         if request.brake {
-            self.sink.step(&Step::Wait)?;
-            self.appended += 1;
-            self.sink.finalise(self.appended);
+            self.append_pieces()?;
             self.front = self.front_after_stop();
+            self.append_wait()?;
+        } else {
+            self.commit(until, exit)?;
         }
+        self.reply(&request, Some(step));
+        Ok(true)
+    }
+
+    fn reply(&mut self, request: &Request, step: Option<u64>) {
+        self.request = None;
+        self.pieces.clear();
         self.sink.answer(Answer {
             id: request.id,
-            step: Some(step),
+            step,
         });
-        Ok(true)
+    }
+
+    fn append_wait(&mut self) -> Result<(), S::Error> {
+        self.sink.step(&Step::Wait)?;
+        self.appended += 1;
+        self.sink.finalise(self.appended);
+        Ok(())
     }
 
     /// Offset of an interval from the start of its stretch.
@@ -495,36 +514,14 @@ impl<S: PlanSink> Horizon<S> {
         }
     }
 
-    fn solve_on(&mut self) -> Option<(u64, Exit)> {
-        let front = self.front;
-        let window = self.window(&front).or_else(|| self.whatever_is_known(&front))?;
-        self.solve(window.0, window.1).ok()?;
-        (!self.pieces.is_empty()).then_some(window)
-    }
-
-    fn solve_stop(&mut self, request: &Request) -> Option<(u64, Exit)> {
-        let front = self.front;
-        let (until, _) = self
-            .window(&front)
-            .or_else(|| self.whatever_is_known(&front))?;
+    fn solve_stop(&mut self, front: &Front, until: u64) -> Result<(), FeedError> {
         self.pieces.clear();
+        let Entry::Moving { v, a } = front.entry else {
+            return Ok(());
+        };
         self.optimizer
-            .stop(
-                &self.grid,
-                front.place,
-                request.v,
-                request.a,
-                until,
-                &mut self.pieces,
-            )
-            .ok()?;
-        (!self.pieces.is_empty()).then_some((until, Exit::Rest))
-    }
-
-    /// A window over less path than one waits for otherwise.
-    fn whatever_is_known(&self, front: &Front) -> Option<(u64, Exit)> {
-        let end = self.grid.end();
-        (end > front.place.interval).then_some((end, Exit::Open))
+            .stop(&self.grid, front.place, v, a, until, &mut self.pieces)
+            .map(|_| ())
     }
 
     fn front_after_stop(&self) -> Front {

@@ -10,7 +10,7 @@
 
 use evolvent_gcode::{Move, MoveKind, PathMode};
 use evolvent_machine::{Limits, PlannerKind};
-use evolvent_motion::{Inputs, Motion, PlanConsumer, Setpoint, flags, plan_queue};
+use evolvent_motion::{Inputs, Motion, PlanConsumer, PlanProducer, Setpoint, flags, plan_queue};
 use evolvent_path::{AXES, Arc, Axes, Curve, Involute, Line, Plane, Sense};
 use evolvent_plan::{PathLimits, PathRules, Planner};
 
@@ -188,19 +188,35 @@ pub struct Scenario {
     pub period_ns: u64,
     pub moves: Vec<Move>,
     pub chord_error_mm: f64,
+    pub planner: PlannerKind,
 }
 
+impl Scenario {
+    pub fn planner<W: FnMut() -> bool>(
+        &self,
+        feed_override: f64,
+        sink: PlanProducer<W>,
+    ) -> Planner<PlanProducer<W>> {
+        let rate = 1e9 / self.period_ns as f64;
+        let rules = PathRules {
+            blend_tolerance_mm: 0.01,
+            joint_time_s: 0.001,
+            planner: self.planner,
+            feed_override,
+        };
+        let path_limits = PathLimits::new(self.limits, rate, self.chord_error_mm);
+        Planner::new(path_limits, rules, sink)
+    }
+
+    pub fn motion(&self) -> Motion {
+        Motion::new(self.limits, self.period_ns, self.moves[0].curve.start())
+    }
+}
+
+/// Plans all of it at once; only a classic plan can be driven without its planner.
 pub fn plan(scenario: &Scenario) -> PlanConsumer {
     let (producer, consumer) = plan_queue(|| false);
-    let rate = 1e9 / scenario.period_ns as f64;
-    let rules = PathRules {
-        blend_tolerance_mm: 0.01,
-        joint_time_s: 0.001,
-        planner: PlannerKind::Classic,
-        feed_override: 1.0,
-    };
-    let path_limits = PathLimits::new(scenario.limits, rate, scenario.chord_error_mm);
-    let mut planner = Planner::new(path_limits, rules, producer);
+    let mut planner = scenario.planner(1.0, producer);
     for (i, motion) in scenario.moves.iter().enumerate() {
         planner.push(motion, i as u32 + 1, i as u32).expect("plan");
     }
@@ -208,24 +224,75 @@ pub fn plan(scenario: &Scenario) -> PlanConsumer {
     consumer
 }
 
+/// Planner and cycle hand in hand: the planner goes on where the cycle would have to wait.
+pub struct Pair {
+    pub planner: Planner<PlanProducer<fn() -> bool>>,
+    pub queue: PlanConsumer,
+    pub motion: Motion,
+    pub fed: usize,
+    /// Moves pushed at once.
+    pub lump: usize,
+}
+
+impl Pair {
+    pub fn new(scenario: &Scenario) -> Self {
+        let (producer, queue) = plan_queue((|| false) as fn() -> bool);
+        Self {
+            planner: scenario.planner(1.0, producer),
+            queue,
+            motion: scenario.motion(),
+            fed: 0,
+            lump: 1,
+        }
+    }
+
+    /// Brings the planner on until the next step does not depend on it any more.
+    pub fn plan_ahead(&mut self, scenario: &Scenario) {
+        let mut tries = 0;
+        while !self.motion.is_ready(&mut self.queue) {
+            for _ in 0..self.lump {
+                self.feed(scenario);
+            }
+            self.planner.poll().expect("plan");
+            tries += 1;
+            assert!(
+                tries < scenario.moves.len() + 1000,
+                "the planner does not get on, state {:?}",
+                self.motion.state()
+            );
+        }
+    }
+
+    /// Pushes one more move, or the end.
+    pub fn feed(&mut self, scenario: &Scenario) {
+        if let Some(one) = scenario.moves.get(self.fed) {
+            let number = self.fed as u32;
+            self.planner.push(one, number + 1, number).expect("plan");
+        } else if self.fed == scenario.moves.len() {
+            self.planner.finish(9999).expect("finish");
+        }
+        self.fed += 1;
+    }
+
+    pub fn step(&mut self, inputs: &Inputs) -> Setpoint {
+        self.motion.step(inputs, &mut self.queue)
+    }
+}
+
 pub fn run(scenario: &Scenario, mut inputs: impl FnMut(u64) -> Inputs) -> (Vec<Setpoint>, Motion) {
-    let mut queue = plan(scenario);
-    let mut motion = Motion::new(
-        scenario.limits,
-        scenario.period_ns,
-        scenario.moves[0].curve.start(),
-    );
+    let mut pair = Pair::new(scenario);
     let mut out = Vec::new();
-    while !motion.is_over() {
-        let setpoint = motion.step(&inputs(out.len() as u64), &mut queue);
+    while !pair.motion.is_over() {
+        pair.plan_ahead(scenario);
+        let setpoint = pair.step(&inputs(out.len() as u64));
         out.push(setpoint);
         assert!(
             out.len() < 4_000_000,
             "does not end, state {:?}, {setpoint:?}",
-            motion.state()
+            pair.motion.state()
         );
     }
-    (out, motion)
+    (out, pair.motion)
 }
 
 /// Largest ratios of first, second and third differences to the limits, away from flagged joints.
@@ -342,11 +409,15 @@ pub fn scenario(random: &mut Random, mode: PathMode, rotary: bool) -> Scenario {
         period_ns: (1e9 / rate.unwrap_or(250.0)) as u64,
         moves,
         chord_error_mm: random.log(1e-5, 1e-2),
+        planner: PlannerKind::Classic,
     }
 }
 
+pub const PLANNERS: [PlannerKind; 2] = [PlannerKind::Classic, PlannerKind::Optimal];
+
 pub const BLEND: PathMode = PathMode::Blend {
     tolerance_mm: Some(0.02),
+    merge_mm: None,
 };
 
 /// Seed and number of cases: those of the test, or `EVOLVENT_SEED` and `EVOLVENT_CASES` for a longer search.
