@@ -116,12 +116,13 @@ fn rows<const L: usize>(q: &[f64]) -> impl Iterator<Item = [Row<'_, L>; 3]> {
     })
 }
 
-/// Scales of the rows.
-fn scales<const L: usize>(window: &Window) -> ([f64; L], [f64; L]) {
+/// Scales of an interval's rows.
+fn scales<const L: usize>(window: &Window, k: usize) -> ([f64; L], [f64; L]) {
     let (mut a, mut j) = ([0.0; L], [0.0; L]);
+    let (loose_a, loose_j) = window.loose[k];
     for i in 0..L {
-        a[i] = window.inverse_a[i];
-        j[i] = window.inverse_j[i];
+        a[i] = window.inverse_a[i] * loose_a;
+        j[i] = window.inverse_j[i] * loose_j;
     }
     (a, j)
 }
@@ -244,7 +245,6 @@ pub(crate) fn duration(window: &Window, x: &Iterate) -> f64 {
 
 fn value_of<const L: usize>(window: &Window, objective: &Objective, x: &Iterate) -> Option<f64> {
     let n = window.n();
-    let inverse = scales::<L>(window);
     let mut sum = 0.0;
     if objective.time > 0.0 {
         sum += 3.0 * (window.start.length / x.a[0].sqrt() + window.end.length / x.a[n].sqrt());
@@ -257,6 +257,7 @@ fn value_of<const L: usize>(window: &Window, objective: &Objective, x: &Iterate)
             return None;
         }
         let traits = window.traits[k];
+        let inverse = scales::<L>(window, k);
         // The first state of a moving start is what it is: only the jerk from it on can be chosen.
         let free = k > 0 || window.from_rest;
         let (start, mid) = (1.0 - a / window.cap[k], 1.0 - middle / window.middle_cap[k]);
@@ -272,6 +273,9 @@ fn value_of<const L: usize>(window: &Window, objective: &Objective, x: &Iterate)
         if !(room > 0.0) {
             return None;
         }
+        if objective.time == 0.0 {
+            room *= (a / window.cap[k]) * (middle / window.middle_cap[k]);
+        }
         sum -= objective.weight[k] * libm::log(room);
         sum += objective.linear[k] * a;
         if objective.time > 0.0 {
@@ -283,10 +287,11 @@ fn value_of<const L: usize>(window: &Window, objective: &Objective, x: &Iterate)
     let (w0, w1) = (objective.weight[0], objective.weight[n - 1]);
     let mut room = 1.0 - a / window.cap[n];
     let low = 1.0 + b / window.end.most;
+    let floor = if objective.time == 0.0 { a / window.cap[n] } else { 1.0 };
     if !(a > 0.0 && room > 0.0 && low > 0.0 && b < 0.0) {
         return None;
     }
-    room *= low;
+    room *= low * floor;
     sum -= w1 * libm::log(room);
     if window.from_rest {
         let low = 1.0 - x.b[0] / window.start.most;
@@ -301,7 +306,7 @@ fn value_of<const L: usize>(window: &Window, objective: &Objective, x: &Iterate)
 fn assemble_of<const L: usize>(window: &Window, objective: &Objective, x: &Iterate, local: &mut Local) {
     let n = window.n();
     let time = objective.time;
-    let inverse = scales::<L>(window);
+    let floor = f64::from(u8::from(time == 0.0));
     local.g.clear();
     local.h.clear();
     local.g.resize(n + 1, [0.0; 3]);
@@ -311,12 +316,14 @@ fn assemble_of<const L: usize>(window: &Window, objective: &Objective, x: &Itera
         let (d, a, b, c) = (window.d[k], x.a[k], x.b[k], x.c[k]);
         let (a1, b1) = (x.a[k + 1], x.b[k + 1]);
         let (middle, b_middle) = (a + d * (b + 0.25 * d * c), b + 0.5 * d * c);
+        let inverse = scales::<L>(window, k);
         let (weight, traits) = (objective.weight[k], window.traits[k]);
         let (mut g, mut h) = ([0.0; 3], [0.0; 6]);
         let free = k > 0 || window.from_rest;
         three[0].add((a, b, c), &inverse, weight, free, &mut g, &mut h);
         if free {
             add_cap(a, window.cap[k], weight, time * d / 6.0, &mut g, &mut h);
+            add_floor(a, floor * weight, &mut g, &mut h);
         }
         g[0] += objective.linear[k];
         if k == 0 && window.from_rest {
@@ -337,6 +344,7 @@ fn assemble_of<const L: usize>(window: &Window, objective: &Objective, x: &Itera
             &mut gm,
             &mut hm,
         );
+        add_floor(middle, floor * weight, &mut gm, &mut hm);
         shift(0.5 * d, &gm, &hm, &mut g, &mut h);
         let (mut ge, mut he) = ([0.0; 3], [0.0; 6]);
         three[2].add((a1, b1, c), &inverse, weight, traits.joint, &mut ge, &mut he);
@@ -367,6 +375,12 @@ fn add_time(a: f64, scale: f64, g: &mut [f64; 3], h: &mut [f64; 6]) {
     h[0] -= 1.5 * slope / a;
 }
 
+/// Adds `-weight log(a)`: what keeps `a` positive where the duration does not.
+fn add_floor(a: f64, weight: f64, g: &mut [f64; 3], h: &mut [f64; 6]) {
+    g[0] -= weight / a;
+    h[0] += weight / (a * a);
+}
+
 /// Adds `scale / sqrt(a) - weight log(1 - a/cap)`.
 fn add_cap(a: f64, cap: f64, weight: f64, scale: f64, g: &mut [f64; 3], h: &mut [f64; 6]) {
     add_time(a, scale, g, h);
@@ -395,4 +409,33 @@ fn shift(x: f64, gp: &[f64; 3], hp: &[f64; 6], g: &mut [f64; 3], h: &mut [f64; 6
     h[3] += ac1;
     h[4] += 2.0 * x * ac1 + bc2;
     h[5] += x * (x * ac1 + bc2) + cc1;
+}
+
+/// The largest `|y|` of acceleration and of jerk among the rows of interval `k`.
+pub(crate) fn strain(window: &Window, k: usize, x: &Iterate) -> (f64, f64) {
+    let (d, a, b, c) = (window.d[k], x.a[k], x.b[k], x.c[k]);
+    let lanes = window.lanes;
+    let q = &window.q[9 * lanes * k..9 * lanes * (k + 1)];
+    let (mut most_a, mut most_j): (f64, f64) = (0.0, 0.0);
+    for (point, at) in [0.0, 0.5 * d, d].into_iter().enumerate() {
+        if point == 1 && window.traits[k].straight {
+            continue;
+        }
+        let (ap, bp) = if point == 2 {
+            (x.a[k + 1], x.b[k + 1])
+        } else {
+            (a + at * (2.0 * b + at * c), b + at * c)
+        };
+        let root = ap.max(0.0).sqrt();
+        for lane in 0..window.count {
+            let derivative = |order: usize| q[(3 * point + order) * lanes + lane];
+            let (d1, d2, d3) = (derivative(0), derivative(1), derivative(2));
+            if point > 0 || k > 0 || window.from_rest {
+                most_a = most_a.max((d2 * ap + d1 * bp).abs() * window.inverse_a[lane]);
+            }
+            let jerk = root * (d3 * ap + 3.0 * d2 * bp + d1 * c);
+            most_j = most_j.max(jerk.abs() * window.inverse_j[lane]);
+        }
+    }
+    (most_a, most_j)
 }

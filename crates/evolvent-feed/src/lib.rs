@@ -5,6 +5,7 @@ mod cell;
 mod change;
 mod error;
 mod grid;
+mod kept;
 mod law;
 mod limits;
 mod optimizer;

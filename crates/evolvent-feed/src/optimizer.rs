@@ -1,7 +1,9 @@
 //! The planner of one window.
 
+use crate::barrier::strain;
 use crate::error::FeedError;
 use crate::grid::{Grid, Place};
+use crate::kept::{Found, Kept, Segment};
 use crate::law::Law;
 use crate::limits::PathLimits;
 use crate::solver::Solver;
@@ -17,6 +19,10 @@ const MORE_SPANS: usize = 200;
 const GENTLE: f64 = 0.25;
 /// Most Newton steps of one plan from rest.
 const MOST_STEPS: u32 = 200;
+/// By how much a start may lie beyond the rows of acceleration and jerk.
+const MOST_STRAIN: (f64, f64) = (1.001, 1.012);
+/// Room that a start on a limit is given, as a share of the limit.
+const ROOM: f64 = 1e-3;
 
 /// A part of the time law: contiguous with its neighbours, the last one ends at rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -108,6 +114,8 @@ pub struct Optimizer {
     solver: Solver,
     guess: Vec<f64>,
     scratch: Vec<Span>,
+    segments: Vec<Segment>,
+    kept: Kept,
 }
 
 impl Optimizer {
@@ -121,6 +129,8 @@ impl Optimizer {
             solver: Solver::with_capacity(stations),
             guess: Vec::with_capacity(stations + 1),
             scratch: Vec::with_capacity(stations + 2),
+            segments: Vec::with_capacity(stations),
+            kept: Kept::with_capacity(stations),
         }
     }
 
@@ -149,63 +159,212 @@ impl Optimizer {
             Entry::Moving { v, a } => (v, a),
         };
         check(grid, from, until, v, a, feed_factor)?;
-        let none = FeedError::NoMotion {
-            interval: from.interval,
-            x: from.x,
-            v,
-            a,
-        };
-        if entry != Entry::Rest {
-            return Err(none);
-        }
         let gentle = if exit == Exit::Open { GENTLE } else { 1.0 };
+        let found = match entry {
+            Entry::Rest => self.from_rest(grid, from, until, feed_factor, gentle),
+            Entry::Moving { v, a } => self.from_motion(grid, from, (v, a), until, feed_factor, gentle, out),
+        };
+        let Some(gap) = found else {
+            self.kept.valid = false;
+            out.clear();
+            return Err(FeedError::NoMotion { interval: from.interval, x: from.x, v, a });
+        };
+        let stations = if gap.is_nan() { 0 } else { self.window.n() + 1 };
+        if stations > 0 {
+            self.write(out);
+            self.kept.keep(&self.window, &self.solver.x, until);
+        }
+        Ok(PlanReport {
+            iterations: self.solver.iterations,
+            gap: gap.max(0.0),
+            duration: out.iter().map(|piece| piece.duration).sum(),
+            stations,
+            warm: entry != Entry::Rest,
+            worst: Ratios::default(),
+        })
+    }
+
+    /// A plan without anything to start from. Returns the barrier parameter reached.
+    fn from_rest(&mut self, grid: &Grid, from: Place, until: u64, factor: f64, gentle: f64) -> Option<f64> {
         self.window.from_rest = true;
         self.window.spans.clear();
         spans::plain(grid, from, until, &mut self.window.spans);
-        let room = MOST_INTERVALS + MORE_SPANS;
         for reverse in [false, true] {
-            spans::grade(
-                &mut self.window,
-                grid,
-                &self.limits,
-                feed_factor,
-                reverse,
-                room,
-                &mut self.scratch,
-            );
+            self.grade(grid, factor, reverse);
         }
         if self.window.spans.len() < 3 || !self.window.fetch(grid) {
-            return Err(none);
+            return None;
         }
-        self.window.pack(&self.limits, feed_factor, gentle);
-        self.solver.iterations = 0;
-        self.solver.stiff.clear();
-        self.solver.x.reset(self.window.n());
+        self.window.pack(&self.limits, factor, gentle);
+        self.solver.begin(self.window.n());
         let mut level = start::crawl_level(&self.window, 0, &self.limits);
-        let mut found = false;
         for _ in 0..40 {
             start::crawl(&self.window, level, &mut self.solver.x);
             if self.solver.feasible(&self.window) {
-                found = true;
-                break;
+                start::guess(&self.window, &self.limits, 0.0, &mut self.guess);
+                self.solver.lift(&self.window, &self.guess, 30);
+                return Some(self.solver.descend(&self.window, Solver::first(), MOST_STEPS));
             }
             level *= 0.3;
         }
-        if !found {
-            return Err(none);
+        None
+    }
+
+    fn grade(&mut self, grid: &Grid, factor: f64, reverse: bool) {
+        let room = MOST_INTERVALS + MORE_SPANS;
+        spans::grade(&mut self.window, grid, &self.limits, factor, reverse, room, &mut self.scratch);
+    }
+
+    /// A plan that goes on from the last one. Returns the barrier parameter reached; NaN where nothing was left to
+    /// be planned.
+    fn from_motion(
+        &mut self,
+        grid: &Grid,
+        from: Place,
+        state: (f64, f64),
+        until: u64,
+        factor: f64,
+        gentle: f64,
+        out: &mut Vec<Piece>,
+    ) -> Option<f64> {
+        let found = self.kept.find(from, state.0, state.1)?;
+        let last = self.kept.last?;
+        let more = until > self.kept.until;
+        self.segments.clear();
+        let (mut stub, mut square, mut state) = (last, self.kept.last_a, Some(state));
+        match found {
+            Found::FirstStub(x) => {
+                let span = self.kept.first?;
+                let end = self.kept.segments.first()?;
+                let cell = grid.cell(span.interval)?;
+                let whole = 3.0 * span.length / end.a.sqrt();
+                let j = 6.0 * span.length / (whole * whole * whole);
+                let share = libm::cbrt(x / span.length);
+                let t = share * whole;
+                out.push(Piece {
+                    law: Law::Jerk { v: 0.5 * j * t * t, a: j * t, j },
+                    length: span.length - x,
+                    duration: whole - t,
+                    stretch: cell.stretch,
+                    from: cell.from + span.x + x,
+                    interval: span.interval,
+                });
+                self.kept.rest(0, 0.0, &mut self.segments);
+                state = None;
+            }
+            Found::Segment(k, x) => self.kept.rest(k, x, &mut self.segments),
+            Found::LastStub(x) => {
+                let left = last.length - x;
+                stub = Span { x: last.x + x, length: left, ..last };
+                square = state?.0 * state?.0;
+                if !more {
+                    let cell = grid.cell(last.interval)?;
+                    let v = square.sqrt();
+                    let duration = 3.0 * left / v;
+                    out.push(Piece {
+                        law: Law::Jerk { v, a: -2.0 * v / duration, j: 2.0 * v / (duration * duration) },
+                        length: left,
+                        duration,
+                        stretch: cell.stretch,
+                        from: cell.from + stub.x,
+                        interval: last.interval,
+                    });
+                    self.solver.iterations = 0;
+                    return Some(f64::NAN);
+                }
+            }
         }
-        start::guess(&self.window, &self.limits, 0.0, &mut self.guess);
-        self.solver.lift(&self.window, &self.guess, 30);
-        let gap = self.solver.descend(&self.window, Solver::first(), MOST_STEPS);
-        self.write(out);
-        Ok(PlanReport {
-            iterations: self.solver.iterations,
-            gap,
-            duration: out.iter().map(|piece| piece.duration).sum(),
-            stations: self.window.n() + 1,
-            warm: false,
-            worst: Ratios::default(),
-        })
+        let old = self.segments.len();
+        if more {
+            Kept::release(stub, square, square / 3.0, &mut self.segments);
+        }
+        self.window.from_rest = false;
+        self.window.spans.clear();
+        self.window.spans.extend(self.segments.iter().map(|segment| segment.span));
+        if more {
+            spans::plain(grid, Place { interval: self.kept.until, x: 0.0 }, until, &mut self.window.spans);
+            self.grade(grid, factor, true);
+        } else {
+            self.window.spans.push(last);
+        }
+        if self.window.spans.len() < 2 || !self.window.fetch(grid) {
+            return None;
+        }
+        self.window.pack(&self.limits, factor, gentle);
+        let n = self.window.n();
+        self.solver.begin(n);
+        if more {
+            let mut level = square / 3.0;
+            let released = start::fill(&self.window, &self.segments[..old], &mut self.solver.x);
+            let fresh = start::fill(&self.window, &self.segments, &mut self.solver.x);
+            level = level.min(start::crawl_level(&self.window, fresh, &self.limits));
+            let mut fits = false;
+            for _ in 0..20 {
+                self.segments.truncate(old);
+                Kept::release(stub, square, level, &mut self.segments);
+                let fresh = start::fill(&self.window, &self.segments, &mut self.solver.x);
+                start::crawl_to_end(&self.window, fresh, level, &mut self.solver.x);
+                if (released..n).all(|k| {
+                    let (a, j) = strain(&self.window, k, &self.solver.x);
+                    a.max(j) < 0.95
+                }) && -self.solver.x.b[n] < 0.95 * self.window.end.most
+                {
+                    fits = true;
+                    break;
+                }
+                level *= 0.3;
+            }
+            if !fits {
+                return None;
+            }
+        } else {
+            start::fill(&self.window, &self.segments, &mut self.solver.x);
+            self.solver.x.a[n] = square;
+            self.solver.x.b[n] = -square / (1.5 * last.length);
+            self.window.end.most = self.window.end.most.max(-1.02 * self.solver.x.b[n]);
+        }
+        self.loosen()?;
+        if let Some((v, a)) = state {
+            let by = (v * v - self.solver.x.a[0], a - self.solver.x.b[0]);
+            if by != (0.0, 0.0) {
+                self.solver.steer(&self.window, by);
+            }
+        }
+        if !self.solver.feasible(&self.window) {
+            return None;
+        }
+        let first_a = self.solver.x.a[0];
+        start::guess(&self.window, &self.limits, first_a, &mut self.guess);
+        if more {
+            self.solver.lift(&self.window, &self.guess, 30);
+        }
+        Some(self.solver.descend(&self.window, Solver::first(), MOST_STEPS))
+    }
+
+    /// Makes room where the start lies on or slightly beyond a limit: between the stations of the plan that it comes
+    /// from. `None` where it lies too far beyond.
+    fn loosen(&mut self) -> Option<()> {
+        let n = self.window.n();
+        for k in 0..n {
+            let (a, j) = strain(&self.window, k, &self.solver.x);
+            if a > MOST_STRAIN.0 || j > MOST_STRAIN.1 {
+                return None;
+            }
+            let loose = |y: f64| if y > 1.0 - ROOM { 1.0 / (y * (1.0 + ROOM)) } else { 1.0 };
+            self.window.loose[k] = (loose(a), loose(j));
+            let d = self.window.d[k];
+            let (a, b, c) = (self.solver.x.a[k], self.solver.x.b[k], self.solver.x.c[k]);
+            let middle = a + d * (b + 0.25 * d * c);
+            for (cap, value) in [
+                (&mut self.window.middle_cap[k], middle),
+                (&mut self.window.cap[k + 1], self.solver.x.a[k + 1]),
+            ] {
+                if value > *cap * (1.0 - ROOM) {
+                    *cap = value * (1.0 + ROOM);
+                }
+            }
+        }
+        Some(())
     }
 
     /// The iterate as pieces.

@@ -30,6 +30,8 @@ pub(crate) struct Solver {
     pub(crate) objective: Objective,
     /// Factors on the barrier's weights, where the motion shall keep away from the limits.
     pub(crate) stiff: Vec<f64>,
+    /// Linear weights on `u'^2` at stations that have to come down below what the start has there.
+    pub(crate) pull: Vec<f64>,
     pub(crate) iterations: u32,
 }
 
@@ -50,8 +52,29 @@ impl Solver {
                 weight: Vec::with_capacity(stations),
             },
             stiff: Vec::with_capacity(stations),
+            pull: Vec::with_capacity(stations + 1),
             iterations: 0,
         }
+    }
+
+    /// Forgets what an earlier window needed.
+    pub(crate) fn begin(&mut self, n: usize) {
+        self.iterations = 0;
+        self.stiff.clear();
+        self.stiff.resize(n, 1.0);
+        self.pull.clear();
+        self.pull.resize(n + 1, 0.0);
+        self.x.reset(n);
+    }
+
+    /// Moves the first state by a little, and what follows with it, by the steering that costs the barrier least.
+    pub(crate) fn steer(&mut self, window: &Window, by: (f64, f64)) {
+        self.time_objective(window, FIRST);
+        assemble(window, &self.objective, &self.x, &mut self.local);
+        self.local.g.fill([0.0; 3]);
+        let _ = self.riccati.step(window, &self.local, by, &mut self.step);
+        self.trial.copy(&self.x);
+        self.x.along(&self.trial, &self.step, 1.0);
     }
 
     /// Whether the iterate is strictly within all limits.
@@ -64,15 +87,14 @@ impl Solver {
     fn time_objective(&mut self, window: &Window, mu: f64) {
         let n = window.n();
         self.objective.time = 1.0;
-        self.objective.linear.clear();
-        self.objective.linear.resize(n + 1, 0.0);
+        self.objective.linear.clone_from(&self.pull);
         self.objective.weight.clear();
-        self.stiff.resize(n, 1.0);
         for k in 0..n {
             let (d, a) = (window.d[k], self.x.a[k]);
             let middle = a + d * (self.x.b[k] + 0.25 * d * self.x.c[k]);
             let time = interval_time(d, a, middle.max(1e-300), self.x.a[k + 1]);
-            self.objective.weight.push(mu * time * self.stiff[k]);
+            let pull = 0.5 * (self.pull[k] * a + self.pull[k + 1] * self.x.a[k + 1]);
+            self.objective.weight.push(mu * (time + pull) * self.stiff[k]);
         }
     }
 
@@ -81,8 +103,7 @@ impl Solver {
     pub(crate) fn lift(&mut self, window: &Window, guess: &[f64], most: u32) {
         let n = window.n();
         self.objective.time = 0.0;
-        self.objective.linear.clear();
-        self.objective.linear.resize(n + 1, 0.0);
+        self.objective.linear.clone_from(&self.pull);
         self.objective.weight.clear();
         for k in 0..n {
             let time = window.d[k] / (0.5 * (guess[k] + guess[k + 1])).sqrt();
@@ -126,7 +147,9 @@ impl Solver {
             if !(slope < 0.0) || -slope < centred * weight {
                 return;
             }
+            if std::env::var("FEEDLOG").is_ok() { eprintln!("it {} time {} now {now:.6e} slope/w {:.3e} weight {weight:.3e} T {:.6}",self.iterations,self.objective.time,slope/weight,self.time(window)); }
             let Some(next) = self.search(window, now, slope) else {
+            if std::env::var("FEEDLOG").is_ok() { eprintln!("  search failed"); }
                 return;
             };
             std::mem::swap(&mut self.x, &mut self.trial);

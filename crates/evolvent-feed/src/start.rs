@@ -1,6 +1,7 @@
 //! Feasible motions to start the solver from.
 
 use crate::barrier::Iterate;
+use crate::kept::Segment;
 use crate::limits::PathLimits;
 use crate::window::Window;
 
@@ -18,6 +19,23 @@ fn fade(x: f64, stub: f64, room: f64) -> f64 {
     } else {
         0.0
     }
+}
+
+/// Sets the stations that lie on `segments`, which the window may divide further. Returns the index of the first
+/// station behind them; its state is that of their end.
+pub(crate) fn fill(window: &Window, segments: &[Segment], x: &mut Iterate) -> usize {
+    let (mut k, n) = (0, window.n());
+    for segment in segments {
+        let mut at = 0.0;
+        while at < segment.span.length * (1.0 - 1e-9) && k < n {
+            (x.a[k], x.b[k]) = segment.at(at);
+            x.c[k] = segment.c;
+            at += window.d[k];
+            k += 1;
+        }
+        (x.a[k], x.b[k]) = segment.at(segment.span.length);
+    }
+    k
 }
 
 /// Sets the stations from `first` on to a crawl at `u'^2 = level` that ends in the last stub. The state at `first`

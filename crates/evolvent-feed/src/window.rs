@@ -56,6 +56,8 @@ pub(crate) struct Window {
     pub(crate) cap: Vec<f64>,
     pub(crate) middle_cap: Vec<f64>,
     pub(crate) traits: Vec<Traits>,
+    /// Factors on the rows of acceleration and of jerk of one interval, below 1 where a start needs more room.
+    pub(crate) loose: Vec<(f64, f64)>,
     pub(crate) start: Stub,
     pub(crate) end: Stub,
 }
@@ -70,6 +72,7 @@ impl Window {
             cap: Vec::with_capacity(stations + 1),
             middle_cap: Vec::with_capacity(stations),
             traits: Vec::with_capacity(stations),
+            loose: Vec::with_capacity(stations),
             ..Self::default()
         }
     }
@@ -177,6 +180,8 @@ impl Window {
             }
             self.cap.push(square(speed));
         }
+        self.loose.clear();
+        self.loose.resize(self.d.len(), (1.0, 1.0));
         self.start = if self.from_rest {
             Stub::new(&self.cells[0], limits, factor, JERK_MARGIN, false)
         } else {

@@ -1,0 +1,165 @@
+//! The last plan, as the start for the next.
+
+use crate::barrier::Iterate;
+use crate::grid::Place;
+use crate::window::{Span, Window};
+
+/// By which share speed and acceleration given may differ from those of the last plan at that place.
+const SAME: f64 = 1e-5;
+
+/// A span on which `b = u''` is linear: what the solver's intervals are.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Segment {
+    pub(crate) span: Span,
+    /// `u'^2` at the start.
+    pub(crate) a: f64,
+    /// `u''` at the start.
+    pub(crate) b: f64,
+    /// `u'''/u'`.
+    pub(crate) c: f64,
+}
+
+impl Segment {
+    /// `(u'^2, u'')` at offset `x`.
+    pub(crate) fn at(&self, x: f64) -> (f64, f64) {
+        (self.a + x * (2.0 * self.b + x * self.c), self.b + x * self.c)
+    }
+
+    /// What is left of it from offset `x` on.
+    fn from(&self, x: f64) -> Self {
+        let (a, b) = self.at(x);
+        let span = Span {
+            x: self.span.x + x,
+            length: self.span.length - x,
+            ..self.span
+        };
+        Self { span, a, b, c: self.c }
+    }
+}
+
+/// Where in the last plan a new one begins.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Found {
+    /// Within the first stub, at this offset.
+    FirstStub(f64),
+    /// Among the segments, at this offset of the one with this index.
+    Segment(usize, f64),
+    /// Within the last stub, at this offset.
+    LastStub(f64),
+}
+
+/// The plan that was handed out last.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Kept {
+    pub(crate) valid: bool,
+    pub(crate) segments: Vec<Segment>,
+    /// The stub before the segments, if any.
+    pub(crate) first: Option<Span>,
+    /// The stub behind them.
+    pub(crate) last: Option<Span>,
+    /// `u'^2` at the beginning of the last stub.
+    pub(crate) last_a: f64,
+    pub(crate) until: u64,
+}
+
+impl Kept {
+    pub(crate) fn with_capacity(stations: usize) -> Self {
+        Self {
+            segments: Vec::with_capacity(stations),
+            ..Self::default()
+        }
+    }
+
+    /// Takes over a plan.
+    pub(crate) fn keep(&mut self, window: &Window, x: &Iterate, until: u64) {
+        let n = window.n();
+        self.segments.clear();
+        for k in 0..n {
+            self.segments.push(Segment {
+                span: window.spans[window.span_index(k)],
+                a: x.a[k],
+                b: x.b[k],
+                c: x.c[k],
+            });
+        }
+        self.first = window.from_rest.then(|| window.spans[0]);
+        self.last = window.spans.last().copied();
+        self.last_a = x.a[n];
+        self.until = until;
+        self.valid = true;
+    }
+
+    /// Finds the place in the plan, if the state given is the plan's there.
+    pub(crate) fn find(&self, from: Place, v: f64, a: f64) -> Option<Found> {
+        if !self.valid {
+            return None;
+        }
+        let within = |span: &Span| {
+            let x = from.x - span.x;
+            let slack = 1e-9 * span.length;
+            (span.interval == from.interval && x >= -slack && x <= span.length + slack)
+                .then_some(x.clamp(0.0, span.length))
+        };
+        let same = |one: f64, other: f64, size: f64| (one - other).abs() <= SAME * size;
+        if let Some(first) = &self.first
+            && let Some(x) = within(first)
+            && x < first.length
+        {
+            // u = j t^3/6 with v^2 = 3/2 D b at its end.
+            let (end_v, end_b) = (self.segments.first()?.a.sqrt(), self.segments.first()?.b);
+            let share = libm::cbrt(x / first.length);
+            let fits = same(v, end_v * share * share, end_v) && same(a, end_b * share, end_b);
+            return fits.then_some(Found::FirstStub(x));
+        }
+        // The later of two segments that meet at the place, so that the first one is never empty.
+        for (k, segment) in self.segments.iter().enumerate() {
+            if let Some(x) = within(&segment.span)
+                && x < segment.span.length
+            {
+                let (square, b) = segment.at(x);
+                let speed = square.max(0.0).sqrt();
+                let push = segment.b.abs().max((segment.b + segment.c * segment.span.length).abs());
+                let fits = same(v, speed, speed) && same(a, b, push);
+                return fits.then_some(Found::Segment(k, x));
+            }
+        }
+        let last = self.last.as_ref()?;
+        let x = within(last)?;
+        let start_v = self.last_a.sqrt();
+        let start_b = self.last_a / (1.5 * last.length);
+        let share = libm::cbrt(1.0 - x / last.length);
+        let fits = same(v, start_v * share * share, start_v) && same(-a, start_b * share, start_b);
+        fits.then_some(Found::LastStub(x))
+    }
+
+    /// What is left of the segments from index `k`, offset `x` on.
+    pub(crate) fn rest(&self, k: usize, x: f64, out: &mut Vec<Segment>) {
+        out.extend_from_slice(&self.segments[k..]);
+        if let Some(first) = out.first_mut() {
+            *first = first.from(x);
+        }
+    }
+
+    /// The last stub gone through without coming to rest, in three parts: from its state to zero acceleration at
+    /// `u'^2 = level`, where `level` is at most a third of what it is at the stub's beginning.
+    ///
+    /// With lengths in stubs and `b` in that of the beginning, `a` begins with 3/2 and slope -2; the values of `b`
+    /// between the parts share out what is needed to lose `3/2 - level`. Three times the stub's jerk suffices.
+    pub(crate) fn release(span: Span, square: f64, level: f64, out: &mut Vec<Segment>) {
+        let beta = square / (1.5 * span.length);
+        let third = span.length / 3.0;
+        let sum = 1.5 * (level / (beta * span.length) - 1.5) + 0.5;
+        let b = [-beta, 0.6 * sum * beta, 0.4 * sum * beta, 0.0];
+        let mut a = square;
+        for k in 0..3 {
+            let part = Span {
+                x: span.x + third * k as f64,
+                length: if k == 2 { span.length - 2.0 * third } else { third },
+                ..span
+            };
+            let c = (b[k + 1] - b[k]) / part.length;
+            out.push(Segment { span: part, a, b: b[k], c });
+            a += (b[k] + b[k + 1]) * part.length;
+        }
+    }
+}
