@@ -3,7 +3,9 @@
 mod bore;
 mod check;
 mod doctor;
+mod feeds;
 mod figure;
+mod limiting;
 mod operator;
 mod plan;
 mod program;

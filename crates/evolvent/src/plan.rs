@@ -11,8 +11,10 @@ use evolvent_machine::{Machine, rate_for};
 use evolvent_motion::Setpoint;
 use serde::Serialize;
 
+use crate::feeds::Feeds;
 use crate::figure::PlanFigure;
-use crate::program::{ProgramArgs, parse_override};
+use crate::limiting::{Classifier, bend};
+use crate::program::{ProgramArgs, check_output, parse_override};
 use crate::rate::write_whole;
 use crate::run::report;
 use crate::screen::Screen;
@@ -26,7 +28,7 @@ pub(crate) struct PlanArgs {
     /// Write every setpoint as CSV: time, position, velocity, acceleration and jerk of every axis.
     #[arg(long, value_name = "FILE.csv")]
     setpoints: Option<PathBuf>,
-    /// Draw the path coloured by feed, the feed over time, and each axis against its limits.
+    /// Draw the path coloured by feed and by what limits it, and feed, velocity, acceleration and jerk over time.
     #[arg(long, value_name = "FILE.svg")]
     plot: Option<PathBuf>,
     /// Feed override in percent, 1 to 200.
@@ -52,6 +54,7 @@ struct NeededRate {
 
 pub(crate) fn run(args: &PlanArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Ending, CommandError> {
     let setup = args.program.setup()?;
+    check_outputs(args)?;
     let machine = setup.machine.clone();
     let period_s = setup.period_ns as f64 * 1e-9;
     let job = Job {
@@ -70,15 +73,20 @@ pub(crate) fn run(args: &PlanArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
         Some(path) => Some(Table::create(path, &machine)?),
         None => None,
     };
-    let mut figure = args.plot.as_ref().map(|_| PlanFigure::new(&machine, period_s));
+    let mut figure = match &args.plot {
+        Some(_) => Some((PlanFigure::new(&machine, period_s), open_feeds(&job)?)),
+        None => None,
+    };
+    let classifier = Classifier::new(&machine, period_s);
     let mut needed = NeededRate::default();
     let mut failure: Option<io::Error> = None;
     let controls = Arc::new(Controls::new(args.feed_override));
     let mut screen = Screen::new(&job.program, args.json, false);
     let result = evolvent_daemon::run(&job, &controls, &mut screen, |setpoint| {
         needed.see(setpoint, &machine);
-        if let Some(figure) = &mut figure {
-            figure.see(setpoint);
+        if let Some((figure, feeds)) = &mut figure {
+            let word = feeds.of_block(setpoint.block);
+            figure.see(setpoint, word, classifier.classify(setpoint, word));
         }
         if let Some(table) = &mut table
             && failure.is_none()
@@ -91,13 +99,9 @@ pub(crate) fn run(args: &PlanArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
     if let Some(table) = table {
         table.finish(failure)?;
     }
-    if let (Some(figure), Some(path)) = (&figure, &args.plot) {
+    if let (Some((figure, _)), Some(path)) = (&figure, &args.plot) {
         let summary = &outcome.summary;
-        let title = format!(
-            "{} on {}, {:.3} s",
-            summary.program, summary.machine, summary.duration_s
-        );
-        let svg = figure.svg(&title).map_err(CommandError::Failed)?;
+        let svg = figure.svg(&format!("{} on {}", summary.program, summary.machine));
         write_whole(path, svg.as_bytes())
             .map_err(|error| CommandError::Failed(format!("{}: {error}", path.display())))?;
     }
@@ -111,6 +115,34 @@ pub(crate) fn run(args: &PlanArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
     let text = merge(&outcome.summary, &needed).map_err(|error| CommandError::Failed(error.to_string()))?;
     writeln!(out, "{text}").map_err(|error| CommandError::Failed(error.to_string()))?;
     report(true, &outcome, &mut io::sink(), err)
+}
+
+/// Neither output may be an input, nor the other output, nor may the table while it is unfinished.
+fn check_outputs(args: &PlanArgs) -> Result<(), CommandError> {
+    let part = args.setpoints.as_deref().map(part_of);
+    for output in args.setpoints.iter().chain(&args.plot).chain(&part) {
+        check_output(output, &args.program)?;
+    }
+    match (&args.setpoints, &args.plot) {
+        (Some(table), Some(plot)) if table == plot => Err(CommandError::Usage(format!(
+            "{} is to hold the setpoints and the picture; name two files",
+            plot.display()
+        ))),
+        _ => Ok(()),
+    }
+}
+
+/// Where a table is written until it is complete.
+fn part_of(path: &Path) -> PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    name.push(".part");
+    PathBuf::from(name)
+}
+
+/// The feed words of the job's program.
+fn open_feeds(job: &Job) -> Result<Feeds, CommandError> {
+    Feeds::open(&job.program, &job.setup)
+        .map_err(|error| CommandError::Failed(format!("{}: {error}", job.program.display())))
 }
 
 /// The summary's JSON with the rate's fields and the warnings.
@@ -127,18 +159,11 @@ fn merge(summary: &evolvent_daemon::Summary, needed: &NeededRate) -> serde_json:
 
 impl NeededRate {
     fn see(&mut self, setpoint: &Setpoint, machine: &Machine) {
-        let (v, a) = (&setpoint.velocity, &setpoint.acceleration);
-        let cross = [
-            v[1] * a[2] - v[2] * a[1],
-            v[2] * a[0] - v[0] * a[2],
-            v[0] * a[1] - v[1] * a[0],
-        ];
-        let speed = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
-        let bend = (cross[0] * cross[0] + cross[1] * cross[1] + cross[2] * cross[2]).sqrt();
-        if speed <= 0.0 || bend <= 0.0 {
+        let (speed, curvature) = bend(setpoint);
+        if curvature <= 0.0 {
             return;
         }
-        let radius = speed * speed * speed / bend;
+        let radius = 1.0 / curvature;
         let rate = rate_for(
             speed,
             radius,
@@ -177,9 +202,7 @@ struct Table {
 
 impl Table {
     fn create(path: &Path, machine: &Machine) -> Result<Self, CommandError> {
-        let mut name = path.as_os_str().to_owned();
-        name.push(".part");
-        let part = PathBuf::from(name);
+        let part = part_of(path);
         let fail = |error: io::Error| CommandError::Failed(format!("{}: {error}", part.display()));
         let mut out = BufWriter::with_capacity(1 << 20, File::create(&part).map_err(fail)?);
         let mut head = "sequence,time_s,line,path_mm,feed_mm_s".to_owned();

@@ -1,5 +1,6 @@
 //! Options that every command about a program shares.
 
+use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
@@ -93,9 +94,9 @@ pub(crate) fn parse_override(text: &str) -> Result<f64, String> {
 
 /// Refuses to write over a folder, the program or the machine file.
 pub(crate) fn check_output(output: &Path, inputs: &ProgramArgs) -> Result<(), CommandError> {
-    // What cannot be resolved does not exist yet.
-    let same = |input: &Path| match (output.canonicalize(), input.canonicalize()) {
-        (Ok(output), Ok(input)) => output == input,
+    // What cannot be looked at does not exist yet. Links of both kinds lead to the same file.
+    let same = |input: &Path| match (std::fs::metadata(output), std::fs::metadata(input)) {
+        (Ok(output), Ok(input)) => output.dev() == input.dev() && output.ino() == input.ino(),
         _ => false,
     };
     let what = if output.is_dir() {
