@@ -13,6 +13,7 @@ mod newton;
 mod output;
 mod smoother;
 mod spacing;
+mod timing;
 mod tube;
 mod weights;
 mod zone;

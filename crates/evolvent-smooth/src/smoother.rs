@@ -8,6 +8,7 @@ use crate::chain::{Chain, Link};
 use crate::joint::{JointKind, judge};
 use crate::newton::{Problem, Workspace, minimise};
 use crate::spacing::{self, GROWTH};
+use crate::timing::{Timing, Window};
 use crate::weights::{Scales, Weights};
 use crate::zone::{Clamp, Laid, Zone, spread};
 use crate::{Block, Mark, Output, Settings, Stretch, Tolerance};
@@ -58,6 +59,9 @@ pub struct Smoother {
     zone: Zone,
     weights: Weights,
     work: Workspace,
+    timing: Timing,
+    feeds: Vec<f64>,
+    best: Vec<evolvent_path::Axes>,
     last: Option<Block>,
     marks: VecDeque<Mark>,
     /// Parameter of the section's start since the smoother was made, and what has come out of the section.
@@ -72,7 +76,11 @@ pub struct Smoother {
     active: [bool; AXES],
     deviation: f64,
     failures: u64,
+    law_failures: u64,
+    at_end: bool,
 }
+
+fn refinements() -> usize { std::env::var("NP").ok().and_then(|x| x.parse().ok()).unwrap_or(4) }
 
 impl Smoother {
     /// At rest at the start of the first block.
@@ -88,6 +96,9 @@ impl Smoother {
             zone: Zone::default(),
             weights: Weights::default(),
             work: Workspace::default(),
+            timing: Timing::default(),
+            feeds: Vec::new(),
+            best: Vec::new(),
             last: None,
             marks: VecDeque::new(),
             base: 0.0,
@@ -99,6 +110,8 @@ impl Smoother {
             active: [false; AXES],
             deviation: 0.0,
             failures: 0,
+            law_failures: 0,
+            at_end: false,
         }
     }
 
@@ -173,12 +186,14 @@ impl Smoother {
     /// How often a joint was taken at rest because no smooth path was found there.
     #[must_use]
     pub fn failures(&self) -> u64 {
-        self.failures
+        self.failures + 1000000 * self.law_failures
     }
 
     /// Brings out all of the section and begins the next.
     fn section(&mut self, ending: Ending, cap: Option<f64>, out: &mut Vec<Output>) {
+        self.at_end = ending == Ending::Rest;
         self.advance(Some(ending), out);
+        self.at_end = false;
         if let Some(speed) = cap {
             out.push(Output::Cap { speed });
         }
@@ -255,7 +270,7 @@ impl Smoother {
         let link = self.chain.get(number)?;
         let settled = number < self.unripe
             && (complete || link.from + link.spacing / GROWTH <= self.reach(complete));
-        settled.then_some(EXTENT * link.spacing)
+        settled.then_some(crate::timing::knob("EXTENT", EXTENT) * link.spacing)
     }
 
     fn advance_exact(&mut self, ending: Option<Ending>, out: &mut Vec<Output>) -> bool {
@@ -263,7 +278,7 @@ impl Smoother {
         let Some(joint) = self.eased(first) else {
             let end = self.chain.end();
             let most = self.chain.get(self.chain.next().wrapping_sub(1)).map_or(0.0, |link| {
-                EXTENT * spacing::most(link.tolerance)
+                crate::timing::knob("EXTENT", EXTENT) * spacing::most(link.tolerance)
             });
             let to = if ending.is_some() { end } else { end - most };
             self.exact(to, out);
@@ -342,7 +357,7 @@ impl Smoother {
                 };
                 return (joint, Some((end, clamp)));
             }
-            let most = EXTENT * spacing::most(link.tolerance);
+            let most = crate::timing::knob("EXTENT", EXTENT) * spacing::most(link.tolerance);
             if end > leave + gap + most {
                 return (joint, Some((leave, Clamp::Jet(self.jet(leave)))));
             }
@@ -386,7 +401,7 @@ impl Smoother {
                 let mut reach = self.reach(ending.is_some());
                 if end.is_none() {
                     // Where the zone may end, knots have to fit.
-                    let leave = self.chain.get(joint).map_or(reach, |link| link.from + EXTENT * link.spacing);
+                    let leave = self.chain.get(joint).map_or(reach, |link| link.from + crate::timing::knob("EXTENT", EXTENT) * link.spacing);
                     reach = reach.min(leave);
                 }
                 match self.zone.lay(&mut self.chain, &start, end, reach, &self.active) {
@@ -454,6 +469,70 @@ impl Smoother {
                 let steps = if round + 1 == ROUNDS { STEPS.1 } else { STEPS.0 };
                 minimise(&problem, &mut zone.points, steps, &mut self.work);
                 mu = (mu * factor).max(least);
+            }
+            self.feeds.clear();
+            let mut number = self.chain.find(zone.knot(wide.0));
+            for i in wide.0..wide.1 {
+                let middle = 0.5 * (zone.knot(i) + zone.knot(i + 1));
+                number = self.chain.find_near(middle, number);
+                self.feeds.push(self.chain.get(number).map_or(f64::INFINITY, |link| link.feed));
+            }
+            let rests = (
+                if self.moving { f64::NEG_INFINITY } else { 0.0 },
+                if zone.complete && self.at_end { self.chain.end() } else { f64::INFINITY },
+            );
+            self.best.clear();
+            let mut best_time = f64::INFINITY;
+            let rounds = refinements();
+            for round in 0..=rounds {
+                if rounds == 0 {
+                    break;
+                }
+                let window = Window {
+                    zone,
+                    from: wide.0,
+                    to: wide.1,
+                    scales: &self.scales,
+                    active: &active,
+                    feeds: &self.feeds,
+                    rests,
+                };
+                let found = self.timing.solve(&window, round > 0);
+                if !found {
+                    self.law_failures += 1;
+                }
+                let time = if found { self.timing.seconds(&window) } else { f64::INFINITY };
+                if std::env::var("LOG").is_ok() { println!("round {round} {time} it {}", self.timing.iterations); }
+                if time < best_time {
+                    best_time = time;
+                    self.best.clear();
+                    self.best.extend_from_slice(&zone.points[low..high]);
+                } else if !self.best.is_empty() {
+                    zone.points[low..high].copy_from_slice(&self.best);
+                    break;
+                }
+                if round == rounds {
+                    break;
+                }
+                self.timing.terms(&window, &mut self.weights.terms, &mut self.weights.times);
+                let times = &mut self.weights.times;
+                let mut at = first;
+                for i in from..to {
+                    let next = at + zone.samples[at..behind].partition_point(|sample| sample.interval <= i);
+                    times[i - wide.0] /= (next - at).max(1) as f64;
+                    at = next;
+                }
+                let terms = &self.weights.terms[9 * (from - wide.0)..9 * (to - wide.0)];
+                let problem = Problem {
+                    terms,
+                    samples: &zone.samples[first..behind],
+                    barrier: times,
+                    first: wide.0,
+                    mu: 0.01,
+                    free: (low, high),
+                    active,
+                };
+                minimise(&problem, &mut zone.points, 6, &mut self.work);
             }
         }
         zone.fixed = if zone.complete && high == last {

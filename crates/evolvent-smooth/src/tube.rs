@@ -172,7 +172,7 @@ impl Maker<'_> {
         };
         let weights = values(self.basis, x);
         let place = link.position(u);
-        let tolerance = SHARE * link.tolerance;
+        let tolerance = crate::timing::knob("SHARE", SHARE) * link.tolerance;
         for (group, &(first, count)) in GROUPS.iter().enumerate() {
             if !self.active[first..first + count].iter().any(|&active| active) {
                 continue;
@@ -201,9 +201,9 @@ impl Maker<'_> {
             return;
         }
         let radius = made.radius2.sqrt();
-        let reach = SLIP * link.tolerance;
-        let straight = straight(self.chain, number, link, u, reach.max(DENSE * self.width));
-        if straight.sharp || straight.behind + straight.ahead <= DENSE * self.width {
+        let reach = crate::timing::knob("SLIP", SLIP) * link.tolerance;
+        let straight = straight(self.chain, number, link, u, reach.max(crate::timing::knob("DENSE", DENSE) * self.width));
+        if straight.sharp || straight.behind + straight.ahead <= crate::timing::knob("DENSE", DENSE) * self.width {
             return;
         }
         let (d1, d2) = (straight.behind.clamp(0.0, reach), straight.ahead.clamp(0.0, reach));

@@ -140,7 +140,10 @@ pub fn plan(section: &Section, limits: &Limits, sub: usize) -> Plan {
         }
         marks.extend(inner);
     }
-    // Graded from both rests.
+    // Graded from both rests, alike so that the profile below comes back to its first speed.
+    let ramp = 22.0 * d0;
+    marks.retain(|&u| u > ramp && u < section.length - ramp);
+    marks.push(d0);
     let mut x = d0 * 1.3;
     while x < 0.5f64.min(0.5 * section.length) {
         marks.push(x);
@@ -160,7 +163,7 @@ pub fn plan(section: &Section, limits: &Limits, sub: usize) -> Plan {
                 continue;
             }
             let tiny = m - p < gap(m) * 0.25;
-            if tiny && !fixed[i] && !last {
+            if tiny && m > ramp && section.length - m > ramp && !fixed[i] && !last {
                 continue;
             }
         }
