@@ -6,6 +6,9 @@
 //! `-w log(1 - y^2)`; a cap contributes `-w log(1 - a/cap)`. The weight `w` of an interval is the barrier
 //! parameter times the time that the interval takes, so that what the barrier costs is the same share of the
 //! motion everywhere, on whatever scale of length and time.
+//!
+//! `-w log(a + b d)` keeps the speed above zero between stations as well: with the values at the ends it is the
+//! middle one of the three Bernstein coefficients of the quadratic `a` over an interval of length `d`.
 
 use crate::window::Window;
 
@@ -253,7 +256,8 @@ fn value_of<const L: usize>(window: &Window, objective: &Objective, x: &Iterate)
         let (d, a, b, c) = (window.d[k], x.a[k], x.b[k], x.c[k]);
         let (a1, b1) = (x.a[k + 1], x.b[k + 1]);
         let middle = a + d * (b + 0.25 * d * c);
-        if !(a > 0.0 && middle > 0.0 && a1 > 0.0) || (b < 0.0 && b1 > 0.0 && a * c <= b * b) {
+        let control = a + b * d;
+        if !(a > 0.0 && middle > 0.0 && a1 > 0.0 && control > 0.0) {
             return None;
         }
         let traits = window.traits[k];
@@ -273,6 +277,7 @@ fn value_of<const L: usize>(window: &Window, objective: &Objective, x: &Iterate)
         if !(room > 0.0) {
             return None;
         }
+        room *= control / window.middle_cap[k];
         if objective.time == 0.0 {
             room *= (a / window.cap[k]) * (middle / window.middle_cap[k]);
         }
@@ -287,7 +292,11 @@ fn value_of<const L: usize>(window: &Window, objective: &Objective, x: &Iterate)
     let (w0, w1) = (objective.weight[0], objective.weight[n - 1]);
     let mut room = 1.0 - a / window.cap[n];
     let low = 1.0 + b / window.end.most;
-    let floor = if objective.time == 0.0 { a / window.cap[n] } else { 1.0 };
+    let floor = if objective.time == 0.0 {
+        a / window.cap[n]
+    } else {
+        1.0
+    };
     if !(a > 0.0 && room > 0.0 && low > 0.0 && b < 0.0) {
         return None;
     }
@@ -332,6 +341,13 @@ fn assemble_of<const L: usize>(window: &Window, objective: &Objective, x: &Itera
             g[1] += weight * f;
             h[2] += weight * f * f;
         }
+        let control = 1.0 / (a + b * d);
+        let (slope, bend) = (weight * control, weight * control * control);
+        g[0] -= slope;
+        g[1] -= d * slope;
+        h[0] += bend;
+        h[1] += d * bend;
+        h[2] += d * d * bend;
         let (mut gm, mut hm) = ([0.0; 3], [0.0; 6]);
         if !traits.straight {
             three[1].add((middle, b_middle, c), &inverse, weight, true, &mut gm, &mut hm);

@@ -8,6 +8,8 @@ use crate::limits::PathLimits;
 const TURN: f64 = 0.1;
 /// Fewest and most intervals of a curved stretch.
 const CURVED: (f64, f64) = (12.0, 2000.0);
+/// The same of a piece of a spline between two knots.
+const SPLINE: (f64, f64) = (4.0, 12.0);
 /// Intervals grow by this factor from the ends of a line to its middle.
 const GROWTH: f64 = 1.25;
 
@@ -57,6 +59,9 @@ impl Stretch {
         let turn = second.norm() / first.norm().max(1e-12) * length;
         let count = if straight {
             24.0
+        } else if matches!(self.curve, Curve::Spline(_)) {
+            // Between two knots; its neighbours share the window.
+            (turn / TURN).ceil().clamp(SPLINE.0, SPLINE.1)
         } else {
             (turn / TURN).ceil().clamp(CURVED.0, CURVED.1)
         };
@@ -83,7 +88,7 @@ impl Stretch {
 impl Cell {
     /// The interval of `length` at the offset `from` of `stretch`, whose index is `index`.
     pub(crate) fn new(stretch: &Stretch, index: u64, from: f64, length: f64, limits: &PathLimits) -> Self {
-        let point = |x: f64| Point::new(&stretch.curve.jet(stretch.from + x), stretch.feed, limits);
+        let point = |x: f64| Point::of(stretch, x, limits);
         Self {
             stretch: index,
             from,
@@ -95,6 +100,11 @@ impl Cell {
 }
 
 impl Point {
+    /// The point at an offset from the start of a stretch.
+    pub(crate) fn of(stretch: &Stretch, offset: f64, limits: &PathLimits) -> Self {
+        Self::new(&stretch.curve.jet(stretch.from + offset), stretch.feed, limits)
+    }
+
     fn new(jet: &Jet, feed: f64, limits: &PathLimits) -> Self {
         let axes = limits.axes();
         let mut speed = limits.chord_speed(&jet.second);

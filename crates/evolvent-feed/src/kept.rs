@@ -33,7 +33,12 @@ impl Segment {
             length: self.span.length - x,
             ..self.span
         };
-        Self { span, a, b, c: self.c }
+        Self {
+            span,
+            a,
+            b,
+            c: self.c,
+        }
     }
 }
 
@@ -118,7 +123,10 @@ impl Kept {
             {
                 let (square, b) = segment.at(x);
                 let speed = square.max(0.0).sqrt();
-                let push = segment.b.abs().max((segment.b + segment.c * segment.span.length).abs());
+                let push = segment
+                    .b
+                    .abs()
+                    .max((segment.b + segment.c * segment.span.length).abs());
                 let fits = same(v, speed, speed) && same(a, b, push);
                 return fits.then_some(Found::Segment(k, x));
             }
@@ -158,7 +166,12 @@ impl Kept {
                 ..span
             };
             let c = (b[k + 1] - b[k]) / part.length;
-            out.push(Segment { span: part, a, b: b[k], c });
+            out.push(Segment {
+                span: part,
+                a,
+                b: b[k],
+                c,
+            });
             a += (b[k] + b[k + 1]) * part.length;
         }
     }

@@ -3,6 +3,7 @@
 mod barrier;
 mod cell;
 mod change;
+mod check;
 mod error;
 mod grid;
 mod kept;

@@ -1,12 +1,13 @@
 //! The planner of one window.
 
 use crate::barrier::strain;
+use crate::check::check as check_between;
 use crate::error::FeedError;
 use crate::grid::{Grid, Place};
 use crate::kept::{Found, Kept, Segment};
 use crate::law::Law;
 use crate::limits::PathLimits;
-use crate::solver::Solver;
+use crate::solver::{LAST, Solver};
 use crate::spans;
 use crate::start;
 use crate::window::{Span, Window};
@@ -19,6 +20,9 @@ const MORE_SPANS: usize = 200;
 const GENTLE: f64 = 0.25;
 /// Most Newton steps of one plan from rest.
 const MOST_STEPS: u32 = 200;
+/// Most rounds of checking and correcting, and steps of each.
+const POLISHES: usize = 4;
+const POLISH_STEPS: u32 = 8;
 /// By how much a start may lie beyond the rows of acceleration and jerk.
 const MOST_STRAIN: (f64, f64) = (1.001, 1.012);
 /// Room that a start on a limit is given, as a share of the limit.
@@ -167,10 +171,17 @@ impl Optimizer {
         let Some(gap) = found else {
             self.kept.valid = false;
             out.clear();
-            return Err(FeedError::NoMotion { interval: from.interval, x: from.x, v, a });
+            return Err(FeedError::NoMotion {
+                interval: from.interval,
+                x: from.x,
+                v,
+                a,
+            });
         };
         let stations = if gap.is_nan() { 0 } else { self.window.n() + 1 };
+        let mut worst = Ratios::default();
         if stations > 0 {
+            worst = self.polish(grid, feed_factor);
             self.write(out);
             self.kept.keep(&self.window, &self.solver.x, until);
         }
@@ -180,8 +191,23 @@ impl Optimizer {
             duration: out.iter().map(|piece| piece.duration).sum(),
             stations,
             warm: entry != Entry::Rest,
-            worst: Ratios::default(),
+            worst,
         })
+    }
+
+    /// Checks between stations and keeps away from the limits where that finds them exceeded.
+    fn polish(&mut self, grid: &Grid, factor: f64) -> Ratios {
+        let mut worst = Ratios::default();
+        for _ in 0..POLISHES {
+            let (found, raised) =
+                check_between(&self.window, grid, factor, &self.solver.x, &mut self.solver.stiff);
+            worst = found;
+            if !raised {
+                break;
+            }
+            self.solver.descend(&self.window, LAST, POLISH_STEPS);
+        }
+        worst
     }
 
     /// A plan without anything to start from. Returns the barrier parameter reached.
@@ -212,7 +238,15 @@ impl Optimizer {
 
     fn grade(&mut self, grid: &Grid, factor: f64, reverse: bool) {
         let room = MOST_INTERVALS + MORE_SPANS;
-        spans::grade(&mut self.window, grid, &self.limits, factor, reverse, room, &mut self.scratch);
+        spans::grade(
+            &mut self.window,
+            grid,
+            &self.limits,
+            factor,
+            reverse,
+            room,
+            &mut self.scratch,
+        );
     }
 
     /// A plan that goes on from the last one. Returns the barrier parameter reached; NaN where nothing was left to
@@ -242,7 +276,11 @@ impl Optimizer {
                 let share = libm::cbrt(x / span.length);
                 let t = share * whole;
                 out.push(Piece {
-                    law: Law::Jerk { v: 0.5 * j * t * t, a: j * t, j },
+                    law: Law::Jerk {
+                        v: 0.5 * j * t * t,
+                        a: j * t,
+                        j,
+                    },
                     length: span.length - x,
                     duration: whole - t,
                     stretch: cell.stretch,
@@ -255,14 +293,22 @@ impl Optimizer {
             Found::Segment(k, x) => self.kept.rest(k, x, &mut self.segments),
             Found::LastStub(x) => {
                 let left = last.length - x;
-                stub = Span { x: last.x + x, length: left, ..last };
+                stub = Span {
+                    x: last.x + x,
+                    length: left,
+                    ..last
+                };
                 square = state?.0 * state?.0;
                 if !more {
                     let cell = grid.cell(last.interval)?;
                     let v = square.sqrt();
                     let duration = 3.0 * left / v;
                     out.push(Piece {
-                        law: Law::Jerk { v, a: -2.0 * v / duration, j: 2.0 * v / (duration * duration) },
+                        law: Law::Jerk {
+                            v,
+                            a: -2.0 * v / duration,
+                            j: 2.0 * v / (duration * duration),
+                        },
                         length: left,
                         duration,
                         stretch: cell.stretch,
@@ -280,9 +326,19 @@ impl Optimizer {
         }
         self.window.from_rest = false;
         self.window.spans.clear();
-        self.window.spans.extend(self.segments.iter().map(|segment| segment.span));
+        self.window
+            .spans
+            .extend(self.segments.iter().map(|segment| segment.span));
         if more {
-            spans::plain(grid, Place { interval: self.kept.until, x: 0.0 }, until, &mut self.window.spans);
+            spans::plain(
+                grid,
+                Place {
+                    interval: self.kept.until,
+                    x: 0.0,
+                },
+                until,
+                &mut self.window.spans,
+            );
             self.grade(grid, factor, true);
         } else {
             self.window.spans.push(last);
@@ -350,7 +406,13 @@ impl Optimizer {
             if a > MOST_STRAIN.0 || j > MOST_STRAIN.1 {
                 return None;
             }
-            let loose = |y: f64| if y > 1.0 - ROOM { 1.0 / (y * (1.0 + ROOM)) } else { 1.0 };
+            let loose = |y: f64| {
+                if y > 1.0 - ROOM {
+                    1.0 / (y * (1.0 + ROOM))
+                } else {
+                    1.0
+                }
+            };
             self.window.loose[k] = (loose(a), loose(j));
             let d = self.window.d[k];
             let (a, b, c) = (self.solver.x.a[k], self.solver.x.b[k], self.solver.x.c[k]);

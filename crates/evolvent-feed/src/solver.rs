@@ -147,9 +147,19 @@ impl Solver {
             if !(slope < 0.0) || -slope < centred * weight {
                 return;
             }
-            if std::env::var("FEEDLOG").is_ok() { eprintln!("it {} time {} now {now:.6e} slope/w {:.3e} weight {weight:.3e} T {:.6}",self.iterations,self.objective.time,slope/weight,self.time(window)); }
+            if std::env::var("FEEDLOG").is_ok() {
+                eprintln!(
+                    "it {} time {} now {now:.6e} slope/w {:.3e} weight {weight:.3e} T {:.6}",
+                    self.iterations,
+                    self.objective.time,
+                    slope / weight,
+                    self.time(window)
+                );
+            }
             let Some(next) = self.search(window, now, slope) else {
-            if std::env::var("FEEDLOG").is_ok() { eprintln!("  search failed"); }
+                if std::env::var("FEEDLOG").is_ok() {
+                    eprintln!("  search failed");
+                }
                 return;
             };
             std::mem::swap(&mut self.x, &mut self.trial);

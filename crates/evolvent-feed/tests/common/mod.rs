@@ -155,7 +155,13 @@ pub fn involute(base: f64, turns: f64, degrees: f64) -> Path {
 pub fn square(side: f64, tolerance: f64, degrees: f64) -> Path {
     let corner = |x: f64, y: f64| turned(point(side * x, side * y, 0.0), degrees);
     Path::polyline(
-        &[corner(0.0, 0.0), corner(1.0, 0.0), corner(1.0, 1.0), corner(0.0, 1.0), corner(0.0, 0.0)],
+        &[
+            corner(0.0, 0.0),
+            corner(1.0, 0.0),
+            corner(1.0, 1.0),
+            corner(0.0, 1.0),
+            corner(0.0, 0.0),
+        ],
         tolerance,
         f64::INFINITY,
     )
@@ -196,8 +202,17 @@ impl Player<'_> {
                 index += 1;
             }
             let piece = &self.pieces[index];
-            let x = piece.law.at((t - begin).min(piece.duration)).0.x.min(piece.length);
-            out.push(self.grid.position(piece.stretch, piece.from + x).expect("stretch"));
+            let x = piece
+                .law
+                .at((t - begin).min(piece.duration))
+                .0
+                .x
+                .min(piece.length);
+            out.push(
+                self.grid
+                    .position(piece.stretch, piece.from + x)
+                    .expect("stretch"),
+            );
         }
         out
     }
@@ -254,8 +269,16 @@ pub fn assert_chained(pieces: &[Piece], from: (f64, f64), length: f64, what: &st
     let push = pieces.iter().map(|p| p.law.at(0.0).0.a.abs()).fold(0.0, f64::max);
     for (k, piece) in pieces.iter().enumerate() {
         let start = piece.law.at(0.0).0;
-        assert!((start.v - v).abs() <= 1e-9 * top, "{what}: piece {k} starts at {} after {v}", start.v);
-        assert!((start.a - a).abs() <= 1e-7 * push, "{what}: piece {k} starts with {} after {a}", start.a);
+        assert!(
+            (start.v - v).abs() <= 1e-9 * top,
+            "{what}: piece {k} starts at {} after {v}",
+            start.v
+        );
+        assert!(
+            (start.a - a).abs() <= 1e-7 * push,
+            "{what}: piece {k} starts with {} after {a}",
+            start.a
+        );
         let end = piece.law.at(piece.duration).0;
         assert!(
             (end.x - piece.length).abs() <= 1e-10 * piece.length + 1e-15,
@@ -267,5 +290,8 @@ pub fn assert_chained(pieces: &[Piece], from: (f64, f64), length: f64, what: &st
         covered += piece.length;
     }
     assert!(v <= 1e-7 * top + 1e-12, "{what}: ends at speed {v}");
-    assert!((covered - length).abs() <= 1e-9 * length, "{what}: covers {covered} of {length}");
+    assert!(
+        (covered - length).abs() <= 1e-9 * length,
+        "{what}: covers {covered} of {length}"
+    );
 }

@@ -1,0 +1,82 @@
+//! The check of a plan between its stations.
+
+use evolvent_path::AXES;
+
+use crate::barrier::Iterate;
+use crate::cell::Point;
+use crate::grid::Grid;
+use crate::limits::PathLimits;
+use crate::optimizer::Ratios;
+use crate::window::Window;
+
+/// Where in an interval the limits are checked: between the rows at its start, middle and end.
+const PLACES: [f64; 2] = [0.25, 0.75];
+/// Ratios above which the barrier is made stiffer at an interval: of velocity and acceleration, of jerk.
+const EXCESS: (f64, f64) = (1.0005, 1.005);
+/// By which factor.
+const STIFFER: f64 = 5.0;
+
+impl Ratios {
+    /// The ratios of a state at a point of the path; the feed counts as a velocity.
+    pub(crate) fn at(point: &Point, state: (f64, f64, f64), limits: &PathLimits, factor: f64) -> Self {
+        let (a, b, c) = state;
+        let axes = limits.axes();
+        let speed = a.max(0.0).sqrt();
+        let mut out = Self {
+            velocity: speed / point.cap(factor),
+            ..Self::default()
+        };
+        for i in 0..AXES {
+            if axes.present[i] {
+                let (d1, d2, d3) = (point.first[i], point.second[i], point.third[i]);
+                out.acceleration = out
+                    .acceleration
+                    .max((d2 * a + d1 * b).abs() / axes.acceleration[i]);
+                out.jerk = out
+                    .jerk
+                    .max((speed * (d3 * a + 3.0 * d2 * b + d1 * c)).abs() / axes.jerk[i]);
+            }
+        }
+        out
+    }
+
+    pub(crate) fn include(&mut self, other: &Self) {
+        self.velocity = self.velocity.max(other.velocity);
+        self.acceleration = self.acceleration.max(other.acceleration);
+        self.jerk = self.jerk.max(other.jerk);
+    }
+}
+
+/// The largest ratios between stations; raises the barrier's weights where they are too large and says whether it
+/// did.
+pub(crate) fn check(
+    window: &Window,
+    grid: &Grid,
+    factor: f64,
+    x: &Iterate,
+    stiff: &mut [f64],
+) -> (Ratios, bool) {
+    let limits = grid.limits();
+    let (mut worst, mut raised) = (Ratios::default(), false);
+    for k in 0..window.n() {
+        let cell = &window.cells[window.span_index(k)];
+        let (d, a, b, c) = (window.d[k], x.a[k], x.b[k], x.c[k]);
+        let mut here = Ratios::default();
+        for place in PLACES {
+            let at = place * d;
+            let state = (a + at * (2.0 * b + at * c), b + at * c, c);
+            if window.traits[k].straight {
+                here.include(&Ratios::at(&cell.points[1], state, limits, factor));
+            } else if let Some(stretch) = grid.stretch(cell.stretch) {
+                let point = Point::of(stretch, cell.from + at, limits);
+                here.include(&Ratios::at(&point, state, limits, factor));
+            }
+        }
+        if here.velocity.max(here.acceleration) > EXCESS.0 || here.jerk > EXCESS.1 {
+            stiff[k] *= STIFFER;
+            raised = true;
+        }
+        worst.include(&here);
+    }
+    (worst, raised)
+}
