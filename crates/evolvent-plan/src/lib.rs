@@ -24,6 +24,7 @@ mod planner;
 #[cfg(test)]
 mod recorder;
 mod step;
+mod straight;
 
 pub use evolvent_feed::{
     DerivativeBounds, Outcome, PathLimits, Profile, ScalarLimits, ScalarState, lasting_speed, reachable_speed,

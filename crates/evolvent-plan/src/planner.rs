@@ -4,11 +4,12 @@ use evolvent_feed::PathLimits;
 use evolvent_gcode::{Move, MoveKind, PathMode};
 use evolvent_machine::{Limits, PlannerKind};
 use evolvent_path::{Axes, AxisLetter, Curve};
-use evolvent_smooth::{Block, Output, Settings, Smoother, Tolerance};
+use evolvent_smooth::{Block, Output, Settings, Smoother, Stretch, Tolerance};
 use thiserror::Error;
 
 use crate::classic::Classic;
 use crate::horizon::Horizon;
+use crate::straight::Straightener;
 use crate::step::{BlockMark, PlanSink, Segment, SegmentMarks, Step};
 
 /// Rounding of positions, mm or degrees, that the check of travel forgives.
@@ -83,6 +84,7 @@ enum Kind<S> {
 #[derive(Debug)]
 struct Optimal<S> {
     smoother: Smoother,
+    straightener: Straightener,
     horizon: Horizon<S>,
     rules: PathRules,
     out: Vec<Output>,
@@ -211,6 +213,7 @@ impl<S: PlanSink> Optimal<S> {
         };
         Self {
             smoother: Smoother::new(settings),
+            straightener: Straightener::default(),
             horizon: Horizon::new(limits, rules.feed_override, sink),
             rules,
             out: Vec::new(),
@@ -251,6 +254,7 @@ impl<S: PlanSink> Optimal<S> {
     fn rest(&mut self, step: Step) -> Result<(), S::Error> {
         self.smoother.rest(&mut self.out);
         self.take_out();
+        hand_on(&mut self.horizon, self.straightener.flush(), self.last);
         self.horizon.rest(step);
         self.horizon.advance()
     }
@@ -264,21 +268,13 @@ impl<S: PlanSink> Optimal<S> {
         for output in self.out.drain(..) {
             match output {
                 Output::Stretch(stretch) => {
-                    let segment = Segment {
-                        curve: stretch.curve,
-                        from: stretch.from,
-                        length: stretch.length,
-                        line: self.last.line,
-                        block: self.last.block,
-                        marks: SegmentMarks {
-                            blend: stretch.blend,
-                            rapid: stretch.rapid,
-                            joint: stretch.joint,
-                        },
-                    };
-                    self.horizon.segment(segment, stretch.feed);
+                    let complete = self.straightener.push(stretch);
+                    hand_on(&mut self.horizon, complete, self.last);
                 }
-                Output::Cap { speed } => self.horizon.cap(speed),
+                Output::Cap { speed } => {
+                    hand_on(&mut self.horizon, self.straightener.flush(), self.last);
+                    self.horizon.cap(speed);
+                }
                 Output::Mark(mark) => {
                     self.last = BlockMark {
                         end: mark.end,
@@ -290,6 +286,23 @@ impl<S: PlanSink> Optimal<S> {
             }
         }
     }
+}
+
+fn hand_on<S: PlanSink>(horizon: &mut Horizon<S>, stretch: Option<Stretch>, last: BlockMark) {
+    let Some(stretch) = stretch else { return };
+    let segment = Segment {
+        curve: stretch.curve,
+        from: stretch.from,
+        length: stretch.length,
+        line: last.line,
+        block: last.block,
+        marks: SegmentMarks {
+            blend: stretch.blend,
+            rapid: stretch.rapid,
+            joint: stretch.joint,
+        },
+    };
+    horizon.segment(segment, stretch.feed);
 }
 
 pub(crate) fn check_travel<E>(curve: &Curve, limits: &Limits) -> Result<(), PlanError<E>> {
