@@ -18,6 +18,7 @@ mod riccati;
 mod solver;
 mod spans;
 mod start;
+mod stop;
 mod stub;
 mod window;
 

@@ -7,9 +7,11 @@ use crate::grid::{Grid, Place};
 use crate::kept::{Found, Kept, Segment};
 use crate::law::Law;
 use crate::limits::PathLimits;
+use crate::profile::Profile;
 use crate::solver::{LAST, Solver};
 use crate::spans;
 use crate::start;
+use crate::stop;
 use crate::window::{Span, Window};
 
 /// Most intervals of one window, so that a re-plan of three axes stays below 5 ms.
@@ -23,6 +25,10 @@ const MOST_STEPS: u32 = 200;
 /// Most rounds of checking and correcting, and steps of each.
 const POLISHES: usize = 4;
 const POLISH_STEPS: u32 = 8;
+/// Share of its speed that a stop comes down to before it is brought to rest in closed form.
+const CRAWL_SHARE: f64 = 0.03;
+/// Places of each interval from which a stop in closed form is tried.
+const STOP_PARTS: u32 = 4;
 /// By how much a start may lie beyond the rows of acceleration and jerk.
 const MOST_STRAIN: (f64, f64) = (1.001, 1.012);
 /// Room that a start on a limit is given, as a share of the limit.
@@ -261,6 +267,29 @@ impl Optimizer {
         gentle: f64,
         out: &mut Vec<Piece>,
     ) -> Option<f64> {
+        if !self.resume(grid, from, state, until, factor, gentle, out)? {
+            return Some(f64::NAN);
+        }
+        if until > self.kept.until {
+            let first_a = self.solver.x.a[0];
+            start::guess(&self.window, &self.limits, first_a, &mut self.guess);
+            self.solver.lift(&self.window, &self.guess, 30);
+        }
+        Some(self.solver.descend(&self.window, Solver::first(), MOST_STEPS))
+    }
+
+    /// Sets window and iterate to what is left of the last plan from a place on, and to a crawl on what is new. False
+    /// where nothing is left to be planned.
+    fn resume(
+        &mut self,
+        grid: &Grid,
+        from: Place,
+        state: (f64, f64),
+        until: u64,
+        factor: f64,
+        gentle: f64,
+        out: &mut Vec<Piece>,
+    ) -> Option<bool> {
         let found = self.kept.find(from, state.0, state.1)?;
         let last = self.kept.last?;
         let more = until > self.kept.until;
@@ -316,7 +345,7 @@ impl Optimizer {
                         interval: last.interval,
                     });
                     self.solver.iterations = 0;
-                    return Some(f64::NAN);
+                    return Some(false);
                 }
             }
         }
@@ -389,12 +418,7 @@ impl Optimizer {
         if !self.solver.feasible(&self.window) {
             return None;
         }
-        let first_a = self.solver.x.a[0];
-        start::guess(&self.window, &self.limits, first_a, &mut self.guess);
-        if more {
-            self.solver.lift(&self.window, &self.guess, 30);
-        }
-        Some(self.solver.descend(&self.window, Solver::first(), MOST_STEPS))
+        Some(true)
     }
 
     /// Makes room where the start lies on or slightly beyond a limit: between the stations of the plan that it comes
@@ -497,12 +521,113 @@ impl Optimizer {
     ) -> Result<StopReport, FeedError> {
         out.clear();
         check(grid, from, until, v, a, 1.0)?;
-        Err(FeedError::NoMotion {
+        let none = FeedError::NoMotion {
             interval: from.interval,
             x: from.x,
             v,
             a,
+        };
+        self.solver.iterations = 0;
+        let mut worst = self.quick_stop(grid, from, (v, a), until, stop::FEW_SHARES, out);
+        if worst.is_none() {
+            worst = self.best_stop(grid, from, (v, a), until, out);
+        }
+        if worst.is_none() {
+            worst = self.quick_stop(grid, from, (v, a), until, stop::ALL_SHARES, out);
+        }
+        self.kept.valid = false;
+        let Some(worst) = worst else {
+            out.clear();
+            return Err(none);
+        };
+        Ok(StopReport {
+            duration: out.iter().map(|piece| piece.duration).sum(),
+            length: out.iter().map(|piece| piece.length).sum(),
+            iterations: self.solver.iterations,
+            worst,
         })
+    }
+
+    /// A stop in closed form.
+    fn quick_stop(
+        &mut self,
+        grid: &Grid,
+        from: Place,
+        state: (f64, f64),
+        until: u64,
+        shares: usize,
+        out: &mut Vec<Piece>,
+    ) -> Option<Ratios> {
+        out.clear();
+        let (profile, worst) = stop::brake(grid, from, state.0, state.1, until, shares)?;
+        stop::write(grid, from, until, &profile, out).then_some(worst)
+    }
+
+    /// A stop by the solver: what is left of the last plan, slowed down as much as the limits allow, to where a stop
+    /// in closed form does the rest.
+    fn best_stop(
+        &mut self,
+        grid: &Grid,
+        from: Place,
+        state: (f64, f64),
+        until: u64,
+        out: &mut Vec<Piece>,
+    ) -> Option<Ratios> {
+        out.clear();
+        let until = until.min(self.kept.until);
+        if !self.resume(grid, from, state, self.kept.until, 2.0, 1.0, out)? {
+            return Some(Ratios::default());
+        }
+        let n = self.window.n();
+        // What it costs to be faster than a crawl, against the duration's gain.
+        let crawl = CRAWL_SHARE * state.0;
+        let scale = 1.5 / (crawl * crawl * crawl);
+        for k in 0..n {
+            for at in [k, k + 1] {
+                self.solver.pull[at] += 0.5 * scale * self.window.d[k];
+            }
+        }
+        self.solver.descend(&self.window, Solver::first(), MOST_STEPS);
+        let mut worst = self.polish(grid, 2.0);
+        let head = out.len();
+        self.write(out);
+        // The quickest change to a stop in closed form, from any of several places of each interval.
+        let mut best: Option<(usize, f64, Profile, Ratios, f64)> = None;
+        let whole: f64 = out[head..].iter().map(|piece| piece.duration).sum();
+        let mut begin = 0.0;
+        for k in 0..n {
+            let (piece, span) = (out[head + k], self.window.spans[k]);
+            for part in 0..STOP_PARTS {
+                let t = piece.duration * f64::from(part) / f64::from(STOP_PARTS);
+                let state = piece.law.at(t).0;
+                let place = Place { interval: span.interval, x: span.x + state.x };
+                if begin + t >= best.as_ref().map_or(whole, |found| found.4) {
+                    continue;
+                }
+                let found = stop::brake(grid, place, state.v, state.a, until, stop::ALL_SHARES);
+                if let Some((profile, ratios)) = found {
+                    let end = begin + t + profile.duration();
+                    if end < best.as_ref().map_or(whole, |found| found.4) {
+                        best = Some((k, t, profile, ratios, end));
+                    }
+                }
+            }
+            begin += piece.duration;
+        }
+        let Some((k, t, profile, ratios, _)) = best else {
+            return Some(worst);
+        };
+        out.truncate(head + k + 1);
+        let piece = out.last_mut()?;
+        let length = piece.law.at(t).0.x;
+        (piece.duration, piece.length) = (t, length);
+        if length <= 0.0 {
+            out.pop();
+        }
+        let span = self.window.spans[k];
+        let place = Place { interval: span.interval, x: span.x + length };
+        worst.include(&ratios);
+        stop::write(grid, place, until, &profile, out).then_some(worst)
     }
 }
 

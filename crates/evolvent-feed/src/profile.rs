@@ -295,6 +295,19 @@ impl Profile {
         (end.after((t - self.duration).max(0.0), 0.0), 0.0)
     }
 
+    /// The pieces of constant jerk that take time: state at their start, duration, jerk.
+    pub(crate) fn phases(&self) -> impl Iterator<Item = (ScalarState, f64, f64)> + '_ {
+        let mut state = self.start;
+        self.pieces.iter().enumerate().filter_map(move |(i, &(time, jerk))| {
+            if i == CRUISE {
+                (state.v, state.a) = (self.cruise, 0.0);
+            }
+            let start = state;
+            state = state.after(time, jerk);
+            (time > 0.0).then_some((start, time, jerk))
+        })
+    }
+
     /// The state at the end.
     #[must_use]
     pub fn end(&self) -> ScalarState {

@@ -1,0 +1,190 @@
+//! Coming to rest in closed form, checked along the path.
+
+use evolvent_path::AXES;
+
+use crate::cell::Point;
+use crate::change::{ScalarLimits, ScalarState};
+use crate::grid::{Grid, Place};
+use crate::law::Law;
+use crate::limits::PathLimits;
+use crate::optimizer::{Piece, Ratios};
+use crate::profile::{Outcome, Profile};
+
+/// Shares of the axes' limits along the tangent that are tried: what curvature takes, nothing on lines.
+const SHARES: [f64; 8] = [1.0, 0.97, 0.93, 0.88, 0.8, 0.7, 0.55, 0.4];
+/// Samples along a stop at which the axes' limits are checked.
+const SAMPLES: u32 = 96;
+/// All of them, and the few that lose next to nothing.
+pub(crate) const ALL_SHARES: usize = SHARES.len();
+pub(crate) const FEW_SHARES: usize = 2;
+/// What a sample may have: of velocity and acceleration, of jerk.
+const ALLOWED: (f64, f64) = (1.0005, 1.004);
+/// Share of the jerk limit that is used.
+const JERK_SHARE: f64 = 0.999;
+
+/// A place on the path with its interval's cell: walks forward only.
+pub(crate) struct Walk<'a> {
+    grid: &'a Grid,
+    until: u64,
+    interval: u64,
+    /// Distance of the interval's start from where the walk began.
+    begin: f64,
+}
+
+impl<'a> Walk<'a> {
+    pub(crate) fn new(grid: &'a Grid, from: Place, until: u64) -> Self {
+        Self { grid, until, interval: from.interval, begin: -from.x }
+    }
+
+    /// Goes on to distance `x`: the interval and the offset in it.
+    fn to(&mut self, x: f64) -> Place {
+        while let Some(length) = self.grid.interval_length(self.interval) {
+            if x < self.begin + length || self.interval + 1 >= self.until {
+                break;
+            }
+            self.begin += length;
+            self.interval += 1;
+        }
+        Place { interval: self.interval, x: x - self.begin }
+    }
+
+    fn point(&self, place: Place) -> Option<Point> {
+        let cell = self.grid.cell(place.interval)?;
+        let stretch = self.grid.stretch(cell.stretch)?;
+        Some(Point::of(stretch, cell.from + place.x, self.grid.limits()))
+    }
+}
+
+/// The ratios of a state of motion at a point of the path.
+fn ratios(point: &Point, state: &ScalarState, jerk: f64, limits: &PathLimits) -> Ratios {
+    let axes = limits.axes();
+    let (v, a) = (state.v, state.a);
+    let mut out = Ratios { velocity: v / point.speed, ..Ratios::default() };
+    for i in 0..AXES {
+        if axes.present[i] {
+            let (d1, d2, d3) = (point.first[i], point.second[i], point.third[i]);
+            out.acceleration = out.acceleration.max((d2 * v * v + d1 * a).abs() / axes.acceleration[i]);
+            let j = d3 * v * v * v + 3.0 * d2 * v * a + d1 * jerk;
+            out.jerk = out.jerk.max(j.abs() / axes.jerk[i]);
+        }
+    }
+    out
+}
+
+/// The quickest of several closed-form stops from a state that keeps all limits, with its largest ratios.
+///
+/// `shares` is how many of the gentler and gentler stops are tried.
+pub(crate) fn brake(
+    grid: &Grid,
+    from: Place,
+    v: f64,
+    a: f64,
+    until: u64,
+    shares: usize,
+) -> Option<(Profile, Ratios)> {
+    let room: f64 = (from.interval..until).filter_map(|k| grid.interval_length(k)).sum::<f64>() - from.x;
+    let state = ScalarState { x: 0.0, v, a };
+    // The least of the axes' limits along the tangent over what the gentlest of the stops would need.
+    let (mut acceleration, mut jerk) = (f64::INFINITY, f64::INFINITY);
+    let mut reach = room;
+    for round in 0..2 {
+        let mut walk = Walk::new(grid, from, until);
+        (acceleration, jerk) = (f64::INFINITY, f64::INFINITY);
+        for k in 0..=16 {
+            let place = walk.to(reach * f64::from(k) / 16.0);
+            let point = walk.point(place)?;
+            let axes = grid.limits().axes();
+            for i in (0..AXES).filter(|&i| axes.present[i]) {
+                acceleration = acceleration.min(axes.acceleration[i] / point.first[i].abs());
+                jerk = jerk.min(axes.jerk[i] / point.first[i].abs());
+            }
+            if round == 0 {
+                break;
+            }
+        }
+        let limits = ScalarLimits { velocity: v, acceleration, jerk };
+        if !(acceleration.is_finite() && jerk.is_finite()) {
+            return None;
+        }
+        reach = room.min(1.5 * Profile::brake(state, f64::MAX, 0.0, &limits).end().x);
+    }
+    // What brings speed and acceleration to zero at once; with less the motion would run backwards.
+    let least = if a < 0.0 { 0.5 * a * a / v } else { 0.0 };
+    for share in SHARES.into_iter().take(shares) {
+        let limits = ScalarLimits {
+            velocity: v,
+            acceleration: (share * acceleration).max(a.abs()),
+            jerk: (share * JERK_SHARE * jerk).max(least * (1.0 + 1e-12)),
+        };
+        let profile = Profile::brake(state, room, 0.0, &limits);
+        if profile.outcome() != Outcome::Rests {
+            continue;
+        }
+        if let Some(worst) = check(grid, from, until, &profile) {
+            return Some((profile, worst));
+        }
+    }
+    None
+}
+
+/// The largest ratios along a stop; `None` where a limit is not kept.
+fn check(grid: &Grid, from: Place, until: u64, profile: &Profile) -> Option<Ratios> {
+    let mut worst = Ratios::default();
+    let mut walk = Walk::new(grid, from, until);
+    let mut before = from.interval;
+    for k in 0..=SAMPLES {
+        let (state, jerk) = profile.at(profile.duration() * f64::from(k) / f64::from(SAMPLES));
+        let place = walk.to(state.x);
+        while before < place.interval {
+            // Joints passed since the last sample, at no more than the speed there.
+            let cell = grid.cell(before)?;
+            if state.v > cell.joint * ALLOWED.0 {
+                return None;
+            }
+            before += 1;
+        }
+        let here = ratios(&walk.point(place)?, &state, jerk, grid.limits());
+        if here.velocity.max(here.acceleration) > ALLOWED.0 || here.jerk > ALLOWED.1 {
+            return None;
+        }
+        worst.include(&here);
+    }
+    Some(worst)
+}
+
+/// A profile as pieces, cut where intervals end. False where the grid does not know an interval.
+pub(crate) fn write(grid: &Grid, from: Place, until: u64, profile: &Profile, out: &mut Vec<Piece>) -> bool {
+    let mut place = from;
+    for (start, duration, j) in profile.phases() {
+        let (mut state, mut left) = (start, duration);
+        while left > 0.0 {
+            let Some(cell) = grid.cell(place.interval) else {
+                return false;
+            };
+            let law = Law::Jerk { v: state.v, a: state.a, j };
+            let room = cell.length - place.x;
+            let reach = law.at(left).0.x;
+            let leaves = reach > room && place.interval + 1 < until;
+            let t = if leaves { law.time_to(room, left) } else { left };
+            let length = if leaves { room } else { reach };
+            if length > 0.0 {
+                out.push(Piece {
+                    law,
+                    length,
+                    duration: t,
+                    stretch: cell.stretch,
+                    from: cell.from + place.x,
+                    interval: place.interval,
+                });
+            }
+            let next = law.at(t).0;
+            (state, left) = (next, left - t);
+            place = if leaves {
+                Place { interval: place.interval + 1, x: 0.0 }
+            } else {
+                Place { x: place.x + length, ..place }
+            };
+        }
+    }
+    true
+}
