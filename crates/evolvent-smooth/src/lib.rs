@@ -14,6 +14,7 @@ mod output;
 mod smoother;
 mod spacing;
 mod timing;
+mod together;
 mod tube;
 mod weights;
 mod zone;

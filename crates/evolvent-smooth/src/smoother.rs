@@ -60,6 +60,8 @@ pub struct Smoother {
     weights: Weights,
     work: Workspace,
     timing: Timing,
+    together: crate::together::Together,
+    trial: Vec<evolvent_path::Axes>,
     feeds: Vec<f64>,
     best: Vec<evolvent_path::Axes>,
     last: Option<Block>,
@@ -97,6 +99,8 @@ impl Smoother {
             weights: Weights::default(),
             work: Workspace::default(),
             timing: Timing::default(),
+            together: crate::together::Together::default(),
+            trial: Vec::new(),
             feeds: Vec::new(),
             best: Vec::new(),
             last: None,
@@ -533,6 +537,58 @@ impl Smoother {
                     active,
                 };
                 minimise(&problem, &mut zone.points, 6, &mut self.work);
+            }
+            let rounds = crate::timing::knob("TR", 6.0) as usize;
+            if rounds > 0 {
+                let window = Window {
+                    zone,
+                    from: wide.0,
+                    to: wide.1,
+                    scales: &self.scales,
+                    active: &active,
+                    feeds: &self.feeds,
+                    rests,
+                };
+                if self.timing.solve(&window, true) {
+                    let before = self.timing.seconds(&window);
+                    let law = self.timing.law(&window);
+                    self.weights.times.clear();
+                    let mut at = first;
+                    self.weights.times.resize(wide.1 - wide.0, 0.0);
+                    for i in from..to {
+                        let next = at + zone.samples[at..behind].partition_point(|sample| sample.interval <= i);
+                        self.weights.times[i - wide.0] = crate::together::STATIONS as f64 / (next - at).max(1) as f64;
+                        at = next;
+                    }
+                    self.trial.clear();
+                    self.trial.extend_from_slice(&zone.points);
+                    let task = crate::together::Task {
+                        window,
+                        samples: &zone.samples[first..behind],
+                        weights: &self.weights.times,
+                        free: (low, high),
+                    };
+                    let ok = self.together.run(&task, &mut self.trial, law, rounds);
+                    self.best.clear();
+                    self.best.extend_from_slice(&zone.points);
+                    if ok {
+                        zone.points.copy_from_slice(&self.trial);
+                    }
+                    let window = Window {
+                        zone,
+                        from: wide.0,
+                        to: wide.1,
+                        scales: &self.scales,
+                        active: &active,
+                        feeds: &self.feeds,
+                        rests,
+                    };
+                    let after = if self.timing.solve(&window, true) { self.timing.seconds(&window) } else { f64::INFINITY };
+                    if std::env::var("LOG").is_ok() { println!("together {ok} {before} -> {after} it {}", self.together.iterations); }
+                    if after > before {
+                        zone.points.copy_from_slice(&self.best);
+                    }
+                }
             }
         }
         zone.fixed = if zone.complete && high == last {

@@ -94,6 +94,26 @@ impl Timing {
         }
     }
 
+    /// The law: `a`, `b`, `c` at the stations.
+    pub(crate) fn law(&self, window: &Window<'_>) -> (&[f64], &[f64], &[f64]) {
+        macro_rules! of {
+            ($f:ident) => {
+                (&self.solvers.$f.a, &self.solvers.$f.b, &self.solvers.$f.c)
+            };
+        }
+        match window.active.iter().filter(|&&active| active).count() {
+            1 => of!(one),
+            2 => of!(two),
+            3 => of!(three),
+            4 => of!(four),
+            5 => of!(five),
+            6 => of!(six),
+            7 => of!(seven),
+            8 => of!(eight),
+            _ => of!(nine),
+        }
+    }
+
     /// Time that the window takes.
     pub(crate) fn seconds(&self, window: &Window<'_>) -> f64 {
         match window.active.iter().filter(|&&active| active).count() {
@@ -140,6 +160,7 @@ struct Solver<const D: usize> {
     gains: Vec<[f64; 3]>,
     moves: Vec<[f64; 3]>,
     iterations: usize,
+    mu: f64,
 }
 
 impl<const D: usize> Solver<D> {
@@ -385,6 +406,7 @@ impl<const D: usize> Solver<D> {
                 std::mem::swap(&mut self.b, &mut self.trial[1]);
                 std::mem::swap(&mut self.c, &mut self.trial[2]);
             }
+            self.mu = mu;
             if mu * rows < ENOUGH * self.seconds() {
                 return true;
             }
@@ -605,16 +627,30 @@ impl<const D: usize> Solver<D> {
                     norm += js[axis] * js[axis];
                 }
                 let norm = norm.sqrt().max(0.1);
-                let scale = dt * libm::pow(norm, knob("PN", 1.0));
+                let theta = knob("TH", 0.0);
+                let mu = self.mu;
+                let scale = (1.0 - theta) * dt * libm::pow(norm, knob("PN", 1.0));
+                let (mut fj, mut fa) = (Axes::zeros(), Axes::zeros());
+                for d in 0..D {
+                    let (s0, s1) = (&self.stations[k], &self.stations[k + 1]);
+                    let qr = self.a[k].sqrt() * (s0.j3[d] * self.a[k] + s0.j2[d] * self.b[k] + s0.j1[d] * c);
+                    let ql = self.a[k + 1].sqrt() * (s1.j3l[d] * self.a[k + 1] + s1.j2[d] * self.b[k + 1] + s1.j1[d] * c);
+                    let lj = 6.0 * mu * (1.0 / (1.0 - qr * qr) + 1.0 / (1.0 - ql * ql));
+                    let q0 = s0.a2[d] * self.a[k] + s0.a1[d] * self.b[k];
+                    let q1 = s1.a2[d] * self.a[k + 1] + s1.a1[d] * self.b[k + 1];
+                    let la = 3.0 * mu * (1.0 / (1.0 - q0 * q0) + 1.0 / (1.0 - q1 * q1));
+                    fj[axes[d]] = theta * lj;
+                    fa[axes[d]] = theta * la;
+                }
                 terms.push(Term {
                     interval: i,
                     weights: jerk,
-                    factors: window.scales.jerk.map(|s| scale * s * s),
+                    factors: Axes::from_fn(|k, _| (scale + fj[k]) * window.scales.jerk[k].powi(2)),
                 });
                 terms.push(Term {
                     interval: i,
                     weights: acceleration,
-                    factors: window.scales.acceleration.map(|s| knob("WA", ACCELERATION) * dt * s * s),
+                    factors: Axes::from_fn(|k, _| ((1.0 - theta) * knob("WA", ACCELERATION) * dt + fa[k]) * window.scales.acceleration[k].powi(2)),
                 });
                 let velocity = basis.map(|f| first(&f) * v);
                 let mut vs = Axes::zeros();
