@@ -3,6 +3,7 @@
 mod bore;
 mod check;
 mod doctor;
+mod explain;
 mod feeds;
 mod figure;
 mod limiting;

@@ -6,11 +6,12 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::Args;
-use evolvent_daemon::{Clock, Controls, Job};
+use evolvent_daemon::{Clock, Controls, Job, RunOutcome};
 use evolvent_machine::{Machine, rate_for};
 use evolvent_motion::Setpoint;
 use serde::Serialize;
 
+use crate::explain::{Explanation, Surroundings, Watch, remedies};
 use crate::feeds::Feeds;
 use crate::figure::PlanFigure;
 use crate::limiting::{Classifier, bend};
@@ -31,6 +32,9 @@ pub(crate) struct PlanArgs {
     /// Draw the path coloured by feed and by what limits it, and feed, velocity, acceleration and jerk over time.
     #[arg(long, value_name = "FILE.svg")]
     plot: Option<PathBuf>,
+    /// Say why the machine is slow on this line of the program, and what would help (plans again to find out).
+    #[arg(long, value_name = "LINE", value_parser = clap::value_parser!(u32).range(1..))]
+    explain: Option<u32>,
     /// Feed override in percent, 1 to 200.
     #[arg(long = "override", value_name = "PCT", value_parser = parse_override, default_value = "100")]
     feed_override: f64,
@@ -73,9 +77,14 @@ pub(crate) fn run(args: &PlanArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
         Some(path) => Some(Table::create(path, &machine)?),
         None => None,
     };
-    let mut figure = match &args.plot {
-        Some(_) => Some((PlanFigure::new(&machine, period_s), open_feeds(&job)?)),
+    let mut figure = args.plot.as_ref().map(|_| PlanFigure::new(&machine, period_s));
+    let mut watch = match args.explain {
+        Some(line) => Some(start_watch(line, &job, &machine, period_s)?),
         None => None,
+    };
+    let mut feeds = match (&args.plot, args.explain) {
+        (None, None) => None,
+        _ => Some(open_feeds(&job)?),
     };
     let classifier = Classifier::new(&machine, period_s);
     let mut needed = NeededRate::default();
@@ -84,9 +93,12 @@ pub(crate) fn run(args: &PlanArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
     let mut screen = Screen::new(&job.program, args.json, false);
     let result = evolvent_daemon::run(&job, &controls, &mut screen, |setpoint| {
         needed.see(setpoint, &machine);
-        if let Some((figure, feeds)) = &mut figure {
-            let word = feeds.of_block(setpoint.block);
+        let word = feeds.as_mut().and_then(|feeds| feeds.of_block(setpoint.block));
+        if let Some(figure) = &mut figure {
             figure.see(setpoint, word, classifier.classify(setpoint, word));
+        }
+        if let Some((watch, _)) = &mut watch {
+            watch.see(setpoint, word);
         }
         if let Some(table) = &mut table
             && failure.is_none()
@@ -99,22 +111,60 @@ pub(crate) fn run(args: &PlanArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
     if let Some(table) = table {
         table.finish(failure)?;
     }
-    if let (Some((figure, _)), Some(path)) = (&figure, &args.plot) {
+    if let (Some(figure), Some(path)) = (&figure, &args.plot) {
         let summary = &outcome.summary;
         let svg = figure.svg(&format!("{} on {}", summary.program, summary.machine));
         write_whole(path, svg.as_bytes())
             .map_err(|error| CommandError::Failed(format!("{}: {error}", path.display())))?;
     }
-    if !args.json {
-        let ending = report(false, &outcome, out, err)?;
-        needed
-            .write(out)
-            .map_err(|error| CommandError::Failed(error.to_string()))?;
-        return Ok(ending);
+    let explanation = match (args.explain, watch) {
+        (Some(line), Some((watch, program))) => Some(explain(line, program, watch, &job, &outcome)),
+        _ => None,
+    };
+    let lost = |error: io::Error| CommandError::Failed(format!("the plan cannot be written: {error}"));
+    if args.json {
+        let text = merge(&outcome.summary, &needed, explanation.as_ref()).map_err(io::Error::from);
+        text.and_then(|text| writeln!(out, "{text}")).map_err(lost)?;
+        return report(true, &outcome, &mut io::sink(), err);
     }
-    let text = merge(&outcome.summary, &needed).map_err(|error| CommandError::Failed(error.to_string()))?;
-    writeln!(out, "{text}").map_err(|error| CommandError::Failed(error.to_string()))?;
-    report(true, &outcome, &mut io::sink(), err)
+    if let Some(explanation) = explanation {
+        write!(out, "{explanation}").map_err(lost)?;
+        return report(true, &outcome, &mut io::sink(), err);
+    }
+    let ending = report(false, &outcome, out, err)?;
+    needed.write(out).map_err(lost)?;
+    Ok(ending)
+}
+
+/// Reads what the program says around the line.
+fn start_watch(
+    line: u32,
+    job: &Job,
+    machine: &Machine,
+    period_s: f64,
+) -> Result<(Watch, Surroundings), CommandError> {
+    let program = Surroundings::read(&job.program, &job.setup, line)
+        .map_err(|error| CommandError::Failed(format!("{}: {error}", job.program.display())))?;
+    if line > program.lines {
+        return Err(CommandError::Usage(format!(
+            "{} has {} lines; there is no line {line} to explain",
+            job.program.display(),
+            program.lines
+        )));
+    }
+    Ok((Watch::new(line, machine, period_s), program))
+}
+
+fn explain(line: u32, program: Surroundings, watch: Watch, job: &Job, outcome: &RunOutcome) -> Explanation {
+    // Nothing can be compared with a plan that failed.
+    let whole = outcome.program.is_ok() && outcome.fault.is_none() && !watch.is_empty();
+    let seen = watch.finish();
+    let measured = if whole {
+        remedies(job, line, &program, &seen)
+    } else {
+        Vec::new()
+    };
+    Explanation::new(line, program, seen, measured)
 }
 
 /// Neither output may be an input, nor the other output, nor may the table while it is unfinished.
@@ -145,14 +195,21 @@ fn open_feeds(job: &Job) -> Result<Feeds, CommandError> {
         .map_err(|error| CommandError::Failed(format!("{}: {error}", job.program.display())))
 }
 
-/// The summary's JSON with the rate's fields and the warnings.
-fn merge(summary: &evolvent_daemon::Summary, needed: &NeededRate) -> serde_json::Result<String> {
+/// The summary's JSON with the rate's fields, the warnings and the explanation.
+fn merge(
+    summary: &evolvent_daemon::Summary,
+    needed: &NeededRate,
+    explanation: Option<&Explanation>,
+) -> serde_json::Result<String> {
     let mut object = serde_json::to_value(summary)?;
     if let (Some(object), serde_json::Value::Object(more)) =
         (object.as_object_mut(), serde_json::to_value(needed)?)
     {
         object.extend(more);
         object.insert("warnings".to_owned(), serde_json::to_value(&summary.notes)?);
+        if let Some(explanation) = explanation {
+            object.insert("explanation".to_owned(), serde_json::to_value(explanation)?);
+        }
     }
     serde_json::to_string(&object)
 }

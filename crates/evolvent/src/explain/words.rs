@@ -1,0 +1,328 @@
+//! The explanation as sentences.
+
+use std::fmt::{self, Display, Formatter};
+
+use super::Explanation;
+use super::surroundings::{Block, Corner, Neighbour, Surroundings};
+use super::watch::{Place, Seen, Where};
+use crate::limiting::{Limiting, Order};
+
+/// A corner below this angle is none, degrees.
+const SLIGHT_DEGREES: f64 = 0.5;
+/// Stretches shorter than this are worth a word, mm.
+const SHORT_MM: f64 = 2.0;
+
+/// Why the line is slow, and what to do that cannot be measured here.
+pub(super) fn reasons(program: &Surroundings, seen: &Seen) -> (Vec<String>, Vec<String>) {
+    let (mut reasons, mut advice) = (Vec::new(), Vec::new());
+    let share = |cause: Limiting| {
+        seen.causes
+            .iter()
+            .find(|known| known.0 == cause)
+            .map_or(0.0, |known| known.1)
+    };
+    if program.moves.is_empty() || seen.time_s <= 0.0 {
+        return (reasons, advice);
+    }
+    if share(Limiting::Feed) > 0.5 {
+        reasons.push("it runs at its programmed feed for most of its time".to_owned());
+        advice.push("a higher feed word, if the cut permits it".to_owned());
+    }
+    for place in &seen.places {
+        let side = match place.at {
+            Where::Start => program.before.as_ref(),
+            Where::End => program.after.as_ref(),
+            Where::Within => None,
+        };
+        if let Some(reason) = reason(place, side, program) {
+            reasons.push(reason);
+        }
+    }
+    if let Some(corner) = exact_corner(program, seen) {
+        advice.push(corner);
+    }
+    if program_tolerance(program) && !seen.places.is_empty() {
+        advice.push("a larger P of G64 in the program, if the part permits it".to_owned());
+    }
+    if short_neighbours(program) {
+        advice.push("fewer and longer moves, or arcs instead of short lines, from the CAM system".to_owned());
+    }
+    if share(Limiting::Nothing) > 0.5 {
+        reasons.push(
+            "for most of its time no limit is reached: the planner keeps a reserve between short or curved moves"
+                .to_owned(),
+        );
+    }
+    if share(Limiting::Joint) > 0.05 {
+        advice.push("G64 instead of G61, or a longer path.joint_time_ms".to_owned());
+    }
+    (reasons, advice)
+}
+
+fn reason(place: &Place, side: Option<&Neighbour>, program: &Surroundings) -> Option<String> {
+    let (name, toward) = match place.at {
+        Where::Start => ("start", "from"),
+        Where::End => ("end", "to"),
+        Where::Within => return within(place),
+    };
+    let speed = speed(place);
+    let Some(side) = side else {
+        let what = match place.at {
+            Where::Start => "begins",
+            _ => "ends",
+        };
+        return Some(format!(
+            "its {name} is at rest: the motion of the program {what} there"
+        ));
+    };
+    let line = side.block.line;
+    if let Some((line, what)) = &side.rest {
+        return Some(format!(
+            "{speed} at its {name}: line {line} is {what}, for which the axes stand still"
+        ));
+    }
+    // The joint belongs to the move before it.
+    let joint = match place.at {
+        Where::Start => side.block.corner_after,
+        _ => program.moves.last()?.corner_after,
+    };
+    let mut causes = Vec::new();
+    match side.corner_degrees {
+        Some(angle) if angle >= SLIGHT_DEGREES => {
+            let taken = match joint {
+                Corner::Exact => "kept exactly (G61)".to_owned(),
+                Corner::Stop => "and a stop after every move (G61.1)".to_owned(),
+                Corner::Within(p) => format!("rounded within {p} mm (G64 P)"),
+                Corner::WithinDefault(p) => {
+                    format!("rounded within {p} mm (the machine file's blend tolerance)")
+                }
+            };
+            causes.push(format!(
+                "a corner of {angle:.1} degrees {toward} line {line}, {taken}"
+            ));
+        }
+        _ if joint == Corner::Stop => causes.push("G61.1 stops after every move".to_owned()),
+        _ => {}
+    }
+    if let (Some(theirs), Some(own)) = (side.block.feed_mm_min, program.moves.first()?.feed_mm_min)
+        && theirs < 0.97 * own
+    {
+        causes.push(format!("line {line} is programmed at {theirs:.0} mm/min only"));
+    }
+    if side.mean_length_mm < SHORT_MM && side.mean_length_mm > 0.0 {
+        causes.push(format!(
+            "the moves {} it are {} mm long in the mean",
+            if place.at == Where::Start {
+                "before"
+            } else {
+                "after"
+            },
+            short(side.mean_length_mm)
+        ));
+    }
+    if causes.is_empty() {
+        causes.push(format!("the speed that line {line} permits"));
+    }
+    Some(format!("{speed} at its {name}: {}", causes.join("; ")))
+}
+
+fn within(place: &Place) -> Option<String> {
+    let bend = place.radius_mm.map_or_else(String::new, |radius| {
+        format!(" where its radius is {} mm", short(radius))
+    });
+    Some(match place.used.first() {
+        Some(most) => format!(
+            "{} within it{bend}: {:.0} % of the {} limit is used there",
+            speed(place),
+            100.0 * most.share,
+            most.limit
+        ),
+        None => format!(
+            "{} within it{bend}, with every limit less than half used",
+            speed(place)
+        ),
+    })
+}
+
+fn exact_corner(program: &Surroundings, seen: &Seen) -> Option<String> {
+    let exact = |corner: Corner| matches!(corner, Corner::Exact | Corner::Stop);
+    let at = |at: Where| seen.places.iter().any(|place| place.at == at);
+    let cornered =
+        |side: &Neighbour| side.rest.is_none() && side.corner_degrees.is_some_and(|a| a >= SLIGHT_DEGREES);
+    let start = at(Where::Start)
+        && program
+            .before
+            .as_ref()
+            .is_some_and(|before| cornered(before) && exact(before.block.corner_after));
+    let end = at(Where::End)
+        && program.after.as_ref().is_some_and(cornered)
+        && program
+            .moves
+            .last()
+            .is_some_and(|block| exact(block.corner_after));
+    (start || end).then(|| "G64 P instead of G61, if the part permits rounded corners".to_owned())
+}
+
+fn program_tolerance(program: &Surroundings) -> bool {
+    let blocks = program
+        .before
+        .iter()
+        .map(|before| &before.block)
+        .chain(&program.moves);
+    blocks
+        .into_iter()
+        .any(|block| matches!(block.corner_after, Corner::Within(_)))
+}
+
+fn short_neighbours(program: &Surroundings) -> bool {
+    [&program.before, &program.after]
+        .into_iter()
+        .flatten()
+        .any(|side| side.mean_length_mm > 0.0 && side.mean_length_mm < SHORT_MM)
+}
+
+fn speed(place: &Place) -> String {
+    if place.feed_mm_min < 1.0 {
+        "at rest".to_owned()
+    } else {
+        format!("{:.0} mm/min", place.feed_mm_min)
+    }
+}
+
+fn short(mm: f64) -> String {
+    if mm < 0.1 {
+        format!("{mm:.4}")
+    } else {
+        format!("{mm:.2}")
+    }
+}
+
+impl Display for Explanation {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        writeln!(f, "line {}: {}", self.line, self.program.text)?;
+        if self.program.moves.is_empty() || self.seen.time_s <= 0.0 {
+            return self.no_motion(f);
+        }
+        for block in self.program.moves.iter().take(4) {
+            writeln!(f, "  {}", described(block))?;
+        }
+        if self.program.moves.len() > 4 {
+            writeln!(f, "  and {} more moves", self.program.moves.len() - 4)?;
+        }
+        let seen = &self.seen;
+        let passes = if seen.passes > 1 {
+            format!(" in {} passes", seen.passes)
+        } else {
+            String::new()
+        };
+        writeln!(
+            f,
+            "  speed {:.0} to {:.0} mm/min, {:.0} in the mean; {:.3} s{passes}, {:.1} % of the program's time",
+            seen.least_feed_mm_min,
+            seen.most_feed_mm_min,
+            seen.mean_feed_mm_min,
+            seen.time_s,
+            100.0 * seen.share_of_program
+        )?;
+        let causes: Vec<String> = seen
+            .causes
+            .iter()
+            .filter(|(_, share)| *share >= 0.005)
+            .map(|(cause, share)| format!("{} {:.0} %", cause.name(), 100.0 * share))
+            .collect();
+        writeln!(f, "  limited by: {}", causes.join(", "))?;
+        if seen.places.is_empty() {
+            writeln!(f, "  nowhere below 97 % of its feed")?;
+        }
+        for place in &seen.places {
+            self.place(f, place)?;
+        }
+        for reason in &self.reasons {
+            writeln!(f, "  because: {reason}")?;
+        }
+        for remedy in &self.remedies {
+            writeln!(
+                f,
+                "  with {}: {:.3} s instead of {:.3} s on this line, {:.3} s in all",
+                remedy.change, remedy.time_s, seen.time_s, remedy.program_s
+            )?;
+        }
+        for advice in &self.advice {
+            writeln!(f, "  may help: {advice}")?;
+        }
+        Ok(())
+    }
+}
+
+impl Explanation {
+    fn no_motion(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        if !self.program.moves.is_empty() {
+            return writeln!(f, "  its motion is shorter than one control period");
+        }
+        match self.program.nearest {
+            (None, None) => writeln!(f, "  nothing in this program moves the axes"),
+            (Some(line), None) | (None, Some(line)) => {
+                writeln!(f, "  has no motion; the nearest line with motion is {line}")
+            }
+            (Some(below), Some(above)) => {
+                writeln!(
+                    f,
+                    "  has no motion; the nearest lines with motion are {below} and {above}"
+                )
+            }
+        }
+    }
+
+    fn place(&self, f: &mut Formatter<'_>, place: &Place) -> fmt::Result {
+        let name = match place.at {
+            Where::Start => "at its start",
+            Where::Within => "within it",
+            Where::End => "at its end",
+        };
+        let position: Vec<String> = place.position.iter().map(|value| format!("{value:.4}")).collect();
+        write!(
+            f,
+            "  slow {name}: {:.0} mm/min at {:.3} s, position {}",
+            place.feed_mm_min,
+            place.time_s,
+            position.join(" ")
+        )?;
+        if let Some(radius) = place.radius_mm {
+            write!(f, ", radius {} mm", short(radius))?;
+        }
+        writeln!(f)?;
+        for used in place.used.iter().take(3) {
+            let digits = match used.cause {
+                Limiting::Axis(_, Order::Jerk | Order::Acceleration) => 0,
+                _ => 2,
+            };
+            writeln!(
+                f,
+                "    {}: {:.0} % of {:.digits$} {}",
+                used.limit,
+                100.0 * used.share,
+                used.value,
+                used.unit
+            )?;
+        }
+        Ok(())
+    }
+}
+
+fn described(block: &Block) -> String {
+    let feed = block.feed_mm_min.map_or_else(
+        || "as fast as the axes can".to_owned(),
+        |feed| format!("programmed at {feed:.0} mm/min"),
+    );
+    let corner = match block.corner_after {
+        Corner::Exact => "exact path (G61)".to_owned(),
+        Corner::Stop => "exact stop (G61.1)".to_owned(),
+        Corner::Within(p) => format!("blended within {p} mm (G64 P)"),
+        Corner::WithinDefault(p) => format!("blended within {p} mm (G64, machine file)"),
+    };
+    format!(
+        "{} of {} mm, {feed}, {corner}",
+        block.kind,
+        short(block.length_mm)
+    )
+}
