@@ -1,5 +1,7 @@
 //! `plan --explain` and `plan --plot` on small programs whose answer is known.
 
+#![expect(clippy::unwrap_used, reason = "a test may fail")]
+
 use std::path::Path;
 use std::process::{Command, Output};
 
