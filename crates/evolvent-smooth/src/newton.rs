@@ -4,6 +4,11 @@ use evolvent_path::{AXES, Axes};
 
 use crate::tube::{GROUPS, Sample};
 
+/// Share of its room that every sample keeps in a step, and how steps are shortened until it does.
+const ROOM: f64 = 0.05;
+const SHORTER: f64 = 0.8;
+const SHORTENINGS: usize = 80;
+
 /// A term of the cost: the square of a linear function of the four control points of an interval, axis by axis.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Term {
@@ -112,10 +117,9 @@ impl<'a, const D: usize> Solver<'a, D> {
             }
             back = 0;
             self.solve(work, size);
-            let limit = self.limit(points, work);
-            let length = limit.min(1.0);
+            let limit = self.limit(work);
             for s in &mut work.step[..size] {
-                *s *= length;
+                *s *= limit;
             }
             last = -work.step[..size].iter().zip(&work.gradient).map(|(s, g)| s * g).sum::<f64>();
             if !last.is_finite() {
@@ -169,8 +173,9 @@ impl<'a, const D: usize> Solver<'a, D> {
             let error = sample.error(&points[i..i + 4]);
             work.errors.push(error);
             let (n, columns, places) = &self.groups[sample.group];
-            let slip = sample.squash * crate::tube::dot(&error, &sample.along);
-            let ratio = sample.ratio(&error);
+            let (off, inside) = sample.off(&error);
+            let ratio = crate::tube::dot(&off, &off) / sample.radius2;
+            let flat = f64::from(u8::from(inside));
             let inverse = 1.0 / (1.0 - ratio);
             let weight = self.problem.mu * self.problem.barrier[i - self.problem.first];
             let h1 = 2.0 * weight * inverse / sample.radius2;
@@ -179,12 +184,12 @@ impl<'a, const D: usize> Solver<'a, D> {
             let mut h = [[0.0; 3]; 3];
             for a in 0..*n {
                 let p = places[a];
-                g[a] = error[p] - slip * sample.along[p];
+                g[a] = off[p];
             }
             for a in 0..*n {
                 for b in 0..*n {
                     let (p, q) = (places[a], places[b]);
-                    h[a][b] = h1 * (h2 * g[a] * g[b] - sample.squash * sample.along[p] * sample.along[q]);
+                    h[a][b] = h1 * (h2 * g[a] * g[b] - flat * sample.along[p] * sample.along[q]);
                 }
                 h[a][a] += h1;
             }
@@ -257,10 +262,9 @@ impl<'a, const D: usize> Solver<'a, D> {
     }
 
     /// Largest multiple of the step that stays well inside the tube.
-    fn limit(&self, points: &[Axes], work: &Workspace) -> f64 {
+    fn limit(&self, work: &Workspace) -> f64 {
         let (low, high) = self.problem.free;
-        let _ = points;
-        let mut limit = f64::INFINITY;
+        let mut limit: f64 = 1.0;
         for (sample, error) in self.problem.samples.iter().zip(&work.errors) {
             let i = sample.interval;
             let (n, columns, places) = &self.groups[sample.group];
@@ -274,20 +278,15 @@ impl<'a, const D: usize> Solver<'a, D> {
                     change[places[a]] += sample.weights[l] * work.step[base + columns[a]];
                 }
             }
-            let (e, c) = (
-                crate::tube::dot(error, &sample.along),
-                crate::tube::dot(&change, &sample.along),
-            );
-            let a = crate::tube::dot(&change, &change) - sample.squash * c * c;
-            let b = crate::tube::dot(error, &change) - sample.squash * e * c;
-            let r = sample.radius2 * (1.0 - sample.ratio(error));
-            if a > 0.0 {
-                // The positive root of a t^2 + 2 b t = r.
-                let root = (b * b + a * r).sqrt();
-                let t = if b > 0.0 { r / (root + b) } else { (root - b) / a };
-                limit = limit.min(t);
+            let most = 1.0 - ROOM * (1.0 - sample.ratio(error));
+            let at = |t: f64| sample.ratio(&std::array::from_fn(|d| error[d] + t * change[d]));
+            for _ in 0..SHORTENINGS {
+                if at(limit) <= most {
+                    break;
+                }
+                limit *= SHORTER;
             }
         }
-        0.95 * limit
+        limit
     }
 }

@@ -14,7 +14,7 @@ use crate::zone::{Clamp, Laid, Zone, spread};
 use crate::{Block, Mark, Output, Settings, Stretch, Tolerance};
 
 /// How far a zone reaches to each side of a joint, in spacings there: where the spacing has grown for 20 knots.
-const EXTENT: f64 = 100.0;
+const EXTENT: f64 = 150.0;
 /// Control points that are found together, and how many of them become final.
 const WINDOW: usize = 64;
 const COMMIT: usize = 32;
@@ -274,7 +274,7 @@ impl Smoother {
         let link = self.chain.get(number)?;
         let settled = number < self.unripe
             && (complete || link.from + link.spacing / GROWTH <= self.reach(complete));
-        settled.then_some(crate::timing::knob("EXTENT", EXTENT) * link.spacing)
+        settled.then_some(EXTENT * link.spacing)
     }
 
     fn advance_exact(&mut self, ending: Option<Ending>, out: &mut Vec<Output>) -> bool {
@@ -282,7 +282,7 @@ impl Smoother {
         let Some(joint) = self.eased(first) else {
             let end = self.chain.end();
             let most = self.chain.get(self.chain.next().wrapping_sub(1)).map_or(0.0, |link| {
-                crate::timing::knob("EXTENT", EXTENT) * spacing::most(link.tolerance)
+                EXTENT * spacing::most(link.tolerance)
             });
             let to = if ending.is_some() { end } else { end - most };
             self.exact(to, out);
@@ -361,7 +361,7 @@ impl Smoother {
                 };
                 return (joint, Some((end, clamp)));
             }
-            let most = crate::timing::knob("EXTENT", EXTENT) * spacing::most(link.tolerance);
+            let most = EXTENT * spacing::most(link.tolerance);
             if end > leave + gap + most {
                 return (joint, Some((leave, Clamp::Jet(self.jet(leave)))));
             }
@@ -405,7 +405,7 @@ impl Smoother {
                 let mut reach = self.reach(ending.is_some());
                 if end.is_none() {
                     // Where the zone may end, knots have to fit.
-                    let leave = self.chain.get(joint).map_or(reach, |link| link.from + crate::timing::knob("EXTENT", EXTENT) * link.spacing);
+                    let leave = self.chain.get(joint).map_or(reach, |link| link.from + EXTENT * link.spacing);
                     reach = reach.min(leave);
                 }
                 match self.zone.lay(&mut self.chain, &start, end, reach, &self.active) {
@@ -450,7 +450,8 @@ impl Smoother {
             let behind = zone.samples.partition_point(|sample| sample.interval < to);
             let (start, factor, least) = BARRIER;
             let mut mu = start;
-            for round in 0..ROUNDS {
+            let irls = crate::timing::knob("RO", 6.0) as usize;
+            for round in 0..irls {
                 self.weights.update(zone, wide.0, wide.1, &self.scales, &active);
                 // Every interval's samples share its weight.
                 let times = &mut self.weights.times;
@@ -470,7 +471,7 @@ impl Smoother {
                     free: (low, high),
                     active,
                 };
-                let steps = if round + 1 == ROUNDS { STEPS.1 } else { STEPS.0 };
+                let steps = if round + 1 == irls { STEPS.1 } else { STEPS.0 };
                 minimise(&problem, &mut zone.points, steps, &mut self.work);
                 mu = (mu * factor).max(least);
             }

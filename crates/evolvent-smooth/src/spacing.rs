@@ -60,7 +60,7 @@ pub(crate) fn at_joint(chain: &Chain, number: usize, guess: f64, complete: bool)
             x = next;
         }
     }
-    Some(crate::timing::knob("Q", 0.5) * x)
+    Some(0.7 * x)
 }
 
 /// The spacing inside a curved link: half the distance over which it bends away by twice the tolerance.

@@ -19,8 +19,9 @@ const FACTOR: f64 = 0.2;
 const ENOUGH: f64 = 3e-3;
 /// Share of the limits that the first law uses.
 const BEGIN: f64 = 0.5;
-/// Weight of acceleration beside jerk.
+/// Weights of acceleration, and of velocity where it is at its limit, beside jerk.
 const ACCELERATION: f64 = 0.3;
+const VELOCITY: f64 = 3.0;
 
 /// One station: derivatives of the spline in units of the limits, and the bound of `a`.
 #[derive(Clone, Copy, Debug)]
@@ -627,30 +628,16 @@ impl<const D: usize> Solver<D> {
                     norm += js[axis] * js[axis];
                 }
                 let norm = norm.sqrt().max(0.1);
-                let theta = knob("TH", 0.0);
-                let mu = self.mu;
-                let scale = (1.0 - theta) * dt * libm::pow(norm, knob("PN", 1.0));
-                let (mut fj, mut fa) = (Axes::zeros(), Axes::zeros());
-                for d in 0..D {
-                    let (s0, s1) = (&self.stations[k], &self.stations[k + 1]);
-                    let qr = self.a[k].sqrt() * (s0.j3[d] * self.a[k] + s0.j2[d] * self.b[k] + s0.j1[d] * c);
-                    let ql = self.a[k + 1].sqrt() * (s1.j3l[d] * self.a[k + 1] + s1.j2[d] * self.b[k + 1] + s1.j1[d] * c);
-                    let lj = 6.0 * mu * (1.0 / (1.0 - qr * qr) + 1.0 / (1.0 - ql * ql));
-                    let q0 = s0.a2[d] * self.a[k] + s0.a1[d] * self.b[k];
-                    let q1 = s1.a2[d] * self.a[k + 1] + s1.a1[d] * self.b[k + 1];
-                    let la = 3.0 * mu * (1.0 / (1.0 - q0 * q0) + 1.0 / (1.0 - q1 * q1));
-                    fj[axes[d]] = theta * lj;
-                    fa[axes[d]] = theta * la;
-                }
+                let scale = dt * norm;
                 terms.push(Term {
                     interval: i,
                     weights: jerk,
-                    factors: Axes::from_fn(|k, _| (scale + fj[k]) * window.scales.jerk[k].powi(2)),
+                    factors: window.scales.jerk.map(|s| scale * s * s),
                 });
                 terms.push(Term {
                     interval: i,
                     weights: acceleration,
-                    factors: Axes::from_fn(|k, _| ((1.0 - theta) * knob("WA", ACCELERATION) * dt + fa[k]) * window.scales.acceleration[k].powi(2)),
+                    factors: window.scales.acceleration.map(|s| ACCELERATION * dt * s * s),
                 });
                 let velocity = basis.map(|f| first(&f) * v);
                 let mut vs = Axes::zeros();
@@ -661,13 +648,12 @@ impl<const D: usize> Solver<D> {
                 let feed = window.feeds[i - window.from];
                 let speed = crate::joint::metric(&vs);
                 let by_feed = (speed / feed).powi(8) / (feed * feed);
-                let wv = knob("WV", 3.0);
                 terms.push(Term {
                     interval: i,
                     weights: velocity,
                     factors: Axes::from_fn(|k, _| {
                         let s = window.scales.velocity[k];
-                        wv * dt * (s * s * (vs[k] * s).powi(8) + if k < 3 { by_feed } else { 0.0 })
+                        VELOCITY * dt * (s * s * (vs[k] * s).powi(8) + if k < 3 { by_feed } else { 0.0 })
                     }),
                 });
             }

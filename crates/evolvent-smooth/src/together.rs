@@ -477,8 +477,9 @@ impl Together {
         for sample in task.samples {
             let i = sample.interval;
             let error = sample.error(&points[i..i + 4]);
-            let slip = sample.squash * dot(&error, &sample.along);
-            let inverse = 1.0 / (1.0 - sample.ratio(&error));
+            let (off, inside) = sample.off(&error);
+            let inverse = 1.0 / (1.0 - dot(&off, &off) / sample.radius2);
+            let flat = f64::from(u8::from(inside));
             let weight = mu * task.weights[i - layout.from];
             let h1 = 2.0 * weight * inverse / sample.radius2;
             let h2 = 2.0 * inverse / sample.radius2;
@@ -493,7 +494,7 @@ impl Together {
                     if a == NONE {
                         continue;
                     }
-                    let ep = error[p] - slip * sample.along[p];
+                    let ep = off[p];
                     gradient[at + a] += h1 * sample.weights[l] * ep;
                     for m in l..4 {
                         let to = layout.point(i + m);
@@ -505,8 +506,8 @@ impl Together {
                             if b == NONE || to + b < at + a {
                                 continue;
                             }
-                            let eq = error[q] - slip * sample.along[q];
-                            let mut h = h1 * (h2 * ep * eq - sample.squash * sample.along[p] * sample.along[q]);
+                            let eq = off[q];
+                            let mut h = h1 * (h2 * ep * eq - flat * sample.along[p] * sample.along[q]);
                             if p == q {
                                 h += h1;
                             }

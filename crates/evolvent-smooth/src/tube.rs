@@ -1,12 +1,9 @@
 //! The tube about the programmed path that the spline keeps to.
 //!
-//! A sample compares a point of the spline with the programmed point of the same parameter. Where the path is dense
-//! the error stays in a ball. On a longer straight the point may also slip along it: an ellipsoid about
-//! `p + t (d2 - d1) / 2` with the tolerance `P` across and `(d1 + d2) / 2 + P` along, where `d1` and `d2` are the
-//! distances to the straight's ends, at most `4 P`. Each of its points is within `P` of the straight: a point that
-//! overshoots an end by `x` has at most `sqrt(1 - ((L - P + x) / L)^2) P` across, which with
-//! `x L <= P (L - P + x)`, that is `x <= P`, is within the ball about the end. A ball would waste
-//! `1 / sin(half the angle)` at every corner.
+//! A sample compares a point of the spline with the programmed path about the place of the same parameter. Where
+//! the path is dense that is the programmed point itself: the error stays in a ball. On a longer straight the point
+//! may also slip along it: it stays in the capsule of all points within the tolerance `P` of a part of the straight.
+//! A ball would waste `1 / sin(half the angle)` at every corner.
 
 use evolvent_path::Axes;
 
@@ -16,7 +13,7 @@ use crate::chain::{Chain, Link};
 /// Share of the tolerance that samples may use; the rest is for what lies between them.
 pub(crate) const SHARE: f64 = 0.98;
 /// How far along a straight the tube reaches, in tolerances.
-const SLIP: f64 = 4.0;
+const SLIP: f64 = 8.0;
 /// A straight shorter than so many knot intervals counts as dense.
 const DENSE: f64 = 3.0;
 
@@ -32,13 +29,13 @@ pub(crate) struct Sample {
     pub(crate) group: usize,
     /// The basis functions there.
     pub(crate) weights: [f64; 4],
-    /// Centre of the ball or ellipsoid.
+    /// The programmed point.
     pub(crate) centre: [f64; 3],
-    /// Direction in which the ellipsoid is longer.
+    /// Direction of the straight, zero for a ball.
     pub(crate) along: [f64; 3],
-    /// One less the squared ratio of the ellipsoid's axes; 0 for a ball.
-    pub(crate) squash: f64,
-    /// Square of the radius across.
+    /// How far the point may slip to both sides.
+    pub(crate) slip: (f64, f64),
+    /// Square of the radius.
     pub(crate) radius2: f64,
 }
 
@@ -56,9 +53,18 @@ impl Sample {
         error
     }
 
-    /// The squared error in units of the squared radius, the direction along shortened.
+    /// From the nearest point of the straight to the point, and whether that is inside of the straight.
+    pub(crate) fn off(&self, error: &[f64; 3]) -> ([f64; 3], bool) {
+        let x = dot(error, &self.along);
+        let nearest = x.max(-self.slip.0).min(self.slip.1);
+        let off = std::array::from_fn(|d| error[d] - nearest * self.along[d]);
+        (off, x > -self.slip.0 && x < self.slip.1)
+    }
+
+    /// The squared distance in units of the squared radius.
     pub(crate) fn ratio(&self, error: &[f64; 3]) -> f64 {
-        (dot(error, error) - self.squash * dot(error, &self.along).powi(2)) / self.radius2
+        let (off, _) = self.off(error);
+        dot(&off, &off) / self.radius2
     }
 }
 
@@ -172,7 +178,7 @@ impl Maker<'_> {
         };
         let weights = values(self.basis, x);
         let place = link.position(u);
-        let tolerance = crate::timing::knob("SHARE", SHARE) * link.tolerance;
+        let tolerance = SHARE * link.tolerance;
         for (group, &(first, count)) in GROUPS.iter().enumerate() {
             if !self.active[first..first + count].iter().any(|&active| active) {
                 continue;
@@ -183,7 +189,7 @@ impl Maker<'_> {
                 weights,
                 centre: [0.0; 3],
                 along: [0.0; 3],
-                squash: 0.0,
+                slip: (0.0, 0.0),
                 radius2: tolerance * tolerance,
             };
             made.centre[..count].copy_from_slice(&place.as_slice()[first..first + count]);
@@ -200,19 +206,14 @@ impl Maker<'_> {
         if slope.as_slice()[3..].iter().any(|&rate| rate != 0.0) {
             return;
         }
-        let radius = made.radius2.sqrt();
-        let reach = crate::timing::knob("SLIP", SLIP) * link.tolerance;
-        let straight = straight(self.chain, number, link, u, reach.max(crate::timing::knob("DENSE", DENSE) * self.width));
-        if straight.sharp || straight.behind + straight.ahead <= crate::timing::knob("DENSE", DENSE) * self.width {
+        let reach = SLIP * link.tolerance;
+        let straight = straight(self.chain, number, link, u, reach.max(DENSE * self.width));
+        if straight.sharp || straight.behind + straight.ahead <= DENSE * self.width {
             return;
         }
-        let (d1, d2) = (straight.behind.clamp(0.0, reach), straight.ahead.clamp(0.0, reach));
-        let half = 0.5 * (d1 + d2) + radius;
-        let shift = 0.5 * (d2 - d1);
+        made.slip = (straight.behind.clamp(0.0, reach), straight.ahead.clamp(0.0, reach));
         for d in 0..3 {
             made.along[d] = slope[d];
-            made.centre[d] += shift * slope[d];
         }
-        made.squash = 1.0 - (radius / half) * (radius / half);
     }
 }

@@ -91,7 +91,8 @@ impl Section {
 }
 
 pub fn plan(section: &Section, limits: &Limits, sub: usize) -> Plan {
-    let js = limits.j[0].min(limits.j[1]).min(limits.j[2]);
+    let rate = section.jet(0.0).first.amax().max(section.jet(section.length).first.amax());
+    let js = limits.j[0].min(limits.j[1]).min(limits.j[2]) / if rate > 1.0 + 1e-9 { 1.2 * rate } else { 1.0 };
     let n = section.stretches.len();
     let slowest = section.stretches.iter().map(|s| s.feed).fold(limits.v[0], f64::min);
     let widths: Vec<f64> = section.stretches.iter().map(|s| s.length).collect();
