@@ -283,6 +283,13 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
                 file: self.file.clone(),
                 diagnostic: Box::new(diagnostic),
             })?;
+            if let Some(what) = command.action.missing_ability() {
+                let diagnostic = Box::new(refuse(what, program, command.line));
+                return Err(ProgramError::Text {
+                    file: self.file.clone(),
+                    diagnostic,
+                });
+            }
             match self.execute(&command) {
                 Ok(true) => {}
                 Ok(false) | Err(PlanError::Sink(_)) => break,
@@ -323,8 +330,8 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
             other => {
                 if let Some(text) = describe(other) {
                     // Neither a message nor the next tool's number is a reason to stop.
-                    if matches!(other, Action::Message(_) | Action::SelectTool(_)) {
-                        let is_message = matches!(other, Action::Message(_));
+                    if matches!(other, Action::Message(_) | Action::Print(_) | Action::SelectTool(_)) {
+                        let is_message = matches!(other, Action::Message(_) | Action::Print(_));
                         self.announce(Moment::Block(self.next_block), line, is_message, &text);
                     } else {
                         self.act(line, &text)?;
@@ -426,7 +433,8 @@ fn describe(action: &Action) -> Option<String> {
             let word = |on: bool| if on { "on" } else { "off" };
             format!("mist {}, flood {}", word(*mist), word(*flood))
         }
-        Action::Message(text) => text.clone(),
+        Action::ToolNumber(tool) => format!("tool {tool} is in the spindle"),
+        Action::Message(text) | Action::Print(text) => text.clone(),
         _ => return None,
     })
 }
@@ -490,6 +498,13 @@ impl PlanSink for Nowhere {
     }
     fn exit(&mut self, _: u64, _: ExitSpeeds) {}
     fn finalise(&mut self, _: u64) {}
+}
+
+/// Something that the core cannot do yet, with its place.
+fn refuse(what: &str, program: &Path, line: u32) -> Diagnostic {
+    let text = line_text(program, line).unwrap_or_default();
+    let message = format!("{what}: not possible on this machine yet");
+    Diagnostic::about_line(Code::MissingAbility, line, &text, None, message)
 }
 
 /// A refused move with its place.

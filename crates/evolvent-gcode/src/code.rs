@@ -143,6 +143,20 @@ codes! {
 
     /// A tool that the tool table does not have.
     UnknownTool = "G0410",
+    /// A word that a code needs is missing.
+    WordMissing = "G0411",
+    /// A value outside of what makes sense.
+    OutOfRange = "G0412",
+    /// Something that does not go while cutter compensation is on.
+    CompensationActive = "G0413",
+    /// Not in the plane in force.
+    WrongPlane = "G0414",
+    /// Not in the feed mode in force.
+    WrongMode = "G0415",
+    /// G5.2 and G5.3 do not fit.
+    SplineOpen = "G0416",
+    /// M72 without modes that were saved.
+    NothingSaved = "G0417",
 
     /// An arc without I, J, K or R.
     ArcCentreMissing = "G0501",
@@ -191,10 +205,19 @@ codes! {
     /// The geometry refuses the line.
     LineRefused = "G0702",
 
+    /// The geometry refuses the hole of G12.2 or G13.2.
+    HoleRefused = "G0703",
+    /// Cutter compensation: the first move is too short.
+    CompensationEntry = "G0704",
+    /// Cutter compensation: the tool does not fit.
+    CompensationGouge = "G0705",
+
     /// A move leaves the travel of an axis.
     BeyondTravel = "G0801",
     /// The machine cannot do a move for another reason.
     MoveRefused = "G0802",
+    /// Something that the core cannot do yet.
+    MissingAbility = "G0803",
 }
 
 impl std::fmt::Display for Code {

@@ -15,10 +15,6 @@ pub struct Command {
 /// (table 8), so that whoever carries them out needs no modal state of his own.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
-#[expect(
-    clippy::large_enum_variant,
-    reason = "nearly every action is a move; a box each would cost more"
-)]
 pub enum Action {
     /// Move along a curve.
     Move(Move),
@@ -45,6 +41,109 @@ pub enum Action {
         /// Flood coolant (M8) runs.
         flood: bool,
     },
+    /// The tool in the spindle is this one, without a change (M61).
+    ToolNumber(u32),
+    /// Turn the stopped spindle to an angle (M19).
+    OrientSpindle {
+        /// In degrees, 0 to 360.
+        degrees: f64,
+        /// The way; `None` for the shorter one.
+        direction: Option<SpindleDirection>,
+        /// Longest wait for it in seconds; 0 for none.
+        timeout_s: f64,
+    },
+    /// Constant surface speed (G96): the spindle's speed follows the radius, X of the tool.
+    SurfaceSpeed {
+        /// Sense of rotation, or stopped.
+        direction: SpindleDirection,
+        /// Commanded speed of the surface in metres per minute, not negative.
+        metres_per_minute: f64,
+        /// Never faster than this; infinite without D.
+        max_rpm: f64,
+    },
+    /// A move in step with the spindle's angle (G33, G76).
+    Thread {
+        /// Where to.
+        curve: Curve,
+        /// Path length per revolution, mm.
+        pitch_mm: f64,
+        /// Rapids between the passes of G76 are [`Action::Move`]s.
+        path_mode: PathMode,
+    },
+    /// In with the spindle, out with the spindle reversed (G33.1). Ends where it began.
+    RigidTap {
+        /// The way in.
+        curve: Curve,
+        /// Path length per revolution, mm.
+        pitch_mm: f64,
+        /// Spindle speed on the way out, as a multiple of that on the way in.
+        return_factor: f64,
+    },
+    /// A straight move until the probe trips (G38.2 to G38.5).
+    Probe {
+        /// Where to at the most.
+        curve: Curve,
+        /// As [`Move::feed`].
+        feed: f64,
+        /// Until contact is made; otherwise until it is lost.
+        toward: bool,
+        /// If the probe does not trip, the program stops with an error.
+        must: bool,
+    },
+    /// A digital output (M62 to M65).
+    Output {
+        /// Which.
+        index: u32,
+        /// Its new state.
+        on: bool,
+        /// With the beginning of the next move, not at once.
+        synchronised: bool,
+    },
+    /// An analogue output (M67, M68).
+    AnalogOutput {
+        /// Which.
+        index: u32,
+        /// Its new value.
+        value: f64,
+        /// With the beginning of the next move, not at once.
+        synchronised: bool,
+    },
+    /// Wait for an input (M66). Its value would go to #5399, so a program that reads this cannot be interpreted
+    /// ahead of the machine; here #5399 is -1 afterwards, which stands for a timeout.
+    WaitInput {
+        /// Which.
+        index: u32,
+        /// Analogue, not digital.
+        analog: bool,
+        /// 0 at once, 1 rise, 2 fall, 3 high, 4 low.
+        mode: u32,
+        /// Longest wait in seconds.
+        timeout_s: f64,
+    },
+    /// What the operator and other programs may do while the program runs (M48 to M53).
+    Overrides {
+        /// Feed override counts.
+        feed: bool,
+        /// Spindle override counts.
+        spindle: bool,
+        /// Adaptive feed is on.
+        adaptive: bool,
+        /// Feed stop counts.
+        feed_stop: bool,
+    },
+    /// The machine's own command (M100 to M199).
+    UserCommand {
+        /// The number after M.
+        number: u32,
+        /// P word.
+        p: Option<f64>,
+        /// Q word.
+        q: Option<f64>,
+    },
+    /// `(PRINT, text)`: a line for the standard output.
+    Print(String),
+    /// `(LOG, text)` and what opens and closes the file: a line for a file of the user's.
+    Log(LogAction),
     /// Wait for the operator (M0, M1, M60).
     ProgramStop {
         /// M1: only if the operator has switched the optional stop on.
@@ -56,6 +155,46 @@ pub enum Action {
     ProgramEnd,
     /// Show this text to the operator: `(MSG, text)`. Control characters have been taken out.
     Message(String),
+}
+
+/// What log comments ask for.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum LogAction {
+    /// `(LOGOPEN, file)`, `(PROBEOPEN file)`: begin a new file.
+    Open(String),
+    /// `(LOGAPPEND, file)`: go on in a file.
+    Append(String),
+    /// `(LOG, text)`.
+    Line(String),
+    /// `(LOGCLOSE)`, `(PROBECLOSE)`.
+    Close,
+}
+
+impl Action {
+    /// What the core cannot do of this yet; whoever moves a machine must refuse such an action and say so, never
+    /// leave it out. `None` for everything that can be executed.
+    #[must_use]
+    pub fn missing_ability(&self) -> Option<&'static str> {
+        Some(match self {
+            Self::OrientSpindle { .. } => "orienting the spindle (M19)",
+            Self::SurfaceSpeed { .. } => "constant surface speed (G96)",
+            Self::Thread { .. } => "motion in step with the spindle (G33, G76)",
+            Self::RigidTap { .. } => "rigid tapping (G33.1)",
+            Self::Probe { .. } => "probing (G38)",
+            Self::Output { .. } | Self::AnalogOutput { .. } => "outputs (M62 to M65, M67, M68)",
+            Self::WaitInput { .. } => "waiting for an input (M66)",
+            Self::Overrides {
+                feed: true,
+                spindle: true,
+                adaptive: false,
+                feed_stop: true,
+            } => return None,
+            Self::Overrides { .. } => "switching overrides (M49 to M53)",
+            Self::UserCommand { .. } => "the machine's own M codes (M100 to M199)",
+            Self::Log(_) => "log files (LOG, PROBEOPEN)",
+            _ => return None,
+        })
+    }
 }
 
 /// A motion along one curve.

@@ -16,6 +16,8 @@ const CONTEXT_BYTES: usize = 100;
 pub struct Diagnostic {
     /// Stable number, such as `G0103`.
     pub code: Code,
+    /// The file, where it is not the program itself but one of a subroutine.
+    pub file: Option<Box<str>>,
     /// Physical line in the file, from 1.
     pub line: u32,
     /// Column of the first character concerned, from 1, in characters.
@@ -81,7 +83,7 @@ impl Diagnostic {
     fn render_with(&self, file_name: &str, renderer: &Renderer) -> String {
         let snippet = Snippet::source(self.source.as_str())
             .line_start(self.line as usize)
-            .path(file_name)
+            .path(self.file.as_deref().unwrap_or(file_name))
             .annotation(AnnotationKind::Primary.span(self.span.clone()));
         let mut group = Level::ERROR
             .primary_title(self.message.as_str())
@@ -172,6 +174,7 @@ impl Fault {
         source.push_str(&printable(&String::from_utf8_lossy(rest)));
         Diagnostic {
             code: self.code,
+            file: None,
             line,
             column,
             length,

@@ -1,24 +1,38 @@
 //! The iterator that users see.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 use std::io::BufRead;
+use std::rc::Rc;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use evolvent_path::Axes;
 
 use crate::block::Block;
-use crate::comment;
-use crate::diagnostic::Fault;
+use crate::codes::MCode;
+use crate::comment::{self, Remark};
+use crate::diagnostic::{Fault, Span};
+use crate::execute::{Executor, Request};
 use crate::expression::Target;
-use crate::names::Normal;
+use crate::flow::{Definition, Frame, Skip};
+use crate::lines::{Library, Lines};
+use crate::names::{Names, Normal};
 use crate::parameters::Parameters;
-use crate::parser::{first_character, is_block_delete, is_percent, o_word, parse};
+use crate::parser::{first_character, is_block_delete, is_percent, parse};
 use crate::reader::LineReader;
 use crate::scope::Scope;
-use crate::state::State;
+use crate::state::{Modes, State};
 use crate::statement::Statement;
-use crate::{Action, Code, Command, Diagnostic, Settings};
+use crate::{Action, Code, Command, Diagnostic, LogAction, Settings, ToolTable};
 
-/// Interprets a program line by line, as commands are asked for. Memory is bounded by the longest line.
+/// After so many errors a program is given up.
+const MOST_ERRORS: usize = 1000;
+
+/// How often the interrupt is looked at, in lines.
+const INTERRUPT_LINES: u64 = 1024;
+
+/// Interprets a program line by line, as commands are asked for. Memory is bounded by the longest line and, where
+/// there are loops and subroutines, by [`Settings::max_body_bytes`].
 ///
 /// After an error the iterator goes on with the next line, with the modal state unchanged by the faulty one, so
 /// that one pass finds many errors; whoever moves a machine stops at the first. It ends after
@@ -35,36 +49,79 @@ use crate::{Action, Code, Command, Diagnostic, Settings};
 /// # Ok::<(), evolvent_gcode::Diagnostic>(())
 /// ```
 pub struct Interpreter<R> {
-    reader: LineReader<R>,
-    settings: Settings,
+    pub(crate) reader: LineReader<R>,
+    pub(crate) settings: Settings,
     state: State,
+    pub(crate) parameters: Parameters,
+    tools: Option<ToolTable>,
+    control_points: Vec<[f64; 3]>,
     block: Block,
     statement: Statement,
-    parameters: Parameters,
+    /// The line in hand, and its number in its file.
+    pub(crate) text: Vec<u8>,
+    pub(crate) line: u32,
+    /// Lines of the program that may be needed again, and whether the line in hand is among them.
+    pub(crate) tape: Lines,
+    pub(crate) on_tape: bool,
+    /// The program, and above it the subroutines that run.
+    pub(crate) frames: Vec<Frame>,
+    pub(crate) skip: Option<Skip>,
+    pub(crate) definition: Option<Definition>,
+    pub(crate) library: Library,
+    pub(crate) labels: Names,
+    /// Values behind an O-word.
+    pub(crate) arguments: Vec<f64>,
     /// Commands of the last line that nobody has asked for yet.
     pending: VecDeque<Command>,
+    /// Line of the program that the subroutine files in use were called from.
+    calling_line: u32,
     /// Whether the program began with `%`; unknown before the first line that is not blank.
     percent: Option<bool>,
+    /// Lines since the last command.
+    silent: u64,
+    interrupt: Option<Arc<AtomicBool>>,
+    /// Places of the errors so far: a loop does not tell of one twice.
+    reported: BTreeSet<(Option<Rc<str>>, u32)>,
     finished: bool,
 }
 
 impl<R: BufRead> Interpreter<R> {
     /// Starts at the first line of `input`.
     pub fn new(input: R, settings: Settings) -> Self {
+        let state = State::new(&settings);
         let mut parameters = Parameters::new();
         for (index, value) in &settings.parameters {
-            parameters.set_numbered(*index as usize, *value);
+            if value.is_finite() {
+                parameters.set_numbered(*index as usize, *value);
+            }
         }
+        state.publish(&settings, &mut parameters);
         parameters.commit();
         Self {
-            parameters,
             reader: LineReader::new(input, settings.max_line_bytes),
-            state: State::new(&settings),
+            state,
+            parameters,
+            tools: settings.tools.clone(),
+            control_points: Vec::new(),
             settings,
             block: Block::default(),
             statement: Statement::new(),
+            text: Vec::new(),
+            line: 0,
+            tape: Lines::default(),
+            on_tape: false,
+            frames: vec![Frame::default()],
+            skip: None,
+            definition: None,
+            library: Library::default(),
+            labels: Names::default(),
+            arguments: Vec::new(),
             pending: VecDeque::new(),
+            calling_line: 0,
             percent: None,
+            silent: 0,
+            interrupt: None,
+            reported: BTreeSet::new(),
             finished: false,
         }
     }
@@ -81,67 +138,297 @@ impl<R: BufRead> Interpreter<R> {
         self.reader.line()
     }
 
+    /// Stops soon after the flag has been set from another thread: the next item is the error
+    /// [`Code::Interrupted`], and the last. A program that computes for long without moving can be stopped so.
+    pub fn set_interrupt(&mut self, flag: Arc<AtomicBool>) {
+        self.interrupt = Some(flag);
+    }
+
+    /// The value of a numbered parameter after the lines read so far, lengths of offsets in mm; 0 for numbers that
+    /// do not exist. Whoever keeps parameters from run to run reads them here and gives them back in
+    /// [`Settings::parameters`].
+    #[must_use]
+    pub fn parameter(&self, number: u32) -> f64 {
+        self.scope().numbered(number as usize)
+    }
+
+    /// The tool table after the lines read so far: G10 writes it.
+    #[must_use]
+    pub fn tools(&self) -> Option<&ToolTable> {
+        self.tools.as_ref()
+    }
+
+    pub(crate) fn scope(&self) -> Scope<'_> {
+        Scope {
+            parameters: &self.parameters,
+            state: &self.state,
+            settings: &self.settings,
+            line: self.line,
+        }
+    }
+
+    fn executor<'a>(
+        &'a mut self,
+        statement: &'a Statement,
+        state: &'a mut State,
+        number: u32,
+    ) -> Executor<'a> {
+        Executor {
+            state,
+            line: statement,
+            settings: &self.settings,
+            tools: &mut self.tools,
+            parameters: &mut self.parameters,
+            control_points: &mut self.control_points,
+            out: &mut self.pending,
+            number,
+        }
+    }
+
+    /// Brings saved modes back at the end of a subroutine.
+    pub(crate) fn restore(&mut self, modes: Modes) {
+        let mut state = self.state;
+        let statement = Statement::new();
+        let number = self.shown_line();
+        self.executor(&statement, &mut state, number).restore(modes);
+        self.parameters.commit();
+        self.state = state;
+    }
+
+    /// The line that commands carry: of the program, not of another file.
+    fn shown_line(&self) -> u32 {
+        let mine = self
+            .frames
+            .iter()
+            .rev()
+            .all(|frame| self.file_of(frame).is_none());
+        if mine { self.line } else { self.calling_line }
+    }
+
+    fn file_of(&self, frame: &Frame) -> Option<Rc<str>> {
+        frame.lines.as_ref().and_then(|lines| lines.file.clone())
+    }
+
     /// Reads and executes a line; its commands go to `pending`.
     fn advance(&mut self) -> Result<(), Diagnostic> {
-        match self.reader.read() {
+        self.silent += 1;
+        if let Some(fault) = self.silence() {
+            self.finished = true;
+            return Err(self.locate(fault));
+        }
+        match self.next_line() {
             Ok(true) => {}
-            Ok(false) => {
-                self.end();
-                return Ok(());
-            }
+            Ok(false) => return self.end_of_lines(),
             Err(fault) => {
                 self.finished = fault.code == Code::ReadFailed;
-                return Err(fault.locate(self.reader.line(), self.reader.text()));
+                return Err(fault.locate(self.reader.line(), &self.text));
             }
         }
+        let before = self.pending.len();
         self.interpret().map_err(|fault| {
-            self.pending.clear();
+            self.pending.truncate(before);
             self.parameters.roll_back();
-            fault.locate(self.reader.line(), self.reader.text())
+            self.locate(fault)
         })
     }
 
-    fn interpret(&mut self) -> Result<(), Fault> {
-        let text = self.reader.text();
-        if first_character(text).is_none() {
-            return Ok(());
+    fn locate(&self, fault: Fault) -> Diagnostic {
+        let mut diagnostic = fault.locate(self.line, &self.text);
+        let file = self.frames.last().and_then(|frame| self.file_of(frame));
+        diagnostic.file = file.map(|file| Box::from(&*file));
+        diagnostic
+    }
+
+    /// Whether it has been silent for too long.
+    fn silence(&self) -> Option<Fault> {
+        let place = Span::new(0, self.text.len());
+        if self.silent > self.settings.max_silent_lines {
+            let message = format!(
+                "{} lines without anything to do for the machine: an endless loop",
+                self.settings.max_silent_lines
+            );
+            return Some(
+                Fault::new(Code::TooManySteps, place, message)
+                    .help("does the condition of the loop ever change?"),
+            );
         }
-        let opening = self.percent.is_none();
-        if is_percent(text) && self.percent != Some(false) {
-            self.percent = Some(true);
-            if !opening {
-                self.end();
+        let interrupted = self.silent % INTERRUPT_LINES == 1
+            && self
+                .interrupt
+                .as_ref()
+                .is_some_and(|flag| flag.load(Ordering::Relaxed));
+        interrupted.then(|| Fault::new(Code::Interrupted, place, "the interpreter was told to stop"))
+    }
+
+    /// Fetches the next line; `false` where there is none in this frame.
+    fn next_line(&mut self) -> Result<bool, Fault> {
+        let last = self.frames.len() - 1;
+        let frame = &mut self.frames[last];
+        if let Some(lines) = &frame.lines {
+            let Some((text, line)) = lines.get(frame.at) else {
+                return Ok(false);
+            };
+            self.text.clear();
+            self.text.extend_from_slice(text);
+            self.line = line;
+            frame.at += 1;
+            return Ok(true);
+        }
+        if let Some((text, line)) = self.tape.get(frame.at) {
+            self.text.clear();
+            self.text.extend_from_slice(text);
+            self.line = line;
+            frame.at += 1;
+            self.on_tape = true;
+            return Ok(true);
+        }
+        let recording = self.recording();
+        if !recording && self.tape.len() > 0 {
+            self.tape.clear();
+            self.frames[0].at = 0;
+        }
+        self.on_tape = false;
+        let read = self.reader.read_into(&mut self.text)?;
+        self.line = self.reader.line();
+        if read && recording {
+            self.tape.push(self.line, &self.text);
+            self.frames[0].at = self.tape.len();
+            self.on_tape = true;
+            if self.tape.size() > self.settings.max_body_bytes {
+                self.finished = true;
+                return Err(self.body_too_long());
             }
+        }
+        Ok(read)
+    }
+
+    /// The lines of a frame are over.
+    fn end_of_lines(&mut self) -> Result<(), Diagnostic> {
+        let open = self.unfinished();
+        if self.frames.len() > 1 {
+            let whole_file = self.frames.last().is_some_and(Frame::is_whole_file);
+            let fault = open.filter(|_| !whole_file).map(|fault| self.locate(fault));
+            self.skip = None;
+            self.definition = None;
+            self.return_from(None);
+            return fault.map_or(Ok(()), Err);
+        }
+        let fault = open.map(|fault| self.locate(fault));
+        self.skip = None;
+        self.definition = None;
+        self.frames[0].open.clear();
+        self.end();
+        fault.map_or(Ok(()), Err)
+    }
+
+    fn interpret(&mut self) -> Result<(), Fault> {
+        if first_character(&self.text).is_none() {
             return Ok(());
         }
-        self.percent.get_or_insert(false);
-        if self.settings.block_delete && is_block_delete(text) {
+        if self.frames.len() > 1 {
+            // What frames a file of its own has no meaning inside the program.
+            if is_percent(&self.text) {
+                return Ok(());
+            }
+        } else {
+            let opening = self.percent.is_none();
+            if is_percent(&self.text) && self.percent != Some(false) {
+                self.percent = Some(true);
+                if !opening {
+                    self.end();
+                }
+                return Ok(());
+            }
+            self.percent.get_or_insert(false);
+            if self.frames[0].lines.is_none() {
+                self.calling_line = self.line;
+            }
+        }
+        if self.settings.block_delete && is_block_delete(&self.text) {
             return Ok(());
         }
-        let line = self.reader.line();
+        if self.flow()? {
+            return Ok(());
+        }
         let scope = Scope {
             parameters: &self.parameters,
             state: &self.state,
             settings: &self.settings,
-            line,
+            line: self.line,
         };
-        if let Some(word) = o_word(text, &scope)? {
-            return Err(Fault::new(
-                Code::OWord,
-                word.span,
-                "O: subroutines, loops and program numbers",
-            )
-            .help("O-words are not available yet"));
-        }
-        parse(text, &mut self.block, &scope)?;
+        parse(&self.text, &mut self.block, &scope)?;
+        let modal = self.state.motion;
         self.statement
-            .fill(&self.block, self.state.motion, &self.settings.axes)?;
+            .fill(&self.block, modal, &self.settings.axes, self.settings.user_codes)?;
+        self.assign()?;
+        let number = self.shown_line();
+        if !self.block.comments.is_empty() {
+            self.remarks(number)?;
+        }
+        let mut state = self.state;
+        let request = Executor {
+            state: &mut state,
+            line: &self.statement,
+            settings: &self.settings,
+            tools: &mut self.tools,
+            parameters: &mut self.parameters,
+            control_points: &mut self.control_points,
+            out: &mut self.pending,
+            number,
+        }
+        .run()?;
+        self.state = state;
+        self.parameters.commit();
+        self.finished = state.ended;
+        match request {
+            Some(request) => self.answer(request),
+            None => Ok(()),
+        }
+    }
 
+    fn answer(&mut self, request: Request) -> Result<(), Fault> {
+        match request {
+            Request::Call { number, times, span } => self.call_number(number, times, span),
+            Request::Return => {
+                if !self.return_number() {
+                    self.end();
+                }
+                Ok(())
+            }
+            Request::Modes(code) => {
+                let modes = self.state.modes;
+                let Some(frame) = self.frames.last_mut() else {
+                    return Ok(());
+                };
+                match code {
+                    MCode::SaveModes => frame.saved = Some((modes, false)),
+                    MCode::SaveAndRestoreModes => frame.saved = Some((modes, true)),
+                    MCode::ForgetModes => frame.saved = None,
+                    _ => {
+                        let Some((saved, _)) = frame.saved else {
+                            let place = Span::new(0, self.text.len());
+                            return Err(Fault::new(
+                                Code::NothingSaved,
+                                place,
+                                "M72, but no modes have been saved",
+                            )
+                            .help("write M70 before"));
+                        };
+                        self.restore(saved);
+                    }
+                }
+                Ok(())
+            }
+        }
+    }
+
+    /// Writes the parameters that the line sets.
+    fn assign(&mut self) -> Result<(), Fault> {
         for (target, value) in &self.block.assignments {
             match *target {
                 Target::Numbered(index) => self.parameters.set_numbered(index, *value),
                 Target::Named(inside) => {
-                    let name = Normal::new(&text[inside.start as usize..inside.end as usize]);
+                    let name = Normal::new(&self.text[inside.start as usize..inside.end as usize]);
                     if !name.is_some_and(|name| self.parameters.set_named(&name, *value)) {
                         let message = "there are too many names of parameters";
                         return Err(Fault::new(Code::BadName, inside, message));
@@ -149,27 +436,43 @@ impl<R: BufRead> Interpreter<R> {
                 }
             }
         }
-        let pending = &mut self.pending;
-        let mut out = |action| pending.push_back(Command { line, action });
-        for inside in &self.block.comments {
-            if let Some(message) = comment::message(text, *inside)? {
-                out(Action::Message(message));
-            }
+        Ok(())
+    }
+
+    /// Comments that do something.
+    fn remarks(&mut self, line: u32) -> Result<(), Fault> {
+        for index in 0..self.block.comments.len() {
+            let inside = self.block.comments[index];
+            let remark = comment::remark(&self.text, inside, &self.scope());
+            let action = match remark {
+                Remark::None => continue,
+                Remark::Message(text) | Remark::Debug(text) => Action::Message(text),
+                Remark::Print(text) => Action::Print(text),
+                Remark::Log(text) => Action::Log(LogAction::Line(text)),
+                Remark::LogOpen(name) => Action::Log(LogAction::Open(name)),
+                Remark::LogAppend(name) => Action::Log(LogAction::Append(name)),
+                Remark::LogClose => Action::Log(LogAction::Close),
+                Remark::Abort(text) => {
+                    self.finished = true;
+                    return Err(Fault::new(
+                        Code::ActiveComment,
+                        inside,
+                        format!("the program gives up: {text}"),
+                    ));
+                }
+            };
+            self.pending.push_back(Command { line, action });
         }
-        let mut state = self.state;
-        state.execute(&self.statement, &self.settings, &mut out)?;
-        self.state = state;
-        self.parameters.commit();
-        self.finished = state.ended;
         Ok(())
     }
 
     /// The end without M2.
     fn end(&mut self) {
-        let line = self.reader.line();
-        let pending = &mut self.pending;
-        self.state
-            .end(&mut |action| pending.push_back(Command { line, action }));
+        let mut state = self.state;
+        let statement = Statement::new();
+        let number = self.reader.line();
+        self.executor(&statement, &mut state, number).end();
+        self.state = state;
         self.finished = true;
     }
 }
@@ -180,13 +483,19 @@ impl<R: BufRead> Iterator for Interpreter<R> {
     fn next(&mut self) -> Option<Self::Item> {
         loop {
             if let Some(command) = self.pending.pop_front() {
+                self.silent = 0;
                 return Some(Ok(command));
             }
             if self.finished {
                 return None;
             }
             if let Err(diagnostic) = self.advance() {
-                return Some(Err(diagnostic));
+                let file: Option<Rc<str>> = diagnostic.file.as_deref().map(Rc::from);
+                let fresh = self.reported.insert((file, diagnostic.line));
+                self.finished |= self.reported.len() >= MOST_ERRORS;
+                if fresh || self.finished {
+                    return Some(Err(diagnostic));
+                }
             }
         }
     }

@@ -33,6 +33,7 @@ pub(crate) struct Names {
 }
 
 /// A name as it is compared: lower case, without blanks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Normal {
     bytes: [u8; LONGEST],
     length: usize,
@@ -75,6 +76,18 @@ impl Names {
         if let Some(found) = self.find(name) {
             return Some(found);
         }
+        self.add(name)
+    }
+
+    /// The number of an O-word's name: none of them is predefined.
+    pub(crate) fn intern_label(&mut self, name: &Normal) -> Option<NameId> {
+        if let Some(&id) = self.ids.get(name.as_str()) {
+            return Some(id);
+        }
+        self.add(name).map(|(id, _)| id)
+    }
+
+    fn add(&mut self, name: &Normal) -> Option<(NameId, NameKind)> {
         if self.kinds.len() >= MOST {
             return None;
         }

@@ -198,6 +198,7 @@ fn read_o_word(text: &[u8], scope: &Scope<'_>) -> Result<Option<OWord>, Fault> {
     };
     let span = Span::new(start, lexer.place());
     let mut word = [0; 16];
+    lexer.peek();
     let before = lexer.place();
     let length = lexer.letters(&mut word);
     let known = Keyword::ALL

@@ -8,7 +8,6 @@ use crate::diagnostic::{Fault, Span};
 /// Reads physical lines. Memory is bounded by the longest line that is allowed.
 pub(crate) struct LineReader<R> {
     input: R,
-    buffer: Vec<u8>,
     max_line_bytes: usize,
     line: u32,
 }
@@ -17,7 +16,6 @@ impl<R: BufRead> LineReader<R> {
     pub(crate) fn new(input: R, max_line_bytes: usize) -> Self {
         Self {
             input,
-            buffer: Vec::new(),
             max_line_bytes,
             line: 0,
         }
@@ -28,18 +26,13 @@ impl<R: BufRead> LineReader<R> {
         self.line
     }
 
-    /// The line read last, without its end.
-    pub(crate) fn text(&self) -> &[u8] {
-        &self.buffer
-    }
-
-    /// Reads the next line into [`text`](Self::text); `false` at the end of the input. After
+    /// Reads the next line into `buffer`, without its end; `false` at the end of the input. After
     /// [`Code::LineTooLong`] one can read on, after [`Code::ReadFailed`] not.
-    pub(crate) fn read(&mut self) -> Result<bool, Fault> {
-        self.buffer.clear();
+    pub(crate) fn read_into(&mut self, buffer: &mut Vec<u8>) -> Result<bool, Fault> {
+        buffer.clear();
         // Two more than allowed: for CR and LF.
         let room = self.max_line_bytes.saturating_add(2) as u64;
-        let read = self.input.by_ref().take(room).read_until(b'\n', &mut self.buffer);
+        let read = self.input.by_ref().take(room).read_until(b'\n', buffer);
         match read {
             Ok(0) => return Ok(false),
             Ok(_) => self.line = self.line.saturating_add(1),
@@ -48,14 +41,14 @@ impl<R: BufRead> LineReader<R> {
                 return Err(Self::failed(&error));
             }
         }
-        let ended = self.buffer.ends_with(b"\n");
+        let ended = buffer.ends_with(b"\n");
         if ended {
-            self.buffer.pop();
+            buffer.pop();
         }
-        if self.buffer.ends_with(b"\r") {
-            self.buffer.pop();
+        if buffer.ends_with(b"\r") {
+            buffer.pop();
         }
-        if self.buffer.len() > self.max_line_bytes {
+        if buffer.len() > self.max_line_bytes {
             if !ended {
                 self.input
                     .skip_until(b'\n')
@@ -67,8 +60,8 @@ impl<R: BufRead> LineReader<R> {
             return Err(Fault::new(Code::LineTooLong, span, message).help(help));
         }
         // The mark that some editors put at the beginning of UTF-8 text; columns count from after it.
-        if self.line == 1 && self.buffer.starts_with(b"\xef\xbb\xbf") {
-            self.buffer.drain(..3);
+        if self.line == 1 && buffer.starts_with(b"\xef\xbb\xbf") {
+            buffer.drain(..3);
         }
         Ok(true)
     }
@@ -85,22 +78,30 @@ mod tests {
 
     #[test]
     fn ends_of_lines_of_every_system_and_a_byte_order_mark_are_taken_off() {
+        let mut text = Vec::new();
         let mut reader = LineReader::new(&b"\xef\xbb\xbfG0\r\n\nG1\nend"[..], 10);
         for expected in [&b"G0"[..], b"", b"G1", b"end"] {
-            assert_eq!(reader.read(), Ok(true));
-            assert_eq!(reader.text(), expected);
+            assert_eq!(reader.read_into(&mut text), Ok(true));
+            assert_eq!(&text[..], expected);
         }
-        assert_eq!(reader.read(), Ok(false));
+        assert_eq!(reader.read_into(&mut text), Ok(false));
         assert_eq!(reader.line(), 4);
     }
 
     #[test]
     fn a_line_of_the_greatest_length_passes_and_one_byte_more_does_not() {
+        let mut text = Vec::new();
         let mut reader = LineReader::new(&b"12345\r\n123456\r\n1234567890123\nG1"[..], 5);
-        assert_eq!(reader.read(), Ok(true));
-        assert_eq!(reader.read().map_err(|fault| fault.code), Err(Code::LineTooLong));
-        assert_eq!(reader.read().map_err(|fault| fault.code), Err(Code::LineTooLong));
-        assert_eq!(reader.read(), Ok(true));
-        assert_eq!((reader.line(), reader.text()), (4, &b"G1"[..]));
+        assert_eq!(reader.read_into(&mut text), Ok(true));
+        assert_eq!(
+            reader.read_into(&mut text).map_err(|fault| fault.code),
+            Err(Code::LineTooLong)
+        );
+        assert_eq!(
+            reader.read_into(&mut text).map_err(|fault| fault.code),
+            Err(Code::LineTooLong)
+        );
+        assert_eq!(reader.read_into(&mut text), Ok(true));
+        assert_eq!((reader.line(), &text[..]), (4, &b"G1"[..]));
     }
 }

@@ -3,12 +3,13 @@
 //! RS274/NGC, 3.5.3: centre format (I J K) and radius format (R). Tolerances and texts as LinuxCNC's, so that a
 //! program passes here if it passes there. Involutes: Fanuc's words (G2.2, G3.2) and a linear third axis.
 
-use evolvent_path::{Arc, Axes, Curve, Involute, InvoluteError, MAX_ARC_TURNS, Sense};
+use evolvent_path::{Arc, Axes, Curve, Involute, InvoluteError, MAX_ARC_TURNS, Plane, Sense};
 
 use crate::diagnostic::Fault;
+use crate::execute::Executor;
 use crate::state::State;
 use crate::statement::Statement;
-use crate::{Code, Settings};
+use crate::{Code, MoveKind, Settings};
 
 /// The letters that belong to a plane.
 struct Letters {
@@ -21,8 +22,8 @@ struct Letters {
 }
 
 impl Letters {
-    fn of(state: &State) -> Self {
-        let (first, second, normal) = state.plane.axes();
+    fn of(plane: Plane) -> Self {
+        let (first, second, normal) = plane.axes();
         Self {
             first: b"XYZ"[first],
             second: b"XYZ"[second],
@@ -32,7 +33,7 @@ impl Letters {
     }
 
     fn has_end(&self, line: &Statement) -> bool {
-        line.has(self.first) || line.has(self.second)
+        line.has(self.first) || line.has(self.second) || line.has_polar()
     }
 
     fn names(&self) -> (char, char) {
@@ -44,15 +45,58 @@ impl Letters {
     }
 }
 
+impl Executor<'_> {
+    /// G2, G3.
+    pub(crate) fn arc(&mut self, sense: Sense) -> Result<(), Fault> {
+        let plane = self.round_plane("an arc")?;
+        let name = if sense == Sense::Clockwise { "G2" } else { "G3" };
+        self.check_feed(name)?;
+        let target = self.target()?;
+        let curve = arc(self.state, plane, sense, target, self.line, self.settings)?;
+        if self.state.cutter.is_on() {
+            return self.compensated_arc(curve);
+        }
+        let feed = self.speed(curve.length(), false);
+        let path_mode = self.state.modes.path_mode;
+        self.put_curve(curve, MoveKind::Feed, feed, path_mode)
+    }
+
+    /// G2.2, G3.2.
+    pub(crate) fn involute(&mut self, sense: Sense) -> Result<(), Fault> {
+        let plane = self.round_plane("an involute")?;
+        let name = if sense == Sense::Clockwise { "G2.2" } else { "G3.2" };
+        self.check_feed(name)?;
+        if self.state.cutter.is_on() {
+            let message = format!("{name} while cutter compensation is on");
+            let fault = Fault::new(Code::CompensationActive, self.line.motion_span(), message);
+            return Err(fault.help("write G40 first, and program the path of the tool's centre"));
+        }
+        let target = self.target()?;
+        let curve = involute(self.state, plane, sense, target, self.line, self.settings)?;
+        let feed = self.speed(curve.length(), false);
+        let path_mode = self.state.modes.path_mode;
+        self.put_curve(curve, MoveKind::Feed, feed, path_mode)
+    }
+
+    fn round_plane(&self, what: &str) -> Result<Plane, Fault> {
+        match self.state.plane() {
+            Some(plane) if plane == Plane::Xy || self.state.rotation[0] == 0.0 => Ok(plane),
+            Some(_) => Err(self.wrong_plane(&format!("{what} in rotated coordinates"))),
+            None => Err(self.wrong_plane(what)),
+        }
+    }
+}
+
 /// The arc of a line. `target` is the end in machine coordinates.
-pub(crate) fn arc(
+fn arc(
     state: &State,
+    plane: Plane,
     sense: Sense,
     mut target: Axes,
     line: &Statement,
     settings: &Settings,
 ) -> Result<Curve, Fault> {
-    let letters = Letters::of(state);
+    let letters = Letters::of(plane);
     let (first, second) = letters.names();
     let (i, j) = letters.centre_names();
     let span = line.motion_span();
@@ -68,7 +112,8 @@ pub(crate) fn arc(
         return Err(Fault::new(Code::ArcMixedFormat, line.span(b'R'), message).help("give one of them only"));
     }
     let turns = turns(line)?;
-    let start = [state.position[letters.axes[0]], state.position[letters.axes[1]]];
+    let from = state.programmed();
+    let start = [from[letters.axes[0]], from[letters.axes[1]]];
     let end = [target[letters.axes[0]], target[letters.axes[1]]];
     let centre = if line.has(b'R') {
         if !letters.has_end(line) {
@@ -84,7 +129,7 @@ pub(crate) fn arc(
         target[letters.axes[0]] = start[0];
         target[letters.axes[1]] = start[1];
     }
-    Arc::new(state.plane, state.position, target, centre, sense, turns)
+    Arc::new(plane, from, target, centre, sense, turns)
         .map(Curve::Arc)
         .map_err(|error| Fault::new(Code::ArcRefused, span, error.to_string()))
 }
@@ -125,23 +170,27 @@ fn centre_by_offset(
         );
     }
     let unit = state.unit_mm();
-    let zero = state.zero(settings);
-    let mut centre = [0.0; 2];
+    let mut words = Axes::zeros();
     for place in 0..2 {
         let word = line.word(letters.centre[place]);
-        let base = if state.arc_centre_absolute {
-            zero[letters.axes[place]]
-        } else {
-            start[place]
-        };
-        if word.is_none() && state.arc_centre_absolute {
+        if word.is_none() && state.modes.arc_centre_absolute {
             let name = char::from(letters.centre[place]);
             let message = format!("{name} is missing: G90.1 makes the centre absolute");
             return Err(Fault::new(Code::ArcCentreIncomplete, line.motion_span(), message)
                 .help("give both centre words, or G91.1 for a centre relative to the start"));
         }
-        centre[place] = base + word.unwrap_or(0.0) * unit;
+        words[letters.axes[place]] = word.unwrap_or(0.0) * unit;
     }
+    let absolute = state.modes.arc_centre_absolute;
+    let turned = if absolute {
+        state.machine_of(words)
+    } else {
+        state.turn(words)
+    };
+    let centre = [0, 1].map(|place| {
+        let base = if absolute { 0.0 } else { start[place] };
+        base + turned[letters.axes[place]]
+    });
     check_radii(state, start, end, centre, line, settings, letters)?;
     Ok(centre)
 }
@@ -160,7 +209,7 @@ fn check_radii(
     let (r1, r2) = (radius(start), radius(end));
     let difference = (r1 - r2).abs();
     let relative = difference / r1.max(r2);
-    let tolerance = if state.inches {
+    let tolerance = if state.modes.inches {
         settings.arc.inch_mm
     } else {
         settings.arc.metric_mm
@@ -171,10 +220,12 @@ fn check_radii(
     if !zero_radius && !mismatch {
         return Ok(());
     }
-    let zero = state.zero(settings);
     let (first, second) = letters.names();
     let shown = |point: [f64; 2]| {
-        let value = |place: usize| (point[place] - zero[letters.axes[place]]) / state.unit_mm();
+        let mut machine = state.position;
+        (machine[letters.axes[0]], machine[letters.axes[1]]) = (point[0], point[1]);
+        let program = state.program_of(machine);
+        let value = |place: usize| program[letters.axes[place]] / state.unit_mm();
         format!("({first}{:.4},{second}{:.4})", value(0), value(1))
     };
     let unit = state.unit_mm();
@@ -200,7 +251,7 @@ fn check_radii(
         difference / unit,
         100.0 * relative
     );
-    let meaning = if state.arc_centre_absolute {
+    let meaning = if state.modes.arc_centre_absolute {
         "absolute (G90.1)"
     } else {
         "from the start (G91.1)"
@@ -253,14 +304,15 @@ fn centre_by_radius(
 }
 
 /// The involute of a line.
-pub(crate) fn involute(
+fn involute(
     state: &State,
+    plane: Plane,
     sense: Sense,
     target: Axes,
     line: &Statement,
     settings: &Settings,
 ) -> Result<Curve, Fault> {
-    let letters = Letters::of(state);
+    let letters = Letters::of(plane);
     let (first, second) = letters.names();
     let (i, j) = letters.centre_names();
     let span = line.motion_span();
@@ -280,7 +332,12 @@ pub(crate) fn involute(
         );
     }
     let unit = state.unit_mm();
-    let offset = [0, 1].map(|place| line.word(letters.centre[place]).unwrap_or(0.0) * unit);
+    let mut words = Axes::zeros();
+    for place in 0..2 {
+        words[letters.axes[place]] = line.word(letters.centre[place]).unwrap_or(0.0) * unit;
+    }
+    let words = state.turn(words);
+    let offset = [0, 1].map(|place| words[letters.axes[place]]);
     if offset == [0.0; 2] {
         let message = format!("an involute needs {i} and {j}, and not both 0");
         return Err(Fault::new(Code::InvoluteCentreMissing, span, message)
@@ -297,7 +354,7 @@ pub(crate) fn involute(
     }
     let centre = [0, 1].map(|place| state.position[letters.axes[place]] + offset[place]);
     Involute::new(
-        state.plane,
+        plane,
         state.position,
         target,
         centre,

@@ -37,6 +37,16 @@ pub struct Settings {
     /// Values of numbered parameters that earlier runs left. Those that the fields above tell (offsets, tool) are
     /// overwritten by them.
     pub parameters: Vec<(u32, f64)>,
+    /// Whether M100 to M199 exist: the machine's own commands, handed on with their words P and Q.
+    pub user_codes: bool,
+    /// Where files of subroutines are looked for, in this order: `NAME.ngc` for `O<NAME> call`.
+    pub subroutine_folders: Vec<std::path::PathBuf>,
+    /// Most memory for the bodies of loops and subroutines, in bytes.
+    pub max_body_bytes: usize,
+    /// How deep subroutines may be nested.
+    pub max_call_depth: usize,
+    /// How many lines may be executed without anything to do for the machine: beyond that it is an endless loop.
+    pub max_silent_lines: u64,
 }
 
 /// How many work offsets there are: G54 to G59, G59.1 to G59.3.
@@ -88,6 +98,11 @@ impl Default for Settings {
             tool: 0,
             tools: None,
             parameters: Vec::new(),
+            user_codes: false,
+            subroutine_folders: Vec::new(),
+            max_body_bytes: 256 * 1024 * 1024,
+            max_call_depth: 100,
+            max_silent_lines: 10_000_000,
         }
     }
 }

@@ -1,409 +1,177 @@
-//! The modal state, and how a line changes it.
+//! The modal state.
 
-use evolvent_path::{AXES, Axes, AxisLetter, Curve, Line, MAX_COORDINATE, Plane};
+use evolvent_path::{AXES, Axes, AxisLetter, Plane};
 
-use crate::codes::{FeedMode, GCode, Group, LengthOffset, MCode, Motion, Once, PathControl};
-use crate::diagnostic::Fault;
-use crate::round;
-use crate::statement::{Statement, whole};
+use crate::codes::{Compensation, FeedMode, Motion, PlaneCode};
+use crate::compensation::CutterState;
+use crate::parameters::{G92, G92_ACTIVE, Parameters, WORK_OFFSET, WORK_OFFSET_1};
 use crate::system::System;
-use crate::{Action, Code, Move, MoveKind, PathMode, Settings, SpindleDirection};
+use crate::{PathMode, Settings, SpindleDirection};
 
 /// Millimetres of an inch.
-const INCH_MM: f64 = 25.4;
+pub(crate) const INCH_MM: f64 = 25.4;
 
 /// F as it was when it was given: a later G20 or G21 does not change the speed.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct ProgrammedFeed {
+pub(crate) struct ProgrammedFeed {
     /// For motion of linear axes: mm/s, or mm per revolution in G95.
-    linear: f64,
+    pub(crate) linear: f64,
     /// For motion of rotary axes only: deg/s, or degrees per revolution in G95.
-    rotary: f64,
+    pub(crate) rotary: f64,
+    /// As written.
+    pub(crate) word: f64,
 }
 
-/// Everything that outlives a line. Small and `Copy`: a line works on a copy, which replaces the original only
-/// if the whole line is right.
+/// What M70 saves and M72 brings back.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Modes {
+    pub(crate) plane: PlaneCode,
+    pub(crate) inches: bool,
+    pub(crate) incremental: bool,
+    pub(crate) arc_centre_absolute: bool,
+    pub(crate) feed_mode: FeedMode,
+    pub(crate) feed: Option<ProgrammedFeed>,
+    pub(crate) path_mode: PathMode,
+    pub(crate) work_index: usize,
+    pub(crate) retract_to_old: bool,
+    pub(crate) diameter: bool,
+    pub(crate) spindle: SpindleDirection,
+    /// Revolutions per minute, or metres per minute in G96.
+    pub(crate) speed: f64,
+    /// G96: the greatest speed in revolutions per minute.
+    pub(crate) surface: Option<f64>,
+    pub(crate) mist: bool,
+    pub(crate) flood: bool,
+    pub(crate) feed_override: bool,
+    pub(crate) spindle_override: bool,
+    pub(crate) adaptive: bool,
+    pub(crate) feed_stop: bool,
+}
+
+/// Words of a canned cycle that stay in force while lines of the cycle follow each other; mm in program
+/// coordinates along the axis of the cycle.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Sticky {
+    pub(crate) r: Option<f64>,
+    pub(crate) depth: Option<f64>,
+    pub(crate) q: Option<f64>,
+    pub(crate) p: Option<f64>,
+    /// Where the tool stood before the first line of the cycle.
+    pub(crate) old: f64,
+    /// Whether lines of a cycle are being run.
+    pub(crate) running: Option<Motion>,
+}
+
+/// Everything that outlives a line. `Copy`: a line works on a copy, which replaces the original only if the whole
+/// line is right.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct State {
     /// Machine coordinates, mm and degrees.
     pub(crate) position: Axes,
     pub(crate) motion: Motion,
-    pub(crate) plane: Plane,
-    pub(crate) inches: bool,
-    pub(crate) incremental: bool,
-    pub(crate) arc_centre_absolute: bool,
-    feed_mode: FeedMode,
-    feed: Option<ProgrammedFeed>,
-    path_mode: PathMode,
-    work_offset: usize,
-    g92: Axes,
-    g92_active: bool,
-    tool_offset: Axes,
-    tool: u32,
-    spindle: SpindleDirection,
-    speed_rpm: f64,
-    cached_zero: Axes,
-    mist: bool,
-    flood: bool,
-    selected_tool: Option<u32>,
+    pub(crate) modes: Modes,
+    /// Work zero of the offset in force, machine coordinates.
+    pub(crate) work: Axes,
+    /// Rotation of the work's XY about its zero: degrees, cosine, sine.
+    pub(crate) rotation: [f64; 3],
+    /// Offset of G92 and G52 in force; rotated with the work.
+    pub(crate) g92: Axes,
+    pub(crate) tool_offset: Axes,
+    pub(crate) tool: u32,
+    pub(crate) selected_tool: Option<u32>,
+    pub(crate) sticky: Sticky,
+    /// P and Q of the last G5, mm: it may go on from there.
+    pub(crate) spline_end: Option<[f64; 2]>,
+    /// The order of the NURBS that G5.2 collects.
+    pub(crate) nurbs_order: Option<usize>,
+    pub(crate) cutter: CutterState,
     /// M2 or M30 has been executed.
     pub(crate) ended: bool,
 }
 
 impl State {
     pub(crate) fn new(settings: &Settings) -> Self {
-        Self {
+        let mut state = Self {
             position: settings.start,
             motion: Motion::None,
-            plane: Plane::Xy,
-            inches: settings.inches,
-            incremental: false,
-            arc_centre_absolute: false,
-            feed_mode: FeedMode::PerMinute,
-            feed: None,
-            path_mode: settings.path_mode,
-            work_offset: settings.active_offset,
-            g92: settings.g92_offset,
-            g92_active: true,
-            tool_offset: Axes::zeros(),
-            tool: settings.tool,
-            spindle: SpindleDirection::Stopped,
-            speed_rpm: 0.0,
-            cached_zero: settings.work_offsets[settings.active_offset.min(8)] + settings.g92_offset,
-            mist: false,
-            flood: false,
-            selected_tool: None,
-            ended: false,
-        }
-    }
-
-    /// Executes a line in the order of RS274/NGC, table 8.
-    pub(crate) fn execute(
-        &mut self,
-        line: &Statement,
-        settings: &Settings,
-        out: &mut impl FnMut(Action),
-    ) -> Result<(), Fault> {
-        if let Some(GCode::FeedMode(mode)) = line.g(Group::FeedMode)
-            && mode != self.feed_mode
-        {
-            // F means something else now.
-            self.feed_mode = mode;
-            self.feed = None;
-        }
-        if let Some(feed) = line.word(b'F') {
-            self.set_feed(feed);
-        }
-        self.tool_spindle_coolant(line, out)?;
-        if let (Some(Once::Dwell), Some(seconds)) = (line.once(), line.word(b'P')) {
-            out(Action::Dwell { seconds });
-        }
-        self.length_offset(line, settings, out)?;
-        self.modes(line, settings);
-        self.offset(line, settings)?;
-        self.cached_zero = self.zero(settings);
-        if let Some(motion) = line.motion_code() {
-            self.motion = motion;
-        }
-        let machine = line.once() == Some(Once::MachineCoordinates);
-        if machine {
-            if !matches!(line.motion(), Some(Motion::Rapid | Motion::Linear)) {
-                let span = line.group_span(Group::Once);
-                return Err(
-                    Fault::new(Code::MachineCoordinatesMotion, span, "G53 needs G0 or G1")
-                        .help("write G53 G0 X.. or G53 G1 X.. on one line"),
-                );
-            }
-            if self.incremental {
-                let span = line.group_span(Group::Once);
-                return Err(Fault::new(
-                    Code::MachineCoordinatesIncremental,
-                    span,
-                    "G53 while G91 is active",
-                )
-                .help("machine coordinates are absolute: write G90 first"));
-            }
-        }
-        if let Some(motion) = line.motion() {
-            self.moves(motion, machine, line, settings, out)?;
-        }
-        match line.m(Group::Stop) {
-            Some(MCode::Stop) => out(Action::ProgramStop {
-                optional: false,
-                pallet: false,
-            }),
-            Some(MCode::OptionalStop) => out(Action::ProgramStop {
-                optional: true,
-                pallet: false,
-            }),
-            Some(MCode::PalletStop) => out(Action::ProgramStop {
-                optional: false,
-                pallet: true,
-            }),
-            Some(_) => self.end(out),
-            None => {}
-        }
-        Ok(())
-    }
-
-    /// What M2 does: spindle and coolant off, then the end.
-    pub(crate) fn end(&mut self, out: &mut impl FnMut(Action)) {
-        if self.spindle != SpindleDirection::Stopped {
-            self.spindle = SpindleDirection::Stopped;
-            out(Action::Spindle {
-                direction: self.spindle,
-                speed_rpm: self.speed_rpm,
-            });
-        }
-        if self.mist || self.flood {
-            (self.mist, self.flood) = (false, false);
-            out(Action::Coolant {
+            modes: Modes {
+                plane: PlaneCode::Main(Plane::Xy),
+                inches: settings.inches,
+                incremental: false,
+                arc_centre_absolute: false,
+                feed_mode: FeedMode::PerMinute,
+                feed: None,
+                path_mode: settings.path_mode,
+                work_index: settings.active_offset.min(settings.work_offsets.len() - 1),
+                retract_to_old: true,
+                diameter: false,
+                spindle: SpindleDirection::Stopped,
+                speed: 0.0,
+                surface: None,
                 mist: false,
                 flood: false,
-            });
+                feed_override: true,
+                spindle_override: true,
+                adaptive: false,
+                feed_stop: true,
+            },
+            work: Axes::zeros(),
+            rotation: [0.0, 1.0, 0.0],
+            g92: settings.g92_offset,
+            tool_offset: Axes::zeros(),
+            tool: settings.tool,
+            selected_tool: None,
+            sticky: Sticky::default(),
+            spline_end: None,
+            nurbs_order: None,
+            cutter: CutterState::default(),
+            ended: false,
+        };
+        state.work = settings.work_offsets[state.modes.work_index];
+        state
+    }
+
+    /// Writes what the settings say of offsets and tool to the parameters.
+    pub(crate) fn publish(&self, settings: &Settings, parameters: &mut Parameters) {
+        for (index, offset) in settings.work_offsets.iter().enumerate() {
+            parameters.set_axes(WORK_OFFSET_1 + 20 * index, offset);
         }
-        self.ended = true;
-        out(Action::ProgramEnd);
+        parameters.set_numbered(WORK_OFFSET, (self.modes.work_index + 1) as f64);
+        let active = self.g92 != Axes::zeros();
+        parameters.set_numbered(G92_ACTIVE, f64::from(u8::from(active)));
+        parameters.set_axes(G92, &self.g92);
+        parameters.set_numbered(crate::parameters::TOOL, f64::from(self.tool));
+    }
+
+    /// Takes the work offset in force from the parameters.
+    pub(crate) fn load_work(&mut self, parameters: &Parameters) {
+        let first = WORK_OFFSET_1 + 20 * self.modes.work_index;
+        self.work = parameters.axes(first);
+        let degrees = parameters.numbered(first + AXES);
+        let (cos, sin) = if degrees == 0.0 {
+            (1.0, 0.0)
+        } else {
+            let angle = degrees.to_radians();
+            (libm::cos(angle), libm::sin(angle))
+        };
+        self.rotation = [degrees, cos, sin];
+    }
+
+    /// The plane for arcs; `None` for G17.1 and its kin.
+    pub(crate) fn plane(&self) -> Option<Plane> {
+        match self.modes.plane {
+            PlaneCode::Main(plane) => Some(plane),
+            PlaneCode::Secondary(_) => None,
+        }
     }
 
     /// Millimetres of a unit of length.
     pub(crate) fn unit_mm(&self) -> f64 {
-        if self.inches { INCH_MM } else { 1.0 }
-    }
-
-    /// Program zero in machine coordinates.
-    pub(crate) fn zero(&self, settings: &Settings) -> Axes {
-        self.work_zero(settings) + self.active_g92() + self.tool_offset
-    }
-
-    fn work_zero(&self, settings: &Settings) -> Axes {
-        settings
-            .work_offsets
-            .get(self.work_offset)
-            .copied()
-            .unwrap_or_default()
-    }
-
-    fn active_g92(&self) -> Axes {
-        if self.g92_active { self.g92 } else { Axes::zeros() }
-    }
-
-    fn set_feed(&mut self, feed: f64) {
-        self.feed = match self.feed_mode {
-            // Only for the line that it stands on.
-            FeedMode::InverseTime => None,
-            FeedMode::PerMinute => Some(ProgrammedFeed {
-                linear: feed * self.unit_mm() / 60.0,
-                rotary: feed / 60.0,
-            }),
-            FeedMode::PerRevolution => Some(ProgrammedFeed {
-                linear: feed * self.unit_mm(),
-                rotary: feed,
-            }),
-        };
-    }
-
-    fn tool_spindle_coolant(&mut self, line: &Statement, out: &mut impl FnMut(Action)) -> Result<(), Fault> {
-        if let Some(speed) = line.word(b'S') {
-            self.speed_rpm = speed;
-        }
-        if let Some(tool) = line.word(b'T') {
-            let tool = whole(tool, "T", line.span(b'T'))?;
-            self.selected_tool = Some(tool);
-            out(Action::SelectTool(tool));
-        }
-        if line.m(Group::ToolChange).is_some() {
-            let Some(tool) = self.selected_tool else {
-                let span = line.group_span(Group::ToolChange);
-                return Err(
-                    Fault::new(Code::ToolMissing, span, "M6, but no tool has been selected")
-                        .help("write T and the tool's number before M6 or on its line"),
-                );
-            };
-            if self.spindle != SpindleDirection::Stopped {
-                self.spindle = SpindleDirection::Stopped;
-                out(Action::Spindle {
-                    direction: self.spindle,
-                    speed_rpm: self.speed_rpm,
-                });
-            }
-            self.tool = tool;
-            out(Action::ChangeTool(tool));
-        }
-        let turned = line.m(Group::Spindle);
-        match turned {
-            Some(MCode::SpindleClockwise) => self.spindle = SpindleDirection::Clockwise,
-            Some(MCode::SpindleCounterClockwise) => self.spindle = SpindleDirection::CounterClockwise,
-            Some(_) => self.spindle = SpindleDirection::Stopped,
-            None => {}
-        }
-        if turned.is_some() || line.has(b'S') {
-            out(Action::Spindle {
-                direction: self.spindle,
-                speed_rpm: self.speed_rpm,
-            });
-        }
-        if let Some(coolant) = line.m(Group::Coolant) {
-            match coolant {
-                MCode::Mist => self.mist = true,
-                MCode::Flood => self.flood = true,
-                _ => (self.mist, self.flood) = (false, false),
-            }
-            out(Action::Coolant {
-                mist: self.mist,
-                flood: self.flood,
-            });
-        }
-        Ok(())
-    }
-
-    fn length_offset(
-        &mut self,
-        line: &Statement,
-        settings: &Settings,
-        out: &mut impl FnMut(Action),
-    ) -> Result<(), Fault> {
-        let Some(offset) = line.length_offset() else {
-            return Ok(());
-        };
-        let unit = if line.g(Group::Units).is_some() {
-            // Units come before tool offsets in the order of execution.
-            if line.g(Group::Units) == Some(GCode::Inches(true)) {
-                INCH_MM
-            } else {
-                1.0
-            }
-        } else {
-            self.unit_mm()
-        };
-        let mut change = Axes::zeros();
-        if offset != LengthOffset::Off && !(offset == LengthOffset::Given || line.has_axes()) {
-            let number = match line.word(b'H') {
-                Some(number) => whole(number, "H", line.span(b'H'))?,
-                None => self.tool,
-            };
-            match settings.tools.as_ref().map(|tools| tools.get(number)) {
-                _ if number == 0 => {}
-                Some(Some(tool)) => change = tool.offset,
-                Some(None) => {
-                    let message = format!("tool {number} is not in the tool table");
-                    let span = if line.has(b'H') {
-                        line.span(b'H')
-                    } else {
-                        line.group_span(Group::LengthOffset)
-                    };
-                    return Err(Fault::new(Code::UnknownTool, span, message)
-                        .help("add the tool to the table, or name another one with H"));
-                }
-                None => out(Action::Message(format!(
-                    "warning: there is no tool table, so the length of tool {number} counts as 0"
-                ))),
-            }
-        }
-        match offset {
-            LengthOffset::Off => self.tool_offset = Axes::zeros(),
-            LengthOffset::Table => self.tool_offset = change,
-            LengthOffset::Added if !line.has_axes() => self.tool_offset += change,
-            LengthOffset::Given | LengthOffset::Added => {
-                for axis in AxisLetter::ALL {
-                    let index = axis.index();
-                    if let Some(value) = line.axis(index) {
-                        let value = value * if axis.is_rotary() { 1.0 } else { unit };
-                        let base = if offset == LengthOffset::Added {
-                            self.tool_offset[index]
-                        } else {
-                            0.0
-                        };
-                        self.tool_offset[index] = base + value;
-                        check_coordinate(self.tool_offset[index], axis, line)?;
-                    }
-                }
-            }
-        }
-        Ok(())
-    }
-
-    /// Place of an axis in program coordinates and units.
-    pub(crate) fn program_position(&self, axis: usize) -> f64 {
-        (self.position[axis] - self.cached_zero[axis]) / self.axis_unit(axis)
-    }
-
-    /// Place of an axis in machine coordinates, in program units.
-    pub(crate) fn machine_position(&self, axis: usize) -> f64 {
-        self.position[axis] / self.axis_unit(axis)
-    }
-
-    pub(crate) fn tool(&self) -> u32 {
-        self.tool
-    }
-
-    pub(crate) fn selected_tool(&self) -> Option<u32> {
-        self.selected_tool
-    }
-
-    /// A predefined parameter.
-    pub(crate) fn system(&self, _system: System) -> f64 {
-        0.0
-    }
-
-    fn modes(&mut self, line: &Statement, settings: &Settings) {
-        if let Some(GCode::Plane(plane)) = line.g(Group::Plane) {
-            self.plane = plane;
-        }
-        if let Some(GCode::Inches(inches)) = line.g(Group::Units) {
-            self.inches = inches;
-        }
-        if let Some(GCode::WorkOffset(index)) = line.g(Group::WorkOffset)
-            && index < settings.work_offsets.len()
-        {
-            self.work_offset = index;
-        }
-        if let Some(GCode::Path(control)) = line.g(Group::PathControl) {
-            self.path_mode = match control {
-                PathControl::ExactPath => PathMode::ExactPath,
-                PathControl::ExactStop => PathMode::ExactStop,
-                PathControl::Blend => PathMode::Blend {
-                    tolerance_mm: line.word(b'P').map(|p| p * self.unit_mm()),
-                    merge_mm: line.word(b'Q').map(|q| q * self.unit_mm()),
-                },
-            };
-        }
-        if let Some(GCode::Incremental(incremental)) = line.g(Group::Distance) {
-            self.incremental = incremental;
-        }
-        if let Some(GCode::ArcCentreAbsolute(absolute)) = line.g(Group::ArcDistance) {
-            self.arc_centre_absolute = absolute;
-        }
-    }
-
-    /// G92 and its kin.
-    fn offset(&mut self, line: &Statement, settings: &Settings) -> Result<(), Fault> {
-        match line.once() {
-            Some(Once::SetOffset) => {
-                let mut offset = self.active_g92();
-                let work = self.work_zero(settings);
-                for axis in AxisLetter::ALL {
-                    let index = axis.index();
-                    if let Some(value) = line.axis(index) {
-                        offset[index] = self.position[index]
-                            - work[index]
-                            - self.tool_offset[index]
-                            - value * self.axis_unit(index);
-                        check_coordinate(offset[index], axis, line)?;
-                    }
-                }
-                (self.g92, self.g92_active) = (offset, true);
-            }
-            Some(Once::ClearOffset) => (self.g92, self.g92_active) = (Axes::zeros(), true),
-            Some(Once::SuspendOffset) => self.g92_active = false,
-            Some(Once::RestoreOffset) => self.g92_active = true,
-            Some(Once::Dwell | Once::MachineCoordinates) | None => {}
-        }
-        Ok(())
+        if self.modes.inches { INCH_MM } else { 1.0 }
     }
 
     /// Millimetres or degrees of a program unit of an axis.
-    fn axis_unit(&self, index: usize) -> f64 {
+    pub(crate) fn axis_unit(&self, index: usize) -> f64 {
         if AxisLetter::ALL[index].is_rotary() {
             1.0
         } else {
@@ -411,139 +179,138 @@ impl State {
         }
     }
 
-    /// Where the axis words lead to, in machine coordinates.
-    fn target(&self, machine: bool, line: &Statement, settings: &Settings) -> Result<Axes, Fault> {
-        let mut target = self.position;
-        let zero = if machine {
-            Axes::zeros()
+    /// The same for a word: in G7 X is a diameter.
+    pub(crate) fn word_unit(&self, index: usize) -> f64 {
+        if index == 0 && self.modes.diameter {
+            0.5 * self.unit_mm()
         } else {
-            self.zero(settings)
-        };
-        for index in 0..AXES {
-            if let Some(value) = line.axis(index) {
-                let value = value * self.axis_unit(index);
-                let base = if self.incremental {
-                    self.position[index]
-                } else {
-                    zero[index]
-                };
-                target[index] = base + value;
-                check_coordinate(target[index], AxisLetter::ALL[index], line)?;
-            }
+            self.axis_unit(index)
         }
-        Ok(target)
     }
 
-    fn moves(
-        &mut self,
-        motion: Motion,
-        machine: bool,
-        line: &Statement,
-        settings: &Settings,
-        out: &mut impl FnMut(Action),
-    ) -> Result<(), Fault> {
-        let target = self.target(machine, line, settings)?;
-        let kind = if motion == Motion::Rapid {
-            MoveKind::Rapid
-        } else {
-            MoveKind::Feed
-        };
-        // G0 or G1 alone only sets the mode.
-        if kind == MoveKind::Feed && (motion.is_round() || line.has_axes()) {
-            self.check_feed(motion, line)?;
-        }
-        let curve = match motion {
-            Motion::Arc(sense) => round::arc(self, sense, target, line, settings)?,
-            Motion::Involute(sense) => round::involute(self, sense, target, line, settings)?,
-            _ if target == self.position => return Ok(()),
-            _ => Line::new(self.position, target)
-                .map(Curve::Line)
-                .map_err(|error| Fault::new(Code::LineRefused, line.motion_span(), error.to_string()))?,
-        };
-        let feed = match kind {
-            MoveKind::Rapid => f64::INFINITY,
-            MoveKind::Feed => self.feed_along(&curve, target, line),
-        };
-        // A path that a double cannot tell from nothing would have no direction and no time.
-        if !(curve.length() > 0.0 && feed > 0.0) {
-            let message = format!("a move of {:e} mm at {feed:e} mm/s", curve.length());
-            return Err(Fault::new(Code::LineRefused, line.motion_span(), message)
-                .help("length or feed is too small to compute with"));
-        }
-        // The curve keeps its end bit for bit, but rounds may have moved it (a circle's end is its start).
-        self.position = curve.end();
-        out(Action::Move(Move {
-            curve,
-            kind,
-            feed,
-            path_mode: self.path_mode,
-        }));
-        Ok(())
+    fn turned(&self) -> bool {
+        self.rotation[0] != 0.0
     }
 
-    /// A feed move needs a speed.
-    fn check_feed(&self, motion: Motion, line: &Statement) -> Result<(), Fault> {
-        let name = motion.name();
-        let span = line.motion_span();
-        let feed = match self.feed_mode {
-            FeedMode::InverseTime => {
-                let Some(feed) = line.word(b'F') else {
-                    let message = format!("{name} in G93 without F");
-                    return Err(Fault::new(Code::InverseTimeFeedMissing, span, message)
-                        .help("in inverse time mode every feed move has its own F: 1 / minutes"));
-                };
-                feed
-            }
-            FeedMode::PerMinute | FeedMode::PerRevolution => {
-                let Some(feed) = self.feed else {
-                    let message = format!("{name}, but no feed is in force");
-                    return Err(Fault::new(Code::FeedMissing, span, message)
-                        .help("write F on this line or before; a change of feed mode forgets F"));
-                };
-                feed.linear
-            }
-        };
-        if feed <= 0.0 {
-            let message = format!("{name} with feed F0");
-            return Err(Fault::new(Code::FeedZero, span, message).help("write an F above 0"));
+    /// A vector of program coordinates in machine coordinates.
+    pub(crate) fn turn(&self, mut vector: Axes) -> Axes {
+        if self.turned() {
+            let [_, cos, sin] = self.rotation;
+            (vector[0], vector[1]) = (
+                cos * vector[0] - sin * vector[1],
+                sin * vector[0] + cos * vector[1],
+            );
         }
-        if self.feed_mode == FeedMode::PerRevolution && self.speed_rpm <= 0.0 {
-            let message = format!("{name} in G95, but the spindle speed is 0");
-            return Err(Fault::new(Code::SpindleSpeedMissing, span, message)
-                .help("feed per revolution needs a spindle speed: write S and M3 first"));
-        }
-        Ok(())
+        vector
     }
 
-    /// Speed along the feed metric in mm/s, or deg/s if only rotary axes move. [`check_feed`](Self::check_feed)
-    /// has passed.
-    fn feed_along(&self, curve: &Curve, target: Axes, line: &Statement) -> f64 {
-        if self.feed_mode == FeedMode::InverseTime {
-            return line.word(b'F').unwrap_or(0.0) / 60.0 * curve.length();
+    /// A vector of machine coordinates in program coordinates.
+    pub(crate) fn turn_back(&self, mut vector: Axes) -> Axes {
+        if self.turned() {
+            let [_, cos, sin] = self.rotation;
+            (vector[0], vector[1]) = (
+                cos * vector[0] + sin * vector[1],
+                cos * vector[1] - sin * vector[0],
+            );
         }
-        let straight = matches!(curve, Curve::Line(_));
-        let rotary = straight
-            && AxisLetter::ALL
-                .iter()
-                .all(|axis| axis.is_rotary() || target[axis.index()] == self.position[axis.index()]);
-        let feed = self
-            .feed
-            .map_or(0.0, |feed| if rotary { feed.rotary } else { feed.linear });
-        match self.feed_mode {
-            FeedMode::PerRevolution => feed * self.speed_rpm / 60.0,
-            _ => feed,
+        vector
+    }
+
+    /// A point of program coordinates (mm, degrees) in machine coordinates.
+    pub(crate) fn machine_of(&self, program: Axes) -> Axes {
+        if self.turned() {
+            return self.turn(program + self.g92) + self.work + self.tool_offset;
+        }
+        // In this order sums of offsets are what they were before the tool's length came in.
+        self.work + self.g92 + self.tool_offset + program
+    }
+
+    /// A point of machine coordinates in program coordinates (mm, degrees).
+    pub(crate) fn program_of(&self, machine: Axes) -> Axes {
+        if self.turned() {
+            return self.turn_back(machine - self.work - self.tool_offset) - self.g92;
+        }
+        machine - (self.work + self.g92 + self.tool_offset)
+    }
+
+    /// Where a program's words refer to: the programmed point, not the centre of a compensated tool.
+    pub(crate) fn programmed(&self) -> Axes {
+        self.cutter.programmed.unwrap_or(self.position)
+    }
+
+    /// Place of an axis in program coordinates and units.
+    pub(crate) fn program_position(&self, axis: usize) -> f64 {
+        self.program_of(self.programmed())[axis] / self.axis_unit(axis)
+    }
+
+    /// Place of an axis in machine coordinates, in program units.
+    pub(crate) fn machine_position(&self, axis: usize) -> f64 {
+        self.position[axis] / self.axis_unit(axis)
+    }
+
+    /// A predefined parameter.
+    pub(crate) fn system(&self, system: System) -> f64 {
+        let truth = |yes: bool| f64::from(u8::from(yes));
+        let modes = &self.modes;
+        match system {
+            System::Absolute => truth(!modes.incremental),
+            System::Incremental => truth(modes.incremental),
+            System::AdaptiveFeed => truth(modes.adaptive),
+            System::CutterCompensation => match self.cutter.code {
+                Compensation::Off => 400.0,
+                Compensation::On { left, given } => {
+                    let side = if left { 410.0 } else { 420.0 };
+                    side + truth(given)
+                }
+            },
+            System::Coordinates => match modes.work_index {
+                index @ 0..=5 => 540.0 + 10.0 * index as f64,
+                index => 591.0 + (index - 6) as f64,
+            },
+            System::CurrentTool => f64::from(self.tool),
+            System::SelectedTool => self.selected_tool.map_or(-1.0, f64::from),
+            System::Feed => modes.feed.map_or(0.0, |feed| feed.word),
+            System::FeedHold => truth(modes.feed_stop),
+            System::FeedOverride => truth(modes.feed_override),
+            System::SpeedOverride => truth(modes.spindle_override),
+            System::Flood => truth(modes.flood),
+            System::Mist => truth(modes.mist),
+            System::CentreAbsolute => truth(modes.arc_centre_absolute),
+            System::Imperial => truth(modes.inches),
+            System::Metric => truth(!modes.inches),
+            System::InverseTime => truth(modes.feed_mode == FeedMode::InverseTime),
+            System::UnitsPerMinute => truth(modes.feed_mode == FeedMode::PerMinute),
+            System::UnitsPerRevolution => truth(modes.feed_mode == FeedMode::PerRevolution),
+            System::LatheDiameter => truth(modes.diameter),
+            System::LatheRadius => truth(!modes.diameter),
+            System::MotionMode => match self.motion {
+                Motion::None => 800.0,
+                motion => motion.tenths(),
+            },
+            System::Plane => match modes.plane {
+                PlaneCode::Main(plane) => plane_number(plane),
+                PlaneCode::Secondary(plane) => plane_number(plane) + 1.0,
+            },
+            System::RetractOldZ => truth(modes.retract_to_old),
+            System::RetractRPlane => truth(!modes.retract_to_old),
+            System::Rpm => modes.speed,
+            System::SpindleConstantSurface => truth(modes.surface.is_some()),
+            System::SpindleRpmMode => truth(modes.surface.is_none()),
+            System::SpindleClockwise => truth(modes.spindle == SpindleDirection::Clockwise),
+            System::SpindleOn => truth(modes.spindle != SpindleDirection::Stopped),
+            System::ToolOffset => truth(self.tool_offset != Axes::zeros()),
+            // The release of LinuxCNC whose language this is.
+            System::VersionMajor => 2.9,
+            // Where the text is executed (Task), remaps: there is nothing of that kind.
+            _ => 0.0,
         }
     }
 }
 
-fn check_coordinate(value: f64, axis: AxisLetter, line: &Statement) -> Result<(), Fault> {
-    if value.abs() <= MAX_COORDINATE {
-        return Ok(());
+fn plane_number(plane: Plane) -> f64 {
+    match plane {
+        Plane::Xy => 170.0,
+        Plane::Zx => 180.0,
+        Plane::Yz => 190.0,
     }
-    let letter = axis.letter();
-    let message = format!("{letter} would be {value:e} in machine coordinates");
-    Err(
-        Fault::new(Code::PositionTooLarge, line.span(letter as u8), message)
-            .help("no machine travels that far; look at offsets and increments"),
-    )
 }

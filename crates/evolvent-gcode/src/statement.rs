@@ -7,11 +7,14 @@ use evolvent_path::{AXES, AxisLetter};
 
 use crate::Code;
 use crate::block::Block;
-use crate::codes::{GCode, GROUPS, Group, LengthOffset, MCode, Motion, Once, PathControl};
-use crate::codes::{is_g_of_the_dialect, is_m_of_the_dialect};
+use crate::codes::{
+    Compensation, Cycle, GCode, GROUPS, Group, LengthOffset, MCode, Motion, Once, PathControl,
+    is_g_of_the_dialect,
+};
 use crate::diagnostic::{Fault, Span};
 
-const LETTERS: usize = 26;
+/// The letters, and `@` `^` `$`.
+const WORDS: usize = 29;
 
 /// Codes and words of one line. Kept and filled again.
 #[derive(Clone, Debug)]
@@ -20,65 +23,91 @@ pub(crate) struct Statement {
     g: [Option<(GCode, Span, f64)>; GROUPS],
     /// The M code of each group, if any, its place and its number.
     m: [Option<(MCode, Span, f64)>; GROUPS],
-    values: [f64; LETTERS],
-    spans: [Span; LETTERS],
-    /// Bit per letter.
+    values: [f64; WORDS],
+    spans: [Span; WORDS],
+    /// Bit per word.
     present: u32,
+    any_m: bool,
+    any_mode: bool,
     /// What moves: a code on the line, or the motion mode in force if there is something for it.
     motion: Option<Motion>,
 }
 
-const fn bit(letter: u8) -> u32 {
-    1 << (letter - b'A')
+const fn place(letter: u8) -> usize {
+    match letter {
+        b'@' => 26,
+        b'^' => 27,
+        b'$' => 28,
+        _ => (letter - b'A') as usize,
+    }
 }
 
-const AXIS_BITS: u32 = {
-    let mut bits = 0;
+const fn letter_of(place: usize) -> u8 {
+    match place {
+        26 => b'@',
+        27 => b'^',
+        28 => b'$',
+        _ => b'A' + place as u8,
+    }
+}
+
+const fn bit(letter: u8) -> u32 {
+    1 << place(letter)
+}
+
+/// The bits of several letters.
+const fn bits(letters: &[u8]) -> u32 {
+    let mut sum = 0;
     let mut index = 0;
-    while index < AXES {
-        bits |= bit(AxisLetter::ALL[index].letter() as u8);
+    while index < letters.len() {
+        sum |= bit(letters[index]);
         index += 1;
     }
-    bits
-};
-const CENTRE_BITS: u32 = bit(b'I') | bit(b'J') | bit(b'K');
-const ALWAYS_USED: u32 = bit(b'F') | bit(b'S') | bit(b'T');
+    sum
+}
+
+const POLAR_BITS: u32 = bits(b"@^");
+const AXIS_BITS: u32 = bits(b"XYZABCUVW@^");
+const CENTRE_BITS: u32 = bits(b"IJK");
+const ALWAYS_USED: u32 = bits(b"FST$");
 
 impl Statement {
     pub(crate) fn new() -> Self {
         Self {
             g: [None; GROUPS],
             m: [None; GROUPS],
-            values: [0.0; LETTERS],
-            spans: [Span::at(0); LETTERS],
+            values: [0.0; WORDS],
+            spans: [Span::at(0); WORDS],
             present: 0,
+            any_m: false,
+            any_mode: false,
             motion: None,
         }
     }
 
-    /// Fills in a line. `modal` is the motion mode in force, `axes` which axes exist.
-    pub(crate) fn fill(&mut self, block: &Block, modal: Motion, axes: &[bool; AXES]) -> Result<(), Fault> {
-        self.g = [None; GROUPS];
-        self.m = [None; GROUPS];
+    /// Fills in a line. `modal` is the motion mode in force, `axes` which axes exist, `user_codes` whether M100 to
+    /// M199 do.
+    pub(crate) fn fill(
+        &mut self,
+        block: &Block,
+        modal: Motion,
+        axes: &[bool; AXES],
+        user_codes: bool,
+    ) -> Result<(), Fault> {
+        if self.any_mode || self.g[Group::Motion as usize].is_some() {
+            self.g = [None; GROUPS];
+        }
+        if self.any_m {
+            self.m = [None; GROUPS];
+        }
+        (self.any_m, self.any_mode) = (false, false);
         self.present = 0;
         self.motion = None;
         for word in &block.words {
-            let value = word.value;
             match word.letter {
-                b'G' => self.add_g(value, word.span)?,
-                b'M' => self.add_m(value, word.span)?,
-                b'@' | b'^' => {
-                    let message = format!(
-                        "'{}': polar coordinates are not available yet",
-                        char::from(word.letter)
-                    );
-                    return Err(Fault::new(Code::PolarCoordinates, word.span, message).help("write X and Y"));
-                }
-                b'$' => {
-                    let message = "'$': there is only one spindle";
-                    return Err(Fault::new(Code::SpindleSelection, word.span, message).help("leave $ out"));
-                }
-                letter => self.add_word(letter, value, word.span, axes)?,
+                b'G' => self.add_g(word.value, word.span)?,
+                b'M' => self.add_m(word.value, word.span, user_codes)?,
+                letter => self.add_word(letter, word.value, word.span, axes)?,
             }
         }
         self.settle_motion(modal)?;
@@ -86,11 +115,13 @@ impl Statement {
     }
 
     /// The G code of a group.
+    #[inline]
     pub(crate) fn g(&self, group: Group) -> Option<GCode> {
         self.g[group as usize].map(|(code, ..)| code)
     }
 
     /// The M code of a group.
+    #[inline]
     pub(crate) fn m(&self, group: Group) -> Option<MCode> {
         self.m[group as usize].map(|(code, ..)| code)
     }
@@ -111,6 +142,14 @@ impl Statement {
         }
     }
 
+    /// The cutter compensation that stands on the line.
+    pub(crate) fn compensation(&self) -> Option<Compensation> {
+        match self.g(Group::CutterCompensation) {
+            Some(GCode::Compensation(code)) => Some(code),
+            _ => None,
+        }
+    }
+
     /// What moves.
     pub(crate) fn motion(&self) -> Option<Motion> {
         self.motion
@@ -127,7 +166,7 @@ impl Statement {
     /// Value of a word, by upper-case letter.
     #[inline]
     pub(crate) fn word(&self, letter: u8) -> Option<f64> {
-        self.has(letter).then(|| self.values[usize::from(letter - b'A')])
+        self.has(letter).then(|| self.values[place(letter)])
     }
 
     #[inline]
@@ -145,10 +184,34 @@ impl Statement {
         self.present & AXIS_BITS != 0
     }
 
+    /// Whether there is any M code.
+    #[inline]
+    pub(crate) fn has_m(&self) -> bool {
+        self.any_m
+    }
+
+    /// Whether there is any G code but a motion.
+    #[inline]
+    pub(crate) fn has_g_modes(&self) -> bool {
+        self.any_mode
+    }
+
+    pub(crate) fn has_polar(&self) -> bool {
+        self.present & POLAR_BITS != 0
+    }
+
+    /// A word that is a whole number, not negative.
+    pub(crate) fn whole(&self, letter: u8) -> Result<Option<u32>, Fault> {
+        match self.word(letter) {
+            Some(value) => whole(value, char::from(letter), self.span(letter)).map(Some),
+            None => Ok(None),
+        }
+    }
+
     /// Place of a word on the line, or of the motion if there is no such word.
     pub(crate) fn span(&self, letter: u8) -> Span {
         if self.has(letter) {
-            self.spans[usize::from(letter - b'A')]
+            self.spans[place(letter)]
         } else {
             self.motion_span()
         }
@@ -171,10 +234,13 @@ impl Statement {
         if moved == 0 {
             moved = self.present;
         }
-        let spans = (0..LETTERS)
-            .filter(|letter| moved >> letter & 1 != 0)
-            .map(|letter| self.spans[letter]);
+        self.first_span(moved)
+    }
+
+    fn first_span(&self, words: u32) -> Span {
+        let spans = (0..WORDS).filter(|place| words >> place & 1 != 0);
         spans
+            .map(|place| self.spans[place])
             .min_by_key(|span| span.start)
             .unwrap_or_else(|| Span::new(0, 0))
     }
@@ -195,27 +261,27 @@ impl Statement {
         if let Some((.., first)) = self.g[group as usize] {
             return Err(two_of_group(group, span, format!("G{first} and G{value}")));
         }
+        self.any_mode |= group != Group::Motion;
         self.g[group as usize] = Some((code, span, value));
         Ok(())
     }
 
-    fn add_m(&mut self, value: f64, span: Span) -> Result<(), Fault> {
-        let number = whole(value, "M", span)?;
-        let Some(code) = MCode::from_number(number) else {
-            return Err(if is_m_of_the_dialect(number) {
-                Fault::new(
-                    Code::UnsupportedM,
-                    span,
-                    format!("M{number} is not available yet"),
-                )
-            } else {
-                Fault::new(Code::UnknownM, span, format!("there is no M{number}"))
-            });
+    fn add_m(&mut self, value: f64, span: Span, user_codes: bool) -> Result<(), Fault> {
+        let number = whole(value, 'M', span)?;
+        let code = MCode::from_number(number);
+        if matches!(code, Some(MCode::User(_))) && !user_codes {
+            let message = format!("M{number} is not configured");
+            return Err(Fault::new(Code::UnsupportedM, span, message)
+                .help("M100 to M199 are the machine's own commands, which are off"));
+        }
+        let Some(code) = code else {
+            return Err(Fault::new(Code::UnknownM, span, format!("there is no M{number}")));
         };
         let group = code.group();
         if let Some((.., first)) = self.m[group as usize] {
             return Err(two_of_group(group, span, format!("M{first} and M{value}")));
         }
+        self.any_m = true;
         self.m[group as usize] = Some((code, span, value));
         Ok(())
     }
@@ -226,29 +292,26 @@ impl Statement {
             let message = format!("{name} stands twice on this line");
             return Err(Fault::new(Code::RepeatedWord, span, message).help("only G and M may be repeated"));
         }
-        if bit(letter) & AXIS_BITS != 0 {
+        if bit(letter) & AXIS_BITS & !POLAR_BITS != 0 {
             let exists = AxisLetter::from_letter(name).is_some_and(|axis| axes[axis.index()]);
             if !exists {
-                let message = format!("{name}: this machine has no such axis");
-                let present: String = AxisLetter::ALL
-                    .iter()
-                    .filter(|axis| axes[axis.index()])
-                    .map(|axis| axis.letter())
-                    .collect();
-                return Err(
-                    Fault::new(Code::NoSuchAxis, span, message).help(format!("its axes are {present}"))
-                );
+                return Err(no_such_axis(name, span, axes));
             }
         }
-        if matches!(letter, b'F' | b'S') && value < 0.0 {
-            let message = format!("{name}{value} is negative");
-            return Err(Fault::new(Code::Negative, span, message));
+        match letter {
+            b'F' if value < 0.0 => return Err(negative('F', value, span)),
+            b'S' if value < 0.0 => return Err(negative('S', value, span)),
+            b'T' => {
+                whole(value, 'T', span)?;
+            }
+            b'$' if value != 0.0 => {
+                let message = format!("${value}: there is only one spindle, $0");
+                return Err(Fault::new(Code::SpindleSelection, span, message).help("leave $ out"));
+            }
+            _ => {}
         }
-        if letter == b'T' {
-            whole(value, "T", span)?;
-        }
-        self.values[usize::from(letter - b'A')] = value;
-        self.spans[usize::from(letter - b'A')] = span;
+        self.values[place(letter)] = value;
+        self.spans[place(letter)] = span;
         self.present |= bit(letter);
         Ok(())
     }
@@ -256,87 +319,162 @@ impl Statement {
     /// Decides what moves, and that one code only wants the axis words.
     fn settle_motion(&mut self, modal: Motion) -> Result<(), Fault> {
         let code = self.motion_code();
-        if self.once() == Some(Once::SetOffset) {
-            if let Some(motion) = code.filter(|motion| *motion != Motion::None) {
-                let message = format!("G92 and {} both want the axis words", motion.name());
+        let moving = code.filter(|motion| *motion != Motion::None);
+        let taker = match self.once() {
+            Some(once) if once.takes_axes() => Some(once.name()),
+            _ => match self.length_offset() {
+                Some(LengthOffset::Given) => Some("G43.1"),
+                Some(LengthOffset::Added) if self.has_axes() && !self.has(b'H') => Some("G43.2"),
+                _ => None,
+            },
+        };
+        if let Some(taker) = taker {
+            if self.has_polar() {
+                let message = format!("@ and ^ have no meaning for {taker}");
+                return Err(Fault::new(
+                    Code::PolarCoordinates,
+                    self.first_span(self.present & POLAR_BITS),
+                    message,
+                ));
+            }
+            if let Some(motion) = moving {
+                let message = format!("{taker} and {} both want the axis words", motion.name());
                 return Err(
                     Fault::new(Code::TwoUsers, self.motion_span(), message).help("write them on two lines")
                 );
             }
-            if !self.has_axes() {
+            if !self.has_axes() && matches!(self.once(), Some(Once::SetOffset | Once::LocalOffset)) {
                 let span = self.group_span(Group::Once);
-                return Err(
-                    Fault::new(Code::OffsetAxesMissing, span, "G92 needs an axis word")
-                        .help("G92 X0 makes the present position X0; G92.1 clears the offset"),
-                );
-            }
-            return Ok(());
-        }
-        if matches!(
-            self.length_offset(),
-            Some(LengthOffset::Given | LengthOffset::Added)
-        ) && self.has_axes()
-        {
-            if let Some(motion) = code.filter(|motion| *motion != Motion::None) {
-                let message = format!("the tool offset and {} both want the axis words", motion.name());
-                return Err(
-                    Fault::new(Code::TwoUsers, self.motion_span(), message).help("write them on two lines")
-                );
+                return Err(Fault::new(
+                    Code::OffsetAxesMissing,
+                    span,
+                    format!("{taker} needs an axis word"),
+                )
+                .help("G92 X0 makes the present position X0; G92.1 clears the offset"));
             }
             return Ok(());
         }
         let round = self.present & (CENTRE_BITS | bit(b'R')) != 0;
-        let wanted = self.has_axes() || modal.is_round() && round;
+        let wanted = self.has_axes() || modal.is_round() && round && self.once().is_none();
         let motion = code
             .or(wanted.then_some(modal))
             .filter(|motion| *motion != Motion::None);
         if motion.is_none() && self.has_axes() {
             let message = "axis words, but no motion mode is active";
-            let fault = Fault::new(Code::AxisWithoutMotion, self.first_axis_span(), message);
+            let fault = Fault::new(
+                Code::AxisWithoutMotion,
+                self.first_span(self.present & AXIS_BITS),
+                message,
+            );
             return Err(fault.help("write G0, G1, G2 or G3 on this line"));
         }
         self.motion = motion;
         Ok(())
     }
 
-    fn first_axis_span(&self) -> Span {
-        let spans = (0..LETTERS).filter(|letter| self.present & AXIS_BITS & 1 << letter != 0);
-        spans
-            .map(|letter| self.spans[letter])
-            .min_by_key(|span| span.start)
-            .unwrap_or_else(|| Span::new(0, 0))
-    }
-
-    /// Every word has a user, and P only one.
+    /// Every word has a user, and P, Q, R, L, D, E and H only one.
     fn check_use(&self) -> Result<(), Fault> {
-        let dwell = self.once() == Some(Once::Dwell);
-        let blend = self.g(Group::PathControl) == Some(GCode::Path(PathControl::Blend));
-        let arc = matches!(self.motion, Some(Motion::Arc(_)));
-        let mut used = ALWAYS_USED | AXIS_BITS;
-        if self.motion.is_some_and(Motion::is_round) {
-            used |= CENTRE_BITS | bit(b'R');
+        let plain = ALWAYS_USED | AXIS_BITS;
+        if self.present & !plain == 0 && self.once().is_none() {
+            return Ok(());
         }
-        if dwell || blend || arc {
-            used |= bit(b'P');
+        let mut used = plain;
+        let mut twice = 0;
+        let mut claim = |letters: u32| {
+            twice |= used & letters & !plain;
+            used |= letters;
+        };
+        claim(self.motion_words());
+        match self.once() {
+            Some(Once::Dwell) => claim(bit(b'P')),
+            Some(Once::SetData) => claim(bits(b"LPRIJQ")),
+            _ => {}
         }
-        if blend {
-            used |= bit(b'Q');
+        if self.g(Group::PathControl) == Some(GCode::Path(PathControl::Blend)) {
+            claim(bits(b"PQ"));
         }
         if matches!(
             self.length_offset(),
             Some(LengthOffset::Table | LengthOffset::Added)
         ) {
-            used |= bit(b'H');
+            claim(bit(b'H'));
+        }
+        if let Some(Compensation::On { given, .. }) = self.compensation() {
+            claim(bits(if given { b"DL" } else { b"D" }));
+        }
+        if self.g(Group::SpindleMode) == Some(GCode::ConstantSurfaceSpeed(true)) {
+            claim(bit(b'D'));
+        }
+        for (code, ..) in self.m.iter().flatten() {
+            claim(match code {
+                MCode::SpindleOrient => bits(b"RQP"),
+                MCode::ToolNumber => bit(b'Q'),
+                MCode::FeedOverride | MCode::SpindleOverride | MCode::AdaptiveFeed | MCode::FeedStop => {
+                    bit(b'P')
+                }
+                MCode::Output { .. } => bit(b'P'),
+                MCode::Input => bits(b"PELQ"),
+                MCode::AnalogOutput(_) => bits(b"EQ"),
+                MCode::User(_) => bits(b"PQ"),
+                MCode::Call => bits(b"PL"),
+                _ => 0,
+            });
         }
         let unused = self.present & !used;
         if unused != 0 {
             return Err(self.unused(unused));
         }
-        if self.has(b'P') && u8::from(dwell) + u8::from(blend) + u8::from(arc) > 1 {
-            let message = "P could belong to more than one code on this line";
-            let fault = Fault::new(Code::TwoUsers, self.span(b'P'), message);
-            return Err(fault.help("G4, G64 and arcs use P: write them on two lines"));
+        let twice = twice & self.present;
+        if twice != 0 {
+            let letter = (0..WORDS)
+                .find(|place| twice >> place & 1 != 0)
+                .map_or(b'P', letter_of);
+            let name = char::from(letter);
+            let message = format!("{name} could belong to more than one code on this line");
+            return Err(
+                Fault::new(Code::TwoUsers, self.span(letter), message).help("write the codes on two lines")
+            );
         }
+        self.check_values()
+    }
+
+    /// The words other than axes that the motion uses.
+    fn motion_words(&self) -> u32 {
+        match self.motion {
+            None
+            | Some(Motion::None | Motion::Rapid | Motion::Linear | Motion::NurbsEnd | Motion::Probe { .. }) => {
+                0
+            }
+            Some(Motion::Arc(_)) => CENTRE_BITS | bits(b"RP"),
+            Some(Motion::Involute(_)) => CENTRE_BITS | bit(b'R'),
+            Some(Motion::CubicSpline) => bits(b"IJPQ"),
+            Some(Motion::QuadraticSpline) => bits(b"IJ"),
+            Some(Motion::Nurbs) => bits(b"PL"),
+            Some(Motion::Hole(_)) => bits(b"DEHIJLPQRK"),
+            Some(Motion::Thread) => bit(b'K'),
+            Some(Motion::RigidTap) => bits(b"KI"),
+            Some(Motion::ThreadCycle) => bits(b"PIJKRQHEL"),
+            Some(Motion::Cycle(cycle)) => {
+                bits(b"RL")
+                    | match cycle {
+                        Cycle::ChipBreak | Cycle::Peck => bit(b'Q'),
+                        Cycle::DrillDwell
+                        | Cycle::BoreStop
+                        | Cycle::BoreManual
+                        | Cycle::BoreDwell
+                        | Cycle::Tap
+                        | Cycle::TapLeft => bits(b"P"),
+                        Cycle::BackBore => CENTRE_BITS,
+                        Cycle::Drill | Cycle::BoreFeed => 0,
+                    }
+            }
+        }
+    }
+
+    /// Values that are wrong whatever the state.
+    fn check_values(&self) -> Result<(), Fault> {
+        let dwell = self.once() == Some(Once::Dwell);
+        let blend = self.g(Group::PathControl) == Some(GCode::Path(PathControl::Blend));
         if dwell {
             match self.word(b'P') {
                 None => {
@@ -347,23 +485,33 @@ impl Statement {
                         "G4 needs P, the time in seconds",
                     ));
                 }
-                Some(seconds) => not_negative('P', seconds, self.span(b'P'))?,
+                Some(seconds) if seconds < 0.0 => return Err(negative('P', seconds, self.span(b'P'))),
+                Some(_) => {}
             }
         }
         if blend {
             for letter in [b'P', b'Q'] {
-                if let Some(value) = self.word(letter) {
-                    not_negative(char::from(letter), value, self.span(letter))?;
+                if let Some(value) = self.word(letter)
+                    && value < 0.0
+                {
+                    return Err(negative(char::from(letter), value, self.span(letter)));
                 }
             }
+        }
+        if let Some(Once::SetHome(_)) = self.once()
+            && self.has_axes()
+            && self.motion_code().is_none()
+        {
+            // LinuxCNC takes the axis words for a motion in the mode in force, which is rarely what was meant.
+            return Ok(());
         }
         Ok(())
     }
 
     #[cold]
     fn unused(&self, unused: u32) -> Fault {
-        let first = (0..LETTERS as u8)
-            .map(|index| b'A' + index)
+        let first = (0..WORDS)
+            .map(letter_of)
             .filter(|letter| unused & bit(*letter) != 0)
             .min_by_key(|letter| self.span(*letter).start)
             .unwrap_or(b'A');
@@ -371,16 +519,34 @@ impl Statement {
         let message = format!("nothing on this line uses {name}");
         let fault = Fault::new(Code::UnusedWord, self.span(first), message);
         match first {
-            b'E' => fault.help("numbers have no exponent: write all digits"),
-            b'I' | b'J' | b'K' => fault.help(format!("{name} belongs to G2, G3, G2.2 or G3.2")),
-            b'R' => fault.help("R belongs to G2, G3, G2.2 or G3.2"),
-            b'P' => fault.help("P belongs to G4, G64, G2 or G3"),
-            b'Q' => fault.help("Q belongs to G64"),
-            b'H' => fault.help("H belongs to G43 and G43.2"),
-            b'D' => fault.help("D belongs to G41 and G42, which are not available yet"),
+            b'E' => fault.help(
+                "numbers have no exponent: write all digits; the word E belongs to G76, M66, M67 and M68",
+            ),
+            b'I' | b'J' | b'K' => fault.help(format!(
+                "{name} belongs to G2, G3, G2.2, G3.2, G5, G33, G76 or G87"
+            )),
+            b'R' => fault.help("R belongs to arcs, G10, M19, G76 and the cycles G73 to G89"),
+            b'P' => fault.help(
+                "P belongs to G2, G3, G4, G5, G10, G64, G76, G82, G86, G88, G89 and M codes with a number",
+            ),
+            b'Q' => fault.help("Q belongs to G5, G64, G73, G76, G83, M19, M61, M66, M67 and M68"),
+            b'L' => fault.help("L belongs to G10, the cycles G73 to G89, M66 and M98"),
+            b'H' => fault.help("H belongs to G43, G43.2 and G76"),
+            b'D' => fault.help("D belongs to G41, G42 and G96"),
             _ => fault,
         }
     }
+}
+
+#[cold]
+fn no_such_axis(name: char, span: Span, axes: &[bool; AXES]) -> Fault {
+    let message = format!("{name}: this machine has no such axis");
+    let present: String = AxisLetter::ALL
+        .iter()
+        .filter(|axis| axes[axis.index()])
+        .map(|axis| axis.letter())
+        .collect();
+    Fault::new(Code::NoSuchAxis, span, message).help(format!("its axes are {present}"))
 }
 
 #[cold]
@@ -391,19 +557,13 @@ fn two_of_group(group: Group, span: Span, mut message: String) -> Fault {
         .help("one of a kind per line: write them on two lines, or leave one out")
 }
 
-fn not_negative(letter: char, value: f64, span: Span) -> Result<(), Fault> {
-    if value < 0.0 {
-        return Err(Fault::new(
-            Code::Negative,
-            span,
-            format!("{letter}{value} is negative"),
-        ));
-    }
-    Ok(())
+#[cold]
+pub(crate) fn negative(letter: char, value: f64, span: Span) -> Fault {
+    Fault::new(Code::Negative, span, format!("{letter}{value} is negative"))
 }
 
 /// A whole number that is not negative. As in LinuxCNC a rounding error of 1e-4 passes.
-pub(crate) fn whole(value: f64, name: &str, span: Span) -> Result<u32, Fault> {
+pub(crate) fn whole(value: f64, name: char, span: Span) -> Result<u32, Fault> {
     let rounded = value.round();
     if (value - rounded).abs() > 1e-4 {
         return Err(Fault::new(
@@ -413,12 +573,8 @@ pub(crate) fn whole(value: f64, name: &str, span: Span) -> Result<u32, Fault> {
         ));
     }
     if rounded < 0.0 {
-        return Err(Fault::new(
-            Code::Negative,
-            span,
-            format!("{name}{value} is negative"),
-        ));
+        return Err(negative(name, value, span));
     }
-    // The lexer lets no number beyond 1e9 pass, so this fits.
+    // The parser lets no number beyond 1e9 pass, so this fits.
     Ok(rounded as u32)
 }

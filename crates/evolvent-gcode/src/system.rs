@@ -30,7 +30,7 @@ systems! {
     C = "_c",
     CallLevel = "_call_level",
     CutterCompensation = "_ccomp",
-    CoordinateSystem = "_coord_system",
+    Coordinates = "_coord_system",
     CurrentPocket = "_current_pocket",
     CurrentTool = "_current_tool",
     Feed = "_feed",

@@ -1,0 +1,704 @@
+//! O-words: subroutines, conditions and loops.
+//!
+//! A program is read once, as a stream. Only what may be run again is kept: from the first line of a loop while
+//! it runs, and the bodies of subroutines. What a condition leaves out is skipped without being kept.
+
+use std::io::BufRead;
+use std::rc::Rc;
+
+use crate::Code;
+use crate::block::{Keyword, OWord};
+use crate::diagnostic::{Fault, Span};
+use crate::expression::Evaluator;
+use crate::interpreter::Interpreter;
+use crate::lexer::Lexer;
+use crate::lines::{FileFault, Lines, Subroutine, find_file};
+use crate::names::{NameId, Normal};
+use crate::parser::o_word;
+use crate::state::Modes;
+
+/// How many arguments a call may have.
+const ARGUMENTS: usize = 30;
+
+/// What runs: the program itself (no lines: they come from the stream) or a subroutine.
+#[derive(Debug, Default)]
+pub(crate) struct Frame {
+    pub(crate) lines: Option<Rc<Lines>>,
+    /// Next line in `lines`, or on the tape.
+    pub(crate) at: usize,
+    pub(crate) open: Vec<Open>,
+    /// The subroutine, and where it begins.
+    pub(crate) name: NameId,
+    first: usize,
+    /// How often it is still to be run after this time (M98 L).
+    again: u32,
+    /// Whether it has parameters of its own.
+    own_parameters: bool,
+    /// What M70 and M73 saved, and whether it comes back by itself.
+    pub(crate) saved: Option<(Modes, bool)>,
+}
+
+impl Frame {
+    /// Whether the lines are a file without a subroutine of its own, which may just end.
+    pub(crate) fn is_whole_file(&self) -> bool {
+        self.first == 0 && !self.own_parameters
+    }
+}
+
+/// A condition or loop that has begun.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Open {
+    /// Whether one of its branches has been run.
+    If { name: NameId, taken: bool },
+    /// `start` is the place of the line with `while`.
+    While { name: NameId, start: usize },
+    /// `start` is the first line of the body.
+    Do { name: NameId, start: usize },
+    /// `start` is the first line of the body; `left` counts the present run.
+    Repeat { name: NameId, start: usize, left: f64 },
+}
+
+impl Open {
+    fn name(self) -> NameId {
+        match self {
+            Self::If { name, .. }
+            | Self::While { name, .. }
+            | Self::Do { name, .. }
+            | Self::Repeat { name, .. } => name,
+        }
+    }
+
+    fn is_loop(self) -> bool {
+        !matches!(self, Self::If { .. })
+    }
+}
+
+/// Lines are not executed until an O-word of this name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Skip {
+    /// The next branch or the end of a condition.
+    Branch(NameId),
+    /// The end of a loop that is over.
+    End(NameId, Keyword),
+    /// The `while` at the end of a `do`.
+    Test(NameId),
+}
+
+/// A subroutine whose lines are being collected.
+#[derive(Debug)]
+pub(crate) struct Definition {
+    name: NameId,
+    lines: Lines,
+}
+
+impl<R: BufRead> Interpreter<R> {
+    /// Whether the lines of the program must be kept.
+    pub(crate) fn recording(&self) -> bool {
+        self.frames
+            .first()
+            .is_some_and(|main| main.open.iter().any(|open| open.is_loop()))
+    }
+
+    /// Deals with the line if it is being skipped or collected, or is an O-word. `false`: it is an ordinary line.
+    pub(crate) fn flow(&mut self) -> Result<bool, Fault> {
+        if self.definition.is_none() && self.skip.is_none() {
+            let found = o_word(&self.text, &self.scope())?;
+            return match found {
+                Some(word) => self.execute_o_word(&word).map(|()| true),
+                None => Ok(false),
+            };
+        }
+        // A name that cannot be worked out is none of those that are waited for.
+        let word = o_word(&self.text, &self.scope()).unwrap_or_default();
+        if self.definition.is_some() {
+            self.define(word.as_ref())?;
+        } else if let (Some(skip), Some(word)) = (self.skip, word) {
+            self.skipped(skip, &word)?;
+        }
+        Ok(true)
+    }
+
+    fn label(&mut self, word: &OWord) -> Result<NameId, Fault> {
+        self.labels
+            .intern_label(&word.name)
+            .ok_or_else(|| Fault::new(Code::BadName, word.span, "there are too many names of O-words"))
+    }
+
+    fn frame(&mut self) -> &mut Frame {
+        // There is always the program's own frame.
+        let last = self.frames.len() - 1;
+        &mut self.frames[last]
+    }
+
+    /// The place of the current line among the lines that are kept; from now on the program's are.
+    fn mark(&mut self) -> usize {
+        if self.frames.len() == 1 && !self.on_tape {
+            self.tape.clear();
+            self.tape.push(self.line, &self.text);
+            self.on_tape = true;
+            self.frame().at = 1;
+        }
+        self.frame().at - 1
+    }
+
+    fn execute_o_word(&mut self, word: &OWord) -> Result<(), Fault> {
+        let name = self.label(word)?;
+        match word.keyword {
+            Keyword::Sub => {
+                self.nothing_more(word)?;
+                let file = self.frame().lines.as_ref().and_then(|lines| lines.file.clone());
+                self.definition = Some(Definition {
+                    name,
+                    lines: Lines::of_file(file),
+                });
+            }
+            Keyword::EndSub => {
+                if self.frames.len() == 1 || self.frame().name != name {
+                    return Err(order(word, "is not the end of the subroutine that runs"));
+                }
+                let value = self.optional_value(word)?;
+                self.return_from(value);
+            }
+            Keyword::Return => {
+                if self.frames.len() == 1 {
+                    return Err(order(word, "stands outside of any subroutine"));
+                }
+                let value = self.optional_value(word)?;
+                self.return_from(value);
+            }
+            Keyword::Call => self.call(word, name)?,
+            Keyword::If => {
+                let taken = match self.condition(word) {
+                    Ok(taken) => taken,
+                    Err(fault) => {
+                        // So that one mistake is one error.
+                        self.frame().open.push(Open::If { name, taken: true });
+                        self.skip = Some(Skip::Branch(name));
+                        return Err(fault);
+                    }
+                };
+                self.frame().open.push(Open::If { name, taken });
+                self.skip = (!taken).then_some(Skip::Branch(name));
+            }
+            Keyword::ElseIf | Keyword::Else => {
+                // Reached from above, so a branch has been run.
+                match self.frame().open.last() {
+                    Some(Open::If { name: open, .. }) if *open == name => {
+                        self.skip = Some(Skip::Branch(name));
+                    }
+                    _ => return Err(order(word, "has no if before it")),
+                }
+            }
+            Keyword::EndIf => match self.frame().open.last() {
+                Some(Open::If { name: open, .. }) if *open == name => {
+                    self.nothing_more(word)?;
+                    self.frame().open.pop();
+                }
+                _ => return Err(order(word, "has no if before it")),
+            },
+            Keyword::While => self.while_(word, name)?,
+            Keyword::EndWhile => match self.frame().open.last().copied() {
+                Some(Open::While { name: open, start }) if open == name => {
+                    self.nothing_more(word)?;
+                    self.frame().open.pop();
+                    self.jump(start);
+                }
+                _ => return Err(order(word, "has no while before it")),
+            },
+            Keyword::Do => {
+                self.nothing_more(word)?;
+                let start = self.mark() + 1;
+                self.frame().open.push(Open::Do { name, start });
+            }
+            Keyword::Repeat => {
+                let times = match self.value(word) {
+                    Ok(times) => times.round(),
+                    Err(fault) => {
+                        self.skip = Some(Skip::End(name, Keyword::EndRepeat));
+                        return Err(fault);
+                    }
+                };
+                if times < 1.0 {
+                    self.skip = Some(Skip::End(name, Keyword::EndRepeat));
+                } else {
+                    let start = self.mark() + 1;
+                    let left = times;
+                    self.frame().open.push(Open::Repeat { name, start, left });
+                }
+            }
+            Keyword::EndRepeat => match self.frame().open.last().copied() {
+                Some(Open::Repeat {
+                    name: open,
+                    start,
+                    left,
+                }) if open == name => {
+                    self.nothing_more(word)?;
+                    self.repeat(name, start, left);
+                }
+                _ => return Err(order(word, "has no repeat before it")),
+            },
+            Keyword::Break | Keyword::Continue => self.leave_loop(word, name)?,
+            // A program's number does nothing.
+            Keyword::Program => self.nothing_more(word)?,
+        }
+        Ok(())
+    }
+
+    fn while_(&mut self, word: &OWord, name: NameId) -> Result<(), Fault> {
+        let end_of_do = match self.frame().open.last() {
+            Some(Open::Do { name: open, start }) if *open == name => Some(*start),
+            _ => None,
+        };
+        if let Some(start) = end_of_do {
+            let condition = self.condition(word);
+            if matches!(condition, Ok(true)) {
+                self.jump(start);
+            } else {
+                self.frame().open.pop();
+            }
+            return condition.map(drop);
+        }
+        match self.condition(word) {
+            Ok(true) => {
+                let start = self.mark();
+                self.frame().open.push(Open::While { name, start });
+                Ok(())
+            }
+            other => {
+                self.skip = Some(Skip::End(name, Keyword::EndWhile));
+                other.map(drop)
+            }
+        }
+    }
+
+    /// The next run of a repeat, or its end; the current line is behind its body or in it.
+    fn repeat(&mut self, name: NameId, start: usize, left: f64) -> bool {
+        self.frame().open.pop();
+        if left > 1.0 {
+            let left = left - 1.0;
+            self.frame().open.push(Open::Repeat { name, start, left });
+            self.jump(start);
+        }
+        left > 1.0
+    }
+
+    fn leave_loop(&mut self, word: &OWord, name: NameId) -> Result<(), Fault> {
+        self.nothing_more(word)?;
+        let open = &self.frame().open;
+        let Some(place) = open
+            .iter()
+            .rposition(|open| open.is_loop() && open.name() == name)
+        else {
+            return Err(order(word, "is not inside a loop of this name"));
+        };
+        let found = open[place];
+        self.frame().open.truncate(place + 1);
+        let stop = word.keyword == Keyword::Break;
+        match found {
+            Open::While { start, .. } => {
+                self.frame().open.pop();
+                if stop {
+                    self.skip = Some(Skip::End(name, Keyword::EndWhile));
+                } else {
+                    self.jump(start);
+                }
+            }
+            Open::Repeat { start, left, .. } => {
+                if stop {
+                    self.frame().open.pop();
+                    self.skip = Some(Skip::End(name, Keyword::EndRepeat));
+                } else if !self.repeat(name, start, left) {
+                    self.skip = Some(Skip::End(name, Keyword::EndRepeat));
+                }
+            }
+            Open::Do { .. } => {
+                if stop {
+                    self.frame().open.pop();
+                    self.skip = Some(Skip::End(name, Keyword::While));
+                } else {
+                    self.skip = Some(Skip::Test(name));
+                }
+            }
+            Open::If { .. } => {}
+        }
+        Ok(())
+    }
+
+    fn jump(&mut self, place: usize) {
+        self.frame().at = place;
+    }
+
+    /// An O-word among skipped lines.
+    fn skipped(&mut self, skip: Skip, word: &OWord) -> Result<(), Fault> {
+        let Ok(name) = self.label(word) else { return Ok(()) };
+        match skip {
+            Skip::Branch(waited) if waited == name => {
+                let taken = matches!(self.frame().open.last(), Some(Open::If { taken: true, .. }));
+                let enter = match word.keyword {
+                    Keyword::EndIf => {
+                        self.frame().open.pop();
+                        self.skip = None;
+                        return self.nothing_more(word);
+                    }
+                    Keyword::Else => !taken,
+                    Keyword::ElseIf => !taken && self.condition(word)?,
+                    _ => false,
+                };
+                if enter {
+                    if let Some(Open::If { taken, .. }) = self.frame().open.last_mut() {
+                        *taken = true;
+                    }
+                    self.skip = None;
+                }
+            }
+            Skip::End(waited, end) if waited == name && word.keyword == end => self.skip = None,
+            Skip::Test(waited) if waited == name && word.keyword == Keyword::While => {
+                self.skip = None;
+                return self.while_(word, name);
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// A line of a subroutine that is being collected.
+    fn define(&mut self, word: Option<&OWord>) -> Result<(), Fault> {
+        let label = match word {
+            Some(word) => self.label(word).ok(),
+            None => None,
+        };
+        let room = self.settings.max_body_bytes.saturating_sub(self.library.size);
+        let Some(definition) = &mut self.definition else {
+            return Ok(());
+        };
+        definition.lines.push(self.line, &self.text);
+        if definition.lines.size() > room {
+            self.definition = None;
+            return Err(self.body_too_long());
+        }
+        match word {
+            Some(word) if word.keyword == Keyword::EndSub && label == Some(definition.name) => {
+                if let Some(Definition { name, lines }) = self.definition.take() {
+                    let lines = Rc::new(lines);
+                    self.library.insert(name, Subroutine { lines, first: 0 });
+                }
+            }
+            Some(word) if word.keyword == Keyword::Sub => {
+                return Err(order(word, "begins inside another subroutine"));
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    pub(crate) fn body_too_long(&self) -> Fault {
+        let message = format!(
+            "the bodies of loops and subroutines take more than {} bytes",
+            self.settings.max_body_bytes
+        );
+        Fault::new(Code::BodyTooLong, Span::new(0, self.text.len()), message)
+            .help("lines inside a loop are kept to be run again; make its body a subroutine or shorter")
+    }
+
+    /// Every value in brackets behind the keyword.
+    fn values(&mut self, word: &OWord) -> Result<(), Fault> {
+        self.arguments.clear();
+        let text = std::mem::take(&mut self.text);
+        let values = std::mem::take(&mut self.arguments);
+        let result = self.values_of(word, &text, values);
+        self.text = text;
+        match result {
+            Ok(values) => {
+                self.arguments = values;
+                Ok(())
+            }
+            Err(fault) => Err(fault),
+        }
+    }
+
+    fn values_of(&self, word: &OWord, text: &[u8], mut values: Vec<f64>) -> Result<Vec<f64>, Fault> {
+        let scope = self.scope();
+        let mut lexer = Lexer::new(text);
+        lexer.go_back(word.rest);
+        loop {
+            match lexer.peek() {
+                Some(b'[') => values.push(Evaluator::new(&mut lexer, &scope).bracket()?),
+                Some(b'(') => {
+                    lexer.comment()?;
+                }
+                None | Some(b';') => return Ok(values),
+                Some(_) => {
+                    let place = Span::at(lexer.place());
+                    let message = format!(
+                        "after {} only values in [ ] and comments follow",
+                        word.keyword.name()
+                    );
+                    return Err(Fault::new(Code::OWord, place, message));
+                }
+            }
+        }
+    }
+
+    fn value(&mut self, word: &OWord) -> Result<f64, Fault> {
+        self.values(word)?;
+        match self.arguments[..] {
+            [value] => Ok(value),
+            _ => {
+                let message = format!("{} needs one value in brackets", word.keyword.name());
+                Err(Fault::new(Code::OWord, word.span, message).help("as in O1 while [#1 LT 10]"))
+            }
+        }
+    }
+
+    fn condition(&mut self, word: &OWord) -> Result<bool, Fault> {
+        self.value(word).map(|value| value != 0.0)
+    }
+
+    fn optional_value(&mut self, word: &OWord) -> Result<Option<f64>, Fault> {
+        self.values(word)?;
+        match self.arguments[..] {
+            [] => Ok(None),
+            [value] => Ok(Some(value)),
+            _ => Err(order(word, "gives back one value at most")),
+        }
+    }
+
+    fn nothing_more(&mut self, word: &OWord) -> Result<(), Fault> {
+        self.values(word)?;
+        if self.arguments.is_empty() {
+            return Ok(());
+        }
+        Err(order(word, "takes no value"))
+    }
+
+    fn call(&mut self, word: &OWord, name: NameId) -> Result<(), Fault> {
+        self.values(word)?;
+        if self.arguments.len() > ARGUMENTS {
+            let message = format!(
+                "a call with {} values; {ARGUMENTS} are possible",
+                self.arguments.len()
+            );
+            return Err(Fault::new(Code::OWord, word.span, message));
+        }
+        self.enter(&word.name, name, word.span, true, 1)
+    }
+
+    /// M98: the subroutine of a number, as often as told.
+    pub(crate) fn call_number(&mut self, number: u32, times: u32, span: Span) -> Result<(), Fault> {
+        if times == 0 {
+            return Ok(());
+        }
+        let text = Normal::new(format!("{number}").as_bytes());
+        let label = text.as_ref().and_then(|text| self.labels.intern_label(text));
+        let (Some(text), Some(label)) = (text, label) else {
+            return Err(Fault::new(
+                Code::BadName,
+                span,
+                "there are too many names of O-words",
+            ));
+        };
+        self.arguments.clear();
+        self.enter(&text, label, span, false, times)
+    }
+
+    /// M99: back to the caller. `false` in the program itself.
+    pub(crate) fn return_number(&mut self) -> bool {
+        if self.frames.len() == 1 {
+            return false;
+        }
+        self.return_from(None);
+        true
+    }
+
+    fn enter(&mut self, text: &Normal, name: NameId, span: Span, own: bool, times: u32) -> Result<(), Fault> {
+        if self.frames.len() > self.settings.max_call_depth {
+            let message = format!(
+                "subroutines are nested deeper than {}",
+                self.settings.max_call_depth
+            );
+            return Err(Fault::new(Code::NestingTooDeep, span, message)
+                .help("does a subroutine call itself without end?"));
+        }
+        let found = match self.library.get(name) {
+            Some(found) => Some(found.clone()),
+            None => self.load(text, name, span)?,
+        };
+        let Some(found) = found else {
+            let message = format!("there is no subroutine O<{}>", text.as_str());
+            return Err(Fault::new(Code::SubroutineMissing, span, message).help(
+                "define it by O<name> sub ... O<name> endsub in the program, or in a file name.ngc of a subroutine folder",
+            ));
+        };
+        if own {
+            self.parameters.enter(&self.arguments);
+            self.parameters.returned = None;
+        }
+        self.frames.push(Frame {
+            lines: Some(found.lines),
+            at: found.first,
+            name,
+            first: found.first,
+            again: times - 1,
+            own_parameters: own,
+            ..Frame::default()
+        });
+        Ok(())
+    }
+
+    pub(crate) fn return_from(&mut self, value: Option<f64>) {
+        if self.frame().again > 0 {
+            let frame = self.frame();
+            frame.again -= 1;
+            frame.at = frame.first;
+            frame.open.clear();
+            return;
+        }
+        let Some(frame) = self.frames.pop() else { return };
+        if frame.own_parameters {
+            self.parameters.leave();
+            self.parameters.returned = value;
+        }
+        if let Some((modes, true)) = frame.saved {
+            self.restore(modes);
+        }
+    }
+
+    /// Looks for a subroutine in files, then further on in the program.
+    fn load(&mut self, text: &Normal, name: NameId, span: Span) -> Result<Option<Subroutine>, Fault> {
+        let most = self.settings.max_body_bytes.saturating_sub(self.library.size);
+        match find_file(text.as_str(), &self.settings.subroutine_folders, most) {
+            Ok(Some(lines)) => {
+                let lines = Rc::new(lines);
+                self.index(&lines);
+                if self.library.get(name).is_none() {
+                    // A file of a main program's kind: the whole of it, for M98.
+                    let subroutine = Subroutine { lines, first: 0 };
+                    self.library.insert(name, subroutine);
+                }
+                return Ok(self.library.get(name).cloned());
+            }
+            Ok(None) => {}
+            Err(FileFault::Io(path, error)) => {
+                let message = format!("{} cannot be read: {error}", path.display());
+                return Err(Fault::new(Code::SubroutineFile, span, message));
+            }
+            Err(FileFault::TooLong(path)) => {
+                let message = format!("{} is longer than {most} bytes", path.display());
+                return Err(Fault::new(Code::SubroutineFile, span, message));
+            }
+        }
+        self.look_ahead(name)
+    }
+
+    /// Makes the subroutines of a file known.
+    fn index(&mut self, lines: &Rc<Lines>) {
+        for place in 0..lines.len() {
+            let Some((text, _)) = lines.get(place) else {
+                continue;
+            };
+            let Ok(Some(word)) = o_word(text, &self.scope()) else {
+                continue;
+            };
+            if matches!(word.keyword, Keyword::Sub | Keyword::Program)
+                && let Ok(name) = self.label(&word)
+            {
+                let subroutine = Subroutine {
+                    lines: Rc::clone(lines),
+                    first: place + 1,
+                };
+                self.library.insert(name, subroutine);
+            }
+        }
+    }
+
+    /// Reads on in the program, keeping what is read, until the subroutine has been found.
+    fn look_ahead(&mut self, name: NameId) -> Result<Option<Subroutine>, Fault> {
+        if self.frames.len() == 1 && !self.on_tape {
+            self.mark();
+        }
+        let mut found: Option<(Keyword, Lines)> = None;
+        // Lines that are on the tape already and have not been reached may hold it too.
+        let mut place = self.frames[0].at.min(self.tape.len());
+        let mut text = Vec::new();
+        loop {
+            let line = if let Some((kept, line)) = self.tape.get(place) {
+                text.clear();
+                text.extend_from_slice(kept);
+                line
+            } else {
+                if !matches!(self.reader.read_into(&mut text), Ok(true)) {
+                    // An unreadable line ahead is found again by nobody; the call then has no target.
+                    break;
+                }
+                let line = self.reader.line();
+                self.tape.push(line, &text);
+                if self.tape.size() > self.settings.max_body_bytes {
+                    return Err(self.body_too_long());
+                }
+                line
+            };
+            place += 1;
+            let word = o_word(&text, &self.scope()).unwrap_or_default();
+            let label = match &word {
+                Some(word) => self.label(word).ok(),
+                None => None,
+            };
+            let keyword = word.map(|word| word.keyword);
+            match &mut found {
+                None => {
+                    if let Some(keyword @ (Keyword::Sub | Keyword::Program)) = keyword
+                        && label == Some(name)
+                    {
+                        found = Some((keyword, Lines::default()));
+                    }
+                }
+                Some((Keyword::Sub, lines)) => {
+                    lines.push(line, &text);
+                    if keyword == Some(Keyword::EndSub) && label == Some(name) {
+                        break;
+                    }
+                }
+                Some((_, lines)) => {
+                    if keyword == Some(Keyword::Program) || crate::parser::is_percent(&text) {
+                        break;
+                    }
+                    lines.push(line, &text);
+                }
+            }
+        }
+        if let Some((_, lines)) = found {
+            let lines = Rc::new(lines);
+            self.library.insert(name, Subroutine { lines, first: 0 });
+        }
+        Ok(self.library.get(name).cloned())
+    }
+
+    /// What is still open where the lines of a frame end.
+    pub(crate) fn unfinished(&mut self) -> Option<Fault> {
+        let what = if self.definition.is_some() {
+            "endsub"
+        } else {
+            let called = self.frames.len() > 1;
+            match (self.skip, self.frame().open.last()) {
+                (Some(Skip::Branch(_)), _) | (None, Some(Open::If { .. })) => "endif",
+                (Some(Skip::End(_, keyword)), _) => keyword.name(),
+                (None, Some(Open::While { .. })) => "endwhile",
+                (Some(Skip::Test(_)), _) | (None, Some(Open::Do { .. })) => "while",
+                (None, Some(Open::Repeat { .. })) => "endrepeat",
+                (None, None) if called => "endsub",
+                (None, None) => return None,
+            }
+        };
+        let message = format!("the text ends, but O.. {what} is missing");
+        Some(
+            Fault::new(Code::OWordOpen, Span::new(0, self.text.len()), message)
+                .help("each O-word that opens something has one of the same name or number that closes it"),
+        )
+    }
+}
+
+#[cold]
+fn order(word: &OWord, what: &str) -> Fault {
+    let message = format!("O<{}> {} {what}", word.name.as_str(), word.keyword.name());
+    Fault::new(Code::OWordOrder, word.span, message)
+}
