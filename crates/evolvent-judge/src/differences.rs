@@ -8,7 +8,8 @@ use evolvent_path::{AXES, Axes};
 pub(crate) struct Ratios {
     /// Velocity, acceleration, jerk: ratio and axis.
     pub(crate) orders: [(f64, usize); 3],
-    /// Step of acceleration over this period against what jerk allows in the joint time and the period.
+    /// Change of acceleration over three periods against what jerk allows in them and the joint time. A step needs two
+    /// periods to show in second differences, and three wherever it falls between them.
     pub(crate) joint: (f64, usize),
     /// Chord between the two setpoints in the middle of the last four against the curve through them, mm.
     pub(crate) chord_mm: f64,
@@ -20,6 +21,8 @@ pub(crate) struct Ratios {
 #[derive(Clone, Debug)]
 pub(crate) struct Differences {
     last: [Axes; 4],
+    /// The last four second differences.
+    bends: [Axes; 4],
     limits: [Axes; 3],
     travel: [Axes; 2],
     present: [bool; AXES],
@@ -33,6 +36,7 @@ impl Differences {
         let limits = machine.limits();
         Self {
             last: [start; 4],
+            bends: [Axes::zeros(); 4],
             limits: [limits.velocity, limits.acceleration, limits.jerk],
             travel: [limits.travel_min, limits.travel_max],
             present: limits.present,
@@ -44,6 +48,7 @@ impl Differences {
     pub(crate) fn push(&mut self, position: &Axes) -> Ratios {
         self.last.rotate_left(1);
         self.last[3] = *position;
+        self.bends.rotate_left(1);
         let mut ratios = Ratios::default();
         let t = self.period_s;
         for axis in 0..AXES {
@@ -64,9 +69,14 @@ impl Differences {
                 };
                 let ratio = over(difference / [t, t * t, t * t * t][order], limit);
                 ratios.orders[order] = worse(ratios.orders[order], (ratio, axis));
+                if order == 1 {
+                    self.bends[3][axis] = differences[1];
+                }
                 if order == 2 {
-                    let allowed = limit * (self.joint_time_s + t);
-                    ratios.joint = worse(ratios.joint, (over(difference / (t * t), allowed), axis));
+                    let change = (self.bends[3][axis] - self.bends[0][axis]).abs();
+                    let allowed = limit * (self.joint_time_s + 3.0 * t);
+                    let ratio = over((change - noise).max(0.0) / (t * t), allowed);
+                    ratios.joint = worse(ratios.joint, (ratio, axis));
                 }
             }
             if self.present[axis] {

@@ -146,9 +146,38 @@ impl<'a> Follower<'a> {
     pub(crate) fn finish(mut self) -> Coverage {
         let blocks = self.route.blocks.len();
         let here = self.last;
+        let place = self.at;
         self.see(&here, &here, true);
         self.settle(blocks);
+        if !self.ends_here(place) && self.coverage.missed == 0 {
+            self.coverage.missed = 1;
+            self.coverage.first_missed = Some(place.block);
+        }
         self.coverage
+    }
+
+    /// Whether all that is left of the program from `place` on lies about the motion's last point: a loop that was
+    /// never driven ends where the motion does, but does not stay there.
+    fn ends_here(&self, mut place: Place) -> bool {
+        while let Some(block) = self.route.blocks.get(place.block) {
+            let within = self.within(place.block);
+            loop {
+                let off = distance(&self.last, &block.piece.point(place.u));
+                let room = NEIGHBOURHOOD * within - off;
+                if room < 0.0 {
+                    return false;
+                }
+                if place.u >= block.length {
+                    break;
+                }
+                place.u = (place.u + room.max(within / 64.0)).min(block.length);
+            }
+            place = Place {
+                block: place.block + 1,
+                u: 0.0,
+            };
+        }
+        true
     }
 
     /// Tolerance of a block, and of the corner before it.
@@ -160,9 +189,10 @@ impl<'a> Follower<'a> {
             .max(EXACT)
     }
 
-    /// Within what distance a point between setpoints counts as on the block.
+    /// Within what distance a point between setpoints counts as on the block. Wider than what is allowed, so that a
+    /// motion that is a little off is found to be off, not lost.
     fn within(&self, block: usize) -> f64 {
-        1.000_001 * self.tolerance(block) + self.chord_mm
+        1.05 * self.tolerance(block) + 4.0 * self.chord_mm
     }
 
     /// The earliest place from `place` on that lies near `point`, if all that is passed over lies near the stretch to it.
@@ -205,21 +235,27 @@ impl<'a> Follower<'a> {
         false
     }
 
-    /// The nearest place ahead, for a motion that has left the path: at most so far ahead as it is away.
+    /// The nearest place ahead, for a motion that has left the path: at most so far ahead as it is away. One farther on
+    /// counts only if it is a good deal nearer: where turns lie on one another, the first of them.
     fn recover(&self, point: &Axes) -> Place {
-        let mut best = self.at;
         let off = |place: Place| distance(point, &self.route.blocks[place.block].piece.point(place.u));
-        let mut least = off(best);
-        let reach = 4.0 * least + 100.0 * self.within(best.block);
+        let away = off(self.at);
+        let (u, mut least) = self.route.blocks[self.at.block].piece.nearest(point, self.at.u);
+        let mut best = Place {
+            block: self.at.block,
+            u,
+        };
+        let reach = 4.0 * away + 100.0 * self.within(best.block);
         let mut passed = -self.at.u;
         for index in (self.at.block..self.route.blocks.len()).take(MOST_BLOCKS) {
             let block = &self.route.blocks[index];
             let from = if index == self.at.block { self.at.u } else { 0.0 };
+            let most = (reach - passed).min(block.length);
             let tries = if block.piece.is_straight() { 1 } else { TRIES };
             for i in 0..tries {
-                let u = from + (block.length - from) * (i as f64 / tries as f64);
+                let u = from + (most - from).max(0.0) * (i as f64 / tries as f64);
                 let (u, distance) = block.piece.nearest(point, u);
-                if distance < least {
+                if distance < 0.5 * least {
                     least = distance;
                     best = Place { block: index, u };
                 }

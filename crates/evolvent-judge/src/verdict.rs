@@ -73,7 +73,7 @@ pub struct Verdict {
     pub first_lost: Option<(u64, u32)>,
     /// Setpoints that are no numbers.
     pub unreadable: u64,
-    /// Blocks whose end the motion did not come near.
+    /// Blocks whose end the motion did not come near, or that it did not finish.
     pub missed: usize,
     /// Line of the first of them.
     pub first_missed: Option<u32>,

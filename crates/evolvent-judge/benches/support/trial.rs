@@ -4,35 +4,19 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 use evolvent_daemon::{Clock, Controls, Job, Notice, RunObserver, Setup, Summary, run};
 use evolvent_judge::{Judge, Route, Verdict};
-use evolvent_machine::{ControlRate, Machine};
+use evolvent_machine::{ControlRate, Machine, PlannerKind};
 use rustix::time::{ClockId, Timespec, clock_gettime};
 
-/// Which planner makes the plan.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Planner {
-    /// Whatever the machine file or the setup says.
-    Default,
-    /// Scalar S-curves with constant speed on blends.
-    Classic,
-}
-
-impl Planner {
-    pub(crate) fn of(name: &str) -> Result<Self, String> {
-        match name {
-            "default" => Ok(Self::Default),
-            "classic" => Ok(Self::Classic),
-            other => Err(format!("there is no planner {other:?}: name default or classic")),
-        }
-    }
-
-    /// The one place where a planner is chosen.
-    fn choose(self, _setup: &mut Setup) {
-        match self {
-            Self::Default | Self::Classic => {}
-        }
+/// A planner by its name.
+pub(crate) fn planner_of(name: &str) -> Result<PlannerKind, String> {
+    match name {
+        "optimal" => Ok(PlannerKind::Optimal),
+        "classic" => Ok(PlannerKind::Classic),
+        other => Err(format!("there is no planner {other:?}: name optimal or classic")),
     }
 }
 
@@ -51,23 +35,50 @@ pub(crate) fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
 }
 
-/// A machine of config/machines, or any machine file, at a rate.
-pub(crate) fn setup(machine: &Path, rate_hz: Option<f64>, planner: Planner) -> Result<Setup, String> {
+/// A machine file at a rate, with a planner; both the file's own if none is named.
+pub(crate) fn setup(
+    machine: &Path,
+    rate_hz: Option<f64>,
+    planner: Option<PlannerKind>,
+) -> Result<Setup, String> {
     let text = std::fs::read_to_string(machine).map_err(|error| format!("{}: {error}", machine.display()))?;
-    let loaded = Machine::load(machine).map_err(|error| error.to_string())?;
+    let loaded = Machine::parse(&text, &machine.display().to_string()).map_err(|error| error.to_string())?;
     let rate = rate_hz.map(ControlRate::Hz);
     let mut setup = Setup::new(loaded, machine.to_owned(), text, rate).map_err(|error| error.to_string())?;
-    planner.choose(&mut setup);
+    if let Some(planner) = planner {
+        setup.machine.path.planner = planner;
+    }
     Ok(setup)
 }
 
-struct Silent;
+/// Ends a run that takes too long.
+struct Patience {
+    start: Instant,
+    program: String,
+}
 
-impl RunObserver for Silent {
-    fn progress(&mut self, _: &Controls) {}
+impl RunObserver for Patience {
+    fn progress(&mut self, controls: &Controls) {
+        let waited = self.start.elapsed();
+        if waited > PATIENCE {
+            controls.stop();
+        }
+        if waited > 2 * PATIENCE {
+            // A thread that does not come back cannot be ended otherwise.
+            eprintln!(
+                "{}: the planner has not come back for {:.0} s",
+                self.program,
+                waited.as_secs_f64()
+            );
+            std::process::exit(3);
+        }
+    }
     fn notice(&mut self, _: &Notice) {}
     fn note(&mut self, _: &str) {}
 }
+
+/// How long one program may take; it is then stopped, and its outcome says so.
+const PATIENCE: Duration = Duration::from_secs(60);
 
 fn cpu(clock: ClockId) -> f64 {
     let Timespec { tv_sec, tv_nsec } = clock_gettime(clock);
@@ -100,7 +111,11 @@ pub(crate) fn trial(program: &Path, setup: &Setup) -> Result<Trial, String> {
     // The cycle's thread judges as well; what it used in all is known at its last setpoint.
     let mut cycle_s = 0.0;
     let before = (cpu(ClockId::ProcessCPUTime), cpu(ClockId::ThreadCPUTime));
-    let outcome = run(&job, &controls, &mut Silent, |setpoint| {
+    let mut patience = Patience {
+        start: Instant::now(),
+        program: name.to_string(),
+    };
+    let outcome = run(&job, &controls, &mut patience, |setpoint| {
         judge.sample(&setpoint.position);
         cycle_s = cpu(ClockId::ThreadCPUTime);
     })

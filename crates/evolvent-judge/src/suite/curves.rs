@@ -99,7 +99,10 @@ pub(crate) fn bore(pen: &mut Pen) {
         pen.rapid([base, 0.0, 0.0]);
         pen.involute(Turn::Left, out, [0.0, 0.0], base);
         pen.raw(
-            &format!("G3 X{:?} Y{:?} I{:?} J{:?}", out[0], out[1], -out[0], -out[1]),
+            &format!(
+                "G3 X{:.12} Y{:.12} I{:.12} J{:.12}",
+                out[0], out[1], -out[0], -out[1]
+            ),
             [out[0], out[1], 0.0],
         );
         // In along the involute of the other hand, so that the turning goes on.

@@ -118,12 +118,12 @@ impl Pen {
         self.arc(turn, to, centre);
     }
 
-    /// G2.2 or G3.2 in the XY plane, to full precision.
+    /// G2.2 or G3.2 in the XY plane, with more digits: an involute is checked against its end.
     pub(crate) fn involute(&mut self, turn: Turn, to: [f64; 2], centre: [f64; 2], base: f64) {
         let (x, y) = self.turned(to[0], to[1]);
         let (i, j) = self.turned(centre[0] - self.at[0], centre[1] - self.at[1]);
         self.write(format_args!(
-            "{}.2 X{x:?} Y{y:?} I{i:?} J{j:?} R{base:?}",
+            "{}.2 X{x:.12} Y{y:.12} I{i:.12} J{j:.12} R{base}",
             turn.word()
         ));
         self.at = [to[0], to[1], self.at[2]];
