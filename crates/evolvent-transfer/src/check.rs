@@ -109,22 +109,12 @@ fn unavoidable_speed(place: Place, state: AxisState, jerk: f64) -> f64 {
     }
 }
 
-/// The limits of an axis, widened by what rounding has put the states beyond them.
-pub(crate) fn limits_of(limits: &Limits, axis: usize, from: AxisState, to: AxisState) -> AxisLimits {
-    let j = limits.jerk[axis];
-    let widest = |limit: f64, values: &[f64]| values.iter().fold(limit, |most, value| most.max(value.abs()));
+/// The limits of an axis.
+pub(crate) fn limits_of(limits: &Limits, axis: usize) -> AxisLimits {
     AxisLimits {
-        v: widest(
-            limits.velocity[axis],
-            &[
-                from.v,
-                to.v,
-                unavoidable_speed(Place::Start, from, j),
-                unavoidable_speed(Place::Target, to, j),
-            ],
-        ),
-        a: widest(limits.acceleration[axis], &[from.a, to.a]),
-        j,
+        v: limits.velocity[axis],
+        a: limits.acceleration[axis],
+        j: limits.jerk[axis],
     }
 }
 
@@ -272,16 +262,15 @@ fn differs(limits: &Limits, axis: AxisLetter, is: AxisState, wanted: AxisState) 
     Ok(())
 }
 
-/// Which axes have to move at all.
+/// Which axes have to move at all; none where everything is as it shall be already, be it at rest or not.
 pub(crate) fn moving(limits: &Limits, from: &AxesState, to: &AxesState) -> Vec<usize> {
+    if from == to {
+        return Vec::new();
+    }
     (0..AXES)
         .filter(|&i| {
-            limits.present[i]
-                && (from.position[i] != to.position[i]
-                    || from.velocity[i] != 0.0
-                    || from.acceleration[i] != 0.0
-                    || to.velocity[i] != 0.0
-                    || to.acceleration[i] != 0.0)
+            let (start, target) = (AxisState::of(from, i), AxisState::of(to, i));
+            limits.present[i] && (start != target || !start.is_at_rest())
         })
         .collect()
 }

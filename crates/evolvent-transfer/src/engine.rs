@@ -11,10 +11,9 @@
 
 use ruckig::{ControlInterface, InputParameter, Result as Answer, Ruckig, Synchronization, Trajectory};
 
-use crate::fallback::AxisTask;
 use crate::landing::Steps;
 use crate::recover::{Recorded, recover};
-use crate::state::AxisState;
+use crate::state::{AxisState, AxisTask};
 
 /// Units in which ruckig is asked: one of time, one of length for each axis.
 #[derive(Clone, Debug)]
@@ -47,9 +46,9 @@ pub(crate) fn fastest(tasks: &[AxisTask], units: &Units, limit_share: f64) -> Op
     input.target_position = scaled(&|task| task.to.p - task.from.p, 0);
     input.target_velocity = scaled(&|task| task.to.v, 1);
     input.target_acceleration = scaled(&|task| task.to.a, 2);
-    input.max_velocity = scaled(&|task| task.limits.v * limit_share, 1);
-    input.max_acceleration = scaled(&|task| task.limits.a * limit_share, 2);
-    input.max_jerk = scaled(&|task| task.limits.j * limit_share, 3);
+    input.max_velocity = scaled(&|task| task.usable(limit_share).v, 1);
+    input.max_acceleration = scaled(&|task| task.usable(limit_share).a, 2);
+    input.max_jerk = scaled(&|task| task.usable(limit_share).j, 3);
     input.intermediate_positions.clear();
 
     let mut trajectory = Trajectory::new_direct(count);

@@ -5,18 +5,17 @@
 //! It is slower than what is possible, never beyond a limit of velocity, acceleration or jerk.
 
 use crate::landing::Steps;
-use crate::state::{AxisLimits, AxisState};
-
-/// One axis of a move.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct AxisTask {
-    pub limits: AxisLimits,
-    pub from: AxisState,
-    pub to: AxisState,
-}
+use crate::state::{AxisLimits, AxisState, AxisTask};
 
 /// Steps of all axes, of the same total time.
 pub(crate) fn stop_and_go(tasks: &[AxisTask]) -> Vec<Steps> {
+    let tasks: Vec<AxisTask> = tasks
+        .iter()
+        .map(|task| AxisTask {
+            limits: task.usable(1.0),
+            ..*task
+        })
+        .collect();
     let stops: Vec<[(f64, f64); 3]> = tasks.iter().map(|task| stop(task.from, &task.limits)).collect();
     // Backwards in time: velocity and jerk change their sign.
     let starts: Vec<[(f64, f64); 3]> = tasks

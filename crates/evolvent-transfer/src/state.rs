@@ -87,3 +87,38 @@ pub(crate) struct AxisLimits {
     pub a: f64,
     pub j: f64,
 }
+
+/// One axis of a move.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct AxisTask {
+    pub limits: AxisLimits,
+    pub from: AxisState,
+    pub to: AxisState,
+}
+
+impl AxisTask {
+    /// A share of the limits, but not less than the states themselves need: one that moves at its limit must not be
+    /// refused for its last digit.
+    pub(crate) fn usable(&self, share: f64) -> AxisLimits {
+        let j = self.limits.j * share;
+        let arriving = AxisState {
+            a: -self.to.a,
+            ..self.to
+        };
+        let widest =
+            |limit: f64, values: &[f64]| values.iter().fold(limit, |most, value| most.max(value.abs()));
+        AxisLimits {
+            v: widest(
+                self.limits.v * share,
+                &[
+                    self.from.v,
+                    self.to.v,
+                    self.from.relaxed_speed(j),
+                    arriving.relaxed_speed(j),
+                ],
+            ),
+            a: widest(self.limits.a * share, &[self.from.a, self.to.a]),
+            j,
+        }
+    }
+}

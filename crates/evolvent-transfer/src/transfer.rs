@@ -6,9 +6,9 @@ use evolvent_path::{AXES, Axes, AxisLetter};
 use crate::check;
 use crate::engine::{self, Units};
 use crate::error::{Place, Quantity, TransferError};
-use crate::fallback::{AxisTask, rest_to_rest, stop, stop_and_go};
+use crate::fallback::{rest_to_rest, stop, stop_and_go};
 use crate::landing::{Steps, land};
-use crate::state::{AxesState, AxisLimits, AxisState, TransferPoint};
+use crate::state::{AxesState, AxisLimits, AxisState, AxisTask, TransferPoint};
 use crate::track::Track;
 
 /// How the axes are bound to each other.
@@ -70,7 +70,7 @@ impl Transfer {
             .map(|&i| {
                 let (from, to) = (AxisState::of(from, i), AxisState::of(to, i));
                 AxisTask {
-                    limits: check::limits_of(limits, i, from, to),
+                    limits: check::limits_of(limits, i),
                     from,
                     to,
                 }
@@ -295,9 +295,6 @@ impl Job<'_> {
                 }
             }
         }
-        // What the axes were allowed beyond their limits is more along the line by rounding.
-        limits.v = limits.v.max(from.v.abs()).max(to.v.abs());
-        limits.a = limits.a.max(from.a.abs()).max(to.a.abs());
         Ok(StraightLine {
             task: AxisTask { limits, from, to },
             ways,
@@ -323,13 +320,7 @@ fn spread(steps: &[Steps], ways: &[f64]) -> Vec<Steps> {
 fn together(tasks: &[AxisTask], attempt: Attempt) -> Option<Vec<Steps>> {
     let resting = |task: &AxisTask| task.from.is_at_rest() && task.to.is_at_rest();
     let fastest = |task: &AxisTask| {
-        let share = attempt.share;
-        let AxisLimits { v, a, j } = task.limits;
-        let limits = AxisLimits {
-            v: v * share,
-            a: a * share,
-            j: j * share,
-        };
+        let limits = task.usable(attempt.share);
         let way = task.to.p - task.from.p;
         rest_to_rest(way.abs(), &limits).map(|step| (step.0, step.1 * way.signum()))
     };
@@ -414,10 +405,11 @@ impl Attempt {
 fn natural_time(tasks: &[AxisTask]) -> f64 {
     let mut longest = 1e-9_f64;
     for task in tasks {
-        let all = lasting(&rest_to_rest((task.to.p - task.from.p).abs(), &task.limits))
-            + lasting(&stop(task.from, &task.limits))
-            + lasting(&stop(task.to, &task.limits));
-        let AxisLimits { v, a, j } = task.limits;
+        let limits = task.usable(1.0);
+        let all = lasting(&rest_to_rest((task.to.p - task.from.p).abs(), &limits))
+            + lasting(&stop(task.from, &limits))
+            + lasting(&stop(task.to, &limits));
+        let AxisLimits { v, a, j } = limits;
         longest = longest.max(all.min(v / a + a / j));
     }
     longest

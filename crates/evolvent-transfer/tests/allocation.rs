@@ -1,0 +1,64 @@
+//! Evaluating a transfer does not allocate: counted, not believed.
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::hint::black_box;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use evolvent_machine::Limits;
+use evolvent_path::{AXES, Axes};
+use evolvent_transfer::{AxesState, Sync, Transfer};
+
+struct Counting;
+
+static CALLS: AtomicU64 = AtomicU64::new(0);
+
+// SAFETY: every call is passed on to the system's allocator unchanged.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        CALLS.fetch_add(1, Ordering::Relaxed);
+        // SAFETY: the caller keeps the contract of `alloc`.
+        unsafe { System.alloc(layout) }
+    }
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        CALLS.fetch_add(1, Ordering::Relaxed);
+        // SAFETY: the caller keeps the contract of `dealloc`.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+#[test]
+fn a_transfer_is_copied_and_evaluated_without_the_heap() {
+    let limits = Limits {
+        present: [true; AXES],
+        velocity: Axes::repeat(100.0),
+        acceleration: Axes::repeat(1000.0),
+        jerk: Axes::repeat(20_000.0),
+        travel_min: Axes::repeat(-200.0),
+        travel_max: Axes::repeat(200.0),
+        home: Axes::zeros(),
+    };
+    let (from, mut to) = (
+        AxesState::at_rest(Axes::zeros()),
+        AxesState::at_rest(Axes::repeat(50.0)),
+    );
+    to.velocity[3] = 20.0;
+    let before = CALLS.load(Ordering::Relaxed);
+    let solved = Transfer::solve(&limits, &from, &to, Sync::Time);
+    assert!(
+        CALLS.load(Ordering::Relaxed) > before,
+        "the allocator does not count"
+    );
+    let before = CALLS.load(Ordering::Relaxed);
+    let mut sum = 0.0;
+    if let Ok(transfer) = &solved {
+        let copy = *black_box(transfer);
+        for k in 0..10_000 {
+            sum += black_box(copy.at(copy.duration_s() * f64::from(k) * 1e-4)).position[3];
+        }
+    }
+    assert_eq!(CALLS.load(Ordering::Relaxed), before);
+    assert!(sum > 0.0);
+}
