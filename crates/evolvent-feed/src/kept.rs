@@ -65,6 +65,8 @@ pub(crate) struct Kept {
     /// `u'^2` at the beginning of the last stub.
     pub(crate) last_a: f64,
     pub(crate) until: u64,
+    /// The feed factor it was made for.
+    pub(crate) factor: f64,
 }
 
 impl Kept {
@@ -76,7 +78,7 @@ impl Kept {
     }
 
     /// Takes over a plan.
-    pub(crate) fn keep(&mut self, window: &Window, x: &Iterate, until: u64) {
+    pub(crate) fn keep(&mut self, window: &Window, x: &Iterate, until: u64, factor: f64) {
         let n = window.n();
         self.segments.clear();
         for k in 0..n {
@@ -91,6 +93,7 @@ impl Kept {
         self.last = window.spans.last().copied();
         self.last_a = x.a[n];
         self.until = until;
+        self.factor = factor;
         self.valid = true;
     }
 

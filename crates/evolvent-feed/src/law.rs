@@ -82,14 +82,14 @@ impl Law {
                 low = t;
             }
             let newton = t - miss / now.v;
+            if (newton - t).abs() <= f64::EPSILON * duration {
+                return t;
+            }
             let next = if newton > low && newton < high {
                 newton
             } else {
                 0.5 * (low + high)
             };
-            if (next - t).abs() <= f64::EPSILON * duration {
-                return next;
-            }
             t = next;
         }
         t
@@ -122,6 +122,9 @@ impl Law {
                 low = t;
             }
             let newton = t - miss / now.v;
+            if (newton - t).abs() <= 2.0 * f64::EPSILON * t {
+                return t;
+            }
             let next = if newton > low && newton < high {
                 newton
             } else if high.is_finite() {
@@ -129,9 +132,6 @@ impl Law {
             } else {
                 2.0 * t
             };
-            if (next - t).abs() <= 2.0 * f64::EPSILON * next {
-                return next;
-            }
             t = next;
         }
         t

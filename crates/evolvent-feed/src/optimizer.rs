@@ -27,12 +27,22 @@ const POLISHES: usize = 4;
 const POLISH_STEPS: u32 = 8;
 /// Share of its speed that a stop comes down to before it is brought to rest in closed form.
 const CRAWL_SHARE: f64 = 0.03;
+/// Least intervals of the distance of a stop, where one is asked for.
+const STOP_INTERVALS: f64 = 16.0;
 /// Places of each interval from which a stop in closed form is tried.
 const STOP_PARTS: u32 = 4;
+/// Where the motion has to come down to a cap: how strongly against the duration, in at most how many rounds of two
+/// steps, at which barrier parameter, and by which factor of `u'^2` the cap of a round lies above it.
+const PULL: f64 = 3.0;
+const LOWERINGS: usize = 25;
+const LOWERING_MU: f64 = 0.01;
+const ABOVE: f64 = 1.03;
 /// By how much a start may lie beyond the rows of acceleration and jerk.
 const MOST_STRAIN: (f64, f64) = (1.001, 1.012);
 /// Room that a start on a limit is given, as a share of the limit.
-const ROOM: f64 = 1e-3;
+const ROOM: f64 = 1e-4;
+/// By which share of a cap of `u'^2` a start may lie above it before it is brought down.
+const EXCESS: f64 = 1e-3;
 
 /// A part of the time law: contiguous with its neighbours, the last one ends at rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -125,6 +135,7 @@ pub struct Optimizer {
     guess: Vec<f64>,
     scratch: Vec<Span>,
     segments: Vec<Segment>,
+    goal: Vec<f64>,
     kept: Kept,
 }
 
@@ -140,6 +151,7 @@ impl Optimizer {
             guess: Vec::with_capacity(stations + 1),
             scratch: Vec::with_capacity(stations + 2),
             segments: Vec::with_capacity(stations),
+            goal: Vec::with_capacity(2 * stations + 1),
             kept: Kept::with_capacity(stations),
         }
     }
@@ -189,7 +201,7 @@ impl Optimizer {
         if stations > 0 {
             worst = self.polish(grid, feed_factor);
             self.write(out);
-            self.kept.keep(&self.window, &self.solver.x, until);
+            self.kept.keep(&self.window, &self.solver.x, until, feed_factor);
         }
         Ok(PlanReport {
             iterations: self.solver.iterations,
@@ -267,7 +279,16 @@ impl Optimizer {
         gentle: f64,
         out: &mut Vec<Piece>,
     ) -> Option<f64> {
-        if !self.resume(grid, from, state, until, factor, gentle, out)? {
+        if !self.resume(
+            grid,
+            from,
+            state,
+            until,
+            factor,
+            gentle,
+            factor < self.kept.factor,
+            out,
+        )? {
             return Some(f64::NAN);
         }
         if until > self.kept.until {
@@ -278,6 +299,8 @@ impl Optimizer {
         Some(self.solver.descend(&self.window, Solver::first(), MOST_STEPS))
     }
 
+    /// `quick` asks for stations close enough for a stop or a fall of speed at once.
+    ///
     /// Sets window and iterate to what is left of the last plan from a place on, and to a crawl on what is new. False
     /// where nothing is left to be planned.
     fn resume(
@@ -288,6 +311,7 @@ impl Optimizer {
         until: u64,
         factor: f64,
         gentle: f64,
+        quick: bool,
         out: &mut Vec<Piece>,
     ) -> Option<bool> {
         let found = self.kept.find(from, state.0, state.1)?;
@@ -372,6 +396,21 @@ impl Optimizer {
         } else {
             self.window.spans.push(last);
         }
+        if let Some((v, a)) = state
+            && quick
+        {
+            let reach = stop::reach(grid, from, v, a, until);
+            let stub = self.window.spans.pop()?;
+            let room = MOST_INTERVALS + MORE_SPANS - 1;
+            spans::subdivide(
+                &mut self.window.spans,
+                1.2 * reach,
+                reach / STOP_INTERVALS,
+                room,
+                &mut self.scratch,
+            );
+            self.window.spans.push(stub);
+        }
         if self.window.spans.len() < 2 || !self.window.fetch(grid) {
             return None;
         }
@@ -406,9 +445,10 @@ impl Optimizer {
             start::fill(&self.window, &self.segments, &mut self.solver.x);
             self.solver.x.a[n] = square;
             self.solver.x.b[n] = -square / (1.5 * last.length);
-            self.window.end.most = self.window.end.most.max(-1.02 * self.solver.x.b[n]);
+            self.window.end.most = self.window.end.most.max(-(1.0 + ROOM) * self.solver.x.b[n]);
         }
         self.loosen()?;
+        let above = self.lift_caps();
         if let Some((v, a)) = state {
             let by = (v * v - self.solver.x.a[0], a - self.solver.x.b[0]);
             if by != (0.0, 0.0) {
@@ -417,6 +457,9 @@ impl Optimizer {
         }
         if !self.solver.feasible(&self.window) {
             return None;
+        }
+        if above {
+            self.lower_caps();
         }
         Some(true)
     }
@@ -432,25 +475,79 @@ impl Optimizer {
             }
             let loose = |y: f64| {
                 if y > 1.0 - ROOM {
-                    1.0 / (y * (1.0 + ROOM))
+                    1.0 / (y * (1.0 + ROOM)).max(1.0)
                 } else {
                     1.0
                 }
             };
             self.window.loose[k] = (loose(a), loose(j));
-            let d = self.window.d[k];
-            let (a, b, c) = (self.solver.x.a[k], self.solver.x.b[k], self.solver.x.c[k]);
-            let middle = a + d * (b + 0.25 * d * c);
-            for (cap, value) in [
-                (&mut self.window.middle_cap[k], middle),
-                (&mut self.window.cap[k + 1], self.solver.x.a[k + 1]),
-            ] {
-                if value > *cap * (1.0 - ROOM) {
-                    *cap = value * (1.0 + ROOM);
-                }
-            }
         }
         Some(())
+    }
+
+    /// Lifts the caps that the start exceeds above it, and pulls the motion down there: an override was lowered, or a
+    /// joint's bound came later than the plan. Says whether it exceeds any by more than rounding.
+    fn lift_caps(&mut self) -> bool {
+        let (window, x) = (&mut self.window, &self.solver.x);
+        let n = window.n();
+        self.goal.clear();
+        self.goal.extend_from_slice(&window.cap);
+        self.goal.extend_from_slice(&window.middle_cap);
+        let mut above = false;
+        for k in 0..n {
+            let d = window.d[k];
+            let middle = x.a[k] + d * (x.b[k] + 0.25 * d * x.c[k]);
+            let mut excess = false;
+            for (cap, value) in [
+                (&mut window.middle_cap[k], middle),
+                (&mut window.cap[k + 1], x.a[k + 1]),
+            ] {
+                excess |= value > *cap * (1.0 + EXCESS);
+                let room = if excess { ABOVE } else { 1.0 + ROOM };
+                *cap = cap.max(value * room);
+            }
+            if excess {
+                above = true;
+                let goal = self.goal[n + 1 + k].min(self.goal[k + 1]);
+                let pull = PULL * d / (goal * goal.sqrt());
+                self.solver.pull[k] += 0.5 * pull;
+                self.solver.pull[k + 1] += 0.5 * pull;
+            }
+        }
+        above
+    }
+
+    /// Brings the motion down to the caps that were lifted, as fast as the limits allow; where that is, they hold
+    /// again, and before it what was reached is the cap.
+    fn lower_caps(&mut self) {
+        let n = self.window.n();
+        for _ in 0..LOWERINGS {
+            self.solver.centre(&self.window, LOWERING_MU, 2);
+            let (window, x) = (&mut self.window, &self.solver.x);
+            let mut above = false;
+            for k in 0..n {
+                let d = window.d[k];
+                let middle = x.a[k] + d * (x.b[k] + 0.25 * d * x.c[k]);
+                for (cap, value, goal) in [
+                    (&mut window.middle_cap[k], middle, self.goal[n + 1 + k]),
+                    (&mut window.cap[k + 1], x.a[k + 1], self.goal[k + 1]),
+                ] {
+                    if *cap > goal * (1.0 + EXCESS) {
+                        *cap = (value * ABOVE).max(goal).min(*cap);
+                        above |= *cap > goal;
+                    }
+                }
+            }
+            for k in 0..n {
+                // Once all is within its cap there, nothing need pull any more.
+                if window.middle_cap[k] <= self.goal[n + 1 + k] && window.cap[k + 1] <= self.goal[k + 1] {
+                    self.solver.pull[k + 1] = 0.0;
+                }
+            }
+            if !above {
+                break;
+            }
+        }
     }
 
     /// The iterate as pieces.
@@ -575,7 +672,7 @@ impl Optimizer {
     ) -> Option<Ratios> {
         out.clear();
         let until = until.min(self.kept.until);
-        if !self.resume(grid, from, state, self.kept.until, 2.0, 1.0, out)? {
+        if !self.resume(grid, from, state, self.kept.until, 2.0, 1.0, true, out)? {
             return Some(Ratios::default());
         }
         let n = self.window.n();
@@ -600,7 +697,10 @@ impl Optimizer {
             for part in 0..STOP_PARTS {
                 let t = piece.duration * f64::from(part) / f64::from(STOP_PARTS);
                 let state = piece.law.at(t).0;
-                let place = Place { interval: span.interval, x: span.x + state.x };
+                let place = Place {
+                    interval: span.interval,
+                    x: span.x + state.x,
+                };
                 if begin + t >= best.as_ref().map_or(whole, |found| found.4) {
                     continue;
                 }
@@ -625,7 +725,10 @@ impl Optimizer {
             out.pop();
         }
         let span = self.window.spans[k];
-        let place = Place { interval: span.interval, x: span.x + length };
+        let place = Place {
+            interval: span.interval,
+            x: span.x + length,
+        };
         worst.include(&ratios);
         stop::write(grid, place, until, &profile, out).then_some(worst)
     }

@@ -298,14 +298,17 @@ impl Profile {
     /// The pieces of constant jerk that take time: state at their start, duration, jerk.
     pub(crate) fn phases(&self) -> impl Iterator<Item = (ScalarState, f64, f64)> + '_ {
         let mut state = self.start;
-        self.pieces.iter().enumerate().filter_map(move |(i, &(time, jerk))| {
-            if i == CRUISE {
-                (state.v, state.a) = (self.cruise, 0.0);
-            }
-            let start = state;
-            state = state.after(time, jerk);
-            (time > 0.0).then_some((start, time, jerk))
-        })
+        self.pieces
+            .iter()
+            .enumerate()
+            .filter_map(move |(i, &(time, jerk))| {
+                if i == CRUISE {
+                    (state.v, state.a) = (self.cruise, 0.0);
+                }
+                let start = state;
+                state = state.after(time, jerk);
+                (time > 0.0).then_some((start, time, jerk))
+            })
     }
 
     /// The state at the end.

@@ -130,6 +130,12 @@ impl Solver {
         }
     }
 
+    /// A few steps at barrier parameter `mu`.
+    pub(crate) fn centre(&mut self, window: &Window, mu: f64, most: u32) {
+        self.time_objective(window, mu);
+        self.newton(window, most, CENTRED);
+    }
+
     pub(crate) fn first() -> f64 {
         FIRST
     }

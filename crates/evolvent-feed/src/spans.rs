@@ -86,6 +86,35 @@ pub(crate) fn grade(
     std::mem::swap(&mut window.spans, scratch);
 }
 
+/// Divides the spans of the first `reach` into parts of at most `most`, where the motion is to change at once however
+/// smooth the path is there. At most `room` spans in all.
+pub(crate) fn subdivide(spans: &mut Vec<Span>, reach: f64, most: f64, room: usize, scratch: &mut Vec<Span>) {
+    scratch.clear();
+    let mut at = 0.0;
+    let mut spare = room.saturating_sub(spans.len());
+    for span in spans.iter() {
+        let wanted = if at < reach {
+            (span.length / most).ceil().clamp(1.0, 1e3)
+        } else {
+            1.0
+        };
+        let parts = (wanted as usize).min(spare + 1);
+        spare -= parts - 1;
+        let width = span.length / parts as f64;
+        for k in 0..parts {
+            let x = width * k as f64;
+            let length = if k + 1 == parts { span.length - x } else { width };
+            scratch.push(Span {
+                x: span.x + x,
+                length,
+                ..*span
+            });
+        }
+        at += span.length;
+    }
+    std::mem::swap(spans, scratch);
+}
+
 /// Over which length from rest constant jerk is as good as anything: well within the first phase of jerk, before
 /// the path has turned.
 fn good_length(grid: &Grid, first: Span, limits: &PathLimits, factor: f64, reverse: bool) -> f64 {

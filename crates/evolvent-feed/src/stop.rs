@@ -33,7 +33,12 @@ pub(crate) struct Walk<'a> {
 
 impl<'a> Walk<'a> {
     pub(crate) fn new(grid: &'a Grid, from: Place, until: u64) -> Self {
-        Self { grid, until, interval: from.interval, begin: -from.x }
+        Self {
+            grid,
+            until,
+            interval: from.interval,
+            begin: -from.x,
+        }
     }
 
     /// Goes on to distance `x`: the interval and the offset in it.
@@ -45,7 +50,10 @@ impl<'a> Walk<'a> {
             self.begin += length;
             self.interval += 1;
         }
-        Place { interval: self.interval, x: x - self.begin }
+        Place {
+            interval: self.interval,
+            x: x - self.begin,
+        }
     }
 
     fn point(&self, place: Place) -> Option<Point> {
@@ -59,16 +67,62 @@ impl<'a> Walk<'a> {
 fn ratios(point: &Point, state: &ScalarState, jerk: f64, limits: &PathLimits) -> Ratios {
     let axes = limits.axes();
     let (v, a) = (state.v, state.a);
-    let mut out = Ratios { velocity: v / point.speed, ..Ratios::default() };
+    let mut out = Ratios {
+        velocity: v / point.speed,
+        ..Ratios::default()
+    };
     for i in 0..AXES {
         if axes.present[i] {
             let (d1, d2, d3) = (point.first[i], point.second[i], point.third[i]);
-            out.acceleration = out.acceleration.max((d2 * v * v + d1 * a).abs() / axes.acceleration[i]);
+            out.acceleration = out
+                .acceleration
+                .max((d2 * v * v + d1 * a).abs() / axes.acceleration[i]);
             let j = d3 * v * v * v + 3.0 * d2 * v * a + d1 * jerk;
             out.jerk = out.jerk.max(j.abs() / axes.jerk[i]);
         }
     }
     out
+}
+
+/// Length of the known path.
+fn room(grid: &Grid, from: Place, until: u64) -> f64 {
+    (from.interval..until)
+        .filter_map(|k| grid.interval_length(k))
+        .sum::<f64>()
+        - from.x
+}
+
+/// How far a stop goes.
+fn distance(state: ScalarState, limits: &ScalarLimits) -> f64 {
+    Profile::brake(state, f64::MAX, 0.0, limits).end().x
+}
+
+/// About how far a stop will go that the axes allow on a straight line.
+pub(crate) fn reach(grid: &Grid, from: Place, v: f64, a: f64, until: u64) -> f64 {
+    let state = ScalarState { x: 0.0, v, a };
+    let room = room(grid, from, until);
+    tangential(grid, from, until, 0.0).map_or(room, |limits| distance(state, &limits).clamp(1e-9, room))
+}
+
+/// The least of the axes' limits along the tangent over a distance.
+fn tangential(grid: &Grid, from: Place, until: u64, reach: f64) -> Option<ScalarLimits> {
+    let axes = grid.limits().axes();
+    let mut walk = Walk::new(grid, from, until);
+    let (mut acceleration, mut jerk) = (f64::INFINITY, f64::INFINITY);
+    let last = if reach > 0.0 { 16 } else { 0 };
+    for k in 0..=last {
+        let place = walk.to(reach * f64::from(k) / 16.0);
+        let point = walk.point(place)?;
+        for i in (0..AXES).filter(|&i| axes.present[i]) {
+            acceleration = acceleration.min(axes.acceleration[i] / point.first[i].abs());
+            jerk = jerk.min(axes.jerk[i] / point.first[i].abs());
+        }
+    }
+    (acceleration.is_finite() && jerk.is_finite()).then_some(ScalarLimits {
+        velocity: f64::MAX,
+        acceleration,
+        jerk,
+    })
 }
 
 /// The quickest of several closed-form stops from a state that keeps all limits, with its largest ratios.
@@ -82,32 +136,13 @@ pub(crate) fn brake(
     until: u64,
     shares: usize,
 ) -> Option<(Profile, Ratios)> {
-    let room: f64 = (from.interval..until).filter_map(|k| grid.interval_length(k)).sum::<f64>() - from.x;
+    let room = room(grid, from, until);
     let state = ScalarState { x: 0.0, v, a };
-    // The least of the axes' limits along the tangent over what the gentlest of the stops would need.
-    let (mut acceleration, mut jerk) = (f64::INFINITY, f64::INFINITY);
-    let mut reach = room;
-    for round in 0..2 {
-        let mut walk = Walk::new(grid, from, until);
-        (acceleration, jerk) = (f64::INFINITY, f64::INFINITY);
-        for k in 0..=16 {
-            let place = walk.to(reach * f64::from(k) / 16.0);
-            let point = walk.point(place)?;
-            let axes = grid.limits().axes();
-            for i in (0..AXES).filter(|&i| axes.present[i]) {
-                acceleration = acceleration.min(axes.acceleration[i] / point.first[i].abs());
-                jerk = jerk.min(axes.jerk[i] / point.first[i].abs());
-            }
-            if round == 0 {
-                break;
-            }
-        }
-        let limits = ScalarLimits { velocity: v, acceleration, jerk };
-        if !(acceleration.is_finite() && jerk.is_finite()) {
-            return None;
-        }
-        reach = room.min(1.5 * Profile::brake(state, f64::MAX, 0.0, &limits).end().x);
-    }
+    let first = tangential(grid, from, until, 0.0)?;
+    let reach = (1.5 * distance(state, &first)).min(room);
+    let ScalarLimits {
+        acceleration, jerk, ..
+    } = tangential(grid, from, until, reach)?;
     // What brings speed and acceleration to zero at once; with less the motion would run backwards.
     let least = if a < 0.0 { 0.5 * a * a / v } else { 0.0 };
     for share in SHARES.into_iter().take(shares) {
@@ -161,7 +196,11 @@ pub(crate) fn write(grid: &Grid, from: Place, until: u64, profile: &Profile, out
             let Some(cell) = grid.cell(place.interval) else {
                 return false;
             };
-            let law = Law::Jerk { v: state.v, a: state.a, j };
+            let law = Law::Jerk {
+                v: state.v,
+                a: state.a,
+                j,
+            };
             let room = cell.length - place.x;
             let reach = law.at(left).0.x;
             let leaves = reach > room && place.interval + 1 < until;
@@ -180,9 +219,15 @@ pub(crate) fn write(grid: &Grid, from: Place, until: u64, profile: &Profile, out
             let next = law.at(t).0;
             (state, left) = (next, left - t);
             place = if leaves {
-                Place { interval: place.interval + 1, x: 0.0 }
+                Place {
+                    interval: place.interval + 1,
+                    x: 0.0,
+                }
             } else {
-                Place { x: place.x + length, ..place }
+                Place {
+                    x: place.x + length,
+                    ..place
+                }
             };
         }
     }
