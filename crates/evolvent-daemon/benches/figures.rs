@@ -18,9 +18,9 @@ use evolvent_daemon::{
     Clock, Controls, Job, LatenessReport, Notice, RealtimeRequest, RunObserver, Setup, Summary, bare_loop,
     run,
 };
-use evolvent_gcode::{Action, Interpreter};
-use evolvent_machine::{ControlRate, Machine};
-use evolvent_motion::{Inputs, Motion, PlanConsumer, plan_queue};
+use evolvent_gcode::{Action, Command, Interpreter};
+use evolvent_machine::{ControlRate, Machine, PlannerKind};
+use evolvent_motion::{Inputs, Motion, PlanConsumer, PlanProducer, plan_queue};
 use evolvent_plan::Planner;
 use evolvent_trace::Histogram;
 
@@ -34,26 +34,61 @@ fn setup(machine: &str, rate: Option<ControlRate>) -> Setup {
     Setup::new(Machine::load(&file).expect("machine"), file, text, rate).expect("rate")
 }
 
-/// Plans a whole program into a queue; for programs that fit.
-fn planned(program: &Path, setup: &Setup) -> PlanConsumer {
-    let (producer, consumer) = plan_queue(|| false);
-    let mut planner = Planner::new(setup.path_limits(), setup.path_rules(1.0), producer);
-    let reader = BufReader::new(File::open(program).expect("program"));
-    for (block, command) in Interpreter::new(reader, setup.interpreter_settings()).enumerate() {
-        let command = command.expect("program without errors");
-        if let Action::Move(motion) = command.action {
-            planner.push(&motion, command.line, block as u32).expect("plan");
-        }
-    }
-    planner.finish(0).expect("finish");
-    consumer
+/// A planner that goes on where it is told to, for a program that one wants to drive oneself.
+struct Ahead {
+    commands: Box<dyn Iterator<Item = Command>>,
+    planner: Planner<PlanProducer<fn() -> bool>>,
+    block: u32,
+    ended: bool,
+    /// The longest time in which it did not look for what the cycle asks.
+    longest: Duration,
 }
 
-/// Time of each step with its hand-over to two queues, as the loop does it.
-fn own_work(program: &str, rate_hz: f64) -> (Histogram, u64) {
-    let setup = setup("mill-3axis.toml", Some(ControlRate::Hz(rate_hz)));
+impl Ahead {
+    fn new(program: &Path, setup: &Setup) -> (Self, PlanConsumer) {
+        let (producer, queue) = plan_queue((|| false) as fn() -> bool);
+        let planner = Planner::new(setup.path_limits(), setup.path_rules(1.0), producer);
+        let reader = BufReader::new(File::open(program).expect("program"));
+        let commands = Interpreter::new(reader, setup.interpreter_settings())
+            .map(|command| command.expect("program without errors"));
+        let ahead = Self {
+            commands: Box::new(commands),
+            planner,
+            block: 0,
+            ended: false,
+            longest: Duration::ZERO,
+        };
+        (ahead, queue)
+    }
+
+    fn go_on(&mut self) {
+        let command = self.commands.next();
+        let start = Instant::now();
+        match command {
+            Some(command) => {
+                if let Action::Move(motion) = command.action {
+                    self.planner
+                        .push(&motion, command.line, self.block)
+                        .expect("plan");
+                    self.block += 1;
+                }
+            }
+            None if self.ended => self.planner.poll().expect("plan"),
+            None => {
+                self.planner.finish(0).expect("finish");
+                self.ended = true;
+            }
+        }
+        self.longest = self.longest.max(start.elapsed());
+    }
+}
+
+/// Time of each step with its hand-over to two queues, as the loop does it; and the planner's longest absence.
+fn own_work(program: &str, rate_hz: f64, planner: PlannerKind) -> (Histogram, u64, Duration) {
+    let mut setup = setup("mill-3axis.toml", Some(ControlRate::Hz(rate_hz)));
+    setup.machine.path.planner = planner;
     let mut histogram = Histogram::default();
-    let mut queue = planned(&root().join("tests/programs").join(program), &setup);
+    let (mut ahead, mut queue) = Ahead::new(&root().join("tests/programs").join(program), &setup);
     let limits = setup.machine.limits();
     let mut motion = Motion::new(limits, setup.period_ns, limits.home);
     let (mut to_bus, mut bus) = rtrb::RingBuffer::new(1024);
@@ -61,6 +96,9 @@ fn own_work(program: &str, rate_hz: f64) -> (Histogram, u64) {
     let inputs = Inputs::default();
     let mut cycles = 0;
     while !motion.is_over() && cycles < 2_000_000 {
+        while !motion.is_ready(&mut queue) {
+            ahead.go_on();
+        }
         let start = Instant::now();
         let setpoint = motion.step(&inputs, &mut queue);
         let _full = to_bus.push(setpoint);
@@ -70,7 +108,7 @@ fn own_work(program: &str, rate_hz: f64) -> (Histogram, u64) {
         let _taken = (bus.pop(), trace.pop());
         cycles += 1;
     }
-    (histogram, cycles)
+    (histogram, cycles, ahead.longest)
 }
 
 struct Silent;
@@ -196,16 +234,20 @@ fn main() {
 
     for program in ["letters.ngc", "bore-200.ngc", "relief.ngc"] {
         for rate in [250.0, 1000.0, 10_000.0, 35_000.0] {
-            let (histogram, cycles) = own_work(program, rate);
-            row(
-                &format!("own work, step and hand-over, {program}, {rate} Hz"),
-                &format!(
-                    "p50 {:.2} us, p99.9 {:.2} us, most {:.0} us ({cycles} cycles)",
-                    us(histogram.percentile_ns(50.0)),
-                    us(histogram.percentile_ns(99.9)),
-                    us(histogram.max_ns())
-                ),
-            );
+            for planner in [PlannerKind::Optimal, PlannerKind::Classic] {
+                let (histogram, cycles, longest) = own_work(program, rate, planner);
+                row(
+                    &format!("own work, step and hand-over, {program}, {rate} Hz, {planner:?}"),
+                    &format!(
+                        "p50 {:.2} us, p99.9 {:.2} us, most {:.0} us ({cycles} cycles); the planner's longest piece of \
+                         work {:.2} ms",
+                        us(histogram.percentile_ns(50.0)),
+                        us(histogram.percentile_ns(99.9)),
+                        us(histogram.max_ns()),
+                        1e3 * longest.as_secs_f64()
+                    ),
+                );
+            }
         }
     }
 

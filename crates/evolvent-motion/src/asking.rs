@@ -248,14 +248,16 @@ impl Motion {
         // Everything that the step, or a request that it makes, can see.
         let mut left = time + self.period * (self.asking.lead + 2) as f64 - flow.piece.duration;
         let mut step = step;
+        // A tail that was claimed is driven to its end.
+        let mut tail = cursor.starved;
         for _ in 0..MOST_AHEAD {
             if left < 0.0 {
                 return true;
             }
             let (next, is_final) = queue.successor(step);
+            tail |= queue.is_claimed(step);
             match queue.step(next) {
-                // What was claimed, or follows a rest, does not change.
-                Some(Step::Flow(flow)) if is_final || cursor.starved => left -= flow.piece.duration,
+                Some(Step::Flow(flow)) if is_final || tail => left -= flow.piece.duration,
                 Some(Step::Flow(_)) | None => return false,
                 Some(_) => return true,
             }

@@ -242,6 +242,12 @@ impl PlanConsumer {
         self.table.finalised.load(Ordering::Acquire) > index
     }
 
+    /// Whether it is settled that the tail behind step `index` is driven.
+    #[must_use]
+    pub fn is_claimed(&self, index: u64) -> bool {
+        self.table.link(index).load(Ordering::Acquire) == CLAIMED
+    }
+
     /// The step after step `index`, and whether it is final. Does not settle which way is taken.
     #[must_use]
     pub fn successor(&self, index: u64) -> (u64, bool) {

@@ -5,8 +5,8 @@ mod common;
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use common::{BLEND, Random, plan, scenario};
-use evolvent_motion::{Inputs, Motion};
+use common::{BLEND, PLANNERS, Pair, Random, scenario};
+use evolvent_motion::Inputs;
 
 struct Counting;
 
@@ -42,29 +42,26 @@ fn the_cycle_does_not_allocate() {
     );
     let mut cycles = 0_u64;
     for case in 0..20 {
-        let scenario = scenario(&mut random, BLEND, true);
-        let mut queue = plan(&scenario);
-        let mut motion = Motion::new(
-            scenario.limits,
-            scenario.period_ns,
-            scenario.moves[0].curve.start(),
-        );
+        let mut scenario = scenario(&mut random, BLEND, true);
+        scenario.planner = PLANNERS[case % 2];
+        let mut pair = Pair::new(&scenario);
         let (mut producer, mut consumer) = rtrb::RingBuffer::new(16);
-        let before = CALLS.load(Ordering::Relaxed);
-        let mut own = 0_u64;
-        while !motion.is_over() {
+        let (mut calls, mut own) = (0, 0_u64);
+        while !pair.motion.is_over() {
+            pair.plan_ahead(&scenario);
             let inputs = Inputs {
                 hold: own % 700 > 600,
                 feed_override: if own % 300 < 150 { 1.0 } else { 1.7 },
                 ..Inputs::default()
             };
-            let setpoint = motion.step(&inputs, &mut queue);
+            let before = CALLS.load(Ordering::Relaxed);
+            let setpoint = pair.step(&inputs);
             // Hand-over, as the loop does it.
             let _full = producer.push(setpoint);
             let _taken = consumer.pop();
+            calls += CALLS.load(Ordering::Relaxed) - before;
             own += 1;
         }
-        let calls = CALLS.load(Ordering::Relaxed) - before;
         assert_eq!(
             calls, 0,
             "case {case}: {calls} calls of the allocator in {own} cycles"

@@ -396,12 +396,13 @@ impl<S: PlanSink> Horizon<S> {
         }
     }
 
-    /// No plan was found, or it came too late: the cycle comes to rest on the tail and asks from there.
+    /// No plan was found, or it came too late: the cycle comes to rest at the end of the tail and asks from there.
     fn give_up(&mut self) -> Result<(), S::Error> {
         if self.front.link.is_none() {
             // At rest, with nothing to follow: let it stand and ask.
             self.append_wait()?;
         }
+        self.sink.finalise(self.appended);
         self.front.waits = true;
         Ok(())
     }

@@ -257,7 +257,9 @@ impl Pair {
             tries += 1;
             assert!(
                 tries < scenario.moves.len() + 1000,
-                "the planner does not get on, state {:?}",
+                "the planner does not get on, fed {} of {}, state {:?}",
+                self.fed,
+                scenario.moves.len(),
                 self.motion.state()
             );
         }

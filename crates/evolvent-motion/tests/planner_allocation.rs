@@ -1,0 +1,97 @@
+//! A planner that has warmed up allocates nothing, so that its time does not depend on the allocator.
+
+#![allow(clippy::expect_used, reason = "a test may fail")]
+#![allow(unsafe_code, reason = "a global allocator is unsafe by its trait")]
+
+mod common;
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use common::{BLEND, Pair, Scenario};
+use evolvent_gcode::{Move, MoveKind};
+use evolvent_machine::{Limits, PlannerKind};
+use evolvent_motion::Inputs;
+use evolvent_path::{AXES, Axes, Curve, Line};
+
+struct Counting;
+
+static ALLOCATIONS: AtomicU64 = AtomicU64::new(0);
+
+// SAFETY: passes everything on to the system's allocator.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        ALLOCATIONS.fetch_add(1, Ordering::Relaxed);
+        // SAFETY: the caller's promise.
+        unsafe { System.alloc(layout) }
+    }
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        // SAFETY: the caller's promise.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+    unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        ALLOCATIONS.fetch_add(1, Ordering::Relaxed);
+        // SAFETY: the caller's promise.
+        unsafe { System.realloc(pointer, layout, size) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+/// A wavy contour in 20 um chords with a corner now and then.
+fn contour(blocks: usize) -> Vec<Move> {
+    let at = |k: usize| {
+        let s = 0.02 * k as f64;
+        let mut point = Axes::zeros();
+        let tooth = (s % 12.0 - 6.0).abs();
+        (point[0], point[1]) = (s, tooth + 3.0 * (0.3 * s).sin());
+        point
+    };
+    (0..blocks)
+        .map(|k| Move {
+            curve: Curve::Line(Line::new(at(k), at(k + 1)).expect("line")),
+            kind: MoveKind::Feed,
+            feed: 150.0,
+            path_mode: BLEND,
+        })
+        .collect()
+}
+
+#[test]
+fn a_warm_planner_does_not_allocate() {
+    let scenario = Scenario {
+        limits: Limits {
+            present: [true; AXES],
+            velocity: Axes::repeat(200.0),
+            acceleration: Axes::repeat(2000.0),
+            jerk: Axes::repeat(50_000.0),
+            travel_min: Axes::repeat(-1e5),
+            travel_max: Axes::repeat(1e5),
+            home: Axes::zeros(),
+        },
+        period_ns: 1_000_000,
+        moves: contour(30_000),
+        chord_error_mm: 1e-3,
+        planner: PlannerKind::Optimal,
+    };
+    let mut pair = Pair::new(&scenario);
+    let mut allocations = Vec::new();
+    while !pair.motion.is_over() {
+        while !pair.motion.is_ready(&mut pair.queue) {
+            let before = ALLOCATIONS.load(Ordering::Relaxed);
+            pair.feed(&scenario);
+            pair.planner.poll().expect("plan");
+            let now = ALLOCATIONS.load(Ordering::Relaxed);
+            if now > before {
+                allocations.push((pair.fed, now - before));
+            }
+        }
+        pair.step(&Inputs::default());
+    }
+    // The end of the path is another matter: it is worked off in larger pieces.
+    let warm = 15_000..=30_000;
+    let late: Vec<_> = allocations.iter().filter(|(fed, _)| warm.contains(fed)).collect();
+    assert!(late.is_empty(), "allocations (move, count): {late:?}");
+    assert!(!allocations.is_empty(), "nothing was counted");
+}
