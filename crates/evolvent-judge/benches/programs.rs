@@ -6,7 +6,7 @@
 //! `--planner both` sets the planners side by side. Without a folder: the programs of tests/programs and those that this crate writes itself. `--write DIR` writes the
 //! latter and runs nothing. Every sample is checked by the judge, which shares no code with planners.
 
-#![allow(clippy::print_stdout, clippy::print_stderr, reason = "a benchmark prints")]
+#![expect(clippy::print_stdout, clippy::print_stderr, reason = "a benchmark prints")]
 
 #[path = "support/peers.rs"]
 mod peers;

@@ -6,7 +6,7 @@
 //! planning, the least of three runs; `reading` is the interpreter's part of it, measured alone. An exponent is that of cost over blocks between a line and the one before it:
 //! 1 is linear.
 
-#![allow(clippy::print_stdout, clippy::print_stderr, reason = "a benchmark prints")]
+#![expect(clippy::print_stdout, clippy::print_stderr, reason = "a benchmark prints")]
 
 #[path = "support/machines.rs"]
 mod machines;

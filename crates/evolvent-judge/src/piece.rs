@@ -14,8 +14,8 @@ use crate::unrolled::Unrolled;
 pub(crate) enum Piece {
     Straight(Straight),
     Round(Round),
-    Unrolled(Unrolled),
-    Other(Other),
+    Unrolled(Box<Unrolled>),
+    Other(Box<Other>),
 }
 
 impl Piece {
@@ -23,10 +23,10 @@ impl Piece {
         match curve {
             Curve::Line(_) => Self::Straight(Straight::of(curve)),
             Curve::Arc(arc) => Self::Round(Round::of(arc, curve.start(), curve.end())),
-            Curve::Involute(involute) if curve.sense() != Sense::Straight => {
-                Self::Unrolled(Unrolled::of(involute, curve.sense(), curve.start(), curve.end()))
-            }
-            _ => Self::Other(Other::of(curve)),
+            Curve::Involute(involute) if curve.sense() != Sense::Straight => Self::Unrolled(Box::new(
+                Unrolled::of(involute, curve.sense(), curve.start(), curve.end()),
+            )),
+            _ => Self::Other(Box::new(Other::of(curve))),
         }
     }
 

@@ -46,7 +46,7 @@ pub fn suite() -> Vec<Program> {
     let once: [(&str, Draw); 9] = [
         ("circle-10000", |pen| chains::circle(pen, 10_000)),
         ("noise-1um", chains::noise),
-        ("relief", chains::relief),
+        ("relief-hills", chains::relief),
         ("spiral-999-arcs", curves::spiral),
         ("tiny-moves", corners::tiny),
         ("rapids", corners::rapids),
@@ -78,5 +78,55 @@ pub fn butterfly_program(chords: usize) -> Program {
     Program {
         name: format!("butterfly-{chords}"),
         text: Pen::draw(0.0, |pen| butterfly::butterfly(pen, chords)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use evolvent_gcode::Settings;
+    use evolvent_machine::Machine;
+
+    use super::*;
+    use crate::Route;
+
+    #[test]
+    fn every_program_can_be_read_and_has_a_name_of_its_own() {
+        let machine = include_str!("../../../config/machines/bench-3axis.toml");
+        let machine = Machine::parse(machine, "bench-3axis.toml").expect("machine");
+        let settings = Settings {
+            axes: machine.limits().present,
+            ..Settings::default()
+        };
+        let programs = suite();
+        let names: BTreeSet<&str> = programs.iter().map(|program| program.name.as_str()).collect();
+        assert_eq!(names.len(), programs.len());
+        for program in &programs {
+            let route = Route::read(program.text.as_bytes(), settings.clone(), &machine);
+            let route = route.unwrap_or_else(|error| panic!("{}: {error}", program.name));
+            assert!(route.length_mm() > 1.0, "{}", program.name);
+        }
+    }
+
+    #[test]
+    fn a_turned_program_is_as_long_as_the_original() {
+        let machine = include_str!("../../../config/machines/bench-3axis.toml");
+        let machine = Machine::parse(machine, "bench-3axis.toml").expect("machine");
+        let length = |name: &str| {
+            let program = suite().into_iter().find(|program| program.name == name);
+            let program = program.expect("program");
+            let route = Route::read(program.text.as_bytes(), Settings::default(), &machine);
+            route.expect("route").length_mm()
+        };
+        for name in ["slots", "letters", "folded-25um"] {
+            let original = length(&format!("{name}-r0"));
+            let turned = length(&format!("{name}-r30"));
+            // Five decimals.
+            assert!(
+                (turned / original - 1.0).abs() < 2e-4,
+                "{name}: {turned} {original}"
+            );
+        }
     }
 }

@@ -1,5 +1,7 @@
 //! Violations of every kind, planted into motions that are right without them, are found; and nothing else is.
 
+#![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
+
 mod common;
 
 use common::{Motion, PEAKS, axes, judge, kinds, machine, xyz};
@@ -307,8 +309,8 @@ fn a_feed_two_thousandths_too_high_is_found() {
 fn a_chord_error_beyond_what_is_permitted_is_found() {
     // Chords of v T on radius R are v^2 T^2 / 8 R off: 1 um at 44.7 mm/s, 4 ms, 4 mm.
     let program = "G21 G61 G90 F12000\nG3 X0 Y0 I4 J0 P20\nM2\n";
-    for (excess, expected) in [(1.03, true), (0.98, false)] {
-        let speed = (8.0 * 4.0 * 0.001 * excess as f64).sqrt() / 0.004;
+    for (excess, expected) in [(1.03_f64, true), (0.98, false)] {
+        let speed = (8.0 * 4.0 * 0.001 * excess).sqrt() / 0.004;
         let seconds = PEAKS[0] * 20.0 * std::f64::consts::TAU * 4.0 / speed;
         let motion = Motion::new(250.0).turn([0, 1], [4.0, 0.0], 20.0 * 360.0, 0.0, seconds);
         let (kinds, verdict) = found(program, &motion);
@@ -424,7 +426,7 @@ fn nine_axes_are_followed_together_and_rotary_axes_in_degrees() {
     let verdict = judge(program, &off, &machine);
     assert!(kinds(&verdict).contains(&Kind::Deviation));
     assert!((verdict.deviation_deg.value - 0.03).abs() < 1e-9 && verdict.deviation_mm.value < 1e-9);
-    let mut off = motion.clone();
+    let mut off = motion;
     off.setpoints[500][3] += 0.03;
     let verdict = judge(program, &off, &machine);
     let share = verdict.deviation_deg.value;
@@ -514,5 +516,69 @@ fn steps_of_curvature_in_exact_path_mode_are_judged_by_the_joint_time() {
         );
         let expected: &[Kind] = if allowed { &[] } else { &[Kind::Joint] };
         assert_eq!(kinds, expected, "{verdict:#?}");
+    }
+}
+
+#[test]
+fn the_deviation_is_that_of_a_search_over_the_whole_program() {
+    let seed: u64 = std::env::var("EVOLVENT_SEED")
+        .ok()
+        .and_then(|text| text.parse().ok())
+        .unwrap_or(0x5eed_0007);
+    println!("EVOLVENT_SEED={seed}");
+    let mut bits = seed | 1;
+    let mut unit = || {
+        bits ^= bits >> 12;
+        bits ^= bits << 25;
+        bits ^= bits >> 27;
+        (bits.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 11) as f64 / (1_u64 << 53) as f64
+    };
+    for case in 0..20 {
+        // Always on to the right, so that the nearest of all lies on the way.
+        let mut corners = vec![[0.0, 0.0]];
+        let (mut x, mut y) = (0.0, 0.0);
+        for _ in 0..60 {
+            x += 0.02 + unit() * unit();
+            y += unit() - 0.5;
+            corners.push([x, y]);
+        }
+        let lines: String = corners[1..]
+            .iter()
+            .map(|[x, y]| format!("G1 X{x:.12} Y{y:.12}\n"))
+            .collect();
+        let program = format!("G21 G64 P0.1 G90 F12000\n{lines}M2\n");
+        // Along the corners with waves of up to 60 um across, at even steps of X.
+        let height = |at: f64| {
+            let i = corners.partition_point(|corner| corner[0] < at).clamp(1, 60);
+            let ([x0, y0], [x1, y1]) = (corners[i - 1], corners[i]);
+            y0 + (y1 - y0) * ((at - x0) / (x1 - x0)).clamp(0.0, 1.0)
+        };
+        let wave = 0.06 * unit();
+        let motion = Motion::new(1000.0).along(10.0, |share| {
+            let at = x * share;
+            xyz(
+                at,
+                height(at) + wave * (40.0 * share).sin() * share * (1.0 - share),
+                0.0,
+            )
+        });
+        let nearest = |point: &evolvent_path::Axes| {
+            corners.windows(2).fold(f64::INFINITY, |least, pair| {
+                let along = [pair[1][0] - pair[0][0], pair[1][1] - pair[0][1]];
+                let to = [point[0] - pair[0][0], point[1] - pair[0][1]];
+                let square = along[0] * along[0] + along[1] * along[1];
+                let share = ((to[0] * along[0] + to[1] * along[1]) / square).clamp(0.0, 1.0);
+                least.min((to[0] - share * along[0]).hypot(to[1] - share * along[1]))
+            })
+        };
+        let expected = motion.setpoints.iter().map(nearest).fold(0.0, f64::max);
+        let verdict = judge(&program, &motion, &machine(XYZ));
+        let judged = verdict.deviation_mm.value;
+        assert!(
+            (judged - expected).abs() < 1e-9,
+            "case {case}: {judged} {expected}"
+        );
+        assert_eq!(verdict.lost, 0, "case {case}");
+        assert_eq!(verdict.missed, 0, "case {case}");
     }
 }

@@ -1,6 +1,5 @@
 //! What the daemon drives is judged, at every control rate.
 
-mod common;
 #[expect(dead_code, reason = "shared with the benchmarks")]
 #[path = "../benches/support/trial.rs"]
 mod trial;
@@ -40,6 +39,18 @@ fn programs_of_every_class_are_driven_as_asked_at_every_rate() {
             let violations = trial.verdict.violations(&Allowances::default());
             assert!(violations.is_empty(), "{name}: {violations:?}");
             assert_eq!(trial.verdict.setpoints, trial.summary.cycles, "{name}");
+            // The cycle's own gauges say the same.
+            let gauge = |list: &[f64]| list.iter().copied().fold(0.0, f64::max);
+            for (judged, gauge) in [
+                (trial.verdict.velocity.value, gauge(&trial.summary.velocity_ratio)),
+                (
+                    trial.verdict.acceleration.value,
+                    gauge(&trial.summary.acceleration_ratio),
+                ),
+                (trial.verdict.jerk.value, gauge(&trial.summary.jerk_ratio)),
+            ] {
+                assert!((judged - gauge).abs() < 1e-4, "{name}: {judged} {gauge}");
+            }
         }
     }
 }

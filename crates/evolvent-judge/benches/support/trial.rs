@@ -57,6 +57,7 @@ struct Patience {
     program: String,
 }
 
+#[expect(clippy::print_stderr, reason = "says why the process ends")]
 impl RunObserver for Patience {
     fn progress(&mut self, controls: &Controls) {
         let waited = self.start.elapsed();

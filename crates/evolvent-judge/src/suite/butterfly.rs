@@ -137,3 +137,55 @@ pub(crate) fn butterfly(pen: &mut Pen, chords: usize) {
         pen.line(place(i));
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Cox's recursion, by the book.
+    fn basis(index: usize, degree: usize, t: f64) -> f64 {
+        if degree == 0 {
+            let inside = knot(index) <= t && t < knot(index + 1);
+            return f64::from(u8::from(inside));
+        }
+        let share = |from: f64, to: f64, value: f64| if to > from { value / (to - from) } else { 0.0 };
+        share(knot(index), knot(index + degree), t - knot(index)) * basis(index, degree - 1, t)
+            + share(
+                knot(index + 1),
+                knot(index + degree + 1),
+                knot(index + degree + 1) - t,
+            ) * basis(index + 1, degree - 1, t)
+    }
+
+    #[test]
+    fn the_curve_is_the_rational_sum_over_its_basis() {
+        for i in 0..1000 {
+            let t = f64::from(i) / 1000.0;
+            let (mut x, mut y, mut w) = (0.0, 0.0, 0.0);
+            for (index, point) in POINTS.iter().enumerate() {
+                let share = basis(index, 3, t) * weight(index);
+                x += share * point[0];
+                y += share * point[1];
+                w += share;
+            }
+            let [met_x, met_y] = butterfly_point(t);
+            assert!(
+                (x / w - met_x).abs() < 1e-10 && (y / w - met_y).abs() < 1e-10,
+                "{t}"
+            );
+        }
+    }
+
+    #[test]
+    fn it_starts_and_ends_at_its_outer_points_and_is_a_butterfly_of_two_like_wings() {
+        assert_eq!(butterfly_point(0.0), POINTS[0]);
+        assert_eq!(butterfly_point(1.0), POINTS[50]);
+        // The figures are printed to a few digits, and the wings differ by as much.
+        for i in 1..50 {
+            let t = f64::from(i) / 100.0;
+            let ([x, y], [mirror_x, mirror_y]) = (butterfly_point(t), butterfly_point(1.0 - t));
+            assert!((x + mirror_x - 2.0 * 54.493).abs() < 1.5, "{t}: {x} {mirror_x}");
+            assert!((y - mirror_y).abs() < 1.5, "{t}: {y} {mirror_y}");
+        }
+    }
+}
