@@ -7,11 +7,12 @@ use crate::limits::PathLimits;
 /// Largest turn of the tangent within one interval, rad.
 const TURN: f64 = 0.1;
 /// Fewest and most intervals of a curved stretch.
-const CURVED: (f64, f64) = (12.0, 2000.0);
-/// The same of a piece of a spline between two knots.
-const SPLINE: (f64, f64) = (4.0, 12.0);
-/// Intervals grow by this factor from the ends of a line to its middle.
-const GROWTH: f64 = 1.25;
+const CURVED: (f64, f64) = (16.0, 2000.0);
+/// Intervals of a line, and the factor by which they grow from its ends to its middle.
+const STRAIGHT: f64 = 10.0;
+const GROWTH: f64 = 1.5;
+/// Places at which the metric of a curve is looked at.
+const SPEEDS: u32 = 8;
 
 /// A part of a curve with its feed.
 #[derive(Clone, Debug)]
@@ -48,21 +49,22 @@ pub(crate) struct Cell {
 
 impl Stretch {
     /// Start and width of each interval that the stretch is cut into.
-    pub(crate) fn cuts(
-        &self,
-        length: f64,
-        _before: Option<&Cell>,
-        _limits: &PathLimits,
-    ) -> impl Iterator<Item = (f64, f64)> + use<> {
+    pub(crate) fn cuts(&self, length: f64) -> impl Iterator<Item = (f64, f64)> + use<> {
         let straight = matches!(self.curve, Curve::Line(_));
-        let (first, second, _) = self.curve.derivative_bounds(self.from, self.from + length);
-        let turn = second.norm() / first.norm().max(1e-12) * length;
         let count = if straight {
-            24.0
-        } else if matches!(self.curve, Curve::Spline(_)) {
-            // Between two knots; its neighbours share the window.
-            (turn / TURN).ceil().clamp(SPLINE.0, SPLINE.1)
+            STRAIGHT
         } else {
+            let speed = |k: u32| {
+                let jet = self
+                    .curve
+                    .jet(self.from + length * f64::from(k) / f64::from(SPEEDS));
+                jet.first.norm()
+            };
+            let slow = (0..=SPEEDS).map(speed).fold(f64::INFINITY, f64::min);
+            let (first, second, _) = self.curve.derivative_bounds(self.from, self.from + length);
+            let fast = first.norm().max(1e-12);
+            // Where a curve nearly turns back on the spot, all happens in a short part of it.
+            let turn = second.norm() / fast * length / (slow / fast).clamp(0.3, 1.0);
             (turn / TURN).ceil().clamp(CURVED.0, CURVED.1)
         };
         // Sizes 1, g, g^2 ... from both ends on lines, equal ones on curves.

@@ -62,9 +62,12 @@ pub(crate) fn check(
         let cell = &window.cells[window.span_index(k)];
         let (d, a, b, c) = (window.d[k], x.a[k], x.b[k], x.c[k]);
         let mut here = Ratios::default();
+        let cap = window.cap[k].max(window.cap[k + 1]).max(window.middle_cap[k]);
+        let mut fast = false;
         for place in PLACES {
             let at = place * d;
             let state = (a + at * (2.0 * b + at * c), b + at * c, c);
+            fast |= state.0 > cap * EXCESS.0 * EXCESS.0;
             if window.traits[k].straight {
                 here.include(&Ratios::at(&cell.points[1], state, limits, factor));
             } else if let Some(stretch) = grid.stretch(cell.stretch) {
@@ -72,7 +75,9 @@ pub(crate) fn check(
                 here.include(&Ratios::at(&point, state, limits, factor));
             }
         }
-        if here.velocity.max(here.acceleration) > EXCESS.0 || here.jerk > EXCESS.1 {
+        // Above the caps of the path the motion may be where it has to come down to them.
+        let fast = fast || (here.velocity > EXCESS.0 && !window.lifted);
+        if fast || here.acceleration > EXCESS.0 || here.jerk > EXCESS.1 {
             stiff[k] *= STIFFER;
             raised = true;
         }

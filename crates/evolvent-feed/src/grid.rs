@@ -58,8 +58,7 @@ impl Grid {
             feed,
         };
         if from.is_finite() && length.is_finite() && length > SHORTEST {
-            let before = self.cells.back();
-            for (x, width) in stretch.cuts(length, before, &self.limits) {
+            for (x, width) in stretch.cuts(length) {
                 self.cells
                     .push_back(Cell::new(&stretch, index, x, width, &self.limits));
             }

@@ -236,6 +236,7 @@ impl Optimizer {
         for reverse in [false, true] {
             self.grade(grid, factor, reverse);
         }
+        self.balance(true);
         if self.window.spans.len() < 3 || !self.window.fetch(grid) {
             return None;
         }
@@ -252,6 +253,18 @@ impl Optimizer {
             level *= 0.3;
         }
         None
+    }
+
+    /// Lets lengths change gently between the stubs.
+    fn balance(&mut self, first: bool) {
+        let spans = &mut self.window.spans;
+        let (stub, count) = (spans.pop(), spans.len());
+        let first = (first && count > 0).then(|| spans.remove(0));
+        spans::balance(spans, MOST_INTERVALS + MORE_SPANS - 2, &mut self.scratch);
+        if let Some(first) = first {
+            spans.insert(0, first);
+        }
+        spans.extend(stub);
     }
 
     fn grade(&mut self, grid: &Grid, factor: f64, reverse: bool) {
@@ -393,6 +406,7 @@ impl Optimizer {
                 &mut self.window.spans,
             );
             self.grade(grid, factor, true);
+            self.balance(false);
         } else {
             self.window.spans.push(last);
         }
@@ -449,6 +463,7 @@ impl Optimizer {
         }
         self.loosen()?;
         let above = self.lift_caps();
+        self.window.lifted = above;
         if let Some((v, a)) = state {
             let by = (v * v - self.solver.x.a[0], a - self.solver.x.b[0]);
             if by != (0.0, 0.0) {

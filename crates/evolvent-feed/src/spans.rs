@@ -11,6 +11,10 @@ const SLOPE: f64 = 0.12;
 /// Near a rest spans need not be shorter than this share of the stub that would be good there.
 const FINEST: f64 = 0.02;
 
+/// By which factor a span may be longer than its neighbour, and how small a share of itself it is divided into.
+const GROWTH: f64 = 1.35;
+const SMALLEST: f64 = 0.003;
+
 /// The spans from a place to the end of interval `until - 1`, undivided.
 pub(crate) fn plain(grid: &Grid, from: Place, until: u64, spans: &mut Vec<Span>) {
     for interval in from.interval..until {
@@ -59,19 +63,7 @@ pub(crate) fn grade(
             } else {
                 next
             };
-            let piece = if reverse {
-                Span {
-                    x: left.x + (left.length - part),
-                    length: part,
-                    ..left
-                }
-            } else {
-                Span { length: part, ..left }
-            };
-            if !reverse {
-                left.x += part;
-            }
-            left.length -= part;
+            let piece = cut(&mut left, part, reverse);
             scratch.push(piece);
             at += part;
             next = (SLOPE * at).max(FINEST * good);
@@ -84,6 +76,53 @@ pub(crate) fn grade(
         scratch.reverse();
     }
     std::mem::swap(&mut window.spans, scratch);
+}
+
+/// Divides spans that are much longer than a neighbour, so that lengths change gently. At most `room` spans in all.
+pub(crate) fn balance(spans: &mut Vec<Span>, room: usize, scratch: &mut Vec<Span>) {
+    for reverse in [false, true] {
+        if reverse {
+            spans.reverse();
+        }
+        scratch.clear();
+        let mut next = f64::INFINITY;
+        let mut spare = room.saturating_sub(spans.len());
+        for span in spans.iter() {
+            let mut left = *span;
+            next = f64::max(next, SMALLEST * span.length);
+            while left.length > 1.5 * next && spare > 0 {
+                spare -= 1;
+                let part = if left.length < 2.0 * next {
+                    0.5 * left.length
+                } else {
+                    next
+                };
+                scratch.push(cut(&mut left, part, reverse));
+                next = GROWTH * part;
+            }
+            scratch.push(left);
+            next = GROWTH * left.length;
+        }
+        if reverse {
+            scratch.reverse();
+        }
+        std::mem::swap(spans, scratch);
+    }
+}
+
+/// Takes a part off a span: from its start, or `reverse` from its end.
+fn cut(left: &mut Span, part: f64, reverse: bool) -> Span {
+    let rest = left.length - part;
+    let piece = Span {
+        x: if reverse { left.x + rest } else { left.x },
+        length: part,
+        ..*left
+    };
+    if !reverse {
+        left.x += part;
+    }
+    left.length = rest;
+    piece
 }
 
 /// Divides the spans of the first `reach` into parts of at most `most`, where the motion is to change at once however

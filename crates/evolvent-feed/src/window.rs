@@ -58,6 +58,8 @@ pub(crate) struct Window {
     pub(crate) traits: Vec<Traits>,
     /// Factors on the rows of acceleration and of jerk of one interval, below 1 where a start needs more room.
     pub(crate) loose: Vec<(f64, f64)>,
+    /// Whether caps were lifted for a start above them.
+    pub(crate) lifted: bool,
     pub(crate) start: Stub,
     pub(crate) end: Stub,
 }
@@ -180,6 +182,7 @@ impl Window {
             }
             self.cap.push(square(speed));
         }
+        self.lifted = false;
         self.loose.clear();
         self.loose.resize(self.d.len(), (1.0, 1.0));
         self.start = if self.from_rest {
