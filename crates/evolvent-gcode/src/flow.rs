@@ -4,7 +4,7 @@
 //! it runs, and the bodies of subroutines. What a condition leaves out is skipped without being kept.
 
 use std::io::BufRead;
-use std::rc::Rc;
+use std::sync::Arc as Shared;
 
 use crate::Code;
 use crate::block::{Keyword, OWord};
@@ -23,7 +23,7 @@ const ARGUMENTS: usize = 30;
 /// What runs: the program itself (no lines: they come from the stream) or a subroutine.
 #[derive(Debug, Default)]
 pub(crate) struct Frame {
-    pub(crate) lines: Option<Rc<Lines>>,
+    pub(crate) lines: Option<Shared<Lines>>,
     /// Next line in `lines`, or on the tape.
     pub(crate) at: usize,
     pub(crate) open: Vec<Open>,
@@ -379,7 +379,7 @@ impl<R: BufRead> Interpreter<R> {
         match word {
             Some(word) if word.keyword == Keyword::EndSub && label == Some(definition.name) => {
                 if let Some(Definition { name, lines }) = self.definition.take() {
-                    let lines = Rc::new(lines);
+                    let lines = Shared::new(lines);
                     self.library.insert(name, Subroutine { lines, first: 0 });
                 }
             }
@@ -568,7 +568,7 @@ impl<R: BufRead> Interpreter<R> {
         let most = self.settings.max_body_bytes.saturating_sub(self.library.size);
         match find_file(text.as_str(), &self.settings.subroutine_folders, most) {
             Ok(Some(lines)) => {
-                let lines = Rc::new(lines);
+                let lines = Shared::new(lines);
                 self.index(&lines);
                 if self.library.get(name).is_none() {
                     // A file of a main program's kind: the whole of it, for M98.
@@ -591,7 +591,7 @@ impl<R: BufRead> Interpreter<R> {
     }
 
     /// Makes the subroutines of a file known.
-    fn index(&mut self, lines: &Rc<Lines>) {
+    fn index(&mut self, lines: &Shared<Lines>) {
         for place in 0..lines.len() {
             let Some((text, _)) = lines.get(place) else {
                 continue;
@@ -603,7 +603,7 @@ impl<R: BufRead> Interpreter<R> {
                 && let Ok(name) = self.label(&word)
             {
                 let subroutine = Subroutine {
-                    lines: Rc::clone(lines),
+                    lines: Shared::clone(lines),
                     first: place + 1,
                 };
                 self.library.insert(name, subroutine);
@@ -667,7 +667,7 @@ impl<R: BufRead> Interpreter<R> {
             }
         }
         if let Some((_, lines)) = found {
-            let lines = Rc::new(lines);
+            let lines = Shared::new(lines);
             self.library.insert(name, Subroutine { lines, first: 0 });
         }
         Ok(self.library.get(name).cloned())

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeSet, VecDeque};
 use std::io::BufRead;
-use std::rc::Rc;
+use std::sync::Arc as Shared;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -81,7 +81,7 @@ pub struct Interpreter<R> {
     silent: u64,
     interrupt: Option<Arc<AtomicBool>>,
     /// Places of the errors so far: a loop does not tell of one twice.
-    reported: BTreeSet<(Option<Rc<str>>, u32)>,
+    reported: BTreeSet<(Option<Shared<str>>, u32)>,
     finished: bool,
 }
 
@@ -205,7 +205,7 @@ impl<R: BufRead> Interpreter<R> {
         if mine { self.line } else { self.calling_line }
     }
 
-    fn file_of(&self, frame: &Frame) -> Option<Rc<str>> {
+    fn file_of(&self, frame: &Frame) -> Option<Shared<str>> {
         frame.lines.as_ref().and_then(|lines| lines.file.clone())
     }
 
@@ -490,7 +490,7 @@ impl<R: BufRead> Iterator for Interpreter<R> {
                 return None;
             }
             if let Err(diagnostic) = self.advance() {
-                let file: Option<Rc<str>> = diagnostic.file.as_deref().map(Rc::from);
+                let file: Option<Shared<str>> = diagnostic.file.as_deref().map(Shared::from);
                 let fresh = self.reported.insert((file, diagnostic.line));
                 self.finished |= self.reported.len() >= MOST_ERRORS;
                 if fresh || self.finished {

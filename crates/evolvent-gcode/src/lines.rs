@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::io::Read;
 use std::path::PathBuf;
-use std::rc::Rc;
+use std::sync::Arc as Shared;
 
 use crate::names::NameId;
 
@@ -14,11 +14,11 @@ pub(crate) struct Lines {
     /// Where each line ends, and its number in its file.
     ends: Vec<(usize, u32)>,
     /// The file, if it is not the program itself.
-    pub(crate) file: Option<Rc<str>>,
+    pub(crate) file: Option<Shared<str>>,
 }
 
 impl Lines {
-    pub(crate) fn of_file(file: Option<Rc<str>>) -> Self {
+    pub(crate) fn of_file(file: Option<Shared<str>>) -> Self {
         Self {
             file,
             ..Self::default()
@@ -55,7 +55,7 @@ impl Lines {
 /// Where a subroutine's first line is.
 #[derive(Clone, Debug)]
 pub(crate) struct Subroutine {
-    pub(crate) lines: Rc<Lines>,
+    pub(crate) lines: Shared<Lines>,
     pub(crate) first: usize,
 }
 
@@ -76,7 +76,7 @@ impl Library {
     pub(crate) fn insert(&mut self, name: NameId, subroutine: Subroutine) {
         self.size += subroutine.lines.size();
         if let Some(old) = self.known.insert(name, subroutine)
-            && Rc::strong_count(&old.lines) == 1
+            && Shared::strong_count(&old.lines) == 1
         {
             self.size = self.size.saturating_sub(old.lines.size());
         }
