@@ -279,3 +279,78 @@ pub(crate) fn moving(limits: &Limits, from: &AxesState, to: &AxesState) -> Vec<u
 pub(crate) fn largest(values: &Axes, axes: &[usize]) -> f64 {
     axes.iter().fold(0.0, |most, &i| values[i].abs().max(most))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn extremes_between_the_ends_of_a_piece_are_found() {
+        // p = t^3/6 - t^2/2 + 3t/8 from rest at 0: v = (t - 1/2)(t - 3/2)/2, extremes of p at 1/2 and 3/2, of v at 1.
+        let start = AxisState {
+            p: 0.0,
+            v: 0.375,
+            a: -1.0,
+        };
+        let end = start.after(2.0, 1.0);
+        let track = Track::through(start, end, &[(2.0, 1.0)]).unwrap();
+        let found = extremes(&track);
+        let at = |t: f64| t * t * t / 6.0 - t * t / 2.0 + 0.375 * t;
+        assert!((found.max - at(0.5).max(at(2.0))).abs() < 1e-15);
+        assert!((found.min - at(1.5).min(0.0)).abs() < 1e-15);
+        assert_eq!((found.v, found.a, found.j), (0.375, 1.0, 1.0));
+        // Speed has its extreme inside where it is largest there.
+        let start = AxisState {
+            p: 0.0,
+            v: 0.0,
+            a: 1.0,
+        };
+        let track = Track::through(start, start.after(2.0, -1.0), &[(2.0, -1.0)]).unwrap();
+        assert!((extremes(&track).v - 0.5).abs() < 1e-15);
+    }
+
+    #[test]
+    fn a_track_that_is_wrong_anywhere_is_refused() {
+        let mut limits = Limits {
+            present: [false; AXES],
+            velocity: Axes::repeat(1.0),
+            acceleration: Axes::repeat(1.0),
+            jerk: Axes::repeat(1.0),
+            travel_min: Axes::repeat(-10.0),
+            travel_max: Axes::repeat(10.0),
+            home: Axes::zeros(),
+        };
+        limits.present[0] = true;
+        let rest = AxisState::default();
+        let good = [(1.0, 1.0), (1.0, -1.0)];
+        let end = rest.after(1.0, 1.0).after(1.0, -1.0);
+        let verdict = |limits: &Limits, from: AxisState, to: AxisState, steps: &[(f64, f64)]| {
+            let track = Track::through(rest, end, steps).unwrap();
+            axis_exit(limits, AxisLetter::X, from, to, &track)
+        };
+        assert_eq!(verdict(&limits, rest, end, &good), Ok(()));
+        // Another start, another target, more of a derivative than permitted, out of the travel.
+        let other = AxisState { v: 1e-6, ..rest };
+        assert!(verdict(&limits, other, end, &good).is_err());
+        assert!(verdict(&limits, rest, AxisState { a: 1e-6, ..end }, &good).is_err());
+        assert!(verdict(&limits, rest, end, &[(1.0, 1.0), (1.000_001, -1.0)]).is_err());
+        for quantity in [Quantity::Velocity, Quantity::Acceleration, Quantity::Jerk] {
+            let mut tight = limits;
+            match quantity {
+                Quantity::Velocity => tight.velocity[0] = 0.999,
+                Quantity::Acceleration => tight.acceleration[0] = 0.999,
+                _ => tight.jerk[0] = 0.999,
+            }
+            let error = verdict(&tight, rest, end, &good).unwrap_err();
+            assert!(
+                matches!(error, TransferError::Unsolved { quantity: named, .. } if named == quantity),
+                "{error}"
+            );
+        }
+        limits.travel_max[0] = 0.9;
+        assert!(matches!(
+            verdict(&limits, rest, end, &good),
+            Err(TransferError::LeavesTravel { .. })
+        ));
+    }
+}

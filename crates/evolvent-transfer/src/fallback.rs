@@ -135,3 +135,84 @@ pub(crate) fn rest_to_rest(distance: f64, limits: &AxisLimits) -> [(f64, f64); 7
         (ramp, j),
     ]
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::state::tests::{Random, task};
+
+    fn lasting(steps: &[(f64, f64)]) -> f64 {
+        steps.iter().map(|step| step.0).sum()
+    }
+
+    #[test]
+    fn a_stop_ends_at_rest_and_is_as_short_as_the_limits_permit() {
+        let mut random = Random(0xfa_0001);
+        for case in 0..2000 {
+            let task = task(&mut random);
+            let steps = stop(task.from, &task.limits);
+            let end = run(task.from, &steps);
+            assert!(
+                end.v.abs() < 1e-9 * task.limits.v && end.a.abs() < 1e-9 * task.limits.a,
+                "case {case}: {end:?}"
+            );
+            // Jerk is at its limit, or acceleration is: neither can be done faster (bang-bang).
+            let top = run(task.from, &steps[..1]);
+            let full = (top.a.abs() - task.limits.a).abs() < 1e-9 * task.limits.a;
+            assert!(steps[1].0 == 0.0 || full, "case {case}");
+            assert!(steps.iter().all(|step| step.0 >= 0.0), "case {case}");
+        }
+    }
+
+    #[test]
+    fn rest_to_rest_covers_its_distance_symmetrically() {
+        let mut random = Random(0xfa_0002);
+        for case in 0..2000 {
+            let AxisTask { limits, .. } = task(&mut random);
+            let distance = random.log(1e-6, 1e4);
+            let steps = rest_to_rest(distance, &limits);
+            let rest = AxisState::default();
+            let (half, end) = (run(rest, &steps[..3]), run(rest, &steps));
+            assert!((end.p - distance).abs() < 1e-9 * distance, "case {case}: {end:?}");
+            assert!(
+                end.v.abs() < 1e-9 * half.v && half.v <= limits.v * (1.0 + 1e-12),
+                "case {case}"
+            );
+            let full = run(rest, &steps[..1]).a;
+            assert!(full <= limits.a * (1.0 + 1e-12), "case {case}");
+            // One limit more is reached wherever a piece of constant acceleration or speed exists.
+            assert!(
+                steps[1].0 == 0.0 || (full / limits.a - 1.0).abs() < 1e-9,
+                "case {case}"
+            );
+            let cruise = steps[3].0 > 1e-9 * lasting(&steps);
+            assert!(!cruise || (half.v / limits.v - 1.0).abs() < 1e-9, "case {case}");
+        }
+    }
+
+    #[test]
+    fn stop_and_go_leads_to_every_target_at_one_time() {
+        let mut random = Random(0xfa_0003);
+        for case in 0..500 {
+            let tasks: Vec<AxisTask> = (0..4).map(|_| task(&mut random)).collect();
+            let all = stop_and_go(&tasks);
+            for (steps, task) in all.iter().zip(&tasks) {
+                let end = run(task.from, steps);
+                let duration = lasting(steps);
+                assert!(
+                    (duration - lasting(&all[0])).abs() < 1e-9 * duration,
+                    "case {case}"
+                );
+                // Rounding over the whole time, not more.
+                let fuzz = 1e-10 * (1.0 + duration);
+                assert!(
+                    (end.p - task.to.p).abs() < fuzz * (1.0 + task.limits.v * duration)
+                        && (end.v - task.to.v).abs() < fuzz * (1.0 + task.limits.a * duration)
+                        && (end.a - task.to.a).abs() < fuzz * (1.0 + task.limits.j * duration),
+                    "case {case}: {end:?} for {:?}",
+                    task.to
+                );
+            }
+        }
+    }
+}

@@ -30,6 +30,14 @@ pub(crate) fn land(steps: &mut Steps, start: AxisState, end: AxisState) {
         }
     }
     *steps = divided;
+    // Counted from the start: what a position far from zero has in its last digit would take much jerk in a short move.
+    let (start, end) = (
+        AxisState { p: 0.0, ..start },
+        AxisState {
+            p: end.p - start.p,
+            ..end
+        },
+    );
     for _ in 0..PASSES {
         let reached = steps
             .iter()
@@ -99,4 +107,89 @@ fn multipliers(steps: &Steps, whole: f64, missing: [f64; 3]) -> Option<[f64; 3]>
         x[k] = (matrix[k][3] - known) / matrix[k][k];
     }
     x.iter().all(|value| value.is_finite()).then_some(x)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::state::tests::Random;
+
+    fn run(start: AxisState, steps: &Steps) -> AxisState {
+        steps.iter().fold(start, |state, &(t, jerk)| state.after(t, jerk))
+    }
+
+    #[test]
+    fn what_is_missing_is_made_up_for_with_hardly_any_jerk() {
+        let mut random = Random(0x1a_0001);
+        for case in 0..2000 {
+            let count = 1 + (random.unit() * 12.0) as usize;
+            let jerk = random.log(1e2, 1e6);
+            let mut steps: Steps = (0..count)
+                .map(|_| (random.log(1e-7, 1.0), jerk * (2.0 * random.unit() - 1.0)))
+                .collect();
+            let whole: f64 = steps.iter().map(|step| step.0).sum();
+            let start = AxisState {
+                p: 0.0,
+                v: jerk * whole * whole * random.unit(),
+                a: 0.0,
+            };
+            // Off by what a relative change of the jerk of 1e-7 would make.
+            let mut end = run(start, &steps);
+            let off = 1e-7 * jerk;
+            end.p += off * whole.powi(3) * (random.unit() - 0.5);
+            end.v += off * whole.powi(2) * (random.unit() - 0.5);
+            end.a += off * whole * (random.unit() - 0.5);
+            let before = steps.clone();
+            land(&mut steps, start, end);
+            let reached = run(start, &steps);
+            let scale = (jerk * whole.powi(3)).max(end.p.abs());
+            assert!((reached.p - end.p).abs() < 1e-12 * scale, "case {case}");
+            assert!((reached.v - end.v).abs() * whole < 1e-12 * scale, "case {case}");
+            assert!(
+                (reached.a - end.a).abs() * whole * whole < 1e-12 * scale,
+                "case {case}"
+            );
+            let most = |steps: &Steps| steps.iter().map(|step| step.1.abs()).fold(0.0, f64::max);
+            // Three equal pieces would need 1e-7 times a hundred or so at worst.
+            assert!(
+                most(&steps) <= most(&before) + 200.0 * off,
+                "case {case}: {} pieces",
+                before.len()
+            );
+        }
+    }
+
+    #[test]
+    fn a_position_far_from_zero_costs_a_short_move_no_jerk() {
+        // Half a millisecond at 300 mm: the last digit of the position is 1e-5 of the way.
+        let mut steps = vec![(1e-4, 2e5), (1e-4, -2e5), (1e-4, -2e5), (1e-4, 2e5)];
+        let mut end = run(AxisState::default(), &steps);
+        (end.p, end.v, end.a) = (300.0 + end.p, 0.0, 0.0);
+        let start = AxisState {
+            p: 300.0,
+            ..AxisState::default()
+        };
+        land(&mut steps, start, end);
+        let most = steps.iter().map(|step| step.1.abs()).fold(0.0, f64::max);
+        assert!((most / 2e5 - 1.0).abs() < 1e-3, "{most}");
+    }
+
+    #[test]
+    fn times_stay_as_they_are() {
+        let mut steps = vec![(0.5, 1.0), (0.0, 9.0), (0.2, -3.0), (0.3, 2.0)];
+        land(
+            &mut steps,
+            AxisState::default(),
+            AxisState {
+                p: 1.0,
+                v: 2.0,
+                a: 3.0,
+            },
+        );
+        let whole: f64 = steps.iter().map(|step| step.0).sum();
+        assert!((whole - 1.0).abs() < 1e-15);
+        let mut none = Steps::new();
+        land(&mut none, AxisState::default(), AxisState::default());
+        assert!(none.is_empty());
+    }
 }

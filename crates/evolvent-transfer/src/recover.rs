@@ -174,3 +174,94 @@ fn join(steps: &[(f64, f64)], noise: Noise) -> Steps {
     }
     joined
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::state::tests::Random;
+
+    fn at(start: AxisState, steps: &Steps, time: f64) -> AxisState {
+        let (mut state, mut left) = (start, time);
+        for &(duration, jerk) in steps {
+            let t = left.min(duration);
+            state = state.after(t, jerk);
+            left -= t;
+        }
+        state
+    }
+
+    fn recovered(start: AxisState, steps: &Steps, jerk: f64) -> Steps {
+        let duration = steps.iter().map(|step| step.0).sum();
+        let mut recorded = Recorded::new(1, |time| vec![at(start, steps, time)]);
+        recover(&mut recorded, 0, duration, jerk).unwrap()
+    }
+
+    #[test]
+    fn planted_pieces_are_found_with_their_times_and_jerks() {
+        let mut random = Random(0x4e_0001);
+        for case in 0..500 {
+            // As a solver gives them: full jerk, none, full jerk the other way, short and long ones beside each other.
+            let planted: Steps = (0..7)
+                .map(|k| {
+                    (
+                        random.log(1e-3, 1.0),
+                        [1.0, 0.0, -1.0, 0.0, -1.0, 0.0, 1.0][k] * 30.0,
+                    )
+                })
+                .collect();
+            let found = recovered(AxisState::default(), &planted, 30.0);
+            assert_eq!(
+                found.len(),
+                planted.len(),
+                "case {case}: {found:?} for {planted:?}"
+            );
+            for (found, planted) in found.iter().zip(&planted) {
+                assert!(
+                    (found.0 - planted.0).abs() < 1e-9 && (found.1 - planted.1).abs() < 1e-6 * 30.0,
+                    "case {case}: {found:?} for {planted:?}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn an_excursion_that_leaves_the_ends_of_an_interval_as_they_are_is_found() {
+        // Third differences: neither acceleration nor velocity nor position at the end tells of them.
+        let planted: Steps = vec![
+            (1.0, 0.0),
+            (0.1, 8.0),
+            (0.1, -24.0),
+            (0.1, 24.0),
+            (0.1, -8.0),
+            (1.6, 0.0),
+        ];
+        let end = at(AxisState::default(), &planted, 3.0);
+        assert!(end.a.abs() < 1e-12 && end.v.abs() < 1e-12 && end.p.abs() < 1e-12);
+        let found = recovered(AxisState::default(), &planted, 24.0);
+        let most = found.iter().map(|step| step.1).fold(0.0, f64::max);
+        assert!((most - 24.0).abs() < 1e-6, "{found:?}");
+    }
+
+    #[test]
+    fn samples_that_are_no_numbers_or_no_such_motion_are_refused() {
+        let mut nan = Recorded::new(1, |_| {
+            vec![AxisState {
+                p: f64::NAN,
+                v: 0.0,
+                a: 0.0,
+            }]
+        });
+        assert_eq!(recover(&mut nan, 0, 1.0, 1.0), None);
+        // Noise is no motion of few pieces: given up, not searched for ever.
+        let mut random = Random(0x4e_0002);
+        let mut noise = Recorded::new(1, |_| {
+            vec![AxisState {
+                p: random.unit(),
+                v: random.unit(),
+                a: random.unit(),
+            }]
+        });
+        assert_eq!(recover(&mut noise, 0, 1.0, 1.0), None);
+        assert_eq!(recover(&mut noise, 1, 1.0, 1.0), None, "no such axis");
+    }
+}

@@ -122,3 +122,62 @@ impl AxisTask {
         }
     }
 }
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+
+    pub(crate) struct Random(pub u64);
+
+    impl Random {
+        pub(crate) fn unit(&mut self) -> f64 {
+            self.0 ^= self.0 >> 12;
+            self.0 ^= self.0 << 25;
+            self.0 ^= self.0 >> 27;
+            (self.0.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 11) as f64 / (1_u64 << 53) as f64
+        }
+
+        pub(crate) fn log(&mut self, low: f64, high: f64) -> f64 {
+            low * (high / low).powf(self.unit())
+        }
+
+        fn within(&mut self, limit: f64) -> f64 {
+            limit * (2.0 * self.unit() - 1.0)
+        }
+    }
+
+    /// Limits over decades and two states that keep them.
+    pub(crate) fn task(random: &mut Random) -> AxisTask {
+        let limits = AxisLimits {
+            v: random.log(1.0, 1e3),
+            a: random.log(10.0, 1e5),
+            j: random.log(100.0, 1e7),
+        };
+        let mut state = || {
+            let a = random.within(limits.a.min((limits.v * limits.j).sqrt()));
+            AxisState {
+                p: random.within(300.0),
+                v: random.within(limits.v - a * a / (2.0 * limits.j)),
+                a,
+            }
+        };
+        let (from, to) = (state(), state());
+        AxisTask { limits, from, to }
+    }
+
+    #[test]
+    fn limits_are_never_less_than_a_state_needs() {
+        let mut random = Random(0x57_0001);
+        for _ in 0..1000 {
+            let mut task = task(&mut random);
+            task.from = AxisState {
+                p: 0.0,
+                v: task.limits.v,
+                a: 0.0,
+            };
+            let usable = task.usable(0.999);
+            assert_eq!(usable.v, task.limits.v);
+            assert_eq!(usable.j, 0.999 * task.limits.j);
+        }
+    }
+}

@@ -240,10 +240,12 @@ fn a_cruise_at_the_limit_is_held() {
 fn ways_from_a_picometre_to_ten_metres_are_solved() {
     let mut wide = limits();
     (wide.travel_min, wide.travel_max) = (Axes::repeat(-2e4), Axes::repeat(2e4));
-    for exponent in -9..=4 {
+    for (exponent, from) in (-9..=4).flat_map(|exponent| [(exponent, 0.0), (exponent, 317.3)]) {
         let way = 10_f64.powi(exponent);
         for sync in [Sync::Time, Sync::Phase, Sync::None] {
-            let transfer = Transfer::solve(&wide, &at(0.0), &at(way), sync).unwrap();
+            let transfer = Transfer::solve(&wide, &at(from), &at(from + way), sync).unwrap();
+            // As far as the position itself has digits for it.
+            let way = (from + way) - from;
             // Jerk alone, as long as it does not reach 1000 mm/s2: 2 A^3 / J^2 = 5 mm.
             if way < 5.0 {
                 let wanted = (32.0 * way / 20_000.0).cbrt();
