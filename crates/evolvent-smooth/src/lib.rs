@@ -5,6 +5,7 @@
     reason = "checks are written so that NaN fails them: not (x <= limit) refuses NaN, x > limit lets it pass"
 )]
 
+mod band;
 mod basis;
 mod block;
 mod chain;

@@ -222,43 +222,11 @@ impl<'a, const D: usize> Solver<'a, D> {
         }
     }
 
-    /// The Newton step, by an LDL' factorisation that updates to the right.
+    /// The Newton step.
     fn solve(&self, work: &mut Workspace, size: usize) {
-        let band = Self::BAND;
-        let (matrix, step) = (&mut work.matrix, &mut work.step);
-        for (s, g) in step.iter_mut().zip(&work.gradient) {
-            *s = -g;
-        }
-        for s in &mut step[size..] {
-            *s = 0.0;
-        }
-        for r in 0..size {
-            let (head, tail) = matrix.split_at_mut((r + 1) * band);
-            let pivot = &mut head[r * band..];
-            let inverse = 1.0 / pivot[0].max(1e-300);
-            pivot[0] = inverse;
-            let value = step[r];
-            for j in 1..band {
-                let factor = pivot[j] * inverse;
-                if factor == 0.0 {
-                    continue;
-                }
-                let column = &mut tail[(j - 1) * band..(j - 1) * band + band - j];
-                for (entry, p) in column.iter_mut().zip(&pivot[j..band]) {
-                    *entry -= factor * p;
-                }
-                step[r + j] -= factor * value;
-            }
-        }
-        for r in (0..size).rev() {
-            let pivot = &matrix[r * band..(r + 1) * band];
-            let sum: f64 = (1..band).map(|j| pivot[j] * step[r + j]).sum();
-            step[r] = (step[r] - sum) * pivot[0];
-        }
-        // What lies beyond the free points has no row.
-        for s in &mut step[size..] {
-            *s = 0.0;
-        }
+        work.step.clear();
+        work.step.extend(work.gradient.iter().map(|g| -g));
+        crate::band::solve(&mut work.matrix, &mut work.step, size, Self::BAND);
     }
 
     /// Largest multiple of the step that stays well inside the tube.

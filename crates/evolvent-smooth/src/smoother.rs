@@ -8,7 +8,7 @@ use crate::chain::{Chain, Link};
 use crate::joint::{JointKind, judge};
 use crate::newton::{Problem, Workspace, minimise};
 use crate::spacing::{self, GROWTH};
-use crate::timing::{Timing, Window};
+use crate::together::{Together, Window};
 use crate::weights::{Scales, Weights};
 use crate::zone::{Clamp, Laid, Zone, spread};
 use crate::{Block, Mark, Output, Settings, Stretch, Tolerance};
@@ -59,9 +59,7 @@ pub struct Smoother {
     zone: Zone,
     weights: Weights,
     work: Workspace,
-    timing: Timing,
-    together: crate::together::Together,
-    trial: Vec<evolvent_path::Axes>,
+    together: Together,
     feeds: Vec<f64>,
     best: Vec<evolvent_path::Axes>,
     last: Option<Block>,
@@ -98,9 +96,7 @@ impl Smoother {
             zone: Zone::default(),
             weights: Weights::default(),
             work: Workspace::default(),
-            timing: Timing::default(),
-            together: crate::together::Together::default(),
-            trial: Vec::new(),
+            together: Together::default(),
             feeds: Vec::new(),
             best: Vec::new(),
             last: None,
@@ -486,109 +482,22 @@ impl Smoother {
                 if self.moving { f64::NEG_INFINITY } else { 0.0 },
                 if zone.complete && self.at_end { self.chain.end() } else { f64::INFINITY },
             );
-            self.best.clear();
-            let mut best_time = f64::INFINITY;
-            let rounds = refinements();
-            for round in 0..=rounds {
-                if rounds == 0 {
-                    break;
-                }
+            if crate::timing::knob("TR", 1.0) > 0.0 {
                 let window = Window {
                     zone,
                     from: wide.0,
                     to: wide.1,
-                    scales: &self.scales,
-                    active: &active,
-                    feeds: &self.feeds,
-                    rests,
-                };
-                let found = self.timing.solve(&window, round > 0);
-                if !found {
-                    self.law_failures += 1;
-                }
-                let time = if found { self.timing.seconds(&window) } else { f64::INFINITY };
-                if std::env::var("LOG").is_ok() { println!("round {round} {time} it {}", self.timing.iterations); }
-                if time < best_time {
-                    best_time = time;
-                    self.best.clear();
-                    self.best.extend_from_slice(&zone.points[low..high]);
-                } else if !self.best.is_empty() {
-                    zone.points[low..high].copy_from_slice(&self.best);
-                    break;
-                }
-                if round == rounds {
-                    break;
-                }
-                self.timing.terms(&window, &mut self.weights.terms, &mut self.weights.times);
-                let times = &mut self.weights.times;
-                let mut at = first;
-                for i in from..to {
-                    let next = at + zone.samples[at..behind].partition_point(|sample| sample.interval <= i);
-                    times[i - wide.0] /= (next - at).max(1) as f64;
-                    at = next;
-                }
-                let terms = &self.weights.terms[9 * (from - wide.0)..9 * (to - wide.0)];
-                let problem = Problem {
-                    terms,
-                    samples: &zone.samples[first..behind],
-                    barrier: times,
-                    first: wide.0,
-                    mu: 0.01,
                     free: (low, high),
-                    active,
-                };
-                minimise(&problem, &mut zone.points, 6, &mut self.work);
-            }
-            let rounds = crate::timing::knob("TR", 6.0) as usize;
-            if rounds > 0 {
-                let window = Window {
-                    zone,
-                    from: wide.0,
-                    to: wide.1,
+                    samples: &zone.samples[first..behind],
                     scales: &self.scales,
                     active: &active,
                     feeds: &self.feeds,
                     rests,
                 };
-                if self.timing.solve(&window, true) {
-                    let before = self.timing.seconds(&window);
-                    let law = self.timing.law(&window);
-                    self.weights.times.clear();
-                    let mut at = first;
-                    self.weights.times.resize(wide.1 - wide.0, 0.0);
-                    for i in from..to {
-                        let next = at + zone.samples[at..behind].partition_point(|sample| sample.interval <= i);
-                        self.weights.times[i - wide.0] = crate::together::STATIONS as f64 / (next - at).max(1) as f64;
-                        at = next;
-                    }
-                    self.trial.clear();
-                    self.trial.extend_from_slice(&zone.points);
-                    let task = crate::together::Task {
-                        window,
-                        samples: &zone.samples[first..behind],
-                        weights: &self.weights.times,
-                        free: (low, high),
-                    };
-                    let ok = self.together.run(&task, &mut self.trial, law, rounds);
-                    self.best.clear();
-                    self.best.extend_from_slice(&zone.points);
-                    if ok {
-                        zone.points.copy_from_slice(&self.trial);
-                    }
-                    let window = Window {
-                        zone,
-                        from: wide.0,
-                        to: wide.1,
-                        scales: &self.scales,
-                        active: &active,
-                        feeds: &self.feeds,
-                        rests,
-                    };
-                    let after = if self.timing.solve(&window, true) { self.timing.seconds(&window) } else { f64::INFINITY };
-                    if std::env::var("LOG").is_ok() { println!("together {ok} {before} -> {after} it {}", self.together.iterations); }
-                    if after > before {
-                        zone.points.copy_from_slice(&self.best);
-                    }
+                self.best.clear();
+                self.best.extend_from_slice(&zone.points);
+                if self.together.improve(&window, &mut self.best) {
+                    zone.points.copy_from_slice(&self.best);
                 }
             }
         }
