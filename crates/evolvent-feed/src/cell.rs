@@ -8,6 +8,9 @@ use crate::limits::PathLimits;
 const TURN: f64 = 0.1;
 /// Fewest and most intervals of a curved stretch.
 const CURVED: (f64, f64) = (16.0, 2000.0);
+/// The same of a piece of a spline between two knots: a window must reach over many of them. Do not raise: with 12
+/// instead of 4, windows no longer cover a stopping distance and programs take a fifth longer.
+const SPLINE: (f64, f64) = (4.0, 12.0);
 /// Intervals of a line, and the factor by which they grow from its ends to its middle.
 const STRAIGHT: f64 = 10.0;
 const GROWTH: f64 = 1.5;
@@ -65,7 +68,12 @@ impl Stretch {
             let fast = first.norm().max(1e-12);
             // Where a curve nearly turns back on the spot, all happens in a short part of it.
             let turn = second.norm() / fast * length / (slow / fast).clamp(0.3, 1.0);
-            (turn / TURN).ceil().clamp(CURVED.0, CURVED.1)
+            let (least, most) = if matches!(self.curve, Curve::Spline(_)) {
+                SPLINE
+            } else {
+                CURVED
+            };
+            (turn / TURN).ceil().clamp(least, most)
         };
         // Sizes 1, g, g^2 ... from both ends on lines, equal ones on curves.
         let growth: f64 = if straight { GROWTH } else { 1.0 };
