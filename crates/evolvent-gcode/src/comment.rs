@@ -165,7 +165,7 @@ mod tests {
     #[test]
     fn values_are_written_as_asked_for() {
         // Formats as LinuxCNC 2.9 prints them.
-        let shown = of(b"debug, #5599 %d#5599 %f#5599 %.2f#<_coord_system> #<none> 100% #");
+        let shown = of(b"debug, #5598 %d#5598 %f#5598 %.2f#<_coord_system> #<none> 100% #");
         assert_eq!(
             shown,
             Remark::Debug("0.000000 0 0.0000 540.00 ###### 100% #".into())

@@ -100,6 +100,8 @@ impl Executor<'_> {
                     };
                 }
             }
+            // Sideways at the height where the tool is, but not below R.
+            at[along] = at[along].max(hole.r);
             self.rapid_to(at, &hole)?;
             at[along] = hole.r;
             self.rapid_to(at, &hole)?;
@@ -257,12 +259,14 @@ impl Executor<'_> {
                 }
                 to(self, hole.bottom, feed)?;
             }
-            Cycle::BoreFeed | Cycle::BoreDwell => {
+            Cycle::BoreFeed => {
                 to(self, hole.bottom, feed)?;
-                if cycle == Cycle::BoreDwell {
-                    self.out(Action::Dwell { seconds: hole.p });
-                }
                 to(self, hole.r, feed)?;
+            }
+            Cycle::BoreDwell => {
+                to(self, hole.bottom, feed)?;
+                self.out(Action::Dwell { seconds: hole.p });
+                return to(self, hole.clear, feed);
             }
             Cycle::BoreStop => {
                 to(self, hole.bottom, feed)?;
@@ -281,6 +285,8 @@ impl Executor<'_> {
                     pallet: false,
                 });
                 self.turn_spindle(turning);
+                // The operator has taken the tool out.
+                return Ok(());
             }
             Cycle::Tap | Cycle::TapLeft => {
                 let modes = self.state.modes;

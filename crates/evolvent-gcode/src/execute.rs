@@ -72,6 +72,8 @@ impl Executor<'_> {
         if self.state.sticky.running.is_some() && self.state.sticky.running != Some(self.state.motion) {
             self.state.sticky.running = None;
         }
+        // After the motion nothing may go wrong any more: cutter compensation changes moves of earlier lines.
+        let called = self.called()?;
         if let Some(motion) = line.motion() {
             self.motion(motion)?;
         } else if line.motion_code() == Some(Motion::None) {
@@ -83,17 +85,14 @@ impl Executor<'_> {
                     .help("write G53 G0 X.. or G53 G1 X.. on one line"),
             );
         }
-        self.stop()?.map_or(Ok(request), |stop| Ok(Some(stop)))
+        self.stop();
+        Ok(called.or(request))
     }
 
-    fn stop(&mut self) -> Result<Option<Request>, Fault> {
+    /// M98, M99.
+    fn called(&self) -> Result<Option<Request>, Fault> {
         let line = self.line;
-        let stop = |optional, pallet| Action::ProgramStop { optional, pallet };
         match line.m(Group::Stop) {
-            None => {}
-            Some(MCode::Stop) => self.out(stop(false, false)),
-            Some(MCode::OptionalStop) => self.out(stop(true, false)),
-            Some(MCode::PalletStop) => self.out(stop(false, true)),
             Some(MCode::Call) => {
                 let span = line.group_span(Group::Stop);
                 let Some(number) = line.whole(b'P')? else {
@@ -104,20 +103,27 @@ impl Executor<'_> {
                     ));
                 };
                 let times = line.whole(b'L')?.unwrap_or(1);
-                return Ok(Some(Request::Call { number, times, span }));
+                Ok(Some(Request::Call { number, times, span }))
             }
-            Some(MCode::Return) => return Ok(Some(Request::Return)),
+            Some(MCode::Return) => Ok(Some(Request::Return)),
+            _ => Ok(None),
+        }
+    }
+
+    fn stop(&mut self) {
+        let stop = |optional, pallet| Action::ProgramStop { optional, pallet };
+        match self.line.m(Group::Stop) {
+            None | Some(MCode::Call | MCode::Return) => {}
+            Some(MCode::Stop) => self.out(stop(false, false)),
+            Some(MCode::OptionalStop) => self.out(stop(true, false)),
+            Some(MCode::PalletStop) => self.out(stop(false, true)),
             Some(_) => self.end(),
         }
-        Ok(None)
     }
 
     /// What M2 does: spindle and coolant off, then the end.
     pub(crate) fn end(&mut self) {
-        if let Err(fault) = self.leave_compensation() {
-            // The end has no place of its own; a tool that cannot leave its path stays on it.
-            debug_assert!(!fault.message.is_empty());
-        }
+        self.leave_compensation();
         let modes = &mut self.state.modes;
         let turning = modes.spindle != SpindleDirection::Stopped;
         let cooling = modes.mist || modes.flood;

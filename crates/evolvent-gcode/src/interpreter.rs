@@ -17,7 +17,7 @@ use crate::expression::Target;
 use crate::flow::{Definition, Frame, Skip};
 use crate::lines::{Library, Lines};
 use crate::names::{Names, Normal};
-use crate::parameters::Parameters;
+use crate::parameters::{DEBUG, Parameters};
 use crate::parser::{first_character, is_block_delete, is_percent, parse};
 use crate::reader::LineReader;
 use crate::scope::Scope;
@@ -27,6 +27,9 @@ use crate::{Action, Code, Command, Diagnostic, LogAction, Settings, ToolTable};
 
 /// After so many errors a program is given up.
 const MOST_ERRORS: usize = 1000;
+
+/// Most commands that wait for cutter compensation or that one line gives.
+const MOST_WAITING: usize = 10_000_000;
 
 /// How often the interrupt is looked at, in lines.
 const INTERRUPT_LINES: u64 = 1024;
@@ -239,7 +242,7 @@ impl<R: BufRead> Interpreter<R> {
         diagnostic
     }
 
-    /// Whether it has been silent for too long.
+    /// Whether it has been silent for too long, or too much waits for a move in the plane.
     fn silence(&self) -> Option<Fault> {
         let place = Span::new(0, self.text.len());
         if self.silent > self.settings.max_silent_lines {
@@ -251,6 +254,11 @@ impl<R: BufRead> Interpreter<R> {
                 Fault::new(Code::TooManySteps, place, message)
                     .help("does the condition of the loop ever change?"),
             );
+        }
+        if self.pending.len() > MOST_WAITING {
+            let message =
+                format!("more than {MOST_WAITING} commands between two moves with cutter compensation");
+            return Some(Fault::new(Code::BodyTooLong, place, message).help("write G40 before them"));
         }
         let interrupted = self.silent % INTERRUPT_LINES == 1
             && self
@@ -446,6 +454,7 @@ impl<R: BufRead> Interpreter<R> {
             let remark = comment::remark(&self.text, inside, &self.scope());
             let action = match remark {
                 Remark::None => continue,
+                Remark::Debug(_) if self.parameters.numbered(DEBUG) == 0.0 => continue,
                 Remark::Message(text) | Remark::Debug(text) => Action::Message(text),
                 Remark::Print(text) => Action::Print(text),
                 Remark::Log(text) => Action::Log(LogAction::Line(text)),
@@ -482,7 +491,12 @@ impl<R: BufRead> Iterator for Interpreter<R> {
 
     fn next(&mut self) -> Option<Self::Item> {
         loop {
-            if let Some(command) = self.pending.pop_front() {
+            // A move that cutter compensation may still change waits, and all that comes after it.
+            let waits = self.state.cutter.held;
+            if waits != Some(0)
+                && let Some(command) = self.pending.pop_front()
+            {
+                self.state.cutter.held = waits.map(|held| held - 1);
                 self.silent = 0;
                 return Some(Ok(command));
             }

@@ -89,7 +89,6 @@ impl Executor<'_> {
         let radius = match line.word(b'@') {
             Some(value) if incremental => radius + value * unit,
             Some(value) => value * unit,
-            None if at_zero => return bad(b'^', "^ without @ has no meaning at the program's zero"),
             None => radius,
         };
         let angle = match line.word(b'^') {
@@ -145,6 +144,9 @@ impl Executor<'_> {
         path_mode: PathMode,
     ) -> Result<(), Fault> {
         if target == self.state.position {
+            if !self.state.cutter.is_on() {
+                self.state.cutter.programmed = None;
+            }
             return Ok(());
         }
         let curve = self.line_to(target)?;
@@ -182,6 +184,10 @@ impl Executor<'_> {
         }
         // The curve keeps its end bit for bit, but rounds may have moved it (a circle's end is its start).
         self.state.position = curve.end();
+        if !self.state.cutter.is_on() {
+            // After G40 the tool has come back to the programmed path.
+            self.state.cutter.programmed = None;
+        }
         self.out(Action::Move(Move {
             curve,
             kind,
@@ -348,11 +354,8 @@ impl Executor<'_> {
         }
         self.check_feed("G38")?;
         let target = self.target()?;
-        let still = AxisLetter::ALL
-            .iter()
-            .all(|axis| (target[axis.index()] - self.state.position[axis.index()]).abs() < 0.254);
-        if still {
-            let message = "G38 begins less than 0.254 mm from where it would end";
+        if target == self.state.position {
+            let message = "G38 ends where it begins";
             return Err(Fault::new(Code::OutOfRange, line.motion_span(), message));
         }
         let curve = self.line_to(target)?;

@@ -14,6 +14,8 @@ pub(crate) const NUMBERED: usize = 5602;
 /// Parameters from 1 to this one belong to the subroutine that runs.
 const LOCAL_NUMBERED: usize = 30;
 
+/// Whether DEBUG comments are shown.
+pub(crate) const DEBUG: usize = 5599;
 /// Result of M66.
 pub(crate) const INPUT_RESULT: usize = 5399;
 /// Place of G28, nine axes.

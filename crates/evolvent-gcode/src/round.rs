@@ -51,6 +51,11 @@ impl Executor<'_> {
         let plane = self.round_plane("an arc")?;
         let name = if sense == Sense::Clockwise { "G2" } else { "G3" };
         self.check_feed(name)?;
+        if self.state.cutter.programmed.is_some() && !self.state.cutter.is_on() {
+            let message = format!("{name} right after G40");
+            let fault = Fault::new(Code::CompensationActive, self.line.motion_span(), message);
+            return Err(fault.help("the tool comes back to the programmed path on a straight move: G0 or G1"));
+        }
         let target = self.target()?;
         let curve = arc(self.state, plane, sense, target, self.line, self.settings)?;
         if self.state.cutter.is_on() {

@@ -103,7 +103,7 @@ impl State {
                 feed: None,
                 path_mode: settings.path_mode,
                 work_index: settings.active_offset.min(settings.work_offsets.len() - 1),
-                retract_to_old: true,
+                retract_to_old: false,
                 diameter: false,
                 spindle: SpindleDirection::Stopped,
                 speed: 0.0,
@@ -141,6 +141,7 @@ impl State {
         parameters.set_numbered(G92_ACTIVE, f64::from(u8::from(active)));
         parameters.set_axes(G92, &self.g92);
         parameters.set_numbered(crate::parameters::TOOL, f64::from(self.tool));
+        parameters.set_numbered(crate::parameters::DEBUG, 1.0);
     }
 
     /// Takes the work offset in force from the parameters.

@@ -258,7 +258,15 @@ impl Statement {
             return Err(Fault::new(Code::UnknownG, span, message));
         };
         let group = code.group();
-        if let Some((.., first)) = self.g[group as usize] {
+        if let Some((before, _, first)) = self.g[group as usize] {
+            // G80 cancels a cycle and leaves the rest to the other code.
+            if code == GCode::Motion(Motion::None) && before != code {
+                return Ok(());
+            }
+            if before == GCode::Motion(Motion::None) && before != code {
+                self.g[group as usize] = Some((code, span, value));
+                return Ok(());
+            }
             return Err(two_of_group(group, span, format!("G{first} and G{value}")));
         }
         self.any_mode |= group != Group::Motion;

@@ -123,7 +123,6 @@ const TABLE: &[(&str, Code, u32)] = {
         ("O1 repeat [2]", OWordOpen, 1),
         // Polar coordinates and spindles.
         ("G0 @1", PolarCoordinates, 4),
-        ("G0 ^30", PolarCoordinates, 4),
         ("G0 @1 ^30 X2", PolarCoordinates, 4),
         ("G91 G0 @1 ^30", PolarCoordinates, 8),
         ("G92 @1", PolarCoordinates, 5),
@@ -165,7 +164,7 @@ const TABLE: &[(&str, Code, u32)] = {
         ("G61 G64", ModalGroup, 5),
         ("G4 P1 G53", ModalGroup, 7),
         ("G92.1 G92 X1", ModalGroup, 7),
-        ("G80 G1", ModalGroup, 5),
+        ("G80 G80", ModalGroup, 5),
         ("M0 M2", ModalGroup, 4),
         ("M3 M5", ModalGroup, 4),
         ("M7 M8", ModalGroup, 4),
@@ -238,7 +237,7 @@ const TABLE: &[(&str, Code, u32)] = {
         ("M3 S1\nG33 Z1 K-1", OutOfRange, 8),
         ("M3 S1\nG33 Z1 K1 F5", UnusedWord, 11),
         ("F1\nG38.2", WordMissing, 1),
-        ("F1\nG38.2 X0.1", OutOfRange, 1),
+        ("F1\nG38.2 X0", OutOfRange, 1),
         ("G38.2 X5", FeedMissing, 1),
         // Cycles.
         ("G81 X1 R1 Z-1", FeedMissing, 1),

@@ -1,0 +1,168 @@
+//! Commands as lines of text that can be held against another interpreter's: places in machine coordinates in mm
+//! and degrees (X Y Z A B C), speeds in mm/min, only what changes.
+
+use std::fmt::Write as _;
+use std::io::BufRead;
+
+use evolvent_gcode::{Action, Command, Interpreter, MoveKind, Settings, SpindleDirection};
+use evolvent_path::{Axes, Curve};
+
+/// Runs a program to its end or its first error; a line of text per event.
+pub(crate) fn canon(program: impl BufRead, settings: Settings) -> Vec<String> {
+    let mut printer = Printer::default();
+    for item in Interpreter::new(program, settings) {
+        match item {
+            Ok(command) => printer.command(&command),
+            Err(error) => {
+                printer.flush();
+                printer.lines.push(format!("error {error}"));
+                return printer.lines;
+            }
+        }
+    }
+    printer.flush();
+    printer.lines
+}
+
+#[derive(Debug, Default)]
+struct Printer {
+    lines: Vec<String>,
+    spindle: (String, f64),
+    told_spindle: (String, f64),
+    coolant: (bool, bool),
+    told_coolant: (bool, bool),
+    spline_line: u32,
+}
+
+fn place(axes: &Axes) -> String {
+    let mut text = String::new();
+    for index in 0..6 {
+        // Zero has one sign.
+        let _ = write!(text, " {:.6}", axes[index] + 0.0);
+    }
+    text
+}
+
+fn direction(direction: SpindleDirection) -> &'static str {
+    match direction {
+        SpindleDirection::Stopped => "stop",
+        SpindleDirection::Clockwise => "cw",
+        SpindleDirection::CounterClockwise => "ccw",
+    }
+}
+
+impl Printer {
+    /// States of spindle and coolant, once for several commands in a row.
+    fn flush(&mut self) {
+        if self.spindle != self.told_spindle && !self.spindle.0.is_empty() {
+            // A stopped spindle's speed is nobody's business.
+            let stopped = self.spindle.0 == "stop";
+            let was_stopped = matches!(self.told_spindle.0.as_str(), "" | "stop");
+            if !(stopped && was_stopped) {
+                let speed = if stopped { 0.0 } else { self.spindle.1 };
+                self.lines.push(format!("spindle {} {speed:.4}", self.spindle.0));
+            }
+            self.told_spindle = self.spindle.clone();
+        }
+        if self.coolant != self.told_coolant {
+            let (mist, flood) = self.coolant;
+            self.lines
+                .push(format!("coolant {} {}", u8::from(mist), u8::from(flood)));
+            self.told_coolant = self.coolant;
+        }
+    }
+
+    fn put(&mut self, text: String) {
+        self.flush();
+        self.lines.push(text);
+    }
+
+    fn command(&mut self, command: &Command) {
+        match &command.action {
+            Action::Move(step) => {
+                let feed = step.feed * 60.0;
+                let end = place(&step.curve.end());
+                match (&step.curve, step.kind) {
+                    (_, MoveKind::Rapid) => self.put(format!("rapid{end}")),
+                    (Curve::Line(_), _) if self.spline_line != command.line => {
+                        self.put(format!("feed{end} F{feed:.4}"));
+                    }
+                    (Curve::Arc(arc), _) => {
+                        let [c1, c2] = arc.centre_mm();
+                        let turns = (arc.sweep_rad().abs() / std::f64::consts::TAU - 1e-7)
+                            .ceil()
+                            .max(1.0);
+                        let turns = turns.copysign(arc.sweep_rad());
+                        self.put(format!(
+                            "arc{end} C {:.6} {:.6} {turns} F{feed:.4}",
+                            c1 + 0.0,
+                            c2 + 0.0
+                        ));
+                    }
+                    (Curve::Involute(_), _) => self.put(format!("involute{end} F{feed:.4}")),
+                    _ => {
+                        if self.spline_line != command.line {
+                            self.put("spline".to_owned());
+                        }
+                        self.spline_line = command.line;
+                    }
+                }
+            }
+            Action::Dwell { seconds } => self.put(format!("dwell {seconds:.4}")),
+            Action::SelectTool(tool) => self.put(format!("select {tool}")),
+            Action::ChangeTool(tool) => self.put(format!("change {tool}")),
+            Action::ToolNumber(tool) => self.put(format!("number {tool}")),
+            Action::Spindle {
+                direction: way,
+                speed_rpm,
+            } => self.turn(direction(*way), *speed_rpm),
+            Action::SurfaceSpeed {
+                direction: way,
+                metres_per_minute,
+                ..
+            } => self.turn(direction(*way), *metres_per_minute),
+            Action::OrientSpindle { degrees, .. } => {
+                self.spindle.0 = "stop".to_owned();
+                self.put(format!("orient {degrees:.4}"));
+            }
+            Action::Coolant { mist, flood } => self.coolant = (*mist, *flood),
+            Action::ProgramStop { optional, pallet } => {
+                let kind = match (optional, pallet) {
+                    (true, _) => "optional",
+                    (_, true) => "pallet",
+                    _ => "always",
+                };
+                self.put(format!("stop {kind}"));
+            }
+            Action::ProgramEnd => self.put("end".to_owned()),
+            Action::Message(text) => self.put(format!("message {text}")),
+            Action::Thread { curve, pitch_mm, .. } => {
+                self.put(format!("thread{} K{pitch_mm:.5}", place(&curve.end())));
+            }
+            Action::RigidTap { curve, pitch_mm, .. } => {
+                self.put(format!("tap{} K{pitch_mm:.5}", place(&curve.end())));
+            }
+            Action::Probe { curve, .. } => self.put(format!("probe{}", place(&curve.end()))),
+            Action::Output {
+                index,
+                on,
+                synchronised,
+            } => self.put(format!(
+                "output {index} {} {}",
+                u8::from(*on),
+                u8::from(*synchronised)
+            )),
+            Action::AnalogOutput {
+                index,
+                value,
+                synchronised,
+            } => self.put(format!("analog {index} {value:.4} {}", u8::from(*synchronised))),
+            Action::UserCommand { number, .. } => self.put(format!("user {number}")),
+            _ => {}
+        }
+    }
+
+    fn turn(&mut self, way: &str, speed: f64) {
+        self.spindle = (way.to_owned(), speed);
+    }
+}
