@@ -1,10 +1,11 @@
 //! Machining time, limits, tolerance and cost of planning over a folder of programs:
 //!
 //!     cargo bench -p evolvent-judge --bench programs -- [FOLDER|FILE ...] [--planner NAME|both] [--rate HZ]
-//!         [--machine FILE] [--only TEXT] [--json] [--write DIR]
+//!         [--machine FILE] [--only TEXT] [--json] [--strict] [--write DIR]
 //!
 //! `--planner both` sets the planners side by side. Without a folder: the programs of tests/programs and those that this crate writes itself. `--write DIR` writes the
-//! latter and runs nothing. Every sample is checked by the judge, which shares no code with planners.
+//! latter and runs nothing. `--strict` ends with exit code 1 if anything was violated or did not run to its end. Every
+//! sample is checked by the judge, which shares no code with planners.
 
 #![expect(clippy::print_stdout, clippy::print_stderr, reason = "a benchmark prints")]
 
@@ -32,6 +33,7 @@ struct Options {
     machine: PathBuf,
     only: Option<String>,
     json: bool,
+    strict: bool,
     write: Option<PathBuf>,
 }
 
@@ -44,6 +46,7 @@ impl Options {
             machine: root().join("config/machines/bench-3axis.toml"),
             only: None,
             json: false,
+            strict: false,
             write: None,
         };
         let mut words = std::env::args().skip(1);
@@ -53,6 +56,7 @@ impl Options {
                 // Cargo says it to every benchmark.
                 "--bench" => {}
                 "--json" => options.json = true,
+                "--strict" => options.strict = true,
                 "--planner" => {
                     let name = value()?;
                     options.planners = match name.as_str() {
@@ -341,11 +345,12 @@ fn print_totals(setups: &[Setup], totals: &[Totals], times: &Mean, json: bool) {
     }
 }
 
-fn bench(options: &Options) -> Result<(), String> {
+/// Whether everything was in order.
+fn bench(options: &Options) -> Result<bool, String> {
     if let Some(folder) = &options.write {
         let files = write_suite(folder)?;
         println!("{} programs in {}", files.len(), folder.display());
-        return Ok(());
+        return Ok(true);
     }
     let setups: Vec<Setup> = options
         .planners
@@ -388,12 +393,14 @@ fn bench(options: &Options) -> Result<(), String> {
         }
     }
     print_totals(&setups, &totals, &times, options.json);
-    Ok(())
+    Ok(totals.iter().all(|totals| totals.failed + totals.violated == 0))
 }
 
 fn main() -> ExitCode {
-    match Options::read().and_then(|options| bench(&options)) {
-        Ok(()) => ExitCode::SUCCESS,
+    let ended = Options::read().and_then(|options| Ok((bench(&options)?, options.strict)));
+    match ended {
+        Ok((false, true)) => ExitCode::FAILURE,
+        Ok(_) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("{error}");
             ExitCode::from(2)

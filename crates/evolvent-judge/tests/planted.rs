@@ -368,6 +368,10 @@ fn a_dwell_that_is_passed_without_a_rest_at_its_place_is_found() {
     };
     assert_eq!(found(program, &legs(0.0, 0.1)).0, []);
     assert_eq!(found(program, &legs(0.03, 0.1)).0, [Kind::Rest]);
+    // Over the place, but without a setpoint on it.
+    let straight = "G21 G64 P0.02 G90 F12000\nG1 X10\nG4 P0.1\nG1 X23\nM2\n";
+    let motion = Motion::new(1000.0).to(xyz(23.0, 0.0, 0.0), 0.4);
+    assert_eq!(found(straight, &motion).0, [Kind::Rest]);
 }
 
 #[test]
