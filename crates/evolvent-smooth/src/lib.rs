@@ -14,7 +14,6 @@ mod newton;
 mod output;
 mod smoother;
 mod spacing;
-mod timing;
 mod together;
 mod tube;
 mod weights;

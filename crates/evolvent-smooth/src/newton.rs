@@ -45,16 +45,16 @@ pub(crate) fn minimise(problem: &Problem<'_>, points: &mut [Axes], steps: usize,
     let count = problem.active.iter().filter(|&&active| active).count();
     match count {
         0 => 0,
-        1 => Solver::<1>::new(problem).run(points, steps, work),
-        2 => Solver::<2>::new(problem).run(points, steps, work),
+        1 | 2 => Solver::<2>::new(problem).run(points, steps, work),
         3 => Solver::<3>::new(problem).run(points, steps, work),
-        4 => Solver::<4>::new(problem).run(points, steps, work),
-        5 => Solver::<5>::new(problem).run(points, steps, work),
-        6 => Solver::<6>::new(problem).run(points, steps, work),
-        7 => Solver::<7>::new(problem).run(points, steps, work),
-        8 => Solver::<8>::new(problem).run(points, steps, work),
+        4 | 5 => Solver::<5>::new(problem).run(points, steps, work),
         _ => Solver::<9>::new(problem).run(points, steps, work),
     }
+}
+
+/// The active axes, then the others, which may fill up a solver of more axes: they stay where they are.
+pub(crate) fn order(active: &[bool; AXES]) -> impl Iterator<Item = usize> {
+    (0..AXES).filter(|&i| active[i]).chain((0..AXES).filter(|&i| !active[i]))
 }
 
 struct Solver<'a, const D: usize> {
@@ -68,7 +68,7 @@ impl<'a, const D: usize> Solver<'a, D> {
     fn new(problem: &'a Problem<'a>) -> Self {
         let mut axes = [0; D];
         let mut columns = [usize::MAX; AXES];
-        for (column, axis) in (0..AXES).filter(|&i| problem.active[i]).take(D).enumerate() {
+        for (column, axis) in order(&problem.active).take(D).enumerate() {
             axes[column] = axis;
             columns[axis] = column;
         }

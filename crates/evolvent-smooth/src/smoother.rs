@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use evolvent_path::{AXES, Curve, Jet, Spline};
+use evolvent_path::{AXES, Axes, Curve, Jet, Spline};
 
 use crate::chain::{Chain, Link};
 use crate::joint::{JointKind, judge};
@@ -61,7 +61,7 @@ pub struct Smoother {
     work: Workspace,
     together: Together,
     feeds: Vec<f64>,
-    best: Vec<evolvent_path::Axes>,
+    better: Vec<Axes>,
     last: Option<Block>,
     marks: VecDeque<Mark>,
     /// Parameter of the section's start since the smoother was made, and what has come out of the section.
@@ -76,11 +76,9 @@ pub struct Smoother {
     active: [bool; AXES],
     deviation: f64,
     failures: u64,
-    law_failures: u64,
     at_end: bool,
 }
 
-fn refinements() -> usize { std::env::var("NP").ok().and_then(|x| x.parse().ok()).unwrap_or(4) }
 
 impl Smoother {
     /// At rest at the start of the first block.
@@ -98,7 +96,7 @@ impl Smoother {
             work: Workspace::default(),
             together: Together::default(),
             feeds: Vec::new(),
-            best: Vec::new(),
+            better: Vec::new(),
             last: None,
             marks: VecDeque::new(),
             base: 0.0,
@@ -110,7 +108,6 @@ impl Smoother {
             active: [false; AXES],
             deviation: 0.0,
             failures: 0,
-            law_failures: 0,
             at_end: false,
         }
     }
@@ -186,7 +183,7 @@ impl Smoother {
     /// How often a joint was taken at rest because no smooth path was found there.
     #[must_use]
     pub fn failures(&self) -> u64 {
-        self.failures + 1000000 * self.law_failures
+        self.failures
     }
 
     /// Brings out all of the section and begins the next.
@@ -446,8 +443,7 @@ impl Smoother {
             let behind = zone.samples.partition_point(|sample| sample.interval < to);
             let (start, factor, least) = BARRIER;
             let mut mu = start;
-            let irls = crate::timing::knob("RO", 6.0) as usize;
-            for round in 0..irls {
+            for round in 0..ROUNDS {
                 self.weights.update(zone, wide.0, wide.1, &self.scales, &active);
                 // Every interval's samples share its weight.
                 let times = &mut self.weights.times;
@@ -467,7 +463,7 @@ impl Smoother {
                     free: (low, high),
                     active,
                 };
-                let steps = if round + 1 == irls { STEPS.1 } else { STEPS.0 };
+                let steps = if round + 1 == ROUNDS { STEPS.1 } else { STEPS.0 };
                 minimise(&problem, &mut zone.points, steps, &mut self.work);
                 mu = (mu * factor).max(least);
             }
@@ -482,23 +478,21 @@ impl Smoother {
                 if self.moving { f64::NEG_INFINITY } else { 0.0 },
                 if zone.complete && self.at_end { self.chain.end() } else { f64::INFINITY },
             );
-            if crate::timing::knob("TR", 1.0) > 0.0 {
-                let window = Window {
-                    zone,
-                    from: wide.0,
-                    to: wide.1,
-                    free: (low, high),
-                    samples: &zone.samples[first..behind],
-                    scales: &self.scales,
-                    active: &active,
-                    feeds: &self.feeds,
-                    rests,
-                };
-                self.best.clear();
-                self.best.extend_from_slice(&zone.points);
-                if self.together.improve(&window, &mut self.best) {
-                    zone.points.copy_from_slice(&self.best);
-                }
+            let window = Window {
+                zone,
+                from: wide.0,
+                to: wide.1,
+                free: (low, high),
+                samples: &zone.samples[first..behind],
+                scales: &self.scales,
+                active: &active,
+                feeds: &self.feeds,
+                rests,
+            };
+            self.better.clear();
+            self.better.extend_from_slice(&zone.points);
+            if self.together.improve(&window, &mut self.better) {
+                zone.points.copy_from_slice(&self.better);
             }
         }
         zone.fixed = if zone.complete && high == last {
@@ -554,6 +548,7 @@ impl Smoother {
                         joint: std::mem::take(&mut self.joint),
                     }));
                     at = stop;
+                    release(&mut self.marks, self.base + at, out);
                 }
                 if last {
                     break;

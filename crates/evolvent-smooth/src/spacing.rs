@@ -21,11 +21,6 @@ pub(crate) fn most(tolerance: f64) -> f64 {
     (MOST_TOLERANCES * tolerance).min(MOST)
 }
 
-/// Largest distance ahead that a spacing at a tolerance can depend on.
-pub(crate) fn reach(tolerance: f64) -> f64 {
-    most(tolerance) / GROWTH
-}
-
 /// The spacing at the start of a link by the bend of the path there; `None` while too little of the path is known.
 /// The search starts at `guess`.
 pub(crate) fn at_joint(chain: &Chain, number: usize, guess: f64, complete: bool) -> Option<f64> {

@@ -15,6 +15,7 @@ use evolvent_path::{AXES, Axes};
 
 use crate::basis::Basis;
 use crate::joint::metric_axes;
+use crate::newton::order;
 use crate::tube::{GROUPS, Sample, dot};
 use crate::weights::Scales;
 use crate::zone::Zone;
@@ -28,10 +29,12 @@ const BEGIN: f64 = 0.5;
 const LEVEL: usize = 4;
 /// Room that the first law leaves.
 const ROOM: f64 = 0.8;
+/// Factor of the law, so that it begins with room.
+const EASE: f64 = 0.8;
 /// Weight of the barrier: share of the time in the first round, factor between rounds.
-const BARRIER: f64 = 1.0;
+const BARRIER: f64 = 0.5;
 const FACTOR: f64 = 0.25;
-const ROUNDS: usize = 5;
+const ROUNDS: usize = 3;
 const STEPS: usize = 4;
 /// Decrease, in barrier weights, below which a round is done.
 const ENOUGH: f64 = 0.01;
@@ -80,8 +83,6 @@ pub(crate) struct Together {
     matrix: Vec<f64>,
     gradient: Vec<f64>,
     step: Vec<f64>,
-    pub(crate) iterations: usize,
-    pub(crate) law_iterations: usize,
 }
 
 /// Between two stations: how the law and the path follow from their coefficients at both.
@@ -117,7 +118,7 @@ impl<const D: usize> Layout<D> {
 
     fn new(window: &Window<'_>) -> Self {
         let (mut axes, mut columns) = ([0; D], [NONE; AXES]);
-        for (d, axis) in (0..AXES).filter(|&i| window.active[i]).take(D).enumerate() {
+        for (d, axis) in order(window.active).take(D).enumerate() {
             axes[d] = axis;
             columns[axis] = d;
         }
@@ -197,21 +198,15 @@ impl Together {
     pub(crate) fn improve(&mut self, window: &Window<'_>, points: &mut [Axes]) -> bool {
         match window.active.iter().filter(|&&active| active).count() {
             0 => false,
-            1 => self.run::<1>(window, points),
-            2 => self.run::<2>(window, points),
+            1 | 2 => self.run::<2>(window, points),
             3 => self.run::<3>(window, points),
-            4 => self.run::<4>(window, points),
-            5 => self.run::<5>(window, points),
-            6 => self.run::<6>(window, points),
-            7 => self.run::<7>(window, points),
-            8 => self.run::<8>(window, points),
+            4 | 5 => self.run::<5>(window, points),
             _ => self.run::<9>(window, points),
         }
     }
 
     fn run<const D: usize>(&mut self, window: &Window<'_>, points: &mut [Axes]) -> bool {
         let layout = Layout::<D>::new(window);
-        self.iterations = 0;
         if window.to <= window.from {
             return false;
         }
@@ -237,17 +232,16 @@ impl Together {
             mu *= LAW_FACTOR;
         }
         let time = self.merit(window, &layout, &self.points, &self.alpha, 0.0).unwrap_or(time);
-        let ease = crate::timing::knob("EASE", 0.9);
         for alpha in &mut self.alpha {
-            *alpha *= ease;
+            *alpha *= EASE;
         }
-        let mut mu = crate::timing::knob("MU0", BARRIER) * time / rows;
-        for _ in 0..crate::timing::knob("TR", ROUNDS as f64) as usize {
+        let mut mu = BARRIER * time / rows;
+        for _ in 0..ROUNDS {
             let Some(merit) = self.merit(window, &layout, &self.points, &self.alpha, mu) else {
                 break;
             };
             self.round(window, &layout, mu, merit, ENOUGH * mu * rows);
-            mu *= crate::timing::knob("MF", FACTOR);
+            mu *= FACTOR;
         }
         points.copy_from_slice(&self.points);
         true
@@ -263,8 +257,7 @@ impl Together {
         enough: f64,
     ) {
         let size = layout.size();
-        for _ in 0..crate::timing::knob("NI", STEPS as f64) as usize {
-            self.iterations += 1;
+        for _ in 0..STEPS {
             self.assemble(window, layout, mu);
             self.solve(layout);
             let slope: f64 = (0..size).map(|k| self.gradient[k] * self.step[k]).sum();
@@ -360,7 +353,6 @@ impl Together {
                 }
                 length *= SHORTER;
             }
-            self.law_iterations += 1;
             if !better {
                 return;
             }
