@@ -64,6 +64,11 @@ impl Link {
         }
     }
 
+    /// First point.
+    pub(crate) fn start(&self) -> &Axes {
+        &self.start
+    }
+
     /// Direction at the start of a straight link.
     pub(crate) fn slope(&self) -> &Axes {
         &self.slope

@@ -9,6 +9,7 @@ mod band;
 mod basis;
 mod block;
 mod chain;
+mod finder;
 mod joint;
 mod newton;
 mod output;

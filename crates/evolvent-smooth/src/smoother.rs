@@ -2,26 +2,18 @@
 
 use std::collections::VecDeque;
 
-use evolvent_path::{AXES, Axes, Curve, Jet, Spline};
+use evolvent_path::{AXES, Curve, Jet, Spline};
 
 use crate::chain::{Chain, Link};
+use crate::finder::{Finder, WINDOW};
 use crate::joint::{JointKind, judge};
-use crate::newton::{Problem, Workspace, minimise};
 use crate::spacing::{self, GROWTH};
-use crate::together::{Together, Window};
-use crate::weights::{Scales, Weights};
+use crate::weights::Scales;
 use crate::zone::{Clamp, Laid, Zone, spread};
 use crate::{Block, Mark, Output, Settings, Stretch, Tolerance};
 
 /// How far a zone reaches to each side of a joint, in spacings there: where the spacing has grown for 20 knots.
 const EXTENT: f64 = 150.0;
-/// Control points that are found together, and how many of them become final.
-const WINDOW: usize = 64;
-const COMMIT: usize = 32;
-/// Rounds of weights, barrier at the first and the last, Newton steps of a round and of the last.
-const ROUNDS: usize = 6;
-const BARRIER: (f64, f64, f64) = (0.3, 0.35, 0.01);
-const STEPS: (usize, usize) = (4, 8);
 /// Stretches shorter than this are rounding, parameter units.
 const SHORTEST: f64 = 1e-12;
 
@@ -57,11 +49,7 @@ pub struct Smoother {
     chain: Chain,
     state: State,
     zone: Zone,
-    weights: Weights,
-    work: Workspace,
-    together: Together,
-    feeds: Vec<f64>,
-    better: Vec<Axes>,
+    finder: Finder,
     last: Option<Block>,
     marks: VecDeque<Mark>,
     /// Parameter of the section's start since the smoother was made, and what has come out of the section.
@@ -92,11 +80,7 @@ impl Smoother {
             chain,
             state: State::Exact,
             zone: Zone::default(),
-            weights: Weights::default(),
-            work: Workspace::default(),
-            together: Together::default(),
-            feeds: Vec::new(),
-            better: Vec::new(),
+            finder: Finder::default(),
             last: None,
             marks: VecDeque::new(),
             base: 0.0,
@@ -410,96 +394,17 @@ impl Smoother {
                     }
                 }
             }
-            self.solve();
+            let rests = (
+                if self.moving { f64::NEG_INFINITY } else { 0.0 },
+                if self.at_end { self.chain.end() } else { f64::INFINITY },
+            );
+            self.finder.find(&mut self.zone, &self.chain, &self.scales, rests, &self.active);
             self.emit(end.map(|(_, clamp)| clamp), out);
             if self.zone.complete && self.zone.intervals() == 0 {
                 self.state = State::Exact;
                 return true;
             }
         }
-    }
-
-    /// Finds the next control points and makes the first of them final.
-    fn solve(&mut self) {
-        let zone = &mut self.zone;
-        let low = zone.fixed;
-        let last = if zone.complete {
-            zone.points.len() - zone.clamped
-        } else {
-            zone.intervals()
-        };
-        let high = (low + WINDOW).min(last);
-        if high > low {
-            let (from, to) = (low.saturating_sub(3), high.min(zone.intervals()));
-            let wide = (from.saturating_sub(4), (high + 4).min(zone.intervals()));
-            let mut active = [false; AXES];
-            let here = zone.points[from];
-            for point in &zone.points[from..(to + 3).min(zone.points.len())] {
-                for i in 0..AXES {
-                    active[i] |= point[i] != here[i];
-                }
-            }
-            let first = zone.samples.partition_point(|sample| sample.interval < from);
-            let behind = zone.samples.partition_point(|sample| sample.interval < to);
-            let (start, factor, least) = BARRIER;
-            let mut mu = start;
-            for round in 0..ROUNDS {
-                self.weights.update(zone, wide.0, wide.1, &self.scales, &active);
-                // Every interval's samples share its weight.
-                let times = &mut self.weights.times;
-                let mut at = first;
-                for i in from..to {
-                    let next = at + zone.samples[at..behind].partition_point(|sample| sample.interval <= i);
-                    times[i - wide.0] /= (next - at).max(1) as f64;
-                    at = next;
-                }
-                let terms = &self.weights.terms[2 * (from - wide.0)..2 * (to - wide.0)];
-                let problem = Problem {
-                    terms,
-                    samples: &zone.samples[first..behind],
-                    barrier: times,
-                    first: wide.0,
-                    mu,
-                    free: (low, high),
-                    active,
-                };
-                let steps = if round + 1 == ROUNDS { STEPS.1 } else { STEPS.0 };
-                minimise(&problem, &mut zone.points, steps, &mut self.work);
-                mu = (mu * factor).max(least);
-            }
-            self.feeds.clear();
-            let mut number = self.chain.find(zone.knot(wide.0));
-            for i in wide.0..wide.1 {
-                let middle = 0.5 * (zone.knot(i) + zone.knot(i + 1));
-                number = self.chain.find_near(middle, number);
-                self.feeds.push(self.chain.get(number).map_or(f64::INFINITY, |link| link.feed));
-            }
-            let rests = (
-                if self.moving { f64::NEG_INFINITY } else { 0.0 },
-                if zone.complete && self.at_end { self.chain.end() } else { f64::INFINITY },
-            );
-            let window = Window {
-                zone,
-                from: wide.0,
-                to: wide.1,
-                free: (low, high),
-                samples: &zone.samples[first..behind],
-                scales: &self.scales,
-                active: &active,
-                feeds: &self.feeds,
-                rests,
-            };
-            self.better.clear();
-            self.better.extend_from_slice(&zone.points);
-            if self.together.improve(&window, &mut self.better) {
-                zone.points.copy_from_slice(&self.better);
-            }
-        }
-        zone.fixed = if zone.complete && high == last {
-            zone.points.len()
-        } else {
-            low + COMMIT
-        };
     }
 
     /// Brings out the intervals that are final.

@@ -8,10 +8,10 @@
 use evolvent_path::Axes;
 
 use crate::basis::{Basis, values};
-use crate::chain::{Chain, Link};
+use crate::chain::{Chain, Link, distance};
 
-/// Share of the tolerance that samples may use; the rest is for what lies between them.
-pub(crate) const SHARE: f64 = 0.98;
+/// Share of the tolerance that samples leave for what lies between them, where they are fewest.
+const UNUSED: f64 = 0.02;
 /// How far along a straight the tube reaches, in tolerances.
 const SLIP: f64 = 8.0;
 /// A straight shorter than so many knot intervals counts as dense.
@@ -114,21 +114,51 @@ fn straight(chain: &Chain, number: usize, link: &Link, u: f64, limit: f64) -> St
     Straight { behind, ahead, sharp }
 }
 
-/// Appends the samples of one interval: its left knot, its middle and every joint inside; at a joint both links.
+/// How the samples of an interval cover it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Cover {
+    /// Equal parts between whose ends there is at most one sample's distance.
+    pub(crate) parts: usize,
+    /// How far the programmed path strays from a straight between neighbouring samples.
+    pub(crate) stray: f64,
+}
+
+/// Fewest parts of an interval, and the most that are tried.
+pub(crate) const FEWEST_PARTS: usize = 2;
+pub(crate) const MOST_PARTS: usize = 32;
+/// More joints than this in an interval, and not all of them are samples.
+const MANY: usize = 3;
+/// How far the path may stray from a straight between samples then, in tolerances.
+const STRAY: f64 = 0.05;
+/// Halvings of a part.
+const HALVINGS: u32 = 8;
+
+/// Share of the tolerance that samples may use: the more of them, the less is left for what lies between.
+fn share(parts: usize) -> f64 {
+    1.0 - UNUSED * FEWEST_PARTS as f64 / parts as f64
+}
+
+/// Appends the samples of one interval: the left ends of its parts and the joints inside, at a joint both links;
+/// of many joints only those at which the path turns. Returns how far the path strays between them.
 pub(crate) fn sample(
     chain: &Chain,
     interval: usize,
     (from, to): (f64, f64),
+    parts: usize,
     basis: &Basis,
     active: &[bool; 9],
     samples: &mut Vec<Sample>,
-) {
-    let middle = 0.5 * (from + to);
-    let mut number = chain.find(from);
+) -> Cover {
+    let number = chain.find(from);
+    let behind = chain.find(to);
+    let before = samples.len();
     let mut maker = Maker {
         chain,
         interval,
+        from,
         width: to - from,
+        share: share(parts),
+        thin: behind - number > MANY,
         basis,
         active,
         samples,
@@ -137,48 +167,174 @@ pub(crate) fn sample(
         && link.from == from
         && number > chain.first()
     {
-        maker.add(number - 1, from, 0.0);
+        maker.add(number - 1, from);
     }
-    maker.add(number, from, 0.0);
-    let mut open = true;
-    while let Some(next) = chain.get(number + 1) {
-        let u = next.from;
-        if open && u > middle {
-            maker.add(number, middle, middle - from);
-            open = false;
+    maker.add(number, from);
+    let mut stray: f64 = 0.0;
+    let mut left = number;
+    for k in 0..parts {
+        let cut = |k: usize| from + (to - from) * k as f64 / parts as f64;
+        let (u0, u1) = (cut(k), if k + 1 == parts { to } else { cut(k + 1) });
+        // Joints in between.
+        let mut right = left;
+        while let Some(next) = chain.get(right + 1)
+            && next.from < u1
+        {
+            right += 1;
         }
-        if u >= to {
-            break;
+        if maker.thin {
+            stray = stray.max(maker.joints(left + 1, right, u0, u1, HALVINGS));
+        } else {
+            for joint in left + 1..=right {
+                maker.joint(joint);
+            }
         }
-        maker.add(number, u, u - from);
+        left = right;
+        if k + 1 < parts {
+            if let Some(next) = chain.get(left + 1)
+                && next.from == u1
+            {
+                maker.add(left, u1);
+                left += 1;
+            }
+            maker.add(left, u1);
+        }
+    }
+    if stray > 0.0 {
+        for sample in &mut samples[before..] {
+            let radius = (sample.radius2.sqrt() - stray).max(0.0);
+            sample.radius2 = radius * radius;
+        }
+    }
+    Cover { parts, stray }
+}
+
+/// Whether the spline keeps to the tolerance also between the samples of an interval: between two that are `d` apart,
+/// a curve is at most `d^2 / 8` times its greatest second derivative from the straight between them.
+pub(crate) fn covers(
+    chain: &Chain,
+    cover: Cover,
+    (from, to): (f64, f64),
+    basis: &Basis,
+    points: &[Axes],
+    samples: &[Sample],
+    active: &[bool; 9],
+) -> bool {
+    let width = to - from;
+    let second = |order: usize| {
+        (1..4).fold(points[0] * basis[0][order], |sum, l| sum + points[l] * basis[l][order])
+    };
+    let (bend, third) = (second(2), second(3));
+    let mut most = distance(&bend).max(distance(&(bend + third * width)));
+    let mut number = chain.find(from);
+    while let Some(link) = chain.get(number)
+        && link.from < to
+    {
+        if !link.straight {
+            let (a, b) = (link.from.max(from), link.to.min(to));
+            let at = |u: f64| distance(&(bend + third * (u - from) - link.jet(u).second));
+            let (_, _, change) = link.curve.derivative_bounds(a - link.from, b - link.from);
+            let near = at(a).max(at(0.5 * (a + b))).max(at(b)) + 0.25 * (b - a) * distance(&change);
+            most = most.max(near);
+        }
         number += 1;
-        if u == middle {
-            open = false;
-        }
-        maker.add(number, u, u - from);
     }
-    if open {
-        maker.add(number, middle, middle - from);
+    let gap = width / cover.parts as f64;
+    let between = 0.125 * gap * gap * most;
+    let holds = |sample: &Sample, cover: Cover| {
+        let radius = sample.radius2.sqrt();
+        let tolerance = (radius + cover.stray) / share(cover.parts);
+        let used = sample.ratio(&sample.error(points)).sqrt() * radius;
+        used + between + cover.stray <= tolerance
+    };
+    if !samples.iter().all(|sample| holds(sample, cover)) {
+        return false;
     }
+    // The right end belongs to the next interval's samples; here it is looked at for itself.
+    let mut last = Vec::with_capacity(5);
+    let mut maker = Maker {
+        chain,
+        interval: 0,
+        from,
+        width,
+        share: share(cover.parts),
+        thin: false,
+        basis,
+        active,
+        samples: &mut last,
+    };
+    let behind = chain.find(to);
+    let at_joint = chain.get(behind).is_some_and(|link| link.from >= to) && behind > chain.first();
+    maker.add(if at_joint { behind - 1 } else { behind }, to);
+    last.iter().all(|sample| holds(sample, Cover { stray: 0.0, ..cover }))
 }
 
 struct Maker<'a> {
     chain: &'a Chain,
     interval: usize,
+    from: f64,
     width: f64,
+    share: f64,
+    /// Whether samples are fewer than joints: then all of them are balls.
+    thin: bool,
     basis: &'a Basis,
     active: &'a [bool; 9],
     samples: &'a mut Vec<Sample>,
 }
 
 impl Maker<'_> {
-    fn add(&mut self, number: usize, u: f64, x: f64) {
+    /// Samples of both links at a joint.
+    fn joint(&mut self, number: usize) {
+        if let Some(link) = self.chain.get(number) {
+            let u = link.from;
+            self.add(number - 1, u);
+            self.add(number, u);
+        }
+    }
+
+    /// Samples of those joints `first..=last` between `u0` and `u1` without which the path would stray too far
+    /// from the straight between samples; returns how far it strays.
+    fn joints(&mut self, first: usize, last: usize, u0: f64, u1: f64, halvings: u32) -> f64 {
+        if first > last {
+            return 0.0;
+        }
+        let (p0, p1) = (self.chain.position(u0), self.chain.position(u1));
+        let (mut worst, mut at, mut least) = (0.0, first, f64::INFINITY);
+        for joint in first..=last {
+            let Some(link) = self.chain.get(joint) else {
+                continue;
+            };
+            let straight = p0 + (p1 - p0) * ((link.from - u0) / (u1 - u0));
+            let stray = distance(&(link.start() - straight));
+            if stray > worst {
+                (worst, at) = (stray, joint);
+            }
+            least = least.min(link.tolerance);
+        }
+        let Some(&link) = self.chain.get(at) else {
+            return worst;
+        };
+        if worst <= STRAY * least {
+            return worst;
+        }
+        if halvings == 0 {
+            for joint in first..=last {
+                self.joint(joint);
+            }
+            return 0.0;
+        }
+        let before = self.joints(first, at - 1, u0, link.from, halvings - 1);
+        self.joint(at);
+        before.max(self.joints(at + 1, last, link.from, u1, halvings - 1))
+    }
+
+    fn add(&mut self, number: usize, u: f64) {
         let Some(link) = self.chain.get(number) else {
             return;
         };
-        let weights = values(self.basis, x);
+        let weights = values(self.basis, u - self.from);
         let place = link.position(u);
-        let tolerance = SHARE * link.tolerance;
+        let tolerance = self.share * link.tolerance;
         for (group, &(first, count)) in GROUPS.iter().enumerate() {
             if !self.active[first..first + count].iter().any(|&active| active) {
                 continue;
@@ -193,7 +349,7 @@ impl Maker<'_> {
                 radius2: tolerance * tolerance,
             };
             made.centre[..count].copy_from_slice(&place.as_slice()[first..first + count]);
-            if group == 0 && link.straight {
+            if group == 0 && link.straight && !self.thin {
                 self.lengthen(&mut made, number, link, u);
             }
             self.samples.push(made);

@@ -1,11 +1,13 @@
 //! A stretch of the path that becomes a spline: its knots, control points and conditions.
 
+use std::ops::Range;
+
 use evolvent_path::{Axes, Jet};
 
 use crate::basis::{Basis, basis};
 use crate::chain::Chain;
 use crate::spacing::{self, GROWTH};
-use crate::tube::{Sample, sample};
+use crate::tube::{Cover, FEWEST_PARTS, MOST_PARTS, Sample, covers, sample};
 
 /// Intervals that are settled at a time.
 const BATCH: usize = 32;
@@ -19,6 +21,10 @@ const START_RATIO: f64 = 0.85;
 const FEWEST: usize = 6;
 /// Intervals over which the spacing is adapted to meet the zone's end.
 const ENDING: usize = 12;
+
+/// Steps back towards a safe solution, and their factor.
+const RETREATS: usize = 30;
+const RETREAT: f64 = 0.8;
 
 /// What is kept at an end of a zone.
 #[derive(Clone, Copy, Debug)]
@@ -50,6 +56,8 @@ pub(crate) struct Zone {
     pub(crate) bases: Vec<Basis>,
     pub(crate) points: Vec<Axes>,
     pub(crate) samples: Vec<Sample>,
+    /// How the samples cover each interval.
+    covers: Vec<Cover>,
     /// Knots that are settled.
     settled: usize,
     /// Control points that do not change any more.
@@ -69,6 +77,7 @@ impl Zone {
         self.bases.clear();
         self.points.clear();
         self.samples.clear();
+        self.covers.clear();
         self.settled = 4;
         self.fixed = 0;
         self.clamped = 0;
@@ -117,6 +126,7 @@ impl Zone {
             self.points.truncate(points);
             self.bases.truncate(bases);
             self.samples.truncate(samples);
+            self.covers.truncate(bases);
             let Some(complete) = self.march(chain, end.map(|(u, _)| u), reach) else {
                 self.knots.truncate(settled);
                 return Laid::Wait;
@@ -141,6 +151,7 @@ impl Zone {
                     self.points.truncate(self.settled - 3);
                     self.bases.truncate(self.settled - 6);
                     let count = self.bases.len();
+                    self.covers.truncate(count);
                     let kept = self.samples.partition_point(|sample| sample.interval < count);
                     self.samples.truncate(kept);
                     return Laid::Batch;
@@ -151,6 +162,7 @@ impl Zone {
         self.points.truncate(points);
         self.bases.truncate(bases);
         self.samples.truncate(samples);
+        self.covers.truncate(bases);
         Laid::Failed
     }
 
@@ -241,20 +253,90 @@ impl Zone {
 
     /// Samples of the new intervals; the first interval whose start is not well inside the tube.
     fn condition(&mut self, chain: &Chain, active: &[bool; 9]) -> Option<usize> {
-        let next = self.samples.last().map_or(0, |sample| sample.interval + 1);
-        for i in next..self.bases.len() {
+        for i in self.covers.len()..self.bases.len() {
             let from = self.samples.len();
             let range = (self.knot(i), self.knot(i + 1));
-            sample(chain, i, range, &self.bases[i], active, &mut self.samples);
             let points = &self.points[i..i + 4];
-            let bad = self.samples[from..]
-                .iter()
-                .any(|sample| !(sample.ratio(&sample.error(points)) <= START_RATIO));
-            if bad {
-                return Some(i);
+            let mut parts = FEWEST_PARTS;
+            loop {
+                self.samples.truncate(from);
+                let cover = sample(chain, i, range, parts, &self.bases[i], active, &mut self.samples);
+                let samples = &self.samples[from..];
+                let bad = samples
+                    .iter()
+                    .any(|sample| !(sample.ratio(&sample.error(points)) <= START_RATIO));
+                if bad {
+                    return Some(i);
+                }
+                if covers(chain, cover, range, &self.bases[i], points, samples, active) {
+                    self.covers.push(cover);
+                    break;
+                }
+                parts *= 2;
+                if parts > MOST_PARTS {
+                    return Some(i);
+                }
             }
         }
         None
+    }
+
+    /// Places of the samples of the intervals `from..to`.
+    pub(crate) fn samples_of(&self, from: usize, to: usize) -> Range<usize> {
+        let of = |interval: usize| self.samples.partition_point(|sample| sample.interval < interval);
+        of(from)..of(to)
+    }
+
+    /// Whether the spline keeps to the tolerance in all of an interval.
+    fn covered(&self, chain: &Chain, interval: usize, active: &[bool; 9]) -> bool {
+        covers(
+            chain,
+            self.covers[interval],
+            (self.knot(interval), self.knot(interval + 1)),
+            &self.bases[interval],
+            &self.points[interval..interval + 4],
+            &self.samples[self.samples_of(interval, interval + 1)],
+            active,
+        )
+    }
+
+    /// Adds samples to those of the intervals `from..to` that are not covered; how many there were.
+    pub(crate) fn cover(&mut self, chain: &Chain, from: usize, to: usize, active: &[bool; 9]) -> usize {
+        let mut open = 0;
+        for i in from..to {
+            if !self.covered(chain, i, active) {
+                open += 1;
+                self.covers[i].parts = (2 * self.covers[i].parts).min(MOST_PARTS);
+            }
+        }
+        if open > 0 {
+            let first = self.samples.partition_point(|sample| sample.interval < from);
+            self.samples.truncate(first);
+            for i in from..self.bases.len() {
+                let range = (self.knot(i), self.knot(i + 1));
+                let parts = self.covers[i].parts;
+                self.covers[i] = sample(chain, i, range, parts, &self.bases[i], active, &mut self.samples);
+            }
+        }
+        open
+    }
+
+    /// Brings the free control points back towards `safe` until all samples have room; whether they have.
+    pub(crate) fn retreat(&mut self, safe: &[Axes], free: (usize, usize), from: usize, to: usize) -> bool {
+        let samples = self.samples_of(from, to);
+        for _ in 0..RETREATS {
+            let inside = self.samples[samples.clone()].iter().all(|sample| {
+                let points = &self.points[sample.interval..sample.interval + 4];
+                sample.ratio(&sample.error(points)) <= 1.0 - 1e-3
+            });
+            if inside {
+                return true;
+            }
+            for j in free.0..free.1 {
+                self.points[j] = safe[j] + (self.points[j] - safe[j]) * RETREAT;
+            }
+        }
+        false
     }
 
     /// Forgets the first intervals.
@@ -262,6 +344,7 @@ impl Zone {
         self.knots.drain(..intervals);
         self.points.drain(..intervals);
         self.bases.drain(..intervals);
+        self.covers.drain(..intervals);
         let behind = self.samples.partition_point(|sample| sample.interval < intervals);
         self.samples.drain(..behind);
         for sample in &mut self.samples {

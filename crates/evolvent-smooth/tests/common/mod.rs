@@ -324,7 +324,7 @@ impl<'a> Programmed<'a> {
                 let (mut a, mut b) = (cut(part), cut(part + 1));
                 least = least.min(at(a)).min(at(b));
                 // The distance from a line is convex; from a short part of a curve nearly so.
-                for _ in 0..if parts == 1 { 60 } else { 16 } {
+                for _ in 0..if parts == 1 || tolerance < 1e-4 { 60 } else { 16 } {
                     let (x, y) = (a + (b - a) * 0.382, a + (b - a) * 0.618);
                     let (fx, fy) = (at(x), at(y));
                     least = least.min(fx).min(fy);
@@ -397,7 +397,18 @@ pub fn check(blocks: &[Block], out: &[Output], samples: usize, what: &str) {
                     let x = stretch.length * (k as f64 + 0.5) / samples as f64;
                     let place = stretch.curve.position(stretch.from + x);
                     let ratio = programmed.ratio(&place, u + x, 10.0 * most + 1e-6);
-                    assert!(ratio <= 1.0, "{what}: {ratio} of the tolerance at {}", u + x);
+                    let near = programmed.starts.partition_point(|&s| s <= u + x).clamp(1, blocks.len()) - 1;
+                    assert!(
+                        ratio <= 1.0,
+                        "{what}: {ratio} of the tolerance at {}, block {near} from {} to {}, before {:?} here {:?}, stretch from {u} of {} blend {}",
+                        u + x,
+                        programmed.starts[near],
+                        programmed.starts[near + 1],
+                        blocks[near.max(1) - 1].tolerance,
+                        blocks[near].tolerance,
+                        stretch.length,
+                        stretch.blend
+                    );
                 }
                 u += stretch.length;
                 last = Some((end, true));
