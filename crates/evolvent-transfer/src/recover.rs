@@ -13,7 +13,7 @@ use crate::state::AxisState;
 /// Halvings of the whole before an interval is taken as one piece whatever it holds.
 const DEEPEST: u32 = 36;
 /// Intervals looked at before giving up: some hundred are usual.
-const MOST_INTERVALS: usize = 20_000;
+const MOST_INTERVALS: usize = 2000;
 /// Rounding of a sample, in units of the last place of its largest summand.
 const ROUNDING: f64 = 16.0 * f64::EPSILON;
 /// Where accelerations are compared within an interval.

@@ -236,6 +236,20 @@ fn a_cruise_at_the_limit_is_held() {
     assert_eq!(transfer.method(), Method::Ruckig);
 }
 
+/// 75 mm/s and 1000 mm/s2 reach, or come from, exactly 75 + 1000^2 / (2 20 000) = 100 mm/s.
+#[test]
+fn states_that_need_the_whole_speed_limit_are_solved_at_full_speed() {
+    for (from, to) in [
+        (moving(0.0, 75.0, 1000.0), at(100.0)),
+        (at(0.0), moving(100.0, 75.0, -1000.0)),
+        (moving(0.0, 75.0, 1000.0), moving(100.0, 75.0, -1000.0)),
+    ] {
+        let transfer = Transfer::solve(&limits(), &from, &to, Sync::Time).unwrap();
+        assert_eq!(transfer.method(), Method::Ruckig);
+        assert!(transfer.duration_s() < 1.2, "{}", transfer.duration_s());
+    }
+}
+
 #[test]
 fn ways_from_a_picometre_to_ten_metres_are_solved() {
     let mut wide = limits();
