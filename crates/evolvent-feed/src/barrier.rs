@@ -234,18 +234,6 @@ pub(crate) fn interval_time(d: f64, a: f64, middle: f64, end: f64) -> f64 {
     d / 6.0 * (1.0 / a.sqrt() + 4.0 / middle.sqrt() + 1.0 / end.sqrt())
 }
 
-/// Duration of the whole motion.
-pub(crate) fn duration(window: &Window, x: &Iterate) -> f64 {
-    let n = window.n();
-    let mut sum = 3.0 * (window.start.length / x.a[0].sqrt() + window.end.length / x.a[n].sqrt());
-    for k in 0..n {
-        let d = window.d[k];
-        let middle = x.a[k] + d * (x.b[k] + 0.25 * d * x.c[k]);
-        sum += interval_time(d, x.a[k], middle, x.a[k + 1]);
-    }
-    sum
-}
-
 fn value_of<const L: usize>(window: &Window, objective: &Objective, x: &Iterate) -> Option<f64> {
     let n = window.n();
     let mut sum = 0.0;
@@ -274,7 +262,7 @@ fn value_of<const L: usize>(window: &Window, objective: &Objective, x: &Iterate)
         if !traits.straight {
             room *= three[1].room((middle, b + 0.5 * d * c, c), &inverse, true);
         }
-        if !(room > 0.0) {
+        if room.is_nan() || room <= 0.0 {
             return None;
         }
         room *= control / window.middle_cap[k];

@@ -6,7 +6,7 @@ use crate::barrier::Iterate;
 use crate::cell::Point;
 use crate::grid::Grid;
 use crate::limits::PathLimits;
-use crate::optimizer::Ratios;
+use crate::piece::Ratios;
 use crate::window::Window;
 
 /// Where in an interval the limits are checked: between the rows at its start, middle and end.

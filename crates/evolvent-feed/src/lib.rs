@@ -1,4 +1,24 @@
 //! The time law along a known path: how fast the path parameter runs under the limits of every axis.
+//!
+//! A path is a chain of stretches of curves in a regular parameter `u`. With `a = u'^2`, `b = u''` and
+//! `c = u'''/u'` all limits of an axis but jerk are linear:
+//!
+//! ```text
+//! velocity^2  q'^2 a     acceleration  q'' a + q' b     jerk  sqrt(a) (q''' a + 3 q'' b + q' c)
+//! ```
+//!
+//! and with `c` constant on an interval `b` is linear in `u`, `a` quadratic, and `u(t)` a hyperbolic or circular
+//! function. A [`Grid`] cuts the path into such intervals. The [`Optimizer`] plans a window of them: it minimises the
+//! duration by a barrier method with feasible iterates, so that it may be broken off at any step, and hands out
+//! [`Piece`]s, each a [`Law`] that the cycle evaluates. At rest, where `c` has no bound, pieces have constant jerk.
+//!
+//! Every plan ends at rest on known path. A window is planned while the one before runs: the new one begins where
+//! the caller says on the old one, which serves as its start. If there is no plan, the old one stays what it is.
+//!
+//! [`PathLimits`] holds the axes' limits, the control rate and the chord error. [`Profile`] is the classic motion
+//! under constant limits along one parameter, exact on lines, and what [`Optimizer::stop`] tries first.
+//!
+//! Only [`Law`], [`Piece`] and [`Profile`] are for the real-time cycle.
 
 mod barrier;
 mod cell;
@@ -6,14 +26,17 @@ mod change;
 mod check;
 mod error;
 mod grid;
+mod halt;
 mod kept;
 mod law;
 mod limits;
 mod optimizer;
+mod piece;
 mod profile;
 #[cfg(test)]
 mod random;
 mod reach;
+mod resume;
 mod riccati;
 mod solver;
 mod spans;
@@ -27,6 +50,7 @@ pub use error::FeedError;
 pub use grid::{Grid, Place};
 pub use law::Law;
 pub use limits::{DerivativeBounds, PathLimits, append_cells};
-pub use optimizer::{Entry, Exit, MOST_INTERVALS, Optimizer, Piece, PlanReport, Ratios, StopReport};
+pub use optimizer::{MOST_INTERVALS, Optimizer};
+pub use piece::{Entry, Exit, Piece, PlanReport, Ratios, StopReport};
 pub use profile::{Outcome, Profile};
 pub use reach::{lasting_speed, reachable_speed};

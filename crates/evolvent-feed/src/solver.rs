@@ -1,11 +1,11 @@
 //! Newton's method with feasible iterates on the barrier function of one window.
 
-use crate::barrier::{Iterate, Local, Objective, assemble, duration, interval_time, value};
+use crate::barrier::{Iterate, Local, Objective, assemble, interval_time, value};
 use crate::riccati::Riccati;
 use crate::window::Window;
 
 /// Barrier parameter at the start, relative to the duration.
-const FIRST: f64 = 0.1;
+pub(crate) const FIRST: f64 = 0.1;
 /// ... and at the end.
 pub(crate) const LAST: f64 = 4e-4;
 /// By which it falls from one centre to the next.
@@ -136,10 +136,6 @@ impl Solver {
         self.newton(window, most, CENTRED);
     }
 
-    pub(crate) fn first() -> f64 {
-        FIRST
-    }
-
     fn newton(&mut self, window: &Window, most: u32, centred: f64) {
         let Some(mut now) = value(window, &self.objective, &self.x) else {
             return;
@@ -150,22 +146,11 @@ impl Solver {
             self.iterations += 1;
             assemble(window, &self.objective, &self.x, &mut self.local);
             let slope = self.riccati.step(window, &self.local, (0.0, 0.0), &mut self.step);
-            if !(slope < 0.0) || -slope < centred * weight {
+            // NaN is no descent either.
+            if slope.is_nan() || slope >= -centred * weight {
                 return;
             }
-            if std::env::var("FEEDLOG").is_ok() {
-                eprintln!(
-                    "it {} time {} now {now:.6e} slope/w {:.3e} weight {weight:.3e} T {:.6}",
-                    self.iterations,
-                    self.objective.time,
-                    slope / weight,
-                    self.time(window)
-                );
-            }
             let Some(next) = self.search(window, now, slope) else {
-                if std::env::var("FEEDLOG").is_ok() {
-                    eprintln!("  search failed");
-                }
                 return;
             };
             std::mem::swap(&mut self.x, &mut self.trial);
@@ -193,9 +178,5 @@ impl Solver {
             t *= SHORTER;
         }
         None
-    }
-
-    pub(crate) fn time(&self, window: &Window) -> f64 {
-        duration(window, &self.x)
     }
 }

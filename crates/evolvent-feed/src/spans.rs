@@ -2,9 +2,9 @@
 
 use crate::cell::Cell;
 use crate::grid::{Grid, Place};
-use crate::limits::PathLimits;
+use crate::optimizer::Job;
 use crate::stub::most_jerk;
-use crate::window::{Span, Window};
+use crate::window::Span;
 
 /// Largest length of a span as a share of its distance from a rest.
 const SLOPE: f64 = 0.12;
@@ -33,27 +33,25 @@ pub(crate) fn plain(grid: &Grid, from: Place, until: u64, spans: &mut Vec<Span>)
 /// Divides the spans from index `first` on, which begin at rest (or, `reverse`, end there), so that the first is a
 /// stub and the following grow in proportion to their distance from the rest. At most `room` spans in all.
 pub(crate) fn grade(
-    window: &mut Window,
-    grid: &Grid,
-    limits: &PathLimits,
-    factor: f64,
+    spans: &mut Vec<Span>,
+    job: &Job<'_>,
     reverse: bool,
     room: usize,
     scratch: &mut Vec<Span>,
 ) {
-    let total: f64 = window.spans.iter().map(|span| span.length).sum();
+    let total: f64 = spans.iter().map(|span| span.length).sum();
     if reverse {
-        window.spans.reverse();
+        spans.reverse();
     }
-    let Some(first) = window.spans.first().copied() else {
+    let Some(first) = spans.first().copied() else {
         return;
     };
-    let good = good_length(grid, first, limits, factor, reverse).min(total / 20.0);
+    let good = good_length(job, first, reverse).min(total / 20.0);
     let stub = good.min(0.5 * first.length);
     scratch.clear();
     let (mut at, mut next) = (0.0, stub);
-    let mut spare = room.saturating_sub(window.spans.len());
-    for span in &window.spans {
+    let mut spare = room.saturating_sub(spans.len());
+    for span in spans.iter() {
         let mut left = *span;
         while left.length > 1.5 * next && spare > 0 {
             spare -= 1;
@@ -75,7 +73,7 @@ pub(crate) fn grade(
     if reverse {
         scratch.reverse();
     }
-    std::mem::swap(&mut window.spans, scratch);
+    std::mem::swap(spans, scratch);
 }
 
 /// Divides spans that are much longer than a neighbour, so that lengths change gently. At most `room` spans in all.
@@ -156,7 +154,8 @@ pub(crate) fn subdivide(spans: &mut Vec<Span>, reach: f64, most: f64, room: usiz
 
 /// Over which length from rest constant jerk is as good as anything: well within the first phase of jerk, before
 /// the path has turned.
-fn good_length(grid: &Grid, first: Span, limits: &PathLimits, factor: f64, reverse: bool) -> f64 {
+fn good_length(job: &Job<'_>, first: Span, reverse: bool) -> f64 {
+    let (grid, limits) = (job.grid, job.grid.limits());
     let (Some(cell), true) = (grid.cell(first.interval), first.length > 0.0) else {
         return 0.0;
     };
@@ -172,7 +171,7 @@ fn good_length(grid: &Grid, first: Span, limits: &PathLimits, factor: f64, rever
         };
         let part = Cell::new(stretch, cell.stretch, cell.from + x, length, limits);
         let far = usize::from(!reverse) * 2;
-        let ends = |point: usize, x: f64| most_jerk(&part.points[point], x, limits, factor, 1.0, reverse);
+        let ends = |point: usize, x: f64| most_jerk(&part.points[point], x, limits, job.factor, 1.0, reverse);
         (
             ends(2 - far, 0.0),
             ends(1, 0.5 * length).min(ends(far, 2.0 * length)),

@@ -7,7 +7,7 @@ use crate::change::{ScalarLimits, ScalarState};
 use crate::grid::{Grid, Place};
 use crate::law::Law;
 use crate::limits::PathLimits;
-use crate::optimizer::{Piece, Ratios};
+use crate::piece::{Piece, Ratios};
 use crate::profile::{Outcome, Profile};
 
 /// Shares of the axes' limits along the tangent that are tried: what curvature takes, nothing on lines.

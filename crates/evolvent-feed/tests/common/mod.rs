@@ -9,25 +9,25 @@ use evolvent_machine::Limits;
 use evolvent_path::{AXES, Arc, Axes, Blend, Curve, Involute, Line, Plane, Sense};
 
 /// xorshift64*.
-pub struct Random(pub u64);
+pub(crate) struct Random(pub(crate) u64);
 
 impl Random {
-    pub fn unit(&mut self) -> f64 {
+    pub(crate) fn unit(&mut self) -> f64 {
         self.0 ^= self.0 >> 12;
         self.0 ^= self.0 << 25;
         self.0 ^= self.0 >> 27;
         (self.0.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 11) as f64 / (1_u64 << 53) as f64
     }
-    pub fn log(&mut self, low: f64, high: f64) -> f64 {
+    pub(crate) fn log(&mut self, low: f64, high: f64) -> f64 {
         low * (high / low).powf(self.unit())
     }
-    pub fn between(&mut self, low: f64, high: f64) -> f64 {
+    pub(crate) fn between(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * self.unit()
     }
 }
 
 /// Equal limits on the first `count` axes.
-pub fn axes(count: usize, velocity: f64, acceleration: f64, jerk: f64) -> Limits {
+pub(crate) fn axes(count: usize, velocity: f64, acceleration: f64, jerk: f64) -> Limits {
     let mut present = [false; AXES];
     present[..count].fill(true);
     Limits {
@@ -42,11 +42,11 @@ pub fn axes(count: usize, velocity: f64, acceleration: f64, jerk: f64) -> Limits
 }
 
 /// Limits along the path at a rate and chord error that bind nowhere else.
-pub fn loose(limits: Limits) -> PathLimits {
+pub(crate) fn loose(limits: Limits) -> PathLimits {
     PathLimits::new(limits, 1e5, 1.0)
 }
 
-pub fn point(x: f64, y: f64, z: f64) -> Axes {
+pub(crate) fn point(x: f64, y: f64, z: f64) -> Axes {
     let mut point = Axes::zeros();
     (point[0], point[1], point[2]) = (x, y, z);
     point
@@ -54,12 +54,12 @@ pub fn point(x: f64, y: f64, z: f64) -> Axes {
 
 /// A chain of curves, each used from a parameter over a length, with a feed.
 #[derive(Clone, Default)]
-pub struct Path {
-    pub parts: Vec<(Curve, f64, f64, f64)>,
+pub(crate) struct Path {
+    pub(crate) parts: Vec<(Curve, f64, f64, f64)>,
 }
 
 impl Path {
-    pub fn one(curve: impl Into<Curve>) -> Self {
+    pub(crate) fn one(curve: impl Into<Curve>) -> Self {
         let curve = curve.into();
         Self {
             parts: vec![(curve, 0.0, curve.domain(), f64::INFINITY)],
@@ -67,7 +67,7 @@ impl Path {
     }
 
     /// Curves whose corners are blended by quintics within `tolerance` of the corner.
-    pub fn blended(curves: &[Curve], tolerance: f64, feed: f64) -> Self {
+    pub(crate) fn blended(curves: &[Curve], tolerance: f64, feed: f64) -> Self {
         let mut parts = Vec::new();
         let mut from = 0.0;
         for (k, left) in curves.iter().enumerate() {
@@ -87,7 +87,7 @@ impl Path {
         Self { parts }
     }
 
-    pub fn polyline(points: &[Axes], tolerance: f64, feed: f64) -> Self {
+    pub(crate) fn polyline(points: &[Axes], tolerance: f64, feed: f64) -> Self {
         let lines: Vec<Curve> = points
             .windows(2)
             .map(|pair| Line::new(pair[0], pair[1]).expect("line").into())
@@ -95,32 +95,32 @@ impl Path {
         Self::blended(&lines, tolerance, feed)
     }
 
-    pub fn push_to(&self, grid: &mut Grid) {
+    pub(crate) fn push_to(&self, grid: &mut Grid) {
         for (curve, from, length, feed) in &self.parts {
             grid.push(curve, *from, *length, *feed);
         }
     }
 
-    pub fn length(&self) -> f64 {
+    pub(crate) fn length(&self) -> f64 {
         self.parts.iter().map(|part| part.2).sum()
     }
 }
 
 /// Turns a point about the origin in the XY plane.
-pub fn turned(p: Axes, degrees: f64) -> Axes {
+pub(crate) fn turned(p: Axes, degrees: f64) -> Axes {
     let (sin, cos) = degrees.to_radians().sin_cos();
     let mut out = p;
     (out[0], out[1]) = (cos * p[0] - sin * p[1], sin * p[0] + cos * p[1]);
     out
 }
 
-pub fn circle(radius: f64, degrees: f64) -> Path {
+pub(crate) fn circle(radius: f64, degrees: f64) -> Path {
     let start = turned(point(radius, 0.0, 0.0), degrees);
     let arc = Arc::new(Plane::Xy, start, start, [0.0, 0.0], Sense::CounterClockwise, 0);
     Path::one(arc.expect("arc"))
 }
 
-pub fn helix(radius: f64, pitch: f64, turns: u32, degrees: f64) -> Path {
+pub(crate) fn helix(radius: f64, pitch: f64, turns: u32, degrees: f64) -> Path {
     let start = turned(point(radius, 0.0, 0.0), degrees);
     let mut end = start;
     end[2] += pitch * f64::from(turns);
@@ -129,7 +129,7 @@ pub fn helix(radius: f64, pitch: f64, turns: u32, degrees: f64) -> Path {
 }
 
 /// An involute from its base circle outwards over `turns`.
-pub fn involute(base: f64, turns: f64, degrees: f64) -> Path {
+pub(crate) fn involute(base: f64, turns: f64, degrees: f64) -> Path {
     let phi = 2.0 * PI * turns;
     let start = turned(point(base, 0.0, 0.0), degrees);
     let end = turned(
@@ -152,7 +152,7 @@ pub fn involute(base: f64, turns: f64, degrees: f64) -> Path {
     Path::one(curve.expect("involute"))
 }
 
-pub fn square(side: f64, tolerance: f64, degrees: f64) -> Path {
+pub(crate) fn square(side: f64, tolerance: f64, degrees: f64) -> Path {
     let corner = |x: f64, y: f64| turned(point(side * x, side * y, 0.0), degrees);
     Path::polyline(
         &[
@@ -169,28 +169,28 @@ pub fn square(side: f64, tolerance: f64, degrees: f64) -> Path {
 
 /// The largest ratio of a finite difference to its limit, over the axes.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Measured {
-    pub velocity: f64,
-    pub acceleration: f64,
-    pub jerk: f64,
+pub(crate) struct Measured {
+    pub(crate) velocity: f64,
+    pub(crate) acceleration: f64,
+    pub(crate) jerk: f64,
     /// Where the largest of all lies, s.
-    pub at: f64,
-    pub jerk_at: f64,
+    pub(crate) at: f64,
+    pub(crate) jerk_at: f64,
 }
 
 /// Positions of a motion at a fixed rate, from pieces that may be replaced on the way.
-pub struct Player<'a> {
-    pub grid: &'a Grid,
-    pub pieces: &'a [Piece],
+pub(crate) struct Player<'a> {
+    pub(crate) grid: &'a Grid,
+    pub(crate) pieces: &'a [Piece],
 }
 
 impl Player<'_> {
-    pub fn duration(&self) -> f64 {
+    pub(crate) fn duration(&self) -> f64 {
         self.pieces.iter().map(|piece| piece.duration).sum()
     }
 
     /// Positions at `rate` from `phase` periods on, with the motion at rest for four periods before and after.
-    pub fn positions(&self, rate: f64, phase: f64) -> Vec<Axes> {
+    pub(crate) fn positions(&self, rate: f64, phase: f64) -> Vec<Axes> {
         let duration = self.duration();
         let (mut index, mut begin) = (0, 0.0);
         let count = (duration * rate).ceil() as i64 + 5;
@@ -219,7 +219,7 @@ impl Player<'_> {
 }
 
 /// Finite differences of positions against limits.
-pub fn measure(positions: &[Axes], rate: f64, limits: &Limits) -> Measured {
+pub(crate) fn measure(positions: &[Axes], rate: f64, limits: &Limits) -> Measured {
     let mut out = Measured::default();
     let mut worst = 0.0;
     for (k, p) in positions.windows(4).enumerate() {
@@ -248,7 +248,7 @@ pub fn measure(positions: &[Axes], rate: f64, limits: &Limits) -> Measured {
 }
 
 /// Largest of several rates.
-pub fn measure_all(player: &Player<'_>, limits: &Limits, rates: &[f64]) -> Measured {
+pub(crate) fn measure_all(player: &Player<'_>, limits: &Limits, rates: &[f64]) -> Measured {
     let mut out = Measured::default();
     for rate in rates {
         let one = measure(&player.positions(*rate, 0.37), *rate, limits);
@@ -263,7 +263,7 @@ pub fn measure_all(player: &Player<'_>, limits: &Limits, rates: &[f64]) -> Measu
 }
 
 /// Asserts that pieces chain, cover `length` and end at rest.
-pub fn assert_chained(pieces: &[Piece], from: (f64, f64), length: f64, what: &str) {
+pub(crate) fn assert_chained(pieces: &[Piece], from: (f64, f64), length: f64, what: &str) {
     let (mut v, mut a, mut covered) = (from.0, from.1, 0.0);
     let top = pieces.iter().map(|p| p.law.at(0.0).0.v).fold(0.0, f64::max);
     let push = pieces.iter().map(|p| p.law.at(0.0).0.a.abs()).fold(0.0, f64::max);
