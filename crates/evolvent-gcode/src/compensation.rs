@@ -93,8 +93,21 @@ fn length(a: Point) -> f64 {
 }
 
 impl Shape {
-    /// Where two paths cross, nearest to a point.
-    fn crossing(&self, other: &Self, near: Point) -> Option<Point> {
+    /// Where two paths cross, once or twice.
+    fn crossings(&self, other: &Self) -> [Option<Point>; 2] {
+        let known = |point: Point| point.iter().all(|value| value.is_finite()).then_some(point);
+        // Two points on either side of the middle of a chord.
+        let pair = |middle: Point, direction: Point, square: f64| {
+            if square >= 0.0 {
+                let half = square.sqrt();
+                [
+                    known(along(middle, direction, half)),
+                    known(along(middle, direction, -half)),
+                ]
+            } else {
+                [None; 2]
+            }
+        };
         match (*self, *other) {
             (
                 Self::Line { point, direction },
@@ -103,20 +116,14 @@ impl Shape {
                     direction: way,
                 },
             ) => {
-                let area = cross(direction, way);
-                let distance = cross(sub(second, point), way) / area;
-                distance.is_finite().then(|| along(point, direction, distance))
+                let distance = cross(sub(second, point), way) / cross(direction, way);
+                [known(along(point, direction, distance)), None]
             }
             (Self::Line { point, direction }, Self::Circle { centre, radius, .. })
             | (Self::Circle { centre, radius, .. }, Self::Line { point, direction }) => {
                 let foot = along(point, direction, dot(sub(centre, point), direction));
                 let apart = length(sub(foot, centre));
-                let half = (radius - apart) * (radius + apart);
-                let half = (half >= 0.0).then(|| half.sqrt())?;
-                nearest(
-                    [along(foot, direction, half), along(foot, direction, -half)],
-                    near,
-                )
+                pair(foot, direction, (radius - apart) * (radius + apart))
             }
             (
                 Self::Circle { centre, radius, .. },
@@ -130,15 +137,20 @@ impl Shape {
                 let apart = length(between);
                 let unit = [between[0] / apart, between[1] / apart];
                 let foot = (apart * apart + (radius - other) * (radius + other)) / (2.0 * apart);
-                let half = (radius - foot) * (radius + foot);
-                let half = (half >= 0.0).then(|| half.sqrt())?;
-                let middle = along(centre, unit, foot);
-                nearest(
-                    [along(middle, left(unit), half), along(middle, left(unit), -half)],
-                    near,
+                pair(
+                    along(centre, unit, foot),
+                    left(unit),
+                    (radius - foot) * (radius + foot),
                 )
             }
         }
+    }
+
+    /// The crossing nearest to a point.
+    fn crossing(&self, other: &Self, near: Point) -> Option<Point> {
+        let distance = |point: &Point| length(sub(*point, near));
+        let points = self.crossings(other).into_iter().flatten();
+        points.min_by(|a, b| distance(a).total_cmp(&distance(b)))
     }
 
     /// How much of the path is lost between two of its points, `to` farther on.
@@ -153,14 +165,10 @@ impl Shape {
     }
 }
 
-fn nearest(points: [Point; 2], near: Point) -> Option<Point> {
-    let distance = |point: Point| length(sub(point, near));
-    let best = if distance(points[0]) <= distance(points[1]) {
-        points[0]
-    } else {
-        points[1]
-    };
-    best.iter().all(|value| value.is_finite()).then_some(best)
+/// Length in XYZ.
+fn curve_length(from: &Axes, to: &Axes) -> f64 {
+    let step = to - from;
+    libm::sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2])
 }
 
 /// A move of the programmed path, ready to be offset.
@@ -275,15 +283,23 @@ impl Executor<'_> {
                 );
             }
         } else {
-            self.join(&wanted, start)?;
+            self.join(&wanted, start, self.speed(curve_length(&from, &target), false))?;
         }
         let mut place = target;
         (place[first], place[second]) = (wanted.end[0], wanted.end[1]);
         self.hold(wanted.element);
-        let before = self.out.len();
-        self.put_line(place, kind)?;
-        if self.out.len() == before {
+        if place == self.state.position {
             self.state.cutter.held = None;
+        } else {
+            // In inverse time the programmed path counts.
+            let lifted = curve_length(&from, &target);
+            let feed = match kind {
+                MoveKind::Rapid => f64::INFINITY,
+                MoveKind::Feed => self.speed(lifted, false),
+            };
+            let moved = self.line_to(place)?;
+            let path_mode = self.state.modes.path_mode;
+            self.put_curve(moved, kind, feed, path_mode)?;
         }
         self.state.cutter.programmed = Some(target);
         Ok(())
@@ -357,7 +373,7 @@ impl Executor<'_> {
             }
             about = along(stop, inward, distance);
         } else {
-            self.join(&wanted, start)?;
+            self.join(&wanted, start, self.speed(curve.length(), false))?;
         }
         let mut place = target;
         (place[first], place[second]) = (stop[0], stop[1]);
@@ -367,7 +383,7 @@ impl Executor<'_> {
         let moved = Arc::new(plane, self.state.position, place, about, sense, turns)
             .map(Curve::Arc)
             .map_err(|error| Fault::new(Code::ArcRefused, self.line.motion_span(), error.to_string()))?;
-        let feed = self.speed(moved.length(), false);
+        let feed = self.speed(curve.length(), false);
         let path_mode = self.state.modes.path_mode;
         self.hold(wanted.element);
         self.put_curve(moved, MoveKind::Feed, feed, path_mode)?;
@@ -382,7 +398,7 @@ impl Executor<'_> {
     }
 
     /// Joins the move that waits and the next one at a corner of the programmed path.
-    fn join(&mut self, next: &Wanted, corner: Point) -> Result<(), Fault> {
+    fn join(&mut self, next: &Wanted, corner: Point, feed: f64) -> Result<(), Fault> {
         let Some(last) = self.state.cutter.last else {
             return Ok(());
         };
@@ -392,32 +408,48 @@ impl Executor<'_> {
                 cross(last.tangent, next.begin_tangent),
                 dot(last.tangent, next.begin_tangent),
             );
-        if turn.abs() <= STRAIGHT {
+        if turn.abs() <= STRAIGHT || cutter.radius < 1e-6 {
             return Ok(());
         }
         let (plane, first, second) = self.cutter_axes()?;
-        if turn > STRAIGHT && turn < std::f64::consts::PI - STRAIGHT {
+        let end = [self.state.position[first], self.state.position[second]];
+        // How much of either move is lost if the tool turns where the paths of its centre cross.
+        let lost = |point: Point| {
+            (
+                last.shape.lost(point, end),
+                next.element.shape.lost(next.begin, point),
+            )
+        };
+        if turn.abs() >= std::f64::consts::PI - STRAIGHT {
+            // Straight back: an inner corner only where an arc bends so that the paths cross in what is run.
+            let both = last.shape.crossings(&next.element.shape).into_iter().flatten();
+            let inside = both
+                .map(|point| (lost(point), point))
+                .filter(|((before, after), _)| {
+                    (0.0..=last.room).contains(before) && (0.0..=next.element.room).contains(after)
+                });
+            if let Some((_, point)) = inside.min_by(|a, b| a.0.0.total_cmp(&b.0.0)) {
+                return self.cut_off(plane, point);
+            }
+        } else if turn > 0.0 {
             let gouge = |message: &str| {
                 let fault = Fault::new(
                     Code::CompensationGouge,
                     self.line.motion_span(),
                     message.to_owned(),
                 );
-                fault.help("the tool does not fit into the inner corner: take a smaller tool or longer moves")
+                Err(fault
+                    .help("the tool does not fit into the inner corner: take a smaller tool or longer moves"))
             };
-            let end = [self.state.position[first], self.state.position[second]];
             let Some(point) = last.shape.crossing(&next.element.shape, corner) else {
-                return Err(gouge("at this inner corner the tool cannot follow both moves"));
+                return gouge("at this inner corner the tool cannot follow both moves");
             };
-            if last.shape.lost(point, end) > last.room {
-                return Err(gouge(
-                    "the move before this inner corner is too short for the tool",
-                ));
+            let (before, after) = lost(point);
+            if before > last.room {
+                return gouge("the move before this inner corner is too short for the tool");
             }
-            if next.element.shape.lost(next.begin, point) > next.element.room {
-                return Err(gouge(
-                    "the move after this inner corner is too short for the tool",
-                ));
+            if after > next.element.room {
+                return gouge("the move after this inner corner is too short for the tool");
             }
             return self.cut_off(plane, point);
         }
@@ -432,7 +464,6 @@ impl Executor<'_> {
         let arc = Arc::new(plane, self.state.position, place, corner, sense, 0)
             .map(Curve::Arc)
             .map_err(|error| Fault::new(Code::ArcRefused, self.line.motion_span(), error.to_string()))?;
-        let feed = self.speed(arc.length(), false);
         let path_mode = self.state.modes.path_mode;
         self.put_curve(arc, MoveKind::Feed, feed, path_mode)
     }

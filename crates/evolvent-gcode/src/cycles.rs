@@ -46,6 +46,9 @@ impl Executor<'_> {
             None => return Err(self.wrong_plane("a cycle")),
         };
         self.no_axes_but(b"XYZ", "a cycle")?;
+        if line.has_polar() && along != 2 {
+            return Err(self.wrong_plane("@ and ^ in a cycle"));
+        }
         if self.state.rotation[0] != 0.0 && along != 2 {
             return Err(self.wrong_plane("a cycle in rotated coordinates"));
         }
@@ -90,6 +93,9 @@ impl Executor<'_> {
             hole.r
         };
         for _ in 0..repeats {
+            if line.has_polar() {
+                self.polar(&mut at)?;
+            }
             for axis in across {
                 if let Some(value) = line.axis(axis) {
                     let value = value * self.state.word_unit(axis);

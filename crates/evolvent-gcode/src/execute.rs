@@ -265,7 +265,14 @@ impl Executor<'_> {
 
     fn orient(&mut self) -> Result<(), Fault> {
         let line = self.line;
-        let degrees = line.word(b'R').unwrap_or(0.0);
+        let Some(degrees) = line.word(b'R') else {
+            let span = line.group_span(Group::Spindle);
+            return Err(Fault::new(
+                Code::WordMissing,
+                span,
+                "M19 needs R, the angle of the spindle in degrees",
+            ));
+        };
         if !(0.0..=360.0).contains(&degrees) {
             let message = format!("R{degrees}: M19 turns the spindle to 0 to 360 degrees");
             return Err(Fault::new(Code::OutOfRange, line.span(b'R'), message));
@@ -388,6 +395,8 @@ impl Executor<'_> {
                     self.state.modes.spindle = SpindleDirection::Stopped;
                     self.spindle();
                 }
+                // The tool is where it is, wherever the program was when compensation ended.
+                self.state.cutter.programmed = None;
                 self.load_tool(tool);
                 self.out(Action::ChangeTool(tool));
                 Ok(())

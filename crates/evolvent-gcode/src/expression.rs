@@ -295,9 +295,21 @@ impl<'line, 'text> Evaluator<'line, 'text> {
             )
             .help("write EXISTS[#<name>]")
         };
-        if !self.lexer.take(b'#') || self.lexer.peek() != Some(b'<') {
+        if self.lexer.peek() != Some(b'#') {
             return Err(asks(start));
         }
+        if self.lexer.second() != Some(b'<') {
+            // Numbered parameters exist or not by their number alone.
+            self.lexer.advance();
+            self.deeper(start)?;
+            let index = self.required("after #")?.round();
+            self.depth -= 1;
+            if !self.lexer.take(b']') {
+                return Err(asks(self.lexer.place()));
+            }
+            return Ok(f64::from(u8::from((1.0..NUMBERED as f64).contains(&index))));
+        }
+        self.lexer.advance();
         let inside = self.lexer.name()?;
         let name = self.normal(inside)?;
         if !self.lexer.take(b']') {
@@ -486,6 +498,8 @@ mod tests {
             ("ln[exp[2]]", 2.0),
             ("exists[#<nothing>]", 0.0),
             ("exists[#<_line>]", 1.0),
+            ("exists[#5]", 1.0),
+            ("exists[#99999]", 0.0),
         ] {
             let found = of(text).unwrap();
             assert!((found - expected).abs() < 1e-14, "{text}: {found}");

@@ -59,7 +59,7 @@ impl Executor<'_> {
     }
 
     /// `@` is the distance from the program's zero, `^` the angle from X in degrees.
-    fn polar(&self, program: &mut Axes) -> Result<(), Fault> {
+    pub(crate) fn polar(&self, program: &mut Axes) -> Result<(), Fault> {
         let line = self.line;
         let bad = |letter: u8, message: &str| {
             let letter = if line.has(letter) {
@@ -152,7 +152,15 @@ impl Executor<'_> {
         let curve = self.line_to(target)?;
         let feed = match kind {
             MoveKind::Rapid => f64::INFINITY,
-            MoveKind::Feed => self.speed(curve.length(), self.only_rotary(&target)),
+            MoveKind::Feed => {
+                // After G40 the programmed path counts, in inverse time.
+                let length = match self.state.cutter.programmed {
+                    Some(from) => libm::sqrt((target - from).fixed_rows::<3>(0).norm_squared()),
+                    None => curve.length(),
+                };
+                let length = if length > 0.0 { length } else { curve.length() };
+                self.speed(length, self.only_rotary(&target))
+            }
         };
         self.put_curve(curve, kind, feed, path_mode)
     }

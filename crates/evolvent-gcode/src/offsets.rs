@@ -200,9 +200,11 @@ impl Executor<'_> {
             }
         }
         let shift = there.turn(now - wanted);
+        // In rotated coordinates a shift along X is one along both axes of the machine.
+        let level = here && there.rotation[0] != 0.0 && (line.has(b'X') || line.has(b'Y'));
         for axis in AxisLetter::ALL {
             let place = axis.index();
-            if line.axis(place).is_some() {
+            if line.axis(place).is_some() || level && place < 2 {
                 let value = if here {
                     there.work[place] + shift[place]
                 } else {

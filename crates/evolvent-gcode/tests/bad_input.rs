@@ -221,6 +221,7 @@ const TABLE: &[(&str, Code, u32)] = {
         ("M6", ToolMissing, 1),
         ("M72", NothingSaved, 1),
         ("M61", WordMissing, 1),
+        ("M19", WordMissing, 1),
         ("M19 R400", OutOfRange, 5),
         ("M62", WordMissing, 1),
         ("M66 P1 E1", WordMissing, 1),
