@@ -63,7 +63,13 @@ pub(crate) fn check(
         let (d, a, b, c) = (window.d[k], x.a[k], x.b[k], x.c[k]);
         let mut here = Ratios::default();
         let cap = window.cap[k].max(window.cap[k + 1]).max(window.middle_cap[k]);
-        let mut fast = false;
+        // The speed has a maximum inside where its slope changes sign.
+        let peak = if b > 0.0 && b + c * d < 0.0 {
+            a - b * b / c
+        } else {
+            a
+        };
+        let mut fast = peak > cap * EXCESS.0;
         for place in PLACES {
             let at = place * d;
             let state = (a + at * (2.0 * b + at * c), b + at * c, c);

@@ -96,14 +96,13 @@ impl Optimizer {
                 square = state?.0 * state?.0;
                 if !more {
                     let cell = grid.cell(last.interval)?;
-                    let v = square.sqrt();
-                    let duration = 3.0 * left / v;
+                    // The stub's own jerk to its end: exact also where next to nothing is left.
+                    let (v, a) = job.state;
+                    let whole = 3.0 * last.length / self.kept.last_a.sqrt();
+                    let j = 6.0 * last.length / (whole * whole * whole);
+                    let duration = -a / j;
                     out.push(Piece {
-                        law: Law::Jerk {
-                            v,
-                            a: -2.0 * v / duration,
-                            j: 2.0 * v / (duration * duration),
-                        },
+                        law: Law::Jerk { v, a, j },
                         length: left,
                         duration,
                         stretch: cell.stretch,

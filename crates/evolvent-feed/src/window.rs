@@ -13,6 +13,8 @@ pub(crate) const MOST_LANES: usize = 10;
 const ACCELERATION_MARGIN: f64 = 0.9997;
 /// The same for jerk.
 const JERK_MARGIN: f64 = 0.997;
+/// The same for speed.
+const SPEED_MARGIN: f64 = 0.9996;
 /// Above every meaningful speed.
 pub(crate) const UNLIMITED: f64 = 1e9;
 
@@ -220,6 +222,6 @@ pub(crate) fn steady(point: &Point, limits: &PathLimits) -> f64 {
 }
 
 fn square(speed: f64) -> f64 {
-    let speed = speed.min(UNLIMITED);
+    let speed = SPEED_MARGIN * speed.min(UNLIMITED);
     speed * speed
 }

@@ -281,7 +281,7 @@ pub(crate) fn assert_chained(pieces: &[Piece], from: (f64, f64), length: f64, wh
         );
         let end = piece.law.at(piece.duration).0;
         assert!(
-            (end.x - piece.length).abs() <= 1e-10 * piece.length + 1e-15,
+            (end.x - piece.length).abs() <= 1e-10 * piece.length + 1e-13,
             "{what}: piece {k} ends at {} of {}",
             end.x,
             piece.length
