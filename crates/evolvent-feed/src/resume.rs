@@ -163,6 +163,10 @@ impl Optimizer {
             let mut level = square / 3.0;
             let released = start::fill(&self.window, &self.segments[..old], &mut self.solver.x);
             let fresh = start::fill(&self.window, &self.segments, &mut self.solver.x);
+            if fresh >= n {
+                // No station left between the crawl and the last stub: the window is full.
+                return None;
+            }
             level = level.min(start::crawl_level(&self.window, fresh, &self.limits));
             let mut fits = false;
             for _ in 0..CRAWLS {

@@ -8,6 +8,8 @@ use crate::window::Span;
 
 /// Largest length of a span as a share of its distance from a rest.
 const SLOPE: f64 = 0.12;
+/// The same at the end of an open window, which is planned again before the motion gets there.
+const OPEN_SLOPE: f64 = 0.3;
 /// Near a rest spans need not be shorter than this share of the stub that would be good there.
 const FINEST: f64 = 0.02;
 
@@ -47,6 +49,11 @@ pub(crate) fn grade(
         return;
     };
     let good = good_length(job, first, reverse).min(total / 20.0);
+    let slope = if reverse && job.gentle < 1.0 {
+        OPEN_SLOPE
+    } else {
+        SLOPE
+    };
     let stub = good.min(0.5 * first.length);
     scratch.clear();
     let (mut at, mut next) = (0.0, stub);
@@ -64,11 +71,11 @@ pub(crate) fn grade(
             let piece = cut(&mut left, part, reverse);
             scratch.push(piece);
             at += part;
-            next = (SLOPE * at).max(FINEST * good);
+            next = (slope * at).max(FINEST * good);
         }
         scratch.push(left);
         at += left.length;
-        next = (SLOPE * at).max(FINEST * good);
+        next = (slope * at).max(FINEST * good);
     }
     if reverse {
         scratch.reverse();
