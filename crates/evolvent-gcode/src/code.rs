@@ -96,6 +96,8 @@ codes! {
     TooManySteps = "G0217",
     /// The interpreter was told to stop.
     Interrupted = "G0218",
+    /// A program cannot begin at this line.
+    RestartRefused = "G0219",
 
     /// No such G code.
     UnknownG = "G0301",

@@ -10,7 +10,7 @@ use evolvent_path::{Arc, Axes, Curve, Line, Plane, Sense};
 use crate::codes::{Compensation, Group};
 use crate::diagnostic::Fault;
 use crate::execute::Executor;
-use crate::{Action, Code, Move, MoveKind};
+use crate::{Action, Code, Command, Move, MoveKind};
 
 /// Corners that turn by less than this, in radians, are none: as in LinuxCNC.
 const STRAIGHT: f64 = 0.05;
@@ -32,6 +32,15 @@ struct Element {
     tangent: Point,
     /// How far it can be cut off: length of a line in mm, angle of an arc.
     room: f64,
+}
+
+/// A command of an earlier line as it was before this line cut it off.
+#[derive(Clone, Debug)]
+pub(crate) struct Changed {
+    pub(crate) index: usize,
+    pub(crate) command: Command,
+    /// It is no longer among the commands.
+    pub(crate) removed: bool,
 }
 
 /// What compensation keeps between lines.
@@ -499,14 +508,21 @@ impl Executor<'_> {
             changed.push((index, curve.ok().map(|curve| Move { curve, ..*step })));
         }
         for (index, step) in changed.into_iter().rev() {
-            match step {
-                Some(step) => {
-                    if let Some(command) = self.out.get_mut(index) {
-                        command.action = Action::Move(step);
-                    }
-                }
+            let before = match step {
+                Some(step) => self.out.get_mut(index).map(|command| {
+                    let before = command.clone();
+                    command.action = Action::Move(step);
+                    (before, false)
+                }),
                 // Nothing is left of it.
-                None => drop(self.out.remove(index)),
+                None => self.out.remove(index).map(|before| (before, true)),
+            };
+            if let Some((command, removed)) = before {
+                self.changed.push(Changed {
+                    index,
+                    command,
+                    removed,
+                });
             }
         }
         self.state.position = place(self.state.position);

@@ -5,6 +5,7 @@ use std::collections::VecDeque;
 use evolvent_path::AxisLetter;
 
 use crate::codes::{Cycle, FeedMode, GCode, Group, MCode, Motion, Once, PathControl};
+use crate::compensation::Changed;
 use crate::diagnostic::{Fault, Span};
 use crate::parameters::{INPUT_RESULT, Parameters, TOOL, TOOL_DIAMETER, WORK_OFFSET};
 use crate::state::{ProgrammedFeed, State};
@@ -21,6 +22,8 @@ pub(crate) struct Executor<'a> {
     /// Control points of a NURBS: X, Y in mm of program coordinates, and weight.
     pub(crate) control_points: &'a mut Vec<[f64; 3]>,
     pub(crate) out: &'a mut VecDeque<Command>,
+    /// What cutter compensation has changed among them.
+    pub(crate) changed: &'a mut Vec<Changed>,
     /// Number of the line for commands.
     pub(crate) number: u32,
 }
@@ -37,6 +40,7 @@ pub(crate) enum Request {
 }
 
 impl Executor<'_> {
+    #[inline]
     pub(crate) fn out(&mut self, action: Action) {
         self.out.push_back(Command {
             line: self.number,
@@ -72,7 +76,6 @@ impl Executor<'_> {
         if self.state.sticky.running.is_some() && self.state.sticky.running != Some(self.state.motion) {
             self.state.sticky.running = None;
         }
-        // After the motion nothing may go wrong any more: cutter compensation changes moves of earlier lines.
         let called = self.called()?;
         if let Some(motion) = line.motion() {
             self.motion(motion)?;
@@ -561,6 +564,13 @@ impl Executor<'_> {
             return Err(
                 Fault::new(Code::MachineCoordinatesMotion, span, "G53 needs G0 or G1")
                     .help("write G53 G0 X.. or G53 G1 X.. on one line"),
+            );
+        }
+        if self.state.cutter.is_on() && !matches!(motion, Motion::Rapid | Motion::Linear | Motion::Arc(_)) {
+            let message = format!("{} while cutter compensation is on", motion.name());
+            return Err(
+                Fault::new(Code::CompensationActive, self.line.motion_span(), message)
+                    .help("write G40 first"),
             );
         }
         match motion {

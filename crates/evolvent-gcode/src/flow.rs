@@ -488,9 +488,8 @@ impl<R: BufRead> Interpreter<R> {
         if times == 0 {
             return Ok(());
         }
-        let text = Normal::new(format!("{number}").as_bytes());
-        let label = text.as_ref().and_then(|text| self.labels.intern_label(text));
-        let (Some(text), Some(label)) = (text, label) else {
+        let text = Normal::of_number(number);
+        let Some(label) = self.labels.intern_label(&text) else {
             return Err(Fault::new(
                 Code::BadName,
                 span,

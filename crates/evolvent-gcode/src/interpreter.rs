@@ -11,6 +11,7 @@ use evolvent_path::Axes;
 use crate::block::Block;
 use crate::codes::MCode;
 use crate::comment::{self, Remark};
+use crate::compensation::Changed;
 use crate::diagnostic::{Fault, Span};
 use crate::execute::{Executor, Request};
 use crate::expression::Target;
@@ -55,6 +56,8 @@ pub struct Interpreter<R> {
     pub(crate) reader: LineReader<R>,
     pub(crate) settings: Settings,
     state: State,
+    /// The state before the line in hand, which comes back if something is wrong with it.
+    before: State,
     pub(crate) parameters: Parameters,
     tools: Option<ToolTable>,
     control_points: Vec<[f64; 3]>,
@@ -76,6 +79,8 @@ pub struct Interpreter<R> {
     pub(crate) arguments: Vec<f64>,
     /// Commands of the last line that nobody has asked for yet.
     pending: VecDeque<Command>,
+    /// Commands of earlier lines that the line in hand has changed.
+    changed: Vec<Changed>,
     /// Line of the program that the subroutine files in use were called from.
     calling_line: u32,
     /// Whether the program began with `%`; unknown before the first line that is not blank.
@@ -102,6 +107,7 @@ impl<R: BufRead> Interpreter<R> {
         parameters.commit();
         Self {
             reader: LineReader::new(input, settings.max_line_bytes),
+            before: state,
             state,
             parameters,
             tools: settings.tools.clone(),
@@ -120,6 +126,7 @@ impl<R: BufRead> Interpreter<R> {
             labels: Names::default(),
             arguments: Vec::new(),
             pending: VecDeque::new(),
+            changed: Vec::new(),
             calling_line: 0,
             percent: None,
             silent: 0,
@@ -161,6 +168,37 @@ impl<R: BufRead> Interpreter<R> {
         self.tools.as_ref()
     }
 
+    pub(crate) fn state(&self) -> &State {
+        &self.state
+    }
+
+    pub(crate) fn is_finished(&self) -> bool {
+        self.finished
+    }
+
+    /// Whether a subroutine runs, or lines are skipped or collected.
+    pub(crate) fn is_inside(&self) -> bool {
+        self.frames.len() > 1 || self.skip.is_some() || self.definition.is_some()
+    }
+
+    /// Number of the line of the program that comes next.
+    pub(crate) fn next_of_program(&self) -> u32 {
+        match self.tape.get(self.frames[0].at) {
+            Some((_, line)) => line,
+            None => self.reader.line() + 1,
+        }
+    }
+
+    /// Executes a line and forgets its commands.
+    pub(crate) fn step_silently(&mut self) -> Result<(), Box<Diagnostic>> {
+        self.advance()?;
+        if self.state.cutter.held.is_none() {
+            self.pending.clear();
+            self.silent = 0;
+        }
+        Ok(())
+    }
+
     pub(crate) fn scope(&self) -> Scope<'_> {
         Scope {
             parameters: &self.parameters,
@@ -184,6 +222,7 @@ impl<R: BufRead> Interpreter<R> {
             parameters: &mut self.parameters,
             control_points: &mut self.control_points,
             out: &mut self.pending,
+            changed: &mut self.changed,
             number,
         }
     }
@@ -228,8 +267,17 @@ impl<R: BufRead> Interpreter<R> {
             }
         }
         let before = self.pending.len();
+        self.changed.clear();
         self.interpret().map_err(|fault| {
-            self.pending.truncate(before);
+            let removed = self.changed.iter().filter(|changed| changed.removed).count();
+            self.pending.truncate(before - removed);
+            while let Some(changed) = self.changed.pop() {
+                if changed.removed {
+                    self.pending.insert(changed.index, changed.command);
+                } else if let Some(command) = self.pending.get_mut(changed.index) {
+                    *command = changed.command;
+                }
+            }
             self.parameters.roll_back();
             self.locate(fault)
         })
@@ -373,25 +421,30 @@ impl<R: BufRead> Interpreter<R> {
         if !self.block.comments.is_empty() {
             self.remarks(number)?;
         }
-        let mut state = self.state;
+        self.before = self.state;
         let request = Executor {
-            state: &mut state,
+            state: &mut self.state,
             line: &self.statement,
             settings: &self.settings,
             tools: &mut self.tools,
             parameters: &mut self.parameters,
             control_points: &mut self.control_points,
             out: &mut self.pending,
+            changed: &mut self.changed,
             number,
         }
-        .run()?;
-        self.state = state;
-        self.parameters.commit();
-        self.finished = state.ended;
-        match request {
+        .run();
+        let answered = request.and_then(|request| match request {
             Some(request) => self.answer(request),
             None => Ok(()),
+        });
+        if answered.is_err() {
+            self.state = self.before;
+            return answered;
         }
+        self.parameters.commit();
+        self.finished |= self.state.ended;
+        Ok(())
     }
 
     fn answer(&mut self, request: Request) -> Result<(), Fault> {

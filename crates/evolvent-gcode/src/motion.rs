@@ -132,11 +132,13 @@ impl Executor<'_> {
     }
 
     /// A straight move from the present position.
+    #[inline]
     pub(crate) fn put_line(&mut self, target: Axes, kind: MoveKind) -> Result<(), Fault> {
         let path_mode = self.state.modes.path_mode;
         self.put_line_in(target, kind, path_mode)
     }
 
+    #[inline]
     pub(crate) fn put_line_in(
         &mut self,
         target: Axes,
@@ -165,6 +167,7 @@ impl Executor<'_> {
         self.put_curve(curve, kind, feed, path_mode)
     }
 
+    #[inline]
     pub(crate) fn line_to(&self, target: Axes) -> Result<Curve, Fault> {
         Line::new(self.state.position, target)
             .map(Curve::Line)
@@ -177,6 +180,7 @@ impl Executor<'_> {
     }
 
     /// Hands out a move.
+    #[inline]
     pub(crate) fn put_curve(
         &mut self,
         curve: Curve,

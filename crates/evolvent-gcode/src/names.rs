@@ -57,6 +57,25 @@ impl Normal {
         (length > 0).then_some(Self { bytes, length })
     }
 
+    /// The name that a whole number is.
+    pub(crate) fn of_number(mut number: u32) -> Self {
+        let mut reversed = [0; 10];
+        let mut length = 0;
+        loop {
+            reversed[length] = b'0' + (number % 10) as u8;
+            length += 1;
+            number /= 10;
+            if number == 0 {
+                break;
+            }
+        }
+        let mut bytes = [0; LONGEST];
+        for (place, digit) in reversed[..length].iter().rev().enumerate() {
+            bytes[place] = *digit;
+        }
+        Self { bytes, length }
+    }
+
     pub(crate) fn as_str(&self) -> &str {
         std::str::from_utf8(&self.bytes[..self.length]).unwrap_or_default()
     }
@@ -139,6 +158,13 @@ mod tests {
         assert_ne!(first.0, id(&mut names, "toolwidth2").0);
         assert_eq!(id(&mut names, "_global").1, NameKind::Global);
         assert!(matches!(id(&mut names, "_LINE").1, NameKind::System(_)));
+    }
+
+    #[test]
+    fn numbers_are_names_too() {
+        for number in [0, 7, 10, 1234, u32::MAX] {
+            assert_eq!(Normal::of_number(number).as_str(), number.to_string());
+        }
     }
 
     #[test]

@@ -268,14 +268,18 @@ impl Executor<'_> {
 }
 
 /// Whether a machine coordinate is one.
+#[inline]
 pub(crate) fn check_coordinate(value: f64, axis: AxisLetter, line: &Statement) -> Result<(), Fault> {
     if value.abs() <= MAX_COORDINATE {
         return Ok(());
     }
+    Err(too_far(value, axis, line))
+}
+
+#[cold]
+fn too_far(value: f64, axis: AxisLetter, line: &Statement) -> Fault {
     let letter = axis.letter();
     let message = format!("{letter} would be {value:e} in machine coordinates");
-    Err(
-        Fault::new(Code::PositionTooLarge, line.span(letter as u8), message)
-            .help("no machine travels that far; look at offsets and increments"),
-    )
+    Fault::new(Code::PositionTooLarge, line.span(letter as u8), message)
+        .help("no machine travels that far; look at offsets and increments")
 }

@@ -189,7 +189,7 @@ fn read_o_word(text: &[u8], scope: &Scope<'_>) -> Result<Option<OWord>, Fault> {
             if !(0.0..=f64::from(u32::MAX)).contains(&number) || (number - number.round()).abs() > 1e-4 {
                 return Err(bad(&lexer, "the number of an O-word is whole and not negative"));
             }
-            Normal::new(format!("{}", number.round()).as_bytes())
+            Some(Normal::of_number(number.round() as u32))
         }
         _ => return Err(bad(&lexer, "O without a number or a name")),
     };

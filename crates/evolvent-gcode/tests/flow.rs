@@ -1,0 +1,290 @@
+//! Subroutines, loops, restart: what holds whatever the program.
+
+use std::io::Read;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use evolvent_gcode::{Action, Code, Diagnostic, Interpreter, Settings, SpindleDirection};
+
+fn interpret(program: &str, settings: Settings) -> (Vec<(u32, Action)>, Vec<Diagnostic>) {
+    let mut commands = Vec::new();
+    let mut errors = Vec::new();
+    for item in Interpreter::new(program.as_bytes(), settings) {
+        match item {
+            Ok(command) => commands.push((command.line, command.action)),
+            Err(error) => errors.push(error),
+        }
+    }
+    (commands, errors)
+}
+
+/// X of the ends of all moves.
+fn ends(program: &str, settings: Settings) -> Vec<f64> {
+    let (commands, errors) = interpret(program, settings);
+    assert_eq!(errors, []);
+    let ends = commands.iter().filter_map(|(_, action)| match action {
+        Action::Move(step) => Some(step.curve.end()[0]),
+        _ => None,
+    });
+    ends.collect()
+}
+
+#[test]
+fn loops_without_motion_end_with_an_error_after_a_bounded_number_of_lines() {
+    let settings = Settings {
+        max_silent_lines: 5000,
+        ..Settings::default()
+    };
+    for program in [
+        "O1 while [1]\nO1 endwhile\nG0 X1",
+        "O1 do\n#1=[#1+1]\nO1 while [1]",
+        "O1 sub\nO1 endsub\nO2 while [1]\nO1 call\nO2 endwhile",
+        "O1 repeat [1000000000]\nO1 endrepeat",
+    ] {
+        let (commands, errors) = interpret(program, settings.clone());
+        assert_eq!(commands, [], "{program}");
+        assert_eq!(errors.len(), 1, "{program}");
+        assert_eq!(errors[0].code, Code::TooManySteps, "{program}");
+    }
+}
+
+#[test]
+fn recursion_ends_with_an_error_at_the_greatest_depth() {
+    let (_, errors) = interpret("O1 sub\nO1 call\nO1 endsub\nO1 call", Settings::default());
+    assert_eq!(errors[0].code, Code::NestingTooDeep);
+    assert_eq!((errors.len(), errors[0].line), (1, 2));
+}
+
+#[test]
+fn an_endless_program_with_motion_goes_on_as_long_as_it_is_asked() {
+    let program = &b"G91\nO1 while [1]\nG0 X1\nO1 endwhile"[..];
+    let mut interpreter = Interpreter::new(program, Settings::default());
+    for _ in 0..10_000 {
+        assert!(matches!(interpreter.next(), Some(Ok(_))));
+    }
+    assert_eq!(interpreter.position()[0], 10_000.0);
+}
+
+#[test]
+fn an_interrupt_ends_a_program_that_computes() {
+    let mut interpreter = Interpreter::new(&b"O1 while [1]\nO1 endwhile"[..], Settings::default());
+    interpreter.set_interrupt(Arc::new(AtomicBool::new(true)));
+    let error = interpreter.next().unwrap().unwrap_err();
+    assert_eq!(error.code, Code::Interrupted);
+    assert!(interpreter.next().is_none());
+}
+
+#[test]
+fn bodies_take_no_more_memory_than_allowed() {
+    let settings = Settings {
+        max_body_bytes: 10_000,
+        ..Settings::default()
+    };
+    let long = "G0 X1\nG0 X0\n".repeat(2000);
+    for program in [
+        format!("O1 while [1]\n{long}O1 endwhile"),
+        format!("O1 sub\n{long}O1 endsub"),
+        format!("O1 call\n{long}M2\nO1 sub\nO1 endsub"),
+    ] {
+        let (_, errors) = interpret(&program, settings.clone());
+        assert!(
+            errors.iter().any(|error| error.code == Code::BodyTooLong),
+            "{:?}",
+            &program[..12]
+        );
+    }
+    // The same outside of bodies is no matter, nor is what a condition leaves out.
+    assert_eq!(
+        interpret(&format!("O1 if [0]\n{long}O1 else\n{long}O1 endif"), settings).1,
+        []
+    );
+}
+
+/// Gives a line again and again, and counts what has been taken.
+struct Endless<'a>(&'a std::cell::Cell<usize>);
+
+impl Read for Endless<'_> {
+    fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
+        let count = buffer.len() / 6 * 6;
+        for piece in buffer[..count].chunks_exact_mut(6) {
+            piece.copy_from_slice(b"G0 X1\n");
+        }
+        self.0.set(self.0.get() + count);
+        Ok(count)
+    }
+}
+
+#[test]
+fn a_loop_runs_its_first_round_while_it_is_read() {
+    let taken = std::cell::Cell::new(0);
+    let program = std::io::BufReader::with_capacity(600, b"O1 while [1]\nG91\n".chain(Endless(&taken)));
+    let mut interpreter = Interpreter::new(program, Settings::default());
+    for _ in 0..50 {
+        assert!(matches!(interpreter.next(), Some(Ok(_))));
+    }
+    assert!(taken.get() <= 1200, "{} bytes were read ahead", taken.get());
+}
+
+#[test]
+fn subroutines_come_from_files_of_the_folders_in_their_order() {
+    let folder = std::env::temp_dir().join(format!("evolvent-gcode-{}", std::process::id()));
+    let (first, second) = (folder.join("first"), folder.join("second"));
+    std::fs::create_dir_all(&first).unwrap();
+    std::fs::create_dir_all(&second).unwrap();
+    std::fs::write(first.join("go.ngc"), "%\nO<go> sub\nG0 X#1\nO<inner> call [#1]\nO<go> endsub\nO<inner> sub\nG0 X[#1+1]\nO<inner> endsub\n%\n").unwrap();
+    std::fs::write(second.join("go.ngc"), "O<go> sub\nG0 X99\nO<go> endsub\n").unwrap();
+    std::fs::write(
+        second.join("bad.ngc"),
+        "(one)\nO<bad> sub\nG0 X?\nO<bad> endsub\n",
+    )
+    .unwrap();
+    std::fs::write(second.join("77.ngc"), "G0 X[#1+70]\nM99\n").unwrap();
+    let settings = Settings {
+        subroutine_folders: vec![first, second.clone()],
+        ..Settings::default()
+    };
+    assert_eq!(
+        ends("O<go> call [5]\nO<GO> call [7]", settings.clone()),
+        [5.0, 6.0, 7.0, 8.0]
+    );
+    assert_eq!(ends("#1=3\nM98 P77", settings.clone()), [73.0]);
+    // Commands carry the line of the program that is run, errors name the file.
+    let (commands, _) = interpret("\n\nO<go> call [5]", settings.clone());
+    assert!(commands[..2].iter().all(|(line, _)| *line == 3));
+    let (_, errors) = interpret("O<bad> call", settings);
+    assert_eq!((errors[0].code, errors[0].line), (Code::UnexpectedCharacter, 3));
+    assert_eq!(errors[0].file.as_deref(), second.join("bad.ngc").to_str());
+    assert!(
+        errors[0].render("main.ngc").contains("bad.ngc:3:5"),
+        "{}",
+        errors[0].render("main.ngc")
+    );
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn break_and_continue_work_in_repeat_and_continue_tests_the_condition_of_do() {
+    let all = Settings::default;
+    let repeat = "O1 repeat [5]\n#1=[#1+1]\nO2 if [#1 EQ 2]\nO1 continue\nO2 endif\nO3 if [#1 EQ 4]\nO1 break\nO3 endif\nG0 X#1\nO1 endrepeat";
+    assert_eq!(ends(repeat, all()), [1.0, 3.0]);
+    let twice = "O1 do\n#1=[#1+1]\nO2 if [#1 EQ 2]\nO1 continue\nO2 endif\nG0 X#1\nO1 while [#1 LT 4]";
+    assert_eq!(ends(twice, all()), [1.0, 3.0, 4.0]);
+}
+
+#[test]
+fn an_error_in_a_loop_is_told_once() {
+    let (_, errors) = interpret(
+        "O1 repeat [50]\nG0 X?\nG0 X#1\n#1=[#1+1]\nO1 endrepeat",
+        Settings::default(),
+    );
+    assert_eq!(errors.len(), 1);
+}
+
+#[test]
+fn a_faulty_line_writes_no_parameter() {
+    let (commands, errors) = interpret(
+        "#1=5 G0 X#<no>\n#1=6 #<a>=7 G77\nG0 X[#1+1] Y[EXISTS[#<a>]+1]",
+        Settings::default(),
+    );
+    assert_eq!(errors.len(), 2);
+    let Action::Move(step) = &commands[0].1 else {
+        panic!("{commands:?}")
+    };
+    assert_eq!((step.curve.end()[0], step.curve.end()[1]), (1.0, 1.0));
+}
+
+#[test]
+fn parameters_and_tools_can_be_kept_from_run_to_run() {
+    let mut first = Interpreter::new(&b"#100=2.5\nG10 L2 P2 X7\nG10 L1 P5 Z3"[..], Settings::default());
+    assert!(first.by_ref().all(|item| item.is_ok()));
+    assert_eq!((first.parameter(100), first.parameter(5241)), (2.5, 7.0));
+    let settings = Settings {
+        parameters: vec![(100, first.parameter(100))],
+        tools: first.tools().cloned(),
+        ..Settings::default()
+    };
+    let mut second = Interpreter::new(&b"G43 H5 G0 X#100 Z0"[..], settings);
+    assert!(second.by_ref().all(|item| item.is_ok()));
+    assert_eq!((second.position()[0], second.position()[2]), (2.5, 3.0));
+}
+
+#[test]
+fn a_restart_leaves_the_state_of_all_lines_before() {
+    let program = "G21 G64 P0.05 F600 T2\nM6 S800 M3\nM8 G55\nO1 repeat [3]\nG91 G1 X1\nO1 endrepeat\nG90 G1 X10\nG0 Y5\nX7\n";
+    let whole: Vec<_> = Interpreter::new(program.as_bytes(), Settings::default())
+        .map(Result::unwrap)
+        .collect();
+    let mut interpreter = Interpreter::new(program.as_bytes(), Settings::default());
+    let restart = interpreter.start_at(8).unwrap();
+    assert_eq!(restart.line, 8);
+    assert_eq!(restart.position[0], 10.0);
+    assert_eq!(
+        restart.actions,
+        [
+            Action::ChangeTool(2),
+            Action::Spindle {
+                direction: SpindleDirection::Clockwise,
+                speed_rpm: 800.0
+            },
+            Action::Coolant {
+                mist: false,
+                flood: true
+            },
+        ]
+    );
+    assert_eq!(
+        restart.modes,
+        "G1 G17 G21 G90 G91.1 G94 G55 G64 P0.05 G99 G8 G40 F600 S800 M3 T2 M8"
+    );
+    let rest: Vec<_> = interpreter.map(Result::unwrap).collect();
+    let expected: Vec<_> = whole.into_iter().filter(|command| command.line >= 8).collect();
+    assert_eq!(rest, expected);
+}
+
+#[test]
+fn a_restart_is_refused_where_it_has_no_meaning() {
+    let refused = |program: &str, line: u32| {
+        let mut interpreter = Interpreter::new(program.as_bytes(), Settings::default());
+        interpreter
+            .start_at(line)
+            .map_err(|error| (error.code, error.line))
+    };
+    assert_eq!(refused("G0 X1\nM2\n", 9).unwrap_err().0, Code::RestartRefused);
+    assert_eq!(
+        refused("F1\nG41.1 D2\nG1 X5\nX9\n", 4).unwrap_err().0,
+        Code::RestartRefused
+    );
+    assert_eq!(
+        refused("G0 X1\nG0 X?\nX3\n", 3),
+        Err((Code::UnexpectedCharacter, 2))
+    );
+    assert!(refused("G0 X1\nX3\n", 1).is_ok());
+}
+
+/// Moves must chain, whatever lines fail between them. Found by damaging programs.
+#[test]
+fn a_line_that_fails_takes_back_what_it_did_to_moves_that_wait() {
+    for program in [
+        // The call fails after the move of its line.
+        "M98 P1 G0 X1\nG1 F9 X2 Y3",
+        // The move has cut off the one before it, inside a corner.
+        "F100\nG0 X5 Y5\nG41.1 D2\nG1 X0 Y5\nY0\nX10\nY10\nM98 P1 X0\nY5\nG40 G1 X5 Y5",
+        "G18 F100\nG0 X-5 Z-5\nG41.1 D2\nG1 X0 Z0\nZ10\nM72 X10\nZ0\nG40 X-5",
+        // Nothing but moves in the plane is compensated.
+        "S100 M3 F100\nG41.1 D1\nG1 X5\nY20\nG33 X0 Z-2 K1\nX10\nG40 X0",
+    ] {
+        let mut position = Settings::default().start;
+        let mut errors = 0;
+        for item in Interpreter::new(program.as_bytes(), Settings::default()) {
+            match item.map(|command| command.action) {
+                Ok(Action::Move(step)) => {
+                    assert_eq!(step.curve.start(), position, "{program}");
+                    position = step.curve.end();
+                }
+                Ok(_) => {}
+                Err(_) => errors += 1,
+            }
+        }
+        assert!(errors > 0, "{program}");
+    }
+}

@@ -1,0 +1,344 @@
+//! Real programs damaged at random: the interpreter neither panics nor hangs, and whatever it hands out is sound.
+//!
+//! The corpus are the programs of `tests/programs`. A seed is printed; `EVOLVENT_SEED` and `EVOLVENT_CASES` choose
+//! another run and how long it is: `EVOLVENT_CASES=10000000 cargo test --release -p evolvent-gcode --test mutations`.
+
+use evolvent_gcode::{Action, Interpreter, Settings, ToolTable};
+
+/// What programs consist of, to be put anywhere.
+const DICTIONARY: &[&str] = &[
+    "G0",
+    "G1 ",
+    "G2",
+    "G3 ",
+    "G2.2",
+    "G3.2",
+    "G4",
+    "G5",
+    "G5.1",
+    "G5.2",
+    "G5.3",
+    "G7",
+    "G8",
+    "G10 L2 P1",
+    "G10 L20 P2",
+    "G10 L1 P1",
+    "G12.2",
+    "G13.2 D20 Q2 R1 Z-3",
+    "G17",
+    "G18",
+    "G19",
+    "G17.1",
+    "G20",
+    "G21",
+    "G28",
+    "G28.1",
+    "G30",
+    "G33",
+    "G33.1",
+    "G38.2",
+    "G40",
+    "G41",
+    "G42",
+    "G41.1 D2",
+    "G42.1 D-3",
+    "G43 H1",
+    "G43.1",
+    "G49",
+    "G52",
+    "G53",
+    "G55",
+    "G59.3",
+    "G61",
+    "G64 P.1",
+    "G73",
+    "G76",
+    "G80",
+    "G81",
+    "G83",
+    "G84",
+    "G87",
+    "G90",
+    "G90.1",
+    "G91",
+    "G91.1",
+    "G92",
+    "G92.1",
+    "G92.2",
+    "G92.3",
+    "G93",
+    "G94",
+    "G95",
+    "G96",
+    "G97",
+    "G98",
+    "G99",
+    "M0",
+    "M2",
+    "M3",
+    "M5",
+    "M6",
+    "M9",
+    "M19 R5",
+    "M61 Q1",
+    "M62 P1",
+    "M66 P1",
+    "M70",
+    "M72",
+    "M73",
+    "M98 P1",
+    "M99",
+    "M101",
+    "O1 sub",
+    "O1 endsub",
+    "O1 call [1]",
+    "O1 return [#1]",
+    "O1 if [#1 LT 3]",
+    "O1 elseif [0]",
+    "O1 else",
+    "O1 endif",
+    "O1 while [#1 LT 4]",
+    "O1 endwhile",
+    "O1 do",
+    "O1 repeat [3]",
+    "O1 endrepeat",
+    "O1 break",
+    "O1 continue",
+    "O<a b> sub",
+    "O#1 call",
+    "#1=[#1+1]",
+    "#<a>=2",
+    "#<_b>=#1",
+    "#5221=3",
+    "##1",
+    "#[1+2]",
+    "EXISTS[#<a>]",
+    "SIN[30]",
+    "ATAN[1]/[2]",
+    " MOD ",
+    "**",
+    "[",
+    "]",
+    "(DEBUG, #1 #<a>)",
+    "(PRINT,%.3f#2)",
+    "(LOGOPEN,x)",
+    "(ABORT,no)",
+    "(",
+    ")",
+    ";",
+    "%",
+    "/",
+    "@5",
+    "^30",
+    "$0",
+    "-",
+    "+",
+    ".",
+    "0",
+    "1e9",
+    "999999999",
+    "0.0000001",
+    "-1000000",
+    "\n",
+    "\r\n",
+    " ",
+    "F0",
+    "F1e",
+    "S",
+    "T99999",
+    "X",
+    "Y-5",
+    "Z.",
+    "A1",
+    "I",
+    "J",
+    "K1",
+    "P",
+    "Q1",
+    "R-1",
+    "L3",
+    "H",
+    "D",
+    "E",
+    "N",
+    "\u{0}",
+    "\u{e4}",
+];
+
+struct Random(u64);
+
+impl Random {
+    fn new(seed: u64, case: u64) -> Self {
+        // Steele, Lea and Flood's mix, so that neighbouring seeds have nothing in common.
+        let mut mixed = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15).wrapping_add(case);
+        mixed = (mixed ^ mixed >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        mixed = (mixed ^ mixed >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+        Self(mixed ^ mixed >> 31 | 1)
+    }
+
+    fn next(&mut self) -> u64 {
+        // xorshift64*
+        self.0 ^= self.0 >> 12;
+        self.0 ^= self.0 << 25;
+        self.0 ^= self.0 >> 27;
+        self.0.wrapping_mul(0x2545_f491_4f6c_dd1d)
+    }
+
+    fn below(&mut self, limit: usize) -> usize {
+        (self.next() >> 11) as usize % limit.max(1)
+    }
+}
+
+fn number(name: &str) -> Option<u64> {
+    std::env::var(name).ok()?.parse().ok()
+}
+
+/// Damages a program in a few places.
+fn damage(program: &mut Vec<u8>, other: &[u8], random: &mut Random) {
+    for _ in 0..=random.below(4) {
+        let place = random.below(program.len() + 1);
+        match random.below(9) {
+            0 => {
+                if let Some(byte) = program.get_mut(place) {
+                    *byte ^= 1 << random.below(8);
+                }
+            }
+            1 if place < program.len() => drop(program.remove(place)),
+            2 => {
+                let end = (place + random.below(30)).min(program.len());
+                drop(program.drain(place..end));
+            }
+            3 => {
+                // Another program's piece.
+                let from = random.below(other.len());
+                let to = (from + random.below(80)).min(other.len());
+                drop(program.splice(place..place, other[from..to].iter().copied()));
+            }
+            4 => {
+                // A line twice.
+                let start = program[..place]
+                    .iter()
+                    .rposition(|byte| *byte == b'\n')
+                    .map_or(0, |at| at + 1);
+                let length = program[start..]
+                    .iter()
+                    .position(|byte| *byte == b'\n')
+                    .unwrap_or(0);
+                let line = program[start..(start + length + 1).min(program.len())].to_vec();
+                drop(program.splice(start..start, line));
+            }
+            5 => {
+                // Another figure.
+                if let Some(byte) = program.get_mut(place)
+                    && byte.is_ascii_digit()
+                {
+                    *byte = b'0' + random.below(10) as u8;
+                }
+            }
+            _ => {
+                let word = DICTIONARY[random.below(DICTIONARY.len())];
+                drop(program.splice(place..place, word.bytes()));
+            }
+        }
+    }
+}
+
+/// Runs a program; what is wrong with what comes out.
+fn check(program: &[u8], settings: &Settings) -> Option<String> {
+    let mut position = settings.start;
+    let mut moves = 0;
+    for item in Interpreter::new(program, settings.clone()).take(3000) {
+        match item {
+            Ok(command) => {
+                let curve = match &command.action {
+                    Action::Move(step) => {
+                        if step.feed.is_nan() || step.feed <= 0.0 {
+                            return Some(format!("line {}: a feed of {}", command.line, step.feed));
+                        }
+                        &step.curve
+                    }
+                    Action::Thread { curve, pitch_mm, .. } if *pitch_mm > 0.0 => curve,
+                    Action::Probe { curve, .. } => curve,
+                    Action::Dwell { seconds } if seconds.is_nan() || *seconds < 0.0 => {
+                        return Some("a negative dwell".to_owned());
+                    }
+                    _ => continue,
+                };
+                moves += 1;
+                if curve.start() != position {
+                    return Some(format!(
+                        "line {}: a move begins at {} where the last one ended at {}",
+                        command.line,
+                        curve.start().transpose(),
+                        position.transpose()
+                    ));
+                }
+                position = curve.end();
+                let middle = curve.jet(0.5 * curve.domain());
+                let sound = curve.length() > 0.0
+                    && position
+                        .iter()
+                        .chain(middle.position.iter())
+                        .all(|value| value.is_finite());
+                if !sound {
+                    return Some(format!("line {}: a curve that is none", command.line));
+                }
+            }
+            Err(error) => {
+                if error.source.get(error.span.clone()).is_none() || error.line == 0 {
+                    return Some(format!("an error without a place: {error}"));
+                }
+                if error.render("x").is_empty() {
+                    return Some("an error without a text".to_owned());
+                }
+            }
+        }
+    }
+    (moves > 1_000_000).then(|| "too many moves".to_owned())
+}
+
+#[test]
+fn damaged_programs_neither_panic_nor_hang_and_moves_chain() {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/programs");
+    let mut corpus: Vec<_> = std::fs::read_dir(&folder)
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .filter(|path| path.extension().is_some_and(|extension| extension == "ngc"))
+        .collect();
+    corpus.sort();
+    let corpus: Vec<Vec<u8>> = corpus.iter().map(|path| std::fs::read(path).unwrap()).collect();
+    let tools = ToolTable::parse(&std::fs::read_to_string(folder.join("tools.tbl")).unwrap()).unwrap();
+    let settings = Settings {
+        tools: Some(tools),
+        user_codes: true,
+        max_silent_lines: 3000,
+        max_body_bytes: 100_000,
+        max_call_depth: 20,
+        ..Settings::default()
+    };
+    let seed = number("EVOLVENT_SEED").unwrap_or_else(|| {
+        let time = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
+        time.map_or(1, |time| time.as_nanos() as u64)
+    });
+    println!("EVOLVENT_SEED={seed}");
+    let cases = number("EVOLVENT_CASES").unwrap_or(8000);
+    for case in 0..cases {
+        // Each case has a seed of its own, so that it can be run alone.
+        let mut random = Random::new(seed, case);
+        let mut program = corpus[random.below(corpus.len())].clone();
+        let other = &corpus[random.below(corpus.len())];
+        damage(&mut program, other, &mut random);
+        let found = std::panic::catch_unwind(|| check(&program, &settings));
+        let shown = || {
+            format!(
+                "case {case} of EVOLVENT_SEED={seed}:\n{}",
+                String::from_utf8_lossy(&program)
+            )
+        };
+        match found {
+            Ok(None) => {}
+            Ok(Some(text)) => panic!("{text}\n{}", shown()),
+            Err(_) => panic!("the interpreter panicked\n{}", shown()),
+        }
+    }
+}
