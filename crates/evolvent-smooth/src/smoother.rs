@@ -8,6 +8,7 @@ use crate::chain::{Chain, Link};
 use crate::finder::{Finder, WINDOW};
 use crate::joint::{JointKind, judge};
 use crate::spacing::{self, GROWTH};
+use crate::tube::sight;
 use crate::weights::Scales;
 use crate::zone::{Clamp, Laid, Zone, spread};
 use crate::{Block, Mark, Output, Settings, Stretch, Tolerance};
@@ -62,6 +63,8 @@ pub struct Smoother {
     moving: bool,
     joint: bool,
     active: [bool; AXES],
+    /// How far samples look ahead in this section.
+    sight: f64,
     deviation: f64,
     failures: u64,
     at_end: bool,
@@ -90,6 +93,7 @@ impl Smoother {
             moving: false,
             joint: false,
             active: [false; AXES],
+            sight: 0.0,
             deviation: 0.0,
             failures: 0,
             at_end: false,
@@ -137,6 +141,7 @@ impl Smoother {
             link.from = from;
         }
         link.inner_spacing = spacing::inside(&link);
+        self.sight = self.sight.max(sight(link.tolerance));
         if link.tolerance > 0.0 {
             let (first, ..) = block.curve.derivative_bounds(0.0, length);
             for i in 0..AXES {
@@ -186,6 +191,7 @@ impl Smoother {
         self.moving = ending == Ending::Moving;
         self.joint = self.moving && cap.is_some();
         self.active = [false; AXES];
+        self.sight = 0.0;
     }
 
     fn advance(&mut self, ending: Option<Ending>, out: &mut Vec<Output>) {
@@ -229,9 +235,10 @@ impl Smoother {
     fn reach(&self, complete: bool) -> f64 {
         match self.chain.get(self.unripe) {
             Some(link) => link.from,
-            None if complete => f64::INFINITY,
+            None if complete => return f64::INFINITY,
             None => self.chain.end(),
         }
+        .min(self.chain.end() - self.sight)
     }
 
     /// The first joint from `number` on that is eased.

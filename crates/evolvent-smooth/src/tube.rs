@@ -79,17 +79,17 @@ struct Straight {
     sharp: bool,
 }
 
-/// How far the straight reaches to both sides, looked for up to `limit`.
+/// How far the straight reaches to both sides, looked for up to `limit`. Whatever lies beyond does not matter, so that
+/// the answer is the same however much more of the path is known.
 fn straight(chain: &Chain, number: usize, link: &Link, u: f64, limit: f64) -> Straight {
     let (mut behind, mut ahead, mut sharp) = (u - link.from, link.to - u, false);
     let mut first = number;
-    while let Some(here) = chain.get(first) {
+    while behind < limit
+        && let Some(here) = chain.get(first)
+    {
         let before = first.checked_sub(1).and_then(|n| chain.get(n));
         match before {
             Some(before) if !here.eased && before.straight && before.tolerance >= link.tolerance => {
-                if behind >= limit {
-                    break;
-                }
                 first -= 1;
                 behind = u - before.from;
             }
@@ -100,18 +100,22 @@ fn straight(chain: &Chain, number: usize, link: &Link, u: f64, limit: f64) -> St
         }
     }
     let mut last = number + 1;
-    while let Some(here) = chain.get(last) {
+    while ahead < limit
+        && let Some(here) = chain.get(last)
+    {
         if here.eased || !here.straight || here.tolerance < link.tolerance {
             sharp |= here.sharp;
-            break;
-        }
-        if ahead >= limit {
             break;
         }
         ahead = here.to - u;
         last += 1;
     }
     Straight { behind, ahead, sharp }
+}
+
+/// How far ahead of a sample the path has to be known.
+pub(crate) fn sight(tolerance: f64) -> f64 {
+    SLIP * tolerance
 }
 
 /// How the samples of an interval cover it.

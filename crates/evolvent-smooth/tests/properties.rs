@@ -38,7 +38,8 @@ fn random_programs_stay_within_the_tolerance_and_are_smooth() {
         let (out, smoother) = smooth(settings(limits), &blocks);
         check(&blocks, &out, 5, &what);
         assert_eq!(smoother.failures(), 0, "{what}");
-        assert!(smoother.deviation_mm() <= tolerance, "{what}");
+        let deviation = smoother.deviation_mm();
+        assert!(deviation <= tolerance, "{what}: {deviation}");
     }
 }
 

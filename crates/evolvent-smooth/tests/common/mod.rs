@@ -400,8 +400,9 @@ pub fn check(blocks: &[Block], out: &[Output], samples: usize, what: &str) {
                     let near = programmed.starts.partition_point(|&s| s <= u + x).clamp(1, blocks.len()) - 1;
                     assert!(
                         ratio <= 1.0,
-                        "{what}: {ratio} of the tolerance at {}, block {near} from {} to {}, before {:?} here {:?}, stretch from {u} of {} blend {}",
+                        "{what}: {ratio} of the tolerance at {}, {:?} block {near} from {} to {}, before {:?} here {:?}, stretch from {u} of {} blend {}",
                         u + x,
+                        &blocks[near.max(3) - 3..(near + 2).min(blocks.len())],
                         programmed.starts[near],
                         programmed.starts[near + 1],
                         blocks[near.max(1) - 1].tolerance,
