@@ -1,23 +1,24 @@
 //! RS274/NGC: text in, a lazy stream of canonical commands out, errors with their place.
 //!
 //! ```text
-//! bytes ─► lines ─► block ─► plan of the line ─► commands
-//!         reader    parser   codes, groups,      interpreter:
-//!         bounded   words    who uses which word modal state, order of execution
+//! bytes ─► lines ─► O-words ─► words ─► plan of the line ─► commands
+//!         reader    flow       parser   statement           execute: order of execution, modal state,
+//!         bounded   tape       formulas codes, groups       motion, round, spline, cycles, compensation
 //! ```
 //!
-//! [`Interpreter`] is an iterator. It reads one line at a time, parses it to words (the parser knows letters,
-//! numbers and comments, but no G code), sorts the codes into modal groups and the other words to the codes that
-//! use them, and only then executes, in the order of RS274/NGC, table 8. Until a line has gone through without
-//! an error nothing of it counts: the modal state is changed by whole lines only, so one can go on after an
-//! error and find the next.
+//! [`Interpreter`] is an iterator. It reads one line at a time. O-words decide which line is next: a running loop's
+//! lines are kept on a tape, subroutines in a library, everything else passes by. Words get their values while
+//! they are read, from [parameters](Interpreter::parameter) and formulas; the codes are sorted into modal groups and
+//! the other words to the codes that use them; only then the line is executed, in the order of RS274/NGC, table 8.
+//! A line counts as a whole: after an error modal state and parameters are those before it, so one can go on and find
+//! the next error.
 //!
-//! What comes out is free of modes: [`Move`]s carry a curve in machine coordinates in mm and degrees, a speed in
-//! mm/s and the path mode; planners need not know about units, planes, offsets or feed modes.
+//! What comes out is free of modes: [`Move`]s carry a curve in machine coordinates in mm and degrees, a speed in mm/s
+//! and the path mode; planners need not know about units, planes, offsets, cycles or the cutter's radius. What the
+//! core cannot do yet comes out too, and [`Action::missing_ability`] says so: whoever moves a machine refuses it.
 //!
-//! Values are expressions in the syntax tree although only literals exist now: parameters, formulas and O-words
-//! fit between parser and interpreter. Where the standard is silent, or LinuxCNC does otherwise,
-//! `docs/SPECNOTES.md` says what happens here.
+//! Where the standard is silent, or LinuxCNC does otherwise, `docs/SPECNOTES.md` says what happens here;
+//! `tools/compare-rs274` holds both interpreters against each other.
 //!
 //! Nothing here is for the real-time cycle.
 

@@ -458,7 +458,7 @@ impl Statement {
             Some(Motion::CubicSpline) => bits(b"IJPQ"),
             Some(Motion::QuadraticSpline) => bits(b"IJ"),
             Some(Motion::Nurbs) => bits(b"PL"),
-            Some(Motion::Hole(_)) => bits(b"DEHIJLPQRK"),
+            Some(Motion::Hole(_)) => bits(b"DEIJKQR"),
             Some(Motion::Thread) => bit(b'K'),
             Some(Motion::RigidTap) => bits(b"KI"),
             Some(Motion::ThreadCycle) => bits(b"PIJKRQHEL"),

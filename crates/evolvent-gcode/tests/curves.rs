@@ -1,0 +1,159 @@
+//! Splines, NURBS and holes: the moves lie on the curves that the words define.
+
+use evolvent_gcode::{Action, Interpreter, Move, MoveKind, Settings, Tool, ToolTable};
+use evolvent_path::Curve;
+
+fn moves_with(program: &str, settings: Settings) -> Vec<Move> {
+    let actions = Interpreter::new(program.as_bytes(), settings).map(|item| {
+        item.unwrap_or_else(|error| panic!("{}", error.render("test")))
+            .action
+    });
+    let moves = actions.filter_map(|action| match action {
+        Action::Move(step) => Some(step),
+        _ => None,
+    });
+    moves.collect()
+}
+
+fn moves(program: &str) -> Vec<Move> {
+    moves_with(program, Settings::default())
+}
+
+/// Points of a curve, evenly by its own parameter.
+fn points(curve: &Curve, count: u32) -> Vec<[f64; 2]> {
+    let at = |k: u32| curve.position(curve.domain() * f64::from(k) / f64::from(count));
+    (0..=count).map(|k| [at(k)[0], at(k)[1]]).collect()
+}
+
+/// De Casteljau's construction.
+fn bezier(control: &[[f64; 2]], t: f64) -> [f64; 2] {
+    let mut work = control.to_vec();
+    while work.len() > 1 {
+        work = work
+            .windows(2)
+            .map(|pair| [0, 1].map(|k| (1.0 - t) * pair[0][k] + t * pair[1][k]))
+            .collect();
+    }
+    work[0]
+}
+
+#[test]
+fn g5_and_g5_1_are_their_bezier_curves() {
+    for (program, control) in [
+        (
+            "F600 G0 X1 Y2\nG5 X11 Y7 I3 J9 P-4 Q6",
+            vec![[1.0, 2.0], [4.0, 11.0], [7.0, 13.0], [11.0, 7.0]],
+        ),
+        (
+            "F600 G0 X1 Y2\nG5.1 X11 Y7 I3 J9",
+            vec![[1.0, 2.0], [4.0, 11.0], [11.0, 7.0]],
+        ),
+    ] {
+        let found = moves(program);
+        assert_eq!(found.len(), 2, "one curve: {program}");
+        for (k, point) in points(&found[1].curve, 20).iter().enumerate() {
+            let expected = bezier(&control, k as f64 / 20.0);
+            let off = (point[0] - expected[0]).hypot(point[1] - expected[1]);
+            assert!(off < 1e-9, "{program}: {off} at {k}");
+        }
+    }
+}
+
+#[test]
+fn g5_goes_on_with_the_mirrored_control_point() {
+    let both = moves("F600\nG5 X10 Y0 I2 J5 P-3 Q4\nG5 X20 Y0 P-1 Q-2");
+    let (one, two) = (both[0].curve, both[1].curve);
+    let (left, right) = (one.tangent(one.length()), two.tangent(0.0));
+    assert!((left - right).norm() < 1e-9);
+}
+
+#[test]
+fn g5_1_in_rotated_and_shifted_coordinates_is_the_rotated_curve() {
+    let plain = moves("F600\nG5.1 X11 Y7 I3 J9")[0].curve;
+    let turned = moves("F600 G10 L2 P1 X5 Y-3 R30\nG0 X0 Y0\nG5.1 X11 Y7 I3 J9")[1].curve;
+    let (sin, cos) = 30.0_f64.to_radians().sin_cos();
+    for (a, b) in points(&plain, 9).iter().zip(points(&turned, 9)) {
+        let expected = [5.0 + cos * a[0] - sin * a[1], -3.0 + sin * a[0] + cos * a[1]];
+        assert!((expected[0] - b[0]).hypot(expected[1] - b[1]) < 1e-9);
+    }
+}
+
+#[test]
+fn a_nurbs_that_is_a_circle_is_one_and_its_pieces_join_smoothly() {
+    // Quarter of a circle of radius 10 about zero: weights 1, cos 45 degrees, 1.
+    let found = moves("F600 G0 X10 Y0\nG5.2 P1 L3\nX10 Y10 P0.707106781186548\nX0 Y10 P1\nG5.3");
+    let pieces = &found[1..];
+    assert!(pieces.len() < 40, "{} pieces", pieces.len());
+    let mut length = 0.0;
+    for piece in pieces {
+        length += piece.curve.length();
+        for [x, y] in points(&piece.curve, 32) {
+            assert!((x.hypot(y) - 10.0).abs() < 2e-4, "{x} {y}");
+        }
+    }
+    assert!((length - 5.0 * std::f64::consts::PI).abs() < 1e-3);
+    for pair in pieces.windows(2) {
+        let (left, right) = (pair[0].curve, pair[1].curve);
+        assert_eq!(left.end(), right.start());
+        assert!((left.tangent(left.length()) - right.tangent(0.0)).norm() < 1e-9);
+        assert!((left.curvature(left.length()) - right.curvature(0.0)).abs() < 1e-6);
+    }
+}
+
+#[test]
+fn a_curve_that_stands_still_at_its_ends_is_followed_all_the_same() {
+    // No control points: a straight line with a speed of nought at both ends.
+    let found = moves("F600\nG5 X10 Y5 P0 Q0");
+    let total: f64 = found.iter().map(|step| step.curve.length()).sum();
+    assert!((total - 125.0_f64.sqrt()).abs() < 1e-3);
+    assert_eq!(found.last().unwrap().curve.end()[0], 10.0);
+}
+
+/// Distance of the farthest point of the feed moves from a centre, and that of the nearest one on the wall's circle.
+fn reach(moves: &[Move], centre: [f64; 2]) -> f64 {
+    let feeds = moves.iter().filter(|step| step.kind == MoveKind::Feed);
+    let all = feeds.flat_map(|step| points(&step.curve, 64));
+    all.map(|[x, y]| (x - centre[0]).hypot(y - centre[1]))
+        .fold(0.0, f64::max)
+}
+
+#[test]
+fn a_hole_reaches_its_wall_at_every_depth_and_not_beyond() {
+    let found = moves("F600 G99 G0 Z20\nG13.2 X30 Y-10 Z-6 R2 D40 E12 Q3 K0.5 I3 F900");
+    assert!((reach(&found, [30.0, -10.0]) - 14.0).abs() < 1e-9);
+    // Once round on the final circle of radius 14 at each of three depths.
+    let mut depths: Vec<f64> = found
+        .iter()
+        .filter(|step| matches!(step.curve, Curve::Arc(arc) if (arc.radius_mm() - 14.0).abs() < 1e-9))
+        .map(|step| step.curve.end()[2])
+        .collect();
+    depths.sort_by(f64::total_cmp);
+    assert_eq!(depths.len(), 3);
+    for (depth, expected) in depths.iter().zip([-6.0, -3.333_333, -0.666_667]) {
+        assert!((depth - expected).abs() < 1e-5, "{depths:?}");
+    }
+    for pair in found.windows(2) {
+        assert_eq!(pair[0].curve.end(), pair[1].curve.start());
+    }
+    let end = found.last().unwrap().curve.end();
+    assert_eq!([end[0], end[1], end[2]], [30.0, -10.0, 2.0]);
+    // G13.2 climbs: counter-clockwise.
+    assert!(found.iter().all(|step| match step.curve {
+        Curve::Arc(arc) => arc.sweep_rad() > 0.0,
+        _ => true,
+    }));
+}
+
+#[test]
+fn a_hole_takes_the_tool_from_the_table_and_heeds_offsets_and_inches() {
+    let mut tool = Tool::new(4);
+    tool.diameter_mm = 12.7;
+    let settings = Settings {
+        tools: Some(ToolTable::new(vec![tool])),
+        ..Settings::default()
+    };
+    let program = "G20 F30 T4 M6 G92 X-1 Y0\nG98 G0 Z1\nG12.2 Z-0.5 R0.1 D2 Q0.2";
+    let found = moves_with(program, settings);
+    assert!((reach(&found, [0.0, 0.0]) - 0.5 * (2.0 * 25.4 - 12.7)).abs() < 1e-9);
+    assert!((found.last().unwrap().curve.end()[2] - 25.4).abs() < 1e-9);
+}
