@@ -278,7 +278,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
             source,
         })?;
         let reader = BufReader::with_capacity(256 * 1024, opened);
-        for command in Interpreter::new(reader, self.setup.interpreter_settings()) {
+        for command in Interpreter::new(reader, self.setup.interpreter_settings_for(program)) {
             let command = command.map_err(|diagnostic| ProgramError::Text {
                 file: self.file.clone(),
                 diagnostic: Box::new(diagnostic),
@@ -454,7 +454,7 @@ pub fn check(program: &Path, setup: &Setup, limit: usize) -> std::io::Result<Vec
     let mut planner = Planner::new(setup.path_limits(), rules, Nowhere);
     let mut errors = Vec::new();
     let mut block = 0;
-    for command in Interpreter::new(reader, setup.interpreter_settings()) {
+    for command in Interpreter::new(reader, setup.interpreter_settings_for(program)) {
         let error = match command {
             Err(diagnostic) => Some(diagnostic),
             Ok(Command {

@@ -1,6 +1,6 @@
 //! What a run is asked to do.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use evolvent_gcode as gcode;
 use evolvent_machine::{ControlRate, Machine, PathMode, PeriodError};
@@ -81,6 +81,16 @@ impl Setup {
             joint_time_s: self.machine.path.joint_time_s,
             planner: self.machine.path.planner,
             feed_override,
+        }
+    }
+
+    /// The same for a program in a file: subroutines are looked for beside it.
+    #[must_use]
+    pub fn interpreter_settings_for(&self, program: &Path) -> gcode::Settings {
+        let folder = program.parent().map(Path::to_path_buf);
+        gcode::Settings {
+            subroutine_folders: folder.into_iter().collect(),
+            ..self.interpreter_settings()
         }
     }
 

@@ -4,14 +4,21 @@ use evolvent_gcode::{Action, Interpreter, Move, MoveKind, Settings, Tool, ToolTa
 use evolvent_path::Curve;
 
 fn moves_with(program: &str, settings: Settings) -> Vec<Move> {
-    let actions = Interpreter::new(program.as_bytes(), settings).map(|item| {
-        item.unwrap_or_else(|error| panic!("{}", error.render("test")))
-            .action
-    });
-    let moves = actions.filter_map(|action| match action {
-        Action::Move(step) => Some(step),
-        _ => None,
-    });
+    let (good, bad): (Vec<_>, Vec<_>) =
+        Interpreter::new(program.as_bytes(), settings).partition(Result::is_ok);
+    let shown: Vec<_> = bad
+        .into_iter()
+        .filter_map(Result::err)
+        .map(|error| error.render("test"))
+        .collect();
+    assert!(shown.is_empty(), "{}", shown.join("\n"));
+    let moves = good
+        .into_iter()
+        .filter_map(Result::ok)
+        .filter_map(|command| match command.action {
+            Action::Move(step) => Some(step),
+            _ => None,
+        });
     moves.collect()
 }
 
