@@ -52,7 +52,7 @@ impl Optimizer {
         if worst.is_none() {
             worst = self.quick_stop(&job, stop::ALL_SHARES, out);
         }
-        self.kept.valid = false;
+        self.kept.forget();
         let Some(worst) = worst else {
             out.clear();
             return Err(none);
@@ -80,6 +80,9 @@ impl Optimizer {
     fn best_stop(&mut self, job: &Job<'_>, out: &mut Vec<Piece>) -> Option<Ratios> {
         out.clear();
         let (grid, state) = (job.grid, job.state);
+        if !self.kept.valid {
+            return None;
+        }
         let until = job.until.min(self.kept.until);
         let whole = Job {
             until: self.kept.until,

@@ -77,6 +77,13 @@ impl Kept {
         }
     }
 
+    /// Keeps nothing but the memory.
+    pub(crate) fn forget(&mut self) {
+        self.segments.clear();
+        (self.valid, self.first, self.last) = (false, None, None);
+        (self.last_a, self.until, self.factor) = (0.0, 0, 0.0);
+    }
+
     /// Takes over a plan.
     pub(crate) fn keep(&mut self, window: &Window, x: &Iterate, until: u64, factor: f64) {
         let n = window.n();

@@ -74,6 +74,14 @@ impl Optimizer {
         }
     }
 
+    /// Drops everything that earlier plans have left, so that the next answer depends on its arguments alone.
+    ///
+    /// Nothing is left to go on from then: a plan from a moving state fails with [`FeedError::NoMotion`], and a stop
+    /// is tried in closed form only, until a plan from rest has been made. Cycle: no.
+    pub fn forget(&mut self) {
+        self.kept.forget();
+    }
+
     /// A near-optimal plan from `from` to the end of interval `until - 1`, at `feed_factor` (0.001 to 2) times the
     /// programmed feeds; rapids are not scaled. It replaces what `out` held. Cycle: no.
     ///
