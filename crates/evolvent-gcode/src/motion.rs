@@ -1,12 +1,12 @@
 //! Straight moves: G0, G1, G28, G30, G33, G38.
 
-use evolvent_path::{Axes, AxisLetter, Curve, Line};
+use evolvent_path::{Axes, AxisLetter, Curve, Line, ParamCurve as _};
 
 use crate::codes::{FeedMode, Group, Motion, Once};
 use crate::diagnostic::Fault;
 use crate::execute::Executor;
 use crate::offsets::check_coordinate;
-use crate::{Action, Code, Move, MoveKind, PathMode, SpindleDirection};
+use crate::{Action, Code, Command, Move, MoveKind, PathMode, SpindleDirection};
 
 impl Executor<'_> {
     /// Where the axis words lead to, in machine coordinates.
@@ -151,20 +151,37 @@ impl Executor<'_> {
             }
             return Ok(());
         }
-        let curve = self.line_to(target)?;
+        let line = Line::new(self.state.position, target)
+            .map_err(|error| Fault::new(Code::LineRefused, self.line.motion_span(), error.to_string()))?;
+        let length = line.length();
         let feed = match kind {
             MoveKind::Rapid => f64::INFINITY,
             MoveKind::Feed => {
                 // After G40 the programmed path counts, in inverse time.
-                let length = match self.state.cutter.programmed {
+                let programmed = match self.state.cutter.programmed {
                     Some(from) => libm::sqrt((target - from).fixed_rows::<3>(0).norm_squared()),
-                    None => curve.length(),
+                    None => length,
                 };
-                let length = if length > 0.0 { length } else { curve.length() };
-                self.speed(length, self.only_rotary(&target))
+                let programmed = if programmed > 0.0 { programmed } else { length };
+                self.speed(programmed, self.only_rotary(&target))
             }
         };
-        self.put_curve(curve, kind, feed, path_mode)
+        self.check_move(length, feed)?;
+        // Not by way of a curve of its own: lines are what long programs consist of, and a curve is large.
+        self.state.position = target;
+        if !self.state.cutter.is_on() {
+            self.state.cutter.programmed = None;
+        }
+        self.out.push_back(Command {
+            line: self.number,
+            action: Action::Move(Move {
+                curve: Curve::Line(line),
+                kind,
+                feed,
+                path_mode,
+            }),
+        });
+        Ok(())
     }
 
     #[inline]
@@ -188,12 +205,7 @@ impl Executor<'_> {
         feed: f64,
         path_mode: PathMode,
     ) -> Result<(), Fault> {
-        // A path that a double cannot tell from nothing would have no direction and no time.
-        if !(curve.length() > 0.0 && feed > 0.0) {
-            let message = format!("a move of {:e} mm at {feed:e} mm/s", curve.length());
-            return Err(Fault::new(Code::LineRefused, self.line.motion_span(), message)
-                .help("length or feed is too small to compute with"));
-        }
+        self.check_move(curve.length(), feed)?;
         // The curve keeps its end bit for bit, but rounds may have moved it (a circle's end is its start).
         self.state.position = curve.end();
         if !self.state.cutter.is_on() {
@@ -207,6 +219,17 @@ impl Executor<'_> {
             path_mode,
         }));
         Ok(())
+    }
+
+    /// A path that a double cannot tell from nothing would have no direction and no time.
+    #[inline]
+    fn check_move(&self, length: f64, feed: f64) -> Result<(), Fault> {
+        if length > 0.0 && feed > 0.0 {
+            return Ok(());
+        }
+        let message = format!("a move of {length:e} mm at {feed:e} mm/s");
+        Err(Fault::new(Code::LineRefused, self.line.motion_span(), message)
+            .help("length or feed is too small to compute with"))
     }
 
     /// A feed move needs a speed.
