@@ -7,9 +7,9 @@ use std::path::Path;
 use std::sync::mpsc::Sender;
 
 use evolvent_gcode::{Action, Code, Command, Diagnostic, Interpreter, Move, MoveKind, SpindleDirection};
+use evolvent_machine::PlannerKind;
 use evolvent_motion::QueueClosed;
 use evolvent_path::Curve;
-use evolvent_machine::PlannerKind;
 use evolvent_plan::{
     Answer, BlockMark, ExitSpeeds, PathRules, PlanError, PlanSink, Planner, Request, Segment, Step,
 };
@@ -330,7 +330,10 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
             other => {
                 if let Some(text) = describe(other) {
                     // Neither a message nor the next tool's number is a reason to stop.
-                    if matches!(other, Action::Message(_) | Action::Print(_) | Action::SelectTool(_)) {
+                    if matches!(
+                        other,
+                        Action::Message(_) | Action::Print(_) | Action::SelectTool(_)
+                    ) {
                         let is_message = matches!(other, Action::Message(_) | Action::Print(_));
                         self.announce(Moment::Block(self.next_block), line, is_message, &text);
                     } else {

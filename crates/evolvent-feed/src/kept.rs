@@ -84,6 +84,14 @@ impl Kept {
         (self.last_a, self.until, self.factor) = (0.0, 0, 0.0);
     }
 
+    /// Becomes a copy, without allocating where there is room.
+    pub(crate) fn copy_from(&mut self, other: &Self) {
+        let mut segments = std::mem::take(&mut self.segments);
+        segments.clear();
+        segments.extend_from_slice(&other.segments);
+        *self = Self { segments, ..*other };
+    }
+
     /// Takes over a plan.
     pub(crate) fn keep(&mut self, window: &Window, x: &Iterate, until: u64, factor: f64) {
         let n = window.n();

@@ -182,7 +182,7 @@ pub(crate) struct PathFile {
     /// "blend" (as G64) or "exact" (as G61) until the program says otherwise; "blend" where it is not given.
     #[serde(default)]
     pub(crate) mode: PathMode,
-    /// "optimal" (smooth and as fast as the axes allow) or "classic" (blends and look-ahead); "classic" where it is not
+    /// "optimal" (smooth and as fast as the axes allow) or "classic" (blends and look-ahead); "optimal" where it is not
     /// given.
     #[serde(default)]
     pub(crate) planner: PlannerKind,

@@ -65,9 +65,9 @@ pub enum PathMode {
 #[serde(rename_all = "lowercase")]
 pub enum PlannerKind {
     /// Smooth path within the tolerance, as fast as the limits of the axes allow.
+    #[default]
     Optimal,
     /// Blends at corners and look-ahead over constant limits along the path: simple, slower.
-    #[default]
     Classic,
 }
 

@@ -196,9 +196,7 @@ impl Motion {
         }
         let still = match &cursor.drive {
             Drive::Still => true,
-            Drive::Run(run) => {
-                run.profile.at(run.time).0.v == 0.0 && run.profile.outcome() == Outcome::Rests
-            }
+            Drive::Run(run) => run.profile.at(run.time).0.v == 0.0 && run.profile.outcome() == Outcome::Rests,
             Drive::Flow { .. } => false,
         };
         cursor.state = if self.stop {
@@ -254,7 +252,10 @@ impl Motion {
         let path = cursor.path();
         for _ in 0..MOST_PER_CYCLE {
             match queue.mark(cursor.mark) {
-                Some(mark) if path >= mark.end && !cursor.is_still() => cursor.mark += 1,
+                Some(mark) if path + END_ROUNDING >= mark.start && !cursor.is_still() => {
+                    cursor.mark += 1;
+                    (cursor.line, cursor.block) = (mark.line, mark.block);
+                }
                 _ => break,
             }
         }
@@ -319,14 +320,7 @@ impl RunDrive {
         drive
     }
 
-    fn solve(
-        &mut self,
-        from: ScalarState,
-        brake: bool,
-        feed_override: f64,
-        step: u64,
-        queue: &PlanConsumer,
-    ) {
+    fn solve(&mut self, from: ScalarState, brake: bool, feed_override: f64, step: u64, queue: &PlanConsumer) {
         let exits = queue.exit(step);
         self.profile = if brake {
             Profile::brake(from, self.length, exits.doubled, &self.limits)

@@ -43,7 +43,7 @@ pub(crate) struct Cursor {
     pub(crate) piece_at: Option<(u64, f64)>,
     /// Parameter of the drive at rest.
     pub(crate) rest_x: f64,
-    /// The first mark of a block's end that lies ahead.
+    /// The first mark of a block's start that lies ahead.
     pub(crate) mark: u64,
     /// Grid interval of the plan that has been reached.
     pub(crate) interval: u64,

@@ -167,11 +167,8 @@ impl Motion {
             }
         }
         // At rest the front segment is that of the next move, not of the step that is waited for.
-        if let (Some(segment), false) = (segment, cursor.is_still()) {
-            (cursor.line, cursor.block) = match queue.mark(cursor.mark) {
-                Some(mark) => (mark.line, mark.block),
-                None => (segment.line, segment.block),
-            };
+        if let (Some(segment), Drive::Run(_)) = (segment, &cursor.drive) {
+            (cursor.line, cursor.block) = (segment.line, segment.block);
         }
         queue.take(cursor.step, cursor.segment, cursor.mark, cursor.interval);
         let path_mm = cursor.path();
@@ -235,7 +232,11 @@ impl Motion {
 }
 
 fn checked_override(factor: f64) -> f64 {
-    if factor.is_nan() { 0.0 } else { factor.clamp(0.0, 2.0) }
+    if factor.is_nan() {
+        0.0
+    } else {
+        factor.clamp(0.0, 2.0)
+    }
 }
 
 fn feed_metric(v: &Axes) -> f64 {

@@ -24,7 +24,7 @@ use rtrb::{Consumer, Producer, RingBuffer};
 const READY_STEPS: usize = 28_608;
 /// The same for segments: enough for [`STEPS_AHEAD`] runs of the most segments.
 const READY_SEGMENTS: usize = 12_288;
-/// Ends of blocks.
+/// Starts of blocks.
 const MARKS: usize = 1 << 17;
 /// Requests and answers; one at a time is open.
 const REQUESTS: usize = 8;

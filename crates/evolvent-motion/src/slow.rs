@@ -127,9 +127,17 @@ mod tests {
         }
         for k in 1..rates.len() - 1 {
             let measured = (tau[k + 2] - tau[k]) / (2.0 * dt);
-            assert!((measured - rates[k].rate).abs() < 1e-6, "{k}: {measured} {:?}", rates[k]);
+            assert!(
+                (measured - rates[k].rate).abs() < 1e-6,
+                "{k}: {measured} {:?}",
+                rates[k]
+            );
             let measured = (rates[k + 1].rate - rates[k - 1].rate) / (2.0 * dt);
-            assert!((measured - rates[k].first).abs() < 1e-3 * 10.0, "{k}: {measured} {:?}", rates[k]);
+            assert!(
+                (measured - rates[k].first).abs() < 1e-3 * 10.0,
+                "{k}: {measured} {:?}",
+                rates[k]
+            );
         }
         let last = rates[rates.len() - 1];
         assert!(last.rate.abs() < 1e-12 && last.first.abs() < 1e-9 && last.second.abs() < 1e-6);

@@ -16,8 +16,8 @@ use evolvent_plan::{
 const RULES: PathRules = PathRules {
     blend_tolerance_mm: 0.01,
     joint_time_s: 0.001,
-        planner: PlannerKind::Classic,
-        feed_override: 1.0,
+    planner: PlannerKind::Classic,
+    feed_override: 1.0,
 };
 
 #[test]

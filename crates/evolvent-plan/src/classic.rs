@@ -181,7 +181,9 @@ impl<S: PlanSink> Classic<S> {
     /// The tolerance of the corner between two moves, if both may be rounded.
     fn tolerance(&self, left: &Move, right: &Move) -> Option<f64> {
         let of = |motion: &Move| match motion.path_mode {
-            PathMode::Blend { tolerance_mm, .. } => Some(tolerance_mm.unwrap_or(self.rules.blend_tolerance_mm)),
+            PathMode::Blend { tolerance_mm, .. } => {
+                Some(tolerance_mm.unwrap_or(self.rules.blend_tolerance_mm))
+            }
             PathMode::ExactPath | PathMode::ExactStop => None,
         };
         let least = of(left)?.min(of(right)?);
@@ -238,8 +240,8 @@ mod tests {
     use evolvent_path::AxisLetter;
 
     use super::*;
-    use crate::{PlanError, Planner};
     use crate::recorder::{Recorder, equal_axes, point};
+    use crate::{PlanError, Planner};
 
     const RULES: PathRules = PathRules {
         blend_tolerance_mm: 0.05,

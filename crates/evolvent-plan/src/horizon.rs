@@ -10,7 +10,9 @@
 
 use std::collections::VecDeque;
 
-use evolvent_feed::{Entry, Exit, FeedError, Grid, MOST_INTERVALS, Optimizer, PathLimits, Piece, Place};
+use evolvent_feed::{
+    Entry, Exit, FeedError, Grid, MOST_INTERVALS, Memory, Optimizer, PathLimits, Piece, Place,
+};
 use evolvent_path::AXES;
 
 use crate::step::{Answer, BlockMark, Flow, PlanSink, Request, Segment, Step};
@@ -19,6 +21,8 @@ use crate::step::{Answer, BlockMark, Flow, PlanSink, Request, Segment, Step};
 const MOST_BACKLOG: u64 = 1 << 16;
 /// Share of a window's intervals that is committed at least, and at most.
 const COMMITTED: (f64, f64) = (0.5, 0.9);
+/// Intervals that a window is not made shorter than for want of stations.
+const LEAST_WINDOW: u64 = 32;
 /// The tail takes at least so many times as long as stopping does.
 const TAIL_STOPS: f64 = 2.0;
 
@@ -31,6 +35,14 @@ struct Rest {
     step: Option<Step>,
     /// How many steps at rest the cycle has passed before this one.
     index: u64,
+}
+
+/// A window that was handed on, for plans from a place in it.
+#[derive(Clone, Debug, Default)]
+struct Planned {
+    interval: u64,
+    x: f64,
+    memory: Memory,
 }
 
 /// How far the plan has come.
@@ -56,6 +68,9 @@ pub(crate) struct Horizon<S> {
     front: Front,
     /// What the cycle has asked for and not been answered.
     request: Option<Request>,
+    /// Windows handed on that the cycle has not left, and the space of those that it has.
+    planned: VecDeque<Planned>,
+    spare: Vec<Planned>,
     rests: VecDeque<Rest>,
     rests_seen: u64,
     /// Segments that no piece has needed yet, and how many have been handed on.
@@ -98,6 +113,8 @@ impl<S: PlanSink> Horizon<S> {
                 waits: false,
             },
             request: None,
+            planned: VecDeque::new(),
+            spare: Vec::new(),
             rests: VecDeque::new(),
             rests_seen: 0,
             segments: VecDeque::new(),
@@ -124,8 +141,7 @@ impl<S: PlanSink> Horizon<S> {
 
     /// Appends a stretch of path; `feed` in the feed metric, infinite for rapids.
     pub(crate) fn segment(&mut self, segment: Segment, feed: f64) {
-        self.grid
-            .push(&segment.curve, segment.from, segment.length, feed);
+        self.grid.push(&segment.curve, segment.from, segment.length, feed);
         self.starts.push_back(self.length);
         self.length += segment.length;
         self.segments.push_back(segment);
@@ -181,11 +197,11 @@ impl<S: PlanSink> Horizon<S> {
                 return Ok(());
             };
             let front = self.front;
-            if self.solve(&front, until, exit).is_err() {
+            let Ok((until, exit)) = self.solve_some(&front, until, exit) else {
                 // The tail in force ends at rest; from there the cycle asks again.
                 self.give_up()?;
                 continue;
-            }
+            };
             if self.make_room()? {
                 continue;
             }
@@ -253,6 +269,21 @@ impl<S: PlanSink> Horizon<S> {
             .map(|_| ())
     }
 
+    /// Solves a window, or a shorter one where that needs more stations than there is room for.
+    fn solve_some(&mut self, front: &Front, until: u64, exit: Exit) -> Result<(u64, Exit), FeedError> {
+        let (mut until, mut exit) = (until, exit);
+        loop {
+            match self.solve(front, until, exit) {
+                Ok(()) => return Ok((until, exit)),
+                Err(FeedError::Window { .. }) if until - front.place.interval > LEAST_WINDOW => {
+                    until = front.place.interval + (until - front.place.interval) / 2;
+                    exit = Exit::Open;
+                }
+                Err(error) => return Err(error),
+            }
+        }
+    }
+
     /// Waits until everything solved can be appended at once. `true` if a request was served meanwhile, so that
     /// what was solved is not wanted any more.
     fn make_room(&mut self) -> Result<bool, S::Error> {
@@ -275,6 +306,7 @@ impl<S: PlanSink> Horizon<S> {
 
     /// Hands on the window that was solved: the first part final, the rest as a tail.
     fn commit(&mut self, until: u64, exit: Exit) -> Result<(), S::Error> {
+        self.remember();
         let first = self.appended;
         let committed = match exit {
             Exit::Rest => self.pieces.len(),
@@ -324,6 +356,20 @@ impl<S: PlanSink> Horizon<S> {
         Ok(())
     }
 
+    /// Sets the window that was solved aside.
+    fn remember(&mut self) {
+        let mut planned = self.spare.pop().unwrap_or_default();
+        (planned.interval, planned.x) = (self.front.place.interval, self.front.place.x);
+        self.optimizer.remember(&mut planned.memory);
+        self.planned.push_back(planned);
+    }
+
+    /// How many windows handed on start at or before a place.
+    fn planned_until(&self, place: Place) -> usize {
+        self.planned
+            .partition_point(|one| (one.interval, one.x) <= (place.interval, place.x))
+    }
+
     /// Hands on all pieces, and the segments and marks that they need.
     fn append_pieces(&mut self) -> Result<(), S::Error> {
         for piece in &self.pieces {
@@ -336,21 +382,14 @@ impl<S: PlanSink> Horizon<S> {
             }
             let path = self.starts[(piece.stretch - self.first_start) as usize] + piece.from;
             while let Some(mark) = self.marks.front() {
-                if mark.end > path + piece.length {
+                if mark.start > path + piece.length {
                     break;
                 }
                 self.sink.mark(mark)?;
                 self.marks.pop_front();
             }
-            self.sink.step(&Step::Flow(Flow {
-                piece: *piece,
-                path,
-            }))?;
+            self.sink.step(&Step::Flow(Flow { piece: *piece, path }))?;
             self.appended += 1;
-        }
-        // That of the block in which the pieces end.
-        if let Some(mark) = self.marks.pop_front() {
-            self.sink.mark(&mark)?;
         }
         Ok(())
     }
@@ -387,7 +426,7 @@ impl<S: PlanSink> Horizon<S> {
                 continue;
             }
             self.accounted = start + piece.length;
-            while self.accounts.len() > 1 && self.accounts[0].end < middle {
+            while self.accounts.len() > 1 && self.accounts[1].start <= middle {
                 self.accounts.pop_front();
             }
             if let Some(mark) = self.accounts.front() {
@@ -419,6 +458,8 @@ impl<S: PlanSink> Horizon<S> {
         let front = self.front_at(&request);
         if matches!(front.entry, Entry::Rest) {
             // Nothing is in a hurry: the next windows follow from here.
+            let known = self.planned_until(front.place);
+            self.spare.extend(self.planned.drain(known..));
             self.front = front;
             self.reply(&request, Some(self.appended));
             return Ok(true);
@@ -426,21 +467,27 @@ impl<S: PlanSink> Horizon<S> {
         let Some((until, exit)) = self.window(&front) else {
             return Ok(false);
         };
-        // TODO forget
+        // The window in which the place lies is what the cycle drives there.
+        let known = self.planned_until(front.place);
+        if let Some(planned) = known.checked_sub(1).and_then(|k| self.planned.get(k)) {
+            self.optimizer.recall(&planned.memory);
+        }
         let solved = if request.brake {
-            self.solve_stop(&front, until)
+            self.solve_stop(&front, until).map(|()| (until, exit))
         } else {
-            self.solve(&front, until, exit)
+            self.solve_some(&front, until, exit)
         };
+        let (until, exit) = solved.unwrap_or((until, exit));
         if solved.is_err() || self.pieces.is_empty() {
+            if let Some(planned) = self.planned.back() {
+                self.optimizer.recall(&planned.memory);
+            }
             self.reply(&request, None);
             return Ok(false);
         }
+        self.spare.extend(self.planned.drain(known..));
         let step = self.appended;
-        while !self
-            .sink
-            .has_room(self.pieces.len() + 2, self.segments_needed())
-        {
+        while !self.sink.has_room(self.pieces.len() + 2, self.segments_needed()) {
             self.sink.wait()?;
         }
         self.front = front;
@@ -458,10 +505,7 @@ impl<S: PlanSink> Horizon<S> {
     fn reply(&mut self, request: &Request, step: Option<u64>) {
         self.request = None;
         self.pieces.clear();
-        self.sink.answer(Answer {
-            id: request.id,
-            step,
-        });
+        self.sink.answer(Answer { id: request.id, step });
     }
 
     fn append_wait(&mut self) -> Result<(), S::Error> {
@@ -543,6 +587,9 @@ impl<S: PlanSink> Horizon<S> {
     fn forget(&mut self) {
         let reached = self.sink.reached();
         self.grid.release(reached);
+        while self.planned.len() > 1 && self.planned[1].interval < reached {
+            self.spare.extend(self.planned.pop_front());
+        }
         while self.front.rest > 0 && self.rests.front().is_some_and(|rest| rest.at < reached) {
             self.rests.pop_front();
             self.front.rest -= 1;

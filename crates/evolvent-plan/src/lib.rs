@@ -33,6 +33,4 @@ pub use evolvent_feed::{
 pub use corner::{Rounding, exact_joint_speed, round_corner};
 pub use lookahead::{LookAhead, PENDING_SEGMENTS, PENDING_STEPS};
 pub use planner::{PathRules, PlanError, Planner};
-pub use step::{
-    Answer, BlockMark, ExitSpeeds, Flow, PlanSink, Request, Run, Segment, SegmentMarks, Step,
-};
+pub use step::{Answer, BlockMark, ExitSpeeds, Flow, PlanSink, Request, Run, Segment, SegmentMarks, Step};

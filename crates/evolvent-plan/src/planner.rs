@@ -1,5 +1,7 @@
 //! Moves in, plan out.
 
+use std::collections::VecDeque;
+
 use evolvent_feed::PathLimits;
 use evolvent_gcode::{Move, MoveKind, PathMode};
 use evolvent_machine::{Limits, PlannerKind};
@@ -9,8 +11,8 @@ use thiserror::Error;
 
 use crate::classic::Classic;
 use crate::horizon::Horizon;
-use crate::straight::Straightener;
 use crate::step::{BlockMark, PlanSink, Segment, SegmentMarks, Step};
+use crate::straight::Straightener;
 
 /// Rounding of positions, mm or degrees, that the check of travel forgives.
 const TRAVEL_SLACK: f64 = 1e-9;
@@ -75,6 +77,7 @@ pub struct Planner<S> {
 }
 
 #[derive(Debug)]
+#[expect(clippy::large_enum_variant, reason = "there is one of it")]
 enum Kind<S> {
     Classic(Classic<S>),
     Optimal(Optimal<S>),
@@ -88,8 +91,10 @@ struct Optimal<S> {
     horizon: Horizon<S>,
     rules: PathRules,
     out: Vec<Output>,
-    /// The block in which the path that has come out ends.
-    last: BlockMark,
+    /// Blocks whose end has not come out, the oldest first.
+    blocks: VecDeque<(u32, u32)>,
+    /// Where the next block starts, if the one before has ended.
+    start: Option<f64>,
 }
 
 impl<S: PlanSink> Planner<S> {
@@ -217,11 +222,8 @@ impl<S: PlanSink> Optimal<S> {
             horizon: Horizon::new(limits, rules.feed_override, sink),
             rules,
             out: Vec::new(),
-            last: BlockMark {
-                end: 0.0,
-                line: 0,
-                block: 0,
-            },
+            blocks: VecDeque::new(),
+            start: Some(0.0),
         }
     }
 
@@ -247,14 +249,24 @@ impl<S: PlanSink> Optimal<S> {
             line,
             block,
         };
+        self.blocks.push_back((block.line, block.block));
+        self.mark_start();
         self.smoother.push(&block, &mut self.out);
         self.hand_on()
+    }
+
+    /// Marks where the oldest block starts that has not ended, once both are known.
+    fn mark_start(&mut self) {
+        if let (Some(start), Some(&(line, block))) = (self.start, self.blocks.front()) {
+            self.horizon.mark(BlockMark { start, line, block });
+            self.start = None;
+        }
     }
 
     fn rest(&mut self, step: Step) -> Result<(), S::Error> {
         self.smoother.rest(&mut self.out);
         self.take_out();
-        hand_on(&mut self.horizon, self.straightener.flush(), self.last);
+        hand_on(&mut self.horizon, self.straightener.flush(), self.blocks.front());
         self.horizon.rest(step);
         self.horizon.advance()
     }
@@ -265,37 +277,37 @@ impl<S: PlanSink> Optimal<S> {
     }
 
     fn take_out(&mut self) {
-        for output in self.out.drain(..) {
+        let mut out = std::mem::take(&mut self.out);
+        for output in out.drain(..) {
             match output {
                 Output::Stretch(stretch) => {
                     let complete = self.straightener.push(stretch);
-                    hand_on(&mut self.horizon, complete, self.last);
+                    hand_on(&mut self.horizon, complete, self.blocks.front());
                 }
                 Output::Cap { speed } => {
-                    hand_on(&mut self.horizon, self.straightener.flush(), self.last);
+                    hand_on(&mut self.horizon, self.straightener.flush(), self.blocks.front());
                     self.horizon.cap(speed);
                 }
                 Output::Mark(mark) => {
-                    self.last = BlockMark {
-                        end: mark.end,
-                        line: mark.line,
-                        block: mark.block,
-                    };
-                    self.horizon.mark(self.last);
+                    self.blocks.pop_front();
+                    self.start = Some(mark.end);
+                    self.mark_start();
                 }
             }
         }
+        self.out = out;
     }
 }
 
-fn hand_on<S: PlanSink>(horizon: &mut Horizon<S>, stretch: Option<Stretch>, last: BlockMark) {
+fn hand_on<S: PlanSink>(horizon: &mut Horizon<S>, stretch: Option<Stretch>, block: Option<&(u32, u32)>) {
     let Some(stretch) = stretch else { return };
+    let (line, block) = block.copied().unwrap_or_default();
     let segment = Segment {
         curve: stretch.curve,
         from: stretch.from,
         length: stretch.length,
-        line: last.line,
-        block: last.block,
+        line,
+        block,
         marks: SegmentMarks {
             blend: stretch.blend,
             rapid: stretch.rapid,
@@ -330,4 +342,3 @@ pub(crate) fn check_travel<E>(curve: &Curve, limits: &Limits) -> Result<(), Plan
     }
     Ok(())
 }
-

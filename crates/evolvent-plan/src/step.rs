@@ -100,11 +100,11 @@ pub struct Flow {
     pub path: f64,
 }
 
-/// Where a programmed block ends on a path that is not cut at every block.
+/// Where a programmed block starts on a path that is not cut at every block.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BlockMark {
-    /// Path parameter from the program's start to the block's end.
-    pub end: f64,
+    /// Path parameter from the program's start to the block's start.
+    pub start: f64,
     /// Program line.
     pub line: u32,
     /// Index of the block in the order of execution.
@@ -204,7 +204,7 @@ pub trait PlanSink {
     /// All steps below `count` are final: they will be driven as they are unless the cycle asks for another plan.
     fn finalise(&mut self, count: u64);
 
-    /// Appends the mark of a block's end.
+    /// Appends the mark of a block's start.
     ///
     /// # Errors
     /// The consumer does not take more.

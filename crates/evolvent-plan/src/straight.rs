@@ -105,7 +105,10 @@ mod tests {
         let mut straightener = Straightener::default();
         for k in 0..1000 {
             let at = |k: i32| (0.0254 * f64::from(k), 0.01 * f64::from(k));
-            assert!(straightener.push(stretch(at(k), at(k + 1), 50.0)).is_none(), "{k}");
+            assert!(
+                straightener.push(stretch(at(k), at(k + 1), 50.0)).is_none(),
+                "{k}"
+            );
         }
         let whole = straightener.flush().expect("line");
         assert!((whole.curve.end() - point(25.4, 10.0)).amax() < 1e-12);

@@ -331,7 +331,7 @@ pub fn ratios(scenario: &Scenario, setpoints: &[Setpoint]) -> [f64; 3] {
 /// Distance of XYZ from the nearest programmed point near block `block`.
 pub fn path_error(moves: &[Move], block: usize, p: &Axes) -> f64 {
     let mut best = f64::INFINITY;
-    for motion in &moves[block.saturating_sub(1)..(block + 2).min(moves.len())] {
+    for motion in &moves[block.saturating_sub(2)..(block + 3).min(moves.len())] {
         let curve = &motion.curve;
         let distance = |u: f64| {
             let d = curve.position(u) - p;
@@ -386,10 +386,22 @@ pub fn check(scenario: &Scenario, setpoints: &[Setpoint], motion: &Motion, toler
     let stride = (setpoints.len() / 150).max(1);
     for setpoint in setpoints.iter().step_by(stride) {
         let error = path_error(&scenario.moves, setpoint.block as usize, &setpoint.position);
+        if error > tolerance {
+            for b in 0..scenario.moves.len() {
+                println!(
+                    "block {b}: {} {:?} len {} feed {}",
+                    path_error(&scenario.moves, b, &setpoint.position),
+                    scenario.moves[b].curve.end(),
+                    scenario.moves[b].curve.length(),
+                    scenario.moves[b].feed
+                );
+            }
+        }
         assert!(
             error <= tolerance,
-            "{what}: {error} mm off the path at {}",
-            setpoint.sequence
+            "{what}: {error} mm off the path at {}, block {}",
+            setpoint.sequence,
+            setpoint.block
         );
     }
 }
