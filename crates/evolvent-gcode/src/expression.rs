@@ -2,7 +2,7 @@
 //!
 //! RS274/NGC, 3.3.2.2 and 3.3.2.3, with LinuxCNC's comparisons: `**` binds tightest, then `*` `/` `MOD`, then
 //! `+` `-`, then `EQ` `NE` `GT` `GE` `LT` `LE`, then `AND` `OR` `XOR`; equals are worked out from the left, `**`
-//! too. Angles are in degrees. Two numbers are equal within 1e-6.
+//! too. Angles are in degrees. EQ and NE take two numbers for equal within 1e-6.
 
 use crate::Code;
 use crate::diagnostic::{Fault, Span};
@@ -14,7 +14,7 @@ use crate::scope::Scope;
 /// How deep brackets, functions and parameters of parameters may be nested.
 const DEPTH: u32 = 64;
 
-/// Numbers closer than this are equal to EQ, NE, GE and LE.
+/// Numbers closer than this are equal to EQ and NE; LE and GE compare exactly, as in LinuxCNC.
 const EQUAL: f64 = 1e-6;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -391,9 +391,9 @@ fn apply(operator: Operator, left: f64, right: f64, place: Span) -> Result<f64, 
         Operator::Equal => truth(difference.abs() < EQUAL),
         Operator::NotEqual => truth(difference.abs() >= EQUAL),
         Operator::Greater => truth(left > right),
-        Operator::GreaterEqual => truth(left >= right || difference.abs() < EQUAL),
+        Operator::GreaterEqual => truth(left >= right),
         Operator::Less => truth(left < right),
-        Operator::LessEqual => truth(left <= right || difference.abs() < EQUAL),
+        Operator::LessEqual => truth(left <= right),
         Operator::Plus => left + right,
         Operator::Minus => left - right,
         Operator::Times => left * right,
@@ -467,7 +467,7 @@ mod tests {
             ("[3 GT 2]", 1.0),
             ("[2.0000004 EQ 2]", 1.0),
             ("[2.0000004 NE 2]", 0.0),
-            ("[2 GE 2.0000004]", 1.0),
+            ("[2 GE 2.0000004]", 0.0),
             ("[2 LT 2.0000004]", 1.0),
             ("[2 LE 1]", 0.0),
             ("--1", 1.0),

@@ -35,7 +35,7 @@ fn same(theirs: &str, ours: &str, unit_mm: f64) -> bool {
 }
 
 /// Leaves out moves that are none in four decimals.
-fn moving(lines: &[String]) -> Vec<&str> {
+fn moving(lines: &[String], unit_mm: f64) -> Vec<&str> {
     let mut at: Option<Vec<f64>> = None;
     let mut kept = Vec::new();
     for line in lines {
@@ -43,9 +43,11 @@ fn moving(lines: &[String]) -> Vec<&str> {
         match words[0] {
             "rapid" | "feed" => {
                 let place: Vec<f64> = words[1..7].iter().filter_map(|word| word.parse().ok()).collect();
-                let still = at
-                    .as_ref()
-                    .is_some_and(|at| at.iter().zip(&place).all(|(a, b)| (a - b).abs() < 1.5e-4));
+                let still = at.as_ref().is_some_and(|at| {
+                    at.iter()
+                        .zip(&place)
+                        .all(|(a, b)| (a - b).abs() < 1.5e-4 * unit_mm)
+                });
                 if still {
                     continue;
                 }
@@ -61,7 +63,7 @@ fn moving(lines: &[String]) -> Vec<&str> {
 
 /// The first difference.
 fn difference(theirs: &[String], ours: &[String], unit_mm: f64) -> Option<String> {
-    let (mut theirs, mut ours) = (moving(theirs), moving(ours));
+    let (mut theirs, mut ours) = (moving(theirs, unit_mm), moving(ours, unit_mm));
     if theirs.last().is_some_and(|line| line.starts_with("error")) {
         let theirs_says = theirs.pop();
         if !ours.last().is_some_and(|line| line.starts_with("error")) {
