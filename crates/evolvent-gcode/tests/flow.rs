@@ -288,3 +288,9 @@ fn a_line_that_fails_takes_back_what_it_did_to_moves_that_wait() {
         assert!(errors > 0, "{program}");
     }
 }
+
+#[test]
+fn an_interpreter_can_be_sent_to_another_thread() {
+    fn can_be_sent<T: Send>(_: &T) {}
+    can_be_sent(&Interpreter::new(&b""[..], Settings::default()));
+}
