@@ -232,22 +232,25 @@ impl Motion {
                 return false;
             }
         }
-        let (flow, time, step) = match (cursor.drive, queue.step(cursor.step)) {
-            (Drive::Flow { flow, time }, _) => (flow, time, cursor.step),
-            (Drive::Run(_), _) | (_, Some(Step::Run(_))) => return queue.has_final_ahead(cursor.step),
-            (Drive::Still, Some(Step::Flow(flow))) => {
-                if !queue.is_final(cursor.step) {
-                    return false;
+        let mut step = cursor.step;
+        let (flow, time) = match cursor.drive {
+            Drive::Flow { flow, time } => (flow, time),
+            Drive::Run(_) => return queue.has_final_ahead(step),
+            // Steps at rest that take no time are passed in one cycle: what follows them must be known.
+            Drive::Still => loop {
+                match queue.step(step) {
+                    None => return false,
+                    Some(Step::Run(_)) => return queue.has_final_ahead(cursor.step),
+                    Some(Step::Flow(flow)) if queue.is_final(step) => break (flow, 0.0),
+                    Some(Step::Flow(_)) => return false,
+                    Some(Step::Wait | Step::End { .. }) => return true,
+                    Some(Step::Dwell { seconds, .. }) if seconds > 0.0 => return queue.is_final(step),
+                    Some(Step::Dwell { .. } | Step::Action { .. } | Step::ProgramStop { .. }) => step += 1,
                 }
-                (flow, 0.0, cursor.step)
-            }
-            (Drive::Still, Some(Step::Wait)) => return true,
-            (Drive::Still, Some(_)) => return queue.is_final(cursor.step),
-            (Drive::Still, None) => return false,
+            },
         };
         // Everything that the step, or a request that it makes, can see.
         let mut left = time + self.period * (self.asking.lead + 2) as f64 - flow.piece.duration;
-        let mut step = step;
         // A tail that was claimed is driven to its end.
         let mut tail = cursor.starved;
         for _ in 0..MOST_AHEAD {

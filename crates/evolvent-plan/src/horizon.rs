@@ -422,7 +422,7 @@ impl<S: PlanSink> Horizon<S> {
         for piece in &self.pieces[..count] {
             let start = self.starts[(piece.stretch - self.first_start) as usize] + piece.from;
             let middle = start + 0.5 * piece.length;
-            if start < self.accounted {
+            if middle < self.accounted {
                 continue;
             }
             self.accounted = start + piece.length;

