@@ -6,7 +6,7 @@ use crate::kept::{Found, Kept};
 use crate::law::Law;
 use crate::optimizer::{Job, LIFT_STEPS, MOST_SPANS, MOST_STEPS, Optimizer};
 use crate::piece::Piece;
-use crate::solver::FIRST;
+use crate::solver::KNOWN;
 use crate::spans;
 use crate::start;
 use crate::stop;
@@ -43,7 +43,7 @@ impl Optimizer {
             start::guess(&self.window, &self.limits, first_a, &mut self.guess);
             self.solver.lift(&self.window, &self.guess, LIFT_STEPS);
         }
-        Some(self.solver.descend(&self.window, FIRST, MOST_STEPS))
+        Some(self.solver.descend(&self.window, KNOWN, MOST_STEPS))
     }
 
     /// Sets window and iterate to what is left of the last plan from a place on, and to a crawl on what is new. What

@@ -6,6 +6,8 @@ use crate::window::Window;
 
 /// Barrier parameter at the start, relative to the duration.
 pub(crate) const FIRST: f64 = 0.1;
+/// The same where most of the motion is known.
+pub(crate) const KNOWN: f64 = 0.04;
 /// ... and at the end.
 pub(crate) const LAST: f64 = 4e-4;
 /// By which it falls from one centre to the next.
@@ -15,7 +17,7 @@ const CENTRED: f64 = 0.02;
 /// Share of the way to the nearest cap that a step may go.
 const TO_CAP: f64 = 0.98;
 /// Steps are shortened by this factor until they are feasible and descend.
-const SHORTER: f64 = 0.6;
+const SHORTER: f64 = 0.75;
 /// Most shortenings of one step.
 const SHORTENINGS: usize = 30;
 
