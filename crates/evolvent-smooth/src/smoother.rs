@@ -143,9 +143,14 @@ impl Smoother {
         link.inner_spacing = spacing::inside(&link);
         self.sight = self.sight.max(sight(link.tolerance));
         if link.tolerance > 0.0 {
+            let before = self.active;
             let (first, ..) = block.curve.derivative_bounds(0.0, length);
             for i in 0..AXES {
                 self.active[i] |= first[i] != 0.0;
+            }
+            if self.active != before {
+                // What is laid but not final may now move in these axes too.
+                self.zone.measure(&self.chain, &self.active);
             }
         }
         self.chain.push(link);
@@ -206,7 +211,12 @@ impl Smoother {
             }
         }
         let keep = 2.0 * self.chain.get(self.chain.first()).map_or(0.0, |link| spacing::most(link.tolerance));
-        self.chain.forget(self.cursor - keep);
+        // A zone's last joint tells where the zone ends.
+        let needed = match self.state {
+            State::Zone { joint, .. } => self.chain.get(joint).map_or(self.cursor, |link| link.from),
+            State::Exact => self.cursor,
+        };
+        self.chain.forget(needed.min(self.cursor) - keep);
     }
 
     /// Finds the spacing at the joints for which enough of the path is known.

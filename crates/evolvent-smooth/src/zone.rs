@@ -310,15 +310,24 @@ impl Zone {
             }
         }
         if open > 0 {
-            let first = self.samples.partition_point(|sample| sample.interval < from);
-            self.samples.truncate(first);
-            for i in from..self.bases.len() {
-                let range = (self.knot(i), self.knot(i + 1));
-                let parts = self.covers[i].parts;
-                self.covers[i] = sample(chain, i, range, parts, &self.bases[i], active, &mut self.samples);
-            }
+            self.resample(chain, from, active);
         }
         open
+    }
+
+    /// Makes the samples anew because other axes move.
+    pub(crate) fn measure(&mut self, chain: &Chain, active: &[bool; 9]) {
+        self.resample(chain, 0, active);
+    }
+
+    fn resample(&mut self, chain: &Chain, from: usize, active: &[bool; 9]) {
+        let first = self.samples.partition_point(|sample| sample.interval < from);
+        self.samples.truncate(first);
+        for i in from..self.covers.len() {
+            let range = (self.knot(i), self.knot(i + 1));
+            let parts = self.covers[i].parts;
+            self.covers[i] = sample(chain, i, range, parts, &self.bases[i], active, &mut self.samples);
+        }
     }
 
     /// Brings the free control points back towards `safe` until all samples have room; whether they have.
