@@ -60,6 +60,8 @@ pub(crate) fn order(active: &[bool; AXES]) -> impl Iterator<Item = usize> {
 struct Solver<'a, const D: usize> {
     problem: &'a Problem<'a>,
     axes: [usize; D],
+    /// How many of them are active; the others only fill up, and nothing may move them.
+    count: usize,
     /// For each group how many of its axes are active, their columns and their places in the group.
     groups: [(usize, [usize; 3], [usize; 3]); 5],
 }
@@ -70,8 +72,11 @@ impl<'a, const D: usize> Solver<'a, D> {
         let mut columns = [usize::MAX; AXES];
         for (column, axis) in order(&problem.active).take(D).enumerate() {
             axes[column] = axis;
-            columns[axis] = column;
+            if problem.active[axis] {
+                columns[axis] = column;
+            }
         }
+        let count = problem.active.iter().filter(|&&active| active).count().min(D);
         let groups = GROUPS.map(|(first, count)| {
             let (mut n, mut cols, mut places) = (0, [0; 3], [0; 3]);
             for d in 0..count {
@@ -83,7 +88,7 @@ impl<'a, const D: usize> Solver<'a, D> {
             }
             (n, cols, places)
         });
-        Self { problem, axes, groups }
+        Self { problem, axes, count, groups }
     }
 
     /// Width of the band: four control points.
@@ -148,7 +153,7 @@ impl<'a, const D: usize> Solver<'a, D> {
         let band = Self::BAND;
         for term in self.problem.terms {
             let i = term.interval;
-            for d in 0..D {
+            for d in 0..self.count {
                 let axis = self.axes[d];
                 let factor = 2.0 * term.factors[axis];
                 let value: f64 = (0..4).map(|l| term.weights[l] * points[i + l][axis]).sum();

@@ -120,13 +120,16 @@ impl<const D: usize> Layout<D> {
         let (mut axes, mut columns) = ([0; D], [NONE; AXES]);
         for (d, axis) in order(window.active).take(D).enumerate() {
             axes[d] = axis;
-            columns[axis] = d;
+            // Axes that only fill up have no part in the problem.
+            if window.active[axis] {
+                columns[axis] = d;
+            }
         }
         let metric = metric_axes(window.active);
         Self {
             axes,
             columns,
-            metric: axes.map(|axis| metric[axis]),
+            metric: axes.map(|axis| metric[axis] && window.active[axis]),
             from: window.from,
             intervals: window.to - window.from,
             free: window.free,
@@ -303,7 +306,7 @@ impl Together {
     fn law_round<const D: usize>(&mut self, window: &Window<'_>, layout: &Layout<D>, mu: f64, enough: f64) {
         const BAND: usize = 3;
         let size = self.alpha.len();
-        let scales: [[f64; 3]; D] = std::array::from_fn(|d| scale(window.scales, layout.axes[d]));
+        let scales: [[f64; 3]; D] = std::array::from_fn(|d| scale(window, layout.axes[d]));
         let Some(mut merit) = self.law_merit(window, layout, &self.alpha, mu) else {
             return;
         };
@@ -374,7 +377,7 @@ impl Together {
 
     fn prepare<const D: usize>(&mut self, window: &Window<'_>, layout: &Layout<D>) {
         let zone = window.zone;
-        let most = |scale: &Axes| layout.axes.iter().map(|&i| scale[i]).fold(0.0, f64::max).max(1e-12);
+        let most = |scale: &Axes| layout.axes.iter().filter(|&&i| window.active[i]).map(|&i| scale[i]).fold(0.0, f64::max).max(1e-12);
         let (velocity, acceleration, jerk) = (
             most(&window.scales.velocity),
             most(&window.scales.acceleration),
@@ -483,7 +486,7 @@ impl Together {
                 for d in 0..D {
                     let axis = layout.axes[d];
                     let points: [f64; 4] = std::array::from_fn(|l| self.points[i + l][axis]);
-                    let motion = cell.motion(end, law, &points, scale(window.scales, axis));
+                    let motion = cell.motion(end, law, &points, scale(window, axis));
                     factor = factor
                         .min(1.0 / libm::cbrt(motion.jerk * motion.jerk))
                         .min(1.0 / motion.acceleration.abs())
@@ -512,7 +515,7 @@ impl Together {
         mu: f64,
     ) -> Option<f64> {
         let (mut time, mut product, mut logs) = (0.0, 1.0f64, 0.0);
-        let scales: [[f64; 3]; D] = std::array::from_fn(|d| scale(window.scales, layout.axes[d]));
+        let scales: [[f64; 3]; D] = std::array::from_fn(|d| scale(window, layout.axes[d]));
         let mut local = [[0.0; 4]; D];
         for (s, cell) in self.cells.iter().enumerate() {
             let i = layout.from + s / STATIONS;
@@ -602,7 +605,7 @@ impl Together {
         self.matrix.resize((size + band) * band, 0.0);
         self.gradient.clear();
         self.gradient.resize(size + band, 0.0);
-        let scales: [[f64; 3]; D] = std::array::from_fn(|d| scale(window.scales, layout.axes[d]));
+        let scales: [[f64; 3]; D] = std::array::from_fn(|d| scale(window, layout.axes[d]));
         let mut at = 0;
         for group in 0..layout.intervals {
             let mut local = Local::<D>::new();
@@ -633,7 +636,12 @@ impl Together {
     }
 }
 
-fn scale(scales: &Scales, axis: usize) -> [f64; 3] {
+/// Reciprocal limits of an axis; zero for one that only fills up.
+fn scale(window: &Window<'_>, axis: usize) -> [f64; 3] {
+    if !window.active[axis] {
+        return [0.0; 3];
+    }
+    let scales = window.scales;
     [scales.velocity[axis], scales.acceleration[axis], scales.jerk[axis]]
 }
 
