@@ -73,7 +73,10 @@ mod tests {
                 let x = (t[i + 1] - t[i]) * f64::from(k) / 8.0;
                 for (l, value) in values(&basis, x).into_iter().enumerate() {
                     let expected = recursion(&t, l, 3, t[i] + x);
-                    assert!((value - expected).abs() < 1e-14, "{t:?} {l} {x}: {value} {expected}");
+                    assert!(
+                        (value - expected).abs() < 1e-14,
+                        "{t:?} {l} {x}: {value} {expected}"
+                    );
                 }
             }
         }
@@ -89,7 +92,11 @@ mod tests {
             let u = t[2] + x;
             let (mut cube, mut square) = (0.0, [0.0; 2]);
             for l in 0..4 {
-                let (a, b, c) = if l < 3 { (t[l], t[l + 1], t[l + 2]) } else { (t[3], t[4], t[5]) };
+                let (a, b, c) = if l < 3 {
+                    (t[l], t[l + 1], t[l + 2])
+                } else {
+                    (t[3], t[4], t[5])
+                };
                 cube += values(&basis, x)[l] * a * b * c;
                 let pairs = (a * b + b * c + c * a) / 3.0;
                 square[0] += values(&basis, x)[l] * pairs;

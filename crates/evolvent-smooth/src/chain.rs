@@ -23,6 +23,11 @@ pub(crate) struct Link {
     slope: Axes,
     /// Whether the joint at its start has to be eased.
     pub(crate) eased: bool,
+    /// Whether it is kept as programmed instead, since easing it failed; the speed at which it may then be passed, and
+    /// whether that is still to be said.
+    pub(crate) kept: bool,
+    pub(crate) exact_speed: f64,
+    pub(crate) unsaid: bool,
     /// Whether the path turns sharply at its start, by more than 120 degrees.
     pub(crate) sharp: bool,
     /// Knot spacing at its start, as far as it is settled; and the largest inside.
@@ -45,6 +50,9 @@ impl Link {
             start: jet.position,
             slope: jet.first,
             eased: false,
+            kept: false,
+            exact_speed: 0.0,
+            unsaid: false,
             sharp: false,
             spacing: f64::INFINITY,
             inner_spacing: f64::INFINITY,
@@ -62,6 +70,11 @@ impl Link {
         } else {
             self.curve.position(x)
         }
+    }
+
+    /// Whether the path bends at its start.
+    pub(crate) fn corner(&self) -> bool {
+        self.eased || self.kept
     }
 
     /// First point.
@@ -144,7 +157,8 @@ impl Chain {
     }
 
     pub(crate) fn position(&self, u: f64) -> Axes {
-        self.get(self.find(u)).map_or_else(Axes::zeros, |link| link.position(u))
+        self.get(self.find(u))
+            .map_or_else(Axes::zeros, |link| link.position(u))
     }
 
     /// Forgets links that end before `u`, but for the last.
@@ -159,5 +173,9 @@ impl Chain {
 /// The largest of the XYZ distance, the UVW distance and each rotary angle: what a tolerance is compared with.
 pub(crate) fn distance(d: &Axes) -> f64 {
     let norm = |i: usize| (d[i] * d[i] + d[i + 1] * d[i + 1] + d[i + 2] * d[i + 2]).sqrt();
-    norm(0).max(norm(6)).max(d[3].abs()).max(d[4].abs()).max(d[5].abs())
+    norm(0)
+        .max(norm(6))
+        .max(d[3].abs())
+        .max(d[4].abs())
+        .max(d[5].abs())
 }

@@ -1,5 +1,6 @@
 //! Finds the control points of a zone, window by window.
 
+use evolvent_machine::Limits;
 use evolvent_path::{AXES, Axes};
 
 use crate::chain::Chain;
@@ -33,6 +34,18 @@ pub(crate) struct Finder {
     safe: Vec<Axes>,
 }
 
+/// What the path is found by.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Scene<'a> {
+    pub(crate) chain: &'a Chain,
+    pub(crate) scales: &'a Scales,
+    /// Where the path rests before and behind.
+    pub(crate) rests: (f64, f64),
+    /// The axes that samples speak of.
+    pub(crate) measured: &'a [bool; AXES],
+    pub(crate) limits: &'a Limits,
+}
+
 /// The window: free control points, the intervals that they touch, and those that the law sees.
 struct Range {
     free: (usize, usize),
@@ -44,16 +57,7 @@ struct Range {
 impl Finder {
     /// Finds the next control points of the zone and makes the first of them final. Whatever happens, they are such
     /// that the spline is covered by its samples: if nothing better is found they stay what they were.
-    ///
-    /// `rests` is where the path rests before and behind, and `measured` the axes that samples speak of.
-    pub(crate) fn find(
-        &mut self,
-        zone: &mut Zone,
-        chain: &Chain,
-        scales: &Scales,
-        rests: (f64, f64),
-        measured: &[bool; AXES],
-    ) {
+    pub(crate) fn find(&mut self, zone: &mut Zone, scene: &Scene<'_>) {
         let low = zone.fixed;
         let last = if zone.complete {
             zone.points.len() - zone.clamped
@@ -70,7 +74,7 @@ impl Finder {
                 to,
                 wide: (from.saturating_sub(MARGIN), (high + MARGIN).min(zone.intervals())),
             };
-            self.window(zone, chain, scales, rests, measured, &range);
+            self.window(zone, scene, &range);
         }
         zone.fixed = if zone.complete && high == last {
             zone.points.len()
@@ -79,15 +83,14 @@ impl Finder {
         };
     }
 
-    fn window(
-        &mut self,
-        zone: &mut Zone,
-        chain: &Chain,
-        scales: &Scales,
-        rests: (f64, f64),
-        measured: &[bool; AXES],
-        range: &Range,
-    ) {
+    fn window(&mut self, zone: &mut Zone, scene: &Scene<'_>, range: &Range) {
+        let Scene {
+            chain,
+            scales,
+            rests,
+            measured,
+            limits,
+        } = *scene;
         let mut active = [false; AXES];
         let here = zone.points[range.from];
         for point in &zone.points[range.from..(range.to + 3).min(zone.points.len())] {
@@ -102,11 +105,13 @@ impl Finder {
         for i in range.wide.0..range.wide.1 {
             let middle = 0.5 * (zone.knot(i) + zone.knot(i + 1));
             number = chain.find_near(middle, number);
-            self.feeds.push(chain.get(number).map_or(f64::INFINITY, |link| link.feed));
+            self.feeds
+                .push(chain.get(number).map_or(f64::INFINITY, |link| link.feed));
         }
         self.by_weights(zone, scales, &active, range);
         for _ in 0..ATTEMPTS {
             self.with_law(zone, scales, rests, &active, range);
+            self.confine(zone, limits, range);
             if zone.cover(chain, range.from, range.to, measured) == 0 {
                 return;
             }
@@ -153,6 +158,20 @@ impl Finder {
             let steps = if round + 1 == ROUNDS { STEPS.1 } else { STEPS.0 };
             minimise(&problem, &mut zone.points, steps, &mut self.work);
             mu = (mu * factor).max(least);
+        }
+    }
+
+    /// Brings control points back into the travel: the path is in their hull.
+    fn confine(&self, zone: &mut Zone, limits: &Limits, range: &Range) {
+        for j in range.free.0..range.free.1 {
+            let safe = &self.safe[j];
+            for i in (0..AXES).filter(|&i| limits.present[i]) {
+                let (low, high) = (
+                    limits.travel_min[i].min(safe[i]),
+                    limits.travel_max[i].max(safe[i]),
+                );
+                zone.points[j][i] = zone.points[j][i].max(low).min(high);
+            }
         }
     }
 

@@ -69,6 +69,9 @@ pub(crate) fn metric(first: &Axes) -> f64 {
 
 /// Which axes the feed speaks of where these move.
 pub(crate) fn metric_axes(active: &[bool; AXES]) -> [bool; AXES] {
-    let first = [0, 6, 3].into_iter().find(|&i| active[i..i + 3].iter().any(|&a| a)).unwrap_or(0);
+    let first = [0, 6, 3]
+        .into_iter()
+        .find(|&i| active[i..i + 3].iter().any(|&a| a))
+        .unwrap_or(0);
     std::array::from_fn(|i| (first..first + 3).contains(&i))
 }

@@ -5,6 +5,9 @@
     reason = "checks are written so that NaN fails them: not (x <= limit) refuses NaN, x > limit lets it pass"
 )]
 
+#[cfg(test)]
+extern crate self as evolvent_smooth;
+
 mod band;
 mod basis;
 mod block;

@@ -41,7 +41,12 @@ pub(crate) struct Workspace {
 }
 
 /// At most `steps` Newton steps; returns how many were taken. The points stay strictly inside the tube.
-pub(crate) fn minimise(problem: &Problem<'_>, points: &mut [Axes], steps: usize, work: &mut Workspace) -> usize {
+pub(crate) fn minimise(
+    problem: &Problem<'_>,
+    points: &mut [Axes],
+    steps: usize,
+    work: &mut Workspace,
+) -> usize {
     let count = problem.active.iter().filter(|&&active| active).count();
     match count {
         0 => 0,
@@ -54,7 +59,9 @@ pub(crate) fn minimise(problem: &Problem<'_>, points: &mut [Axes], steps: usize,
 
 /// The active axes, then the others, which may fill up a solver of more axes: they stay where they are.
 pub(crate) fn order(active: &[bool; AXES]) -> impl Iterator<Item = usize> {
-    (0..AXES).filter(|&i| active[i]).chain((0..AXES).filter(|&i| !active[i]))
+    (0..AXES)
+        .filter(|&i| active[i])
+        .chain((0..AXES).filter(|&i| !active[i]))
 }
 
 struct Solver<'a, const D: usize> {
@@ -88,7 +95,12 @@ impl<'a, const D: usize> Solver<'a, D> {
             }
             (n, cols, places)
         });
-        Self { problem, axes, count, groups }
+        Self {
+            problem,
+            axes,
+            count,
+            groups,
+        }
     }
 
     /// Width of the band: four control points.
@@ -109,7 +121,11 @@ impl<'a, const D: usize> Solver<'a, D> {
             self.assemble(points, work);
             if taken > 0 {
                 // Too far: the slope has turned. Half of the step back, and look again.
-                let slope: f64 = work.step[..size].iter().zip(&work.gradient).map(|(s, g)| s * g).sum();
+                let slope: f64 = work.step[..size]
+                    .iter()
+                    .zip(&work.gradient)
+                    .map(|(s, g)| s * g)
+                    .sum();
                 if slope > 0.7 * last && back < 4 {
                     back += 1;
                     for s in &mut work.step[..size] {
@@ -126,7 +142,11 @@ impl<'a, const D: usize> Solver<'a, D> {
             for s in &mut work.step[..size] {
                 *s *= limit;
             }
-            last = -work.step[..size].iter().zip(&work.gradient).map(|(s, g)| s * g).sum::<f64>();
+            last = -work.step[..size]
+                .iter()
+                .zip(&work.gradient)
+                .map(|(s, g)| s * g)
+                .sum::<f64>();
             if !last.is_finite() {
                 return taken;
             }

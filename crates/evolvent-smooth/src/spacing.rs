@@ -25,7 +25,10 @@ pub(crate) fn most(tolerance: f64) -> f64 {
 /// The search starts at `guess`.
 pub(crate) fn at_joint(chain: &Chain, number: usize, guess: f64, complete: bool) -> Option<f64> {
     let link = chain.get(number)?;
-    let before = number.checked_sub(1).and_then(|number| chain.get(number)).unwrap_or(link);
+    let before = number
+        .checked_sub(1)
+        .and_then(|number| chain.get(number))
+        .unwrap_or(link);
     let tolerance = link.tolerance.min(before.tolerance);
     let known = if complete { f64::INFINITY } else { chain.end() };
     let (u, here) = (link.from, link.position(link.from));
@@ -65,7 +68,9 @@ pub(crate) fn inside(link: &Link) -> f64 {
     }
     let (_, second, _) = link.curve.derivative_bounds(0.0, link.curve.domain());
     let bend = distance(&second);
-    (0.5 * (2.0 * link.tolerance / bend).sqrt()).min(most(link.tolerance)).max(LEAST)
+    (0.5 * (2.0 * link.tolerance / bend).sqrt())
+        .min(most(link.tolerance))
+        .max(LEAST)
 }
 
 /// The spacing at `u` inside a link, by those at its two ends.

@@ -192,7 +192,11 @@ impl Cell {
     }
 
     fn law(&self, end: usize, alpha: &[f64]) -> [f64; 3] {
-        [of3(&self.a[end], alpha), of3(&self.b[end], alpha), of3(&self.c, alpha)]
+        [
+            of3(&self.a[end], alpha),
+            of3(&self.b[end], alpha),
+            of3(&self.c, alpha),
+        ]
     }
 }
 
@@ -234,7 +238,9 @@ impl Together {
             }
             mu *= LAW_FACTOR;
         }
-        let time = self.merit(window, &layout, &self.points, &self.alpha, 0.0).unwrap_or(time);
+        let time = self
+            .merit(window, &layout, &self.points, &self.alpha, 0.0)
+            .unwrap_or(time);
         for alpha in &mut self.alpha {
             *alpha *= EASE;
         }
@@ -323,7 +329,15 @@ impl Together {
                 for k in 0..STATIONS {
                     let s = group * STATIONS + k;
                     let feed = window.feeds[group];
-                    local.cell(&self.cells[s], k, &self.alpha[s..s + 3], &points, &scales, (layout, feed), mu);
+                    local.cell(
+                        &self.cells[s],
+                        k,
+                        &self.alpha[s..s + 3],
+                        &points,
+                        &scales,
+                        (layout, feed),
+                        mu,
+                    );
                 }
                 for x in 0..LAW {
                     let c = group * STATIONS + x;
@@ -371,13 +385,24 @@ impl Together {
         alpha: &[f64],
         mu: f64,
     ) -> Option<f64> {
-        let no_samples = Window { samples: &[], ..*window };
+        let no_samples = Window {
+            samples: &[],
+            ..*window
+        };
         self.merit(&no_samples, layout, &self.points, alpha, mu)
     }
 
     fn prepare<const D: usize>(&mut self, window: &Window<'_>, layout: &Layout<D>) {
         let zone = window.zone;
-        let most = |scale: &Axes| layout.axes.iter().filter(|&&i| window.active[i]).map(|&i| scale[i]).fold(0.0, f64::max).max(1e-12);
+        let most = |scale: &Axes| {
+            layout
+                .axes
+                .iter()
+                .filter(|&&i| window.active[i])
+                .map(|&i| scale[i])
+                .fold(0.0, f64::max)
+                .max(1e-12)
+        };
         let (velocity, acceleration, jerk) = (
             most(&window.scales.velocity),
             most(&window.scales.acceleration),
@@ -467,7 +492,10 @@ impl Together {
         let near = |k: usize| k.saturating_sub(LEVEL)..(k + LEVEL + 1).min(count);
         self.alpha.clear();
         for k in 0..count {
-            let least = self.trial_alpha[near(k)].iter().copied().fold(f64::INFINITY, f64::min);
+            let least = self.trial_alpha[near(k)]
+                .iter()
+                .copied()
+                .fold(f64::INFINITY, f64::min);
             self.alpha.push(least);
         }
         for k in 0..count {
@@ -495,7 +523,9 @@ impl Together {
                         metric += motion.q[0] * motion.q[0];
                     }
                 }
-                factor = factor.min(feed * feed / (law[0] * metric).max(1e-12)).min(cell.cap / law[0]);
+                factor = factor
+                    .min(feed * feed / (law[0] * metric).max(1e-12))
+                    .min(cell.cap / law[0]);
             }
         }
         let factor = ROOM * factor;
@@ -615,7 +645,15 @@ impl Together {
             let feed = window.feeds[group];
             for k in 0..STATIONS {
                 let s = group * STATIONS + k;
-                local.cell(&self.cells[s], k, &self.alpha[s..s + 3], &points, &scales, (layout, feed), mu);
+                local.cell(
+                    &self.cells[s],
+                    k,
+                    &self.alpha[s..s + 3],
+                    &points,
+                    &scales,
+                    (layout, feed),
+                    mu,
+                );
             }
             while let Some(sample) = window.samples.get(at)
                 && sample.interval == i
@@ -642,7 +680,11 @@ fn scale(window: &Window<'_>, axis: usize) -> [f64; 3] {
         return [0.0; 3];
     }
     let scales = window.scales;
-    [scales.velocity[axis], scales.acceleration[axis], scales.jerk[axis]]
+    [
+        scales.velocity[axis],
+        scales.acceleration[axis],
+        scales.jerk[axis],
+    ]
 }
 
 /// What one interval adds where the path is fixed.
@@ -681,7 +723,10 @@ impl LawLocal {
         let width = cell.width;
         let middle = of3(&cell.middle, alpha);
         let root = middle.sqrt();
-        let (g, h) = (-width / (3.0 * middle * root), width / (2.0 * middle * middle * root));
+        let (g, h) = (
+            -width / (3.0 * middle * root),
+            width / (2.0 * middle * middle * root),
+        );
         self.row(k, &cell.middle, g, h);
         for end in 0..2 {
             let law = cell.law(end, alpha);
@@ -819,8 +864,7 @@ impl<const D: usize> Local<D> {
                 let by_law =
                     std::array::from_fn(|j| ra * (q3 * da[j] + 3.0 * q2 * db[j] + q1 * dc[j]) + half * da[j]);
                 let (w1, w2, w3) = (ra * c, 3.0 * ra * b, ra * a);
-                let by_points =
-                    std::array::from_fn(|l| w3 * path[2][l] + w2 * path[1][l] + w1 * path[0][l]);
+                let by_points = std::array::from_fn(|l| w3 * path[2][l] + w2 * path[1][l] + w1 * path[0][l]);
                 self.row(k, d, &by_law, &by_points, g, h);
                 if end != 0 {
                     continue;
@@ -834,7 +878,11 @@ impl<const D: usize> Local<D> {
                 self.row(k, d, &by_law, &by_points, g, h);
                 // Velocity: -ln(1 - v^2).
                 let inverse = mu / (1.0 - motion.velocity2);
-                let h = if motion.velocity2 > ASLEEP { inverse * inverse / mu } else { 0.0 };
+                let h = if motion.velocity2 > ASLEEP {
+                    inverse * inverse / mu
+                } else {
+                    0.0
+                };
                 let s = scale[0] * scale[0] * q1;
                 let by_law = da.map(|x| s * q1 * x);
                 let by_points = path[0].map(|x| 2.0 * a * s * x);
@@ -853,8 +901,20 @@ impl<const D: usize> Local<D> {
                 let f = 1.0 / (feed * feed);
                 let used = a * metric * f;
                 let inverse = mu / (1.0 - used);
-                let h = if used > ASLEEP { inverse * inverse / mu } else { 0.0 };
-                self.feed(k, &da.map(|x| metric * f * x), &path[0], &rates, 2.0 * a * f, (inverse, h), layout);
+                let h = if used > ASLEEP {
+                    inverse * inverse / mu
+                } else {
+                    0.0
+                };
+                self.feed(
+                    k,
+                    &da.map(|x| metric * f * x),
+                    &path[0],
+                    &rates,
+                    2.0 * a * f,
+                    (inverse, h),
+                    layout,
+                );
             }
         }
     }

@@ -5,7 +5,7 @@
 //! may also slip along it: it stays in the capsule of all points within the tolerance `P` of a part of the straight.
 //! A ball would waste `1 / sin(half the angle)` at every corner.
 
-use evolvent_path::Axes;
+use evolvent_path::{Axes, ParamCurve, Spline};
 
 use crate::basis::{Basis, values};
 use crate::chain::{Chain, Link, distance};
@@ -89,7 +89,7 @@ fn straight(chain: &Chain, number: usize, link: &Link, u: f64, limit: f64) -> St
     {
         let before = first.checked_sub(1).and_then(|n| chain.get(n));
         match before {
-            Some(before) if !here.eased && before.straight && before.tolerance >= link.tolerance => {
+            Some(before) if !here.corner() && before.straight && before.tolerance >= link.tolerance => {
                 first -= 1;
                 behind = u - before.from;
             }
@@ -103,7 +103,7 @@ fn straight(chain: &Chain, number: usize, link: &Link, u: f64, limit: f64) -> St
     while ahead < limit
         && let Some(here) = chain.get(last)
     {
-        if here.eased || !here.straight || here.tolerance < link.tolerance {
+        if here.corner() || !here.straight || here.tolerance < link.tolerance {
             sharp |= here.sharp;
             break;
         }
@@ -222,11 +222,13 @@ pub(crate) fn covers(
     basis: &Basis,
     points: &[Axes],
     samples: &[Sample],
-    active: &[bool; 9],
+    (active, last): (&[bool; 9], &mut Vec<Sample>),
 ) -> bool {
     let width = to - from;
     let second = |order: usize| {
-        (1..4).fold(points[0] * basis[0][order], |sum, l| sum + points[l] * basis[l][order])
+        (1..4).fold(points[0] * basis[0][order], |sum, l| {
+            sum + points[l] * basis[l][order]
+        })
     };
     let (bend, third) = (second(2), second(3));
     let mut most = distance(&bend).max(distance(&(bend + third * width)));
@@ -255,7 +257,7 @@ pub(crate) fn covers(
         return false;
     }
     // The right end belongs to the next interval's samples; here it is looked at for itself.
-    let mut last = Vec::with_capacity(5);
+    last.clear();
     let mut maker = Maker {
         chain,
         interval: 0,
@@ -265,12 +267,47 @@ pub(crate) fn covers(
         thin: false,
         basis,
         active,
-        samples: &mut last,
+        samples: last,
     };
     let behind = chain.find(to);
     let at_joint = chain.get(behind).is_some_and(|link| link.from >= to) && behind > chain.first();
     maker.add(if at_joint { behind - 1 } else { behind }, to);
-    last.iter().all(|sample| holds(sample, Cover { stray: 0.0, ..cover }))
+    last.iter()
+        .all(|sample| holds(sample, Cover { stray: 0.0, ..cover }))
+}
+
+/// Places at which a piece is compared with the program.
+const PLACES: usize = 8;
+
+/// Whether a piece of the path, from `from` to `to`, is within the tolerance of the program wherever it is looked at: a
+/// last check, of the curve itself and by the distance itself.
+pub(crate) fn keeps(chain: &Chain, (from, to): (f64, f64), piece: &Spline) -> bool {
+    let mut number = chain.find(from);
+    for k in 0..=PLACES {
+        let u = from + (to - from) * k as f64 / PLACES as f64;
+        number = chain.find_near(u, number);
+        let Some(link) = chain.get(number) else {
+            return false;
+        };
+        let mut error = piece.position(u - from) - link.position(u);
+        let tolerance = link.tolerance * (1.0 + 1e-9) + 1e-11;
+        if distance(&error) <= tolerance {
+            continue;
+        }
+        let slope = link.slope();
+        if !link.straight || slope.as_slice()[3..].iter().any(|&rate| rate != 0.0) {
+            return false;
+        }
+        // The nearest point of the straight instead of that of the same parameter.
+        let along = error[0] * slope[0] + error[1] * slope[1] + error[2] * slope[2];
+        let straight = straight(chain, number, link, u, along.abs());
+        let nearest = along.min(straight.ahead).max(-straight.behind);
+        error -= slope * nearest;
+        if !(distance(&error) <= tolerance) {
+            return false;
+        }
+    }
+    true
 }
 
 struct Maker<'a> {
@@ -371,7 +408,10 @@ impl Maker<'_> {
         if straight.sharp || straight.behind + straight.ahead <= DENSE * self.width {
             return;
         }
-        made.slip = (straight.behind.clamp(0.0, reach), straight.ahead.clamp(0.0, reach));
+        made.slip = (
+            straight.behind.clamp(0.0, reach),
+            straight.ahead.clamp(0.0, reach),
+        );
         for d in 0..3 {
             made.along[d] = slope[d];
         }

@@ -56,7 +56,14 @@ pub(crate) struct Weights {
 
 impl Weights {
     /// Terms and times of the intervals `from..to` by the present control points.
-    pub(crate) fn update(&mut self, zone: &Zone, from: usize, to: usize, scales: &Scales, active: &[bool; AXES]) {
+    pub(crate) fn update(
+        &mut self,
+        zone: &Zone,
+        from: usize,
+        to: usize,
+        scales: &Scales,
+        active: &[bool; AXES],
+    ) {
         self.terms.clear();
         self.times.clear();
         self.third.clear();
@@ -78,7 +85,8 @@ impl Weights {
             let half = 0.5 * (zone.knot(i + 1) - zone.knot(i));
             let jet = zone.jet(i);
             self.third.push(scaled(&jet.third, &scales.jerk));
-            self.second.push(scaled(&(jet.second + jet.third * half), &scales.acceleration));
+            self.second
+                .push(scaled(&(jet.second + jet.third * half), &scales.acceleration));
         }
         let count = to - from;
         for k in 0..count {

@@ -10,7 +10,7 @@ use crate::spacing::{self, GROWTH};
 use crate::tube::{Cover, FEWEST_PARTS, MOST_PARTS, Sample, covers, sample};
 
 /// Intervals that are settled at a time.
-const BATCH: usize = 32;
+pub(crate) const BATCH: usize = 32;
 /// Intervals beyond, laid to see that the settled ones can be continued.
 const AHEAD: usize = 8;
 /// Attempts to lay a batch, with smaller spacing each time.
@@ -36,7 +36,7 @@ pub(crate) enum Clamp {
 }
 
 /// Progress of laying.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Laid {
     /// A batch was settled.
     Batch,
@@ -45,7 +45,10 @@ pub(crate) enum Laid {
     /// More of the path must be known.
     Wait,
     /// No spacing was found that keeps the start in the tube.
-    Failed,
+    Failed {
+        /// Up to where the trouble reaches.
+        until: f64,
+    },
 }
 
 /// The zone that is being built.
@@ -67,6 +70,8 @@ pub(crate) struct Zone {
     pub(crate) complete: bool,
     /// Intervals that were given away: the first of those is still here when this is not 0.
     trial: Vec<f64>,
+    /// Samples at an interval's right end.
+    last: Vec<Sample>,
 }
 
 impl Zone {
@@ -96,7 +101,9 @@ impl Zone {
     pub(crate) fn jet(&self, interval: usize) -> Jet {
         let (basis, points) = (&self.bases[interval], &self.points[interval..interval + 4]);
         let of = |order: usize| {
-            (1..4).fold(points[0] * basis[0][order], |sum, l| sum + points[l] * basis[l][order])
+            (1..4).fold(points[0] * basis[0][order], |sum, l| {
+                sum + points[l] * basis[l][order]
+            })
         };
         Jet {
             position: of(0),
@@ -119,6 +126,13 @@ impl Zone {
         if self.complete {
             return Laid::End;
         }
+        let last = self.knots[self.knots.len() - 1];
+        if end.is_some_and(|(end, _)| end <= last) {
+            return Laid::Failed { until: last };
+        }
+        // Beyond the chain nothing is known, even where no more will come.
+        let reach = reach.min(chain.end());
+        let mut until = last;
         let (points, bases, samples) = (self.points.len(), self.bases.len(), self.samples.len());
         let settled = self.settled;
         for _ in 0..ATTEMPTS {
@@ -136,8 +150,8 @@ impl Zone {
                 Some(interval) => {
                     let width = self.knot(interval + 1) - self.knot(interval);
                     let middle = 0.5 * (self.knot(interval + 1) + self.knot(interval));
+                    until = self.knot(interval + 1);
                     shrink(chain, middle, width);
-                    continue;
                 }
                 None if complete => {
                     self.settled = self.knots.len();
@@ -163,7 +177,7 @@ impl Zone {
         self.bases.truncate(bases);
         self.samples.truncate(samples);
         self.covers.truncate(bases);
-        Laid::Failed
+        Laid::Failed { until }
     }
 
     /// Places knots; whether the end was reached, `None` if the path is not known far enough.
@@ -224,7 +238,8 @@ impl Zone {
         for j in first..self.knots.len() - 3 {
             let u = (self.knots[j + 1] + self.knots[j + 2] + self.knots[j + 3]) / 3.0;
             near = chain.find_near(u, near);
-            self.points.push(chain.get(near).map_or_else(Axes::zeros, |link| link.position(u)));
+            self.points
+                .push(chain.get(near).map_or_else(Axes::zeros, |link| link.position(u)));
         }
         if first == 0 {
             let (h1, h2) = (self.knots[4] - self.knots[3], self.knots[5] - self.knots[4]);
@@ -236,7 +251,10 @@ impl Zone {
             // The three coincident end knots make one point too many.
             self.points.truncate(self.knots.len() - 4);
             let n = self.knots.len();
-            let (h1, h2) = (self.knots[n - 4] - self.knots[n - 5], self.knots[n - 5] - self.knots[n - 6]);
+            let (h1, h2) = (
+                self.knots[n - 4] - self.knots[n - 5],
+                self.knots[n - 5] - self.knots[n - 6],
+            );
             let clamped = clamped(&end, h1, h2, -1.0);
             self.clamped = clamped.1;
             let count = self.points.len();
@@ -268,7 +286,8 @@ impl Zone {
                 if bad {
                     return Some(i);
                 }
-                if covers(chain, cover, range, &self.bases[i], points, samples, active) {
+                let last = (active, &mut self.last);
+                if covers(chain, cover, range, &self.bases[i], points, samples, last) {
                     self.covers.push(cover);
                     break;
                 }
@@ -288,15 +307,16 @@ impl Zone {
     }
 
     /// Whether the spline keeps to the tolerance in all of an interval.
-    fn covered(&self, chain: &Chain, interval: usize, active: &[bool; 9]) -> bool {
+    fn covered(&mut self, chain: &Chain, interval: usize, active: &[bool; 9]) -> bool {
+        let samples = self.samples_of(interval, interval + 1);
         covers(
             chain,
             self.covers[interval],
             (self.knot(interval), self.knot(interval + 1)),
             &self.bases[interval],
             &self.points[interval..interval + 4],
-            &self.samples[self.samples_of(interval, interval + 1)],
-            active,
+            &self.samples[samples],
+            (active, &mut self.last),
         )
     }
 
@@ -371,7 +391,9 @@ fn step(chain: &Chain, u: f64, near: &mut usize) -> f64 {
         let Some(link) = chain.get(*near) else {
             return 1.0;
         };
-        let at_end = chain.get(*near + 1).map_or(chain.end_spacing, |next| next.spacing);
+        let at_end = chain
+            .get(*near + 1)
+            .map_or(chain.end_spacing, |next| next.spacing);
         spacing::within(link, at_end, u)
     };
     let mut step = at(u, near);

@@ -3,7 +3,11 @@
 //! `cargo run --release -p evolvent-smooth --example judge -- FILE...`; files of G-code, or `.canon` files with the
 //! canonical calls that `rs274 -g` prints. Limits: V 200 mm/s, A 2000 mm/s2, J 50 000 mm/s3, G64 P0.02.
 
-#![expect(clippy::print_stdout, clippy::neg_cmp_op_on_partial_ord, reason = "a tool that prints")]
+#![expect(
+    clippy::print_stdout,
+    clippy::neg_cmp_op_on_partial_ord,
+    reason = "a tool that prints"
+)]
 
 mod plan;
 mod program;
@@ -17,13 +21,20 @@ use plan::{Section, plan, sample};
 use program::{Item, read};
 
 fn number(name: &str, default: f64) -> f64 {
-    std::env::var(name).ok().and_then(|x| x.parse().ok()).unwrap_or(default)
+    std::env::var(name)
+        .ok()
+        .and_then(|x| x.parse().ok())
+        .unwrap_or(default)
 }
 
 /// Processor time of this program, which other programs do not lengthen (Linux).
 fn cpu_seconds() -> f64 {
     let text = std::fs::read_to_string("/proc/self/schedstat").unwrap_or_default();
-    text.split(' ').next().and_then(|ns| ns.parse::<f64>().ok()).unwrap_or(0.0) * 1e-9
+    text.split(' ')
+        .next()
+        .and_then(|ns| ns.parse::<f64>().ok())
+        .unwrap_or(0.0)
+        * 1e-9
 }
 
 /// Seconds that LinuxCNC 2.9 takes.
@@ -56,13 +67,24 @@ fn main() {
         travel_max: Axes::repeat(1e4),
         home: Axes::zeros(),
     };
-    let judged = plan::Limits { v: [v; 3], a: [0.998 * a; 3], j: [0.985 * j; 3] };
-    let settings = Settings { joint_time_s: 1e-3, limits };
+    let judged = plan::Limits {
+        v: [v; 3],
+        a: [0.998 * a; 3],
+        j: [0.985 * j; 3],
+    };
+    let settings = Settings {
+        joint_time_s: 1e-3,
+        limits,
+    };
     let tolerance = Tolerance::Within { mm: p, merge_mm: 0.0 };
     let (mut logs, mut counted) = (0.0, 0);
     for file in std::env::args().skip(1) {
         let path = Path::new(&file);
-        let name = path.file_stem().and_then(|s| s.to_str()).unwrap_or("?").to_owned();
+        let name = path
+            .file_stem()
+            .and_then(|s| s.to_str())
+            .unwrap_or("?")
+            .to_owned();
         let items = match read(path, tolerance) {
             Ok(items) => items,
             Err(error) => {
@@ -117,7 +139,10 @@ fn main() {
             }
         }
         let planning = cpu_seconds() - begun;
-        let peer = PEER.iter().find(|(n, _)| *n == name).map_or(f64::NAN, |(_, t)| *t);
+        let peer = PEER
+            .iter()
+            .find(|(n, _)| *n == name)
+            .map_or(f64::NAN, |(_, t)| *t);
         if peer.is_finite() {
             logs += (total / peer).ln();
             counted += 1;
@@ -135,7 +160,10 @@ fn main() {
             planning * 1e3,
         );
     }
-    println!("geometric mean {:.4} of {counted}", (logs / f64::from(counted.max(1))).exp());
+    println!(
+        "geometric mean {:.4} of {counted}",
+        (logs / f64::from(counted.max(1))).exp()
+    );
 }
 
 fn check(samples: &[(f64, plan::V3)], section: &Section, limits: [f64; 3], worst: &mut [f64; 3]) {

@@ -47,8 +47,20 @@ pub struct Plan {
 
 /// Time over an interval: Gauss-Legendre.
 fn seconds(a: f64, b: f64, c: f64, d: f64) -> f64 {
-    const X: [f64; 5] = [0.0, 0.538_469_310_105_683_1, -0.538_469_310_105_683_1, 0.906_179_845_938_664, -0.906_179_845_938_664];
-    const W: [f64; 5] = [0.568_888_888_888_888_9, 0.478_628_670_499_366_47, 0.478_628_670_499_366_47, 0.236_926_885_056_189_08, 0.236_926_885_056_189_08];
+    const X: [f64; 5] = [
+        0.0,
+        0.538_469_310_105_683_1,
+        -0.538_469_310_105_683_1,
+        0.906_179_845_938_664,
+        -0.906_179_845_938_664,
+    ];
+    const W: [f64; 5] = [
+        0.568_888_888_888_888_9,
+        0.478_628_670_499_366_47,
+        0.478_628_670_499_366_47,
+        0.236_926_885_056_189_08,
+        0.236_926_885_056_189_08,
+    ];
     let mut s = 0.0;
     for p in 0..4 {
         let h = d / 8.0;
@@ -71,7 +83,12 @@ pub struct Section {
 
 impl Section {
     pub fn new() -> Self {
-        Self { stretches: Vec::new(), starts: Vec::new(), caps: Vec::new(), length: 0.0 }
+        Self {
+            stretches: Vec::new(),
+            starts: Vec::new(),
+            caps: Vec::new(),
+            length: 0.0,
+        }
     }
 
     pub fn push(&mut self, stretch: Stretch) {
@@ -86,15 +103,25 @@ impl Section {
 
     pub fn jet(&self, u: f64) -> Jet {
         let k = self.find(u);
-        self.stretches[k].curve.jet(self.stretches[k].from + u - self.starts[k])
+        self.stretches[k]
+            .curve
+            .jet(self.stretches[k].from + u - self.starts[k])
     }
 }
 
 pub fn plan(section: &Section, limits: &Limits, sub: usize) -> Plan {
-    let rate = section.jet(0.0).first.amax().max(section.jet(section.length).first.amax());
+    let rate = section
+        .jet(0.0)
+        .first
+        .amax()
+        .max(section.jet(section.length).first.amax());
     let js = limits.j[0].min(limits.j[1]).min(limits.j[2]) / if rate > 1.0 + 1e-9 { 1.2 * rate } else { 1.0 };
     let n = section.stretches.len();
-    let slowest = section.stretches.iter().map(|s| s.feed).fold(limits.v[0], f64::min);
+    let slowest = section
+        .stretches
+        .iter()
+        .map(|s| s.feed)
+        .fold(limits.v[0], f64::min);
     let widths: Vec<f64> = section.stretches.iter().map(|s| s.length).collect();
     let mut d0 = (section.length / 60.0).min(5e-4);
     loop {
@@ -121,18 +148,27 @@ pub fn plan(section: &Section, limits: &Limits, sub: usize) -> Plan {
             if s0.min(s1) < 0.6 {
                 count = count.max(8);
             }
-            let count = ((count as f64 * s.length / whole).ceil() as usize).max((s.length / 0.5).ceil() as usize).max(1);
+            let count = ((count as f64 * s.length / whole).ceil() as usize)
+                .max((s.length / 0.5).ceil() as usize)
+                .max(1);
             for i in 0..count {
                 inner.push(u0 + s.length * i as f64 / count as f64);
             }
         } else {
             let before = if k > 0 { widths[k - 1] / sub as f64 } else { 1.0 };
-            let after = if k + 1 < n { widths[k + 1] / sub as f64 } else { 1.0 };
+            let after = if k + 1 < n {
+                widths[k + 1] / sub as f64
+            } else {
+                1.0
+            };
             let most = if straight { 1.0 } else { 0.3 };
             let mut u = u0;
             while u < u1 {
                 inner.push(u);
-                let step = (before.min(0.3) + 0.2 * (u - u0)).min(after.min(0.3) + 0.2 * (u1 - u)).min(most).min(0.34 * s.length);
+                let step = (before.min(0.3) + 0.2 * (u - u0))
+                    .min(after.min(0.3) + 0.2 * (u1 - u))
+                    .min(most)
+                    .min(0.34 * s.length);
                 if u1 - u < 1.5 * step {
                     break;
                 }
@@ -156,7 +192,10 @@ pub fn plan(section: &Section, limits: &Limits, sub: usize) -> Plan {
     marks.sort_by(f64::total_cmp);
     let mut u: Vec<f64> = Vec::with_capacity(marks.len());
     let gap = |u: f64| 0.2 * u.min(section.length - u).min(0.05).max(d0);
-    let fixed: Vec<bool> = marks.iter().map(|&m| section.starts.binary_search_by(|s| s.total_cmp(&m)).is_ok()).collect();
+    let fixed: Vec<bool> = marks
+        .iter()
+        .map(|&m| section.starts.binary_search_by(|s| s.total_cmp(&m)).is_ok())
+        .collect();
     for (i, &m) in marks.iter().enumerate() {
         let last = i + 1 == marks.len();
         if let Some(&p) = u.last() {
@@ -182,7 +221,10 @@ pub fn plan(section: &Section, limits: &Limits, sub: usize) -> Plan {
         let (right, left) = (at(i), at(li));
         let lo = section.find(u[k.max(1) - 1]);
         let hi = section.find(u[(k + 1).min(count)]);
-        let feed = section.stretches[lo..=hi].iter().map(|s| s.feed).fold(1e9, f64::min);
+        let feed = section.stretches[lo..=hi]
+            .iter()
+            .map(|s| s.feed)
+            .fold(1e9, f64::min);
         let mut most = (3.0 * limits.v[0]).powi(2);
         for d in 0..3 {
             most = most.min((limits.v[d] / right.first[d].abs().max(1e-9)).powi(2));
@@ -194,7 +236,11 @@ pub fn plan(section: &Section, limits: &Limits, sub: usize) -> Plan {
             }
         }
         let of = |jet: &Jet| [v3(&jet.first), v3(&jet.second), v3(&jet.third)];
-        stations.push(Station { q: of(&right), l: of(&left), most });
+        stations.push(Station {
+            q: of(&right),
+            l: of(&left),
+            most,
+        });
     }
     let ds: Vec<f64> = (0..count).map(|k| u[k + 1] - u[k]).collect();
     let b0 = js * t0;
@@ -204,7 +250,16 @@ pub fn plan(section: &Section, limits: &Limits, sub: usize) -> Plan {
         let y = (x - d0).max(0.0);
         if y < l0 { b0 * (1.0 - y / l0).powi(2) } else { 0.0 }
     };
-    let mut b: Vec<f64> = u.iter().map(|&x| if 2.0 * x < section.length { profile(x) } else { -profile(section.length - x) }).collect();
+    let mut b: Vec<f64> = u
+        .iter()
+        .map(|&x| {
+            if 2.0 * x < section.length {
+                profile(x)
+            } else {
+                -profile(section.length - x)
+            }
+        })
+        .collect();
     let mut c: Vec<f64> = (0..count).map(|k| (b[k + 1] - b[k]) / ds[k]).collect();
     let mut a = vec![a0; count + 1];
     for k in 0..count {
@@ -231,7 +286,19 @@ pub fn plan(section: &Section, limits: &Limits, sub: usize) -> Plan {
     let ok = ipm.solve(&mut a, &mut b, &mut c);
     let dt: Vec<f64> = (0..count).map(|k| seconds(a[k], b[k], c[k], ipm.ds[k])).collect();
     let total = 2.0 * t0 + dt.iter().sum::<f64>();
-    Plan { u, a, b, c, dt, t0, d0, j0: js, total, iterations: ipm.iterations, failed: !ok }
+    Plan {
+        u,
+        a,
+        b,
+        c,
+        dt,
+        t0,
+        d0,
+        j0: js,
+        total,
+        iterations: ipm.iterations,
+        failed: !ok,
+    }
 }
 
 struct Ipm<'a> {
@@ -297,7 +364,8 @@ impl Ipm<'_> {
                     let j = self.limits.j[i];
                     let q = ra * (s.q[2][i] * a[k] + 3.0 * s.q[1][i] * b[k] + s.q[0][i] * c[k]) / j;
                     bar!(1.0 - q * q);
-                    let q = r1 * (s1.l[2][i] * a[k + 1] + 3.0 * s1.l[1][i] * b[k + 1] + s1.l[0][i] * c[k]) / j;
+                    let q =
+                        r1 * (s1.l[2][i] * a[k + 1] + 3.0 * s1.l[1][i] * b[k + 1] + s1.l[0][i] * c[k]) / j;
                     bar!(1.0 - q * q);
                 }
             } else {
@@ -364,7 +432,12 @@ impl Ipm<'_> {
                 for i in 0..3 {
                     let j = self.limits.j[i];
                     let l = s.q[2][i] * ak + 3.0 * s.q[1][i] * bk + s.q[0][i] * ck;
-                    pair(ra * l / j, (ra * s.q[2][i] + 0.5 * l / ra) / j, ra * 3.0 * s.q[1][i] / j, ra * s.q[0][i] / j);
+                    pair(
+                        ra * l / j,
+                        (ra * s.q[2][i] + 0.5 * l / ra) / j,
+                        ra * 3.0 * s.q[1][i] / j,
+                        ra * s.q[0][i] / j,
+                    );
                     let l = s1.l[2][i] * a1 + 3.0 * s1.l[1][i] * b1 + s1.l[0][i] * ck;
                     let ea = (ra1 * s1.l[2][i] + 0.5 * l / ra1) / j;
                     let eb = ra1 * 3.0 * s1.l[1][i] / j;
@@ -372,8 +445,18 @@ impl Ipm<'_> {
                     pair(ra1 * l / j, ea, 2.0 * ds * ea + eb, ds * ds * ea + ds * eb + ec);
                 }
             } else {
-                pair((bk - self.bf) / (0.005 * self.bf), 0.0, 1.0 / (0.005 * self.bf), 0.0);
-                pair((ak - self.af) / (0.005 * self.af), 1.0 / (0.005 * self.af), 0.0, 0.0);
+                pair(
+                    (bk - self.bf) / (0.005 * self.bf),
+                    0.0,
+                    1.0 / (0.005 * self.bf),
+                    0.0,
+                );
+                pair(
+                    (ak - self.af) / (0.005 * self.af),
+                    1.0 / (0.005 * self.af),
+                    0.0,
+                    0.0,
+                );
             }
             let f = s.most - ak;
             g[0] += mu / f;

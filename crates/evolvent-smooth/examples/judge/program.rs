@@ -54,7 +54,10 @@ fn canonical(text: &str, tolerance: Tolerance) -> Vec<Item> {
             continue;
         };
         let rest = rest.trim_end().trim_end_matches(')');
-        let n: Vec<f64> = rest.split(',').map(|x| x.trim().parse().unwrap_or(f64::NAN)).collect();
+        let n: Vec<f64> = rest
+            .split(',')
+            .map(|x| x.trim().parse().unwrap_or(f64::NAN))
+            .collect();
         let mut add = |curve: Curve, feed: f64, rapid: bool| {
             items.push(Item::Block(Block {
                 curve,
@@ -87,7 +90,11 @@ fn canonical(text: &str, tolerance: Tolerance) -> Vec<Item> {
                 let (first, second, normal) = plane.axes();
                 let mut to = at;
                 (to[first], to[second], to[normal]) = (n[0] * unit, n[1] * unit, n[5] * unit);
-                let sense = if n[4] > 0.0 { Sense::CounterClockwise } else { Sense::Clockwise };
+                let sense = if n[4] > 0.0 {
+                    Sense::CounterClockwise
+                } else {
+                    Sense::Clockwise
+                };
                 let turns = (n[4].abs() - 1.0).max(0.0) as u32;
                 match Arc::new(plane, at, to, [n[2] * unit, n[3] * unit], sense, turns) {
                     Ok(arc) => add(arc.into(), feed, false),

@@ -33,7 +33,11 @@ impl Random {
 
 /// Seed and number of cases, from `EVOLVENT_SEED` and `EVOLVENT_CASES` if set; printed.
 pub fn campaign(seed: u64, cases: usize) -> (Random, usize) {
-    let of = |name: &str| std::env::var(name).ok().and_then(|value| value.parse::<u64>().ok());
+    let of = |name: &str| {
+        std::env::var(name)
+            .ok()
+            .and_then(|value| value.parse::<u64>().ok())
+    };
     let seed = of("EVOLVENT_SEED").unwrap_or(seed);
     let cases = of("EVOLVENT_CASES").map_or(cases, |cases| cases as usize);
     println!("EVOLVENT_SEED={seed} EVOLVENT_CASES={cases}");
@@ -276,7 +280,11 @@ fn norm(d: &Axes, i: usize) -> f64 {
 
 /// The largest of the XYZ distance, the UVW distance and each rotary angle.
 pub fn distance(d: &Axes) -> f64 {
-    norm(d, 0).max(norm(d, 6)).max(d[3].abs()).max(d[4].abs()).max(d[5].abs())
+    norm(d, 0)
+        .max(norm(d, 6))
+        .max(d[3].abs())
+        .max(d[4].abs())
+        .max(d[5].abs())
 }
 
 /// The programmed path by its length.
@@ -318,7 +326,11 @@ impl<'a> Programmed<'a> {
                 (u - reach - self.starts[k]).clamp(0.0, length),
                 (u + reach - self.starts[k]).clamp(0.0, length),
             );
-            let parts = if matches!(block.curve, Curve::Line(_)) { 1 } else { 48 };
+            let parts = if matches!(block.curve, Curve::Line(_)) {
+                1
+            } else {
+                48
+            };
             for part in 0..parts {
                 let cut = |k: usize| low + (high - low) * k as f64 / parts as f64;
                 let (mut a, mut b) = (cut(part), cut(part + 1));
@@ -361,7 +373,9 @@ pub fn check(blocks: &[Block], out: &[Output], samples: usize, what: &str) {
                 );
                 let domain = stretch.curve.domain();
                 assert!(
-                    stretch.length > 0.0 && stretch.from >= -1e-12 && stretch.from + stretch.length <= domain * (1.0 + 1e-9) + 1e-9,
+                    stretch.length > 0.0
+                        && stretch.from >= -1e-12
+                        && stretch.from + stretch.length <= domain * (1.0 + 1e-9) + 1e-9,
                     "{what}: {} + {} of {domain}",
                     stretch.from,
                     stretch.length
@@ -375,7 +389,10 @@ pub fn check(blocks: &[Block], out: &[Output], samples: usize, what: &str) {
                     assert!(gap <= 1e-9 * scale, "{what}: gap {gap} at {u}");
                     if smooth {
                         let first = (start.first - before.first).amax();
-                        assert!(first <= 1e-9 * (1.0 + start.first.amax()) * scale, "{what}: step of q' {first} at {u}");
+                        assert!(
+                            first <= 1e-9 * (1.0 + start.first.amax()) * scale,
+                            "{what}: step of q' {first} at {u}"
+                        );
                         let second = (start.second - before.second).amax();
                         let size = start.second.amax().max(before.second.amax());
                         assert!(
@@ -384,12 +401,21 @@ pub fn check(blocks: &[Block], out: &[Output], samples: usize, what: &str) {
                         );
                     }
                 }
-                let block = blocks[programmed.starts.partition_point(|&s| s <= u + 1e-9).clamp(1, blocks.len()) - 1];
+                let block = blocks[programmed
+                    .starts
+                    .partition_point(|&s| s <= u + 1e-9)
+                    .clamp(1, blocks.len())
+                    - 1];
                 let feed_there = (block.feed, block.rapid);
                 let middle = u + 0.5 * stretch.length;
-                let by_middle = blocks[programmed.starts.partition_point(|&s| s <= middle).clamp(1, blocks.len()) - 1];
+                let by_middle = blocks[programmed
+                    .starts
+                    .partition_point(|&s| s <= middle)
+                    .clamp(1, blocks.len())
+                    - 1];
                 assert!(
-                    (stretch.feed, stretch.rapid) == feed_there || (stretch.feed, stretch.rapid) == (by_middle.feed, by_middle.rapid),
+                    (stretch.feed, stretch.rapid) == feed_there
+                        || (stretch.feed, stretch.rapid) == (by_middle.feed, by_middle.rapid),
                     "{what}: feed {} at {u}",
                     stretch.feed
                 );
@@ -397,7 +423,11 @@ pub fn check(blocks: &[Block], out: &[Output], samples: usize, what: &str) {
                     let x = stretch.length * (k as f64 + 0.5) / samples as f64;
                     let place = stretch.curve.position(stretch.from + x);
                     let ratio = programmed.ratio(&place, u + x, 10.0 * most + 1e-6);
-                    let near = programmed.starts.partition_point(|&s| s <= u + x).clamp(1, blocks.len()) - 1;
+                    let near = programmed
+                        .starts
+                        .partition_point(|&s| s <= u + x)
+                        .clamp(1, blocks.len())
+                        - 1;
                     assert!(
                         ratio <= 1.0,
                         "{what}: {ratio} of the tolerance at {}, {:?} block {near} from {} to {}, before {:?} here {:?}, stretch from {u} of {} blend {}",
@@ -425,12 +455,20 @@ pub fn check(blocks: &[Block], out: &[Output], samples: usize, what: &str) {
             Output::Mark(mark) => {
                 assert_eq!(mark.block as usize, marks, "{what}: order of the marks");
                 let end = programmed.end(marks);
-                assert!((mark.end - end).abs() <= 1e-9 * scale, "{what}: mark {} of {end}", mark.end);
+                assert!(
+                    (mark.end - end).abs() <= 1e-9 * scale,
+                    "{what}: mark {} of {end}",
+                    mark.end
+                );
                 marks += 1;
             }
         }
     }
-    assert!((u - programmed.length()).abs() <= 1e-9 * scale, "{what}: length {u} of {}", programmed.length());
+    assert!(
+        (u - programmed.length()).abs() <= 1e-9 * scale,
+        "{what}: length {u} of {}",
+        programmed.length()
+    );
     assert_eq!(marks, blocks.len(), "{what}: marks");
     assert!(at_rest || blocks.is_empty(), "{what}: ends in motion");
     if let (Some((end, _)), Some(block)) = (last, blocks.last()) {
