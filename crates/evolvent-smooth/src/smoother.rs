@@ -27,6 +27,7 @@ const HALVINGS: usize = 40;
 
 /// Whether the path is on the programmed curve or in a zone that becomes a spline.
 #[derive(Clone, Copy, Debug)]
+#[expect(clippy::large_enum_variant, reason = "there is one, and it must not allocate")]
 enum State {
     Exact,
     Zone {

@@ -710,6 +710,10 @@ impl LawLocal {
         }
     }
 
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "the innermost loop: all of them are at hand where it is called"
+    )]
     fn cell<const D: usize>(
         &mut self,
         cell: &Cell,
@@ -822,6 +826,10 @@ impl<const D: usize> Local<D> {
         }
     }
 
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "the innermost loop: all of them are at hand where it is called"
+    )]
     fn cell(
         &mut self,
         cell: &Cell,

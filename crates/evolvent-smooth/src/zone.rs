@@ -28,6 +28,10 @@ const RETREAT: f64 = 0.8;
 
 /// What is kept at an end of a zone.
 #[derive(Clone, Copy, Debug)]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "there are two, and they must not allocate"
+)]
 pub(crate) enum Clamp {
     /// Position and two derivatives.
     Jet(Jet),
