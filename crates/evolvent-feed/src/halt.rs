@@ -37,6 +37,7 @@ impl Optimizer {
             factor: 2.0,
             gentle: 1.0,
             quick: true,
+            whole: false,
         };
         let none = FeedError::NoMotion {
             interval: from.interval,

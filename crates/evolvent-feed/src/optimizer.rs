@@ -42,6 +42,8 @@ pub(crate) struct Job<'a> {
     pub(crate) gentle: f64,
     /// Whether the motion is to change at once: stations close enough for that.
     pub(crate) quick: bool,
+    /// Whether the last stub may take a whole interval: not the only one that is new.
+    pub(crate) whole: bool,
 }
 
 /// Plans windows of a [`Grid`].
@@ -115,6 +117,7 @@ impl Optimizer {
             factor: feed_factor,
             gentle: if exit == Exit::Open { GENTLE } else { 1.0 },
             quick: feed_factor < self.kept.factor,
+            whole: entry == Entry::Rest || until > self.kept.until.saturating_add(1),
         };
         let found = match entry {
             Entry::Rest => self.begin(&job),

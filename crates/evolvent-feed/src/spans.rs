@@ -59,7 +59,9 @@ pub(crate) fn grade(
     // A longer stub is faster where it begins. Newton's method at best doubles `u'^2` in a step, so that the next
     // window, which goes through this place at speed, takes half as many.
     let stub = if reverse && job.gentle < 1.0 {
-        (OPEN_STUB * good).min(total / 20.0).min(first.length)
+        (OPEN_STUB * good)
+            .min(total / 20.0)
+            .min(if job.whole { 1.0 } else { 0.5 } * first.length)
     } else {
         good.min(0.5 * first.length)
     };

@@ -46,6 +46,8 @@ pub(crate) fn most_jerk(
     reverse: bool,
 ) -> f64 {
     let axes = limits.axes();
+    // A gentle stub leaves room in acceleration too, for a motion that goes on from within it.
+    let push = if share < 0.5 { 0.8 } else { 1.0 };
     let sign = if reverse { -1.0 } else { 1.0 };
     let root = libm::cbrt(6.0 * x);
     let mut most: f64 = 1e30;
@@ -53,7 +55,7 @@ pub(crate) fn most_jerk(
         if axes.present[i] {
             let (d1, d2, d3) = (point.first[i], sign * point.second[i], point.third[i]);
             most = most.min(share * axes.jerk[i] / (d1 + x * (9.0 * d2 + 4.5 * x * d3)).abs());
-            let bound = axes.acceleration[i] / (root * (d1 + 1.5 * x * d2)).abs();
+            let bound = push * axes.acceleration[i] / (root * (d1 + 1.5 * x * d2)).abs();
             most = most.min(0.99 * bound * bound.sqrt());
         }
     }
