@@ -3,6 +3,10 @@
 use evolvent_machine::Limits;
 use evolvent_path::Curve;
 
+/// A tolerance below this, mm, is as good as none, and one above that is no tolerance.
+const LEAST: f64 = 1e-6;
+const MOST: f64 = 100.0;
+
 /// One programmed move. It starts where the one before ended.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Block {
@@ -37,11 +41,12 @@ pub enum Tolerance {
 }
 
 impl Tolerance {
-    /// The distance that is allowed, 0 where the path is to be kept.
+    /// The distance that is made use of: at most 100 mm, and 0 where the path is to be kept or less than a nanometre is
+    /// allowed.
     #[must_use]
     pub fn mm(&self) -> f64 {
         match *self {
-            Self::Within { mm, .. } if mm > 0.0 => mm,
+            Self::Within { mm, .. } if mm >= LEAST => mm.min(MOST),
             _ => 0.0,
         }
     }

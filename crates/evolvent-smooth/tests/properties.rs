@@ -2,7 +2,9 @@
 
 mod common;
 
-use common::{Kind, campaign, check, equal_limits, limits, program, settings, smooth, within};
+use common::{
+    Kind, campaign, chain, check, equal_limits, limits, point, program, settings, smooth, stretches, within,
+};
 
 const ANY: Kind = Kind {
     smallest: 1e-3,
@@ -65,5 +67,49 @@ fn programs_of_mixed_modes_and_axes_stay_within_the_tolerance() {
         let (out, smoother) = smooth(settings(limits), &blocks);
         check(&blocks, &out, 5, &what);
         assert_eq!(smoother.failures(), 0, "{what}");
+    }
+}
+
+#[test]
+fn a_path_along_the_edge_of_the_travel_stays_inside() {
+    let (mut random, cases) = campaign(0x5300_0003, 20);
+    for case in 0..cases {
+        let mut limits = equal_limits(200.0, 2000.0, 50_000.0);
+        for i in 0..3 {
+            (limits.travel_min[i], limits.travel_max[i]) = (-1.0, 1.0);
+        }
+        let mut at = || random.between(-2.0, 2.0).clamp(-1.0, 1.0);
+        let points: Vec<_> = (0..30).map(|_| point(&[at(), at(), at()])).collect();
+        let blocks = chain(&points, 100.0, within(random.log(1e-3, 1.0)));
+        let what = format!("case {case}");
+        let (out, _) = smooth(settings(limits), &blocks);
+        check(&blocks, &out, 5, &what);
+        for stretch in stretches(&out) {
+            let (low, high) = stretch.curve.bounds(stretch.from, stretch.from + stretch.length);
+            assert!(low.amax().max(high.amax()) <= 1.0 + 5e-7, "{what}: {low} {high}");
+        }
+    }
+}
+
+#[test]
+fn absurd_tolerances_and_feeds_still_bring_out_all_of_the_path() {
+    let points = [[0.0, 0.0], [5.0, 0.0], [5.0, 3.0], [5.0, 2.99], [-4.0, 0.0]].map(|p| point(&p));
+    for mm in [f64::NAN, f64::INFINITY, -1.0, 1e-300, 1e-12, 1e9, f64::MAX] {
+        for feed in [100.0, 1e-300, f64::INFINITY, f64::NAN, 0.0] {
+            let blocks = chain(&points, feed, within(mm));
+            let (out, _) = smooth(settings(equal_limits(200.0, 2000.0, 50_000.0)), &blocks);
+            let length: f64 = stretches(&out).iter().map(|stretch| stretch.length).sum();
+            let programmed: f64 = blocks.iter().map(|block| block.curve.domain()).sum();
+            assert!(
+                (length - programmed).abs() < 1e-9,
+                "P {mm} F {feed}: {length} of {programmed}"
+            );
+            for stretch in stretches(&out) {
+                assert!(
+                    stretch.curve.position(stretch.from).iter().all(|x| x.is_finite()),
+                    "P {mm} F {feed}"
+                );
+            }
+        }
     }
 }
