@@ -13,14 +13,18 @@ use std::collections::VecDeque;
 use evolvent_feed::{
     Entry, Exit, FeedError, Grid, MOST_INTERVALS, Memory, Optimizer, PathLimits, Piece, Place,
 };
+use evolvent_machine::Limits;
 use evolvent_path::AXES;
 
+use crate::proof::{ratios, slow_down};
 use crate::step::{Answer, BlockMark, Flow, PlanSink, Request, Segment, Step};
 
 /// Intervals of path that wait for a plan while none is made (during a hold) before no more is read.
 const MOST_BACKLOG: u64 = 1 << 16;
 /// Share of a window's intervals that is committed at least, and at most.
 const COMMITTED: (f64, f64) = (0.5, 0.9);
+/// Windows from rest in a row that may fail.
+const MOST_FAILURES: u32 = 3;
 /// Intervals that a window is not made shorter than for want of stations.
 const LEAST_WINDOW: u64 = 32;
 /// The tail takes at least so many times as long as stopping does.
@@ -65,6 +69,7 @@ pub(crate) struct Horizon<S> {
     sink: S,
     grid: Grid,
     optimizer: Optimizer,
+    limits: Limits,
     front: Front,
     /// What the cycle has asked for and not been answered.
     request: Option<Request>,
@@ -73,18 +78,18 @@ pub(crate) struct Horizon<S> {
     spare: Vec<Planned>,
     rests: VecDeque<Rest>,
     rests_seen: u64,
-    /// Segments that no piece has needed yet, and how many have been handed on.
-    segments: VecDeque<Segment>,
+    /// Segments from number `first_segment` on, with the path parameter at their start.
+    segments: VecDeque<(f64, Segment)>,
+    first_segment: u64,
     handed_segments: u64,
-    /// Path parameter at the start of each segment from `first_start` on.
-    starts: VecDeque<f64>,
-    first_start: u64,
     length: f64,
     marks: VecDeque<BlockMark>,
     /// Marks of blocks whose planned time is still growing.
     accounts: VecDeque<BlockMark>,
     accounted: f64,
     appended: u64,
+    /// Windows from rest in a row that could not be planned.
+    failures: u32,
     pieces: Vec<Piece>,
     /// Time that stopping takes per speed, and at the least, s.
     stopping: (f64, f64),
@@ -104,6 +109,7 @@ impl<S: PlanSink> Horizon<S> {
             sink,
             grid: Grid::new(limits),
             optimizer: Optimizer::new(limits),
+            limits: *axes,
             front: Front {
                 place: Place { interval: 0, x: 0.0 },
                 entry: Entry::Rest,
@@ -118,9 +124,9 @@ impl<S: PlanSink> Horizon<S> {
             rests: VecDeque::new(),
             rests_seen: 0,
             segments: VecDeque::new(),
+            first_segment: 0,
             handed_segments: 0,
-            starts: VecDeque::new(),
-            first_start: 0,
+            failures: 0,
             length: 0.0,
             marks: VecDeque::new(),
             accounts: VecDeque::new(),
@@ -142,9 +148,8 @@ impl<S: PlanSink> Horizon<S> {
     /// Appends a stretch of path; `feed` in the feed metric, infinite for rapids.
     pub(crate) fn segment(&mut self, segment: Segment, feed: f64) {
         self.grid.push(&segment.curve, segment.from, segment.length, feed);
-        self.starts.push_back(self.length);
+        self.segments.push_back((self.length, segment));
         self.length += segment.length;
-        self.segments.push_back(segment);
     }
 
     /// Bounds the speed at the present end; 0 is a stop.
@@ -182,6 +187,9 @@ impl<S: PlanSink> Horizon<S> {
     pub(crate) fn advance(&mut self) -> Result<(), S::Error> {
         self.forget();
         loop {
+            if self.has_failed() {
+                return Ok(());
+            }
             self.serve()?;
             if self.front.waits {
                 if self.grid.end() - self.front.place.interval < MOST_BACKLOG {
@@ -209,13 +217,21 @@ impl<S: PlanSink> Horizon<S> {
         }
     }
 
-    /// Serves requests until the consumer has gone.
+    /// Whether no motion is found from rest: the machine stands, and nothing more can be planned.
+    fn has_failed(&self) -> bool {
+        self.failures > MOST_FAILURES
+    }
+
+    /// Serves requests until the consumer has gone, or nothing can be planned any more.
     ///
     /// # Errors
     /// As the sink's: the consumer has gone.
     pub(crate) fn attend(&mut self) -> Result<(), S::Error> {
         loop {
             self.advance()?;
+            if self.has_failed() {
+                return Ok(());
+            }
             self.sink.wait()?;
         }
     }
@@ -256,17 +272,47 @@ impl<S: PlanSink> Horizon<S> {
 
     fn solve(&mut self, front: &Front, until: u64, exit: Exit) -> Result<(), FeedError> {
         self.pieces.clear();
-        self.optimizer
-            .plan(
-                &self.grid,
-                front.place,
-                front.entry,
-                until,
-                exit,
-                front.feed_factor,
-                &mut self.pieces,
-            )
-            .map(|_| ())
+        self.optimizer.plan(
+            &self.grid,
+            front.place,
+            front.entry,
+            until,
+            exit,
+            front.feed_factor,
+            &mut self.pieces,
+        )?;
+        self.prove(front)
+    }
+
+    /// Looks at what was solved once more. A plan from rest that exceeds a limit is slowed down; one in motion is
+    /// not driven.
+    fn prove(&mut self, front: &Front) -> Result<(), FeedError> {
+        let (v, a) = match front.entry {
+            Entry::Rest => (0.0, 0.0),
+            Entry::Moving { v, a } => (v, a),
+        };
+        for _ in 0..2 {
+            let segment = |stretch: u64| {
+                let index = stretch.checked_sub(self.first_segment)? as usize;
+                self.segments.get(index).map(|(_, segment)| segment)
+            };
+            let found = ratios(&self.pieces, (v, a), &self.limits, segment);
+            if found.hold() {
+                return Ok(());
+            }
+            let remedy = found.remedy();
+            if !matches!(front.entry, Entry::Rest) || remedy <= 0.0 {
+                break;
+            }
+            slow_down(&mut self.pieces, remedy);
+        }
+        self.pieces.clear();
+        Err(FeedError::NoMotion {
+            interval: front.place.interval,
+            x: front.place.x,
+            v,
+            a,
+        })
     }
 
     /// Solves a window, or a shorter one where that needs more stations than there is room for.
@@ -275,7 +321,11 @@ impl<S: PlanSink> Horizon<S> {
         loop {
             match self.solve(front, until, exit) {
                 Ok(()) => return Ok((until, exit)),
-                Err(FeedError::Window { .. }) if until - front.place.interval > LEAST_WINDOW => {
+                Err(error)
+                    if until - front.place.interval > LEAST_WINDOW
+                        && (matches!(error, FeedError::Window { .. })
+                            || matches!(front.entry, Entry::Rest)) =>
+                {
                     until = front.place.interval + (until - front.place.interval) / 2;
                     exit = Exit::Open;
                 }
@@ -306,6 +356,7 @@ impl<S: PlanSink> Horizon<S> {
 
     /// Hands on the window that was solved: the first part final, the rest as a tail.
     fn commit(&mut self, until: u64, exit: Exit) -> Result<(), S::Error> {
+        self.failures = 0;
         self.remember();
         let first = self.appended;
         let committed = match exit {
@@ -374,13 +425,14 @@ impl<S: PlanSink> Horizon<S> {
     fn append_pieces(&mut self) -> Result<(), S::Error> {
         for piece in &self.pieces {
             while self.handed_segments <= piece.stretch {
-                let Some(segment) = self.segments.pop_front() else {
+                let index = (self.handed_segments - self.first_segment) as usize;
+                let Some((_, segment)) = self.segments.get(index) else {
                     break;
                 };
-                self.sink.segment(&segment)?;
+                self.sink.segment(segment)?;
                 self.handed_segments += 1;
             }
-            let path = self.starts[(piece.stretch - self.first_start) as usize] + piece.from;
+            let path = self.segments[(piece.stretch - self.first_segment) as usize].0 + piece.from;
             while let Some(mark) = self.marks.front() {
                 if mark.start > path + piece.length {
                     break;
@@ -420,7 +472,7 @@ impl<S: PlanSink> Horizon<S> {
     /// Adds the planned time of the first `count` pieces to their blocks.
     fn account(&mut self, count: usize) {
         for piece in &self.pieces[..count] {
-            let start = self.starts[(piece.stretch - self.first_start) as usize] + piece.from;
+            let start = self.segments[(piece.stretch - self.first_segment) as usize].0 + piece.from;
             let middle = start + 0.5 * piece.length;
             if middle < self.accounted {
                 continue;
@@ -440,6 +492,7 @@ impl<S: PlanSink> Horizon<S> {
         if self.front.link.is_none() {
             // At rest, with nothing to follow: let it stand and ask.
             self.append_wait()?;
+            self.failures += 1;
         }
         self.sink.finalise(self.appended);
         self.front.waits = true;
@@ -565,8 +618,8 @@ impl<S: PlanSink> Horizon<S> {
             return Ok(());
         };
         self.optimizer
-            .stop(&self.grid, front.place, v, a, until, &mut self.pieces)
-            .map(|_| ())
+            .stop(&self.grid, front.place, v, a, until, &mut self.pieces)?;
+        self.prove(front)
     }
 
     fn front_after_stop(&self) -> Front {
@@ -595,9 +648,9 @@ impl<S: PlanSink> Horizon<S> {
             self.front.rest -= 1;
         }
         if let Some((stretch, _)) = self.grid.stretch_of(reached) {
-            while self.first_start < stretch && self.first_start < self.handed_segments {
-                self.starts.pop_front();
-                self.first_start += 1;
+            while self.first_segment < stretch && self.first_segment < self.handed_segments {
+                self.segments.pop_front();
+                self.first_segment += 1;
             }
         }
     }

@@ -21,6 +21,7 @@ mod corner;
 mod horizon;
 mod lookahead;
 mod planner;
+mod proof;
 #[cfg(test)]
 mod recorder;
 mod step;
