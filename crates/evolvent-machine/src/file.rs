@@ -10,7 +10,9 @@ use serde::de::{Error, Visitor};
 use serde::{Deserialize, Deserializer};
 use serde_json::json;
 
-use crate::machine::{ControlRate, Kinematics, MAX_RATE_HZ, MIN_RATE_HZ, MachineKind, OnFull, PathMode, PlannerKind};
+use crate::machine::{
+    ControlRate, Kinematics, MAX_RATE_HZ, MIN_RATE_HZ, MachineKind, OnFull, PathMode, PlannerKind,
+};
 
 /// A machine as Evolvent controls it: axes, limits, and how the control loop runs.
 #[derive(Debug, Deserialize, JsonSchema)]
