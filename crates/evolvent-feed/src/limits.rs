@@ -62,6 +62,16 @@ impl PathLimits {
         }
     }
 
+    /// The same with a share of the permitted chord error: the speed for it is that of a constant curvature, and a
+    /// slow loop passes several curvatures in one period.
+    #[must_use]
+    pub fn with_chord_share(&self, share: f64) -> Self {
+        Self {
+            chord_error_mm: share * self.chord_error_mm,
+            ..self.clone()
+        }
+    }
+
     /// The axes' limits.
     #[must_use]
     pub fn axes(&self) -> &Limits {

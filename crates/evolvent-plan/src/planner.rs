@@ -16,6 +16,8 @@ use crate::straight::Straightener;
 
 /// Rounding of positions, mm or degrees, that the check of travel forgives.
 const TRAVEL_SLACK: f64 = 1e-9;
+/// Share of the permitted chord error that stations of the near-optimal plan may use.
+const CHORD_SHARE: f64 = 0.94;
 /// Rounding of positions that may lie between two moves, mm or degrees.
 const GAP: f64 = 1e-6;
 
@@ -219,7 +221,7 @@ impl<S: PlanSink> Optimal<S> {
         Self {
             smoother: Smoother::new(settings),
             straightener: Straightener::default(),
-            horizon: Horizon::new(limits, rules.feed_override, sink),
+            horizon: Horizon::new(&limits.with_chord_share(CHORD_SHARE), rules.feed_override, sink),
             rules,
             out: Vec::new(),
             blocks: VecDeque::new(),

@@ -24,7 +24,7 @@ impl Feeds {
     pub(crate) fn open(program: &Path, setup: &Setup) -> io::Result<Self> {
         let reader = BufReader::with_capacity(256 * 1024, File::open(program)?);
         Ok(Self {
-            commands: Interpreter::new(reader, setup.interpreter_settings()),
+            commands: Interpreter::new(reader, setup.interpreter_settings_for(program)),
             most: setup.machine.max_feed_mm_s,
             next: 0,
             feed: None,

@@ -82,7 +82,7 @@ impl Surroundings {
             most: setup.machine.max_feed_mm_s,
             ..Walk::default()
         };
-        for command in Interpreter::new(reader, setup.interpreter_settings()) {
+        for command in Interpreter::new(reader, setup.interpreter_settings_for(program)) {
             // What is wrong with the program is reported by the run.
             let Ok(command) = command else {
                 break;
