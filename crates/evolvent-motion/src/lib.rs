@@ -1,10 +1,12 @@
 //! The cycle: a pure, allocation-free step from inputs to one setpoint.
 //!
-//! [`Motion::step`] advances the path parameter by one period along the profile of the present run, evaluates
-//! the path there, has the [`Guard`] check the result, and returns a [`Setpoint`]. Time enters only as the
-//! period. The plan comes through a wait-free queue ([`plan_queue`]); feed hold, override and stop come as
-//! [`Inputs`] and take effect in the same step: the profile of the present run is solved again in closed form,
-//! from the present speed and acceleration, within the limits of the run.
+//! [`Motion::step`] advances the path parameter by one period along the plan, evaluates the path there, has the
+//! [`Guard`] check the result, and returns a [`Setpoint`]. Time enters only as the period. The plan comes through a
+//! wait-free queue ([`plan_queue`]); feed hold, override and stop come as [`Inputs`].
+//!
+//! A near-optimal plan is a law that is only evaluated. For a hold or another override the step asks the planner for
+//! a plan from the place where it will be 10 ms later; a hold that nobody answers slows path time itself. The runs of
+//! a classic plan are solved here in closed form, so there a wish takes effect in the same step.
 //!
 //! Whatever happens to the planner, the queue ends at rest on the path. Should a plan be wrong, the guard refuses
 //! the setpoint, the machine brakes on the path, and if that breaks a limit as well, each axis stops by itself.

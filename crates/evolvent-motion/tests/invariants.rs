@@ -33,8 +33,11 @@ fn every_setpoint_keeps_every_limit_and_the_path() {
             let motion = &scenario.moves[setpoint.block as usize];
             // The feed on a blend, and of a near-optimal plan, is bounded at stations; between them a little more.
             let blend = setpoint.flags & evolvent_motion::flags::BLEND != 0;
-            let stations = blend || scenario.planner == PlannerKind::Optimal;
-            let slack = if stations { 5e-3 } else { 1e-6 };
+            let slack = match scenario.planner {
+                PlannerKind::Optimal => 5e-3,
+                PlannerKind::Classic if blend => 1e-4,
+                PlannerKind::Classic => 1e-6,
+            };
             assert!(
                 setpoint.feed_mm_s <= motion.feed * (1.0 + slack),
                 "{what}: {} over feed {} flags {}",

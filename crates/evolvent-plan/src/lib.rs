@@ -13,8 +13,9 @@
 //! override comes in: everything that it needs for that is in the run and in its exit speed, so it answers within
 //! one cycle and asks nobody. A planner that dies leaves a plan that ends at rest on the path.
 //!
-//! This is the safe, classic planner. A planner that gives the true optimum slots in beside [`LookAhead`]: it
-//! takes the same segments and hands on steps of a further kind.
+//! That is the classic planner: safe, simple, and the fallback. The near-optimal one, the default, has the path from
+//! `evolvent-smooth` and the time law from `evolvent-feed`, in windows whose tail always ends at rest, and hands on
+//! [`Flow`]s, which the cycle only evaluates. Holds and overrides reach it as [`Request`]s.
 
 mod classic;
 mod corner;
