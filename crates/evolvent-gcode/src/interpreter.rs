@@ -96,7 +96,7 @@ pub struct Interpreter<R> {
 impl<R: BufRead> Interpreter<R> {
     /// Starts at the first line of `input`.
     pub fn new(input: R, settings: Settings) -> Self {
-        let state = State::new(&settings);
+        let mut state = State::new(&settings);
         let mut parameters = Parameters::new();
         for (index, value) in &settings.parameters {
             if value.is_finite() {
@@ -104,6 +104,7 @@ impl<R: BufRead> Interpreter<R> {
             }
         }
         state.publish(&settings, &mut parameters);
+        state.load_work(&parameters);
         parameters.commit();
         Self {
             reader: LineReader::new(input, settings.max_line_bytes),

@@ -139,7 +139,10 @@ impl State {
         parameters.set_numbered(WORK_OFFSET, (self.modes.work_index + 1) as f64);
         let active = self.g92 != Axes::zeros();
         parameters.set_numbered(G92_ACTIVE, f64::from(u8::from(active)));
-        parameters.set_axes(G92, &self.g92);
+        if active {
+            // Otherwise what the parameters hold is suspended, and G92.3 brings it back.
+            parameters.set_axes(G92, &self.g92);
+        }
         parameters.set_numbered(crate::parameters::TOOL, f64::from(self.tool));
         parameters.set_numbered(crate::parameters::DEBUG, 1.0);
     }

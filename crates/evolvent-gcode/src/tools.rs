@@ -1,6 +1,13 @@
 //! The tool table.
 
-use evolvent_path::{AXES, Axes};
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::path::Path;
+
+use evolvent_path::{AXES, Axes, AxisLetter};
+
+use crate::StoreError;
+use crate::store::{read_text, replace};
 
 /// A tool: its number and what is known of its shape.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -54,6 +61,8 @@ pub enum ToolTableError {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ToolTable {
     tools: Vec<Tool>,
+    /// What stands behind `;` on the line of a tool.
+    remarks: BTreeMap<u32, String>,
 }
 
 impl Tool {
@@ -76,7 +85,60 @@ impl ToolTable {
     /// A table of these tools; of several with one number the first counts.
     #[must_use]
     pub fn new(tools: Vec<Tool>) -> Self {
-        Self { tools }
+        Self {
+            tools,
+            remarks: BTreeMap::new(),
+        }
+    }
+
+    /// Reads a file in LinuxCNC's format; see [`ToolTable::parse`].
+    ///
+    /// # Errors
+    /// The file cannot be read or is none; a table that does not exist is an error too.
+    pub fn load(path: &Path) -> Result<Self, StoreError> {
+        let file = || path.display().to_string();
+        let text = read_text(path)?.ok_or_else(|| StoreError::Read {
+            file: file(),
+            source: std::io::ErrorKind::NotFound.into(),
+        })?;
+        Self::parse(&text).map_err(|source| StoreError::Tools { file: file(), source })
+    }
+
+    /// Replaces a file, or leaves it as it is: written aside, then renamed.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn save(&self, path: &Path) -> Result<(), StoreError> {
+        replace(path, &self.to_text())
+    }
+
+    /// The table in LinuxCNC's format, a tool a line in the order read; remarks are kept.
+    #[must_use]
+    pub fn to_text(&self) -> String {
+        let mut text = String::new();
+        for tool in &self.tools {
+            // Writing to a string cannot fail; all digits, so that a measure comes back to the last bit.
+            let _ = write!(text, "T{} P{}", tool.number, tool.pocket);
+            let lengths = AxisLetter::ALL.map(|axis| (axis.letter(), tool.offset[axis.index()]));
+            let shape = [
+                ('D', tool.diameter_mm),
+                ('I', tool.front_angle),
+                ('J', tool.back_angle),
+            ];
+            for (letter, value) in lengths.into_iter().chain(shape) {
+                if value != 0.0 {
+                    let _ = write!(text, " {letter}{value}");
+                }
+            }
+            if tool.orientation != 0 {
+                let _ = write!(text, " Q{}", tool.orientation);
+            }
+            if let Some(remark) = self.remarks.get(&tool.number) {
+                let _ = write!(text, " ;{remark}");
+            }
+            text.push('\n');
+        }
+        text
     }
 
     /// Reads a table in LinuxCNC's format: a tool a line, words `T P X Y Z A B C U V W D I J Q`, `;` before a
@@ -86,9 +148,10 @@ impl ToolTable {
     /// The first word that cannot be read, a line without T, a tool that is there twice.
     pub fn parse(text: &str) -> Result<Self, ToolTableError> {
         let mut tools: Vec<Tool> = Vec::new();
+        let mut remarks = BTreeMap::new();
         for (index, content) in text.lines().enumerate() {
             let line = index + 1;
-            let content = content.split(';').next().unwrap_or_default();
+            let (content, remark) = content.split_once(';').unwrap_or((content, ""));
             let mut tool = Tool::new(0);
             let mut named = false;
             let mut any = false;
@@ -134,9 +197,12 @@ impl ToolTable {
                     tool: tool.number,
                 });
             }
+            if !remark.trim().is_empty() {
+                remarks.insert(tool.number, remark.to_owned());
+            }
             tools.push(tool);
         }
-        Ok(Self { tools })
+        Ok(Self { tools, remarks })
     }
 
     /// The tool of a number.
@@ -145,12 +211,26 @@ impl ToolTable {
         self.tools.iter().find(|tool| tool.number == number)
     }
 
-    /// For G10: writes a tool, new or known.
-    pub(crate) fn set(&mut self, tool: Tool) {
+    /// All tools in the order read.
+    #[must_use]
+    pub fn tools(&self) -> &[Tool] {
+        &self.tools
+    }
+
+    /// Writes a tool, new or known. Measures are checked where a program uses them.
+    pub fn set(&mut self, tool: Tool) {
         match self.tools.iter_mut().find(|known| known.number == tool.number) {
             Some(known) => *known = tool,
             None => self.tools.push(tool),
         }
+    }
+
+    /// Forgets a tool; `false` if it is not there.
+    pub fn remove(&mut self, number: u32) -> bool {
+        let before = self.tools.len();
+        self.tools.retain(|tool| tool.number != number);
+        self.remarks.remove(&number);
+        self.tools.len() < before
     }
 }
 
@@ -171,6 +251,24 @@ mod tests {
         );
         assert_eq!(turning.offset[0], -1.0);
         assert!(table.get(2).is_none());
+        let again = ToolTable::parse(&table.to_text()).unwrap();
+        assert_eq!(again, table);
+        assert!(table.to_text().contains("; mill"), "{}", table.to_text());
+    }
+
+    #[test]
+    fn tables_are_changed_and_come_back_from_a_file_to_the_last_bit() {
+        let mut table = ToolTable::parse("T1 P1 Z1 ;one\nT2 P2\n").unwrap();
+        let mut tool = Tool::new(7);
+        tool.offset[2] = 0.1 + 0.2;
+        tool.diameter_mm = 1.0 / 3.0;
+        table.set(tool);
+        assert!(table.remove(2) && !table.remove(2));
+        let file = std::env::temp_dir().join(format!("evolvent-tools-{}.tbl", std::process::id()));
+        table.save(&file).unwrap();
+        assert_eq!(ToolTable::load(&file).unwrap(), table);
+        std::fs::remove_file(&file).unwrap();
+        assert!(matches!(ToolTable::load(&file), Err(StoreError::Read { .. })));
     }
 
     #[test]
