@@ -44,6 +44,29 @@ extern "C" {
 #define EVOLVENT_FLAG_GUARD 64u
 #define EVOLVENT_FLAG_LAST 128u
 
+/* Values of `power_request` in Setpoint. */
+#define EVOLVENT_POWER_OFF 0u
+#define EVOLVENT_POWER_ON 1u
+#define EVOLVENT_POWER_QUICK_STOP 2u
+
+/* Values of `bridge_state` in Feedback. */
+#define EVOLVENT_BRIDGE_WAITING 0u
+#define EVOLVENT_BRIDGE_FOLLOWING 1u
+#define EVOLVENT_BRIDGE_BRIDGING 2u
+#define EVOLVENT_BRIDGE_BRAKING 3u
+#define EVOLVENT_BRIDGE_HOLDING 4u
+#define EVOLVENT_BRIDGE_OFF 5u
+
+/* Values of `note` in Feedback. */
+#define EVOLVENT_NOTE_NONE 0u
+#define EVOLVENT_NOTE_GAP 1u
+#define EVOLVENT_NOTE_SILENCE 2u
+#define EVOLVENT_NOTE_LATE 3u
+#define EVOLVENT_NOTE_JUMP 4u
+#define EVOLVENT_NOTE_RESTART 5u
+#define EVOLVENT_NOTE_NOT_FINITE 6u
+#define EVOLVENT_NOTE_VERSION 7u
+
 /* Values of `kind` in Load. */
 #define EVOLVENT_LOAD_FORCE_N 1u
 #define EVOLVENT_LOAD_TORQUE_N_M 2u
@@ -103,8 +126,14 @@ typedef struct evolvent_setpoint {
     double override_ratio;
     /* Way along the path since the start of the run, in mm. */
     double path_mm;
+    /* What the drives' power stages shall do, a number of the list of power requests. */
+    uint32_t power_request;
+    /* Grows by one where the drives' faults shall be reset. */
+    uint32_t fault_reset;
+    /* Grows by one where homing names positions anew: the axes stand, and the step of position is no motion. */
+    uint64_t datum;
     /* Zero; for later versions. */
-    uint64_t reserved[5];
+    uint64_t reserved[3];
 } evolvent_setpoint_t;
 
 EVOLVENT_STATIC_ASSERT(sizeof(evolvent_setpoint_t) == 400, "size of Setpoint");
@@ -124,7 +153,10 @@ EVOLVENT_STATIC_ASSERT(offsetof(evolvent_setpoint_t, axes_mask) == 332, "offset 
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_setpoint_t, feed_mm_s) == 336, "offset of Setpoint.feed_mm_s");
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_setpoint_t, override_ratio) == 344, "offset of Setpoint.override_ratio");
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_setpoint_t, path_mm) == 352, "offset of Setpoint.path_mm");
-EVOLVENT_STATIC_ASSERT(offsetof(evolvent_setpoint_t, reserved) == 360, "offset of Setpoint.reserved");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_setpoint_t, power_request) == 360, "offset of Setpoint.power_request");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_setpoint_t, fault_reset) == 364, "offset of Setpoint.fault_reset");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_setpoint_t, datum) == 368, "offset of Setpoint.datum");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_setpoint_t, reserved) == 376, "offset of Setpoint.reserved");
 
 /* One coherent snapshot of the core. A reader gets the latest, never a mixture of two.
  *
@@ -297,8 +329,28 @@ typedef struct evolvent_feedback {
     uint32_t status_word[9];
     /* Bit i set: the numbers of axis i are valid. */
     uint32_t axes_mask;
+    /* Bit i set: the home switch of axis i is pressed. */
+    uint32_t home_switch_mask;
+    /* Bit i set: the limit switch at the positive end of axis i is pressed. */
+    uint32_t positive_limit_mask;
+    /* Bit i set: the limit switch at the negative end of axis i is pressed. */
+    uint32_t negative_limit_mask;
+    /* What the bridge is doing, a number of the list of bridge states. */
+    uint32_t bridge_state;
+    /* What the bridge found wrong with the setpoints last, a number of the list of notes. */
+    uint32_t note;
+    /* CiA 402 error code (object 603Fh) of the first axis in fault; 0 where there is none. */
+    uint32_t error_code;
+    /* The setpoints' `fault_reset` that was carried out last. */
+    uint32_t fault_reset_done;
+    /* Setpoints that were missing, late or refused since the bridge started. */
+    uint32_t missed_setpoints;
+    /* The setpoints' `datum` by which the positions are named. */
+    uint64_t datum;
+    /* Differs from one start of the bridge to the next. */
+    uint64_t instance;
     /* Zero; for later versions. */
-    uint64_t reserved[8];
+    uint64_t reserved[2];
 } evolvent_feedback_t;
 
 EVOLVENT_STATIC_ASSERT(sizeof(evolvent_feedback_t) == 424, "size of Feedback");
@@ -313,7 +365,17 @@ EVOLVENT_STATIC_ASSERT(offsetof(evolvent_feedback_t, torque_ratio) == 240, "offs
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_feedback_t, phase_error_ns) == 312, "offset of Feedback.phase_error_ns");
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_feedback_t, status_word) == 320, "offset of Feedback.status_word");
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_feedback_t, axes_mask) == 356, "offset of Feedback.axes_mask");
-EVOLVENT_STATIC_ASSERT(offsetof(evolvent_feedback_t, reserved) == 360, "offset of Feedback.reserved");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_feedback_t, home_switch_mask) == 360, "offset of Feedback.home_switch_mask");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_feedback_t, positive_limit_mask) == 364, "offset of Feedback.positive_limit_mask");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_feedback_t, negative_limit_mask) == 368, "offset of Feedback.negative_limit_mask");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_feedback_t, bridge_state) == 372, "offset of Feedback.bridge_state");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_feedback_t, note) == 376, "offset of Feedback.note");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_feedback_t, error_code) == 380, "offset of Feedback.error_code");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_feedback_t, fault_reset_done) == 384, "offset of Feedback.fault_reset_done");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_feedback_t, missed_setpoints) == 388, "offset of Feedback.missed_setpoints");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_feedback_t, datum) == 392, "offset of Feedback.datum");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_feedback_t, instance) == 400, "offset of Feedback.instance");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_feedback_t, reserved) == 408, "offset of Feedback.reserved");
 
 /* A measured cutting load, from a drive or a sensor.
  */

@@ -37,6 +37,29 @@ FLAG_STARVED = 32
 FLAG_GUARD = 64
 FLAG_LAST = 128
 
+# Values of `power_request` in Setpoint.
+POWER_OFF = 0
+POWER_ON = 1
+POWER_QUICK_STOP = 2
+
+# Values of `bridge_state` in Feedback.
+BRIDGE_WAITING = 0
+BRIDGE_FOLLOWING = 1
+BRIDGE_BRIDGING = 2
+BRIDGE_BRAKING = 3
+BRIDGE_HOLDING = 4
+BRIDGE_OFF = 5
+
+# Values of `note` in Feedback.
+NOTE_NONE = 0
+NOTE_GAP = 1
+NOTE_SILENCE = 2
+NOTE_LATE = 3
+NOTE_JUMP = 4
+NOTE_RESTART = 5
+NOTE_NOT_FINITE = 6
+NOTE_VERSION = 7
+
 # Values of `kind` in Load.
 LOAD_FORCE_N = 1
 LOAD_TORQUE_N_M = 2
@@ -98,8 +121,14 @@ class Setpoint(ctypes.Structure):
         ("override_ratio", ctypes.c_double),
         # Way along the path since the start of the run, in mm.
         ("path_mm", ctypes.c_double),
+        # What the drives' power stages shall do, a number of the list of power requests.
+        ("power_request", ctypes.c_uint32),
+        # Grows by one where the drives' faults shall be reset.
+        ("fault_reset", ctypes.c_uint32),
+        # Grows by one where homing names positions anew: the axes stand, and the step of position is no motion.
+        ("datum", ctypes.c_uint64),
         # Zero; for later versions.
-        ("reserved", ctypes.c_uint64 * 5),
+        ("reserved", ctypes.c_uint64 * 3),
     ]
 
     def __init__(self, **values):
@@ -246,8 +275,28 @@ class Feedback(ctypes.Structure):
         ("status_word", ctypes.c_uint32 * 9),
         # Bit i set: the numbers of axis i are valid.
         ("axes_mask", ctypes.c_uint32),
+        # Bit i set: the home switch of axis i is pressed.
+        ("home_switch_mask", ctypes.c_uint32),
+        # Bit i set: the limit switch at the positive end of axis i is pressed.
+        ("positive_limit_mask", ctypes.c_uint32),
+        # Bit i set: the limit switch at the negative end of axis i is pressed.
+        ("negative_limit_mask", ctypes.c_uint32),
+        # What the bridge is doing, a number of the list of bridge states.
+        ("bridge_state", ctypes.c_uint32),
+        # What the bridge found wrong with the setpoints last, a number of the list of notes.
+        ("note", ctypes.c_uint32),
+        # CiA 402 error code (object 603Fh) of the first axis in fault; 0 where there is none.
+        ("error_code", ctypes.c_uint32),
+        # The setpoints' `fault_reset` that was carried out last.
+        ("fault_reset_done", ctypes.c_uint32),
+        # Setpoints that were missing, late or refused since the bridge started.
+        ("missed_setpoints", ctypes.c_uint32),
+        # The setpoints' `datum` by which the positions are named.
+        ("datum", ctypes.c_uint64),
+        # Differs from one start of the bridge to the next.
+        ("instance", ctypes.c_uint64),
         # Zero; for later versions.
-        ("reserved", ctypes.c_uint64 * 8),
+        ("reserved", ctypes.c_uint64 * 2),
     ]
 
     def __init__(self, **values):

@@ -3,7 +3,8 @@
 use crate::domain::{ATTRIBUTE_AXES, ATTRIBUTE_INTERFACE, ATTRIBUTE_PERIOD};
 use crate::layout::{AXES, FieldLayout, Payload, StructLayout};
 use crate::{
-    EventKind, Feedback, INTERFACE_VERSION, LOAD_KINDS, Load, SETPOINT_FLAGS, STATES, Setpoint, Status,
+    BRIDGE_NOTES, BRIDGE_STATES, EventKind, Feedback, INTERFACE_VERSION, LOAD_KINDS, Load, POWER_REQUESTS,
+    SETPOINT_FLAGS, STATES, Setpoint, Status,
 };
 use std::fmt::Write;
 
@@ -14,7 +15,7 @@ const COMMAND: &str = "cargo run -p evolvent-bus --example generate-bindings";
 /// A group of named numbers: the group's name, what it is, the entries.
 type Constants = (&'static str, &'static str, Vec<(&'static str, u32)>);
 
-fn constants() -> [Constants; 4] {
+fn constants() -> [Constants; 7] {
     [
         (
             "STATE",
@@ -26,6 +27,17 @@ fn constants() -> [Constants; 4] {
             "Bits of `flags` in Setpoint and Status.",
             SETPOINT_FLAGS.to_vec(),
         ),
+        (
+            "POWER",
+            "Values of `power_request` in Setpoint.",
+            POWER_REQUESTS.to_vec(),
+        ),
+        (
+            "BRIDGE",
+            "Values of `bridge_state` in Feedback.",
+            BRIDGE_STATES.to_vec(),
+        ),
+        ("NOTE", "Values of `note` in Feedback.", BRIDGE_NOTES.to_vec()),
         ("LOAD", "Values of `kind` in Load.", LOAD_KINDS.to_vec()),
         (
             "EVENT",

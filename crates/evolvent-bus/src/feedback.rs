@@ -24,10 +24,52 @@ payload! {
         status_word: [u32; AXES],
         /// Bit i set: the numbers of axis i are valid.
         axes_mask: u32,
+        /// Bit i set: the home switch of axis i is pressed.
+        home_switch_mask: u32,
+        /// Bit i set: the limit switch at the positive end of axis i is pressed.
+        positive_limit_mask: u32,
+        /// Bit i set: the limit switch at the negative end of axis i is pressed.
+        negative_limit_mask: u32,
+        /// What the bridge is doing, a number of the list of bridge states.
+        bridge_state: u32,
+        /// What the bridge found wrong with the setpoints last, a number of the list of notes.
+        note: u32,
+        /// CiA 402 error code (object 603Fh) of the first axis in fault; 0 where there is none.
+        error_code: u32,
+        /// The setpoints' `fault_reset` that was carried out last.
+        fault_reset_done: u32,
+        /// Setpoints that were missing, late or refused since the bridge started.
+        missed_setpoints: u32,
+        /// The setpoints' `datum` by which the positions are named.
+        datum: u64,
+        /// Differs from one start of the bridge to the next.
+        instance: u64,
         /// Zero; for later versions.
-        reserved: [u64; 8],
+        reserved: [u64; 2],
     }
 }
+
+/// Names and numbers of `bridge_state`.
+pub const BRIDGE_STATES: [(&str, u32); 6] = [
+    ("WAITING", 0),
+    ("FOLLOWING", 1),
+    ("BRIDGING", 2),
+    ("BRAKING", 3),
+    ("HOLDING", 4),
+    ("OFF", 5),
+];
+
+/// Names and numbers of `note`.
+pub const BRIDGE_NOTES: [(&str, u32); 8] = [
+    ("NONE", 0),
+    ("GAP", 1),
+    ("SILENCE", 2),
+    ("LATE", 3),
+    ("JUMP", 4),
+    ("RESTART", 5),
+    ("NOT_FINITE", 6),
+    ("VERSION", 7),
+];
 
 impl Feedback {
     /// Whether every number of the valid axes is finite.

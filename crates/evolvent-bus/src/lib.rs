@@ -42,10 +42,10 @@ pub use core_bus::CoreBus;
 pub use domain::{ATTRIBUTE_AXES, ATTRIBUTE_INTERFACE, ATTRIBUTE_PERIOD, remove_private_domain};
 pub use error::{BusError, ReceiveError, SendError};
 pub use event::EventKind;
-pub use feedback::{Feedback, LOAD_KINDS, Load};
+pub use feedback::{BRIDGE_NOTES, BRIDGE_STATES, Feedback, LOAD_KINDS, Load};
 pub use layout::{AXES, FieldLayout, Payload, Scalar, StructLayout};
 pub use name::{Channel, MAX_MACHINE_NAME, NameError, check_machine_name};
-pub use setpoint::{SETPOINT_FLAGS, STATES, Setpoint};
+pub use setpoint::{POWER_REQUESTS, SETPOINT_FLAGS, STATES, Setpoint};
 pub use status::{MAX_ALARMS, Status, TEXT_BYTES};
 
 /// Version of the contract: raised with every change of a payload's layout or meaning.

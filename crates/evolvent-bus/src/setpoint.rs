@@ -37,10 +37,19 @@ payload! {
         override_ratio: f64,
         /// Way along the path since the start of the run, in mm.
         path_mm: f64,
+        /// What the drives' power stages shall do, a number of the list of power requests.
+        power_request: u32,
+        /// Grows by one where the drives' faults shall be reset.
+        fault_reset: u32,
+        /// Grows by one where homing names positions anew: the axes stand, and the step of position is no motion.
+        datum: u64,
         /// Zero; for later versions.
-        reserved: [u64; 5],
+        reserved: [u64; 3],
     }
 }
+
+/// Names and numbers of `power_request`.
+pub const POWER_REQUESTS: [(&str, u32); 3] = [("OFF", 0), ("ON", 1), ("QUICK_STOP", 2)];
 
 /// Names and numbers of `state`, as on the bus and in the trace.
 pub const STATES: [(&str, u32); 10] = [
