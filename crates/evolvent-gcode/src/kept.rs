@@ -271,12 +271,11 @@ mod tests {
     }
 
     fn end_of(actions: &[Action]) -> Axes {
-        use evolvent_path::ParamCurve as _;
-        let moves = actions.iter().filter_map(|action| match action {
+        let mut moves = actions.iter().filter_map(|action| match action {
             Action::Move(step) => Some(step.curve.end()),
             _ => None,
         });
-        moves.last().unwrap()
+        moves.next_back().unwrap()
     }
 
     #[test]
