@@ -1,0 +1,162 @@
+//! Why there is no force, no law, or no file.
+
+use thiserror::Error;
+
+/// Why a law has no force for a cut. Small and without text of its own, so that the cycle may return it.
+#[derive(Clone, Copy, Debug, PartialEq, Error)]
+pub enum ForceError {
+    /// The cutting speed is zero, negative or no number.
+    #[error("no cutting force at a speed of {speed_m_min} m/min: give a positive speed")]
+    Speed {
+        /// As given.
+        speed_m_min: f64,
+    },
+    /// The depth of cut is zero, negative or no number.
+    #[error("no cutting force at a depth of {depth_mm} mm: give a positive depth")]
+    Depth {
+        /// As given.
+        depth_mm: f64,
+    },
+    /// The feed is zero, negative or no number.
+    #[error("no cutting force at a feed of {feed_mm_rev} mm/rev: give a positive feed")]
+    Feed {
+        /// As given.
+        feed_mm_rev: f64,
+    },
+    /// The denominator of a rational law has a zero at this feed: the force would be infinite at some speed.
+    #[error(
+        "the force law has a pole at a feed of {feed_mm_rev} mm/rev: (f k5)^2 is {ratio} times 4 g k6 and must be below 1; choose another rake angle, feed or law"
+    )]
+    Pole {
+        /// As given.
+        feed_mm_rev: f64,
+        /// `(f k5)^2 / (4 g k6)`.
+        ratio: f64,
+    },
+    /// A table ends before this cut.
+    #[error(
+        "the table of forces ends before {value} {quantity}: it covers {least} to {most}; extend the table"
+    )]
+    Outside {
+        /// Quantity with its unit.
+        quantity: &'static str,
+        /// As given.
+        value: f64,
+        /// First entry.
+        least: f64,
+        /// Last entry.
+        most: f64,
+    },
+    /// The law gives a force that is negative or no number.
+    #[error(
+        "the force law gives {tangential_n} N at {speed_m_min} m/min and {depth_mm} mm: it does not hold there; choose another law or cut"
+    )]
+    Negative {
+        /// What the law gives.
+        tangential_n: f64,
+        /// As given.
+        speed_m_min: f64,
+        /// As given.
+        depth_mm: f64,
+    },
+}
+
+/// Why coefficients make no law.
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum LawError {
+    /// A number is not finite or far from anything real.
+    #[error("{name} is {value}: give a number from {least} to {most}")]
+    Number {
+        /// The coefficient.
+        name: &'static str,
+        /// As given.
+        value: f64,
+        /// Least permitted.
+        least: f64,
+        /// Most permitted.
+        most: f64,
+    },
+    /// The rational law has a pole at this rake angle, whatever the feed.
+    #[error(
+        "at a rake angle of {rake_deg} degrees the force law has a pole: (f k5)^2 is {ratio} times 4 g k6 and must be below 1; choose another rake angle or law"
+    )]
+    Pole {
+        /// As given.
+        rake_deg: f64,
+        /// `(f k5)^2 / (4 g k6)`.
+        ratio: f64,
+    },
+    /// The factor of the lead angle is not positive.
+    #[error(
+        "at a lead angle of {lead_deg} degrees the force law's factor is {factor}: it holds for smaller angles"
+    )]
+    Lead {
+        /// As given.
+        lead_deg: f64,
+        /// The factor.
+        factor: f64,
+    },
+    /// An axis of a table does not rise, or is too short or too long.
+    #[error("the table's axis {axis} must have 1 to 200 rising, positive entries; entry {entry} is {value}")]
+    Axis {
+        /// Name of the axis.
+        axis: &'static str,
+        /// Index of the entry, from 0.
+        entry: usize,
+        /// The entry.
+        value: f64,
+    },
+    /// A table's axis has one entry and no exponent says how force changes along it.
+    #[error("the table has one entry along {axis}: add the exponent {axis}_exponent")]
+    NoExponent {
+        /// Name of the axis.
+        axis: &'static str,
+    },
+    /// The forces do not fit the axes.
+    #[error(
+        "the table needs force_n as {feeds} lists (feeds) of {depths} lists (depths) of {speeds} forces (speeds)"
+    )]
+    Shape {
+        /// Entries along the feed.
+        feeds: usize,
+        /// Entries along the depth.
+        depths: usize,
+        /// Entries along the speed.
+        speeds: usize,
+    },
+}
+
+/// Why a file was refused. Each message names the place and says what to do.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+pub enum SheetError {
+    /// The text is not TOML, or not JSON.
+    #[error("{file}:{line}:{column}: not valid {format}: {what}")]
+    Syntax {
+        /// The file as given.
+        file: String,
+        /// "TOML" or "JSON".
+        format: &'static str,
+        /// Line, from 1.
+        line: usize,
+        /// Column in characters, from 1.
+        column: usize,
+        /// What the parser expected.
+        what: String,
+    },
+    /// A key is unknown, missing or of the wrong kind, or its value makes no sense.
+    #[error("{file}:{line}:{column}: {key}: {what}; {advice}")]
+    Key {
+        /// The file as given.
+        file: String,
+        /// Line, from 1.
+        line: usize,
+        /// Column in characters, from 1.
+        column: usize,
+        /// Dotted key: `mode[1].frequency_hz`.
+        key: String,
+        /// What is wrong, with the numbers.
+        what: String,
+        /// What to do.
+        advice: String,
+    },
+}

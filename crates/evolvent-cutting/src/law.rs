@@ -1,0 +1,199 @@
+//! One law, whatever its kind.
+
+use crate::error::ForceError;
+use crate::force::{Cut, Force, SectionForce};
+use crate::power::PowerLaw;
+use crate::rational::{RationalLaw, RationalSection};
+use crate::table::{ForceTable, Weights};
+
+/// Where the data of a law are from: lowest and highest speed (m/min), depth (mm) and feed (mm/rev).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Covered {
+    /// m/min.
+    pub speed_m_min: [f64; 2],
+    /// mm.
+    pub depth_mm: [f64; 2],
+    /// mm/rev.
+    pub feed_mm_rev: [f64; 2],
+}
+
+impl Default for Covered {
+    /// Every positive number.
+    fn default() -> Self {
+        let all = [0.0, f64::INFINITY];
+        Self {
+            speed_m_min: all,
+            depth_mm: all,
+            feed_mm_rev: all,
+        }
+    }
+}
+
+/// A force law for a material and a tool.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ForceLaw {
+    kind: Kind,
+    radial_ratio: f64,
+    covered: Covered,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+enum Kind {
+    Power(PowerLaw),
+    Rational(RationalLaw),
+    Table(ForceTable),
+}
+
+/// A law at a feed that is held: for many speeds and depths.
+#[derive(Clone, Copy, Debug)]
+pub struct Section<'a> {
+    kind: SectionKind<'a>,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum SectionKind<'a> {
+    Power(&'a PowerLaw, f64),
+    Rational(RationalSection),
+    Table(&'a ForceTable, Weights),
+}
+
+impl From<PowerLaw> for ForceLaw {
+    fn from(law: PowerLaw) -> Self {
+        Self::of(Kind::Power(law))
+    }
+}
+
+impl From<RationalLaw> for ForceLaw {
+    fn from(law: RationalLaw) -> Self {
+        Self::of(Kind::Rational(law))
+    }
+}
+
+impl From<ForceTable> for ForceLaw {
+    fn from(table: ForceTable) -> Self {
+        Self::of(Kind::Table(table))
+    }
+}
+
+impl ForceLaw {
+    /// Radial force over tangential force (Py / Pz) where nothing else is known. An assumption, no measurement.
+    pub const ASSUMED_RADIAL_RATIO: f64 = 0.4;
+
+    fn of(kind: Kind) -> Self {
+        Self {
+            kind,
+            radial_ratio: Self::ASSUMED_RADIAL_RATIO,
+            covered: Covered::default(),
+        }
+    }
+
+    /// The same law with another ratio of radial to tangential force, and where its data are from.
+    #[must_use]
+    pub fn with(self, radial_ratio: f64, covered: Covered) -> Self {
+        Self {
+            radial_ratio,
+            covered,
+            ..self
+        }
+    }
+
+    /// Radial force over tangential force, Py / Pz.
+    #[must_use]
+    pub fn radial_ratio(&self) -> f64 {
+        self.radial_ratio
+    }
+
+    /// Where the data are from.
+    #[must_use]
+    pub fn covered(&self) -> &Covered {
+        &self.covered
+    }
+
+    /// Whether the data reach to this cut; else a force is extrapolated. The cycle may call it.
+    #[must_use]
+    pub fn covers(&self, cut: Cut) -> bool {
+        let within = |range: [f64; 2], value: f64| (range[0]..=range[1]).contains(&value);
+        within(self.covered.speed_m_min, cut.speed_m_min)
+            && within(self.covered.depth_mm, cut.depth_mm)
+            && within(self.covered.feed_mm_rev, cut.feed_mm_rev)
+    }
+
+    /// The power law, if it is one: its inverses are closed forms.
+    #[must_use]
+    pub fn power(&self) -> Option<&PowerLaw> {
+        match &self.kind {
+            Kind::Power(law) => Some(law),
+            _ => None,
+        }
+    }
+
+    /// The force of a cut with all derivatives. The cycle may call it.
+    ///
+    /// # Errors
+    /// Speed, depth or feed that is not positive; a pole; a cut outside a table; a law that gives a negative force.
+    pub fn force(&self, cut: Cut) -> Result<Force, ForceError> {
+        let section = self.section(cut.feed_mm_rev)?;
+        let force = section.force(cut.speed_m_min, cut.depth_mm)?;
+        let (feed, speed, depth) = (cut.feed_mm_rev, cut.speed_m_min, cut.depth_mm);
+        let per_feed = match (&self.kind, &section.kind) {
+            (Kind::Rational(law), SectionKind::Rational(section)) => {
+                law.per_feed(section, feed, speed, depth)
+            }
+            (Kind::Table(table), SectionKind::Table(_, weights)) => {
+                table.per_feed(weights, feed, speed, depth)?
+            }
+            (Kind::Power(law), _) => force.tangential_n * law.feed_exponent / feed,
+            _ => f64::NAN,
+        };
+        Ok(Force {
+            tangential_n: force.tangential_n,
+            per_speed: force.per_speed,
+            per_depth: force.per_depth,
+            per_feed,
+        })
+    }
+
+    /// The law at a feed in mm/rev. The cycle may call it.
+    ///
+    /// # Errors
+    /// A feed that is not positive or outside a table; a pole at this feed.
+    pub fn section(&self, feed_mm_rev: f64) -> Result<Section<'_>, ForceError> {
+        if !(feed_mm_rev > 0.0 && feed_mm_rev.is_finite()) {
+            return Err(ForceError::Feed { feed_mm_rev });
+        }
+        let kind = match &self.kind {
+            Kind::Power(law) => SectionKind::Power(law, law.at_feed(feed_mm_rev)),
+            Kind::Rational(law) => SectionKind::Rational(law.at_feed(feed_mm_rev)?),
+            Kind::Table(table) => SectionKind::Table(table, table.at_feed(feed_mm_rev)?),
+        };
+        Ok(Section { kind })
+    }
+}
+
+impl Section<'_> {
+    /// Force at a speed in m/min and a depth in mm, with its derivatives. The cycle may call it.
+    ///
+    /// # Errors
+    /// Speed or depth that is not positive or outside a table; a law that gives a negative force.
+    pub fn force(&self, speed_m_min: f64, depth_mm: f64) -> Result<SectionForce, ForceError> {
+        if !(speed_m_min > 0.0 && speed_m_min.is_finite()) {
+            return Err(ForceError::Speed { speed_m_min });
+        }
+        if !(depth_mm > 0.0 && depth_mm.is_finite()) {
+            return Err(ForceError::Depth { depth_mm });
+        }
+        let force = match &self.kind {
+            SectionKind::Power(law, at_feed) => law.force(*at_feed, speed_m_min, depth_mm),
+            SectionKind::Rational(section) => section.force(speed_m_min, depth_mm),
+            SectionKind::Table(table, weights) => table.force(weights, speed_m_min, depth_mm)?,
+        };
+        if force.tangential_n >= 0.0 && force.tangential_n.is_finite() {
+            return Ok(force);
+        }
+        Err(ForceError::Negative {
+            tangential_n: force.tangential_n,
+            speed_m_min,
+            depth_mm,
+        })
+    }
+}

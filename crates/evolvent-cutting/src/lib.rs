@@ -1,0 +1,43 @@
+//! Cutting force over speed, depth of cut and feed.
+//!
+//! A [`ForceLaw`] answers [`ForceLaw::force`] for a [`Cut`]: the tangential force and its partial derivatives, or why
+//! there is no answer. There are three kinds: a power law, a table of measured forces, and the rational law with a
+//! falling section that the reconstruction "40X-R1" of steel 40X has. A law is data: a [`LawDefinition`] is read from
+//! a TOML file ([`LawDefinition::parse`]), or taken by name from those that are built in
+//! ([`LawDefinition::built_in`]), and becomes a law with the angles of a [`Tool`].
+//!
+//! ```
+//! use evolvent_cutting::{Cut, LawDefinition, Tool};
+//! let steel = LawDefinition::built_in("40X-R1").ok_or("no such law")?;
+//! let law = steel.law(Tool { rake_deg: 10.0, lead_deg: 60.0 })?;
+//! let force = law.force(Cut { speed_m_min: 60.0, depth_mm: 4.0, feed_mm_rev: 0.49 })?;
+//! assert!((force.tangential_n - 3430.036).abs() < 1e-3 && force.per_speed < 0.0);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! Who evaluates many speeds and depths at one feed takes [`ForceLaw::section`] first. Evaluation neither allocates nor
+//! reads a clock, and gives the same bits everywhere (`libm`): the real-time cycle may call it. Reading files and
+//! building laws is for start-up.
+//!
+//! No law extrapolates silently: [`ForceLaw::covers`] says whether a cut lies where the data are from.
+//!
+//! [`Sheet`] is the reader behind these files, for other case files of cutting: TOML or JSON with the place of every
+//! key, so that an error names file, line and key.
+
+mod error;
+mod file;
+mod force;
+mod law;
+mod power;
+mod rational;
+mod sheet;
+mod table;
+
+pub use error::{ForceError, LawError, SheetError};
+pub use file::LawDefinition;
+pub use force::{Cut, Force, SectionForce, Tool};
+pub use law::{Covered, ForceLaw, Section};
+pub use power::PowerLaw;
+pub use rational::{RationalCoefficients, RationalLaw};
+pub use sheet::Sheet;
+pub use table::ForceTable;

@@ -1,0 +1,61 @@
+//! The power law that handbooks print.
+
+use crate::error::LawError;
+use crate::force::SectionForce;
+
+/// `Pz = coefficient_n factor V^speed_exponent t^depth_exponent S^feed_exponent`, V in m/min, t in mm, S in mm/rev.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PowerLaw {
+    /// Force at 1 m/min, 1 mm and 1 mm/rev, N.
+    pub coefficient_n: f64,
+    /// Further factor (tool, material), 1 for none.
+    pub factor: f64,
+    /// Exponent of the cutting speed.
+    pub speed_exponent: f64,
+    /// Exponent of the depth of cut.
+    pub depth_exponent: f64,
+    /// Exponent of the feed.
+    pub feed_exponent: f64,
+}
+
+impl PowerLaw {
+    /// Checks the numbers.
+    ///
+    /// # Errors
+    /// A coefficient or factor that is not positive, an exponent beyond 10, or what is not finite.
+    pub fn checked(self) -> Result<Self, LawError> {
+        number("coefficient_n", self.coefficient_n, 1e-9, 1e9)?;
+        number("factor", self.factor, 1e-9, 1e9)?;
+        number("speed_exponent", self.speed_exponent, -10.0, 10.0)?;
+        number("depth_exponent", self.depth_exponent, 0.0, 10.0)?;
+        number("feed_exponent", self.feed_exponent, 0.0, 10.0)?;
+        Ok(self)
+    }
+
+    /// The factor that the feed makes, with everything that is constant.
+    pub(crate) fn at_feed(&self, feed: f64) -> f64 {
+        self.coefficient_n * self.factor * libm::pow(feed, self.feed_exponent)
+    }
+
+    pub(crate) fn force(&self, at_feed: f64, speed: f64, depth: f64) -> SectionForce {
+        let force = at_feed * libm::pow(speed, self.speed_exponent) * libm::pow(depth, self.depth_exponent);
+        SectionForce {
+            tangential_n: force,
+            per_speed: force * self.speed_exponent / speed,
+            per_depth: force * self.depth_exponent / depth,
+        }
+    }
+}
+
+pub(crate) fn number(name: &'static str, value: f64, least: f64, most: f64) -> Result<(), LawError> {
+    // A NaN is in no range.
+    if (least..=most).contains(&value) {
+        return Ok(());
+    }
+    Err(LawError::Number {
+        name,
+        value,
+        least,
+        most,
+    })
+}

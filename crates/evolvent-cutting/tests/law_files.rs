@@ -1,0 +1,159 @@
+//! Law files: what is wrong is named with file, line and key.
+
+#![expect(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
+
+use evolvent_cutting::{LawDefinition, Sheet, Tool};
+
+const GOOD: &str = include_str!("../../../config/laws/40x-r1.toml");
+
+fn refusal(text: &str) -> String {
+    LawDefinition::parse(text, "law.toml").unwrap_err().to_string()
+}
+
+/// The line of the first text that holds `part`.
+fn line_of(text: &str, part: &str) -> usize {
+    text.lines().position(|line| line.contains(part)).unwrap() + 1
+}
+
+#[test]
+fn every_key_of_the_shipped_law_is_needed_or_optional_by_name() {
+    assert_eq!(LawDefinition::built_in_names(), ["40X-R1"]);
+    assert!(LawDefinition::built_in("50X").is_none());
+    for line in GOOD
+        .lines()
+        .filter(|line| line.contains(" = ") && !line.starts_with('#'))
+    {
+        let key = line.split(" = ").next().unwrap();
+        let without = GOOD.replacen(line, "", 1);
+        let optional = ["description", "radial_ratio", "speed_m_min"].contains(&key);
+        match LawDefinition::parse(&without, "law.toml") {
+            Ok(_) => assert!(optional, "{key}"),
+            Err(error) => assert!(!optional && error.to_string().contains(key), "{key}: {error}"),
+        }
+    }
+}
+
+#[test]
+fn errors_name_file_line_and_key() {
+    let line = line_of(GOOD, "c = [");
+    for (from, to, key) in [
+        ("c = [260.13, 0.8343]", "c = [260.13, nan]", "rational"),
+        ("c = [260.13, 0.8343]", "c = [260.13, \"x\"]", "rational.c[1]"),
+        ("c = [260.13, 0.8343]", "cc = [260.13, 0.8343]", "rational.cc"),
+        ("radial_ratio = 0.4", "radial_ratio = -1", "radial_ratio"),
+        ("[10.0, 70.0]", "[70.0, 10.0]", "covered.speed_m_min"),
+        ("kind = \"rational\"", "kind = \"power\"", "kind"),
+    ] {
+        let text = GOOD.replacen(from, to, 1);
+        assert_ne!(text, GOOD);
+        let error = refusal(&text);
+        assert!(
+            error.starts_with("law.toml:") && error.contains(&format!(" {key}: ")),
+            "{error}"
+        );
+        if key == "rational.c[1]" {
+            assert!(error.starts_with(&format!("law.toml:{line}:")), "{error}");
+        }
+    }
+    let error = refusal("name = = 1\n");
+    assert!(
+        error.starts_with("law.toml:1:") && error.contains("not valid TOML"),
+        "{error}"
+    );
+}
+
+#[test]
+fn json_says_the_same_with_places() {
+    #[derive(Debug, serde::Deserialize)]
+    #[serde(deny_unknown_fields)]
+    struct Case {
+        #[expect(dead_code, reason = "only its presence counts")]
+        mode: Vec<Mode>,
+    }
+    #[derive(Debug, serde::Deserialize)]
+    #[serde(deny_unknown_fields)]
+    struct Mode {
+        #[expect(dead_code, reason = "only its presence counts")]
+        f_hz: f64,
+    }
+    let text =
+        "{\n \"a\\\"b\": [1, {\"x\": \"}\"}],\n \"mode\": [\n  {\"f_hz\": 1},\n  {\"f_hz\": -2}\n ]\n}";
+    let sheet = Sheet::parse(text, "case.json").unwrap();
+    let error = sheet
+        .number("mode[1].f_hz", -2.0, 0.0, 1.0)
+        .unwrap_err()
+        .to_string();
+    assert!(
+        error.starts_with("case.json:5:4: mode[1].f_hz: -2 is out of range"),
+        "{error}"
+    );
+    assert!(
+        sheet
+            .read::<Case>()
+            .unwrap_err()
+            .to_string()
+            .contains("unknown field")
+    );
+    let text = "{\n \"mode\": [\n  {\"f_hz\": 1},\n  {}\n ]\n}";
+    let error = Sheet::parse(text, "case.json")
+        .unwrap()
+        .read::<Case>()
+        .unwrap_err()
+        .to_string();
+    assert!(
+        error.starts_with("case.json:4:") && error.contains("mode[1].f_hz: missing field"),
+        "{error}"
+    );
+    let error = Sheet::parse("{\n \"mode\": [,\n", "case.json")
+        .unwrap_err()
+        .to_string();
+    assert!(
+        error.starts_with("case.json:2:") && error.contains("not valid JSON"),
+        "{error}"
+    );
+}
+
+#[test]
+fn power_laws_and_tables_are_read() {
+    let tool = Tool {
+        rake_deg: 0.0,
+        lead_deg: 60.0,
+    };
+    let power = "name = \"p\"\nkind = \"power\"\n[power]\ncoefficient_n = 2943\nspeed_exponent = -0.15\n\
+                 depth_exponent = 1\nfeed_exponent = 0.75\n";
+    let law = LawDefinition::parse(power, "p.toml").unwrap().law(tool).unwrap();
+    assert_eq!(law.power().unwrap().coefficient_n, 2943.0);
+    let table = "name = \"t\"\nkind = \"table\"\n[table]\nspeed_m_min = [10, 50]\ndepth_mm = [1]\nfeed_mm_rev = [0.3]\n\
+                 force_n = [[[700, 650]]]\ndepth_exponent = 1\nfeed_exponent = 0.8\n";
+    assert!(LawDefinition::parse(table, "t.toml").unwrap().law(tool).is_ok());
+    let error = refusal(&table.replace("depth_exponent = 1\n", ""));
+    assert!(error.contains("depth_exponent"), "{error}");
+    let error = refusal(&table.replace("[10, 50]", "[50, 10]"));
+    assert!(error.contains("entry 1 is 10"), "{error}");
+}
+
+/// Random damage never panics.
+#[test]
+fn damaged_files_are_refused_or_read() {
+    let mut state = 0x9e37_79b9_u64;
+    for _ in 0..2000 {
+        let mut bytes = GOOD.as_bytes().to_vec();
+        for _ in 0..3 {
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1_442_695_040_888_963_407);
+            let at = (state >> 33) as usize % bytes.len();
+            bytes[at] = b"0.e-]=[\"\n9"[(state >> 20) as usize % 10];
+        }
+        let text = String::from_utf8_lossy(&bytes);
+        let tool = Tool {
+            rake_deg: 10.0,
+            lead_deg: 60.0,
+        };
+        for name in ["law.toml", "law.json"] {
+            if let Ok(law) = LawDefinition::parse(&text, name) {
+                let _ = law.law(tool);
+            }
+        }
+    }
+}
