@@ -16,6 +16,8 @@ use evolvent_plan::{
 use evolvent_trace::BlockKind;
 
 use crate::job::Setup;
+use crate::memory::ProgramMemory;
+use crate::source::Commands;
 
 /// Why a program cannot be run to its end.
 #[derive(Debug, thiserror::Error)]
@@ -253,7 +255,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         mut self,
         program: &Path,
         failed: impl FnOnce(),
-    ) -> (FeedReport, Result<(), ProgramError>) {
+    ) -> (FeedReport, Result<Option<ProgramMemory>, ProgramError>) {
         let result = self.feed_lines(program);
         if result.is_err() {
             failed();
@@ -272,13 +274,18 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         (report, result)
     }
 
-    fn feed_lines(&mut self, program: &Path) -> Result<(), ProgramError> {
-        let opened = File::open(program).map_err(|source| ProgramError::Read {
-            file: self.file.clone(),
-            source,
-        })?;
-        let reader = BufReader::with_capacity(256 * 1024, opened);
-        for command in Interpreter::new(reader, self.setup.interpreter_settings_for(program)) {
+    /// What a program that was read to its end leaves.
+    fn feed_lines(&mut self, program: &Path) -> Result<Option<ProgramMemory>, ProgramError> {
+        let mut commands = Commands::open(program, self.setup)?;
+        if let Some(start) = commands.start() {
+            let line = start.restart.line;
+            let text = start.told();
+            // Somebody who is there looks at the way before the machine takes it.
+            if self.act(line, &text).is_err() || self.planner.rest(&Step::ProgramStop { line }).is_err() {
+                return Ok(None);
+            }
+        }
+        for command in &mut commands {
             let command = command.map_err(|diagnostic| ProgramError::Text {
                 file: self.file.clone(),
                 diagnostic: Box::new(diagnostic),
@@ -292,7 +299,8 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
             }
             match self.execute(&command) {
                 Ok(true) => {}
-                Ok(false) | Err(PlanError::Sink(_)) => break,
+                Ok(false) => return Ok(Some(commands.left(&self.setup.memory))),
+                Err(PlanError::Sink(_)) => break,
                 Err(error) => {
                     let diagnostic = Box::new(explain(&error, program, command.line));
                     return Err(ProgramError::Text {
@@ -303,7 +311,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
             }
             self.report_blocks(false);
         }
-        Ok(())
+        Ok(None)
     }
 
     /// `false` at the program's end.

@@ -3,9 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use evolvent_gcode as gcode;
-use evolvent_machine::{ControlRate, Machine, PathMode, PeriodError};
+use evolvent_machine::{ControlRate, Machine, MachineKind, PathMode, PeriodError, TurningWords};
 use evolvent_path::AXES;
 use evolvent_plan::{PathLimits, PathRules};
+
+use crate::memory::ProgramMemory;
 
 /// Which clock drives the cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -38,6 +40,10 @@ pub struct Setup {
     pub machine_text: String,
     /// The control period.
     pub period_ns: u64,
+    /// What programs find.
+    pub memory: ProgramMemory,
+    /// The line at which programs begin, where it is not the first.
+    pub start_line: Option<u32>,
 }
 
 impl Setup {
@@ -57,6 +63,8 @@ impl Setup {
             machine_file,
             machine_text,
             period_ns,
+            memory: ProgramMemory::default(),
+            start_line: None,
         })
     }
 
@@ -89,7 +97,10 @@ impl Setup {
     pub fn interpreter_settings_for(&self, program: &Path) -> gcode::Settings {
         let folder = program.parent().map(Path::to_path_buf);
         gcode::Settings {
-            subroutine_folders: folder.into_iter().collect(),
+            subroutine_folders: folder
+                .into_iter()
+                .chain(self.memory.folders.iter().cloned())
+                .collect(),
             ..self.interpreter_settings()
         }
     }
@@ -101,7 +112,18 @@ impl Setup {
         let path = &self.machine.path;
         let mut axes = [false; AXES];
         axes.copy_from_slice(&limits.present);
-        gcode::Settings {
+        let program = &self.machine.program;
+        let mut settings = gcode::Settings {
+            tools: self.memory.tools.clone(),
+            user_codes: program.user_codes.clone(),
+            lathe: self.machine.kind == MachineKind::Lathe,
+            turning_words: match program.turning_cycles {
+                TurningWords::Diameter => gcode::TurningWords::Diameter,
+                TurningWords::Radius => gcode::TurningWords::Radius,
+                TurningWords::Mode => gcode::TurningWords::Mode,
+            },
+            load_channel: program.load_channel,
+            subroutine_folders: self.memory.folders.clone(),
             start: limits.home,
             axes,
             path_mode: match path.mode {
@@ -120,7 +142,11 @@ impl Setup {
             },
             involute_tolerance_mm: path.involute_end_tolerance_mm,
             ..gcode::Settings::default()
+        };
+        if let Some(kept) = &self.memory.kept {
+            kept.apply(&mut settings);
         }
+        settings
     }
 }
 

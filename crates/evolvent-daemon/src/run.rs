@@ -16,6 +16,7 @@ use crate::alarm::Alarm;
 use crate::cycle::{CycleLoop, CycleReport};
 use crate::feeder::{FeedReport, Feeder, FeederNews, Notice, ProgramError};
 use crate::job::{Clock, Job};
+use crate::memory::ProgramMemory;
 use crate::publisher::Publishing;
 use crate::recording::{Closing, Recording};
 use crate::rt::{RealtimeRequest, apply_to_this_thread};
@@ -61,6 +62,8 @@ pub struct RunOutcome {
     pub trace_error: Option<RecordError>,
     /// What the guard refused.
     pub fault: Option<String>,
+    /// What the program has left of tools and parameters, if it was read to its end.
+    pub left: Option<ProgramMemory>,
 }
 
 /// Tells the caller how the run goes.
@@ -227,6 +230,10 @@ pub fn run(
 
         let report = join(cycle_thread)?;
         let (feed, program) = join(feeder)?;
+        let (program, left) = match program {
+            Ok(left) => (Ok(()), left),
+            Err(error) => (Err(error), None),
+        };
         let published = publisher.map(join).transpose()?.unwrap_or_default();
         watch(job, controls, observer, &notices, &failures, || true);
         let late = if job.bus {
@@ -274,6 +281,7 @@ pub fn run(
             program,
             trace_error,
             fault: fault.map(|(_, text)| text),
+            left,
         })
     })
 }

@@ -23,7 +23,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         tools,
         subroutine_folders: vec![folder],
         block_delete: false,
-        user_codes: true,
+        user_codes: (100..200).collect(),
         ..Settings::default()
     };
     let reader = std::io::BufReader::new(std::fs::File::open(&program)?);

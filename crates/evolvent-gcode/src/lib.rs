@@ -60,7 +60,7 @@ pub use command::{Action, Command, LogAction, Move, MoveKind, PathMode, SpindleD
 pub use diagnostic::Diagnostic;
 pub use interpreter::Interpreter;
 pub use kept::{KeptParameters, ParameterFileError};
-pub use restart::Restart;
-pub use settings::{ArcTolerance, Settings, WORK_OFFSETS};
+pub use restart::{Approach, Restart};
+pub use settings::{ArcTolerance, Settings, TurningWords, WORK_OFFSETS};
 pub use store::StoreError;
 pub use tools::{Tool, ToolTable, ToolTableError};

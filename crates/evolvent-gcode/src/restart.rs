@@ -2,13 +2,13 @@
 
 use std::io::BufRead;
 
-use evolvent_path::{Axes, Plane};
+use evolvent_path::{Axes, AxisLetter, Curve, Line, Plane};
 
 use crate::codes::{Compensation, FeedMode, PlaneCode};
 use crate::diagnostic::{Fault, Span};
 use crate::interpreter::Interpreter;
 use crate::state::{INCH_MM, State};
-use crate::{Action, Code, Diagnostic, PathMode, SpindleDirection};
+use crate::{Action, Code, Command, Diagnostic, Move, MoveKind, PathMode, SpindleDirection};
 
 /// What the lines before a restart have left behind. The user has to see it before anything moves: the machine is
 /// brought to `position` and into this state first.
@@ -22,6 +22,96 @@ pub struct Restart {
     pub actions: Vec<Action>,
     /// The modes in force, for people: `G1 G17 G21 G90 G94 G54 G64 F1000 S500 M3 T2 M8`.
     pub modes: String,
+    /// The feed in force, mm/s; `None` where there is none or it belongs to single moves (G93).
+    pub feed_mm_s: Option<f64>,
+}
+
+/// How a machine gets to where a program goes on, and what is switched on there.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Approach {
+    /// Tool, then spindle and coolant, then the moves, every one of which ends at rest.
+    pub commands: Vec<Command>,
+    /// The moves for people, one a line: `Z to 100.000, rapid`.
+    pub told: Vec<String>,
+}
+
+/// The last millimetres of an approach are at the feed, not rapid.
+const CREEP_MM: f64 = 5.0;
+
+/// The feed of the last millimetres where the program has none, mm/s.
+const CREEP_FEED_MM_S: f64 = 5.0;
+
+impl Restart {
+    /// The way from where the machine stands: along `axis` (the tool's: Z of a mill, X of a lathe) away from the work to
+    /// at least `clear`, then all other axes, then along `axis` in, the last 5 mm at the feed in force. `clear` is in
+    /// machine coordinates, mm: where nothing is in the way, such as the home of the axis. Nothing is known of the work or
+    /// its clamps: who starts has to see the way first.
+    ///
+    /// # Errors
+    /// [`Code::RestartRefused`] where the place is none (not finite).
+    pub fn approach(&self, from: &Axes, axis: AxisLetter, clear: f64) -> Result<Approach, Box<Diagnostic>> {
+        let index = axis.index();
+        let mut commands: Vec<Command> = Vec::new();
+        let mut told = Vec::new();
+        for action in &self.actions {
+            commands.push(Command {
+                line: self.line,
+                action: action.clone(),
+            });
+        }
+        let mut out = *from;
+        out[index] = from[index].max(self.position[index]).max(clear);
+        let mut over = self.position;
+        over[index] = out[index];
+        let mut near = self.position;
+        near[index] = out[index].min(self.position[index] + CREEP_MM);
+        let creep = MoveKind::Feed;
+        let feed = self.feed_mm_s.unwrap_or(CREEP_FEED_MM_S);
+        let mut at = *from;
+        for (to, kind) in [
+            (out, MoveKind::Rapid),
+            (over, MoveKind::Rapid),
+            (near, MoveKind::Rapid),
+            (self.position, creep),
+        ] {
+            if to == at {
+                continue;
+            }
+            let line = Line::new(at, to).map_err(|error| {
+                let place = Span::new(0, 0);
+                let message = format!(
+                    "there is no way to the place where line {} begins: {error}",
+                    self.line
+                );
+                Box::new(Fault::new(Code::RestartRefused, place, message).locate(self.line, b""))
+            })?;
+            let axes = AxisLetter::ALL
+                .into_iter()
+                .filter(|axis| to[axis.index()] != at[axis.index()]);
+            let words: Vec<String> = axes
+                .map(|axis| format!("{} to {:.3}", axis.letter(), to[axis.index()]))
+                .collect();
+            told.push(match kind {
+                MoveKind::Rapid => format!("{}, rapid", words.join(", ")),
+                MoveKind::Feed => format!("{}, at {:.1} mm/min", words.join(", "), 60.0 * feed),
+            });
+            commands.push(Command {
+                line: self.line,
+                action: Action::Move(Move {
+                    curve: Curve::Line(line),
+                    kind,
+                    feed: if kind == MoveKind::Rapid {
+                        f64::INFINITY
+                    } else {
+                        feed
+                    },
+                    path_mode: PathMode::ExactStop,
+                }),
+            });
+            at = to;
+        }
+        Ok(Approach { commands, told })
+    }
 }
 
 impl<R: BufRead> Interpreter<R> {
@@ -82,6 +172,7 @@ impl<R: BufRead> Interpreter<R> {
             position: state.position,
             actions,
             modes: state.shown(),
+            feed_mm_s: state.feed_mm_s(),
         })
     }
 
@@ -94,6 +185,18 @@ impl<R: BufRead> Interpreter<R> {
 }
 
 impl State {
+    /// The feed of a move along XYZ.
+    fn feed_mm_s(&self) -> Option<f64> {
+        let feed = self.modes.feed?.linear;
+        let feed = match self.modes.feed_mode {
+            FeedMode::InverseTime => return None,
+            FeedMode::PerMinute => feed,
+            FeedMode::PerRevolution if self.modes.surface.is_some() => return None,
+            FeedMode::PerRevolution => feed * self.modes.speed / 60.0,
+        };
+        (feed > 0.0 && feed.is_finite()).then_some(feed)
+    }
+
     /// The modes as a line of codes.
     fn shown(&self) -> String {
         let modes = &self.modes;
@@ -136,6 +239,10 @@ impl State {
         words.push(either(modes.retract_to_old, "G98", "G99"));
         words.push(either(modes.diameter, "G7", "G8"));
         words.push(either(self.cutter.code == Compensation::Off, "G40", "G41"));
+        words.push(either(self.tool_offset == Axes::zeros(), "G49", "G43"));
+        if self.g92 != Axes::zeros() {
+            words.push("G92.3".to_owned());
+        }
         if let Some(feed) = modes.feed {
             words.push(format!("F{}", feed.word));
         }

@@ -37,8 +37,14 @@ pub struct Settings {
     /// Values of numbered parameters that earlier runs left. Those that the fields above tell (offsets, tool) are
     /// overwritten by them.
     pub parameters: Vec<(u32, f64)>,
-    /// Whether M100 to M199 exist: the machine's own commands, handed on with their words P and Q.
-    pub user_codes: bool,
+    /// Which of M100 to M199 exist: the machine's own commands, handed on with their words P and Q.
+    pub user_codes: Vec<u32>,
+    /// The machine is a lathe: G82 and G75 are its turning cycles.
+    pub lathe: bool,
+    /// What X, R and U of the turning cycles are.
+    pub turning_words: TurningWords,
+    /// A cutting load is measured, so that G82 Q1 and G75 Q1 may find their passes themselves.
+    pub load_channel: bool,
     /// Where files of subroutines are looked for, in this order: `NAME.ngc` for `O<NAME> call`.
     pub subroutine_folders: Vec<std::path::PathBuf>,
     /// Most memory for the bodies of loops and subroutines, in bytes.
@@ -47,6 +53,18 @@ pub struct Settings {
     pub max_call_depth: usize,
     /// How many lines may be executed without anything to do for the machine: beyond that it is an endless loop.
     pub max_silent_lines: u64,
+}
+
+/// What X, R and U of a lathe's cycles G82 and G75 are.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum TurningWords {
+    /// Diameters.
+    #[default]
+    Diameter,
+    /// Radii.
+    Radius,
+    /// Diameters in G7, radii in G8, as all other X words.
+    Mode,
 }
 
 /// How many work offsets there are: G54 to G59, G59.1 to G59.3.
@@ -98,7 +116,10 @@ impl Default for Settings {
             tool: 0,
             tools: None,
             parameters: Vec::new(),
-            user_codes: false,
+            user_codes: Vec::new(),
+            lathe: false,
+            turning_words: TurningWords::default(),
+            load_channel: false,
             subroutine_folders: Vec::new(),
             max_body_bytes: 256 * 1024 * 1024,
             max_call_depth: 100,

@@ -85,14 +85,14 @@ impl Statement {
         }
     }
 
-    /// Fills in a line. `modal` is the motion mode in force, `axes` which axes exist, `user_codes` whether M100 to
+    /// Fills in a line. `modal` is the motion mode in force, `axes` which axes exist, `user_codes` which of M100 to
     /// M199 do.
     pub(crate) fn fill(
         &mut self,
         block: &Block,
         modal: Motion,
         axes: &[bool; AXES],
-        user_codes: bool,
+        user_codes: &[u32],
     ) -> Result<(), Fault> {
         if self.any_mode || self.g[Group::Motion as usize].is_some() {
             self.g = [None; GROUPS];
@@ -274,13 +274,15 @@ impl Statement {
         Ok(())
     }
 
-    fn add_m(&mut self, value: f64, span: Span, user_codes: bool) -> Result<(), Fault> {
+    fn add_m(&mut self, value: f64, span: Span, user_codes: &[u32]) -> Result<(), Fault> {
         let number = whole(value, 'M', span)?;
         let code = MCode::from_number(number);
-        if matches!(code, Some(MCode::User(_))) && !user_codes {
+        if matches!(code, Some(MCode::User(_))) && !user_codes.contains(&number) {
             let message = format!("M{number} is not configured");
-            return Err(Fault::new(Code::UnsupportedM, span, message)
-                .help("M100 to M199 are the machine's own commands, which are off"));
+            return Err(Fault::new(Code::UnsupportedM, span, message).help(
+                "M100 to M199 are the machine's own commands; those that exist stand in the machine file, [program] \
+                 user_codes",
+            ));
         }
         let Some(code) = code else {
             return Err(Fault::new(Code::UnknownM, span, format!("there is no M{number}")));

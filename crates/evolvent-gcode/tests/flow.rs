@@ -4,7 +4,8 @@ use std::io::Read;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use evolvent_gcode::{Action, Code, Diagnostic, Interpreter, Settings, SpindleDirection};
+use evolvent_gcode::{Action, Code, Diagnostic, Interpreter, PathMode, Settings, SpindleDirection};
+use evolvent_path::{Axes, AxisLetter};
 
 fn interpret(program: &str, settings: Settings) -> (Vec<(u32, Action)>, Vec<Diagnostic>) {
     let mut commands = Vec::new();
@@ -234,11 +235,46 @@ fn a_restart_leaves_the_state_of_all_lines_before() {
     );
     assert_eq!(
         restart.modes,
-        "G1 G17 G21 G90 G91.1 G94 G55 G64 P0.05 G99 G8 G40 F600 S800 M3 T2 M8"
+        "G1 G17 G21 G90 G91.1 G94 G55 G64 P0.05 G99 G8 G40 G49 F600 S800 M3 T2 M8"
     );
     let rest: Vec<_> = interpreter.map(Result::unwrap).collect();
     let expected: Vec<_> = whole.into_iter().filter(|command| command.line >= 8).collect();
     assert_eq!(rest, expected);
+}
+
+#[test]
+fn the_way_to_a_restart_goes_up_over_and_down_and_creeps_at_the_end() {
+    let program = "G21 F600\nG0 X3 Y4 Z10\nG1 Z-2\nX9\n";
+    let mut interpreter = Interpreter::new(program.as_bytes(), Settings::default());
+    let restart = interpreter.start_at(4).unwrap();
+    let approach = restart.approach(&Axes::zeros(), AxisLetter::Z, 50.0).unwrap();
+    let ends: Vec<_> = approach
+        .commands
+        .iter()
+        .map(|command| match &command.action {
+            Action::Move(step) => {
+                let end = step.curve.end();
+                assert_eq!((command.line, step.path_mode), (4, PathMode::ExactStop));
+                ((end[0], end[1], end[2]), step.feed)
+            }
+            other => panic!("{other:?}"),
+        })
+        .collect();
+    let rapid = f64::INFINITY;
+    assert_eq!(
+        ends,
+        [
+            ((0.0, 0.0, 50.0), rapid),
+            ((3.0, 4.0, 50.0), rapid),
+            ((3.0, 4.0, 3.0), rapid),
+            ((3.0, 4.0, -2.0), 10.0)
+        ]
+    );
+    assert_eq!(approach.told.last().unwrap(), "Z to -2.000, at 600.0 mm/min");
+    // A lathe leaves along X.
+    let approach = restart.approach(&Axes::zeros(), AxisLetter::X, 20.0).unwrap();
+    assert_eq!(approach.told[0], "X to 20.000, rapid");
+    assert_eq!(approach.told[1], "Y to 4.000, Z to -2.000, rapid");
 }
 
 #[test]

@@ -310,7 +310,7 @@ fn damaged_programs_neither_panic_nor_hang_and_moves_chain() {
     let tools = ToolTable::parse(&std::fs::read_to_string(folder.join("tools.tbl")).unwrap()).unwrap();
     let settings = Settings {
         tools: Some(tools),
-        user_codes: true,
+        user_codes: (100..200).collect(),
         max_silent_lines: 3000,
         max_body_bytes: 100_000,
         max_call_depth: 20,

@@ -105,7 +105,7 @@ fn programs_mean_what_they_mean_to_linuxcnc() {
         let settings = Settings {
             tools: Some(tools.clone()),
             block_delete: false,
-            user_codes: true,
+            user_codes: (100..200).collect(),
             ..Settings::default()
         };
         let ours = canon::canon(&program[..], settings);

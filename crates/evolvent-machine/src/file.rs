@@ -12,6 +12,7 @@ use serde_json::json;
 
 use crate::machine::{
     ControlRate, Kinematics, MAX_RATE_HZ, MIN_RATE_HZ, MachineKind, OnFull, PathMode, PlannerKind,
+    TurningWords,
 };
 
 /// A machine as Evolvent controls it: axes, limits, and how the control loop runs.
@@ -58,6 +59,9 @@ pub(crate) struct MachineFile {
     /// The recorder.
     #[serde(default)]
     pub(crate) trace: TraceFile,
+    /// What programs find on this machine.
+    #[serde(default)]
+    pub(crate) program: ProgramFile,
 }
 
 fn two() -> i64 {
@@ -205,6 +209,30 @@ pub(crate) struct PathFile {
     /// How far the end point of an involute may lie off the curve, mm; one increment, at least 0.001, where it is not
     /// given.
     pub(crate) involute_end_tolerance_mm: Option<f64>,
+}
+
+/// What programs find on this machine. Paths are relative to the machine file's folder.
+#[derive(Debug, Default, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct ProgramFile {
+    /// Tool table in LinuxCNC's format, lengths in mm; none where it is not given.
+    pub(crate) tool_table: Option<String>,
+    /// File of the parameters that are kept from run to run, in LinuxCNC's format; nothing is kept where it is not given.
+    pub(crate) parameters: Option<String>,
+    /// Folders in which subroutines NAME.ngc are looked for, after the program's own.
+    #[serde(default)]
+    pub(crate) subroutines: Vec<String>,
+    /// Which of M100 to M199 this machine knows, for example [101, 150]; none where it is not given.
+    #[serde(default)]
+    pub(crate) user_codes: Vec<i64>,
+    /// What X, R and U of the turning cycles G82 and G75 of a lathe are: "diameter", "radius", or "mode" for what G7 and G8
+    /// say; "diameter" where it is not given.
+    #[serde(default)]
+    pub(crate) turning_cycles: TurningWords,
+    /// Whether a cutting load is measured, so that G82 Q1 and G75 Q1 may find their passes themselves; false where it is not
+    /// given.
+    #[serde(default)]
+    pub(crate) load_channel: bool,
 }
 
 /// How the control loop runs on this computer.

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 use std::io::Read as _;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use evolvent_path::{Axes, AxisLetter};
 use schemars::JsonSchema;
@@ -144,6 +144,36 @@ pub struct TraceSettings {
     pub on_full: OnFull,
 }
 
+/// What X, R and U of a lathe's turning cycles are.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum TurningWords {
+    /// Diameters.
+    #[default]
+    Diameter,
+    /// Radii.
+    Radius,
+    /// Diameters in G7, radii in G8.
+    Mode,
+}
+
+/// What programs find on the machine.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct ProgramSettings {
+    /// Tool table, as written in the file: relative to its folder.
+    pub tool_table: Option<PathBuf>,
+    /// File of the kept parameters, likewise.
+    pub parameters: Option<PathBuf>,
+    /// Folders of subroutines, likewise.
+    pub subroutines: Vec<PathBuf>,
+    /// Which of M100 to M199 there are.
+    pub user_codes: Vec<u32>,
+    /// Words of the turning cycles.
+    pub turning_cycles: TurningWords,
+    /// Whether a cutting load is measured.
+    pub load_channel: bool,
+}
+
 /// A machine, checked: every number is finite and within a machine's range.
 ///
 /// The cycle may read it; loading it is for start-up.
@@ -175,6 +205,8 @@ pub struct Machine {
     pub realtime: RealtimeSettings,
     /// The recorder.
     pub trace: TraceSettings,
+    /// What programs find on the machine.
+    pub program: ProgramSettings,
 }
 
 impl Machine {

@@ -5,6 +5,7 @@
 //! the table by its dotted key.
 
 use std::ops::Range;
+use std::path::PathBuf;
 
 use evolvent_path::AxisLetter;
 use toml::de::{DeTable, DeValue};
@@ -13,7 +14,7 @@ use crate::error::MachineError;
 use crate::file::{AxisFile, AxisKind, MachineFile};
 use crate::machine::{
     Axis, ControlRate, MAX_RATE_HZ, MIN_RATE_HZ, Machine, MachineKind, PathMode, PathSettings,
-    RealtimeSettings, TraceSettings,
+    ProgramSettings, RealtimeSettings, TraceSettings,
 };
 use crate::rate::{DEFAULT_MIN_RADIUS_MM, GRAVITY_MM_S2};
 
@@ -90,6 +91,7 @@ impl Check<'_> {
         let machine = Machine {
             path: self.path(&raw)?,
             realtime: self.realtime(&raw)?,
+            program: self.program(&raw)?,
             name: raw.name,
             description: raw.description,
             kind: raw.kind,
@@ -385,6 +387,34 @@ impl Check<'_> {
                 0,
                 1_000_000,
             )?,
+        })
+    }
+
+    fn program(&self, raw: &MachineFile) -> Result<ProgramSettings, MachineError> {
+        let program = &raw.program;
+        let path = |key: &str, text: &str| {
+            if text.is_empty() || text.contains('\0') {
+                let advice = "name a file or folder, or leave the key out";
+                return Err(self.error(&format!("program.{key}"), "this is no path".to_owned(), advice));
+            }
+            Ok(PathBuf::from(text))
+        };
+        let optional =
+            |key: &str, text: &Option<String>| text.as_deref().map(|text| path(key, text)).transpose();
+        let mut user_codes = Vec::new();
+        for (index, code) in program.user_codes.iter().enumerate() {
+            user_codes.push(self.whole_number(&format!("program.user_codes[{index}]"), *code, 100, 199)?);
+        }
+        let folders = program.subroutines.iter().enumerate();
+        Ok(ProgramSettings {
+            tool_table: optional("tool_table", &program.tool_table)?,
+            parameters: optional("parameters", &program.parameters)?,
+            subroutines: folders
+                .map(|(index, text)| path(&format!("subroutines[{index}]"), text))
+                .collect::<Result<_, _>>()?,
+            user_codes,
+            turning_cycles: program.turning_cycles,
+            load_channel: program.load_channel,
         })
     }
 

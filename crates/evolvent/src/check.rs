@@ -27,6 +27,7 @@ pub(crate) fn run(
     err: &mut dyn Write,
 ) -> Result<Ending, CommandError> {
     let setup = args.program.setup()?;
+    let start = args.program.tell_start(&setup, err);
     let file_name = args.program.program.display().to_string();
     let limit = args.limit.max(1);
     let found = evolvent_daemon::check(&args.program.program, &setup, limit).map_err(|error| {
@@ -39,6 +40,8 @@ pub(crate) fn run(
     };
     written.map_err(|error| CommandError::Failed(format!("the errors cannot be written: {error}")))?;
     Ok(if found.is_empty() {
+        // A wrong program cannot begin in its middle either; that would say the same again.
+        start?;
         Ending::Clean
     } else {
         Ending::Negative

@@ -3,16 +3,14 @@
 //! Setpoints come in the order of blocks, so one pass that follows them is enough, and a program of any length needs
 //! no memory.
 
-use std::fs::File;
-use std::io::{self, BufReader};
 use std::path::Path;
 
-use evolvent_daemon::Setup;
-use evolvent_gcode::{Action, Interpreter, Move, MoveKind};
+use evolvent_daemon::{Commands, ProgramError, Setup};
+use evolvent_gcode::{Action, Move, MoveKind};
 
 /// Follows a plan block by block.
 pub(crate) struct Feeds {
-    commands: Interpreter<BufReader<File>>,
+    commands: Commands,
     most: Option<f64>,
     /// Moves interpreted so far.
     next: u32,
@@ -21,10 +19,9 @@ pub(crate) struct Feeds {
 }
 
 impl Feeds {
-    pub(crate) fn open(program: &Path, setup: &Setup) -> io::Result<Self> {
-        let reader = BufReader::with_capacity(256 * 1024, File::open(program)?);
+    pub(crate) fn open(program: &Path, setup: &Setup) -> Result<Self, ProgramError> {
         Ok(Self {
-            commands: Interpreter::new(reader, setup.interpreter_settings_for(program)),
+            commands: Commands::open(program, setup)?,
             most: setup.machine.max_feed_mm_s,
             next: 0,
             feed: None,

@@ -59,6 +59,7 @@ struct NeededRate {
 pub(crate) fn run(args: &PlanArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Ending, CommandError> {
     let setup = args.program.setup()?;
     check_outputs(args)?;
+    args.program.tell_start(&setup, err)?;
     let machine = setup.machine.clone();
     let period_s = setup.period_ns as f64 * 1e-9;
     let job = Job {
@@ -144,7 +145,7 @@ fn start_watch(
     period_s: f64,
 ) -> Result<(Watch, Surroundings), CommandError> {
     let program = Surroundings::read(&job.program, &job.setup, line)
-        .map_err(|error| CommandError::Failed(format!("{}: {error}", job.program.display())))?;
+        .map_err(|error| CommandError::Failed(error.to_string()))?;
     if line > program.lines {
         return Err(CommandError::Usage(format!(
             "{} has {} lines; there is no line {line} to explain",
@@ -191,8 +192,7 @@ fn part_of(path: &Path) -> PathBuf {
 
 /// The feed words of the job's program.
 fn open_feeds(job: &Job) -> Result<Feeds, CommandError> {
-    Feeds::open(&job.program, &job.setup)
-        .map_err(|error| CommandError::Failed(format!("{}: {error}", job.program.display())))
+    Feeds::open(&job.program, &job.setup).map_err(|error| CommandError::Failed(error.to_string()))
 }
 
 /// The summary's JSON with the rate's fields, the warnings and the explanation.

@@ -1,11 +1,13 @@
 //! Options that every command about a program shares.
 
+use std::io::Write;
 use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use clap::Args;
-use evolvent_daemon::Setup;
+use evolvent_daemon::{Commands, ProgramMemory, Setup};
+use evolvent_gcode::StoreError;
 use evolvent_machine::{ControlRate, Machine, PlannerKind};
 
 use crate::CommandError;
@@ -24,6 +26,18 @@ pub(crate) struct ProgramArgs {
     /// Planner: `optimal` or `classic`. Default: the machine file's.
     #[arg(long, value_name = "NAME", value_parser = parse_planner)]
     pub(crate) planner: Option<PlannerKind>,
+    /// Begin at this line: what the lines before leave is worked out and shown, and the way there.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub(crate) start_line: Option<u32>,
+    /// Tool table in LinuxCNC's format, lengths in mm. Default: the machine file's.
+    #[arg(long, value_name = "FILE.tbl")]
+    pub(crate) tools: Option<PathBuf>,
+    /// Parameters and offsets that are kept from run to run, in LinuxCNC's format. Default: the machine file's.
+    #[arg(long, value_name = "FILE.var")]
+    pub(crate) parameters: Option<PathBuf>,
+    /// Look for subroutines NAME.ngc in this folder too, after the program's own and before the machine file's.
+    #[arg(long, value_name = "FOLDER")]
+    pub(crate) subroutines: Vec<PathBuf>,
 }
 
 impl ProgramArgs {
@@ -61,7 +75,54 @@ impl ProgramArgs {
                 self.program.display()
             ))
         })?;
-        Setup::new(machine, self.machine.clone(), text, self.rate).map_err(|error| usage(error.to_string()))
+        let mut setup = Setup::new(machine, self.machine.clone(), text, self.rate)
+            .map_err(|error| usage(error.to_string()))?;
+        setup.memory = self.memory(&setup.machine)?;
+        setup.start_line = self.start_line;
+        Ok(setup)
+    }
+
+    /// What programs find: as the machine file says, unless the command line does.
+    fn memory(&self, machine: &Machine) -> Result<ProgramMemory, CommandError> {
+        let usage = |error: StoreError| CommandError::Usage(error.to_string());
+        let mut machine = machine.clone();
+        if self.tools.is_some() {
+            machine.program.tool_table = None;
+        }
+        if self.parameters.is_some() {
+            machine.program.parameters = None;
+        }
+        let mut memory = ProgramMemory::of_machine(&machine, &self.machine).map_err(usage)?;
+        if let Some(file) = &self.tools {
+            memory.load_tools(file.clone()).map_err(usage)?;
+        }
+        if let Some(file) = &self.parameters {
+            memory.load_parameters(file.clone()).map_err(usage)?;
+        }
+        for folder in &self.subroutines {
+            if !folder.is_dir() {
+                return Err(CommandError::Usage(format!(
+                    "{} is no folder; name one with subroutines NAME.ngc",
+                    folder.display()
+                )));
+            }
+        }
+        memory.folders.splice(0..0, self.subroutines.iter().cloned());
+        Ok(memory)
+    }
+
+    /// Shows how a program begins in the middle, before anything moves.
+    pub(crate) fn tell_start(&self, setup: &Setup, err: &mut dyn Write) -> Result<(), CommandError> {
+        if self.start_line.is_none() {
+            return Ok(());
+        }
+        let commands =
+            Commands::open(&self.program, setup).map_err(|error| CommandError::Failed(error.to_string()))?;
+        if let Some(start) = commands.start() {
+            // With standard error gone there is nobody left to tell.
+            drop(writeln!(err, "{}", start.told()));
+        }
+        Ok(())
     }
 }
 

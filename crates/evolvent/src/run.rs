@@ -76,6 +76,7 @@ pub(crate) fn run(args: &RunArgs, out: &mut dyn Write, err: &mut dyn Write) -> R
             ))
         })?;
     }
+    args.program.tell_start(&setup, err)?;
     let clock = match args.clock {
         ClockArg::Realtime => Clock::Realtime,
         ClockArg::Virtual => Clock::Virtual,
@@ -101,13 +102,31 @@ pub(crate) fn run(args: &RunArgs, out: &mut dyn Write, err: &mut dyn Write) -> R
     let mut screen = Screen::new(&job.program, args.json, stop_at_program_stops);
     let result = evolvent_daemon::run(&job, &controls, &mut screen, |_| {});
     screen.finish();
+    let kept = result.as_ref().map_or(Ok(()), |outcome| keep(&job, outcome));
     let outcome = result.map_err(|error| match error {
         StartError::Bus(_) | StartError::BusTimeout => {
             CommandError::Failed(format!("{error} (or run without a bus: --no-bus)"))
         }
         other => CommandError::Failed(other.to_string()),
     })?;
-    report(args.json, &outcome, out, err)
+    let ending = report(args.json, &outcome, out, err)?;
+    kept.map(|()| ending)
+}
+
+/// Writes tools and parameters that a program has changed. Of a program that did not come to its end nothing is kept: it
+/// was interpreted ahead of the machine.
+fn keep(job: &Job, outcome: &RunOutcome) -> Result<(), CommandError> {
+    let Some(left) = outcome
+        .left
+        .as_ref()
+        .filter(|_| outcome.summary.outcome == "done")
+    else {
+        return Ok(());
+    };
+    let saved = left.save(&job.setup.memory);
+    saved
+        .map(drop)
+        .map_err(|error| CommandError::Failed(error.to_string()))
 }
 
 /// Summary, errors, and the exit code that they call for.

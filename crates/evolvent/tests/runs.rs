@@ -199,6 +199,97 @@ fn the_next_run_recovers_what_a_killed_run_has_left() {
 }
 
 #[test]
+fn a_run_finds_tools_parameters_and_subroutines_and_keeps_what_it_leaves() {
+    let bench = Bench::new();
+    let text = "G43 H1\n#31 = [#31 + 1]\nG10 L2 P2 X7\nG10 L1 P1 R2\nO<lift> call [5]\nG1 X[#31] F600\n(PRINT, %d#31)\nM2\n";
+    let program = bench.program(text);
+    fs::create_dir(bench.path("subs")).unwrap();
+    fs::write(
+        bench.path("subs/lift.ngc"),
+        "O<lift> sub\nG0 Z[#1]\nO<lift> endsub\n",
+    )
+    .unwrap();
+    fs::write(bench.path("mill.tbl"), "T1 P1 Z-20 D6 ;the mill\n").unwrap();
+    fs::write(bench.path("mill.var"), "31 4\n").unwrap();
+    // All three named by the machine file, relative to it.
+    let machine = fs::read_to_string(MACHINE).unwrap();
+    let keys = "[program]\ntool_table = \"mill.tbl\"\nparameters = \"mill.var\"\nsubroutines = [\"subs\"]\n";
+    fs::write(bench.path("mill.toml"), format!("{machine}\n{keys}")).unwrap();
+    let run = |more: &[&str]| {
+        let machine = bench.path("mill.toml");
+        let mut arguments = vec!["run", as_str(&program), "--machine", as_str(&machine)];
+        arguments.extend(["--clock", "virtual", "--no-bus", "--no-trace", "--json"]);
+        arguments.extend(more);
+        evolvent(&arguments)
+    };
+    let output = run(&[]);
+    assert_eq!(
+        output.status.code(),
+        Some(0),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    assert_eq!(
+        json(&output)["end_position"],
+        serde_json::json!([5.0, 0.0, -15.0])
+    );
+    let kept = fs::read_to_string(bench.path("mill.var")).unwrap();
+    assert!(
+        kept.contains("31\t5.0\n") && kept.contains("5241\t7.0\n"),
+        "{kept}"
+    );
+    let tools = fs::read_to_string(bench.path("mill.tbl")).unwrap();
+    assert_eq!(tools, "T1 P1 Z-20 D4 ;the mill\n");
+    // The command line goes before the machine file; a plan keeps nothing.
+    fs::write(bench.path("other.var"), "31 9\n").unwrap();
+    assert_eq!(
+        json(&run(&["--parameters", as_str(&bench.path("other.var"))]))["end_position"][0],
+        10.0
+    );
+    let machine = bench.path("mill.toml");
+    let plan = evolvent(&["plan", as_str(&program), "--machine", as_str(&machine), "--json"]);
+    assert_eq!(json(&plan)["end_position"][0], 6.0);
+    assert_eq!(fs::read_to_string(bench.path("mill.var")).unwrap(), kept);
+    // Nor does a run that fails.
+    let broken = text.replace("M2", "G6");
+    bench.program(&broken);
+    assert_eq!(run(&[]).status.code(), Some(1));
+    assert_eq!(fs::read_to_string(bench.path("mill.var")).unwrap(), kept);
+    fs::write(bench.path("mill.var"), "nonsense\n").unwrap();
+    let output = run(&[]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("mill.var: line 1"));
+}
+
+#[test]
+fn a_start_in_the_middle_is_shown_and_goes_on_as_the_whole_program() {
+    let bench = Bench::new();
+    let program = bench.program("G61 F1200\nG0 X10 Z5\nG1 Z-1\nG1 X20\nG1 Y7\nM2\n");
+    let plan = |more: &[&str]| {
+        let mut arguments = vec!["plan", as_str(&program), "--machine", MACHINE, "--json"];
+        arguments.extend(more);
+        evolvent(&arguments)
+    };
+    let (whole, rest) = (plan(&[]), plan(&["--start-line", "5"]));
+    assert_eq!(json(&rest)["end_position"], json(&whole)["end_position"]);
+    // Up, over, down, creep, and the one line that is left.
+    assert_eq!(json(&rest)["moves"], 5);
+    let told = String::from_utf8_lossy(&rest.stderr).into_owned();
+    for part in [
+        "starting at line 5",
+        "G61",
+        "F1200",
+        "X20.0000",
+        "Z to -1.000, at 1200.0 mm/min",
+    ] {
+        assert!(told.contains(part), "{part}: {told}");
+    }
+    let beyond = plan(&["--start-line", "50"]);
+    assert_eq!(beyond.status.code(), Some(1));
+    assert!(String::from_utf8_lossy(&beyond.stderr).contains("G0219"));
+}
+
+#[test]
 fn a_trace_never_replaces_what_is_run() {
     let bench = Bench::new();
     let program = bench.program("G1 X1 F600\nM2\n");

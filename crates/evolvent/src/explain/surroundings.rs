@@ -5,8 +5,8 @@ use std::fs::File;
 use std::io::{self, BufRead, BufReader};
 use std::path::Path;
 
-use evolvent_daemon::Setup;
-use evolvent_gcode::{Action, Interpreter, Move, MoveKind, PathMode};
+use evolvent_daemon::{Commands, ProgramError, Setup};
+use evolvent_gcode::{Action, Move, MoveKind, PathMode};
 use evolvent_path::Curve;
 use serde::Serialize;
 
@@ -72,17 +72,19 @@ pub(crate) struct Surroundings {
 }
 
 impl Surroundings {
-    pub(crate) fn read(program: &Path, setup: &Setup, line: u32) -> io::Result<Self> {
+    pub(crate) fn read(program: &Path, setup: &Setup, line: u32) -> Result<Self, ProgramError> {
         let mut found = Self::default();
-        (found.text, found.lines) = source(program, line)?;
-        let reader = BufReader::with_capacity(256 * 1024, File::open(program)?);
+        (found.text, found.lines) = source(program, line).map_err(|source| ProgramError::Read {
+            file: program.display().to_string(),
+            source,
+        })?;
         let mut walk = Walk {
             line,
             default_mm: setup.machine.path.blend_tolerance_mm,
             most: setup.machine.max_feed_mm_s,
             ..Walk::default()
         };
-        for command in Interpreter::new(reader, setup.interpreter_settings_for(program)) {
+        for command in Commands::open(program, setup)? {
             // What is wrong with the program is reported by the run.
             let Ok(command) = command else {
                 break;

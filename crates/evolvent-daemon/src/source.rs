@@ -1,0 +1,138 @@
+//! The commands of a program file, from its beginning or from a line on.
+
+use std::collections::VecDeque;
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
+
+use evolvent_gcode::{Command, Diagnostic, Interpreter, Restart};
+use evolvent_machine::MachineKind;
+use evolvent_path::AxisLetter;
+
+use crate::feeder::ProgramError;
+use crate::job::Setup;
+use crate::memory::ProgramMemory;
+
+/// How a program goes on in the middle: to be shown before anything moves.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Start {
+    /// What the lines before have left.
+    pub restart: Restart,
+    /// The moves to the place where it goes on, one a line for people.
+    pub approach: Vec<String>,
+}
+
+/// Interprets a program file as commands are asked for. Everything that needs the commands of a program gets them here, so
+/// that blocks have the same numbers everywhere.
+#[derive(Debug)]
+pub struct Commands {
+    interpreter: Interpreter<BufReader<File>>,
+    first: VecDeque<Command>,
+    start: Option<Start>,
+}
+
+impl Commands {
+    /// Opens a program. Where the set-up names a line to begin at, the lines before are interpreted now, and the commands
+    /// begin with the way there.
+    ///
+    /// # Errors
+    /// The file cannot be read, or the program cannot begin at that line.
+    pub fn open(program: &Path, setup: &Setup) -> Result<Self, ProgramError> {
+        let file = program.display().to_string();
+        let opened = File::open(program).map_err(|source| ProgramError::Read {
+            file: file.clone(),
+            source,
+        })?;
+        let reader = BufReader::with_capacity(256 * 1024, opened);
+        let mut interpreter = Interpreter::new(reader, setup.interpreter_settings_for(program));
+        let mut first = VecDeque::new();
+        let mut start = None;
+        if let Some(line) = setup.start_line {
+            let wrong = |diagnostic| ProgramError::Text {
+                file: file.clone(),
+                diagnostic,
+            };
+            let restart = interpreter.start_at(line).map_err(wrong)?;
+            let axis = match setup.machine.kind {
+                MachineKind::Lathe => AxisLetter::X,
+                MachineKind::Mill => AxisLetter::Z,
+            };
+            let home = setup.machine.limits().home;
+            // At the end of its travel the tool is as far from the work as it can be.
+            let clear = setup
+                .machine
+                .axis(axis)
+                .map_or(home[axis.index()], |axis| axis.travel_max);
+            let approach = restart.approach(&home, axis, clear).map_err(wrong)?;
+            first.extend(approach.commands);
+            start = Some(Start {
+                restart,
+                approach: approach.told,
+            });
+        }
+        Ok(Self {
+            interpreter,
+            first,
+            start,
+        })
+    }
+
+    /// How the program goes on in the middle, if it does.
+    #[must_use]
+    pub fn start(&self) -> Option<&Start> {
+        self.start.as_ref()
+    }
+
+    /// What the program has changed in `memory` up to the line that was read last.
+    #[must_use]
+    pub fn left(&self, memory: &ProgramMemory) -> ProgramMemory {
+        let mut left = memory.clone();
+        if let Some(kept) = &mut left.kept {
+            kept.update(&self.interpreter);
+        }
+        if let Some(tools) = self.interpreter.tools() {
+            left.tools = Some(tools.clone());
+        }
+        left
+    }
+}
+
+impl Iterator for Commands {
+    type Item = Result<Command, Diagnostic>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        match self.first.pop_front() {
+            Some(command) => Some(Ok(command)),
+            None => self.interpreter.next(),
+        }
+    }
+}
+
+impl Start {
+    /// What somebody has to know before the machine moves, several lines.
+    #[must_use]
+    pub fn told(&self) -> String {
+        use std::fmt::Write as _;
+        let restart = &self.restart;
+        let mut text = format!("starting at line {}, as after: {}", restart.line, restart.modes);
+        let place = AxisLetter::ALL
+            .iter()
+            .filter(|axis| restart.position[axis.index()] != 0.0)
+            .map(|axis| format!("{}{:.4}", axis.letter(), restart.position[axis.index()]))
+            .collect::<Vec<_>>();
+        // Writing to a string cannot fail.
+        let _ = write!(
+            text,
+            "\n  the tool is supposed at {} (machine coordinates)",
+            if place.is_empty() {
+                "zero".to_owned()
+            } else {
+                place.join(" ")
+            }
+        );
+        for step in &self.approach {
+            let _ = write!(text, "\n  approach: {step}");
+        }
+        text
+    }
+}
