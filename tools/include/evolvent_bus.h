@@ -1,7 +1,8 @@
 /* Layout of Evolvent's messages on iceoryx2, interface version 1.
  * Generated: do not edit, run `cargo run -p evolvent-bus --example generate-bindings`.
  *
- * Services are named evolvent/NAME/setpoint, /status, /feedback, /load (publish-subscribe) and /event.
+ * Services are named evolvent/NAME/setpoint, /status, /feedback, /load (publish-subscribe), /event,
+ * and /control (request-response of ControlRequest and ControlAnswer).
  * Axes are in the order X Y Z A B C U V W. */
 #ifndef EVOLVENT_BUS_H
 #define EVOLVENT_BUS_H
@@ -86,6 +87,70 @@ extern "C" {
 #define EVOLVENT_EVENT_FAULT 9u
 #define EVOLVENT_EVENT_RESET 10u
 #define EVOLVENT_EVENT_STATUS_CHANGED 11u
+
+/* Values of `command` in ControlRequest. */
+#define EVOLVENT_COMMAND_ESTOP 1u
+#define EVOLVENT_COMMAND_ESTOP_RESET 2u
+#define EVOLVENT_COMMAND_ON 3u
+#define EVOLVENT_COMMAND_OFF 4u
+#define EVOLVENT_COMMAND_MODE 5u
+#define EVOLVENT_COMMAND_LOAD 6u
+#define EVOLVENT_COMMAND_START 7u
+#define EVOLVENT_COMMAND_HOLD 8u
+#define EVOLVENT_COMMAND_RESUME 9u
+#define EVOLVENT_COMMAND_STEP 10u
+#define EVOLVENT_COMMAND_STOP 11u
+#define EVOLVENT_COMMAND_RESET 12u
+#define EVOLVENT_COMMAND_SINGLE_STEP 13u
+#define EVOLVENT_COMMAND_OPTIONAL_STOP 14u
+#define EVOLVENT_COMMAND_BLOCK_DELETE 15u
+#define EVOLVENT_COMMAND_FEED_OVERRIDE 16u
+#define EVOLVENT_COMMAND_RAPID_OVERRIDE 17u
+#define EVOLVENT_COMMAND_SPINDLE_OVERRIDE 18u
+#define EVOLVENT_COMMAND_MDI 19u
+#define EVOLVENT_COMMAND_JOG 20u
+#define EVOLVENT_COMMAND_JOG_KEEP 21u
+#define EVOLVENT_COMMAND_JOG_STOP 22u
+#define EVOLVENT_COMMAND_HOME 23u
+#define EVOLVENT_COMMAND_WORK_OFFSET 24u
+#define EVOLVENT_COMMAND_TOUCH_OFF 25u
+#define EVOLVENT_COMMAND_TOOL 26u
+#define EVOLVENT_COMMAND_CLEAR_ALARMS 27u
+
+/* Values of `verdict` in ControlAnswer. */
+#define EVOLVENT_VERDICT_ACCEPTED 0u
+#define EVOLVENT_VERDICT_REJECTED 1u
+#define EVOLVENT_VERDICT_STALE 2u
+
+/* Values of `machine_state` in Status. */
+#define EVOLVENT_MACHINE_ESTOP 0u
+#define EVOLVENT_MACHINE_OFF 1u
+#define EVOLVENT_MACHINE_ON 2u
+
+/* Values of `mode` in Status and of the command MODE. */
+#define EVOLVENT_MODE_AUTO 0u
+#define EVOLVENT_MODE_MANUAL 1u
+#define EVOLVENT_MODE_MDI 2u
+
+/* Values of `activity` in Status. */
+#define EVOLVENT_ACTIVITY_NONE 0u
+#define EVOLVENT_ACTIVITY_PROGRAM 1u
+#define EVOLVENT_ACTIVITY_MDI 2u
+#define EVOLVENT_ACTIVITY_JOG 3u
+#define EVOLVENT_ACTIVITY_HOMING 4u
+
+/* Values of `job_result` in Status. */
+#define EVOLVENT_RESULT_NONE 0u
+#define EVOLVENT_RESULT_DONE 1u
+#define EVOLVENT_RESULT_STOPPED 2u
+#define EVOLVENT_RESULT_FAILED 3u
+#define EVOLVENT_RESULT_FAULT 4u
+
+/* Bits of `switches` in Status. */
+#define EVOLVENT_SWITCH_SINGLE_STEP 1u
+#define EVOLVENT_SWITCH_OPTIONAL_STOP 2u
+#define EVOLVENT_SWITCH_BLOCK_DELETE 4u
+#define EVOLVENT_SWITCH_HOLD 8u
 
 /* Where every axis shall be at one instant, and how it shall move there.
  *
@@ -252,11 +317,47 @@ typedef struct evolvent_status {
     uint32_t alarms[16];
     /* Name of the loaded program, UTF-8. */
     uint8_t program[128];
+    /* What moves the axes, a number of the list of activities. */
+    uint32_t activity;
+    /* How the last job ended, a number of the list of results. */
+    uint32_t job_result;
+    /* Number of the job that runs or, at rest, ran last; 0 before the first. */
+    uint64_t job;
+    /* Bits of the list of switches. */
+    uint32_t switches;
+    /* What is asked of the drives: 0 off, 1 on, 2 quick stop. */
+    uint32_t power;
+    /* Bit i set: the drive of axis i says that its operation is enabled. */
+    uint32_t enabled_mask;
+    /* Bit 0 mist, bit 1 flood. */
+    uint32_t coolant;
+    /* Modal G codes times ten in no particular order, filled up with zeros. */
+    uint32_t modal[16];
+    /* Position of machine zero in the drives' coordinates, which homing finds: mm, degrees for A B C. */
+    double home_offset[9];
+    /* Actual position in machine coordinates, as the bridge says: mm, degrees for A B C. */
+    double position_actual[9];
+    /* Demanded minus actual position, as the bridge says: mm, degrees for A B C. */
+    double following_error[9];
+    /* Age of the last feedback, in ns; the largest number where none has come. */
+    uint64_t feedback_age_ns;
+    /* Commands that were accepted. */
+    uint64_t commands_accepted;
+    /* Commands that were rejected, stale ones among them. */
+    uint64_t commands_rejected;
+    /* Bytes of `alarm_text` in use. */
+    uint32_t alarm_text_length;
+    /* Bytes of `message` in use. */
+    uint32_t message_length;
+    /* The sentence of the newest alarm in force: what was wrong and what to do, UTF-8. */
+    uint8_t alarm_text[256];
+    /* The program's last message to the operator, UTF-8. */
+    uint8_t message[256];
     /* Zero; for later versions. */
     uint64_t reserved[16];
 } evolvent_status_t;
 
-EVOLVENT_STATIC_ASSERT(sizeof(evolvent_status_t) == 984, "size of Status");
+EVOLVENT_STATIC_ASSERT(sizeof(evolvent_status_t) == 1840, "size of Status");
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, interface_version) == 0, "offset of Status.interface_version");
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, struct_size) == 4, "offset of Status.struct_size");
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, sequence) == 8, "offset of Status.sequence");
@@ -301,7 +402,25 @@ EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, alarm_count) == 656, "offset 
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, program_length) == 660, "offset of Status.program_length");
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, alarms) == 664, "offset of Status.alarms");
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, program) == 728, "offset of Status.program");
-EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, reserved) == 856, "offset of Status.reserved");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, activity) == 856, "offset of Status.activity");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, job_result) == 860, "offset of Status.job_result");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, job) == 864, "offset of Status.job");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, switches) == 872, "offset of Status.switches");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, power) == 876, "offset of Status.power");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, enabled_mask) == 880, "offset of Status.enabled_mask");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, coolant) == 884, "offset of Status.coolant");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, modal) == 888, "offset of Status.modal");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, home_offset) == 952, "offset of Status.home_offset");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, position_actual) == 1024, "offset of Status.position_actual");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, following_error) == 1096, "offset of Status.following_error");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, feedback_age_ns) == 1168, "offset of Status.feedback_age_ns");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, commands_accepted) == 1176, "offset of Status.commands_accepted");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, commands_rejected) == 1184, "offset of Status.commands_rejected");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, alarm_text_length) == 1192, "offset of Status.alarm_text_length");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, message_length) == 1196, "offset of Status.message_length");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, alarm_text) == 1200, "offset of Status.alarm_text");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, message) == 1456, "offset of Status.message");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, reserved) == 1712, "offset of Status.reserved");
 
 /* A drive bridge's answer to one setpoint.
  */
@@ -414,6 +533,95 @@ EVOLVENT_STATIC_ASSERT(offsetof(evolvent_load_t, value) == 32, "offset of Load.v
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_load_t, range_min) == 40, "offset of Load.range_min");
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_load_t, range_max) == 48, "offset of Load.range_max");
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_load_t, reserved) == 56, "offset of Load.reserved");
+
+/* A command to the core. Whoever sends it chooses a number for itself once, at random, and counts its commands
+ * from 1 on: a command that is not newer than the last of the same client has no effect.
+ */
+#define EVOLVENT_CONTROLREQUEST_TYPE_NAME "evolvent.ControlRequest.v1"
+typedef struct evolvent_controlrequest {
+    /* Version of the bus contract that the sender was built for; receivers refuse another. */
+    uint32_t interface_version;
+    /* Size of this payload in bytes. */
+    uint32_t struct_size;
+    /* The client's number, not 0. */
+    uint64_t client;
+    /* Number of the command, growing from 1 for each client. */
+    uint64_t serial;
+    /* What is wanted, a number of the list of commands. */
+    uint32_t command;
+    /* Bit i set: the command is about axis i. */
+    uint32_t axes_mask;
+    /* A whole number: line to start from, work coordinate system, tool, mode, or 0 and 1 for off and on. */
+    uint32_t index;
+    /* Bytes of `text` in use. */
+    uint32_t text_length;
+    /* A ratio (overrides), a speed in mm/s or degrees/s (jog), or a diameter in mm (tool). */
+    double amount;
+    /* A number for each axis: mm, degrees for A B C. */
+    double values[9];
+    /* A file name or a block of MDI, UTF-8. */
+    uint8_t text[1024];
+    /* Zero; for later versions. */
+    uint64_t reserved[8];
+} evolvent_controlrequest_t;
+
+EVOLVENT_STATIC_ASSERT(sizeof(evolvent_controlrequest_t) == 1208, "size of ControlRequest");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_controlrequest_t, interface_version) == 0, "offset of ControlRequest.interface_version");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_controlrequest_t, struct_size) == 4, "offset of ControlRequest.struct_size");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_controlrequest_t, client) == 8, "offset of ControlRequest.client");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_controlrequest_t, serial) == 16, "offset of ControlRequest.serial");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_controlrequest_t, command) == 24, "offset of ControlRequest.command");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_controlrequest_t, axes_mask) == 28, "offset of ControlRequest.axes_mask");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_controlrequest_t, index) == 32, "offset of ControlRequest.index");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_controlrequest_t, text_length) == 36, "offset of ControlRequest.text_length");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_controlrequest_t, amount) == 40, "offset of ControlRequest.amount");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_controlrequest_t, values) == 48, "offset of ControlRequest.values");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_controlrequest_t, text) == 120, "offset of ControlRequest.text");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_controlrequest_t, reserved) == 1144, "offset of ControlRequest.reserved");
+
+/* The core's answer to one command.
+ */
+#define EVOLVENT_CONTROLANSWER_TYPE_NAME "evolvent.ControlAnswer.v1"
+typedef struct evolvent_controlanswer {
+    /* Version of the bus contract that the sender was built for; receivers refuse another. */
+    uint32_t interface_version;
+    /* Size of this payload in bytes. */
+    uint32_t struct_size;
+    /* The client's number, as it came. */
+    uint64_t client;
+    /* The command's number, as it came. */
+    uint64_t serial;
+    /* 0 accepted, 1 rejected, 2 not newer than an earlier command and without effect. */
+    uint32_t verdict;
+    /* Why it was rejected, a number of the list of alarms; 0 where it was accepted. */
+    uint32_t alarm;
+    /* The setpoint that was computed last when the command was judged. */
+    uint64_t sequence;
+    /* Number of the job that the command has begun; 0 where it has begun none. */
+    uint64_t job;
+    /* Bytes of `text` in use. */
+    uint32_t text_length;
+    /* What `verdict` is about, the number of the command as it came. */
+    uint32_t command;
+    /* What was wrong and what to do about it, UTF-8. */
+    uint8_t text[512];
+    /* Zero; for later versions. */
+    uint64_t reserved[8];
+} evolvent_controlanswer_t;
+
+EVOLVENT_STATIC_ASSERT(sizeof(evolvent_controlanswer_t) == 632, "size of ControlAnswer");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_controlanswer_t, interface_version) == 0, "offset of ControlAnswer.interface_version");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_controlanswer_t, struct_size) == 4, "offset of ControlAnswer.struct_size");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_controlanswer_t, client) == 8, "offset of ControlAnswer.client");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_controlanswer_t, serial) == 16, "offset of ControlAnswer.serial");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_controlanswer_t, verdict) == 24, "offset of ControlAnswer.verdict");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_controlanswer_t, alarm) == 28, "offset of ControlAnswer.alarm");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_controlanswer_t, sequence) == 32, "offset of ControlAnswer.sequence");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_controlanswer_t, job) == 40, "offset of ControlAnswer.job");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_controlanswer_t, text_length) == 48, "offset of ControlAnswer.text_length");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_controlanswer_t, command) == 52, "offset of ControlAnswer.command");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_controlanswer_t, text) == 56, "offset of ControlAnswer.text");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_controlanswer_t, reserved) == 568, "offset of ControlAnswer.reserved");
 
 #ifdef __cplusplus
 }

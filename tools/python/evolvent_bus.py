@@ -80,6 +80,70 @@ EVENT_FAULT = 9
 EVENT_RESET = 10
 EVENT_STATUS_CHANGED = 11
 
+# Values of `command` in ControlRequest.
+COMMAND_ESTOP = 1
+COMMAND_ESTOP_RESET = 2
+COMMAND_ON = 3
+COMMAND_OFF = 4
+COMMAND_MODE = 5
+COMMAND_LOAD = 6
+COMMAND_START = 7
+COMMAND_HOLD = 8
+COMMAND_RESUME = 9
+COMMAND_STEP = 10
+COMMAND_STOP = 11
+COMMAND_RESET = 12
+COMMAND_SINGLE_STEP = 13
+COMMAND_OPTIONAL_STOP = 14
+COMMAND_BLOCK_DELETE = 15
+COMMAND_FEED_OVERRIDE = 16
+COMMAND_RAPID_OVERRIDE = 17
+COMMAND_SPINDLE_OVERRIDE = 18
+COMMAND_MDI = 19
+COMMAND_JOG = 20
+COMMAND_JOG_KEEP = 21
+COMMAND_JOG_STOP = 22
+COMMAND_HOME = 23
+COMMAND_WORK_OFFSET = 24
+COMMAND_TOUCH_OFF = 25
+COMMAND_TOOL = 26
+COMMAND_CLEAR_ALARMS = 27
+
+# Values of `verdict` in ControlAnswer.
+VERDICT_ACCEPTED = 0
+VERDICT_REJECTED = 1
+VERDICT_STALE = 2
+
+# Values of `machine_state` in Status.
+MACHINE_ESTOP = 0
+MACHINE_OFF = 1
+MACHINE_ON = 2
+
+# Values of `mode` in Status and of the command MODE.
+MODE_AUTO = 0
+MODE_MANUAL = 1
+MODE_MDI = 2
+
+# Values of `activity` in Status.
+ACTIVITY_NONE = 0
+ACTIVITY_PROGRAM = 1
+ACTIVITY_MDI = 2
+ACTIVITY_JOG = 3
+ACTIVITY_HOMING = 4
+
+# Values of `job_result` in Status.
+RESULT_NONE = 0
+RESULT_DONE = 1
+RESULT_STOPPED = 2
+RESULT_FAILED = 3
+RESULT_FAULT = 4
+
+# Bits of `switches` in Status.
+SWITCH_SINGLE_STEP = 1
+SWITCH_OPTIONAL_STOP = 2
+SWITCH_BLOCK_DELETE = 4
+SWITCH_HOLD = 8
+
 
 class Setpoint(ctypes.Structure):
     """Where every axis shall be at one instant, and how it shall move there.
@@ -235,12 +299,48 @@ class Status(ctypes.Structure):
         ("alarms", ctypes.c_uint32 * 16),
         # Name of the loaded program, UTF-8.
         ("program", ctypes.c_uint8 * 128),
+        # What moves the axes, a number of the list of activities.
+        ("activity", ctypes.c_uint32),
+        # How the last job ended, a number of the list of results.
+        ("job_result", ctypes.c_uint32),
+        # Number of the job that runs or, at rest, ran last; 0 before the first.
+        ("job", ctypes.c_uint64),
+        # Bits of the list of switches.
+        ("switches", ctypes.c_uint32),
+        # What is asked of the drives: 0 off, 1 on, 2 quick stop.
+        ("power", ctypes.c_uint32),
+        # Bit i set: the drive of axis i says that its operation is enabled.
+        ("enabled_mask", ctypes.c_uint32),
+        # Bit 0 mist, bit 1 flood.
+        ("coolant", ctypes.c_uint32),
+        # Modal G codes times ten in no particular order, filled up with zeros.
+        ("modal", ctypes.c_uint32 * 16),
+        # Position of machine zero in the drives' coordinates, which homing finds: mm, degrees for A B C.
+        ("home_offset", ctypes.c_double * 9),
+        # Actual position in machine coordinates, as the bridge says: mm, degrees for A B C.
+        ("position_actual", ctypes.c_double * 9),
+        # Demanded minus actual position, as the bridge says: mm, degrees for A B C.
+        ("following_error", ctypes.c_double * 9),
+        # Age of the last feedback, in ns; the largest number where none has come.
+        ("feedback_age_ns", ctypes.c_uint64),
+        # Commands that were accepted.
+        ("commands_accepted", ctypes.c_uint64),
+        # Commands that were rejected, stale ones among them.
+        ("commands_rejected", ctypes.c_uint64),
+        # Bytes of `alarm_text` in use.
+        ("alarm_text_length", ctypes.c_uint32),
+        # Bytes of `message` in use.
+        ("message_length", ctypes.c_uint32),
+        # The sentence of the newest alarm in force: what was wrong and what to do, UTF-8.
+        ("alarm_text", ctypes.c_uint8 * 256),
+        # The program's last message to the operator, UTF-8.
+        ("message", ctypes.c_uint8 * 256),
         # Zero; for later versions.
         ("reserved", ctypes.c_uint64 * 16),
     ]
 
     def __init__(self, **values):
-        super().__init__(interface_version=1, struct_size=984, **values)
+        super().__init__(interface_version=1, struct_size=1840, **values)
 
     @staticmethod
     def type_name() -> str:
@@ -342,6 +442,87 @@ class Load(ctypes.Structure):
     def type_name() -> str:
         """Name by which iceoryx2 tells payloads apart."""
         return "evolvent.Load.v1"
+
+
+class ControlRequest(ctypes.Structure):
+    """A command to the core. Whoever sends it chooses a number for itself once, at random, and counts its commands
+    from 1 on: a command that is not newer than the last of the same client has no effect.
+    """
+
+    _fields_ = [
+        # Version of the bus contract that the sender was built for; receivers refuse another.
+        ("interface_version", ctypes.c_uint32),
+        # Size of this payload in bytes.
+        ("struct_size", ctypes.c_uint32),
+        # The client's number, not 0.
+        ("client", ctypes.c_uint64),
+        # Number of the command, growing from 1 for each client.
+        ("serial", ctypes.c_uint64),
+        # What is wanted, a number of the list of commands.
+        ("command", ctypes.c_uint32),
+        # Bit i set: the command is about axis i.
+        ("axes_mask", ctypes.c_uint32),
+        # A whole number: line to start from, work coordinate system, tool, mode, or 0 and 1 for off and on.
+        ("index", ctypes.c_uint32),
+        # Bytes of `text` in use.
+        ("text_length", ctypes.c_uint32),
+        # A ratio (overrides), a speed in mm/s or degrees/s (jog), or a diameter in mm (tool).
+        ("amount", ctypes.c_double),
+        # A number for each axis: mm, degrees for A B C.
+        ("values", ctypes.c_double * 9),
+        # A file name or a block of MDI, UTF-8.
+        ("text", ctypes.c_uint8 * 1024),
+        # Zero; for later versions.
+        ("reserved", ctypes.c_uint64 * 8),
+    ]
+
+    def __init__(self, **values):
+        super().__init__(interface_version=1, struct_size=1208, **values)
+
+    @staticmethod
+    def type_name() -> str:
+        """Name by which iceoryx2 tells payloads apart."""
+        return "evolvent.ControlRequest.v1"
+
+
+class ControlAnswer(ctypes.Structure):
+    """The core's answer to one command.
+    """
+
+    _fields_ = [
+        # Version of the bus contract that the sender was built for; receivers refuse another.
+        ("interface_version", ctypes.c_uint32),
+        # Size of this payload in bytes.
+        ("struct_size", ctypes.c_uint32),
+        # The client's number, as it came.
+        ("client", ctypes.c_uint64),
+        # The command's number, as it came.
+        ("serial", ctypes.c_uint64),
+        # 0 accepted, 1 rejected, 2 not newer than an earlier command and without effect.
+        ("verdict", ctypes.c_uint32),
+        # Why it was rejected, a number of the list of alarms; 0 where it was accepted.
+        ("alarm", ctypes.c_uint32),
+        # The setpoint that was computed last when the command was judged.
+        ("sequence", ctypes.c_uint64),
+        # Number of the job that the command has begun; 0 where it has begun none.
+        ("job", ctypes.c_uint64),
+        # Bytes of `text` in use.
+        ("text_length", ctypes.c_uint32),
+        # What `verdict` is about, the number of the command as it came.
+        ("command", ctypes.c_uint32),
+        # What was wrong and what to do about it, UTF-8.
+        ("text", ctypes.c_uint8 * 512),
+        # Zero; for later versions.
+        ("reserved", ctypes.c_uint64 * 8),
+    ]
+
+    def __init__(self, **values):
+        super().__init__(interface_version=1, struct_size=632, **values)
+
+    @staticmethod
+    def type_name() -> str:
+        """Name by which iceoryx2 tells payloads apart."""
+        return "evolvent.ControlAnswer.v1"
 
 
 def open_node(prefix=None):

@@ -3,19 +3,27 @@
 use crate::domain::{ATTRIBUTE_AXES, ATTRIBUTE_INTERFACE, ATTRIBUTE_PERIOD};
 use crate::layout::{AXES, FieldLayout, Payload, StructLayout};
 use crate::{
-    BRIDGE_NOTES, BRIDGE_STATES, EventKind, Feedback, INTERFACE_VERSION, LOAD_KINDS, Load, POWER_REQUESTS,
-    SETPOINT_FLAGS, STATES, Setpoint, Status,
+    ACTIVITIES, BRIDGE_NOTES, BRIDGE_STATES, COMMANDS, ControlAnswer, ControlRequest, EventKind, Feedback,
+    INTERFACE_VERSION, JOB_RESULTS, LOAD_KINDS, Load, MACHINE_STATES, MODES, POWER_REQUESTS, SETPOINT_FLAGS,
+    STATES, SWITCHES, Setpoint, Status, VERDICTS,
 };
 use std::fmt::Write;
 
-const PAYLOADS: [StructLayout; 4] = [Setpoint::LAYOUT, Status::LAYOUT, Feedback::LAYOUT, Load::LAYOUT];
+const PAYLOADS: [StructLayout; 6] = [
+    Setpoint::LAYOUT,
+    Status::LAYOUT,
+    Feedback::LAYOUT,
+    Load::LAYOUT,
+    ControlRequest::LAYOUT,
+    ControlAnswer::LAYOUT,
+];
 
 const COMMAND: &str = "cargo run -p evolvent-bus --example generate-bindings";
 
 /// A group of named numbers: the group's name, what it is, the entries.
 type Constants = (&'static str, &'static str, Vec<(&'static str, u32)>);
 
-fn constants() -> [Constants; 7] {
+fn constants() -> [Constants; 14] {
     [
         (
             "STATE",
@@ -47,6 +55,33 @@ fn constants() -> [Constants; 7] {
                 .map(|kind| (kind.name(), kind.number()))
                 .collect(),
         ),
+        (
+            "COMMAND",
+            "Values of `command` in ControlRequest.",
+            COMMANDS.to_vec(),
+        ),
+        (
+            "VERDICT",
+            "Values of `verdict` in ControlAnswer.",
+            VERDICTS.to_vec(),
+        ),
+        (
+            "MACHINE",
+            "Values of `machine_state` in Status.",
+            MACHINE_STATES.to_vec(),
+        ),
+        (
+            "MODE",
+            "Values of `mode` in Status and of the command MODE.",
+            MODES.to_vec(),
+        ),
+        ("ACTIVITY", "Values of `activity` in Status.", ACTIVITIES.to_vec()),
+        (
+            "RESULT",
+            "Values of `job_result` in Status.",
+            JOB_RESULTS.to_vec(),
+        ),
+        ("SWITCH", "Bits of `switches` in Status.", SWITCHES.to_vec()),
     ]
 }
 
@@ -56,7 +91,8 @@ pub fn c_header() -> String {
     let mut out = format!(
         "/* Layout of Evolvent's messages on iceoryx2, interface version {INTERFACE_VERSION}.\n \
          * Generated: do not edit, run `{COMMAND}`.\n *\n \
-         * Services are named evolvent/NAME/setpoint, /status, /feedback, /load (publish-subscribe) and /event.\n \
+         * Services are named evolvent/NAME/setpoint, /status, /feedback, /load (publish-subscribe), /event,\n \
+         * and /control (request-response of ControlRequest and ControlAnswer).\n \
          * Axes are in the order X Y Z A B C U V W. */\n\
          #ifndef EVOLVENT_BUS_H\n#define EVOLVENT_BUS_H\n\n\
          #include <stddef.h>\n#include <stdint.h>\n\n\

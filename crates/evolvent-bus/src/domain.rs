@@ -16,12 +16,17 @@ use iceoryx2::service::builder::publish_subscribe::{
     PublishSubscribeCreateError as CreateError, PublishSubscribeOpenError as OpenError,
     PublishSubscribeOpenOrCreateError as OpenOrCreateError,
 };
-use iceoryx2::service::port_factory::{event, publish_subscribe};
+use iceoryx2::service::builder::request_response::{
+    RequestResponseCreateError, RequestResponseOpenError, RequestResponseOpenOrCreateError,
+};
+use iceoryx2::service::port_factory::{event, publish_subscribe, request_response};
 use std::time::Instant;
 
 pub(crate) type Ipc = ipc::Service;
 pub(crate) type PubSub<P> = publish_subscribe::PortFactory<Ipc, P, ()>;
 pub(crate) type EventService = event::PortFactory<Ipc>;
+pub(crate) type ControlService =
+    request_response::PortFactory<Ipc, crate::ControlRequest, (), crate::ControlAnswer, ()>;
 
 /// Attribute: version of the bus contract.
 pub const ATTRIBUTE_INTERFACE: &str = "evolvent.interface";
@@ -105,6 +110,7 @@ impl Domain {
             Channel::Feedback,
             Channel::Load,
             Channel::Event,
+            Channel::Control,
         ] {
             let (_, name) = self.name(channel)?;
             remains::clear_half_made_service(&lock, self.node.config(), &name, pattern(channel));
@@ -220,6 +226,60 @@ impl Domain {
                 .event()
                 .open_with_attributes(&verifier)
                 .map_err(event_failure)
+        })
+    }
+
+    /// Opens the control service as the core does. Commands of a client that does not wait for its answers overwrite
+    /// each other, and nobody else's.
+    pub(crate) fn create_control(
+        &self,
+        wanted: &Wanted,
+        deadline: Instant,
+    ) -> Result<ControlService, BusError> {
+        let (text, name) = self.name(Channel::Control)?;
+        let verifier = verifier(wanted)?;
+        self.retry(&text, Channel::Control, wanted, deadline, || {
+            self.node
+                .service_builder(&name)
+                .request_response::<crate::ControlRequest, crate::ControlAnswer>()
+                .enable_safe_overflow_for_requests(true)
+                .enable_safe_overflow_for_responses(true)
+                .max_servers(1)
+                .max_clients(32)
+                .max_active_requests_per_client(4)
+                .max_response_buffer_size(2)
+                .max_nodes(64)
+                .open_or_create_with_attributes(&verifier)
+                .map_err(|error| match error {
+                    RequestResponseOpenOrCreateError::RequestResponseOpenError(error) => {
+                        control_failure(&error)
+                    }
+                    RequestResponseOpenOrCreateError::RequestResponseCreateError(
+                        RequestResponseCreateError::InsufficientPermissions,
+                    ) => Failure::Permission,
+                    RequestResponseOpenOrCreateError::RequestResponseCreateError(
+                        error @ (RequestResponseCreateError::HangsInCreation
+                        | RequestResponseCreateError::ServiceInCorruptedState),
+                    ) => Failure::Hung(format!("{error:?}")),
+                    other => Failure::Passing(format!("{other:?}")),
+                })
+        })
+    }
+
+    /// Opens the control service that the core has created.
+    pub(crate) fn open_control(
+        &self,
+        wanted: &Wanted,
+        deadline: Instant,
+    ) -> Result<ControlService, BusError> {
+        let (text, name) = self.name(Channel::Control)?;
+        let verifier = verifier(wanted)?;
+        self.retry(&text, Channel::Control, wanted, deadline, || {
+            self.node
+                .service_builder(&name)
+                .request_response::<crate::ControlRequest, crate::ControlAnswer>()
+                .open_with_attributes(&verifier)
+                .map_err(|error| control_failure(&error))
         })
     }
 
@@ -510,6 +570,22 @@ fn open_failure(error: OpenError) -> Failure {
             Failure::Hung(format!("{error:?}"))
         }
         other => Failure::Passing(format!("{other:?}")),
+    }
+}
+
+fn control_failure(error: &RequestResponseOpenError) -> Failure {
+    use RequestResponseOpenError as Error;
+    match error {
+        Error::DoesNotExist => Failure::Missing,
+        Error::IncompatibleAttributes => Failure::Attributes,
+        Error::InsufficientPermissions => Failure::Permission,
+        Error::HangsInCreation | Error::ServiceInCorruptedState => Failure::Hung(format!("{error:?}")),
+        Error::Interrupt
+        | Error::InternalFailure
+        | Error::IsMarkedForDestruction
+        | Error::ExceedsMaxNumberOfNodes
+        | Error::UnableToCreateServiceTag => Failure::Passing(format!("{error:?}")),
+        other => Failure::Settings(format!("{other:?}")),
     }
 }
 

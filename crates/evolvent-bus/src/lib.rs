@@ -10,6 +10,7 @@
 //!   core ── event ─────► sleepers    a number that wakes
 //!   core ◄── Feedback ── bridge      the drives' answer to one setpoint
 //!   core ◄── Load ────── sensor      cutting force, torque, power, current
+//!   core ◄── control ──► operator    a command with a serial number, answered accepted or rejected
 //! ```
 //!
 //! Payloads are plain numbers in a fixed layout: version and size first, room for later at the end, no gap, no pointer.
@@ -19,11 +20,14 @@
 //! The core never waits for a reader: one that lags behind by more than its buffer loses the oldest and sees a
 //! gap in the sequence. Who is killed leaves files; whoever opens next clears them away. One name, one core.
 //!
-//! This is the only crate that names iceoryx2. Commands (`control`) will be a request-response service beside these.
+//! This is the only crate that names iceoryx2. The control service has ports of its own, [`ControlServer`] and
+//! [`ControlClient`], so that commands need not pass through the thread that publishes setpoints.
 
 mod bindings;
 mod client_bus;
 mod config;
+mod control;
+mod control_bus;
 mod core_bus;
 mod domain;
 mod error;
@@ -38,6 +42,11 @@ mod status;
 pub use bindings::{c_header, python_module};
 pub use client_bus::{ClientBus, EventReader, FeedbackSender, LoadSender, SetpointReader, StatusReader};
 pub use config::{BusConfig, ClientConfig, MAX_SETPOINT_BUFFER};
+pub use control::{
+    ACTIVITIES, ANSWER_TEXT_BYTES, COMMAND_TEXT_BYTES, COMMANDS, ControlAnswer, ControlRequest, JOB_RESULTS,
+    MACHINE_STATES, MODES, SWITCHES, VERDICTS,
+};
+pub use control_bus::{CommandError, ControlClient, ControlServer};
 pub use core_bus::CoreBus;
 pub use domain::{ATTRIBUTE_AXES, ATTRIBUTE_INTERFACE, ATTRIBUTE_PERIOD, remove_private_domain};
 pub use error::{BusError, ReceiveError, SendError};
@@ -46,7 +55,7 @@ pub use feedback::{BRIDGE_NOTES, BRIDGE_STATES, Feedback, LOAD_KINDS, Load};
 pub use layout::{AXES, FieldLayout, Payload, Scalar, StructLayout};
 pub use name::{Channel, MAX_MACHINE_NAME, NameError, check_machine_name};
 pub use setpoint::{POWER_REQUESTS, SETPOINT_FLAGS, STATES, Setpoint};
-pub use status::{MAX_ALARMS, Status, TEXT_BYTES};
+pub use status::{MAX_ALARMS, MAX_MODAL_CODES, SENTENCE_BYTES, Status, TEXT_BYTES};
 
 /// Version of the contract: raised with every change of a payload's layout or meaning.
 pub const INTERFACE_VERSION: u32 = 1;

@@ -65,7 +65,7 @@ pub enum Channel {
     Status,
     /// Wake-ups and faults, from the core.
     Event,
-    /// Commands and answers. The name is reserved; nothing opens it yet.
+    /// Commands and answers, to and from the core.
     Control,
 }
 

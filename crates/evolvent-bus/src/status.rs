@@ -9,6 +9,12 @@ pub const MAX_ALARMS: usize = 16;
 /// Bytes of a text field, filled up with zeros.
 pub const TEXT_BYTES: usize = 128;
 
+/// Bytes of a sentence, filled up with zeros.
+pub const SENTENCE_BYTES: usize = 256;
+
+/// Number of modal codes that a status holds at most.
+pub const MAX_MODAL_CODES: usize = 16;
+
 payload! {
     /// One coherent snapshot of the core. A reader gets the latest, never a mixture of two.
     ///
@@ -98,6 +104,42 @@ payload! {
         alarms: [u32; MAX_ALARMS],
         /// Name of the loaded program, UTF-8.
         program: [u8; TEXT_BYTES],
+        /// What moves the axes, a number of the list of activities.
+        activity: u32,
+        /// How the last job ended, a number of the list of results.
+        job_result: u32,
+        /// Number of the job that runs or, at rest, ran last; 0 before the first.
+        job: u64,
+        /// Bits of the list of switches.
+        switches: u32,
+        /// What is asked of the drives: 0 off, 1 on, 2 quick stop.
+        power: u32,
+        /// Bit i set: the drive of axis i says that its operation is enabled.
+        enabled_mask: u32,
+        /// Bit 0 mist, bit 1 flood.
+        coolant: u32,
+        /// Modal G codes times ten in no particular order, filled up with zeros.
+        modal: [u32; MAX_MODAL_CODES],
+        /// Position of machine zero in the drives' coordinates, which homing finds: mm, degrees for A B C.
+        home_offset: [f64; AXES],
+        /// Actual position in machine coordinates, as the bridge says: mm, degrees for A B C.
+        position_actual: [f64; AXES],
+        /// Demanded minus actual position, as the bridge says: mm, degrees for A B C.
+        following_error: [f64; AXES],
+        /// Age of the last feedback, in ns; the largest number where none has come.
+        feedback_age_ns: u64,
+        /// Commands that were accepted.
+        commands_accepted: u64,
+        /// Commands that were rejected, stale ones among them.
+        commands_rejected: u64,
+        /// Bytes of `alarm_text` in use.
+        alarm_text_length: u32,
+        /// Bytes of `message` in use.
+        message_length: u32,
+        /// The sentence of the newest alarm in force: what was wrong and what to do, UTF-8.
+        alarm_text: [u8; SENTENCE_BYTES],
+        /// The program's last message to the operator, UTF-8.
+        message: [u8; SENTENCE_BYTES],
         /// Zero; for later versions.
         reserved: [u64; 16],
     }
@@ -106,17 +148,35 @@ payload! {
 impl Status {
     /// Writes the program's name, cut to the room there is at a character's border.
     pub fn set_program(&mut self, name: &str) {
-        let length = name.floor_char_boundary_at(TEXT_BYTES);
-        self.program = [0; TEXT_BYTES];
-        self.program[..length].copy_from_slice(&name.as_bytes()[..length]);
-        self.program_length = length as u32;
+        self.program_length = put_text(&mut self.program, name);
     }
 
     /// The program's name; empty where there is none or where it is no UTF-8.
     #[must_use]
     pub fn program_name(&self) -> &str {
-        let length = (self.program_length as usize).min(TEXT_BYTES);
-        core::str::from_utf8(&self.program[..length]).unwrap_or("")
+        get_text(&self.program, self.program_length)
+    }
+
+    /// Writes the sentence of the newest alarm, cut like the program's name.
+    pub fn set_alarm_text(&mut self, text: &str) {
+        self.alarm_text_length = put_text(&mut self.alarm_text, text);
+    }
+
+    /// The sentence of the newest alarm; empty where there is none.
+    #[must_use]
+    pub fn alarm_sentence(&self) -> &str {
+        get_text(&self.alarm_text, self.alarm_text_length)
+    }
+
+    /// Writes the message to the operator, cut like the program's name.
+    pub fn set_message(&mut self, text: &str) {
+        self.message_length = put_text(&mut self.message, text);
+    }
+
+    /// The program's last message to the operator; empty where there is none.
+    #[must_use]
+    pub fn operator_message(&self) -> &str {
+        get_text(&self.message, self.message_length)
     }
 
     /// Adds an alarm. Counted even where the list is full.
@@ -132,6 +192,20 @@ impl Status {
     pub fn listed_alarms(&self) -> &[u32] {
         &self.alarms[..(self.alarm_count as usize).min(MAX_ALARMS)]
     }
+}
+
+/// Writes a text into a field, cut to the room there is at a character's border, and returns its length.
+pub(crate) fn put_text(field: &mut [u8], text: &str) -> u32 {
+    let length = text.floor_char_boundary_at(field.len());
+    field.fill(0);
+    field[..length].copy_from_slice(&text.as_bytes()[..length]);
+    length as u32
+}
+
+/// The text in a field; empty where it is no UTF-8.
+pub(crate) fn get_text(field: &[u8], length: u32) -> &str {
+    let length = (length as usize).min(field.len());
+    core::str::from_utf8(&field[..length]).unwrap_or("")
 }
 
 /// The standard library has it from Rust 1.91 on.

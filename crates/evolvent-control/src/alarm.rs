@@ -1,0 +1,197 @@
+//! Alarms by number: what went wrong, and what to do.
+
+/// What an alarm is about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum AlarmKind {
+    /// A command was rejected. Nothing has changed, nothing is latched.
+    Rejection,
+    /// A job ended early. Told until the next job starts or the alarms are cleared.
+    Job,
+    /// The machine was stopped. Latched: nothing moves until the alarms are cleared.
+    Fault,
+    /// Something is worse than it should be; the machine goes on.
+    Warning,
+}
+
+macro_rules! alarms {
+    ($($(#[doc = $doc:literal])* $name:ident = $number:literal, $kind:ident, $advice:literal;)*) => {
+        /// The stable number of what went wrong: in answers, in the status and in the trace's events.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+        #[repr(u32)]
+        pub enum Alarm {
+            $($(#[doc = $doc])* $name = $number,)*
+        }
+
+        impl Alarm {
+            /// All alarms in order of their numbers.
+            pub const ALL: &[Self] = &[$(Self::$name,)*];
+
+            /// What it is about.
+            #[must_use]
+            pub const fn kind(self) -> AlarmKind {
+                match self {
+                    $(Self::$name => AlarmKind::$kind,)*
+                }
+            }
+
+            /// What it means and what to do, where nothing more is known.
+            #[must_use]
+            pub const fn sentence(self) -> &'static str {
+                match self {
+                    $(Self::$name => $advice,)*
+                }
+            }
+        }
+    };
+}
+
+alarms! {
+    /// The program cannot be read, or has an error in it; it was run up to there.
+    Program = 100, Job, "the program has an error and was run up to it; check it with `evolvent check`";
+    /// A block of MDI cannot be executed.
+    Mdi = 101, Job, "the MDI block has an error; nothing has moved";
+    /// The guard refused a setpoint that would have broken a limit.
+    Guard = 200, Fault, "the guard refused a setpoint and the machine was stopped; please report it with the trace";
+    /// The planner ended without completing its plan.
+    Planner = 201, Fault, "the planner ended without completing its plan; the machine stopped on the path";
+    /// A job did not begin where the axes stand.
+    Handover = 202, Fault, "a job did not begin where the axes stand and was not taken up; please report it with the trace";
+    /// Too many setpoints in a row left after they were due.
+    Lateness = 300, Fault, "too many setpoints in a row left late; run `evolvent doctor`, or lower the rate";
+    /// No feedback ever came.
+    NoFeedback = 400, Fault, "no feedback comes; start the drive bridge, or see why it does not answer";
+    /// Feedback came, and comes no more.
+    FeedbackStale = 401, Fault, "the bridge has stopped answering; see whether it runs, then clear the alarms";
+    /// Messages come, but their samples do not grow younger.
+    FeedbackFrozen = 402, Fault, "the bridge repeats itself; it runs without its drives, check the fieldbus";
+    /// An axis moves and its encoder shows the same number.
+    EncoderFrozen = 403, Fault, "an encoder shows the same number although its axis moves; check it";
+    /// A number is none.
+    FeedbackBad = 404, Fault, "the feedback holds no number; check encoder and bridge";
+    /// The bridge does not speak of an axis.
+    AxisMissing = 405, Fault, "the bridge sends nothing of an axis; give it the machine's axes";
+    /// A drive is in fault.
+    DriveFault = 406, Fault, "a drive is in fault; see its own message, then clear the alarms and switch on";
+    /// A drive left operation by itself.
+    DriveOff = 407, Fault, "a drive has switched off by itself; check its enabling input and its supply";
+    /// The drives were not enabled in time.
+    NotEnabled = 408, Fault, "the drives were not enabled in time; check supply, safety circuit and bridge";
+    /// The actual position jumped.
+    PositionJump = 409, Fault, "the actual position jumped; check encoder and cable, and home again";
+    /// The following error is too large.
+    FollowingError = 410, Fault, "an axis does not follow; look for a blocked axis or a weak drive";
+    /// A limit switch was run onto.
+    LimitSwitch = 411, Fault, "a limit switch was run onto; clear the alarms and jog off it the other way";
+    /// The bridge was started anew under power.
+    BridgeRestarted = 412, Fault, "the bridge was restarted under power; switch on again, and home if positions are lost";
+    /// The bridge stopped following.
+    BridgeStopped = 413, Fault, "the bridge has stopped the axes by itself; it got no usable setpoints";
+    /// Answers to what was never asked.
+    Implausible = 414, Fault, "the bridge answers setpoints that were never sent; restart it";
+    /// Positions are named by another datum.
+    Datum = 415, Fault, "the bridge names positions by another datum; home again";
+    /// The home switch was not found.
+    HomeSwitchMissing = 420, Fault, "the home switch was not found within the travel; see its wiring";
+    /// The home switch does not release.
+    HomeSwitchStuck = 421, Fault, "the home switch does not release; see its wiring";
+    /// State cannot be kept.
+    NotKept = 600, Warning, "offsets, tools or parameters cannot be kept; see the state folder";
+    /// What was kept cannot be read.
+    NotRead = 601, Warning, "what was kept of offsets, tools or parameters cannot be read and is set aside";
+    /// The trace failed.
+    Trace = 602, Warning, "the trace cannot be written any more; see the disk";
+    /// The request has another version or size, no client number, or no UTF-8.
+    Malformed = 900, Rejection, "the request is of another version or damaged; update the client";
+    /// No command has this number.
+    UnknownCommand = 901, Rejection, "no command has this number; update the core or the client";
+    /// A number is not finite or out of its range.
+    BadNumber = 902, Rejection, "a number is not finite or out of its range";
+    /// The command is not newer than the last of its client.
+    Stale = 903, Rejection, "the command is not newer than the last of this client and has no effect";
+    /// The axis does not exist, or none was named.
+    NoAxis = 904, Rejection, "the machine has no such axis";
+    /// The machine is in emergency stop.
+    InEstop = 910, Rejection, "the machine is in emergency stop; reset it first";
+    /// The machine is not in emergency stop.
+    NotInEstop = 911, Rejection, "the machine is not in emergency stop";
+    /// The machine is off.
+    IsOff = 912, Rejection, "the machine is off; switch it on first";
+    /// Another mode is needed.
+    WrongMode = 913, Rejection, "this needs another mode";
+    /// Something else moves the axes.
+    Busy = 914, Rejection, "another job has the axes; stop it or wait for its end";
+    /// Nothing runs that the command could be about.
+    NothingRuns = 915, Rejection, "nothing runs that this could be about";
+    /// Axes have not been homed.
+    NotHomed = 916, Rejection, "not all axes are homed; home them first";
+    /// No program is loaded.
+    NoProgram = 917, Rejection, "no program is loaded; load one first";
+    /// An alarm is latched.
+    Latched = 918, Rejection, "an alarm is latched; see the status, then clear the alarms";
+    /// The move would leave the travel.
+    SoftLimit = 919, Rejection, "the move would leave the travel of an axis";
+    /// Neither held nor at a program stop.
+    NotHeld = 920, Rejection, "nothing is held and no program stop is waited at";
+    /// The axes still move.
+    Moving = 921, Rejection, "the axes still move; wait until they rest";
+    /// A file cannot be read or written.
+    File = 922, Rejection, "a file cannot be read or written";
+    /// The program has errors.
+    BadProgram = 923, Rejection, "the program has errors; check it with `evolvent check`";
+    /// The core is about to end.
+    Ending = 924, Rejection, "the core is ending and takes no commands any more";
+    /// The machine is on.
+    IsOn = 925, Rejection, "the machine is on; switch it off first";
+}
+
+impl Alarm {
+    /// The number on the bus and in the trace.
+    #[must_use]
+    pub const fn number(self) -> u32 {
+        self as u32
+    }
+
+    /// The alarm of a number.
+    #[must_use]
+    pub fn from_number(number: u32) -> Option<Self> {
+        Self::ALL.iter().copied().find(|alarm| alarm.number() == number)
+    }
+
+    /// Whether nothing may move until it is cleared.
+    #[must_use]
+    pub const fn is_latched(self) -> bool {
+        matches!(self.kind(), AlarmKind::Fault)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_those_that_clients_rely_on() {
+        let numbers = [Alarm::Program, Alarm::Guard, Alarm::Planner, Alarm::Lateness].map(Alarm::number);
+        assert_eq!(numbers, [100, 200, 201, 300]);
+    }
+
+    #[test]
+    fn every_alarm_is_found_by_its_number_and_says_something() {
+        for pair in Alarm::ALL.windows(2) {
+            assert!(pair[0].number() < pair[1].number(), "{pair:?}");
+        }
+        for &alarm in Alarm::ALL {
+            assert_eq!(Alarm::from_number(alarm.number()), Some(alarm));
+            assert!(alarm.sentence().len() > 20, "{alarm:?}");
+        }
+        assert_eq!(Alarm::from_number(0), None);
+    }
+
+    #[test]
+    fn only_faults_are_latched() {
+        for &alarm in Alarm::ALL {
+            let rejection = (900..1000).contains(&alarm.number());
+            assert_eq!(alarm.kind() == AlarmKind::Rejection, rejection, "{alarm:?}");
+        }
+        assert!(Alarm::DriveFault.is_latched() && !Alarm::Program.is_latched() && !Alarm::Trace.is_latched());
+    }
+}

@@ -1,0 +1,52 @@
+//! The dead-man's switch of a jog.
+
+/// A continuous jog goes on only while its client says so.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct DeadMan {
+    client: u64,
+    until_ns: u64,
+}
+
+impl DeadMan {
+    /// A jog goes on for so long without being renewed, ns.
+    pub const PATIENCE_NS: u64 = 90_000_000;
+
+    /// Begun or renewed by `client` at `now_ns`.
+    #[must_use]
+    pub const fn held(client: u64, now_ns: u64) -> Self {
+        Self {
+            client,
+            until_ns: now_ns.saturating_add(Self::PATIENCE_NS),
+        }
+    }
+
+    /// Renews it; another client's word does not count.
+    pub fn renew(&mut self, client: u64, now_ns: u64) -> bool {
+        let mine = client == self.client;
+        if mine {
+            *self = Self::held(client, now_ns);
+        }
+        mine
+    }
+
+    /// Until when the jog may go on, ns of the caller's clock.
+    #[must_use]
+    pub const fn until_ns(self) -> u64 {
+        self.until_ns
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_the_client_that_jogs_keeps_the_jog_going() {
+        let mut held = DeadMan::held(7, 1_000);
+        assert_eq!(held.until_ns(), 1_000 + DeadMan::PATIENCE_NS);
+        assert!(!held.renew(8, 50_000_000));
+        assert_eq!(held.until_ns(), 1_000 + DeadMan::PATIENCE_NS);
+        assert!(held.renew(7, 50_000_000));
+        assert_eq!(held.until_ns(), 50_000_000 + DeadMan::PATIENCE_NS);
+    }
+}

@@ -1,0 +1,64 @@
+//! Serial numbers of clients: each command takes effect once.
+
+/// Clients that are remembered.
+const MOST_CLIENTS: usize = 256;
+
+/// The last serial number of each client.
+#[derive(Clone, Debug, Default)]
+pub struct Serials {
+    /// The one that spoke last stands last.
+    last: Vec<(u64, u64)>,
+}
+
+impl Serials {
+    /// Notes a command; `false` where it is not newer than the last of its client, or the client has no number.
+    ///
+    /// Of more than 256 clients the one that has been silent longest is forgotten.
+    pub fn admit(&mut self, client: u64, serial: u64) -> bool {
+        if client == 0 || serial == 0 {
+            return false;
+        }
+        match self.last.iter().position(|&(known, _)| known == client) {
+            Some(index) if serial <= self.last[index].1 => return false,
+            Some(index) => {
+                self.last.remove(index);
+            }
+            None if self.last.len() >= MOST_CLIENTS => {
+                self.last.remove(0);
+            }
+            None => {}
+        }
+        self.last.push((client, serial));
+        true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_command_counts_once_and_only_if_it_is_newer() {
+        let mut serials = Serials::default();
+        assert!(serials.admit(7, 1));
+        assert!(!serials.admit(7, 1), "the same again");
+        assert!(serials.admit(7, 5), "numbers may be left out");
+        assert!(!serials.admit(7, 4), "older");
+        assert!(serials.admit(8, 4), "another client counts by itself");
+        assert!(!serials.admit(0, 9) && !serials.admit(9, 0), "no number");
+    }
+
+    #[test]
+    fn many_clients_do_not_fill_the_memory_and_the_busy_are_remembered() {
+        let mut serials = Serials::default();
+        assert!(serials.admit(1, 10));
+        for client in 2..10_000 {
+            assert!(serials.admit(client, 1));
+            if client % 100 == 0 {
+                assert!(serials.admit(1, 10 + client));
+            }
+        }
+        assert!(serials.last.len() <= MOST_CLIENTS);
+        assert!(!serials.admit(1, 10), "it has spoken often");
+    }
+}
