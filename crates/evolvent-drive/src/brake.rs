@@ -1,0 +1,102 @@
+//! Braking an axis by itself to rest, within its acceleration and jerk.
+
+/// Position, velocity and acceleration of one axis; mm or degrees, and s.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct BrakeState {
+    /// Position.
+    pub position: f64,
+    /// Velocity.
+    pub velocity: f64,
+    /// Acceleration.
+    pub acceleration: f64,
+}
+
+/// The fastest way to rest: at most three pieces of constant jerk.
+///
+/// In the direction of the braking the acceleration rises with full jerk to its peak, stays there if that is the limit,
+/// and falls to zero as the velocity does. An acceleration at the start that is beyond the limit, or that leads beyond rest
+/// by itself, is brought back with full jerk; the velocity then overshoots zero as little as can be.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Brake {
+    start: BrakeState,
+    jerk: [f64; 3],
+    /// Durations of the pieces, s.
+    time: [f64; 3],
+}
+
+impl Brake {
+    /// From a state to rest. Limits are positive and finite; a limit or state that is not makes the brake stand still at the
+    /// start, at once.
+    #[must_use]
+    pub fn new(start: BrakeState, max_acceleration: f64, max_jerk: f64) -> Self {
+        let usable = |limit: f64| limit.is_finite() && limit > 0.0;
+        let known =
+            start.position.is_finite() && start.velocity.is_finite() && start.acceleration.is_finite();
+        if !usable(max_acceleration) || !usable(max_jerk) || !known {
+            return Self::at_once(start);
+        }
+        // Velocity that is left when the acceleration is taken back with full jerk, and nothing else done.
+        let coasting = start.velocity + start.acceleration * start.acceleration.abs() / (2.0 * max_jerk);
+        let direction = if coasting > 0.0 { -1.0 } else { 1.0 };
+        let velocity = direction * start.velocity;
+        let acceleration = direction * start.acceleration;
+        let jerk = direction * max_jerk;
+        // Beyond the limit at the start already: it is what there is, and only falls.
+        let limit = max_acceleration.max(acceleration);
+        let rise = |peak: f64| (peak - acceleration) / max_jerk;
+        let free_peak = libm::sqrt((0.5 * acceleration * acceleration - max_jerk * velocity).max(0.0));
+        let free_peak = free_peak.max(acceleration).max(0.0);
+        let (peak, held) = if free_peak <= limit {
+            (free_peak, 0.0)
+        } else {
+            let by_ramps = (2.0 * limit * limit - acceleration * acceleration) / (2.0 * max_jerk);
+            (limit, ((-velocity - by_ramps) / limit).max(0.0))
+        };
+        Self {
+            start,
+            jerk: [jerk, 0.0, -jerk],
+            time: [rise(peak).max(0.0), held, peak / max_jerk],
+        }
+    }
+
+    const fn at_once(start: BrakeState) -> Self {
+        Self {
+            start: BrakeState {
+                position: start.position,
+                velocity: 0.0,
+                acceleration: 0.0,
+            },
+            jerk: [0.0; 3],
+            time: [0.0; 3],
+        }
+    }
+
+    /// How long it takes, s.
+    #[must_use]
+    pub fn duration_s(&self) -> f64 {
+        self.time[0] + self.time[1] + self.time[2]
+    }
+
+    /// The state so long after the start; behind the end the axis stands.
+    #[must_use]
+    pub fn at(&self, time_s: f64) -> BrakeState {
+        let mut state = self.start;
+        let mut rest = time_s.max(0.0);
+        for (jerk, time) in self.jerk.into_iter().zip(self.time) {
+            let t = rest.min(time);
+            state = BrakeState {
+                position: state.position
+                    + t * (state.velocity + t * (state.acceleration / 2.0 + t * jerk / 6.0)),
+                velocity: state.velocity + t * (state.acceleration + t * jerk / 2.0),
+                acceleration: state.acceleration + t * jerk,
+            };
+            rest -= t;
+        }
+        if time_s >= self.duration_s() {
+            // What rounding has left over.
+            state.velocity = 0.0;
+            state.acceleration = 0.0;
+        }
+        state
+    }
+}

@@ -1,0 +1,147 @@
+//! The bridge's side of CiA 402: which control word brings a drive where the core wants it.
+
+use crate::power::PowerRequest;
+use crate::status_word::DriveState;
+
+/// Modes of operation (object 6060h): cyclic synchronous position, the only one used here.
+pub const CYCLIC_SYNCHRONOUS_POSITION: i8 = 8;
+
+/// Control words (object 6040h), one for each command of the standard.
+pub mod control {
+    /// Transitions 7, 9, 10 and 12: no torque, switch on disabled.
+    pub const DISABLE_VOLTAGE: u16 = 0x00;
+    /// Transitions 7, 10 and 11: brake by the quick stop ramp.
+    pub const QUICK_STOP: u16 = 0x02;
+    /// Transitions 2, 6 and 8: ready to switch on.
+    pub const SHUTDOWN: u16 = 0x06;
+    /// Transition 3, and 5 back from operation (disable operation): powered, without torque.
+    pub const SWITCH_ON: u16 = 0x07;
+    /// Transitions 4 and 16: torque on, follow the target.
+    pub const ENABLE_OPERATION: u16 = 0x0F;
+    /// Transition 15, at the rising edge.
+    pub const FAULT_RESET: u16 = 0x80;
+}
+
+/// What one drive gets for one period.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DriveOrder {
+    /// Object 6040h.
+    pub control_word: u16,
+    /// Object 6060h.
+    pub mode_of_operation: i8,
+    /// Object 607Ah, in the unit of the arguments: the actual position until operation is enabled, then the setpoint.
+    pub target_position: f64,
+    /// Whether the drive follows the setpoint in this period.
+    pub follows: bool,
+}
+
+/// Brings one drive to the power state that is asked for, one transition a period, and feeds it targets.
+///
+/// Rules that keep an axis from moving by surprise:
+/// - until operation is enabled the target is the actual position, so that enabling moves nothing;
+/// - after a fault or a quick stop power stays off until the request has once been another than *on*;
+/// - a fault is reset only when the counter of resets has grown, by one edge.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Cia402 {
+    resets_done: u32,
+    reset_edge: bool,
+    locked_out: bool,
+}
+
+impl Cia402 {
+    /// A drive of which nothing is known. Resets up to the given count of the core's counter are over.
+    #[must_use]
+    pub const fn new(resets_done: u32) -> Self {
+        Self {
+            resets_done,
+            reset_edge: false,
+            locked_out: false,
+        }
+    }
+
+    /// The last reset that was carried out.
+    #[must_use]
+    pub const fn resets_done(&self) -> u32 {
+        self.resets_done
+    }
+
+    /// Whether power stays off until the request has once been another than *on*.
+    #[must_use]
+    pub const fn is_locked_out(&self) -> bool {
+        self.locked_out
+    }
+
+    /// One period: from the drive's status word and what the core wants to what the drive gets.
+    ///
+    /// `fault_reset` is the core's counter; `setpoint` and `actual` are in one unit. A status word that fits no state
+    /// takes the voltage off.
+    pub fn step(
+        &mut self,
+        status_word: u16,
+        request: PowerRequest,
+        fault_reset: u32,
+        setpoint: f64,
+        actual: f64,
+    ) -> DriveOrder {
+        let state = DriveState::decode(status_word);
+        if request != PowerRequest::On {
+            self.locked_out = false;
+        } else if matches!(
+            state,
+            Some(DriveState::Fault | DriveState::FaultReactionActive | DriveState::QuickStopActive)
+        ) {
+            self.locked_out = true;
+        }
+        let wants_power = request == PowerRequest::On && !self.locked_out;
+        let control_word = match state {
+            Some(DriveState::Fault) => self.fault_word(fault_reset),
+            None | Some(DriveState::NotReadyToSwitchOn | DriveState::FaultReactionActive) => {
+                control::DISABLE_VOLTAGE
+            }
+            Some(DriveState::SwitchOnDisabled) if wants_power => control::SHUTDOWN,
+            Some(DriveState::SwitchOnDisabled) => control::DISABLE_VOLTAGE,
+            Some(DriveState::ReadyToSwitchOn) if wants_power => control::SWITCH_ON,
+            Some(DriveState::ReadyToSwitchOn) => control::DISABLE_VOLTAGE,
+            Some(DriveState::SwitchedOn) if wants_power => control::ENABLE_OPERATION,
+            Some(DriveState::SwitchedOn) => control::SHUTDOWN,
+            Some(DriveState::OperationEnabled) => match request {
+                PowerRequest::On if wants_power => control::ENABLE_OPERATION,
+                PowerRequest::On | PowerRequest::Off => control::SWITCH_ON,
+                PowerRequest::QuickStop => control::QUICK_STOP,
+            },
+            // Never by transition 16 back into motion: what was stopped is switched on anew.
+            Some(DriveState::QuickStopActive) => match request {
+                PowerRequest::QuickStop => control::QUICK_STOP,
+                PowerRequest::On | PowerRequest::Off => control::DISABLE_VOLTAGE,
+            },
+        };
+        if state != Some(DriveState::Fault) {
+            // Nothing to reset: what was asked for is over.
+            self.resets_done = fault_reset;
+            self.reset_edge = false;
+        }
+        let follows = state == Some(DriveState::OperationEnabled)
+            && control_word == control::ENABLE_OPERATION
+            && setpoint.is_finite();
+        DriveOrder {
+            control_word,
+            mode_of_operation: CYCLIC_SYNCHRONOUS_POSITION,
+            target_position: if follows { setpoint } else { actual },
+            follows,
+        }
+    }
+
+    /// One period with the edge for each growth of the counter, low in between.
+    fn fault_word(&mut self, fault_reset: u32) -> u16 {
+        if self.reset_edge {
+            self.reset_edge = false;
+            return control::DISABLE_VOLTAGE;
+        }
+        if self.resets_done == fault_reset {
+            return control::DISABLE_VOLTAGE;
+        }
+        self.resets_done = fault_reset;
+        self.reset_edge = true;
+        control::FAULT_RESET
+    }
+}

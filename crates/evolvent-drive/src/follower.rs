@@ -1,0 +1,555 @@
+//! The bridge's way from setpoints, as they happen to come, to a target for every period of the drives.
+
+use std::collections::VecDeque;
+
+use evolvent_bus::{AXES, Setpoint};
+use thiserror::Error;
+
+use crate::brake::{Brake, BrakeState};
+use crate::power::{BridgeState, Note, PowerRequest};
+
+/// Setpoints that are kept for later: the longest lead and what a burst adds.
+const ROOM: usize = 2048;
+/// Nobody computes setpoints further ahead, ns.
+const FURTHEST_NS: u64 = 10_000_000_000;
+/// How much faster than an axis can be a setpoint may ask it to be: rounding, and a guard that allows a thousandth.
+const TOLERATED: f64 = 1.1;
+
+/// What a follower may do. Lengths are mm or degrees.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FollowerSettings {
+    /// The period of the setpoints, ns.
+    pub period_ns: u64,
+    /// For how many periods the last motion goes on where setpoints are missing.
+    pub bridge_cycles: u32,
+    /// Bit i set: axis i is driven.
+    pub axes_mask: u32,
+    /// Largest velocity of each axis.
+    pub max_velocity: [f64; AXES],
+    /// Largest acceleration.
+    pub max_acceleration: [f64; AXES],
+    /// Largest jerk.
+    pub max_jerk: [f64; AXES],
+    /// How far from the axis a setpoint may lie with which following begins.
+    pub sync_tolerance: [f64; AXES],
+}
+
+/// Why settings are none.
+#[derive(Clone, Copy, Debug, PartialEq, Error)]
+pub enum SettingsError {
+    /// A number of an axis is no limit.
+    #[error("axis {axis} has {value} as a limit: it must be a positive number")]
+    Limit {
+        /// The axis.
+        axis: usize,
+        /// The number.
+        value: f64,
+    },
+    /// The period is none.
+    #[error("a period of {period_ns} ns is out of range: it must be 1000 ns to 1 s")]
+    Period {
+        /// The period in ns.
+        period_ns: u64,
+    },
+    /// Too many periods without setpoints.
+    #[error("{cycles} periods without setpoints are too many to go on: at most 100")]
+    BridgeCycles {
+        /// The number.
+        cycles: u32,
+    },
+}
+
+/// Why a setpoint was not taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Refusal {
+    /// A number is not finite.
+    NotFinite,
+    /// It came when it was of no use any more, or not after the one before it.
+    Late,
+    /// It lies absurdly far ahead.
+    Future,
+    /// No axis can get there from the setpoint before.
+    Jump,
+}
+
+impl Refusal {
+    const fn note(self) -> Note {
+        match self {
+            Self::NotFinite => Note::NotFinite,
+            Self::Late => Note::Late,
+            Self::Future | Self::Jump => Note::Jump,
+        }
+    }
+}
+
+/// What the drives get for one period.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Target {
+    /// Position of every axis.
+    pub position: [f64; AXES],
+    /// Velocity, for a feed-forward.
+    pub velocity: [f64; AXES],
+    /// Acceleration, for a feed-forward.
+    pub acceleration: [f64; AXES],
+    /// What the follower is doing.
+    pub state: BridgeState,
+    /// What the core asks of the power stages.
+    pub power: PowerRequest,
+    /// The core's counter of fault resets.
+    pub fault_reset: u32,
+    /// The setpoint that came due last.
+    pub sequence: u64,
+    /// The drives' time minus the due time of the setpoint nearest to it, ns.
+    pub phase_error_ns: i64,
+    /// By which datum positions are named from now on.
+    pub datum: u64,
+    /// Where the datum has changed in this period: what is to be added to every position that the bridge keeps.
+    pub datum_shift: Option<[f64; AXES]>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Point {
+    sequence: u64,
+    due_ns: u64,
+    position: [f64; AXES],
+    velocity: [f64; AXES],
+    acceleration: [f64; AXES],
+    power: PowerRequest,
+    fault_reset: u32,
+    datum: u64,
+}
+
+impl Point {
+    fn stands(&self) -> bool {
+        self.velocity.iter().all(|velocity| velocity.abs() <= 1e-9)
+    }
+}
+
+/// Follows setpoints by their due times. Where they are missing the last motion goes on for a few periods, never
+/// longer; then every axis brakes within its limits and holds. From there following begins again only with a setpoint
+/// that stands where the axes stand: the core has to come to the machine, not the machine to the core.
+///
+/// May be called by a real-time cycle; [`Follower::new`] allocates, nothing else does.
+#[derive(Clone, Debug)]
+pub struct Follower {
+    settings: FollowerSettings,
+    queue: VecDeque<Point>,
+    current: Option<Point>,
+    state: BridgeState,
+    note: Note,
+    missed: u32,
+    hold: [f64; AXES],
+    brakes: [Brake; AXES],
+    brake_since_ns: u64,
+    datum: u64,
+    quick_stop: bool,
+}
+
+impl Follower {
+    /// A follower that waits for its first setpoint.
+    ///
+    /// # Errors
+    /// A limit that is none.
+    pub fn new(settings: FollowerSettings) -> Result<Self, SettingsError> {
+        if !(1_000..=1_000_000_000).contains(&settings.period_ns) {
+            return Err(SettingsError::Period {
+                period_ns: settings.period_ns,
+            });
+        }
+        if settings.bridge_cycles > 100 {
+            return Err(SettingsError::BridgeCycles {
+                cycles: settings.bridge_cycles,
+            });
+        }
+        for axis in (0..AXES).filter(|axis| settings.axes_mask >> axis & 1 == 1) {
+            let limits = [
+                settings.max_velocity[axis],
+                settings.max_acceleration[axis],
+                settings.max_jerk[axis],
+                settings.sync_tolerance[axis],
+            ];
+            if let Some(&value) = limits.iter().find(|&&limit| !(limit.is_finite() && limit > 0.0)) {
+                return Err(SettingsError::Limit { axis, value });
+            }
+        }
+        let rest = Brake::new(BrakeState::default(), 1.0, 1.0);
+        Ok(Self {
+            settings,
+            queue: VecDeque::with_capacity(ROOM),
+            current: None,
+            state: BridgeState::Waiting,
+            note: Note::None,
+            missed: 0,
+            hold: [0.0; AXES],
+            brakes: [rest; AXES],
+            brake_since_ns: 0,
+            datum: 0,
+            quick_stop: false,
+        })
+    }
+
+    /// What was wrong last.
+    #[must_use]
+    pub const fn note(&self) -> Note {
+        self.note
+    }
+
+    /// Setpoints that were missing, late or refused.
+    #[must_use]
+    pub const fn missed(&self) -> u32 {
+        self.missed
+    }
+
+    /// A message came that could not even be read: another interface version.
+    pub fn refuse_version(&mut self) {
+        self.refuse(Note::Version);
+    }
+
+    fn refuse(&mut self, note: Note) {
+        self.note = note;
+        self.missed = self.missed.saturating_add(1);
+    }
+
+    /// Takes a setpoint in, in the order of arrival. `now_ns` is of the clock of the due times.
+    ///
+    /// # Errors
+    /// It is of no use; it counts as missing then.
+    pub fn offer(&mut self, now_ns: u64, setpoint: &Setpoint) -> Result<(), Refusal> {
+        // Whatever else is wrong with it: a quick stop is one.
+        self.quick_stop = PowerRequest::from_number(setpoint.power_request) == PowerRequest::QuickStop;
+        let result = self.accept(now_ns, setpoint);
+        if let Err(refusal) = result {
+            self.refuse(refusal.note());
+        }
+        result
+    }
+
+    fn axes(&self) -> impl Iterator<Item = usize> + use<> {
+        let mask = self.settings.axes_mask;
+        (0..AXES).filter(move |axis| mask >> axis & 1 == 1)
+    }
+
+    fn accept(&mut self, now_ns: u64, setpoint: &Setpoint) -> Result<(), Refusal> {
+        for axis in self.axes() {
+            let finite = setpoint.position[axis].is_finite()
+                && setpoint.velocity[axis].is_finite()
+                && setpoint.acceleration[axis].is_finite();
+            if !finite {
+                return Err(Refusal::NotFinite);
+            }
+        }
+        let mut point = Point {
+            sequence: setpoint.sequence,
+            due_ns: setpoint.due_time_ns,
+            position: setpoint.position,
+            velocity: setpoint.velocity,
+            acceleration: setpoint.acceleration,
+            power: PowerRequest::from_number(setpoint.power_request),
+            fault_reset: setpoint.fault_reset,
+            datum: setpoint.datum,
+        };
+        for axis in (0..AXES).filter(|axis| self.settings.axes_mask >> axis & 1 == 0) {
+            (
+                point.position[axis],
+                point.velocity[axis],
+                point.acceleration[axis],
+            ) = (0.0, 0.0, 0.0);
+        }
+        let patience_ns = self.settings.period_ns * u64::from(self.settings.bridge_cycles.max(1));
+        if point.due_ns.saturating_add(patience_ns) < now_ns {
+            return Err(Refusal::Late);
+        }
+        if point.due_ns > now_ns.saturating_add(FURTHEST_NS) {
+            return Err(Refusal::Future);
+        }
+        if let Some(tail) = self.queue.back().or(self.current.as_ref()).copied() {
+            if point.sequence < tail.sequence {
+                // Another core. What the old one had ordered is void.
+                self.note = Note::Restart;
+                self.queue.clear();
+                self.current = None;
+            } else if point.sequence == tail.sequence {
+                return Ok(());
+            } else {
+                if point.due_ns <= tail.due_ns {
+                    return Err(Refusal::Late);
+                }
+                self.check_step(&tail, &point)?;
+                let gap = (point.sequence - tail.sequence - 1).min(u64::from(u32::MAX)) as u32;
+                if gap > 0 {
+                    self.missed = self.missed.saturating_add(gap);
+                    self.note = Note::Gap;
+                }
+            }
+        }
+        if self.queue.len() == ROOM {
+            self.queue.pop_front();
+        }
+        self.queue.push_back(point);
+        Ok(())
+    }
+
+    /// Whether every axis can get from one setpoint to the next, where the first is being followed.
+    fn check_step(&self, tail: &Point, point: &Point) -> Result<(), Refusal> {
+        if !matches!(self.state, BridgeState::Following | BridgeState::Bridging) {
+            return Ok(());
+        }
+        if point.datum != tail.datum {
+            // A new name for the place where the axes stand.
+            return if point.stands() && tail.stands() {
+                Ok(())
+            } else {
+                Err(Refusal::Jump)
+            };
+        }
+        let interval_s = (point.due_ns - tail.due_ns) as f64 * 1e-9;
+        for axis in self.axes() {
+            let fastest = TOLERATED * self.settings.max_velocity[axis];
+            let step = point.position[axis] - tail.position[axis];
+            let way = fastest * interval_s;
+            if step.abs() > way || point.velocity[axis].abs() > fastest {
+                return Err(Refusal::Jump);
+            }
+        }
+        Ok(())
+    }
+
+    /// One period of the drives at their time `now_ns`. `enabled` tells whether every drive follows its target, `actual`
+    /// where the axes are.
+    pub fn step(&mut self, now_ns: u64, enabled: bool, actual: &[f64; AXES]) -> Target {
+        let datum_shift = self.come_due(now_ns, enabled);
+        let mut states = [BrakeState::default(); AXES];
+        if !enabled {
+            if self.state != BridgeState::Waiting || self.current.is_some() {
+                self.state = BridgeState::Off;
+            }
+            self.hold = *actual;
+        } else if matches!(self.state, BridgeState::Waiting | BridgeState::Off) {
+            self.state = BridgeState::Holding;
+        }
+        if matches!(self.state, BridgeState::Following | BridgeState::Bridging)
+            && !self.follow(now_ns, &mut states)
+        {
+            self.begin_braking(now_ns, &states);
+        }
+        if self.state == BridgeState::Braking {
+            self.brake(now_ns, &mut states);
+        }
+        if self.state == BridgeState::Holding && self.synchronise(now_ns) {
+            self.state = BridgeState::Following;
+            let _reached = self.follow(now_ns, &mut states);
+        }
+        if matches!(
+            self.state,
+            BridgeState::Waiting | BridgeState::Off | BridgeState::Holding
+        ) {
+            for axis in 0..AXES {
+                states[axis].position = self.hold[axis];
+            }
+        }
+        self.target(now_ns, &states, datum_shift)
+    }
+
+    /// Lets setpoints whose time has come be the current one. Returns the shift of a datum that has changed.
+    fn come_due(&mut self, now_ns: u64, enabled: bool) -> Option<[f64; AXES]> {
+        let mut shift = None;
+        while let Some(point) = self.queue.front().filter(|point| point.due_ns <= now_ns).copied() {
+            self.queue.pop_front();
+            if point.datum != self.datum {
+                if let (Some(last), true) = (self.current, enabled && self.state == BridgeState::Following) {
+                    let mut by = [0.0; AXES];
+                    for axis in self.axes() {
+                        by[axis] = point.position[axis] - last.position[axis];
+                    }
+                    shift = Some(by);
+                }
+                self.datum = point.datum;
+            }
+            self.current = Some(point);
+        }
+        shift
+    }
+
+    /// Where the setpoints have the axes now; false where they have run out.
+    fn follow(&mut self, now_ns: u64, states: &mut [BrakeState; AXES]) -> bool {
+        let Some(last) = self.current else {
+            // The old core's motion is void, and of where the axes are only the last target is known.
+            for axis in 0..AXES {
+                states[axis] = self.brakes[axis].at(0.0);
+            }
+            return false;
+        };
+        let period_ns = self.settings.period_ns;
+        let patience = u64::from(self.settings.bridge_cycles);
+        let age_ns = now_ns.saturating_sub(last.due_ns);
+        let next = self
+            .queue
+            .front()
+            .filter(|next| next.sequence - last.sequence <= patience + 1);
+        if let Some(next) = next {
+            let is_next = next.sequence == last.sequence + 1;
+            self.state = if is_next {
+                BridgeState::Following
+            } else {
+                BridgeState::Bridging
+            };
+            let interval_s = (next.due_ns - last.due_ns) as f64 * 1e-9;
+            for axis in 0..AXES {
+                states[axis] = if next.datum == last.datum {
+                    between(&last, next, axis, age_ns as f64 * 1e-9, interval_s)
+                } else {
+                    onward(&last, axis, 0.0)
+                };
+            }
+        } else {
+            let longest_ns = patience * period_ns;
+            let late = age_ns > period_ns + period_ns / 2;
+            self.state = if late {
+                BridgeState::Bridging
+            } else {
+                BridgeState::Following
+            };
+            if late {
+                self.note = Note::Silence;
+            }
+            for axis in 0..AXES {
+                states[axis] = onward(&last, axis, age_ns.min(longest_ns) as f64 * 1e-9);
+            }
+            if age_ns > longest_ns.max(period_ns + period_ns / 2) {
+                self.missed = self.missed.saturating_add(1);
+                return false;
+            }
+        }
+        // From here a brake would start, if the core were replaced by another.
+        for axis in self.axes() {
+            self.brakes[axis] = self.brake_of(axis, states[axis]);
+        }
+        true
+    }
+
+    fn brake_of(&self, axis: usize, state: BrakeState) -> Brake {
+        let limit = self.settings.max_acceleration[axis];
+        let state = BrakeState {
+            acceleration: state.acceleration.clamp(-limit, limit),
+            ..state
+        };
+        Brake::new(state, limit, self.settings.max_jerk[axis])
+    }
+
+    fn begin_braking(&mut self, now_ns: u64, states: &[BrakeState; AXES]) {
+        for axis in self.axes() {
+            self.brakes[axis] = self.brake_of(axis, states[axis]);
+        }
+        self.brake_since_ns = now_ns;
+        self.state = BridgeState::Braking;
+        // What comes after a pause is no continuation.
+        self.queue.clear();
+    }
+
+    fn brake(&mut self, now_ns: u64, states: &mut [BrakeState; AXES]) {
+        let time_s = now_ns.saturating_sub(self.brake_since_ns) as f64 * 1e-9;
+        let mut at_rest = true;
+        for axis in self.axes() {
+            states[axis] = self.brakes[axis].at(time_s);
+            self.hold[axis] = states[axis].position;
+            at_rest &= time_s >= self.brakes[axis].duration_s();
+        }
+        if at_rest {
+            self.state = BridgeState::Holding;
+        }
+    }
+
+    /// Whether the setpoint that is in force stands where the axes stand.
+    fn synchronise(&mut self, now_ns: u64) -> bool {
+        let Some(current) = self.current else { return false };
+        let patience_ns = self.settings.period_ns * u64::from(self.settings.bridge_cycles.max(1));
+        if current.power != PowerRequest::On || now_ns.saturating_sub(current.due_ns) > patience_ns {
+            return false;
+        }
+        for axis in self.axes() {
+            let off = (current.position[axis] - self.hold[axis]).abs();
+            let slow = current.velocity[axis].abs() <= 0.001 * self.settings.max_velocity[axis];
+            // Written so that what is no number does not match.
+            if !(off <= self.settings.sync_tolerance[axis] && slow) {
+                self.note = Note::Jump;
+                return false;
+            }
+        }
+        true
+    }
+
+    fn target(&self, now_ns: u64, states: &[BrakeState; AXES], datum_shift: Option<[f64; AXES]>) -> Target {
+        let mut target = Target {
+            position: states.map(|state| state.position),
+            velocity: states.map(|state| state.velocity),
+            acceleration: states.map(|state| state.acceleration),
+            state: self.state,
+            power: self.current.map_or(PowerRequest::Off, |current| current.power),
+            fault_reset: self.current.map_or(0, |current| current.fault_reset),
+            sequence: self.current.map_or(0, |current| current.sequence),
+            phase_error_ns: 0,
+            datum: self.datum,
+            datum_shift,
+        };
+        let silent = self.current.is_none() && self.state == BridgeState::Holding;
+        if self.state == BridgeState::Braking || silent {
+            // Torque is needed for braking, and for holding until another core has spoken.
+            target.power = PowerRequest::On;
+        }
+        if self.quick_stop {
+            target.power = PowerRequest::QuickStop;
+        }
+        if let Some(current) = self.current {
+            let late_ns = i64::try_from(now_ns.saturating_sub(current.due_ns)).unwrap_or(i64::MAX);
+            let period_ns = self.settings.period_ns as i64;
+            let early = self
+                .queue
+                .front()
+                .is_some_and(|next| next.due_ns.saturating_sub(now_ns) < late_ns.unsigned_abs());
+            target.phase_error_ns = if early { late_ns - period_ns } else { late_ns };
+        }
+        target
+    }
+}
+
+/// The motion that goes on behind a setpoint.
+fn onward(point: &Point, axis: usize, time_s: f64) -> BrakeState {
+    let (position, velocity, acceleration) = (
+        point.position[axis],
+        point.velocity[axis],
+        point.acceleration[axis],
+    );
+    BrakeState {
+        position: position + time_s * (velocity + 0.5 * time_s * acceleration),
+        velocity: velocity + time_s * acceleration,
+        acceleration,
+    }
+}
+
+/// Between two setpoints: the quintic that has position, velocity and acceleration of both.
+fn between(a: &Point, b: &Point, axis: usize, time_s: f64, interval_s: f64) -> BrakeState {
+    let h = interval_s;
+    let u = (time_s / h).clamp(0.0, 1.0);
+    let (p0, v0, a0) = (
+        a.position[axis],
+        a.velocity[axis] * h,
+        a.acceleration[axis] * h * h,
+    );
+    let (p1, v1, a1) = (
+        b.position[axis],
+        b.velocity[axis] * h,
+        b.acceleration[axis] * h * h,
+    );
+    // What is left to the three highest coefficients at u = 1.
+    let dp = p1 - p0 - v0 - 0.5 * a0;
+    let dv = v1 - v0 - a0;
+    let da = a1 - a0;
+    let c3 = 10.0 * dp - 4.0 * dv + 0.5 * da;
+    let c4 = -15.0 * dp + 7.0 * dv - da;
+    let c5 = 6.0 * dp - 3.0 * dv + 0.5 * da;
+    BrakeState {
+        position: p0 + u * (v0 + u * (0.5 * a0 + u * (c3 + u * (c4 + u * c5)))),
+        velocity: (v0 + u * (a0 + u * (3.0 * c3 + u * (4.0 * c4 + u * 5.0 * c5)))) / h,
+        acceleration: (a0 + u * (6.0 * c3 + u * (12.0 * c4 + u * 20.0 * c5))) / (h * h),
+    }
+}

@@ -1,0 +1,48 @@
+//! Drives, seen from both ends of the bus: pure, without clock or I/O, and without allocation once built.
+//!
+//! ```text
+//!            core                         bus                       bridge
+//!   Motion ── Command ──────────────── Setpoint ───────► Follower ── target ─► Cia402 ── control word ─► drive
+//!     ▲          │                                                                                         │
+//!     │     FeedbackWatch ◄──────────── Feedback ◄──────────────────────────── status word, position ──────┘
+//!     └── stop, alarm                      │
+//!   PhaseLock ◄── phase error ─────────────┘
+//! ```
+//!
+//! In the core [`FeedbackWatch`] compares what comes back with what was commanded, and names the first thing that is
+//! wrong as a [`DriveAlarm`]. [`PhaseLock`] turns the phase error of the drives' clock into a correction of the cycle's
+//! period, 0.1 % at the most.
+//!
+//! In a bridge [`Follower`] makes of setpoints that come early, late or not at all a target for every period of the
+//! drives: it bridges a few missing ones, then brakes within the limits ([`Brake`]) and holds; it refuses jumps.
+//! [`Cia402`] brings a drive to the power state that the core asks for. [`DriveMachine`] is the other side, the drive's
+//! own state machine, for simulated drives and tests.
+//!
+//! Time comes in as an argument. Everything may be called from a real-time cycle, but for the constructors.
+
+mod alarm;
+mod brake;
+mod cia402;
+mod command;
+mod drive_machine;
+mod follower;
+mod interpolation;
+mod phase;
+mod power;
+mod status_word;
+mod watch;
+
+pub use alarm::DriveAlarm;
+pub use brake::{Brake, BrakeState};
+pub use cia402::{CYCLIC_SYNCHRONOUS_POSITION, Cia402, DriveOrder, control};
+pub use command::Command;
+pub use drive_machine::{DriveEvents, DriveMachine, QuickStopOption};
+pub use follower::{Follower, FollowerSettings, Refusal, SettingsError, Target};
+pub use interpolation::{InterpolationError, InterpolationTime};
+pub use phase::{MAX_CORRECTION_RATIO, PhaseLock, PhaseSettings};
+pub use power::{BridgeState, Note, PowerRequest};
+pub use status_word::{DriveState, bits};
+pub use watch::{FeedbackWatch, Presence, WatchMode, WatchSettings};
+
+/// Number of axes, in the order X Y Z A B C U V W.
+pub use evolvent_bus::AXES;

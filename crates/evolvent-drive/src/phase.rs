@@ -1,0 +1,99 @@
+//! The phase lock: the cycle follows the drives' clock.
+//!
+//! Drives on a fieldbus take their setpoints by a clock of their own. Two crystals differ by some 10 ppm, so that
+//! without a tie one setpoint would be used twice, or never, every few minutes. The bridge measures how late the
+//! drives' clock is against the time at which the setpoint was due; the cycle stretches or shrinks its period by a
+//! proportional and an integral share of that.
+//!
+//! With the phase error `e` (ns), the drives' drift `d` and the correction `u` (ns a cycle) the loop is
+//! `e' = e + d - u`, `u = Kp e + Ki sum(e)`. With `Kp = 2 zeta w`, `Ki = w^2` both roots of
+//! `z^2 - (2 - Kp - Ki) z + (1 - Kp)` lie near `1 - w` for `zeta = 1`. A feedback that is `D` cycles old turns the phase
+//! by about `w D` at that frequency; `w D <= 0.1` keeps more than 60 degrees of margin.
+
+/// The period is never changed by more than this part of it.
+pub const MAX_CORRECTION_RATIO: f64 = 0.001;
+
+/// How the lock is tuned.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PhaseSettings {
+    /// The nominal period, ns.
+    pub period_ns: u64,
+    /// Cycles from a correction to the first feedback that shows it: the lead, and what bridge and drives add.
+    pub delay_cycles: u32,
+    /// The phase error that is wanted, ns.
+    pub target_ns: i64,
+}
+
+/// Steers the period by the phase error. May be called by the cycle: no allocation, a few operations.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PhaseLock {
+    limit_ns: f64,
+    target_ns: i64,
+    proportional: f64,
+    integral: f64,
+    /// The integral's share of the correction, ns a cycle: in the steady state the drift of the clocks.
+    drift_ns: f64,
+    /// The correction in force, ns a cycle.
+    correction_ns: f64,
+    /// What whole ns have left over.
+    remainder_ns: f64,
+    /// Cycles since the last error came.
+    silent_cycles: u32,
+    hold_cycles: u32,
+}
+
+impl PhaseLock {
+    /// A lock that does nothing yet.
+    #[must_use]
+    pub fn new(settings: PhaseSettings) -> Self {
+        let bandwidth = (0.1 / f64::from(settings.delay_cycles.max(1))).min(0.01);
+        Self {
+            limit_ns: settings.period_ns as f64 * MAX_CORRECTION_RATIO,
+            target_ns: settings.target_ns,
+            proportional: 2.0 * bandwidth,
+            integral: bandwidth * bandwidth,
+            drift_ns: 0.0,
+            correction_ns: 0.0,
+            remainder_ns: 0.0,
+            silent_cycles: 0,
+            hold_cycles: (4.0 / bandwidth) as u32,
+        }
+    }
+
+    /// The drift of the drives' clock as far as it is known, as a ratio: positive where it is slower.
+    #[must_use]
+    pub fn drift_ratio(&self) -> f64 {
+        self.drift_ns * MAX_CORRECTION_RATIO / self.limit_ns.max(1.0)
+    }
+
+    /// One cycle: the newest phase error, if one came. Returns by how many ns this period is longer than the nominal one.
+    ///
+    /// Positive errors (the drives run late) lengthen the period. Without news the correction falls back to the drift
+    /// that was found: the clocks differ as before.
+    pub fn step(&mut self, phase_error_ns: Option<i64>) -> i64 {
+        if let Some(error_ns) = phase_error_ns {
+            self.silent_cycles = 0;
+            let error = error_ns.saturating_sub(self.target_ns) as f64;
+            let proportional = self.proportional * error;
+            let wanted = proportional + self.drift_ns;
+            self.correction_ns = wanted.clamp(-self.limit_ns, self.limit_ns);
+            // Anti-windup: the integral grows only where that does not push further into the limit.
+            let saturated =
+                (wanted > self.limit_ns && error > 0.0) || (wanted < -self.limit_ns && error < 0.0);
+            if !saturated {
+                let grown = self.drift_ns + self.integral * error;
+                self.drift_ns = grown.clamp(-self.limit_ns, self.limit_ns);
+            }
+        } else {
+            self.silent_cycles = self.silent_cycles.saturating_add(1);
+            if self.silent_cycles > self.hold_cycles {
+                self.correction_ns = self.drift_ns;
+            }
+        }
+        // The error that whole ns make is carried on, so that the mean is exact.
+        let exact = (self.correction_ns + self.remainder_ns).clamp(-self.limit_ns, self.limit_ns);
+        let whole = libm::trunc(exact);
+        self.remainder_ns = exact - whole;
+        whole as i64
+    }
+}

@@ -1,0 +1,436 @@
+//! The core's watch over what comes back from the drives.
+
+use evolvent_bus::{AXES, Feedback};
+
+use crate::alarm::DriveAlarm;
+use crate::command::Command;
+use crate::power::{BridgeState, PowerRequest};
+use crate::status_word::DriveState;
+
+/// Whether a bridge is expected.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum WatchMode {
+    /// What comes back is not looked at.
+    Ignore,
+    /// A bridge that has answered once must go on answering while power is on.
+    #[default]
+    IfPresent,
+    /// Without a bridge there is no power.
+    Required,
+}
+
+/// How strict the watch is. Lengths are mm or degrees.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WatchSettings {
+    /// Whether a bridge is expected.
+    pub mode: WatchMode,
+    /// The control period, ns.
+    pub period_ns: u64,
+    /// Bit i set: the machine has axis i.
+    pub axes_mask: u32,
+    /// The oldest sample allowed under power, ns.
+    pub stale_ns: u64,
+    /// How long the drives may take to come into operation, ns.
+    pub enable_timeout_ns: u64,
+    /// Following error that is allowed at rest.
+    pub following_floor: [f64; AXES],
+    /// Following error that is allowed for each unit of velocity, s: the bound is the larger of this times the velocity
+    /// and the floor.
+    pub following_time_s: [f64; AXES],
+    /// For how long a velocity counts after it has gone: the following error dies away behind it, s.
+    pub memory_s: f64,
+}
+
+impl WatchSettings {
+    /// The usual settings: samples up to 20 ms old, 2 s to come into operation, a following error of 0.5 mm at rest and
+    /// 20 ms of way in motion.
+    #[must_use]
+    pub const fn new(period_ns: u64, axes_mask: u32) -> Self {
+        Self {
+            mode: WatchMode::IfPresent,
+            period_ns,
+            axes_mask,
+            stale_ns: 20_000_000,
+            enable_timeout_ns: 2_000_000_000,
+            following_floor: [0.5; AXES],
+            following_time_s: [0.02; AXES],
+            memory_s: 0.05,
+        }
+    }
+}
+
+/// What is known of the bridge after a step without an alarm.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Presence {
+    /// No bridge answers, and none is needed now.
+    Absent,
+    /// A bridge answers; power is not requested.
+    Idle,
+    /// Power is requested; the drives are coming into operation. Nothing may be moved yet.
+    Enabling,
+    /// Every drive is in operation and watched.
+    Operational,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Phase {
+    Off,
+    Enabling { since_ns: u64, from_sequence: u64 },
+    Armed,
+}
+
+/// A setpoint that may still be answered.
+#[derive(Clone, Copy, Debug)]
+struct Sent {
+    sequence: u64,
+    datum: u64,
+    position: [f64; AXES],
+    /// Recent peak of the commanded velocity.
+    peak: [f64; AXES],
+}
+
+/// Compares what comes back with what was commanded, once a cycle.
+///
+/// Only while power is requested can anything but a number that is none be wrong. From the request on the drives have
+/// their time to come into operation; from then on everything is watched until power is no longer requested. An alarm
+/// is not latched here: it comes again each step while its cause lasts.
+#[derive(Clone, Debug)]
+pub struct FeedbackWatch {
+    settings: WatchSettings,
+    sent: Box<[Sent]>,
+    phase: Phase,
+    last: Option<Feedback>,
+    /// When the last message came, whatever it said.
+    message_ns: u64,
+    /// Commanded travel since an axis's position last changed.
+    unanswered: [f64; AXES],
+    instance: Option<u64>,
+    datum_since_ns: Option<u64>,
+}
+
+impl FeedbackWatch {
+    /// A watch that remembers the last 4096 setpoints. Allocates here and never again.
+    #[must_use]
+    pub fn new(settings: WatchSettings) -> Self {
+        const NONE: Sent = Sent {
+            sequence: u64::MAX,
+            datum: 0,
+            position: [0.0; AXES],
+            peak: [0.0; AXES],
+        };
+        Self {
+            settings,
+            sent: vec![NONE; 4096].into_boxed_slice(),
+            phase: Phase::Off,
+            last: None,
+            message_ns: 0,
+            unanswered: [0.0; AXES],
+            instance: None,
+            datum_since_ns: None,
+        }
+    }
+
+    /// The newest feedback; none while no bridge answers.
+    #[must_use]
+    pub const fn last(&self) -> Option<&Feedback> {
+        self.last.as_ref()
+    }
+
+    /// One cycle: the setpoint that was just computed, and the newest feedback since the last step, if one came.
+    ///
+    /// `now_ns` is of the clock of the feedback's `time_ns`. Call it every cycle, also without power.
+    ///
+    /// # Errors
+    /// The first thing that is wrong.
+    pub fn step(
+        &mut self,
+        now_ns: u64,
+        command: &Command,
+        feedback: Option<&Feedback>,
+    ) -> Result<Presence, DriveAlarm> {
+        let before = self.remember(command);
+        if self.settings.mode == WatchMode::Ignore {
+            return Ok(Presence::Absent);
+        }
+        self.follow_request(now_ns, command);
+        let previous = self.last;
+        if let Some(feedback) = feedback {
+            self.message_ns = now_ns;
+            self.check_numbers(feedback)?;
+            self.last = Some(*feedback);
+        }
+        let (Some(last), true) = (self.last, self.phase != Phase::Off) else {
+            return self.without_power(now_ns);
+        };
+        self.check_life(now_ns, &last)?;
+        self.check_drives(now_ns, command, &last)?;
+        if self.phase == Phase::Armed {
+            self.check_switches(command, &last)?;
+            if let Some(before) = before {
+                for axis in 0..AXES {
+                    self.unanswered[axis] += (command.position[axis] - before[axis]).abs();
+                }
+            }
+            if feedback.is_some() {
+                self.check_positions(now_ns, command, &last, previous.as_ref())?;
+            }
+            return Ok(Presence::Operational);
+        }
+        Ok(Presence::Enabling)
+    }
+
+    /// Files the setpoint; returns the position of the one before where the two are of one datum.
+    fn remember(&mut self, command: &Command) -> Option<[f64; AXES]> {
+        let size = self.sent.len() as u64;
+        let decay = libm::exp(-(self.settings.period_ns as f64) * 1e-9 / self.settings.memory_s.max(1e-6));
+        let before = self.sent[(command.sequence.wrapping_sub(1) % size) as usize];
+        let follows = before.sequence == command.sequence.wrapping_sub(1);
+        let mut sent = Sent {
+            sequence: command.sequence,
+            datum: command.datum,
+            position: command.position,
+            peak: [0.0; AXES],
+        };
+        for axis in 0..AXES {
+            let faded = if follows { before.peak[axis] * decay } else { 0.0 };
+            sent.peak[axis] = faded.max(command.velocity[axis].abs());
+        }
+        self.sent[(command.sequence % size) as usize] = sent;
+        (follows && before.datum == command.datum).then_some(before.position)
+    }
+
+    fn follow_request(&mut self, now_ns: u64, command: &Command) {
+        if command.power != PowerRequest::On {
+            self.phase = Phase::Off;
+            self.instance = None;
+        } else if self.phase == Phase::Off {
+            self.phase = Phase::Enabling {
+                since_ns: now_ns,
+                from_sequence: command.sequence,
+            };
+            self.datum_since_ns = None;
+        }
+    }
+
+    /// Without power, or without any feedback yet.
+    fn without_power(&mut self, now_ns: u64) -> Result<Presence, DriveAlarm> {
+        if self.last.is_some() {
+            if now_ns.saturating_sub(self.message_ns) > self.settings.stale_ns.max(1_000_000_000) {
+                self.last = None;
+            }
+            return Ok(Presence::Idle);
+        }
+        match self.phase {
+            Phase::Enabling { since_ns, .. } if self.settings.mode == WatchMode::Required => {
+                let waited_ns = now_ns.saturating_sub(since_ns);
+                if waited_ns > self.settings.enable_timeout_ns {
+                    return Err(DriveAlarm::Missing { waited_ns });
+                }
+                Ok(Presence::Enabling)
+            }
+            _ => Ok(Presence::Absent),
+        }
+    }
+
+    fn axes(&self) -> impl Iterator<Item = usize> + use<> {
+        let mask = self.settings.axes_mask;
+        (0..AXES).filter(move |axis| mask >> axis & 1 == 1)
+    }
+
+    fn check_numbers(&self, feedback: &Feedback) -> Result<(), DriveAlarm> {
+        let present = feedback.axes_mask;
+        for axis in self.axes().filter(|axis| present >> axis & 1 == 1) {
+            let finite = feedback.position[axis].is_finite()
+                && feedback.velocity[axis].is_finite()
+                && feedback.following_error[axis].is_finite()
+                && feedback.torque_ratio[axis].is_finite();
+            if !finite {
+                return Err(DriveAlarm::NotFinite { axis });
+            }
+        }
+        Ok(())
+    }
+
+    fn check_life(&mut self, now_ns: u64, last: &Feedback) -> Result<(), DriveAlarm> {
+        let limit_ns = self.settings.stale_ns;
+        let mut age_ns = now_ns.saturating_sub(last.time_ns);
+        if let Phase::Enabling { since_ns, .. } = self.phase {
+            // What came before the request may be old.
+            age_ns = age_ns.min(now_ns.saturating_sub(since_ns));
+        }
+        if age_ns > limit_ns {
+            let sequence = last.sequence;
+            return Err(if now_ns.saturating_sub(self.message_ns) <= limit_ns {
+                DriveAlarm::Frozen { age_ns, sequence }
+            } else {
+                DriveAlarm::Stale {
+                    age_ns,
+                    limit_ns,
+                    sequence,
+                }
+            });
+        }
+        match self.instance {
+            Some(instance) if instance != last.instance => Err(DriveAlarm::BridgeRestarted),
+            _ => {
+                if self.phase == Phase::Armed {
+                    self.instance = Some(last.instance);
+                }
+                Ok(())
+            }
+        }
+    }
+
+    /// Power states of the drives; arms the watch when all are in operation.
+    fn check_drives(&mut self, now_ns: u64, command: &Command, last: &Feedback) -> Result<(), DriveAlarm> {
+        let mut waiting = None;
+        for axis in self.axes() {
+            if last.axes_mask >> axis & 1 == 0 {
+                return Err(DriveAlarm::AxisMissing { axis });
+            }
+            let status_word = last.status_word[axis];
+            let state = DriveState::decode((status_word & 0xFFFF) as u16);
+            if state.is_some_and(DriveState::is_fault) {
+                return Err(DriveAlarm::DriveFault {
+                    axis,
+                    status_word,
+                    error_code: last.error_code,
+                });
+            }
+            if state != Some(DriveState::OperationEnabled) {
+                waiting = waiting.or(Some((axis, status_word)));
+            }
+        }
+        let state = BridgeState::from_number(last.bridge_state);
+        match self.phase {
+            Phase::Armed => {
+                if let Some((axis, status_word)) = waiting {
+                    return Err(DriveAlarm::DriveOff { axis, status_word });
+                }
+                if last.sequence > command.sequence {
+                    let (sequence, sent) = (last.sequence, command.sequence);
+                    return Err(DriveAlarm::Implausible { sequence, sent });
+                }
+                if !matches!(state, Some(BridgeState::Following | BridgeState::Bridging)) {
+                    let (state, note) = (last.bridge_state, last.note);
+                    return Err(DriveAlarm::BridgeStopped { state, note });
+                }
+            }
+            Phase::Enabling {
+                since_ns,
+                from_sequence,
+            } => {
+                let answers = (from_sequence..=command.sequence).contains(&last.sequence);
+                if waiting.is_none() && answers && state == Some(BridgeState::Following) {
+                    self.phase = Phase::Armed;
+                    self.unanswered = [0.0; AXES];
+                    self.instance = Some(last.instance);
+                    return Ok(());
+                }
+                let waited_ns = now_ns.saturating_sub(since_ns);
+                if waited_ns > self.settings.enable_timeout_ns {
+                    return Err(match waiting {
+                        Some((axis, status_word)) => DriveAlarm::NotEnabled {
+                            axis,
+                            status_word,
+                            waited_ns,
+                        },
+                        None => DriveAlarm::BridgeStopped {
+                            state: last.bridge_state,
+                            note: last.note,
+                        },
+                    });
+                }
+            }
+            Phase::Off => {}
+        }
+        Ok(())
+    }
+
+    /// A switch stops motion towards it; away from it the axis may go.
+    fn check_switches(&self, command: &Command, last: &Feedback) -> Result<(), DriveAlarm> {
+        for axis in self.axes() {
+            if command.switches_expected_mask >> axis & 1 == 1 {
+                continue;
+            }
+            let velocity = command.velocity[axis];
+            if last.positive_limit_mask >> axis & 1 == 1 && velocity > 0.0 {
+                return Err(DriveAlarm::LimitSwitch { axis, positive: true });
+            }
+            if last.negative_limit_mask >> axis & 1 == 1 && velocity < 0.0 {
+                return Err(DriveAlarm::LimitSwitch {
+                    axis,
+                    positive: false,
+                });
+            }
+        }
+        Ok(())
+    }
+
+    fn check_positions(
+        &mut self,
+        now_ns: u64,
+        command: &Command,
+        last: &Feedback,
+        previous: Option<&Feedback>,
+    ) -> Result<(), DriveAlarm> {
+        let sent = self.sent[(last.sequence % self.sent.len() as u64) as usize];
+        if sent.sequence != last.sequence {
+            return Ok(());
+        }
+        if sent.datum != last.datum {
+            // While homing names positions anew, answers by the old names are on their way.
+            let since_ns = *self.datum_since_ns.get_or_insert(now_ns);
+            if now_ns.saturating_sub(since_ns) > self.settings.stale_ns {
+                return Err(DriveAlarm::Datum {
+                    expected: command.datum,
+                    found: last.datum,
+                });
+            }
+            return Ok(());
+        }
+        self.datum_since_ns = None;
+        let interval_ns = previous.map_or(0, |previous| last.time_ns.saturating_sub(previous.time_ns));
+        for axis in self.axes() {
+            let position = last.position[axis];
+            let velocity = sent.peak[axis];
+            let floor = self.settings.following_floor[axis];
+            if let Some(previous) = previous.filter(|previous| previous.datum == last.datum) {
+                let step = position - previous.position[axis];
+                let bound = 1.5 * velocity * interval_ns as f64 * 1e-9 + floor;
+                if step.abs() > bound {
+                    return Err(DriveAlarm::Jump {
+                        axis,
+                        step,
+                        bound,
+                        interval_ns,
+                    });
+                }
+                if step.to_bits() << 1 != 0 {
+                    self.unanswered[axis] = 0.0;
+                }
+            }
+            let commanded = self.unanswered[axis];
+            // Beyond what the way to the answer already explains.
+            let on_the_way = velocity * self.settings.following_time_s[axis];
+            if commanded > 0.5 * floor + on_the_way {
+                return Err(DriveAlarm::FrozenAxis {
+                    axis,
+                    commanded,
+                    position,
+                });
+            }
+            let error = sent.position[axis] - position;
+            let bound = floor.max(velocity * self.settings.following_time_s[axis]);
+            if error.abs() > bound {
+                return Err(DriveAlarm::FollowingError {
+                    axis,
+                    error,
+                    bound,
+                    velocity,
+                });
+            }
+        }
+        Ok(())
+    }
+}
