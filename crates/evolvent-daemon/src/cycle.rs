@@ -5,8 +5,9 @@
 
 use std::sync::Arc;
 
-use evolvent_motion::{Motion, PlanConsumer, Setpoint, State, flags};
-use evolvent_trace::{CycleRecord, Histogram};
+use evolvent_motion::{Inputs, Motion, PlanConsumer, Setpoint, State, flags};
+use evolvent_path::AXES;
+use evolvent_trace::{CycleRecord, Histogram, inputs as recorded};
 use rtrb::Producer;
 
 use crate::alarm::Alarm;
@@ -168,7 +169,13 @@ impl CycleLoop {
             }
             if let Some(trace) = &mut self.trace {
                 let due_unix_ns = self.start_unix_ns + path_time;
-                let sample = sample(&setpoint, due_unix_ns, lateness, work);
+                let sample = sample(
+                    &setpoint,
+                    due_unix_ns,
+                    lateness,
+                    work,
+                    came_in(&inputs, &report.motion),
+                );
                 if !hand_over(trace, sample, realtime) {
                     report.dropped_records += 1;
                 }
@@ -199,7 +206,7 @@ fn hand_over<T: Copy>(queue: &mut Producer<T>, item: T, realtime: bool) -> bool 
     queue.push(item).is_ok()
 }
 
-fn wait_until(mut ready: impl FnMut() -> bool) {
+pub(crate) fn wait_until(mut ready: impl FnMut() -> bool) {
     let mut spins = 0;
     while !ready() {
         spins += 1;
@@ -211,7 +218,20 @@ fn wait_until(mut ready: impl FnMut() -> bool) {
     }
 }
 
-fn sample(setpoint: &Setpoint, due_unix_ns: u64, lateness: u64, work: u64) -> CycleSample {
+/// What the step depended on beside plan and override, as bits of the trace.
+fn came_in(inputs: &Inputs, motion: &Motion) -> u32 {
+    let bits = [
+        (inputs.hold, recorded::HOLD),
+        (inputs.stop, recorded::STOP),
+        (inputs.resume, recorded::RESUME),
+        (motion.has_waited(), recorded::WAITED),
+    ];
+    bits.into_iter()
+        .filter(|(set, _)| *set)
+        .fold(0, |sum, (_, bit)| sum | bit)
+}
+
+fn sample(setpoint: &Setpoint, due_unix_ns: u64, lateness: u64, work: u64, inputs: u32) -> CycleSample {
     CycleSample {
         record: CycleRecord {
             sequence: setpoint.sequence,
@@ -229,6 +249,8 @@ fn sample(setpoint: &Setpoint, due_unix_ns: u64, lateness: u64, work: u64) -> Cy
             flags: setpoint.flags,
             override_: setpoint.feed_override,
             load: f64::NAN,
+            inputs,
+            following_error: [f64::NAN; AXES],
         },
         block: setpoint.block,
         actions: setpoint.actions,

@@ -20,6 +20,7 @@ mod feeder;
 mod job;
 mod memory;
 mod publisher;
+mod recompute;
 mod recording;
 mod rt;
 mod run;
@@ -32,6 +33,7 @@ pub use doctor::{BareLoopError, DoctorReport, Finding, LatenessReport, Verdict, 
 pub use feeder::{Notice, ProgramError, check};
 pub use job::{Clock, Job, Setup};
 pub use memory::ProgramMemory;
+pub use recompute::{Recomputed, RecordedInputs, recompute};
 pub use rt::{LowLatencyHold, MonotonicClock, RealtimeGranted, RealtimeRequest, apply_to_this_thread};
 pub use run::{RunObserver, RunOutcome, StartError, run};
 pub use shared::{Controls, Progress};

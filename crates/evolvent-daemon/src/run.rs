@@ -379,7 +379,12 @@ fn run_info(job: &Job, start_time_ns: u64) -> RunInfo {
             "SCHED_FIFO {} asked for, core {:?}, lock memory {}",
             settings.priority, settings.core, settings.lock_memory
         ),
-        extra: BTreeMap::from([("feed_override".to_owned(), job.feed_override.to_string())]),
+        // What the run depends on beside program and machine file, for computing it again.
+        extra: BTreeMap::from([
+            ("feed_override".to_owned(), job.feed_override.to_string()),
+            ("optional_stop".to_owned(), job.optional_stop.to_string()),
+            ("planner".to_owned(), setup.machine.path.planner.name().to_owned()),
+        ]),
     }
 }
 

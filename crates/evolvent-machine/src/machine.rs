@@ -71,6 +71,25 @@ pub enum PlannerKind {
     Classic,
 }
 
+impl PlannerKind {
+    /// The name in machine files, on the command line and in traces.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Optimal => "optimal",
+            Self::Classic => "classic",
+        }
+    }
+
+    /// Back from the name.
+    #[must_use]
+    pub fn from_name(name: &str) -> Option<Self> {
+        [Self::Optimal, Self::Classic]
+            .into_iter()
+            .find(|kind| kind.name() == name)
+    }
+}
+
 /// What happens when the trace can no longer be written.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]

@@ -122,6 +122,7 @@ impl Motion {
         queue: &mut PlanConsumer,
     ) -> bool {
         let Some(step) = queue.step(cursor.step) else {
+            self.waited = true;
             return false;
         };
         let moving = from.v > 0.0;
@@ -131,7 +132,8 @@ impl Motion {
         match step {
             Step::Run(run) => {
                 let is_final = queue.is_final(cursor.step);
-                if !moving && !is_final {
+                if !moving && (!is_final || self.withhold) {
+                    self.waited = true;
                     return false;
                 }
                 cursor.starved = !is_final;
@@ -146,13 +148,18 @@ impl Motion {
             }
             Step::Flow(flow) => {
                 // A plan for another override is replaced before it is driven.
-                if cursor.slow.is_some() || !self.plan_fits(brake) || !queue.is_final(cursor.step) {
+                let is_known = queue.is_final(cursor.step) && !self.withhold;
+                if cursor.slow.is_some() || !self.plan_fits(brake) || !is_known {
+                    self.waited = true;
                     return false;
                 }
                 cursor.starved = false;
                 cursor.start(flow);
             }
-            Step::Wait => return false,
+            Step::Wait => {
+                self.waited = true;
+                return false;
+            }
             Step::Dwell { seconds, line } => {
                 cursor.line = line;
                 cursor.dwell = seconds;

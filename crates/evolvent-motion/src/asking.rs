@@ -84,6 +84,7 @@ impl Motion {
         let Some(open) = self.asking.open else { return };
         let answer = match open.after {
             Some(after) if self.sequence <= after => return,
+            _ if self.withhold => None,
             _ => queue.answer(open.id),
         };
         match answer {
@@ -112,8 +113,9 @@ impl Motion {
                 }
             }
             // At rest there is time.
-            None if open.after.is_none() => {}
+            None if open.after.is_none() => self.waited = true,
             None => {
+                self.waited = true;
                 self.asking.open = None;
                 self.asking.unanswered = self.asking.unanswered.saturating_add(1);
             }

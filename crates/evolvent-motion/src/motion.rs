@@ -32,6 +32,10 @@ pub struct Motion {
     pub(crate) quick_stop: Option<QuickStop>,
     pub(crate) last: Jet,
     pub(crate) asking: Asking,
+    /// Whether the planner had not finished what the last step looked for.
+    pub(crate) waited: bool,
+    /// The next step acts as if the planner had not finished.
+    pub(crate) withhold: bool,
 }
 
 impl Motion {
@@ -58,6 +62,8 @@ impl Motion {
             quick_stop: None,
             last: still,
             asking: Asking::new(period),
+            waited: false,
+            withhold: false,
         }
     }
 
@@ -94,6 +100,19 @@ impl Motion {
         self.quick_stop.is_none() && state.v == 0.0 && state.a == 0.0
     }
 
+    /// Whether the last step looked for something that the planner had not finished: the axes stood, or drove on as
+    /// planned before. In real time this depends on how fast the planner was, so it is recorded like an input.
+    #[must_use]
+    pub fn has_waited(&self) -> bool {
+        self.waited
+    }
+
+    /// Lets the next steps act, or not, as if the planner had not finished: where a recorded run has waited, it
+    /// waits again when it is computed anew.
+    pub fn withhold_plan(&mut self, withhold: bool) {
+        self.withhold = withhold;
+    }
+
     /// Whether nothing will move any more.
     #[must_use]
     pub fn is_over(&self) -> bool {
@@ -109,6 +128,7 @@ impl Motion {
 
     /// Computes the next setpoint, one period after the last.
     pub fn step(&mut self, inputs: &Inputs, queue: &mut PlanConsumer) -> Setpoint {
+        self.waited = false;
         let wanted = checked_override(inputs.feed_override);
         let changed = wanted != self.feed_override;
         self.feed_override = wanted;

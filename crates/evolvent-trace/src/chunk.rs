@@ -100,6 +100,12 @@ pub(crate) fn cycle(message: &evolvent::Cycle, axes: &[usize]) -> Option<CycleRe
         flags: message.flags,
         override_: message.r#override,
         load: message.load.unwrap_or(f64::NAN),
+        inputs: message.inputs,
+        following_error: if message.following_error.is_empty() {
+            [f64::NAN; 9]
+        } else {
+            spread(&message.following_error)?
+        },
     })
 }
 

@@ -78,6 +78,20 @@ pub(crate) fn put_cycle(out: &mut Vec<u8>, record: &CycleRecord, axes: &[u8]) {
         out.extend_from_slice(&[0x80 | FIXED64, 1]);
         out.extend_from_slice(&record.load.to_le_bytes());
     }
+    if record.inputs != 0 {
+        out.extend_from_slice(&[0x88 | VARINT, 1]);
+        put_varint(out, u64::from(record.inputs));
+    }
+    if axes
+        .iter()
+        .any(|&axis| !record.following_error[usize::from(axis)].is_nan())
+    {
+        out.extend_from_slice(&[0x90 | BYTES, 1]);
+        put_varint(out, axes.len() as u64 * 8);
+        for &axis in axes {
+            out.extend_from_slice(&record.following_error[usize::from(axis)].to_le_bytes());
+        }
+    }
 }
 
 #[cfg(test)]
@@ -111,6 +125,15 @@ mod tests {
             flags: record.flags,
             r#override: record.override_,
             load: (!record.load.is_nan()).then_some(record.load),
+            inputs: record.inputs,
+            following_error: if axes
+                .iter()
+                .all(|&axis| record.following_error[usize::from(axis)].is_nan())
+            {
+                Vec::new()
+            } else {
+                pick(&record.following_error)
+            },
         }
         .encode_to_vec()
     }
@@ -165,6 +188,8 @@ mod tests {
                 } else {
                     f64::from_bits(number())
                 },
+                inputs: number() as u32,
+                following_error: if round % 4 == 0 { arrays[1] } else { [f64::NAN; 9] },
             };
             let axes: Vec<u8> = (0..9).filter(|axis| round >> axis & 1 == 1).chain([3]).collect();
             let mut bytes = Vec::new();

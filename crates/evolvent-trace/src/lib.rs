@@ -5,8 +5,8 @@
 //! program or the power, the file is right up to its last complete chunk. While it is written it is called
 //! `NAME.mcap.part`; at the end it gets an index and its name.
 //!
-//! - [`Recorder`] writes: `/cycle` once a cycle, `/event`, `/block`, `/timing`, and for general viewers the tool's pose and
-//!   path. The messages are protobuf; each file carries their description, so that foreign readers need nothing else.
+//! - [`Recorder`] writes: `/cycles`, every cycle to the last bit in columns; `/event`, `/block`, `/timing`; and for general
+//!   viewers `/cycle`, a message a cycle up to 2 kHz, the tool's pose and path. The messages are protobuf; each file carries their description, so that foreign readers need nothing else.
 //! - [`RunInfo`] is what makes a trace replayable alone: the program, the machine file, period, versions.
 //! - [`TraceFile`] reads: what a file holds, at once and whatever its size, and the messages one after another.
 //! - [`recover`] makes a complete file of a torn one and says what was lost; [`recover_leftovers`] does so for all
@@ -16,8 +16,11 @@
 //! [`Histogram`] counts without allocation. Lengths are in mm, times in the unit that the name bears; times of the
 //! clock are Unix time in ns, times of the path where the clock is virtual.
 
+mod batch;
+mod bits;
 mod checked_map;
 mod chunk;
+mod column;
 mod encode;
 mod format;
 mod histogram;
@@ -36,7 +39,9 @@ mod writer;
 
 pub use histogram::Histogram;
 pub use reader::{ChannelInfo, Messages, ReadError, TraceFile, TraceInfo, TraceMessage};
-pub use record::{BlockKind, BlockRecord, CycleRecord, EventKind, EventRecord, LogLevel, TimingRecord};
+pub use record::{
+    BlockKind, BlockRecord, CycleRecord, EventKind, EventRecord, LogLevel, TimingRecord, inputs,
+};
 pub use record_error::{RecordError, Remains};
 pub use recorder::{Recorder, part_path};
 pub use recover::{RecoverError, Recovered, recover, recover_leftovers};

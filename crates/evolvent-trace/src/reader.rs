@@ -1,12 +1,13 @@
 //! Reads finished traces.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::fs::File;
 use std::io::{self, Read as _, Seek as _, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use prost::Message as _;
 
+use crate::batch::{self, MOST_CYCLES};
 use crate::checked_map::without_checksum;
 use crate::chunk::{self, Inner, MAX_CHUNK_BYTES, RawMessage};
 use crate::format::{
@@ -357,9 +358,21 @@ impl TraceFile {
             .ok_or_else(damaged)
     }
 
-    /// All messages in the order in which they were written.
+    /// All messages in the order in which they were written; cycles come in batches, so an event may come before its
+    /// cycle. Each cycle comes once, whole, though viewers find it in two channels.
     pub fn messages(&mut self) -> Messages<'_> {
         self.messages_of(None)
+    }
+
+    /// The channel that holds every cycle.
+    fn cycle_channel(&self) -> Channel {
+        // Traces of version 0.1.0 before this channel was made have one message a cycle.
+        let has_batches = self.topics.values().any(|topic| topic == Channel::Cycles.topic());
+        if has_batches {
+            Channel::Cycles
+        } else {
+            Channel::Cycle
+        }
     }
 
     fn messages_of(&mut self, only: Option<Channel>) -> Messages<'_> {
@@ -375,6 +388,7 @@ impl TraceFile {
                 .find(|(_, name)| *name == topic)
                 .map_or(u16::MAX, |(&id, _)| id)
         });
+        let batches = self.cycle_channel() == Channel::Cycles;
         Messages {
             trace: self,
             axes,
@@ -383,18 +397,35 @@ impl TraceFile {
             offset: 0,
             at: 0,
             chunk: Vec::new(),
+            ready: VecDeque::new(),
+            batches,
+            span_ns: (0, u64::MAX),
             failed: false,
         }
     }
 
     /// The cycles in order.
     pub fn cycles(&mut self) -> impl Iterator<Item = Result<CycleRecord, ReadError>> {
-        self.messages_of(Some(Channel::Cycle))
-            .filter_map(|message| match message {
-                Ok(TraceMessage::Cycle(record)) => Some(Ok(record)),
-                Ok(_) => None,
-                Err(error) => Some(Err(error)),
-            })
+        self.cycles_between(0, u64::MAX)
+    }
+
+    /// The cycles that were due from the first time to the last, both included, Unix time in ns. Chunks that hold none
+    /// are not read.
+    pub fn cycles_between(
+        &mut self,
+        first_ns: u64,
+        last_ns: u64,
+    ) -> impl Iterator<Item = Result<CycleRecord, ReadError>> {
+        let mut messages = self.messages_of(Some(self.cycle_channel()));
+        messages.span_ns = (first_ns, last_ns);
+        messages.filter_map(move |message| match message {
+            Ok(TraceMessage::Cycle(record)) => {
+                let is_within = (first_ns..=last_ns).contains(&record.due_time_ns);
+                is_within.then_some(Ok(record))
+            }
+            Ok(_) => None,
+            Err(error) => Some(Err(error)),
+        })
     }
 
     /// The events in order.
@@ -448,7 +479,23 @@ pub struct Messages<'a> {
     /// Of the next record in the chunk.
     at: usize,
     chunk: Vec<u8>,
+    /// Cycles unpacked of a batch.
+    ready: VecDeque<CycleRecord>,
+    /// Whether the cycles are in batches, and `/cycle` is for viewers only.
+    batches: bool,
+    /// Chunks outside it need not be read.
+    span_ns: (u64, u64),
     failed: bool,
+}
+
+/// What a message holds.
+#[expect(
+    clippy::large_enum_variant,
+    reason = "it lives for the moment of being looked at"
+)]
+enum Decoded {
+    One(TraceMessage),
+    Batch(VecDeque<CycleRecord>),
 }
 
 impl Messages<'_> {
@@ -458,6 +505,12 @@ impl Messages<'_> {
             offset: self.offset,
             what,
         }
+    }
+
+    /// How far the cycles of a batch reach beyond the time of its message.
+    fn longest_ns(&self) -> u64 {
+        let period_ns = self.trace.info.run.as_ref().map_or(0, |run| run.period_ns);
+        period_ns.saturating_mul(MOST_CYCLES as u64)
     }
 
     /// Unpacks the next chunk that matters; `false` at the end.
@@ -470,6 +523,11 @@ impl Messages<'_> {
             if self
                 .only
                 .is_some_and(|channel| !index.message_index_offsets.contains_key(&channel))
+            {
+                continue;
+            }
+            if index.start_time > self.span_ns.1
+                || index.end_time.saturating_add(self.longest_ns()) < self.span_ns.0
             {
                 continue;
             }
@@ -500,15 +558,25 @@ impl Messages<'_> {
         }
     }
 
-    fn decode(&self, message: RawMessage<'_>) -> Result<TraceMessage, ReadError> {
+    fn axes(&self) -> Result<&[usize], ReadError> {
+        self.axes.as_deref().ok_or_else(|| ReadError::NoRun {
+            path: self.trace.info.path.clone(),
+        })
+    }
+
+    fn decode(&self, message: RawMessage<'_>) -> Result<Decoded, ReadError> {
         let topic = self.trace.topics.get(&message.channel).map_or("", String::as_str);
         let bad = || self.damaged("a message");
-        let decoded = if topic == Channel::Cycle.topic() {
-            let Some(axes) = &self.axes else {
-                return Err(ReadError::NoRun {
-                    path: self.trace.info.path.clone(),
-                });
-            };
+        let decoded = if topic == Channel::Cycles.topic() {
+            let axes = self.axes()?;
+            let message = evolvent::Cycles::decode(message.data).map_err(|_| bad())?;
+            let cycles = batch::cycles(&message, axes).ok_or_else(bad)?;
+            return Ok(Decoded::Batch(cycles.into()));
+        } else if topic == Channel::Cycle.topic() {
+            if self.batches {
+                return Ok(Decoded::Batch(VecDeque::new()));
+            }
+            let axes = self.axes()?;
             let cycle = evolvent::Cycle::decode(message.data).map_err(|_| bad())?;
             chunk::cycle(&cycle, axes).map(TraceMessage::Cycle)
         } else if topic == Channel::Event.topic() {
@@ -525,11 +593,14 @@ impl Messages<'_> {
                 data: message.data.to_vec(),
             })
         };
-        decoded.ok_or_else(bad)
+        decoded.map(Decoded::One).ok_or_else(bad)
     }
 
     fn step(&mut self) -> Result<Option<TraceMessage>, ReadError> {
         loop {
+            if let Some(record) = self.ready.pop_front() {
+                return Ok(Some(TraceMessage::Cycle(record)));
+            }
             while self.at >= self.chunk.len() {
                 if !self.load()? {
                     return Ok(None);
@@ -543,7 +614,11 @@ impl Messages<'_> {
             {
                 let decoded = self.decode(message);
                 self.at = next;
-                return decoded.map(Some);
+                match decoded? {
+                    Decoded::One(message) => return Ok(Some(message)),
+                    Decoded::Batch(cycles) => self.ready = cycles,
+                }
+                continue;
             }
             self.at = next;
         }

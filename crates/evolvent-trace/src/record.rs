@@ -38,6 +38,22 @@ pub struct CycleRecord {
     pub override_: f64,
     /// Cutting load in the unit of its sensor; NaN without a sensor.
     pub load: f64,
+    /// What came in from outside at this cycle: bits of [`inputs`].
+    pub inputs: u32,
+    /// Commanded less actual position per axis as measured last, mm, degrees; NaN without feedback.
+    pub following_error: [f64; AXES],
+}
+
+/// Bits of [`CycleRecord::inputs`]. With the override they are all that a run depends on beside program and machine.
+pub mod inputs {
+    /// A feed hold was asked for.
+    pub const HOLD: u32 = 1;
+    /// A stop was asked for.
+    pub const STOP: u32 = 2;
+    /// Going on after a program stop was asked for.
+    pub const RESUME: u32 = 4;
+    /// The planner had not finished what the cycle looked for: it stood, or drove on as planned before.
+    pub const WAITED: u32 = 8;
 }
 
 impl Default for CycleRecord {
@@ -58,6 +74,8 @@ impl Default for CycleRecord {
             flags: 0,
             override_: 1.0,
             load: f64::NAN,
+            inputs: 0,
+            following_error: [f64::NAN; AXES],
         }
     }
 }

@@ -8,6 +8,7 @@ use std::sync::Arc;
 
 use prost::Message as _;
 
+use crate::batch::Batch;
 use crate::checked_map::with_checksum;
 use crate::encode::put_cycle;
 use crate::record::{BlockRecord, CycleRecord, EventRecord, LogLevel, TimingRecord};
@@ -23,6 +24,9 @@ use crate::writer::Writer;
 const TEXT_BYTES: usize = 64 * 1024;
 /// A program or tool table that is given in memory, and the machine file.
 const ATTACHMENT_BYTES: usize = u32::MAX as usize;
+
+/// `/cycle` has at most about two messages in this time; from 2 kHz on it leaves cycles out.
+const VIEW_SPAN_NS: u64 = 1_000_000;
 
 /// The name that a trace has while it is written: `NAME.mcap.part`.
 #[must_use]
@@ -58,6 +62,9 @@ pub struct Recorder {
     /// Where the bytes are: the part file, until it is renamed. `None` with a sink of the caller's.
     part: Option<PathBuf>,
     axes: Vec<u8>,
+    batch: Batch,
+    /// `/cycle` has each so many-th cycle.
+    every: u64,
     tally: Tally,
     scene: Scene,
     last_time_ns: u64,
@@ -115,11 +122,14 @@ impl Recorder {
                 return Err(write_error(path, 0, Remains::NeedsRecovery, Arc::new(source)));
             }
         };
+        let axes: Vec<u8> = info.axes.iter().map(|axis| axis.index() as u8).collect();
         let mut recorder = Self {
             writer,
             path,
             part,
-            axes: info.axes.iter().map(|axis| axis.index() as u8).collect(),
+            batch: Batch::new(axes.clone(), info.period_ns),
+            axes,
+            every: (VIEW_SPAN_NS / info.period_ns).max(1),
             tally: Tally::default(),
             scene: Scene::default(),
             last_time_ns: info.start_time_ns,
@@ -135,7 +145,7 @@ impl Recorder {
         let letters: String = info.axes.iter().map(|axis| axis.letter()).collect();
         let run = with_checksum(info.to_metadata());
         let result = self.writer.metadata(schema::RUN, &run).and_then(|()| {
-            schema::declare_channels(&mut self.writer, &letters);
+            schema::declare_channels(&mut self.writer, &letters, self.every);
             // Some readers stumble over a chunk without a message.
             let text = format!("{} on {}", info.program_name, info.machine_name);
             self.writer
@@ -208,11 +218,17 @@ impl Recorder {
     pub fn cycle(&mut self, record: &CycleRecord) -> Result<(), RecordError> {
         self.check_failure()?;
         let time_ns = record.due_time_ns;
-        let axes = &self.axes;
-        self.writer
-            .message(Channel::Cycle.id(), record.sequence as u32, time_ns, |out| {
-                put_cycle(out, record, axes);
-            });
+        if self.batch.must_go_before(record) {
+            self.put_batch();
+        }
+        self.batch.push(record);
+        if record.sequence.is_multiple_of(self.every) {
+            let axes = &self.axes;
+            self.writer
+                .message(Channel::Cycle.id(), record.sequence as u32, time_ns, |out| {
+                    put_cycle(out, &for_view(record), axes);
+                });
+        }
         self.last_time_ns = time_ns;
         if let Some(second) = self.tally.cycle(record) {
             self.put_timing(&second);
@@ -302,6 +318,7 @@ impl Recorder {
     /// As [`Self::cycle`], or the failure of an earlier synchronisation.
     pub fn flush(&mut self) -> Result<(), RecordError> {
         self.check_failure()?;
+        self.put_batch();
         let result = self.writer.close_chunk().and_then(|()| self.writer.sync());
         self.settle(result)
     }
@@ -335,6 +352,7 @@ impl Recorder {
 
     /// The last second and the last stretch of path.
     fn end_streams(&mut self) {
+        self.put_batch();
         if let Some(second) = self.tally.end_second() {
             self.put_timing(&second);
         }
@@ -373,6 +391,13 @@ impl Recorder {
             });
     }
 
+    /// The cycles that have gathered.
+    fn put_batch(&mut self) {
+        if let Some(batch) = self.batch.take() {
+            self.put(Channel::Cycles, batch.due_time_ns, batch.start_sequence, &batch);
+        }
+    }
+
     fn put_timing(&mut self, record: &TimingRecord) {
         let histogram = |times: &crate::Histogram| {
             Some(evolvent::Histogram {
@@ -397,6 +422,8 @@ impl Recorder {
         if !self.writer.chunk_is_full() {
             return Ok(());
         }
+        // A chunk is whole by itself: what its `/cycle` shows is in its `/cycles` as well.
+        self.put_batch();
         let result = self.writer.close_chunk();
         self.settle(result)
     }
@@ -438,8 +465,21 @@ impl Drop for Recorder {
     fn drop(&mut self) {
         if !self.finished && self.failure.is_none() {
             // Nobody is left to hear of a failure. The part file stays and is recovered at the next start.
+            self.put_batch();
             let _ = self.writer.close_chunk().and_then(|()| self.writer.sync());
         }
+    }
+}
+
+/// A cycle as viewers get it: what is derived of the position is rounded to 24 bits, which halves its room.
+fn for_view(record: &CycleRecord) -> CycleRecord {
+    let round = |value: f64| f64::from(value as f32);
+    CycleRecord {
+        feed_mm_s: round(record.feed_mm_s),
+        velocity: record.velocity.map(round),
+        acceleration: record.acceleration.map(round),
+        jerk: record.jerk.map(round),
+        ..*record
     }
 }
 

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 
 use prost::Message as _;
 
+use crate::batch;
 use crate::checked_map::{with_checksum, without_checksum};
 use crate::chunk::{self, Inner, MAX_CHUNK_BYTES};
 use crate::format::{ChunkHead, FOOTER_LENGTH, Fields, MAGIC, RECORD_HEAD, op};
@@ -22,6 +23,9 @@ use crate::writer::{ChunkContent, CompressedChunk, Writer};
 
 /// Longer names are no names of attachments.
 const MAX_ATTACHMENT_HEAD: u64 = 64 * 1024;
+
+/// Where what was run is lost, and with it the machine's axes, every number of an axis has room.
+const ALL_AXES: [usize; 9] = [0, 1, 2, 3, 4, 5, 6, 7, 8];
 
 /// Why a trace could not be recovered. The original is untouched.
 #[derive(Debug, thiserror::Error)]
@@ -445,7 +449,7 @@ impl Rescue {
         }
         if !declares && !self.declared {
             // The chunk with the schemas is lost. Numbers of channels never change, so ours fit.
-            schema::declare_channels(&mut self.writer, &self.letters);
+            schema::declare_channels(&mut self.writer, &self.letters, 1);
             let time_ns = index.start_time_ns().unwrap_or(0);
             let text = "the descriptions of the channels were lost and are written anew by the recovery";
             let line = log_line(time_ns, LogLevel::Warning, text).encode_to_vec();
@@ -474,6 +478,7 @@ impl Rescue {
     /// Takes in what a whole chunk declares and adds up.
     fn count(&mut self, bytes: &[u8]) {
         let mut schemas = BTreeMap::new();
+        let has_batches = Self::has_batches(bytes);
         let mut at = 0;
         while let Some((record, next)) = chunk::record_at(bytes, at) {
             at = next;
@@ -494,7 +499,17 @@ impl Rescue {
                 Some(Inner::Message(message)) => {
                     *self.counts.entry(message.channel).or_default() += 1;
                     let topic = self.topics.get(&message.channel).map_or("", |(topic, _)| topic);
-                    if topic == Channel::Cycle.topic() {
+                    if topic == Channel::Cycles.topic() {
+                        let axes = self.axes.as_deref().unwrap_or(&ALL_AXES);
+                        let batch = evolvent::Cycles::decode(message.data).ok();
+                        let cycles = batch.and_then(|batch| batch::cycles(&batch, axes));
+                        for cycle in cycles.unwrap_or_default() {
+                            self.statistics.cycle(&cycle);
+                        }
+                    } else if topic == Channel::Cycle.topic() {
+                        if has_batches {
+                            continue;
+                        }
                         if let Some(cycle) = self.cycle(message.data) {
                             self.statistics.cycle(&cycle);
                         }
@@ -509,6 +524,20 @@ impl Rescue {
                 None => {}
             }
         }
+    }
+
+    /// Whether a chunk holds its cycles in batches, and those in `/cycle` besides.
+    fn has_batches(bytes: &[u8]) -> bool {
+        let mut at = 0;
+        while let Some((record, next)) = chunk::record_at(bytes, at) {
+            at = next;
+            if let Some(Inner::Message(message)) = record
+                && message.channel == Channel::Cycles.id()
+            {
+                return true;
+            }
+        }
+        false
     }
 
     /// What the statistics need of a cycle; without the axes if what was run is lost.

@@ -41,10 +41,11 @@ pub(crate) enum Channel {
     ToolPose = 5,
     ToolPath = 6,
     Log = 7,
+    Cycles = 8,
 }
 
 impl Channel {
-    pub(crate) const ALL: [Self; 7] = [
+    pub(crate) const ALL: [Self; 8] = [
         Self::Cycle,
         Self::Event,
         Self::Block,
@@ -52,6 +53,7 @@ impl Channel {
         Self::ToolPose,
         Self::ToolPath,
         Self::Log,
+        Self::Cycles,
     ];
 
     pub(crate) const fn id(self) -> u16 {
@@ -67,6 +69,7 @@ impl Channel {
             Self::ToolPose => "/tool_pose",
             Self::ToolPath => "/tool_path",
             Self::Log => "/log",
+            Self::Cycles => "/cycles",
         }
     }
 
@@ -79,23 +82,29 @@ impl Channel {
             Self::ToolPose => "foxglove.PoseInFrame",
             Self::ToolPath => "foxglove.SceneUpdate",
             Self::Log => "foxglove.Log",
+            Self::Cycles => "evolvent.v1.Cycles",
         }
     }
 
     const fn descriptors(self) -> &'static [u8] {
         match self {
-            Self::Cycle | Self::Event | Self::Block | Self::Timing => EVOLVENT,
+            Self::Cycle | Self::Event | Self::Block | Self::Timing | Self::Cycles => EVOLVENT,
             Self::ToolPose | Self::ToolPath | Self::Log => FOXGLOVE,
         }
     }
 }
 
-/// Puts all schemas and channels into the open chunk. `axes` are the letters of the axes that `/cycle` carries.
-pub(crate) fn declare_channels(writer: &mut Writer, axes: &str) {
+/// Puts all schemas and channels into the open chunk. `axes` are the letters of the axes that cycles carry, `every` says
+/// which cycles `/cycle` has.
+pub(crate) fn declare_channels(writer: &mut Writer, axes: &str, every: u64) {
     for channel in Channel::ALL {
         writer.schema(channel.id(), channel.message_name(), channel.descriptors());
         let metadata = match channel {
-            Channel::Cycle => BTreeMap::from([("axes".to_owned(), axes.to_owned())]),
+            Channel::Cycle => BTreeMap::from([
+                ("axes".to_owned(), axes.to_owned()),
+                ("every".to_owned(), every.to_string()),
+            ]),
+            Channel::Cycles => BTreeMap::from([("axes".to_owned(), axes.to_owned())]),
             _ => BTreeMap::new(),
         };
         writer.channel(channel.id(), channel.id(), channel.topic(), &metadata);

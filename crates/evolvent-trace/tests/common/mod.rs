@@ -74,6 +74,19 @@ pub fn cycle(n: u64, axes: &str) -> CycleRecord {
         flags: u32::from(n.is_multiple_of(97)),
         override_: 1.0 + (n / 1000) as f64 / 10.0,
         load: if n.is_multiple_of(2) { f64::NAN } else { n as f64 },
+        inputs: (n % 300 / 250) as u32,
+        following_error: if n < 1000 {
+            [f64::NAN; 9]
+        } else {
+            std::array::from_fn(|axis| {
+                let is_there = axes.contains(AxisLetter::ALL[axis].letter());
+                if is_there {
+                    libm_like_sine(phase) * 1e-3
+                } else {
+                    f64::NAN
+                }
+            })
+        },
     }
 }
 
@@ -151,6 +164,10 @@ pub fn assert_same(found: &CycleRecord, wanted: &CycleRecord) {
             record.line,
             record.state,
             record.flags,
+            record.inputs,
+            record
+                .following_error
+                .map(|error| if error.is_nan() { u64::MAX } else { error.to_bits() }),
         );
         (bits, whole)
     };

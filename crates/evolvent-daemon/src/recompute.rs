@@ -1,0 +1,118 @@
+//! A run computed again from what was recorded of it.
+
+use std::io;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::Duration;
+
+use evolvent_motion::{Extremes, Inputs, Motion, Setpoint, State, plan_queue};
+
+use crate::cycle::wait_until;
+use crate::feeder::{Feeder, ProgramError};
+use crate::job::Setup;
+
+/// How long the planner sleeps when the queue is full.
+const PLANNER_NAP: Duration = Duration::from_micros(100);
+
+/// What came in at one cycle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RecordedInputs {
+    /// The cycle's inputs.
+    pub inputs: Inputs,
+    /// Whether the cycle waited for the planner, or drove on as planned before, for want of an answer.
+    pub waited: bool,
+}
+
+/// What computing a run again came to.
+#[derive(Debug)]
+pub struct Recomputed {
+    /// Setpoints computed.
+    pub cycles: u64,
+    /// The state of the last.
+    pub state: State,
+    /// What was wrong with the program: it was planned up to there.
+    pub program: Result<(), ProgramError>,
+    /// Largest distance of blends from the programmed path, mm.
+    pub deviation_mm: f64,
+    /// Largest magnitudes that the guard measured.
+    pub extremes: Extremes,
+}
+
+/// Computes a run again, cycle by cycle, as the virtual clock does. `inputs` gives what came in at each cycle, `None`
+/// to end; `observe` sees every setpoint and says whether to go on.
+///
+/// The setpoints are those of the recorded run, bit for bit, if this program is the same version for the same kind of
+/// processor, unless the recorded run was starved: how much of a plan a real-time planner had ready is not recorded.
+///
+/// # Errors
+/// The operating system gives no thread.
+pub fn recompute(
+    program: &Path,
+    setup: &Setup,
+    feed_override: f64,
+    optional_stop: bool,
+    mut inputs: impl FnMut(u64) -> Option<RecordedInputs>,
+    mut observe: impl FnMut(&Setpoint) -> bool,
+) -> io::Result<Recomputed> {
+    let limits = setup.machine.limits();
+    let abandoned = Arc::new(AtomicBool::new(false));
+    let failed = AtomicBool::new(false);
+    let waiting = Arc::clone(&abandoned);
+    let (producer, mut queue) = plan_queue(move || {
+        thread::sleep(PLANNER_NAP);
+        !waiting.load(Ordering::Acquire)
+    });
+    let mut motion = Motion::new(limits, setup.period_ns, limits.home).planned_for(feed_override);
+    thread::scope(|scope| {
+        let failing = &failed;
+        let feeder = thread::Builder::new()
+            .name("planner".into())
+            .spawn_scoped(scope, move || {
+                Feeder::new(
+                    program,
+                    setup,
+                    feed_override,
+                    producer,
+                    Vec::new(),
+                    false,
+                    optional_stop,
+                )
+                .feed(program, || failing.store(true, Ordering::Release))
+            })?;
+        let mut cycles = 0;
+        let mut state = State::Idle;
+        while let Some(RecordedInputs { inputs, waited }) = inputs(cycles) {
+            wait_until(|| motion.is_ready(&mut queue) || (inputs.stop && motion.is_at_rest()));
+            motion.withhold_plan(waited);
+            let mut setpoint = motion.step(&inputs, &mut queue);
+            if setpoint.state == State::Done && failed.load(Ordering::Acquire) {
+                setpoint.state = State::Stopped;
+            }
+            let is_stuck = motion.is_stuck(&mut queue);
+            if is_stuck {
+                setpoint.state = State::Fault;
+            }
+            cycles += 1;
+            state = setpoint.state;
+            if !observe(&setpoint) || motion.is_over() || is_stuck {
+                break;
+            }
+        }
+        abandoned.store(true, Ordering::Release);
+        // The planner sees that nobody takes its plan any more.
+        drop(queue);
+        // A panic of a thread is a bug; it is passed on.
+        let (feed, program) = feeder
+            .join()
+            .unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+        Ok(Recomputed {
+            cycles,
+            state,
+            program,
+            deviation_mm: feed.deviation_mm,
+            extremes: *motion.extremes(),
+        })
+    })
+}

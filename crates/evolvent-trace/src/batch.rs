@@ -1,0 +1,286 @@
+//! Many cycles in one message, column by column: channel `/cycles`, the record itself.
+//!
+//! `/cycle` is for viewers, which want a message an instant with plain numbers; above some rate it carries only each
+//! n-th cycle. `/cycles` has them all, to the last bit, in a sixth of the room.
+
+use crate::column::{Derivatives, Kind, Packed, pack, unpack};
+use crate::record::CycleRecord;
+use crate::schema::{evolvent, timestamp};
+
+/// A batch goes out when it has so many cycles.
+pub(crate) const MOST_CYCLES: usize = 2048;
+/// A batch that claims to have more is damaged.
+const READ_CYCLES: u32 = 1 << 16;
+
+/// A quantity of [`CycleRecord`], by the number of its field in the message `Cycle`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Quantity {
+    Lateness = 4,
+    Work = 5,
+    Path = 6,
+    Feed = 7,
+    Position = 8,
+    Velocity = 9,
+    Acceleration = 10,
+    Jerk = 11,
+    Line = 12,
+    State = 13,
+    Flags = 14,
+    Override = 15,
+    Load = 16,
+    Inputs = 17,
+    FollowingError = 18,
+}
+
+/// In the order in which they are written: derivatives before what they predict.
+const ORDER: [Quantity; 15] = [
+    Quantity::Jerk,
+    Quantity::Acceleration,
+    Quantity::Velocity,
+    Quantity::Position,
+    Quantity::Lateness,
+    Quantity::Work,
+    Quantity::Path,
+    Quantity::Feed,
+    Quantity::Line,
+    Quantity::State,
+    Quantity::Flags,
+    Quantity::Override,
+    Quantity::Load,
+    Quantity::Inputs,
+    Quantity::FollowingError,
+];
+
+impl Quantity {
+    const fn kind(self) -> Kind {
+        match self {
+            Self::Lateness | Self::Work | Self::Line | Self::State | Self::Flags | Self::Inputs => {
+                Kind::Whole
+            }
+            _ => Kind::Double,
+        }
+    }
+
+    const fn is_per_axis(self) -> bool {
+        matches!(
+            self,
+            Self::Position | Self::Velocity | Self::Acceleration | Self::Jerk | Self::FollowingError
+        )
+    }
+
+    /// What a column that is left out is full of.
+    const fn absent(self) -> u64 {
+        match self {
+            Self::Load | Self::FollowingError => f64::NAN.to_bits(),
+            _ => 0,
+        }
+    }
+
+    fn get(self, record: &CycleRecord, axis: usize) -> u64 {
+        match self {
+            Self::Lateness => record.wake_lateness_ns as u64,
+            Self::Work => u64::from(record.work_ns),
+            Self::Path => record.path_mm.to_bits(),
+            Self::Feed => record.feed_mm_s.to_bits(),
+            Self::Position => record.position[axis].to_bits(),
+            Self::Velocity => record.velocity[axis].to_bits(),
+            Self::Acceleration => record.acceleration[axis].to_bits(),
+            Self::Jerk => record.jerk[axis].to_bits(),
+            Self::Line => u64::from(record.line),
+            Self::State => u64::from(record.state),
+            Self::Flags => u64::from(record.flags),
+            Self::Override => record.override_.to_bits(),
+            Self::Load => record.load.to_bits(),
+            Self::Inputs => u64::from(record.inputs),
+            Self::FollowingError => record.following_error[axis].to_bits(),
+        }
+    }
+
+    /// `None` if the number does not fit.
+    fn set(self, record: &mut CycleRecord, axis: usize, value: u64) -> Option<()> {
+        match self {
+            Self::Lateness => record.wake_lateness_ns = value as i64,
+            Self::Work => record.work_ns = u32::try_from(value).ok()?,
+            Self::Path => record.path_mm = f64::from_bits(value),
+            Self::Feed => record.feed_mm_s = f64::from_bits(value),
+            Self::Position => record.position[axis] = f64::from_bits(value),
+            Self::Velocity => record.velocity[axis] = f64::from_bits(value),
+            Self::Acceleration => record.acceleration[axis] = f64::from_bits(value),
+            Self::Jerk => record.jerk[axis] = f64::from_bits(value),
+            Self::Line => record.line = u32::try_from(value).ok()?,
+            Self::State => record.state = u8::try_from(value).ok()?,
+            Self::Flags => record.flags = u32::try_from(value).ok()?,
+            Self::Override => record.override_ = f64::from_bits(value),
+            Self::Load => record.load = f64::from_bits(value),
+            Self::Inputs => record.inputs = u32::try_from(value).ok()?,
+            Self::FollowingError => record.following_error[axis] = f64::from_bits(value),
+        }
+        Some(())
+    }
+}
+
+/// Columns of one axis, by quantity: jerk, acceleration, velocity.
+#[derive(Debug, Default)]
+struct Known {
+    jerk: Vec<u64>,
+    acceleration: Vec<u64>,
+    velocity: Vec<u64>,
+}
+
+impl Known {
+    /// Puts a column that others are predicted by.
+    fn keep(&mut self, quantity: Quantity, column: &mut Vec<u64>) {
+        match quantity {
+            Quantity::Jerk => std::mem::swap(&mut self.jerk, column),
+            Quantity::Acceleration => std::mem::swap(&mut self.acceleration, column),
+            Quantity::Velocity => std::mem::swap(&mut self.velocity, column),
+            _ => {}
+        }
+    }
+
+    fn of(&self, quantity: Quantity, step_s: f64) -> Option<Derivatives<'_>> {
+        let (first, second) = match quantity {
+            Quantity::Acceleration => (&self.jerk, None),
+            Quantity::Velocity => (&self.acceleration, Some(self.jerk.as_slice())),
+            Quantity::Position => (&self.velocity, Some(self.acceleration.as_slice())),
+            _ => return None,
+        };
+        Some(Derivatives {
+            first,
+            second,
+            step_s,
+        })
+    }
+}
+
+/// Gathers cycles that follow one another.
+#[derive(Debug)]
+pub(crate) struct Batch {
+    records: Vec<CycleRecord>,
+    axes: Vec<u8>,
+    period_ns: u64,
+}
+
+impl Batch {
+    pub(crate) fn new(axes: Vec<u8>, period_ns: u64) -> Self {
+        Self {
+            records: Vec::with_capacity(MOST_CYCLES),
+            axes,
+            period_ns,
+        }
+    }
+
+    /// Whether the batch has to go out before this cycle can be added.
+    pub(crate) fn must_go_before(&self, record: &CycleRecord) -> bool {
+        let Some(last) = self.records.last() else {
+            return false;
+        };
+        self.records.len() >= MOST_CYCLES
+            || last.sequence.checked_add(1) != Some(record.sequence)
+            || last.due_time_ns.checked_add(self.period_ns) != Some(record.due_time_ns)
+    }
+
+    pub(crate) fn push(&mut self, record: &CycleRecord) {
+        self.records.push(*record);
+    }
+
+    /// Packs what has gathered, and begins anew.
+    pub(crate) fn take(&mut self) -> Option<evolvent::Cycles> {
+        let first = *self.records.first()?;
+        let step_s = self.period_ns as f64 * 1e-9;
+        let mut columns = Vec::new();
+        let mut known: Vec<Known> = self.axes.iter().map(|_| Known::default()).collect();
+        let mut values = Vec::with_capacity(self.records.len());
+        for quantity in ORDER {
+            let elements = if quantity.is_per_axis() {
+                self.axes.len()
+            } else {
+                1
+            };
+            for element in 0..elements {
+                let axis = usize::from(self.axes[element]);
+                values.clear();
+                values.extend(self.records.iter().map(|record| quantity.get(record, axis)));
+                if values.iter().any(|&value| value != quantity.absent()) {
+                    let derivatives = known[element].of(quantity, step_s);
+                    let packed = pack(quantity.kind(), &values, derivatives.as_ref());
+                    columns.push(evolvent::Column {
+                        field: quantity as u32,
+                        element: element as u32,
+                        predictor: packed.predictor,
+                        coded: packed.coded,
+                        rests: packed.rests,
+                    });
+                }
+                known[element].keep(quantity, &mut values);
+            }
+        }
+        let count = self.records.len() as u32;
+        self.records.clear();
+        Some(evolvent::Cycles {
+            timestamp: Some(timestamp(first.due_time_ns)),
+            start_sequence: first.sequence,
+            count,
+            due_time_ns: first.due_time_ns,
+            period_ns: self.period_ns,
+            column: columns,
+        })
+    }
+}
+
+/// The cycles of a batch; `axes` are the indices of the axes that it carries. `None` if it makes no sense.
+pub(crate) fn cycles(message: &evolvent::Cycles, axes: &[usize]) -> Option<Vec<CycleRecord>> {
+    if message.count > READ_CYCLES {
+        return None;
+    }
+    let count = message.count as usize;
+    let last = u64::from(message.count.saturating_sub(1));
+    message.start_sequence.checked_add(last)?;
+    message
+        .due_time_ns
+        .checked_add(last.checked_mul(message.period_ns)?)?;
+    let mut records: Vec<CycleRecord> = (0..u64::from(message.count))
+        .map(|n| CycleRecord {
+            sequence: message.start_sequence + n,
+            due_time_ns: message.due_time_ns + n * message.period_ns,
+            override_: 0.0,
+            ..CycleRecord::default()
+        })
+        .collect();
+    let step_s = message.period_ns as f64 * 1e-9;
+    let zeros = || vec![0; count];
+    let mut known: Vec<Known> = axes
+        .iter()
+        .map(|_| Known {
+            jerk: zeros(),
+            acceleration: zeros(),
+            velocity: zeros(),
+        })
+        .collect();
+    for column in &message.column {
+        // Quantities of a later version are passed over.
+        let Some(quantity) = ORDER.into_iter().find(|known| *known as u32 == column.field) else {
+            continue;
+        };
+        let element = column.element as usize;
+        let elements = if quantity.is_per_axis() { axes.len() } else { 1 };
+        if element >= elements {
+            return None;
+        }
+        let packed = Packed {
+            predictor: column.predictor,
+            coded: column.coded,
+            rests: column.rests.clone(),
+        };
+        let derivatives = known.get(element).and_then(|known| known.of(quantity, step_s));
+        let mut values = unpack(quantity.kind(), &packed, count, derivatives.as_ref())?;
+        let axis = axes.get(element).copied().unwrap_or(0);
+        for (record, &value) in records.iter_mut().zip(&values) {
+            quantity.set(record, axis, value)?;
+        }
+        if let Some(known) = known.get_mut(element) {
+            known.keep(quantity, &mut values);
+        }
+    }
+    Some(records)
+}
