@@ -110,7 +110,7 @@ pub fn recompute(
         Ok(Recomputed {
             cycles,
             state,
-            program,
+            program: program.map(|_left| ()),
             deviation_mm: feed.deviation_mm,
             extremes: *motion.extremes(),
         })

@@ -23,6 +23,9 @@ use crate::rt::{RealtimeRequest, apply_to_this_thread};
 use crate::shared::Controls;
 use crate::summary::{Summary, TimingSummary, axis_summaries, outcome_of};
 
+/// Names of the attachments with what the program found.
+const TOOLS: &str = "tools.tbl";
+const PARAMETERS: &str = "parameters.var";
 /// How long the planner sleeps when the queue is full.
 const PLANNER_NAP: Duration = Duration::from_micros(500);
 /// Seconds of setpoints and records that the queues hold.
@@ -368,7 +371,16 @@ fn run_info(job: &Job, start_time_ns: u64) -> RunInfo {
         machine_name: setup.machine.name.clone(),
         machine_file_name: name(&setup.machine_file),
         machine_file: setup.machine_text.clone(),
-        tool_table: None,
+        tool_table: setup
+            .memory
+            .tools
+            .as_ref()
+            .map(|tools| (TOOLS.to_owned(), tools.to_text().into_bytes())),
+        parameters: setup
+            .memory
+            .kept
+            .as_ref()
+            .map(|kept| (PARAMETERS.to_owned(), kept.to_text().into_bytes())),
         axes: setup.machine.axes.iter().map(|axis| axis.letter).collect(),
         period_ns: setup.period_ns,
         start_time_ns,
@@ -384,6 +396,7 @@ fn run_info(job: &Job, start_time_ns: u64) -> RunInfo {
             ("feed_override".to_owned(), job.feed_override.to_string()),
             ("optional_stop".to_owned(), job.optional_stop.to_string()),
             ("planner".to_owned(), setup.machine.path.planner.name().to_owned()),
+            ("start_line".to_owned(), setup.start_line.unwrap_or(0).to_string()),
         ]),
     }
 }

@@ -167,6 +167,9 @@ impl Recorder {
         if let Some((name, content)) = &info.tool_table {
             self.attach(name, "text/plain", time_ns, content)?;
         }
+        if let Some((name, content)) = &info.parameters {
+            self.attach(name, "text/plain", time_ns, content)?;
+        }
         match &info.program {
             ProgramSource::None => {}
             ProgramSource::Bytes(bytes) => self.attach(&info.program_name, "text/x-gcode", time_ns, bytes)?,
@@ -500,11 +503,13 @@ fn check(info: &RunInfo) -> Result<(), RecordError> {
         ProgramSource::Bytes(bytes) => bytes.len(),
         ProgramSource::None | ProgramSource::File(_) => 0,
     };
+    let parameters = info.parameters.as_ref().map_or(0, |(_, content)| content.len());
     let tools = info.tool_table.as_ref().map_or(0, |(_, content)| content.len());
     for (name, size) in [
         ("program", program),
         ("machine file", info.machine_file.len()),
         ("tool table", tools),
+        ("file of parameters", parameters),
     ] {
         if size > ATTACHMENT_BYTES {
             return invalid(format!(

@@ -32,6 +32,8 @@ pub struct RunInfo {
     pub machine_file: String,
     /// Name and content of the tool table.
     pub tool_table: Option<(String, Vec<u8>)>,
+    /// Name and content of the kept parameters (work offsets and so on) that the program found.
+    pub parameters: Option<(String, Vec<u8>)>,
     /// The machine's axes in the order of its file: which of the nine are written, and in what order.
     pub axes: Vec<AxisLetter>,
     /// The control period, ns.
@@ -87,6 +89,13 @@ impl RunInfo {
                 .map(|(name, _)| name.clone())
                 .unwrap_or_default(),
         );
+        put(
+            "parameters",
+            self.parameters
+                .as_ref()
+                .map(|(name, _)| name.clone())
+                .unwrap_or_default(),
+        );
         put("axes", self.axes.iter().map(|axis| axis.letter()).collect());
         put("period_ns", self.period_ns.to_string());
         put("start_time_ns", self.start_time_ns.to_string());
@@ -111,6 +120,7 @@ impl RunInfo {
             machine_file_name: get("machine_file")?,
             machine_file: String::new(),
             tool_table: None,
+            parameters: None,
             axes: get("axes")?
                 .chars()
                 .map(AxisLetter::from_letter)
