@@ -16,6 +16,7 @@
 mod alarm;
 mod cycle;
 mod doctor;
+mod drives;
 mod feeder;
 mod job;
 mod memory;
@@ -30,6 +31,7 @@ mod summary;
 
 pub use alarm::Alarm;
 pub use doctor::{BareLoopError, DoctorReport, Finding, LatenessReport, Verdict, bare_loop, examine};
+pub use drives::{phase_settings, watch_settings};
 pub use feeder::{Notice, ProgramError, check};
 pub use job::{Clock, Job, Setup};
 pub use memory::ProgramMemory;

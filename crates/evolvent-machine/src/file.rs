@@ -11,8 +11,8 @@ use serde::{Deserialize, Deserializer};
 use serde_json::json;
 
 use crate::machine::{
-    ControlRate, Kinematics, MAX_RATE_HZ, MIN_RATE_HZ, MachineKind, OnFull, PathMode, PlannerKind,
-    TurningWords,
+    ControlRate, FeedbackWish, Kinematics, MAX_RATE_HZ, MIN_RATE_HZ, MachineKind, OnFull, PathMode,
+    PlannerKind, TurningWords,
 };
 
 /// A machine as Evolvent controls it: axes, limits, and how the control loop runs.
@@ -59,6 +59,9 @@ pub(crate) struct MachineFile {
     /// The recorder.
     #[serde(default)]
     pub(crate) trace: TraceFile,
+    /// How the drives are watched.
+    #[serde(default)]
+    pub(crate) drives: DrivesFile,
     /// What programs find on this machine.
     #[serde(default)]
     pub(crate) program: ProgramFile,
@@ -112,6 +115,12 @@ pub(crate) struct AxisFile {
     pub(crate) home_mm: Option<f64>,
     /// Position of a rotary axis after homing, degrees; 0 where it is not given.
     pub(crate) home_deg: Option<f64>,
+    /// Following error that is allowed at rest, mm; 0.5 where it is not given.
+    pub(crate) following_error_mm: Option<f64>,
+    /// Following error that is allowed at rest, degrees; 0.5 where it is not given.
+    pub(crate) following_error_deg: Option<f64>,
+    /// Following error that is allowed in motion, as the time in which the axis travels it, ms; 20 where it is not given.
+    pub(crate) following_time_ms: Option<f64>,
 }
 
 /// Either the linear keys, each limit with exactly one unit, or the rotary ones.
@@ -138,7 +147,7 @@ fn axis_alternatives() -> serde_json::Value {
                 exactly_one(&["max_jerk_mm_s3", "max_jerk_m_s3"]),
                 none_of(&[
                     "travel_min_deg", "travel_max_deg", "max_velocity_deg_min", "max_velocity_deg_s",
-                    "max_acceleration_deg_s2", "max_jerk_deg_s3", "home_deg",
+                    "max_acceleration_deg_s2", "max_jerk_deg_s3", "home_deg", "following_error_deg",
                 ]),
             ],
         },
@@ -154,7 +163,7 @@ fn axis_alternatives() -> serde_json::Value {
                 none_of(&[
                     "travel_min_mm", "travel_max_mm", "max_velocity_mm_min", "max_velocity_mm_s",
                     "max_acceleration_mm_s2", "max_acceleration_m_s2", "max_acceleration_g",
-                    "max_jerk_mm_s3", "max_jerk_m_s3", "home_mm",
+                    "max_jerk_mm_s3", "max_jerk_m_s3", "home_mm", "following_error_mm",
                 ]),
             ],
         },
@@ -259,6 +268,24 @@ pub(crate) struct TraceFile {
     /// When the disk is full: "continue" without a trace, or "stop" the machine on the path.
     #[serde(default)]
     pub(crate) on_full: OnFull,
+}
+
+/// How the drives are watched.
+#[derive(Debug, Default, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct DrivesFile {
+    /// "if_present": a bridge that has answered once must go on answering while power is on; "required": no power without
+    /// a bridge; "ignore": what comes back is not looked at. "if_present" where it is not given.
+    #[serde(default)]
+    pub(crate) feedback: FeedbackWish,
+    /// Stop when the newest feedback is older than this, ms; 20 where it is not given.
+    #[schemars(range(min = 1, max = 1000))]
+    pub(crate) feedback_timeout_ms: Option<f64>,
+    /// How long the drives may take to come into operation, ms; 2000 where it is not given.
+    #[schemars(range(min = 10, max = 60000))]
+    pub(crate) enable_timeout_ms: Option<f64>,
+    /// Whether the cycle follows the clock of the drives, by at most 0.1 % of its period; true where it is not given.
+    pub(crate) follow_clock: Option<bool>,
 }
 
 /// `"rational"` or a number of Hz.

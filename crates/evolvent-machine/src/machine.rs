@@ -118,6 +118,10 @@ pub struct Axis {
     pub max_jerk: f64,
     /// Position after homing, within the travel, mm or degrees.
     pub home: f64,
+    /// Following error that is allowed at rest, mm or degrees.
+    pub following_error: f64,
+    /// Following error that is allowed in motion: so many seconds of way at the velocity of the moment.
+    pub following_time_s: f64,
 }
 
 /// How the path is followed.
@@ -154,6 +158,32 @@ pub struct RealtimeSettings {
     pub lock_memory: bool,
     /// Stop after so many late setpoints in a row; 0 for never.
     pub max_late_cycles: u32,
+}
+
+/// Whether a drive bridge is expected to answer.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum FeedbackWish {
+    /// What comes back is not looked at.
+    Ignore,
+    /// A bridge that has answered once must go on answering while power is on.
+    #[default]
+    IfPresent,
+    /// No power without a bridge.
+    Required,
+}
+
+/// How the drives are watched.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DriveSettings {
+    /// Whether a drive bridge is expected to answer.
+    pub feedback: FeedbackWish,
+    /// The oldest feedback that is allowed under power, s.
+    pub feedback_timeout_s: f64,
+    /// How long the drives may take to come into operation, s.
+    pub enable_timeout_s: f64,
+    /// Whether the cycle follows the clock of the drives.
+    pub follow_clock: bool,
 }
 
 /// The recorder.
@@ -224,6 +254,8 @@ pub struct Machine {
     pub realtime: RealtimeSettings,
     /// The recorder.
     pub trace: TraceSettings,
+    /// How the drives are watched.
+    pub drives: DriveSettings,
     /// What programs find on the machine.
     pub program: ProgramSettings,
 }

@@ -11,9 +11,9 @@ use evolvent_path::AxisLetter;
 use toml::de::{DeTable, DeValue};
 
 use crate::error::MachineError;
-use crate::file::{AxisFile, AxisKind, MachineFile};
+use crate::file::{AxisFile, AxisKind, DrivesFile, MachineFile};
 use crate::machine::{
-    Axis, ControlRate, MAX_RATE_HZ, MIN_RATE_HZ, Machine, MachineKind, PathMode, PathSettings,
+    Axis, ControlRate, DriveSettings, MAX_RATE_HZ, MIN_RATE_HZ, Machine, MachineKind, PathMode, PathSettings,
     ProgramSettings, RealtimeSettings, TraceSettings,
 };
 use crate::rate::{DEFAULT_MIN_RADIUS_MM, GRAVITY_MM_S2};
@@ -105,6 +105,7 @@ impl Check<'_> {
             trace: TraceSettings {
                 on_full: raw.trace.on_full,
             },
+            drives: self.drives(&raw.drives)?,
         };
         if let Err(error) = machine.rate_input().check() {
             return Err(self.error(
@@ -262,6 +263,22 @@ impl Check<'_> {
             max_acceleration: self.exactly_one_of(at, "max_acceleration", &acceleration)?,
             max_jerk: self.exactly_one_of(at, "max_jerk", &jerk)?,
             home,
+            following_error: self
+                .at_most_one_of(
+                    at,
+                    "following_error",
+                    &[
+                        ("mm", raw.following_error_mm, 1.0),
+                        ("deg", raw.following_error_deg, 1.0),
+                    ],
+                )?
+                .unwrap_or(0.5),
+            following_time_s: self.or_default(
+                &format!("{at}.following_time_ms"),
+                raw.following_time_ms,
+                20.0,
+                [0.0, 10_000.0],
+            )? / 1000.0,
         })
     }
 
@@ -271,6 +288,7 @@ impl Check<'_> {
             ("travel_min_mm", raw.travel_min_mm),
             ("travel_max_mm", raw.travel_max_mm),
             ("home_mm", raw.home_mm),
+            ("following_error_mm", raw.following_error_mm),
             ("max_velocity_mm_min", raw.max_velocity_mm_min),
             ("max_velocity_mm_s", raw.max_velocity_mm_s),
             ("max_acceleration_mm_s2", raw.max_acceleration_mm_s2),
@@ -283,6 +301,7 @@ impl Check<'_> {
             ("travel_min_deg", raw.travel_min_deg),
             ("travel_max_deg", raw.travel_max_deg),
             ("home_deg", raw.home_deg),
+            ("following_error_deg", raw.following_error_deg),
             ("max_velocity_deg_min", raw.max_velocity_deg_min),
             ("max_velocity_deg_s", raw.max_velocity_deg_s),
             ("max_acceleration_deg_s2", raw.max_acceleration_deg_s2),
@@ -416,6 +435,31 @@ impl Check<'_> {
             turning_cycles: program.turning_cycles,
             load_channel: program.load_channel,
         })
+    }
+
+    fn drives(&self, raw: &DrivesFile) -> Result<DriveSettings, MachineError> {
+        let timeout = raw.feedback_timeout_ms;
+        let timeout_ms = self.or_default("drives.feedback_timeout_ms", timeout, 20.0, [1.0, 1000.0])?;
+        let enable = raw.enable_timeout_ms;
+        let enable_ms = self.or_default("drives.enable_timeout_ms", enable, 2000.0, [10.0, 60_000.0])?;
+        Ok(DriveSettings {
+            feedback: raw.feedback,
+            feedback_timeout_s: timeout_ms / 1000.0,
+            enable_timeout_s: enable_ms / 1000.0,
+            follow_clock: raw.follow_clock.unwrap_or(true),
+        })
+    }
+
+    /// A number in a range, or its default.
+    fn or_default(
+        &self,
+        key: &str,
+        value: Option<f64>,
+        default: f64,
+        [least, most]: [f64; 2],
+    ) -> Result<f64, MachineError> {
+        let value = value.unwrap_or(default);
+        self.number(key, value, least, most).map(|()| value)
     }
 
     fn required(&self, at: &str, key: &str, value: Option<f64>) -> Result<f64, MachineError> {
@@ -576,6 +620,10 @@ fn advice_for(key: &str, what: &str) -> String {
             "travel_min" => "travel_min_mm (rotary: travel_min_deg)",
             "travel_max" => "travel_max_mm (rotary: travel_max_deg)",
             "home" => "home_mm (rotary: home_deg)",
+            "following_error" => "following_error_mm (rotary: following_error_deg)",
+            "following_time" => "following_time_ms",
+            "feedback_timeout" => "feedback_timeout_ms",
+            "enable_timeout" => "enable_timeout_ms",
             "blend_tolerance" => "blend_tolerance_mm",
             "joint_time" => "joint_time_ms",
             "max_feed" => "max_feed_mm_min or max_feed_mm_s",

@@ -8,7 +8,9 @@
 
 use std::path::{Path, PathBuf};
 
-use evolvent_machine::{ControlRate, Machine, MachineError, MachineKind, OnFull, PathMode, machine_schema};
+use evolvent_machine::{
+    ControlRate, FeedbackWish, Machine, MachineError, MachineKind, OnFull, PathMode, machine_schema,
+};
 use evolvent_path::AxisLetter;
 use proptest::prelude::*;
 
@@ -70,6 +72,34 @@ max_velocity_deg_min = 3600
 max_acceleration_deg_s2 = 100
 max_jerk_deg_s3 = 1000
 "#;
+
+#[test]
+fn the_watch_over_the_drives_is_read_and_has_defaults() {
+    let machine = Machine::parse(GOOD, "full.toml").unwrap();
+    assert_eq!(machine.drives.feedback, FeedbackWish::IfPresent);
+    assert_eq!(
+        (machine.drives.feedback_timeout_s, machine.drives.enable_timeout_s),
+        (0.02, 2.0)
+    );
+    assert!(machine.drives.follow_clock);
+    assert_eq!(
+        (machine.axes[0].following_error, machine.axes[0].following_time_s),
+        (0.5, 0.02)
+    );
+    let text = GOOD.replace(
+        "home_mm = 1.5",
+        "home_mm = 1.5\nfollowing_error_mm = 0.1\nfollowing_time_ms = 5",
+    ) + "following_error_deg = 2\n[drives]\nfeedback = \"required\"\nfeedback_timeout_ms = 8\nfollow_clock = false\n";
+    let machine = Machine::parse(&text, "full.toml").unwrap();
+    assert_eq!(machine.drives.feedback, FeedbackWish::Required);
+    assert_eq!(machine.drives.feedback_timeout_s, 0.008);
+    assert!(!machine.drives.follow_clock);
+    assert_eq!(
+        (machine.axes[0].following_error, machine.axes[0].following_time_s),
+        (0.1, 0.005)
+    );
+    assert_eq!(machine.axes[1].following_error, 2.0);
+}
 
 #[test]
 fn a_file_is_read_into_millimetres_degrees_and_seconds() {
@@ -310,6 +340,20 @@ fn bad_files_are_refused_with_place_key_and_advice() {
         &[("on_full = \"stop\"", "on_full = \"wait\"")],
         &["trace.on_full", "continue"],
     );
+    let drives = "on_full = \"stop\"\n[drives]\n";
+    for (key, words) in [
+        ("feedback = \"perhaps\"", ["drives.feedback", "required"]),
+        (
+            "feedback_timeout_ms = 0",
+            ["drives.feedback_timeout_ms: 0 is out of range", "1 to 1000"],
+        ),
+        (
+            "enable_timeout_ms = nan",
+            ["drives.enable_timeout_ms: NaN", "10 to"],
+        ),
+    ] {
+        refused(&[("on_full = \"stop\"", &format!("{drives}{key}"))], &words);
+    }
     refused(
         &[("letter = \"x\"", "letter = \"Q\"")],
         &["22:1: axis[0].letter:", "\"Q\" is no axis"],
@@ -416,6 +460,8 @@ fn every_limit_refuses_every_number_that_is_none() {
         ("max_feed_mm_min = 6000", "max_feed_mm_s", "limits"),
         ("travel_min_mm = -1", "travel_min_mm", "axis[0]"),
         ("home_mm = 1.5", "home_mm", "axis[0]"),
+        ("home_mm = 1.5", "following_error_mm", "axis[0]"),
+        ("home_mm = 1.5", "following_time_ms", "axis[0]"),
         ("joint_time_ms = 2", "joint_time_ms", "path"),
         ("joint_time_ms = 2", "chord_error_increments", "path"),
         ("joint_time_ms = 2", "min_radius_mm", "path"),

@@ -1,0 +1,38 @@
+//! From the machine file to the settings of the watch over the drives.
+
+use evolvent_drive::{PhaseSettings, WatchMode, WatchSettings};
+use evolvent_machine::{FeedbackWish, Machine};
+
+/// How the drives of a machine are watched at a period.
+///
+/// A sample may always be three periods old.
+#[must_use]
+pub fn watch_settings(machine: &Machine, period_ns: u64) -> WatchSettings {
+    let ns = |seconds: f64| (seconds * 1e9) as u64;
+    let mut settings = WatchSettings::new(period_ns, 0);
+    settings.mode = match machine.drives.feedback {
+        FeedbackWish::Ignore => WatchMode::Ignore,
+        FeedbackWish::IfPresent => WatchMode::IfPresent,
+        FeedbackWish::Required => WatchMode::Required,
+    };
+    settings.stale_ns = ns(machine.drives.feedback_timeout_s).max(3 * period_ns);
+    settings.enable_timeout_ns = ns(machine.drives.enable_timeout_s);
+    for axis in &machine.axes {
+        let index = axis.letter.index();
+        settings.axes_mask |= 1 << index;
+        settings.following_floor[index] = axis.following_error;
+        settings.following_time_s[index] = axis.following_time_s;
+        settings.memory_s = settings.memory_s.max(2.0 * axis.following_time_s);
+    }
+    settings
+}
+
+/// How the cycle follows the drives' clock; none where the machine file says that it does not.
+#[must_use]
+pub fn phase_settings(machine: &Machine, period_ns: u64) -> Option<PhaseSettings> {
+    machine.drives.follow_clock.then_some(PhaseSettings {
+        period_ns,
+        delay_cycles: machine.lead_cycles + 2,
+        target_ns: 0,
+    })
+}

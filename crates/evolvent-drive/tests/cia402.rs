@@ -1,0 +1,364 @@
+//! CiA 402 against the tables of the standard, written here as the standard prints them.
+
+use evolvent_drive::{
+    CYCLIC_SYNCHRONOUS_POSITION, Cia402, DriveEvents, DriveMachine, DriveState, PowerRequest,
+    QuickStopOption, control,
+};
+
+/// The table of status words: bit 15 to bit 0, `x` where the bit says nothing about the state.
+const STATUS_WORDS: [(DriveState, &str); 8] = [
+    (DriveState::NotReadyToSwitchOn, "xxxx xxxx x0xx 0000"),
+    (DriveState::SwitchOnDisabled, "xxxx xxxx x1xx 0000"),
+    (DriveState::ReadyToSwitchOn, "xxxx xxxx x01x 0001"),
+    (DriveState::SwitchedOn, "xxxx xxxx x01x 0011"),
+    (DriveState::OperationEnabled, "xxxx xxxx x01x 0111"),
+    (DriveState::QuickStopActive, "xxxx xxxx x00x 0111"),
+    (DriveState::FaultReactionActive, "xxxx xxxx x0xx 1111"),
+    (DriveState::Fault, "xxxx xxxx x0xx 1000"),
+];
+
+fn matches(word: u16, pattern: &str) -> bool {
+    let bits = pattern.chars().filter(|c| *c != ' ');
+    bits.enumerate().all(|(i, bit)| match bit {
+        'x' => true,
+        bit => (word >> (15 - i) & 1 == 1) == (bit == '1'),
+    })
+}
+
+#[test]
+fn every_status_word_is_read_as_the_table_says_and_none_as_two_states() {
+    for word in 0..=u16::MAX {
+        let rows: Vec<DriveState> = STATUS_WORDS
+            .iter()
+            .filter(|(_, pattern)| matches(word, pattern))
+            .map(|(state, _)| *state)
+            .collect();
+        assert!(rows.len() <= 1, "{word:#06x} {rows:?}");
+        assert_eq!(DriveState::decode(word), rows.first().copied(), "{word:#06x}");
+    }
+}
+
+#[test]
+fn a_drive_reports_a_status_word_of_the_state_that_it_is_in() {
+    let mut drive = DriveMachine::new(QuickStopOption::ThenDisabled);
+    for word in [0, 0x06, 0x07, 0x0F, 0x02] {
+        let state = drive.step(
+            word,
+            DriveEvents {
+                ready: true,
+                ..DriveEvents::default()
+            },
+        );
+        assert_eq!(DriveState::decode(drive.status_word()), Some(state));
+        assert_eq!(DriveState::decode(state.code()), Some(state));
+    }
+}
+
+/// The commands of the control word, bit 7 to bit 0, as the standard's table prints them.
+const COMMANDS: [(&str, &str); 7] = [
+    ("shutdown", "0xxx x110"),
+    ("switch on", "0xxx 0111"),
+    ("switch on and enable", "0xxx 1111"),
+    ("disable voltage", "0xxx xx0x"),
+    ("quick stop", "0xxx x01x"),
+    ("disable operation", "0xxx 0111"),
+    ("enable operation", "0xxx 1111"),
+];
+
+/// Which command leads from where to where: number of the transition, from, command, to.
+const TRANSITIONS: [(u8, DriveState, &str, DriveState); 15] = {
+    use DriveState::{
+        OperationEnabled as OE, QuickStopActive as QSA, ReadyToSwitchOn as RTSO, SwitchOnDisabled as SOD,
+        SwitchedOn as SO,
+    };
+    [
+        (2, SOD, "shutdown", RTSO),
+        (3, RTSO, "switch on", SO),
+        (3, RTSO, "switch on and enable", SO),
+        (4, SO, "enable operation", OE),
+        (5, OE, "disable operation", SO),
+        (6, SO, "shutdown", RTSO),
+        (7, RTSO, "disable voltage", SOD),
+        (7, RTSO, "quick stop", SOD),
+        (8, OE, "shutdown", RTSO),
+        (9, OE, "disable voltage", SOD),
+        (10, SO, "disable voltage", SOD),
+        (10, SO, "quick stop", SOD),
+        (11, OE, "quick stop", QSA),
+        (12, QSA, "disable voltage", SOD),
+        (16, QSA, "enable operation", OE),
+    ]
+};
+
+/// A drive in a state, reached by control words alone.
+fn drive_in(state: DriveState, option: QuickStopOption) -> DriveMachine {
+    let ready = DriveEvents {
+        ready: true,
+        ..DriveEvents::default()
+    };
+    let fault = DriveEvents {
+        fault: Some(0x8611),
+        ..ready
+    };
+    let mut drive = DriveMachine::new(option);
+    let way: &[(u16, DriveEvents)] = match state {
+        DriveState::NotReadyToSwitchOn => &[],
+        DriveState::SwitchOnDisabled => &[(0, ready)],
+        DriveState::ReadyToSwitchOn => &[(0, ready), (0x06, ready)],
+        DriveState::SwitchedOn => &[(0, ready), (0x06, ready), (0x07, ready)],
+        DriveState::OperationEnabled => &[(0, ready), (0x06, ready), (0x07, ready), (0x0F, ready)],
+        DriveState::QuickStopActive => &[
+            (0, ready),
+            (0x06, ready),
+            (0x07, ready),
+            (0x0F, ready),
+            (0x02, ready),
+        ],
+        DriveState::FaultReactionActive => &[(0, ready), (0, fault)],
+        DriveState::Fault => &[
+            (0, ready),
+            (0, fault),
+            (
+                0,
+                DriveEvents {
+                    at_rest: true,
+                    ..ready
+                },
+            ),
+        ],
+    };
+    for (word, events) in way {
+        drive.step(*word, *events);
+    }
+    assert_eq!(drive.state(), state);
+    drive
+}
+
+#[test]
+fn each_state_answers_each_control_word_by_the_table_of_transitions_and_no_other() {
+    let moving = DriveEvents {
+        ready: true,
+        ..DriveEvents::default()
+    };
+    for (state, _) in STATUS_WORDS {
+        if state == DriveState::NotReadyToSwitchOn {
+            continue;
+        }
+        // Bits 4 to 6 belong to the mode, 8 to 15 to other things: they change nothing.
+        for word in (0..0x80_u16).chain((0..0x80).map(|word| word | 0xFF00)) {
+            let mut drive = drive_in(state, QuickStopOption::ThenStay);
+            let low = word & 0xFF;
+            let wanted = TRANSITIONS
+                .iter()
+                .filter(|(_, from, _, _)| *from == state)
+                .find(|(_, _, command, _)| {
+                    COMMANDS
+                        .iter()
+                        .any(|(name, pattern)| name == command && matches(low, &format!("xxxxxxxx{pattern}")))
+                })
+                .map_or(state, |(_, _, _, to)| *to);
+            assert_eq!(drive.step(word, moving), wanted, "{state:?} {word:#06x}");
+        }
+    }
+}
+
+#[test]
+fn a_quick_stop_ends_disabled_at_rest_or_stays_as_the_option_says() {
+    let rest = DriveEvents {
+        ready: true,
+        at_rest: true,
+        fault: None,
+    };
+    let mut drive = drive_in(DriveState::QuickStopActive, QuickStopOption::ThenDisabled);
+    assert_eq!(
+        drive.step(
+            control::QUICK_STOP,
+            DriveEvents {
+                at_rest: false,
+                ..rest
+            }
+        ),
+        DriveState::QuickStopActive
+    );
+    assert!(drive.has_torque());
+    assert_eq!(
+        drive.step(control::QUICK_STOP, rest),
+        DriveState::SwitchOnDisabled
+    );
+    let mut drive = drive_in(DriveState::QuickStopActive, QuickStopOption::ThenStay);
+    assert_eq!(drive.step(control::QUICK_STOP, rest), DriveState::QuickStopActive);
+    assert_eq!(
+        drive.step(control::ENABLE_OPERATION, rest),
+        DriveState::OperationEnabled
+    );
+}
+
+#[test]
+fn a_fault_in_any_state_brakes_first_and_is_reset_by_an_edge_once_its_cause_is_gone() {
+    for (state, _) in STATUS_WORDS {
+        if state.is_fault() || state == DriveState::NotReadyToSwitchOn {
+            continue;
+        }
+        let mut drive = drive_in(state, QuickStopOption::ThenDisabled);
+        let there = DriveEvents {
+            ready: true,
+            at_rest: false,
+            fault: Some(0x7500),
+        };
+        assert_eq!(drive.step(0x0F, there), DriveState::FaultReactionActive);
+        assert_eq!(drive.error_code(), 0x7500);
+        assert_eq!(
+            drive.step(0x8F, there),
+            DriveState::FaultReactionActive,
+            "braking"
+        );
+        assert_eq!(
+            drive.step(
+                0x0F,
+                DriveEvents {
+                    at_rest: true,
+                    ..there
+                }
+            ),
+            DriveState::Fault
+        );
+        let rest = DriveEvents {
+            at_rest: true,
+            ..there
+        };
+        assert_eq!(
+            drive.step(0x80, rest),
+            DriveState::Fault,
+            "the cause is still there"
+        );
+        let gone = DriveEvents { fault: None, ..rest };
+        assert_eq!(drive.step(0x80, gone), DriveState::Fault, "no edge");
+        assert_eq!(drive.step(0x00, gone), DriveState::Fault);
+        assert_eq!(drive.step(0x80, gone), DriveState::SwitchOnDisabled);
+        assert_eq!(drive.error_code(), 0);
+    }
+}
+
+/// Controller and drive together, one period each.
+struct Pair {
+    controller: Cia402,
+    drive: DriveMachine,
+    events: DriveEvents,
+    resets: u32,
+}
+
+impl Pair {
+    fn new() -> Self {
+        Self {
+            controller: Cia402::new(0),
+            drive: DriveMachine::new(QuickStopOption::ThenDisabled),
+            events: DriveEvents {
+                ready: true,
+                at_rest: true,
+                fault: None,
+            },
+            resets: 0,
+        }
+    }
+
+    fn run(&mut self, request: PowerRequest, periods: usize) -> DriveState {
+        for _ in 0..periods {
+            let order = self
+                .controller
+                .step(self.drive.status_word(), request, self.resets, 7.0, 3.0);
+            assert_eq!(order.mode_of_operation, CYCLIC_SYNCHRONOUS_POSITION);
+            let enabled = self.drive.state() == DriveState::OperationEnabled;
+            assert!(!order.follows || enabled);
+            assert_eq!(order.target_position, if order.follows { 7.0 } else { 3.0 });
+            self.drive.step(order.control_word, self.events);
+        }
+        self.drive.state()
+    }
+}
+
+#[test]
+fn a_request_brings_a_fresh_drive_into_operation_in_four_periods_with_the_target_where_it_stands() {
+    let mut pair = Pair::new();
+    assert_eq!(pair.run(PowerRequest::On, 4), DriveState::OperationEnabled);
+    // The target is checked in each period by `run`: actual position before, setpoint from here on.
+    assert_eq!(pair.run(PowerRequest::On, 1), DriveState::OperationEnabled);
+    assert_eq!(pair.run(PowerRequest::Off, 4), DriveState::SwitchOnDisabled);
+}
+
+#[test]
+fn after_a_fault_power_comes_back_only_by_reset_and_a_new_request() {
+    let mut pair = Pair::new();
+    pair.run(PowerRequest::On, 5);
+    pair.events.fault = Some(0x8611);
+    assert_eq!(pair.run(PowerRequest::On, 3), DriveState::Fault);
+    pair.events.fault = None;
+    assert_eq!(
+        pair.run(PowerRequest::On, 50),
+        DriveState::Fault,
+        "no reset was asked for"
+    );
+    pair.resets += 1;
+    assert_eq!(pair.run(PowerRequest::On, 1), DriveState::SwitchOnDisabled);
+    assert_eq!(pair.controller.resets_done(), 1);
+    assert_eq!(
+        pair.run(PowerRequest::On, 50),
+        DriveState::SwitchOnDisabled,
+        "the request was there before the fault"
+    );
+    assert!(pair.controller.is_locked_out());
+    pair.run(PowerRequest::Off, 1);
+    assert_eq!(pair.run(PowerRequest::On, 5), DriveState::OperationEnabled);
+}
+
+#[test]
+fn one_growth_of_the_counter_is_one_edge() {
+    let mut controller = Cia402::new(0);
+    let fault = DriveState::Fault.code();
+    let words: Vec<u16> = [1, 1, 1, 2, 2]
+        .into_iter()
+        .map(|resets| {
+            controller
+                .step(fault, PowerRequest::Off, resets, 0.0, 0.0)
+                .control_word
+        })
+        .collect();
+    assert_eq!(words, [0x80, 0, 0, 0x80, 0]);
+    // What was asked for while there was no fault resets none that comes later.
+    controller.step(
+        DriveState::SwitchOnDisabled.code(),
+        PowerRequest::Off,
+        9,
+        0.0,
+        0.0,
+    );
+    assert_eq!(
+        controller
+            .step(fault, PowerRequest::Off, 9, 0.0, 0.0)
+            .control_word,
+        0
+    );
+}
+
+#[test]
+fn a_quick_stop_ends_without_torque_and_locks_out_until_another_request() {
+    let mut pair = Pair::new();
+    pair.run(PowerRequest::On, 5);
+    pair.events.at_rest = false;
+    assert_eq!(pair.run(PowerRequest::QuickStop, 3), DriveState::QuickStopActive);
+    // Asked for power while it brakes: first the stop, then off.
+    assert_eq!(pair.run(PowerRequest::On, 2), DriveState::SwitchOnDisabled);
+    assert_eq!(pair.run(PowerRequest::On, 50), DriveState::SwitchOnDisabled);
+}
+
+#[test]
+fn an_unknown_status_word_or_a_setpoint_that_is_no_number_moves_nothing() {
+    let mut controller = Cia402::new(0);
+    let order = controller.step(0x6F, PowerRequest::On, 0, 1.0, 2.0);
+    assert_eq!(
+        (order.control_word, order.target_position),
+        (control::DISABLE_VOLTAGE, 2.0)
+    );
+    let order = controller.step(0x27, PowerRequest::On, 0, f64::NAN, 2.0);
+    assert!(!order.follows);
+    assert_eq!(order.target_position, 2.0);
+}
