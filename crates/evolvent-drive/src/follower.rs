@@ -141,6 +141,7 @@ pub struct Follower {
     hold: [f64; AXES],
     brakes: [Brake; AXES],
     brake_since_ns: u64,
+    stepped_ns: u64,
     datum: u64,
     quick_stop: bool,
 }
@@ -183,6 +184,7 @@ impl Follower {
             hold: [0.0; AXES],
             brakes: [rest; AXES],
             brake_since_ns: 0,
+            stepped_ns: 0,
             datum: 0,
             quick_stop: false,
         })
@@ -330,7 +332,7 @@ impl Follower {
         if matches!(self.state, BridgeState::Following | BridgeState::Bridging)
             && !self.follow(now_ns, &mut states)
         {
-            self.begin_braking(now_ns, &states);
+            self.begin_braking(&states);
         }
         if self.state == BridgeState::Braking {
             self.brake(now_ns, &mut states);
@@ -347,6 +349,7 @@ impl Follower {
                 states[axis].position = self.hold[axis];
             }
         }
+        self.stepped_ns = now_ns;
         self.target(now_ns, &states, datum_shift)
     }
 
@@ -377,6 +380,7 @@ impl Follower {
             for axis in 0..AXES {
                 states[axis] = self.brakes[axis].at(0.0);
             }
+            self.brake_since_ns = self.stepped_ns;
             return false;
         };
         let period_ns = self.settings.period_ns;
@@ -398,11 +402,11 @@ impl Follower {
                 states[axis] = if next.datum == last.datum {
                     between(&last, next, axis, age_ns as f64 * 1e-9, interval_s)
                 } else {
-                    onward(&last, axis, 0.0)
+                    onward(&last, axis, 1.0, 0.0)
                 };
             }
         } else {
-            let longest_ns = patience * period_ns;
+            let longest_ns = (patience * period_ns).max(period_ns + period_ns / 2);
             let late = age_ns > period_ns + period_ns / 2;
             self.state = if late {
                 BridgeState::Bridging
@@ -413,10 +417,12 @@ impl Follower {
                 self.note = Note::Silence;
             }
             for axis in 0..AXES {
-                states[axis] = onward(&last, axis, age_ns.min(longest_ns) as f64 * 1e-9);
+                let jerk = self.settings.max_jerk[axis];
+                states[axis] = onward(&last, axis, jerk, age_ns.min(longest_ns) as f64 * 1e-9);
             }
-            if age_ns > longest_ns.max(period_ns + period_ns / 2) {
+            if age_ns > longest_ns {
                 self.missed = self.missed.saturating_add(1);
+                self.brake_since_ns = last.due_ns + longest_ns;
                 return false;
             }
         }
@@ -436,11 +442,10 @@ impl Follower {
         Brake::new(state, limit, self.settings.max_jerk[axis])
     }
 
-    fn begin_braking(&mut self, now_ns: u64, states: &[BrakeState; AXES]) {
+    fn begin_braking(&mut self, states: &[BrakeState; AXES]) {
         for axis in self.axes() {
             self.brakes[axis] = self.brake_of(axis, states[axis]);
         }
-        self.brake_since_ns = now_ns;
         self.state = BridgeState::Braking;
         // What comes after a pause is no continuation.
         self.queue.clear();
@@ -512,17 +517,33 @@ impl Follower {
     }
 }
 
-/// The motion that goes on behind a setpoint.
-fn onward(point: &Point, axis: usize, time_s: f64) -> BrakeState {
+/// The motion that goes on behind a setpoint: the acceleration is taken back with full jerk. A motion that keeps its limits
+/// could do so at any moment, so this neither exceeds a velocity nor turns back.
+fn onward(point: &Point, axis: usize, max_jerk: f64, time_s: f64) -> BrakeState {
     let (position, velocity, acceleration) = (
         point.position[axis],
         point.velocity[axis],
         point.acceleration[axis],
     );
+    let fading_s = if max_jerk > 0.0 {
+        acceleration.abs() / max_jerk
+    } else {
+        0.0
+    };
+    let jerk = -max_jerk.copysign(acceleration);
+    let t = time_s.min(fading_s);
+    let faded = BrakeState {
+        position: position + t * (velocity + t * (0.5 * acceleration + t * jerk / 6.0)),
+        velocity: velocity + t * (acceleration + 0.5 * t * jerk),
+        acceleration: if time_s < fading_s {
+            acceleration + t * jerk
+        } else {
+            0.0
+        },
+    };
     BrakeState {
-        position: position + time_s * (velocity + 0.5 * time_s * acceleration),
-        velocity: velocity + time_s * acceleration,
-        acceleration,
+        position: faded.position + (time_s - t) * faded.velocity,
+        ..faded
     }
 }
 

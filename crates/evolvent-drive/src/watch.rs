@@ -102,6 +102,8 @@ pub struct FeedbackWatch {
     last: Option<Feedback>,
     /// When the last message came, whatever it said.
     message_ns: u64,
+    /// Whether the last message brought the sample of the one before.
+    repeats: bool,
     /// Commanded travel since an axis's position last changed.
     unanswered: [f64; AXES],
     instance: Option<u64>,
@@ -124,6 +126,7 @@ impl FeedbackWatch {
             phase: Phase::Off,
             last: None,
             message_ns: 0,
+            repeats: false,
             unanswered: [0.0; AXES],
             instance: None,
             datum_since_ns: None,
@@ -157,6 +160,7 @@ impl FeedbackWatch {
         if let Some(feedback) = feedback {
             self.message_ns = now_ns;
             self.check_numbers(feedback)?;
+            self.repeats = previous.is_some_and(|previous| previous.time_ns == feedback.time_ns);
             self.last = Some(*feedback);
         }
         let (Some(last), true) = (self.last, self.phase != Phase::Off) else {
@@ -260,7 +264,8 @@ impl FeedbackWatch {
         }
         if age_ns > limit_ns {
             let sequence = last.sequence;
-            return Err(if now_ns.saturating_sub(self.message_ns) <= limit_ns {
+            let comes = now_ns.saturating_sub(self.message_ns) <= limit_ns;
+            return Err(if comes && self.repeats {
                 DriveAlarm::Frozen { age_ns, sequence }
             } else {
                 DriveAlarm::Stale {

@@ -1,10 +1,11 @@
 //! Random numbers that tell their seed.
+#![expect(clippy::print_stdout, reason = "a seed is told")]
 
 /// A xorshift64* generator, seeded by EVOLVENT_SEED or by the time.
-pub struct Random(u64);
+pub(crate) struct Random(u64);
 
 impl Random {
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         let given = std::env::var("EVOLVENT_SEED")
             .ok()
             .and_then(|text| text.parse().ok());
@@ -17,7 +18,7 @@ impl Random {
         Self(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1)
     }
 
-    pub fn between(&mut self, low: f64, high: f64) -> f64 {
+    pub(crate) fn between(&mut self, low: f64, high: f64) -> f64 {
         self.0 ^= self.0 >> 12;
         self.0 ^= self.0 << 25;
         self.0 ^= self.0 >> 27;

@@ -1,0 +1,94 @@
+//! What the cycle and a bridge call once a period does not allocate: counted, not believed.
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use evolvent_bus::{AXES, Feedback, Setpoint};
+use evolvent_drive::{
+    Cia402, Command, DriveEvents, DriveMachine, FeedbackWatch, Follower, FollowerSettings, PhaseLock,
+    PhaseSettings, PowerRequest, QuickStopOption, WatchSettings,
+};
+
+struct Counting;
+
+static CALLS: AtomicU64 = AtomicU64::new(0);
+
+// SAFETY: every call is passed on to the system's allocator unchanged.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        CALLS.fetch_add(1, Ordering::Relaxed);
+        // SAFETY: the caller keeps the contract of `alloc`.
+        unsafe { System.alloc(layout) }
+    }
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        CALLS.fetch_add(1, Ordering::Relaxed);
+        // SAFETY: the caller keeps the contract of `dealloc`.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+#[test]
+fn a_period_of_watch_lock_follower_and_state_machine_allocates_nothing() {
+    let period_ns = 1_000_000;
+    let mut watch = FeedbackWatch::new(WatchSettings::new(period_ns, 0b111));
+    let mut lock = PhaseLock::new(PhaseSettings {
+        period_ns,
+        delay_cycles: 4,
+        target_ns: 0,
+    });
+    let settings = FollowerSettings {
+        period_ns,
+        bridge_cycles: 3,
+        axes_mask: 0b111,
+        max_velocity: [500.0; AXES],
+        max_acceleration: [5000.0; AXES],
+        max_jerk: [2e5; AXES],
+        sync_tolerance: [0.5; AXES],
+    };
+    let mut follower = Follower::new(settings).expect("limits");
+    let mut controller = Cia402::new(0);
+    let mut drive = DriveMachine::new(QuickStopOption::ThenDisabled);
+    let events = DriveEvents {
+        ready: true,
+        at_rest: true,
+        fault: None,
+    };
+    let mut alarms = 0;
+    let before = CALLS.load(Ordering::Relaxed);
+    for cycle in 0..20_000_u64 {
+        let now_ns = (cycle + 10) * period_ns;
+        let setpoint = Setpoint {
+            sequence: cycle,
+            due_time_ns: now_ns + 2 * period_ns,
+            power_request: PowerRequest::On.number(),
+            ..Setpoint::default()
+        };
+        // Gaps, silence, and everything that then goes wrong.
+        if cycle % 3000 < 2500 {
+            let _refused = follower.offer(now_ns, &setpoint);
+        }
+        let target = follower.step(now_ns, cycle > 50, &[0.0; AXES]);
+        let order = controller.step(drive.status_word(), target.power, 0, target.position[0], 0.0);
+        drive.step(order.control_word, events);
+        let feedback = Feedback {
+            sequence: target.sequence,
+            time_ns: now_ns,
+            axes_mask: 0b111,
+            status_word: [u32::from(drive.status_word()); AXES],
+            bridge_state: target.state.number(),
+            ..Feedback::default()
+        };
+        let seen = watch.step(
+            now_ns,
+            &Command::of(&setpoint),
+            (cycle % 7 != 0).then_some(&feedback),
+        );
+        alarms += u32::from(seen.is_err());
+        std::hint::black_box(lock.step(Some(target.phase_error_ns)));
+    }
+    assert_eq!(CALLS.load(Ordering::Relaxed), before);
+    assert!(alarms > 0, "the paths of alarms were taken");
+}

@@ -1,0 +1,397 @@
+//! A bridge's way from setpoints to targets: what is missing, late, wrong, or from another core.
+
+#![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
+
+mod common;
+
+use common::Random;
+use evolvent_bus::{AXES, Setpoint};
+use evolvent_drive::{
+    BridgeState, Follower, FollowerSettings, Note, PowerRequest, Refusal, SettingsError, Target,
+};
+
+const PERIOD_NS: u64 = 1_000_000;
+const BRIDGED: u32 = 4;
+const LIMITS: [f64; 3] = [500.0, 5_000.0, 200_000.0];
+
+fn settings() -> FollowerSettings {
+    FollowerSettings {
+        period_ns: PERIOD_NS,
+        bridge_cycles: BRIDGED,
+        axes_mask: 0b11,
+        max_velocity: [LIMITS[0]; AXES],
+        max_acceleration: [LIMITS[1]; AXES],
+        max_jerk: [LIMITS[2]; AXES],
+        sync_tolerance: [0.5; AXES],
+    }
+}
+
+/// A motion whose position, velocity and acceleration are known and continuous from rest, within the limits.
+fn motion(time_s: f64) -> [[f64; AXES]; 3] {
+    let mut state = [[0.0; AXES]; 3];
+    for (axis, (size, turn)) in [(10.0, 12.0_f64), (7.0, 14.0)].into_iter().enumerate() {
+        let angle = turn * time_s;
+        state[0][axis] = size * (angle - angle.sin());
+        state[1][axis] = size * turn * (1.0 - angle.cos());
+        state[2][axis] = size * turn * turn * angle.sin();
+    }
+    state
+}
+
+fn setpoint(cycle: u64) -> Setpoint {
+    // At rest for the first 20 cycles.
+    let [position, velocity, acceleration] = if cycle < 20 {
+        [[0.0; AXES]; 3]
+    } else {
+        motion((cycle - 20) as f64 * 1e-3)
+    };
+    Setpoint {
+        sequence: cycle,
+        due_time_ns: 5_000_000 + cycle * PERIOD_NS,
+        period_ns: PERIOD_NS,
+        position,
+        velocity,
+        acceleration,
+        axes_mask: 0b11,
+        power_request: PowerRequest::On.number(),
+        ..Setpoint::default()
+    }
+}
+
+/// A follower with ideal drives behind it; offers each setpoint two periods before it is due and keeps all targets.
+struct Bench {
+    follower: Follower,
+    now_ns: u64,
+    actual: [f64; AXES],
+    targets: Vec<Target>,
+}
+
+impl Bench {
+    fn new() -> Self {
+        Self {
+            follower: Follower::new(settings()).expect("limits"),
+            now_ns: 3_000_000,
+            actual: [0.0; AXES],
+            targets: Vec::new(),
+        }
+    }
+
+    fn cycle(&mut self, offered: Option<Setpoint>) -> Target {
+        if let Some(setpoint) = offered {
+            let _noted = self.follower.offer(self.now_ns, &setpoint);
+        }
+        self.now_ns += PERIOD_NS;
+        let target = self.follower.step(self.now_ns, true, &self.actual);
+        self.actual = target.position;
+        self.targets.push(target);
+        target
+    }
+
+    /// Runs cycles from `from` to before `to`, with some left out.
+    fn run(&mut self, from: u64, to: u64, missing: impl Fn(u64) -> bool) -> Target {
+        let mut last = None;
+        for cycle in from..to {
+            last = Some(self.cycle((!missing(cycle)).then(|| setpoint(cycle))));
+        }
+        last.expect("cycles")
+    }
+
+    /// The largest velocity, acceleration and jerk over the targets, as shares of the limits.
+    fn shares(&self) -> [f64; 3] {
+        let mut shares = [0.0_f64; 3];
+        for axis in 0..2 {
+            let dt = PERIOD_NS as f64 * 1e-9;
+            let differ = |values: &[f64]| -> Vec<f64> {
+                values.windows(2).map(|pair| (pair[1] - pair[0]) / dt).collect()
+            };
+            let mut values: Vec<f64> = self.targets.iter().map(|target| target.position[axis]).collect();
+            for order in 0..3 {
+                values = differ(&values);
+                let most = values.iter().fold(0.0, |most: f64, value| most.max(value.abs()));
+                shares[order] = shares[order].max(most / LIMITS[order]);
+            }
+        }
+        shares
+    }
+}
+
+#[test]
+fn complete_setpoints_are_followed_to_the_bit_at_their_due_times_and_exactly_in_between() {
+    let mut bench = Bench::new();
+    for cycle in 0..400 {
+        let target = bench.cycle(Some(setpoint(cycle)));
+        if cycle > 3 {
+            assert_eq!(target.state, BridgeState::Following);
+            assert_eq!(target.position, setpoint(target.sequence).position);
+        }
+    }
+    assert_eq!((bench.follower.missed(), bench.follower.note()), (0, Note::None));
+    // A drive whose clock runs a third of a period behind gets what lies between two setpoints.
+    let mut follower = Follower::new(settings()).expect("limits");
+    let mut worst = 0.0_f64;
+    for cycle in 0..400 {
+        let sent = setpoint(cycle);
+        follower
+            .offer(sent.due_time_ns - 2_000_000, &sent)
+            .expect("taken");
+        let now_ns = sent.due_time_ns - 2_000_000 + 333_333;
+        let target = follower.step(now_ns, true, &[0.0; AXES]);
+        if cycle > 40 {
+            let time_s = (now_ns - 5_000_000) as f64 * 1e-9 - 0.020;
+            for axis in 0..2 {
+                worst = worst.max((target.position[axis] - motion(time_s)[0][axis]).abs());
+            }
+            assert_eq!(target.phase_error_ns, 333_333);
+        }
+    }
+    // A quintic misses a sine of 14 rad/s by less than h^6 w^6 / 720.
+    assert!(worst < 1e-9, "{worst}");
+}
+
+#[test]
+fn a_few_missing_setpoints_are_bridged_within_a_hair() {
+    for lost in 1..=u64::from(BRIDGED) - 1 {
+        let mut bench = Bench::new();
+        bench.run(0, 100, |_| false);
+        bench.run(100, 300, |cycle| (150..150 + lost).contains(&cycle));
+        for target in &bench.targets[10..] {
+            assert!(matches!(
+                target.state,
+                BridgeState::Following | BridgeState::Bridging
+            ));
+        }
+        for (i, target) in bench.targets.iter().enumerate().skip(10) {
+            let true_position = setpoint(i as u64 - 1).position;
+            for axis in 0..2 {
+                // Jerk times time cubed over six: the motion's 20 000 mm/s3 and that of the fading, over 4 ms.
+                let off = (target.position[axis] - true_position[axis]).abs();
+                assert!(off < (20_000.0 + LIMITS[2]) * 4e-3_f64.powi(3) / 6.0, "{i} {off}");
+            }
+        }
+        assert_eq!(u64::from(bench.follower.missed()), lost);
+    }
+}
+
+/// 50 random moments: silence for ever. The axes go on for the bridged periods, brake within the limits, and stay.
+#[test]
+fn silence_at_any_moment_ends_at_rest_within_the_limits_and_never_goes_on_without_bound() {
+    let mut random = Random::new();
+    for _ in 0..50 {
+        let end = random.between(30.0, 600.0) as u64;
+        let mut bench = Bench::new();
+        bench.run(0, end, |_| false);
+        let last = bench.run(end, end + 400, |_| true);
+        assert_eq!(last.state, BridgeState::Holding, "{end}");
+        assert_eq!(last.velocity, [0.0; AXES]);
+        assert_eq!(bench.follower.note(), Note::Silence);
+        // Way: bridged periods at the speed of then, and a brake from the largest speed.
+        let shares = bench.shares();
+        // 1 % for differences of positions.
+        assert!(shares.iter().all(|share| *share <= 1.01), "{end}: {shares:?}");
+        let sent = setpoint(end - 1);
+        for axis in 0..2 {
+            let v = LIMITS[0];
+            let most = v * f64::from(BRIDGED) * 1e-3 + v * (v / LIMITS[1] + LIMITS[1] / LIMITS[2]);
+            assert!((last.position[axis] - sent.position[axis]).abs() < most);
+        }
+        let held = bench.run(end + 400, end + 500, |_| true);
+        assert_eq!(held.position, last.position);
+    }
+}
+
+#[test]
+fn after_a_pause_following_begins_again_only_where_the_axes_stand() {
+    let mut bench = Bench::new();
+    bench.run(0, 200, |_| false);
+    bench.run(200, 600, |_| true);
+    let held = bench.actual;
+    // The core goes on as if nothing had happened.
+    let target = bench.run(600, 700, |_| false);
+    assert_eq!((target.state, target.position), (BridgeState::Holding, held));
+    assert_eq!(bench.follower.note(), Note::Jump);
+    // It comes to the machine instead, at rest.
+    for cycle in 700..720 {
+        let mut here = setpoint(cycle);
+        (here.position, here.velocity, here.acceleration) = (held, [0.0; AXES], [0.0; AXES]);
+        bench.cycle(Some(here));
+    }
+    assert_eq!(
+        bench.targets.last().map(|target| target.state),
+        Some(BridgeState::Following)
+    );
+}
+
+#[test]
+fn a_jump_is_refused_and_what_follows_it_too() {
+    let mut bench = Bench::new();
+    bench.run(0, 100, |_| false);
+    let mut wild = setpoint(100);
+    wild.position[0] += 3.0;
+    assert_eq!(bench.follower.offer(bench.now_ns, &wild), Err(Refusal::Jump));
+    assert_eq!(bench.follower.note(), Note::Jump);
+    // One wild setpoint among good ones is as one that is missing.
+    bench.cycle(None);
+    bench.run(101, 200, |_| false);
+    assert_eq!(
+        bench.targets.last().map(|target| target.state),
+        Some(BridgeState::Following)
+    );
+    // From here on all are off: the axes brake and hold.
+    for cycle in 200..400 {
+        let mut off = setpoint(cycle);
+        off.position[0] += 30.0;
+        bench.cycle(Some(off));
+    }
+    assert_eq!(
+        bench.targets.last().map(|target| target.state),
+        Some(BridgeState::Holding)
+    );
+    let shares = bench.shares();
+    assert!(shares.iter().all(|share| *share <= 1.01), "{shares:?}");
+}
+
+#[test]
+fn numbers_that_are_none_times_long_past_and_far_ahead_and_repetitions_change_nothing() {
+    let mut bench = Bench::new();
+    bench.run(0, 100, |_| false);
+    let before = bench.follower.missed();
+    let good = setpoint(100);
+    let mut bad = good;
+    bad.velocity[1] = f64::NAN;
+    assert_eq!(bench.follower.offer(bench.now_ns, &bad), Err(Refusal::NotFinite));
+    // An axis that the machine has not may say anything.
+    let mut other = good;
+    other.position[5] = f64::INFINITY;
+    assert_eq!(bench.follower.offer(bench.now_ns, &other), Ok(()));
+    assert_eq!(bench.follower.offer(bench.now_ns, &good), Ok(()), "a repetition");
+    let mut late = setpoint(101);
+    late.due_time_ns = 17;
+    assert_eq!(bench.follower.offer(bench.now_ns, &late), Err(Refusal::Late));
+    for due_time_ns in [u64::MAX, 60_000_000_000] {
+        let far = Setpoint { due_time_ns, ..late };
+        assert_eq!(bench.follower.offer(bench.now_ns, &far), Err(Refusal::Future));
+    }
+    assert_eq!(bench.follower.missed(), before + 4);
+    bench.cycle(None);
+    bench.run(101, 200, |_| false);
+    assert_eq!(
+        bench.targets.last().map(|target| target.state),
+        Some(BridgeState::Following)
+    );
+    assert!(bench.shares().iter().all(|share| *share <= 1.01));
+}
+
+/// A core dies in mid-motion and another starts at zero: the axes brake, under torque although the new core asks for none
+/// yet, and then do what it asks.
+#[test]
+fn another_core_stops_the_motion_of_the_one_before_within_the_limits() {
+    let mut bench = Bench::new();
+    bench.run(0, 180, |_| false);
+    let mut off_after = None;
+    for cycle in 0..400 {
+        let mut new = setpoint(cycle + 181);
+        new.sequence = cycle;
+        new.position = [0.0; AXES];
+        new.velocity = [0.0; AXES];
+        new.acceleration = [0.0; AXES];
+        new.power_request = PowerRequest::Off.number();
+        let target = bench.cycle(Some(new));
+        if target.state == BridgeState::Braking {
+            assert_eq!(target.power, PowerRequest::On, "torque to brake with");
+        }
+        if target.power == PowerRequest::Off {
+            off_after = off_after.or(Some(cycle));
+        }
+    }
+    let last = bench.targets.last().expect("targets");
+    assert_eq!(
+        (last.state, last.power),
+        (BridgeState::Holding, PowerRequest::Off)
+    );
+    assert!(off_after > Some(20), "{off_after:?}");
+    let shares = bench.shares();
+    assert!(shares.iter().all(|share| *share <= 1.01), "{shares:?}");
+    assert_eq!(bench.follower.note(), Note::Restart);
+}
+
+#[test]
+fn while_the_drives_do_not_follow_the_target_is_where_they_are() {
+    let mut follower = Follower::new(settings()).expect("limits");
+    let mut now_ns = 3_000_000;
+    for cycle in 0..50 {
+        let _taken = follower.offer(now_ns, &setpoint(cycle));
+        now_ns += PERIOD_NS;
+        let actual = [0.1 * cycle as f64; AXES];
+        let target = follower.step(now_ns, false, &actual);
+        assert_eq!(target.position, actual);
+    }
+    assert_eq!(follower.step(now_ns, false, &[0.0; AXES]).state, BridgeState::Off);
+}
+
+#[test]
+fn a_quick_stop_is_passed_on_at_once_however_late_or_wrong_it_comes() {
+    let mut bench = Bench::new();
+    bench.run(0, 100, |_| false);
+    let mut stop = setpoint(100);
+    stop.power_request = PowerRequest::QuickStop.number();
+    assert_eq!(
+        bench.cycle(Some(stop)).power,
+        PowerRequest::QuickStop,
+        "before it is due"
+    );
+    let mut bench = Bench::new();
+    bench.run(0, 100, |_| false);
+    let mut stop = setpoint(100);
+    stop.power_request = 77;
+    stop.position[0] = f64::NAN;
+    assert_eq!(bench.cycle(Some(stop)).power, PowerRequest::QuickStop);
+}
+
+#[test]
+fn a_new_datum_at_rest_shifts_the_names_of_places_and_moves_nothing() {
+    let mut bench = Bench::new();
+    bench.run(0, 10, |_| false);
+    let mut shifts = Vec::new();
+    for cycle in 10..40 {
+        let mut renamed = setpoint(0);
+        renamed.sequence = cycle;
+        renamed.due_time_ns = setpoint(cycle).due_time_ns;
+        if cycle >= 15 {
+            renamed.datum = 1;
+            renamed.position[0] = 123.25;
+        }
+        let target = bench.cycle(Some(renamed));
+        assert_eq!(target.state, BridgeState::Following);
+        if let Some(shift) = target.datum_shift {
+            shifts.push((target.sequence, shift[0], shift[1]));
+        }
+        assert_eq!(target.position[0], if target.datum == 1 { 123.25 } else { 0.0 });
+        assert_eq!(target.velocity, [0.0; AXES]);
+    }
+    assert_eq!(shifts, [(15, 123.25, 0.0)]);
+    // In motion it is a jump.
+    let mut bench = Bench::new();
+    bench.run(0, 100, |_| false);
+    let mut renamed = setpoint(100);
+    renamed.datum = 2;
+    assert_eq!(bench.follower.offer(bench.now_ns, &renamed), Err(Refusal::Jump));
+}
+
+#[test]
+fn settings_that_are_none_are_named() {
+    let mut bad = settings();
+    bad.max_jerk[1] = f64::NAN;
+    assert!(matches!(
+        Follower::new(bad),
+        Err(SettingsError::Limit { axis: 1, .. })
+    ));
+    bad = settings();
+    bad.period_ns = 0;
+    assert!(matches!(Follower::new(bad), Err(SettingsError::Period { .. })));
+    bad = settings();
+    bad.bridge_cycles = 1000;
+    assert!(matches!(
+        Follower::new(bad),
+        Err(SettingsError::BridgeCycles { .. })
+    ));
+}

@@ -1,0 +1,517 @@
+//! The core's watch: silent while all is well, and the right alarm for each thing that is not.
+
+#![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
+
+use evolvent_bus::{AXES, Feedback};
+use evolvent_drive::{
+    BridgeState, Command, DriveAlarm, DriveState, FeedbackWatch, Note, PowerRequest, Presence, WatchMode,
+    WatchSettings, bits,
+};
+
+const PERIOD_NS: u64 = 1_000_000;
+const AXES_MASK: u32 = 0b111;
+/// The feedback answers the setpoint of so many cycles ago.
+const DELAY: u64 = 4;
+/// Time by which the axes trail behind, s.
+const LAG_S: f64 = 0.008;
+
+fn settings() -> WatchSettings {
+    let mut settings = WatchSettings::new(PERIOD_NS, AXES_MASK);
+    settings.enable_timeout_ns = 100_000_000;
+    settings
+}
+
+/// A core that moves X to and fro at up to 300 mm/s, and a bridge that answers well.
+struct Bench {
+    watch: FeedbackWatch,
+    cycle: u64,
+    power: PowerRequest,
+    datum: u64,
+    instance: u64,
+    status: DriveState,
+    state: BridgeState,
+    shift: f64,
+}
+
+impl Bench {
+    fn new(settings: WatchSettings) -> Self {
+        Self {
+            watch: FeedbackWatch::new(settings),
+            cycle: 0,
+            power: PowerRequest::On,
+            datum: 0,
+            instance: 1,
+            status: DriveState::OperationEnabled,
+            state: BridgeState::Following,
+            shift: 0.0,
+        }
+    }
+
+    fn position(time_s: f64) -> [f64; 2] {
+        // 30 mm and 10 rad/s, from rest.
+        let angle = 10.0 * time_s.max(0.0);
+        [30.0 * (1.0 - angle.cos()), 300.0 * angle.sin()]
+    }
+
+    fn command(&self) -> Command {
+        let [position, velocity] = Self::position((self.cycle as f64 - 50.0) * 1e-3);
+        let mut command = Command {
+            sequence: self.cycle,
+            position: [0.0; AXES],
+            velocity: [0.0; AXES],
+            datum: self.datum,
+            power: self.power,
+            fault_reset: 0,
+            switches_expected_mask: 0,
+        };
+        command.position[0] = position + self.shift;
+        command.velocity[0] = if self.cycle < 50 { 0.0 } else { velocity };
+        command
+    }
+
+    fn now_ns(&self) -> u64 {
+        1_000_000_000 + self.cycle * PERIOD_NS
+    }
+
+    fn answer(&self) -> Feedback {
+        let [position, velocity] = Self::position((self.cycle as f64 - DELAY as f64 - 50.0) * 1e-3 - LAG_S);
+        let mut answer = Feedback {
+            sequence: self.cycle.saturating_sub(DELAY),
+            time_ns: self.now_ns() - PERIOD_NS / 2,
+            axes_mask: AXES_MASK,
+            bridge_state: self.state.number(),
+            datum: self.datum,
+            instance: self.instance,
+            status_word: [u32::from(self.status.code() | bits::REMOTE); AXES],
+            ..Feedback::default()
+        };
+        answer.position[0] = position + self.shift;
+        answer.velocity[0] = velocity;
+        answer
+    }
+
+    /// One cycle with the answer changed; none if the change says so.
+    fn cycle(&mut self, change: impl FnOnce(Feedback) -> Option<Feedback>) -> Result<Presence, DriveAlarm> {
+        let answer = change(self.answer());
+        let result = self.watch.step(self.now_ns(), &self.command(), answer.as_ref());
+        self.cycle += 1;
+        result
+    }
+
+    /// Good cycles, which must raise nothing.
+    fn run(&mut self, cycles: u64) -> Presence {
+        let mut last = Presence::Absent;
+        for _ in 0..cycles {
+            last = self.cycle(Some).expect("nothing is wrong");
+        }
+        last
+    }
+
+    /// The first alarm within so many cycles with changed answers, and after how many.
+    fn alarm(&mut self, cycles: u64, change: impl Fn(Feedback) -> Option<Feedback>) -> (DriveAlarm, u64) {
+        for n in 0..cycles {
+            if let Err(alarm) = self.cycle(&change) {
+                return (alarm, n);
+            }
+        }
+        unreachable!("no alarm in {cycles} cycles");
+    }
+}
+
+fn running() -> Bench {
+    let mut bench = Bench::new(settings());
+    assert_eq!(bench.run(200), Presence::Operational);
+    bench
+}
+
+#[test]
+fn a_bridge_that_does_its_work_is_never_complained_of() {
+    let mut bench = Bench::new(settings());
+    assert_eq!(bench.run(20_000), Presence::Operational);
+    // Not with every other answer missing either, nor with bursts.
+    for n in 0..20_000_u64 {
+        bench
+            .cycle(|answer| (n % 13 < 6).then_some(answer))
+            .expect("nothing is wrong");
+    }
+}
+
+#[test]
+fn without_a_bridge_the_mode_decides() {
+    for (mode, alarm) in [
+        (WatchMode::Ignore, false),
+        (WatchMode::IfPresent, false),
+        (WatchMode::Required, true),
+    ] {
+        let mut bench = Bench::new(WatchSettings { mode, ..settings() });
+        let mut found = None;
+        for _ in 0..500 {
+            found = found.or(bench.cycle(|_| None).err());
+        }
+        assert_eq!(
+            matches!(found, Some(DriveAlarm::Missing { .. })),
+            alarm,
+            "{mode:?} {found:?}"
+        );
+    }
+    let mut bench = Bench::new(WatchSettings {
+        mode: WatchMode::Ignore,
+        ..settings()
+    });
+    for _ in 0..500 {
+        let worst = |answer: Feedback| {
+            Some(Feedback {
+                position: [f64::NAN; AXES],
+                ..answer
+            })
+        };
+        assert_eq!(bench.cycle(worst), Ok(Presence::Absent));
+    }
+}
+
+#[test]
+fn silence_is_stale_after_the_time_that_was_set() {
+    let (alarm, cycles) = running().alarm(100, |_| None);
+    let DriveAlarm::Stale { age_ns, limit_ns, .. } = alarm else {
+        panic!("{alarm}")
+    };
+    // The last sample was half a period old when it came.
+    assert_eq!((limit_ns, cycles), (20_000_000, 19));
+    assert!(age_ns > limit_ns);
+}
+
+#[test]
+fn a_repeated_sample_is_frozen() {
+    let mut bench = running();
+    let old = bench.answer();
+    let (alarm, _) = bench.alarm(100, |_| Some(old));
+    assert!(matches!(alarm, DriveAlarm::Frozen { .. }), "{alarm}");
+}
+
+#[test]
+fn fresh_samples_with_a_dead_encoder_are_a_frozen_axis() {
+    let mut bench = running();
+    let position = bench.answer().position;
+    let (alarm, _) = bench.alarm(500, |answer| Some(Feedback { position, ..answer }));
+    assert!(
+        matches!(
+            alarm,
+            DriveAlarm::FrozenAxis { axis: 0, .. } | DriveAlarm::FollowingError { axis: 0, .. }
+        ),
+        "{alarm}"
+    );
+    // While the axis is not commanded to move its encoder may well stay.
+    let mut bench = Bench::new(settings());
+    bench.run(49);
+}
+
+#[test]
+fn each_number_that_is_none_is_named_by_its_axis() {
+    for axis in 0..3 {
+        let broken: [fn(&mut Feedback, usize); 4] = [
+            |answer, axis| answer.position[axis] = f64::NAN,
+            |answer, axis| answer.velocity[axis] = f64::INFINITY,
+            |answer, axis| answer.following_error[axis] = f64::NEG_INFINITY,
+            |answer, axis| answer.torque_ratio[axis] = f64::NAN,
+        ];
+        for spoil in broken {
+            let (alarm, cycles) = running().alarm(1, |mut answer| {
+                spoil(&mut answer, axis);
+                Some(answer)
+            });
+            assert_eq!((alarm, cycles), (DriveAlarm::NotFinite { axis }, 0));
+        }
+    }
+    // Of axes that the machine has not anything may be said.
+    let mut bench = running();
+    for _ in 0..10 {
+        assert!(
+            bench
+                .cycle(|answer| Some(Feedback {
+                    position: [answer.position[0], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, f64::NAN],
+                    ..answer
+                }))
+                .is_ok()
+        );
+    }
+}
+
+#[test]
+fn drives_in_fault_switched_off_or_never_ready_are_told_apart() {
+    let mut bench = running();
+    bench.status = DriveState::FaultReactionActive;
+    let (alarm, cycles) = bench.alarm(1, |answer| {
+        Some(Feedback {
+            error_code: 0x7500,
+            ..answer
+        })
+    });
+    assert!(
+        matches!(
+            alarm,
+            DriveAlarm::DriveFault {
+                axis: 0,
+                error_code: 0x7500,
+                ..
+            }
+        ),
+        "{alarm}"
+    );
+    assert_eq!(cycles, 0);
+
+    let mut bench = running();
+    let (alarm, _) = bench.alarm(1, |mut answer| {
+        answer.status_word[2] = u32::from(DriveState::SwitchOnDisabled.code());
+        Some(answer)
+    });
+    assert!(matches!(alarm, DriveAlarm::DriveOff { axis: 2, .. }), "{alarm}");
+
+    let mut bench = Bench::new(settings());
+    bench.status = DriveState::ReadyToSwitchOn;
+    let (alarm, cycles) = bench.alarm(1000, Some);
+    assert!(matches!(alarm, DriveAlarm::NotEnabled { axis: 0, .. }), "{alarm}");
+    assert_eq!(cycles, 101, "the time that was set");
+
+    let (alarm, _) = running().alarm(1, |answer| {
+        Some(Feedback {
+            axes_mask: 0b101,
+            ..answer
+        })
+    });
+    assert_eq!(alarm, DriveAlarm::AxisMissing { axis: 1 });
+}
+
+#[test]
+fn a_jump_is_a_jump_and_a_growing_error_a_following_error() {
+    let (alarm, cycles) = running().alarm(3, |mut answer| {
+        answer.position[0] += 2.0;
+        Some(answer)
+    });
+    assert!(matches!(alarm, DriveAlarm::Jump { axis: 0, .. }), "{alarm}");
+    assert_eq!(cycles, 0);
+
+    // At rest Y may be 0.5 mm off; it creeps away by 10 um a cycle.
+    let mut bench = running();
+    let begin = bench.cycle;
+    let mut found = None;
+    while found.is_none() && bench.cycle < begin + 200 {
+        let off = (bench.cycle - begin) as f64 * 0.01;
+        found = bench
+            .cycle(|mut answer| {
+                answer.position[1] += off;
+                Some(answer)
+            })
+            .err();
+    }
+    let Some(DriveAlarm::FollowingError {
+        axis: 1,
+        error,
+        bound,
+        ..
+    }) = found
+    else {
+        unreachable!("{found:?}")
+    };
+    assert_eq!(bound, 0.5);
+    assert!((error + 0.51).abs() < 1e-9, "{error}");
+}
+
+#[test]
+fn the_bound_of_the_following_error_grows_with_the_velocity() {
+    // 20 ms at 300 mm/s are 6 mm: an axis that trails by 15 ms is fine, one by 30 ms is not.
+    for (trail_s, fine) in [(0.015, true), (0.030, false)] {
+        let mut bench = Bench::new(settings());
+        let mut found = None;
+        while found.is_none() && bench.cycle < 2000 {
+            let time_s = (bench.cycle as f64 - DELAY as f64 - 50.0) * 1e-3 - trail_s;
+            found = bench
+                .cycle(|mut answer| {
+                    answer.position[0] = Bench::position(time_s)[0];
+                    Some(answer)
+                })
+                .err();
+        }
+        assert_eq!(found.is_none(), fine, "{trail_s} {found:?}");
+        assert!(
+            matches!(found, None | Some(DriveAlarm::FollowingError { axis: 0, .. })),
+            "{found:?}"
+        );
+    }
+}
+
+#[test]
+fn a_bridge_that_restarts_stops_by_itself_or_belongs_to_another_core_is_noticed() {
+    let mut bench = running();
+    bench.instance = 2;
+    assert_eq!(bench.alarm(1, Some).0, DriveAlarm::BridgeRestarted);
+
+    let mut bench = running();
+    bench.state = BridgeState::Holding;
+    let (alarm, _) = bench.alarm(1, |answer| {
+        Some(Feedback {
+            note: Note::Silence.number(),
+            ..answer
+        })
+    });
+    assert_eq!(alarm, DriveAlarm::BridgeStopped { state: 4, note: 2 });
+
+    let (alarm, _) = running().alarm(1, |answer| {
+        Some(Feedback {
+            sequence: 1 << 40,
+            ..answer
+        })
+    });
+    assert!(matches!(alarm, DriveAlarm::Implausible { .. }), "{alarm}");
+}
+
+#[test]
+fn a_limit_switch_stops_motion_towards_it_and_not_away_from_it() {
+    let at = |velocity_sign: f64, positive: bool| {
+        let mut bench = running();
+        while bench.command().velocity[0] * velocity_sign < 50.0 {
+            bench.run(1);
+        }
+        bench.cycle(|answer| {
+            Some(Feedback {
+                positive_limit_mask: u32::from(positive),
+                negative_limit_mask: u32::from(!positive),
+                ..answer
+            })
+        })
+    };
+    for positive in [true, false] {
+        let towards = if positive { 1.0 } else { -1.0 };
+        assert_eq!(
+            at(towards, positive),
+            Err(DriveAlarm::LimitSwitch { axis: 0, positive })
+        );
+        assert_eq!(at(-towards, positive), Ok(Presence::Operational));
+    }
+}
+
+#[test]
+fn without_power_drives_and_axes_may_do_as_they_please() {
+    let mut bench = running();
+    bench.power = PowerRequest::Off;
+    bench.status = DriveState::Fault;
+    bench.state = BridgeState::Off;
+    for n in 0..100 {
+        let presence = bench.cycle(|mut answer| {
+            answer.position[0] += 100.0 * f64::from(n);
+            answer.instance = 9;
+            Some(answer)
+        });
+        assert_eq!(presence, Ok(Presence::Idle));
+    }
+    for _ in 0..2000 {
+        assert!(bench.cycle(|_| None).is_ok());
+    }
+    assert_eq!(bench.cycle(|_| None), Ok(Presence::Absent));
+    // A new bridge, and power again.
+    bench.power = PowerRequest::On;
+    bench.status = DriveState::OperationEnabled;
+    bench.state = BridgeState::Following;
+    bench.instance = 10;
+    while Bench::position((bench.cycle as f64 - 50.0) * 1e-3)[1].abs() > 20.0 {
+        bench.cycle += 1;
+    }
+    assert_eq!(bench.run(30), Presence::Operational);
+}
+
+#[test]
+fn a_new_datum_is_no_jump_and_one_that_the_bridge_does_not_take_is_noticed() {
+    let mut bench = running();
+    // The core names the place anew; answers by the old name are on their way for some cycles.
+    for n in 0..100 {
+        bench.datum = 1;
+        bench.shift = 250.0;
+        let sent_before = n < DELAY;
+        let result = bench.cycle(|mut answer| {
+            if sent_before {
+                answer.datum = 0;
+                answer.position[0] -= 250.0;
+            }
+            Some(answer)
+        });
+        assert_eq!(result, Ok(Presence::Operational), "{n}");
+    }
+    bench.datum = 2;
+    let (alarm, _) = bench.alarm(100, |answer| Some(Feedback { datum: 1, ..answer }));
+    assert_eq!(
+        alarm,
+        DriveAlarm::Datum {
+            expected: 2,
+            found: 1
+        }
+    );
+}
+
+#[test]
+fn every_alarm_has_a_number_of_its_own_and_says_what_to_do() {
+    let alarms = [
+        DriveAlarm::Missing { waited_ns: 1 },
+        DriveAlarm::Stale {
+            age_ns: 25_400_000,
+            limit_ns: 20_000_000,
+            sequence: 7,
+        },
+        DriveAlarm::Frozen {
+            age_ns: 1,
+            sequence: 7,
+        },
+        DriveAlarm::FrozenAxis {
+            axis: 0,
+            commanded: 1.0,
+            position: 2.0,
+        },
+        DriveAlarm::NotFinite { axis: 99 },
+        DriveAlarm::AxisMissing { axis: 1 },
+        DriveAlarm::DriveFault {
+            axis: 2,
+            status_word: 8,
+            error_code: 0x7500,
+        },
+        DriveAlarm::DriveOff {
+            axis: 2,
+            status_word: 8,
+        },
+        DriveAlarm::NotEnabled {
+            axis: 2,
+            status_word: 8,
+            waited_ns: 1,
+        },
+        DriveAlarm::Jump {
+            axis: 0,
+            step: 1.0,
+            bound: 0.5,
+            interval_ns: 1,
+        },
+        DriveAlarm::FollowingError {
+            axis: 0,
+            error: 1.0,
+            bound: 0.5,
+            velocity: 0.0,
+        },
+        DriveAlarm::LimitSwitch {
+            axis: 0,
+            positive: true,
+        },
+        DriveAlarm::BridgeRestarted,
+        DriveAlarm::BridgeStopped { state: 4, note: 2 },
+        DriveAlarm::Implausible { sequence: 1, sent: 0 },
+        DriveAlarm::Datum {
+            expected: 1,
+            found: 0,
+        },
+    ];
+    for (i, alarm) in alarms.iter().enumerate() {
+        assert_eq!(alarm.number() as usize, 400 + i);
+        let text = alarm.to_string();
+        assert!(text.contains(": ") && text.len() < 220, "{text}");
+    }
+    assert!(
+        alarms[1].to_string().contains("25.4 ms old, 20.0 ms"),
+        "{}",
+        alarms[1]
+    );
+}
