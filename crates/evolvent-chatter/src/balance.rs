@@ -1,0 +1,378 @@
+//! Harmonic balance at a given amplitude.
+//!
+//! Both equations of motion are linear but for one scalar, the tangential force. So its harmonics `P_n` determine
+//! everything: `V_i,n = e_i P_n / (C_i - m_i n^2 w^2 + i n w (G_i + D m_i))`, with the directions `e_i` of the force
+//! and an extra damping `D` in proportion to the masses, 1/s. The amplitude `A` of the driving coordinate and its phase
+//! (a cosine) give `P_1` from `w` and `D`. What remains are 2 N + 1 unknowns, `P_0, w, D, P_2 .. P_N`, for as many
+//! equations: that the force which the motion makes has these harmonics. The force is sampled over a period
+//! (alternating between frequency and time), the Jacobian is exact, and Newton's method needs two or three steps.
+
+use nalgebra::Complex;
+
+use crate::elimination::solve;
+use crate::error::ChatterError;
+use crate::model::{Model, SmallMode};
+
+type C = Complex<f64>;
+
+/// A motion that extra damping makes a cycle.
+#[derive(Clone, Debug)]
+pub(crate) struct Balanced {
+    /// Amplitude of the driving coordinate, m.
+    pub(crate) amplitude: f64,
+    /// `P_0, w, D, Re P_2, -Im P_2, ...`.
+    pub(crate) unknowns: Vec<f64>,
+    /// Their derivatives by the amplitude.
+    pub(crate) slopes: Vec<f64>,
+    /// Lowest and highest speed (m/min), lowest and highest depth (mm).
+    pub(crate) speeds: [f64; 2],
+    pub(crate) depths: [f64; 2],
+    /// Part of the period out of contact.
+    pub(crate) free: f64,
+}
+
+impl Balanced {
+    pub(crate) fn omega(&self) -> f64 {
+        self.unknowns[1]
+    }
+
+    /// The extra damping that makes it a cycle, 1/s: positive where it would grow without.
+    pub(crate) fn extra(&self) -> f64 {
+        self.unknowns[2]
+    }
+
+    /// How the extra damping changes with the amplitude, 1/s per m.
+    pub(crate) fn extra_slope(&self) -> f64 {
+        self.slopes[2]
+    }
+}
+
+/// Working memory and tables for a number of harmonics; one serves any number of models.
+#[derive(Clone, Debug)]
+pub(crate) struct Balance {
+    harmonics: usize,
+    samples: usize,
+    /// Residual, as part of the force, before the last step of Newton's method, which squares it.
+    tolerance: f64,
+    /// `cos n t` and `sin n t`, sample by sample: `[sample][2 n], [2 n + 1]`.
+    waves: Vec<f64>,
+    matrix: Vec<f64>,
+    rhs: Vec<f64>,
+    /// Complex harmonics of y and z' by each unknown: `[unknown][n]`.
+    by: Vec<[C; 2]>,
+    projected: Vec<f64>,
+}
+
+/// Harmonics of y and z' of a force, with derivatives by `w` and `D`.
+struct Response {
+    y: C,
+    w: C,
+    y_by: [C; 2],
+    w_by: [C; 2],
+}
+
+impl Balance {
+    pub(crate) fn new(harmonics: usize) -> Self {
+        let harmonics = harmonics.clamp(1, 64);
+        // Enough that what aliases lies far beyond the harmonics that are kept.
+        let samples = (12 * harmonics).max(64);
+        Self::with_samples(harmonics, samples)
+    }
+
+    pub(crate) fn with_samples(harmonics: usize, samples: usize) -> Self {
+        let harmonics = harmonics.clamp(1, 64);
+        let mut waves = Vec::with_capacity(samples * 2 * (harmonics + 1));
+        for j in 0..samples {
+            for n in 0..=harmonics {
+                // Reduced first, so that equal angles have equal bits.
+                let angle = std::f64::consts::TAU * ((j * n) % samples) as f64 / samples as f64;
+                waves.push(libm::cos(angle));
+                waves.push(libm::sin(angle));
+            }
+        }
+        let size = 2 * harmonics + 1;
+        Self {
+            harmonics,
+            samples,
+            tolerance: 1e-7,
+            waves,
+            matrix: vec![0.0; size * size],
+            rhs: vec![0.0; size * 2],
+            by: vec![[C::ZERO; 2]; (size + 1) * (harmonics + 1)],
+            projected: vec![0.0; (size + 1) * size],
+        }
+    }
+
+    /// Ends Newton's method once the residual was below this part of the force, before a last step.
+    pub(crate) fn until(self, tolerance: f64) -> Self {
+        Self { tolerance, ..self }
+    }
+
+    pub(crate) fn harmonics(&self) -> usize {
+        self.harmonics
+    }
+
+    /// Where the branch of a mode of small vibration begins.
+    pub(crate) fn start(&self, force: f64, mode: &SmallMode) -> Vec<f64> {
+        let mut unknowns = vec![0.0; 2 * self.harmonics + 1];
+        unknowns[0] = force;
+        unknowns[1] = std::f64::consts::TAU * mode.frequency_hz;
+        unknowns[2] = 2.0 * mode.growth_per_s;
+        unknowns
+    }
+
+    /// The motion of coordinate amplitude `amplitude` of `driver` (0 or 1), by Newton's method from `unknowns`.
+    ///
+    /// None where 12 steps do not balance the force.
+    ///
+    /// # Errors
+    /// The law has no force somewhere in the motion.
+    pub(crate) fn solve(
+        &mut self,
+        model: &Model<'_>,
+        driver: usize,
+        amplitude: f64,
+        unknowns: Vec<f64>,
+    ) -> Result<Option<Balanced>, ChatterError> {
+        let size = 2 * self.harmonics + 1;
+        let mut at = Balanced {
+            amplitude,
+            unknowns,
+            slopes: vec![0.0; size],
+            speeds: [0.0; 2],
+            depths: [0.0; 2],
+            free: 0.0,
+        };
+        for _ in 0..12 {
+            let Some(residual) = self.linearise(model, driver, &mut at)? else {
+                return Ok(None);
+            };
+            // Of the mean force, and of the elastic force of the amplitude, which may be tiny.
+            let elastic = model.axes()[driver].stiffness_n_m * amplitude;
+            let scale = at.unknowns[0].abs().min(elastic);
+            if !solve(&mut self.matrix, &mut self.rhs, size, 2) {
+                return Ok(None);
+            }
+            for k in 0..size {
+                at.unknowns[k] -= self.rhs[2 * k];
+                at.slopes[k] = -self.rhs[2 * k + 1];
+            }
+            if at.unknowns[1] <= 0.0 || !at.unknowns[1].is_finite() {
+                return Ok(None);
+            }
+            // The step just taken squares the error.
+            if residual <= self.tolerance * scale {
+                return Ok(Some(at));
+            }
+        }
+        Ok(None)
+    }
+
+    fn response(&self, model: &Model<'_>, n: usize, omega: f64, extra: f64) -> Response {
+        let n = n as f64;
+        let one = |i: usize| {
+            let axis = &model.axes()[i];
+            let damping = axis.damping_ns_m + extra * axis.mass_kg;
+            let stiffness = C::new(
+                axis.stiffness_n_m - axis.mass_kg * n * n * omega * omega,
+                n * omega * damping,
+            );
+            let e = model.direction()[i];
+            let h = stiffness.inv();
+            let by_omega = -h * h * C::new(-2.0 * axis.mass_kg * n * n * omega, n * damping);
+            let by_extra = -h * h * C::new(0.0, n * omega * axis.mass_kg);
+            [h * e, by_omega * e, by_extra * e]
+        };
+        let (first, second) = (one(0), one(1));
+        let mixed = |k: usize| {
+            let (c, s) = model.machine_axes(1.0, 0.0);
+            // y = V1 c - V2 s, z = V1 s + V2 c.
+            (first[k] * c - second[k] * s, first[k] * s + second[k] * c)
+        };
+        let turn = C::new(0.0, n * omega);
+        let ((y, z), (y_w, z_w), (y_d, z_d)) = (mixed(0), mixed(1), mixed(2));
+        Response {
+            y,
+            w: turn * z,
+            y_by: [y_w, y_d],
+            w_by: [turn * z_w + C::new(0.0, n) * z, turn * z_d],
+        }
+    }
+
+    /// `P_1` that gives the driver its amplitude, and its derivatives by `w` and `D`.
+    fn first_force(model: &Model<'_>, driver: usize, amplitude: f64, omega: f64, extra: f64) -> [C; 3] {
+        let axis = &model.axes()[driver];
+        let part = amplitude / model.direction()[driver];
+        let damping = axis.damping_ns_m + extra * axis.mass_kg;
+        let stiffness = C::new(axis.stiffness_n_m - axis.mass_kg * omega * omega, omega * damping);
+        [
+            stiffness * part,
+            C::new(-2.0 * axis.mass_kg * omega, damping) * part,
+            C::new(0.0, omega * axis.mass_kg) * part,
+        ]
+    }
+
+    /// Fills matrix and right hand sides (residual, and its derivative by the amplitude); the largest residual.
+    fn linearise(
+        &mut self,
+        model: &Model<'_>,
+        driver: usize,
+        at: &mut Balanced,
+    ) -> Result<Option<f64>, ChatterError> {
+        let (harmonics, samples) = (self.harmonics, self.samples);
+        let size = 2 * harmonics + 1;
+        let (omega, extra) = (at.unknowns[1], at.unknowns[2]);
+        let first = Self::first_force(model, driver, at.amplitude, omega, extra);
+        // Column `size` is the amplitude's.
+        let stride = harmonics + 1;
+        self.by.fill([C::ZERO; 2]);
+        let mut motion = [[C::ZERO; 2]; 65];
+        for n in 0..=harmonics {
+            let response = self.response(model, n, omega, extra);
+            let force = match n {
+                0 => C::new(at.unknowns[0], 0.0),
+                1 => first[0],
+                _ => C::new(at.unknowns[2 * n - 1], -at.unknowns[2 * n]),
+            };
+            motion[n] = [response.y * force, response.w * force];
+            for k in 0..2 {
+                // w and D act through the response, and on the first harmonic through its force.
+                let through = if n == 1 { first[k + 1] } else { C::ZERO };
+                self.by[(k + 1) * stride + n] = [
+                    response.y_by[k] * force + response.y * through,
+                    response.w_by[k] * force + response.w * through,
+                ];
+            }
+            match n {
+                0 => self.by[0] = [response.y, response.w],
+                1 => {
+                    let part = first[0] / at.amplitude;
+                    self.by[size * stride + 1] = [response.y * part, response.w * part];
+                }
+                _ => {
+                    self.by[(2 * n - 1) * stride + n] = [response.y, response.w];
+                    let turned = C::new(0.0, -1.0);
+                    self.by[2 * n * stride + n] = [response.y * turned, response.w * turned];
+                }
+            }
+        }
+        self.projected.fill(0.0);
+        self.rhs.fill(0.0);
+        (at.speeds, at.depths, at.free) = (
+            [f64::INFINITY, f64::NEG_INFINITY],
+            [f64::INFINITY, f64::NEG_INFINITY],
+            0.0,
+        );
+        let tool = model.tool();
+        let (speed, depth) = (tool.speed_m_min, tool.depth_mm);
+        for j in 0..samples {
+            let waves = &self.waves[j * 2 * stride..(j + 1) * 2 * stride];
+            let (mut y, mut w) = (0.0, 0.0);
+            for n in 0..=harmonics {
+                let (c, s) = (waves[2 * n], waves[2 * n + 1]);
+                y += motion[n][0].re * c - motion[n][0].im * s;
+                w += motion[n][1].re * c - motion[n][1].im * s;
+            }
+            let (actual_speed, actual_depth) = (speed + 60.0 * w, depth - 1000.0 * y);
+            if !(actual_speed.is_finite() && actual_depth.is_finite()) {
+                return Ok(None);
+            }
+            at.speeds = [at.speeds[0].min(actual_speed), at.speeds[1].max(actual_speed)];
+            at.depths = [at.depths[0].min(actual_depth), at.depths[1].max(actual_depth)];
+            if actual_depth <= 0.0 {
+                at.free += 1.0 / samples as f64;
+                continue;
+            }
+            let pull = model.pull(actual_speed, actual_depth)?;
+            for n in 0..=harmonics {
+                let norm = if n == 0 { 1.0 } else { 2.0 } / samples as f64;
+                self.rhs[2 * row(n)] += norm * pull.force * waves[2 * n];
+                if n > 0 {
+                    self.rhs[2 * row(n) + 2] += norm * pull.force * waves[2 * n + 1];
+                }
+            }
+            for unknown in 0..=size {
+                let (mut by_y, mut by_w) = (0.0, 0.0);
+                // All harmonics answer to w and D, one to each other unknown.
+                let range = match unknown {
+                    0 => 0..1,
+                    1 | 2 => 0..harmonics + 1,
+                    _ if unknown == size => 1..2,
+                    _ => unknown.div_ceil(2)..unknown.div_ceil(2) + 1,
+                };
+                for n in range {
+                    let [y, w] = self.by[unknown * stride + n];
+                    by_y += y.re * waves[2 * n] - y.im * waves[2 * n + 1];
+                    by_w += w.re * waves[2 * n] - w.im * waves[2 * n + 1];
+                }
+                let by = pull.per_y * by_y + pull.per_zdot * by_w;
+                let column = &mut self.projected[unknown * size..(unknown + 1) * size];
+                column[0] += by * waves[0];
+                for n in 1..=harmonics {
+                    column[2 * n - 1] += by * waves[2 * n];
+                    column[2 * n] += by * waves[2 * n + 1];
+                }
+            }
+        }
+        self.assemble(at, first, size)
+    }
+
+    fn assemble(&mut self, at: &Balanced, first: [C; 3], size: usize) -> Result<Option<f64>, ChatterError> {
+        let samples = self.samples as f64;
+        for unknown in 0..=size {
+            for k in 0..size {
+                let norm = if k == 0 { 1.0 } else { 2.0 } / samples;
+                let value = norm * self.projected[unknown * size + k];
+                if unknown == size {
+                    self.rhs[2 * k + 1] = value;
+                } else {
+                    self.matrix[k * size + unknown] = value;
+                }
+            }
+        }
+        // Minus the force's own harmonics.
+        for (k, unknown) in (0..size).filter(|k| *k == 0 || *k > 2).map(|k| (k, k)) {
+            self.matrix[k * size + unknown] -= 1.0;
+            self.rhs[2 * k] -= at.unknowns[unknown];
+        }
+        let parts = |value: C| [value.re, -value.im];
+        let amplitude = first[0] / at.amplitude;
+        for (k, part) in [1, 2].into_iter().zip(0..2) {
+            self.rhs[2 * k] -= parts(first[0])[part];
+            self.rhs[2 * k + 1] -= parts(amplitude)[part];
+            self.matrix[k * size + 1] -= parts(first[1])[part];
+            self.matrix[k * size + 2] -= parts(first[2])[part];
+        }
+        let residual = (0..size).map(|k| self.rhs[2 * k].abs()).fold(0.0, f64::max);
+        Ok(residual.is_finite().then_some(residual))
+    }
+
+    /// Harmonics of V1 and V2, `V_n = a_n - i b_n`, of a motion that was found.
+    pub(crate) fn deflections(&self, model: &Model<'_>, driver: usize, at: &Balanced) -> [Vec<C>; 2] {
+        let (omega, extra) = (at.unknowns[1], at.unknowns[2]);
+        let first = Self::first_force(model, driver, at.amplitude, omega, extra);
+        let of = |i: usize| {
+            let axis = &model.axes()[i];
+            let harmonic = |n: usize| {
+                let force = match n {
+                    0 => C::new(at.unknowns[0], 0.0),
+                    1 => first[0],
+                    _ => C::new(at.unknowns[2 * n - 1], -at.unknowns[2 * n]),
+                };
+                let turn = n as f64 * omega;
+                let stiffness = C::new(
+                    axis.stiffness_n_m - axis.mass_kg * turn * turn,
+                    turn * (axis.damping_ns_m + extra * axis.mass_kg),
+                );
+                force * model.direction()[i] / stiffness
+            };
+            (0..=self.harmonics).map(harmonic).collect()
+        };
+        [of(0), of(1)]
+    }
+}
+
+/// Row of the cosine of harmonic `n`; the sine's is the next (the mean has no sine).
+fn row(n: usize) -> usize {
+    if n == 0 { 0 } else { 2 * n - 1 }
+}

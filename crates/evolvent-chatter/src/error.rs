@@ -1,0 +1,73 @@
+//! Why there is no prediction.
+
+use evolvent_cutting::ForceError;
+use thiserror::Error;
+
+/// Why a case cannot be computed. What the model cannot answer is no error: see [`crate::Verdict`].
+#[derive(Clone, Copy, Debug, PartialEq, Error)]
+pub enum ChatterError {
+    /// A number is not finite or far from any machine.
+    #[error("{name} is {value}: give a number from {least} to {most}")]
+    Number {
+        /// Which.
+        name: &'static str,
+        /// As given.
+        value: f64,
+        /// Least permitted.
+        least: f64,
+        /// Most permitted.
+        most: f64,
+    },
+    /// The cutting speed is not above the speed below which the force law is not trusted.
+    #[error(
+        "the cutting speed of {speed_m_min} m/min is not above the {floor_m_min} m/min from which the force law holds: raise the speed"
+    )]
+    BelowFloor {
+        /// As given.
+        speed_m_min: f64,
+        /// As given.
+        floor_m_min: f64,
+    },
+    /// The force law has no answer.
+    #[error(transparent)]
+    Force(#[from] ForceError),
+    /// The tool bends so far that no steady cut was found.
+    #[error(
+        "no steady cut found: at {depth_mm} mm depth the tool is pushed out of the cut; give a smaller depth or a stiffer tool"
+    )]
+    NoEquilibrium {
+        /// As given.
+        depth_mm: f64,
+    },
+    /// The integration in time needs steps that are too small, or too many of them.
+    #[error(
+        "integration stopped at {time_s} s after {steps} steps: the motion is out of the model; give a smaller disturbance or a looser tolerance"
+    )]
+    Integration {
+        /// Where.
+        time_s: f64,
+        /// Steps taken.
+        steps: usize,
+    },
+    /// Newton's method found no cycle near the given one.
+    #[error("no cycle near {amplitude_mm} mm and {frequency_hz} Hz: give more harmonics")]
+    NoCycle {
+        /// Amplitude where the search began.
+        amplitude_mm: f64,
+        /// Frequency where the search began.
+        frequency_hz: f64,
+    },
+}
+
+pub(crate) fn number(name: &'static str, value: f64, least: f64, most: f64) -> Result<(), ChatterError> {
+    // A NaN is in no range.
+    if (least..=most).contains(&value) {
+        return Ok(());
+    }
+    Err(ChatterError::Number {
+        name,
+        value,
+        least,
+        most,
+    })
+}

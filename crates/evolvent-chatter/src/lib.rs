@@ -1,0 +1,42 @@
+//! Chatter: will a cut vibrate, how strongly, and at which speed not?
+//!
+//! Two mechanisms, kept apart because they need different data.
+//!
+//! **Self-oscillation** of a tool on two springs in a force that falls with the speed and couples two directions. A
+//! [`CuttingTool`] and a force law make a [`Model`]. [`Scanner::scan`] finds its steady cut, the growth of small
+//! vibrations, and every cycle, stable or not, by harmonic balance along the amplitude: a [`Prediction`] with a
+//! [`Verdict`]. [`verify`] integrates a cycle in time and gives its Floquet multipliers. [`least_squares`] is the
+//! method of the source, for comparison. A [`Mapper`] computes maps of speed and depth.
+//!
+//! **Regenerative chatter**, in which the tool cuts the waves of the revolution or the tooth before. [`Turning`] and
+//! [`Milling`] from measured [`Mode`]s give stability [`Lobes`] in the frequency domain; [`MillingDelay`] gives the
+//! exact multipliers of the delay equation, by collocation or semi-discretisation.
+//!
+//! The first knows no delay, so it predicts no lobes; the second is linear, so it predicts no amplitude.
+//!
+//! SI units inside, but cutting speeds in m/min, depths and feeds of a cut in mm, as force laws have them. Everything
+//! here is pure: no files, clocks or threads; nothing is for the real-time cycle.
+
+mod balance;
+mod cycle;
+mod delay;
+mod elimination;
+mod error;
+mod integrate;
+mod least_squares;
+mod lobe;
+mod map;
+mod model;
+mod scan;
+mod verify;
+
+pub use cycle::Cycle;
+pub use delay::{MillingDelay, lobe_diagram};
+pub use error::ChatterError;
+pub use integrate::{Accuracy, Integrator};
+pub use least_squares::{Fit, Measure, least_squares};
+pub use lobe::{Limit, Lobes, Milling, MillingCut, Mode, Turning, TurningMode};
+pub use map::{MapCell, Mapper};
+pub use model::{CuttingTool, Equilibrium, Model, PrincipalAxis, SmallMode, State};
+pub use scan::{Branch, MOST_FREE_PART, Prediction, ScanEnd, ScanPoint, Scanner, Verdict};
+pub use verify::{Verified, verify};

@@ -1,0 +1,333 @@
+//! A tool on two springs in a cut.
+
+use evolvent_cutting::{ForceLaw, Section};
+use nalgebra::{Complex, Matrix4, Schur, Vector4};
+
+use crate::error::{ChatterError, number};
+
+/// One principal axis of the tool's stiffness.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PrincipalAxis {
+    /// Reduced mass, kg.
+    pub mass_kg: f64,
+    /// Damping, N s/m.
+    pub damping_ns_m: f64,
+    /// Stiffness, N/m.
+    pub stiffness_n_m: f64,
+}
+
+impl PrincipalAxis {
+    /// An axis from its damping ratio (part of critical damping).
+    #[must_use]
+    pub fn with_ratio(mass_kg: f64, stiffness_n_m: f64, damping_ratio: f64) -> Self {
+        Self {
+            mass_kg,
+            damping_ns_m: 2.0 * damping_ratio * libm::sqrt(mass_kg * stiffness_n_m),
+            stiffness_n_m,
+        }
+    }
+
+    /// Natural frequency without damping, Hz.
+    #[must_use]
+    pub fn frequency_hz(&self) -> f64 {
+        libm::sqrt(self.stiffness_n_m / self.mass_kg) / std::f64::consts::TAU
+    }
+}
+
+/// A tool in a cut: everything that [`Model`] needs but the force law.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CuttingTool {
+    /// The principal axes V1, V2 of the tool's stiffness.
+    pub axes: [PrincipalAxis; 2],
+    /// Angle from the machine's axes (y: away from the workpiece, z: against the main force) to the principal axes,
+    /// degrees.
+    pub beta_deg: f64,
+    /// Cutting speed, m/min.
+    pub speed_m_min: f64,
+    /// Depth of cut, mm.
+    pub depth_mm: f64,
+    /// Feed, mm/rev.
+    pub feed_mm_rev: f64,
+    /// Radial over tangential force, Py / Pz.
+    pub radial_ratio: f64,
+    /// Speed below which the force law is not trusted, m/min.
+    pub floor_m_min: f64,
+}
+
+/// The equations of motion (S. L. Leonov, E. V. Veglov, equation 1), with the signs that follow from conjugate work:
+///
+/// ```text
+/// m1 V1'' + G1 V1' + C1 V1 = Pz (lambda cos b - sin b)      y = V1 cos b - V2 sin b     Vf = V0 + z'
+/// m2 V2'' + G2 V2' + C2 V2 = Pz (-lambda sin b - cos b)     z = V1 sin b + V2 cos b     tf = t0 - y
+/// ```
+///
+/// There is no regenerative delay in it: what the last revolution left on the surface is not seen.
+#[derive(Clone, Copy, Debug)]
+pub struct Model<'a> {
+    tool: CuttingTool,
+    law: Section<'a>,
+    cos: f64,
+    sin: f64,
+    /// Force on each coordinate per N of Pz.
+    direction: [f64; 2],
+}
+
+/// The state (V1, V2, V1', V2'), m and m/s.
+pub type State = Vector4<f64>;
+
+/// Tangential force with its derivatives along the motion.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Pull {
+    pub(crate) force: f64,
+    /// N per m of `y`.
+    pub(crate) per_y: f64,
+    /// N per m/s of `z'`.
+    pub(crate) per_zdot: f64,
+}
+
+/// The steady cut and what becomes of small disturbances.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Equilibrium {
+    /// Deflections V1, V2, m.
+    pub deflection_m: [f64; 2],
+    /// Tangential force, N.
+    pub force_n: f64,
+    /// Modes of small vibration, the fastest growing first.
+    pub modes: Vec<SmallMode>,
+}
+
+/// A mode of small vibration about the steady cut.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SmallMode {
+    /// Growth (positive) or decay of the amplitude, 1/s.
+    pub growth_per_s: f64,
+    /// Frequency, Hz; 0 for a motion that does not swing.
+    pub frequency_hz: f64,
+}
+
+impl Equilibrium {
+    /// Growth of the fastest growing mode, 1/s.
+    #[must_use]
+    pub fn growth_per_s(&self) -> f64 {
+        self.modes.first().map_or(f64::NAN, |mode| mode.growth_per_s)
+    }
+}
+
+impl<'a> Model<'a> {
+    /// Takes a tool and a force law together.
+    ///
+    /// # Errors
+    /// Numbers that are not finite or absurd, a speed at or below the floor, a feed at which the law has no force.
+    pub fn new(tool: CuttingTool, law: &'a ForceLaw) -> Result<Self, ChatterError> {
+        for axis in &tool.axes {
+            number("mass_kg", axis.mass_kg, 1e-6, 1e6)?;
+            number("damping_ns_m", axis.damping_ns_m, 0.0, 1e9)?;
+            number("stiffness_n_m", axis.stiffness_n_m, 1.0, 1e13)?;
+            number("natural frequency in Hz", axis.frequency_hz(), 0.1, 1e5)?;
+        }
+        number("beta_deg", tool.beta_deg, -360.0, 360.0)?;
+        number("speed_m_min", tool.speed_m_min, 1e-3, 1e4)?;
+        number("depth_mm", tool.depth_mm, 1e-4, 1e3)?;
+        number("feed_mm_rev", tool.feed_mm_rev, 1e-4, 100.0)?;
+        number("radial_ratio", tool.radial_ratio, 0.0, 10.0)?;
+        number("floor_m_min", tool.floor_m_min, 1e-6, 1e4)?;
+        if tool.speed_m_min <= tool.floor_m_min {
+            return Err(ChatterError::BelowFloor {
+                speed_m_min: tool.speed_m_min,
+                floor_m_min: tool.floor_m_min,
+            });
+        }
+        let beta = tool.beta_deg.to_radians();
+        let (sin, cos) = (libm::sin(beta), libm::cos(beta));
+        let law = law.section(tool.feed_mm_rev)?;
+        law.force(tool.speed_m_min, tool.depth_mm)?;
+        Ok(Self {
+            tool,
+            law,
+            cos,
+            sin,
+            direction: [tool.radial_ratio * cos - sin, -tool.radial_ratio * sin - cos],
+        })
+    }
+
+    /// The tool and the cut.
+    #[must_use]
+    pub fn tool(&self) -> &CuttingTool {
+        &self.tool
+    }
+
+    pub(crate) fn axes(&self) -> &[PrincipalAxis; 2] {
+        &self.tool.axes
+    }
+
+    /// Force on each coordinate per N of tangential force.
+    pub(crate) fn direction(&self) -> [f64; 2] {
+        self.direction
+    }
+
+    /// `y` and `z` of V1 and V2.
+    #[must_use]
+    pub fn machine_axes(&self, v1: f64, v2: f64) -> (f64, f64) {
+        (v1 * self.cos - v2 * self.sin, v1 * self.sin + v2 * self.cos)
+    }
+
+    /// Actual cutting speed in m/min and depth of cut in mm; the depth is negative out of contact.
+    #[must_use]
+    pub fn cut_at(&self, state: &State) -> (f64, f64) {
+        let (y, _) = self.machine_axes(state[0], state[1]);
+        let (_, z_dot) = self.machine_axes(state[2], state[3]);
+        (
+            self.tool.speed_m_min + 60.0 * z_dot,
+            self.tool.depth_mm - 1000.0 * y,
+        )
+    }
+
+    /// Force at an actual speed (held at the floor) and depth (none without contact).
+    pub(crate) fn pull(&self, speed: f64, depth: f64) -> Result<Pull, ChatterError> {
+        // A NaN is refused by the law.
+        if depth <= 0.0 {
+            return Ok(Pull {
+                force: 0.0,
+                per_y: 0.0,
+                per_zdot: 0.0,
+            });
+        }
+        let floored = speed < self.tool.floor_m_min;
+        let force = self
+            .law
+            .force(if floored { self.tool.floor_m_min } else { speed }, depth)?;
+        Ok(Pull {
+            force: force.tangential_n,
+            per_y: -1000.0 * force.per_depth,
+            per_zdot: if floored { 0.0 } else { 60.0 * force.per_speed },
+        })
+    }
+
+    /// Time derivative of a state.
+    ///
+    /// # Errors
+    /// The law has no force there.
+    pub fn derivative(&self, state: &State) -> Result<State, ChatterError> {
+        let (speed, depth) = self.cut_at(state);
+        let force = self.pull(speed, depth)?.force;
+        Ok(self.accelerate(state, force))
+    }
+
+    fn accelerate(&self, state: &State, force: f64) -> State {
+        let acceleration = |i: usize| {
+            let axis = &self.tool.axes[i];
+            (force * self.direction[i] - axis.damping_ns_m * state[i + 2] - axis.stiffness_n_m * state[i])
+                / axis.mass_kg
+        };
+        State::new(state[2], state[3], acceleration(0), acceleration(1))
+    }
+
+    /// Time derivative of a state and its Jacobian.
+    pub(crate) fn derivative_and_jacobian(
+        &self,
+        state: &State,
+    ) -> Result<(State, Matrix4<f64>), ChatterError> {
+        let (speed, depth) = self.cut_at(state);
+        let pull = self.pull(speed, depth)?;
+        Ok((self.accelerate(state, pull.force), self.jacobian(pull)))
+    }
+
+    fn jacobian(&self, pull: Pull) -> Matrix4<f64> {
+        let mut jacobian = Matrix4::zeros();
+        jacobian[(0, 2)] = 1.0;
+        jacobian[(1, 3)] = 1.0;
+        // dPz by V1, V2, V1', V2'.
+        let by = [
+            pull.per_y * self.cos,
+            -pull.per_y * self.sin,
+            pull.per_zdot * self.sin,
+            pull.per_zdot * self.cos,
+        ];
+        for i in 0..2 {
+            let axis = &self.tool.axes[i];
+            for (k, by) in by.iter().enumerate() {
+                jacobian[(i + 2, k)] = by * self.direction[i] / axis.mass_kg;
+            }
+            jacobian[(i + 2, i)] -= axis.stiffness_n_m / axis.mass_kg;
+            jacobian[(i + 2, i + 2)] -= axis.damping_ns_m / axis.mass_kg;
+        }
+        jacobian
+    }
+
+    /// The steady cut: deflection under a constant force, and its small vibrations.
+    ///
+    /// The force is the root of `P - Pz(V0, t0 - y(P))`, bracketed between 0 and twice the rigid tool's force and found
+    /// to 1e-14 of it.
+    ///
+    /// # Errors
+    /// No steady cut, or no force.
+    pub fn equilibrium(&self) -> Result<Equilibrium, ChatterError> {
+        let (speed, depth) = (self.tool.speed_m_min, self.tool.depth_mm);
+        // Deflection of y per N.
+        let compliance: [f64; 2] =
+            std::array::from_fn(|i| self.direction[i] / self.tool.axes[i].stiffness_n_m);
+        let (y_per_n, _) = self.machine_axes(compliance[0], compliance[1]);
+        let none = ChatterError::NoEquilibrium { depth_mm: depth };
+        let rigid = self.pull(speed, depth)?.force;
+        let residual = |force: f64| -> Result<(f64, Pull), ChatterError> {
+            let pull = self.pull(speed, depth - 1000.0 * y_per_n * force)?;
+            Ok((force - pull.force, pull))
+        };
+        // Pushed out of the cut the force is less than the rigid tool's, pulled into it more.
+        let (mut low, mut high) = (0.0, rigid);
+        let mut doublings = 0;
+        while residual(high)?.0 < 0.0 {
+            (low, high) = (high, 2.0 * high);
+            doublings += 1;
+            if doublings > 8 {
+                return Err(none);
+            }
+        }
+        let mut force = 0.5 * (low + high);
+        let mut last = residual(force)?;
+        for _ in 0..100 {
+            if last.0 > 0.0 {
+                high = force;
+            } else {
+                low = force;
+            }
+            // Newton where it stays within the bracket.
+            let newton = force - last.0 / (1.0 - last.1.per_y * y_per_n);
+            let next = if newton > low && newton < high {
+                newton
+            } else {
+                0.5 * (low + high)
+            };
+            let change = (next - force).abs();
+            force = next;
+            last = residual(force)?;
+            if change <= 1e-14 * rigid {
+                break;
+            }
+        }
+        let modes = modes_of(&self.jacobian(last.1));
+        Ok(Equilibrium {
+            deflection_m: [compliance[0] * force, compliance[1] * force],
+            force_n: force,
+            modes,
+        })
+    }
+}
+
+/// Eigenvalues with a frequency that is not negative, the fastest growing first.
+fn modes_of(jacobian: &Matrix4<f64>) -> Vec<SmallMode> {
+    let Some(schur) = Schur::try_new(*jacobian, 1e-15, 1000) else {
+        return Vec::new();
+    };
+    let mut modes: Vec<SmallMode> = schur
+        .complex_eigenvalues()
+        .iter()
+        .filter(|value: &&Complex<f64>| value.im >= 0.0)
+        .map(|value| SmallMode {
+            growth_per_s: value.re,
+            frequency_hz: value.im / std::f64::consts::TAU,
+        })
+        .collect();
+    modes.sort_by(|a, b| b.growth_per_s.total_cmp(&a.growth_per_s));
+    modes
+}

@@ -1,0 +1,238 @@
+//! Verification of a cycle by integrating the equations of motion in time.
+//!
+//! Newton's method on the motion over one period, with the variational equations: it finds unstable cycles as well as
+//! stable ones, and its matrix is the monodromy matrix, whose eigenvalues are the Floquet multipliers. It shares
+//! nothing with harmonic balance but the equations of motion and the starting point.
+
+use nalgebra::{Complex, Matrix4, Matrix5, SVector, Schur, Vector5};
+
+use crate::cycle::Cycle;
+use crate::error::ChatterError;
+use crate::integrate::{Accuracy, Integrator};
+use crate::model::{Model, State};
+
+/// Samples over a period for the harmonics: what aliases lies beyond the 100th.
+const SAMPLES: usize = 256;
+
+/// A cycle as integration in time has it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Verified {
+    /// Frequency, Hz.
+    pub frequency_hz: f64,
+    /// Amplitudes of the fundamentals of V1 and V2, m.
+    pub amplitude_m: [f64; 2],
+    /// Means of V1 and V2, m.
+    pub mean_m: [f64; 2],
+    /// Half of the distance between the extremes of V1 and V2, m.
+    pub half_peak_to_peak_m: [f64; 2],
+    /// Floquet multipliers without the one that is 1, largest first.
+    pub multipliers: [Complex<f64>; 3],
+    /// How much the multiplier that must be 1 is not.
+    pub trivial_error: f64,
+    /// Distance of start and end of the period over the amplitude: what the integration leaves.
+    pub closure: f64,
+    /// A state of the cycle.
+    pub state: State,
+    /// Lowest and highest cutting speed, m/min.
+    pub speed_m_min: [f64; 2],
+    /// Lowest and highest depth of cut, mm.
+    pub depth_mm: [f64; 2],
+    /// Deviation of the given cycle's driving amplitude and frequency from this, relative.
+    pub amplitude_error: f64,
+    /// See `amplitude_error`.
+    pub frequency_error: f64,
+}
+
+impl Verified {
+    /// Whether disturbances die out: all multipliers within the unit circle.
+    #[must_use]
+    pub fn stable(&self) -> bool {
+        self.multipliers.iter().all(|value| value.norm() < 1.0)
+    }
+}
+
+/// State and monodromy matrix in one.
+type Wide = SVector<f64, 20>;
+
+/// Integrates a cycle and corrects it until it closes to `tolerance` of its amplitude (1e-9 is well within reach).
+///
+/// # Errors
+/// No cycle near, or a motion out of the model.
+pub fn verify(model: &Model<'_>, cycle: &Cycle, tolerance: f64) -> Result<Verified, ChatterError> {
+    let missed = ChatterError::NoCycle {
+        amplitude_mm: 1000.0 * cycle.amplitude_m(cycle.driver),
+        frequency_hz: cycle.frequency_hz,
+    };
+    let mut state = cycle.state(0.0);
+    let mut period = 1.0 / cycle.frequency_hz;
+    let size = cycle.amplitude_m(0).max(cycle.amplitude_m(1));
+    let omega = std::f64::consts::TAU * cycle.frequency_hz;
+    let accuracy = Accuracy {
+        relative: 1e-10,
+        absolute: 1e-12 * size,
+        longest_step_s: period / 64.0,
+    };
+    let weighted = |state: &State| {
+        let scale = [1.0, 1.0, omega, omega];
+        (0..4).map(|i| (state[i] / scale[i]).abs()).fold(0.0, f64::max) / size
+    };
+    let mut closed: Option<(f64, Matrix4<f64>)> = None;
+    for _ in 0..20 {
+        let (end, monodromy) = around(model, &state, period, accuracy, omega)?;
+        let miss = end - state;
+        let closure = weighted(&miss);
+        if !closure.is_finite() {
+            return Err(missed);
+        }
+        // One more step after it has closed does not get nearer than rounding.
+        if closure <= tolerance {
+            closed = Some((closure, monodromy));
+            break;
+        }
+        let (rate, at_end) = (model.derivative(&state)?, model.derivative(&end)?);
+        let mut matrix = Matrix5::zeros();
+        let mut rhs = Vector5::zeros();
+        // Velocities in units of omega, so that pivots compare.
+        let unit = [1.0, 1.0, omega, omega];
+        for i in 0..4 {
+            for k in 0..4 {
+                matrix[(i, k)] = (monodromy[(i, k)] - if i == k { 1.0 } else { 0.0 }) * unit[k] / unit[i];
+            }
+            matrix[(i, 4)] = at_end[i] / unit[i] / omega;
+            // The correction has no part along the motion.
+            matrix[(4, i)] = rate[i] / unit[i] / omega;
+            rhs[i] = -miss[i] / unit[i];
+        }
+        let Some(step) = matrix.lu().solve(&rhs) else {
+            return Err(missed);
+        };
+        for i in 0..4 {
+            state[i] += step[i] * unit[i];
+        }
+        period += step[4] / omega;
+        if !(0.5..2.0).contains(&(period * cycle.frequency_hz)) {
+            return Err(missed);
+        }
+    }
+    let Some((closure, monodromy)) = closed else {
+        return Err(missed);
+    };
+    report(model, cycle, &state, period, accuracy, closure, &monodromy)
+}
+
+fn around(
+    model: &Model<'_>,
+    state: &State,
+    period: f64,
+    accuracy: Accuracy,
+    omega: f64,
+) -> Result<(State, Matrix4<f64>), ChatterError> {
+    let mut wide = Wide::zeros();
+    // The variations are scaled to the size of the motion, so that one accuracy serves all.
+    let unit = [1.0, 1.0, omega, omega];
+    let scale = accuracy.absolute / 1e-12;
+    for i in 0..4 {
+        wide[i] = state[i];
+        wide[4 + 5 * i] = scale * unit[i];
+    }
+    let mut rate = |wide: &Wide| {
+        let state = State::new(wide[0], wide[1], wide[2], wide[3]);
+        let (rate, jacobian) = model.derivative_and_jacobian(&state)?;
+        let mut result = Wide::zeros();
+        for i in 0..4 {
+            result[i] = rate[i];
+            for k in 0..4 {
+                let sum: f64 = (0..4).map(|j| jacobian[(i, j)] * wide[4 + 4 * k + j]).sum();
+                result[4 + 4 * k + i] = sum;
+            }
+        }
+        Ok(result)
+    };
+    let event = |wide: &Wide| model.cut_at(&State::new(wide[0], wide[1], wide[2], wide[3])).1;
+    let end = Integrator::<20>::new(accuracy).run(wide, period, &mut rate, &event)?;
+    let mut monodromy = Matrix4::zeros();
+    for k in 0..4 {
+        for i in 0..4 {
+            monodromy[(i, k)] = end[4 + 4 * k + i] / (scale * unit[k]);
+        }
+    }
+    Ok((State::new(end[0], end[1], end[2], end[3]), monodromy))
+}
+
+fn report(
+    model: &Model<'_>,
+    cycle: &Cycle,
+    start: &State,
+    period: f64,
+    accuracy: Accuracy,
+    closure: f64,
+    monodromy: &Matrix4<f64>,
+) -> Result<Verified, ChatterError> {
+    let mut state = *start;
+    let mut integrator = Integrator::<4>::new(accuracy);
+    let mut first = [Complex::ZERO; 2];
+    let mut mean = [0.0; 2];
+    let mut seen = [const { Vec::new() }; 4];
+    for sample in 0..SAMPLES {
+        let angle = std::f64::consts::TAU * sample as f64 / SAMPLES as f64;
+        let wave = Complex::new(libm::cos(angle), -libm::sin(angle));
+        let (speed, depth) = model.cut_at(&state);
+        for (seen, value) in seen.iter_mut().zip([state[0], state[1], speed, depth]) {
+            seen.push(value);
+        }
+        for i in 0..2 {
+            first[i] += wave * (2.0 * state[i] / SAMPLES as f64);
+            mean[i] += state[i] / SAMPLES as f64;
+        }
+        let event = |state: &State| model.cut_at(state).1;
+        let mut rate = |state: &State| model.derivative(state);
+        state = integrator.run(state, period / SAMPLES as f64, &mut rate, &event)?;
+    }
+    let eigenvalues = Schur::try_new(*monodromy, 1e-15, 1000).map(|schur| schur.complex_eigenvalues());
+    let mut multipliers: Vec<Complex<f64>> = eigenvalues
+        .map(|values| values.iter().copied().collect())
+        .unwrap_or_default();
+    let one = Complex::new(1.0, 0.0);
+    // The one that belongs to a shift in time.
+    multipliers.sort_by(|a, b| (a - one).norm().total_cmp(&(b - one).norm()));
+    let trivial_error = multipliers.first().map_or(f64::NAN, |value| (value - one).norm());
+    let mut others: Vec<_> = multipliers.into_iter().skip(1).collect();
+    others.sort_by(|a, b| b.norm().total_cmp(&a.norm()));
+    others.resize(3, Complex::new(f64::NAN, 0.0));
+    let amplitude_m = [first[0].norm(), first[1].norm()];
+    let extremes = seen.map(|values| extremes(&values));
+    let half = |i: usize| 0.5 * (extremes[i][1] - extremes[i][0]);
+    Ok(Verified {
+        frequency_hz: 1.0 / period,
+        amplitude_m,
+        mean_m: mean,
+        half_peak_to_peak_m: [half(0), half(1)],
+        multipliers: [others[0], others[1], others[2]],
+        trivial_error,
+        closure,
+        state: *start,
+        speed_m_min: extremes[2],
+        depth_mm: extremes[3],
+        amplitude_error: cycle.amplitude_m(cycle.driver) / amplitude_m[cycle.driver] - 1.0,
+        frequency_error: cycle.frequency_hz * period - 1.0,
+    })
+}
+
+/// Lowest and highest value of a periodic function from its samples: of the parabola through the three nearest.
+fn extremes(values: &[f64]) -> [f64; 2] {
+    let mut result = [f64::INFINITY, f64::NEG_INFINITY];
+    for k in 0..values.len() {
+        let at = |k: usize| values.get(k % values.len()).copied().unwrap_or(f64::NAN);
+        let (a, b, c) = (at(k + values.len() - 1), at(k), at(k + 1));
+        let (slope, bend) = (0.5 * (c - a), a - 2.0 * b + c);
+        let peak = if bend == 0.0 || slope.abs() > bend.abs() {
+            b
+        } else {
+            b - 0.5 * slope * slope / bend
+        };
+        if (b >= a && b >= c) || (b <= a && b <= c) {
+            result = [result[0].min(peak), result[1].max(peak)];
+        }
+    }
+    result
+}

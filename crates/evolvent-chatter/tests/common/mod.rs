@@ -1,0 +1,66 @@
+//! The tool and the law of the source, and random numbers.
+
+#![allow(dead_code, unreachable_pub, reason = "each test uses its part")]
+#![allow(
+    clippy::unwrap_used,
+    clippy::print_stdout,
+    reason = "a test may fail, and prints its seed"
+)]
+
+use evolvent_chatter::{CuttingTool, PrincipalAxis};
+use evolvent_cutting::{ForceLaw, LawDefinition, Tool};
+
+pub fn steel() -> ForceLaw {
+    let tool = Tool {
+        rake_deg: 10.0,
+        lead_deg: 60.0,
+    };
+    LawDefinition::built_in("40X-R1").unwrap().law(tool).unwrap()
+}
+
+/// The tool of the source with the damping ratio of its second axis.
+pub fn tool(speed_m_min: f64, second_ratio: f64) -> CuttingTool {
+    CuttingTool {
+        axes: [
+            PrincipalAxis::with_ratio(6.0, 30_020_020.401_035_063, 0.03),
+            PrincipalAxis::with_ratio(6.0, 14_994_509.394_629_354, second_ratio),
+        ],
+        beta_deg: 35.0,
+        speed_m_min,
+        depth_mm: 4.0,
+        feed_mm_rev: 0.49,
+        radial_ratio: 0.4,
+        floor_m_min: 2.0,
+    }
+}
+
+pub struct Random(u64);
+
+impl Random {
+    pub fn between(&mut self, low: f64, high: f64) -> f64 {
+        self.0 ^= self.0 >> 12;
+        self.0 ^= self.0 << 25;
+        self.0 ^= self.0 >> 27;
+        let unit = (self.0.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 11) as f64 / (1_u64 << 53) as f64;
+        low + (high - low) * unit
+    }
+}
+
+/// Seed and number of cases: those of the test, or `EVOLVENT_SEED` and `EVOLVENT_CASES` for a longer search.
+pub fn campaign(seed: u64, cases: usize) -> (Random, usize) {
+    let number = |name: &str| std::env::var(name).ok().and_then(|text| text.parse::<u64>().ok());
+    let seed = number("EVOLVENT_SEED").unwrap_or(seed).max(1);
+    println!("EVOLVENT_SEED={seed}");
+    (
+        Random(seed),
+        number("EVOLVENT_CASES").map_or(cases, |cases| cases as usize),
+    )
+}
+
+#[track_caller]
+pub fn near(value: f64, expected: f64, relative: f64, what: &str) {
+    assert!(
+        (value / expected - 1.0).abs() <= relative,
+        "{what}: {value}, expected {expected} within {relative}"
+    );
+}
