@@ -14,10 +14,14 @@
 //!
 //! The first knows no delay, so it predicts no lobes; the second is linear, so it predicts no amplitude.
 //!
+//! A [`Case`] is a question as a file asks it.
+//!
 //! SI units inside, but cutting speeds in m/min, depths and feeds of a cut in mm, as force laws have them. Everything
 //! here is pure: no files, clocks or threads; nothing is for the real-time cycle.
 
 mod balance;
+mod case;
+mod case_file;
 mod cycle;
 mod delay;
 mod elimination;
@@ -30,6 +34,7 @@ mod model;
 mod scan;
 mod verify;
 
+pub use case::{Case, LawSource, LobeRange, MapRange, OscillationCase, SweepRange};
 pub use cycle::Cycle;
 pub use delay::{MillingDelay, lobe_diagram};
 pub use error::ChatterError;
