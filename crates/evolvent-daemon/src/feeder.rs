@@ -173,8 +173,8 @@ impl<S: PlanSink> PlanSink for Tally<S> {
         self.sink.planned_block(block, seconds);
     }
 
-    fn has_room(&self, steps: usize, segments: usize) -> bool {
-        self.sink.has_room(steps, segments)
+    fn has_room(&self, steps: usize, segments: usize, marks: usize) -> bool {
+        self.sink.has_room(steps, segments, marks)
     }
 
     fn wait(&mut self) -> Result<(), S::Error> {

@@ -163,8 +163,8 @@ impl<W: FnMut() -> bool> PlanSink for PlanProducer<W> {
             .is_ok()
     }
 
-    fn has_room(&self, steps: usize, segments: usize) -> bool {
-        self.steps.slots() >= steps && self.segments.slots() >= segments
+    fn has_room(&self, steps: usize, segments: usize, marks: usize) -> bool {
+        self.steps.slots() >= steps && self.segments.slots() >= segments && self.marks.slots() >= marks
     }
 
     fn wait(&mut self) -> Result<(), QueueClosed> {

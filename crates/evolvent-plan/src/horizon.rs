@@ -27,6 +27,11 @@ const COMMITTED: (f64, f64) = (0.5, 0.9);
 const MOST_FAILURES: u32 = 3;
 /// Intervals that a window is not made shorter than for want of stations.
 const LEAST_WINDOW: u64 = 32;
+/// Steps that windows leave free for the answers to two requests: the cycle may be waiting for one, and then nothing
+/// else makes room.
+const KEPT_FOR_ANSWERS: usize = 4 * MOST_INTERVALS;
+/// Marks of one segment at the most. A segment has four intervals at the least, so a window has 80 of them.
+const MOST_MARKS: usize = 1024;
 /// The tail takes at least so many times as long as stopping does.
 const TAIL_STOPS: f64 = 2.0;
 
@@ -147,6 +152,7 @@ impl<S: PlanSink> Horizon<S> {
 
     /// Appends a stretch of path; `feed` in the feed metric, infinite for rapids.
     pub(crate) fn segment(&mut self, segment: Segment, feed: f64) {
+        self.thin_marks();
         self.grid.push(&segment.curve, segment.from, segment.length, feed);
         self.segments.push_back((self.length, segment));
         self.length += segment.length;
@@ -158,6 +164,20 @@ impl<S: PlanSink> Horizon<S> {
             self.grid.cap(speed);
         } else {
             self.stop_at_end(None);
+        }
+    }
+
+    /// Leaves out marks of the next segment where it has so many blocks that a window's might not fit into any queue.
+    fn thin_marks(&mut self) {
+        let first = self.marks.partition_point(|mark| mark.start < self.length);
+        let every = (self.marks.len() - first).div_ceil(MOST_MARKS);
+        if every > 1 {
+            let kept = (first..self.marks.len()).step_by(every);
+            let count = first + kept.len();
+            for (to, from) in (first..).zip(kept) {
+                self.marks[to] = self.marks[from];
+            }
+            self.marks.truncate(count);
         }
     }
 
@@ -341,7 +361,11 @@ impl<S: PlanSink> Horizon<S> {
             if self.serve()? {
                 return Ok(true);
             }
-            if self.sink.has_room(self.pieces.len() + 2, self.segments_needed()) {
+            let steps = self.pieces.len() + 2 + KEPT_FOR_ANSWERS;
+            if self
+                .sink
+                .has_room(steps, self.segments_needed(), self.marks_needed())
+            {
                 return Ok(false);
             }
             self.sink.wait()?;
@@ -352,6 +376,18 @@ impl<S: PlanSink> Horizon<S> {
         self.pieces.last().map_or(0, |piece| {
             (piece.stretch + 1).saturating_sub(self.handed_segments) as usize
         })
+    }
+
+    fn marks_needed(&self) -> usize {
+        self.pieces.last().map_or(0, |piece| {
+            let end = self.path_at(piece) + piece.length;
+            self.marks.partition_point(|mark| mark.start <= end)
+        })
+    }
+
+    /// Path parameter at a piece's start.
+    fn path_at(&self, piece: &Piece) -> f64 {
+        self.segments[(piece.stretch - self.first_segment) as usize].0 + piece.from
     }
 
     /// Hands on the window that was solved: the first part final, the rest as a tail.
@@ -432,7 +468,7 @@ impl<S: PlanSink> Horizon<S> {
                 self.sink.segment(segment)?;
                 self.handed_segments += 1;
             }
-            let path = self.segments[(piece.stretch - self.first_segment) as usize].0 + piece.from;
+            let path = self.path_at(piece);
             while let Some(mark) = self.marks.front() {
                 if mark.start > path + piece.length {
                     break;
@@ -472,7 +508,7 @@ impl<S: PlanSink> Horizon<S> {
     /// Adds the planned time of the first `count` pieces to their blocks.
     fn account(&mut self, count: usize) {
         for piece in &self.pieces[..count] {
-            let start = self.segments[(piece.stretch - self.first_segment) as usize].0 + piece.from;
+            let start = self.path_at(piece);
             let middle = start + 0.5 * piece.length;
             if middle < self.accounted {
                 continue;
@@ -540,7 +576,8 @@ impl<S: PlanSink> Horizon<S> {
         }
         self.spare.extend(self.planned.drain(known..));
         let step = self.appended;
-        while !self.sink.has_room(self.pieces.len() + 2, self.segments_needed()) {
+        let (steps, segments, marks) = (self.pieces.len() + 2, self.segments_needed(), self.marks_needed());
+        while !self.sink.has_room(steps, segments, marks) {
             self.sink.wait()?;
         }
         self.front = front;

@@ -224,9 +224,9 @@ pub trait PlanSink {
         let _ = (block, seconds);
     }
 
-    /// Whether so many steps and segments can be appended without waiting.
-    fn has_room(&self, steps: usize, segments: usize) -> bool {
-        let _ = (steps, segments);
+    /// Whether so many steps, segments and marks can be appended without waiting.
+    fn has_room(&self, steps: usize, segments: usize, marks: usize) -> bool {
+        let _ = (steps, segments, marks);
         true
     }
 
