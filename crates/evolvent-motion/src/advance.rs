@@ -73,7 +73,8 @@ impl Motion {
                         cursor.starved |= !is_final;
                         cursor.start(flow);
                     } else {
-                        // Rest steps take effect in the cycle after.
+                        // Rest steps take effect in the cycle after. At rest as planned, nothing is left to be slowed.
+                        cursor.slow = None;
                         break;
                     }
                 }

@@ -13,6 +13,9 @@ use crate::setpoint::{Inputs, Setpoint};
 use crate::slow::Slow;
 use crate::state::{State, flags};
 
+/// The least feed override that a plan is made for.
+const LEAST_OVERRIDE: f64 = 0.001;
+
 /// Motion of one machine along one plan.
 ///
 /// `step` is pure: it looks at no clock and touches nothing but itself and the queue. It does not allocate, lock
@@ -252,10 +255,11 @@ impl Motion {
 }
 
 fn checked_override(factor: f64) -> f64 {
-    if factor.is_nan() {
-        0.0
+    // Not a number fails the comparison.
+    if factor >= LEAST_OVERRIDE {
+        factor.min(2.0)
     } else {
-        factor.clamp(0.0, 2.0)
+        0.0
     }
 }
 

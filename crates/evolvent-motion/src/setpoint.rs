@@ -8,7 +8,7 @@ use crate::State;
 /// again.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Inputs {
-    /// Feed override, 1 at 100 %; taken as 0 to 2. Not a number counts as 0.
+    /// Feed override, 1 at 100 %; taken as at most 2. Below 0.001, and not a number, counts as 0.
     pub feed_override: f64,
     /// Feed hold: decelerate and stay at rest while this is set.
     pub hold: bool,

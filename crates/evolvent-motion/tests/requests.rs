@@ -9,6 +9,7 @@ use evolvent_gcode::{Move, MoveKind, PathMode};
 use evolvent_machine::{Limits, PlannerKind};
 use evolvent_motion::{Inputs, Setpoint, State, flags};
 use evolvent_path::{AXES, Axes, Curve, Line};
+use evolvent_plan::Step;
 
 /// Time from a wish to where it takes over, s.
 const LEAD: f64 = 0.010;
@@ -320,4 +321,64 @@ fn a_planner_that_is_far_ahead_answers_from_where_the_cycle_is() {
     });
     let rest = held[700..].iter().position(|s| s.feed_mm_s == 0.0).expect("rest");
     assert!(rest < 200, "{rest} cycles");
+}
+
+#[test]
+fn a_hold_that_meets_a_dwell_while_path_time_is_slowed_goes_on_behind_it() {
+    let mut scenario = straight(200.0, 400.0, 1_000_000);
+    let back = Move {
+        curve: scenario.moves[0].curve.reversed(),
+        ..scenario.moves[0]
+    };
+    scenario.moves.push(back);
+    let mut pair = Pair::new(&scenario);
+    pair.feed(&scenario);
+    let dwell = Step::Dwell {
+        seconds: 0.1,
+        line: 1,
+    };
+    pair.planner.rest(&dwell).expect("plan");
+    pair.feed(&scenario);
+    pair.feed(&scenario);
+    let mut setpoints: Vec<Setpoint> = Vec::new();
+    // Nobody answers the hold, and the machine comes to the dwell before path time stands still.
+    for cycle in 0..4000 {
+        setpoints.push(pair.step(&Inputs {
+            hold: cycle >= 1600,
+            ..Inputs::default()
+        }));
+    }
+    assert_eq!(pair.motion.state(), State::Held);
+    assert_eq!(setpoints[3999].position[0], 400.0);
+    while !pair.motion.is_over() {
+        pair.planner.poll().expect("plan");
+        setpoints.push(pair.step(&Inputs::default()));
+        assert!(setpoints.len() < 100_000, "does not end");
+    }
+    check(&scenario, &setpoints, &pair.motion, 1e-6, "behind the dwell");
+    assert_eq!(setpoints[setpoints.len() - 1].position[0], 0.0);
+}
+
+#[test]
+fn an_override_next_to_nothing_is_a_hold_and_the_least_there_is_is_driven() {
+    for (factor, slowest) in [(5e-4, 0.0), (1e-3, 0.1), (0.01, 1.0)] {
+        let scenario = straight(100.0, 200.0, 1_000_000);
+        let (setpoints, motion) = run(&scenario, |cycle| Inputs {
+            feed_override: if (500..1500).contains(&cycle) { factor } else { 1.0 },
+            ..Inputs::default()
+        });
+        check(&scenario, &setpoints, &motion, 1e-6, "next to nothing");
+        let feed = setpoints[1499].feed_mm_s;
+        assert!(
+            (0.5 * slowest..=1.001 * slowest).contains(&feed),
+            "{factor}: {feed} mm/s"
+        );
+        // And from rest.
+        let (setpoints, motion) = run(&scenario, |cycle| Inputs {
+            feed_override: if cycle < 500 { factor } else { 1.0 },
+            ..Inputs::default()
+        });
+        check(&scenario, &setpoints, &motion, 1e-6, "next to nothing at rest");
+        assert_eq!(setpoints[setpoints.len() - 1].position[0], 200.0);
+    }
 }
