@@ -1,6 +1,7 @@
 //! Blocks in, path out.
 
 use std::collections::VecDeque;
+use std::ops::Range;
 
 use evolvent_machine::Limits;
 use evolvent_path::{AXES, Axes, Curve, Jet, ParamCurve, Spline};
@@ -67,6 +68,8 @@ pub struct Smoother {
     /// The next joint whose spacing is to be found, the last spacing, and the next joint to be eased.
     unripe: usize,
     guess: f64,
+    /// Links of which none is to be eased.
+    plain: Range<usize>,
     /// Up to where joints of the section are kept: its start, or a joint that could not be eased.
     kept: f64,
     /// Where the zone has come to, if that is not the programmed point.
@@ -103,6 +106,7 @@ impl Smoother {
             cursor: 0.0,
             unripe: 1,
             guess: 0.01,
+            plain: 0..0,
             kept: 0.0,
             off: None,
             spent: (0, 0),
@@ -214,6 +218,7 @@ impl Smoother {
         self.state = State::Exact;
         self.cursor = 0.0;
         self.unripe = 1;
+        self.plain = 0..0;
         self.kept = 0.0;
         self.off = None;
         self.moving = ending == Ending::Moving;
@@ -279,13 +284,17 @@ impl Smoother {
     }
 
     /// The first joint from `number` on that is eased.
-    fn eased(&self, mut number: usize) -> Option<usize> {
-        number = number.max(self.chain.first());
-        while let Some(link) = self.chain.get(number) {
+    fn eased(&mut self, number: usize) -> Option<usize> {
+        let from = number.max(self.chain.first());
+        if !self.plain.contains(&from) {
+            self.plain = from..from;
+        }
+        // Only links to come are ever marked, so what was looked through need not be again.
+        while let Some(link) = self.chain.get(self.plain.end) {
             if link.eased {
-                return Some(number);
+                return Some(self.plain.end);
             }
-            number += 1;
+            self.plain.end += 1;
         }
         None
     }
