@@ -40,8 +40,19 @@ pub(crate) enum Motion {
     Cycle(Cycle),
     /// G76.
     ThreadCycle,
+    /// G82, G75 of a lathe.
+    Turning(Turning),
     /// G80.
     None,
+}
+
+/// Turning cycles of a lathe.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Turning {
+    /// G82.
+    Longitudinal,
+    /// G75.
+    Facing,
 }
 
 /// Drilling cycles.
@@ -119,6 +130,8 @@ impl Motion {
                 Cycle::BoreDwell => "G89",
             },
             Self::ThreadCycle => "G76",
+            Self::Turning(Turning::Longitudinal) => "G82",
+            Self::Turning(Turning::Facing) => "G75",
             Self::None => "G80",
         }
     }
@@ -433,6 +446,15 @@ impl GCode {
             Self::RetractToOld(_) => Group::Retract,
             Self::Diameter(_) => Group::Diameter,
         }
+    }
+}
+
+/// The code of a number in tenths that means something else on a lathe.
+pub(crate) fn lathe_code(tenths: u32) -> Option<GCode> {
+    match tenths {
+        750 => Some(GCode::Motion(Motion::Turning(Turning::Facing))),
+        820 => Some(GCode::Motion(Motion::Turning(Turning::Longitudinal))),
+        _ => None,
     }
 }
 

@@ -2,6 +2,8 @@
 
 use evolvent_path::Curve;
 
+use crate::TurningCycle;
+
 /// One canonical command and the line of the program that asked for it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Command {
@@ -70,6 +72,8 @@ pub enum Action {
         /// Rapids between the passes of G76 are [`Action::Move`]s.
         path_mode: PathMode,
     },
+    /// Turn a step, in passes that the cutting load finds (a lathe's G82 Q1, G75 Q1). Begins and ends at its start.
+    Turning(TurningCycle),
     /// In with the spindle, out with the spindle reversed (G33.1). Ends where it began.
     RigidTap {
         /// The way in.
@@ -179,6 +183,7 @@ impl Action {
             Self::OrientSpindle { .. } => "orienting the spindle (M19)",
             Self::SurfaceSpeed { .. } => "constant surface speed (G96)",
             Self::Thread { .. } => "motion in step with the spindle (G33, G76)",
+            Self::Turning(_) => "turning in passes that the load finds (G82 Q1, G75 Q1)",
             Self::RigidTap { .. } => "rigid tapping (G33.1)",
             Self::Probe { .. } => "probing (G38)",
             Self::Output { .. } | Self::AnalogOutput { .. } => "outputs (M62 to M65, M67, M68)",

@@ -587,6 +587,7 @@ impl Executor<'_> {
             Motion::Probe { toward, must } => self.probe(toward, must),
             Motion::Cycle(cycle) => self.cycle(cycle),
             Motion::ThreadCycle => self.thread_cycle(),
+            Motion::Turning(turning) => self.turning(turning),
             Motion::None => Ok(()),
         }
     }

@@ -415,8 +415,7 @@ impl<R: BufRead> Interpreter<R> {
         };
         parse(&self.text, &mut self.block, &scope)?;
         let modal = self.state.motion;
-        self.statement
-            .fill(&self.block, modal, &self.settings.axes, &self.settings.user_codes)?;
+        self.statement.fill(&self.block, modal, &self.settings)?;
         self.assign()?;
         let number = self.shown_line();
         if !self.block.comments.is_empty() {

@@ -54,6 +54,7 @@ mod statement;
 mod store;
 mod system;
 mod tools;
+mod turning;
 
 pub use code::Code;
 pub use command::{Action, Command, LogAction, Move, MoveKind, PathMode, SpindleDirection};
@@ -64,3 +65,4 @@ pub use restart::{Approach, Restart};
 pub use settings::{ArcTolerance, Settings, TurningWords, WORK_OFFSETS};
 pub use store::StoreError;
 pub use tools::{Tool, ToolTable, ToolTableError};
+pub use turning::{TurningCycle, TurningKind};

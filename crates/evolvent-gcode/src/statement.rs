@@ -5,13 +5,13 @@
 
 use evolvent_path::{AXES, AxisLetter};
 
-use crate::Code;
 use crate::block::Block;
 use crate::codes::{
-    Compensation, Cycle, GCode, GROUPS, Group, LengthOffset, MCode, Motion, Once, PathControl,
-    is_g_of_the_dialect,
+    Compensation, Cycle, GCode, GROUPS, Group, LengthOffset, MCode, Motion, Once, PathControl, Turning,
+    is_g_of_the_dialect, lathe_code,
 };
 use crate::diagnostic::{Fault, Span};
+use crate::{Code, Settings};
 
 /// The letters, and `@` `^` `$`.
 const WORDS: usize = 29;
@@ -85,15 +85,8 @@ impl Statement {
         }
     }
 
-    /// Fills in a line. `modal` is the motion mode in force, `axes` which axes exist, `user_codes` which of M100 to
-    /// M199 do.
-    pub(crate) fn fill(
-        &mut self,
-        block: &Block,
-        modal: Motion,
-        axes: &[bool; AXES],
-        user_codes: &[u32],
-    ) -> Result<(), Fault> {
+    /// Fills in a line. `modal` is the motion mode in force.
+    pub(crate) fn fill(&mut self, block: &Block, modal: Motion, settings: &Settings) -> Result<(), Fault> {
         if self.any_mode || self.g[Group::Motion as usize].is_some() {
             self.g = [None; GROUPS];
         }
@@ -105,12 +98,15 @@ impl Statement {
         self.motion = None;
         for word in &block.words {
             match word.letter {
-                b'G' => self.add_g(word.value, word.span)?,
-                b'M' => self.add_m(word.value, word.span, user_codes)?,
-                letter => self.add_word(letter, word.value, word.span, axes)?,
+                b'G' => self.add_g(word.value, word.span, settings.lathe)?,
+                b'M' => self.add_m(word.value, word.span, &settings.user_codes)?,
+                letter => self.add_word(letter, word.value, word.span, settings)?,
             }
         }
         self.settle_motion(modal)?;
+        if settings.lathe {
+            self.check_increments(&settings.axes)?;
+        }
         self.check_use()
     }
 
@@ -245,11 +241,34 @@ impl Statement {
             .unwrap_or_else(|| Span::new(0, 0))
     }
 
-    fn add_g(&mut self, value: f64, span: Span) -> Result<(), Fault> {
+    /// U and W are increments of X and Z in the turning cycles of a lathe that has no such axes.
+    fn check_increments(&self, axes: &[bool; AXES]) -> Result<(), Fault> {
+        if matches!(self.motion, Some(Motion::Turning(_))) {
+            return Ok(());
+        }
+        for letter in [b'U', b'W'] {
+            let name = char::from(letter);
+            if self.has(letter) && !AxisLetter::from_letter(name).is_some_and(|axis| axes[axis.index()]) {
+                return Err(no_such_axis(name, self.span(letter), axes));
+            }
+        }
+        Ok(())
+    }
+
+    fn add_g(&mut self, value: f64, span: Span, lathe: bool) -> Result<(), Fault> {
         let tenths = (value * 10.0).round();
         let whole = (value * 10.0 - tenths).abs() < 1e-3 && (0.0..=999.0).contains(&tenths);
         let tenths = tenths as u32;
-        let Some(code) = GCode::from_tenths(tenths).filter(|_| whole) else {
+        let special = if lathe { lathe_code(tenths) } else { None };
+        let Some(code) = special.or_else(|| GCode::from_tenths(tenths)).filter(|_| whole) else {
+            if whole && tenths == 750 {
+                return Err(Fault::new(
+                    Code::UnsupportedG,
+                    span,
+                    "G75 is a turning cycle, and this machine is a mill",
+                )
+                .help("machines of kind = \"lathe\" have it"));
+            }
             if whole && is_g_of_the_dialect(tenths) {
                 let message = format!("G{value} is not available yet");
                 return Err(Fault::new(Code::UnsupportedG, span, message));
@@ -296,7 +315,8 @@ impl Statement {
         Ok(())
     }
 
-    fn add_word(&mut self, letter: u8, value: f64, span: Span, axes: &[bool; AXES]) -> Result<(), Fault> {
+    fn add_word(&mut self, letter: u8, value: f64, span: Span, settings: &Settings) -> Result<(), Fault> {
+        let axes = &settings.axes;
         let name = char::from(letter);
         if self.has(letter) {
             let message = format!("{name} stands twice on this line");
@@ -304,7 +324,8 @@ impl Statement {
         }
         if bit(letter) & AXIS_BITS & !POLAR_BITS != 0 {
             let exists = AxisLetter::from_letter(name).is_some_and(|axis| axes[axis.index()]);
-            if !exists {
+            let increment = settings.lathe && matches!(letter, b'U' | b'W');
+            if !exists && !increment {
                 return Err(no_such_axis(name, span, axes));
             }
         }
@@ -464,6 +485,8 @@ impl Statement {
             Some(Motion::Thread) => bit(b'K'),
             Some(Motion::RigidTap) => bits(b"KI"),
             Some(Motion::ThreadCycle) => bits(b"PIJKRQHEL"),
+            Some(Motion::Turning(Turning::Longitudinal)) => bits(b"RLDHQ"),
+            Some(Motion::Turning(Turning::Facing)) => bits(b"KHEQ"),
             Some(Motion::Cycle(cycle)) => {
                 bits(b"RL")
                     | match cycle {
