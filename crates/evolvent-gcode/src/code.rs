@@ -101,7 +101,7 @@ codes! {
 
     /// No such G code.
     UnknownG = "G0301",
-    /// A G code of RS274/NGC that is not available yet.
+    /// A G code that this kind of machine does not have.
     UnsupportedG = "G0302",
     /// No such M code.
     UnknownM = "G0303",
@@ -213,6 +213,9 @@ codes! {
     CompensationEntry = "G0704",
     /// Cutter compensation: the tool does not fit.
     CompensationGouge = "G0705",
+
+    /// G70 to G72.2: the profile cannot be turned.
+    ProfileRefused = "G0706",
 
     /// A move leaves the travel of an axis.
     BeyondTravel = "G0801",

@@ -42,8 +42,21 @@ pub(crate) enum Motion {
     ThreadCycle,
     /// G82, G75 of a lathe.
     Turning(Turning),
+    /// G70 to G72.2.
+    Rough(Rough),
     /// G80.
     None,
+}
+
+/// Cycles along a profile.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Rough {
+    /// Passes along X (G72), not Z.
+    pub(crate) facing: bool,
+    /// 0 all, 1 without pockets, 2 pockets alone.
+    pub(crate) variant: u8,
+    /// G70.
+    pub(crate) finishing: bool,
 }
 
 /// Turning cycles of a lathe.
@@ -132,6 +145,15 @@ impl Motion {
             Self::ThreadCycle => "G76",
             Self::Turning(Turning::Longitudinal) => "G82",
             Self::Turning(Turning::Facing) => "G75",
+            Self::Rough(rough) => match (rough.finishing, rough.facing, rough.variant) {
+                (true, ..) => "G70",
+                (_, false, 0) => "G71",
+                (_, false, 1) => "G71.1",
+                (_, false, _) => "G71.2",
+                (_, true, 0) => "G72",
+                (_, true, 1) => "G72.1",
+                (_, true, _) => "G72.2",
+            },
             Self::None => "G80",
         }
     }
@@ -285,6 +307,8 @@ pub(crate) enum GCode {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Group {
     Once,
+    /// G92.1, G92.2, G92.3: LinuxCNC lets them stand beside a code of group 0, and executes them after it.
+    OffsetSwitch,
     Motion,
     Plane,
     Distance,
@@ -316,6 +340,7 @@ impl Group {
     pub(crate) fn name(self) -> &'static str {
         match self {
             Self::Once => "codes that act once",
+            Self::OffsetSwitch => "codes that switch the offset of G92",
             Self::Motion => "motion codes",
             Self::Plane => "plane codes",
             Self::Distance => "distance modes",
@@ -397,6 +422,11 @@ impl GCode {
             610 => Self::Path(PathControl::ExactPath),
             611 => Self::Path(PathControl::ExactStop),
             640 => Self::Path(PathControl::Blend),
+            700 | 710..=712 | 720..=722 => Self::Motion(Motion::Rough(Rough {
+                facing: tenths >= 720,
+                variant: (tenths % 10) as u8,
+                finishing: tenths == 700,
+            })),
             730 => cycle(Cycle::ChipBreak),
             740 => cycle(Cycle::TapLeft),
             760 => Self::Motion(Motion::ThreadCycle),
@@ -431,6 +461,7 @@ impl GCode {
 
     pub(crate) fn group(self) -> Group {
         match self {
+            Self::Once(Once::ClearOffset | Once::SuspendOffset | Once::RestoreOffset) => Group::OffsetSwitch,
             Self::Once(_) => Group::Once,
             Self::Motion(_) => Group::Motion,
             Self::Plane(_) => Group::Plane,
@@ -456,11 +487,6 @@ pub(crate) fn lathe_code(tenths: u32) -> Option<GCode> {
         820 => Some(GCode::Motion(Motion::Turning(Turning::Longitudinal))),
         _ => None,
     }
-}
-
-/// Whether LinuxCNC's dialect has this G code, in tenths, though it cannot be executed here yet: turning cycles.
-pub(crate) fn is_g_of_the_dialect(tenths: u32) -> bool {
-    matches!(tenths, 700 | 701 | 702 | 710..=712 | 720..=722)
 }
 
 /// An M code that can be executed.

@@ -83,7 +83,9 @@ pub enum Action {
         /// Spindle speed on the way out, as a multiple of that on the way in.
         return_factor: f64,
     },
-    /// A straight move until the probe trips (G38.2 to G38.5).
+    /// A straight move until the probe trips (G38.2 to G38.5). Where it did is told by
+    /// [`Interpreter::answer_probe`](crate::Interpreter::answer_probe); otherwise the program goes on as if there had been no
+    /// contact.
     Probe {
         /// Where to at the most.
         curve: Curve,
@@ -112,8 +114,9 @@ pub enum Action {
         /// With the beginning of the next move, not at once.
         synchronised: bool,
     },
-    /// Wait for an input (M66). Its value would go to #5399, so a program that reads this cannot be interpreted
-    /// ahead of the machine; here #5399 is -1 afterwards, which stands for a timeout.
+    /// Wait for an input (M66). Its value goes to #5399 if whoever carries this out tells it before asking for the next
+    /// command ([`Interpreter::answer_input`](crate::Interpreter::answer_input)); otherwise #5399 is -1, which stands for a
+    /// timeout.
     WaitInput {
         /// Which.
         index: u32,

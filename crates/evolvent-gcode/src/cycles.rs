@@ -4,7 +4,7 @@
 
 use evolvent_path::{Axes, AxisLetter, Plane};
 
-use crate::codes::{Cycle, FeedMode, Motion};
+use crate::codes::{Cycle, FeedMode, Motion, PlaneCode};
 use crate::diagnostic::Fault;
 use crate::execute::{Executor, needs_spindle};
 use crate::offsets::check_coordinate;
@@ -39,18 +39,17 @@ impl Executor<'_> {
         let line = self.line;
         let motion = Motion::Cycle(cycle);
         let name = motion.name();
-        let (across, along) = match self.state.plane() {
-            Some(Plane::Xy) => ([0, 1], 2),
-            Some(Plane::Zx) => ([0, 2], 1),
-            Some(Plane::Yz) => ([1, 2], 0),
-            None => return Err(self.wrong_plane("a cycle")),
+        let (across, along) = match self.state.modes.plane {
+            PlaneCode::Main(Plane::Xy) => ([0, 1], 2),
+            PlaneCode::Main(Plane::Zx) => ([0, 2], 1),
+            PlaneCode::Main(Plane::Yz) => ([1, 2], 0),
+            PlaneCode::Secondary(Plane::Xy) => ([6, 7], 8),
+            PlaneCode::Secondary(Plane::Zx) => ([6, 8], 7),
+            PlaneCode::Secondary(Plane::Yz) => ([7, 8], 6),
         };
-        self.no_axes_but(b"XYZ", "a cycle")?;
+        self.no_axes_but(if along < 3 { b"XYZ" } else { b"UVW" }, "a cycle in this plane")?;
         if line.has_polar() && along != 2 {
             return Err(self.wrong_plane("@ and ^ in a cycle"));
-        }
-        if self.state.rotation[0] != 0.0 && along != 2 {
-            return Err(self.wrong_plane("a cycle in rotated coordinates"));
         }
         if self.state.cutter.is_on() {
             let message = format!("{name} while cutter compensation is on");
@@ -327,12 +326,14 @@ impl Executor<'_> {
     fn back_bore(&mut self, at: Axes, hole: &Hole, turning: SpindleDirection) -> Result<(), Fault> {
         let line = self.line;
         let along = hole.along;
-        let across = match along {
-            2 => [(0, b'I'), (1, b'J')],
-            1 => [(0, b'I'), (2, b'K')],
-            _ => [(1, b'J'), (2, b'K')],
+        // U, V and W go with I, J and K as X, Y and Z do.
+        let first_axis = along / 6 * 6;
+        let across = match along - first_axis {
+            2 => [(first_axis, b'I'), (first_axis + 1, b'J')],
+            1 => [(first_axis, b'I'), (first_axis + 2, b'K')],
+            _ => [(first_axis + 1, b'J'), (first_axis + 2, b'K')],
         };
-        let depth_letter = b"IJK"[along];
+        let depth_letter = b"IJK"[along - first_axis];
         let (Some(first), Some(second), Some(top)) = (
             line.word(across[0].1),
             line.word(across[1].1),

@@ -8,6 +8,7 @@ use crate::codes::{Cycle, FeedMode, GCode, Group, MCode, Motion, Once, PathContr
 use crate::compensation::Changed;
 use crate::diagnostic::{Fault, Span};
 use crate::parameters::{INPUT_RESULT, Parameters, TOOL, TOOL_DIAMETER, WORK_OFFSET};
+use crate::roughing::RoughCall;
 use crate::state::{ProgrammedFeed, State};
 use crate::statement::Statement;
 use crate::{Action, Code, Command, PathMode, Settings, SpindleDirection, Tool, ToolTable};
@@ -37,6 +38,8 @@ pub(crate) enum Request {
     Return,
     /// M70 to M73.
     Modes(MCode),
+    /// G70 to G72.2: the profile is read from a subroutine first.
+    Profile(RoughCall),
 }
 
 impl Executor<'_> {
@@ -76,9 +79,17 @@ impl Executor<'_> {
         if self.state.sticky.running.is_some() && self.state.sticky.running != Some(self.state.motion) {
             self.state.sticky.running = None;
         }
-        let called = self.called()?;
+        let mut called = self.called()?;
         if let Some(motion) = line.motion() {
             self.motion(motion)?;
+            if let Motion::Rough(rough) = motion {
+                if called.is_some() {
+                    let message = format!("{} and a call on one line", motion.name());
+                    return Err(Fault::new(Code::TwoUsers, line.motion_span(), message)
+                        .help("write them on two lines"));
+                }
+                called = Some(self.roughing(rough)?);
+            }
         } else if line.motion_code() == Some(Motion::None) {
             self.state.sticky.running = None;
         } else if line.once() == Some(Once::MachineCoordinates) {
@@ -268,14 +279,7 @@ impl Executor<'_> {
 
     fn orient(&mut self) -> Result<(), Fault> {
         let line = self.line;
-        let Some(degrees) = line.word(b'R') else {
-            let span = line.group_span(Group::Spindle);
-            return Err(Fault::new(
-                Code::WordMissing,
-                span,
-                "M19 needs R, the angle of the spindle in degrees",
-            ));
-        };
+        let degrees = line.word(b'R').unwrap_or(0.0);
         if !(0.0..=360.0).contains(&degrees) {
             let message = format!("R{degrees}: M19 turns the spindle to 0 to 360 degrees");
             return Err(Fault::new(Code::OutOfRange, line.span(b'R'), message));
@@ -588,7 +592,8 @@ impl Executor<'_> {
             Motion::Cycle(cycle) => self.cycle(cycle),
             Motion::ThreadCycle => self.thread_cycle(),
             Motion::Turning(turning) => self.turning(turning),
-            Motion::None => Ok(()),
+            // It goes on when its profile has been read.
+            Motion::Rough(_) | Motion::None => Ok(()),
         }
     }
 

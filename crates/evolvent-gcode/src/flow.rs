@@ -509,7 +509,14 @@ impl<R: BufRead> Interpreter<R> {
         true
     }
 
-    fn enter(&mut self, text: &Normal, name: NameId, span: Span, own: bool, times: u32) -> Result<(), Fault> {
+    pub(crate) fn enter(
+        &mut self,
+        text: &Normal,
+        name: NameId,
+        span: Span,
+        own: bool,
+        times: u32,
+    ) -> Result<(), Fault> {
         if self.frames.len() > self.settings.max_call_depth {
             let message = format!(
                 "subroutines are nested deeper than {}",

@@ -6,9 +6,10 @@ use std::sync::Arc as Shared;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use evolvent_path::Axes;
+use evolvent_path::{AXES, Axes, MAX_COORDINATE};
 
 use crate::block::Block;
+use crate::capture::Capture;
 use crate::codes::MCode;
 use crate::comment::{self, Remark};
 use crate::compensation::Changed;
@@ -18,7 +19,7 @@ use crate::expression::Target;
 use crate::flow::{Definition, Frame, Skip};
 use crate::lines::{Library, Lines};
 use crate::names::{Names, Normal};
-use crate::parameters::{DEBUG, Parameters};
+use crate::parameters::{DEBUG, INPUT_RESULT, PROBE_TRIPPED, PROBED, Parameters};
 use crate::parser::{first_character, is_block_delete, is_percent, parse};
 use crate::reader::LineReader;
 use crate::scope::Scope;
@@ -55,14 +56,14 @@ const INTERRUPT_LINES: u64 = 1024;
 pub struct Interpreter<R> {
     pub(crate) reader: LineReader<R>,
     pub(crate) settings: Settings,
-    state: State,
+    pub(crate) state: State,
     /// The state before the line in hand, which comes back if something is wrong with it.
     before: State,
     pub(crate) parameters: Parameters,
     tools: Option<ToolTable>,
     control_points: Vec<[f64; 3]>,
-    block: Block,
-    statement: Statement,
+    pub(crate) block: Block,
+    pub(crate) statement: Statement,
     /// The line in hand, and its number in its file.
     pub(crate) text: Vec<u8>,
     pub(crate) line: u32,
@@ -78,9 +79,11 @@ pub struct Interpreter<R> {
     /// Values behind an O-word.
     pub(crate) arguments: Vec<f64>,
     /// Commands of the last line that nobody has asked for yet.
-    pending: VecDeque<Command>,
+    pub(crate) pending: VecDeque<Command>,
     /// Commands of earlier lines that the line in hand has changed.
-    changed: Vec<Changed>,
+    pub(crate) changed: Vec<Changed>,
+    /// The profile that is being read for a cycle.
+    pub(crate) capture: Option<Box<Capture>>,
     /// Line of the program that the subroutine files in use were called from.
     calling_line: u32,
     /// Whether the program began with `%`; unknown before the first line that is not blank.
@@ -90,7 +93,7 @@ pub struct Interpreter<R> {
     interrupt: Option<Arc<AtomicBool>>,
     /// Places of the errors so far: a loop does not tell of one twice.
     reported: BTreeSet<(Option<Shared<str>>, u32)>,
-    finished: bool,
+    pub(crate) finished: bool,
 }
 
 impl<R: BufRead> Interpreter<R> {
@@ -128,6 +131,7 @@ impl<R: BufRead> Interpreter<R> {
             arguments: Vec::new(),
             pending: VecDeque::new(),
             changed: Vec::new(),
+            capture: None,
             calling_line: 0,
             percent: None,
             silent: 0,
@@ -163,6 +167,33 @@ impl<R: BufRead> Interpreter<R> {
         self.scope().numbered(number as usize)
     }
 
+    /// What an input gave (M66): to be called when [`Action::WaitInput`] has been carried out, before the next command is asked
+    /// for. It becomes #5399; without it that is -1, as after a timeout. Values that are not finite count as -1.
+    pub fn answer_input(&mut self, value: f64) {
+        let value = if value.is_finite() { value } else { -1.0 };
+        self.parameters.set_numbered(INPUT_RESULT, value);
+        self.parameters.commit();
+    }
+
+    /// Where a probe tripped, machine coordinates (mm, degrees), or where it came to rest without: to be called when
+    /// [`Action::Probe`] has been carried out and the machine stands at `at`, before the next command is asked for. The place in
+    /// program coordinates and units becomes #5061 to #5069, and whether it tripped #5070. `false`, and nothing happens, if `at`
+    /// is no place.
+    pub fn answer_probe(&mut self, at: &Axes, tripped: bool) -> bool {
+        if !at.iter().all(|value| value.abs() <= MAX_COORDINATE) {
+            return false;
+        }
+        self.state.position = *at;
+        for axis in 0..AXES {
+            let value = self.state.program_position(axis);
+            self.parameters.set_numbered(PROBED + axis, value);
+        }
+        self.parameters
+            .set_numbered(PROBE_TRIPPED, f64::from(u8::from(tripped)));
+        self.parameters.commit();
+        true
+    }
+
     /// The tool table after the lines read so far: G10 writes it.
     #[must_use]
     pub fn tools(&self) -> Option<&ToolTable> {
@@ -193,7 +224,7 @@ impl<R: BufRead> Interpreter<R> {
     /// Executes a line and forgets its commands.
     pub(crate) fn step_silently(&mut self) -> Result<(), Box<Diagnostic>> {
         self.advance()?;
-        if self.state.cutter.held.is_none() {
+        if self.state.cutter.held.is_none() && self.capture.is_none() {
             self.pending.clear();
             self.silent = 0;
         }
@@ -209,7 +240,7 @@ impl<R: BufRead> Interpreter<R> {
         }
     }
 
-    fn executor<'a>(
+    pub(crate) fn executor<'a>(
         &'a mut self,
         statement: &'a Statement,
         state: &'a mut State,
@@ -239,7 +270,7 @@ impl<R: BufRead> Interpreter<R> {
     }
 
     /// The line that commands carry: of the program, not of another file.
-    fn shown_line(&self) -> u32 {
+    pub(crate) fn shown_line(&self) -> u32 {
         let mine = self
             .frames
             .iter()
@@ -254,6 +285,15 @@ impl<R: BufRead> Interpreter<R> {
 
     /// Reads and executes a line; its commands go to `pending`.
     fn advance(&mut self) -> Result<(), Diagnostic> {
+        let result = self.line_of_program();
+        if self.capture.is_some() {
+            result.and(self.captured())
+        } else {
+            result
+        }
+    }
+
+    fn line_of_program(&mut self) -> Result<(), Diagnostic> {
         self.silent += 1;
         if let Some(fault) = self.silence() {
             self.finished = true;
@@ -414,6 +454,10 @@ impl<R: BufRead> Interpreter<R> {
             line: self.line,
         };
         parse(&self.text, &mut self.block, &scope)?;
+        let profile = self.capture.is_some();
+        if profile {
+            self.take_corner()?;
+        }
         let modal = self.state.motion;
         self.statement.fill(&self.block, modal, &self.settings)?;
         self.assign()?;
@@ -444,12 +488,16 @@ impl<R: BufRead> Interpreter<R> {
         }
         self.parameters.commit();
         self.finished |= self.state.ended;
+        if profile {
+            self.profile_line();
+        }
         Ok(())
     }
 
     fn answer(&mut self, request: Request) -> Result<(), Fault> {
         match request {
             Request::Call { number, times, span } => self.call_number(number, times, span),
+            Request::Profile(call) => self.begin_profile(call),
             Request::Return => {
                 if !self.return_number() {
                     self.end();
@@ -547,6 +595,7 @@ impl<R: BufRead> Iterator for Interpreter<R> {
             // A move that cutter compensation may still change waits, and all that comes after it.
             let waits = self.state.cutter.held;
             if waits != Some(0)
+                && self.capture.is_none()
                 && let Some(command) = self.pending.pop_front()
             {
                 self.state.cutter.held = waits.map(|held| held - 1);

@@ -23,6 +23,7 @@
 //! Nothing here is for the real-time cycle.
 
 mod block;
+mod capture;
 mod code;
 mod codes;
 mod command;
@@ -43,8 +44,10 @@ mod names;
 mod offsets;
 mod parameters;
 mod parser;
+mod profile;
 mod reader;
 mod restart;
+mod roughing;
 mod round;
 mod scope;
 mod settings;

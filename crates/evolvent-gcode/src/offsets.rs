@@ -87,7 +87,17 @@ impl Executor<'_> {
     /// Codes of group 0 that write offsets, and G28 and G30.
     pub(crate) fn data(&mut self) -> Result<(), Fault> {
         let line = self.line;
-        let Some(once) = line.once() else { return Ok(()) };
+        if let Some(once) = line.once() {
+            self.data_of(once)?;
+        }
+        match line.offset_switch() {
+            Some(switch) => self.data_of(switch),
+            None => Ok(()),
+        }
+    }
+
+    fn data_of(&mut self, once: Once) -> Result<(), Fault> {
+        let line = self.line;
         if self.state.cutter.is_on() && !matches!(once, Once::Dwell) {
             let span = line.group_span(Group::Once);
             let message = format!("{} while cutter compensation is on", once.name());

@@ -16,6 +16,10 @@ const LOCAL_NUMBERED: usize = 30;
 
 /// Whether DEBUG comments are shown.
 pub(crate) const DEBUG: usize = 5599;
+/// Where the probe tripped, nine axes in program coordinates and units.
+pub(crate) const PROBED: usize = 5061;
+/// Whether it did.
+pub(crate) const PROBE_TRIPPED: usize = 5070;
 /// Result of M66.
 pub(crate) const INPUT_RESULT: usize = 5399;
 /// Place of G28, nine axes.

@@ -3,13 +3,16 @@
 //! RS274/NGC, 3.5.3: centre format (I J K) and radius format (R). Tolerances and texts as LinuxCNC's, so that a
 //! program passes here if it passes there. Involutes: Fanuc's words (G2.2, G3.2) and a linear third axis.
 
-use evolvent_path::{Arc, Axes, Curve, Involute, InvoluteError, MAX_ARC_TURNS, Plane, Sense};
+use evolvent_path::{Arc, Axes, Blend, Curve, Involute, InvoluteError, Jet, MAX_ARC_TURNS, Plane, Sense};
 
 use crate::diagnostic::Fault;
 use crate::execute::Executor;
 use crate::state::State;
 use crate::statement::Statement;
 use crate::{Code, MoveKind, Settings};
+
+/// How far an arc in a turned plane may be off, mm.
+const TURNED_TOLERANCE_MM: f64 = 1e-4;
 
 /// The letters that belong to a plane.
 struct Letters {
@@ -48,7 +51,10 @@ impl Letters {
 impl Executor<'_> {
     /// G2, G3.
     pub(crate) fn arc(&mut self, sense: Sense) -> Result<(), Fault> {
-        let plane = self.round_plane("an arc")?;
+        let plane = match self.state.plane() {
+            Some(plane) => plane,
+            None => return Err(self.wrong_plane("an arc")),
+        };
         let name = if sense == Sense::Clockwise { "G2" } else { "G3" };
         self.check_feed(name)?;
         if self.state.cutter.programmed.is_some() && !self.state.cutter.is_on() {
@@ -57,6 +63,9 @@ impl Executor<'_> {
             return Err(fault.help("the tool comes back to the programmed path on a straight move: G0 or G1"));
         }
         let target = self.target()?;
+        if self.state.rotation[0] != 0.0 && plane != Plane::Xy {
+            return self.turned_arc(plane, sense, target);
+        }
         let curve = arc(self.state, plane, sense, target, self.line, self.settings)?;
         if self.state.cutter.is_on() {
             return self.compensated_arc(curve);
@@ -64,6 +73,54 @@ impl Executor<'_> {
         let feed = self.speed(curve.length(), false);
         let path_mode = self.state.modes.path_mode;
         self.put_curve(curve, MoveKind::Feed, feed, path_mode)
+    }
+
+    /// An arc in G18 or G19 while XY is rotated: it lies in an upright plane that no axis is part of, and is run as a chain of
+    /// quintics, each within [`TURNED_TOLERANCE_MM`] of it.
+    fn turned_arc(&mut self, plane: Plane, sense: Sense, target: Axes) -> Result<(), Fault> {
+        if self.state.cutter.is_on() {
+            return Err(self.wrong_plane("cutter compensation in rotated coordinates"));
+        }
+        // In coordinates that are turned back by the rotation the arc lies in its plane.
+        let state = &*self.state;
+        let mut straight = *state;
+        straight.rotation = [0.0, 1.0, 0.0];
+        straight.work = state.turn_back(state.work + state.tool_offset);
+        straight.tool_offset = Axes::zeros();
+        straight.position = state.turn_back(state.position);
+        straight.cutter.programmed = None;
+        let target = state.turn_back(target);
+        let curve = arc(&straight, plane, sense, target, self.line, self.settings)?;
+        let radius = match &curve {
+            Curve::Arc(arc) => arc.radius_mm(),
+            _ => 0.0,
+        };
+        // A quintic through both ends of an angle with two derivatives is off by radius * angle^6 / (6! 2^6).
+        let angle = libm::pow(46_080.0 * TURNED_TOLERANCE_MM / radius.max(1e-3), 1.0 / 6.0).min(0.5);
+        let length = curve.length();
+        let count = (length / (angle * radius.max(1e-3))).ceil().clamp(1.0, 1e6);
+        let width = length / count;
+        let state = *self.state;
+        let turned = |u: f64| {
+            let jet = curve.at(u);
+            Jet {
+                position: state.turn(jet.position),
+                first: state.turn(jet.first),
+                second: state.turn(jet.second),
+                third: state.turn(jet.third),
+            }
+        };
+        let mut left = turned(0.0);
+        left.position = state.position;
+        let mut pieces = Vec::new();
+        for index in 1..=count as u64 {
+            let right = turned((width * index as f64).min(length));
+            let blend = Blend::hermite(&left, &right, width)
+                .map_err(|error| Fault::new(Code::ArcRefused, self.line.motion_span(), error.to_string()))?;
+            pieces.push(Curve::Blend(blend));
+            left = right;
+        }
+        self.put_pieces(&pieces)
     }
 
     /// G2.2, G3.2.

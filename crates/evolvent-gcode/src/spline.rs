@@ -299,7 +299,7 @@ impl Executor<'_> {
         }
     }
 
-    fn put_pieces(&mut self, pieces: &[Curve]) -> Result<(), Fault> {
+    pub(crate) fn put_pieces(&mut self, pieces: &[Curve]) -> Result<(), Fault> {
         let length: f64 = pieces.iter().map(Curve::length).sum();
         let feed = self.speed(length, false);
         let path_mode = self.state.modes.path_mode;

@@ -8,7 +8,7 @@ use evolvent_path::{AXES, AxisLetter};
 use crate::block::Block;
 use crate::codes::{
     Compensation, Cycle, GCode, GROUPS, Group, LengthOffset, MCode, Motion, Once, PathControl, Turning,
-    is_g_of_the_dialect, lathe_code,
+    lathe_code,
 };
 use crate::diagnostic::{Fault, Span};
 use crate::{Code, Settings};
@@ -125,6 +125,14 @@ impl Statement {
     /// The code of group 0.
     pub(crate) fn once(&self) -> Option<Once> {
         match self.g(Group::Once) {
+            Some(GCode::Once(once)) => Some(once),
+            _ => None,
+        }
+    }
+
+    /// G92.1, G92.2 or G92.3.
+    pub(crate) fn offset_switch(&self) -> Option<Once> {
+        match self.g(Group::OffsetSwitch) {
             Some(GCode::Once(once)) => Some(once),
             _ => None,
         }
@@ -268,10 +276,6 @@ impl Statement {
                     "G75 is a turning cycle, and this machine is a mill",
                 )
                 .help("machines of kind = \"lathe\" have it"));
-            }
-            if whole && is_g_of_the_dialect(tenths) {
-                let message = format!("G{value} is not available yet");
-                return Err(Fault::new(Code::UnsupportedG, span, message));
             }
             let message = format!("there is no G{value}");
             return Err(Fault::new(Code::UnknownG, span, message));
@@ -485,6 +489,7 @@ impl Statement {
             Some(Motion::Thread) => bit(b'K'),
             Some(Motion::RigidTap) => bits(b"KI"),
             Some(Motion::ThreadCycle) => bits(b"PIJKRQHEL"),
+            Some(Motion::Rough(_)) => bits(b"QDEIRP"),
             Some(Motion::Turning(Turning::Longitudinal)) => bits(b"RLDHQ"),
             Some(Motion::Turning(Turning::Facing)) => bits(b"KHEQ"),
             Some(Motion::Cycle(cycle)) => {

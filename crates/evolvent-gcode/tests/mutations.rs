@@ -51,7 +51,14 @@ const DICTIONARY: &[&str] = &[
     "G59.3",
     "G61",
     "G64 P.1",
+    "G70 Q10 X20 Z1 P2",
+    "G71 Q10 X20 Z1 D.3 I2",
+    "G71.2 Q1",
+    "G72 Q10 X30 Z4",
     "G73",
+    "G75 X1 Z-9 K2",
+    "G82 X9 Z-9 D1 H.1 R20 L-12 Q1",
+    "G92.1 G92 X1",
     "G76",
     "G80",
     "G81",
@@ -316,6 +323,11 @@ fn damaged_programs_neither_panic_nor_hang_and_moves_chain() {
         max_call_depth: 20,
         ..Settings::default()
     };
+    let lathe = Settings {
+        lathe: true,
+        load_channel: true,
+        ..settings.clone()
+    };
     let seed = number("EVOLVENT_SEED").unwrap_or_else(|| {
         let time = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
         time.map_or(1, |time| time.as_nanos() as u64)
@@ -328,7 +340,9 @@ fn damaged_programs_neither_panic_nor_hang_and_moves_chain() {
         let mut program = corpus[random.below(corpus.len())].clone();
         let other = &corpus[random.below(corpus.len())];
         damage(&mut program, other, &mut random);
-        let found = std::panic::catch_unwind(|| check(&program, &settings));
+        // Every fourth machine is a lathe.
+        let settings = if case % 4 == 0 { &lathe } else { &settings };
+        let found = std::panic::catch_unwind(|| check(&program, settings));
         let shown = || {
             format!(
                 "case {case} of EVOLVENT_SEED={seed}:\n{}",

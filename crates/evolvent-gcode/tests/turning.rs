@@ -1,0 +1,270 @@
+//! Cycles of a lathe against the shape that they are to leave, and what else turns on planes and machines.
+
+#![expect(clippy::panic, reason = "a test may fail")]
+
+use evolvent_gcode::{Action, Code, Diagnostic, Interpreter, Move, MoveKind, Settings};
+use evolvent_path::{Axes, Curve};
+
+fn actions(program: &str) -> Result<Vec<Action>, Diagnostic> {
+    Interpreter::new(program.as_bytes(), Settings::default())
+        .map(|item| item.map(|command| command.action))
+        .collect()
+}
+
+fn moves(program: &str) -> Vec<Move> {
+    let all = actions(program).unwrap_or_else(|error| panic!("{}\n{program}", error.render("x")));
+    let moves = all.into_iter().filter_map(|action| match action {
+        Action::Move(step) => Some(step),
+        _ => None,
+    });
+    moves.collect()
+}
+
+/// The next of a row of numbers from 0 to 1 (Steele and Vigna's mix).
+fn random(state: &mut u64) -> f64 {
+    *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+    let mut mixed = *state;
+    mixed = (mixed ^ mixed >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    mixed = (mixed ^ mixed >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+    ((mixed ^ mixed >> 31) >> 11) as f64 / (1_u64 << 53) as f64
+}
+
+fn number(name: &str) -> Option<u64> {
+    std::env::var(name).ok()?.parse().ok()
+}
+
+/// Height of a chain of points above `z`, which falls along the chain; the greatest where several are.
+fn height(chain: &[(f64, f64)], z: f64) -> Option<f64> {
+    let mut found: Option<f64> = None;
+    for pair in chain.windows(2) {
+        let ((z0, x0), (z1, x1)) = (pair[0], pair[1]);
+        if (z1..=z0).contains(&z) && z0 > z1 {
+            let x = x0 + (x1 - x0) * (z0 - z) / (z0 - z1);
+            found = Some(found.map_or(x, |other| other.max(x)));
+        }
+    }
+    found
+}
+
+#[test]
+fn roughing_leaves_the_distance_and_finishing_the_profile_whatever_its_shape() {
+    let mut seed = number("EVOLVENT_SEED").unwrap_or_else(|| {
+        let time = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
+        time.map_or(1, |time| time.as_nanos() as u64)
+    });
+    println!("EVOLVENT_SEED={seed}");
+    for case in 0..number("EVOLVENT_CASES").unwrap_or(200) {
+        // A profile of straight lines with pockets, below a stock of radius 30.
+        let mut chain = vec![(0.0, 5.0 + (10.0 * random(&mut seed)).round())];
+        let mut text = format!("G0 X{} Z0\n", chain[0].1);
+        for _ in 0..8 {
+            let (z, _) = chain[chain.len() - 1];
+            let next = (
+                z - (1.0 + (5.0 * random(&mut seed)).round()),
+                5.0 + (20.0 * random(&mut seed)).round(),
+            );
+            text += &format!("G1 X{} Z{}\n", next.1, next.0);
+            chain.push(next);
+        }
+        let end = chain[chain.len() - 1].0;
+        let rough = |code: &str| {
+            let program =
+                format!("G18 F100\nG0 X40 Z2\nO1 sub\n{text}O1 endsub\n{code} Q1 X30 Z1 D0.5 I3 R0.4\nM2\n");
+            moves(&program)
+        };
+        for code in ["G71", "G71.1", "G71.2"] {
+            // The first move comes from the machine's zero.
+            for step in rough(code).into_iter().skip(1) {
+                for share in 0..=8 {
+                    let at = step
+                        .curve
+                        .at(f64::from(share) / 8.0 * step.curve.length())
+                        .position;
+                    if let Some(low) = height(&chain, at[2]) {
+                        // Nowhere nearer than the distance, along X at least as much as across.
+                        assert!(
+                            at[0] >= low + 0.5 - 1e-3,
+                            "case {case}, {code}: X{} Z{}",
+                            at[0],
+                            at[2]
+                        );
+                    }
+                }
+            }
+        }
+        // After G71 a cut has been everywhere as near as half a pass more.
+        let cuts: Vec<Move> = rough("G71")
+            .into_iter()
+            .filter(|step| step.kind == MoveKind::Feed)
+            .collect();
+        let mut z = -0.05;
+        while z > end + 1.0 {
+            let low = height(&chain, z).unwrap();
+            let reached = cuts
+                .iter()
+                .flat_map(|step| {
+                    let count = (step.curve.length() / 0.05).ceil();
+                    (0..=count as u32)
+                        .map(move |k| step.curve.at(f64::from(k) / count * step.curve.length()).position)
+                })
+                .filter(|at| (at[2] - z).abs() < 0.06)
+                .map(|at| at[0])
+                .fold(f64::INFINITY, f64::min);
+            // 0.5 away from a slope is more along X: at most by the steepest slope of these profiles.
+            assert!(
+                reached - low < 12.0,
+                "case {case}: Z{z} is left at {reached}, {low} wanted"
+            );
+            z -= 0.7;
+        }
+        let finish = format!("G18 F100\nG0 X40 Z2\nO1 sub\n{text}O1 endsub\nG70 Q1 X30 Z1\nM2\n");
+        let ends: Vec<(f64, f64)> = moves(&finish)
+            .iter()
+            .filter(|step| step.kind == MoveKind::Feed)
+            .map(|step| (step.curve.end()[2], step.curve.end()[0]))
+            .collect();
+        assert_eq!(ends, chain[1..], "case {case}");
+    }
+}
+
+#[test]
+fn a_profile_runs_without_moving_and_leaves_modes_as_they_were() {
+    let program = "G18 F100 S5\nG0 X30 Z5\nO1 sub\nF7 S900 M3 G91\nG0 X[10 - #<_x>] Z[0 - #<_z>]\nG1 Z-5\nX5\nG90\n#100 = 3\nO1 endsub\nG71 Q1 X20 Z1 I50\nG1 X[#100]\nM2\n";
+    let all = actions(program).unwrap();
+    assert!(
+        !all.iter()
+            .any(|action| matches!(action, Action::Spindle { speed_rpm, .. } if *speed_rpm != 5.0)),
+        "{all:?}"
+    );
+    let found = moves(program);
+    let last = found.last().unwrap();
+    assert!((last.feed - 100.0 / 60.0).abs() < 1e-12);
+    assert_eq!(last.curve.end()[0], 3.0);
+    // The cycle begins where it says, not where the profile ran.
+    assert_eq!((found[1].curve.end()[0], found[1].curve.end()[2]), (20.0, 1.0));
+    for pair in found.windows(2) {
+        assert_eq!(pair[0].curve.end(), pair[1].curve.start());
+    }
+}
+
+#[test]
+fn cycles_along_profiles_that_make_no_sense_are_refused_at_their_own_line() {
+    let profile = "O1 sub\nG0 X10 Z0\nG1 Z-9\nX20\nO1 endsub\n";
+    for (line, code) in [
+        ("G71 X20 Z1", Code::WordMissing),
+        ("G71 Q1 X20 Z1 D20", Code::ProfileRefused),
+        ("G71 Q1 X20 Z1 I0", Code::OutOfRange),
+        ("G71 Q1 X20 Z1 I0.00001", Code::OutOfRange),
+        ("G71 Q1 X20 Z1 D-1", Code::OutOfRange),
+        ("G70 Q1 X20 Z1 P0", Code::OutOfRange),
+        ("G71 Q1 X20 Z1 Y3", Code::UnusedWord),
+        ("G71 Q1 X20 Z1 K3", Code::UnusedWord),
+        ("G71 Q77 X20 Z1", Code::SubroutineMissing),
+        ("G17 G71 Q1 X20 Z1", Code::WrongPlane),
+        ("G71 Q1 X20 Z1 M98 P1", Code::TwoUsers),
+    ] {
+        let error = actions(&format!("{profile}G18 F100\n{line}\nG0 X1\nM2\n")).unwrap_err();
+        assert_eq!((error.code, error.line), (code, 7), "{line}: {error}");
+    }
+    for (body, code) in [
+        ("", Code::ProfileRefused),
+        ("G0 X1 Z1\n", Code::ProfileRefused),
+        ("G0 X9 Z1\nG1 Z-5\nZ-2\n", Code::ProfileRefused),
+        ("G0 X9 Z1\nG1 Z-5 A30\nX15\n", Code::ProfileRefused),
+        ("G0 X9 Z1\nG1 Z-5 A-1\nX15\n", Code::OutOfRange),
+        ("G0 X9 Z1\nG71 Q1 X20\n", Code::ProfileRefused),
+        ("G0 X9 Z1\nM2\n", Code::ProfileRefused),
+    ] {
+        let error = actions(&format!("O1 sub\n{body}O1 endsub\nG18 F100\nG71 Q1 X20 Z1\nM2\n")).unwrap_err();
+        assert_eq!(error.code, code, "{body}: {error}");
+    }
+}
+
+#[test]
+fn an_arc_in_a_turned_upright_plane_is_the_circle() {
+    let degrees = 30.0_f64;
+    let program =
+        format!("G21 F600\nG10 L2 P1 X4 Y5 Z6 R{degrees}\nG18\nG0 X10 Y2 Z0\nG3 X40 Z0 I15 K0 Y5\nM2\n");
+    let found = moves(&program);
+    let (sin, cos) = degrees.to_radians().sin_cos();
+    let turned = |x: f64, y: f64, z: f64| [cos * x - sin * y + 4.0, sin * x + cos * y + 5.0, z + 6.0];
+    let arc = &found[1..];
+    assert!(arc.len() > 2 && arc.iter().all(|step| matches!(step.curve, Curve::Blend(_))));
+    let end = arc.last().unwrap().curve.end();
+    for (found, expected) in end.iter().zip(turned(40.0, 5.0, 0.0)) {
+        assert!((found - expected).abs() < 1e-9, "{end}");
+    }
+    let mut total = 0.0;
+    for step in arc {
+        total += step.curve.length();
+        for share in 0..=16 {
+            let at = step.curve.position(f64::from(share) / 16.0 * step.curve.domain());
+            // Back to the program: a semicircle of radius 15 about X25 Z0, Y rising with the angle.
+            let (dx, dy, z) = (at[0] - 4.0, at[1] - 5.0, at[2] - 6.0);
+            let (x, y) = (cos * dx + sin * dy, cos * dy - sin * dx);
+            assert!(((x - 25.0).hypot(z) - 15.0).abs() < 1e-4, "{x} {z}");
+            let angle = z.abs().atan2(25.0 - x);
+            assert!(
+                (y - 2.0 - 3.0 * angle / std::f64::consts::PI).abs() < 1e-3,
+                "{y} at {angle}"
+            );
+        }
+    }
+    let helix = (15.0 * std::f64::consts::PI).hypot(3.0);
+    assert!((total - helix).abs() < 1e-3, "{total} {helix}");
+    for pair in found.windows(2) {
+        assert_eq!(pair[0].curve.end(), pair[1].curve.start());
+        assert_eq!(pair[1].kind, MoveKind::Feed);
+    }
+}
+
+#[test]
+fn cycles_of_the_second_planes_move_uvw_as_those_of_the_first_move_xyz() {
+    for (plane, words) in [(17, "X3 Y4 Z-5"), (18, "X3 Z4 Y-5"), (19, "Y3 Z4 X-5")] {
+        for cycle in ["G81", "G83 Q2", "G73 Q2", "G85", "G82 P1"] {
+            let first = moves(&format!("F100\nG{plane} {cycle} {words} R1\nM2\n"));
+            let second_words = words.replace('X', "U").replace('Y', "V").replace('Z', "W");
+            let second = moves(&format!("F100\nG{plane}.1 {cycle} {second_words} R1\nM2\n"));
+            assert_eq!(first.len(), second.len(), "{plane} {cycle}");
+            for (first, second) in first.iter().zip(&second) {
+                for axis in 0..3 {
+                    assert_eq!(
+                        first.curve.end()[axis],
+                        second.curve.end()[axis + 6],
+                        "{plane} {cycle}"
+                    );
+                    assert_eq!(second.curve.end()[axis], 0.0);
+                }
+            }
+        }
+    }
+    assert_eq!(
+        actions("F100\nG17.1\nG81 X1 Y1 Z-1 R1\n").unwrap_err().code,
+        Code::UnusedWord
+    );
+}
+
+#[test]
+fn what_inputs_and_probes_answer_is_there_for_the_next_line() {
+    let program = "G21 F100\nM66 P1 L3 Q2\nG0 X[#5399]\nG38.2 Z-10\nG1 X[#5063] Y[#5070]\nM2\n";
+    let mut interpreter = Interpreter::new(program.as_bytes(), Settings::default());
+    let mut ends = Vec::new();
+    while let Some(item) = interpreter.next() {
+        match item.unwrap().action {
+            Action::WaitInput { .. } => interpreter.answer_input(7.0),
+            Action::Probe { curve, .. } => {
+                let mut at = curve.end();
+                at[2] = -3.5;
+                assert!(interpreter.answer_probe(&at, true));
+                assert!(!interpreter.answer_probe(&Axes::repeat(f64::NAN), true));
+            }
+            Action::Move(step) => {
+                ends.push((step.curve.start()[2], step.curve.end()[0], step.curve.end()[1]));
+            }
+            _ => {}
+        }
+    }
+    assert_eq!(ends, [(0.0, 7.0, 0.0), (-3.5, -3.5, 1.0)]);
+    // Without an answer: a timeout, and no contact.
+    assert_eq!(moves(program)[0].curve.end()[0], -1.0);
+}
