@@ -32,6 +32,7 @@ mod lobe;
 mod map;
 mod model;
 mod scan;
+mod speeds;
 mod verify;
 
 pub use case::{Case, LawSource, LobeRange, MapRange, OscillationCase, SweepRange};
@@ -44,4 +45,5 @@ pub use lobe::{Limit, Lobes, Milling, MillingCut, Mode, Turning, TurningMode};
 pub use map::{MapCell, Mapper};
 pub use model::{CuttingTool, Equilibrium, Model, PrincipalAxis, SmallMode, State};
 pub use scan::{Branch, MOST_FREE_PART, Prediction, ScanEnd, ScanPoint, Scanner, Verdict};
+pub use speeds::nearest_stable;
 pub use verify::{Verified, verify};

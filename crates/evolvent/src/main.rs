@@ -1,6 +1,7 @@
 //! The `evolvent` command.
 
 mod bore;
+mod chatter;
 mod check;
 mod doctor;
 mod explain;
@@ -48,6 +49,8 @@ enum Command {
     /// Write a part program that mills a hole along involutes.
     #[command(allow_negative_numbers = true)]
     Bore(bore::BoreArgs),
+    /// Will this cut vibrate, how strongly, and at which speed not: self-oscillation and stability lobes.
+    Chatter(chatter::ChatterArgs),
     /// What this host can do for a real-time loop, measured, and what to change.
     Doctor(doctor::DoctorArgs),
     /// Look into traces, and recover torn ones.
@@ -83,6 +86,7 @@ fn main() -> ExitCode {
         Command::Check(args) => check::run(args, &mut out, &mut err),
         Command::Rate(args) => rate::run(args, &mut out, &mut err).map(|()| Ending::Clean),
         Command::Bore(args) => bore(args, &mut out),
+        Command::Chatter(args) => chatter::run(args, &mut out, &mut err),
         Command::Doctor(args) => doctor::run(args, &mut out, &mut err).map(|()| Ending::Clean),
         Command::Trace(args) => trace::run(args, &mut out, &mut err),
     };

@@ -5,9 +5,9 @@
 //! ([`Strips`]), along the path in points that keep its shape ([`Trail`]); so the file stays small and no peak is lost.
 
 mod palette;
-mod scale;
+pub(crate) mod scale;
 mod strips;
-mod svg;
+pub(crate) mod svg;
 mod trail;
 
 use evolvent_machine::{Axis, Machine};

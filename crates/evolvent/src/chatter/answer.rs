@@ -1,0 +1,261 @@
+//! What is computed of a case of self-oscillation.
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use evolvent_chatter::{
+    ChatterError, CuttingTool, Cycle, Fit, MapCell, Mapper, Measure, Model, OscillationCase, Prediction,
+    Scanner, Verdict, Verified, least_squares, nearest_stable, verify,
+};
+use evolvent_cutting::{Cut, ForceLaw, LawDefinition};
+
+use super::ChatterArgs;
+use crate::CommandError;
+
+/// Everything that pictures and reports show.
+pub(crate) struct Answer {
+    pub(crate) asked: OscillationCase,
+    pub(crate) tool: CuttingTool,
+    pub(crate) law: ForceLaw,
+    pub(crate) definition: LawDefinition,
+    pub(crate) prediction: Prediction,
+    pub(crate) cycles: Vec<Checked>,
+    pub(crate) verdict: Verdict,
+    /// Nearest stable speeds below and above, m/min; only where the cut is not stable.
+    pub(crate) stable_m_min: [Option<f64>; 2],
+    pub(crate) fits: Option<Vec<(Measure, Vec<Fit>)>>,
+    pub(crate) sweep: Vec<SweepPoint>,
+    /// A map for each feed, cells column by column (speeds), from the lowest depth up.
+    pub(crate) maps: Vec<(f64, Vec<MapCell>)>,
+    pub(crate) assumptions: Vec<String>,
+}
+
+/// A cycle and what integration in time says of it.
+pub(crate) struct Checked {
+    pub(crate) cycle: Cycle,
+    pub(crate) verified: Result<Verified, ChatterError>,
+}
+
+impl Checked {
+    /// By the multipliers where there are some, else by the scan.
+    pub(crate) fn stable(&self) -> bool {
+        match &self.verified {
+            Ok(verified) => verified.stable(),
+            Err(_) => self.cycle.stable_by_slope(),
+        }
+    }
+}
+
+/// The cycles at a speed.
+pub(crate) struct SweepPoint {
+    pub(crate) speed_m_min: f64,
+    /// None where there is no steady cut or no force.
+    pub(crate) growth_per_s: Option<f64>,
+    pub(crate) verdict: Option<Verdict>,
+    /// Amplitude of V2, m; frequency, Hz; whether it is stable. The largest first.
+    pub(crate) cycles: Vec<(f64, f64, bool)>,
+}
+
+pub(crate) fn answer(
+    asked: &OscillationCase,
+    law: ForceLaw,
+    definition: LawDefinition,
+    args: &ChatterArgs,
+) -> Result<Answer, CommandError> {
+    let failed = |error: ChatterError| CommandError::Failed(format!("{}: {error}", args.case.display()));
+    let tool = CuttingTool {
+        radial_ratio: asked.radial_ratio.unwrap_or_else(|| law.radial_ratio()),
+        ..asked.tool
+    };
+    let model = Model::new(tool, &law).map_err(failed)?;
+    let prediction = Scanner::new(asked.harmonics).scan(&model).map_err(failed)?;
+    let cycles: Vec<Checked> = prediction
+        .cycles()
+        .map(|cycle| Checked {
+            cycle: cycle.clone(),
+            verified: verify(&model, cycle, 1e-8),
+        })
+        .collect();
+    let verdict = prediction.verdict();
+    let stable_m_min = if verdict == Verdict::Stable {
+        [None; 2]
+    } else {
+        let range = [1.01 * tool.floor_m_min, 10.0 * tool.speed_m_min];
+        nearest_stable(&mut Mapper::new(asked.harmonics), tool, &law, range)
+    };
+    let fits = if args.least_squares {
+        let mut all = Vec::new();
+        for measure in [Measure::Residual, Measure::Normalised] {
+            let harmonics = asked.harmonics.min(16);
+            all.push((
+                measure,
+                least_squares(&model, harmonics, measure).map_err(failed)?,
+            ));
+        }
+        Some(all)
+    } else {
+        None
+    };
+    let sweep = if args.json || args.plot.is_some() {
+        sweep(asked, tool, &law)
+    } else {
+        Vec::new()
+    };
+    let maps = if args.map.is_some() {
+        let feeds = asked.map.feed_mm_rev.iter();
+        feeds
+            .map(|&feed_mm_rev| (feed_mm_rev, map(asked, CuttingTool { feed_mm_rev, ..tool }, &law)))
+            .collect()
+    } else {
+        Vec::new()
+    };
+    let assumptions = assumptions(asked, &tool, &law, &definition, &cycles);
+    Ok(Answer {
+        asked: asked.clone(),
+        tool,
+        law,
+        definition,
+        prediction,
+        cycles,
+        verdict,
+        stable_m_min,
+        fits,
+        sweep,
+        maps,
+        assumptions,
+    })
+}
+
+/// What the result rests on: shown wherever it is.
+fn assumptions(
+    asked: &OscillationCase,
+    tool: &CuttingTool,
+    law: &ForceLaw,
+    definition: &LawDefinition,
+    cycles: &[Checked],
+) -> Vec<String> {
+    let mut all = vec![
+        format!("force law {}: {}", definition.name, definition.description),
+        format!(
+            "radial force is {} of the tangential force{}",
+            tool.radial_ratio,
+            if asked.radial_ratio.is_some() {
+                " (case file)"
+            } else {
+                " (assumed by the law)"
+            }
+        ),
+        "no regeneration: waves of the last revolution are not seen, so there are no stability lobes in this"
+            .to_owned(),
+        format!("below {} m/min the force law is not trusted", tool.floor_m_min),
+    ];
+    let outside = |speed: f64| {
+        !law.covers(Cut {
+            speed_m_min: speed,
+            depth_mm: tool.depth_mm,
+            feed_mm_rev: tool.feed_mm_rev,
+        })
+    };
+    let speeds = cycles.iter().flat_map(|checked| checked.cycle.speed_m_min);
+    if speeds.chain([tool.speed_m_min]).any(outside) {
+        let [from, to] = law.covered().speed_m_min;
+        all.push(format!(
+            "the force law is extrapolated: its data are from {from} to {to} m/min"
+        ));
+    }
+    all
+}
+
+/// Calls `each` for 0 to `count`, on as many threads as there are processors; results in order.
+fn in_parallel<T: Send>(
+    count: usize,
+    each: impl Fn(&mut Worker, usize) -> T + Sync,
+    harmonics: usize,
+) -> Vec<T> {
+    let threads = std::thread::available_parallelism()
+        .map_or(1, usize::from)
+        .min(count.max(1));
+    let next = AtomicUsize::new(0);
+    let work = || {
+        let mut worker = Worker {
+            mapper: Mapper::new(harmonics),
+            scanner: Scanner::new(harmonics),
+        };
+        let mut done = Vec::new();
+        loop {
+            let index = next.fetch_add(1, Ordering::Relaxed);
+            if index >= count {
+                return done;
+            }
+            done.push((index, each(&mut worker, index)));
+        }
+    };
+    let mut all: Vec<(usize, T)> = std::thread::scope(|scope| {
+        let others: Vec<_> = (1..threads).map(|_| scope.spawn(work)).collect();
+        let mut all = work();
+        for other in others {
+            // A thread that panicked has nothing to add; its columns stay empty.
+            all.extend(other.join().unwrap_or_default());
+        }
+        all
+    });
+    all.sort_by_key(|(index, _)| *index);
+    all.into_iter().map(|(_, result)| result).collect()
+}
+
+struct Worker {
+    mapper: Mapper,
+    scanner: Scanner,
+}
+
+fn sweep(asked: &OscillationCase, tool: CuttingTool, law: &ForceLaw) -> Vec<SweepPoint> {
+    let [from, to] = asked.sweep.speed_m_min;
+    let last = (asked.sweep.points - 1) as f64;
+    let point = |worker: &mut Worker, k: usize| {
+        let speed_m_min = from + (to - from) * k as f64 / last;
+        let mut point = SweepPoint {
+            speed_m_min,
+            growth_per_s: None,
+            verdict: None,
+            cycles: Vec::new(),
+        };
+        let Ok(model) = Model::new(CuttingTool { speed_m_min, ..tool }, law) else {
+            return point;
+        };
+        if let Ok(prediction) = worker.scanner.scan(&model) {
+            point.growth_per_s = Some(prediction.equilibrium.growth_per_s());
+            point.verdict = Some(prediction.verdict());
+            point.cycles = prediction
+                .cycles()
+                .map(|cycle| (cycle.amplitude_m(1), cycle.frequency_hz, cycle.stable_by_slope()))
+                .collect();
+            point.cycles.sort_by(|a, b| b.0.total_cmp(&a.0));
+        }
+        point
+    };
+    in_parallel(asked.sweep.points, point, asked.harmonics)
+}
+
+fn map(asked: &OscillationCase, tool: CuttingTool, law: &ForceLaw) -> Vec<MapCell> {
+    let range = &asked.map;
+    // Cells lie around their middle.
+    let middle = |range: [f64; 2], k: usize, count: usize| {
+        range[0] + (range[1] - range[0]) * (k as f64 + 0.5) / count as f64
+    };
+    let column = |worker: &mut Worker, k: usize| {
+        let speed_m_min = middle(range.speed_m_min, k, range.columns);
+        let cell = |row: usize| {
+            let depth_mm = middle(range.depth_mm, row, range.rows);
+            let tool = CuttingTool {
+                speed_m_min,
+                depth_mm,
+                ..tool
+            };
+            worker.mapper.cell(tool, law)
+        };
+        (0..range.rows).map(cell).collect::<Vec<_>>()
+    };
+    in_parallel(range.columns, column, asked.harmonics)
+        .into_iter()
+        .flatten()
+        .collect()
+}

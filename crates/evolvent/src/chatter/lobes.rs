@@ -1,0 +1,164 @@
+//! Stability lobes: what is computed, and their picture.
+
+use evolvent_chatter::{Case, ChatterError, Limit, Lobes, MillingDelay};
+
+use super::chart::{Chart, STABLE, STYLE, UNSTABLE, WIDTH, foot};
+use crate::CommandError;
+use crate::figure::svg::{Anchor, Svg};
+
+/// The lobes of turning or milling.
+pub(crate) struct LobeAnswer {
+    /// "turning" or "milling".
+    pub(crate) kind: &'static str,
+    /// Depths that are stable at every speed, mode by mode, the smallest first.
+    pub(crate) minima: Vec<Limit>,
+    /// Cuts in a revolution.
+    pub(crate) cuts_per_rev: u32,
+    pub(crate) points: Vec<LobePoint>,
+    /// The largest depth looked at, m.
+    pub(crate) most_m: f64,
+    /// Whether the delay equation was solved.
+    pub(crate) exact: bool,
+    pub(crate) assumptions: Vec<String>,
+}
+
+/// Speed, rpm; limit by the frequency domain, m; limit by the delay equation, m.
+pub(crate) type LobePoint = (f64, Option<f64>, Option<f64>);
+
+pub(crate) fn answers(case: &Case) -> Result<Vec<LobeAnswer>, CommandError> {
+    let failed = |error: ChatterError| CommandError::Failed(error.to_string());
+    let mut all = Vec::new();
+    if let Some(turning) = &case.turning {
+        let at = |rpm: f64| MillingDelay::turning(turning, rpm);
+        let assumptions = vec![
+            "regenerative chatter of a linear tool: cutting force in proportion to chip area, one revolution of delay".to_owned(),
+            "no falling force over speed, no process damping; amplitudes are not predicted".to_owned(),
+        ];
+        // Both ways are exact for turning: the multiplier would only repeat the limit.
+        all.push(answer(case, turning, "turning", false, at, assumptions).map_err(failed)?);
+    }
+    if let Some(milling) = &case.milling {
+        let at = |rpm: f64| MillingDelay::milling(milling, rpm);
+        let assumptions = vec![
+            "regenerative chatter of a linear tool: straight, evenly spaced teeth, force in proportion to chip area".to_owned(),
+            "zero order: only the mean of the cutting force over a tooth; the delay equation takes all of it".to_owned(),
+            "no run-out, no process damping; amplitudes are not predicted".to_owned(),
+        ];
+        all.push(answer(case, milling, "milling", case.lobes.exact, at, assumptions).map_err(failed)?);
+    }
+    Ok(all)
+}
+
+fn answer(
+    case: &Case,
+    lobes: &(impl Lobes + Sync),
+    kind: &'static str,
+    exact: bool,
+    delay: impl Fn(f64) -> Result<MillingDelay, ChatterError> + Sync,
+    assumptions: Vec<String>,
+) -> Result<LobeAnswer, ChatterError> {
+    let minima = lobes.minima();
+    let least = minima.first().map_or(1e-3, |limit| limit.depth_m);
+    let most_m = case
+        .lobes
+        .max_depth_mm
+        .map_or(6.0 * least, |depth| 1e-3 * depth)
+        .clamp(1e-6, 1.0);
+    let [from, to] = case.lobes.speed_rpm;
+    let last = (case.lobes.points - 1) as f64;
+    let point = |k: usize| {
+        let rpm = from + (to - from) * k as f64 / last;
+        let quick = lobes.limit_at(rpm).map(|limit| limit.depth_m);
+        let exact = if exact { delay(rpm)?.limit(most_m)? } else { None };
+        Ok::<_, ChatterError>((rpm, quick, exact))
+    };
+    // Two halves on two threads, interleaved so that both take the same time.
+    let count = case.lobes.points;
+    let every_second = |first: usize| (first..count).step_by(2).map(point).collect::<Vec<_>>();
+    let (even, odd) = std::thread::scope(|scope| {
+        let other = scope.spawn(|| every_second(1));
+        (every_second(0), other.join().unwrap_or_default())
+    });
+    let mut points = Vec::with_capacity(count);
+    let mut odd = odd.into_iter();
+    for point in even {
+        points.push(point?);
+        if let Some(point) = odd.next() {
+            points.push(point?);
+        }
+    }
+    Ok(LobeAnswer {
+        kind,
+        minima,
+        cuts_per_rev: lobes.cuts_per_rev(),
+        points,
+        most_m,
+        exact,
+        assumptions,
+    })
+}
+
+pub(crate) fn svg(case: &Case, answers: &[LobeAnswer]) -> String {
+    let mut svg = Svg::new(WIDTH);
+    svg.text((20.0, 32.0), Anchor::Start, "title", &case.name);
+    svg.text((20.0, 52.0), Anchor::Start, "small", &case.description);
+    let mut top = 116.0;
+    let mut lines = Vec::new();
+    for answer in answers {
+        let most = 1e3 * answer.most_m;
+        let chart = Chart::new((70.0, top), (1100.0, 420.0), case.lobes.speed_rpm, [0.0, most]);
+        chart.frame(
+            &mut svg,
+            &format!("Stability lobes, {}", answer.kind),
+            "spindle speed, rpm",
+            if answer.exact {
+                "limit of the depth, mm: stable below; blue: delay equation, orange dashed: zero order; dotted: stable at every speed (zero order)"
+            } else {
+                "limit of the depth, mm: stable below; dotted: stable at every speed"
+            },
+        );
+        let line = |of: &dyn Fn(&LobePoint) -> Option<f64>| -> Vec<Option<(f64, f64)>> {
+            // Nothing found means above the picture.
+            let point = |point| {
+                (
+                    point_rpm(point),
+                    of(point).map_or(2.0 * most, |depth| 1e3 * depth),
+                )
+            };
+            answer.points.iter().map(|p| Some(point(p))).collect()
+        };
+        if answer.exact {
+            chart.line(
+                &mut svg,
+                &line(&|point| point.1),
+                UNSTABLE,
+                1.4,
+                "stroke-dasharray=\"6 4\"",
+            );
+            chart.line(&mut svg, &line(&|point| point.2), STABLE, 2.2, "");
+        } else {
+            chart.line(&mut svg, &line(&|point| point.1), STABLE, 2.2, "");
+        }
+        for limit in &answer.minima {
+            let depth = 1e3 * limit.depth_m;
+            if depth < most {
+                let ends = [
+                    Some((case.lobes.speed_rpm[0], depth)),
+                    Some((case.lobes.speed_rpm[1], depth)),
+                ];
+                chart.line(&mut svg, &ends, "#555", 1.0, "stroke-dasharray=\"2 3\"");
+                let (x, y) = chart.place(case.lobes.speed_rpm[1], depth);
+                let text = format!("{depth:.4} mm at {:.2} Hz", limit.frequency_hz);
+                svg.text((x - 6.0, y - 4.0), Anchor::End, "small", &text);
+            }
+        }
+        top += 530.0;
+        lines.extend(answer.assumptions.iter().cloned());
+    }
+    let end = foot(&mut svg, top - 36.0, &lines);
+    svg.finish(end, STYLE)
+}
+
+fn point_rpm(point: &LobePoint) -> f64 {
+    point.0
+}

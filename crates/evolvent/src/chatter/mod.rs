@@ -1,0 +1,169 @@
+//! `evolvent chatter`: will this cut vibrate, how strongly, and at which speed not?
+
+mod answer;
+mod chart;
+mod lobes;
+mod map;
+mod picture;
+mod report;
+
+use std::io::{Read as _, Write};
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use evolvent_chatter::{Case, LawSource, OscillationCase};
+use evolvent_cutting::{ForceLaw, LawDefinition};
+
+use crate::rate::{check_svg_name, write_whole};
+use crate::{CommandError, Ending};
+
+/// Longest case or law file, bytes.
+const MAX_FILE_BYTES: u64 = 1 << 20;
+
+/// Options of `evolvent chatter`.
+///
+/// A case with [cut], [force] and [tool] asks for self-oscillation; one with [turning] or [milling] asks for stability
+/// lobes. docs/theory-self-oscillation.md leads through an example.
+#[derive(Debug, Args, Default)]
+pub(crate) struct ChatterArgs {
+    /// The case file (TOML, or JSON with the same keys)
+    pub(crate) case: PathBuf,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    pub(crate) json: bool,
+    /// Write phase portrait, force over speed, and amplitude, frequency and growth over speed into one SVG file
+    #[arg(long, value_name = "FILE.svg")]
+    pub(crate) plot: Option<PathBuf>,
+    /// Write the map of speed and depth, one for each feed of the case, into one SVG file
+    #[arg(long, value_name = "FILE.svg")]
+    pub(crate) map: Option<PathBuf>,
+    /// Write the diagram of stability lobes into one SVG file
+    #[arg(long, value_name = "FILE.svg")]
+    pub(crate) lobes: Option<PathBuf>,
+    /// Compare with the least squares in three stages
+    #[arg(long)]
+    pub(crate) least_squares: bool,
+    /// Harmonics that are kept, 1 to 32; default: the case's, or 5
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=32))]
+    pub(crate) harmonics: Option<u8>,
+}
+
+/// Computes the case and writes it to `out`, as text or as one JSON object; what else there is to say goes to `err`.
+///
+/// # Errors
+/// `Usage` for a bad case, `Failed` where there is no answer, or where output or a picture cannot be written.
+pub(crate) fn run(
+    args: &ChatterArgs,
+    out: &mut dyn Write,
+    err: &mut dyn Write,
+) -> Result<Ending, CommandError> {
+    let mut case = read_case(&args.case)?;
+    for (file, there, what) in [
+        (
+            &args.plot,
+            case.oscillation.is_some(),
+            "[cut], [force] and [tool]",
+        ),
+        (&args.map, case.oscillation.is_some(), "[cut], [force] and [tool]"),
+        (
+            &args.lobes,
+            case.turning.is_some() || case.milling.is_some(),
+            "[turning] or [milling]",
+        ),
+    ] {
+        let Some(file) = file else { continue };
+        check_svg_name(file)?;
+        if !there {
+            return Err(CommandError::Usage(format!(
+                "{}: no picture for {}: the case has no {what}",
+                args.case.display(),
+                file.display()
+            )));
+        }
+    }
+    if let (Some(oscillation), Some(harmonics)) = (&mut case.oscillation, args.harmonics) {
+        oscillation.harmonics = usize::from(harmonics);
+    }
+    let oscillation = match &case.oscillation {
+        Some(asked) => {
+            let (law, name) = law(&args.case, asked)?;
+            Some(answer::answer(asked, law, name, args)?)
+        }
+        None => None,
+    };
+    let lobes = lobes::answers(&case)?;
+    if let Some((file, answer)) = args.plot.as_ref().zip(oscillation.as_ref()) {
+        write_picture(file, &picture::svg(&case, answer), err)?;
+    }
+    if let Some((file, answer)) = args.map.as_ref().zip(oscillation.as_ref()) {
+        write_picture(file, &map::svg(&case, answer), err)?;
+    }
+    if let Some(file) = &args.lobes {
+        write_picture(file, &lobes::svg(&case, &lobes), err)?;
+    }
+    let text = if args.json {
+        format!("{:#}\n", report::json(&case, oscillation.as_ref(), &lobes))
+    } else {
+        report::text(&case, oscillation.as_ref(), &lobes)
+    };
+    out.write_all(text.as_bytes())
+        .and_then(|()| out.flush())
+        .map_err(|error| CommandError::Failed(format!("cannot write the result: {error}")))?;
+    Ok(Ending::Clean)
+}
+
+fn write_picture(file: &Path, svg: &str, err: &mut dyn Write) -> Result<(), CommandError> {
+    write_whole(file, svg.as_bytes())
+        .map_err(|error| CommandError::Failed(format!("{}: cannot write: {error}", file.display())))?;
+    // With standard error gone there is nobody left to tell.
+    let _ = writeln!(err, "figures written to {}", file.display());
+    Ok(())
+}
+
+/// Reads a case file.
+pub(crate) fn read_case(file: &Path) -> Result<Case, CommandError> {
+    let text = read_text(file, "case file")?;
+    Case::parse(&text, &file.display().to_string()).map_err(|error| CommandError::Usage(error.to_string()))
+}
+
+/// The force law of a case with its ratio of forces, and its name.
+pub(crate) fn law(
+    case_file: &Path,
+    asked: &OscillationCase,
+) -> Result<(ForceLaw, LawDefinition), CommandError> {
+    let usage = |text: String| CommandError::Usage(text);
+    let definition = match &asked.law {
+        LawSource::BuiltIn(definition) => (**definition).clone(),
+        LawSource::File(name) => {
+            let file = case_file.parent().unwrap_or(Path::new("")).join(name);
+            let text = read_text(&file, "law file")?;
+            LawDefinition::parse(&text, &file.display().to_string())
+                .map_err(|error| usage(error.to_string()))?
+        }
+    };
+    let law = definition
+        .law(asked.angles)
+        .map_err(|error| usage(format!("{}: force: {error}", case_file.display())))?;
+    Ok((law, definition))
+}
+
+fn read_text(file: &Path, kind: &str) -> Result<String, CommandError> {
+    let usage = |what: String| CommandError::Usage(format!("{}: {what}", file.display()));
+    let mut bytes = Vec::new();
+    std::fs::File::open(file)
+        .and_then(|opened| opened.take(MAX_FILE_BYTES + 1).read_to_end(&mut bytes))
+        .map_err(|error| {
+            usage(format!(
+                "cannot read the {kind}: {error}; check the path and its permissions"
+            ))
+        })?;
+    if bytes.len() as u64 > MAX_FILE_BYTES {
+        return Err(usage(format!(
+            "longer than {MAX_FILE_BYTES} bytes: this is no {kind}; check the path"
+        )));
+    }
+    String::from_utf8(bytes).map_err(|error| {
+        let byte = error.utf8_error().valid_up_to();
+        usage(format!("not UTF-8 text at byte {byte}; save the file as UTF-8"))
+    })
+}

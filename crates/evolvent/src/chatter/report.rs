@@ -1,0 +1,380 @@
+//! The answer as text and as JSON.
+
+use std::fmt::Write as _;
+
+use evolvent_chatter::{Case, Cycle, Measure, ScanEnd, Verdict};
+use serde_json::{Value, json};
+
+use super::answer::{Answer, Checked};
+use super::lobes::LobeAnswer;
+
+pub(crate) fn text(case: &Case, oscillation: Option<&Answer>, lobes: &[LobeAnswer]) -> String {
+    let mut text = String::new();
+    // Writing to a string cannot fail.
+    let _ = oscillation.map(|answer| oscillation_text(&mut text, case, answer));
+    for answer in lobes {
+        let _ = lobe_text(&mut text, case, answer);
+    }
+    text
+}
+
+fn rpm(answer: &Answer, speed_m_min: f64) -> Option<f64> {
+    let diameter = answer.asked.diameter_mm?;
+    Some(1000.0 * speed_m_min / (std::f64::consts::PI * diameter))
+}
+
+fn speed(answer: &Answer, speed_m_min: f64) -> String {
+    match rpm(answer, speed_m_min) {
+        Some(rpm) => format!("{speed_m_min:.1} m/min ({rpm:.0} rpm)"),
+        None => format!("{speed_m_min:.1} m/min"),
+    }
+}
+
+fn sentence(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::Stable => "stable: every disturbance within the model dies out",
+        Verdict::Bistable => "bistable: steady until a blow beyond the unstable cycle sets it vibrating",
+        Verdict::SelfExcited => "vibrates by itself",
+        Verdict::OutOfModel => {
+            "no answer: vibration grows until the model ends (speed at the floor, or contact lost for half of the time)"
+        }
+    }
+}
+
+fn end_word(end: ScanEnd) -> &'static str {
+    match end {
+        ScanEnd::SpeedFloor => "speed-floor",
+        ScanEnd::ContactLost => "contact-lost",
+        ScanEnd::NotFound => "not-found",
+        ScanEnd::NoBranch => "no-branch",
+    }
+}
+
+fn oscillation_text(text: &mut String, case: &Case, answer: &Answer) -> std::fmt::Result {
+    let tool = &answer.tool;
+    writeln!(text, "{}: {}", case.name, sentence(answer.verdict))?;
+    writeln!(
+        text,
+        "  cut             {}, {} mm deep, {} mm/rev",
+        speed(answer, tool.speed_m_min),
+        tool.depth_mm,
+        tool.feed_mm_rev
+    )?;
+    let rest = &answer.prediction.equilibrium;
+    let [v1, v2] = rest.deflection_m.map(|deflection| 1e3 * deflection);
+    writeln!(
+        text,
+        "  steady cut      force {:.1} N, deflections V1 {v1:.4} mm, V2 {v2:.4} mm",
+        rest.force_n
+    )?;
+    for mode in &rest.modes {
+        let word = if mode.growth_per_s > 0.0 {
+            "grows"
+        } else {
+            "dies out"
+        };
+        writeln!(
+            text,
+            "  small vibration at {:.2} Hz {word} with {:+.2} 1/s",
+            mode.frequency_hz, mode.growth_per_s
+        )?;
+    }
+    for (k, checked) in answer.cycles.iter().enumerate() {
+        cycle_text(text, k + 1, checked)?;
+    }
+    if answer.verdict != Verdict::Stable {
+        let found: Vec<String> = answer
+            .stable_m_min
+            .into_iter()
+            .flatten()
+            .map(|at| speed(answer, at))
+            .collect();
+        if found.is_empty() {
+            writeln!(
+                text,
+                "  nearest stable speed: none found; change depth, feed or tool"
+            )?;
+        } else {
+            writeln!(text, "  nearest stable speeds: {}", found.join(" and "))?;
+        }
+    }
+    if let Some(fits) = &answer.fits {
+        fits_text(text, answer, fits)?;
+    }
+    assumptions_text(text, &answer.assumptions)
+}
+
+fn cycle_text(text: &mut String, number: usize, checked: &Checked) -> std::fmt::Result {
+    let cycle = &checked.cycle;
+    let word = if checked.stable() { "stable" } else { "unstable" };
+    writeln!(
+        text,
+        "  cycle {number}, {word}: {:.4} Hz, amplitudes V1 {:.6} mm, V2 {:.6} mm",
+        cycle.frequency_hz,
+        1e3 * cycle.amplitude_m(0),
+        1e3 * cycle.amplitude_m(1)
+    )?;
+    writeln!(
+        text,
+        "    speed {:.1} to {:.1} m/min, depth {:.3} to {:.3} mm{}",
+        cycle.speed_m_min[0],
+        cycle.speed_m_min[1],
+        cycle.depth_mm[0],
+        cycle.depth_mm[1],
+        if cycle.free_part > 0.0 {
+            format!(", out of contact {:.0} % of the time", 100.0 * cycle.free_part)
+        } else {
+            String::new()
+        }
+    )?;
+    match &checked.verified {
+        Ok(exact) => writeln!(
+            text,
+            "    in time: {:.4} Hz, V2 {:.6} mm (off by {:.1e} and {:.1e}); largest multiplier {:.4}",
+            exact.frequency_hz,
+            1e3 * exact.amplitude_m[1],
+            exact.frequency_error.abs(),
+            exact.amplitude_error.abs(),
+            exact.multipliers[0].norm()
+        ),
+        Err(error) => writeln!(text, "    not confirmed by integration in time: {error}"),
+    }
+}
+
+fn fits_text(
+    text: &mut String,
+    answer: &Answer,
+    fits: &[(Measure, Vec<evolvent_chatter::Fit>)],
+) -> std::fmt::Result {
+    for (measure, fits) in fits {
+        let what = match measure {
+            Measure::Residual => "squared residual",
+            Measure::Normalised => "normalised residual",
+        };
+        let count = answer.asked.harmonics.min(16);
+        writeln!(
+            text,
+            "  least squares in three stages, {what}, {count} harmonics:"
+        )?;
+        if fits.is_empty() {
+            writeln!(text, "    no minimum but rest")?;
+        }
+        for fit in fits {
+            let word = match fit.normalised {
+                _ if fit.reaches_floor => "beyond the model",
+                size if size < 1e-5 => "a cycle",
+                size if size < 1e-4 => "not clear",
+                _ => "false",
+            };
+            writeln!(
+                text,
+                "    {:.4} Hz, V1 {:.6} mm, V2 {:.6} mm, residual {:.2e}: {word}",
+                fit.frequency_hz,
+                1e3 * fit.amplitude_m[0],
+                1e3 * fit.amplitude_m[1],
+                fit.normalised
+            )?;
+        }
+    }
+    writeln!(
+        text,
+        "    (five harmonics or more tell cycles, below 1e-5, from false minima, above 1e-4)"
+    )
+}
+
+fn assumptions_text(text: &mut String, assumptions: &[String]) -> std::fmt::Result {
+    writeln!(text, "  assumed:")?;
+    for line in assumptions {
+        writeln!(text, "    - {line}")?;
+    }
+    Ok(())
+}
+
+fn lobe_text(text: &mut String, case: &Case, answer: &LobeAnswer) -> std::fmt::Result {
+    writeln!(text, "{}: stability lobes, {}", case.name, answer.kind)?;
+    for limit in &answer.minima {
+        let lobes: Vec<String> = (0..4)
+            .map(|waves| format!("{:.0}", limit.speed_rpm(waves, answer.cuts_per_rev)))
+            .collect();
+        writeln!(
+            text,
+            "  stable at every speed below {:.4} mm, at {:.3} Hz; worst at {} rpm and so on",
+            1e3 * limit.depth_m,
+            limit.frequency_hz,
+            lobes.join(", ")
+        )?;
+    }
+    let of = |point: &(f64, Option<f64>, Option<f64>)| {
+        if answer.exact { point.2 } else { point.1 }
+    };
+    let best = answer.points.iter().max_by(|a, b| {
+        of(a)
+            .unwrap_or(answer.most_m)
+            .total_cmp(&of(b).unwrap_or(answer.most_m))
+    });
+    if let Some(best) = best {
+        let [from, to] = case.lobes.speed_rpm;
+        let depth = match of(best) {
+            Some(depth) if depth < answer.most_m => format!("{:.3} mm", 1e3 * depth),
+            _ => format!("more than {:.3} mm", 1e3 * answer.most_m),
+        };
+        writeln!(
+            text,
+            "  deepest stable cut from {from:.0} to {to:.0} rpm: {depth} at {:.0} rpm ({})",
+            best.0,
+            if answer.exact {
+                "delay equation"
+            } else {
+                "frequency domain"
+            }
+        )?;
+    }
+    assumptions_text(text, &answer.assumptions)
+}
+
+pub(crate) fn json(case: &Case, oscillation: Option<&Answer>, lobes: &[LobeAnswer]) -> Value {
+    json!({
+        "case": case.name,
+        "description": case.description,
+        "oscillation": oscillation.map(oscillation_json),
+        "lobes": lobes.iter().map(lobe_json).collect::<Vec<_>>(),
+    })
+}
+
+fn cycle_json(checked: &Checked) -> Value {
+    let cycle: &Cycle = &checked.cycle;
+    let relative = |coordinate: usize| {
+        let harmonics = &cycle.harmonics_m[coordinate];
+        let first = cycle.amplitude_m(coordinate);
+        harmonics
+            .iter()
+            .skip(1)
+            .map(|value| value.norm() / first)
+            .collect::<Vec<_>>()
+    };
+    let verified = match &checked.verified {
+        Ok(exact) => json!({
+            "frequency_hz": exact.frequency_hz,
+            "amplitude_mm": exact.amplitude_m.map(|value| 1e3 * value),
+            "mean_mm": exact.mean_m.map(|value| 1e3 * value),
+            "half_peak_to_peak_mm": exact.half_peak_to_peak_m.map(|value| 1e3 * value),
+            "multipliers": exact.multipliers.map(|value| [value.re, value.im]),
+            "trivial_multiplier_error": exact.trivial_error,
+            "closure": exact.closure,
+            "amplitude_error": exact.amplitude_error,
+            "frequency_error": exact.frequency_error,
+        }),
+        Err(error) => json!({ "refused": error.to_string() }),
+    };
+    json!({
+        "stable": checked.stable(),
+        "frequency_hz": cycle.frequency_hz,
+        "amplitude_mm": [1e3 * cycle.amplitude_m(0), 1e3 * cycle.amplitude_m(1)],
+        "mean_mm": [1e3 * cycle.mean_m(0), 1e3 * cycle.mean_m(1)],
+        "phase_deg": cycle.phase_rad().to_degrees(),
+        "harmonics_v1": relative(0),
+        "harmonics_v2": relative(1),
+        "speed_m_min": cycle.speed_m_min,
+        "depth_mm": cycle.depth_mm,
+        "free_part": cycle.free_part,
+        "stable_by_slope": cycle.stable_by_slope(),
+        "verified": verified,
+    })
+}
+
+fn oscillation_json(answer: &Answer) -> Value {
+    let tool = &answer.tool;
+    let rest = &answer.prediction.equilibrium;
+    let branches = answer.prediction.branches.iter().map(|branch| {
+        json!({
+            "growth_per_s": branch.mode.growth_per_s,
+            "frequency_hz": branch.mode.frequency_hz,
+            "driver": if branch.driver == 0 { "V1" } else { "V2" },
+            "end": end_word(branch.end),
+            "largest_amplitude_mm": branch.points.last().map(|point| 1e3 * point.amplitude_m),
+        })
+    });
+    let fits = answer.fits.as_ref().map(|fits| {
+        let each = fits.iter().flat_map(|(measure, fits)| {
+            fits.iter().map(move |fit| {
+                json!({
+                    "measure": if *measure == Measure::Residual { "residual" } else { "normalised" },
+                    "frequency_hz": fit.frequency_hz,
+                    "amplitude_mm": fit.amplitude_m.map(|value| 1e3 * value),
+                    "mean_mm": fit.mean_m.map(|value| 1e3 * value),
+                    "residual_n2": fit.residual_n2,
+                    "normalised": fit.normalised,
+                    "beyond_the_model": fit.reaches_floor,
+                })
+            })
+        });
+        each.collect::<Vec<_>>()
+    });
+    let sweep = answer.sweep.iter().map(|point| {
+        json!({
+            "speed_m_min": point.speed_m_min,
+            "growth_per_s": point.growth_per_s,
+            "verdict": point.verdict.map(Verdict::as_str),
+            "cycles": point.cycles.iter().map(|cycle| json!({
+                "amplitude_mm": 1e3 * cycle.0, "frequency_hz": cycle.1, "stable": cycle.2,
+            })).collect::<Vec<_>>(),
+        })
+    });
+    let range = &answer.asked.map;
+    let maps = answer.maps.iter().map(|(feed, cells)| {
+        json!({
+            "feed_mm_rev": feed,
+            "speed_m_min": range.speed_m_min,
+            "depth_mm": range.depth_mm,
+            "columns": range.columns,
+            "rows": range.rows,
+            "verdict": cells.iter().map(|cell| cell.verdict.map(Verdict::as_str)).collect::<Vec<_>>(),
+            "growth_per_s": cells.iter().map(|cell| cell.growth_per_s).collect::<Vec<_>>(),
+            "amplitude_mm": cells.iter().map(|cell| 1e3 * cell.amplitude_m).collect::<Vec<_>>(),
+            "frequency_hz": cells.iter().map(|cell| cell.frequency_hz).collect::<Vec<_>>(),
+        })
+    });
+    json!({
+        "verdict": answer.verdict.as_str(),
+        "speed_m_min": tool.speed_m_min,
+        "speed_rpm": rpm(answer, tool.speed_m_min),
+        "depth_mm": tool.depth_mm,
+        "feed_mm_rev": tool.feed_mm_rev,
+        "law": answer.definition.name,
+        "harmonics": answer.asked.harmonics,
+        "force_n": rest.force_n,
+        "deflection_mm": rest.deflection_m.map(|value| 1e3 * value),
+        "growth_per_s": rest.growth_per_s(),
+        "branches": branches.collect::<Vec<_>>(),
+        "cycles": answer.cycles.iter().map(cycle_json).collect::<Vec<_>>(),
+        "stable_speeds_m_min": answer.stable_m_min,
+        "least_squares": fits,
+        "sweep": sweep.collect::<Vec<_>>(),
+        "maps": maps.collect::<Vec<_>>(),
+        "assumptions": answer.assumptions,
+    })
+}
+
+fn lobe_json(answer: &LobeAnswer) -> Value {
+    let minima = answer.minima.iter().map(|limit| {
+        json!({
+            "depth_mm": 1e3 * limit.depth_m,
+            "frequency_hz": limit.frequency_hz,
+            "speeds_rpm": (0..8).map(|waves| limit.speed_rpm(waves, answer.cuts_per_rev)).collect::<Vec<_>>(),
+        })
+    });
+    let points = answer.points.iter().map(|(rpm, quick, exact)| {
+        json!({
+            "speed_rpm": rpm,
+            "limit_mm": quick.map(|depth| 1e3 * depth),
+            "exact_limit_mm": exact.map(|depth| 1e3 * depth),
+        })
+    });
+    json!({
+        "kind": answer.kind,
+        "minima": minima.collect::<Vec<_>>(),
+        "max_depth_mm": 1e3 * answer.most_m,
+        "points": points.collect::<Vec<_>>(),
+        "assumptions": answer.assumptions,
+    })
+}
