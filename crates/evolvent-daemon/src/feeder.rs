@@ -125,7 +125,13 @@ impl<S: PlanSink> PlanSink for Tally<S> {
     }
 
     fn step(&mut self, step: &Step) -> Result<(), S::Error> {
-        self.parts_of_step.push_back(self.parts);
+        if matches!(step, Step::Flow(_) | Step::Wait) {
+            // A near-optimal plan says itself what a block takes.
+            self.open.clear();
+            self.parts_of_step.clear();
+        } else {
+            self.parts_of_step.push_back(self.parts);
+        }
         self.parts = 0;
         self.sink.step(step)
     }
@@ -539,4 +545,42 @@ fn line_text(program: &Path, line: u32) -> std::io::Result<Vec<u8>> {
         }
     }
     Ok(bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use evolvent_gcode::PathMode;
+    use evolvent_machine::Machine;
+    use evolvent_path::{Axes, Line};
+
+    use super::*;
+
+    #[test]
+    fn the_tally_of_a_long_near_optimal_plan_does_not_grow() {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/machines/mill-3axis.toml");
+        let mut machine = Machine::load(&file).unwrap();
+        machine.path.planner = PlannerKind::Optimal;
+        let setup = Setup::new(machine, file, String::new(), None).unwrap();
+        let program = Path::new("none.ngc");
+        let mut feeder = Feeder::new(program, &setup, 1.0, Nowhere, Vec::new(), false, false);
+        let at = |k: u32| {
+            let mut point = Axes::zeros();
+            (point[0], point[1]) = (f64::from(k % 7), f64::from(k % 5));
+            point
+        };
+        for k in 0..500 {
+            let motion = Move {
+                curve: Curve::Line(Line::new(at(k), at(k + 1)).unwrap()),
+                kind: MoveKind::Feed,
+                feed: 50.0,
+                path_mode: PathMode::ExactPath,
+            };
+            let action = Action::Move(motion);
+            assert!(feeder.execute(&Command { line: k, action }).unwrap());
+        }
+        let tally = feeder.planner.sink();
+        assert!(tally.planned_s > 10.0, "{} s", tally.planned_s);
+        let (parts, steps) = (tally.open.len(), tally.parts_of_step.len());
+        assert!(parts < 100 && steps < 100, "{parts} parts, {steps} steps");
+    }
 }
