@@ -234,6 +234,7 @@ impl<S: PlanSink> Horizon<S> {
                 continue;
             }
             self.commit(until, exit)?;
+            self.pieces.clear();
         }
     }
 
@@ -281,7 +282,8 @@ impl<S: PlanSink> Horizon<S> {
         let rest = self.rests.get(front.rest).map(|rest| rest.at);
         let known = rest.unwrap_or_else(|| self.grid.end());
         let most = start + MOST_INTERVALS as u64;
-        if known <= start || (rest.is_none() && known < most) {
+        // At the end of what is known the path may yet turn out to rest.
+        if known <= start || (rest.is_none() && known <= most) {
             return None;
         }
         if rest.is_some() && known <= most {
@@ -354,8 +356,8 @@ impl<S: PlanSink> Horizon<S> {
         }
     }
 
-    /// Waits until everything solved can be appended at once. `true` if a request was served meanwhile, so that
-    /// what was solved is not wanted any more.
+    /// Waits until everything solved can be appended at once. `true` if a request was answered meanwhile, so that
+    /// what was solved is gone.
     fn make_room(&mut self) -> Result<bool, S::Error> {
         loop {
             if self.serve()? {
@@ -536,7 +538,7 @@ impl<S: PlanSink> Horizon<S> {
     }
 
     /// Serves the request that is open, as soon as enough path is known: how much that is must not depend on how
-    /// the program's text happens to arrive.
+    /// the program's text happens to arrive. `true` if it was answered: what was solved before is gone.
     fn serve(&mut self) -> Result<bool, S::Error> {
         if let Some(request) = self.sink.request() {
             self.request = Some(request);
@@ -554,7 +556,13 @@ impl<S: PlanSink> Horizon<S> {
             return Ok(true);
         }
         let Some((until, exit)) = self.window(&front) else {
-            return Ok(false);
+            // Rounding may have the place where the path rests anyway; otherwise more of it will come.
+            let here = |rest: &Rest| rest.at <= front.place.interval;
+            let at_rest = self.rests.get(front.rest).is_some_and(here);
+            if at_rest {
+                self.reply(&request, None);
+            }
+            return Ok(at_rest);
         };
         // The window in which the place lies is what the cycle drives there.
         let known = self.planned_until(front.place);
@@ -572,7 +580,7 @@ impl<S: PlanSink> Horizon<S> {
                 self.optimizer.recall(&planned.memory);
             }
             self.reply(&request, None);
-            return Ok(false);
+            return Ok(true);
         }
         self.spare.extend(self.planned.drain(known..));
         let step = self.appended;
@@ -692,3 +700,6 @@ impl<S: PlanSink> Horizon<S> {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

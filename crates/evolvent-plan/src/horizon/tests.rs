@@ -1,0 +1,145 @@
+#![allow(clippy::expect_used, reason = "a test may fail")]
+
+use std::convert::Infallible;
+
+use evolvent_path::{Curve, Line};
+
+use super::*;
+use crate::recorder::{Recorder, equal_axes, point};
+use crate::step::{ExitSpeeds, SegmentMarks};
+
+/// A recorder that asks once, after so many looks for a request.
+#[derive(Default)]
+struct Asking {
+    recorder: Recorder,
+    request: Option<Request>,
+    looks: u32,
+    answers: Vec<Answer>,
+}
+
+impl PlanSink for Asking {
+    type Error = Infallible;
+
+    fn segment(&mut self, segment: &Segment) -> Result<(), Infallible> {
+        self.recorder.segment(segment)
+    }
+
+    fn step(&mut self, step: &Step) -> Result<(), Infallible> {
+        self.recorder.step(step)
+    }
+
+    fn exit(&mut self, index: u64, speeds: ExitSpeeds) {
+        self.recorder.exit(index, speeds);
+    }
+
+    fn finalise(&mut self, count: u64) {
+        self.recorder.finalise(count);
+    }
+
+    fn request(&mut self) -> Option<Request> {
+        match self.looks.checked_sub(1) {
+            Some(left) => {
+                self.looks = left;
+                None
+            }
+            None => self.request.take(),
+        }
+    }
+
+    fn answer(&mut self, answer: Answer) {
+        self.answers.push(answer);
+    }
+}
+
+/// Lines of 10 mm straight on, of ten intervals each.
+fn horizon(lines: u32) -> Horizon<Asking> {
+    let limits = PathLimits::new(equal_axes(100.0, 1000.0, 10_000.0), 1000.0, 1e-3);
+    let mut horizon = Horizon::new(&limits, 1.0, Asking::default());
+    for k in 0..lines {
+        append(&mut horizon, k);
+    }
+    horizon
+}
+
+fn append(horizon: &mut Horizon<Asking>, k: u32) {
+    let x = 10.0 * f64::from(k);
+    let line = Line::new(point(x, 0.0), point(x + 10.0, 0.0)).expect("line");
+    let segment = Segment {
+        curve: Curve::Line(line),
+        from: 0.0,
+        length: 10.0,
+        line: k,
+        block: k,
+        marks: SegmentMarks::default(),
+    };
+    horizon.segment(segment, 20.0 + f64::from(k % 2));
+}
+
+#[test]
+fn a_window_is_planned_once_it_is_known_whether_the_path_rests_at_its_end() {
+    let lines = MOST_INTERVALS as u32 / 10;
+    let mut goes_on = horizon(lines);
+    goes_on.advance().expect("plan");
+    assert_eq!(goes_on.grid.end(), MOST_INTERVALS as u64);
+    assert_eq!(goes_on.sink.recorder.finalised, 0, "it may rest there or not");
+    append(&mut goes_on, lines);
+    goes_on.advance().expect("plan");
+    let recorder = &goes_on.sink.recorder;
+    assert!(recorder.finalised > 0 && recorder.steps.last() == Some(&Step::Wait));
+    let mut rests = horizon(lines);
+    rests.rest(Step::End { line: 1 });
+    rests.advance().expect("plan");
+    let recorder = &rests.sink.recorder;
+    assert_eq!(recorder.finalised as usize, recorder.steps.len());
+    assert!(!recorder.steps.contains(&Step::Wait), "planned in one window");
+}
+
+#[test]
+fn a_wish_a_hair_before_a_rest_is_answered() {
+    let mut horizon = horizon(1);
+    horizon.rest(Step::End { line: 1 });
+    horizon.advance().expect("plan");
+    for (brake, step) in [(true, None), (false, None)] {
+        horizon.sink.request = Some(Request {
+            id: 1,
+            segment: 0,
+            offset: 10.0,
+            interval: 9,
+            v: 1e-9,
+            a: -1e-3,
+            rests: 0,
+            brake,
+            feed_factor: 0.5,
+        });
+        horizon.advance().expect("plan");
+        assert_eq!(horizon.sink.answers.pop(), Some(Answer { id: 1, step }));
+    }
+}
+
+#[test]
+fn a_wish_that_cannot_be_met_does_not_cost_the_window_that_waits_to_be_handed_on() {
+    let lines = MOST_INTERVALS as u32 / 10 + 5;
+    let mut undisturbed = horizon(lines);
+    undisturbed.rest(Step::End { line: 1 });
+    undisturbed.advance().expect("plan");
+    for looks in 0..4 {
+        let mut horizon = horizon(lines);
+        horizon.rest(Step::End { line: 1 });
+        horizon.sink.looks = looks;
+        horizon.sink.request = Some(Request {
+            id: 1,
+            segment: 0,
+            offset: 5.0,
+            interval: 4,
+            v: 1e6,
+            a: 0.0,
+            rests: 0,
+            brake: false,
+            feed_factor: 1.0,
+        });
+        horizon.advance().expect("plan");
+        assert_eq!(horizon.sink.answers, [Answer { id: 1, step: None }]);
+        let (steps, expected) = (&horizon.sink.recorder.steps, &undisturbed.sink.recorder.steps);
+        assert!(steps == expected, "asked at look {looks}");
+    }
+}
