@@ -441,6 +441,30 @@ fn configuration(prefix: Option<&str>) -> Result<Config, BusError> {
     Ok(config)
 }
 
+/// Names of the machines whose control service is there, in order. One that was killed is among them until somebody
+/// clears it away.
+///
+/// # Errors
+/// The prefix is none, or iceoryx2 does not start.
+pub fn list_machines(prefix: Option<&str>) -> Result<Vec<String>, BusError> {
+    set_log_level_from_env_or(LogLevel::Fatal);
+    let mut names = Vec::new();
+    let listed = Ipc::list(&configuration(prefix)?, |details| {
+        let name = details.static_details.name().as_str();
+        let machine = name
+            .strip_prefix("evolvent/")
+            .and_then(|rest| rest.strip_suffix("/control"));
+        names.extend(machine.map(str::to_owned));
+        CallbackProgression::Continue
+    });
+    listed.map_err(|cause| BusError::Domain {
+        cause: format!("{cause:?}"),
+    })?;
+    names.sort();
+    names.dedup();
+    Ok(names)
+}
+
 /// Clears a domain of one's own away: what killed processes have left, and iceoryx2's node counter, a file of
 /// 16 bytes that it keeps per prefix for ever. Does nothing while a node of that prefix lives.
 ///

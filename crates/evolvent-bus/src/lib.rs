@@ -48,7 +48,9 @@ pub use control::{
 };
 pub use control_bus::{CommandError, ControlClient, ControlServer};
 pub use core_bus::CoreBus;
-pub use domain::{ATTRIBUTE_AXES, ATTRIBUTE_INTERFACE, ATTRIBUTE_PERIOD, remove_private_domain};
+pub use domain::{
+    ATTRIBUTE_AXES, ATTRIBUTE_INTERFACE, ATTRIBUTE_PERIOD, list_machines, remove_private_domain,
+};
 pub use error::{BusError, ReceiveError, SendError};
 pub use event::EventKind;
 pub use feedback::{BRIDGE_NOTES, BRIDGE_STATES, Feedback, LOAD_KINDS, Load};

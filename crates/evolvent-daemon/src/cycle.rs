@@ -10,10 +10,11 @@ use evolvent_path::AXES;
 use evolvent_trace::{CycleRecord, Histogram, inputs as recorded};
 use rtrb::Producer;
 
-use crate::alarm::Alarm;
 use crate::job::Clock;
 use crate::rt::MonotonicClock;
 use crate::shared::Controls;
+use evolvent_control::Alarm;
+use evolvent_drive::PowerRequest;
 
 /// Cycles that a virtual run may spin on a full queue before it lets another thread run.
 const SPINS: u32 = 64;
@@ -23,6 +24,24 @@ const SPINS: u32 = 64;
 pub(crate) struct DueSetpoint {
     pub setpoint: Setpoint,
     pub due_time_ns: u64,
+    pub drive: DriveRequest,
+}
+
+/// What is asked of the drives beside the setpoint.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct DriveRequest {
+    pub power: PowerRequest,
+    pub fault_reset: u32,
+    pub datum: u64,
+}
+
+impl DriveRequest {
+    /// Follow.
+    pub(crate) const ON: Self = Self {
+        power: PowerRequest::On,
+        fault_reset: 0,
+        datum: 0,
+    };
 }
 
 /// A cycle on its way to the trace.
@@ -162,6 +181,7 @@ impl CycleLoop {
                 let due = DueSetpoint {
                     setpoint,
                     due_time_ns,
+                    drive: DriveRequest::ON,
                 };
                 if !hand_over(bus, due, realtime) {
                     report.dropped_setpoints += 1;
@@ -219,7 +239,7 @@ pub(crate) fn wait_until(mut ready: impl FnMut() -> bool) {
 }
 
 /// What the step depended on beside plan and override, as bits of the trace.
-fn came_in(inputs: &Inputs, motion: &Motion) -> u32 {
+pub(crate) fn came_in(inputs: &Inputs, motion: &Motion) -> u32 {
     let bits = [
         (inputs.hold, recorded::HOLD),
         (inputs.stop, recorded::STOP),
@@ -231,7 +251,13 @@ fn came_in(inputs: &Inputs, motion: &Motion) -> u32 {
         .fold(0, |sum, (_, bit)| sum | bit)
 }
 
-fn sample(setpoint: &Setpoint, due_unix_ns: u64, lateness: u64, work: u64, inputs: u32) -> CycleSample {
+pub(crate) fn sample(
+    setpoint: &Setpoint,
+    due_unix_ns: u64,
+    lateness: u64,
+    work: u64,
+    inputs: u32,
+) -> CycleSample {
     CycleSample {
         record: CycleRecord {
             sequence: setpoint.sequence,

@@ -3,13 +3,17 @@
 use std::collections::VecDeque;
 use std::fs::File;
 use std::io::{BufRead, BufReader};
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Sender;
 
-use evolvent_gcode::{Action, Code, Command, Diagnostic, Interpreter, Move, MoveKind, SpindleDirection};
+use evolvent_gcode::{
+    Action, Code, Command, Diagnostic, Interpreter, Modal, Move, MoveKind, SpindleDirection,
+};
 use evolvent_machine::PlannerKind;
 use evolvent_motion::QueueClosed;
-use evolvent_path::Curve;
+use evolvent_path::{Axes, Curve};
 use evolvent_plan::{
     Answer, BlockMark, ExitSpeeds, PathRules, PlanError, PlanSink, Planner, Request, Segment, Step,
 };
@@ -86,6 +90,56 @@ pub struct Notice {
 pub(crate) enum FeederNews {
     Block(BlockPlan),
     Notice(Notice),
+    /// A block was handed to the planner. Only for those who asked for it.
+    Queued(QueuedBlock),
+    /// From this block on these modes are in force. Only for those who asked for it.
+    Modal(u32, Modal),
+    /// The next program stop in the plan; only for those who asked for it.
+    Stop(StopKind),
+    /// From this block on blocks are of this file.
+    File(u32, PathBuf),
+    /// Something that is to be recorded at its setpoint.
+    Outside(Outside),
+}
+
+/// A command or an alarm, and the setpoint with which it took effect.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Outside {
+    pub sequence: u64,
+    pub kind: OutsideKind,
+    /// Number of the command or alarm.
+    pub code: u32,
+    pub text: String,
+    pub value: Option<f64>,
+}
+
+/// What came from outside, or happened to the machine as a whole.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum OutsideKind {
+    Command,
+    Alarm,
+    Warning,
+}
+
+/// Why the program stops and waits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum StopKind {
+    /// M0, M1, M60, or the look at the way to a line in the middle.
+    Program,
+    /// A block has ended in single step.
+    Step,
+}
+
+/// A block that waits to be driven.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct QueuedBlock {
+    pub block: u32,
+    /// Where it ends, machine coordinates.
+    pub end: Axes,
+    /// Programmed speed, mm/s; infinite for rapids.
+    pub feed_mm_s: f64,
+    /// Programmed path from the job's start to the block's end, mm.
+    pub path_mm: f64,
 }
 
 /// What the feeder knows at the end.
@@ -97,6 +151,9 @@ pub(crate) struct FeedReport {
     pub planned_s: f64,
     /// Moves planned.
     pub moves: u64,
+    /// Numbers of the next block and action.
+    pub next_block: u32,
+    pub next_action: u32,
 }
 
 /// Passes the plan on, and adds up how long each block is planned to take.
@@ -220,6 +277,12 @@ pub(crate) struct Feeder<'a, S> {
     next_block: u32,
     actions: u32,
     moves: u64,
+    /// For somebody who looks on block by block.
+    onlooker: Option<Sender<FeederNews>>,
+    single_step: Option<Arc<AtomicBool>>,
+    last_line: u32,
+    path_mm: f64,
+    modal: Option<Modal>,
 }
 
 impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
@@ -252,7 +315,30 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
             next_block: 0,
             actions: 0,
             moves: 0,
+            onlooker: None,
+            single_step: None,
+            last_line: 0,
+            path_mm: 0.0,
+            modal: None,
         }
+    }
+
+    /// Numbers blocks and actions from these on, so that they go on from job to job.
+    pub(crate) fn numbered_from(mut self, block: u32, action: u32) -> Self {
+        (self.next_block, self.actions) = (block, action);
+        self
+    }
+
+    /// Tells somebody of every block, of modes and of program stops.
+    pub(crate) fn watched_by(mut self, onlooker: Sender<FeederNews>) -> Self {
+        self.onlooker = Some(onlooker);
+        self
+    }
+
+    /// Stops after each line that moves while this is set.
+    pub(crate) fn stepping(mut self, single_step: Arc<AtomicBool>) -> Self {
+        self.single_step = Some(single_step);
+        self
     }
 
     /// Plans the program to its end, or to its first error: the plan then ends at rest before it, and `failed` is
@@ -276,6 +362,8 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
             deviation_mm: self.planner.deviation_mm(),
             planned_s: self.planner.sink().planned_s,
             moves: self.moves,
+            next_block: self.next_block,
+            next_action: self.actions,
         };
         (report, result)
     }
@@ -287,11 +375,11 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
             let line = start.restart.line;
             let text = start.told();
             // Somebody who is there looks at the way before the machine takes it.
-            if self.act(line, &text).is_err() || self.planner.rest(&Step::ProgramStop { line }).is_err() {
+            if self.act(line, &text).is_err() || self.stop(line, StopKind::Program).is_err() {
                 return Ok(None);
             }
         }
-        for command in &mut commands {
+        while let Some(command) = commands.next() {
             let command = command.map_err(|diagnostic| ProgramError::Text {
                 file: self.file.clone(),
                 diagnostic: Box::new(diagnostic),
@@ -303,6 +391,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
                     diagnostic,
                 });
             }
+            self.tell_modal(&commands);
             match self.execute(&command) {
                 Ok(true) => {}
                 Ok(false) => return Ok(Some(commands.left(&self.setup.memory))),
@@ -335,9 +424,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
             }
             Action::ProgramStop { optional, .. } => {
                 if !optional || self.optional_stop {
-                    self.planner
-                        .rest(&Step::ProgramStop { line })
-                        .map_err(PlanError::Sink)?;
+                    self.stop(line, StopKind::Program)?;
                 }
             }
             Action::ProgramEnd => return Ok(false),
@@ -359,8 +446,37 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         Ok(true)
     }
 
+    /// Comes to rest and waits to be told to go on.
+    fn stop(&mut self, line: u32, kind: StopKind) -> Result<(), PlanError<QueueClosed>> {
+        if let Some(onlooker) = &self.onlooker {
+            let _gone = onlooker.send(FeederNews::Stop(kind));
+        }
+        self.planner
+            .rest(&Step::ProgramStop { line })
+            .map_err(PlanError::Sink)
+    }
+
+    fn tell_modal(&mut self, commands: &Commands) {
+        let Some(onlooker) = &self.onlooker else { return };
+        let modal = commands.modal();
+        if self.modal != Some(modal) {
+            self.modal = Some(modal);
+            let _gone = onlooker.send(FeederNews::Modal(self.next_block, modal));
+        }
+    }
+
     fn push_move(&mut self, motion: &Move, line: u32) -> Result<(), PlanError<QueueClosed>> {
         let mut motion = *motion;
+        let steps = self
+            .single_step
+            .as_ref()
+            .is_some_and(|single_step| single_step.load(Ordering::Relaxed));
+        if steps && self.last_line != line && self.moves > 0 {
+            self.stop(self.last_line, StopKind::Step)?;
+        }
+        if motion.kind == MoveKind::Rapid && self.setup.rapid_override < 1.0 {
+            motion.feed = self.setup.rapid_override * self.rapid_speed(&motion.curve);
+        }
         if let (MoveKind::Feed, Some(most)) = (motion.kind, self.setup.machine.max_feed_mm_s) {
             motion.feed = motion.feed.min(most);
         }
@@ -368,6 +484,17 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         self.planner.push(&motion, line, block)?;
         self.next_block += 1;
         self.moves += 1;
+        self.last_line = line;
+        self.path_mm += motion.curve.length();
+        if let Some(onlooker) = &self.onlooker {
+            let queued = QueuedBlock {
+                block,
+                end: motion.curve.end(),
+                feed_mm_s: motion.feed,
+                path_mm: self.path_mm,
+            };
+            let _gone = onlooker.send(FeederNews::Queued(queued));
+        }
         if self.with_blocks {
             let kind = match (motion.kind, &motion.curve) {
                 (MoveKind::Rapid, _) => BlockKind::Rapid,
@@ -386,6 +513,20 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         Ok(())
     }
 
+    /// The speed in the feed metric at which the first axis is at its limit, along the chord of a rapid. Never 0.
+    fn rapid_speed(&self, curve: &Curve) -> f64 {
+        let limits = self.setup.machine.limits();
+        let way = curve.end() - curve.start();
+        let length = curve.length();
+        let mut speed = f64::INFINITY;
+        for axis in 0..way.len() {
+            if limits.present[axis] && way[axis] != 0.0 {
+                speed = speed.min(limits.velocity[axis] * length / way[axis].abs());
+            }
+        }
+        if speed.is_finite() { speed.max(1e-3) } else { 1.0 }
+    }
+
     /// Something of the periphery's that takes effect at rest.
     fn act(&mut self, line: u32, text: &str) -> Result<(), PlanError<QueueClosed>> {
         let action = self.actions;
@@ -397,7 +538,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
     }
 
     fn announce(&self, moment: Moment, line: u32, is_message: bool, text: &str) {
-        for news in &self.news {
+        for news in self.news.iter().chain(&self.onlooker) {
             let notice = Notice {
                 moment,
                 line,

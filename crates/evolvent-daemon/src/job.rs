@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use evolvent_gcode as gcode;
 use evolvent_machine::{ControlRate, Machine, MachineKind, PathMode, PeriodError, TurningWords};
-use evolvent_path::AXES;
+use evolvent_path::{AXES, Axes};
 use evolvent_plan::{PathLimits, PathRules};
 
 use crate::memory::ProgramMemory;
@@ -44,6 +44,14 @@ pub struct Setup {
     pub memory: ProgramMemory,
     /// The line at which programs begin, where it is not the first.
     pub start_line: Option<u32>,
+    /// Where the machine stands, machine coordinates; at home where this is none.
+    pub place: Option<Axes>,
+    /// The tool in the spindle; 0 for none.
+    pub tool: u32,
+    /// Whether lines that begin with `/` are left out.
+    pub block_delete: bool,
+    /// Share of the axes' speed that rapids may use, 0 to 1.
+    pub rapid_override: f64,
 }
 
 impl Setup {
@@ -65,7 +73,17 @@ impl Setup {
             period_ns,
             memory: ProgramMemory::default(),
             start_line: None,
+            place: None,
+            tool: 0,
+            block_delete: true,
+            rapid_override: 1.0,
         })
+    }
+
+    /// Where programs begin.
+    #[must_use]
+    pub fn start(&self) -> Axes {
+        self.place.unwrap_or(self.machine.limits().home)
     }
 
     /// The control rate.
@@ -105,7 +123,7 @@ impl Setup {
         }
     }
 
-    /// What the interpreter needs to know: the machine stands at home.
+    /// What the interpreter needs to know before the first line.
     #[must_use]
     pub fn interpreter_settings(&self) -> gcode::Settings {
         let limits = self.machine.limits();
@@ -124,7 +142,9 @@ impl Setup {
             },
             load_channel: program.load_channel,
             subroutine_folders: self.memory.folders.clone(),
-            start: limits.home,
+            start: self.start(),
+            tool: self.tool,
+            block_delete: self.block_delete,
             axes,
             path_mode: match path.mode {
                 PathMode::Exact => gcode::PathMode::ExactPath,

@@ -13,7 +13,6 @@
 //!
 //! [`examine`] says what the host can do.
 
-mod alarm;
 mod cycle;
 mod doctor;
 mod drives;
@@ -25,19 +24,21 @@ mod recompute;
 mod recording;
 mod rt;
 mod run;
+mod serve;
 mod shared;
 mod source;
 mod summary;
 
-pub use alarm::Alarm;
 pub use doctor::{BareLoopError, DoctorReport, Finding, LatenessReport, Verdict, bare_loop, examine};
 pub use drives::{phase_settings, watch_settings};
+pub use evolvent_control::Alarm;
 pub use feeder::{Notice, ProgramError, check};
 pub use job::{Clock, Job, Setup};
 pub use memory::ProgramMemory;
 pub use recompute::{Recomputed, RecordedInputs, recompute};
 pub use rt::{LowLatencyHold, MonotonicClock, RealtimeGranted, RealtimeRequest, apply_to_this_thread};
 pub use run::{RunObserver, RunOutcome, StartError, run};
+pub use serve::{ServeConfig, ServeSummary, serve, state_folder};
 pub use shared::{Controls, Progress};
 pub use source::{Commands, Start};
 pub use summary::{AxisSummary, Summary, TimingSummary};

@@ -129,7 +129,7 @@ impl Publishing {
         }
     }
 
-    fn message(&self, due: &DueSetpoint) -> evolvent_bus::Setpoint {
+    pub(crate) fn message(&self, due: &DueSetpoint) -> evolvent_bus::Setpoint {
         let setpoint = &due.setpoint;
         let mut increments = [0; AXES];
         for i in 0..AXES {
@@ -151,6 +151,9 @@ impl Publishing {
             feed_mm_s: setpoint.feed_mm_s,
             override_ratio: setpoint.feed_override,
             path_mm: setpoint.path_mm,
+            power_request: due.drive.power.number(),
+            fault_reset: due.drive.fault_reset,
+            datum: due.drive.datum,
             ..evolvent_bus::Setpoint::default()
         }
     }
@@ -169,6 +172,8 @@ impl Publishing {
         status.period_ns = setpoint.period_ns;
         status.state = setpoint.state;
         status.machine_state = 2;
+        status.activity = 1;
+        status.power = 1;
         status.flags = setpoint.flags;
         status.line = setpoint.line;
         status.axes_mask = self.axes_mask;
@@ -189,7 +194,7 @@ impl Publishing {
     }
 }
 
-fn event_of(before: State, now: State) -> EventKind {
+pub(crate) fn event_of(before: State, now: State) -> EventKind {
     match (before, now) {
         (_, State::Holding | State::Held) => EventKind::Hold,
         (State::Holding | State::Held, State::Running) => EventKind::Resumed,

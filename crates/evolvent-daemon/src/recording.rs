@@ -13,10 +13,10 @@ use evolvent_motion::{State, flags};
 use evolvent_trace::{BlockRecord, CycleRecord, EventKind, EventRecord, LogLevel, RecordError, Recorder};
 use rtrb::Consumer;
 
-use crate::alarm::Alarm;
 use crate::cycle::CycleSample;
-use crate::feeder::{BlockPlan, FeederNews, Notice};
+use crate::feeder::{BlockPlan, FeederNews, Notice, Outside, OutsideKind};
 use crate::shared::Controls;
+use evolvent_control::Alarm;
 
 /// Nothing older than this is lost by a crash.
 const FLUSH_EVERY: Duration = Duration::from_millis(250);
@@ -60,6 +60,9 @@ struct Span {
 struct Tracks {
     plans: VecDeque<BlockPlan>,
     notices: VecDeque<Notice>,
+    /// Files of later jobs, and the block with which each begins.
+    files: VecDeque<(u32, PathBuf)>,
+    outside: VecDeque<Outside>,
     lines: Lines,
     period_s: f64,
     block: Option<Span>,
@@ -84,6 +87,8 @@ impl Recording {
         let mut tracks = Tracks {
             plans: VecDeque::new(),
             notices: VecDeque::new(),
+            files: VecDeque::new(),
+            outside: VecDeque::new(),
             lines: Lines::new(&self.program),
             period_s: period_ns as f64 * 1e-9,
             block: None,
@@ -166,6 +171,10 @@ impl Tracks {
         match news {
             FeederNews::Block(plan) => self.plans.push_back(plan),
             FeederNews::Notice(notice) => self.notices.push_back(notice),
+            FeederNews::File(block, file) => self.files.push_back((block, file)),
+            FeederNews::Outside(outside) => self.outside.push_back(outside),
+            // Nobody has asked for them here.
+            FeederNews::Queued(_) | FeederNews::Modal(..) | FeederNews::Stop(_) => {}
         }
     }
 
@@ -213,6 +222,7 @@ impl Tracks {
             ))?;
         }
         self.late = late;
+        self.record_outside(recorder, cycle)?;
         self.actions = sample.actions;
         self.blocks = self.blocks.max(sample.blocks_begun());
         let ended = cycle.state == State::Done as u8;
@@ -229,6 +239,33 @@ impl Tracks {
             self.notices.pop_front();
         }
         self.follow_block(recorder, sample)
+    }
+
+    /// What came from outside, once its cycle has been recorded.
+    fn record_outside(&mut self, recorder: &mut Recorder, cycle: &CycleRecord) -> Result<(), RecordError> {
+        while self
+            .outside
+            .front()
+            .is_some_and(|outside| outside.sequence <= cycle.sequence)
+        {
+            let Some(outside) = self.outside.pop_front() else {
+                break;
+            };
+            let ago = (cycle.sequence - outside.sequence) as f64 * self.period_s * 1e9;
+            recorder.event(&EventRecord {
+                time_ns: cycle.due_time_ns.saturating_sub(ago as u64),
+                sequence: outside.sequence,
+                kind: match outside.kind {
+                    OutsideKind::Command => EventKind::Command,
+                    OutsideKind::Alarm => EventKind::Alarm,
+                    OutsideKind::Warning => EventKind::Warning,
+                },
+                code: outside.code,
+                text: outside.text,
+                value: outside.value,
+            })?;
+        }
+        Ok(())
     }
 
     /// A block begins with the first setpoint that moves along it, and ends with that of a later one, a dwell or a program stop.
@@ -270,6 +307,11 @@ impl Tracks {
                 continue;
             }
             self.plans.pop_front();
+            while self.files.front().is_some_and(|(first, _)| *first <= plan.block) {
+                if let Some((_, file)) = self.files.pop_front() {
+                    self.lines = Lines::new(&file);
+                }
+            }
             let mut cycles = 0;
             if plan.block == span.block {
                 self.closed.pop_front();

@@ -12,16 +12,16 @@ use evolvent_motion::{Motion, Setpoint, plan_queue};
 use evolvent_trace::{ProgramSource, RecordError, Recorder, RunInfo, configuration_hash, recover_leftovers};
 use rtrb::RingBuffer;
 
-use crate::alarm::Alarm;
 use crate::cycle::{CycleLoop, CycleReport};
 use crate::feeder::{FeedReport, Feeder, FeederNews, Notice, ProgramError};
-use crate::job::{Clock, Job};
+use crate::job::{Clock, Job, Setup};
 use crate::memory::ProgramMemory;
 use crate::publisher::Publishing;
 use crate::recording::{Closing, Recording};
 use crate::rt::{RealtimeRequest, apply_to_this_thread};
 use crate::shared::Controls;
 use crate::summary::{Summary, TimingSummary, axis_summaries, outcome_of};
+use evolvent_control::Alarm;
 
 /// Names of the attachments with what the program found.
 const TOOLS: &str = "tools.tbl";
@@ -143,7 +143,10 @@ pub fn run(
             }
         }
         let recorder = match &job.trace {
-            Some(path) => Some(Recorder::create(path, &run_info(job, start_unix_ns))?),
+            Some(path) => Some(Recorder::create(
+                path,
+                &run_info(setup, &RunSource::Job(job), start_unix_ns),
+            )?),
             None => None,
         };
         let (news, notices) = mpsc::channel();
@@ -303,7 +306,7 @@ fn optional_ring<T>(wanted: bool, length: usize) -> (Option<rtrb::Producer<T>>, 
 }
 
 /// Makes complete traces of what killed runs have left in the folder of `trace`; says what became of each.
-fn rescue_leftovers(trace: &Path) -> Vec<String> {
+pub(crate) fn rescue_leftovers(trace: &Path) -> Vec<String> {
     let folder = trace
         .parent()
         .filter(|folder| !folder.as_os_str().is_empty())
@@ -358,16 +361,41 @@ fn publishing(job: &Job, controls: &Arc<Controls>) -> Publishing {
     }
 }
 
-fn run_info(job: &Job, start_time_ns: u64) -> RunInfo {
-    let setup = &job.setup;
+/// What is recorded: one program, or whatever a served machine does.
+pub(crate) enum RunSource<'a> {
+    Job(&'a Job),
+    Served,
+}
+
+pub(crate) fn run_info(setup: &Setup, source: &RunSource<'_>, start_time_ns: u64) -> RunInfo {
     let settings = &setup.machine.realtime;
     let name = |path: &Path| {
         path.file_name()
             .map_or_else(String::new, |name| name.to_string_lossy().into_owned())
     };
+    let (program_name, program, clock, extra) = match source {
+        RunSource::Job(job) => (
+            name(&job.program),
+            ProgramSource::File(job.program.clone()),
+            job.clock,
+            // What the run depends on beside program and machine file, for computing it again.
+            BTreeMap::from([
+                ("feed_override".to_owned(), job.feed_override.to_string()),
+                ("optional_stop".to_owned(), job.optional_stop.to_string()),
+                ("planner".to_owned(), setup.machine.path.planner.name().to_owned()),
+                ("start_line".to_owned(), setup.start_line.unwrap_or(0).to_string()),
+            ]),
+        ),
+        RunSource::Served => (
+            "serve".to_owned(),
+            ProgramSource::None,
+            Clock::Realtime,
+            BTreeMap::new(),
+        ),
+    };
     RunInfo {
-        program_name: name(&job.program),
-        program: ProgramSource::File(job.program.clone()),
+        program_name,
+        program,
         machine_name: setup.machine.name.clone(),
         machine_file_name: name(&setup.machine_file),
         machine_file: setup.machine_text.clone(),
@@ -386,18 +414,12 @@ fn run_info(job: &Job, start_time_ns: u64) -> RunInfo {
         start_time_ns,
         versions: BTreeMap::from([("evolvent".to_owned(), env!("CARGO_PKG_VERSION").to_owned())]),
         configuration_hash: configuration_hash(&[setup.machine_text.as_bytes()]),
-        clock: job.clock.name().to_owned(),
+        clock: clock.name().to_owned(),
         real_time: format!(
             "SCHED_FIFO {} asked for, core {:?}, lock memory {}",
             settings.priority, settings.core, settings.lock_memory
         ),
-        // What the run depends on beside program and machine file, for computing it again.
-        extra: BTreeMap::from([
-            ("feed_override".to_owned(), job.feed_override.to_string()),
-            ("optional_stop".to_owned(), job.optional_stop.to_string()),
-            ("planner".to_owned(), setup.machine.path.planner.name().to_owned()),
-            ("start_line".to_owned(), setup.start_line.unwrap_or(0).to_string()),
-        ]),
+        extra,
     }
 }
 
@@ -426,7 +448,7 @@ fn watch(
         loop {
             match notices.recv_timeout(Duration::ZERO) {
                 Ok(FeederNews::Notice(notice)) => ahead.push_back(notice),
-                Ok(FeederNews::Block(_)) => {}
+                Ok(_) => {}
                 Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => break,
             }
         }

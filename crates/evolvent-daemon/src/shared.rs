@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 
 use evolvent_motion::{Inputs, Setpoint, State};
 
-use crate::alarm::Alarm;
+use evolvent_control::Alarm;
 
 /// Switches and gauges of a run. The cycle reads the switches once a cycle and sets the gauges; nobody waits.
 #[derive(Debug)]

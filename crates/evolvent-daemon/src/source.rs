@@ -5,7 +5,7 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
-use evolvent_gcode::{Command, Diagnostic, Interpreter, Restart};
+use evolvent_gcode::{Command, Diagnostic, Interpreter, Modal, Restart};
 use evolvent_machine::MachineKind;
 use evolvent_path::AxisLetter;
 
@@ -57,13 +57,13 @@ impl Commands {
                 MachineKind::Lathe => AxisLetter::X,
                 MachineKind::Mill => AxisLetter::Z,
             };
-            let home = setup.machine.limits().home;
+            let from = setup.start();
             // At the end of its travel the tool is as far from the work as it can be.
             let clear = setup
                 .machine
                 .axis(axis)
-                .map_or(home[axis.index()], |axis| axis.travel_max);
-            let approach = restart.approach(&home, axis, clear).map_err(wrong)?;
+                .map_or(from[axis.index()], |axis| axis.travel_max);
+            let approach = restart.approach(&from, axis, clear).map_err(wrong)?;
             first.extend(approach.commands);
             start = Some(Start {
                 restart,
@@ -81,6 +81,12 @@ impl Commands {
     #[must_use]
     pub fn start(&self) -> Option<&Start> {
         self.start.as_ref()
+    }
+
+    /// The modes after the line that was read last.
+    #[must_use]
+    pub fn modal(&self) -> Modal {
+        self.interpreter.modal()
     }
 
     /// What the program has changed in `memory` up to the line that was read last.

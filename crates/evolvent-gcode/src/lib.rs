@@ -39,6 +39,7 @@ mod interpreter;
 mod kept;
 mod lexer;
 mod lines;
+mod modal;
 mod motion;
 mod names;
 mod offsets;
@@ -64,6 +65,7 @@ pub use command::{Action, Command, LogAction, Move, MoveKind, PathMode, SpindleD
 pub use diagnostic::Diagnostic;
 pub use interpreter::Interpreter;
 pub use kept::{KeptParameters, ParameterFileError};
+pub use modal::Modal;
 pub use restart::{Approach, Restart};
 pub use settings::{ArcTolerance, Settings, TurningWords, WORK_OFFSETS};
 pub use store::StoreError;

@@ -10,6 +10,7 @@ use serde::de::{Error, Visitor};
 use serde::{Deserialize, Deserializer};
 use serde_json::json;
 
+use crate::homing::HomingFile;
 use crate::machine::{
     ControlRate, FeedbackWish, Kinematics, MAX_RATE_HZ, MIN_RATE_HZ, MachineKind, OnFull, PathMode,
     PlannerKind, TurningWords,
@@ -65,6 +66,9 @@ pub(crate) struct MachineFile {
     /// What programs find on this machine.
     #[serde(default)]
     pub(crate) program: ProgramFile,
+    /// Axes that are homed by a switch.
+    #[serde(default)]
+    pub(crate) homing: Vec<HomingFile>,
 }
 
 fn two() -> i64 {

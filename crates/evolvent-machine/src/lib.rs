@@ -21,6 +21,7 @@ mod chord;
 mod error;
 mod figures;
 mod file;
+mod homing;
 mod limits;
 mod machine;
 mod parse;
@@ -33,6 +34,7 @@ pub use chord::{
 pub use error::{MachineError, PeriodError};
 pub use figures::{FigureError, figures_svg};
 pub use file::machine_schema;
+pub use homing::HomingSettings;
 pub use limits::Limits;
 pub use machine::{
     Axis, ControlRate, DriveSettings, FeedbackWish, Kinematics, MAX_FILE_BYTES, MAX_RATE_HZ, MIN_RATE_HZ,

@@ -9,6 +9,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{MachineError, PeriodError};
+use crate::homing::HomingSettings;
 use crate::limits::Limits;
 use crate::parse;
 use crate::rate::{RateError, RateInput, RationalRate, period_ns_of, rational_rate};
@@ -258,6 +259,9 @@ pub struct Machine {
     pub drives: DriveSettings,
     /// What programs find on the machine.
     pub program: ProgramSettings,
+    /// Axes that are homed by a switch, in the order of the file. The others stand at their home position from the
+    /// start, or where their drives say.
+    pub homing: Vec<HomingSettings>,
 }
 
 impl Machine {

@@ -12,6 +12,7 @@ use toml::de::{DeTable, DeValue};
 
 use crate::error::MachineError;
 use crate::file::{AxisFile, AxisKind, DrivesFile, MachineFile};
+use crate::homing::{EndFile, HomingFile, HomingSettings};
 use crate::machine::{
     Axis, ControlRate, DriveSettings, MAX_RATE_HZ, MIN_RATE_HZ, Machine, MachineKind, PathMode, PathSettings,
     ProgramSettings, RealtimeSettings, TraceSettings,
@@ -89,6 +90,7 @@ impl Check<'_> {
             ],
         )?;
         let machine = Machine {
+            homing: self.homing(&raw.homing, &axes)?,
             path: self.path(&raw)?,
             realtime: self.realtime(&raw)?,
             program: self.program(&raw)?,
@@ -115,6 +117,63 @@ impl Check<'_> {
             ));
         }
         Ok(machine)
+    }
+
+    fn homing(&self, raw: &[HomingFile], axes: &[Axis]) -> Result<Vec<HomingSettings>, MachineError> {
+        let mut homing: Vec<HomingSettings> = Vec::new();
+        for (index, one) in raw.iter().enumerate() {
+            let at = format!("homing[{index}]");
+            let mut letters = one.axis.chars();
+            let letter = letters.next().and_then(AxisLetter::from_letter);
+            let axis = axes
+                .iter()
+                .find(|axis| Some(axis.letter) == letter && letters.as_str().is_empty());
+            let Some(axis) = axis else {
+                return Err(self.error(
+                    &format!("{at}.axis"),
+                    format!("{:?} is no axis of this machine", shortened(&one.axis)),
+                    "name an axis that has an [[axis]] table",
+                ));
+            };
+            if homing.iter().any(|known| known.axis == axis.letter) {
+                return Err(self.error(
+                    &format!("{at}.axis"),
+                    format!("axis {} is homed twice", axis.letter.letter()),
+                    "keep one of the tables",
+                ));
+            }
+            let rotary = axis.letter.is_rotary();
+            let unit = if rotary { "deg" } else { "mm" };
+            let value = |key: &str, mm: Option<f64>, deg: Option<f64>, suffix: &str| {
+                let (mine, other) = if rotary { (deg, mm) } else { (mm, deg) };
+                let name = format!("{key}_{unit}{suffix}");
+                if other.is_some() {
+                    return Err(self.error(
+                        &at,
+                        format!("axis {} takes {key} in {unit}", axis.letter.letter()),
+                        format!("write {name}"),
+                    ));
+                }
+                let value = self.required(&at, &name, mine)?;
+                Ok((format!("{at}.{name}"), value))
+            };
+            let (search_key, search_speed) = value("search", one.search_mm_s, one.search_deg_s, "_s")?;
+            let (latch_key, latch_speed) = value("latch", one.latch_mm_s, one.latch_deg_s, "_s")?;
+            let (switch_key, switch_position) = value("switch", one.switch_mm, one.switch_deg, "")?;
+            self.number(&search_key, search_speed, 1e-6, axis.max_velocity)?;
+            self.number(&latch_key, latch_speed, 1e-6, search_speed)?;
+            self.number(&switch_key, switch_position, -ABSURD, ABSURD)?;
+            let order = self.whole_number(&format!("{at}.order"), one.order, 0, 100)?;
+            homing.push(HomingSettings {
+                axis: axis.letter,
+                order,
+                negative: matches!(one.towards, EndFile::Negative),
+                search_speed,
+                latch_speed,
+                switch_position,
+            });
+        }
+        Ok(homing)
     }
 
     fn name(&self, name: &str) -> Result<(), MachineError> {

@@ -91,6 +91,14 @@ impl Guard {
         }
     }
 
+    /// At rest at `position`, with what was measured before.
+    pub(crate) fn resting(limits: Limits, period_s: f64, position: Axes, extremes: Extremes) -> Self {
+        Self {
+            extremes,
+            ..Self::new(limits, period_s, position)
+        }
+    }
+
     /// What has been measured so far.
     #[must_use]
     pub fn extremes(&self) -> &Extremes {

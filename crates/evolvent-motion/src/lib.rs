@@ -8,6 +8,9 @@
 //! a plan from the place where it will be 10 ms later; a hold that nobody answers slows path time itself. The runs of
 //! a classic plan are solved here in closed form, so there a wish takes effect in the same step.
 //!
+//! Jog and homing have no path: a [`Steering`] drives a transfer that was solved before. A [`Station`] carries sequence
+//! numbers and the guard's memory from job to job.
+//!
 //! Whatever happens to the planner, the queue ends at rest on the path. Should a plan be wrong, the guard refuses
 //! the setpoint, the machine brakes on the path, and if that breaks a limit as well, each axis stops by itself.
 
@@ -21,9 +24,13 @@ mod quick_stop;
 mod setpoint;
 mod slow;
 mod state;
+mod station;
+mod steering;
 
 pub use guard::{Extremes, Guard, Quantity, Violation};
 pub use motion::Motion;
 pub use queue::{PlanConsumer, PlanProducer, QueueClosed, STEPS_AHEAD, plan_queue};
 pub use setpoint::{Inputs, Setpoint};
 pub use state::{State, flags};
+pub use station::Station;
+pub use steering::Steering;

@@ -78,6 +78,18 @@ impl Motion {
         self
     }
 
+    /// Goes on where another job has left the machine.
+    pub(crate) fn begin_at(&mut self, guard: Guard, sequence: u64, actions: u32, block: u32) {
+        self.guard = guard;
+        self.sequence = sequence;
+        self.cursor.actions = actions;
+        self.cursor.block = block;
+    }
+
+    pub(crate) fn guard(&self) -> &Guard {
+        &self.guard
+    }
+
     /// What the guard measured in the published positions.
     #[must_use]
     pub fn extremes(&self) -> &Extremes {
@@ -263,7 +275,7 @@ fn checked_override(factor: f64) -> f64 {
     }
 }
 
-fn feed_metric(v: &Axes) -> f64 {
+pub(crate) fn feed_metric(v: &Axes) -> f64 {
     let norm = |i: usize| (v[i] * v[i] + v[i + 1] * v[i + 1] + v[i + 2] * v[i + 2]).sqrt();
     let (xyz, uvw) = (norm(0), norm(6));
     if xyz > 0.0 {

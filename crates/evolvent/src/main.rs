@@ -3,6 +3,8 @@
 mod bore;
 mod chatter;
 mod check;
+mod ctl;
+mod ctl_status;
 mod doctor;
 mod explain;
 mod feeds;
@@ -14,6 +16,7 @@ mod program;
 mod rate;
 mod run;
 mod screen;
+mod serve;
 mod trace;
 
 use std::io::{self, Write};
@@ -51,6 +54,11 @@ enum Command {
     Bore(bore::BoreArgs),
     /// Will this cut vibrate, how strongly, and at which speed not: self-oscillation and stability lobes.
     Chatter(chatter::ChatterArgs),
+    /// Serve a machine: wait for clients, jog, home, run programs. SIGTERM stops within the limits and ends.
+    Serve(serve::ServeArgs),
+    /// Operate a machine that is served.
+    #[command(allow_negative_numbers = true)]
+    Ctl(ctl::CtlArgs),
     /// What this host can do for a real-time loop, measured, and what to change.
     Doctor(doctor::DoctorArgs),
     /// Look into traces, and recover torn ones.
@@ -87,6 +95,8 @@ fn main() -> ExitCode {
         Command::Rate(args) => rate::run(args, &mut out, &mut err).map(|()| Ending::Clean),
         Command::Bore(args) => bore(args, &mut out),
         Command::Chatter(args) => chatter::run(args, &mut out, &mut err),
+        Command::Serve(args) => serve::run(args, &mut out, &mut err),
+        Command::Ctl(args) => ctl::run(args, &mut out, &mut err),
         Command::Doctor(args) => doctor::run(args, &mut out, &mut err).map(|()| Ending::Clean),
         Command::Trace(args) => trace::run(args, &mut out, &mut err),
     };

@@ -126,7 +126,16 @@ impl ProgramArgs {
     }
 }
 
-fn parse_rate(text: &str) -> Result<ControlRate, String> {
+/// A machine without a program.
+pub(crate) fn load_setup(file: &Path, rate: Option<ControlRate>) -> Result<Setup, CommandError> {
+    let usage = |text: String| CommandError::Usage(text);
+    let machine = Machine::load(file).map_err(|error| usage(error.to_string()))?;
+    let text =
+        std::fs::read_to_string(file).map_err(|error| usage(format!("{}: {error}", file.display())))?;
+    Setup::new(machine, file.to_path_buf(), text, rate).map_err(|error| usage(error.to_string()))
+}
+
+pub(crate) fn parse_rate(text: &str) -> Result<ControlRate, String> {
     if text.eq_ignore_ascii_case("rational") {
         return Ok(ControlRate::Rational);
     }

@@ -1,0 +1,128 @@
+//! Jobs along a plan: planned on a thread of their own, handed to the cycle when they are ready.
+
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{self, Receiver, Sender};
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+
+use evolvent_motion::{Motion, plan_queue};
+
+use super::orders::{Following, Signals};
+use crate::feeder::{FeedReport, Feeder, FeederNews, ProgramError};
+use crate::job::Setup;
+use crate::memory::ProgramMemory;
+
+/// How long the planner sleeps when the queue is full.
+const PLANNER_NAP: Duration = Duration::from_micros(500);
+
+type Planned = (FeedReport, Result<Option<ProgramMemory>, ProgramError>);
+
+/// How a program is to be run.
+pub(crate) struct ProgramJob {
+    pub file: PathBuf,
+    pub setup: Setup,
+    pub feed_override: f64,
+    pub optional_stop: bool,
+    pub single_step: Arc<AtomicBool>,
+    /// Numbers of the first block and the first action, which go on from job to job.
+    pub numbered_from: (u32, u32),
+    /// The trace's recorder, if there is one.
+    pub recorder: Option<Sender<FeederNews>>,
+}
+
+/// A job's planner.
+pub(crate) struct Planning {
+    /// Waits here until its first pieces are ready.
+    waiting: Option<Box<Following>>,
+    pub signals: Arc<Signals>,
+    pub news: Receiver<FeederNews>,
+    thread: Option<JoinHandle<Planned>>,
+}
+
+impl Planning {
+    /// Starts planning.
+    pub(crate) fn start(job: ProgramJob) -> io::Result<Self> {
+        let signals = Arc::new(Signals::default());
+        let waiting = Arc::clone(&signals);
+        let (producer, queue) = plan_queue(move || {
+            thread::sleep(PLANNER_NAP);
+            !waiting.abandoned.load(Ordering::Acquire)
+        });
+        let setup = &job.setup;
+        let motion = Motion::new(setup.machine.limits(), setup.period_ns, setup.start())
+            .planned_for(job.feed_override);
+        let (onlooker, news) = mpsc::channel();
+        let of_thread = Arc::clone(&signals);
+        let thread = thread::Builder::new().name("planner".into()).spawn(move || {
+            let with_blocks = job.recorder.is_some();
+            let recorders: Vec<_> = job.recorder.into_iter().collect();
+            Feeder::new(
+                &job.file,
+                &job.setup,
+                job.feed_override,
+                producer,
+                recorders,
+                with_blocks,
+                job.optional_stop,
+            )
+            .numbered_from(job.numbered_from.0, job.numbered_from.1)
+            .watched_by(onlooker)
+            .stepping(job.single_step)
+            .feed(&job.file, || of_thread.failed.store(true, Ordering::Release))
+        })?;
+        Ok(Self {
+            waiting: Some(Box::new(Following {
+                motion,
+                queue,
+                signals: Arc::clone(&signals),
+            })),
+            signals,
+            news,
+            thread: Some(thread),
+        })
+    }
+
+    /// The job, once: as soon as so much of it is planned that it can begin.
+    pub(crate) fn take_if_ready(&mut self) -> Option<Box<Following>> {
+        let job = self.waiting.as_mut()?;
+        if job.motion.is_ready(&mut job.queue) {
+            return self.waiting.take();
+        }
+        None
+    }
+
+    /// Whether the cycle has it not yet.
+    pub(crate) fn is_waiting(&self) -> bool {
+        self.waiting.is_some()
+    }
+
+    /// The planner need not go on.
+    pub(crate) fn abandon(&mut self) {
+        self.signals.abandoned.store(true, Ordering::Release);
+        self.waiting = None;
+    }
+
+    /// What planning came to, once its thread has ended.
+    pub(crate) fn take_result(&mut self) -> Option<Planned> {
+        if !self.thread.as_ref()?.is_finished() {
+            return None;
+        }
+        // A panic of the planner is a bug; it is passed on.
+        let joined = self.thread.take()?.join();
+        Some(joined.unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
+    }
+}
+
+impl Drop for Planning {
+    fn drop(&mut self) {
+        self.abandon();
+    }
+}
+
+/// Whether a program is short enough to be checked as a whole while somebody waits.
+pub(crate) fn is_short(file: &Path) -> bool {
+    file.metadata().is_ok_and(|facts| facts.len() <= 64 * 1024)
+}

@@ -1,0 +1,174 @@
+//! Jogs: where to, and how from a motion that goes on.
+
+use evolvent_control::{Alarm, JogCommand, Refusal};
+use evolvent_machine::Limits;
+use evolvent_motion::Steering;
+use evolvent_path::{AXES, Axes, AxisLetter};
+use evolvent_transfer::{AxesState, Sync, Transfer};
+
+/// Share of an axis's velocity at which it is jogged where no speed is given.
+const USUAL_SHARE: f64 = 0.2;
+
+/// Limits for the axes as they are: an axis whose zero is unknown may go its travel's length either way, and one
+/// that stands beyond its travel may come back.
+pub(crate) fn limits_here(machine: &Limits, position: &Axes, homed: u32) -> Limits {
+    let mut limits = *machine;
+    for i in 0..AXES {
+        if !machine.present[i] {
+            continue;
+        }
+        if homed >> i & 1 == 0 {
+            let length = 1.2 * (machine.travel_max[i] - machine.travel_min[i]);
+            limits.travel_min[i] = position[i] - length;
+            limits.travel_max[i] = position[i] + length;
+        }
+        limits.travel_min[i] = limits.travel_min[i].min(position[i]);
+        limits.travel_max[i] = limits.travel_max[i].max(position[i]);
+    }
+    limits
+}
+
+/// Where a jog from `position` ends.
+///
+/// # Errors
+/// An increment would leave the travel: axis, where to, and by how much.
+pub(crate) fn target(jog: &JogCommand, position: &Axes, limits: &Limits) -> Result<Axes, Refusal> {
+    let mut target = *position;
+    for i in 0..AXES {
+        if jog.axes_mask >> i & 1 == 0 {
+            continue;
+        }
+        let (low, high) = (limits.travel_min[i], limits.travel_max[i]);
+        match &jog.distance {
+            None if jog.direction[i] > 0.0 => target[i] = high,
+            None => target[i] = low,
+            Some(distance) => {
+                target[i] = position[i] + distance[i];
+                let beyond = (low - target[i]).max(target[i] - high);
+                if beyond > 0.0 || beyond.is_nan() {
+                    let limit = if target[i] > high { high } else { low };
+                    return Err(Refusal::new(
+                        Alarm::SoftLimit,
+                        format!(
+                            "axis {} would go to {:.4}, {beyond:.4} beyond its travel limit of {limit:.4}",
+                            AxisLetter::ALL[i].letter(),
+                            target[i],
+                        ),
+                    ));
+                }
+            }
+        }
+    }
+    Ok(target)
+}
+
+/// A steered motion from a state to rest at `target`, the axes of `mask` no faster than `speed` each.
+///
+/// # Errors
+/// There is no such motion within the limits.
+pub(crate) fn steering(
+    limits: &Limits,
+    from: &AxesState,
+    target: &Axes,
+    mask: u32,
+    speed: Option<f64>,
+) -> Result<Steering, Refusal> {
+    let mut slowed = *limits;
+    for i in 0..AXES {
+        if !limits.present[i] {
+            continue;
+        }
+        let wanted = if mask >> i & 1 == 1 {
+            speed.unwrap_or(USUAL_SHARE * limits.velocity[i])
+        } else {
+            limits.velocity[i]
+        };
+        // What moves faster than is wanted now may do so while it slows down.
+        let (v, a, j) = (from.velocity[i], from.acceleration[i], limits.jerk[i]);
+        let present = v.abs().max((v + a * a.abs() / (2.0 * j)).abs());
+        slowed.velocity[i] = wanted.max(1.0001 * present).clamp(1e-3, limits.velocity[i]);
+    }
+    let to = AxesState::at_rest(*target);
+    Transfer::solve(&slowed, from, &to, Sync::Time)
+        .map(Steering::new)
+        .map_err(|error| Refusal::new(Alarm::SoftLimit, error.to_string()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn machine() -> Limits {
+        let mut present = [false; AXES];
+        present[..3].fill(true);
+        Limits {
+            present,
+            velocity: Axes::repeat(500.0),
+            acceleration: Axes::repeat(5000.0),
+            jerk: Axes::repeat(200_000.0),
+            travel_min: Axes::repeat(-400.0),
+            travel_max: Axes::repeat(400.0),
+            home: Axes::zeros(),
+        }
+    }
+
+    fn jog(distance: Option<f64>, direction: f64) -> JogCommand {
+        let along = |value: f64| {
+            let mut axes = Axes::zeros();
+            axes[0] = value;
+            axes
+        };
+        JogCommand {
+            axes_mask: 1,
+            distance: distance.map(along),
+            direction: along(direction),
+            speed: Some(20.0),
+        }
+    }
+
+    #[test]
+    fn a_continuous_jog_ends_at_the_soft_limit_and_an_increment_beyond_it_is_refused_with_how_much() {
+        let limits = limits_here(&machine(), &Axes::zeros(), 0b111);
+        let to = target(&jog(None, -1.0), &Axes::zeros(), &limits).unwrap();
+        assert_eq!(to.as_slice()[..3], [-400.0, 0.0, 0.0]);
+        let refusal = target(&jog(Some(412.5), 0.0), &Axes::zeros(), &limits).unwrap_err();
+        assert_eq!(refusal.alarm, Alarm::SoftLimit);
+        assert!(
+            refusal.text.contains("axis X") && refusal.text.contains("12.5"),
+            "{refusal}"
+        );
+    }
+
+    #[test]
+    fn an_axis_that_is_not_homed_may_go_its_travel_s_length_and_one_beyond_may_come_back() {
+        let mut position = Axes::zeros();
+        (position[0], position[1]) = (1000.0, 401.0);
+        let limits = limits_here(&machine(), &position, 0b110);
+        assert_eq!((limits.travel_min[0], limits.travel_max[0]), (40.0, 1960.0));
+        assert_eq!((limits.travel_min[1], limits.travel_max[1]), (-400.0, 401.0));
+    }
+
+    #[test]
+    fn a_jog_keeps_its_speed_and_one_in_motion_may_turn_round() {
+        let limits = machine();
+        let start = AxesState::at_rest(Axes::zeros());
+        let forth = steering(
+            &limits,
+            &start,
+            &Axes::from_fn(|i, _| if i == 0 { 50.0 } else { 0.0 }),
+            1,
+            Some(20.0),
+        )
+        .unwrap();
+        let middle = forth.transfer().at(0.5 * forth.transfer().duration_s());
+        assert!((middle.velocity[0] - 20.0).abs() < 1e-6);
+        let moving = AxesState {
+            position: middle.position,
+            velocity: middle.velocity,
+            acceleration: middle.acceleration,
+        };
+        let back = steering(&limits, &moving, &Axes::zeros(), 1, Some(5.0)).unwrap();
+        let end = back.transfer().at(back.transfer().duration_s());
+        assert!(end.position[0].abs() < 1e-9);
+    }
+}

@@ -1,0 +1,172 @@
+//! What outlives the process: offsets, tools, parameters, in files that are replaced whole.
+
+use std::path::{Path, PathBuf};
+
+use evolvent_control::ToolEntry;
+use evolvent_gcode::{KeptParameters, StoreError, Tool, ToolTable};
+use evolvent_path::AXES;
+
+use crate::memory::ProgramMemory;
+
+/// Parameter that keeps which tool is in the spindle.
+const TOOL_PARAMETER: u32 = 5400;
+
+/// The memory of a machine, and its files.
+#[derive(Debug)]
+pub(crate) struct Keep {
+    pub memory: ProgramMemory,
+    saved: ProgramMemory,
+    /// Which tool is in the spindle.
+    pub tool: u32,
+    /// What could not be read, and was set aside.
+    pub complaints: Vec<String>,
+}
+
+/// The folder of a machine's state: `$XDG_STATE_HOME/evolvent/NAME`, or that under `~/.local/state`.
+#[must_use]
+pub fn state_folder(machine_name: &str) -> PathBuf {
+    let absolute = |variable: &str| {
+        std::env::var_os(variable)
+            .map(PathBuf::from)
+            .filter(|path| path.is_absolute())
+    };
+    let base = absolute("XDG_STATE_HOME")
+        .or_else(|| absolute("HOME").map(|home| home.join(".local/state")))
+        .unwrap_or_else(|| PathBuf::from("/var/lib"));
+    base.join("evolvent").join(machine_name)
+}
+
+impl Keep {
+    /// Takes what the machine file names, and what that leaves open from `folder`. A file that cannot be read is set
+    /// aside as `NAME.damaged`, so that the machine can be started, and told of.
+    pub(crate) fn open(mut memory: ProgramMemory, folder: &Path) -> Self {
+        let mut complaints = Vec::new();
+        let mut complain = |error: &StoreError, file: &Path| {
+            let mut aside = file.as_os_str().to_owned();
+            aside.push(".damaged");
+            let moved = match std::fs::rename(file, &aside) {
+                Ok(()) => format!("; it was set aside as {}", Path::new(&aside).display()),
+                Err(_) => String::new(),
+            };
+            complaints.push(format!("{error}{moved}"));
+        };
+        if memory.kept_file.is_none() {
+            let file = folder.join("parameters.var");
+            if let Err(error) = memory.load_parameters(file.clone()) {
+                complain(&error, &file);
+                memory.kept = Some(KeptParameters::default());
+                memory.kept_file = Some(file);
+            }
+        }
+        if memory.tools_file.is_none() {
+            let file = folder.join("tools.tbl");
+            if file.exists()
+                && let Err(error) = memory.load_tools(file.clone())
+            {
+                complain(&error, &file);
+            }
+            memory.tools.get_or_insert_with(ToolTable::default);
+            memory.tools_file = Some(file);
+        }
+        let kept = memory.kept.as_ref().and_then(|kept| kept.get(TOOL_PARAMETER));
+        let tool = kept.map_or(0.0, |number| number.clamp(0.0, 99_999.0)) as u32;
+        Self {
+            saved: memory.clone(),
+            memory,
+            tool,
+            complaints,
+        }
+    }
+
+    /// Writes what has changed.
+    pub(crate) fn save(&mut self) -> Result<(), StoreError> {
+        if let Some(kept) = &mut self.memory.kept {
+            let known = kept.get(TOOL_PARAMETER).unwrap_or(0.0);
+            if known != f64::from(self.tool) {
+                kept.set(TOOL_PARAMETER, f64::from(self.tool));
+            }
+        }
+        if let Some(folder) = self.memory.kept_file.as_ref().and_then(|file| file.parent()) {
+            // Where this fails, writing fails too, and says why.
+            let _ = std::fs::create_dir_all(folder);
+        }
+        self.memory.save(&self.saved)?;
+        self.saved = self.memory.clone();
+        Ok(())
+    }
+
+    /// Reads the tool table again.
+    pub(crate) fn reload_tools(&mut self) -> Result<(), StoreError> {
+        if let Some(file) = self.memory.tools_file.clone()
+            && file.exists()
+        {
+            self.memory.load_tools(file)?;
+            self.saved.tools = self.memory.tools.clone();
+        }
+        Ok(())
+    }
+
+    /// Changes or adds a tool.
+    pub(crate) fn set_tool(&mut self, entry: &ToolEntry) {
+        let tools = self.memory.tools.get_or_insert_with(ToolTable::default);
+        let mut tool = tools
+            .get(entry.number)
+            .copied()
+            .unwrap_or_else(|| Tool::new(entry.number));
+        for i in 0..AXES {
+            if entry.axes_mask >> i & 1 == 1 {
+                tool.offset[i] = entry.offset[i];
+            }
+        }
+        tool.diameter_mm = entry.diameter_mm.unwrap_or(tool.diameter_mm);
+        tools.set(tool);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use evolvent_path::Axes;
+
+    fn folder() -> tempfile::TempDir {
+        tempfile::tempdir().unwrap()
+    }
+
+    #[test]
+    fn offsets_tools_and_the_tool_in_the_spindle_outlive_a_restart() {
+        let folder = folder();
+        let inner = folder.path().join("made/on/demand");
+        let mut keep = Keep::open(ProgramMemory::default(), &inner);
+        let offset = Axes::from_fn(|i, _| i as f64 + 0.1);
+        assert!(keep.memory.kept.as_mut().unwrap().set_work_offset(3, &offset));
+        keep.set_tool(&ToolEntry {
+            number: 7,
+            axes_mask: 0b100,
+            offset: Axes::repeat(12.5),
+            diameter_mm: Some(6.0),
+        });
+        keep.tool = 7;
+        keep.save().unwrap();
+        let again = Keep::open(ProgramMemory::default(), &inner);
+        assert_eq!(again.memory.kept.as_ref().unwrap().work_offset(3), offset);
+        let tool = again.memory.tools.as_ref().unwrap().get(7).copied().unwrap();
+        assert_eq!(
+            (tool.offset[2], tool.offset[0], tool.diameter_mm),
+            (12.5, 0.0, 6.0)
+        );
+        assert_eq!(again.tool, 7);
+        assert!(again.complaints.is_empty());
+    }
+
+    #[test]
+    fn a_damaged_file_is_set_aside_and_told_of() {
+        let folder = folder();
+        std::fs::write(folder.path().join("parameters.var"), "rubbish").unwrap();
+        std::fs::write(folder.path().join("tools.tbl"), "rubbish").unwrap();
+        let keep = Keep::open(ProgramMemory::default(), folder.path());
+        assert_eq!(keep.complaints.len(), 2, "{:?}", keep.complaints);
+        assert!(folder.path().join("parameters.var.damaged").exists());
+        assert!(folder.path().join("tools.tbl.damaged").exists());
+        assert!(keep.memory.kept.is_some() && keep.memory.tools.is_some());
+    }
+}

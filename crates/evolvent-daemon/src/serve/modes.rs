@@ -1,0 +1,117 @@
+//! The modes between jobs: what a block of MDI finds, and what it leaves.
+
+use evolvent_gcode::{Diagnostic, Interpreter, KeptParameters, Modal, Settings, ToolTable};
+use evolvent_path::{Axes, AxisLetter};
+
+/// What lines leave behind.
+#[derive(Clone, Debug)]
+pub(crate) struct After {
+    pub modes: Modes,
+    pub kept: KeptParameters,
+    pub tools: Option<ToolTable>,
+}
+
+/// Modes in force.
+#[derive(Clone, Debug)]
+pub(crate) struct Modes {
+    pub modal: Modal,
+    /// As a line of codes for people.
+    text: String,
+}
+
+impl Modes {
+    /// Those of a program's beginning.
+    pub(crate) fn at_start(settings: &Settings) -> Result<Self, Box<Diagnostic>> {
+        foresee("", settings, &KeptParameters::default()).map(|after| after.modes)
+    }
+
+    /// Lines that bring an interpreter into these modes, apart from motion, spindle and coolant. Offsets of work and G92 are
+    /// kept in parameters.
+    pub(crate) fn preamble(&self) -> String {
+        let mut text = String::new();
+        let offset = &self.modal.tool_offset;
+        if *offset != Axes::zeros() {
+            text.push_str("G21 G43.1");
+            for axis in AxisLetter::ALL
+                .into_iter()
+                .filter(|axis| offset[axis.index()] != 0.0)
+            {
+                text.push(' ');
+                text.push(axis.letter());
+                text.push_str(&offset[axis.index()].to_string());
+            }
+        }
+        text.push('\n');
+        // The first word is the motion; from S on the periphery is told of.
+        let words = self.text.split(' ').skip(1);
+        let words: Vec<&str> = words
+            .take_while(|word| !word.starts_with('S'))
+            .filter(|word| *word != "G41")
+            .collect();
+        text.push_str(&words.join(" "));
+        text.push('\n');
+        text
+    }
+}
+
+/// What a text leaves, found without moving anything; the first error in it otherwise. `kept` says which parameters
+/// count.
+pub(crate) fn foresee(
+    text: &str,
+    settings: &Settings,
+    kept: &KeptParameters,
+) -> Result<After, Box<Diagnostic>> {
+    let lines = text.lines().count() as u32;
+    let padded = format!("{text}\n\n");
+    let mut interpreter = Interpreter::new(padded.as_bytes(), settings.clone());
+    let restart = interpreter.start_at(lines + 1)?;
+    let mut kept = kept.clone();
+    kept.update(&interpreter);
+    Ok(After {
+        modes: Modes {
+            modal: interpreter.modal(),
+            text: restart.modes,
+        },
+        kept,
+        tools: interpreter.tools().cloned(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn modes_after(text: &str) -> Modes {
+        let settings = Settings::default();
+        foresee(text, &settings, &KeptParameters::default())
+            .unwrap()
+            .modes
+    }
+
+    #[test]
+    fn an_interpreter_behind_the_preamble_is_in_the_same_modes() {
+        for text in [
+            "",
+            "G91 G20 G18 F12\n",
+            "G55 G61 G93\n",
+            "G64 P0.02 G90.1 G99\n",
+            "G43.1 Z12.5 X-1\nG91 G59.3\n",
+            "M3 S500 F100 G1 X1\n",
+        ] {
+            let modes = modes_after(text);
+            let again = modes_after(&modes.preamble());
+            let mut expected = modes.modal;
+            expected.spindle_rpm = 0.0;
+            assert_eq!(again.modal, expected, "{text:?} by {:?}", modes.preamble());
+        }
+    }
+
+    #[test]
+    fn an_error_is_found_before_anything_moves_and_offsets_are_foreseen() {
+        let settings = Settings::default();
+        let kept = KeptParameters::default();
+        assert!(foresee("G1 X1\n", &settings, &kept).is_err(), "no feed");
+        let after = foresee("G10 L2 P2 X7\n", &settings, &kept).unwrap();
+        assert_eq!(after.kept.work_offset(1)[0], 7.0);
+    }
+}

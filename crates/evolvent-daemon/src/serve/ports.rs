@@ -1,0 +1,90 @@
+//! The publisher's thread of a machine that is served: setpoints and status out, feedback and loads in.
+
+use std::sync::mpsc::Sender;
+
+use evolvent_bus::{BusError, CoreBus, EventKind, Feedback, Status};
+use rtrb::{Consumer, Producer};
+
+use crate::cycle::DueSetpoint;
+use crate::publisher::{PublishReport, Publishing};
+use crate::rt::MonotonicClock;
+
+/// Longest sleep between two looks at the queue.
+const LONGEST_SLEEP_NS: u64 = 1_000_000;
+/// Time between two looks for readers that have joined.
+const ADMIT_EVERY_NS: u64 = 50_000_000;
+
+/// A snapshot on its way out, and what it explains.
+pub(crate) struct Snapshot {
+    pub status: Status,
+    pub event: Option<EventKind>,
+}
+
+/// Queues of the publisher.
+pub(crate) struct Ports {
+    pub setpoints: Consumer<DueSetpoint>,
+    pub snapshots: Consumer<Snapshot>,
+    /// To the cycle.
+    pub feedback: Producer<Feedback>,
+    /// To control: every one, in order.
+    pub answers: Producer<Feedback>,
+    /// To control: late and failed setpoints so far, subscribers.
+    pub counts: Producer<(PublishReport, usize)>,
+}
+
+impl Ports {
+    /// Opens the bus, tells `ready` how that went, and serves it until the cycle has gone.
+    pub(crate) fn run(
+        mut self,
+        publishing: &Publishing,
+        ready: &Sender<Result<(), BusError>>,
+    ) -> PublishReport {
+        let mut report = PublishReport::default();
+        let mut bus = match CoreBus::open(&publishing.config) {
+            Ok(bus) => bus,
+            Err(error) => {
+                let _gone = ready.send(Err(error));
+                return report;
+            }
+        };
+        let _gone = ready.send(Ok(()));
+        let nap = (publishing.config.period_ns / 2).min(LONGEST_SLEEP_NS);
+        let mut next_admission = 0;
+        loop {
+            let over = self.setpoints.is_abandoned() && self.snapshots.is_abandoned();
+            while let Ok(due) = self.setpoints.pop() {
+                let message = publishing.message(&due);
+                if MonotonicClock::now_ns() > due.due_time_ns {
+                    report.late += 1;
+                }
+                if bus.publish_setpoint(&message).is_err() {
+                    report.failed += 1;
+                }
+            }
+            // A bridge of another version is as good as none.
+            while let Ok(Some(feedback)) = bus.feedback() {
+                // What the cycle does not take in time is older than what it has.
+                let _full = self.feedback.push(feedback);
+                let _full = self.answers.push(feedback);
+            }
+            while let Ok(Some(_)) = bus.load() {}
+            while let Ok(snapshot) = self.snapshots.pop() {
+                // A status or an event that does not leave is replaced by the next.
+                let _lost = bus.publish_status(&snapshot.status);
+                if let Some(event) = snapshot.event {
+                    let _lost = bus.notify(event);
+                }
+            }
+            let now = MonotonicClock::now_ns();
+            if now >= next_admission {
+                next_admission = now + ADMIT_EVERY_NS;
+                bus.admit_readers();
+                let _full = self.counts.push((report, bus.setpoint_subscribers()));
+            }
+            if over && self.setpoints.is_empty() && self.snapshots.is_empty() {
+                return report;
+            }
+            let _late = MonotonicClock::sleep_until(now + nap);
+        }
+    }
+}

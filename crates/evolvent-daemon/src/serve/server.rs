@@ -1,0 +1,400 @@
+//! A machine that is served: threads started, the control thread's loop, everything brought to rest at the end.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc;
+use std::thread;
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
+
+use evolvent_bus::{BusConfig, ControlServer};
+use evolvent_drive::{FeedbackWatch, PhaseLock};
+use evolvent_motion::Station;
+use evolvent_trace::Recorder;
+use rtrb::{Consumer, Producer, RingBuffer};
+
+use super::keep::Keep;
+use super::live::{Live, LiveReport};
+use super::notify::Manager;
+use super::operator::{Beginning, Operator};
+use super::orders::CycleView;
+use super::ports::{Ports, Snapshot};
+use super::snapshot::{Mark, Pulse, snapshot};
+use crate::drives::{phase_settings, watch_settings};
+use crate::job::{Clock, Setup};
+use crate::publisher::{PublishReport, Publishing};
+use crate::recording::{Closing, RecordReport, Recording};
+use crate::rt::{MonotonicClock, RealtimeRequest, apply_to_this_thread};
+use crate::run::{RunSource, StartError, rescue_leftovers, run_info};
+use crate::shared::Controls;
+
+/// Time between two looks of the control thread.
+const CONTROL_EVERY: Duration = Duration::from_millis(1);
+/// Time between two snapshots where nothing changes.
+const STATUS_EVERY_NS: u64 = 50_000_000;
+/// Requests that are answered in one look at the most.
+const MOST_REQUESTS: usize = 32;
+/// How long to wait for the bus.
+const BUS_TIMEOUT: Duration = Duration::from_secs(30);
+/// How long coming to rest may take before the process ends anyway.
+const END_TIMEOUT: Duration = Duration::from_secs(30);
+/// Seconds of setpoints and records that the queues hold, and bounds of their length.
+const QUEUE_SECONDS: f64 = 2.0;
+const QUEUE_LENGTH: (usize, usize) = (4096, 65_536);
+
+/// How a machine is served.
+#[derive(Clone, Debug)]
+pub struct ServeConfig {
+    /// The machine at its rate.
+    pub setup: Setup,
+    /// iceoryx2's prefix; none for iceoryx2's own.
+    pub bus_prefix: Option<String>,
+    /// Where to write the trace; none for no trace.
+    pub trace: Option<PathBuf>,
+    /// Where offsets, tools and parameters are kept: see [`crate::state_folder`].
+    pub state_folder: PathBuf,
+}
+
+/// What serving came to.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct ServeSummary {
+    /// The machine's name.
+    pub machine: String,
+    /// Setpoints.
+    pub cycles: u64,
+    /// The control rate.
+    pub rate_hz: f64,
+    /// Jobs begun.
+    pub jobs: u64,
+    /// Commands accepted.
+    pub commands_accepted: u64,
+    /// Commands rejected.
+    pub commands_rejected: u64,
+    /// Setpoints that left after they were due.
+    pub late_cycles: u64,
+    /// Trace records lost.
+    pub dropped_records: u64,
+    /// Setpoints lost on the way to the bus.
+    pub dropped_setpoints: u64,
+    /// Alarms in force at the end.
+    pub alarms: Vec<u32>,
+    /// The trace file, if one was written.
+    pub trace: Option<String>,
+    /// What the user should know.
+    pub notes: Vec<String>,
+}
+
+/// Serves a machine until `stop` is set; comes to rest within the limits then. `note` hears what people should know at
+/// once.
+///
+/// # Errors
+/// It could not be started; nothing has moved.
+pub fn serve(
+    config: &ServeConfig,
+    stop: &AtomicBool,
+    mut note: impl FnMut(&str),
+) -> Result<ServeSummary, StartError> {
+    let setup = &config.setup;
+    let machine = &setup.machine;
+    let limits = machine.limits();
+    let length = ((setup.rate_hz() * QUEUE_SECONDS) as usize).clamp(QUEUE_LENGTH.0, QUEUE_LENGTH.1);
+    let start_unix_ns = SystemTime::now()
+        .duration_since(UNIX_EPOCH)
+        .map_or(0, |since| since.as_nanos() as u64);
+    let manager = Manager::of_environment();
+    let mut notes = Vec::new();
+
+    let publishing = publishing(config);
+    let (bus, setpoints) = RingBuffer::new(length);
+    let (mut snapshots, to_publish) = RingBuffer::new(64);
+    let (to_cycle, feedback) = RingBuffer::new(256);
+    let (to_control, mut answers) = RingBuffer::new(4096);
+    let (to_count, mut counts) = RingBuffer::new(8);
+    let (ready_sender, ready) = mpsc::channel();
+    let ports = Ports {
+        setpoints,
+        snapshots: to_publish,
+        feedback: to_cycle,
+        answers: to_control,
+        counts: to_count,
+    };
+    let publishing_config = publishing.config.clone();
+    let request = realtime_request(setup, 1);
+    let publisher = thread::Builder::new().name("publisher".into()).spawn(move || {
+        // The cycle's thread asks for the same and more, and reports.
+        let _granted = apply_to_this_thread(&request);
+        ports.run(&publishing, &ready_sender)
+    })?;
+    match ready.recv_timeout(BUS_TIMEOUT) {
+        Ok(Ok(())) => {}
+        Ok(Err(error)) => return Err(StartError::Bus(error)),
+        Err(_) => return Err(StartError::BusTimeout),
+    }
+    let mut server = ControlServer::open(&publishing_config)?;
+
+    let recording = match &config.trace {
+        None => None,
+        Some(path) => Some(start_recording(config, path, length, start_unix_ns, &mut note)?),
+    };
+    let (trace, recorder, recording) = match recording {
+        None => (None, None, None),
+        Some((queue, news, rest)) => (Some(queue), Some(news), Some(rest)),
+    };
+
+    let (orders, cycle_orders) = RingBuffer::new(1024);
+    let (cycle_events, mut events) = RingBuffer::new(4096);
+    let (cycle_views, mut views) = RingBuffer::new(length);
+    let live = Live {
+        station: Station::new(limits, setup.period_ns, limits.home),
+        limits,
+        period_ns: setup.period_ns,
+        lead_cycles: machine.lead_cycles,
+        max_late_cycles: machine.realtime.max_late_cycles,
+        start_unix_ns,
+        orders: cycle_orders,
+        events: cycle_events,
+        views: cycle_views,
+        feedback,
+        bus,
+        trace,
+        watch: FeedbackWatch::new(watch_settings(machine, setup.period_ns)),
+        phase: phase_settings(machine, setup.period_ns).map(PhaseLock::new),
+    };
+    let (granted_sender, granted) = mpsc::channel();
+    let request = realtime_request(setup, 0);
+    let cycle = thread::Builder::new().name("cycle".into()).spawn(move || {
+        let _gone = granted_sender.send(apply_to_this_thread(&request).notes);
+        live.run()
+    })?;
+    for text in granted.recv().unwrap_or_default() {
+        note(&text);
+        notes.push(text);
+    }
+
+    let Ok(first) = wait_for_view(&mut views) else {
+        return Err(StartError::Thread(std::io::Error::other(
+            "the cycle does not start",
+        )));
+    };
+    let keep = Keep::open(setup.memory.clone(), &config.state_folder);
+    for complaint in &keep.complaints {
+        note(complaint);
+    }
+    let mut operator = Operator::new(Beginning {
+        setup: setup.clone(),
+        keep,
+        folder: config.state_folder.clone(),
+        orders,
+        recorder,
+        view: first,
+    })
+    .map_err(|text| StartError::Thread(std::io::Error::other(text)))?;
+    manager.tell("READY=1");
+
+    let mut pulse = Pulse::default();
+    let mut published = (PublishReport::default(), 0);
+    let mut sequence = 0;
+    let mut mark: Option<Mark> = None;
+    let mut next_status = 0;
+    let mut next_sign = Instant::now();
+    let mut seen = 0;
+    let mut ending: Option<Instant> = None;
+    loop {
+        let now_ns = MonotonicClock::now_ns();
+        for _ in 0..MOST_REQUESTS {
+            match server.serve(|request| operator.answer(request, now_ns)) {
+                Ok(true) => {}
+                Ok(false) => break,
+                Err(error) => {
+                    note(&error.to_string());
+                    break;
+                }
+            }
+        }
+        operator.tick(now_ns, &mut views, &mut events, &mut answers, |view| {
+            pulse.count(view);
+        });
+        while let Ok(count) = counts.pop() {
+            published = count;
+        }
+        if stop.load(Ordering::Relaxed) && ending.is_none() {
+            ending = Some(Instant::now());
+            manager.tell("STOPPING=1");
+            operator.end();
+        }
+        let is_over = cycle.is_finished();
+        let now_mark = Mark::of(&operator);
+        let changed = mark != Some(now_mark);
+        if changed || now_ns >= next_status || is_over {
+            next_status = now_ns + STATUS_EVERY_NS;
+            sequence += 1;
+            let status = snapshot(&operator, &pulse, &published, sequence, now_ns);
+            let event = mark.filter(|_| changed).map(|before| now_mark.event(before));
+            // A publisher that hangs gets the next one.
+            let _full = snapshots.push(Snapshot { status, event });
+            mark = Some(now_mark);
+        }
+        if let Some(every) = manager.watchdog
+            && Instant::now() >= next_sign
+            && operator.view.setpoint.sequence != seen
+        {
+            // A sign of life of the cycle, not of this thread alone.
+            seen = operator.view.setpoint.sequence;
+            next_sign = Instant::now() + every;
+            manager.tell("WATCHDOG=1");
+        }
+        let hangs = ending.is_some_and(|since| since.elapsed() > END_TIMEOUT);
+        if is_over || hangs {
+            break;
+        }
+        thread::sleep(CONTROL_EVERY);
+    }
+    let view = operator.view;
+    let (accepted, rejected) = operator.desk.counts();
+    let mut summary = ServeSummary {
+        machine: machine.name.clone(),
+        cycles: view.setpoint.sequence + 1,
+        rate_hz: setup.rate_hz(),
+        jobs: operator.desk.job(),
+        commands_accepted: accepted,
+        commands_rejected: rejected + operator.malformed(),
+        late_cycles: view.late_cycles.max(published.0.late),
+        dropped_records: view.dropped_records,
+        dropped_setpoints: view.dropped_setpoints + published.0.failed,
+        alarms: operator.desk.alarms().map(|(alarm, _)| alarm.number()).collect(),
+        trace: None,
+        notes,
+    };
+    // The recorder ends when nobody can send it news any more, the publisher when nobody sends setpoints.
+    drop(operator);
+    drop(snapshots);
+    if cycle.is_finished() {
+        let report: LiveReport = cycle
+            .join()
+            .unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+        summary.cycles = report.cycles;
+        let _published = publisher
+            .join()
+            .unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+        if let Some(recording) = recording {
+            let record = recording.finish(&summary);
+            summary.dropped_records += record.lost;
+            match record.result {
+                Ok(path) => summary.trace = Some(path.display().to_string()),
+                Err(error) => summary.notes.push(error.to_string()),
+            }
+        }
+    } else {
+        summary
+            .notes
+            .push("the cycle did not come to rest in time".to_owned());
+    }
+    Ok(summary)
+}
+
+fn wait_for_view(views: &mut Consumer<CycleView>) -> Result<CycleView, ()> {
+    let deadline = Instant::now() + Duration::from_secs(5);
+    loop {
+        if let Ok(view) = views.pop() {
+            return Ok(view);
+        }
+        if Instant::now() > deadline {
+            return Err(());
+        }
+        thread::sleep(CONTROL_EVERY);
+    }
+}
+
+fn realtime_request(setup: &Setup, below: u8) -> RealtimeRequest {
+    let settings = &setup.machine.realtime;
+    RealtimeRequest {
+        priority: Some(settings.priority.saturating_sub(below).max(1)),
+        core: if below == 0 { settings.core } else { None },
+        lock_memory: settings.lock_memory && below == 0,
+    }
+}
+
+fn publishing(config: &ServeConfig) -> Publishing {
+    let machine = &config.setup.machine;
+    let mut bus = BusConfig::new(&machine.name, &machine.axis_letters(), config.setup.period_ns);
+    bus.prefix.clone_from(&config.bus_prefix);
+    Publishing {
+        config: bus,
+        clock: Clock::Realtime,
+        increments: machine.increments(),
+        axes_mask: machine
+            .axes
+            .iter()
+            .fold(0, |mask, axis| mask | 1 << axis.letter.index()),
+        program: String::new(),
+        wait_for_subscribers: 0,
+        home: machine.limits().home,
+        controls: Arc::new(Controls::new(1.0)),
+    }
+}
+
+/// A recorder at work.
+struct AtWork {
+    thread: thread::JoinHandle<RecordReport>,
+    closing: mpsc::Sender<Closing>,
+}
+
+impl AtWork {
+    fn finish(self, summary: &ServeSummary) -> RecordReport {
+        let pairs = [
+            ("outcome", "served".to_owned()),
+            ("jobs", summary.jobs.to_string()),
+            ("commands_accepted", summary.commands_accepted.to_string()),
+            ("commands_rejected", summary.commands_rejected.to_string()),
+            ("late_cycles", summary.late_cycles.to_string()),
+            ("dropped_records", summary.dropped_records.to_string()),
+        ];
+        let summary: BTreeMap<String, String> = pairs
+            .into_iter()
+            .map(|(key, value)| (key.to_owned(), value))
+            .collect();
+        let closing = Closing { summary, alarm: None };
+        let _gone = self.closing.send(closing);
+        self.thread
+            .join()
+            .unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+    }
+}
+
+type Started = (
+    Producer<crate::cycle::CycleSample>,
+    mpsc::Sender<crate::feeder::FeederNews>,
+    AtWork,
+);
+
+fn start_recording(
+    config: &ServeConfig,
+    path: &Path,
+    length: usize,
+    start_unix_ns: u64,
+    note: &mut impl FnMut(&str),
+) -> Result<Started, StartError> {
+    for text in rescue_leftovers(path) {
+        note(&text);
+    }
+    let info = run_info(&config.setup, &RunSource::Served, start_unix_ns);
+    let recorder = Recorder::create(path, &info)?;
+    let (producer, queue) = RingBuffer::new(length);
+    let (news, heard) = mpsc::channel();
+    let (closing, closes) = mpsc::channel();
+    let (failed, _failures) = mpsc::channel();
+    let recording = Recording {
+        recorder,
+        queue,
+        news: heard,
+        on_full: config.setup.machine.trace.on_full,
+        controls: Arc::new(Controls::new(1.0)),
+        program: PathBuf::new(),
+    };
+    let period_ns = config.setup.period_ns;
+    let thread = thread::Builder::new()
+        .name("recorder".into())
+        .spawn(move || recording.run(period_ns, &closes, &failed))?;
+    Ok((producer, news, AtWork { thread, closing }))
+}

@@ -1,0 +1,188 @@
+//! The status: one coherent snapshot of everything that a screen needs.
+
+use evolvent_bus::{EventKind, MAX_ALARMS, Status};
+use evolvent_drive::{DriveState, PowerRequest};
+use evolvent_motion::{State, flags};
+use evolvent_path::{AXES, Axes};
+use evolvent_trace::Histogram;
+
+use super::operator::Operator;
+use super::orders::CycleView;
+use crate::publisher::{PublishReport, event_of};
+
+/// What the cycles so far were like.
+#[derive(Default)]
+pub(crate) struct Pulse {
+    pub lateness: Histogram,
+    pub work: Histogram,
+}
+
+impl Pulse {
+    pub(crate) fn count(&mut self, view: &CycleView) {
+        self.lateness.record(view.lateness_ns as i64);
+        self.work.record(view.work_ns as i64);
+    }
+}
+
+/// What makes a snapshot worth sending at once.
+#[derive(Clone, Copy, PartialEq)]
+pub(crate) struct Mark {
+    state: State,
+    machine: u32,
+    mode: u32,
+    activity: u32,
+    job: u64,
+    result: u32,
+    alarms: u32,
+    power: PowerRequest,
+    switches: u32,
+    homed: u32,
+    accepted: u64,
+}
+
+impl Mark {
+    pub(crate) fn of(operator: &Operator) -> Self {
+        let desk = &operator.desk;
+        Self {
+            state: operator.view.setpoint.state,
+            machine: desk.machine() as u32,
+            mode: desk.mode() as u32,
+            activity: desk.activity() as u32,
+            job: desk.job(),
+            result: desk.result() as u32,
+            alarms: desk.alarms().count() as u32,
+            power: operator.view.power,
+            switches: switches(operator),
+            homed: desk.homed(),
+            accepted: desk.counts().0,
+        }
+    }
+
+    /// What to wake sleepers with, coming from `before`.
+    pub(crate) fn event(self, before: Self) -> EventKind {
+        if self.alarms > before.alarms {
+            EventKind::Fault
+        } else if self.alarms < before.alarms {
+            EventKind::Reset
+        } else if self.job > before.job {
+            EventKind::Started
+        } else if self.state != before.state {
+            event_of(before.state, self.state)
+        } else {
+            EventKind::StatusChanged
+        }
+    }
+}
+
+fn switches(operator: &Operator) -> u32 {
+    let desk = &operator.desk;
+    let bits = [
+        (desk.is_single_step(), 1),
+        (desk.is_optional_stop(), 1 << 1),
+        (desk.is_block_delete(), 1 << 2),
+        (operator.is_holding(), 1 << 3),
+    ];
+    bits.into_iter()
+        .filter(|(on, _)| *on)
+        .fold(0, |sum, (_, bit)| sum | bit)
+}
+
+/// A snapshot of this moment. `sequence` is its own number.
+pub(crate) fn snapshot(
+    operator: &Operator,
+    pulse: &Pulse,
+    published: &(PublishReport, usize),
+    sequence: u64,
+    now_ns: u64,
+) -> Status {
+    let (desk, view, modal) = (&operator.desk, &operator.view, &operator.modes.modal);
+    let setpoint = &view.setpoint;
+    let mut status = Status {
+        sequence,
+        time_ns: now_ns,
+        cycles: setpoint.sequence + 1,
+        period_ns: operator.setup.period_ns,
+        state: setpoint.state as u32,
+        mode: desk.mode() as u32,
+        machine_state: desk.machine() as u32,
+        flags: setpoint.flags & !flags::LATE,
+        line: setpoint.line,
+        axes_mask: operator.present(),
+        homed_mask: desk.homed(),
+        tool: operator.keep.tool,
+        work_system: modal.work_system,
+        setpoint_subscribers: published.1 as u32,
+        position_machine: setpoint.position.into(),
+        position_work: (setpoint.position - modal.work_offset - modal.tool_offset).into(),
+        velocity: setpoint.velocity.into(),
+        work_offset: modal.work_offset.into(),
+        tool_offset: modal.tool_offset.into(),
+        path_mm: setpoint.path_mm,
+        feed_mm_s: setpoint.feed_mm_s,
+        override_ratio: desk.overrides()[0],
+        rapid_override_ratio: desk.overrides()[1],
+        spindle_override_ratio: desk.overrides()[2],
+        spindle_rpm: modal.spindle_rpm,
+        late_cycles: view.late_cycles.max(published.0.late),
+        dropped_records: view.dropped_records,
+        dropped_setpoints: view.dropped_setpoints + published.0.failed,
+        wake_lateness_ns: view.lateness_ns,
+        wake_lateness_p50_ns: quantile(&pulse.lateness, 50.0),
+        wake_lateness_p999_ns: quantile(&pulse.lateness, 99.9),
+        wake_lateness_max_ns: pulse.lateness.max_ns().max(0) as u64,
+        work_p50_ns: quantile(&pulse.work, 50.0),
+        work_p999_ns: quantile(&pulse.work, 99.9),
+        work_max_ns: pulse.work.max_ns().max(0) as u64,
+        activity: desk.activity() as u32,
+        job_result: desk.result() as u32,
+        job: desk.job(),
+        switches: switches(operator),
+        power: view.power.number(),
+        coolant: u32::from(modal.mist) | u32::from(modal.flood) << 1,
+        modal: modal.codes,
+        home_offset: operator.home_offset.into(),
+        feedback_age_ns: u64::MAX,
+        commands_accepted: desk.counts().0,
+        commands_rejected: desk.counts().1 + operator.malformed(),
+        ..Status::default()
+    };
+    if let Some(block) = operator.track.block(setpoint) {
+        status.distance_to_go = to_go(&block.end, &setpoint.position);
+        status.feed_programmed_mm_s = if block.feed_mm_s.is_finite() {
+            block.feed_mm_s
+        } else {
+            0.0
+        };
+        status.path_to_go_mm = (operator.track.planned_mm() - setpoint.path_mm).max(0.0);
+    }
+    if let Some(feedback) = &operator.feedback {
+        status.feedback_age_ns = now_ns.saturating_sub(feedback.time_ns);
+        status.position_actual = feedback.position;
+        status.following_error = feedback.following_error;
+        for axis in (0..AXES).filter(|axis| feedback.axes_mask >> axis & 1 == 1) {
+            let state = DriveState::decode((feedback.status_word[axis] & 0xFFFF) as u16);
+            status.enabled_mask |= u32::from(state == Some(DriveState::OperationEnabled)) << axis;
+        }
+    }
+    status.set_program(desk.program().unwrap_or_default());
+    status.set_message(&operator.message);
+    for (alarm, text) in desk.alarms() {
+        status.push_alarm(alarm.number());
+        status.set_alarm_text(text);
+    }
+    if desk.unlisted_alarms() > 0 {
+        status.alarm_count = (MAX_ALARMS as u32).saturating_add(desk.unlisted_alarms());
+    }
+    status
+}
+
+fn to_go(end: &Axes, position: &Axes) -> [f64; AXES] {
+    (end - position).into()
+}
+
+fn quantile(histogram: &Histogram, percent: f64) -> u64 {
+    if histogram.count() == 0 {
+        return 0;
+    }
+    histogram.percentile_ns(percent).max(0) as u64
+}

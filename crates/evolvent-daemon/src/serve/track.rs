@@ -1,0 +1,92 @@
+//! Where the machine is in its job: what planning has told, held against the cycle.
+
+use std::collections::VecDeque;
+use std::sync::mpsc::Receiver;
+
+use evolvent_gcode::Modal;
+use evolvent_motion::{Setpoint, State};
+
+use crate::feeder::{FeederNews, Notice, QueuedBlock, StopKind};
+
+/// What is known of the blocks ahead.
+#[derive(Debug, Default)]
+pub(crate) struct Track {
+    blocks: VecDeque<QueuedBlock>,
+    modals: VecDeque<(u32, Modal)>,
+    stops: VecDeque<StopKind>,
+    notices: VecDeque<Notice>,
+    planned_mm: f64,
+}
+
+impl Track {
+    /// Takes in what planning tells.
+    pub(crate) fn hear(&mut self, news: &Receiver<FeederNews>) {
+        for news in news.try_iter() {
+            match news {
+                FeederNews::Queued(block) => {
+                    self.planned_mm = block.path_mm;
+                    self.blocks.push_back(block);
+                }
+                FeederNews::Modal(block, modal) => self.modals.push_back((block, modal)),
+                FeederNews::Stop(kind) => self.stops.push_back(kind),
+                FeederNews::Notice(notice) => self.notices.push_back(notice),
+                FeederNews::Block(_) | FeederNews::File(..) | FeederNews::Outside(_) => {}
+            }
+        }
+    }
+
+    /// The cycle has come to this setpoint. Gives the last modes that have come into force, and hands over the messages
+    /// that have.
+    pub(crate) fn reach(&mut self, setpoint: &Setpoint, mut message: impl FnMut(&Notice)) -> Option<Modal> {
+        let still = [State::Idle, State::Dwell, State::ProgramStop];
+        let begun = if still.contains(&setpoint.state) {
+            0
+        } else {
+            setpoint.block + 1
+        };
+        let ended = setpoint.state == State::Done;
+        while self
+            .notices
+            .front()
+            .is_some_and(|notice| notice.moment.has_come(setpoint.actions, begun, ended))
+        {
+            if let Some(notice) = self.notices.pop_front() {
+                message(&notice);
+            }
+        }
+        while self.blocks.len() > 1 && self.blocks[0].block < setpoint.block {
+            self.blocks.pop_front();
+        }
+        let mut modal = None;
+        while self
+            .modals
+            .front()
+            .is_some_and(|(block, _)| *block < begun || ended)
+        {
+            modal = self.modals.pop_front().map(|(_, modal)| modal);
+        }
+        modal
+    }
+
+    /// The block at work.
+    pub(crate) fn block(&self, setpoint: &Setpoint) -> Option<&QueuedBlock> {
+        self.blocks.front().filter(|block| block.block >= setpoint.block)
+    }
+
+    /// Programmed path of all that has been planned, mm.
+    pub(crate) fn planned_mm(&self) -> f64 {
+        self.planned_mm
+    }
+
+    /// Why the machine waits at the program stop that it has come to.
+    pub(crate) fn take_stop(&mut self) -> StopKind {
+        self.stops.pop_front().unwrap_or(StopKind::Program)
+    }
+
+    /// The modes at the end of what was planned, and all messages that are left.
+    pub(crate) fn finish(&mut self) -> Option<Modal> {
+        let modal = self.modals.pop_back().map(|(_, modal)| modal);
+        *self = Self::default();
+        modal
+    }
+}

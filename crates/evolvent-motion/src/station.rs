@@ -1,0 +1,212 @@
+//! What goes on from job to job.
+
+use evolvent_machine::Limits;
+use evolvent_path::{Axes, Jet};
+
+use crate::guard::{Extremes, Guard, Violation};
+use crate::motion::{Motion, feed_metric};
+use crate::quick_stop::QuickStop;
+use crate::setpoint::Setpoint;
+use crate::state::{State, flags};
+use crate::steering::{Steering, fits};
+
+/// The machine between and across its jobs: the number of the next setpoint, the guard's memory, where the axes are.
+///
+/// A job is a [`Motion`] along a plan, or a [`Steering`]. It begins at rest where the last one ended, so that setpoints
+/// and what the guard measures go on without a jump. At rest a setpoint is made every period too. `Copy`; nothing here
+/// allocates.
+#[derive(Clone, Copy, Debug)]
+pub struct Station {
+    limits: Limits,
+    period: f64,
+    guard: Guard,
+    sequence: u64,
+    last: Jet,
+    line: u32,
+    block: u32,
+    actions: u32,
+    path_mm: f64,
+    feed_override: f64,
+    fault: Option<Violation>,
+    /// Every axis stops by itself.
+    quick_stop: Option<QuickStop>,
+}
+
+impl Station {
+    /// At rest at `position`.
+    #[must_use]
+    pub fn new(limits: Limits, period_ns: u64, position: Axes) -> Self {
+        let period = period_ns as f64 * 1e-9;
+        Self {
+            limits,
+            period,
+            guard: Guard::new(limits, period, position),
+            sequence: 0,
+            last: still(position),
+            line: 0,
+            block: 0,
+            actions: 0,
+            path_mm: 0.0,
+            feed_override: 1.0,
+            fault: None,
+            quick_stop: None,
+        }
+    }
+
+    /// Number of the next setpoint.
+    #[must_use]
+    pub fn sequence(&self) -> u64 {
+        self.sequence
+    }
+
+    /// The last commanded position, machine coordinates.
+    #[must_use]
+    pub fn position(&self) -> Axes {
+        self.last.position
+    }
+
+    /// What the guard measured in the published positions.
+    #[must_use]
+    pub fn extremes(&self) -> &Extremes {
+        self.guard.extremes()
+    }
+
+    /// What the guard refused since this was asked last.
+    pub fn take_fault(&mut self) -> Option<Violation> {
+        self.fault.take()
+    }
+
+    /// Whether axes are stopping by themselves.
+    #[must_use]
+    pub fn is_quick_stopping(&self) -> bool {
+        self.quick_stop.is_some()
+    }
+
+    /// Sets the override that setpoints show.
+    pub fn set_override(&mut self, factor: f64) {
+        self.feed_override = factor;
+    }
+
+    /// At rest: the same place has new coordinates, or the machine was moved without power. What the guard remembers
+    /// begins anew there.
+    pub fn relocate(&mut self, limits: Limits, position: Axes) {
+        let extremes = *self.guard.extremes();
+        self.limits = limits;
+        self.guard = Guard::resting(limits, self.period, position, extremes);
+        self.last = still(position);
+    }
+
+    /// One setpoint at rest, or of axes that are stopping by themselves.
+    pub fn rest(&mut self, state: State) -> Setpoint {
+        if let Some(stop) = &mut self.quick_stop {
+            let jet = stop.advance(self.period);
+            if stop.is_over() {
+                self.quick_stop = None;
+            }
+            return self.publish(jet, State::Stopping, 0);
+        }
+        let jet = still(self.last.position);
+        self.publish(jet, state, 0)
+    }
+
+    /// Lets a job along a plan begin here, at rest. `false`, and nothing is changed, where it begins elsewhere.
+    pub fn hand_to(&self, motion: &mut Motion) -> bool {
+        let here = self.last.position;
+        let there = motion.last.position;
+        let near = (0..here.len()).all(|i| !self.limits.present[i] || (here[i] - there[i]).abs() <= 1e-9);
+        if near && self.is_at_rest() {
+            motion.begin_at(self.guard, self.sequence, self.actions, self.block);
+        }
+        near && self.is_at_rest()
+    }
+
+    /// Takes over what a job along a plan has come to, after each of its setpoints.
+    pub fn follow(&mut self, motion: &Motion, setpoint: &Setpoint) {
+        self.guard = *motion.guard();
+        self.sequence = setpoint.sequence + 1;
+        self.last = motion.last;
+        (self.line, self.block, self.actions) = (setpoint.line, setpoint.block, setpoint.actions);
+        self.path_mm = setpoint.path_mm;
+        self.fault = self.fault.or(motion.fault());
+    }
+
+    /// A job has ended where the axes are at rest.
+    pub fn end(&mut self) {
+        self.last = still(self.guard.past()[0]);
+        self.line = 0;
+    }
+
+    /// Whether a transfer begins where the axes are. Asked before it is taken up.
+    #[must_use]
+    pub fn can_steer(&self, steering: &Steering) -> bool {
+        self.quick_stop.is_none() && fits(steering.transfer(), &self.last, &self.limits)
+    }
+
+    /// Changes to another transfer in motion, if that begins where the axes are in the last setpoint.
+    pub fn turn(&self, steering: &mut Steering, to: &Steering) -> bool {
+        steering.turn_to(to.transfer(), &self.last, &self.limits)
+    }
+
+    /// One setpoint of a steered motion.
+    pub fn steer(&mut self, steering: &mut Steering) -> Setpoint {
+        let (jet, state) = steering.advance(self.period, &self.last, &self.limits);
+        if let Err(violation) = self.guard.check(&jet.position, false, steering.is_stopping()) {
+            self.fault.get_or_insert(violation);
+            self.emergency();
+            return self.rest(State::Fault);
+        }
+        self.publish(jet, state, 0)
+    }
+
+    /// Every axis comes to rest by itself, as fast as its acceleration and jerk allow. What moved the axes is over.
+    pub fn emergency(&mut self) {
+        if self.quick_stop.is_none() && !self.is_at_rest() {
+            let from = self.guard.past()[0];
+            self.quick_stop = Some(QuickStop::new(&self.limits, from, &self.last));
+        }
+    }
+
+    /// Whether nothing moved in the last setpoint.
+    #[must_use]
+    pub fn is_at_rest(&self) -> bool {
+        self.quick_stop.is_none() && self.last.first == Axes::zeros() && self.last.second == Axes::zeros()
+    }
+
+    fn publish(&mut self, mut jet: Jet, state: State, bits: u32) -> Setpoint {
+        // The travel is the last line; standing still is all that is left beyond it.
+        let mut bits = bits;
+        if self.guard.check_place(&jet.position).is_err() {
+            jet = still(self.guard.past()[0]);
+            self.quick_stop = None;
+            bits |= flags::GUARD;
+        }
+        self.guard.publish(&jet.position, false);
+        self.last = jet;
+        let sequence = self.sequence;
+        self.sequence += 1;
+        Setpoint {
+            sequence,
+            position: jet.position,
+            velocity: jet.first,
+            acceleration: jet.second,
+            jerk: jet.third,
+            path_mm: self.path_mm,
+            feed_mm_s: feed_metric(&jet.first),
+            feed_override: self.feed_override,
+            line: 0,
+            block: self.block,
+            state,
+            flags: bits,
+            actions: self.actions,
+        }
+    }
+}
+
+fn still(position: Axes) -> Jet {
+    Jet {
+        position,
+        first: Axes::zeros(),
+        second: Axes::zeros(),
+        third: Axes::zeros(),
+    }
+}

@@ -1,0 +1,238 @@
+//! The status, for people and as JSON.
+
+use std::io::{self, Write};
+
+use evolvent_bus::{ACTIVITIES, JOB_RESULTS, MACHINE_STATES, MODES, STATES, Status};
+use evolvent_control::Alarm;
+use evolvent_path::AxisLetter;
+use serde_json::{Map, Value, json};
+
+fn name(list: &[(&str, u32)], number: u32) -> String {
+    list.iter()
+        .find(|(_, known)| *known == number)
+        .map_or_else(|| format!("unknown {number}"), |(name, _)| name.to_lowercase())
+}
+
+/// G codes in force, as programs write them.
+fn modal_codes(status: &Status) -> Vec<String> {
+    status
+        .modal
+        .iter()
+        .filter(|code| **code > 0)
+        .map(|code| match code % 10 {
+            0 => format!("G{}", code / 10),
+            tenth => format!("G{}.{tenth}", code / 10),
+        })
+        .collect()
+}
+
+fn homed(status: &Status, axes: &str) -> String {
+    axes.chars()
+        .filter(|letter| {
+            AxisLetter::from_letter(*letter).is_some_and(|axis| status.homed_mask >> axis.index() & 1 == 1)
+        })
+        .collect()
+}
+
+/// Everything, by axis where it is of axes.
+pub(crate) fn status_to_json(status: &Status, axes: &str) -> Value {
+    let by_axis = |values: &[f64]| {
+        let pairs = axes.chars().filter_map(|letter| {
+            let axis = AxisLetter::from_letter(letter)?;
+            Some((letter.to_string(), json!(values.get(axis.index()))))
+        });
+        Value::Object(pairs.collect::<Map<_, _>>())
+    };
+    let has_feedback = status.feedback_age_ns != u64::MAX;
+    let mut whole = json!({
+        "machine": name(&MACHINE_STATES, status.machine_state),
+        "mode": name(&MODES, status.mode),
+        "activity": name(&ACTIVITIES, status.activity),
+        "state": name(&STATES, status.state),
+        "job": status.job,
+        "job_result": name(&JOB_RESULTS, status.job_result),
+        "program": status.program_name(),
+        "line": status.line,
+        "homed": homed(status, axes),
+        "position_machine": by_axis(&status.position_machine),
+        "position_work": by_axis(&status.position_work),
+        "distance_to_go": by_axis(&status.distance_to_go),
+        "velocity": by_axis(&status.velocity),
+        "work_offset": by_axis(&status.work_offset),
+        "tool_offset": by_axis(&status.tool_offset),
+        "home_offset": by_axis(&status.home_offset),
+        "position_actual": has_feedback.then(|| by_axis(&status.position_actual)),
+        "following_error": has_feedback.then(|| by_axis(&status.following_error)),
+        "feedback_age_ns": has_feedback.then_some(status.feedback_age_ns),
+        "enabled": status.enabled_mask,
+        "power": status.power,
+    });
+    let rest = json!({
+        "path_mm": status.path_mm,
+        "path_to_go_mm": status.path_to_go_mm,
+        "feed_mm_s": status.feed_mm_s,
+        "feed_programmed_mm_s": status.feed_programmed_mm_s,
+        "feed_override": status.override_ratio,
+        "rapid_override": status.rapid_override_ratio,
+        "spindle_override": status.spindle_override_ratio,
+        "spindle_rpm": status.spindle_rpm,
+        "coolant": status.coolant,
+        "tool": status.tool,
+        "work_system": format!("G{}", f64::from(status.work_system) / 10.0),
+        "modal": modal_codes(status),
+        "single_step": status.switches & 1 != 0,
+        "optional_stop": status.switches & 2 != 0,
+        "block_delete": status.switches & 4 != 0,
+        "hold": status.switches & 8 != 0,
+        "alarms": status.listed_alarms(),
+        "alarm_text": status.alarm_sentence(),
+        "message": status.operator_message(),
+        "cycles": status.cycles,
+        "period_ns": status.period_ns,
+        "late_cycles": status.late_cycles,
+        "dropped_records": status.dropped_records,
+        "dropped_setpoints": status.dropped_setpoints,
+        "commands_accepted": status.commands_accepted,
+        "commands_rejected": status.commands_rejected,
+        "setpoint_subscribers": status.setpoint_subscribers,
+        "wake_lateness_p50_ns": status.wake_lateness_p50_ns,
+        "wake_lateness_p999_ns": status.wake_lateness_p999_ns,
+        "wake_lateness_max_ns": status.wake_lateness_max_ns,
+        "work_p50_ns": status.work_p50_ns,
+        "work_p999_ns": status.work_p999_ns,
+        "work_max_ns": status.work_max_ns,
+    });
+    if let (Value::Object(whole), Value::Object(rest)) = (&mut whole, rest) {
+        whole.extend(rest);
+    }
+    whole
+}
+
+/// A page for people.
+pub(crate) fn write_status(
+    out: &mut dyn Write,
+    status: &Status,
+    axes: &str,
+    machine: &str,
+) -> io::Result<()> {
+    writeln!(
+        out,
+        "{machine}: {}, {}, {}",
+        name(&MACHINE_STATES, status.machine_state),
+        name(&MODES, status.mode),
+        name(&STATES, status.state)
+    )?;
+    if status.job > 0 {
+        let job = match status.activity {
+            0 => format!("ended: {}", name(&JOB_RESULTS, status.job_result)),
+            activity => format!("running: {}", name(&ACTIVITIES, activity)),
+        };
+        writeln!(out, "  job {} {job}, line {}", status.job, status.line)?;
+    }
+    if !status.program_name().is_empty() {
+        writeln!(out, "  program {}", status.program_name())?;
+    }
+    writeln!(out)?;
+    writeln!(
+        out,
+        "  axis        machine           work          to go         offset  homed"
+    )?;
+    for axis in axes.chars().filter_map(AxisLetter::from_letter) {
+        let i = axis.index();
+        writeln!(
+            out,
+            "  {}    {:>14.4} {:>14.4} {:>14.4} {:>14.4}  {}",
+            axis.letter(),
+            status.position_machine[i],
+            status.position_work[i],
+            status.distance_to_go[i],
+            status.work_offset[i] + status.tool_offset[i],
+            if status.homed_mask >> i & 1 == 1 {
+                "yes"
+            } else {
+                "no"
+            }
+        )?;
+    }
+    writeln!(
+        out,
+        "\n  feed {:.1} of {:.1} mm/min; overrides: feed {:.0} %, rapid {:.0} %, spindle {:.0} %",
+        60.0 * status.feed_mm_s,
+        60.0 * status.feed_programmed_mm_s,
+        100.0 * status.override_ratio,
+        100.0 * status.rapid_override_ratio,
+        100.0 * status.spindle_override_ratio
+    )?;
+    writeln!(
+        out,
+        "  tool {}, spindle {:.0} rpm, {}",
+        status.tool,
+        status.spindle_rpm,
+        modal_codes(status).join(" ")
+    )?;
+    if status.feedback_age_ns != u64::MAX {
+        writeln!(
+            out,
+            "  drives answered {:.1} ms ago",
+            status.feedback_age_ns as f64 * 1e-6
+        )?;
+    }
+    writeln!(
+        out,
+        "  setpoints {}, late {}, lost {}; commands accepted {}, rejected {}",
+        status.cycles,
+        status.late_cycles,
+        status.dropped_setpoints,
+        status.commands_accepted,
+        status.commands_rejected
+    )?;
+    if !status.operator_message().is_empty() {
+        writeln!(out, "  message: {}", status.operator_message())?;
+    }
+    for &number in status.listed_alarms() {
+        let known = Alarm::from_number(number).map_or("unknown", |alarm| alarm.sentence());
+        let text = if status.listed_alarms().last() == Some(&number) && !status.alarm_sentence().is_empty() {
+            status.alarm_sentence()
+        } else {
+            known
+        };
+        writeln!(out, "  alarm {number}: {text}")?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_status_is_told_whole_and_by_the_letters_of_the_axes() {
+        let mut status = Status {
+            machine_state: 2,
+            mode: 1,
+            homed_mask: 0b101,
+            work_system: 591,
+            ..Status::default()
+        };
+        status.position_machine[2] = -7.5;
+        status.modal[..2].copy_from_slice(&[170, 591]);
+        status.feedback_age_ns = u64::MAX;
+        status.push_alarm(406);
+        status.set_alarm_text("axis X");
+        let value = status_to_json(&status, "XZ");
+        assert_eq!(value["machine"], "on");
+        assert_eq!(value["mode"], "manual");
+        assert_eq!(value["homed"], "XZ");
+        assert_eq!(value["position_machine"], json!({"X": 0.0, "Z": -7.5}));
+        assert_eq!(value["modal"], json!(["G17", "G59.1"]));
+        assert_eq!(value["work_system"], "G59.1");
+        assert_eq!(value["feedback_age_ns"], Value::Null);
+        let mut page = Vec::new();
+        write_status(&mut page, &status, "XZ", "mill").unwrap();
+        let page = String::from_utf8(page).unwrap();
+        assert!(
+            page.contains("-7.5000") && page.contains("alarm 406: axis X"),
+            "{page}"
+        );
+    }
+}
