@@ -1,0 +1,236 @@
+//! What the controller knows of the stock from its own passes.
+
+/// Most cells of a record.
+const CELLS: usize = 4096;
+/// Narrowest cell, mm.
+const CELL_MM: f64 = 0.1;
+
+/// The most that can still stand over each place, mm above the final size, and how well that is known.
+///
+/// Room for it is taken once; everything but [`SizeRecord::new`] is real-time safe.
+#[derive(Clone, Debug)]
+pub struct SizeRecord {
+    cells: Vec<Cell>,
+    cell_mm: f64,
+    slope: f64,
+    overhang_mm: f64,
+    /// Where the last sweep ended.
+    swept_to: f64,
+}
+
+/// One place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Cell {
+    /// The most that can stand here, mm; infinite where no part of the edge has been.
+    pub top_mm: f64,
+    /// The tip has passed.
+    pub known: bool,
+    /// The tip has passed, and a load was felt.
+    pub felt: bool,
+    /// The tip has passed and was cutting over its whole depth: as much as `top_mm` does stand here.
+    pub sure: bool,
+}
+
+impl SizeRecord {
+    /// Nothing is known over a length. The edge rises by `slope` mm per mm of lead, over `overhang_mm`.
+    #[must_use]
+    pub fn new(length_mm: f64, slope: f64, overhang_mm: f64) -> Self {
+        let cells = (length_mm / CELL_MM).ceil().clamp(1.0, CELLS as f64);
+        let nothing = Cell {
+            top_mm: f64::INFINITY,
+            known: false,
+            felt: false,
+            sure: false,
+        };
+        Self {
+            cells: vec![nothing; cells as usize],
+            cell_mm: length_mm / cells,
+            slope,
+            overhang_mm,
+            swept_to: f64::NEG_INFINITY,
+        }
+    }
+
+    /// The edge has cut all round up to a place of the tip, at a height; `felt` and `sure` as in [`Cell`]. Only ways
+    /// forward count.
+    pub fn sweep(&mut self, along_mm: f64, out_mm: f64, felt: bool, sure: bool) {
+        let before = self.swept_to;
+        self.swept_to = along_mm;
+        if along_mm < before || !before.is_finite() {
+            return;
+        }
+        let out_mm = out_mm.max(0.0);
+        // Cells whose far end was passed.
+        let (first, tip) = (self.ends_before(before), self.ends_before(along_mm));
+        let last = self.ends_before(along_mm + self.overhang_mm);
+        for (i, cell) in self.cells.iter_mut().enumerate().take(last).skip(first) {
+            let lead = ((i + 1) as f64 * self.cell_mm - along_mm).max(0.0);
+            cell.top_mm = cell.top_mm.min(out_mm + lead * self.slope);
+            if i < tip {
+                (cell.known, cell.felt, cell.sure) = (true, felt, sure);
+            }
+        }
+    }
+
+    fn ends_before(&self, along_mm: f64) -> usize {
+        ((along_mm + 1e-9) / self.cell_mm).floor().max(0.0) as usize
+    }
+
+    /// The next sweep starts somewhere else.
+    pub fn lift(&mut self) {
+        self.swept_to = f64::NEG_INFINITY;
+    }
+
+    /// The most that may stand in a cell: without end where it is not known.
+    fn most(cell: &Cell) -> f64 {
+        if cell.known { cell.top_mm } else { f64::INFINITY }
+    }
+
+    /// The first place where more than `height_mm` may stand; none if nothing does.
+    #[must_use]
+    pub fn first_above(&self, height_mm: f64) -> Option<f64> {
+        let cell = self.cells.iter().position(|cell| Self::most(cell) > height_mm)?;
+        Some(cell as f64 * self.cell_mm)
+    }
+
+    /// The end of the last place where more than `height_mm` may stand.
+    #[must_use]
+    pub fn last_above(&self, height_mm: f64) -> Option<f64> {
+        let cell = self.cells.iter().rposition(|cell| Self::most(cell) > height_mm)?;
+        Some((cell + 1) as f64 * self.cell_mm)
+    }
+
+    /// The most that stands anywhere that is known.
+    #[must_use]
+    pub fn highest_known_mm(&self) -> f64 {
+        self.known().fold(0.0, |most, cell| f64::max(most, cell.top_mm))
+    }
+
+    fn known(&self) -> impl Iterator<Item = &Cell> {
+        self.cells.iter().filter(|cell| cell.known)
+    }
+
+    /// Whether nothing is known.
+    #[must_use]
+    pub fn is_blank(&self) -> bool {
+        self.known().next().is_none()
+    }
+
+    /// What is known of a place; nothing stands beyond the ends.
+    #[must_use]
+    pub fn at(&self, along_mm: f64) -> Cell {
+        let air = Cell {
+            top_mm: 0.0,
+            known: true,
+            felt: false,
+            sure: false,
+        };
+        if along_mm < 0.0 {
+            return air;
+        }
+        self.cells
+            .get((along_mm / self.cell_mm) as usize)
+            .copied()
+            .unwrap_or(air)
+    }
+
+    /// How deep an edge with its tip at a height would cut when it has gone on by `ahead_mm` from a place. Places that
+    /// where no load was felt count as nothing, and with `sure` also those that are not sure.
+    #[must_use]
+    pub fn depth_ahead_mm(&self, along_mm: f64, out_mm: f64, ahead_mm: f64, sure: bool) -> f64 {
+        let at = along_mm + ahead_mm;
+        let first = (along_mm.min(at).max(0.0) / self.cell_mm) as usize;
+        let last = ((at + self.overhang_mm).max(0.0) / self.cell_mm).ceil() as usize;
+        let mut deepest = 0.0;
+        for (i, cell) in self.cells.iter().enumerate().take(last).skip(first) {
+            let above = cell.top_mm - out_mm;
+            let lead = (i + 1) as f64 * self.cell_mm - at;
+            if (cell.sure || (cell.felt && !sure)) && above > lead * self.slope {
+                deepest = f64::max(deepest, above);
+            }
+        }
+        deepest
+    }
+
+    /// The last place at which a tip at a height can stand before the stock that starts at `from_mm`, so that the whole
+    /// edge is clear of it.
+    #[must_use]
+    pub fn clear_place_mm(&self, from_mm: f64, out_mm: f64) -> f64 {
+        let mut place = from_mm;
+        let first = (from_mm.max(0.0) / self.cell_mm) as usize;
+        let last = ((from_mm + self.overhang_mm).max(0.0) / self.cell_mm).ceil() as usize;
+        for (i, cell) in self.cells.iter().enumerate().take(last).skip(first) {
+            let above = (Self::most(cell).min(cell.top_mm.max(0.0)) - out_mm).max(0.0);
+            let lead = if cell.known { above / self.slope } else { f64::INFINITY };
+            if above > 0.0 {
+                place = place.min(i as f64 * self.cell_mm - lead.min(self.overhang_mm));
+            }
+        }
+        place
+    }
+
+    /// The first place from `along_mm` on where more than `height_mm` may stand; none up to the end.
+    #[must_use]
+    pub fn next_above(&self, along_mm: f64, height_mm: f64) -> Option<f64> {
+        let first = (along_mm.max(0.0) / self.cell_mm) as usize;
+        let rest = self.cells.get(first..)?;
+        let cell = rest.iter().position(|cell| Self::most(cell) > height_mm)?;
+        Some((first + cell) as f64 * self.cell_mm)
+    }
+
+    /// Cells over the places of their middles, for reports.
+    pub fn cells(&self) -> impl Iterator<Item = (f64, &Cell)> + '_ {
+        self.cells
+            .iter()
+            .enumerate()
+            .map(|(i, cell)| ((i as f64 + 0.5) * self.cell_mm, cell))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn record(length_mm: f64) -> SizeRecord {
+        SizeRecord::new(length_mm, 3.0_f64.sqrt(), 6.0)
+    }
+
+    #[test]
+    fn what_the_tip_has_passed_is_known_and_what_only_the_edge_has_met_is_bounded() {
+        let mut record = record(20.0);
+        assert!(record.is_blank());
+        for i in -20..=100 {
+            record.sweep(f64::from(i) * 0.1, 3.0, true, true);
+        }
+        record.lift();
+        for i in 40..=60 {
+            record.sweep(f64::from(i) * 0.1, 1.0, true, false);
+        }
+        let top = |place: f64| record.at(place).top_mm;
+        assert_eq!((top(2.05), top(5.05), top(9.05)), (3.0, 1.0, 3.0));
+        assert!(record.at(2.0).sure && !record.at(5.0).sure && !record.at(12.0).known);
+        // The edge leads: 1 mm before the last place of the tip it stands tan(60) higher.
+        assert!((top(6.95) - (1.0 + 3.0_f64.sqrt())).abs() < 1e-9);
+        assert!((top(10.95) - (3.0 + 3.0_f64.sqrt())).abs() < 1e-9);
+        assert!(top(18.0).is_infinite());
+        assert_eq!(record.first_above(0.5), Some(0.0));
+        assert_eq!(record.highest_known_mm(), 3.0);
+    }
+
+    #[test]
+    fn a_shoulder_ahead_is_seen_when_the_leading_end_of_the_edge_reaches_it() {
+        let mut record = record(40.0);
+        for i in -20..=400 {
+            let along = f64::from(i) * 0.1;
+            record.sweep(along, if along <= 20.0 { 1.0 } else { 4.0 }, true, true);
+        }
+        // The shoulder is parallel to the edge: 1 mm above the tip's pass at 20, 4 mm from 21.7 on. With the tip
+        // at the final size the whole edge meets it at once, 0.58 mm of lead before 20.
+        let depth = |along: f64| record.depth_ahead_mm(along, 0.0, 0.5, true);
+        assert_eq!(depth(10.0), 1.0);
+        assert_eq!(depth(18.5), 1.0);
+        assert_eq!(depth(19.2), 4.0);
+        assert!((record.clear_place_mm(20.1, 1.0) - 20.1).abs() < 0.21);
+        assert!((record.clear_place_mm(20.1, 0.0) - (20.1 - 1.0 / 3.0_f64.sqrt())).abs() < 0.21);
+    }
+}

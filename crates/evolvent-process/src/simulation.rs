@@ -1,0 +1,158 @@
+//! The controller against the simulated workpiece, in closed loop.
+
+use crate::controller::{TurningController, TurningInputs, TurningOutput};
+use crate::fixed::FixedPasses;
+use crate::sensor::{Sensor, SensorFault, SensorModel};
+use crate::settings::{SettingsError, TurningSettings};
+use crate::state::{Reason, Transition, TurningState};
+use crate::workpiece::{CutNow, Workpiece};
+use crate::{Blank, CutLaw};
+
+/// Figures of a simulated job.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Figures {
+    /// Passes begun.
+    pub passes: u32,
+    /// From the start to the tool's return, s.
+    pub time_s: f64,
+    /// Of that at the feed without contact, s.
+    pub air_s: f64,
+    /// Of that moves back, s.
+    pub return_s: f64,
+    /// Times that the tool backed off.
+    pub back_offs: u32,
+    /// Largest true load.
+    pub peak: f64,
+    /// Time for which the true load was above 1.2 times the set one, s.
+    pub over_120_s: f64,
+    /// Longest unbroken time for which it was above 1.3 times, s.
+    pub over_130_s: f64,
+    /// What is left standing, mm.
+    pub residual_mm: f64,
+    /// Deepest cut below the final size, mm.
+    pub undercut_mm: f64,
+    /// Stock has hit the holder.
+    pub hit_holder: bool,
+    /// The job ended at size.
+    pub done: bool,
+}
+
+/// A closed loop of controller, workpiece and sensor.
+#[derive(Clone, Debug)]
+pub struct Simulation {
+    /// The controller.
+    pub controller: TurningController,
+    /// The workpiece.
+    pub piece: Workpiece,
+    /// The sensor.
+    pub sensor: Sensor,
+    /// What is measured.
+    pub figures: Figures,
+    set_load: f64,
+    period_s: f64,
+    above: f64,
+    load: f64,
+}
+
+impl Simulation {
+    /// A job on a blank under the true law, which need not be the one that the controller believes in.
+    ///
+    /// # Errors
+    /// Settings that are refused.
+    pub fn new(
+        settings: TurningSettings,
+        blank: Blank,
+        law: CutLaw,
+        sensor: SensorModel,
+    ) -> Result<Self, SettingsError> {
+        let controller = TurningController::new(settings)?;
+        let steps = settings.turn_s() / settings.period_s;
+        Ok(Self {
+            controller,
+            piece: Workpiece::new(blank, settings.length_mm, law, settings.tool, steps),
+            sensor: Sensor::new(sensor, settings.period_s),
+            figures: Figures::default(),
+            set_load: settings.regime.set_load,
+            period_s: settings.period_s,
+            above: 0.0,
+            load: 0.0,
+        })
+    }
+
+    /// One control period: the sensor reads the load of the last one, with a fault if asked for.
+    pub fn step(&mut self, mut inputs: TurningInputs, fault: Option<SensorFault>) -> (TurningOutput, CutNow) {
+        inputs.load = self.sensor.read(self.load, fault);
+        let output = self.controller.step(&inputs);
+        let cut = self.piece.step(output.along.position, output.out.position);
+        self.load = cut.load;
+        let figures = &mut self.figures;
+        figures.count(&cut, self.set_load, self.period_s, &mut self.above);
+        figures.passes = output.pass;
+        match output.state {
+            TurningState::Return | TurningState::ReEnter => figures.return_s += self.period_s,
+            TurningState::Approach | TurningState::Engage | TurningState::Cut if cut.load == 0.0 => {
+                figures.air_s += self.period_s;
+            }
+            _ => {}
+        }
+        if let Some(Transition {
+            to: TurningState::BackOff,
+            ..
+        }) = output.transition
+        {
+            figures.back_offs += 1;
+        }
+        (output, cut)
+    }
+
+    /// Runs to the end, or for `most_s` seconds; `observe` sees everything.
+    pub fn run(&mut self, most_s: f64, mut observe: impl FnMut(&TurningOutput, &CutNow)) -> (Figures, Option<Reason>) {
+        let mut last = None;
+        while self.figures.time_s < most_s {
+            let (output, cut) = self.step(TurningInputs::default(), None);
+            observe(&output, &cut);
+            if let Some(transition) = output.transition {
+                last = Some(transition.reason);
+            }
+            if self.controller.is_over() {
+                break;
+            }
+        }
+        self.figures.done = self.controller.state() == TurningState::Done;
+        self.figures.residual_mm = self.piece.residual_mm();
+        self.figures.undercut_mm = self.piece.undercut_mm();
+        (self.figures, last)
+    }
+}
+
+impl Figures {
+    fn count(&mut self, cut: &CutNow, set_load: f64, period_s: f64, above: &mut f64) {
+        self.time_s += period_s;
+        self.peak = self.peak.max(cut.load);
+        if cut.load > 1.2 * set_load {
+            self.over_120_s += period_s;
+        }
+        *above = if cut.load > 1.3 * set_load { *above + period_s } else { 0.0 };
+        self.over_130_s = self.over_130_s.max(*above);
+        self.hit_holder |= cut.hits_holder;
+    }
+}
+
+/// The same workpiece turned by fixed passes.
+#[must_use]
+pub fn run_fixed(mut passes: FixedPasses, mut piece: Workpiece, set_load: f64) -> Figures {
+    let (mut figures, mut above) = (Figures::default(), 0.0);
+    let period = passes.period_s();
+    while let Some((along, out, feeds)) = passes.step() {
+        let cut = piece.step(along, out);
+        figures.count(&cut, set_load, period, &mut above);
+        if feeds && cut.load == 0.0 {
+            figures.air_s += period;
+        }
+    }
+    figures.passes = passes.passes();
+    figures.residual_mm = piece.residual_mm();
+    figures.undercut_mm = piece.undercut_mm();
+    figures.done = true;
+    figures
+}

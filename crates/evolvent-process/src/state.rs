@@ -1,0 +1,183 @@
+//! States of self-programmed turning, and why they change.
+
+use crate::watch::SensorTrouble;
+
+/// What the tool is doing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum TurningState {
+    /// Nothing has been asked for yet.
+    Idle = 0,
+    /// Feeding towards stock that has not been felt yet.
+    Approach = 1,
+    /// In contact, with a depth that still grows along the lead angle.
+    Engage = 2,
+    /// The axial feed stands, the tool moves out to a smaller depth.
+    BackOff = 3,
+    /// Cutting at a fixed height, the feed following the load.
+    Cut = 4,
+    /// The place is too thin for this height: going out and back, to come in again deeper.
+    ReEnter = 5,
+    /// Going back to the first place that is not at size.
+    Return = 6,
+    /// Everything is at size; the tool is back at the start.
+    Done = 7,
+    /// Standing by the operator's wish.
+    Held = 8,
+    /// The tool has been drawn out after a fault, or stands after one.
+    Fault = 9,
+}
+
+/// Why a state was left, with the numbers that decided.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Reason {
+    /// The start was asked for.
+    Started,
+    /// The tool stands where the pass begins.
+    InPlace,
+    /// The load has risen above the threshold of contact.
+    Contact {
+        /// Load.
+        load: f64,
+    },
+    /// The depth has stopped growing.
+    Settled {
+        /// Depth, mm.
+        depth_mm: f64,
+    },
+    /// The depth is more than the smallest feed can take, or than is worth taking at once.
+    TooDeep {
+        /// Depth, mm.
+        depth_mm: f64,
+        /// The limit, mm.
+        limit_mm: f64,
+    },
+    /// The height of the stock was worked out from where its face was felt.
+    FaceFelt {
+        /// Height of the stock, mm.
+        height_mm: f64,
+    },
+    /// The tool has moved out as far as was wanted.
+    AtDepth {
+        /// Height of the tip, mm.
+        out_mm: f64,
+    },
+    /// The depth is too small for the largest feed, and there is more to be taken below.
+    TooThin {
+        /// Depth, mm.
+        depth_mm: f64,
+    },
+    /// No load for more than a revolution: a gap in the stock.
+    Air,
+    /// The end of the cut.
+    EndOfPass,
+    /// Nothing stands above the final size.
+    AtSize,
+    /// The operator's hold, or its end.
+    Hold,
+    /// The sensor cannot be believed.
+    Sensor(SensorTrouble),
+    /// The load was above the limit of protection for too long.
+    Overload {
+        /// Load.
+        load: f64,
+        /// Limit.
+        limit: f64,
+    },
+    /// The load went away inside known stock.
+    BrokenInsert {
+        /// Load before.
+        before: f64,
+        /// Depth that should be cut, mm.
+        depth_mm: f64,
+    },
+    /// Stock stands higher than the cutting edge reaches.
+    StockTooThick {
+        /// Height felt, mm.
+        height_mm: f64,
+        /// What the edge can cut, mm.
+        reach_mm: f64,
+    },
+    /// A whole pass at the final size without any load.
+    NoStock,
+    /// More passes than make sense.
+    TooManyPasses,
+}
+
+impl Reason {
+    /// A sentence that tells what has happened, and what to do where that is the operator's.
+    #[must_use]
+    pub fn text(&self) -> String {
+        match *self {
+            Self::Started => "started".into(),
+            Self::InPlace => "in place for the pass".into(),
+            Self::Contact { load } => format!("the load rose to {load:.0}: contact"),
+            Self::Settled { depth_mm } => format!("the depth has settled at {depth_mm:.2} mm"),
+            Self::TooDeep { depth_mm, limit_mm } => {
+                format!("a depth of {depth_mm:.2} mm is more than the {limit_mm:.2} mm that are taken at once")
+            }
+            Self::FaceFelt { height_mm } => format!("the face was felt: {height_mm:.2} mm of stock"),
+            Self::AtDepth { out_mm } => format!("backed off to {out_mm:.2} mm above the final size"),
+            Self::TooThin { depth_mm } => format!("only {depth_mm:.2} mm deep at the largest feed"),
+            Self::Air => "no load for more than a revolution: a gap".into(),
+            Self::EndOfPass => "end of the pass".into(),
+            Self::AtSize => "everything is at size".into(),
+            Self::Hold => "feed hold".into(),
+            Self::Sensor(trouble) => {
+                let what = match trouble {
+                    SensorTrouble::Silent => "gives no new readings",
+                    SensorTrouble::NotANumber => "gives readings that are no numbers",
+                    SensorTrouble::Saturated => "stands at the end of its range",
+                    SensorTrouble::Frozen => "repeats the same reading",
+                    SensorTrouble::Negative => "reads far below zero",
+                };
+                format!("the load sensor {what}: the feed was stopped; look at the sensor and its cable, then start again")
+            }
+            Self::Overload { load, limit } => format!(
+                "the load was {load:.0}, above the limit of {limit:.0}: the tool was drawn out; look at the insert and \
+                 the stock, then start again"
+            ),
+            Self::BrokenInsert { before, depth_mm } => format!(
+                "the load of {before:.0} went away where {depth_mm:.2} mm should be cut: the insert may be broken; \
+                 change it, then start again"
+            ),
+            Self::StockTooThick { height_mm, reach_mm } => format!(
+                "the stock stands {height_mm:.1} mm above the final size, and the edge reaches {reach_mm:.1} mm: rough \
+                 it down first, or take a longer edge"
+            ),
+            Self::NoStock => {
+                "a whole pass at the final size met no stock: see whether there is any, and whether the load sensor \
+                 shows anything"
+                    .into()
+            }
+            Self::TooManyPasses => "more passes were needed than make sense: see whether the sensor and the force law \
+                 fit the material"
+                .into(),
+        }
+    }
+}
+
+/// One change of state. Copied out of the cycle; nothing is allocated for it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Transition {
+    /// Cycle in which it happened, from 0.
+    pub cycle: u64,
+    /// State that was left.
+    pub from: TurningState,
+    /// State that was entered.
+    pub to: TurningState,
+    /// Why.
+    pub reason: Reason,
+    /// Place along the cut, mm.
+    pub along_mm: f64,
+    /// Height of the tip above the final size, mm.
+    pub out_mm: f64,
+    /// Load of the moment.
+    pub load: f64,
+    /// Feed of the moment, mm/rev.
+    pub feed_mm_rev: f64,
+    /// Depth reckoned with, mm.
+    pub depth_mm: f64,
+    /// Number of the pass, from 1.
+    pub pass: u32,
+}

@@ -1,0 +1,43 @@
+//! Where the tool was over the last revolution.
+
+/// Places of the tip, one a cycle, for a revolution and the sensor's lag. Room is taken once.
+#[derive(Clone, Debug)]
+pub(crate) struct Trail {
+    places: Vec<(f64, f64)>,
+    next: usize,
+    turn: usize,
+    lag: usize,
+}
+
+impl Trail {
+    pub(crate) fn new(turn_cycles: f64, lag_cycles: f64, at: (f64, f64)) -> Self {
+        let turn = turn_cycles.round().max(1.0) as usize;
+        let lag = lag_cycles.round().max(0.0) as usize;
+        Self {
+            places: vec![at; turn + lag + 1],
+            next: 0,
+            turn,
+            lag,
+        }
+    }
+
+    pub(crate) fn push(&mut self, along: f64, out: f64) {
+        self.places[self.next] = (along, out);
+        self.next = (self.next + 1) % self.places.len();
+    }
+
+    fn ago(&self, cycles: usize) -> (f64, f64) {
+        let n = self.places.len();
+        self.places[(self.next + n - 1 - cycles % n) % n]
+    }
+
+    /// Where the tip was one revolution ago.
+    pub(crate) fn turn_ago(&self) -> (f64, f64) {
+        self.ago(self.turn)
+    }
+
+    /// How far the tool advanced over the revolution that the sensor shows now, mm.
+    pub(crate) fn chip_mm(&self) -> f64 {
+        self.ago(self.lag).0 - self.ago(self.lag + self.turn).0
+    }
+}
