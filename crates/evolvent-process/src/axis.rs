@@ -59,7 +59,11 @@ impl AxisDrive {
 
     /// Goes to `target` at `speed` mm/s at the most; a speed of 0 stops on the way.
     pub fn aim(&mut self, target: f64, speed: f64) {
-        let speed = if speed > 0.0 { speed.min(self.limits.velocity) } else { 0.0 };
+        let speed = if speed > 0.0 {
+            speed.min(self.limits.velocity)
+        } else {
+            0.0
+        };
         if target.is_nan() || (target == self.target && speed == self.speed) {
             return;
         }

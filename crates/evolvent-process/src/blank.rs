@@ -126,7 +126,10 @@ impl Blank {
         }
         let points = &self.outline_mm;
         let after = points.partition_point(|point| point.0 <= place_mm);
-        match (after.checked_sub(1).and_then(|i| points.get(i)), points.get(after)) {
+        match (
+            after.checked_sub(1).and_then(|i| points.get(i)),
+            points.get(after),
+        ) {
             (Some(&(u0, h0)), Some(&(u1, h1))) => h0 + (h1 - h0) * (place_mm - u0) / (u1 - u0),
             (Some(&(_, height)), None) | (None, Some(&(_, height))) => height,
             (None, None) => 0.0,
@@ -146,8 +149,7 @@ impl Blank {
     #[must_use]
     pub fn at_turn(&self, turn: f64) -> Option<f64> {
         let inside = |&(from, to): &(f64, f64)| turn >= from && turn < to;
-        (!self.slots.iter().any(inside))
-            .then(|| self.runout_mm * libm::cos(std::f64::consts::TAU * turn))
+        (!self.slots.iter().any(inside)).then(|| self.runout_mm * libm::cos(std::f64::consts::TAU * turn))
     }
 
     /// Largest mean height over a length, mm.

@@ -77,7 +77,11 @@ impl FixedPasses {
             }
             (2, height) => {
                 let last = self.next + 1 >= self.heights.len();
-                let to = if last { self.clear } else { height.unwrap_or(0.0) + settings.clear_out_mm };
+                let to = if last {
+                    self.clear
+                } else {
+                    height.unwrap_or(0.0) + settings.clear_out_mm
+                };
                 self.out.aim(to, settings.out_speed_mm_s);
                 if self.out.has_arrived() {
                     self.leg = 3;

@@ -1,15 +1,36 @@
-//! The cutting process. Work in progress.
-#![expect(
-    clippy::neg_cmp_op_on_partial_ord,
-    reason = "checks are written so that NaN fails them: not (x <= limit) refuses NaN, x > limit lets it pass"
-)]
+//! The cutting process: turning passes that find themselves from the cutting load, and a workpiece to try them on.
+//!
+//! ```text
+//! load sample ─► LoadWatch ─► depth of cut ─► TurningController ─► feed, height ─► two AxisDrives ─► setpoint
+//!                                              │        ▲                                              │
+//!                                              └► SizeRecord (what still stands)                       ▼
+//!                 Sensor ◄───────────────────────────────────────────────────────────────────── Workpiece
+//! ```
+//!
+//! A [`CutLaw`] says which load a depth and a feed make. Held at the set load, the feed tells the depth; a [`Regime`]
+//! holds the depths at which the feed meets its limits. The [`TurningController`] feeds at the final size, backs off
+//! where the cut is too deep, and comes back for what is left. It knows nothing of the stock but what it has felt.
+//!
+//! Places are measured along the cut from the face at which the tool comes in, heights outwards from the final size:
+//! mm, in longitudinal turning and in facing alike. Who calls turns them into X and Z.
+//!
+//! [`TurningController::step`], [`LoadWatch`], [`SizeRecord`], [`AxisDrive`] and [`CutLaw`] are for the real-time cycle:
+//! they allocate nothing after set-up, look at no clock, and give the same bits for the same inputs. [`Workpiece`],
+//! [`Sensor`] and [`Simulation`] are the process that closes the loop in tests and trials.
+//!
+//! The idea and equations (1) to (5) are from V. A. Timiryazev, A. V. Mukhin, A. A. Ivanov, "Adaptable control in
+//! autoprogramming of cutting tool path on a numerical control lathe".
+
 mod axis;
+mod backing_off;
 mod blank;
 mod controller;
+mod feeding;
 mod fixed;
 mod law;
 mod record;
 mod regime;
+mod returning;
 mod sensor;
 mod settings;
 mod simulation;
@@ -22,6 +43,7 @@ mod workpiece;
 pub use axis::{AxisDrive, AxisPoint};
 pub use blank::{Blank, BlankError};
 pub use controller::{TurningController, TurningInputs, TurningOutput};
+pub use evolvent_feed::ScalarLimits;
 pub use fixed::FixedPasses;
 pub use law::CutLaw;
 pub use record::SizeRecord;

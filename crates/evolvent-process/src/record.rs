@@ -76,8 +76,15 @@ impl SizeRecord {
         ((along_mm + 1e-9) / self.cell_mm).floor().max(0.0) as usize
     }
 
-    /// The next sweep starts somewhere else.
-    pub fn lift(&mut self) {
+    /// The next sweep starts somewhere else. Up to `along_mm` the tip has been, but not for a whole turn: what stands
+    /// there is not sure.
+    pub fn lift(&mut self, along_mm: f64) {
+        if self.swept_to.is_finite() {
+            let (first, last) = (self.ends_before(self.swept_to), self.ends_before(along_mm) + 1);
+            for cell in self.cells.iter_mut().take(last).skip(first) {
+                cell.sure = false;
+            }
+        }
         self.swept_to = f64::NEG_INFINITY;
     }
 
@@ -161,7 +168,11 @@ impl SizeRecord {
         let last = ((from_mm + self.overhang_mm).max(0.0) / self.cell_mm).ceil() as usize;
         for (i, cell) in self.cells.iter().enumerate().take(last).skip(first) {
             let above = (Self::most(cell).min(cell.top_mm.max(0.0)) - out_mm).max(0.0);
-            let lead = if cell.known { above / self.slope } else { f64::INFINITY };
+            let lead = if cell.known {
+                above / self.slope
+            } else {
+                f64::INFINITY
+            };
             if above > 0.0 {
                 place = place.min(i as f64 * self.cell_mm - lead.min(self.overhang_mm));
             }
@@ -202,7 +213,7 @@ mod tests {
         for i in -20..=100 {
             record.sweep(f64::from(i) * 0.1, 3.0, true, true);
         }
-        record.lift();
+        record.lift(0.0);
         for i in 40..=60 {
             record.sweep(f64::from(i) * 0.1, 1.0, true, false);
         }

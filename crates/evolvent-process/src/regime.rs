@@ -57,7 +57,9 @@ pub struct Regime {
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum RegimeError {
     /// The law is none.
-    #[error("the force law needs a positive coefficient and exponents from 0.05 to 3, and has {coefficient}, {depth_exponent} and {feed_exponent}")]
+    #[error(
+        "the force law needs a positive coefficient and exponents from 0.05 to 3, and has {coefficient}, {depth_exponent} and {feed_exponent}"
+    )]
     Law {
         /// Its coefficient.
         coefficient: f64,
@@ -245,7 +247,9 @@ impl Regime {
     #[must_use]
     pub fn fastest_passes(&self, allowance_mm: f64, length_mm: f64, overhead_rev: f64) -> u32 {
         let least = (allowance_mm / self.depth_max_mm - 1e-9).ceil().max(1.0);
-        let most = (allowance_mm / self.depth_full_feed_mm).ceil().clamp(least, least + 64.0);
+        let most = (allowance_mm / self.depth_full_feed_mm)
+            .ceil()
+            .clamp(least, least + 64.0);
         let (mut best, mut best_time, mut passes) = (least, f64::INFINITY, least);
         while passes <= most {
             let time = passes * (length_mm / self.feed_mm_rev(allowance_mm / passes) + overhead_rev);
@@ -315,7 +319,15 @@ mod tests {
     #[test]
     fn passes_are_whole_and_the_last_takes_the_deepest_cut() {
         let regime = Regime::new(&input(), &tool()).unwrap();
-        for (allowance, passes) in [(0.0, 0), (5.0, 1), (5.1, 2), (8.0, 2), (8.069, 2), (8.07, 3), (10.0, 3)] {
+        for (allowance, passes) in [
+            (0.0, 0),
+            (5.0, 1),
+            (5.1, 2),
+            (8.0, 2),
+            (8.069, 2),
+            (8.07, 3),
+            (10.0, 3),
+        ] {
             assert_eq!(regime.passes(allowance), passes, "{allowance}");
         }
         // The case file's best number of equal passes.

@@ -4,6 +4,7 @@ use evolvent_feed::ScalarLimits;
 
 use crate::regime::Regime;
 use crate::tool::Tool;
+use crate::watch::LoadWatch;
 
 /// How passes are chosen and protected against their own transients.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -179,7 +180,9 @@ pub enum SettingsError {
         limit_mm_s: f64,
     },
     /// Feeds of the strategy outside the regime.
-    #[error("{name} is {value} mm/rev; it must lie from the smallest to the largest feed, {least} to {most} mm/rev")]
+    #[error(
+        "{name} is {value} mm/rev; it must lie from the smallest to the largest feed, {least} to {most} mm/rev"
+    )]
     StrategyFeed {
         /// Which.
         name: &'static str,
@@ -189,6 +192,30 @@ pub enum SettingsError {
         least: f64,
         /// Largest.
         most: f64,
+    },
+    /// Stock may stand higher than the edge.
+    #[error(
+        "the stock may stand {allowance_mm} mm above the final size, and the edge reaches {reach_mm:.2} mm: rough it \
+         down first, or take a longer edge"
+    )]
+    Allowance {
+        /// Stock.
+        allowance_mm: f64,
+        /// Edge.
+        reach_mm: f64,
+    },
+    /// Without readings the feed could not be stopped within a revolution.
+    #[error(
+        "at {spindle_rpm} rev/min a revolution takes {turn_s:.4} s, and to notice a dead sensor and stop takes \
+         {stop_s:.4} s: read the sensor more often, allow for fewer missing readings, or turn slower"
+    )]
+    SensorLoss {
+        /// Spindle.
+        spindle_rpm: f64,
+        /// A revolution.
+        turn_s: f64,
+        /// To notice and stop.
+        stop_s: f64,
     },
     /// Protection below what is normal.
     #[error("the overload limit {overload} must lie above the set load {set_load}")]
@@ -251,6 +278,15 @@ impl TurningSettings {
         feed_mm_rev * self.spindle_rpm / 60.0
     }
 
+    /// How long the feed may go on at its smallest without readings that can be believed, so that it stands within a
+    /// revolution after the last good one, s; below 0 where that cannot be.
+    #[must_use]
+    pub fn blind_s(&self) -> f64 {
+        let (limits, speed) = (&self.along_limits, self.speed_mm_s(self.regime.feed_max_mm_rev));
+        let braking = speed / limits.acceleration + 2.0 * (speed / limits.jerk).sqrt();
+        0.95 * self.turn_s() - braking - LoadWatch::notice_s(self.sensor_stale_s, self.period_s)
+    }
+
     /// Checks everything.
     ///
     /// # Errors
@@ -265,25 +301,85 @@ impl TurningSettings {
             ("the largest allowance in mm", self.allowance_max_mm, 0.0, 1e3),
             ("the clearance outwards in mm", self.clear_out_mm, 0.01, 100.0),
             ("the clearance along in mm", self.clear_along_mm, 0.01, 100.0),
-            ("the load of contact", self.contact_load, 1e-9, 0.5 * regime.set_load),
+            (
+                "the load of contact",
+                self.contact_load,
+                1e-9,
+                0.5 * regime.set_load,
+            ),
             ("the overload limit", self.overload, 1e-9, most_load),
             ("the duration of an overload in s", self.overload_s, 0.0, 1.0),
             ("the sensor's lag in s", self.sensor_lag_s, 0.0, 1.0),
-            ("the longest time between readings in s", self.sensor_stale_s, 0.0, 1.0),
-            ("the fastest rise of the feed in mm/rev per s", self.slew_up, 1e-3, 1e4),
-            ("the fastest fall of the feed in mm/rev per s", self.slew_down, 1e-1, 1e5),
+            (
+                "the longest time between readings in s",
+                self.sensor_stale_s,
+                0.0,
+                1.0,
+            ),
+            (
+                "the fastest rise of the feed in mm/rev per s",
+                self.slew_up,
+                1e-3,
+                1e4,
+            ),
+            (
+                "the fastest fall of the feed in mm/rev per s",
+                self.slew_down,
+                1e-1,
+                1e5,
+            ),
             ("the way of a thin place in mm", self.thin_mm, 0.0, 1e3),
             ("the time of a deep place in s", self.confirm_s, 0.0, 10.0),
             ("the tolerance in mm", self.tolerance_mm, 0.0, 10.0),
-            ("the speed of moves across in mm/s", self.out_speed_mm_s, 0.01, 1e4),
+            (
+                "the speed of moves across in mm/s",
+                self.out_speed_mm_s,
+                0.01,
+                1e4,
+            ),
             ("the rapid speed in mm/s", self.rapid_mm_s, 0.01, 1e4),
-            ("the anticipation in revolutions", self.strategy.anticipation_rev, 0.0, 5.0),
-            ("the axis's velocity along in mm/s", self.along_limits.velocity, 1e-3, 1e5),
-            ("the axis's acceleration along in mm/s2", self.along_limits.acceleration, 1e-2, 1e7),
-            ("the axis's jerk along in mm/s3", self.along_limits.jerk, 1e-1, 1e10),
-            ("the axis's velocity across in mm/s", self.out_limits.velocity, 1e-3, 1e5),
-            ("the axis's acceleration across in mm/s2", self.out_limits.acceleration, 1e-2, 1e7),
-            ("the axis's jerk across in mm/s3", self.out_limits.jerk, 1e-1, 1e10),
+            (
+                "the anticipation in revolutions",
+                self.strategy.anticipation_rev,
+                0.0,
+                5.0,
+            ),
+            (
+                "the axis's velocity along in mm/s",
+                self.along_limits.velocity,
+                1e-3,
+                1e5,
+            ),
+            (
+                "the axis's acceleration along in mm/s2",
+                self.along_limits.acceleration,
+                1e-2,
+                1e7,
+            ),
+            (
+                "the axis's jerk along in mm/s3",
+                self.along_limits.jerk,
+                1e-1,
+                1e10,
+            ),
+            (
+                "the axis's velocity across in mm/s",
+                self.out_limits.velocity,
+                1e-3,
+                1e5,
+            ),
+            (
+                "the axis's acceleration across in mm/s2",
+                self.out_limits.acceleration,
+                1e-2,
+                1e7,
+            ),
+            (
+                "the axis's jerk across in mm/s3",
+                self.out_limits.jerk,
+                1e-1,
+                1e10,
+            ),
         ] {
             if !(least..=most).contains(&value) {
                 return Err(SettingsError::Number {
@@ -322,6 +418,20 @@ impl TurningSettings {
                     most,
                 });
             }
+        }
+        let reach_mm = self.tool.reach_mm();
+        if self.allowance_max_mm > reach_mm + 1e-9 {
+            return Err(SettingsError::Allowance {
+                allowance_mm: self.allowance_max_mm,
+                reach_mm,
+            });
+        }
+        if self.blind_s() < 0.0 {
+            return Err(SettingsError::SensorLoss {
+                spindle_rpm: self.spindle_rpm,
+                turn_s: self.turn_s(),
+                stop_s: self.turn_s() - self.blind_s(),
+            });
         }
         if self.overload <= regime.set_load {
             return Err(SettingsError::Overload {

@@ -105,8 +105,17 @@ impl Simulation {
         (output, cut)
     }
 
+    /// Lets the sensor see another load than the true one at the next step: a jam, a broken insert.
+    pub fn jam(&mut self, load: f64) {
+        self.load = load;
+    }
+
     /// Runs to the end, or for `most_s` seconds; `observe` sees everything.
-    pub fn run(&mut self, most_s: f64, mut observe: impl FnMut(&TurningOutput, &CutNow)) -> (Figures, Option<Reason>) {
+    pub fn run(
+        &mut self,
+        most_s: f64,
+        mut observe: impl FnMut(&TurningOutput, &CutNow),
+    ) -> (Figures, Option<Reason>) {
         let mut last = None;
         while self.figures.time_s < most_s {
             let (output, cut) = self.step(TurningInputs::default(), None);
@@ -132,7 +141,11 @@ impl Figures {
         if cut.load > 1.2 * set_load {
             self.over_120_s += period_s;
         }
-        *above = if cut.load > 1.3 * set_load { *above + period_s } else { 0.0 };
+        *above = if cut.load > 1.3 * set_load {
+            *above + period_s
+        } else {
+            0.0
+        };
         self.over_130_s = self.over_130_s.max(*above);
         self.hit_holder |= cut.hits_holder;
     }

@@ -89,9 +89,15 @@ mod tests {
     #[test]
     fn an_edge_square_to_the_feed_is_refused() {
         for lead in [90.0, 95.0, 0.0, -10.0, f64::NAN] {
-            assert!(matches!(Tool::new(lead, 12.0), Err(ToolError::Lead { .. })), "{lead}");
+            assert!(
+                matches!(Tool::new(lead, 12.0), Err(ToolError::Lead { .. })),
+                "{lead}"
+            );
         }
-        assert!(matches!(Tool::new(60.0, f64::INFINITY), Err(ToolError::Edge { .. })));
+        assert!(matches!(
+            Tool::new(60.0, f64::INFINITY),
+            Err(ToolError::Edge { .. })
+        ));
         let tool = Tool::new(60.0, 12.0).unwrap();
         assert!((tool.overhang_mm() - 6.0).abs() < 1e-12);
         assert!((tool.reach_mm() - 12.0 * 0.75_f64.sqrt()).abs() < 1e-12);

@@ -6,13 +6,15 @@ use crate::sensor::LoadSample;
 /// Parts of a revolution that are told apart.
 const BINS: usize = 32;
 /// Time constant over which readings are smoothed, s.
-const SMOOTHING_S: f64 = 0.004;
+pub(crate) const SMOOTHING_S: f64 = 0.004;
 /// What noise may make of the largest part of a revolution, as a share of the mean.
 const ROUND: f64 = 0.04;
 /// The same of the latest reading.
 const LATEST: f64 = 0.97;
 /// Shortest time after which a missing reading is trouble, s.
 const LEAST_STALE_S: f64 = 0.002;
+/// Readings below this share of the set load are as good as zero.
+const QUIET: f64 = 1e-6;
 /// The same reading so many times in a row is no reading.
 const READINGS_FROZEN: u32 = 25;
 
@@ -57,7 +59,7 @@ pub struct LoadWatch {
     period_s: f64,
     stale_s: f64,
     lowest: f64,
-    contact: f64,
+    quiet: f64,
     share: f64,
     cycles_per_bin: f64,
     in_bin: f64,
@@ -76,20 +78,13 @@ pub struct LoadWatch {
 impl LoadWatch {
     /// For a spindle that turns once in `turn_s`, and readings that may be `stale_s` apart.
     #[must_use]
-    pub fn new(
-        law: CutLaw,
-        set_load: f64,
-        contact_load: f64,
-        period_s: f64,
-        turn_s: f64,
-        stale_s: f64,
-    ) -> Self {
+    pub fn new(law: CutLaw, set_load: f64, period_s: f64, turn_s: f64, stale_s: f64) -> Self {
         Self {
             law,
             period_s,
-            stale_s: stale_s.max(LEAST_STALE_S).max(2.5 * period_s),
+            stale_s: Self::stale_s(stale_s, period_s),
             lowest: -0.2 * set_load,
-            contact: contact_load,
+            quiet: QUIET * set_load,
             share: 1.0 - libm::exp(-period_s / SMOOTHING_S),
             cycles_per_bin: (turn_s / period_s / BINS as f64).max(1.0),
             in_bin: 0.0,
@@ -104,6 +99,15 @@ impl LoadWatch {
             age_s: 0.0,
             kind: SensorTrouble::Silent,
         }
+    }
+
+    fn stale_s(wanted_s: f64, period_s: f64) -> f64 {
+        wanted_s.max(LEAST_STALE_S).max(2.5 * period_s)
+    }
+
+    /// The longest that it takes to notice that readings cannot be believed, s.
+    pub(crate) fn notice_s(stale_s: f64, period_s: f64) -> f64 {
+        Self::stale_s(stale_s, period_s) + f64::from(READINGS_FROZEN + 2) * period_s
     }
 
     /// Takes the newest reading, if any, at a chip of `chip_mm` a revolution.
@@ -142,7 +146,8 @@ impl LoadWatch {
                 self.kind = SensorTrouble::Silent;
                 return None;
             }
-            let same = last.value == sample.value && sample.value > self.contact;
+            // A quiet sensor may well show the same zero for ever.
+            let same = last.value == sample.value && sample.value > self.quiet;
             self.repeats = if same { self.repeats.saturating_add(1) } else { 0 };
         }
         self.last = Some(sample);

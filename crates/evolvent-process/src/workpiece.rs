@@ -221,7 +221,10 @@ mod tests {
         let cuts = feed(&mut piece, -8.0, 20.0, 0.4, 0.0, 60.0);
         let steady = cuts[cuts.len() - 1].load;
         let half = (0..30).map(|_| piece.step(20.0, 0.0).load).last().unwrap();
-        assert!(half > 0.5 * steady && half < 0.7 * steady, "half the chip is left: {half} of {steady}");
+        assert!(
+            half > 0.5 * steady && half < 0.7 * steady,
+            "half the chip is left: {half} of {steady}"
+        );
         let after = (0..32).map(|_| piece.step(20.0, 0.0).load).last().unwrap();
         assert!(after < 0.01 * steady, "{after}");
     }
@@ -236,7 +239,11 @@ mod tests {
         assert_eq!(at(-0.2), 0.0);
         for beyond in [0.5, 1.0, 1.5] {
             let expected = beyond * 60.0_f64.to_radians().tan();
-            assert!((at(beyond) - expected).abs() < 0.2, "{} against {expected}", at(beyond));
+            assert!(
+                (at(beyond) - expected).abs() < 0.2,
+                "{} against {expected}",
+                at(beyond)
+            );
         }
     }
 

@@ -1,0 +1,290 @@
+//! Feeding: towards the stock, into it, and along it.
+
+use crate::controller::TurningController;
+use crate::settings::{OnThin, PassDepth};
+use crate::state::{Reason, TurningState};
+
+/// Share of the depth at full feed below which a place is thin.
+const THIN: f64 = 0.97;
+/// Largest growth over the way below that counts as settled, as a share of the depth.
+const GROWTH: f64 = 0.02;
+/// Revolutions of contact after which the cut is known again.
+const KNOWN_REV: f64 = 1.5;
+/// Shortest way that is worth a move in rapid, mm.
+const LEAST_FREE_MM: f64 = 3.0;
+/// Time for which the growing depth must be too much before it is backed off from, s.
+const ENGAGE_CONFIRM_S: f64 = 0.005;
+/// Way beyond where contact is expected after which caution ends, mm.
+const CAUTION_MM: f64 = 1.5;
+/// Way before known stock at which the load is waited for, mm.
+const WATCH_MM: f64 = 0.5;
+/// The same where the load was there before, mm.
+const GONE_MM: f64 = 0.1;
+/// What must be left of the edge above the stock at its face, mm.
+const HOLDER_MM: f64 = 0.3;
+/// Depth of known stock in which a load must be felt, mm.
+const SURE_MM: f64 = 0.5;
+
+impl TurningController {
+    /// Feeds with a wish, within slew, preview, protection and override.
+    pub(crate) fn drive(&mut self, wish: f64, factor: f64) {
+        let settings = &self.settings;
+        let regime = &settings.regime;
+        let mut wish = wish.min(regime.feed_max_mm_rev);
+        if settings.strategy.preview {
+            wish = wish.min(self.preview());
+        }
+        if let Some(to) = self.cautious_to {
+            if self.along.point().position < to {
+                wish = wish.min(settings.strategy.resume_feed_mm_rev);
+            } else {
+                self.cautious_to = None;
+            }
+        }
+        if self.blind_s > 0.0 {
+            wish = regime.feed_min_mm_rev;
+        }
+        wish = wish.max(regime.feed_min_mm_rev);
+        let up = self.feed + settings.slew_up * settings.period_s;
+        let down = self.feed - settings.slew_down * settings.period_s;
+        // From a stand the smallest feed is taken at once.
+        self.feed = wish.clamp(down, up.max(regime.feed_min_mm_rev));
+        let speed = settings.speed_mm_s(self.feed) * factor.min(1.0);
+        self.along.aim(self.pass_end, speed);
+    }
+
+    /// Largest feed for what earlier passes have left ahead.
+    pub(crate) fn preview(&self) -> f64 {
+        let settings = &self.settings;
+        let (along, out) = (self.along.point().position, self.out.point().position);
+        let ahead = WATCH_MM + 1.5 * self.feed;
+        let depth = self.record.depth_ahead_mm(along, out, ahead, false);
+        settings.regime.feed_mm_rev(depth)
+    }
+
+    pub(crate) fn approach(&mut self, factor: f64) {
+        let settings = self.settings;
+        let here = self.along.point().position;
+        if self.view.now > settings.contact_load && self.view.trouble.is_none() {
+            self.contact = Some(here);
+            self.grown = (0.0, here);
+            if self.cautious_to.is_some() {
+                let turns = KNOWN_REV + 2.0 * settings.sensor_lag_s / settings.turn_s();
+                self.cautious_to = Some(here + turns * settings.strategy.resume_feed_mm_rev);
+            }
+            let load = self.view.now;
+            if let Some(reason) = self.face_felt(here) {
+                return self.leave_for(reason);
+            }
+            self.touched = true;
+            self.loss_s = 0.0;
+            (self.air, self.thin_from) = (false, None);
+            self.go(TurningState::Engage, Reason::Contact { load });
+            return;
+        }
+        let depth = self.sure_depth(WATCH_MM);
+        self.loss_s = if depth > SURE_MM {
+            self.loss_s + settings.period_s
+        } else {
+            0.0
+        };
+        if self.loss_s > 1.1 * settings.turn_s() {
+            return self.report_broken(depth);
+        }
+        // Air inside a pass is a thin place too.
+        let gap = self.air && here > 0.0;
+        if self.thin(gap, 0.0) {
+            return;
+        }
+        if let Some(free) = self.free_way(here) {
+            self.along.aim(free, settings.rapid_mm_s * factor.min(1.0));
+            return;
+        }
+        self.drive(settings.strategy.entry_feed_mm_rev, factor);
+        self.end_of_pass();
+    }
+
+    /// How far the tool may go in rapid: where it is known that nothing stands in the way.
+    pub(crate) fn free_way(&self, here: f64) -> Option<f64> {
+        let settings = &self.settings;
+        if !settings.strategy.preview || self.cautious_to.is_some() {
+            return None;
+        }
+        let out = self.out.point().position;
+        let stock = self
+            .record
+            .next_above(here, out + 1e-9)
+            .unwrap_or(settings.length_mm)
+            .min(self.pass_end);
+        let clear = self.record.clear_place_mm(stock, out) - settings.clear_along_mm;
+        (clear - here > LEAST_FREE_MM
+            || (self.along.target() == clear && !self.along.has_arrived() && clear > here))
+            .then_some(clear)
+    }
+
+    /// Depth that must be felt now: what stands for sure where the tip was `behind_mm` before.
+    fn sure_depth(&self, behind_mm: f64) -> f64 {
+        let (along, out) = (self.along.point().position, self.out.point().position);
+        self.record.depth_ahead_mm(along, out, -behind_mm, true)
+    }
+
+    fn report_broken(&mut self, depth_mm: f64) {
+        let before = self.load_before;
+        self.draw_out();
+        self.go(TurningState::Fault, Reason::BrokenInsert { before, depth_mm });
+    }
+
+    /// The first time that the face is felt, its place tells how high the stock is.
+    pub(crate) fn face_felt(&mut self, here: f64) -> Option<Reason> {
+        let settings = self.settings;
+        let out = self.out.point().position;
+        if self.touched || self.pass != 1 || !self.record.is_blank() {
+            return None;
+        }
+        let height = out + (self.detection_mm - here).max(0.0) * settings.tool.slope();
+        if height - out > settings.tool.reach_mm() - HOLDER_MM {
+            return Some(Reason::StockTooThick {
+                height_mm: height,
+                reach_mm: settings.tool.reach_mm(),
+            });
+        }
+        let PassDepth::LeastTime { face_is_known: true } = settings.strategy.depth else {
+            return None;
+        };
+        let wanted = self.part_of(height);
+        if wanted <= out + settings.tolerance_mm {
+            return None;
+        }
+        self.pass_out = wanted;
+        Some(Reason::FaceFelt { height_mm: height })
+    }
+
+    pub(crate) fn leave_for(&mut self, reason: Reason) {
+        if matches!(reason, Reason::StockTooThick { .. }) {
+            self.draw_out();
+            self.go(TurningState::Fault, reason);
+        } else {
+            self.touched = true;
+            self.go(TurningState::BackOff, reason);
+        }
+    }
+
+    pub(crate) fn engage(&mut self, factor: f64) {
+        let settings = self.settings;
+        let here = self.along.point().position;
+        let depth = self.view.depth_now_mm.max(self.view.depth_mm);
+        if depth > self.grown.0 * (1.0 + GROWTH) {
+            self.grown = (depth, here);
+        }
+        if self.too_deep(
+            self.view.depth_now_mm,
+            settings.regime.depth_max_mm,
+            ENGAGE_CONFIRM_S,
+        ) {
+            return;
+        }
+        let since = here - self.grown.1;
+        let whole = self.contact.is_none_or(|contact| {
+            here - contact > settings.tool.overhang_mm() + settings.regime.feed_max_mm_rev
+        });
+        if since > KNOWN_REV * self.feed.max(settings.regime.feed_min_mm_rev) || whole {
+            let depth_mm = self.view.depth_mm;
+            if !self.too_deep(depth_mm, self.deepest(), 0.0) {
+                self.go(TurningState::Cut, Reason::Settled { depth_mm });
+            }
+            return;
+        }
+        let turns = settings.strategy.anticipation_rev * (1.0 + settings.sensor_lag_s / settings.turn_s());
+        let growth = turns * settings.tool.slope() * self.feed;
+        self.drive(settings.regime.feed_mm_rev(depth + growth), factor);
+        self.end_of_pass();
+    }
+
+    pub(crate) fn cut(&mut self, factor: f64) {
+        let settings = self.settings;
+        let regime = &settings.regime;
+        let turn_s = settings.turn_s();
+        self.air_s = if self.view.now < settings.contact_load {
+            self.air_s + settings.period_s
+        } else {
+            self.load_before = self.view.mean;
+            0.0
+        };
+        if self.air_s > 1.1 * turn_s {
+            let depth = self.sure_depth(GONE_MM);
+            if depth > SURE_MM {
+                return self.report_broken(depth);
+            }
+            let from = self.thin_from;
+            self.lose_contact();
+            (self.air, self.thin_from) = (true, from);
+            self.go(TurningState::Approach, Reason::Air);
+            return;
+        }
+        let depth = self.view.depth_mm;
+        if self.too_deep(depth, self.deepest(), settings.confirm_s) {
+            return;
+        }
+        let thin = depth < THIN * regime.depth_full_feed_mm && self.feed >= 0.999 * regime.feed_max_mm_rev;
+        if self.thin(thin, depth) {
+            return;
+        }
+        self.drive(regime.feed_mm_rev(depth), factor);
+        self.end_of_pass();
+    }
+
+    /// Watches for a thin place, and leaves it if that is wanted; returns whether it does.
+    pub(crate) fn thin(&mut self, thin: bool, depth_mm: f64) -> bool {
+        let settings = self.settings;
+        let (here, out) = (self.along.point().position, self.out.point().position);
+        let from = match (thin, self.thin_from) {
+            (true, Some(from)) => from,
+            (true, None) => here,
+            (false, _) => {
+                self.thin_from = None;
+                return false;
+            }
+        };
+        self.thin_from = Some(from);
+        if here - from <= settings.thin_mm || out <= settings.tolerance_mm {
+            return false;
+        }
+        let leaves = match settings.strategy.on_thin {
+            OnThin::Continue => false,
+            OnThin::Return => true,
+            OnThin::ReturnIfSaved => {
+                // What is this thin costs no further pass if it is left.
+                let length = settings.length_mm - here;
+                let passes = |height| settings.regime.fastest_passes(height, length, self.overhead_rev);
+                // What lies ahead and is known was planned for.
+                let ahead = here + settings.tool.overhang_mm() + CAUTION_MM;
+                passes(out + depth_mm) <= passes(out)
+                    && ahead < settings.length_mm
+                    && !self.record.at(ahead).known
+            }
+        };
+        if leaves {
+            self.begin_return(TurningState::ReEnter, Reason::TooThin { depth_mm });
+        }
+        leaves
+    }
+
+    /// At the end the tool stays for a revolution, so that the last of the cut is round.
+    pub(crate) fn end_of_pass(&mut self) {
+        let settings = self.settings;
+        if !self.along.has_arrived() || self.along.target() < self.pass_end {
+            self.end_s = 0.0;
+            return;
+        }
+        self.end_s += settings.period_s;
+        if self.end_s < 1.05 * settings.turn_s() {
+            return;
+        }
+        if self.pass == 1 && !self.touched && self.out.point().position <= settings.tolerance_mm {
+            self.draw_out();
+            self.go(TurningState::Fault, Reason::NoStock);
+            return;
+        }
+        self.begin_return(TurningState::Return, Reason::EndOfPass);
+    }
+}

@@ -1,0 +1,110 @@
+//! The way back, and where the next pass starts.
+
+use crate::controller::{Leg, TurningController};
+use crate::settings::PassDepth;
+use crate::state::{Reason, TurningState};
+
+/// More passes than these are a fault.
+const MOST_PASSES: u32 = 1000;
+
+impl TurningController {
+    pub(crate) fn begin_return(&mut self, state: TurningState, reason: Reason) {
+        self.lose_contact();
+        self.record.lift(self.along.point().position);
+        self.leg = Leg::Out;
+        self.promised = None;
+        self.cautious_to = None;
+        self.along.stop();
+        let here = self.out.point().position;
+        self.leg_out = if self.pass > 0 {
+            here.max(self.pass_highest) + self.settings.clear_out_mm
+        } else {
+            here
+        };
+        self.plan_pass();
+        self.go(state, reason);
+    }
+
+    /// Where the next pass starts and how high it goes.
+    pub(crate) fn plan_pass(&mut self) {
+        let settings = &self.settings;
+        let (tolerance, regime) = (settings.tolerance_mm, &settings.regime);
+        let known = self.record.highest_known_mm();
+        self.pass_out = match settings.strategy.depth {
+            PassDepth::Final => 0.0,
+            PassDepth::KnownFinal => {
+                let first = self.record.first_above(tolerance).unwrap_or(0.0);
+                let there = self.record.at(first + 0.5 * settings.tool.overhang_mm());
+                if there.known && there.top_mm > regime.depth_max_mm {
+                    there.top_mm - regime.depth_back_off_mm
+                } else {
+                    0.0
+                }
+            }
+            PassDepth::LeastTime { .. } => self.part_of(known),
+        };
+        let from = self.record.first_above(self.pass_out + tolerance).unwrap_or(0.0);
+        let end = self
+            .record
+            .last_above(self.pass_out + tolerance)
+            .unwrap_or(settings.length_mm);
+        let clear = self.record.clear_place_mm(from, self.pass_out);
+        self.pass_start = clear - settings.clear_along_mm;
+        self.pass_end = end.min(settings.length_mm);
+    }
+
+    /// What remains of a height after the first of the equal parts that take the least time.
+    pub(crate) fn part_of(&self, height: f64) -> f64 {
+        let parts = self
+            .settings
+            .regime
+            .fastest_passes(height, self.settings.length_mm, self.overhead_rev);
+        let parts = f64::from(parts.max(1));
+        height * (parts - 1.0) / parts
+    }
+
+    pub(crate) fn go_back(&mut self, factor: f64) {
+        let settings = self.settings;
+        let slow = factor.min(1.0);
+        let done = self.record.first_above(settings.tolerance_mm).is_none();
+        match self.leg {
+            Leg::Out => {
+                self.out.aim(self.leg_out, settings.out_speed_mm_s * slow);
+                if self.out.has_arrived() {
+                    self.leg = Leg::Back;
+                }
+            }
+            Leg::Back => {
+                let start = -settings.tool.overhang_mm() - settings.clear_along_mm;
+                let to = if done && self.pass > 0 {
+                    start
+                } else {
+                    self.pass_start
+                };
+                self.along.aim(to, settings.rapid_mm_s * slow);
+                if self.along.has_arrived() {
+                    if done && self.pass > 0 {
+                        self.go(TurningState::Done, Reason::AtSize);
+                    } else {
+                        self.leg = Leg::In;
+                    }
+                }
+            }
+            Leg::In => {
+                self.out.aim(self.pass_out, settings.out_speed_mm_s * slow);
+                if self.out.has_arrived() {
+                    self.pass += 1;
+                    if self.pass > MOST_PASSES {
+                        self.go(TurningState::Fault, Reason::TooManyPasses);
+                        return;
+                    }
+                    self.pass_highest = self.pass_out;
+                    self.touched = false;
+                    self.end_s = 0.0;
+                    self.feed = 0.0;
+                    self.go(TurningState::Approach, Reason::InPlace);
+                }
+            }
+        }
+    }
+}
