@@ -54,13 +54,14 @@ pub(crate) struct Balance {
     samples: usize,
     /// Residual, as part of the force, before the last step of Newton's method, which squares it.
     tolerance: f64,
-    /// `cos n t` and `sin n t`, sample by sample: `[sample][2 n], [2 n + 1]`.
+    /// `cos n t` and `sin n t` up to twice the harmonics, sample by sample: `[sample][2 n], [2 n + 1]`.
     waves: Vec<f64>,
     matrix: Vec<f64>,
     rhs: Vec<f64>,
     /// Complex harmonics of y and z' by each unknown: `[unknown][n]`.
     by: Vec<[C; 2]>,
-    projected: Vec<f64>,
+    /// Sums over the samples of force, and of its derivatives by y and z', times the waves.
+    sums: [Vec<f64>; 3],
 }
 
 /// Harmonics of y and z' of a force, with derivatives by `w` and `D`.
@@ -81,9 +82,9 @@ impl Balance {
 
     pub(crate) fn with_samples(harmonics: usize, samples: usize) -> Self {
         let harmonics = harmonics.clamp(1, 64);
-        let mut waves = Vec::with_capacity(samples * 2 * (harmonics + 1));
+        let mut waves = Vec::with_capacity(samples * 2 * (2 * harmonics + 1));
         for j in 0..samples {
-            for n in 0..=harmonics {
+            for n in 0..=2 * harmonics {
                 // Reduced first, so that equal angles have equal bits.
                 let angle = std::f64::consts::TAU * ((j * n) % samples) as f64 / samples as f64;
                 waves.push(libm::cos(angle));
@@ -99,7 +100,7 @@ impl Balance {
             matrix: vec![0.0; size * size],
             rhs: vec![0.0; size * 2],
             by: vec![[C::ZERO; 2]; (size + 1) * (harmonics + 1)],
-            projected: vec![0.0; (size + 1) * size],
+            sums: [const { Vec::new() }; 3].map(|_: Vec<f64>| vec![0.0; 2 * size]),
         }
     }
 
@@ -256,8 +257,10 @@ impl Balance {
                 }
             }
         }
-        self.projected.fill(0.0);
         self.rhs.fill(0.0);
+        for sum in &mut self.sums {
+            sum.fill(0.0);
+        }
         (at.speeds, at.depths, at.free) = (
             [f64::INFINITY, f64::NEG_INFINITY],
             [f64::INFINITY, f64::NEG_INFINITY],
@@ -266,7 +269,7 @@ impl Balance {
         let tool = model.tool();
         let (speed, depth) = (tool.speed_m_min, tool.depth_mm);
         for j in 0..samples {
-            let waves = &self.waves[j * 2 * stride..(j + 1) * 2 * stride];
+            let waves = &self.waves[j * 2 * size..(j + 1) * 2 * size];
             let (mut y, mut w) = (0.0, 0.0);
             for n in 0..=harmonics {
                 let (c, s) = (waves[2 * n], waves[2 * n + 1]);
@@ -284,33 +287,10 @@ impl Balance {
                 continue;
             }
             let pull = model.pull(actual_speed, actual_depth)?;
-            for n in 0..=harmonics {
-                let norm = if n == 0 { 1.0 } else { 2.0 } / samples as f64;
-                self.rhs[2 * row(n)] += norm * pull.force * waves[2 * n];
-                if n > 0 {
-                    self.rhs[2 * row(n) + 2] += norm * pull.force * waves[2 * n + 1];
-                }
-            }
-            for unknown in 0..=size {
-                let (mut by_y, mut by_w) = (0.0, 0.0);
-                // All harmonics answer to w and D, one to each other unknown.
-                let range = match unknown {
-                    0 => 0..1,
-                    1 | 2 => 0..harmonics + 1,
-                    _ if unknown == size => 1..2,
-                    _ => unknown.div_ceil(2)..unknown.div_ceil(2) + 1,
-                };
-                for n in range {
-                    let [y, w] = self.by[unknown * stride + n];
-                    by_y += y.re * waves[2 * n] - y.im * waves[2 * n + 1];
-                    by_w += w.re * waves[2 * n] - w.im * waves[2 * n + 1];
-                }
-                let by = pull.per_y * by_y + pull.per_zdot * by_w;
-                let column = &mut self.projected[unknown * size..(unknown + 1) * size];
-                column[0] += by * waves[0];
-                for n in 1..=harmonics {
-                    column[2 * n - 1] += by * waves[2 * n];
-                    column[2 * n] += by * waves[2 * n + 1];
+            let values = [pull.force, pull.per_y, pull.per_zdot];
+            for (sums, value) in self.sums.iter_mut().zip(values) {
+                for (sum, wave) in sums.iter_mut().zip(waves) {
+                    *sum += value * wave;
                 }
             }
         }
@@ -318,15 +298,59 @@ impl Balance {
     }
 
     fn assemble(&mut self, at: &Balanced, first: [C; 3], size: usize) -> Result<Option<f64>, ChatterError> {
-        let samples = self.samples as f64;
+        let (harmonics, samples) = (self.harmonics, self.samples as f64);
+        let stride = harmonics + 1;
+        let part = |sums: &[f64], n: usize| C::new(sums[2 * n], -sums[2 * n + 1]) / samples;
+        for n in 0..=harmonics {
+            let force = part(&self.sums[0], n);
+            if n == 0 {
+                self.rhs[0] = force.re;
+            } else {
+                self.rhs[4 * n - 2] = 2.0 * force.re;
+                self.rhs[4 * n] = -2.0 * force.im;
+            }
+        }
+        // The force's derivatives times a wave: sums and differences of harmonics.
+        let times = |sums: &[f64], wave: C, n: usize, k: usize| {
+            let difference = if k >= n {
+                part(sums, k - n)
+            } else {
+                part(sums, n - k).conj()
+            };
+            (wave * difference + wave.conj() * part(sums, k + n)) * 0.5
+        };
         for unknown in 0..=size {
-            for k in 0..size {
-                let norm = if k == 0 { 1.0 } else { 2.0 } / samples;
-                let value = norm * self.projected[unknown * size + k];
-                if unknown == size {
-                    self.rhs[2 * k + 1] = value;
+            // All harmonics answer to w and D, one to each other unknown.
+            let range = match unknown {
+                0 => 0..1,
+                1 | 2 => 0..harmonics + 1,
+                _ if unknown == size => 1..2,
+                _ => unknown.div_ceil(2)..unknown.div_ceil(2) + 1,
+            };
+            for k in 0..=harmonics {
+                let mut value = C::ZERO;
+                for n in range.clone() {
+                    let [y, w] = self.by[unknown * stride + n];
+                    value += times(&self.sums[1], y, n, k) + times(&self.sums[2], w, n, k);
+                }
+                let (cosine, sine) = if k == 0 {
+                    (value.re, 0.0)
                 } else {
-                    self.matrix[k * size + unknown] = value;
+                    (2.0 * value.re, -2.0 * value.im)
+                };
+                let row = row(k);
+                if unknown == size {
+                    self.rhs[2 * row + 1] = cosine;
+                } else {
+                    self.matrix[row * size + unknown] = cosine;
+                }
+                if k == 0 {
+                    continue;
+                }
+                if unknown == size {
+                    self.rhs[2 * row + 3] = sine;
+                } else {
+                    self.matrix[(row + 1) * size + unknown] = sine;
                 }
             }
         }

@@ -46,7 +46,7 @@ impl Mapper {
     pub fn new(harmonics: usize) -> Self {
         Self {
             coarse: Scanner::coarse(),
-            fine: Scanner::new(harmonics),
+            fine: Scanner::for_maps(harmonics),
         }
     }
 

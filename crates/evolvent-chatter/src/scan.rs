@@ -167,6 +167,14 @@ impl Scanner {
         }
     }
 
+    /// For maps: as many samples as amplitudes to 1e-4 need.
+    pub(crate) fn for_maps(harmonics: usize) -> Self {
+        Self {
+            balance: Balance::with_samples(harmonics, (9 * harmonics).max(16)),
+            ..Self::new(harmonics)
+        }
+    }
+
     /// Every cycle of a model, on the branches of all its modes.
     ///
     /// # Errors

@@ -2,7 +2,7 @@
 
 use crate::error::{ForceError, LawError};
 use crate::force::{SectionForce, Tool};
-use crate::power::number;
+use crate::power::{number, power};
 
 /// The coefficients, as a law file gives them.
 ///
@@ -153,7 +153,7 @@ impl RationalLaw {
         let above_by = ea * s.a * speed + eb * s.b;
         let below_by = ef * s.f * speed + eg * s.g;
         let by = (above_by * below - above * below_by) / (below * below) + ec * s.c / speed + ed * s.d;
-        libm::pow(depth, s.depth_exponent) * by / feed
+        power(depth, s.depth_exponent) * by / feed
     }
 }
 
@@ -167,7 +167,7 @@ impl RationalSection {
         let above = self.a * speed + self.b;
         let below = speed * speed + self.f * speed + self.g;
         let fraction = above / below;
-        let factor = libm::pow(depth, self.depth_exponent);
+        let factor = power(depth, self.depth_exponent);
         let force = factor * (fraction + self.c / speed + self.d);
         let by_speed = (self.a - fraction * (2.0 * speed + self.f)) / below - self.c / (speed * speed);
         SectionForce {

@@ -149,7 +149,7 @@ pub(crate) fn svg(case: &Case, answers: &[LobeAnswer]) -> String {
                 chart.line(&mut svg, &ends, "#555", 1.0, "stroke-dasharray=\"2 3\"");
                 let (x, y) = chart.place(case.lobes.speed_rpm[1], depth);
                 let text = format!("{depth:.4} mm at {:.2} Hz", limit.frequency_hz);
-                svg.text((x - 6.0, y - 4.0), Anchor::End, "small", &text);
+                svg.text((x - 6.0, y + 13.0), Anchor::End, "small", &text);
             }
         }
         top += 530.0;
