@@ -66,30 +66,49 @@ pub(crate) enum Keyword {
 }
 
 impl Keyword {
-    /// Every keyword; where one begins with another, the longer comes first.
-    pub(crate) const ALL: [(&'static str, Self); 15] = [
-        ("sub", Self::Sub),
-        ("endsub", Self::EndSub),
-        ("return", Self::Return),
-        ("call", Self::Call),
-        ("if", Self::If),
-        ("elseif", Self::ElseIf),
-        ("else", Self::Else),
-        ("endif", Self::EndIf),
-        ("while", Self::While),
-        ("endwhile", Self::EndWhile),
-        ("do", Self::Do),
-        ("repeat", Self::Repeat),
-        ("endrepeat", Self::EndRepeat),
-        ("break", Self::Break),
-        ("continue", Self::Continue),
-    ];
+    /// By its letters, lower case.
+    #[inline]
+    pub(crate) fn of(letters: &[u8]) -> Option<Self> {
+        Some(match letters {
+            b"" => Self::Program,
+            b"sub" => Self::Sub,
+            b"endsub" => Self::EndSub,
+            b"return" => Self::Return,
+            b"call" => Self::Call,
+            b"if" => Self::If,
+            b"elseif" => Self::ElseIf,
+            b"else" => Self::Else,
+            b"endif" => Self::EndIf,
+            b"while" => Self::While,
+            b"endwhile" => Self::EndWhile,
+            b"do" => Self::Do,
+            b"repeat" => Self::Repeat,
+            b"endrepeat" => Self::EndRepeat,
+            b"break" => Self::Break,
+            b"continue" => Self::Continue,
+            _ => return None,
+        })
+    }
 
     /// As written.
     pub(crate) fn name(self) -> &'static str {
-        Self::ALL
-            .iter()
-            .find(|(_, keyword)| *keyword == self)
-            .map_or("a program number", |(name, _)| name)
+        match self {
+            Self::Program => "a program number",
+            Self::Sub => "sub",
+            Self::EndSub => "endsub",
+            Self::Return => "return",
+            Self::Call => "call",
+            Self::If => "if",
+            Self::ElseIf => "elseif",
+            Self::Else => "else",
+            Self::EndIf => "endif",
+            Self::While => "while",
+            Self::EndWhile => "endwhile",
+            Self::Do => "do",
+            Self::Repeat => "repeat",
+            Self::EndRepeat => "endrepeat",
+            Self::Break => "break",
+            Self::Continue => "continue",
+        }
     }
 }

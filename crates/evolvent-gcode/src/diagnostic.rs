@@ -59,13 +59,7 @@ impl Diagnostic {
             }
             None => Span::new(0, text.trim_ascii_end().len()),
         };
-        Fault {
-            code,
-            span,
-            message,
-            help: None,
-        }
-        .locate(line, text.trim_ascii_end())
+        Fault::new(code, span, message).locate(line, text.trim_ascii_end())
     }
 
     /// The diagnostic as a compiler would print it: several lines, plain text, no trailing newline.
@@ -130,23 +124,43 @@ impl Span {
     }
 }
 
-/// An error before it knows its line: what the rooms inside this crate hand up.
+/// An error before it knows its line: what the rooms inside this crate hand up. Boxed, so that results without one are
+/// small: every number and every formula gives one.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Fault {
+pub(crate) struct Fault(Box<Body>);
+
+/// What is in it.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Body {
     pub(crate) code: Code,
     pub(crate) span: Span,
     pub(crate) message: String,
     pub(crate) help: Option<Cow<'static, str>>,
 }
 
+impl std::ops::Deref for Fault {
+    type Target = Body;
+
+    fn deref(&self) -> &Body {
+        &self.0
+    }
+}
+
+impl std::ops::DerefMut for Fault {
+    fn deref_mut(&mut self) -> &mut Body {
+        &mut self.0
+    }
+}
+
 impl Fault {
+    #[cold]
     pub(crate) fn new(code: Code, span: Span, message: impl Into<String>) -> Self {
-        Self {
+        Self(Box::new(Body {
             code,
             span,
             message: message.into(),
             help: None,
-        }
+        }))
     }
 
     pub(crate) fn help(mut self, help: impl Into<Cow<'static, str>>) -> Self {
@@ -156,6 +170,13 @@ impl Fault {
 
     /// Adds the place in the file. `text` is the line's bytes, which may be anything.
     pub(crate) fn locate(self, line: u32, text: &[u8]) -> Diagnostic {
+        let body = *self.0;
+        body.locate(line, text)
+    }
+}
+
+impl Body {
+    fn locate(self, line: u32, text: &[u8]) -> Diagnostic {
         let end = (self.span.end as usize).min(text.len());
         let start = (self.span.start as usize).min(end);
         let before = String::from_utf8_lossy(&text[..start]);

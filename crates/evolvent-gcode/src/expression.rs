@@ -319,6 +319,7 @@ impl<'line, 'text> Evaluator<'line, 'text> {
     }
 
     /// The value of a parameter; the next character is `#`.
+    #[inline]
     fn parameter(&mut self) -> Result<f64, Fault> {
         let start = self.lexer.place();
         match self.target()? {
@@ -339,7 +340,15 @@ impl<'line, 'text> Evaluator<'line, 'text> {
     }
 
     /// Which parameter is meant; the next character is `#`.
+    #[inline]
     pub(crate) fn target(&mut self) -> Result<Target, Fault> {
+        if let Some(index) = self.lexer.index() {
+            return Ok(Target::Numbered(index));
+        }
+        self.any_target()
+    }
+
+    fn any_target(&mut self) -> Result<Target, Fault> {
         let start = self.lexer.place();
         self.lexer.advance();
         if self.lexer.peek() == Some(b'<') {

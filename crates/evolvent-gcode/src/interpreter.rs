@@ -458,6 +458,14 @@ impl<R: BufRead> Interpreter<R> {
         if profile {
             self.take_corner()?;
         }
+        if self.block.words.is_empty() {
+            // Parameters and comments alone do nothing for the machine.
+            self.assign()?;
+            let number = self.shown_line();
+            self.remarks(number)?;
+            self.parameters.commit();
+            return Ok(());
+        }
         let modal = self.state.motion;
         self.statement.fill(&self.block, modal, &self.settings)?;
         self.assign()?;
@@ -465,7 +473,12 @@ impl<R: BufRead> Interpreter<R> {
         if !self.block.comments.is_empty() {
             self.remarks(number)?;
         }
-        self.before = self.state;
+        // What a line with nothing but a straight move changes is little, and long programs consist of such lines.
+        let small = self.statement.is_plain_move() && self.state.is_plain();
+        let few = self.state.few();
+        if !small {
+            self.before = self.state;
+        }
         let request = Executor {
             state: &mut self.state,
             line: &self.statement,
@@ -483,7 +496,11 @@ impl<R: BufRead> Interpreter<R> {
             None => Ok(()),
         });
         if answered.is_err() {
-            self.state = self.before;
+            if small {
+                self.state.restore_few(few);
+            } else {
+                self.state = self.before;
+            }
             return answered;
         }
         self.parameters.commit();

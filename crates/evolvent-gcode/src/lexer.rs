@@ -5,6 +5,7 @@
 
 use crate::Code;
 use crate::diagnostic::{Fault, Span};
+use crate::parameters::NUMBERED;
 
 /// Greatest magnitude of a number in a program. Ten thousand kilometres of mm leave a double its micrometres.
 pub(crate) const LARGEST_NUMBER: f64 = 1e9;
@@ -131,9 +132,97 @@ impl<'text> Lexer<'text> {
         None
     }
 
+    /// The number of a parameter as programs nearly always write it: `#` and up to four digits, without blanks. `None`, and
+    /// nothing taken, for any other, and where there is no such parameter. The next character is `#`.
+    #[inline]
+    pub(crate) fn index(&mut self) -> Option<usize> {
+        let (index, end) = self.short_whole(self.at + 1)?;
+        if !(1..NUMBERED).contains(&index) {
+            return None;
+        }
+        self.at = end;
+        Some(index)
+    }
+
+    /// A whole number of up to four digits that goes on behind no blank, and where it ends.
+    #[inline]
+    pub(crate) fn short_whole(&self, start: usize) -> Option<(usize, usize)> {
+        let mut at = start;
+        let mut value = 0;
+        while let Some(byte @ b'0'..=b'9') = self.text.get(at) {
+            if at - start == 4 {
+                return None;
+            }
+            value = 10 * value + usize::from(byte - b'0');
+            at += 1;
+        }
+        let goes_on = matches!(self.text.get(at), Some(b'.' | b' ' | b'\t'));
+        (at > start && !goes_on).then_some((value, at))
+    }
+
     /// Reads a number; the next character is a digit, a point or a sign.
     #[inline]
     pub(crate) fn number(&mut self) -> Result<f64, Fault> {
+        match self.plain_number() {
+            Some(value) => Ok(value),
+            None => self.any_number(),
+        }
+    }
+
+    /// The number as programs nearly always write it: up to 15 digits without blanks between them. `None`, and nothing taken,
+    /// for any other.
+    #[inline]
+    fn plain_number(&mut self) -> Option<f64> {
+        let text = self.text;
+        let mut at = self.at;
+        let negative = text.get(at) == Some(&b'-');
+        if matches!(text.get(at), Some(b'+' | b'-')) {
+            at += 1;
+        }
+        // Sums wrap where there are more digits than count, and are not used then.
+        let mut mantissa: u64 = 0;
+        let first = at;
+        let digits = |mut at: usize, mantissa: &mut u64| {
+            while let Some(byte) = text.get(at) {
+                let digit = byte.wrapping_sub(b'0');
+                if digit > 9 {
+                    break;
+                }
+                *mantissa = mantissa.wrapping_mul(10).wrapping_add(u64::from(digit));
+                at = at.wrapping_add(1);
+            }
+            at
+        };
+        at = digits(at, &mut mantissa);
+        let mut count = at - first;
+        let mut decimals = 0;
+        if text.get(at) == Some(&b'.') {
+            let point = at + 1;
+            at = digits(point, &mut mantissa);
+            decimals = at - point;
+            count += decimals;
+        }
+        if !(1..=15).contains(&count) {
+            return None;
+        }
+        // A number may go on behind blanks.
+        let mut next = at;
+        while matches!(text.get(next), Some(b' ' | b'\t')) {
+            next += 1;
+        }
+        if matches!(text.get(next), Some(b'0'..=b'9' | b'.')) {
+            return None;
+        }
+        // As below: both are exact, so the quotient is correctly rounded.
+        let magnitude = mantissa as f64 / POWERS_OF_TEN.get(decimals)?;
+        if magnitude > LARGEST_NUMBER {
+            return None;
+        }
+        self.at = at;
+        Some(if negative { -magnitude } else { magnitude })
+    }
+
+    fn any_number(&mut self) -> Result<f64, Fault> {
         let start = self.at;
         let negative = self.text[start] == b'-';
         if matches!(self.text[start], b'+' | b'-') {

@@ -23,6 +23,7 @@
 //! Nothing here is for the real-time cycle.
 
 mod block;
+mod calls;
 mod capture;
 mod code;
 mod codes;

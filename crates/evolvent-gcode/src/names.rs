@@ -28,7 +28,7 @@ pub(crate) enum NameKind {
 /// All names met so far.
 #[derive(Debug, Default)]
 pub(crate) struct Names {
-    ids: HashMap<Box<str>, NameId, BuildHasherDefault<Fnv>>,
+    ids: HashMap<Box<[u8]>, NameId, BuildHasherDefault<Fnv>>,
     kinds: Vec<NameKind>,
 }
 
@@ -76,6 +76,10 @@ impl Normal {
         Self { bytes, length }
     }
 
+    fn as_bytes(&self) -> &[u8] {
+        &self.bytes[..self.length]
+    }
+
     pub(crate) fn as_str(&self) -> &str {
         std::str::from_utf8(&self.bytes[..self.length]).unwrap_or_default()
     }
@@ -84,7 +88,7 @@ impl Normal {
 impl Names {
     /// The number of a name that has been met; predefined names need not have been.
     pub(crate) fn find(&self, name: &Normal) -> Option<(NameId, NameKind)> {
-        if let Some(&id) = self.ids.get(name.as_str()) {
+        if let Some(&id) = self.ids.get(name.as_bytes()) {
             return Some((id, self.kinds[id as usize]));
         }
         System::of(name.as_str()).map(|system| (NameId::MAX, NameKind::System(system)))
@@ -100,7 +104,7 @@ impl Names {
 
     /// The number of an O-word's name: none of them is predefined.
     pub(crate) fn intern_label(&mut self, name: &Normal) -> Option<NameId> {
-        if let Some(&id) = self.ids.get(name.as_str()) {
+        if let Some(&id) = self.ids.get(name.as_bytes()) {
             return Some(id);
         }
         self.add(name).map(|(id, _)| id)
@@ -116,7 +120,7 @@ impl Names {
         } else {
             NameKind::Local
         };
-        self.ids.insert(name.as_str().into(), id);
+        self.ids.insert(name.as_bytes().into(), id);
         self.kinds.push(kind);
         Some((id, kind))
     }

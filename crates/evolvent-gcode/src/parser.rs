@@ -185,11 +185,17 @@ fn read_o_word(text: &[u8], scope: &Scope<'_>) -> Result<Option<OWord>, Fault> {
             Normal::new(&text[inside.start as usize..inside.end as usize])
         }
         Some(b'0'..=b'9' | b'#' | b'[') => {
-            let number = Evaluator::new(&mut lexer, scope).value()?.unwrap_or(-1.0);
-            if !(0.0..=f64::from(u32::MAX)).contains(&number) || (number - number.round()).abs() > 1e-4 {
-                return Err(bad(&lexer, "the number of an O-word is whole and not negative"));
+            if let Some((number, end)) = lexer.short_whole(lexer.place()) {
+                lexer.go_back(end);
+                Some(Normal::of_number(number as u32))
+            } else {
+                let number = Evaluator::new(&mut lexer, scope).value()?.unwrap_or(-1.0);
+                let whole = (number - number.round()).abs() <= 1e-4;
+                if !(0.0..=f64::from(u32::MAX)).contains(&number) || !whole {
+                    return Err(bad(&lexer, "the number of an O-word is whole and not negative"));
+                }
+                Some(Normal::of_number(number.round() as u32))
             }
-            Some(Normal::of_number(number.round() as u32))
         }
         _ => return Err(bad(&lexer, "O without a number or a name")),
     };
@@ -201,12 +207,8 @@ fn read_o_word(text: &[u8], scope: &Scope<'_>) -> Result<Option<OWord>, Fault> {
     lexer.peek();
     let before = lexer.place();
     let length = lexer.letters(&mut word);
-    let known = Keyword::ALL
-        .iter()
-        .find(|(text, _)| text.as_bytes() == &word[..length]);
-    let keyword = match known {
-        Some((_, keyword)) => *keyword,
-        None if length == 0 => Keyword::Program,
+    let keyword = match Keyword::of(&word[..length]) {
+        Some(keyword) => keyword,
         None => {
             let shown = String::from_utf8_lossy(&word[..length]).into_owned();
             let place = Span::new(before, lexer.place());

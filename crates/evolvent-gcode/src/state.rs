@@ -89,6 +89,16 @@ pub(crate) struct State {
     pub(crate) ended: bool,
 }
 
+/// The part of the state that a plain move changes.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Few {
+    position: Axes,
+    motion: Motion,
+    feed: Option<ProgrammedFeed>,
+    running: Option<Motion>,
+    spline_end: Option<[f64; 2]>,
+}
+
 impl State {
     pub(crate) fn new(settings: &Settings) -> Self {
         let mut state = Self {
@@ -129,6 +139,32 @@ impl State {
         };
         state.work = settings.work_offsets[state.modes.work_index];
         state
+    }
+
+    /// Whether a straight move changes nothing but [`State::few`].
+    #[inline]
+    pub(crate) fn is_plain(&self) -> bool {
+        !self.cutter.is_on() && self.cutter.programmed.is_none() && self.cutter.held.is_none()
+    }
+
+    /// What a plain move changes before it may fail.
+    #[inline]
+    pub(crate) fn few(&self) -> Few {
+        Few {
+            position: self.position,
+            motion: self.motion,
+            feed: self.modes.feed,
+            running: self.sticky.running,
+            spline_end: self.spline_end,
+        }
+    }
+
+    pub(crate) fn restore_few(&mut self, few: Few) {
+        self.position = few.position;
+        self.motion = few.motion;
+        self.modes.feed = few.feed;
+        self.sticky.running = few.running;
+        self.spline_end = few.spline_end;
     }
 
     /// Writes what the settings say of offsets and tool to the parameters.

@@ -167,6 +167,15 @@ impl Statement {
         }
     }
 
+    /// Whether the line holds a straight move and F, and nothing else.
+    #[inline]
+    pub(crate) fn is_plain_move(&self) -> bool {
+        matches!(self.motion, Some(Motion::Rapid | Motion::Linear))
+            && !self.any_m
+            && !self.any_mode
+            && self.present & !(AXIS_BITS | bit(b'F')) == 0
+    }
+
     /// Value of a word, by upper-case letter.
     #[inline]
     pub(crate) fn word(&self, letter: u8) -> Option<f64> {
