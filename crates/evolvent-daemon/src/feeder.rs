@@ -252,6 +252,10 @@ impl<S: PlanSink> PlanSink for Tally<S> {
         self.sink.answer(answer);
     }
 
+    fn taken(&self) -> u64 {
+        self.sink.taken()
+    }
+
     fn reached(&self) -> u64 {
         self.sink.reached()
     }

@@ -98,6 +98,7 @@ impl Motion {
                         cursor.start(flow);
                         self.asking.aim = open.aim;
                         self.asking.unanswered = 0;
+                        queue.took_answer(open.id);
                     }
                     Some((step, _)) if open.after.is_none() => {
                         cursor.step = step;
@@ -105,6 +106,7 @@ impl Motion {
                         cursor.slow = None;
                         self.asking.aim = open.aim;
                         self.asking.unanswered = 0;
+                        queue.took_answer(open.id);
                     }
                     _ => {
                         self.asking.not_before = self.sequence + self.asking.lead;

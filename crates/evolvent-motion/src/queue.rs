@@ -42,6 +42,7 @@ struct Table {
     finalised: AtomicU64,
     complete: AtomicU64,
     reached: AtomicU64,
+    taken: AtomicU64,
 }
 
 impl Table {
@@ -71,6 +72,7 @@ pub fn plan_queue<W: FnMut() -> bool>(wait: W) -> (PlanProducer<W>, PlanConsumer
         finalised: AtomicU64::new(0),
         complete: AtomicU64::new(0),
         reached: AtomicU64::new(0),
+        taken: AtomicU64::new(0),
     });
     let producer = PlanProducer {
         steps: step_producer,
@@ -186,6 +188,10 @@ impl<W: FnMut() -> bool> PlanSink for PlanProducer<W> {
     fn answer(&mut self, answer: Answer) {
         // An answer that finds no room is one that nobody waits for.
         let _unheard = self.answers.push(answer);
+    }
+
+    fn taken(&self) -> u64 {
+        self.table.taken.load(Ordering::Acquire)
     }
 
     fn reached(&self) -> u64 {
@@ -318,6 +324,11 @@ impl PlanConsumer {
             let _old = self.answers.pop();
         }
         None
+    }
+
+    /// Says that the answer to request `id` has been taken over.
+    pub fn took_answer(&mut self, id: u64) {
+        self.table.taken.store(id, Ordering::Release);
     }
 
     /// Takes everything before these indices for good. `interval` is the grid interval reached.

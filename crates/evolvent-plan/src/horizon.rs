@@ -68,6 +68,16 @@ struct Front {
     waits: bool,
 }
 
+/// The plan that a request in motion has cut short, until it is known whether the cycle has taken over the answer.
+#[derive(Clone, Copy, Debug)]
+struct Fork {
+    id: u64,
+    /// Where the old plan had come to.
+    front: Front,
+    /// Windows of the new one.
+    windows: usize,
+}
+
 /// Plans the path of one program.
 #[derive(Debug)]
 pub(crate) struct Horizon<S> {
@@ -81,6 +91,9 @@ pub(crate) struct Horizon<S> {
     /// Windows handed on that the cycle has not left, and the space of those that it has.
     planned: VecDeque<Planned>,
     spare: Vec<Planned>,
+    /// A plan that may have been cut short, and its windows behind the cut.
+    fork: Option<Fork>,
+    cut: VecDeque<Planned>,
     rests: VecDeque<Rest>,
     rests_seen: u64,
     /// Segments from number `first_segment` on, with the path parameter at their start.
@@ -126,6 +139,8 @@ impl<S: PlanSink> Horizon<S> {
             request: None,
             planned: VecDeque::new(),
             spare: Vec::new(),
+            fork: None,
+            cut: VecDeque::new(),
             rests: VecDeque::new(),
             rests_seen: 0,
             segments: VecDeque::new(),
@@ -451,6 +466,9 @@ impl<S: PlanSink> Horizon<S> {
         (planned.interval, planned.x) = (self.front.place.interval, self.front.place.x);
         self.optimizer.remember(&mut planned.memory);
         self.planned.push_back(planned);
+        if let Some(fork) = &mut self.fork {
+            fork.windows += 1;
+        }
     }
 
     /// How many windows handed on start at or before a place.
@@ -540,7 +558,9 @@ impl<S: PlanSink> Horizon<S> {
     /// Serves the request that is open, as soon as enough path is known: how much that is must not depend on how
     /// the program's text happens to arrive. `true` if it was answered: what was solved before is gone.
     fn serve(&mut self) -> Result<bool, S::Error> {
+        let mut gone = false;
         if let Some(request) = self.sink.request() {
+            gone = self.settle();
             self.request = Some(request);
         }
         let Some(request) = self.request else {
@@ -562,7 +582,7 @@ impl<S: PlanSink> Horizon<S> {
             if at_rest {
                 self.reply(&request, None);
             }
-            return Ok(at_rest);
+            return Ok(gone || at_rest);
         };
         // The window in which the place lies is what the cycle drives there.
         let known = self.planned_until(front.place);
@@ -582,7 +602,12 @@ impl<S: PlanSink> Horizon<S> {
             self.reply(&request, None);
             return Ok(true);
         }
-        self.spare.extend(self.planned.drain(known..));
+        self.cut.extend(self.planned.drain(known..));
+        self.fork = Some(Fork {
+            id: request.id,
+            front: self.front,
+            windows: 0,
+        });
         let step = self.appended;
         let (steps, segments, marks) = (self.pieces.len() + 2, self.segments_needed(), self.marks_needed());
         while !self.sink.has_room(steps, segments, marks) {
@@ -598,6 +623,25 @@ impl<S: PlanSink> Horizon<S> {
         }
         self.reply(&request, Some(step));
         Ok(true)
+    }
+
+    /// Settles which plan is in force. `true` if the last answer came too late, so that it is the one before.
+    fn settle(&mut self) -> bool {
+        let Some(fork) = self.fork.take() else {
+            return false;
+        };
+        if self.sink.taken() >= fork.id {
+            self.spare.extend(self.cut.drain(..));
+            return false;
+        }
+        let left = self.planned.len().saturating_sub(fork.windows);
+        self.spare.extend(self.planned.drain(left..));
+        self.planned.append(&mut self.cut);
+        self.front = fork.front;
+        if let Some(planned) = self.planned.back() {
+            self.optimizer.recall(&planned.memory);
+        }
+        true
     }
 
     fn reply(&mut self, request: &Request, step: Option<u64>) {
@@ -685,12 +729,18 @@ impl<S: PlanSink> Horizon<S> {
     fn forget(&mut self) {
         let reached = self.sink.reached();
         self.grid.release(reached);
-        while self.planned.len() > 1 && self.planned[1].interval < reached {
+        if self.fork.is_some_and(|fork| self.sink.taken() >= fork.id) {
+            self.settle();
+        }
+        while self.fork.is_none() && self.planned.len() > 1 && self.planned[1].interval < reached {
             self.spare.extend(self.planned.pop_front());
         }
         while self.front.rest > 0 && self.rests.front().is_some_and(|rest| rest.at < reached) {
             self.rests.pop_front();
             self.front.rest -= 1;
+            if let Some(fork) = &mut self.fork {
+                fork.front.rest = fork.front.rest.saturating_sub(1);
+            }
         }
         if let Some((stretch, _)) = self.grid.stretch_of(reached) {
             while self.first_segment < stretch && self.first_segment < self.handed_segments {

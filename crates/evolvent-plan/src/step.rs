@@ -248,6 +248,12 @@ pub trait PlanSink {
         let _ = answer;
     }
 
+    /// Serial number of the last request whose answer the consumer has taken over; 0 for none. Settled by the time
+    /// that its next request comes.
+    fn taken(&self) -> u64 {
+        u64::MAX
+    }
+
     /// Grid interval that the consumer has reached; what lies before is not needed any more.
     fn reached(&self) -> u64 {
         0
