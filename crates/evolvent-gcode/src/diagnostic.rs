@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 use std::ops::Range;
 
-use annotate_snippets::{AnnotationKind, Level, Renderer, Snippet};
+use annotate_snippets::{AnnotationKind, Level, Origin, Renderer, Snippet};
 
 use crate::Code;
 
@@ -75,13 +75,17 @@ impl Diagnostic {
     }
 
     fn render_with(&self, file_name: &str, renderer: &Renderer) -> String {
+        // The place is told, not counted in what is shown: of a long line that is only a part.
+        let origin = Origin::path(self.file.as_deref().unwrap_or(file_name))
+            .line(self.line as usize)
+            .char_column(self.column as usize);
         let snippet = Snippet::source(self.source.as_str())
             .line_start(self.line as usize)
-            .path(self.file.as_deref().unwrap_or(file_name))
             .annotation(AnnotationKind::Primary.span(self.span.clone()));
         let mut group = Level::ERROR
             .primary_title(self.message.as_str())
             .id(self.code.as_str())
+            .element(origin)
             .element(snippet);
         if let Some(help) = &self.help {
             group = group.element(Level::HELP.message(help.as_str()));
@@ -200,7 +204,10 @@ impl Body {
             column,
             length,
             message: self.message,
-            help: self.help.map(Cow::into_owned),
+            help: Some(
+                self.help
+                    .map_or_else(|| self.code.hint().to_owned(), Cow::into_owned),
+            ),
             source,
             span,
         }
@@ -265,6 +272,11 @@ mod tests {
         let found = Fault::new(Code::UnexpectedCharacter, Span::at(30_000), "what").locate(1, &text);
         assert_eq!(found.column, 30_001);
         assert!(found.source.len() <= 3 * CONTEXT_BYTES);
+        assert!(
+            found.render("a.ngc").contains("a.ngc:1:30001"),
+            "{}",
+            found.render("a.ngc")
+        );
         assert_eq!(&found.source[found.span.clone()], "?");
     }
 

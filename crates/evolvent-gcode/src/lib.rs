@@ -35,6 +35,7 @@ mod diagnostic;
 mod execute;
 mod expression;
 mod flow;
+mod hints;
 mod hole;
 mod interpreter;
 mod kept;

@@ -146,8 +146,9 @@ const TABLE: &[(&str, Code, u32)] = {
         ("G59.4", UnknownG, 1),
         ("G2.3 X1", UnknownG, 1),
         ("X1 G123", UnknownG, 4),
-        ("G71 X1", UnsupportedG, 1),
-        ("G70", UnsupportedG, 1),
+        ("G71 X1", WrongPlane, 1),
+        ("G18 F1 G70", WordMissing, 8),
+        ("G75 X1", UnsupportedG, 1),
         ("M10", UnknownM, 1),
         ("M-1", Negative, 1),
         ("M3.5", NotInteger, 1),
@@ -163,7 +164,7 @@ const TABLE: &[(&str, Code, u32)] = {
         ("G54 G55", ModalGroup, 5),
         ("G61 G64", ModalGroup, 5),
         ("G4 P1 G53", ModalGroup, 7),
-        ("G92.1 G92 X1", ModalGroup, 7),
+        ("G92.1 G92.2", ModalGroup, 7),
         ("G80 G80", ModalGroup, 5),
         ("M0 M2", ModalGroup, 4),
         ("M3 M5", ModalGroup, 4),
@@ -221,7 +222,7 @@ const TABLE: &[(&str, Code, u32)] = {
         ("M6", ToolMissing, 1),
         ("M72", NothingSaved, 1),
         ("M61", WordMissing, 1),
-        ("M19", WordMissing, 1),
+        ("M19 R400", OutOfRange, 5),
         ("M19 R400", OutOfRange, 5),
         ("M62", WordMissing, 1),
         ("M66 P1 E1", WordMissing, 1),
@@ -253,7 +254,7 @@ const TABLE: &[(&str, Code, u32)] = {
         ("F1\nG84 X1 R1 Z-1", SpindleSpeedMissing, 1),
         ("F1 M4\nG84 X1 R1 Z-1", SpindleSpeedMissing, 1),
         ("G93\nG81 X1 R1 Z-1 F1", WrongMode, 1),
-        ("F1 G17.1\nG81 X1 R1 Z-1", WrongPlane, 1),
+        ("F1 G17.1\nG81 X1 R1 Z-1", UnusedWord, 5),
         // Splines.
         ("F1\nG5 X1 P1", WordMissing, 1),
         ("F1\nG5 X1 P1 Q1 I1", WordMissing, 1),
@@ -343,8 +344,35 @@ fn every_rendered_fault_shows_code_message_and_place() {
             assert!(shown.contains(&format!("a.ngc:{}:", error.line)), "{shown}");
             assert!(shown.contains(&format!("{column}\n")), "{shown}");
             assert!(error.source.get(error.span.clone()).is_some());
+            assert!(error.help.is_some_and(|help| !help.is_empty()), "{program}");
         }
     }
+}
+
+/// `docs/errors.md` is written by `EVOLVENT_WRITE_CODES=1 cargo test -p evolvent-gcode --test bad_input`.
+#[test]
+fn every_code_is_listed_in_the_docs_with_its_meaning() {
+    let mut text = String::from(
+        "# Errors of programs\n\nThe codes that `evolvent check` and a run give, in text and in JSON. A code never changes its \
+         meaning; new ones may come.\n\n| code | meaning |\n|---|---|\n",
+    );
+    for code in Code::ALL {
+        // Links of the library's documentation mean nothing here.
+        let meaning = code.meaning().replace(
+            "[`Settings::max_line_bytes`](crate::Settings::max_line_bytes)",
+            "64 KiB",
+        );
+        text += &format!("| {code} | {} |\n", meaning.trim().replace('|', "\\|"));
+    }
+    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/errors.md");
+    if std::env::var_os("EVOLVENT_WRITE_CODES").is_some() {
+        std::fs::write(&path, &text).unwrap();
+    }
+    let shipped = std::fs::read_to_string(&path).unwrap_or_default();
+    assert!(
+        shipped == text,
+        "docs/errors.md is out of date: run EVOLVENT_WRITE_CODES=1 cargo test -p evolvent-gcode --test bad_input"
+    );
 }
 
 #[test]
