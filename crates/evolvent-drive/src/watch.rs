@@ -175,7 +175,7 @@ impl FeedbackWatch {
                     self.unanswered[axis] += (command.position[axis] - before[axis]).abs();
                 }
             }
-            if feedback.is_some() {
+            if feedback.is_some() && !self.repeats {
                 self.check_positions(now_ns, command, &last, previous.as_ref())?;
             }
             return Ok(Presence::Operational);

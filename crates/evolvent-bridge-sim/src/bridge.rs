@@ -1,0 +1,238 @@
+//! The whole bridge as a pure model.
+
+use std::collections::VecDeque;
+
+use evolvent_bus::{AXES, Feedback, Setpoint};
+use evolvent_drive::{DriveState, Follower, PowerRequest, SettingsError, Target};
+
+use crate::drive::{DriveTrouble, SimDrive};
+use crate::fault::{Fault, FaultKind};
+use crate::settings::SimSettings;
+
+/// How late *late* feedback is, ns.
+const LATE_NS: u64 = 100_000_000;
+/// How far a position jumps on demand, mm or degrees.
+const JUMP: f64 = 5.0;
+
+/// Drives behind a follower, with faults. Deterministic: the same setpoints at the same times give the same feedback.
+#[derive(Clone, Debug)]
+pub struct SimBridge {
+    follower: Follower,
+    drives: Vec<SimDrive>,
+    faults: Vec<Fault>,
+    period_s: f64,
+    instance: u64,
+    axes_mask: u32,
+    /// When the drives came into operation first: the faults' time zero.
+    operating_since_ns: Option<u64>,
+    /// One drive has left operation: the others are stopped until power is requested anew.
+    group_stop: bool,
+    last_target: Option<Target>,
+    frozen: Option<Feedback>,
+    stuck: [Option<f64>; AXES],
+    delayed: VecDeque<Feedback>,
+}
+
+impl SimBridge {
+    /// Drives that were just supplied; the axes stand.
+    ///
+    /// # Errors
+    /// A limit that is none.
+    pub fn new(settings: &SimSettings) -> Result<Self, SettingsError> {
+        Ok(Self {
+            follower: Follower::new(settings.follower())?,
+            drives: settings
+                .axes
+                .iter()
+                .filter(|axis| axis.axis < AXES)
+                .map(|axis| SimDrive::new(*axis))
+                .collect(),
+            faults: settings.faults.clone(),
+            period_s: settings.period_ns as f64 * 1e-9,
+            instance: settings.instance,
+            axes_mask: settings.axes_mask(),
+            operating_since_ns: None,
+            group_stop: false,
+            last_target: None,
+            frozen: None,
+            stuck: [None; AXES],
+            delayed: VecDeque::new(),
+        })
+    }
+
+    /// Takes in a setpoint that has come; what is of no use is counted and noted in the feedback.
+    pub fn offer(&mut self, now_ns: u64, setpoint: &Setpoint) {
+        let _noted = self.follower.offer(now_ns, setpoint);
+    }
+
+    /// A message came that speaks another version.
+    pub fn refuse_version(&mut self) {
+        self.follower.refuse_version();
+    }
+
+    /// The drives.
+    #[must_use]
+    pub fn drives(&self) -> &[SimDrive] {
+        &self.drives
+    }
+
+    /// The last target of the follower; none before the first period.
+    #[must_use]
+    pub const fn last_target(&self) -> Option<&Target> {
+        self.last_target.as_ref()
+    }
+
+    /// Setpoints that were missing, late or refused.
+    #[must_use]
+    pub const fn missed(&self) -> u32 {
+        self.follower.missed()
+    }
+
+    /// Adds a fault to the schedule, `at_ns` after the drives came into operation first.
+    pub fn add_fault(&mut self, fault: Fault) {
+        self.faults.push(fault);
+    }
+
+    /// When the drives came into operation first, ns.
+    #[must_use]
+    pub const fn operating_since_ns(&self) -> Option<u64> {
+        self.operating_since_ns
+    }
+
+    /// One period of the drives at their time `now_ns`. Returns what is sent, which a fault may withhold.
+    pub fn step(&mut self, now_ns: u64) -> Option<Feedback> {
+        let operating = |drive: &SimDrive| drive.state() == DriveState::OperationEnabled;
+        let enabled = !self.drives.is_empty() && self.drives.iter().all(operating);
+        if enabled {
+            self.operating_since_ns.get_or_insert(now_ns);
+        }
+        let mut actual = [0.0; AXES];
+        for drive in &self.drives {
+            actual[drive.axis().axis] = drive.shown();
+        }
+        let target = self.follower.step(now_ns, enabled, &actual);
+        if let Some(shift) = target.datum_shift {
+            for drive in &mut self.drives {
+                drive.rename(shift[drive.axis().axis]);
+            }
+        }
+        let power = self.power_for_all(&target);
+        for i in 0..self.drives.len() {
+            let axis = self.drives[i].axis().axis;
+            let trouble = DriveTrouble {
+                faulted: self.is_active(FaultKind::Fault, Some(axis), now_ns),
+                disabled: self.is_active(FaultKind::Off, Some(axis), now_ns),
+                blocked: self.is_active(FaultKind::Blocked, Some(axis), now_ns),
+            };
+            let (position, period_s) = (target.position[axis], self.period_s);
+            self.drives[i].step(position, power, target.fault_reset, trouble, period_s);
+        }
+        self.last_target = Some(target);
+        let feedback = self.feedback(now_ns, &target);
+        self.spoil(now_ns, feedback)
+    }
+
+    /// Where one drive cannot go on, none does.
+    fn power_for_all(&mut self, target: &Target) -> PowerRequest {
+        let was_operating = self
+            .last_target
+            .is_some_and(|last| !matches!(last.state, evolvent_drive::BridgeState::Off));
+        let left = self
+            .drives
+            .iter()
+            .any(|drive| drive.state() != DriveState::OperationEnabled);
+        let some_operate = self
+            .drives
+            .iter()
+            .any(|drive| drive.state() == DriveState::OperationEnabled);
+        if target.power != PowerRequest::On {
+            self.group_stop = false;
+        } else if self.operating_since_ns.is_some() && was_operating && left && some_operate {
+            self.group_stop = true;
+        }
+        if self.group_stop {
+            PowerRequest::QuickStop
+        } else {
+            target.power
+        }
+    }
+
+    fn is_active(&self, kind: FaultKind, axis: Option<usize>, now_ns: u64) -> bool {
+        let Some(since_ns) = self.operating_since_ns else {
+            return false;
+        };
+        let first = self.drives.first().map(|drive| drive.axis().axis);
+        self.faults.iter().any(|fault| {
+            fault.kind == kind
+                && fault.is_active(now_ns.saturating_sub(since_ns))
+                && (axis.is_none() || fault.axis.or(first) == axis)
+        })
+    }
+
+    fn feedback(&self, now_ns: u64, target: &Target) -> Feedback {
+        let mut feedback = Feedback {
+            sequence: target.sequence,
+            time_ns: now_ns,
+            phase_error_ns: target.phase_error_ns,
+            axes_mask: self.axes_mask,
+            bridge_state: target.state.number(),
+            note: self.follower.note().number(),
+            fault_reset_done: u32::MAX,
+            missed_setpoints: self.follower.missed(),
+            datum: target.datum,
+            instance: self.instance,
+            ..Feedback::default()
+        };
+        for drive in &self.drives {
+            let axis = drive.axis().axis;
+            feedback.position[axis] = drive.shown();
+            feedback.velocity[axis] = drive.servo().velocity;
+            feedback.following_error[axis] = target.position[axis] - drive.shown();
+            feedback.torque_ratio[axis] = drive.torque_ratio();
+            feedback.status_word[axis] = u32::from(drive.status_word());
+            feedback.home_switch_mask |= u32::from(drive.at_home_switch()) << axis;
+            let [negative, positive] = drive.at_limit_switches();
+            feedback.negative_limit_mask |= u32::from(negative) << axis;
+            feedback.positive_limit_mask |= u32::from(positive) << axis;
+            if feedback.error_code == 0 {
+                feedback.error_code = u32::from(drive.error_code());
+            }
+            feedback.fault_reset_done = feedback.fault_reset_done.min(drive.resets_done());
+        }
+        feedback
+    }
+
+    /// Faults of the way back.
+    fn spoil(&mut self, now_ns: u64, mut feedback: Feedback) -> Option<Feedback> {
+        for axis in 0..AXES {
+            if self.axes_mask >> axis & 1 == 0 {
+                continue;
+            }
+            if self.is_active(FaultKind::Stuck, Some(axis), now_ns) {
+                feedback.position[axis] = *self.stuck[axis].get_or_insert(feedback.position[axis]);
+            } else {
+                self.stuck[axis] = None;
+            }
+            if self.is_active(FaultKind::Jump, Some(axis), now_ns) {
+                feedback.position[axis] += JUMP;
+            }
+            if self.is_active(FaultKind::Nan, Some(axis), now_ns) {
+                feedback.position[axis] = f64::NAN;
+            }
+        }
+        if self.is_active(FaultKind::Silent, None, now_ns) {
+            return None;
+        }
+        if self.is_active(FaultKind::Frozen, None, now_ns) {
+            return Some(*self.frozen.get_or_insert(feedback));
+        }
+        self.frozen = None;
+        if self.is_active(FaultKind::Late, None, now_ns) {
+            self.delayed.push_back(feedback);
+            let old = self.delayed.front()?.time_ns.saturating_add(LATE_NS) <= now_ns;
+            return if old { self.delayed.pop_front() } else { None };
+        }
+        self.delayed.clear();
+        Some(feedback)
+    }
+}

@@ -1,0 +1,201 @@
+//! One simulated drive: state machine, servo loop, encoder, switches.
+
+use evolvent_drive::{
+    Brake, BrakeState, Cia402, DriveEvents, DriveMachine, DriveState, PowerRequest, QuickStopOption,
+};
+
+use crate::servo::Servo;
+use crate::settings::SimAxis;
+
+/// Velocity below which an axis counts as standing, mm/s or degrees/s.
+const STANDING: f64 = 0.05;
+/// Periods of the self-test.
+const SELF_TEST: u32 = 10;
+/// Object 603Fh of a fault on demand: following error (8611h), as drives report it when an axis is blocked.
+const ERROR_CODE: u16 = 0x8611;
+
+/// What is wrong with one drive in one period.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct DriveTrouble {
+    pub faulted: bool,
+    pub disabled: bool,
+    pub blocked: bool,
+}
+
+/// One drive with its axis.
+#[derive(Clone, Debug)]
+pub struct SimDrive {
+    axis: SimAxis,
+    machine: DriveMachine,
+    controller: Cia402,
+    servo: Servo,
+    /// Added to the axis's true position to get the one that the encoder names.
+    offset: f64,
+    /// The last target, by true position.
+    target: f64,
+    /// The drive's own ramp: quick stop, fault reaction, friction.
+    ramp: Option<(Brake, f64)>,
+    periods: u32,
+}
+
+impl SimDrive {
+    /// A drive that was just supplied; its axis stands.
+    #[must_use]
+    pub const fn new(axis: SimAxis) -> Self {
+        Self {
+            machine: DriveMachine::new(QuickStopOption::ThenDisabled),
+            controller: Cia402::new(0),
+            servo: Servo::at(axis.start),
+            offset: axis.reference_offset,
+            target: axis.start,
+            ramp: None,
+            periods: 0,
+            axis,
+        }
+    }
+
+    /// What it simulates.
+    #[must_use]
+    pub const fn axis(&self) -> &SimAxis {
+        &self.axis
+    }
+
+    /// The state of its state machine.
+    #[must_use]
+    pub const fn state(&self) -> DriveState {
+        self.machine.state()
+    }
+
+    /// Object 6041h.
+    #[must_use]
+    pub const fn status_word(&self) -> u16 {
+        self.machine.status_word()
+    }
+
+    /// Object 603Fh.
+    #[must_use]
+    pub const fn error_code(&self) -> u16 {
+        self.machine.error_code()
+    }
+
+    /// The core's reset that was carried out last.
+    #[must_use]
+    pub const fn resets_done(&self) -> u32 {
+        self.controller.resets_done()
+    }
+
+    /// Where the axis truly is, how fast, and its acceleration.
+    #[must_use]
+    pub const fn servo(&self) -> &Servo {
+        &self.servo
+    }
+
+    /// The position that the encoder shows, on its grid, by the names of the datum in force.
+    #[must_use]
+    pub fn shown(&self) -> f64 {
+        let step = self.axis.encoder_step;
+        let named = self.servo.position + self.offset;
+        if step > 0.0 {
+            (named / step).round() * step
+        } else {
+            named
+        }
+    }
+
+    /// Names every position anew by adding `shift`.
+    pub fn rename(&mut self, shift: f64) {
+        self.offset += shift;
+    }
+
+    /// Torque as a ratio of the rated one: the axis's largest acceleration takes half of it, its largest velocity a tenth.
+    #[must_use]
+    pub fn torque_ratio(&self) -> f64 {
+        0.5 * self.servo.acceleration / self.axis.max_acceleration
+            + 0.1 * self.servo.velocity / self.axis.max_velocity
+    }
+
+    /// Whether the home switch is pressed.
+    #[must_use]
+    pub fn at_home_switch(&self) -> bool {
+        self.servo.position <= self.axis.home_switch
+    }
+
+    /// Whether the limit switches are pressed: negative end, positive end.
+    #[must_use]
+    pub fn at_limit_switches(&self) -> [bool; 2] {
+        let margin = self.axis.switch_margin();
+        [
+            self.servo.position <= self.axis.travel_min - margin,
+            self.servo.position >= self.axis.travel_max + margin,
+        ]
+    }
+
+    /// One period. `setpoint` is by the names of the datum in force. Returns the target that the drive has followed.
+    pub(crate) fn step(
+        &mut self,
+        setpoint: f64,
+        power: PowerRequest,
+        fault_reset: u32,
+        trouble: DriveTrouble,
+        period_s: f64,
+    ) -> f64 {
+        self.periods = self.periods.saturating_add(1);
+        let order = self.controller.step(
+            self.machine.status_word(),
+            power,
+            fault_reset,
+            setpoint,
+            self.shown(),
+        );
+        let control_word = if trouble.disabled { 0 } else { order.control_word };
+        let before = self.machine.state();
+        self.machine.step(
+            control_word,
+            DriveEvents {
+                ready: self.periods > SELF_TEST,
+                fault: trouble.faulted.then_some(ERROR_CODE),
+                at_rest: self.servo.velocity.abs() < STANDING,
+            },
+        );
+        let state = self.machine.state();
+        let from = self.target;
+        if state == DriveState::OperationEnabled {
+            self.ramp = None;
+            self.target = if order.follows {
+                order.target_position - self.offset
+            } else {
+                self.servo.position
+            };
+        } else {
+            if self.ramp.is_none() || before == DriveState::OperationEnabled {
+                self.ramp = Some((self.own_ramp(state), 0.0));
+            }
+            if let Some((ramp, time_s)) = &mut self.ramp {
+                *time_s += period_s;
+                self.target = ramp.at(*time_s).position;
+            }
+        }
+        let held = self.servo;
+        self.servo.step(&self.axis.servo, from, self.target, period_s);
+        if trouble.blocked {
+            self.servo = Servo::at(held.position);
+        }
+        self.target + self.offset
+    }
+
+    /// How the axis comes to rest without setpoints: by the limits under torque, by friction without.
+    fn own_ramp(&self, state: DriveState) -> Brake {
+        let torque = matches!(
+            state,
+            DriveState::QuickStopActive | DriveState::FaultReactionActive
+        );
+        let limit = if torque { 1.0 } else { 0.5 } * self.axis.max_acceleration;
+        // From where the target was and as fast as the axis is: the loop goes on without a step.
+        let start = BrakeState {
+            position: self.target,
+            velocity: self.servo.velocity,
+            acceleration: self.servo.acceleration.clamp(-limit, limit),
+        };
+        Brake::new(start, limit, self.axis.max_jerk)
+    }
+}

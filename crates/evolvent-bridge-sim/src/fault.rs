@@ -1,0 +1,193 @@
+//! What goes wrong on demand.
+
+use core::fmt;
+use core::str::FromStr;
+
+use thiserror::Error;
+
+/// Letters in the order of the axes.
+const LETTERS: &str = "XYZABCUVW";
+
+/// Kinds of faults.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum FaultKind {
+    /// Feedback arrives 100 ms late.
+    Late,
+    /// No feedback.
+    Silent,
+    /// The same feedback again and again, with its old time.
+    Frozen,
+    /// The encoder of one axis shows the same position whatever the axis does.
+    Stuck,
+    /// A drive goes into fault.
+    Fault,
+    /// A drive loses its enabling input and switches off.
+    Off,
+    /// The position that one axis reports jumps by 5.
+    Jump,
+    /// One axis is blocked and trails behind.
+    Blocked,
+    /// A position that is no number.
+    Nan,
+}
+
+impl FaultKind {
+    /// All kinds with their names.
+    pub const ALL: [(Self, &'static str); 9] = [
+        (Self::Late, "late"),
+        (Self::Silent, "silent"),
+        (Self::Frozen, "frozen"),
+        (Self::Stuck, "stuck"),
+        (Self::Fault, "fault"),
+        (Self::Off, "off"),
+        (Self::Jump, "jump"),
+        (Self::Blocked, "blocked"),
+        (Self::Nan, "nan"),
+    ];
+
+    /// The name on the command line.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        Self::ALL
+            .iter()
+            .find(|(kind, _)| *kind == self)
+            .map_or("", |(_, name)| name)
+    }
+}
+
+/// One fault on the schedule: `KIND@SECONDS[+DURATION][:AXIS]`, as in `silent@2.5+0.1` or `jump@3:Y`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fault {
+    /// What goes wrong.
+    pub kind: FaultKind,
+    /// When, in ns since the drives came into operation first.
+    pub at_ns: u64,
+    /// For how long, in ns; for ever if none.
+    pub duration_ns: Option<u64>,
+    /// Which axis, an index; the first that the machine has if none.
+    pub axis: Option<usize>,
+}
+
+impl Fault {
+    /// Whether it is there at a moment.
+    #[must_use]
+    pub const fn is_active(&self, now_ns: u64) -> bool {
+        let begun = now_ns >= self.at_ns;
+        match self.duration_ns {
+            Some(duration_ns) => begun && now_ns - self.at_ns < duration_ns,
+            None => begun,
+        }
+    }
+}
+
+/// Why a text is no fault.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+#[error(
+    "{text:?} is no fault: write KIND@SECONDS[+DURATION][:AXIS] with one of late, silent, frozen, stuck, fault, off, \
+     jump, blocked, nan, as in `jump@2.5:Y`"
+)]
+pub struct FaultError {
+    text: String,
+}
+
+impl FromStr for Fault {
+    type Err = FaultError;
+
+    fn from_str(text: &str) -> Result<Self, FaultError> {
+        let failed = || FaultError {
+            text: text.chars().take(60).collect(),
+        };
+        let ns = |text: &str| -> Result<u64, FaultError> {
+            let seconds: f64 = text.parse().map_err(|_| failed())?;
+            if !(0.0..=1e6).contains(&seconds) {
+                return Err(failed());
+            }
+            Ok((seconds * 1e9) as u64)
+        };
+        let (name, rest) = text.split_once('@').ok_or_else(failed)?;
+        let (kind, _) = FaultKind::ALL
+            .into_iter()
+            .find(|(_, known)| *known == name)
+            .ok_or_else(failed)?;
+        let (times, axis) = match rest.split_once(':') {
+            None => (rest, None),
+            Some((times, letter)) => {
+                let known = letter.len() == 1;
+                let index = LETTERS.find(&letter.to_ascii_uppercase()).filter(|_| known);
+                (times, Some(index.ok_or_else(failed)?))
+            }
+        };
+        let (at, duration) = match times.split_once('+') {
+            None => (times, None),
+            Some((at, duration)) => (at, Some(ns(duration)?)),
+        };
+        Ok(Self {
+            kind,
+            at_ns: ns(at)?,
+            duration_ns: duration,
+            axis,
+        })
+    }
+}
+
+impl fmt::Display for Fault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}@{}", self.kind.name(), self.at_ns as f64 / 1e9)?;
+        if let Some(duration_ns) = self.duration_ns {
+            write!(f, "+{}", duration_ns as f64 / 1e9)?;
+        }
+        match self.axis.and_then(|axis| LETTERS.chars().nth(axis)) {
+            Some(letter) => write!(f, ":{letter}"),
+            None => Ok(()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_written_is_read() {
+        for text in [
+            "late@0",
+            "silent@2.5+0.1",
+            "jump@3:Y",
+            "fault@0.25+1:W",
+            "nan@1000000",
+        ] {
+            let fault: Fault = text.parse().expect("a fault");
+            assert_eq!(fault.to_string(), text);
+        }
+        let fault: Fault = "off@1.5+0.5:z".parse().expect("a fault");
+        assert_eq!((fault.kind, fault.axis), (FaultKind::Off, Some(2)));
+        let active: Vec<bool> = [1.4, 1.5, 1.9, 2.0]
+            .into_iter()
+            .map(|seconds| fault.is_active((seconds * 1e9) as u64))
+            .collect();
+        assert_eq!(active, [false, true, true, false]);
+    }
+
+    #[test]
+    fn anything_else_is_refused_with_a_pattern() {
+        for text in [
+            "",
+            "@",
+            "late",
+            "late@",
+            "late@x",
+            "late@-1",
+            "late@nan",
+            "late@1e9",
+            "late@1:Q",
+            "late@1:",
+            "late@1:XY",
+            "late@1+",
+            "tired@1",
+            "late@1:é",
+        ] {
+            let error = text.parse::<Fault>().expect_err(text);
+            assert!(error.to_string().contains("jump@2.5:Y"), "{error}");
+        }
+    }
+}

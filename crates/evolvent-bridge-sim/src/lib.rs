@@ -1,0 +1,33 @@
+//! A simulated set of CiA 402 drives behind the bus, with faults on demand.
+//!
+//! ```text
+//!   bus ── Setpoint ──► Follower ── target ──► Cia402 ── control word ──► SimDrive
+//!    ▲                                                  state machine, servo loop, encoder, switches
+//!    └──── Feedback ◄── faults on demand ◄──────────────────────────────────┘
+//! ```
+//!
+//! [`SimBridge`] is the whole of it as a pure model: setpoints in by [`SimBridge::offer`], one period of the drives by
+//! [`SimBridge::step`], feedback out. Time comes in as an argument, so hours are simulated in seconds and the same
+//! inputs give the same feedback. [`run`] puts it on the bus, in real time, by a clock of the drives that may drift.
+//!
+//! A drive is a position loop of second order ([`Servo`]) behind the standard's state machine. It stops by its own ramp
+//! when it is told to stop quickly, or faults; without torque it is braked by friction. When one drive leaves operation
+//! the bridge stops the others quickly: axes that cannot follow together shall not follow at all.
+//!
+//! Of the core it knows nothing but the bus. Foreign bridges may take it as a pattern.
+
+mod bridge;
+mod clock;
+mod drive;
+mod fault;
+mod run;
+mod servo;
+mod settings;
+
+pub use bridge::SimBridge;
+pub use clock::{DriveClock, monotonic_ns};
+pub use drive::SimDrive;
+pub use fault::{Fault, FaultError, FaultKind};
+pub use run::{RunError, RunSettings, SimReport, run};
+pub use servo::{Servo, ServoSettings};
+pub use settings::{SimAxis, SimSettings};

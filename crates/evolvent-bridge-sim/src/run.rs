@@ -1,0 +1,182 @@
+//! The bridge on the bus, in real time.
+
+use core::time::Duration;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use evolvent_bus::{BusError, ClientBus, ClientConfig, FeedbackSender, ReceiveError, SetpointReader};
+use evolvent_drive::SettingsError;
+use thiserror::Error;
+
+use crate::bridge::SimBridge;
+use crate::clock::{DriveClock, monotonic_ns};
+use crate::settings::SimSettings;
+
+/// Without a setpoint for so long the connection is made anew: the core may be another one.
+const RECONNECT_NS: u64 = 1_000_000_000;
+/// How long one attempt to find the core may take.
+const ATTEMPT: Duration = Duration::from_millis(5);
+/// Ticks that a late wake-up catches up with, ns; what is further behind is left out.
+const CATCH_UP_NS: u64 = 200_000_000;
+/// Longest nap, ns.
+const NAP_NS: u64 = 1_000_000;
+
+/// How a bridge is run.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RunSettings {
+    /// The machine's name.
+    pub machine_name: String,
+    /// iceoryx2's prefix, as of the core.
+    pub prefix: Option<String>,
+    /// The drives; where there are none, usual ones for the axes and the period that the core names.
+    pub drives: Option<SimSettings>,
+    /// Faults, where usual drives are taken.
+    pub faults: Vec<crate::Fault>,
+    /// By how much the drives' periods are longer than the core's.
+    pub drift_ppm: f64,
+    /// Ends by itself after so long; never if none.
+    pub duration: Option<Duration>,
+}
+
+/// What a bridge did.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SimReport {
+    /// Periods of the drives.
+    pub periods: u64,
+    /// Setpoints that arrived.
+    pub setpoints: u64,
+    /// Setpoints that were missing, late or refused.
+    pub missed: u32,
+    /// Feedback that was sent.
+    pub answers: u64,
+    /// Times at which a core was found.
+    pub connections: u32,
+}
+
+/// Why a bridge cannot run.
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum RunError {
+    /// The bus does not fit.
+    #[error(transparent)]
+    Bus(#[from] BusError),
+    /// A limit is none.
+    #[error(transparent)]
+    Settings(#[from] SettingsError),
+}
+
+struct Ports {
+    setpoints: SetpointReader,
+    feedback: FeedbackSender,
+    /// Ports live in the client's node.
+    _client: ClientBus,
+}
+
+/// Runs until `stop` is set or time is up. Waits for its core as long as that takes, outlives it, and finds the next one.
+/// `on_core` is called with axes and period each time one is found.
+///
+/// # Errors
+/// The core does not fit the drives, the bus cannot be used, or a limit is none.
+pub fn run(
+    settings: &RunSettings,
+    stop: &AtomicBool,
+    mut on_core: impl FnMut(&str, u64),
+) -> Result<SimReport, RunError> {
+    let begin_ns = monotonic_ns();
+    let end_ns = settings
+        .duration
+        .map(|duration| begin_ns.saturating_add(u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)));
+    let over = || stop.load(Ordering::Relaxed) || end_ns.is_some_and(|end_ns| monotonic_ns() >= end_ns);
+    let mut report = SimReport::default();
+    let mut model: Option<(SimBridge, DriveClock)> = None;
+    let mut ports: Option<Ports> = None;
+    let mut heard_ns = begin_ns;
+    while !over() {
+        if ports.is_none() {
+            match connect(settings) {
+                Ok((found, letters, period_ns)) => {
+                    report.connections += 1;
+                    heard_ns = monotonic_ns();
+                    on_core(&letters, period_ns);
+                    if model.is_none() {
+                        let drives = drives(settings, &letters, period_ns, begin_ns);
+                        let clock = DriveClock::new(monotonic_ns(), drives.period_ns, settings.drift_ppm);
+                        model = Some((SimBridge::new(&drives)?, clock));
+                    }
+                    ports = Some(found);
+                }
+                Err(BusError::NoCore { .. } | BusError::Service { .. } | BusError::NoPlace { .. }) => {}
+                Err(error) => return Err(error.into()),
+            }
+        }
+        let Some((bridge, clock)) = &mut model else {
+            std::thread::sleep(Duration::from_millis(10));
+            continue;
+        };
+        let now_ns = monotonic_ns();
+        if clock.next_ns().saturating_add(CATCH_UP_NS) < now_ns {
+            clock.skip_to(now_ns);
+        }
+        // Whatever has come was there at the next tick: a late wake-up of this thread makes no setpoint late.
+        let tick_ns = clock.next_ns();
+        let mut is_broken = false;
+        while let Some(open) = &mut ports {
+            match open.setpoints.receive() {
+                Ok(None) => break,
+                Ok(Some(setpoint)) => {
+                    heard_ns = now_ns;
+                    report.setpoints += 1;
+                    bridge.offer(tick_ns, &setpoint);
+                }
+                Err(ReceiveError::Version { .. }) => {
+                    heard_ns = now_ns;
+                    bridge.refuse_version();
+                }
+                Err(ReceiveError::Broken { .. }) => {
+                    is_broken = true;
+                    break;
+                }
+            }
+        }
+        while clock.next_ns() <= now_ns {
+            report.periods += 1;
+            if let (Some(feedback), Some(open)) = (bridge.step(clock.tick()), &mut ports) {
+                // What does not leave is replaced by the next.
+                report.answers += u64::from(open.feedback.send(&feedback).is_ok());
+            }
+        }
+        report.missed = bridge.missed();
+        if is_broken || now_ns.saturating_sub(heard_ns) > RECONNECT_NS {
+            heard_ns = now_ns;
+            ports = None;
+        }
+        let nap_ns = clock.next_ns().saturating_sub(monotonic_ns()).min(NAP_NS);
+        std::thread::sleep(Duration::from_nanos(nap_ns));
+    }
+    Ok(report)
+}
+
+fn connect(settings: &RunSettings) -> Result<(Ports, String, u64), BusError> {
+    let mut config = ClientConfig::new(&settings.machine_name);
+    config.prefix.clone_from(&settings.prefix);
+    config.wait = ATTEMPT;
+    if let Some(drives) = &settings.drives {
+        config.period_ns = Some(drives.period_ns);
+    }
+    let client = ClientBus::open(&config)?;
+    let (letters, period_ns) = (client.axes().to_owned(), client.period_ns());
+    let ports = Ports {
+        setpoints: client.setpoints()?,
+        feedback: client.feedback_sender()?,
+        _client: client,
+    };
+    Ok((ports, letters, period_ns))
+}
+
+fn drives(settings: &RunSettings, letters: &str, period_ns: u64, instance: u64) -> SimSettings {
+    let mut drives = settings
+        .drives
+        .clone()
+        .unwrap_or_else(|| SimSettings::usual(letters, period_ns));
+    drives.faults.extend(settings.faults.iter().copied());
+    drives.instance = instance;
+    drives
+}

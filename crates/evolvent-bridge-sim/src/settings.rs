@@ -1,0 +1,120 @@
+//! What is simulated.
+
+use evolvent_bus::AXES;
+use evolvent_drive::FollowerSettings;
+
+use crate::fault::Fault;
+use crate::servo::ServoSettings;
+
+/// One simulated axis; mm or degrees.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SimAxis {
+    /// Index into X Y Z A B C U V W.
+    pub axis: usize,
+    /// Largest velocity.
+    pub max_velocity: f64,
+    /// Largest acceleration.
+    pub max_acceleration: f64,
+    /// Largest jerk.
+    pub max_jerk: f64,
+    /// Lowest position; the limit switch lies a little below.
+    pub travel_min: f64,
+    /// Highest position; the limit switch lies a little above.
+    pub travel_max: f64,
+    /// Where the axis stands at the start.
+    pub start: f64,
+    /// By how much the positions that the encoder names are too large, until homing puts that right.
+    pub reference_offset: f64,
+    /// The home switch is pressed at and below this position.
+    pub home_switch: f64,
+    /// The smallest step that the encoder shows.
+    pub encoder_step: f64,
+    /// The position loop.
+    pub servo: ServoSettings,
+}
+
+impl SimAxis {
+    /// An axis of one metre with usual dynamics, for a machine of which nothing is known but its letters.
+    #[must_use]
+    pub fn usual(axis: usize) -> Self {
+        Self {
+            axis,
+            max_velocity: 1000.0,
+            max_acceleration: 10_000.0,
+            max_jerk: 1_000_000.0,
+            travel_min: -1000.0,
+            travel_max: 1000.0,
+            start: 0.0,
+            reference_offset: 0.0,
+            home_switch: -980.0,
+            encoder_step: 0.0001,
+            servo: ServoSettings::default(),
+        }
+    }
+
+    /// How far beyond the travel the limit switches lie.
+    #[must_use]
+    pub fn switch_margin(&self) -> f64 {
+        (0.02 * (self.travel_max - self.travel_min)).min(5.0)
+    }
+}
+
+/// A set of drives.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SimSettings {
+    /// The period of the setpoints, ns.
+    pub period_ns: u64,
+    /// The axes.
+    pub axes: Vec<SimAxis>,
+    /// For how many periods the last motion goes on where setpoints are missing.
+    pub bridge_cycles: u32,
+    /// How far from the axis a setpoint may lie with which following begins.
+    pub sync_tolerance: f64,
+    /// What goes wrong, and when.
+    pub faults: Vec<Fault>,
+    /// Told in every feedback; another for each start of a bridge.
+    pub instance: u64,
+}
+
+impl SimSettings {
+    /// Axes of a machine of which nothing is known but their letters.
+    #[must_use]
+    pub fn usual(letters: &str, period_ns: u64) -> Self {
+        let index = |letter: char| "XYZABCUVW".find(letter);
+        Self {
+            period_ns,
+            axes: letters.chars().filter_map(index).map(SimAxis::usual).collect(),
+            bridge_cycles: 10,
+            sync_tolerance: 0.5,
+            faults: Vec::new(),
+            instance: 1,
+        }
+    }
+
+    /// Bit i set: axis i is driven.
+    #[must_use]
+    pub fn axes_mask(&self) -> u32 {
+        self.axes
+            .iter()
+            .filter(|axis| axis.axis < AXES)
+            .fold(0, |mask, axis| mask | 1 << axis.axis)
+    }
+
+    pub(crate) fn follower(&self) -> FollowerSettings {
+        let mut settings = FollowerSettings {
+            period_ns: self.period_ns,
+            bridge_cycles: self.bridge_cycles,
+            axes_mask: self.axes_mask(),
+            max_velocity: [1.0; AXES],
+            max_acceleration: [1.0; AXES],
+            max_jerk: [1.0; AXES],
+            sync_tolerance: [self.sync_tolerance; AXES],
+        };
+        for axis in self.axes.iter().filter(|axis| axis.axis < AXES) {
+            settings.max_velocity[axis.axis] = axis.max_velocity;
+            settings.max_acceleration[axis.axis] = axis.max_acceleration;
+            settings.max_jerk[axis.axis] = axis.max_jerk;
+        }
+        settings
+    }
+}

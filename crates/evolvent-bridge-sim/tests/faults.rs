@@ -1,0 +1,339 @@
+//! Faults of the bridge at random moments: the core's watch raises the right alarm, everything comes to rest, within the
+//! limits. Core and drives as pure models, by simulated time.
+#![expect(
+    clippy::expect_used,
+    clippy::print_stdout,
+    reason = "helpers of tests fail as tests do, and tell their seed"
+)]
+
+use std::collections::VecDeque;
+
+use evolvent_bridge_sim::{Fault, FaultKind, SimBridge, SimSettings};
+use evolvent_bus::{AXES, Feedback, Setpoint};
+use evolvent_drive::{
+    Brake, BrakeState, Command, DriveAlarm, DriveState, FeedbackWatch, PowerRequest, Presence, WatchSettings,
+};
+
+const PERIOD_NS: u64 = 1_000_000;
+const PERIOD_S: f64 = 1e-3;
+const LEAD: u64 = 2;
+/// Velocity, acceleration, jerk.
+const LIMITS: [f64; 3] = [500.0, 5_000.0, 200_000.0];
+
+struct Random(u64);
+
+impl Random {
+    fn new() -> Self {
+        let given = std::env::var("EVOLVENT_SEED")
+            .ok()
+            .and_then(|text| text.parse().ok());
+        let seed: u64 = given.unwrap_or_else(|| {
+            std::time::SystemTime::now()
+                .duration_since(std::time::UNIX_EPOCH)
+                .map_or(1, |since| since.as_nanos() as u64)
+        });
+        println!("EVOLVENT_SEED={seed}");
+        Self(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1)
+    }
+
+    fn between(&mut self, low: f64, high: f64) -> f64 {
+        self.0 ^= self.0 >> 12;
+        self.0 ^= self.0 << 25;
+        self.0 ^= self.0 >> 27;
+        let bits = self.0.wrapping_mul(0x2545_F491_4F6C_DD1D);
+        low + (high - low) * (bits >> 11) as f64 / (1_u64 << 53) as f64
+    }
+}
+
+fn settings() -> SimSettings {
+    let mut settings = SimSettings::usual("XYZ", PERIOD_NS);
+    for axis in &mut settings.axes {
+        (axis.max_velocity, axis.max_acceleration, axis.max_jerk) = (LIMITS[0], LIMITS[1], LIMITS[2]);
+        axis.servo.strongest = 2.0 * LIMITS[1];
+        (axis.travel_min, axis.travel_max) = (-1e5, 1e5);
+    }
+    settings
+}
+
+/// A core that waits for its drives, moves three axes for ever, and stops each within its limits at an alarm.
+struct Core {
+    watch: FeedbackWatch,
+    cycle: u64,
+    /// Cycle at which motion began.
+    moving_since: Option<u64>,
+    stop: Option<(u64, [Brake; 3])>,
+    last: [BrakeState; 3],
+    alarm: Option<DriveAlarm>,
+    power: PowerRequest,
+}
+
+impl Core {
+    fn new() -> Self {
+        Self {
+            watch: FeedbackWatch::new(WatchSettings::new(PERIOD_NS, 0b111)),
+            cycle: 0,
+            moving_since: None,
+            stop: None,
+            last: [BrakeState::default(); 3],
+            alarm: None,
+            power: PowerRequest::On,
+        }
+    }
+
+    fn motion(axis: usize, time_s: f64) -> BrakeState {
+        let (size, turn) = [(10.0, 14.0), (8.0, 11.0), (5.0, 17.0)][axis];
+        let angle: f64 = turn * time_s;
+        BrakeState {
+            position: size * (angle - angle.sin()),
+            velocity: size * turn * (1.0 - angle.cos()),
+            acceleration: size * turn * turn * angle.sin(),
+        }
+    }
+
+    /// One cycle at `now_ns`; the newest feedback in, the setpoint out.
+    fn cycle(&mut self, now_ns: u64, feedback: Option<&Feedback>) -> Setpoint {
+        if let Some((since, brakes)) = &self.stop {
+            let time_s = (self.cycle - since) as f64 * PERIOD_S;
+            self.last = brakes.map(|brake| brake.at(time_s));
+        } else if let Some(since) = self.moving_since {
+            let time_s = (self.cycle - since) as f64 * PERIOD_S;
+            self.last = core::array::from_fn(|axis| Self::motion(axis, time_s));
+        }
+        let mut setpoint = Setpoint {
+            sequence: self.cycle,
+            due_time_ns: now_ns + LEAD * PERIOD_NS,
+            period_ns: PERIOD_NS,
+            axes_mask: 0b111,
+            power_request: self.power.number(),
+            ..Setpoint::default()
+        };
+        for (axis, state) in self.last.into_iter().enumerate() {
+            setpoint.position[axis] = state.position;
+            setpoint.velocity[axis] = state.velocity;
+            setpoint.acceleration[axis] = state.acceleration;
+        }
+        match self.watch.step(now_ns, &Command::of(&setpoint), feedback) {
+            Ok(Presence::Operational) if self.alarm.is_none() => {
+                self.moving_since.get_or_insert(self.cycle + 1);
+            }
+            Ok(_) => {}
+            Err(alarm) => {
+                if self.alarm.is_none() {
+                    self.alarm = Some(alarm);
+                    let brakes = self.last.map(|state| Brake::new(state, LIMITS[1], LIMITS[2]));
+                    self.stop = Some((self.cycle, brakes));
+                    if !alarm.drives_follow() {
+                        self.power = PowerRequest::QuickStop;
+                    }
+                }
+            }
+        }
+        self.cycle += 1;
+        setpoint
+    }
+}
+
+struct Outcome {
+    alarm: Option<DriveAlarm>,
+    /// Between the fault and the alarm, ns.
+    noticed_ns: u64,
+    /// Speed of each axis at the end.
+    speed: [f64; 3],
+    /// Largest velocity and acceleration of the axes as shares of the limits.
+    shares: [f64; 2],
+    states: Vec<DriveState>,
+}
+
+/// A run with one fault; both sides by their own clocks, the drives' half a period off and drifting.
+fn run(fault: Option<Fault>, seconds: f64) -> Outcome {
+    let mut bridge = SimBridge::new(&settings()).expect("limits");
+    bridge.add_fault(fault.unwrap_or(Fault {
+        kind: FaultKind::Late,
+        at_ns: u64::MAX,
+        duration_ns: None,
+        axis: None,
+    }));
+    let mut core = Core::new();
+    let mut on_the_way: VecDeque<Feedback> = VecDeque::new();
+    let mut outcome = Outcome {
+        alarm: None,
+        noticed_ns: 0,
+        speed: [0.0; 3],
+        shares: [0.0; 2],
+        states: Vec::new(),
+    };
+    let blocked = fault
+        .filter(|fault| fault.kind == FaultKind::Blocked)
+        .map(|fault| fault.axis);
+    let mut velocity = [0.0; 3];
+    for cycle in 0..(seconds / PERIOD_S) as u64 {
+        let now_ns = 1_000_000_000 + cycle * PERIOD_NS;
+        // What was sent a period ago is there now.
+        let newest = on_the_way.drain(..).next_back();
+        let setpoint = core.cycle(now_ns, newest.as_ref());
+        bridge.offer(now_ns, &setpoint);
+        let drives_ns = now_ns + 400_000 + cycle * 50;
+        on_the_way.extend(bridge.step(drives_ns));
+        if outcome.alarm.is_none()
+            && let (Some(alarm), Some(since_ns), Some(fault)) =
+                (core.alarm, bridge.operating_since_ns(), fault)
+        {
+            outcome.alarm = Some(alarm);
+            outcome.noticed_ns = (now_ns - since_ns).saturating_sub(fault.at_ns);
+        }
+        for (i, drive) in bridge.drives().iter().enumerate() {
+            let now = drive.servo().velocity;
+            if blocked != Some(Some(i)) {
+                outcome.shares[0] = outcome.shares[0].max(now.abs() / LIMITS[0]);
+                outcome.shares[1] = outcome.shares[1].max((now - velocity[i]).abs() / PERIOD_S / LIMITS[1]);
+            }
+            velocity[i] = now;
+        }
+    }
+    outcome.alarm = outcome.alarm.or(core.alarm);
+    outcome.speed = velocity.map(f64::abs);
+    outcome.states = bridge.drives().iter().map(|drive| drive.state()).collect();
+    outcome
+}
+
+#[test]
+fn a_minute_without_a_fault_raises_nothing_and_the_axes_move() {
+    let outcome = run(None, 60.0);
+    assert_eq!(outcome.alarm, None);
+    assert!(outcome.shares[0] > 0.5, "{:?}", outcome.shares);
+    assert!(
+        outcome.shares.iter().all(|share| *share < 1.0),
+        "{:?}",
+        outcome.shares
+    );
+}
+
+/// Whether an alarm is the right name for a fault of an axis.
+fn is_right(kind: FaultKind, axis: usize, alarm: &DriveAlarm) -> bool {
+    match kind {
+        FaultKind::Late | FaultKind::Silent => matches!(alarm, DriveAlarm::Stale { .. }),
+        FaultKind::Frozen => matches!(alarm, DriveAlarm::Frozen { .. }),
+        FaultKind::Stuck => {
+            matches!(alarm, DriveAlarm::FrozenAxis { axis: named, .. } | DriveAlarm::FollowingError { axis: named, .. } if *named == axis)
+        }
+        FaultKind::Fault => {
+            matches!(alarm, DriveAlarm::DriveFault { axis: named, error_code: 0x8611, .. } if *named == axis)
+        }
+        FaultKind::Off => matches!(alarm, DriveAlarm::DriveOff { axis: named, .. } if *named == axis),
+        FaultKind::Jump => matches!(alarm, DriveAlarm::Jump { axis: named, .. } if *named == axis),
+        FaultKind::Blocked => {
+            matches!(alarm, DriveAlarm::FollowingError { axis: named, .. } | DriveAlarm::FrozenAxis { axis: named, .. } if *named == axis)
+        }
+        FaultKind::Nan => matches!(alarm, DriveAlarm::NotFinite { axis: named } if *named == axis),
+    }
+}
+
+#[test]
+fn each_kind_of_fault_at_50_random_moments_is_named_and_ends_at_rest_within_the_limits() {
+    let mut random = Random::new();
+    for (kind, name) in FaultKind::ALL {
+        let (mut slowest_ns, mut shares) = (0, [0.0_f64; 2]);
+        for _ in 0..50 {
+            let axis = random.between(0.0, 3.0) as usize;
+            let fault = Fault {
+                kind,
+                at_ns: random.between(0.05e9, 1.5e9) as u64,
+                duration_ns: None,
+                axis: Some(axis),
+            };
+            let outcome = run(Some(fault), 3.5);
+            let Some(alarm) = outcome.alarm else {
+                unreachable!("{fault}: no alarm");
+            };
+            assert!(is_right(kind, axis, &alarm), "{fault}: {alarm}");
+            assert!(
+                outcome.speed.iter().all(|speed| *speed < 1e-3),
+                "{fault}: {:?}",
+                outcome.speed
+            );
+            for i in 0..2 {
+                shares[i] = shares[i].max(outcome.shares[i]);
+            }
+            slowest_ns = slowest_ns.max(outcome.noticed_ns);
+        }
+        println!(
+            "{name}: noticed within {} ms, shares of the limits {shares:.3?}",
+            slowest_ns / 1_000_000
+        );
+        // The loop's response to a ramp of full acceleration overshoots a little.
+        assert!(shares[0] <= 1.0 && shares[1] <= 1.15, "{name}: {shares:?}");
+    }
+}
+
+#[test]
+fn a_fault_of_one_drive_stops_the_others_quickly() {
+    let fault = "fault@0.4:Y".parse().expect("a fault");
+    let outcome = run(Some(fault), 3.0);
+    assert_eq!(
+        outcome.states,
+        [
+            DriveState::SwitchOnDisabled,
+            DriveState::Fault,
+            DriveState::SwitchOnDisabled
+        ]
+    );
+}
+
+/// Setpoints that stop for ever, at random moments: the bridge alone brings the axes to rest.
+#[test]
+fn when_the_core_dies_at_50_random_moments_the_drives_stop_by_themselves_within_the_limits() {
+    let mut random = Random::new();
+    let mut worst = 0.0_f64;
+    for _ in 0..50 {
+        let dies = random.between(60.0, 1500.0) as u64;
+        let mut bridge = SimBridge::new(&settings()).expect("limits");
+        let mut core = Core::new();
+        let (mut newest, mut velocity) = (None, [0.0; 3]);
+        let mut at_death = [0.0; 3];
+        for cycle in 0..dies + 1500 {
+            let now_ns = 1_000_000_000 + cycle * PERIOD_NS;
+            if cycle < dies {
+                let setpoint = core.cycle(now_ns, newest.as_ref());
+                bridge.offer(now_ns, &setpoint);
+            }
+            newest = bridge.step(now_ns + 300_000);
+            for (i, drive) in bridge.drives().iter().enumerate() {
+                let now = drive.servo().velocity;
+                worst = worst.max((now - velocity[i]).abs() / PERIOD_S / LIMITS[1]);
+                velocity[i] = now;
+                if cycle < dies {
+                    at_death[i] = drive.servo().position;
+                }
+            }
+        }
+        assert!(core.alarm.is_none(), "{:?}", core.alarm);
+        for (i, drive) in bridge.drives().iter().enumerate() {
+            assert!(drive.servo().velocity.abs() < 1e-3);
+            assert_eq!(drive.state(), DriveState::OperationEnabled, "held under torque");
+            let v = LIMITS[0];
+            let way = v * 0.02 + v * v / (2.0 * LIMITS[1]) + v * LIMITS[1] / LIMITS[2];
+            assert!((drive.servo().position - at_death[i]).abs() < way);
+        }
+    }
+    assert!(worst <= 1.15, "{worst}");
+}
+
+#[test]
+fn the_same_inputs_give_the_same_feedback_to_the_bit() {
+    let feedback = || {
+        let mut bridge = SimBridge::new(&settings()).expect("limits");
+        let mut core = Core::new();
+        let mut newest = None;
+        let mut all = Vec::new();
+        for cycle in 0..500 {
+            let now_ns = 1_000_000_000 + cycle * PERIOD_NS;
+            let setpoint = core.cycle(now_ns, newest.as_ref());
+            bridge.offer(now_ns, &setpoint);
+            newest = bridge.step(now_ns + 300_000);
+            all.extend(newest.map(|feedback| feedback.position.map(f64::to_bits)));
+        }
+        all
+    };
+    let first: Vec<[u64; AXES]> = feedback();
+    assert!(first.len() > 400 && first == feedback());
+}
