@@ -39,7 +39,7 @@ pub struct DriveOrder {
 ///
 /// Rules that keep an axis from moving by surprise:
 /// - until operation is enabled the target is the actual position, so that enabling moves nothing;
-/// - after a fault or a quick stop power stays off until the request has once been another than *on*;
+/// - after a fault or a quick stop power stays off until the request has once been *off*;
 /// - a fault is reset only when the counter of resets has grown, by one edge.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Cia402 {
@@ -65,7 +65,7 @@ impl Cia402 {
         self.resets_done
     }
 
-    /// Whether power stays off until the request has once been another than *on*.
+    /// Whether power stays off until the request has once been *off*.
     #[must_use]
     pub const fn is_locked_out(&self) -> bool {
         self.locked_out
@@ -84,13 +84,14 @@ impl Cia402 {
         actual: f64,
     ) -> DriveOrder {
         let state = DriveState::decode(status_word);
-        if request != PowerRequest::On {
-            self.locked_out = false;
-        } else if matches!(
+        let has_stopped = matches!(
             state,
             Some(DriveState::Fault | DriveState::FaultReactionActive | DriveState::QuickStopActive)
-        ) {
-            self.locked_out = true;
+        );
+        match request {
+            PowerRequest::Off => self.locked_out = false,
+            PowerRequest::QuickStop => self.locked_out = true,
+            PowerRequest::On => self.locked_out |= has_stopped,
         }
         let wants_power = request == PowerRequest::On && !self.locked_out;
         let control_word = match state {

@@ -2,6 +2,7 @@
 
 mod bore;
 mod chatter;
+mod bridge;
 mod check;
 mod ctl;
 mod ctl_status;
@@ -61,6 +62,8 @@ enum Command {
     Ctl(ctl::CtlArgs),
     /// What this host can do for a real-time loop, measured, and what to change.
     Doctor(doctor::DoctorArgs),
+    /// Simulated drives, and a test for drive bridges.
+    Bridge(bridge::BridgeArgs),
     /// Look into traces, and recover torn ones.
     Trace(trace::TraceArgs),
 }
@@ -98,6 +101,7 @@ fn main() -> ExitCode {
         Command::Serve(args) => serve::run(args, &mut out, &mut err),
         Command::Ctl(args) => ctl::run(args, &mut out, &mut err),
         Command::Doctor(args) => doctor::run(args, &mut out, &mut err).map(|()| Ending::Clean),
+        Command::Bridge(args) => bridge::run(args, &mut out, &mut err),
         Command::Trace(args) => trace::run(args, &mut out, &mut err),
     };
     match result {

@@ -1,0 +1,181 @@
+//! The bridge under test: something that can be started, ended and perhaps killed.
+
+use core::time::Duration;
+use std::process::{Child, Command, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+use std::time::Instant;
+
+use evolvent_bridge_sim::{RunSettings, run};
+use thiserror::Error;
+
+/// Why a bridge was not started.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+#[error("{what} could not be started ({cause}): check the command")]
+pub struct StartError {
+    what: String,
+    cause: String,
+}
+
+/// A bridge that the suite can handle.
+pub trait BridgeUnderTest {
+    /// Starts it on the bus of a machine; it waits for its core by itself.
+    ///
+    /// # Errors
+    /// It cannot be started.
+    fn start(&mut self, machine_name: &str, prefix: &str) -> Result<(), StartError>;
+
+    /// Ends it in good order.
+    fn end(&mut self);
+
+    /// Kills it without any chance to clean up (SIGKILL).
+    fn kill(&mut self);
+
+    /// Whether it can be killed.
+    fn can_be_killed(&self) -> bool {
+        true
+    }
+
+    /// Whether it runs.
+    fn is_running(&mut self) -> bool;
+}
+
+/// A command. `{name}` and `{prefix}` in its arguments stand for the machine's name and iceoryx2's prefix; both are in the
+/// environment too, as `EVOLVENT_MACHINE_NAME` and `EVOLVENT_BUS_PREFIX`.
+#[derive(Debug)]
+pub struct ProcessBridge {
+    command: Vec<String>,
+    child: Option<Child>,
+}
+
+impl ProcessBridge {
+    /// A command: the program and its arguments.
+    #[must_use]
+    pub const fn new(command: Vec<String>) -> Self {
+        Self { command, child: None }
+    }
+}
+
+impl BridgeUnderTest for ProcessBridge {
+    fn start(&mut self, machine_name: &str, prefix: &str) -> Result<(), StartError> {
+        self.end();
+        let fill = |text: &String| text.replace("{name}", machine_name).replace("{prefix}", prefix);
+        let failed = |cause: String| StartError {
+            what: self.command.join(" "),
+            cause,
+        };
+        let program = self
+            .command
+            .first()
+            .ok_or_else(|| failed("no command".to_owned()))?;
+        let child = Command::new(fill(program))
+            .args(self.command.iter().skip(1).map(fill))
+            .env("EVOLVENT_MACHINE_NAME", machine_name)
+            .env("EVOLVENT_BUS_PREFIX", prefix)
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .spawn()
+            .map_err(|cause| failed(cause.to_string()))?;
+        self.child = Some(child);
+        Ok(())
+    }
+
+    fn end(&mut self) {
+        let Some(mut child) = self.child.take() else {
+            return;
+        };
+        // The system's own `kill`, so that nothing here needs the raw call.
+        let _sent = Command::new("kill")
+            .arg("-TERM")
+            .arg(child.id().to_string())
+            .status();
+        let deadline = Instant::now() + Duration::from_secs(3);
+        while Instant::now() < deadline {
+            if !matches!(child.try_wait(), Ok(None)) {
+                return;
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        let _gone = child.kill();
+        let _gone = child.wait();
+    }
+
+    fn kill(&mut self) {
+        if let Some(mut child) = self.child.take() {
+            let _gone = child.kill();
+            let _gone = child.wait();
+        }
+    }
+
+    fn is_running(&mut self) -> bool {
+        matches!(self.child.as_mut().map(Child::try_wait), Some(Ok(None)))
+    }
+}
+
+impl Drop for ProcessBridge {
+    fn drop(&mut self) {
+        self.end();
+    }
+}
+
+/// The simulated bridge on a thread of this process.
+#[derive(Debug, Default)]
+pub struct ThreadBridge {
+    running: Option<(Arc<AtomicBool>, JoinHandle<()>)>,
+}
+
+impl BridgeUnderTest for ThreadBridge {
+    fn start(&mut self, machine_name: &str, prefix: &str) -> Result<(), StartError> {
+        self.end();
+        let settings = RunSettings {
+            machine_name: machine_name.to_owned(),
+            prefix: Some(prefix.to_owned()),
+            drives: None,
+            faults: Vec::new(),
+            drift_ppm: 50.0,
+            duration: None,
+        };
+        let stop = Arc::new(AtomicBool::new(false));
+        let stopped = Arc::clone(&stop);
+        let thread = std::thread::Builder::new()
+            .name("bridge".to_owned())
+            .spawn(move || {
+                // What went wrong shows in the feedback that does not come.
+                let _report = run(&settings, &stopped, |_, _| {});
+            })
+            .map_err(|cause| StartError {
+                what: "a thread".to_owned(),
+                cause: cause.to_string(),
+            })?;
+        self.running = Some((stop, thread));
+        Ok(())
+    }
+
+    fn end(&mut self) {
+        if let Some((stop, thread)) = self.running.take() {
+            stop.store(true, Ordering::Relaxed);
+            let _ended = thread.join();
+        }
+    }
+
+    fn kill(&mut self) {
+        self.end();
+    }
+
+    fn can_be_killed(&self) -> bool {
+        false
+    }
+
+    fn is_running(&mut self) -> bool {
+        self.running
+            .as_ref()
+            .is_some_and(|(_, thread)| !thread.is_finished())
+    }
+}
+
+impl Drop for ThreadBridge {
+    fn drop(&mut self) {
+        self.end();
+    }
+}

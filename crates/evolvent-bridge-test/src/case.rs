@@ -1,0 +1,179 @@
+//! What a case is, and how one is run.
+
+use std::path::PathBuf;
+
+use evolvent_bus::remove_private_domain;
+use thiserror::Error;
+
+use crate::bridge::BridgeUnderTest;
+use crate::cases;
+use crate::test_core::TestCore;
+
+/// Why a bridge failed a case, or why the case could not be run.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+#[error("{0}")]
+pub struct CaseError(String);
+
+impl CaseError {
+    pub(crate) fn new(what: impl Into<String>) -> Self {
+        Self(what.into())
+    }
+}
+
+/// Where a case is played: one bridge, one bus.
+pub struct Stage<'a> {
+    /// The bridge under test.
+    pub bridge: &'a mut dyn BridgeUnderTest,
+    /// The machine's name.
+    pub machine_name: String,
+    /// iceoryx2's prefix.
+    pub prefix: String,
+    /// The `evolvent` program, which plays the core that is killed; such cases are left out without it.
+    pub core_program: Option<PathBuf>,
+    /// Picks the random moments.
+    pub seed: u64,
+    /// Random moments for each case that has some.
+    pub moments: u32,
+}
+
+impl Stage<'_> {
+    pub(crate) fn start_bridge(&mut self) -> Result<(), CaseError> {
+        let (name, prefix) = (self.machine_name.clone(), self.prefix.clone());
+        self.bridge
+            .start(&name, &prefix)
+            .map_err(|error| CaseError::new(error.to_string()))
+    }
+
+    pub(crate) fn open_core(&self) -> Result<TestCore, CaseError> {
+        TestCore::open(&self.machine_name, &self.prefix).map_err(|error| CaseError::new(error.to_string()))
+    }
+
+    /// A random number of `low` to `high`.
+    pub(crate) fn between(&mut self, low: f64, high: f64) -> f64 {
+        self.seed ^= self.seed << 13;
+        self.seed ^= self.seed >> 7;
+        self.seed ^= self.seed << 17;
+        low + (high - low) * (self.seed >> 11) as f64 / (1_u64 << 53) as f64
+    }
+}
+
+/// One demand on a bridge.
+#[derive(Clone, Copy)]
+pub struct Case {
+    /// Its name, for choosing it.
+    pub name: &'static str,
+    /// What a bridge must do.
+    pub demand: &'static str,
+    /// Whether the bridge is killed in it.
+    pub kills_bridge: bool,
+    /// Whether a core process is killed in it.
+    pub kills_core: bool,
+    pub(crate) play: fn(&mut Stage<'_>) -> Result<(), CaseError>,
+}
+
+macro_rules! case {
+    ($name:ident, $demand:literal, $kills_bridge:literal, $kills_core:literal) => {
+        Case {
+            name: stringify!($name),
+            demand: $demand,
+            kills_bridge: $kills_bridge,
+            kills_core: $kills_core,
+            play: cases::$name,
+        }
+    };
+}
+
+/// Every case.
+pub const CASES: [Case; 15] = [
+    case!(
+        bridge_first,
+        "started before its core it waits, then follows",
+        false,
+        false
+    ),
+    case!(core_first, "started after its core it follows", false, false),
+    case!(
+        feedback,
+        "answers every setpoint, in order, with fresh and finite numbers of every axis",
+        false,
+        false
+    ),
+    case!(
+        power,
+        "switches on without motion, stops quickly, switches off, and on again",
+        false,
+        false
+    ),
+    case!(
+        gaps,
+        "bridges single missing setpoints and counts them",
+        false,
+        false
+    ),
+    case!(
+        silence,
+        "brakes and holds when setpoints stop in motion, and stays when they go on elsewhere",
+        false,
+        false
+    ),
+    case!(
+        late,
+        "neither follows setpoints that come too late nor is upset by them",
+        false,
+        false
+    ),
+    case!(jump, "refuses a setpoint that no axis can reach", false, false),
+    case!(not_finite, "refuses numbers that are none", false, false),
+    case!(
+        version,
+        "follows nobody who speaks another interface version",
+        false,
+        false
+    ),
+    case!(
+        datum,
+        "names positions anew without motion when the datum changes",
+        false,
+        false
+    ),
+    case!(
+        core_restart,
+        "finds a core that was ended and started again at any moment",
+        false,
+        false
+    ),
+    case!(
+        bridge_restart,
+        "ended and started again at any moment it is another instance and comes up again",
+        false,
+        false
+    ),
+    case!(
+        core_kill,
+        "stops when its core is killed at any moment, and finds the next one",
+        false,
+        true
+    ),
+    case!(
+        bridge_kill,
+        "killed at any moment it leaves nothing that keeps the next one from coming up",
+        true,
+        false
+    ),
+];
+
+/// Runs one case on its bus, and clears the bus away. `Ok(false)` where it was left out.
+///
+/// # Errors
+/// What the bridge did wrong.
+pub fn run_case(case: &Case, stage: &mut Stage<'_>) -> Result<bool, CaseError> {
+    if (case.kills_bridge && !stage.bridge.can_be_killed())
+        || (case.kills_core && stage.core_program.is_none())
+    {
+        return Ok(false);
+    }
+    let result = (case.play)(stage);
+    stage.bridge.end();
+    let cleared = remove_private_domain(&stage.prefix).map_err(|error| CaseError::new(error.to_string()));
+    result.and(cleared).map(|()| true)
+}

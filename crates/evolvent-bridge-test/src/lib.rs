@@ -1,0 +1,29 @@
+//! What every drive bridge must do, whoever wrote it and in whatever language.
+//!
+//! ```text
+//!   suite: one case after the other
+//!     ├── TestCore ── setpoints, right and wrong ──► bus ──► bridge under test
+//!     │      ▲                                                     │
+//!     │      └──────────────────── feedback ◄──────────────────────┘
+//!     └── BridgeUnderTest: start, end, kill
+//! ```
+//!
+//! A case starts the bridge by way of [`BridgeUnderTest`], plays a core against it, well-behaved or not, and judges by
+//! the feedback alone. [`CASES`] names them all; [`run_case`] runs one on a bus of its own.
+//!
+//! [`ProcessBridge`] is any command. `evolvent bridge test -- COMMAND` runs the suite against it. [`ThreadBridge`] is
+//! the simulated bridge within this process; it cannot be killed, so cases with a kill leave it out.
+//!
+//! The first axis moves by some millimetres to and fro, slowly: do not run the suite against a machine whose axes may
+//! not.
+
+mod bridge;
+mod case;
+mod cases;
+mod core_process;
+mod test_core;
+
+pub use bridge::{BridgeUnderTest, ProcessBridge, StartError, ThreadBridge};
+pub use case::{CASES, Case, CaseError, Stage, run_case};
+pub use core_process::{CoreProcess, run_core};
+pub use test_core::{Seen, TestCore};

@@ -1,0 +1,258 @@
+//! A core that does what a case tells it: the right thing or the wrong one.
+
+use core::time::Duration;
+
+use evolvent_bridge_sim::monotonic_ns;
+use evolvent_bus::{AXES, BusConfig, BusError, CoreBus, Feedback, Setpoint};
+use evolvent_drive::{BridgeState, DriveState, PowerRequest};
+
+use crate::case::CaseError;
+
+/// The suite's period: slow enough for a busy machine.
+pub(crate) const PERIOD_NS: u64 = 2_000_000;
+/// Periods that a setpoint is sent before it is due.
+pub(crate) const LEAD: u64 = 30;
+/// Axes of the machine that the suite pretends to be.
+pub(crate) const LETTERS: &str = "XYZ";
+const AXES_MASK: u32 = 0b111;
+
+/// What one cycle saw.
+#[derive(Clone, Copy, Debug)]
+pub struct Seen {
+    /// When, in ns of CLOCK_MONOTONIC.
+    pub now_ns: u64,
+    /// The newest feedback.
+    pub feedback: Feedback,
+}
+
+/// What becomes of a setpoint.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Fate {
+    Sent,
+    Lost,
+}
+
+/// One core of the machine under test, run by hand, cycle by cycle.
+#[derive(Debug)]
+pub struct TestCore {
+    bus: CoreBus,
+    sequence: u64,
+    next_ns: u64,
+    /// Where the axes are commanded to be.
+    position: [f64; AXES],
+    velocity: f64,
+    acceleration: f64,
+    power: PowerRequest,
+    fault_reset: u32,
+    datum: u64,
+    feedback: Option<Feedback>,
+    /// Everything that came, in order.
+    log: Vec<Seen>,
+}
+
+impl TestCore {
+    /// Opens the bus as a core.
+    ///
+    /// # Errors
+    /// Another core lives, or the bus cannot be used.
+    pub fn open(machine_name: &str, prefix: &str) -> Result<Self, BusError> {
+        let mut config = BusConfig::new(machine_name, LETTERS, PERIOD_NS);
+        config.prefix = Some(prefix.to_owned());
+        Ok(Self {
+            bus: CoreBus::open(&config)?,
+            sequence: 0,
+            next_ns: monotonic_ns(),
+            position: [0.0; AXES],
+            velocity: 0.0,
+            acceleration: 0.0,
+            power: PowerRequest::Off,
+            fault_reset: 0,
+            datum: 0,
+            feedback: None,
+            log: Vec::new(),
+        })
+    }
+
+    /// The newest feedback.
+    #[must_use]
+    pub const fn feedback(&self) -> Option<&Feedback> {
+        self.feedback.as_ref()
+    }
+
+    /// Everything that has come since the last time this was asked.
+    pub fn take_log(&mut self) -> Vec<Seen> {
+        std::mem::take(&mut self.log)
+    }
+
+    pub(crate) fn request(&mut self, power: PowerRequest) {
+        self.power = power;
+    }
+
+    pub(crate) fn commanded(&self) -> [f64; AXES] {
+        self.position
+    }
+
+    pub(crate) fn rename(&mut self, shift: f64) {
+        self.datum += 1;
+        self.position[0] += shift;
+    }
+
+    /// One cycle: publishes, naps until the next is due, collects feedback.
+    pub(crate) fn cycle(&mut self, tamper: &mut dyn FnMut(&mut Setpoint) -> Fate) {
+        let mut setpoint = Setpoint {
+            sequence: self.sequence,
+            due_time_ns: self.next_ns + LEAD * PERIOD_NS,
+            period_ns: PERIOD_NS,
+            position: self.position,
+            axes_mask: AXES_MASK,
+            state: 1,
+            override_ratio: 1.0,
+            power_request: self.power.number(),
+            fault_reset: self.fault_reset,
+            datum: self.datum,
+            ..Setpoint::default()
+        };
+        setpoint.velocity[0] = self.velocity;
+        setpoint.acceleration[0] = self.acceleration;
+        self.sequence += 1;
+        if tamper(&mut setpoint) == Fate::Sent {
+            // One that does not leave is one that is lost: cases see what comes of it.
+            let _reached = self.bus.publish_setpoint(&setpoint);
+        }
+        self.next_ns += PERIOD_NS;
+        let now_ns = monotonic_ns();
+        if now_ns > self.next_ns + LEAD * PERIOD_NS / 2 {
+            // This process was kept from running: go on from here, as a restarted core would.
+            self.next_ns = now_ns;
+        }
+        std::thread::sleep(Duration::from_nanos(self.next_ns.saturating_sub(now_ns)));
+        let now_ns = monotonic_ns();
+        self.bus.admit_readers();
+        while let Ok(Some(feedback)) = self.bus.feedback() {
+            self.feedback = Some(feedback);
+            self.log.push(Seen { now_ns, feedback });
+        }
+    }
+
+    /// Cycles at rest.
+    pub(crate) fn rest(&mut self, seconds: f64) {
+        self.rest_with(seconds, &mut |_| Fate::Sent);
+    }
+
+    pub(crate) fn rest_with(&mut self, seconds: f64, tamper: &mut dyn FnMut(&mut Setpoint) -> Fate) {
+        (self.velocity, self.acceleration) = (0.0, 0.0);
+        for _ in 0..cycles(seconds) {
+            self.cycle(tamper);
+        }
+    }
+
+    /// Cycles at rest until something is seen in the feedback.
+    ///
+    /// # Errors
+    /// It is not seen in time.
+    pub(crate) fn until(
+        &mut self,
+        what: &'static str,
+        seconds: f64,
+        mut seen: impl FnMut(&Feedback) -> bool,
+    ) -> Result<Feedback, CaseError> {
+        (self.velocity, self.acceleration) = (0.0, 0.0);
+        let begin_ns = monotonic_ns();
+        loop {
+            self.cycle(&mut |_| Fate::Sent);
+            let fresh = self
+                .feedback
+                .filter(|feedback| feedback.time_ns.saturating_add(200_000_000) > monotonic_ns());
+            if let Some(feedback) = fresh.filter(|feedback| seen(feedback)) {
+                return Ok(feedback);
+            }
+            if monotonic_ns() - begin_ns > (seconds * 1e9) as u64 {
+                return Err(CaseError::new(format!(
+                    "{what}: not within {seconds} s; {}",
+                    self.describe()
+                )));
+            }
+        }
+    }
+
+    /// Waits for the bridge, goes to where the axes are, and switches the drives on.
+    ///
+    /// # Errors
+    /// No feedback, or no operation, in time.
+    pub(crate) fn bring_up(&mut self) -> Result<(), CaseError> {
+        self.request(PowerRequest::Off);
+        self.feedback = None;
+        self.until("feedback of a bridge", 15.0, |_| true)?;
+        // Where power was on the axes may still be coming to rest.
+        let at_rest =
+            |feedback: &Feedback| feedback.velocity[..3].iter().all(|velocity| velocity.abs() < 0.1);
+        let off =
+            |feedback: &Feedback| states(feedback).all(|state| state != Some(DriveState::OperationEnabled));
+        let from = self.sequence;
+        let here = self.until("axes at rest with the drives off", 5.0, |feedback| {
+            at_rest(feedback) && off(feedback) && feedback.sequence >= from
+        })?;
+        self.position = here.position;
+        self.rest(0.1);
+        self.request(PowerRequest::On);
+        self.until("drives in operation, following", 10.0, is_following)?;
+        Ok(())
+    }
+
+    /// A smooth move of the first axis, and back.
+    pub(crate) fn swing(&mut self, by: f64, seconds: f64, tamper: &mut dyn FnMut(&mut Setpoint) -> Fate) {
+        self.move_by(by, seconds / 2.0, tamper);
+        self.move_by(-by, seconds / 2.0, tamper);
+    }
+
+    /// A move of the first axis by the quintic from rest to rest.
+    pub(crate) fn move_by(&mut self, by: f64, seconds: f64, tamper: &mut dyn FnMut(&mut Setpoint) -> Fate) {
+        let from = self.position[0];
+        let count = cycles(seconds).max(1);
+        let whole_s = count as f64 * PERIOD_NS as f64 * 1e-9;
+        for i in 1..=count {
+            let u = i as f64 / count as f64;
+            let way = u * u * u * (10.0 + u * (6.0 * u - 15.0));
+            let speed = 30.0 * u * u * (1.0 + u * (u - 2.0));
+            let bend = 60.0 * u * (1.0 + u * (2.0 * u - 3.0));
+            self.position[0] = from + by * way;
+            self.velocity = by * speed / whole_s;
+            self.acceleration = by * bend / (whole_s * whole_s);
+            self.cycle(tamper);
+        }
+        (self.velocity, self.acceleration) = (0.0, 0.0);
+    }
+
+    /// The state of affairs in words, for errors.
+    pub(crate) fn describe(&self) -> String {
+        self.feedback.map_or("no feedback".to_owned(), |feedback| {
+            let drives: Vec<String> = states(&feedback)
+                .map(|state| state.map_or("unknown".to_owned(), |state| format!("{state:?}")))
+                .collect();
+            format!(
+                "bridge state {}, note {}, drives {}, missed {}, answers setpoint {} of {}",
+                feedback.bridge_state,
+                feedback.note,
+                drives.join(" "),
+                feedback.missed_setpoints,
+                feedback.sequence,
+                self.sequence
+            )
+        })
+    }
+}
+
+fn cycles(seconds: f64) -> u64 {
+    (seconds * 1e9 / PERIOD_NS as f64) as u64
+}
+
+pub(crate) fn states(feedback: &Feedback) -> impl Iterator<Item = Option<DriveState>> + '_ {
+    feedback.status_word[..LETTERS.len()]
+        .iter()
+        .map(|word| DriveState::decode((word & 0xFFFF) as u16))
+}
+
+pub(crate) fn is_following(feedback: &Feedback) -> bool {
+    states(feedback).all(|state| state == Some(DriveState::OperationEnabled))
+        && BridgeState::from_number(feedback.bridge_state) == Some(BridgeState::Following)
+}
