@@ -6,8 +6,11 @@ Needs `pip install iceoryx2==0.10.0` for the helpers; the structures alone need 
 Axes are in the order X Y Z A B C U V W.
 """
 
+from __future__ import annotations
+
 import ctypes
 import time
+from typing import Any, Optional
 
 INTERFACE_VERSION = 1
 AXES = 9
@@ -152,6 +155,27 @@ class Setpoint(ctypes.Structure):
     `sequence` grows by one from one setpoint to the next, so a gap is a lost setpoint and is seen as one.
     """
 
+    interface_version: int
+    struct_size: int
+    sequence: int
+    due_time_ns: int
+    period_ns: int
+    position: ctypes.Array[ctypes.c_double]
+    velocity: ctypes.Array[ctypes.c_double]
+    acceleration: ctypes.Array[ctypes.c_double]
+    position_increments: ctypes.Array[ctypes.c_int64]
+    state: int
+    flags: int
+    line: int
+    axes_mask: int
+    feed_mm_s: float
+    override_ratio: float
+    path_mm: float
+    power_request: int
+    fault_reset: int
+    datum: int
+    reserved: ctypes.Array[ctypes.c_uint64]
+
     _fields_ = [
         # Version of the bus contract that the sender was built for; receivers refuse another.
         ("interface_version", ctypes.c_uint32),
@@ -195,7 +219,7 @@ class Setpoint(ctypes.Structure):
         ("reserved", ctypes.c_uint64 * 3),
     ]
 
-    def __init__(self, **values):
+    def __init__(self, **values: Any) -> None:
         super().__init__(interface_version=1, struct_size=400, **values)
 
     @staticmethod
@@ -209,6 +233,70 @@ class Status(ctypes.Structure):
 
     The publisher sends at least ten a second; a reader that sees no new `sequence` for longer has lost its core.
     """
+
+    interface_version: int
+    struct_size: int
+    sequence: int
+    time_ns: int
+    cycles: int
+    period_ns: int
+    state: int
+    mode: int
+    machine_state: int
+    flags: int
+    line: int
+    axes_mask: int
+    homed_mask: int
+    tool: int
+    work_system: int
+    setpoint_subscribers: int
+    position_machine: ctypes.Array[ctypes.c_double]
+    position_work: ctypes.Array[ctypes.c_double]
+    distance_to_go: ctypes.Array[ctypes.c_double]
+    velocity: ctypes.Array[ctypes.c_double]
+    work_offset: ctypes.Array[ctypes.c_double]
+    tool_offset: ctypes.Array[ctypes.c_double]
+    path_mm: float
+    path_to_go_mm: float
+    feed_mm_s: float
+    feed_programmed_mm_s: float
+    override_ratio: float
+    rapid_override_ratio: float
+    spindle_override_ratio: float
+    spindle_rpm: float
+    late_cycles: int
+    dropped_records: int
+    dropped_setpoints: int
+    wake_lateness_ns: int
+    wake_lateness_p50_ns: int
+    wake_lateness_p999_ns: int
+    wake_lateness_max_ns: int
+    work_p50_ns: int
+    work_p999_ns: int
+    work_max_ns: int
+    alarm_count: int
+    program_length: int
+    alarms: ctypes.Array[ctypes.c_uint32]
+    program: ctypes.Array[ctypes.c_uint8]
+    activity: int
+    job_result: int
+    job: int
+    switches: int
+    power: int
+    enabled_mask: int
+    coolant: int
+    modal: ctypes.Array[ctypes.c_uint32]
+    home_offset: ctypes.Array[ctypes.c_double]
+    position_actual: ctypes.Array[ctypes.c_double]
+    following_error: ctypes.Array[ctypes.c_double]
+    feedback_age_ns: int
+    commands_accepted: int
+    commands_rejected: int
+    alarm_text_length: int
+    message_length: int
+    alarm_text: ctypes.Array[ctypes.c_uint8]
+    message: ctypes.Array[ctypes.c_uint8]
+    reserved: ctypes.Array[ctypes.c_uint64]
 
     _fields_ = [
         # Version of the bus contract that the sender was built for; receivers refuse another.
@@ -339,7 +427,7 @@ class Status(ctypes.Structure):
         ("reserved", ctypes.c_uint64 * 16),
     ]
 
-    def __init__(self, **values):
+    def __init__(self, **values: Any) -> None:
         super().__init__(interface_version=1, struct_size=1840, **values)
 
     @staticmethod
@@ -351,6 +439,29 @@ class Status(ctypes.Structure):
 class Feedback(ctypes.Structure):
     """A drive bridge's answer to one setpoint.
     """
+
+    interface_version: int
+    struct_size: int
+    sequence: int
+    time_ns: int
+    position: ctypes.Array[ctypes.c_double]
+    velocity: ctypes.Array[ctypes.c_double]
+    following_error: ctypes.Array[ctypes.c_double]
+    torque_ratio: ctypes.Array[ctypes.c_double]
+    phase_error_ns: int
+    status_word: ctypes.Array[ctypes.c_uint32]
+    axes_mask: int
+    home_switch_mask: int
+    positive_limit_mask: int
+    negative_limit_mask: int
+    bridge_state: int
+    note: int
+    error_code: int
+    fault_reset_done: int
+    missed_setpoints: int
+    datum: int
+    instance: int
+    reserved: ctypes.Array[ctypes.c_uint64]
 
     _fields_ = [
         # Version of the bus contract that the sender was built for; receivers refuse another.
@@ -399,7 +510,7 @@ class Feedback(ctypes.Structure):
         ("reserved", ctypes.c_uint64 * 2),
     ]
 
-    def __init__(self, **values):
+    def __init__(self, **values: Any) -> None:
         super().__init__(interface_version=1, struct_size=424, **values)
 
     @staticmethod
@@ -411,6 +522,17 @@ class Feedback(ctypes.Structure):
 class Load(ctypes.Structure):
     """A measured cutting load, from a drive or a sensor.
     """
+
+    interface_version: int
+    struct_size: int
+    sequence: int
+    time_ns: int
+    kind: int
+    source: int
+    value: float
+    range_min: float
+    range_max: float
+    reserved: ctypes.Array[ctypes.c_uint64]
 
     _fields_ = [
         # Version of the bus contract that the sender was built for; receivers refuse another.
@@ -435,7 +557,7 @@ class Load(ctypes.Structure):
         ("reserved", ctypes.c_uint64 * 4),
     ]
 
-    def __init__(self, **values):
+    def __init__(self, **values: Any) -> None:
         super().__init__(interface_version=1, struct_size=88, **values)
 
     @staticmethod
@@ -448,6 +570,19 @@ class ControlRequest(ctypes.Structure):
     """A command to the core. Whoever sends it chooses a number for itself once, at random, and counts its commands
     from 1 on: a command that is not newer than the last of the same client has no effect.
     """
+
+    interface_version: int
+    struct_size: int
+    client: int
+    serial: int
+    command: int
+    axes_mask: int
+    index: int
+    text_length: int
+    amount: float
+    values: ctypes.Array[ctypes.c_double]
+    text: ctypes.Array[ctypes.c_uint8]
+    reserved: ctypes.Array[ctypes.c_uint64]
 
     _fields_ = [
         # Version of the bus contract that the sender was built for; receivers refuse another.
@@ -476,7 +611,7 @@ class ControlRequest(ctypes.Structure):
         ("reserved", ctypes.c_uint64 * 8),
     ]
 
-    def __init__(self, **values):
+    def __init__(self, **values: Any) -> None:
         super().__init__(interface_version=1, struct_size=1208, **values)
 
     @staticmethod
@@ -488,6 +623,19 @@ class ControlRequest(ctypes.Structure):
 class ControlAnswer(ctypes.Structure):
     """The core's answer to one command.
     """
+
+    interface_version: int
+    struct_size: int
+    client: int
+    serial: int
+    verdict: int
+    alarm: int
+    sequence: int
+    job: int
+    text_length: int
+    command: int
+    text: ctypes.Array[ctypes.c_uint8]
+    reserved: ctypes.Array[ctypes.c_uint64]
 
     _fields_ = [
         # Version of the bus contract that the sender was built for; receivers refuse another.
@@ -516,7 +664,7 @@ class ControlAnswer(ctypes.Structure):
         ("reserved", ctypes.c_uint64 * 8),
     ]
 
-    def __init__(self, **values):
+    def __init__(self, **values: Any) -> None:
         super().__init__(interface_version=1, struct_size=632, **values)
 
     @staticmethod
@@ -525,7 +673,7 @@ class ControlAnswer(ctypes.Structure):
         return "evolvent.ControlAnswer.v1"
 
 
-def open_node(prefix=None):
+def open_node(prefix: Optional[str] = None) -> Any:
     """An iceoryx2 node, in the domain of `prefix` or in the usual one."""
     import iceoryx2 as iox2
 
@@ -540,7 +688,7 @@ def open_node(prefix=None):
     ).create(iox2.ServiceType.Ipc)
 
 
-def open_service(node, machine_name, channel, payload, timeout_s=10.0):
+def open_service(node: Any, machine_name: str, channel: str, payload: type, timeout_s: float = 10.0) -> Any:
     """The publish-subscribe service `evolvent/MACHINE_NAME/CHANNEL`, waiting for its core to come up.
 
     Fails with TimeoutError where there is no core, with RuntimeError where it speaks another version.
@@ -567,18 +715,20 @@ def open_service(node, machine_name, channel, payload, timeout_s=10.0):
 class Reader:
     """Messages of one channel, in order."""
 
-    def __init__(self, machine_name, channel, payload, prefix=None, timeout_s=10.0):
+    def __init__(
+        self, machine_name: str, channel: str, payload: type, prefix: Optional[str] = None, timeout_s: float = 10.0
+    ) -> None:
         self._payload = payload
         self._node = open_node(prefix)
         self._service = open_service(self._node, machine_name, channel, payload, timeout_s)
         self._subscriber = self._service.subscriber_builder().create()
 
     @property
-    def attributes(self):
+    def attributes(self) -> dict[str, str]:
         """The service's attributes as a dict of texts."""
         return {a.key.to_string(): a.value.to_string() for a in self._service.attributes.values}
 
-    def receive(self):
+    def receive(self) -> Any:
         """A copy of the oldest message not read yet, or None. Does not wait."""
         sample = self._subscriber.receive()
         if sample is None:
@@ -592,11 +742,11 @@ class Reader:
         return message
 
 
-def open_setpoints(machine_name, prefix=None, timeout_s=10.0):
+def open_setpoints(machine_name: str, prefix: Optional[str] = None, timeout_s: float = 10.0) -> Reader:
     """A reader of every setpoint from now on; more than the buffer behind, it loses the oldest."""
     return Reader(machine_name, "setpoint", Setpoint, prefix, timeout_s)
 
 
-def open_status(machine_name, prefix=None, timeout_s=10.0):
+def open_status(machine_name: str, prefix: Optional[str] = None, timeout_s: float = 10.0) -> Reader:
     """A reader of the latest status."""
     return Reader(machine_name, "status", Status, prefix, timeout_s)

@@ -175,5 +175,28 @@ pub fn run_case(case: &Case, stage: &mut Stage<'_>) -> Result<bool, CaseError> {
     let result = (case.play)(stage);
     stage.bridge.end();
     let cleared = remove_private_domain(&stage.prefix).map_err(|error| CaseError::new(error.to_string()));
-    result.and(cleared).map(|()| true)
+    result.and(cleared)?;
+    match remains(&stage.prefix) {
+        left if left.is_empty() => Ok(true),
+        left => Err(CaseError::new(format!(
+            "left in shared memory: {}",
+            left.join(", ")
+        ))),
+    }
+}
+
+/// Files of a prefix that nobody has cleared away.
+fn remains(prefix: &str) -> Vec<String> {
+    let mut found = Vec::new();
+    let mut folders = vec![PathBuf::from("/dev/shm"), PathBuf::from("/tmp/iceoryx2")];
+    while let Some(folder) = folders.pop() {
+        for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+            if entry.file_name().to_string_lossy().starts_with(prefix) {
+                found.push(entry.path().display().to_string());
+            } else if entry.path().is_dir() {
+                folders.push(entry.path());
+            }
+        }
+    }
+    found
 }

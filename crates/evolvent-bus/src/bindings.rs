@@ -1,7 +1,7 @@
 //! The C header and the Python module, written from the same tables as the Rust structs.
 
 use crate::domain::{ATTRIBUTE_AXES, ATTRIBUTE_INTERFACE, ATTRIBUTE_PERIOD};
-use crate::layout::{AXES, FieldLayout, Payload, StructLayout};
+use crate::layout::{AXES, FieldLayout, Payload, Scalar, StructLayout};
 use crate::{
     ACTIVITIES, BRIDGE_NOTES, BRIDGE_STATES, COMMANDS, ControlAnswer, ControlRequest, EventKind, Feedback,
     INTERFACE_VERSION, JOB_RESULTS, LOAD_KINDS, Load, MACHINE_STATES, MODES, POWER_REQUESTS, SETPOINT_FLAGS,
@@ -176,7 +176,7 @@ pub fn python_module() -> String {
          Generated: do not edit, run `{COMMAND}`.\n\n\
          Needs `pip install iceoryx2==0.10.0` for the helpers; the structures alone need nothing.\n\
          Axes are in the order X Y Z A B C U V W.\n\"\"\"\n\n\
-         import ctypes\nimport time\n\n\
+         from __future__ import annotations\n\nimport ctypes\nimport time\nfrom typing import Any, Optional\n\n\
          INTERFACE_VERSION = {INTERFACE_VERSION}\nAXES = {AXES}\n\
          ATTRIBUTE_INTERFACE = \"{ATTRIBUTE_INTERFACE}\"\n\
          ATTRIBUTE_PERIOD = \"{ATTRIBUTE_PERIOD}\"\n\
@@ -206,7 +206,16 @@ fn python_class(out: &mut String, layout: &StructLayout) {
             doc.join("\n    ").replace("\n    \n", "\n\n")
         ),
     );
-    out.push_str("    _fields_ = [\n");
+    for field in layout.fields {
+        let element = field.scalar.ctypes_name();
+        let kind = match (field.count, field.scalar) {
+            (Some(_), _) => format!("ctypes.Array[ctypes.{element}]"),
+            (None, Scalar::F64) => "float".to_owned(),
+            (None, _) => "int".to_owned(),
+        };
+        push(out, format_args!("    {}: {kind}\n", field.name));
+    }
+    out.push_str("\n    _fields_ = [\n");
     for field in layout.fields {
         let array = field.count.map(|count| format!(" * {count}")).unwrap_or_default();
         push(out, format_args!("        #{}\n", field.doc));
@@ -220,7 +229,7 @@ fn python_class(out: &mut String, layout: &StructLayout) {
         );
     }
     out.push_str("    ]\n\n");
-    out.push_str("    def __init__(self, **values):\n");
+    out.push_str("    def __init__(self, **values: Any) -> None:\n");
     push(
         out,
         format_args!(
@@ -235,7 +244,7 @@ fn python_class(out: &mut String, layout: &StructLayout) {
 
 const PYTHON_HELPERS: &str = r#"
 
-def open_node(prefix=None):
+def open_node(prefix: Optional[str] = None) -> Any:
     """An iceoryx2 node, in the domain of `prefix` or in the usual one."""
     import iceoryx2 as iox2
 
@@ -250,7 +259,7 @@ def open_node(prefix=None):
     ).create(iox2.ServiceType.Ipc)
 
 
-def open_service(node, machine_name, channel, payload, timeout_s=10.0):
+def open_service(node: Any, machine_name: str, channel: str, payload: type, timeout_s: float = 10.0) -> Any:
     """The publish-subscribe service `evolvent/MACHINE_NAME/CHANNEL`, waiting for its core to come up.
 
     Fails with TimeoutError where there is no core, with RuntimeError where it speaks another version.
@@ -277,18 +286,20 @@ def open_service(node, machine_name, channel, payload, timeout_s=10.0):
 class Reader:
     """Messages of one channel, in order."""
 
-    def __init__(self, machine_name, channel, payload, prefix=None, timeout_s=10.0):
+    def __init__(
+        self, machine_name: str, channel: str, payload: type, prefix: Optional[str] = None, timeout_s: float = 10.0
+    ) -> None:
         self._payload = payload
         self._node = open_node(prefix)
         self._service = open_service(self._node, machine_name, channel, payload, timeout_s)
         self._subscriber = self._service.subscriber_builder().create()
 
     @property
-    def attributes(self):
+    def attributes(self) -> dict[str, str]:
         """The service's attributes as a dict of texts."""
         return {a.key.to_string(): a.value.to_string() for a in self._service.attributes.values}
 
-    def receive(self):
+    def receive(self) -> Any:
         """A copy of the oldest message not read yet, or None. Does not wait."""
         sample = self._subscriber.receive()
         if sample is None:
@@ -302,12 +313,12 @@ class Reader:
         return message
 
 
-def open_setpoints(machine_name, prefix=None, timeout_s=10.0):
+def open_setpoints(machine_name: str, prefix: Optional[str] = None, timeout_s: float = 10.0) -> Reader:
     """A reader of every setpoint from now on; more than the buffer behind, it loses the oldest."""
     return Reader(machine_name, "setpoint", Setpoint, prefix, timeout_s)
 
 
-def open_status(machine_name, prefix=None, timeout_s=10.0):
+def open_status(machine_name: str, prefix: Optional[str] = None, timeout_s: float = 10.0) -> Reader:
     """A reader of the latest status."""
     return Reader(machine_name, "status", Status, prefix, timeout_s)
 "#;

@@ -1,0 +1,202 @@
+//! The bus for C: what a drive bridge needs, as five functions. The header is `tools/include/evolvent_bridge.h`, an
+//! example `tools/examples/bridge.c`.
+//!
+//! iceoryx2's own C binding is in no package registry at the version that the bus speaks, so a bridge in C would have to
+//! be built with a checkout of it. This library is built with the rest (`cargo build -p evolvent-bus-c`) and speaks the
+//! same version for certain.
+//!
+//! A handle belongs to the thread that opened it. Nothing here panics across the border: what goes wrong is a return
+//! value and a sentence.
+
+use core::ffi::{CStr, c_char, c_int};
+use core::time::Duration;
+use std::ffi::CString;
+
+use evolvent_bus::{
+    ClientBus, ClientConfig, Feedback, FeedbackSender, ReceiveError, Setpoint, SetpointReader,
+};
+
+/// One bridge on one bus.
+#[derive(Debug)]
+pub struct EvolventBridge {
+    setpoints: SetpointReader,
+    feedback: FeedbackSender,
+    period_ns: u64,
+    axes: CString,
+    error: CString,
+    _client: ClientBus,
+}
+
+/// Something came.
+const SOME: c_int = 1;
+/// Nothing came, or all is well.
+const NONE: c_int = 0;
+/// The bus is broken; open it again.
+const BROKEN: c_int = -1;
+/// A setpoint of another interface version came; it was dropped.
+const VERSION: c_int = -2;
+
+fn text(pointer: *const c_char) -> Option<String> {
+    if pointer.is_null() {
+        return None;
+    }
+    // SAFETY: not null; the caller gives a text that ends with zero, as the header says.
+    let text = unsafe { CStr::from_ptr(pointer) };
+    text.to_str().ok().map(str::to_owned)
+}
+
+/// Copies a sentence into the caller's room, cut to fit and ended by zero.
+fn tell(sentence: &str, room: *mut c_char, size: usize) {
+    if room.is_null() || size == 0 {
+        return;
+    }
+    let count = sentence.len().min(size - 1);
+    // SAFETY: the caller's room has `size` bytes, as the header says, and `count + 1` is not more.
+    let room = unsafe { core::slice::from_raw_parts_mut(room.cast::<u8>(), count + 1) };
+    room[..count].copy_from_slice(&sentence.as_bytes()[..count]);
+    room[count] = 0;
+}
+
+/// Opens the bus of a machine as its bridge. See the header.
+///
+/// # Safety
+/// `machine_name` is a text ended by zero; `prefix` is one or null; `error` has room for `error_size` bytes or is null.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn evolvent_bridge_open(
+    machine_name: *const c_char,
+    prefix: *const c_char,
+    wait_ms: u32,
+    error: *mut c_char,
+    error_size: usize,
+) -> *mut EvolventBridge {
+    let Some(name) = text(machine_name) else {
+        tell("the machine's name is no text", error, error_size);
+        return core::ptr::null_mut();
+    };
+    let mut config = ClientConfig::new(&name);
+    config.prefix = text(prefix).filter(|prefix| !prefix.is_empty());
+    config.wait = Duration::from_millis(u64::from(wait_ms));
+    let opened = ClientBus::open(&config).and_then(|client| {
+        Ok(EvolventBridge {
+            setpoints: client.setpoints()?,
+            feedback: client.feedback_sender()?,
+            period_ns: client.period_ns(),
+            axes: CString::new(client.axes()).unwrap_or_default(),
+            error: CString::default(),
+            _client: client,
+        })
+    });
+    match opened {
+        Ok(bridge) => Box::into_raw(Box::new(bridge)),
+        Err(cause) => {
+            tell(&cause.to_string(), error, error_size);
+            core::ptr::null_mut()
+        }
+    }
+}
+
+/// Takes the oldest setpoint not taken yet. See the header.
+///
+/// # Safety
+/// `bridge` is open; `setpoint` has room for one.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn evolvent_bridge_receive(
+    bridge: *mut EvolventBridge,
+    setpoint: *mut Setpoint,
+) -> c_int {
+    // SAFETY: the caller gives an open bridge, or null.
+    let Some(bridge) = (unsafe { bridge.as_mut() }) else {
+        return BROKEN;
+    };
+    if setpoint.is_null() {
+        return BROKEN;
+    }
+    match bridge.setpoints.receive() {
+        Ok(Some(found)) => {
+            // SAFETY: not null, and the caller gives room for one setpoint; the layout is that of the header.
+            unsafe { setpoint.write_unaligned(found) };
+            SOME
+        }
+        Ok(None) => NONE,
+        Err(error) => {
+            bridge.error = CString::new(error.to_string()).unwrap_or_default();
+            if matches!(error, ReceiveError::Version { .. }) {
+                VERSION
+            } else {
+                BROKEN
+            }
+        }
+    }
+}
+
+/// Sends an answer. See the header.
+///
+/// # Safety
+/// `bridge` is open; `feedback` points to one.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn evolvent_bridge_send(
+    bridge: *mut EvolventBridge,
+    feedback: *const Feedback,
+) -> c_int {
+    // SAFETY: the caller gives an open bridge, or null.
+    let Some(bridge) = (unsafe { bridge.as_mut() }) else {
+        return BROKEN;
+    };
+    if feedback.is_null() {
+        return BROKEN;
+    }
+    // SAFETY: not null, and the caller gives one feedback; every bit pattern is a value of it.
+    let mut message = unsafe { feedback.read_unaligned() };
+    // The head is this library's affair.
+    let head = Feedback::default();
+    (message.interface_version, message.struct_size) = (head.interface_version, head.struct_size);
+    match bridge.feedback.send(&message) {
+        Ok(_) => NONE,
+        Err(error) => {
+            bridge.error = CString::new(error.to_string()).unwrap_or_default();
+            BROKEN
+        }
+    }
+}
+
+/// The core's period in ns; 0 for a null bridge.
+///
+/// # Safety
+/// `bridge` is open, or null.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn evolvent_bridge_period_ns(bridge: *const EvolventBridge) -> u64 {
+    // SAFETY: the caller gives an open bridge, or null.
+    unsafe { bridge.as_ref() }.map_or(0, |bridge| bridge.period_ns)
+}
+
+/// The letters of the machine's axes in order; lives as long as the bridge.
+///
+/// # Safety
+/// `bridge` is open, or null.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn evolvent_bridge_axes(bridge: *const EvolventBridge) -> *const c_char {
+    // SAFETY: the caller gives an open bridge, or null.
+    unsafe { bridge.as_ref() }.map_or(c"".as_ptr(), |bridge| bridge.axes.as_ptr())
+}
+
+/// What went wrong last, in a sentence; lives until the next call.
+///
+/// # Safety
+/// `bridge` is open, or null.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn evolvent_bridge_error(bridge: *const EvolventBridge) -> *const c_char {
+    // SAFETY: the caller gives an open bridge, or null.
+    unsafe { bridge.as_ref() }.map_or(c"no bridge".as_ptr(), |bridge| bridge.error.as_ptr())
+}
+
+/// Closes a bridge; null is closed already.
+///
+/// # Safety
+/// `bridge` came from [`evolvent_bridge_open`] and is not used afterwards.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn evolvent_bridge_close(bridge: *mut EvolventBridge) {
+    if !bridge.is_null() {
+        // SAFETY: it came from a box, and the caller gives it back.
+        drop(unsafe { Box::from_raw(bridge) });
+    }
+}
