@@ -5,6 +5,7 @@
 //! - [`evolvent`], [`run`] and [`Finished`]: the binary under test, and what one command came to;
 //! - [`Launch`]: one `evolvent run`;
 //! - [`Domain`]: a corner of shared memory of one's own, swept and checked at the end;
+//! - [`hold_to_the_suite`]: the conformance suite over a bridge; [`c_bridge`]: the example in C;
 //! - [`Workshop`]: a folder of one's own with machine files and programs made for one test;
 //! - [`cycles`]: what a trace recorded;
 //! - [`Hole`]: exact involutes and circles of a program, by formulas of their own and not the crates under test;
@@ -20,6 +21,7 @@
 )]
 
 mod binary;
+mod bridges;
 mod domain;
 mod hole;
 mod launch;
@@ -29,6 +31,7 @@ mod trace;
 mod workshop;
 
 pub use binary::{Finished, evolvent, run, wait};
+pub use bridges::{c_bridge, hold_to_the_suite};
 pub use domain::Domain;
 pub use hole::{Hole, Piece};
 pub use launch::Launch;

@@ -1,5 +1,6 @@
 //! What this host can do for a real-time loop: facts with advice, and lateness measured by a bare loop.
 
+use crate::host::{Interrupts, RemoveIpc, governors, interrupts_allowed_on, names_core, remove_ipc};
 use crate::rt::{
     LowLatencyHold, MonotonicClock, RealtimeGranted, RealtimeRequest, apply_to_this_thread, file_system_bytes,
 };
@@ -184,9 +185,51 @@ pub fn examine(rate_hz: f64, duration: Duration) -> Result<DoctorReport, BareLoo
             "permit /dev/cpu_dma_latency",
         ),
     });
+    let before = Interrupts::now();
     let lateness = bare_loop(rate_hz, duration, &request)?;
+    findings.push(interrupts(&before, &Interrupts::now(), isolated, duration));
     findings.extend(judge(&lateness));
     Ok(DoctorReport { findings, lateness })
+}
+
+/// What came to the loop's core while it ran; to the core with the most where none is isolated.
+fn interrupts(
+    before: &Interrupts,
+    after: &Interrupts,
+    isolated: Option<usize>,
+    duration: Duration,
+) -> Finding {
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let busiest = (0..cores).max_by_key(|core| total(&after.since(before, *core)));
+    let core = isolated.or(busiest).unwrap_or(0);
+    let came = after.since(before, core);
+    let a_second = total(&came) as f64 / duration.as_secs_f64().max(1e-3);
+    let most: Vec<String> = came
+        .iter()
+        .take(3)
+        .map(|(source, count)| format!("{source}: {count}"))
+        .collect();
+    // An isolated core is asked for nothing; any other serves the host.
+    let bound = if isolated.is_some() { 10.0 } else { 1000.0 };
+    let list = if most.is_empty() {
+        String::new()
+    } else {
+        format!(" ({})", most.join(", "))
+    };
+    Finding::new(
+        "interrupts",
+        format!("{a_second:.0} a second on core {core}, besides its timer{list}"),
+        if a_second <= bound {
+            Verdict::Good
+        } else {
+            Verdict::Fair
+        },
+        "keep devices off the loop's core (docs/host.md, interrupts)",
+    )
+}
+
+fn total(came: &[(String, u64)]) -> u64 {
+    came.iter().map(|(_, count)| count).sum()
 }
 
 fn judge(lateness: &LatenessReport) -> Vec<Finding> {
@@ -286,30 +329,71 @@ fn facts() -> Vec<Finding> {
         "boot with `isolcpus=N nohz_full=N rcu_nocbs=N irqaffinity=0` and set that core in the machine file",
     ));
 
-    let governor = file("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor");
-    findings.push(match governor.as_str() {
-        "" => Finding::new("cpu_frequency", "not controlled by this kernel", Good, ""),
-        "performance" => Finding::new("cpu_frequency", governor, Good, ""),
-        _ => Finding::new(
-            "cpu_frequency",
-            governor,
-            Fair,
-            "run `cpupower frequency-set -g performance`",
-        ),
-    });
+    if let Some(core) = first_core(&isolated) {
+        let nohz = file("/sys/devices/system/cpu/nohz_full");
+        let quiet = names_core(&nohz, core);
+        findings.push(Finding::new(
+            "nohz_full",
+            if nohz.is_empty() { "none".to_owned() } else { nohz },
+            if quiet { Good } else { Fair },
+            "boot with `nohz_full=N rcu_nocbs=N` for the isolated core too: the scheduler's tick then leaves it alone",
+        ));
+        let allowed = interrupts_allowed_on(core);
+        findings.push(Finding::new(
+            "irq_affinity",
+            format!("{} devices may interrupt core {core}", allowed.len()),
+            if allowed.is_empty() { Good } else { Fair },
+            "boot with `irqaffinity=0`, stop irqbalance, and write 0 to /proc/irq/N/smp_affinity_list (docs/host.md)",
+        ));
+    }
 
-    let limit = |resource| {
-        getrlimit(resource)
-            .current
-            .map_or("unlimited".to_owned(), |n: u64| n.to_string())
-    };
-    findings.push(Finding::new("limit_rtprio", limit(Resource::Rtprio), Good, ""));
+    let governors = governors();
+    let steady = governors.iter().all(|governor| governor == "performance");
+    findings.push(Finding::new(
+        "cpu_frequency",
+        if governors.is_empty() {
+            "not controlled by this kernel".to_owned()
+        } else {
+            governors.join(", ")
+        },
+        if steady { Good } else { Fair },
+        "run `cpupower frequency-set -g performance`",
+    ));
+
+    // Whoever has the capability needs no limit; what the thread really got is measured below.
+    let privileged = rustix::process::geteuid().is_root();
+    let limit = |resource| getrlimit(resource).current;
+    let said = |limit: Option<u64>| limit.map_or("unlimited".to_owned(), |n| n.to_string());
+    let (rtprio, memlock) = (limit(Resource::Rtprio), limit(Resource::Memlock));
+    findings.push(Finding::new(
+        "limit_rtprio",
+        said(rtprio),
+        if privileged || rtprio.is_none_or(|limit| limit >= 80) {
+            Good
+        } else {
+            Fair
+        },
+        "set `rtprio 80` for this user in /etc/security/limits.conf, or LimitRTPRIO=80 in the service",
+    ));
     findings.push(Finding::new(
         "limit_memlock_bytes",
-        limit(Resource::Memlock),
-        Good,
-        "",
+        said(memlock),
+        if privileged || memlock.is_none() { Good } else { Fair },
+        "set `memlock unlimited` for this user in /etc/security/limits.conf, or LimitMEMLOCK=infinity in the service",
     ));
+    findings.push(match remove_ipc() {
+        RemoveIpc::NoLogind => Finding::new("remove_ipc", "no logind here", Good, ""),
+        RemoveIpc::Kept => Finding::new("remove_ipc", "shared memory outlives a session", Good, ""),
+        RemoveIpc::Removed if rustix::process::getuid().as_raw() < 1000 => {
+            Finding::new("remove_ipc", "a system user's shared memory is kept", Good, "")
+        }
+        RemoveIpc::Removed => Finding::new(
+            "remove_ipc",
+            "logind deletes this user's shared memory at the end of the last session",
+            Fair,
+            "write RemoveIPC=no into /etc/systemd/logind.conf and restart systemd-logind, or run as a system user",
+        ),
+    });
     let slack = rustix::thread::current_timer_slack().map_or("unknown".to_owned(), |n| n.to_string());
     findings.push(Finding::new("timer_slack_ns", slack, Good, ""));
 

@@ -17,6 +17,7 @@ mod cycle;
 mod doctor;
 mod drives;
 mod feeder;
+mod host;
 mod job;
 mod memory;
 mod publisher;

@@ -1,0 +1,110 @@
+//! Bridges under test: the command of each, and the suite over several cases at once.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::sync::Mutex;
+
+use serde_json::Value;
+
+use crate::{evolvent, repository};
+
+/// Cases that run beside each other; each has a bus of its own.
+const AT_ONCE: usize = 4;
+
+/// Runs the conformance suite against a bridge, or the simulated one where the command is empty, case by case in
+/// processes of their own. Returns the cases' reports.
+///
+/// # Panics
+/// A case failed, with its reason.
+pub fn hold_to_the_suite(options: &[&str], command: &[String]) -> Vec<Value> {
+    let list = evolvent()
+        .args(["bridge", "test", "--list"])
+        .output()
+        .expect("the binary to start");
+    let names: Vec<String> = String::from_utf8_lossy(&list.stdout)
+        .lines()
+        .filter_map(|line| line.split_whitespace().next().map(str::to_owned))
+        .collect();
+    assert!(names.len() >= 15, "{names:?}");
+    let waiting = Mutex::new(names);
+    let reports = Mutex::new(Vec::new());
+    std::thread::scope(|scope| {
+        for _ in 0..AT_ONCE {
+            scope.spawn(|| {
+                loop {
+                    let Some(name) = waiting.lock().expect("no panic").pop() else {
+                        break;
+                    };
+                    let output = evolvent()
+                        .args(["bridge", "test", "--json", "--moments", "2", "--only", &name])
+                        .args(options)
+                        .arg("--")
+                        .args(command)
+                        .stderr(Stdio::null())
+                        .output()
+                        .expect("the binary to start");
+                    let report: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+                    reports.lock().expect("no panic").push(report);
+                }
+            });
+        }
+    });
+    let cases: Vec<Value> = reports
+        .into_inner()
+        .expect("no panic")
+        .iter()
+        .flat_map(|report| report["cases"].as_array().cloned().unwrap_or_default())
+        .collect();
+    for case in &cases {
+        assert_ne!(case["verdict"], "failed", "{}: {}", case["case"], case["why"]);
+    }
+    cases
+}
+
+/// Compiles the example bridge in C with the system's compiler and the library of this workspace; the program's path.
+///
+/// # Panics
+/// There is no compiler, or it complains.
+#[must_use]
+pub fn c_bridge(folder: &Path) -> PathBuf {
+    let test = std::env::current_exe().expect("the path of this test");
+    let profile_folder = test.ancestors().nth(2).expect("target/PROFILE/deps/TEST");
+    let built = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()))
+        .current_dir(repository())
+        .args(["build", "--quiet", "-p", "evolvent-bus-c", "--target-dir"])
+        .arg(profile_folder.parent().unwrap_or(Path::new("target")))
+        .output()
+        .expect("cargo to start");
+    assert!(
+        built.status.success(),
+        "{}",
+        String::from_utf8_lossy(&built.stderr)
+    );
+    let program = folder.join("bridge");
+    let library = profile_folder
+        .parent()
+        .unwrap_or(Path::new("target"))
+        .join("debug/libevolvent_bus_c.a");
+    let compiled = Command::new("cc")
+        .current_dir(repository())
+        .args([
+            "-std=gnu11",
+            "-O2",
+            "-Wall",
+            "-Wextra",
+            "-Werror",
+            "-Itools/include",
+        ])
+        .arg("tools/examples/bridge.c")
+        .arg(library)
+        .args(["-lpthread", "-ldl", "-lm", "-lrt", "-o"])
+        .arg(&program)
+        .output()
+        .expect("a C compiler");
+    assert!(
+        compiled.status.success(),
+        "{}",
+        String::from_utf8_lossy(&compiled.stderr)
+    );
+    program
+}

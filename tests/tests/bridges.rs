@@ -1,0 +1,109 @@
+//! Drive bridges: the simulated one, the one within a process, and the examples in C and Python, all held to one suite.
+
+use std::fs::read_to_string;
+use std::path::Path;
+
+use evolvent_tests::{Workshop, c_bridge, hold_to_the_suite, repository};
+use serde_json::Value;
+
+fn verdicts<'a>(cases: &'a [Value], verdict: &str) -> Vec<&'a str> {
+    cases
+        .iter()
+        .filter(|case| case["verdict"] == verdict)
+        .filter_map(|case| case["case"].as_str())
+        .collect()
+}
+
+#[test]
+fn the_simulated_bridge_does_what_every_bridge_must() {
+    let cases = hold_to_the_suite(&[], &[]);
+    assert_eq!(verdicts(&cases, "passed").len(), 15, "{cases:?}");
+}
+
+#[test]
+fn so_does_the_bridge_within_a_process_which_only_cannot_be_killed() {
+    let cases = hold_to_the_suite(&["--in-process"], &[]);
+    assert_eq!(verdicts(&cases, "left out"), ["bridge_kill"], "{cases:?}");
+    assert_eq!(verdicts(&cases, "passed").len(), 14);
+}
+
+#[test]
+fn so_does_the_example_in_c() {
+    let workshop = Workshop::new();
+    let program = c_bridge(workshop.folder());
+    let cases = hold_to_the_suite(&[], &[program.display().to_string()]);
+    assert_eq!(verdicts(&cases, "passed").len(), 15, "{cases:?}");
+}
+
+/// Needs EVOLVENT_PYTHON, as all foreign clients do.
+#[test]
+fn so_does_the_example_in_python() {
+    let Ok(python) = std::env::var("EVOLVENT_PYTHON") else {
+        println!("skipped: run tools/test");
+        return;
+    };
+    let script = repository().join("tools/python/examples/bridge.py");
+    let command = [
+        python,
+        script.display().to_string(),
+        "{name}".to_owned(),
+        "{prefix}".to_owned(),
+    ];
+    let cases = hold_to_the_suite(&[], &command);
+    assert_eq!(verdicts(&cases, "passed").len(), 15, "{cases:?}");
+}
+
+#[test]
+fn each_example_is_shorter_than_60_lines() {
+    for example in ["tools/examples/bridge.c", "tools/python/examples/bridge.py"] {
+        let text = read_to_string(repository().join(example)).expect("an example");
+        assert!(text.lines().count() < 60, "{example}");
+    }
+}
+
+/// A suite that finds nothing wrong with anybody proves nothing: a bridge that answers nothing fails it.
+#[test]
+fn a_bridge_that_does_nothing_fails() {
+    let output = evolvent_tests::evolvent()
+        .args([
+            "bridge", "test", "--json", "--only", "version", "--", "sleep", "60",
+        ])
+        .output()
+        .expect("the binary to start");
+    assert_eq!(output.status.code(), Some(1));
+    let report: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    assert_eq!(report["cases"][0]["verdict"], "failed");
+    let why = report["cases"][0]["why"].as_str().unwrap_or_default();
+    assert!(why.contains("feedback of a bridge: not within 15 s"), "{why}");
+}
+
+/// systemd itself reads the units, where it is there; the program's path is put in as the host has it.
+#[test]
+fn systemd_finds_nothing_wrong_with_the_units() {
+    let workshop = Workshop::new();
+    let mut files = Vec::new();
+    for unit in ["evolvent@.service", "evolvent-bridge@.service"] {
+        let text = read_to_string(repository().join("tools/systemd").join(unit)).expect("a unit");
+        for line in [
+            "RemoveIPC=no",
+            "LimitMEMLOCK=infinity",
+            "CPUAffinity=",
+            "LimitRTPRIO=",
+        ] {
+            assert!(text.contains(line), "{unit}: {line}");
+        }
+        files.push(workshop.write(unit, text.replace("/usr/local/bin/evolvent", "/bin/true")));
+    }
+    if !Path::new("/usr/bin/systemd-analyze").exists() {
+        println!("skipped: no systemd-analyze here");
+        return;
+    }
+    let output = std::process::Command::new("systemd-analyze")
+        .arg("verify")
+        .arg("--man=no")
+        .args(&files)
+        .output()
+        .expect("systemd-analyze to start");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success() && said.is_empty(), "{said}");
+}
