@@ -1,8 +1,8 @@
 //! The `evolvent` command.
 
 mod bore;
-mod chatter;
 mod bridge;
+mod chatter;
 mod check;
 mod ctl;
 mod ctl_status;
