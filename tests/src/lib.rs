@@ -4,6 +4,7 @@
 //!
 //! - [`evolvent`], [`run`] and [`Finished`]: the binary under test, and what one command came to;
 //! - [`Launch`]: one `evolvent run`;
+//! - [`Served`] and [`Operator`]: an `evolvent serve`, and a client that commands it and looks on;
 //! - [`Domain`]: a corner of shared memory of one's own, swept and checked at the end;
 //! - [`hold_to_the_suite`]: the conformance suite over a bridge; [`c_bridge`]: the example in C;
 //! - [`Workshop`]: a folder of one's own with machine files and programs made for one test;
@@ -27,6 +28,7 @@ mod hole;
 mod launch;
 mod python;
 mod random;
+mod served;
 mod trace;
 mod workshop;
 
@@ -37,5 +39,6 @@ pub use hole::{Hole, Piece};
 pub use launch::Launch;
 pub use python::python;
 pub use random::Random;
+pub use served::{Operator, Served, command};
 pub use trace::{Cycle, cycles};
 pub use workshop::{Workshop, repository};

@@ -1,0 +1,235 @@
+//! A machine that is served, and operators of it.
+
+use std::path::Path;
+use std::process::{Child, Stdio};
+use std::time::{Duration, Instant};
+
+use evolvent_bus::{
+    COMMANDS, ClientBus, ControlAnswer, ControlClient, ControlRequest, SetpointReader, Status, StatusReader,
+};
+use rustix::process::{Pid, Signal, kill_process};
+
+use crate::{Domain, Finished, evolvent};
+
+/// How long anything may take.
+const PATIENCE: Duration = Duration::from_secs(30);
+
+/// An `evolvent serve` at work. Ends, killed if need be, when it is dropped.
+#[derive(Debug)]
+pub struct Served {
+    child: Option<Child>,
+    /// The machine's name.
+    pub name: String,
+}
+
+impl Served {
+    /// Starts it; its state is kept in `state`.
+    ///
+    /// # Panics
+    /// It cannot be started.
+    #[must_use]
+    pub fn start(machine: &Path, name: &str, domain: &Domain, state: &Path, options: &[&str]) -> Self {
+        let child = evolvent()
+            .arg("serve")
+            .arg("--machine")
+            .arg(machine)
+            .args(["--bus-prefix", &domain.prefix, "--json", "--state"])
+            .arg(state)
+            .args(options)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("the binary to start");
+        Self {
+            child: Some(child),
+            name: name.to_owned(),
+        }
+    }
+
+    /// Asks it to end, as a service manager does, and waits.
+    ///
+    /// # Panics
+    /// It does not end.
+    #[must_use]
+    pub fn end(self) -> Finished {
+        self.signal(Signal::TERM);
+        self.wait()
+    }
+
+    /// Waits for its end.
+    ///
+    /// # Panics
+    /// It cannot be waited for.
+    #[must_use]
+    pub fn wait(mut self) -> Finished {
+        crate::wait(self.child.take().expect("a child"))
+    }
+
+    /// Kills it.
+    ///
+    /// # Panics
+    /// It cannot be waited for.
+    pub fn kill(mut self) {
+        let mut child = self.child.take().expect("a child");
+        child.kill().expect("killed");
+        child.wait().expect("a process that ends");
+    }
+
+    /// Sends a signal.
+    ///
+    /// # Panics
+    /// It has gone.
+    pub fn signal(&self, signal: Signal) {
+        let child = self.child.as_ref().expect("a child");
+        let pid = Pid::from_raw(child.id().cast_signed()).expect("a process");
+        kill_process(pid, signal).expect("a living process");
+    }
+}
+
+impl Drop for Served {
+    fn drop(&mut self) {
+        if let Some(child) = &mut self.child {
+            let _gone = child.kill();
+            let _gone = child.wait();
+        }
+    }
+}
+
+/// A client that commands and looks on.
+#[derive(Debug)]
+pub struct Operator {
+    /// The control service.
+    pub control: ControlClient,
+    status: StatusReader,
+    /// Every setpoint since it joined.
+    pub setpoints: SetpointReader,
+    _bus: ClientBus,
+}
+
+/// The number of a command by its name on the bus.
+///
+/// # Panics
+/// There is no such command.
+#[must_use]
+pub fn command(name: &str) -> ControlRequest {
+    let found = COMMANDS.iter().find(|(known, _)| *known == name);
+    ControlRequest {
+        command: found.expect("a command of the bus").1,
+        ..ControlRequest::default()
+    }
+}
+
+impl Operator {
+    /// Joins, waiting for the core.
+    ///
+    /// # Panics
+    /// The core does not come.
+    #[must_use]
+    pub fn join(name: &str, domain: &Domain) -> Self {
+        let bus = domain.client(name);
+        let config = evolvent_bus::ClientConfig {
+            prefix: Some(domain.prefix.clone()),
+            wait: Duration::from_secs(20),
+            ..evolvent_bus::ClientConfig::new(name)
+        };
+        Self {
+            control: ControlClient::open(&config).expect("the control service"),
+            status: bus.status().expect("the status"),
+            setpoints: bus.setpoints().expect("the setpoints"),
+            _bus: bus,
+        }
+    }
+
+    /// Sends a command and gives the answer.
+    ///
+    /// # Panics
+    /// There is none.
+    pub fn ask(&mut self, request: &ControlRequest) -> ControlAnswer {
+        self.control
+            .command(request, PATIENCE)
+            .expect("an answer of the core")
+    }
+
+    /// Sends a command that must be accepted.
+    ///
+    /// # Panics
+    /// It is not.
+    #[track_caller]
+    pub fn does(&mut self, request: &ControlRequest) -> ControlAnswer {
+        let answer = self.ask(request);
+        assert_eq!(answer.verdict, 0, "{}: {}", answer.alarm, answer.text());
+        answer
+    }
+
+    /// The same by name, without arguments.
+    #[track_caller]
+    pub fn says(&mut self, name: &str) -> ControlAnswer {
+        self.does(&command(name))
+    }
+
+    /// The same with a whole number.
+    #[track_caller]
+    pub fn says_number(&mut self, name: &str, index: u32) -> ControlAnswer {
+        self.does(&ControlRequest {
+            index,
+            ..command(name)
+        })
+    }
+
+    /// The same with a text.
+    ///
+    /// # Panics
+    /// It is too long, or the command is not accepted.
+    #[track_caller]
+    pub fn says_text(&mut self, name: &str, text: &str) -> ControlAnswer {
+        let mut request = command(name);
+        assert!(request.set_text(text));
+        self.does(&request)
+    }
+
+    /// Waits for a status of which something is true.
+    ///
+    /// # Panics
+    /// It does not come.
+    #[track_caller]
+    pub fn waits(&mut self, what: &str, mut until: impl FnMut(&Status) -> bool) -> Status {
+        let begin = Instant::now();
+        loop {
+            let status = self.status.latest().expect("the status");
+            if let Some(status) = status
+                && until(&status)
+            {
+                return status;
+            }
+            assert!(
+                begin.elapsed() < PATIENCE,
+                "{what} does not come: {status:?} {}",
+                status.map_or_else(String::new, |status| status.alarm_sentence().to_owned())
+            );
+            std::thread::sleep(Duration::from_millis(2));
+        }
+    }
+
+    /// The status after all that has been answered so far.
+    #[track_caller]
+    pub fn now(&mut self) -> Status {
+        let begin = self.waits("a status", |_| true).sequence;
+        self.waits("a newer status", |status| status.sequence > begin + 1)
+    }
+
+    /// Out of emergency stop, and on.
+    #[track_caller]
+    pub fn brings_up(&mut self) {
+        self.says("ESTOP_RESET");
+        self.says("ON");
+        self.waits("power", |status| status.machine_state == 2);
+    }
+
+    /// Waits for the end of a job; its result.
+    #[track_caller]
+    pub fn sees_end(&mut self, job: u64) -> Status {
+        self.waits("the job's end", |status| {
+            status.job == job && status.job_result != 0
+        })
+    }
+}
