@@ -1,6 +1,6 @@
 //! Commands: from the numbers of a request to something with a meaning.
 
-use evolvent_path::{AXES, Axes};
+use evolvent_path::{AXES, Axes, AxisLetter};
 
 use crate::alarm::Alarm;
 use crate::rules::mode_needed;
@@ -342,6 +342,110 @@ impl Command {
             CommandCode::ClearAlarms => Self::ClearAlarms,
         };
         Ok((code, command))
+    }
+}
+
+impl Command {
+    /// Its number on the bus.
+    #[must_use]
+    pub const fn code(&self) -> CommandCode {
+        match self {
+            Self::Estop => CommandCode::Estop,
+            Self::EstopReset => CommandCode::EstopReset,
+            Self::On => CommandCode::On,
+            Self::Off => CommandCode::Off,
+            Self::SetMode(_) => CommandCode::Mode,
+            Self::Load(_) => CommandCode::Load,
+            Self::Start(_) => CommandCode::Start,
+            Self::Hold => CommandCode::Hold,
+            Self::Resume => CommandCode::Resume,
+            Self::Step => CommandCode::Step,
+            Self::Stop => CommandCode::Stop,
+            Self::Reset => CommandCode::Reset,
+            Self::SingleStep(_) => CommandCode::SingleStep,
+            Self::OptionalStop(_) => CommandCode::OptionalStop,
+            Self::BlockDelete(_) => CommandCode::BlockDelete,
+            Self::FeedOverride(_) => CommandCode::FeedOverride,
+            Self::RapidOverride(_) => CommandCode::RapidOverride,
+            Self::SpindleOverride(_) => CommandCode::SpindleOverride,
+            Self::Mdi(_) => CommandCode::Mdi,
+            Self::Jog(_) => CommandCode::Jog,
+            Self::JogKeep => CommandCode::JogKeep,
+            Self::JogStop => CommandCode::JogStop,
+            Self::Home(_) => CommandCode::Home,
+            Self::WorkOffset { .. } => CommandCode::WorkOffset,
+            Self::TouchOff { .. } => CommandCode::TouchOff,
+            Self::Tool(_) | Self::ReloadTools => CommandCode::Tool,
+            Self::ClearAlarms => CommandCode::ClearAlarms,
+        }
+    }
+
+    /// The number in it that a run has to be computed again with: an override.
+    #[must_use]
+    pub const fn value(&self) -> Option<f64> {
+        match self {
+            Self::FeedOverride(ratio) | Self::RapidOverride(ratio) | Self::SpindleOverride(ratio) => {
+                Some(*ratio)
+            }
+            _ => None,
+        }
+    }
+}
+
+impl std::fmt::Display for Command {
+    /// A few words, for the trace.
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let letters = |mask: u32| -> String {
+            (0..AXES)
+                .filter(|i| mask >> i & 1 == 1)
+                .map(|i| AxisLetter::ALL[i].letter())
+                .collect()
+        };
+        let percent = |ratio: &f64| format!("{:.1} %", 100.0 * ratio);
+        let on = |on: &bool| if *on { "on" } else { "off" };
+        let text = match self {
+            Self::Estop => "emergency stop".to_owned(),
+            Self::EstopReset => "emergency stop reset".to_owned(),
+            Self::On => "on".to_owned(),
+            Self::Off => "off".to_owned(),
+            Self::SetMode(mode) => format!("mode {}", mode.name()),
+            Self::Load(file) => format!("load {file}"),
+            Self::Start(line) if *line > 1 => format!("start from line {line}"),
+            Self::Start(_) => "start".to_owned(),
+            Self::Hold => "hold".to_owned(),
+            Self::Resume => "resume".to_owned(),
+            Self::Step => "step".to_owned(),
+            Self::Stop => "stop".to_owned(),
+            Self::Reset => "reset".to_owned(),
+            Self::SingleStep(state) => format!("single step {}", on(state)),
+            Self::OptionalStop(state) => format!("optional stop {}", on(state)),
+            Self::BlockDelete(state) => format!("block delete {}", on(state)),
+            Self::FeedOverride(ratio) => format!("feed override {}", percent(ratio)),
+            Self::RapidOverride(ratio) => format!("rapid override {}", percent(ratio)),
+            Self::SpindleOverride(ratio) => format!("spindle override {}", percent(ratio)),
+            Self::Mdi(text) => format!("MDI {text}"),
+            Self::Jog(jog) => match &jog.distance {
+                Some(_) => format!("jog {} by an increment", letters(jog.axes_mask)),
+                None => format!("jog {}", letters(jog.axes_mask)),
+            },
+            Self::JogKeep => "jog goes on".to_owned(),
+            Self::JogStop => "jog stop".to_owned(),
+            Self::Home(mask) => format!("home {}", letters(*mask)),
+            Self::WorkOffset {
+                system, axes_mask, ..
+            } => {
+                format!("work offset {system} of {}", letters(*axes_mask))
+            }
+            Self::TouchOff {
+                system, axes_mask, ..
+            } => {
+                format!("touch off {} in work offset {system}", letters(*axes_mask))
+            }
+            Self::Tool(entry) => format!("tool {} set", entry.number),
+            Self::ReloadTools => "tool table read again".to_owned(),
+            Self::ClearAlarms => "alarms cleared".to_owned(),
+        };
+        formatter.write_str(&text)
     }
 }
 

@@ -1,11 +1,18 @@
 //! Jogs: where to, and how from a motion that goes on.
 
-use evolvent_control::{Alarm, JogCommand, Refusal};
+use evolvent_control::{Activity, Alarm, Command, DeadMan, JogCommand, Refusal};
 use evolvent_machine::Limits;
 use evolvent_motion::Steering;
 use evolvent_path::{AXES, Axes, AxisLetter};
 use evolvent_transfer::{AxesState, Sync, Transfer};
 
+use super::operator::{Job, Operator};
+use super::orders::What;
+
+/// Time from asking for a turn of a jog to where it counts, ns.
+const TURN_LEAD_NS: u64 = 12_000_000;
+/// A steered motion that needs no dead-man.
+pub(super) const FOR_EVER: u64 = u64::MAX;
 /// Share of an axis's velocity at which it is jogged where no speed is given.
 const USUAL_SHARE: f64 = 0.2;
 
@@ -94,6 +101,115 @@ pub(crate) fn steering(
         .map_err(|error| Refusal::new(Alarm::SoftLimit, error.to_string()))
 }
 
+/// A steered motion: `t` of setpoint `n` is `(n + 1 - begin)` periods.
+pub(super) struct Steered {
+    pub(super) steering: Steering,
+    pub(super) order: u64,
+    pub(super) begin: Option<u64>,
+    /// A change that is under way: its order, and how often it was tried.
+    pub(super) turn: Option<(u64, Steering, JogCommand)>,
+    pub(super) stopping: bool,
+    pub(super) target: Axes,
+}
+
+impl Operator {
+    /// Where the axes will be with setpoint `sequence`, if nothing intervenes.
+    pub(super) fn foreseen(&self, steered: &Steered, sequence: u64) -> Option<AxesState> {
+        let periods = sequence + 1 - steered.begin?;
+        let time = periods as f64 * self.setup.period_ns as f64 * 1e-9;
+        let point = steered.steering.transfer().at(time);
+        Some(AxesState {
+            position: point.position,
+            velocity: point.velocity,
+            acceleration: point.acceleration,
+        })
+    }
+
+    pub(super) fn jog(
+        &mut self,
+        jog: &JogCommand,
+        client: u64,
+        now_ns: u64,
+        command: &Command,
+    ) -> Result<u64, Refusal> {
+        let here = self.view.setpoint.position;
+        let limits = limits_here(&self.limits, &here, self.desk.homed());
+        let held = jog.distance.is_none().then(|| DeadMan::held(client, now_ns));
+        let until = held.map_or(FOR_EVER, DeadMan::until_ns);
+        let after = self.view.setpoint.sequence + TURN_LEAD_NS.div_ceil(self.setup.period_ns).max(4);
+        if let Job::Jog { steered, .. } = &self.job {
+            let Some(from) = self.foreseen(steered, after).filter(|_| !steered.stopping) else {
+                return Err(Refusal::new(
+                    Alarm::Busy,
+                    "the last jog is coming to rest; jog again then",
+                ));
+            };
+            // An increment adds to the one under way.
+            let base = if jog.distance.is_some() {
+                steered.target
+            } else {
+                from.position
+            };
+            let to = target(jog, &base, &limits)?;
+            let turned = steering(&limits, &from, &to, jog.axes_mask, jog.speed)?;
+            let boxed = Box::new(turned);
+            let id = self.send(
+                What::Turn {
+                    after,
+                    steering: boxed,
+                },
+                command,
+            );
+            self.order(What::Keep(until));
+            if let Job::Jog { steered, held: old } = &mut self.job {
+                steered.turn = Some((id, turned, *jog));
+                steered.target = to;
+                *old = held;
+            }
+            return Ok(self.desk.job());
+        }
+        let to = target(jog, &here, &limits)?;
+        let steering = steering(&limits, &AxesState::at_rest(here), &to, jog.axes_mask, jog.speed)?;
+        let steered = self.steer(steering, to, until, Some(command));
+        self.job = Job::Jog { steered, held };
+        Ok(self.desk.job_begins(Activity::Jog))
+    }
+
+    /// Begins a steered motion at rest.
+    pub(super) fn steer(
+        &mut self,
+        steering: Steering,
+        target: Axes,
+        until_ns: u64,
+        command: Option<&Command>,
+    ) -> Box<Steered> {
+        self.order(What::Keep(until_ns));
+        let what = What::Steer(Box::new(steering));
+        let order = match command {
+            Some(command) => self.send(what, command),
+            None => self.order(what),
+        };
+        Box::new(Steered {
+            steering,
+            order,
+            begin: None,
+            turn: None,
+            stopping: false,
+            target,
+        })
+    }
+
+    pub(super) fn keep_jogging(&mut self, client: u64, now_ns: u64) {
+        let Job::Jog { held: Some(held), .. } = &mut self.job else {
+            return;
+        };
+        if held.renew(client, now_ns) {
+            let until = held.until_ns();
+            self.order(What::Keep(until));
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -161,7 +277,7 @@ mod tests {
         )
         .unwrap();
         let middle = forth.transfer().at(0.5 * forth.transfer().duration_s());
-        assert!((middle.velocity[0] - 20.0).abs() < 1e-6);
+        assert!((middle.velocity[0] - 20.0).abs() < 1e-3, "{middle:?}");
         let moving = AxesState {
             position: middle.position,
             velocity: middle.velocity,

@@ -1,5 +1,6 @@
 //! A machine that is served: one long-lived cycle, and jobs that come and go.
 
+mod homing;
 mod jobs;
 mod jog;
 mod keep;
@@ -9,6 +10,7 @@ mod notify;
 mod operator;
 mod orders;
 mod ports;
+mod programs;
 mod server;
 mod snapshot;
 mod track;

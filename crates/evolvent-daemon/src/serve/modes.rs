@@ -46,7 +46,8 @@ impl Modes {
         let words = self.text.split(' ').skip(1);
         let words: Vec<&str> = words
             .take_while(|word| !word.starts_with('S'))
-            .filter(|word| *word != "G41")
+            // Offsets of tools are given by their values above.
+            .filter(|word| !["G41", "G43"].contains(word))
             .collect();
         text.push_str(&words.join(" "));
         text.push('\n');

@@ -8,55 +8,24 @@ use std::sync::mpsc::Sender;
 
 use evolvent_bus::{ControlAnswer, ControlRequest, Feedback, Payload};
 use evolvent_control::{
-    Activity, Alarm, Command, CommandCode, DeadMan, Desk, Facts, Homing, HomingAction, HomingAxis,
-    HomingSample, JobResult, JogCommand, RawCommand, Refusal, Verdict,
+    Alarm, Command, DeadMan, Desk, Facts, Homing, HomingSample, JobResult, RawCommand, Refusal, Verdict,
 };
 use evolvent_drive::{PowerRequest, Presence};
 use evolvent_machine::Limits;
-use evolvent_motion::{State, Steering};
-use evolvent_path::{AXES, Axes, AxisLetter};
-use evolvent_transfer::AxesState;
+use evolvent_motion::State;
+use evolvent_path::Axes;
 use rtrb::{Consumer, Producer};
 
-use super::jobs::{Planning, ProgramJob, is_short};
-use super::jog::{limits_here, steering, target};
+use super::jog::Steered;
 use super::keep::Keep;
-use super::modes::{After, Modes, foresee};
+use super::modes::{Modes, foresee};
 use super::orders::{CycleEvent, CycleView, Order, What, Work};
+use super::programs::ProgramRun;
 use super::track::Track;
-use crate::feeder::{FeederNews, Outside, OutsideKind, ProgramError, StopKind, check};
+use crate::feeder::{FeederNews, Outside, OutsideKind};
 use crate::job::Setup;
 
-/// Time from asking for a turn of a jog to where it counts, ns.
-const TURN_LEAD_NS: u64 = 12_000_000;
-/// A steered motion that needs no dead-man.
-const FOR_EVER: u64 = u64::MAX;
-
-/// A program or a block of MDI.
-struct ProgramRun {
-    planning: Planning,
-    /// How the cycle has ended it.
-    ended: Option<JobResult>,
-    /// What a block of MDI leaves when it is done.
-    after: Option<After>,
-    /// Single step of a plan that was made without it: hold once this block is behind.
-    step_behind: Option<u32>,
-    /// The program stop that is waited at has been looked at.
-    stop_seen: bool,
-}
-
-/// A steered motion: `t` of setpoint `n` is `(n + 1 - begin)` periods.
-struct Steered {
-    steering: Steering,
-    order: u64,
-    begin: Option<u64>,
-    /// A change that is under way: its order, and how often it was tried.
-    turn: Option<(u64, Steering, JogCommand)>,
-    stopping: bool,
-    target: Axes,
-}
-
-enum Job {
+pub(super) enum Job {
     None,
     Program(Box<ProgramRun>),
     Jog {
@@ -80,34 +49,34 @@ struct Sent {
 
 /// The operator's side of one machine.
 pub(crate) struct Operator {
-    pub(crate) setup: Setup,
-    pub(crate) desk: Desk,
-    pub(crate) keep: Keep,
-    pub(crate) modes: Modes,
-    pub(crate) message: String,
-    pub(crate) track: Track,
-    pub(crate) view: CycleView,
-    pub(crate) feedback: Option<Feedback>,
-    folder: PathBuf,
-    limits: Limits,
-    present: u32,
-    orders: Producer<Order>,
-    next_id: u64,
-    sent: VecDeque<Sent>,
-    recorder: Option<Sender<FeederNews>>,
-    single_step: Arc<AtomicBool>,
+    pub(super) setup: Setup,
+    pub(super) desk: Desk,
+    pub(super) keep: Keep,
+    pub(super) modes: Modes,
+    pub(super) message: String,
+    pub(super) track: Track,
+    pub(super) view: CycleView,
+    pub(super) feedback: Option<Feedback>,
+    pub(super) folder: PathBuf,
+    pub(super) limits: Limits,
+    pub(super) present: u32,
+    pub(super) orders: Producer<Order>,
+    pub(super) next_id: u64,
+    pub(super) sent: VecDeque<Sent>,
+    pub(super) recorder: Option<Sender<FeederNews>>,
+    pub(super) single_step: Arc<AtomicBool>,
     /// Numbers of the next block and action.
-    numbers: (u32, u32),
-    job: Job,
-    hold: bool,
-    ending: bool,
+    pub(super) numbers: (u32, u32),
+    pub(super) job: Job,
+    pub(super) hold: bool,
+    pub(super) ending: bool,
     /// Machine coordinates of the drives' first datum, less those of now.
-    pub(crate) home_offset: Axes,
-    malformed: u64,
+    pub(super) home_offset: Axes,
+    pub(super) malformed: u64,
     /// Events of cycles whose view has not come.
-    inbox: VecDeque<CycleEvent>,
+    pub(super) inbox: VecDeque<CycleEvent>,
     /// The datum that the last renaming has led to.
-    datum: u64,
+    pub(super) datum: u64,
 }
 
 /// What the operator begins with.
@@ -182,7 +151,7 @@ impl Operator {
     }
 
     /// The setup of a job that begins here and now.
-    fn setup_here(&self) -> Setup {
+    pub(super) fn setup_here(&self) -> Setup {
         let mut setup = self.setup.clone();
         setup.memory = self.keep.memory.clone();
         setup.place = Some(self.view.setpoint.position);
@@ -192,12 +161,12 @@ impl Operator {
         setup
     }
 
-    fn kept(&self) -> evolvent_gcode::KeptParameters {
+    pub(super) fn kept(&self) -> evolvent_gcode::KeptParameters {
         self.keep.memory.kept.clone().unwrap_or_default()
     }
 
     /// Works the modes out again: after offsets or tools were changed from outside.
-    fn refresh_modes(&mut self) {
+    pub(super) fn refresh_modes(&mut self) {
         let settings = self.setup_here().interpreter_settings();
         if let Ok(after) = foresee(&self.modes.preamble(), &settings, &self.kept()) {
             self.modes = after.modes;
@@ -257,7 +226,7 @@ impl Operator {
         self.malformed
     }
 
-    fn is_held(&self) -> bool {
+    pub(super) fn is_held(&self) -> bool {
         let state = self.view.setpoint.state;
         self.hold || matches!(state, State::Holding | State::Held | State::ProgramStop)
     }
@@ -268,7 +237,7 @@ impl Operator {
     }
 
     /// Does what a command says; the number of the job that it begins, or 0.
-    fn carry_out(&mut self, command: &Command, client: u64, now_ns: u64) -> Result<u64, Refusal> {
+    pub(super) fn carry_out(&mut self, command: &Command, client: u64, now_ns: u64) -> Result<u64, Refusal> {
         let mut job = 0;
         match command {
             Command::Estop => {
@@ -386,16 +355,14 @@ impl Operator {
         }
         self.record(
             OutsideKind::Command,
-            code_of(command),
-            told(command),
-            value_of(command),
+            command.code() as u32,
+            command.to_string(),
+            command.value(),
         );
         Ok(job)
     }
 
-    // --- orders and the trace
-
-    fn order(&mut self, what: What) -> u64 {
+    pub(super) fn order(&mut self, what: What) -> u64 {
         self.next_id += 1;
         let id = self.next_id;
         // The queue holds more than can be asked for between two cycles; a cycle that takes none has ended.
@@ -404,24 +371,31 @@ impl Operator {
     }
 
     /// An order that is recorded where it takes effect.
-    fn send(&mut self, what: What, command: &Command) -> u64 {
+    pub(super) fn send(&mut self, what: What, command: &Command) -> u64 {
         let id = self.order(what);
         self.sent.push_back(Sent {
             id,
-            code: code_of(command),
-            text: told(command),
-            value: value_of(command),
+            code: command.code() as u32,
+            text: command.to_string(),
+            value: command.value(),
         });
         id
     }
 
     /// Records something that took effect now.
-    fn record(&mut self, kind: OutsideKind, code: u32, text: String, value: Option<f64>) {
+    pub(super) fn record(&mut self, kind: OutsideKind, code: u32, text: String, value: Option<f64>) {
         let sequence = self.view.setpoint.sequence;
         self.record_at(sequence, kind, code, text, value);
     }
 
-    fn record_at(&mut self, sequence: u64, kind: OutsideKind, code: u32, text: String, value: Option<f64>) {
+    pub(super) fn record_at(
+        &mut self,
+        sequence: u64,
+        kind: OutsideKind,
+        code: u32,
+        text: String,
+        value: Option<f64>,
+    ) {
         if let Some(recorder) = &self.recorder {
             let outside = Outside {
                 sequence,
@@ -434,7 +408,7 @@ impl Operator {
         }
     }
 
-    fn raise(&mut self, sequence: u64, alarm: Alarm, text: String) {
+    pub(super) fn raise(&mut self, sequence: u64, alarm: Alarm, text: String) {
         let kind = match alarm.kind() {
             evolvent_control::AlarmKind::Warning => OutsideKind::Warning,
             _ => OutsideKind::Alarm,
@@ -443,375 +417,12 @@ impl Operator {
         self.desk.raise(alarm, text);
     }
 
-    // --- programs and MDI
-
-    fn load(&mut self, file: &Path) -> Result<(), Refusal> {
-        let is_file = file.metadata().map(|facts| facts.is_file());
-        let readable = is_file.and_then(|is_file| std::fs::File::open(file).map(|_| is_file));
-        match readable {
-            Ok(true) => {}
-            Ok(false) => {
-                let text = format!("{}: is no file; name a part program", file.display());
-                return Err(Refusal::new(Alarm::File, text));
-            }
-            Err(error) => {
-                let text = format!("{}: {error}; name a readable part program", file.display());
-                return Err(Refusal::new(Alarm::File, text));
-            }
-        }
-        if is_short(file) {
-            self.check(file, 0)?;
-        }
-        Ok(())
-    }
-
-    /// What program text and machine have against a program.
-    fn check(&self, file: &Path, lines_before: u32) -> Result<(), Refusal> {
-        let found = check(file, &self.setup_here(), 1)
-            .map_err(|error| Refusal::new(Alarm::File, format!("{}: {error}", file.display())))?;
-        match found.first() {
-            None => Ok(()),
-            Some(first) => {
-                let alarm = if first.code == evolvent_gcode::Code::BeyondTravel {
-                    Alarm::SoftLimit
-                } else {
-                    Alarm::BadProgram
-                };
-                Err(Refusal::new(alarm, sentence(first, lines_before)))
-            }
-        }
-    }
-
-    fn start(&mut self, line: u32) -> Result<u64, Refusal> {
-        let Some(file) = self.desk.program().map(PathBuf::from) else {
-            return Err(Alarm::NoProgram.into());
-        };
-        let mut setup = self.setup_here();
-        setup.start_line = (line > 1).then_some(line);
-        self.single_step.store(
-            self.desk.is_single_step() || self.single_step.load(Ordering::Relaxed),
-            Ordering::Relaxed,
-        );
-        self.plan(file, setup, None, Activity::Program)
-    }
-
-    fn mdi(&mut self, text: &str) -> Result<u64, Refusal> {
-        let preamble = self.modes.preamble();
-        let lines = preamble.lines().count() as u32;
-        let whole = format!("{preamble}{text}\n");
-        let setup = self.setup_here();
-        let after = foresee(&whole, &setup.interpreter_settings(), &self.kept())
-            .map_err(|error| Refusal::new(Alarm::BadProgram, sentence(&error, lines)))?;
-        let file = self.folder.join("mdi.ngc");
-        std::fs::create_dir_all(&self.folder)
-            .and_then(|()| std::fs::write(&file, &whole))
-            .map_err(|error| Refusal::new(Alarm::File, format!("{}: {error}", file.display())))?;
-        self.check(&file, lines)?;
-        self.single_step.store(false, Ordering::Relaxed);
-        self.plan(file, setup, Some(after), Activity::Mdi)
-    }
-
-    fn plan(
-        &mut self,
-        file: PathBuf,
-        setup: Setup,
-        after: Option<After>,
-        activity: Activity,
-    ) -> Result<u64, Refusal> {
-        if let Some(recorder) = &self.recorder {
-            let _gone = recorder.send(FeederNews::File(self.numbers.0, file.clone()));
-        }
-        let planning = Planning::start(ProgramJob {
-            file,
-            setup,
-            feed_override: self.desk.overrides()[0],
-            optional_stop: self.desk.is_optional_stop(),
-            single_step: Arc::clone(&self.single_step),
-            numbered_from: self.numbers,
-            recorder: self.recorder.clone(),
-        })
-        .map_err(|error| Refusal::new(Alarm::Planner, format!("no thread for the planner: {error}")))?;
-        self.track = Track::default();
-        self.hold = false;
-        self.job = Job::Program(Box::new(ProgramRun {
-            planning,
-            ended: None,
-            after,
-            step_behind: None,
-            stop_seen: false,
-        }));
-        Ok(self.desk.job_begins(activity))
-    }
-
-    fn resume(&mut self, command: &Command) {
-        self.hold = false;
-        if let Job::Program(run) = &mut self.job {
-            run.stop_seen = false;
-        }
-        self.send(What::Resume, command);
-    }
-
-    fn stop(&mut self, command: &Command) {
-        self.give_up_waiting(JobResult::Stopped);
-        self.cancel_homing();
-        self.send(What::Stop, command);
-    }
-
-    /// A job that the cycle has not taken up yet is over at once.
-    fn give_up_waiting(&mut self, result: JobResult) {
-        if let Job::Program(run) = &mut self.job
-            && run.planning.is_waiting()
-        {
-            run.planning.abandon();
-            run.ended = Some(result);
-        }
-    }
-
-    // --- jog
-
-    /// Where the axes will be with setpoint `sequence`, if nothing intervenes.
-    fn foreseen(&self, steered: &Steered, sequence: u64) -> Option<AxesState> {
-        let periods = sequence + 1 - steered.begin?;
-        let time = periods as f64 * self.setup.period_ns as f64 * 1e-9;
-        let point = steered.steering.transfer().at(time);
-        Some(AxesState {
-            position: point.position,
-            velocity: point.velocity,
-            acceleration: point.acceleration,
-        })
-    }
-
-    fn jog(&mut self, jog: &JogCommand, client: u64, now_ns: u64, command: &Command) -> Result<u64, Refusal> {
-        let here = self.view.setpoint.position;
-        let limits = limits_here(&self.limits, &here, self.desk.homed());
-        let held = jog.distance.is_none().then(|| DeadMan::held(client, now_ns));
-        let until = held.map_or(FOR_EVER, DeadMan::until_ns);
-        let after = self.view.setpoint.sequence + TURN_LEAD_NS.div_ceil(self.setup.period_ns).max(4);
-        if let Job::Jog { steered, .. } = &self.job {
-            let Some(from) = self.foreseen(steered, after).filter(|_| !steered.stopping) else {
-                return Err(Refusal::new(
-                    Alarm::Busy,
-                    "the last jog is coming to rest; jog again then",
-                ));
-            };
-            // An increment adds to the one under way.
-            let base = if jog.distance.is_some() {
-                steered.target
-            } else {
-                from.position
-            };
-            let to = target(jog, &base, &limits)?;
-            let turned = steering(&limits, &from, &to, jog.axes_mask, jog.speed)?;
-            let boxed = Box::new(turned);
-            let id = self.send(
-                What::Turn {
-                    after,
-                    steering: boxed,
-                },
-                command,
-            );
-            self.order(What::Keep(until));
-            if let Job::Jog { steered, held: old } = &mut self.job {
-                steered.turn = Some((id, turned, *jog));
-                steered.target = to;
-                *old = held;
-            }
-            return Ok(self.desk.job());
-        }
-        let to = target(jog, &here, &limits)?;
-        let steering = steering(&limits, &AxesState::at_rest(here), &to, jog.axes_mask, jog.speed)?;
-        let steered = self.steer(steering, to, until, Some(command));
-        self.job = Job::Jog { steered, held };
-        Ok(self.desk.job_begins(Activity::Jog))
-    }
-
-    /// Begins a steered motion at rest.
-    fn steer(
-        &mut self,
-        steering: Steering,
-        target: Axes,
-        until_ns: u64,
-        command: Option<&Command>,
-    ) -> Box<Steered> {
-        self.order(What::Keep(until_ns));
-        let what = What::Steer(Box::new(steering));
-        let order = match command {
-            Some(command) => self.send(what, command),
-            None => self.order(what),
-        };
-        Box::new(Steered {
-            steering,
-            order,
-            begin: None,
-            turn: None,
-            stopping: false,
-            target,
-        })
-    }
-
-    fn keep_jogging(&mut self, client: u64, now_ns: u64) {
-        let Job::Jog { held: Some(held), .. } = &mut self.job else {
-            return;
-        };
-        if held.renew(client, now_ns) {
-            let until = held.until_ns();
-            self.order(What::Keep(until));
-        }
-    }
-
-    // --- homing
-
-    fn home(&mut self, mask: u32) -> Result<u64, Refusal> {
-        let machine = &self.setup.machine;
-        let axes: Vec<HomingAxis> = machine
-            .homing
-            .iter()
-            .filter(|homing| mask >> homing.axis.index() & 1 == 1)
-            .map(|homing| {
-                let i = homing.axis.index();
-                HomingAxis {
-                    axis: homing.axis,
-                    order: homing.order,
-                    direction: if homing.negative { -1.0 } else { 1.0 },
-                    search_speed: homing.search_speed,
-                    latch_speed: homing.latch_speed,
-                    switch_position: homing.switch_position,
-                    travel: self.limits.travel_max[i] - self.limits.travel_min[i],
-                    home: self.limits.home[i],
-                }
-            })
-            .collect();
-        if !axes.is_empty() && self.view.presence != Presence::Operational {
-            return Err(Refusal::new(
-                Alarm::NoFeedback,
-                "no bridge answers, so there is no switch to home with; start the bridge, then switch on",
-            ));
-        }
-        // What is homed anew is not homed before it is done.
-        let unknown = axes
-            .iter()
-            .fold(0_u32, |mask, axis| mask | 1 << axis.axis.index());
-        self.desk.set_homed(self.desk.homed() & !unknown);
-        self.relocate(self.view.setpoint.position, false);
-        self.order(What::ExpectSwitches(unknown));
-        let number = self.desk.job_begins(Activity::Homing);
-        if axes.is_empty() {
-            self.desk.job_ends(JobResult::Done);
-        } else {
-            self.job = Job::Homing {
-                homing: Homing::new(axes),
-                steered: None,
-                cancelled: false,
-            };
-        }
-        Ok(number)
-    }
-
-    fn cancel_homing(&mut self) {
-        if let Job::Homing {
-            steered, cancelled, ..
-        } = &mut self.job
-        {
-            *cancelled = true;
-            if steered.is_none() {
-                self.end_job(JobResult::Stopped);
-            }
-        }
-    }
-
-    /// The axes stand at `position`, by names of the present or a new datum.
-    fn relocate(&mut self, position: Axes, renames: bool) {
-        let limits = limits_here(&self.limits, &position, self.desk.homed());
-        self.order(What::Relocate {
-            position,
-            limits,
-            renames,
-        });
-    }
-
-    fn step_homing(&mut self, sample: &HomingSample) {
-        let here = self.view.setpoint.position;
-        let at_rest = self.view.at_rest;
-        let Job::Homing {
-            homing,
-            steered,
-            cancelled: false,
-        } = &mut self.job
-        else {
-            return;
-        };
-        let action = homing.step(sample, steered.is_none() && at_rest);
-        match action {
-            HomingAction::Wait => {}
-            HomingAction::Move {
-                axis,
-                distance,
-                speed,
-            } => self.homing_move(axis, here[axis.index()] + distance, speed),
-            HomingAction::Home {
-                axis,
-                position,
-                speed,
-            } => self.homing_move(axis, position, speed),
-            HomingAction::Stop => {
-                self.order(What::Stop);
-            }
-            HomingAction::SetZero {
-                axis,
-                position,
-                coordinate,
-            } => {
-                let i = axis.index();
-                let shift = coordinate - position;
-                let mut renamed = here;
-                renamed[i] += shift;
-                self.home_offset[i] -= shift;
-                self.datum = self.view.datum + 1;
-                self.view.setpoint.position = renamed;
-                self.desk.set_homed(self.desk.homed() | 1 << i);
-                self.relocate(renamed, true);
-                let text = format!("axis {}: machine zero set, shifted by {shift:.6}", axis.letter());
-                self.record(OutsideKind::Command, CommandCode::Home as u32, text, Some(shift));
-            }
-            HomingAction::Done => self.end_job(JobResult::Done),
-            HomingAction::Fail(refusal) => {
-                let sequence = self.view.setpoint.sequence;
-                self.raise(sequence, refusal.alarm, refusal.text);
-                self.end_job(JobResult::Fault);
-            }
-        }
-    }
-
-    fn homing_move(&mut self, axis: AxisLetter, to: f64, speed: f64) {
-        let here = self.view.setpoint.position;
-        let limits = limits_here(&self.limits, &here, self.desk.homed());
-        let i = axis.index();
-        let mut target = here;
-        target[i] = to.clamp(limits.travel_min[i], limits.travel_max[i]);
-        let solved = steering(&limits, &AxesState::at_rest(here), &target, 1 << i, Some(speed));
-        match solved {
-            Ok(solved) => {
-                let begun = self.steer(solved, target, FOR_EVER, None);
-                if let Job::Homing { steered, .. } = &mut self.job {
-                    *steered = Some(begun);
-                }
-            }
-            Err(refusal) => {
-                let sequence = self.view.setpoint.sequence;
-                self.raise(sequence, Alarm::HomeSwitchMissing, refusal.text);
-                self.end_job(JobResult::Fault);
-            }
-        }
-    }
-
-    // --- offsets and tools
-
-    fn g92(&self) -> Axes {
+    pub(super) fn g92(&self) -> Axes {
         let kept = self.kept();
         self.modes.modal.work_offset - kept.work_offset(kept.active_offset())
     }
 
-    fn set_offset(
+    pub(super) fn set_offset(
         &mut self,
         system: u32,
         offset: impl FnOnce(usize, &evolvent_gcode::KeptParameters) -> Axes,
@@ -829,13 +440,11 @@ impl Operator {
         Ok(())
     }
 
-    fn save(&mut self) -> Result<(), Refusal> {
+    pub(super) fn save(&mut self) -> Result<(), Refusal> {
         self.keep
             .save()
             .map_err(|error| Refusal::new(Alarm::File, error.to_string()))
     }
-
-    // --- what happens
 
     /// The process is to end: everything comes to rest, and then the cycle ends.
     pub(crate) fn end(&mut self) {
@@ -894,7 +503,7 @@ impl Operator {
         self.follow_program();
     }
 
-    fn hear(&mut self, event: CycleEvent) {
+    pub(super) fn hear(&mut self, event: CycleEvent) {
         match event {
             CycleEvent::Applied { id, sequence } => self.applied(id, sequence),
             CycleEvent::Returned(work) => {
@@ -941,7 +550,7 @@ impl Operator {
         }
     }
 
-    fn applied(&mut self, id: u64, sequence: u64) {
+    pub(super) fn applied(&mut self, id: u64, sequence: u64) {
         while self.sent.front().is_some_and(|sent| sent.id <= id) {
             if let Some(sent) = self.sent.pop_front()
                 && sent.id == id
@@ -966,7 +575,7 @@ impl Operator {
         }
     }
 
-    fn motion_ended(&mut self, result: JobResult) {
+    pub(super) fn motion_ended(&mut self, result: JobResult) {
         match &mut self.job {
             Job::None => {}
             Job::Program(run) => {
@@ -990,7 +599,7 @@ impl Operator {
         }
     }
 
-    fn end_job(&mut self, result: JobResult) {
+    pub(super) fn end_job(&mut self, result: JobResult) {
         if matches!(self.job, Job::Homing { .. }) {
             self.order(What::ExpectSwitches(0));
             // Back to the travel as it is.
@@ -1001,91 +610,6 @@ impl Operator {
         self.desk.job_ends(result);
     }
 
-    fn follow_program(&mut self) {
-        let setpoint = self.view.setpoint;
-        let Job::Program(run) = &mut self.job else { return };
-        self.track.hear(&run.planning.news);
-        let message = &mut self.message;
-        if let Some(modal) = self.track.reach(&setpoint, |notice| {
-            if notice.is_message {
-                message.clone_from(&notice.text);
-            }
-        }) {
-            self.modes.modal = modal;
-            self.keep.tool = modal.tool;
-        }
-        if let Some(result) = run.ended {
-            if let Some((report, planned)) = run.planning.take_result() {
-                let after = run.after.take();
-                self.numbers = (report.next_block, report.next_action);
-                self.finish_program(result, planned, after);
-            }
-            return;
-        }
-        if let Some(job) = run.planning.take_if_ready() {
-            self.order(What::Follow(job));
-            return;
-        }
-        if setpoint.state == State::ProgramStop && !run.stop_seen {
-            run.stop_seen = true;
-            let kind = self.track.take_stop();
-            if kind == StopKind::Step && !self.single_step.load(Ordering::Relaxed) {
-                run.stop_seen = false;
-                self.order(What::Resume);
-            }
-            return;
-        }
-        let Job::Program(run) = &mut self.job else { return };
-        if run.stop_seen && setpoint.state != State::ProgramStop {
-            run.stop_seen = false;
-        }
-        if run
-            .step_behind
-            .is_some_and(|block| setpoint.block > block && setpoint.state == State::Running)
-        {
-            run.step_behind = None;
-            self.hold = true;
-            self.order(What::Hold);
-        }
-    }
-
-    fn finish_program(
-        &mut self,
-        result: JobResult,
-        planned: Result<Option<crate::memory::ProgramMemory>, ProgramError>,
-        after: Option<After>,
-    ) {
-        let sequence = self.view.setpoint.sequence;
-        if let Some(modal) = self.track.finish()
-            && result == JobResult::Done
-        {
-            self.modes.modal = modal;
-            self.keep.tool = modal.tool;
-        }
-        match (result, planned, after) {
-            (JobResult::Done, _, Some(after)) => {
-                self.keep.tool = after.modes.modal.tool;
-                self.keep.memory.kept = Some(after.kept);
-                self.keep.memory.tools = after.tools.or_else(|| self.keep.memory.tools.take());
-                self.modes = after.modes;
-            }
-            (JobResult::Done, Ok(Some(left)), None) => self.keep.memory = left,
-            (JobResult::Failed, Err(error), _) => {
-                let text = match &error {
-                    ProgramError::Text { diagnostic, .. } => sentence(diagnostic, 0),
-                    ProgramError::Read { .. } => error.to_string(),
-                };
-                self.raise(sequence, Alarm::Program, text);
-            }
-            _ => {}
-        }
-        if let Err(error) = self.keep.save() {
-            self.raise(sequence, Alarm::NotKept, error.to_string());
-        }
-        self.refresh_modes();
-        self.end_job(result);
-    }
-
     pub(crate) fn present(&self) -> u32 {
         self.present
     }
@@ -1093,115 +617,4 @@ impl Operator {
 
 fn merged(old: &Axes, new: &Axes, mask: u32) -> Axes {
     Axes::from_fn(|i, _| if mask >> i & 1 == 1 { new[i] } else { old[i] })
-}
-
-/// A diagnostic as one sentence with its line.
-fn sentence(diagnostic: &evolvent_gcode::Diagnostic, lines_before: u32) -> String {
-    let line = diagnostic.line.saturating_sub(lines_before);
-    let mut text = format!(
-        "line {line}: {}: {}",
-        diagnostic.code.as_str(),
-        diagnostic.message
-    );
-    if let Some(help) = &diagnostic.help {
-        text.push_str("; ");
-        text.push_str(help);
-    }
-    text
-}
-
-fn code_of(command: &Command) -> u32 {
-    let code = match command {
-        Command::Estop => CommandCode::Estop,
-        Command::EstopReset => CommandCode::EstopReset,
-        Command::On => CommandCode::On,
-        Command::Off => CommandCode::Off,
-        Command::SetMode(_) => CommandCode::Mode,
-        Command::Load(_) => CommandCode::Load,
-        Command::Start(_) => CommandCode::Start,
-        Command::Hold => CommandCode::Hold,
-        Command::Resume => CommandCode::Resume,
-        Command::Step => CommandCode::Step,
-        Command::Stop => CommandCode::Stop,
-        Command::Reset => CommandCode::Reset,
-        Command::SingleStep(_) => CommandCode::SingleStep,
-        Command::OptionalStop(_) => CommandCode::OptionalStop,
-        Command::BlockDelete(_) => CommandCode::BlockDelete,
-        Command::FeedOverride(_) => CommandCode::FeedOverride,
-        Command::RapidOverride(_) => CommandCode::RapidOverride,
-        Command::SpindleOverride(_) => CommandCode::SpindleOverride,
-        Command::Mdi(_) => CommandCode::Mdi,
-        Command::Jog(_) => CommandCode::Jog,
-        Command::JogKeep => CommandCode::JogKeep,
-        Command::JogStop => CommandCode::JogStop,
-        Command::Home(_) => CommandCode::Home,
-        Command::WorkOffset { .. } => CommandCode::WorkOffset,
-        Command::TouchOff { .. } => CommandCode::TouchOff,
-        Command::Tool(_) | Command::ReloadTools => CommandCode::Tool,
-        Command::ClearAlarms => CommandCode::ClearAlarms,
-    };
-    code as u32
-}
-
-fn value_of(command: &Command) -> Option<f64> {
-    match command {
-        Command::FeedOverride(ratio) | Command::RapidOverride(ratio) | Command::SpindleOverride(ratio) => {
-            Some(*ratio)
-        }
-        _ => None,
-    }
-}
-
-/// A command for the trace.
-fn told(command: &Command) -> String {
-    let letters = |mask: u32| -> String {
-        (0..AXES)
-            .filter(|i| mask >> i & 1 == 1)
-            .map(|i| AxisLetter::ALL[i].letter())
-            .collect()
-    };
-    let percent = |ratio: &f64| format!("{:.1} %", 100.0 * ratio);
-    let on = |on: &bool| if *on { "on" } else { "off" };
-    match command {
-        Command::Estop => "emergency stop".to_owned(),
-        Command::EstopReset => "emergency stop reset".to_owned(),
-        Command::On => "on".to_owned(),
-        Command::Off => "off".to_owned(),
-        Command::SetMode(mode) => format!("mode {}", mode.name()),
-        Command::Load(file) => format!("load {file}"),
-        Command::Start(line) if *line > 1 => format!("start from line {line}"),
-        Command::Start(_) => "start".to_owned(),
-        Command::Hold => "hold".to_owned(),
-        Command::Resume => "resume".to_owned(),
-        Command::Step => "step".to_owned(),
-        Command::Stop => "stop".to_owned(),
-        Command::Reset => "reset".to_owned(),
-        Command::SingleStep(state) => format!("single step {}", on(state)),
-        Command::OptionalStop(state) => format!("optional stop {}", on(state)),
-        Command::BlockDelete(state) => format!("block delete {}", on(state)),
-        Command::FeedOverride(ratio) => format!("feed override {}", percent(ratio)),
-        Command::RapidOverride(ratio) => format!("rapid override {}", percent(ratio)),
-        Command::SpindleOverride(ratio) => format!("spindle override {}", percent(ratio)),
-        Command::Mdi(text) => format!("MDI {text}"),
-        Command::Jog(jog) => match &jog.distance {
-            Some(_) => format!("jog {} by an increment", letters(jog.axes_mask)),
-            None => format!("jog {}", letters(jog.axes_mask)),
-        },
-        Command::JogKeep => "jog goes on".to_owned(),
-        Command::JogStop => "jog stop".to_owned(),
-        Command::Home(mask) => format!("home {}", letters(*mask)),
-        Command::WorkOffset {
-            system, axes_mask, ..
-        } => {
-            format!("work offset {system} of {}", letters(*axes_mask))
-        }
-        Command::TouchOff {
-            system, axes_mask, ..
-        } => {
-            format!("touch off {} in work offset {system}", letters(*axes_mask))
-        }
-        Command::Tool(entry) => format!("tool {} set", entry.number),
-        Command::ReloadTools => "tool table read again".to_owned(),
-        Command::ClearAlarms => "alarms cleared".to_owned(),
-    }
 }

@@ -1,0 +1,158 @@
+//! The homing sequence, from the operator's side.
+
+use evolvent_control::{
+    Activity, Alarm, CommandCode, Homing, HomingAction, HomingAxis, HomingSample, JobResult, Refusal,
+};
+use evolvent_drive::Presence;
+use evolvent_path::{Axes, AxisLetter};
+use evolvent_transfer::AxesState;
+
+use super::jog::{FOR_EVER, limits_here, steering};
+use super::operator::{Job, Operator};
+use super::orders::What;
+use crate::feeder::OutsideKind;
+
+impl Operator {
+    pub(super) fn home(&mut self, mask: u32) -> Result<u64, Refusal> {
+        let machine = &self.setup.machine;
+        let axes: Vec<HomingAxis> = machine
+            .homing
+            .iter()
+            .filter(|homing| mask >> homing.axis.index() & 1 == 1)
+            .map(|homing| {
+                let i = homing.axis.index();
+                HomingAxis {
+                    axis: homing.axis,
+                    order: homing.order,
+                    direction: if homing.negative { -1.0 } else { 1.0 },
+                    search_speed: homing.search_speed,
+                    latch_speed: homing.latch_speed,
+                    switch_position: homing.switch_position,
+                    travel: self.limits.travel_max[i] - self.limits.travel_min[i],
+                    home: self.limits.home[i],
+                }
+            })
+            .collect();
+        if !axes.is_empty() && self.view.presence != Presence::Operational {
+            return Err(Refusal::new(
+                Alarm::NoFeedback,
+                "no bridge answers, so there is no switch to home with; start the bridge, then switch on",
+            ));
+        }
+        // What is homed anew is not homed before it is done.
+        let unknown = axes
+            .iter()
+            .fold(0_u32, |mask, axis| mask | 1 << axis.axis.index());
+        self.desk.set_homed(self.desk.homed() & !unknown);
+        self.relocate(self.view.setpoint.position, false);
+        self.order(What::ExpectSwitches(unknown));
+        let number = self.desk.job_begins(Activity::Homing);
+        if axes.is_empty() {
+            self.desk.job_ends(JobResult::Done);
+        } else {
+            self.job = Job::Homing {
+                homing: Homing::new(axes),
+                steered: None,
+                cancelled: false,
+            };
+        }
+        Ok(number)
+    }
+
+    pub(super) fn cancel_homing(&mut self) {
+        if let Job::Homing {
+            steered, cancelled, ..
+        } = &mut self.job
+        {
+            *cancelled = true;
+            if steered.is_none() {
+                self.end_job(JobResult::Stopped);
+            }
+        }
+    }
+
+    /// The axes stand at `position`, by names of the present or a new datum.
+    pub(super) fn relocate(&mut self, position: Axes, renames: bool) {
+        let limits = limits_here(&self.limits, &position, self.desk.homed());
+        self.order(What::Relocate {
+            position,
+            limits,
+            renames,
+        });
+    }
+
+    pub(super) fn step_homing(&mut self, sample: &HomingSample) {
+        let here = self.view.setpoint.position;
+        let at_rest = self.view.at_rest;
+        let Job::Homing {
+            homing,
+            steered,
+            cancelled: false,
+        } = &mut self.job
+        else {
+            return;
+        };
+        let action = homing.step(sample, steered.is_none() && at_rest);
+        match action {
+            HomingAction::Wait => {}
+            HomingAction::Move {
+                axis,
+                distance,
+                speed,
+            } => self.homing_move(axis, here[axis.index()] + distance, speed),
+            HomingAction::Home {
+                axis,
+                position,
+                speed,
+            } => self.homing_move(axis, position, speed),
+            HomingAction::Stop => {
+                self.order(What::Stop);
+            }
+            HomingAction::SetZero {
+                axis,
+                position,
+                coordinate,
+            } => {
+                let i = axis.index();
+                let shift = coordinate - position;
+                let mut renamed = here;
+                renamed[i] += shift;
+                self.home_offset[i] -= shift;
+                self.datum = self.view.datum + 1;
+                self.view.setpoint.position = renamed;
+                self.desk.set_homed(self.desk.homed() | 1 << i);
+                self.relocate(renamed, true);
+                let text = format!("axis {}: machine zero set, shifted by {shift:.6}", axis.letter());
+                self.record(OutsideKind::Command, CommandCode::Home as u32, text, Some(shift));
+            }
+            HomingAction::Done => self.end_job(JobResult::Done),
+            HomingAction::Fail(refusal) => {
+                let sequence = self.view.setpoint.sequence;
+                self.raise(sequence, refusal.alarm, refusal.text);
+                self.end_job(JobResult::Fault);
+            }
+        }
+    }
+
+    pub(super) fn homing_move(&mut self, axis: AxisLetter, to: f64, speed: f64) {
+        let here = self.view.setpoint.position;
+        let limits = limits_here(&self.limits, &here, self.desk.homed());
+        let i = axis.index();
+        let mut target = here;
+        target[i] = to.clamp(limits.travel_min[i], limits.travel_max[i]);
+        let solved = steering(&limits, &AxesState::at_rest(here), &target, 1 << i, Some(speed));
+        match solved {
+            Ok(solved) => {
+                let begun = self.steer(solved, target, FOR_EVER, None);
+                if let Job::Homing { steered, .. } = &mut self.job {
+                    *steered = Some(begun);
+                }
+            }
+            Err(refusal) => {
+                let sequence = self.view.setpoint.sequence;
+                self.raise(sequence, Alarm::HomeSwitchMissing, refusal.text);
+                self.end_job(JobResult::Fault);
+            }
+        }
+    }
+}
