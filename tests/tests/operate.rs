@@ -462,7 +462,9 @@ fn single_step_runs_block_by_block_and_program_stops_wait() {
     let job = operator.says("STEP").job;
     let mut places = Vec::new();
     loop {
-        let at = operator.waits("a stop or the end", |status| status.state == 7 || status.job_result != 0);
+        let at = operator.waits("a stop or the end", |status| {
+            status.state == 7 || status.job_result != 0
+        });
         if at.job_result != 0 {
             break;
         }
