@@ -677,6 +677,11 @@ fn explain(error: &PlanError<QueueClosed>, program: &Path, line: u32) -> Diagnos
         PlanError::Travel { axis, .. } => (Code::BeyondTravel, Some(axis.letter())),
         _ => (Code::MoveRefused, None),
     };
+    // The planner is behind the line that is being read.
+    let line = match error {
+        PlanError::NoMotion { line } if *line > 0 => *line,
+        _ => line,
+    };
     let text = line_text(program, line).unwrap_or_default();
     Diagnostic::about_line(code, line, &text, letter, error.to_string())
 }

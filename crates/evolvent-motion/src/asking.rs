@@ -75,6 +75,11 @@ impl Asking {
     pub(crate) fn plan_for(&mut self, factor: f64) {
         self.aim.factor = factor;
     }
+
+    /// A request was not met. Only those for a stop are counted: a feed that cannot be had makes no hold slower.
+    fn miss(&mut self, aim: Aim) {
+        self.unanswered = self.unanswered.saturating_add(u32::from(aim.brake));
+    }
 }
 
 impl Motion {
@@ -93,6 +98,10 @@ impl Motion {
             _ => queue.answer(open.id),
         };
         match answer {
+            // Path time is being slowed by now: the place that the answer was made for is not met.
+            Some(_) if open.after.is_some() && (cursor.slow.is_some() || cursor.state == State::Fault) => {
+                self.asking.open = None;
+            }
             Some(answer) => {
                 self.asking.open = None;
                 match answer.step.map(|step| (step, queue.step(step))) {
@@ -115,7 +124,7 @@ impl Motion {
                     }
                     _ => {
                         self.asking.not_before = self.sequence + self.asking.lead;
-                        self.asking.unanswered = self.asking.unanswered.saturating_add(1);
+                        self.asking.miss(open.aim);
                     }
                 }
             }
@@ -124,7 +133,7 @@ impl Motion {
             None => {
                 self.waited = true;
                 self.asking.open = None;
-                self.asking.unanswered = self.asking.unanswered.saturating_add(1);
+                self.asking.miss(open.aim);
             }
         }
     }
@@ -157,7 +166,8 @@ impl Motion {
                     self.cursor.slow = Some(Slow::new(&self.limits));
                     return;
                 }
-                if self.sequence < self.asking.not_before || queue.has_no_planner() {
+                // A hold does not wait because another wish could not be met.
+                if (self.sequence < self.asking.not_before && !brake) || queue.has_no_planner() {
                     return;
                 }
                 let lead = if brake && self.asking.unanswered == 0 {
@@ -216,7 +226,7 @@ impl Motion {
                 after,
             });
         } else {
-            self.asking.unanswered = self.asking.unanswered.saturating_add(1);
+            self.asking.miss(aim);
         }
     }
 

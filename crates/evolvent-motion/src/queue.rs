@@ -143,8 +143,9 @@ impl<W: FnMut() -> bool> PlanSink for PlanProducer<W> {
 
     fn exit(&mut self, index: u64, speeds: ExitSpeeds) {
         let [nominal, doubled] = self.table.exit(index);
-        nominal.store(speeds.nominal.to_bits(), Ordering::Release);
+        // In this order: who reads the new nominal speed reads no older doubled one, which would be below it.
         doubled.store(speeds.doubled.to_bits(), Ordering::Release);
+        nominal.store(speeds.nominal.to_bits(), Ordering::Release);
     }
 
     fn finalise(&mut self, count: u64) {
@@ -262,7 +263,8 @@ impl PlanConsumer {
         match self.table.link(index).load(Ordering::Acquire) {
             0 => (index + 1, index + 1 < finalised),
             CLAIMED => (index + 1, false),
-            link => (link - 1, link - 1 < finalised),
+            // Only what is committed is linked, also where that has not been declared final yet.
+            link => (link - 1, true),
         }
     }
 

@@ -46,7 +46,7 @@ pub struct Setpoint {
     pub path_mm: f64,
     /// Speed along the path in the feed metric, mm/s (degrees/s while only rotary axes move).
     pub feed_mm_s: f64,
-    /// Feed override in force.
+    /// Feed override that is wanted: a near-optimal plan follows it a lead time later, or as soon as it can.
     pub feed_override: f64,
     /// Program line.
     pub line: u32,

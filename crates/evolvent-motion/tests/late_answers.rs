@@ -176,3 +176,20 @@ fn a_wish_withdrawn_before_its_late_answer_leaves_a_planner_that_meets_the_next(
         assert!((feed - wanted).abs() < 0.05 * wanted, "{feed} mm/s at {cycle}");
     }
 }
+
+#[test]
+fn overrides_that_were_not_met_make_no_hold_slower() {
+    let hold = 745;
+    let cycles_to_rest = |lost: u32| {
+        let setpoints = drive(lost, |cycle| Inputs {
+            feed_override: if cycle >= 700 { 0.9 } else { 1.0 },
+            hold: (hold..2500).contains(&cycle),
+            ..Inputs::default()
+        });
+        let rest = (hold as usize..setpoints.len()).find(|&k| setpoints[k].state == State::Held);
+        rest.expect("comes to rest") - hold as usize
+    };
+    // Two leads at most: the override's request is still open when the hold comes.
+    let (met, lost) = (cycles_to_rest(0), cycles_to_rest(4));
+    assert!(lost <= met + 20, "{lost} cycles, {met} where overrides were met");
+}

@@ -258,6 +258,19 @@ impl<S: PlanSink> Horizon<S> {
         self.failures > MOST_FAILURES
     }
 
+    /// The line where that is, if so; 0 where it is not known.
+    pub(crate) fn failed_at(&self) -> Option<u32> {
+        self.has_failed().then(|| {
+            let stretch = self.grid.stretch_of(self.front.place.interval);
+            stretch
+                .and_then(|(stretch, _)| {
+                    self.segments
+                        .get(stretch.checked_sub(self.first_segment)? as usize)
+                })
+                .map_or(0, |(_, segment)| segment.line)
+        })
+    }
+
     /// Serves requests until the consumer has gone, or nothing can be planned any more.
     ///
     /// # Errors

@@ -65,6 +65,15 @@ pub enum PlanError<E> {
         /// Size of the jump.
         distance: f64,
     },
+    /// No motion is found from rest.
+    #[error(
+        "no motion within the limits of the axes is found from line {line} on; the machine stands before it. Try \
+         `planner = \"classic\"` there, and please report the program and the machine file"
+    )]
+    NoMotion {
+        /// Line of the block where the plan has come to.
+        line: u32,
+    },
     /// The consumer of the plan does not take more.
     #[error("the plan is not taken any more")]
     Sink(E),
@@ -144,7 +153,8 @@ impl<S: PlanSink> Planner<S> {
     /// Appends a move. Nothing is planned of a move that is refused.
     ///
     /// # Errors
-    /// The move leaves the travel, has no feed, or does not start where the last one ended.
+    /// The move leaves the travel, has no feed, or does not start where the last one ended; or nothing can be planned
+    /// any more of what came before.
     pub fn push(&mut self, motion: &Move, line: u32, block: u32) -> Result<(), PlanError<S::Error>> {
         let curve = &motion.curve;
         check_travel(curve, &self.travel)?;
@@ -165,7 +175,12 @@ impl<S: PlanSink> Planner<S> {
         self.end = Some(curve.end());
         match &mut self.kind {
             Kind::Classic(classic) => classic.push(motion, line, block),
-            Kind::Optimal(optimal) => optimal.push(motion, line, block),
+            Kind::Optimal(optimal) => {
+                if let Some(line) = optimal.horizon.failed_at() {
+                    return Err(PlanError::NoMotion { line });
+                }
+                optimal.push(motion, line, block)
+            }
         }
         .map_err(PlanError::Sink)
     }

@@ -143,3 +143,14 @@ fn a_wish_that_cannot_be_met_does_not_cost_the_window_that_waits_to_be_handed_on
         assert!(steps == expected, "asked at look {looks}");
     }
 }
+
+#[test]
+fn where_nothing_can_be_planned_any_more_the_line_is_told() {
+    let mut horizon = horizon(5);
+    assert_eq!(horizon.failed_at(), None);
+    horizon.failures = MOST_FAILURES + 1;
+    horizon.front.place.interval = horizon.grid.end() - 1;
+    assert_eq!(horizon.failed_at(), Some(4));
+    horizon.front.place.interval = horizon.grid.end();
+    assert_eq!(horizon.failed_at(), Some(0));
+}
