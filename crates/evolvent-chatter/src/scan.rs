@@ -167,10 +167,13 @@ impl Scanner {
         }
     }
 
-    /// For maps: as many samples as amplitudes to 1e-4 need.
+    /// For maps: as many samples and steps as amplitudes to 1e-4 need.
     pub(crate) fn for_maps(harmonics: usize) -> Self {
         Self {
             balance: Balance::with_samples(harmonics, (9 * harmonics).max(16)),
+            steps: 14.0,
+            growth: 0.09,
+            halvings: 6,
             ..Self::new(harmonics)
         }
     }

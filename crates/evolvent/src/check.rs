@@ -1,10 +1,12 @@
 //! `evolvent check`: what is wrong with a program, without moving anything.
 
 use std::io::{self, IsTerminal, Write};
+use std::path::PathBuf;
 
 use clap::Args;
 use evolvent_gcode::Diagnostic;
 
+use crate::chatter::{Warning, warnings};
 use crate::program::ProgramArgs;
 use crate::{CommandError, Ending};
 
@@ -16,6 +18,9 @@ pub(crate) struct CheckArgs {
     /// Stop after so many errors.
     #[arg(long, value_name = "N", default_value_t = 50)]
     limit: usize,
+    /// Warn of turning cuts that are predicted to vibrate: a case file as of `evolvent chatter`, for the tool in use.
+    #[arg(long, value_name = "CASE.toml")]
+    process: Option<PathBuf>,
     /// Print the errors as one JSON object, for editors.
     #[arg(long)]
     json: bool,
@@ -33,8 +38,16 @@ pub(crate) fn run(
     let found = evolvent_daemon::check(&args.program.program, &setup, limit).map_err(|error| {
         CommandError::Usage(format!("{file_name}: {error}; name a readable part program"))
     })?;
+    let chatter = match &args.process {
+        Some(case) => Some(warnings(&args.program.program, &setup, case)?),
+        None => None,
+    };
+    if let Some(chatter) = chatter.as_ref().filter(|_| !args.json) {
+        chatter.write(err, &file_name);
+    }
     let written = if args.json {
-        writeln!(out, "{}", to_json(&file_name, &found))
+        let chatter = chatter.as_ref().map_or(&[][..], |chatter| &chatter.found);
+        writeln!(out, "{}", to_json(&file_name, &found, chatter))
     } else {
         write_text(err, &file_name, &found, limit, io::stderr().is_terminal())
     };
@@ -79,9 +92,9 @@ fn write_text(
 }
 
 /// The errors as one JSON value for editors: `{"file", "errors": [{"code", "line", "column", "length", "message",
-/// "help", "source", "span"}]}`.
-fn to_json(file_name: &str, diagnostics: &[Diagnostic]) -> serde_json::Value {
-    serde_json::json!({ "file": file_name, "errors": diagnostics })
+/// "help", "source", "span"}], "chatter": [...]}`.
+fn to_json(file_name: &str, diagnostics: &[Diagnostic], chatter: &[Warning]) -> serde_json::Value {
+    serde_json::json!({ "file": file_name, "errors": diagnostics, "chatter": chatter })
 }
 
 #[cfg(test)]
@@ -119,7 +132,7 @@ mod tests {
     #[test]
     fn json_has_the_place_in_numbers() {
         let found = errors("G0 X1 Q2\n");
-        let json = to_json("part.ngc", &found);
+        let json = to_json("part.ngc", &found, &[]);
         assert_eq!(json["errors"][0]["code"], "G0307");
         assert_eq!(json["errors"][0]["line"], 1);
         assert_eq!(json["errors"][0]["column"], 7);

@@ -11,6 +11,7 @@ use evolvent_machine::{Machine, rate_for};
 use evolvent_motion::Setpoint;
 use serde::Serialize;
 
+use crate::chatter::{Warning, warnings};
 use crate::explain::{Explanation, Surroundings, Watch, remedies};
 use crate::feeds::Feeds;
 use crate::figure::PlanFigure;
@@ -38,6 +39,9 @@ pub(crate) struct PlanArgs {
     /// Feed override in percent, 1 to 200.
     #[arg(long = "override", value_name = "PCT", value_parser = parse_override, default_value = "100")]
     feed_override: f64,
+    /// Warn of turning cuts that are predicted to vibrate: a case file as of `evolvent chatter`, for the tool in use.
+    #[arg(long, value_name = "CASE.toml")]
+    process: Option<PathBuf>,
     /// Print the plan as one JSON object.
     #[arg(long)]
     json: bool,
@@ -62,6 +66,13 @@ pub(crate) fn run(args: &PlanArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
     args.program.tell_start(&setup, err)?;
     let machine = setup.machine.clone();
     let period_s = setup.period_ns as f64 * 1e-9;
+    let chatter = match &args.process {
+        Some(case) => Some(warnings(&args.program.program, &setup, case)?),
+        None => None,
+    };
+    if let Some(chatter) = chatter.as_ref().filter(|_| !args.json) {
+        chatter.write(err, &args.program.program.display().to_string());
+    }
     let job = Job {
         program: args.program.program.clone(),
         setup,
@@ -124,7 +135,13 @@ pub(crate) fn run(args: &PlanArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
     };
     let lost = |error: io::Error| CommandError::Failed(format!("the plan cannot be written: {error}"));
     if args.json {
-        let text = merge(&outcome.summary, &needed, explanation.as_ref()).map_err(io::Error::from);
+        let text = merge(
+            &outcome.summary,
+            &needed,
+            explanation.as_ref(),
+            chatter.as_ref().map_or(&[][..], |chatter| &chatter.found),
+        )
+        .map_err(io::Error::from);
         text.and_then(|text| writeln!(out, "{text}")).map_err(lost)?;
         return report(true, &outcome, &mut io::sink(), err);
     }
@@ -200,6 +217,7 @@ fn merge(
     summary: &evolvent_daemon::Summary,
     needed: &NeededRate,
     explanation: Option<&Explanation>,
+    chatter: &[Warning],
 ) -> serde_json::Result<String> {
     let mut object = serde_json::to_value(summary)?;
     if let (Some(object), serde_json::Value::Object(more)) =
@@ -207,6 +225,7 @@ fn merge(
     {
         object.extend(more);
         object.insert("warnings".to_owned(), serde_json::to_value(&summary.notes)?);
+        object.insert("chatter".to_owned(), serde_json::to_value(chatter)?);
         if let Some(explanation) = explanation {
             object.insert("explanation".to_owned(), serde_json::to_value(explanation)?);
         }

@@ -6,6 +6,9 @@ mod lobes;
 mod map;
 mod picture;
 mod report;
+#[cfg(test)]
+mod tests;
+mod warn;
 
 use std::io::{Read as _, Write};
 use std::path::{Path, PathBuf};
@@ -13,6 +16,8 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use evolvent_chatter::{Case, LawSource, OscillationCase};
 use evolvent_cutting::{ForceLaw, LawDefinition};
+
+pub(crate) use warn::{Warning, warnings};
 
 use crate::rate::{check_svg_name, write_whole};
 use crate::{CommandError, Ending};

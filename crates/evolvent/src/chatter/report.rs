@@ -83,11 +83,16 @@ fn oscillation_text(text: &mut String, case: &Case, answer: &Answer) -> std::fmt
         cycle_text(text, k + 1, checked)?;
     }
     if answer.verdict != Verdict::Stable {
-        let found: Vec<String> = answer
-            .stable_m_min
+        // Rounded away from the border, so that what is read is stable.
+        let rounded = |at: f64, round: fn(f64) -> f64| {
+            let rpm = rpm(answer, at).map_or(String::new(), |rpm| format!(" ({:.0} rpm)", round(rpm)));
+            format!("{:.1} m/min{rpm}", 0.1 * round(10.0 * at))
+        };
+        let [slower, faster] = answer.stable_m_min;
+        let slower = slower.map(|at| rounded(at, f64::floor));
+        let found: Vec<String> = slower
             .into_iter()
-            .flatten()
-            .map(|at| speed(answer, at))
+            .chain(faster.map(|at| rounded(at, f64::ceil)))
             .collect();
         if found.is_empty() {
             writeln!(
