@@ -134,7 +134,7 @@ impl Executor<'_> {
         }
         if let Some(p) = line.word(b'P') {
             if p < 0.0 {
-                return Err(crate::statement::negative('P', p, line.span(b'P')));
+                return Err(crate::word_faults::negative('P', p, line.span(b'P')));
             }
             sticky.p = Some(p);
         }

@@ -200,7 +200,7 @@ impl Executor<'_> {
                 && on
                 && limit < 0.0
             {
-                return Err(crate::statement::negative('D', limit, line.span(b'D')));
+                return Err(crate::word_faults::negative('D', limit, line.span(b'D')));
             }
             self.state.modes.surface = on.then(|| line.word(b'D').unwrap_or(f64::INFINITY));
         }
@@ -296,7 +296,7 @@ impl Executor<'_> {
         };
         let timeout_s = line.word(b'Q').unwrap_or(0.0);
         if timeout_s < 0.0 {
-            return Err(crate::statement::negative('Q', timeout_s, line.span(b'Q')));
+            return Err(crate::word_faults::negative('Q', timeout_s, line.span(b'Q')));
         }
         self.state.modes.spindle = SpindleDirection::Stopped;
         self.out(Action::OrientSpindle {

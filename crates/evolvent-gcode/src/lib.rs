@@ -32,6 +32,7 @@ mod comment;
 mod compensation;
 mod cycles;
 mod diagnostic;
+mod effects;
 mod execute;
 mod expression;
 mod flow;
@@ -61,6 +62,7 @@ mod store;
 mod system;
 mod tools;
 mod turning;
+mod word_faults;
 
 pub use code::Code;
 pub use command::{Action, Command, LogAction, Move, MoveKind, PathMode, SpindleDirection};
