@@ -19,6 +19,7 @@ mod run;
 mod screen;
 mod serve;
 mod trace;
+mod turn;
 
 use std::io::{self, Write};
 use std::process::ExitCode;
@@ -64,6 +65,8 @@ enum Command {
     Doctor(doctor::DoctorArgs),
     /// Simulated drives, and a test for drive bridges.
     Bridge(bridge::BridgeArgs),
+    /// Turn a step in passes that find themselves from the cutting load, on a simulated workpiece.
+    Turn(turn::TurnArgs),
     /// Look into traces, and recover torn ones.
     Trace(trace::TraceArgs),
 }
@@ -102,6 +105,7 @@ fn main() -> ExitCode {
         Command::Ctl(args) => ctl::run(args, &mut out, &mut err),
         Command::Doctor(args) => doctor::run(args, &mut out, &mut err).map(|()| Ending::Clean),
         Command::Bridge(args) => bridge::run(args, &mut out, &mut err),
+        Command::Turn(args) => turn::run(args, &mut out, &mut err),
         Command::Trace(args) => trace::run(args, &mut out, &mut err),
     };
     match result {

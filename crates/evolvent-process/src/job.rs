@@ -1,0 +1,460 @@
+//! The job file of self-programmed turning.
+
+use evolvent_cutting::{Cut, ForceLaw, LawDefinition, Sheet, SheetError};
+use serde::Deserialize;
+
+use crate::blank::Blank;
+use crate::law::CutLaw;
+use crate::regime::{BackOff, Regime, RegimeInput};
+use crate::sensor::SensorModel;
+use crate::settings::{Strategy, TurningSettings};
+use crate::tool::Tool;
+
+/// By how much the law may differ from its power law over the feeds and depths of the job.
+const MOST_MISFIT: f64 = 0.1;
+
+/// A job as its file says it; [`JobFile::job`] makes settings of it.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct JobFile {
+    /// Name for people and files.
+    pub name: String,
+    /// The cut.
+    pub cut: CutFile,
+    /// The tool.
+    pub tool: ToolFile,
+    /// The force law.
+    pub law: LawFile,
+    /// The load.
+    pub load: LoadFile,
+    /// The feed.
+    pub feed: FeedFile,
+    /// How passes are chosen.
+    #[serde(default)]
+    pub strategy: StrategyFile,
+    /// Stock for trials.
+    pub stock: Option<StockFile>,
+    /// Sensor for trials.
+    #[serde(default)]
+    pub sensor: SensorFile,
+}
+
+/// The cut.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CutFile {
+    /// Longitudinal turning or facing.
+    pub kind: CutKind,
+    /// Longitudinal: the final diameter. Facing: the outer diameter at which the tool comes in.
+    pub diameter_mm: f64,
+    /// Z of the face at which the tool comes in (longitudinal), or of the finished face (facing).
+    pub z_mm: f64,
+    /// Length of the cut: towards lower Z (longitudinal) or towards the axis (facing).
+    pub length_mm: f64,
+    /// The most that the stock stands above the final size: radially (longitudinal) or along Z (facing).
+    pub allowance_max_mm: f64,
+    /// Speed of the spindle.
+    pub spindle_rpm: f64,
+    /// Diameter for which the cutting speed is reckoned; the final one if left out.
+    pub speed_diameter_mm: Option<f64>,
+}
+
+/// Which way the tool feeds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum CutKind {
+    /// Along Z, as G82.
+    Longitudinal,
+    /// Along X towards the axis, as G75.
+    Facing,
+}
+
+/// The tool.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ToolFile {
+    /// Lead angle.
+    pub lead_deg: f64,
+    /// Length of the cutting edge.
+    pub edge_mm: f64,
+    /// Rake angle, for laws that know it.
+    #[serde(default)]
+    pub rake_deg: f64,
+}
+
+/// Which force law.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LawFile {
+    /// A law that is built in.
+    pub name: Option<String>,
+    /// A power law: N at 1 m/min, 1 mm, 1 mm/rev.
+    pub coefficient_n: Option<f64>,
+    /// Exponent of the speed.
+    pub speed_exponent: Option<f64>,
+    /// Exponent of the depth.
+    pub depth_exponent: Option<f64>,
+    /// Exponent of the feed.
+    pub feed_exponent: Option<f64>,
+}
+
+/// The load.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LoadFile {
+    /// The load to be held.
+    pub set_n: f64,
+    /// What machine and insert permit.
+    pub permitted_n: f64,
+    /// Above this the tool is drawn out; 1.5 times the set load if left out.
+    pub overload_n: Option<f64>,
+    /// For how long.
+    pub overload_ms: Option<f64>,
+    /// Above this there is contact; 5 % of the set load if left out.
+    pub contact_n: Option<f64>,
+}
+
+/// The feed.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FeedFile {
+    /// Smallest: chips still break.
+    pub min_mm_rev: f64,
+    /// Largest: the roughness.
+    pub max_mm_rev: f64,
+    /// Feed after backing off; equation (4) if left out.
+    pub back_off_mm_rev: Option<f64>,
+}
+
+/// How passes are chosen.
+#[derive(Clone, Copy, Debug, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StrategyFile {
+    /// Which one.
+    #[serde(default)]
+    pub name: StrategyName,
+    /// The place of the face is known to a few tenths of a millimetre.
+    #[serde(default)]
+    pub face_is_known: bool,
+}
+
+/// Names of strategies.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum StrategyName {
+    /// As the paper.
+    Literal,
+    /// With protection against its own transients.
+    #[default]
+    Safe,
+    /// Passes of least time.
+    Fast,
+}
+
+/// Stock for trials.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StockFile {
+    /// Height above the final size over the place from the face.
+    pub outline_mm: Vec<[f64; 2]>,
+    /// From, to, height that is left there.
+    #[serde(default)]
+    pub grooves_mm: Vec<[f64; 3]>,
+    /// From, to, factor of the load.
+    #[serde(default)]
+    pub hard_spots: Vec<[f64; 3]>,
+    /// Eccentricity.
+    #[serde(default)]
+    pub runout_mm: f64,
+    /// Sectors without stock, in turns.
+    #[serde(default)]
+    pub slots_turn: Vec<[f64; 2]>,
+}
+
+/// Sensor for trials, and what the controller reckons with.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SensorFile {
+    /// Lag.
+    pub lag_ms: f64,
+    /// Longest time between readings.
+    pub stale_ms: f64,
+    /// Noise as a share of the reading.
+    pub noise: f64,
+    /// End of its range; four times the set load if left out.
+    pub range_n: Option<f64>,
+    /// Seed of the noise.
+    pub seed: u64,
+}
+
+impl Default for SensorFile {
+    fn default() -> Self {
+        Self {
+            lag_ms: 10.0,
+            stale_ms: 10.0,
+            noise: 0.02,
+            range_n: None,
+            seed: 0,
+        }
+    }
+}
+
+/// A job that can be run.
+#[derive(Clone, Debug)]
+pub struct Job {
+    /// Its name.
+    pub name: String,
+    /// The cut.
+    pub cut: CutFile,
+    /// Settings, with the usual motion limits: the machine's have to be put in.
+    pub settings: TurningSettings,
+    /// Stock for trials.
+    pub blank: Option<Blank>,
+    /// Sensor for trials.
+    pub sensor: SensorModel,
+    /// Largest difference between the force law and the power law that the controller uses, as a share.
+    pub law_misfit: f64,
+}
+
+impl Job {
+    /// Reads a job file; `file` names it in errors.
+    ///
+    /// # Errors
+    /// Keys that are unknown, missing or make no sense, and regimes that do not hold, with place and key.
+    pub fn parse(text: &str, file: &str) -> Result<Self, SheetError> {
+        let sheet = Sheet::parse(text, file)?;
+        let job: JobFile = sheet.read()?;
+        job.job(&sheet)
+    }
+}
+
+impl JobFile {
+    fn job(&self, sheet: &Sheet<'_>) -> Result<Job, SheetError> {
+        let refuse = |key: &str, what: String, advice: &str| sheet.error(key, what, advice);
+        for (key, value, least, most) in [
+            ("cut.diameter_mm", self.cut.diameter_mm, 0.1, 1e4),
+            ("cut.z_mm", self.cut.z_mm, -1e4, 1e4),
+            ("cut.length_mm", self.cut.length_mm, 0.1, 1e4),
+            ("cut.allowance_max_mm", self.cut.allowance_max_mm, 0.01, 1e3),
+            ("cut.spindle_rpm", self.cut.spindle_rpm, 0.1, 1e5),
+            ("tool.rake_deg", self.tool.rake_deg, -45.0, 45.0),
+            ("sensor.lag_ms", self.sensor.lag_ms, 0.0, 1000.0),
+            ("sensor.stale_ms", self.sensor.stale_ms, 0.1, 1000.0),
+            ("sensor.noise", self.sensor.noise, 0.0, 0.5),
+        ] {
+            sheet.number(key, value, least, most)?;
+        }
+        if let Some(diameter) = self.cut.speed_diameter_mm {
+            sheet.number("cut.speed_diameter_mm", diameter, 0.1, 1e4)?;
+        }
+        if self.cut.kind == CutKind::Facing && self.cut.length_mm > 0.5 * self.cut.diameter_mm {
+            return Err(refuse(
+                "cut.length_mm",
+                "goes beyond the axis".into(),
+                "give at most half of the diameter",
+            ));
+        }
+        let tool = Tool::new(self.tool.lead_deg, self.tool.edge_mm)
+            .map_err(|error| refuse("tool", error.to_string(), "correct the tool"))?;
+        let (law, law_misfit) = self.law(sheet)?;
+        let input = RegimeInput {
+            law,
+            set_load: self.load.set_n,
+            permitted_load: self.load.permitted_n,
+            feed_min_mm_rev: self.feed.min_mm_rev,
+            feed_max_mm_rev: self.feed.max_mm_rev,
+            back_off: match (self.feed.back_off_mm_rev, self.strategy.name) {
+                (Some(feed), _) => BackOff::Feed(feed),
+                (None, StrategyName::Fast) => BackOff::LeastTime,
+                (None, _) => BackOff::Balanced,
+            },
+        };
+        let regime =
+            Regime::new(&input, &tool).map_err(|error| refuse("feed", error.to_string(), "see above"))?;
+        let usual = TurningSettings::usual(regime, tool, self.cut.spindle_rpm, self.cut.length_mm);
+        let literal = self.strategy.name == StrategyName::Literal;
+        let settings = TurningSettings {
+            strategy: match self.strategy.name {
+                StrategyName::Literal => Strategy::literal(&regime),
+                StrategyName::Safe => Strategy::safe(&regime),
+                StrategyName::Fast => Strategy::fast(&regime, self.strategy.face_is_known),
+            },
+            allowance_max_mm: self.cut.allowance_max_mm,
+            // The literal strategy overloads by itself.
+            overload: self
+                .load
+                .overload_n
+                .unwrap_or(if literal { 2.5 } else { 1.5 } * regime.set_load),
+            overload_s: self.load.overload_ms.map_or(usual.overload_s, |ms| ms * 1e-3),
+            contact_load: self.load.contact_n.unwrap_or(usual.contact_load),
+            sensor_lag_s: self.sensor.lag_ms * 1e-3,
+            sensor_stale_s: self.sensor.stale_ms * 1e-3,
+            ..usual
+        };
+        Ok(Job {
+            name: self.name.clone(),
+            cut: self.cut,
+            settings,
+            blank: self.blank(sheet)?,
+            sensor: SensorModel {
+                lag_s: self.sensor.lag_ms * 1e-3,
+                noise: self.sensor.noise,
+                range_max: self.sensor.range_n.unwrap_or(4.0 * regime.set_load),
+                seed: self.sensor.seed,
+            },
+            law_misfit,
+        })
+    }
+
+    fn blank(&self, sheet: &Sheet<'_>) -> Result<Option<Blank>, SheetError> {
+        let Some(stock) = &self.stock else {
+            return Ok(None);
+        };
+        let triples = |list: &[[f64; 3]]| list.iter().map(|[a, b, c]| (*a, *b, *c)).collect();
+        let blank = Blank {
+            outline_mm: stock.outline_mm.iter().map(|[u, h]| (*u, *h)).collect(),
+            grooves_mm: triples(&stock.grooves_mm),
+            hard_spots: triples(&stock.hard_spots),
+            runout_mm: stock.runout_mm,
+            slots: stock.slots_turn.iter().map(|[a, b]| (*a, *b)).collect(),
+        };
+        match blank.check() {
+            Ok(()) => Ok(Some(blank)),
+            Err(error) => Err(sheet.error("stock", error.to_string(), "correct the stock")),
+        }
+    }
+
+    /// The law at the cutting speed of the job as a power law, and how far that is off.
+    fn law(&self, sheet: &Sheet<'_>) -> Result<(CutLaw, f64), SheetError> {
+        let law = &self.law;
+        let diameter = self.cut.speed_diameter_mm.unwrap_or(self.cut.diameter_mm);
+        let speed_m_min = std::f64::consts::PI * diameter * self.cut.spindle_rpm / 1000.0;
+        let numbers = (
+            law.coefficient_n,
+            law.speed_exponent,
+            law.depth_exponent,
+            law.feed_exponent,
+        );
+        match (&law.name, numbers) {
+            (None, (Some(coefficient), Some(speed), Some(depth), Some(feed))) => {
+                sheet.number("law.coefficient_n", coefficient, 1e-3, 1e9)?;
+                sheet.number("law.speed_exponent", speed, -3.0, 3.0)?;
+                sheet.number("law.depth_exponent", depth, 0.05, 3.0)?;
+                sheet.number("law.feed_exponent", feed, 0.05, 3.0)?;
+                let law = CutLaw {
+                    coefficient: coefficient * libm::pow(speed_m_min, speed),
+                    depth_exponent: depth,
+                    feed_exponent: feed,
+                };
+                Ok((law, 0.0))
+            }
+            (Some(name), (None, None, None, None)) => {
+                let Some(definition) = LawDefinition::built_in(name) else {
+                    let names = LawDefinition::built_in_names().join(", ");
+                    return Err(sheet.error(
+                        "law.name",
+                        format!("\"{name}\" is no law"),
+                        format!("there is {names}"),
+                    ));
+                };
+                let tool = evolvent_cutting::Tool {
+                    rake_deg: self.tool.rake_deg,
+                    lead_deg: self.tool.lead_deg,
+                };
+                let built = definition.law(tool).map_err(|error| {
+                    sheet.error("law.name", error.to_string(), "choose another tool or law")
+                })?;
+                self.fit(sheet, &built, speed_m_min)
+            }
+            _ => Err(sheet.error(
+                "law",
+                "needs either a name, or coefficient_n and the exponents of speed, depth and feed".into(),
+                "give one of the two",
+            )),
+        }
+    }
+
+    /// A power law with the slopes of any law in the middle of the feeds, at the set load.
+    fn fit(&self, sheet: &Sheet<'_>, law: &ForceLaw, speed_m_min: f64) -> Result<(CutLaw, f64), SheetError> {
+        sheet.number("feed.min_mm_rev", self.feed.min_mm_rev, 1e-4, 10.0)?;
+        sheet.number(
+            "feed.max_mm_rev",
+            self.feed.max_mm_rev,
+            self.feed.min_mm_rev,
+            10.0,
+        )?;
+        let refuse = |error: &dyn std::fmt::Display| {
+            sheet.error(
+                "law",
+                error.to_string(),
+                "change speed or feeds, or choose another law",
+            )
+        };
+        let feeds = [
+            self.feed.min_mm_rev,
+            (self.feed.min_mm_rev * self.feed.max_mm_rev).sqrt(),
+            self.feed.max_mm_rev,
+        ];
+        let force = |depth_mm: f64, feed_mm_rev: f64| {
+            law.force(Cut {
+                speed_m_min,
+                depth_mm,
+                feed_mm_rev,
+            })
+            .map_err(|error| refuse(&error))
+        };
+        // The depth at the set load in the middle, by bisection.
+        let depth_at = |feed: f64| {
+            let (mut low, mut high) = (1e-3, 100.0);
+            for _ in 0..60 {
+                let middle = 0.5 * (low + high);
+                if force(middle, feed)?.tangential_n < self.load.set_n {
+                    low = middle;
+                } else {
+                    high = middle;
+                }
+            }
+            Ok::<f64, SheetError>(high)
+        };
+        let depth = depth_at(feeds[1])?;
+        let at = force(depth, feeds[1])?;
+        let fitted = CutLaw {
+            coefficient: 1.0,
+            depth_exponent: depth * at.per_depth / at.tangential_n,
+            feed_exponent: feeds[1] * at.per_feed / at.tangential_n,
+        };
+        let fitted = CutLaw {
+            coefficient: at.tangential_n / fitted.load(depth, feeds[1]),
+            ..fitted
+        };
+        if !fitted.is_sound() {
+            return Err(refuse(&format!(
+                "is no rising power of depth ({:.3}) and feed ({:.3}) at {speed_m_min:.1} m/min",
+                fitted.depth_exponent, fitted.feed_exponent
+            )));
+        }
+        let mut misfit: f64 = 0.0;
+        for feed in feeds {
+            let depth = depth_at(feed)?;
+            misfit = misfit.max((fitted.load(depth, feed) / self.load.set_n - 1.0).abs());
+        }
+        if misfit > MOST_MISFIT {
+            return Err(refuse(&format!(
+                "differs by {:.0} % from a power law over these feeds",
+                100.0 * misfit
+            )));
+        }
+        Ok((fitted, misfit))
+    }
+}
+
+impl CutFile {
+    /// Radius (X of the axis) and Z in mm of a place along the cut and a height.
+    #[must_use]
+    pub fn position_mm(&self, along_mm: f64, out_mm: f64) -> (f64, f64) {
+        match self.kind {
+            CutKind::Longitudinal => (0.5 * self.diameter_mm + out_mm, self.z_mm - along_mm),
+            CutKind::Facing => (0.5 * self.diameter_mm - along_mm, self.z_mm + out_mm),
+        }
+    }
+}
