@@ -42,7 +42,7 @@ impl TurningController {
             TurningState::BackOff,
             Reason::TooDeep {
                 depth_mm: depth,
-                limit_mm: limit,
+                limit_mm: DEEP * limit,
             },
         );
         true

@@ -264,6 +264,7 @@ impl TurningController {
             }
         };
         if leaves {
+            self.record.leave_shoulder(here, out + depth_mm);
             self.begin_return(TurningState::ReEnter, Reason::TooThin { depth_mm });
         }
         leaves

@@ -21,6 +21,7 @@
 //! The idea and equations (1) to (5) are from V. A. Timiryazev, A. V. Mukhin, A. A. Ivanov, "Adaptable control in
 //! autoprogramming of cutting tool path on a numerical control lathe".
 
+mod adaptive;
 mod axis;
 mod backing_off;
 mod blank;
@@ -41,6 +42,7 @@ mod trail;
 mod watch;
 mod workpiece;
 
+pub use adaptive::{AdaptiveError, AdaptiveFeed, AdaptiveOutput, AdaptiveSettings, AdaptiveStop};
 pub use axis::{AxisDrive, AxisPoint};
 pub use blank::{Blank, BlankError};
 pub use controller::{TurningController, TurningInputs, TurningOutput};

@@ -88,6 +88,20 @@ impl SizeRecord {
         self.swept_to = f64::NEG_INFINITY;
     }
 
+    /// A pass was given up where stock of a height was felt: its shoulder stands there, parallel to the edge.
+    pub fn leave_shoulder(&mut self, along_mm: f64, height_mm: f64) {
+        let (first, last) = (
+            self.ends_before(along_mm),
+            self.ends_before(along_mm + 2.0 * self.overhang_mm),
+        );
+        for cell in self.cells.iter_mut().take(last).skip(first) {
+            if !cell.known {
+                cell.top_mm = cell.top_mm.min(height_mm);
+                cell.felt = true;
+            }
+        }
+    }
+
     /// The most that may stand in a cell: without end where it is not known.
     fn most(cell: &Cell) -> f64 {
         if cell.known { cell.top_mm } else { f64::INFINITY }
@@ -226,6 +240,19 @@ mod tests {
         assert!(top(18.0).is_infinite());
         assert_eq!(record.first_above(0.5), Some(0.0));
         assert_eq!(record.highest_known_mm(), 3.0);
+    }
+
+    #[test]
+    fn the_shoulder_of_a_pass_that_was_given_up_is_seen_but_not_taken_for_known() {
+        let mut record = record(40.0);
+        for i in -20..=200 {
+            record.sweep(f64::from(i) * 0.1, 2.0, true, true);
+        }
+        assert_eq!(record.depth_ahead_mm(19.5, 0.0, 0.5, false), 2.0);
+        record.leave_shoulder(20.0, 3.5);
+        assert_eq!(record.depth_ahead_mm(19.5, 0.0, 0.5, false), 3.5);
+        assert_eq!(record.depth_ahead_mm(19.5, 0.0, 0.5, true), 2.0);
+        assert!(!record.at(21.0).known && record.first_above(2.5) == Some(20.0));
     }
 
     #[test]

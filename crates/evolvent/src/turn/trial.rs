@@ -33,8 +33,8 @@ pub(crate) struct Sample {
 pub(crate) struct Stretch {
     pub(crate) to_along_mm: f64,
     pub(crate) to_out_mm: f64,
-    /// None in rapid.
-    pub(crate) feed_mm_rev: Option<f64>,
+    /// Revolutions that it takes; none in rapid.
+    pub(crate) turns: Option<f64>,
 }
 
 /// What came out.
@@ -294,7 +294,7 @@ impl StretchWriter {
         stretches.push(Stretch {
             to_along_mm: self.at.0,
             to_out_mm: self.at.1,
-            feed_mm_rev: (!rapid && self.turns > 0.0).then(|| length / self.turns),
+            turns: (!rapid && self.turns > 0.0).then_some(self.turns),
         });
     }
 }

@@ -1,0 +1,421 @@
+//! Adaptive feed for any program: a factor of the programmed feed that holds a set load.
+//!
+//! LinuxCNC's M52 multiplies the feed by a pin and leaves law and protection to others. Here both are inside: the
+//! load at the programmed feed is worked out from the load and the feed of the moment (`load ~ feed^exponent`), and the
+//! factor follows from it at once, within limits and slew rates. What cannot be believed slows down and stops.
+
+use crate::law::CutLaw;
+use crate::sensor::LoadSample;
+use crate::watch::{LoadWatch, SensorTrouble};
+
+/// Smallest share of the programmed feed at which a load still tells something.
+const LEAST_FACTOR: f64 = 0.02;
+/// Turns without load after which the tool is in air.
+const AIR_TURNS: f64 = 1.1;
+
+/// Limits and reactions, for one tool.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AdaptiveSettings {
+    /// The load to be held.
+    pub set_load: f64,
+    /// Exponent of the feed in the load, 0.05 to 3.
+    pub feed_exponent: f64,
+    /// Smallest factor of the programmed feed, above 0.
+    pub factor_min: f64,
+    /// Largest factor while cutting, up to 2.
+    pub factor_max: f64,
+    /// Factor from the first contact until one turn has been felt.
+    pub factor_entry: f64,
+    /// Factor in air.
+    pub factor_idle: f64,
+    /// Load above which there is contact.
+    pub contact_load: f64,
+    /// Load above which the feed is held, ...
+    pub overload: f64,
+    /// ... if it lasts for this time, s.
+    pub overload_s: f64,
+    /// Fastest rise of the factor, 1/s.
+    pub slew_up: f64,
+    /// Fastest fall of the factor, 1/s.
+    pub slew_down: f64,
+    /// Longest time between two readings, s.
+    pub stale_s: f64,
+    /// Time over which the load repeats: a revolution of the work (turning) or of the tool (milling), s.
+    pub turn_s: f64,
+    /// Control period, s.
+    pub period_s: f64,
+}
+
+/// Why settings are refused.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[error("{name} is {value}; it must lie from {least} to {most}")]
+pub struct AdaptiveError {
+    /// Which.
+    pub name: &'static str,
+    /// Its value.
+    pub value: f64,
+    /// Lowest.
+    pub least: f64,
+    /// Highest.
+    pub most: f64,
+}
+
+/// Why the feed is held.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum AdaptiveStop {
+    /// The load was above the limit for too long.
+    Overload {
+        /// Load.
+        load: f64,
+        /// Limit.
+        limit: f64,
+    },
+    /// Even the smallest feed gives more than the overload limit would allow in a steady cut.
+    TooDeep {
+        /// Load that the smallest feed gives.
+        load: f64,
+        /// The overload limit.
+        limit: f64,
+    },
+    /// The sensor cannot be believed.
+    Sensor(SensorTrouble),
+}
+
+/// What the load asks of the feed in this cycle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AdaptiveOutput {
+    /// Factor of the programmed feed; 0 holds it. To be multiplied with the operator's override where that is below 1.
+    pub factor: f64,
+    /// Why the feed is held; stays until [`AdaptiveFeed::reset`].
+    pub stop: Option<AdaptiveStop>,
+    /// Nothing is cut.
+    pub in_air: bool,
+}
+
+/// Adaptive feed. A pure function of the readings; real-time safe.
+#[derive(Clone, Copy, Debug)]
+pub struct AdaptiveFeed {
+    settings: AdaptiveSettings,
+    watch: LoadWatch,
+    factor: f64,
+    stop: Option<AdaptiveStop>,
+    overload_s: f64,
+    blind_s: f64,
+    air_s: f64,
+    contact_s: f64,
+}
+
+impl AdaptiveFeed {
+    /// Sets up, in air.
+    ///
+    /// # Errors
+    /// A setting that makes no sense.
+    pub fn new(settings: AdaptiveSettings) -> Result<Self, AdaptiveError> {
+        let s = &settings;
+        for (name, value, least, most) in [
+            ("the set load", s.set_load, 1e-9, 1e9),
+            ("the exponent of the feed", s.feed_exponent, 0.05, 3.0),
+            ("the smallest factor", s.factor_min, LEAST_FACTOR, 1.0),
+            ("the largest factor", s.factor_max, s.factor_min, 2.0),
+            ("the entry factor", s.factor_entry, s.factor_min, s.factor_max),
+            ("the idle factor", s.factor_idle, s.factor_min, 2.0),
+            ("the load of contact", s.contact_load, 1e-9, 0.5 * s.set_load),
+            ("the overload limit", s.overload, 1.01 * s.set_load, 1e9),
+            ("the duration of an overload in s", s.overload_s, 0.0, 10.0),
+            ("the fastest rise of the factor per s", s.slew_up, 1e-3, 1e4),
+            ("the fastest fall of the factor per s", s.slew_down, 1e-2, 1e4),
+            ("the control period in s", s.period_s, 1e-5, 0.02),
+            ("the longest time between readings in s", s.stale_s, 0.0, 1.0),
+            ("the time of a turn in s", s.turn_s, s.period_s, 60.0),
+        ] {
+            if !(least..=most).contains(&value) {
+                return Err(AdaptiveError {
+                    name,
+                    value,
+                    least,
+                    most,
+                });
+            }
+        }
+        let law = CutLaw {
+            coefficient: 1.0,
+            depth_exponent: 1.0,
+            feed_exponent: s.feed_exponent,
+        };
+        Ok(Self {
+            watch: LoadWatch::new(law, s.set_load, s.period_s, s.turn_s, s.stale_s),
+            factor: s.factor_idle,
+            stop: None,
+            overload_s: 0.0,
+            blind_s: 0.0,
+            air_s: f64::INFINITY,
+            contact_s: 0.0,
+            settings,
+        })
+    }
+
+    /// One control period. `driven` is the feed of the moment as a factor of the programmed one, `cutting` whether
+    /// the program feeds (and does not move in rapid).
+    pub fn step(&mut self, sample: Option<LoadSample>, driven: f64, cutting: bool) -> AdaptiveOutput {
+        let s = self.settings;
+        let driven = if driven.is_finite() { driven } else { 0.0 };
+        let view = self.watch.step(sample, driven, LEAST_FACTOR);
+        if !cutting {
+            // Rapids are none of ours; the next cut is met as a new one.
+            (self.air_s, self.contact_s, self.blind_s) = (f64::INFINITY, 0.0, 0.0);
+            self.watch.forget();
+            self.factor = self.factor.min(s.factor_entry.max(s.factor_min));
+            return self.output();
+        }
+        self.protect(view.now, view.trouble, view.depth_mean_mm);
+        if view.now < s.contact_load {
+            self.air_s += s.period_s;
+        } else {
+            (self.air_s, self.contact_s) = (0.0, self.contact_s + s.period_s);
+        }
+        let in_air = self.in_air();
+        if in_air {
+            self.contact_s = 0.0;
+        }
+        let wish = if self.stop.is_some() {
+            0.0
+        } else if self.blind_s > 0.0 {
+            s.factor_min
+        } else if in_air {
+            s.factor_idle
+        } else {
+            // Load at the programmed feed, the largest of a turn where the cut is not even.
+            let held = libm::pow(s.set_load / view.depth_mm.max(1e-12), 1.0 / s.feed_exponent);
+            let most = if self.contact_s < s.turn_s {
+                s.factor_entry
+            } else {
+                s.factor_max
+            };
+            held.min(most).max(s.factor_min)
+        };
+        let (up, down) = (
+            self.factor + s.slew_up * s.period_s,
+            self.factor - s.slew_down * s.period_s,
+        );
+        self.factor = wish.clamp(down, up).max(0.0);
+        self.output()
+    }
+
+    fn protect(&mut self, load: f64, trouble: Option<SensorTrouble>, engagement: f64) {
+        let s = &self.settings;
+        self.blind_s = if trouble.is_some() {
+            self.blind_s + s.period_s
+        } else {
+            0.0
+        };
+        self.overload_s = if load > s.overload {
+            self.overload_s + s.period_s
+        } else {
+            0.0
+        };
+        if self.stop.is_some() {
+            return;
+        }
+        let least = engagement * libm::pow(s.factor_min, s.feed_exponent);
+        if self.overload_s > s.overload_s {
+            self.stop = Some(AdaptiveStop::Overload {
+                load,
+                limit: s.overload,
+            });
+        } else if least > s.overload {
+            self.stop = Some(AdaptiveStop::TooDeep {
+                load: least,
+                limit: s.overload,
+            });
+        } else if let Some(trouble) = trouble
+            && self.blind_s > 0.5 * s.turn_s
+        {
+            self.stop = Some(AdaptiveStop::Sensor(trouble));
+        }
+    }
+
+    fn in_air(&self) -> bool {
+        self.air_s > AIR_TURNS * self.settings.turn_s
+    }
+
+    fn output(&self) -> AdaptiveOutput {
+        AdaptiveOutput {
+            factor: self.factor,
+            stop: self.stop,
+            in_air: self.in_air(),
+        }
+    }
+
+    /// Forgets what the feed was held for: the operator has looked.
+    pub fn reset(&mut self) {
+        self.stop = None;
+        self.overload_s = 0.0;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Blank, Sensor, SensorFault, SensorModel, Tool, Workpiece};
+
+    const TURN_S: f64 = 0.12;
+    const PERIOD_S: f64 = 0.002;
+    const SET: f64 = 2200.0;
+
+    fn settings() -> AdaptiveSettings {
+        AdaptiveSettings {
+            set_load: SET,
+            feed_exponent: 0.75,
+            factor_min: 0.2,
+            factor_max: 1.5,
+            factor_entry: 0.8,
+            factor_idle: 1.5,
+            contact_load: 110.0,
+            overload: 3300.0,
+            overload_s: 0.02,
+            slew_up: 2.0,
+            slew_down: 100.0,
+            stale_s: 0.01,
+            turn_s: TURN_S,
+            period_s: PERIOD_S,
+        }
+    }
+
+    /// A pass at the final size over a stock at 0.4 mm/rev times the factor: (time, load, factor, place).
+    fn pass(blank: Blank, adaptive: Option<AdaptiveSettings>) -> Vec<(f64, f64, f64, f64)> {
+        let law = CutLaw {
+            coefficient: 1467.0,
+            depth_exponent: 1.0,
+            feed_exponent: 0.75,
+        };
+        let mut piece = Workpiece::new(
+            blank,
+            120.0,
+            law,
+            Tool::new(60.0, 12.0).unwrap(),
+            TURN_S / PERIOD_S,
+        );
+        let model = SensorModel {
+            lag_s: 0.01,
+            noise: 0.02,
+            range_max: 8000.0,
+            seed: 1,
+        };
+        let mut sensor = Sensor::new(model, PERIOD_S);
+        let mut feed = adaptive.map(|settings| AdaptiveFeed::new(settings).unwrap());
+        let (mut place, mut load, mut factor, mut time) = (-4.0, 0.0, 1.0, 0.0);
+        let mut seen = Vec::new();
+        while place < 120.0 && time < 600.0 {
+            let sample = sensor.read(load, None);
+            if let Some(feed) = &mut feed {
+                let output = feed.step(sample, factor, true);
+                assert_eq!(output.stop, None);
+                factor = output.factor;
+            }
+            place += factor * 0.4 / TURN_S * PERIOD_S;
+            load = piece.step(place, 0.0).load;
+            time += PERIOD_S;
+            seen.push((time, load, factor, place));
+        }
+        seen
+    }
+
+    #[test]
+    fn the_set_load_is_held_where_the_limits_allow_and_the_programmed_feed_does_not_hold_it() {
+        let blank = Blank::outline(&[(0.0, 1.5), (120.0, 5.0)]);
+        let fixed = pass(blank.clone(), None);
+        let adaptive = pass(blank, Some(settings()));
+        let peak = |seen: &[(f64, f64, f64, f64)]| seen.iter().map(|s| s.1).fold(0.0, f64::max);
+        assert!(peak(&fixed) > 1.6 * SET, "{}", peak(&fixed));
+        assert!(peak(&adaptive) < 1.1 * SET, "{}", peak(&adaptive));
+        // From 60 mm on the depth is above 3.2 mm, and the load is the set one.
+        let (mut sum, mut count) = (0.0, 0.0);
+        for (_, load, ..) in adaptive.iter().filter(|s| s.3 > 60.0 && s.3 < 115.0) {
+            (sum, count) = (sum + load, count + 1.0);
+        }
+        assert!((sum / count / SET - 1.0).abs() < 0.04, "{}", sum / count / SET);
+    }
+
+    #[test]
+    fn factors_stay_within_their_limits_and_slew_rates() {
+        let blank = Blank {
+            grooves_mm: vec![(30.0, 50.0, 0.0)],
+            ..Blank::outline(&[(0.0, 2.0), (70.0, 2.0), (70.0, 4.5), (120.0, 0.4)])
+        };
+        let seen = pass(blank, Some(settings()));
+        for pair in seen.windows(2) {
+            let change = (pair[1].2 - pair[0].2) / PERIOD_S;
+            assert!(change <= 2.0 + 1e-9 && change >= -100.0 - 1e-9, "{change} per s");
+            assert!((0.2..=1.5).contains(&pair[1].2));
+        }
+        // In the groove the idle factor is reached, over thin stock the largest.
+        assert!(seen.iter().any(|s| s.3 > 40.0 && s.3 < 48.0 && s.2 == 1.5));
+    }
+
+    #[test]
+    fn a_sensor_that_fails_slows_at_once_and_holds_within_a_revolution() {
+        for fault in SensorFault::ALL {
+            let mut feed = AdaptiveFeed::new(settings()).unwrap();
+            let mut sensor = Sensor::new(
+                SensorModel {
+                    lag_s: 0.01,
+                    noise: 0.02,
+                    range_max: 8000.0,
+                    seed: 1,
+                },
+                PERIOD_S,
+            );
+            let mut factor = 1.0;
+            for _ in 0..500 {
+                factor = feed.step(sensor.read(2000.0, None), factor, true).factor;
+            }
+            assert!(factor > 0.5);
+            let mut time = 0.0;
+            while factor > 0.0 {
+                let output = feed.step(sensor.read(2000.0, Some(fault)), factor, true);
+                factor = output.factor;
+                time += PERIOD_S;
+                let allowed = if fault == SensorFault::Frozen { 1.4 } else { 1.0 };
+                assert!(time <= allowed * TURN_S, "{fault:?}");
+            }
+            let output = feed.step(sensor.read(2000.0, None), 0.0, true);
+            assert!(matches!(output.stop, Some(AdaptiveStop::Sensor(_))), "{output:?}");
+            feed.reset();
+            assert_eq!(feed.step(sensor.read(2000.0, None), 0.0, true).stop, None);
+        }
+    }
+
+    #[test]
+    fn an_overload_holds_the_feed() {
+        let mut feed = AdaptiveFeed::new(settings()).unwrap();
+        let sample = |sequence, value| {
+            Some(LoadSample {
+                sequence,
+                value,
+                range_max: 8000.0,
+            })
+        };
+        let mut stop = None;
+        for k in 0..40 {
+            stop = feed.step(sample(k, 5000.0 + k as f64), 0.2, true).stop;
+        }
+        assert!(matches!(
+            stop,
+            Some(AdaptiveStop::Overload { .. } | AdaptiveStop::TooDeep { .. })
+        ));
+    }
+
+    #[test]
+    fn settings_that_make_no_sense_are_refused() {
+        for change in [
+            |s: &mut AdaptiveSettings| s.factor_min = 0.0,
+            |s: &mut AdaptiveSettings| s.factor_max = f64::NAN,
+            |s: &mut AdaptiveSettings| s.overload = 2000.0,
+            |s: &mut AdaptiveSettings| s.factor_entry = 1.6,
+        ] {
+            let mut changed = settings();
+            change(&mut changed);
+            assert!(AdaptiveFeed::new(changed).is_err(), "{changed:?}");
+        }
+    }
+}
