@@ -243,3 +243,28 @@ fn the_leading_multiplier_is_that_of_a_disturbed_motion() {
         "growth a period",
     );
 }
+
+/// Two roots that one harmonic does not see, because its extra damping only comes near zero there.
+#[test]
+fn cycles_that_only_graze_zero_are_found() {
+    let law = steel();
+    let mut mapper = Mapper::new(5);
+    for (speed, depth) in [
+        (108.103_448_275_862_06, 1.4),
+        (112.758_620_689_655_17, 1.4),
+        (122.068_965_517_241_38, 1.6),
+    ] {
+        let case = CuttingTool {
+            depth_mm: depth,
+            ..tool(speed, 0.002)
+        };
+        let model = Model::new(case, &law).unwrap();
+        let prediction = Scanner::new(5).scan(&model).unwrap();
+        assert_eq!(
+            mapper.cell(case, &law).verdict,
+            Some(prediction.verdict()),
+            "{speed} m/min"
+        );
+        assert!(prediction.cycles().any(|cycle| cycle.stable_by_slope()));
+    }
+}
