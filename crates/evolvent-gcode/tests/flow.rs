@@ -210,6 +210,19 @@ fn parameters_and_tools_can_be_kept_from_run_to_run() {
 }
 
 #[test]
+fn a_repeat_runs_as_often_as_it_says_whatever_it_is_in() {
+    for count in 0..6 {
+        let program = format!(
+            "#31=0\nO9 sub\nO1 repeat [#1]\nO2 repeat [2]\n#31=[#31+1]\nO2 endrepeat\nO1 endrepeat\nO9 endsub\nO9 call [{count}]\n\
+             O3 repeat [{count}]\n#31=[#31+100]\nO3 endrepeat\nG0 X[1000+#31]\nM2\n"
+        );
+        let mut interpreter = Interpreter::new(program.as_bytes(), Settings::default());
+        assert!(interpreter.by_ref().all(|item| item.is_ok()), "{program}");
+        assert_eq!(interpreter.parameter(31), f64::from(102 * count));
+    }
+}
+
+#[test]
 fn a_restart_leaves_the_state_of_all_lines_before() {
     let program = "G21 G64 P0.05 F600 T2\nM6 S800 M3\nM8 G55\nO1 repeat [3]\nG91 G1 X1\nO1 endrepeat\nG90 G1 X10\nG0 Y5\nX7\n";
     let whole: Vec<_> = Interpreter::new(program.as_bytes(), Settings::default())
