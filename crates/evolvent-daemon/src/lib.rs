@@ -36,7 +36,7 @@ pub use evolvent_control::Alarm;
 pub use feeder::{Notice, ProgramError, check};
 pub use job::{Clock, Job, Setup};
 pub use memory::ProgramMemory;
-pub use recompute::{Recomputed, RecordedInputs, recompute};
+pub use recompute::{Recomputed, RecordedInputs, platform, recompute};
 pub use rt::{LowLatencyHold, MonotonicClock, RealtimeGranted, RealtimeRequest, apply_to_this_thread};
 pub use run::{RunObserver, RunOutcome, StartError, run};
 pub use serve::{ServeConfig, ServeSummary, serve, state_folder};

@@ -16,6 +16,12 @@ use crate::job::Setup;
 /// How long the planner sleeps when the queue is full.
 const PLANNER_NAP: Duration = Duration::from_micros(100);
 
+/// The kind of computer that this is, as traces name it.
+#[must_use]
+pub fn platform() -> String {
+    format!("{}-{}", std::env::consts::ARCH, std::env::consts::OS)
+}
+
 /// What came in at one cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RecordedInputs {

@@ -383,6 +383,7 @@ pub(crate) fn run_info(setup: &Setup, source: &RunSource<'_>, start_time_ns: u64
                 ("feed_override".to_owned(), job.feed_override.to_string()),
                 ("optional_stop".to_owned(), job.optional_stop.to_string()),
                 ("planner".to_owned(), setup.machine.path.planner.name().to_owned()),
+                ("platform".to_owned(), crate::platform()),
                 ("start_line".to_owned(), setup.start_line.unwrap_or(0).to_string()),
             ]),
         ),

@@ -1,0 +1,178 @@
+//! Positions against the machine's limits, from nothing but the positions.
+
+use evolvent_machine::{Limits, Machine};
+use evolvent_path::AxisLetter;
+use evolvent_trace::CycleRecord;
+
+/// Velocity and acceleration may exceed their limits by this, jerk by more: differences of rounded numbers.
+const ALLOWED: [f64; 3] = [1.001, 1.001, 1.02];
+/// Cycles after a joint of exact-path mode in which its step shows in second and third differences.
+const JOINT_CYCLES: u32 = 3;
+/// The flag of such a joint.
+const FLAG_JOINT: u32 = 16;
+/// After a fault the axes brake from wherever they are; the guard's own rules hold there.
+const STATE_FAULT: u8 = 8;
+/// Rounding that the check of travel forgives, mm or degrees.
+const TRAVEL_SLACK: f64 = 1e-6;
+
+/// The worst of one kind, and where.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+pub struct Worst {
+    /// Its share of the limit; for travel, mm or degrees beyond it.
+    pub ratio: f64,
+    /// The value, in mm or degrees and seconds.
+    pub value: f64,
+    /// The cycle.
+    pub sequence: u64,
+    /// The program's line.
+    pub line: u32,
+}
+
+/// Differentiates recorded positions and keeps the worst of every axis.
+#[derive(Clone, Debug)]
+pub struct LimitCheck {
+    limits: Limits,
+    rate_hz: f64,
+    /// The last positions, newest first, and how many of them follow one another up to the present.
+    past: [[f64; 9]; 3],
+    known: u32,
+    last_sequence: Option<u64>,
+    since_joint: u32,
+    /// Velocity, acceleration and jerk by axis.
+    worst: [[Worst; 3]; 9],
+    travel: [Worst; 9],
+    broken: u64,
+    first_broken: Option<(u64, u32, String)>,
+}
+
+impl LimitCheck {
+    /// Begins with a machine at rest at `start`.
+    #[must_use]
+    pub fn new(machine: &Machine, period_ns: u64, start: &[f64; 9]) -> Self {
+        Self {
+            limits: machine.limits(),
+            rate_hz: 1e9 / period_ns as f64,
+            past: [*start; 3],
+            known: 3,
+            last_sequence: None,
+            since_joint: JOINT_CYCLES,
+            worst: [[Worst::default(); 3]; 9],
+            travel: [Worst::default(); 9],
+            broken: 0,
+            first_broken: None,
+        }
+    }
+
+    /// Takes the next cycle in. Behind a gap differences begin anew. Gives the differences by axis: velocity,
+    /// acceleration, jerk; `None` right behind a gap.
+    pub fn cycle(&mut self, record: &CycleRecord) -> Option<[[f64; 3]; 9]> {
+        let follows = match self.last_sequence {
+            None => record.sequence == 0,
+            Some(last) => last.checked_add(1) == Some(record.sequence),
+        };
+        if !follows {
+            self.known = 0;
+        }
+        self.last_sequence = Some(record.sequence);
+        self.since_joint = if record.flags & FLAG_JOINT != 0 {
+            0
+        } else {
+            self.since_joint.saturating_add(1)
+        };
+        let mut found = [[0.0; 3]; 9];
+        let p = &record.position;
+        let f = self.rate_hz;
+        let [p1, p2, p3] = &self.past;
+        for axis in 0..9 {
+            if !self.limits.present[axis] {
+                continue;
+            }
+            let (d1, d2, d3) = (p[axis] - p1[axis], p1[axis] - p2[axis], p2[axis] - p3[axis]);
+            found[axis] = [d1 * f, (d1 - d2) * (f * f), ((d1 - d2) - (d2 - d3)) * (f * f * f)];
+        }
+        let is_known = self.known >= 3;
+        for axis in 0..9 {
+            if self.limits.present[axis] {
+                self.judge(axis, &found[axis], record, is_known);
+            }
+        }
+        self.past = [*p, self.past[0], self.past[1]];
+        self.known = self.known.saturating_add(1);
+        is_known.then_some(found)
+    }
+
+    fn judge(&mut self, axis: usize, found: &[f64; 3], record: &CycleRecord, is_known: bool) {
+        let position = record.position[axis];
+        let (low, high) = (self.limits.travel_min[axis], self.limits.travel_max[axis]);
+        let beyond = (low - position).max(position - high);
+        let at = |ratio: f64, value: f64| Worst {
+            ratio,
+            value,
+            sequence: record.sequence,
+            line: record.line,
+        };
+        let letter = AxisLetter::ALL[axis].letter();
+        if beyond > self.travel[axis].ratio {
+            self.travel[axis] = at(beyond, position);
+        }
+        // Written so that NaN breaks it.
+        if !matches!(beyond.partial_cmp(&TRAVEL_SLACK), Some(std::cmp::Ordering::Less)) {
+            self.break_limit(record, || format!("axis {letter} left its travel: {position:.6}"));
+        }
+        if !is_known {
+            return;
+        }
+        let limits = [
+            self.limits.velocity[axis],
+            self.limits.acceleration[axis],
+            self.limits.jerk[axis],
+        ];
+        let near_joint = self.since_joint < JOINT_CYCLES;
+        for order in 0..3 {
+            if near_joint && order > 0 {
+                continue;
+            }
+            let ratio = found[order].abs() / limits[order];
+            if ratio > self.worst[axis][order].ratio {
+                self.worst[axis][order] = at(ratio, found[order].abs());
+            }
+            let noise = 16.0 * f64::EPSILON * position.abs().max(1.0) * self.rate_hz.powi(order as i32 + 1);
+            let is_braking = record.state == STATE_FAULT && order == 0;
+            if ratio > ALLOWED[order] + noise / limits[order] && !is_braking {
+                let quantity = ["velocity", "acceleration", "jerk"][order];
+                let value = found[order].abs();
+                self.break_limit(record, || {
+                    format!(
+                        "{quantity} of axis {letter} was {value:.6e}, its limit is {:.6e}",
+                        limits[order]
+                    )
+                });
+            }
+        }
+    }
+
+    fn break_limit(&mut self, record: &CycleRecord, text: impl FnOnce() -> String) {
+        self.broken += 1;
+        if self.first_broken.is_none() {
+            self.first_broken = Some((record.sequence, record.line, text()));
+        }
+    }
+
+    /// The worst of an axis, by its index in XYZABCUVW: velocity, acceleration, jerk as shares of the limit.
+    #[must_use]
+    pub fn worst(&self, axis: usize) -> &[Worst; 3] {
+        &self.worst[axis]
+    }
+
+    /// How many samples broke a limit.
+    #[must_use]
+    pub fn broken(&self) -> u64 {
+        self.broken
+    }
+
+    /// The first that did: cycle, line, and what in words.
+    #[must_use]
+    pub fn first_broken(&self) -> Option<&(u64, u32, String)> {
+        self.first_broken.as_ref()
+    }
+}

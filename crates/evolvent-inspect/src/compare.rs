@@ -1,0 +1,309 @@
+//! Two runs, aligned by place on the path.
+
+use std::path::Path;
+
+use evolvent_trace::{CycleRecord, ReadError};
+
+use crate::lines::LineTimes;
+use crate::opened::{InspectError, Opened};
+
+/// Lines that are named at most.
+const MOST_LINES: usize = 40;
+/// Points of the curve of the difference.
+const POINTS: usize = 200;
+/// A difference in time below this is none, s.
+const LEAST_S: f64 = 1e-9;
+
+/// A line in both runs.
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
+pub struct LineDifference {
+    /// The program's line.
+    pub line: u32,
+    /// Its text.
+    pub text: String,
+    /// Time in it in the first run, s.
+    pub a_s: f64,
+    /// Time in it in the second run, s.
+    pub b_s: f64,
+    /// What limited the first run longest there.
+    pub a_limit: String,
+    /// What limited the second run longest there.
+    pub b_limit: String,
+    /// Why the slower one was slower, as far as the traces tell.
+    pub why: String,
+}
+
+/// What comparing came to. The first run is A, the second B.
+#[derive(Clone, Debug, Default, serde::Serialize)]
+pub struct Comparison {
+    /// Path that both have driven, mm.
+    pub common_path_mm: f64,
+    /// Path of A and of B, mm.
+    pub path_mm: [f64; 2],
+    /// Duration of A and of B, s.
+    pub duration_s: [f64; 2],
+    /// Time that A and B took for the common path, s.
+    pub common_s: [f64; 2],
+    /// Greatest distance of the two at the same place on the path, mm (X, Y, Z).
+    pub max_deviation_mm: f64,
+    /// Where: path, mm.
+    pub deviation_at_mm: f64,
+    /// Where: line in A.
+    pub deviation_line: u32,
+    /// The first place where they are more than a nanometre apart: path and line in A.
+    pub first_deviation: Option<(f64, u32)>,
+    /// Lines by difference in time, the greatest first.
+    pub lines: Vec<LineDifference>,
+    /// Path, mm, and how much later B is there than A, s.
+    pub lag: Vec<(f64, f64)>,
+    /// What differs in the surroundings: machine, program, period, planner.
+    pub notes: Vec<String>,
+}
+
+/// Compares two traces.
+///
+/// # Errors
+/// [`InspectError`] of either.
+pub fn compare(a: &Path, b: &Path) -> Result<Comparison, InspectError> {
+    let mut a = Opened::open(a)?;
+    let mut b = Opened::open(b)?;
+    let mut result = Comparison {
+        notes: surroundings(&a, &b),
+        ..Comparison::default()
+    };
+    let lines = a.program_lines();
+    let mut times = [
+        LineTimes::new(&a.machine, a.run.period_ns),
+        LineTimes::new(&b.machine, b.run.period_ns),
+    ];
+    let periods = [a.period_s(), b.period_s()];
+    let mut b_cycles = Ahead::new(b.trace.cycles());
+    let mut last_lag = (0.0, 0.0);
+    let mut lags = Vec::new();
+    for record in a.trace.cycles() {
+        let record = record?;
+        times[0].cycle(&record);
+        result.path_mm[0] = result.path_mm[0].max(record.path_mm);
+        result.duration_s[0] = (record.sequence + 1) as f64 * periods[0];
+        let place = b_cycles.reach(record.path_mm, |passed| {
+            times[1].cycle(passed);
+            result.path_mm[1] = result.path_mm[1].max(passed.path_mm);
+            result.duration_s[1] = (passed.sequence + 1) as f64 * periods[1];
+        })?;
+        let Some((position, sequence)) = place else {
+            continue;
+        };
+        // Where the path does not go on, no place is another's.
+        if record.path_mm <= last_lag.0 {
+            continue;
+        }
+        let off = distance(&record.position, &position);
+        if off > result.max_deviation_mm {
+            result.max_deviation_mm = off;
+            result.deviation_at_mm = record.path_mm;
+            result.deviation_line = record.line;
+        }
+        if off > 1e-6 && result.first_deviation.is_none() {
+            result.first_deviation = Some((record.path_mm, record.line));
+        }
+        let a_s = record.sequence as f64 * periods[0];
+        let b_s = sequence * periods[1];
+        result.common_path_mm = record.path_mm;
+        result.common_s = [a_s, b_s];
+        last_lag = (record.path_mm, b_s - a_s);
+        thin_out(&mut lags, last_lag);
+    }
+    b_cycles.finish(|passed| {
+        times[1].cycle(passed);
+        result.path_mm[1] = result.path_mm[1].max(passed.path_mm);
+        result.duration_s[1] = (passed.sequence + 1) as f64 * periods[1];
+    })?;
+    lags.push(last_lag);
+    let step = lags.len().div_ceil(POINTS).max(1);
+    result.lag = lags.iter().copied().step_by(step).chain([last_lag]).collect();
+    result.lines = by_line(&times, &lines);
+    Ok(result)
+}
+
+/// Keeps at most a few thousand points.
+fn thin_out(list: &mut Vec<(f64, f64)>, point: (f64, f64)) {
+    const MOST: usize = 16_384;
+    list.push(point);
+    if list.len() >= MOST {
+        let mut at = 0;
+        list.retain(|_| {
+            at += 1;
+            at % 2 == 1
+        });
+    }
+}
+
+fn distance(a: &[f64; 9], b: &[f64; 9]) -> f64 {
+    (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>().sqrt()
+}
+
+fn surroundings(a: &Opened, b: &Opened) -> Vec<String> {
+    let mut notes = Vec::new();
+    let mut differ = |what: &str, a: String, b: String| {
+        if a != b {
+            notes.push(format!("{what}: {a} against {b}"));
+        }
+    };
+    differ("machine", a.run.machine_name.clone(), b.run.machine_name.clone());
+    differ(
+        "period, ns",
+        a.run.period_ns.to_string(),
+        b.run.period_ns.to_string(),
+    );
+    differ("program", a.run.program_name.clone(), b.run.program_name.clone());
+    let version = |opened: &Opened| opened.run.versions.get("evolvent").cloned().unwrap_or_default();
+    differ("version", version(a), version(b));
+    for key in ["planner", "feed_override", "start_line"] {
+        let of = |opened: &Opened| opened.run.extra.get(key).cloned().unwrap_or_default();
+        differ(key, of(a), of(b));
+    }
+    if a.program != b.program {
+        notes.push("the programs are not the same: lines mean each run's own".to_owned());
+    }
+    if a.machine_text != b.machine_text {
+        notes.push("the machine files are not the same".to_owned());
+    }
+    notes
+}
+
+fn by_line(times: &[LineTimes; 2], lines: &[String]) -> Vec<LineDifference> {
+    let mut numbers: Vec<u32> = times
+        .iter()
+        .flat_map(|times| times.lines().keys().copied())
+        .collect();
+    numbers.sort_unstable();
+    numbers.dedup();
+    let mut list: Vec<LineDifference> = numbers
+        .into_iter()
+        .filter_map(|line| {
+            let [a, b] = [times[0].lines().get(&line), times[1].lines().get(&line)];
+            let seconds = |time: Option<&crate::LineTime>| time.map_or(0.0, |time| time.time_s);
+            let limit = |time: Option<&crate::LineTime>| {
+                time.and_then(crate::LineTime::main_limit)
+                    .map_or_else(|| "not driven".to_owned(), crate::Limit::name)
+            };
+            let (a_s, b_s) = (seconds(a), seconds(b));
+            if (a_s - b_s).abs() < LEAST_S {
+                return None;
+            }
+            let text = (line as usize).checked_sub(1).and_then(|at| lines.get(at));
+            Some(LineDifference {
+                line,
+                text: text.cloned().unwrap_or_default(),
+                a_s,
+                b_s,
+                a_limit: limit(a),
+                b_limit: limit(b),
+                why: a
+                    .zip(b)
+                    .map_or_else(|| "only one run drove it".to_owned(), |(a, b)| why(a, b)),
+            })
+        })
+        .collect();
+    list.sort_by(|a, b| (b.a_s - b.b_s).abs().total_cmp(&(a.a_s - a.b_s).abs()));
+    list.truncate(MOST_LINES);
+    list
+}
+
+fn why(a: &crate::LineTime, b: &crate::LineTime) -> String {
+    let (slow, fast, name) = if a.time_s > b.time_s {
+        (a, b, "A")
+    } else {
+        (b, a, "B")
+    };
+    let lost = slow.time_s - fast.time_s;
+    if slow.held_s - fast.held_s > 0.5 * lost {
+        return format!("{name} was held for {:.3} s", slow.held_s);
+    }
+    if slow.mean_override() < 0.99 * fast.mean_override() {
+        return format!(
+            "{name} ran at {:.0} % override, the other at {:.0} %",
+            100.0 * slow.mean_override(),
+            100.0 * fast.mean_override()
+        );
+    }
+    if (slow.path_mm - fast.path_mm).abs() > 1e-3 * fast.path_mm.max(1e-9) {
+        return format!(
+            "{name} drove {:.3} mm there, the other {:.3} mm",
+            slow.path_mm, fast.path_mm
+        );
+    }
+    if slow.limited_s - fast.limited_s > 0.3 * lost {
+        let limit = slow.main_limit().map_or_else(String::new, crate::Limit::name);
+        return format!("{name} was longer at a limit of the machine ({limit})");
+    }
+    format!(
+        "{name} was slower on average: {:.1} against {:.1} mm/s",
+        slow.mean_feed_mm_s(),
+        fast.mean_feed_mm_s()
+    )
+}
+
+/// The second run, read as far as the first one has come.
+struct Ahead<I> {
+    cycles: I,
+    before: Option<CycleRecord>,
+    after: Option<CycleRecord>,
+    over: bool,
+}
+
+impl<I: Iterator<Item = Result<CycleRecord, ReadError>>> Ahead<I> {
+    fn new(cycles: I) -> Self {
+        Self {
+            cycles,
+            before: None,
+            after: None,
+            over: false,
+        }
+    }
+
+    fn next(&mut self, mut see: impl FnMut(&CycleRecord)) -> Result<(), ReadError> {
+        self.before = self.after.take().or(self.before);
+        match self.cycles.next().transpose()? {
+            Some(record) => {
+                see(&record);
+                self.after = Some(record);
+            }
+            None => self.over = true,
+        }
+        Ok(())
+    }
+
+    /// Position and cycle, between two cycles, at this place; `None` beyond the end.
+    fn reach(
+        &mut self,
+        path_mm: f64,
+        mut see: impl FnMut(&CycleRecord),
+    ) -> Result<Option<([f64; 9], f64)>, ReadError> {
+        while !self.over && self.after.is_none_or(|after| after.path_mm < path_mm) {
+            self.next(&mut see)?;
+        }
+        let Some(after) = self.after else { return Ok(None) };
+        if after.path_mm < path_mm {
+            return Ok(None);
+        }
+        let before = self.before.unwrap_or(after);
+        let way = after.path_mm - before.path_mm;
+        let share = if way > 0.0 {
+            ((path_mm - before.path_mm) / way).clamp(0.0, 1.0)
+        } else {
+            1.0
+        };
+        let position =
+            std::array::from_fn(|i| before.position[i] + share * (after.position[i] - before.position[i]));
+        let sequence = before.sequence as f64 + share * (after.sequence - before.sequence) as f64;
+        Ok(Some((position, sequence)))
+    }
+
+    fn finish(mut self, mut see: impl FnMut(&CycleRecord)) -> Result<(), ReadError> {
+        while !self.over {
+            self.next(&mut see)?;
+        }
+        Ok(())
+    }
+}

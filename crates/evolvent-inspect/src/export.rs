@@ -1,0 +1,255 @@
+//! A trace as a table in a file.
+
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use evolvent_trace::{ReadError, TraceFile};
+use tempfile::NamedTempFile;
+
+use crate::columns::{Table, Values};
+use crate::parquet::ParquetWriter;
+use crate::selection::{ExportChannel, Selection};
+
+/// Rows that are gathered before they go out: few for text, so that they stay near the processor.
+const CSV_ROWS: usize = 512;
+const PARQUET_ROWS: usize = 1 << 16;
+const BUFFER_BYTES: usize = 1 << 18;
+
+/// What kind of file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ExportFormat {
+    /// Comma-separated text with a header; numbers in the shortest form that reads back to the same bits.
+    Csv,
+    /// Apache Parquet.
+    Parquet,
+}
+
+/// Why there is no table.
+#[derive(Debug, thiserror::Error)]
+pub enum ExportError {
+    /// The trace.
+    #[error(transparent)]
+    Read(#[from] ReadError),
+    /// The trace does not say what was run, so its axes have no names.
+    #[error("the trace does not say what was run, so its columns have no names")]
+    NoRun,
+    /// The table cannot be written.
+    #[error("{} cannot be written: {source}; free some room or name another place", .path.display())]
+    Write {
+        /// Where to.
+        path: PathBuf,
+        /// Why not.
+        source: io::Error,
+    },
+}
+
+/// What was written.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct Exported {
+    /// Rows without the header.
+    pub rows: u64,
+    /// Bytes of the table.
+    pub bytes: u64,
+}
+
+enum Writer<W> {
+    Csv(W),
+    Parquet(ParquetWriter<W>),
+}
+
+/// Writes the selected part of a trace; the file appears under its name when it is whole.
+///
+/// # Errors
+/// [`ExportError`]; nothing is left behind.
+pub fn export(
+    trace: &mut TraceFile,
+    channel: ExportChannel,
+    selection: &Selection,
+    format: ExportFormat,
+    output: &Path,
+) -> Result<Exported, ExportError> {
+    let write_error = |source| ExportError::Write {
+        path: output.to_owned(),
+        source,
+    };
+    let folder = output
+        .parent()
+        .filter(|folder| !folder.as_os_str().is_empty())
+        .unwrap_or(Path::new("."));
+    let aside = NamedTempFile::new_in(folder).map_err(write_error)?;
+    let buffered = BufWriter::with_capacity(BUFFER_BYTES, aside);
+    let (rows, buffered) = export_to(trace, channel, selection, format, buffered)?;
+    let aside = buffered
+        .into_inner()
+        .map_err(|error| write_error(error.into_error()))?;
+    aside.as_file().sync_all().map_err(write_error)?;
+    let bytes = aside.as_file().metadata().map_err(write_error)?.len();
+    // A temporary file is its owner's alone; a table is an ordinary file.
+    make_ordinary(aside.as_file()).map_err(write_error)?;
+    aside.persist(output).map_err(|error| write_error(error.error))?;
+    Ok(Exported { rows, bytes })
+}
+
+#[cfg(unix)]
+pub(crate) fn make_ordinary(file: &std::fs::File) -> io::Result<()> {
+    use std::os::unix::fs::PermissionsExt as _;
+    file.set_permissions(std::fs::Permissions::from_mode(0o644))
+}
+
+#[cfg(not(unix))]
+pub(crate) fn make_ordinary(_file: &std::fs::File) -> io::Result<()> {
+    Ok(())
+}
+
+fn export_to<W: Write>(
+    trace: &mut TraceFile,
+    channel: ExportChannel,
+    selection: &Selection,
+    format: ExportFormat,
+    out: W,
+) -> Result<(u64, W), ExportError> {
+    let run = trace.info().run.clone().ok_or(ExportError::NoRun)?;
+    let name = trace.info().path.clone();
+    let write_error = |source| ExportError::Write {
+        path: name.clone(),
+        source,
+    };
+    let start_ns = run.start_time_ns;
+    let (first_ns, last_ns) = selection.span_ns(start_ns);
+    let mut table = match channel {
+        ExportChannel::Cycles => Table::of_cycles(&run.axes, start_ns),
+        ExportChannel::Events => Table::of_events(start_ns),
+        ExportChannel::Blocks => Table::of_blocks(start_ns),
+    };
+    let (mut writer, most) = match format {
+        ExportFormat::Csv => {
+            let mut out = out;
+            let names: Vec<&str> = table.columns.iter().map(|column| column.name.as_str()).collect();
+            writeln!(out, "{}", names.join(",")).map_err(write_error)?;
+            (Writer::Csv(out), CSV_ROWS)
+        }
+        ExportFormat::Parquet => {
+            let writer = ParquetWriter::new(out, &table).map_err(write_error)?;
+            (Writer::Parquet(writer), PARQUET_ROWS)
+        }
+    };
+    let mut rows = 0;
+    let mut flush = |table: &mut Table, least: usize| -> Result<(), ExportError> {
+        if table.rows() < least.max(1) {
+            return Ok(());
+        }
+        rows += table.rows() as u64;
+        match &mut writer {
+            Writer::Csv(out) => write_csv(out, table),
+            Writer::Parquet(writer) => writer.write(table),
+        }
+        .map_err(write_error)?;
+        table.clear();
+        Ok(())
+    };
+    let within = |time_ns: u64| (first_ns..=last_ns).contains(&time_ns);
+    match channel {
+        ExportChannel::Cycles => {
+            for record in trace.cycles_between(first_ns, last_ns) {
+                let record = record?;
+                if selection.has_line(record.line) {
+                    table.push_cycle(&record);
+                    flush(&mut table, most)?;
+                }
+            }
+        }
+        ExportChannel::Events => {
+            for record in trace.events() {
+                let record = record?;
+                if within(record.time_ns) {
+                    table.push_event(&record);
+                    flush(&mut table, most)?;
+                }
+            }
+        }
+        ExportChannel::Blocks => {
+            for record in trace.blocks() {
+                let record = record?;
+                if within(record.time_ns) && selection.has_line(record.line) {
+                    table.push_block(&record);
+                    flush(&mut table, most)?;
+                }
+            }
+        }
+    }
+    flush(&mut table, 1)?;
+    let out = match writer {
+        Writer::Csv(out) => out,
+        Writer::Parquet(writer) => {
+            let notes = [
+                ("evolvent.program".to_owned(), run.program_name.clone()),
+                ("evolvent.machine".to_owned(), run.machine_name.clone()),
+                ("evolvent.period_ns".to_owned(), run.period_ns.to_string()),
+                ("evolvent.start_time_ns".to_owned(), start_ns.to_string()),
+            ];
+            let created_by = concat!("evolvent version ", env!("CARGO_PKG_VERSION"));
+            writer.finish(created_by, &notes).map_err(write_error)?
+        }
+    };
+    Ok((rows, out))
+}
+
+fn write_csv(out: &mut impl Write, table: &Table) -> io::Result<()> {
+    let mut buffer = zmij::Buffer::new();
+    let mut line = Vec::with_capacity(1024);
+    for row in 0..table.rows() {
+        line.clear();
+        for (at, column) in table.columns.iter().enumerate() {
+            if at > 0 {
+                line.push(b',');
+            }
+            match &column.values {
+                Values::Double(values) => put_double(&mut line, values[row], &mut buffer),
+                Values::Whole(values) => put_whole(&mut line, values[row]),
+                Values::Text(values) => put_text(&mut line, &values[row]),
+            }
+        }
+        line.push(b'\n');
+        out.write_all(&line)?;
+    }
+    Ok(())
+}
+
+/// What is no number is an empty field.
+fn put_double(line: &mut Vec<u8>, value: f64, buffer: &mut zmij::Buffer) {
+    if value == 0.0 {
+        line.extend_from_slice(if value.is_sign_negative() { b"-0" } else { b"0" });
+    } else if value.is_finite() {
+        line.extend_from_slice(buffer.format_finite(value).as_bytes());
+    } else if value.is_infinite() {
+        line.extend_from_slice(if value > 0.0 { b"inf" } else { b"-inf" });
+    }
+}
+
+fn put_whole(line: &mut Vec<u8>, value: i64) {
+    let mut digits = [0_u8; 20];
+    let mut at = digits.len();
+    let mut rest = value.unsigned_abs();
+    loop {
+        at -= 1;
+        digits[at] = b'0' + (rest % 10) as u8;
+        rest /= 10;
+        if rest == 0 {
+            break;
+        }
+    }
+    if value < 0 {
+        line.push(b'-');
+    }
+    line.extend_from_slice(&digits[at..]);
+}
+
+fn put_text(line: &mut Vec<u8>, text: &str) {
+    if text.contains(['"', ',', '\n', '\r']) {
+        line.push(b'"');
+        line.extend_from_slice(text.replace('"', "\"\"").as_bytes());
+        line.push(b'"');
+    } else {
+        line.extend_from_slice(text.as_bytes());
+    }
+}

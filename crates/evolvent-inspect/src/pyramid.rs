@@ -1,0 +1,215 @@
+//! A curve of any length in a bounded room, without losing an extreme.
+
+/// The least and the greatest of each stretch of a curve, all stretches equally long.
+///
+/// Samples are gathered in stretches of one; when there are too many stretches, neighbours are joined in pairs, and
+/// stretches are twice as long from then on. So a short curve is kept sample by sample, and of a long one every peak and
+/// every dip, with its place to within a stretch. Numbers that are none are left out.
+#[derive(Clone, Debug)]
+pub struct Pyramid {
+    capacity: usize,
+    width: u64,
+    filled: u64,
+    open: (f64, f64),
+    stretches: Vec<(f64, f64)>,
+    least: f64,
+    greatest: f64,
+}
+
+/// What a stretch is before a number has come.
+const NOTHING: (f64, f64) = (f64::INFINITY, f64::NEG_INFINITY);
+
+/// A [`Pyramid`] in whole numbers for a page.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Level {
+    /// Samples in a stretch.
+    pub width: u64,
+    /// The value of 0.
+    pub offset: f64,
+    /// From one whole number to the next.
+    pub scale: f64,
+    /// Least and greatest of each stretch in turn, 0 to 65534; 65535 and 0 where there was no number. Rounded outwards: what
+    /// was recorded lies within.
+    #[serde(skip)]
+    pub values: Vec<u16>,
+    /// The least of all, exactly.
+    pub least: f64,
+    /// The greatest of all, exactly.
+    pub greatest: f64,
+}
+
+impl Pyramid {
+    /// For at most `capacity` stretches, an even number.
+    #[must_use]
+    pub fn new(capacity: usize) -> Self {
+        Self {
+            capacity: capacity.max(2) & !1,
+            width: 1,
+            filled: 0,
+            open: NOTHING,
+            stretches: Vec::new(),
+            least: f64::INFINITY,
+            greatest: f64::NEG_INFINITY,
+        }
+    }
+
+    /// The next sample.
+    pub fn push(&mut self, value: f64) {
+        if value.is_finite() {
+            self.open = (self.open.0.min(value), self.open.1.max(value));
+            self.least = self.least.min(value);
+            self.greatest = self.greatest.max(value);
+        }
+        self.filled += 1;
+        if self.filled < self.width {
+            return;
+        }
+        self.stretches.push(std::mem::replace(&mut self.open, NOTHING));
+        self.filled = 0;
+        if self.stretches.len() >= self.capacity {
+            let join = |pair: &[(f64, f64)]| (pair[0].0.min(pair[1].0), pair[0].1.max(pair[1].1));
+            self.stretches = self.stretches.chunks_exact(2).map(join).collect();
+            self.width *= 2;
+        }
+    }
+
+    /// Samples without a number, one for each missing one.
+    pub fn skip(&mut self, samples: u64) {
+        // A gap as long as all before would only be blank.
+        for _ in 0..samples.min(100_000_000) {
+            self.push(f64::NAN);
+        }
+    }
+
+    /// Samples in a stretch.
+    #[must_use]
+    pub fn width(&self) -> u64 {
+        self.width
+    }
+
+    /// Least and greatest of each stretch, the last one perhaps shorter.
+    #[must_use]
+    pub fn stretches(&self) -> Vec<(f64, f64)> {
+        let open = (self.filled > 0).then_some(self.open);
+        self.stretches.iter().copied().chain(open).collect()
+    }
+
+    /// In whole numbers.
+    #[must_use]
+    pub fn level(&self) -> Level {
+        let (least, greatest) = if self.least <= self.greatest {
+            (self.least, self.greatest)
+        } else {
+            (0.0, 0.0)
+        };
+        // Divided first: the difference of two large numbers may not be one.
+        let scale = (greatest / 65_000.0 - least / 65_000.0).max(f64::MIN_POSITIVE);
+        let whole = |value: f64, up: bool| {
+            let steps = value / scale - least / scale;
+            // One more than rounding asks for: the division itself rounds.
+            let rounded = if up { steps.ceil() + 1.0 } else { steps.floor() };
+            rounded.clamp(0.0, 65_534.0) as u16
+        };
+        let values = self
+            .stretches()
+            .into_iter()
+            .flat_map(|(low, high)| {
+                if low <= high {
+                    [whole(low, false), whole(high, true)]
+                } else {
+                    [65_535, 0]
+                }
+            })
+            .collect();
+        Level {
+            width: self.width,
+            offset: least,
+            scale,
+            values,
+            least,
+            greatest,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn random(seed: u64) -> impl FnMut() -> u64 {
+        let mut state = seed;
+        move || {
+            state ^= state << 13;
+            state ^= state >> 7;
+            state ^= state << 17;
+            state
+        }
+    }
+
+    #[test]
+    fn every_sample_lies_within_its_stretch_and_no_extreme_is_lost() {
+        let seed = std::env::var("EVOLVENT_SEED")
+            .ok()
+            .and_then(|text| text.parse().ok());
+        let seed = seed.unwrap_or(0x5EED_u64);
+        println!("EVOLVENT_SEED={seed}");
+        let mut next = random(seed | 1);
+        for _ in 0..40 {
+            let count = 1 + next() % 30_000;
+            let samples: Vec<f64> = (0..count)
+                .map(|n| {
+                    // A quiet curve with single-sample spikes.
+                    let spike = if next() % 997 == 0 {
+                        (next() % 2000) as f64 - 1000.0
+                    } else {
+                        0.0
+                    };
+                    (n as f64 * 0.01).sin() + spike
+                })
+                .collect();
+            let mut pyramid = Pyramid::new(64 + (next() % 500) as usize * 2);
+            samples.iter().for_each(|&sample| pyramid.push(sample));
+            let (stretches, level) = (pyramid.stretches(), pyramid.level());
+            assert_eq!(stretches.len() as u64, count.div_ceil(pyramid.width()));
+            assert_eq!(level.values.len(), 2 * stretches.len());
+            for (n, sample) in samples.iter().enumerate() {
+                let at = n / pyramid.width() as usize;
+                let (low, high) = stretches[at];
+                assert!(low <= *sample && *sample <= high, "sample {n}");
+                let shown = |value: u16| level.offset + f64::from(value) * level.scale;
+                let slack = level.scale * 1e-6;
+                let (low, high) = (shown(level.values[2 * at]), shown(level.values[2 * at + 1]));
+                assert!(
+                    low <= sample + slack && *sample <= high + slack,
+                    "sample {n} of the page"
+                );
+            }
+            let least = samples.iter().copied().fold(f64::INFINITY, f64::min);
+            let greatest = samples.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+            assert_eq!((level.least, level.greatest), (least, greatest));
+            // The ends of a stretch are samples, not bounds of bounds.
+            let found: Vec<f64> = stretches.iter().map(|stretch| stretch.1).collect();
+            assert!(found.iter().all(|high| samples.contains(high)));
+        }
+    }
+
+    #[test]
+    fn a_gap_is_blank_and_keeps_what_follows_in_its_place() {
+        let mut pyramid = Pyramid::new(1000);
+        pyramid.push(1.0);
+        pyramid.skip(3);
+        pyramid.push(2.0);
+        let values = pyramid.level().values;
+        assert_eq!(values[2..8], [65_535, 0, 65_535, 0, 65_535, 0]);
+        assert!(values[0] == 0 && values[9] >= 65_000, "{values:?}");
+    }
+
+    #[test]
+    fn a_flat_curve_and_none_at_all_are_curves() {
+        let mut pyramid = Pyramid::new(8);
+        assert!(pyramid.level().values.is_empty());
+        (0..100).for_each(|_| pyramid.push(-7.25));
+        let level = pyramid.level();
+        assert_eq!((level.offset, level.least, level.greatest), (-7.25, -7.25, -7.25));
+    }
+}

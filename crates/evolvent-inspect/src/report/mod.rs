@@ -1,0 +1,83 @@
+//! A run on one page, for a browser without a network.
+
+mod data;
+mod gather;
+mod trail;
+mod verdict;
+
+use std::io::{self, Write as _};
+use std::path::{Path, PathBuf};
+
+use tempfile::NamedTempFile;
+
+use crate::opened::{InspectError, Opened};
+
+const PAGE: &str = include_str!("page.html");
+const STYLE: &str = include_str!("page.css");
+const SCRIPT: &str = include_str!("page.js");
+
+/// Why there is no page.
+#[derive(Debug, thiserror::Error)]
+pub enum ReportError {
+    /// The trace.
+    #[error(transparent)]
+    Inspect(#[from] InspectError),
+    /// The page cannot be written.
+    #[error("{} cannot be written: {source}; free some room or name another place with -o", .path.display())]
+    Write {
+        /// Where to.
+        path: PathBuf,
+        /// Why not.
+        source: io::Error,
+    },
+}
+
+/// Writes the page of a trace, whole or not at all; gives its size in bytes.
+///
+/// # Errors
+/// [`ReportError`].
+pub fn write_report(trace: &Path, output: &Path) -> Result<u64, ReportError> {
+    let mut opened = Opened::open(trace)?;
+    let gathered = gather::gather(&mut opened)?;
+    let page = page(&opened, &gathered);
+    let write = || -> io::Result<()> {
+        let folder = output
+            .parent()
+            .filter(|folder| !folder.as_os_str().is_empty())
+            .unwrap_or(Path::new("."));
+        let mut aside = NamedTempFile::new_in(folder)?;
+        aside.write_all(page.as_bytes())?;
+        aside.as_file().sync_all()?;
+        crate::export::make_ordinary(aside.as_file())?;
+        aside.persist(output).map_err(|error| error.error)?;
+        Ok(())
+    };
+    write().map_err(|source| ReportError::Write {
+        path: output.to_owned(),
+        source,
+    })?;
+    Ok(page.len() as u64)
+}
+
+fn page(opened: &Opened, gathered: &gather::Gathered) -> String {
+    let title = format!("{} on {}", opened.run.program_name, opened.run.machine_name);
+    let verdict = verdict::verdict(opened, gathered);
+    let words: String = verdict
+        .iter()
+        .map(|sentence| {
+            let class = match sentence.gravity {
+                verdict::Gravity::Good => "good",
+                verdict::Gravity::Note => "note",
+                verdict::Gravity::Bad => "bad",
+            };
+            format!("<li class=\"{class}\">{}</li>\n", data::escaped(&sentence.text))
+        })
+        .collect();
+    PAGE.replace("{{title}}", &data::escaped(&title))
+        .replace("{{verdict}}", &words)
+        .replace("{{run}}", &data::run_rows(opened, gathered))
+        .replace("{{style}}", STYLE)
+        .replace("{{script}}", SCRIPT)
+        // Last: what comes out of the trace may hold anything.
+        .replace("{{data}}", &data::json(opened, gathered))
+}

@@ -1,0 +1,84 @@
+//! `evolvent trace compare`.
+
+use std::io::{self, Write};
+use std::path::Path;
+
+use evolvent_inspect::{Comparison, compare};
+
+use super::{inspect_error, write_error};
+use crate::{CommandError, Ending};
+
+/// Lines that people are shown.
+const SHOWN: usize = 12;
+
+pub(super) fn run(a: &Path, b: &Path, json: bool, out: &mut dyn Write) -> Result<Ending, CommandError> {
+    let comparison = compare(a, b).map_err(|error| inspect_error(&error))?;
+    let written = if json {
+        serde_json::to_string(&comparison)
+            .map_err(io::Error::from)
+            .and_then(|text| writeln!(out, "{text}"))
+    } else {
+        write_comparison(out, &comparison)
+    };
+    written.map_err(write_error)?;
+    Ok(Ending::Clean)
+}
+
+fn write_comparison(out: &mut dyn Write, c: &Comparison) -> io::Result<()> {
+    let [a_s, b_s] = c.common_s;
+    writeln!(
+        out,
+        "A took {:.3} s for {:.3} mm of path, B {:.3} s for {:.3} mm",
+        c.duration_s[0], c.path_mm[0], c.duration_s[1], c.path_mm[1]
+    )?;
+    let slower = match a_s.partial_cmp(&b_s) {
+        Some(std::cmp::Ordering::Less) => format!(
+            "B was {:.3} s slower ({:+.2} %)",
+            b_s - a_s,
+            100.0 * (b_s / a_s - 1.0)
+        ),
+        Some(std::cmp::Ordering::Greater) => {
+            format!(
+                "A was {:.3} s slower ({:+.2} %)",
+                a_s - b_s,
+                100.0 * (a_s / b_s - 1.0)
+            )
+        }
+        _ => "both took the same time".to_owned(),
+    };
+    writeln!(out, "on the {:.3} mm that both drove, {slower}", c.common_path_mm)?;
+    match c.first_deviation {
+        None => writeln!(out, "they are at the same places, within a nanometre")?,
+        Some((path_mm, line)) => writeln!(
+            out,
+            "they are apart from {path_mm:.3} mm on (line {line}), by {:.6} mm at most, at {:.3} mm (line {})",
+            c.max_deviation_mm, c.deviation_at_mm, c.deviation_line
+        )?,
+    }
+    for note in &c.notes {
+        writeln!(out, "note: {note}")?;
+    }
+    if c.lines.is_empty() {
+        return Ok(());
+    }
+    writeln!(
+        out,
+        "\n{:>8}  {:>10}  {:>10}  {:>10}  why",
+        "line", "A, s", "B, s", "B - A, s"
+    )?;
+    for line in c.lines.iter().take(SHOWN) {
+        writeln!(
+            out,
+            "{:>8}  {:>10.3}  {:>10.3}  {:>+10.3}  {}; A: {}, B: {}   {}",
+            line.line,
+            line.a_s,
+            line.b_s,
+            line.b_s - line.a_s,
+            line.why,
+            line.a_limit,
+            line.b_limit,
+            line.text
+        )?;
+    }
+    Ok(())
+}

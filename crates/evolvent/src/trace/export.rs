@@ -1,0 +1,143 @@
+//! `evolvent trace export`.
+
+use std::io::Write;
+use std::ops::RangeInclusive;
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+use evolvent_inspect::{ExportChannel, ExportError, ExportFormat, Selection, export};
+use evolvent_trace::TraceFile;
+
+use super::{read_error, write_error};
+use crate::{CommandError, Ending};
+
+/// Which part of a trace.
+#[derive(Debug, Args)]
+pub(super) struct PartArgs {
+    /// From this time on, s since the start of the run.
+    #[arg(long, value_name = "S")]
+    from: Option<f64>,
+    /// Up to this time, s since the start of the run.
+    #[arg(long, value_name = "S")]
+    to: Option<f64>,
+    /// Only these lines of the program: N, N-M, N- or -M.
+    #[arg(long, value_name = "N-M", value_parser = parse_lines)]
+    lines: Option<RangeInclusive<u32>>,
+}
+
+impl PartArgs {
+    pub(super) fn selection(&self) -> Result<Selection, CommandError> {
+        let all = Selection::default();
+        let (from, to) = (
+            self.from.unwrap_or(*all.time_s.start()),
+            self.to.unwrap_or(*all.time_s.end()),
+        );
+        if from.is_nan() || to.is_nan() || from > to {
+            return Err(CommandError::Usage(format!(
+                "--from {from} to --to {to} is no span of time"
+            )));
+        }
+        Ok(Selection {
+            time_s: from..=to,
+            lines: self.lines.clone().unwrap_or(all.lines),
+        })
+    }
+}
+
+/// Options of `evolvent trace export`.
+#[derive(Debug, Args)]
+pub(super) struct ExportArgs {
+    /// The trace, NAME.mcap.
+    file: PathBuf,
+    /// Where the table goes: NAME.csv or NAME.parquet; its name says which.
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+    /// What the table is of.
+    #[arg(long, value_enum, default_value_t = ChannelArg::Cycles)]
+    channel: ChannelArg,
+    #[command(flatten)]
+    part: PartArgs,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum ChannelArg {
+    /// Every cycle: position, velocity, acceleration, jerk, times.
+    Cycles,
+    /// What came in or went wrong.
+    Events,
+    /// Executed blocks.
+    Blocks,
+}
+
+fn parse_lines(text: &str) -> Result<RangeInclusive<u32>, String> {
+    let number = |text: &str, other: u32| {
+        if text.is_empty() {
+            Ok(other)
+        } else {
+            text.parse().map_err(|_| format!("{text:?} is no line number"))
+        }
+    };
+    let (first, last) = match text.split_once('-') {
+        None => (number(text, 0)?, number(text, 0)?),
+        Some((first, last)) => (number(first, 0)?, number(last, u32::MAX)?),
+    };
+    if text.is_empty() || first > last {
+        return Err(format!("{text:?} is no range of lines; write N, N-M, N- or -M"));
+    }
+    Ok(first..=last)
+}
+
+pub(super) fn run(args: &ExportArgs, err: &mut dyn Write) -> Result<Ending, CommandError> {
+    let extension = args
+        .output
+        .extension()
+        .and_then(|text| text.to_str())
+        .unwrap_or("");
+    let format = match extension.to_ascii_lowercase().as_str() {
+        "csv" => ExportFormat::Csv,
+        "parquet" => ExportFormat::Parquet,
+        _ => {
+            return Err(CommandError::Usage(format!(
+                "{} does not say what table it is to be: end its name in .csv or .parquet",
+                args.output.display()
+            )));
+        }
+    };
+    let channel = match args.channel {
+        ChannelArg::Cycles => ExportChannel::Cycles,
+        ChannelArg::Events => ExportChannel::Events,
+        ChannelArg::Blocks => ExportChannel::Blocks,
+    };
+    let selection = args.part.selection()?;
+    let mut trace = TraceFile::open(&args.file).map_err(|error| read_error(&error))?;
+    let done =
+        export(&mut trace, channel, &selection, format, &args.output).map_err(|error| match &error {
+            ExportError::Read(error) => read_error(error),
+            other => CommandError::Failed(other.to_string()),
+        })?;
+    writeln!(
+        err,
+        "{}: {} rows, {:.1} MB",
+        args.output.display(),
+        done.rows,
+        done.bytes as f64 * 1e-6
+    )
+    .map_err(write_error)?;
+    Ok(Ending::Clean)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_are_given_as_one_or_from_to_or_open() {
+        assert_eq!(parse_lines("7"), Ok(7..=7));
+        assert_eq!(parse_lines("7-9"), Ok(7..=9));
+        assert_eq!(parse_lines("7-"), Ok(7..=u32::MAX));
+        assert_eq!(parse_lines("-9"), Ok(0..=9));
+        for wrong in ["", "x", "9-7", "1-2-3", "-x"] {
+            assert!(parse_lines(wrong).is_err(), "{wrong}");
+        }
+    }
+}

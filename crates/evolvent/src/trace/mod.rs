@@ -1,0 +1,258 @@
+//! `evolvent trace`: looking into traces.
+
+mod compare;
+mod export;
+mod info;
+mod recover;
+mod replay;
+mod report;
+mod text;
+mod verify;
+
+use std::io::{self, Write};
+use std::path::PathBuf;
+
+use clap::{Args, Subcommand};
+use evolvent_inspect::InspectError;
+use evolvent_trace::ReadError;
+
+use crate::{CommandError, Ending};
+
+/// Options of `evolvent trace`.
+#[derive(Debug, Args)]
+pub(crate) struct TraceArgs {
+    #[command(subcommand)]
+    command: TraceCommand,
+}
+
+#[derive(Debug, Subcommand)]
+enum TraceCommand {
+    /// What a trace holds: the run, the machine, channels, gaps, alarms, lateness. At once, whatever its size.
+    Info {
+        /// The trace, NAME.mcap.
+        file: PathBuf,
+        /// Print one JSON object.
+        #[arg(long)]
+        json: bool,
+    },
+    /// One page for a browser: the verdict in words, the path, feed and every axis over time, where the time went.
+    Report {
+        /// The trace, NAME.mcap.
+        file: PathBuf,
+        /// Where the page goes; else NAME.html.
+        #[arg(short, long, value_name = "FILE.html")]
+        output: Option<PathBuf>,
+    },
+    /// A table of cycles, events or blocks: CSV or Parquet, by the name of the output.
+    Export(export::ExportArgs),
+    /// Compute the run again and compare every setpoint, bit for bit; check every sample against limits and path.
+    ///
+    /// Exit code 0: it comes out the same; 1: it does not, or a limit is broken; 3: the same, but cycles are missing.
+    Verify {
+        /// The trace, NAME.mcap.
+        file: PathBuf,
+        /// Print one JSON object.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Publish the recorded setpoints on the bus again.
+    Replay(replay::ReplayArgs),
+    /// Two runs, aligned by place on the path: where and why one was slower, and where they are apart.
+    Compare {
+        /// The first trace.
+        a: PathBuf,
+        /// The second trace.
+        b: PathBuf,
+        /// Print one JSON object.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Make a complete trace of a torn or damaged one. Exit code 3 if something of it was lost.
+    Recover {
+        /// The torn trace, NAME.mcap or NAME.mcap.part. It is left as it is.
+        file: PathBuf,
+        /// Where the complete trace goes; else NAME.mcap for NAME.mcap.part, or NAME.recovered.mcap.
+        #[arg(short, long, value_name = "FILE")]
+        output: Option<PathBuf>,
+        /// Print one JSON object.
+        #[arg(long)]
+        json: bool,
+    },
+}
+
+pub(crate) fn run(
+    args: &TraceArgs,
+    out: &mut dyn Write,
+    err: &mut dyn Write,
+) -> Result<Ending, CommandError> {
+    match &args.command {
+        TraceCommand::Info { file, json } => info::run(file, *json, out),
+        TraceCommand::Report { file, output } => report::run(file, output.as_deref(), err),
+        TraceCommand::Export(args) => export::run(args, err),
+        TraceCommand::Verify { file, json } => verify::run(file, *json, out),
+        TraceCommand::Replay(args) => replay::run(args, out, err),
+        TraceCommand::Compare { a, b, json } => compare::run(a, b, *json, out),
+        TraceCommand::Recover { file, output, json } => {
+            recover::run(file, output.as_deref(), *json, out, err)
+        }
+    }
+}
+
+/// A name that was mistyped is wrong usage; a file that is broken is a failure.
+fn read_error(error: &ReadError) -> CommandError {
+    match error {
+        ReadError::NotATrace { .. } => CommandError::Usage(error.to_string()),
+        ReadError::Io { source, .. } if source.kind() == io::ErrorKind::NotFound => {
+            CommandError::Usage(error.to_string())
+        }
+        _ => CommandError::Failed(error.to_string()),
+    }
+}
+
+fn inspect_error(error: &InspectError) -> CommandError {
+    match error {
+        InspectError::Read(error) => read_error(error),
+        other => CommandError::Failed(other.to_string()),
+    }
+}
+
+#[expect(clippy::needless_pass_by_value, reason = "given to map_err by name")]
+fn write_error(error: io::Error) -> CommandError {
+    CommandError::Failed(format!("the result cannot be written: {error}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use clap::Parser;
+    use evolvent_path::AxisLetter;
+    use evolvent_trace::{CycleRecord, Recorder};
+
+    use super::*;
+    use serde_json::{Value, json};
+
+    #[derive(Debug, Parser)]
+    struct Cli {
+        #[command(flatten)]
+        args: TraceArgs,
+    }
+
+    /// Runs the command; gives its ending and both outputs.
+    fn trace(arguments: &[&str]) -> (Result<Ending, CommandError>, String, String) {
+        let cli = Cli::try_parse_from([&["trace"], arguments].concat()).expect("arguments");
+        let (mut out, mut err) = (Vec::new(), Vec::new());
+        let ending = run(&cli.args, &mut out, &mut err);
+        (
+            ending,
+            String::from_utf8_lossy(&out).into_owned(),
+            String::from_utf8_lossy(&err).into_owned(),
+        )
+    }
+
+    /// A folder of its own, gone at the end.
+    struct Folder(PathBuf);
+
+    impl Folder {
+        fn new(name: &str) -> Self {
+            let path = std::env::temp_dir().join(format!("evolvent-trace-{name}-{}", std::process::id()));
+            std::fs::create_dir_all(&path).expect("folder");
+            Self(path)
+        }
+    }
+
+    impl Drop for Folder {
+        fn drop(&mut self) {
+            let _ = std::fs::remove_dir_all(&self.0);
+        }
+    }
+
+    fn record(path: &std::path::Path, cycles: u64) {
+        let info = RunInfo {
+            program_name: "part.ngc".into(),
+            machine_name: "mill".into(),
+            axes: vec![AxisLetter::X, AxisLetter::Z],
+            period_ns: 1_000_000,
+            ..RunInfo::default()
+        };
+        let mut recorder = Recorder::create(path, &info).expect("recorder");
+        for sequence in 0..cycles {
+            let due_time_ns = sequence * 1_000_000;
+            let cycle = CycleRecord {
+                sequence,
+                due_time_ns,
+                wake_lateness_ns: 20_000,
+                ..CycleRecord::default()
+            };
+            recorder.cycle(&cycle).expect("cycle");
+            if sequence % 100 == 99 {
+                recorder.flush().expect("flush");
+            }
+        }
+        recorder.finish(&BTreeMap::new()).expect("finish");
+    }
+
+    #[test]
+    fn info_tells_the_same_to_people_and_to_programs() {
+        let folder = Folder::new("info");
+        let path = folder.0.join("run.mcap");
+        record(&path, 1001);
+        let file = path.display().to_string();
+        let (ending, text, _) = trace(&["info", &file]);
+        assert_eq!(ending, Ok(Ending::Clean));
+        for part in [
+            "mill, axes XZ",
+            "1000000 ns, 1000.00 Hz",
+            "1.000 s",
+            "1001, 0 left late",
+            "worst 20.0 us",
+        ] {
+            assert!(text.contains(part), "{part} is not in\n{text}");
+        }
+        let (ending, text, _) = trace(&["info", "--json", &file]);
+        assert_eq!(ending, Ok(Ending::Clean));
+        let object: Value = serde_json::from_str(&text).expect("one JSON object");
+        assert_eq!(object["run"]["axes"], "XZ");
+        assert_eq!(object["summary"]["cycles"], 1001);
+        assert_eq!(object["channels"]["/cycle"]["messages"], 1001);
+        assert_eq!(object["duration_s"], 1.0);
+    }
+
+    #[test]
+    fn recovery_of_a_torn_trace_ends_with_data_lost() {
+        let folder = Folder::new("recover");
+        let path = folder.0.join("run.mcap");
+        record(&path, 1000);
+        let file = path.display().to_string();
+        let (ending, text, _) = trace(&["recover", "--json", &file]);
+        let object: Value = serde_json::from_str(&text).expect("one JSON object");
+        assert_eq!(
+            (ending, &object["lost_data"], &object["cycles"]),
+            (Ok(Ending::Clean), &json!(false), &json!(1000))
+        );
+        let bytes = std::fs::read(&path).expect("reading");
+        std::fs::write(&path, &bytes[..bytes.len() / 2]).expect("writing");
+        assert!(
+            matches!(trace(&["info", &file]).0, Err(CommandError::Failed(text)) if text.contains("recover"))
+        );
+        let output = folder.0.join("whole.mcap").display().to_string();
+        let (ending, _, text) = trace(&["recover", &file, "-o", &output]);
+        assert_eq!(ending, Ok(Ending::Lossy), "{text}");
+        assert!(text.contains("bytes at the torn end"), "{text}");
+        assert_eq!(trace(&["info", &output]).0, Ok(Ending::Clean));
+    }
+
+    #[test]
+    fn a_wrong_name_is_wrong_usage() {
+        assert!(matches!(
+            trace(&["info", "/none/run.mcap"]).0,
+            Err(CommandError::Usage(_))
+        ));
+        assert!(matches!(
+            trace(&["recover", "/none/run.mcap"]).0,
+            Err(CommandError::Usage(_))
+        ));
+        let this = concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.toml");
+        assert!(matches!(trace(&["info", this]).0, Err(CommandError::Usage(_))));
+    }
+}

@@ -1,0 +1,113 @@
+//! `evolvent trace replay`.
+
+use std::io::{self, BufRead as _, Write};
+use std::ops::ControlFlow;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use clap::Args;
+use evolvent_inspect::{Pace, Replay, ReplayError, replay};
+
+use super::export::PartArgs;
+use super::{inspect_error, write_error};
+use crate::{CommandError, Ending};
+
+/// Options of `evolvent trace replay`.
+#[derive(Debug, Args)]
+pub(super) struct ReplayArgs {
+    /// The trace, NAME.mcap.
+    file: PathBuf,
+    #[command(flatten)]
+    part: PartArgs,
+    /// Times real time, 0.001 to 1000.
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, conflicts_with = "step")]
+    speed: f64,
+    /// One setpoint for each line on standard input; a number publishes as many, `q` ends.
+    #[arg(long)]
+    step: bool,
+    /// The name on the bus. Default: the recorded machine's.
+    #[arg(long = "as", value_name = "NAME")]
+    machine_name: Option<String>,
+    /// Prefix of the bus's files.
+    #[arg(long, value_name = "PREFIX")]
+    bus_prefix: Option<String>,
+    /// Wait, 10 s at the most, until so many clients listen to setpoints.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    wait_for_clients: usize,
+    /// Publish even to drives that are on; has to be said together with --yes-machine-is-on.
+    #[arg(long, requires = "yes_machine_is_on")]
+    force: bool,
+    /// The second half of --force.
+    #[arg(long, requires = "force")]
+    yes_machine_is_on: bool,
+    /// Print one JSON object at the end.
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn run(
+    args: &ReplayArgs,
+    out: &mut dyn Write,
+    err: &mut dyn Write,
+) -> Result<Ending, CommandError> {
+    let options = Replay {
+        selection: args.part.selection()?,
+        pace: if args.step {
+            Pace::Step
+        } else {
+            Pace::Factor(args.speed)
+        },
+        machine_name: args.machine_name.clone(),
+        bus_prefix: args.bus_prefix.clone(),
+        wait_for_subscribers: args.wait_for_clients,
+        force: args.force,
+        machine_is_on: args.yes_machine_is_on,
+    };
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+        signal_hook::flag::register(signal, Arc::clone(&stop))
+            .map_err(|error| CommandError::Failed(format!("signals cannot be watched: {error}")))?;
+    }
+    let mut lines = io::stdin().lock().lines();
+    let replayed = replay(
+        &args.file,
+        &options,
+        |record| {
+            // Nobody may be there to read it.
+            drop(writeln!(
+                err,
+                "cycle {}, line {}, feed {:.3} mm/s; Enter for the next, a number for as many, q to end",
+                record.sequence, record.line, record.feed_mm_s
+            ));
+            match lines.next() {
+                Some(Ok(line)) if line.trim() == "q" => ControlFlow::Break(()),
+                Some(Ok(line)) => ControlFlow::Continue(line.trim().parse().unwrap_or(1)),
+                _ => ControlFlow::Break(()),
+            }
+        },
+        || stop.load(Ordering::Relaxed),
+    )
+    .map_err(|error| match &error {
+        ReplayError::Inspect(error) => inspect_error(error),
+        ReplayError::Pace(_) | ReplayError::Nothing => CommandError::Usage(error.to_string()),
+        other => CommandError::Failed(other.to_string()),
+    })?;
+    let written = if args.json {
+        serde_json::to_string(&replayed)
+            .map_err(io::Error::from)
+            .and_then(|text| writeln!(out, "{text}"))
+    } else {
+        writeln!(
+            out,
+            "{} setpoints, cycles {} to {}, in {:.3} s; {} clients listened",
+            replayed.setpoints,
+            replayed.first_sequence,
+            replayed.last_sequence,
+            replayed.seconds,
+            replayed.subscribers
+        )
+    };
+    written.map_err(write_error)?;
+    Ok(Ending::Clean)
+}
