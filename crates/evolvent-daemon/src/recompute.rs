@@ -76,13 +76,14 @@ pub fn recompute(
         let feeder = thread::Builder::new()
             .name("planner".into())
             .spawn_scoped(scope, move || {
+                // With blocks, as every recorded run: the line of the end is the last block's.
                 Feeder::new(
                     program,
                     setup,
                     feed_override,
                     producer,
                     Vec::new(),
-                    false,
+                    true,
                     optional_stop,
                 )
                 .feed(program, || failing.store(true, Ordering::Release))
