@@ -159,7 +159,7 @@ mod tests {
             let samples: Vec<f64> = (0..count)
                 .map(|n| {
                     // A quiet curve with single-sample spikes.
-                    let spike = if next() % 997 == 0 {
+                    let spike = if next().is_multiple_of(997) {
                         (next() % 2000) as f64 - 1000.0
                     } else {
                         0.0

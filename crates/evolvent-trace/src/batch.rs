@@ -1,7 +1,8 @@
 //! Many cycles in one message, column by column: channel `/cycles`, the record itself.
 //!
 //! `/cycle` is for viewers, which want a message an instant with plain numbers; above some rate it carries only each
-//! n-th cycle. `/cycles` has them all, to the last bit, in a sixth of the room.
+//! n-th cycle. `/cycles` has them all, to the last bit, in a quarter of the room. Jerk alone is rounded, to a single: it is
+//! not published, steps at every knot of the plan, and took half of the room.
 
 use crate::column::{Derivatives, Kind, Packed, pack, unpack};
 use crate::record::CycleRecord;
@@ -57,6 +58,7 @@ impl Quantity {
             Self::Lateness | Self::Work | Self::Line | Self::State | Self::Flags | Self::Inputs => {
                 Kind::Whole
             }
+            Self::Jerk => Kind::Single,
             _ => Kind::Double,
         }
     }
@@ -85,7 +87,7 @@ impl Quantity {
             Self::Position => record.position[axis].to_bits(),
             Self::Velocity => record.velocity[axis].to_bits(),
             Self::Acceleration => record.acceleration[axis].to_bits(),
-            Self::Jerk => record.jerk[axis].to_bits(),
+            Self::Jerk => f64::from(record.jerk[axis] as f32).to_bits(),
             Self::Line => u64::from(record.line),
             Self::State => u64::from(record.state),
             Self::Flags => u64::from(record.flags),

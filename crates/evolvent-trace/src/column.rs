@@ -2,7 +2,7 @@
 //!
 //! What a motion does next is nearly known: a position goes on as velocity, acceleration and jerk say. What a
 //! prediction leaves is a few units in the last place, whatever the number's size, and that is all that is written.
-//! Nothing is rounded: the prediction is made again by the reader, from the same bits with the same operations of IEEE
+//! Nothing is rounded here: the prediction is made again by the reader, from the same bits with the same operations of IEEE
 //! 754 in the same order, and the rest added, as integers.
 //!
 //! Predictions: the polynomial through the last `n` values (orders 0 to 5), or the integral of the derivatives, which
@@ -22,6 +22,8 @@ pub(crate) enum Kind {
     Whole,
     /// Doubles, as their bits.
     Double,
+    /// Doubles that are singles, as the bits of the double.
+    Single,
 }
 
 /// The columns of a quantity's first and second time derivative, and the time step.
@@ -45,6 +47,12 @@ pub(crate) struct Packed {
 fn ordered(bits: u64) -> i64 {
     let bits = bits as i64;
     bits ^ ((bits >> 63) as u64 >> 1) as i64
+}
+
+/// The same of a single.
+fn ordered_single(bits: u32) -> i32 {
+    let bits = bits as i32;
+    bits ^ ((bits >> 31) as u32 >> 1) as i32
 }
 
 fn folded(value: i64) -> u64 {
@@ -96,7 +104,7 @@ fn predicted(kind: Kind, predictor: u32, past: &[u64], derivatives: Option<&Deri
             (1, [.., last]) | (_, [last]) => *last as i64,
             (_, [.., before, last]) => (*last as i64).wrapping_mul(2).wrapping_sub(*before as i64),
         },
-        Kind::Double => {
+        Kind::Double | Kind::Single => {
             let value = match derivatives {
                 Some(derivatives) if predictor == BY_DERIVATIVES => integral(past, derivatives),
                 _ => polynomial(past, predictor),
@@ -107,7 +115,7 @@ fn predicted(kind: Kind, predictor: u32, past: &[u64], derivatives: Option<&Deri
             } else {
                 past.last().copied().unwrap_or(0)
             };
-            ordered(bits)
+            as_integer(kind, bits)
         }
     }
 }
@@ -117,6 +125,17 @@ fn as_integer(kind: Kind, value: u64) -> i64 {
     match kind {
         Kind::Whole => value as i64,
         Kind::Double => ordered(value),
+        Kind::Single => i64::from(ordered_single((f64::from_bits(value) as f32).to_bits())),
+    }
+}
+
+#[inline]
+fn from_integer(kind: Kind, whole: i64) -> u64 {
+    match kind {
+        Kind::Whole => whole as u64,
+        Kind::Double => ordered(whole as u64) as u64,
+        // What is written fits; a damaged number is cut.
+        Kind::Single => f64::from(f32::from_bits(ordered_single(whole as u32) as u32)).to_bits(),
     }
 }
 
@@ -126,7 +145,7 @@ pub(crate) fn pack(kind: Kind, values: &[u64], derivatives: Option<&Derivatives<
     let orders = match (kind, changes) {
         (_, false) => 1..=1,
         (Kind::Whole, true) => 0..=2,
-        (Kind::Double, true) => 1..=MOST_ORDER,
+        (Kind::Double | Kind::Single, true) => 1..=MOST_ORDER,
     };
     let by_derivatives = (changes && derivatives.is_some()).then_some(BY_DERIVATIVES);
     let mut best = (u64::MAX, 1, Vec::new());
@@ -170,7 +189,7 @@ pub(crate) fn unpack(
     let most = match kind {
         Kind::Whole => 2,
         Kind::Double if derivatives.is_some() => BY_DERIVATIVES,
-        Kind::Double => MOST_ORDER,
+        Kind::Double | Kind::Single => MOST_ORDER,
     };
     let coded = packed.coded as usize;
     if packed.predictor > most || coded > count {
@@ -181,10 +200,7 @@ pub(crate) fn unpack(
     for n in 0..count {
         let rest = if n < coded { unfolded(reader.number()) } else { 0 };
         let whole = predicted(kind, packed.predictor, &values, derivatives).wrapping_add(rest);
-        values.push(match kind {
-            Kind::Whole => whole as u64,
-            Kind::Double => ordered(whole as u64) as u64,
-        });
+        values.push(from_integer(kind, whole));
     }
     reader.is_within().then_some(values)
 }
@@ -246,6 +262,11 @@ mod tests {
             check(Kind::Whole, &values, None);
             check(Kind::Double, &values, None);
             check(Kind::Double, &values, Some(&derivatives));
+            let singles: Vec<u64> = values
+                .iter()
+                .map(|&bits| f64::from(f64::from_bits(bits) as f32).to_bits())
+                .collect();
+            check(Kind::Single, &singles, None);
         }
     }
 

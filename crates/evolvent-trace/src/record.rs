@@ -26,7 +26,7 @@ pub struct CycleRecord {
     pub velocity: [f64; AXES],
     /// Commanded acceleration per axis: mm/s², deg/s².
     pub acceleration: [f64; AXES],
-    /// Commanded jerk per axis: mm/s³, deg/s³.
+    /// Commanded jerk per axis: mm/s³, deg/s³. Recorded as singles (24 bits).
     pub jerk: [f64; AXES],
     /// Line of the program that the setpoint belongs to, from 1; 0 if none.
     pub line: u32,

@@ -18,6 +18,7 @@ mod rate;
 mod run;
 mod screen;
 mod serve;
+mod top;
 mod trace;
 mod turn;
 
@@ -67,7 +68,10 @@ enum Command {
     Bridge(bridge::BridgeArgs),
     /// Turn a step in passes that find themselves from the cutting load, on a simulated workpiece.
     Turn(turn::TurnArgs),
-    /// Look into traces, and recover torn ones.
+    /// A running machine on the terminal: positions, feed, override, state, lateness, alarms.
+    Top(top::TopArgs),
+    /// Look into traces: info, report, export, verify, replay, compare, recover.
+    #[command(allow_negative_numbers = true)]
     Trace(trace::TraceArgs),
 }
 
@@ -106,6 +110,7 @@ fn main() -> ExitCode {
         Command::Doctor(args) => doctor::run(args, &mut out, &mut err).map(|()| Ending::Clean),
         Command::Bridge(args) => bridge::run(args, &mut out, &mut err),
         Command::Turn(args) => turn::run(args, &mut out, &mut err),
+        Command::Top(args) => top::run(args, &mut out),
         Command::Trace(args) => trace::run(args, &mut out, &mut err),
     };
     match result {

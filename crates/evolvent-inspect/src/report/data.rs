@@ -122,7 +122,7 @@ fn row(line: u32, time: &LineTime, g: &Gathered) -> Value {
 }
 
 fn bars(bars: &LogBars) -> Value {
-    let list: Vec<_> = bars.bars.iter().map(|(bar, count)| (bar, count)).collect();
+    let list: Vec<_> = bars.bars.iter().collect();
     json!({ "none": bars.none, "bars": list, "total": bars.total, "max_ns": bars.max_ns })
 }
 

@@ -473,6 +473,7 @@ function histogram(id, bars, title) {
     for (const [bar, count] of list) pen.fillRect(x(bar) + .5, y(count), Math.max(1, x(bar + 1) - x(bar) - 1), height - BOTTOM - y(count));
   });
 }
+if (!data.realtime) byId('histograms').hidden = true;
 histogram('lateness-canvas', data.lateness, 'woken late');
 histogram('work-canvas', data.work, 'own work of a cycle');
 

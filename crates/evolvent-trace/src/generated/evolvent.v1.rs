@@ -59,7 +59,8 @@ pub struct Cycle {
     #[prost(double, repeated, tag = "18")]
     pub following_error: ::prost::alloc::vec::Vec<f64>,
 }
-/// Consecutive cycles, column by column and exact to the last bit; topic /cycles. This is the record of the run. Cycle i
+/// Consecutive cycles, column by column and exact to the last bit, but for jerk, which is rounded to a single (24 bits);
+/// topic /cycles. This is the record of the run. Cycle i
 /// has sequence start_sequence + i and was due at due_time_ns + i * period_ns. A column that is left out is zero
 /// (load, following_error: absent). docs/trace-format.md says how to read columns.
 #[derive(Clone, PartialEq, ::prost::Message)]

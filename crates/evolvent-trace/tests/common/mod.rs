@@ -68,7 +68,8 @@ pub fn cycle(n: u64, axes: &str) -> CycleRecord {
         position: of(100.0),
         velocity: of(10.0),
         acceleration: of(500.0),
-        jerk: of(20_000.0),
+        // Jerk is recorded as singles.
+        jerk: of(20_000.0).map(|value| f64::from(value as f32)),
         line: (n / 100) as u32 + 1,
         state: (n % 10) as u8,
         flags: u32::from(n.is_multiple_of(97)),

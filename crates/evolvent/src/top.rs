@@ -1,0 +1,451 @@
+//! `evolvent top`: a running machine on a terminal, from its status service alone.
+
+use std::fmt::Write as _;
+use std::io::{self, IsTerminal, Read as _, Write};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use clap::Args;
+use evolvent_bus::{BusError, ClientBus, ClientConfig, STATES, Status, StatusReader};
+use rustix::termios::{LocalModes, OptionalActions, Termios, tcgetattr, tcsetattr};
+use serde_json::json;
+
+use crate::{CommandError, Ending};
+
+/// A status that is older belongs to a core that has gone.
+const STALE: Duration = Duration::from_millis(500);
+/// How long a single look waits for a core and its snapshot.
+const PATIENCE: Duration = Duration::from_secs(2);
+/// How long one look for a core takes on a screen, between two looks at the keys.
+const LOOK: Duration = Duration::from_millis(300);
+/// Clears the screen's rest, goes home, shows and hides the cursor, changes to the second screen and back.
+const BEGIN: &str = "\x1b[?1049h\x1b[?25l";
+const END: &str = "\x1b[?25h\x1b[?1049l";
+const HOME: &str = "\x1b[H";
+const CLEAR_LINE: &str = "\x1b[K";
+const CLEAR_BELOW: &str = "\x1b[J";
+const BOLD: &str = "\x1b[1m";
+const RED: &str = "\x1b[31m";
+const PLAIN: &str = "\x1b[0m";
+
+/// Options of `evolvent top`.
+#[derive(Debug, Args)]
+pub(crate) struct TopArgs {
+    /// The machine's name.
+    #[arg(value_name = "NAME")]
+    machine_name: String,
+    /// Prefix of the bus's files.
+    #[arg(long, value_name = "PREFIX")]
+    bus_prefix: Option<String>,
+    /// Time from one picture to the next.
+    #[arg(long, value_name = "MS", default_value_t = 100, value_parser = clap::value_parser!(u64).range(20..=10_000))]
+    every: u64,
+    /// One snapshot, and end: as where the output is no terminal.
+    #[arg(long)]
+    once: bool,
+    /// One snapshot as one JSON object.
+    #[arg(long)]
+    json: bool,
+}
+
+pub(crate) fn run(args: &TopArgs, out: &mut dyn Write) -> Result<Ending, CommandError> {
+    if args.once || args.json || !io::stdout().is_terminal() {
+        return snapshot(args, out);
+    }
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+        signal_hook::flag::register(signal, Arc::clone(&stop))
+            .map_err(|error| CommandError::Failed(format!("signals cannot be watched: {error}")))?;
+    }
+    let keys = Keys::new();
+    let begun = out.write_all(BEGIN.as_bytes()).map_err(write_error);
+    let result = begun.and_then(|()| watch(args, out, &stop, &keys));
+    drop(keys);
+    // Whatever happened, the terminal is given back.
+    out.write_all(END.as_bytes())
+        .and_then(|()| out.flush())
+        .map_err(write_error)?;
+    result.map(|()| Ending::Clean)
+}
+
+#[expect(clippy::needless_pass_by_value, reason = "given to map_err by name")]
+fn write_error(error: io::Error) -> CommandError {
+    CommandError::Failed(format!("the screen cannot be written: {error}"))
+}
+
+fn open(args: &TopArgs, wait: Duration) -> Result<(ClientBus, StatusReader), BusError> {
+    let mut config = ClientConfig::new(&args.machine_name);
+    config.prefix.clone_from(&args.bus_prefix);
+    config.wait = wait;
+    let bus = ClientBus::open(&config)?;
+    let status = bus.status()?;
+    Ok((bus, status))
+}
+
+fn snapshot(args: &TopArgs, out: &mut dyn Write) -> Result<Ending, CommandError> {
+    let failed = |error: &dyn std::fmt::Display| CommandError::Failed(error.to_string());
+    let (bus, mut reader) = open(args, PATIENCE).map_err(|error| failed(&error))?;
+    let end = Instant::now() + PATIENCE;
+    let status = loop {
+        if let Some(status) = reader.latest().map_err(|error| failed(&error))? {
+            break status;
+        }
+        if Instant::now() >= end {
+            let text = format!(
+                "{} has sent no status for {} s: its core has gone",
+                args.machine_name,
+                PATIENCE.as_secs()
+            );
+            return Err(CommandError::Failed(text));
+        }
+        thread::sleep(Duration::from_millis(5));
+    };
+    let written = if args.json {
+        writeln!(out, "{}", to_json(&args.machine_name, &status, bus.axes()))
+    } else {
+        out.write_all(picture(&args.machine_name, &status, bus.axes(), None, false).as_bytes())
+    };
+    written.map_err(write_error)?;
+    Ok(Ending::Clean)
+}
+
+/// Draws until somebody wants to end it. A core that goes is waited for.
+fn watch(args: &TopArgs, out: &mut dyn Write, stop: &AtomicBool, keys: &Keys) -> Result<(), CommandError> {
+    let every = Duration::from_millis(args.every);
+    let mut client: Option<(ClientBus, StatusReader)> = None;
+    let mut newest: Option<(Status, Instant)> = None;
+    let is_over = || stop.load(Ordering::Relaxed) || keys.wants_to_end();
+    while !is_over() {
+        if client.is_none() {
+            match open(args, LOOK) {
+                Ok(opened) => client = Some(opened),
+                Err(error) => draw(out, &format!("{}: {error}\n\nq ends\n", args.machine_name))?,
+            }
+        }
+        let mut lost = false;
+        if let Some((bus, reader)) = &mut client {
+            match reader.latest() {
+                Ok(Some(status)) => {
+                    if newest
+                        .as_ref()
+                        .is_none_or(|(before, _)| before.sequence != status.sequence)
+                    {
+                        newest = Some((status, Instant::now()));
+                    }
+                }
+                Ok(None) => {}
+                Err(_) => lost = true,
+            }
+            if let Some((status, since)) = &newest {
+                let age = since.elapsed();
+                let text = picture(
+                    &args.machine_name,
+                    status,
+                    bus.axes(),
+                    (age > STALE).then_some(age),
+                    true,
+                );
+                draw(out, &text)?;
+                // A core that starts again makes its services anew.
+                lost |= age > 4 * STALE;
+            }
+        }
+        if lost {
+            client = None;
+            newest = None;
+        }
+        thread::sleep(every);
+    }
+    Ok(())
+}
+
+fn draw(out: &mut dyn Write, text: &str) -> Result<(), CommandError> {
+    let mut frame = String::from(HOME);
+    for line in text.lines() {
+        let _ = write!(frame, "{line}{CLEAR_LINE}\r\n");
+    }
+    frame.push_str(CLEAR_BELOW);
+    out.write_all(frame.as_bytes())
+        .and_then(|()| out.flush())
+        .map_err(write_error)
+}
+
+const MACHINE_STATES: [&str; 3] = ["EMERGENCY STOP", "off", "on"];
+const MODES: [&str; 3] = ["automatic", "manual", "MDI"];
+const FLAGS: [(u32, &str); 7] = [
+    (1, "LATE"),
+    (2, "hold"),
+    (4, "blend"),
+    (8, "rapid"),
+    (16, "joint"),
+    (32, "STARVED"),
+    (64, "GUARD"),
+];
+
+fn state_name(state: u32) -> String {
+    STATES.iter().find(|(_, number)| *number == state).map_or_else(
+        || format!("state {state}"),
+        |(name, _)| name.to_lowercase().replace('_', " "),
+    )
+}
+
+/// The machine as text. `stale` is how old the snapshot is, if it is too old.
+fn picture(name: &str, status: &Status, axes: &str, stale: Option<Duration>, colours: bool) -> String {
+    let paint = |code: &'static str, text: &str| {
+        if colours {
+            format!("{code}{text}{PLAIN}")
+        } else {
+            text.to_owned()
+        }
+    };
+    let pick = |list: &[&'static str], at: u32| list.get(at as usize).copied().unwrap_or("?");
+    let mut text = String::new();
+    // Writing to a string cannot fail.
+    let _ = writeln!(
+        text,
+        "{}  machine {}, {}, {}",
+        paint(BOLD, name),
+        pick(&MACHINE_STATES, status.machine_state),
+        pick(&MODES, status.mode),
+        paint(BOLD, &state_name(status.state))
+    );
+    if let Some(age) = stale {
+        let words = format!("the core has sent nothing for {:.1} s", age.as_secs_f64());
+        let _ = writeln!(text, "{}", paint(RED, &words));
+    }
+    let program = match status.program_name() {
+        "" => "no program",
+        program => program,
+    };
+    let _ = writeln!(text, "{program}, line {}", status.line);
+    if !status.operator_message().is_empty() {
+        let _ = writeln!(text, "message: {}", one_line(status.operator_message()));
+    }
+    let _ = writeln!(
+        text,
+        "\n      {:>14} {:>14} {:>12} {:>12} {:>12}",
+        "machine", "work", "to go", "velocity", "error"
+    );
+    for (at, letter) in "XYZABCUVW".chars().enumerate() {
+        if status.axes_mask >> at & 1 == 0 || !axes.contains(letter) {
+            continue;
+        }
+        let is_homed = status.homed_mask >> at & 1 == 1;
+        let unit = if "ABC".contains(letter) { "deg" } else { "mm" };
+        let _ = writeln!(
+            text,
+            "{}{} {unit:>3} {:>14.4} {:>14.4} {:>12.4} {:>12.3} {:>12.4}",
+            paint(BOLD, &letter.to_string()),
+            if is_homed { '*' } else { ' ' },
+            status.position_machine[at],
+            status.position_work[at],
+            status.distance_to_go[at],
+            status.velocity[at],
+            status.following_error[at]
+        );
+    }
+    let feed = 60.0 * status.feed_mm_s;
+    let _ = writeln!(
+        text,
+        "\nfeed {:.1} mm/min of {:.1}   override {:.0} %, rapid {:.0} %, spindle {:.0} %   spindle {:.0} rpm   T{}",
+        feed,
+        60.0 * status.feed_programmed_mm_s,
+        100.0 * status.override_ratio,
+        100.0 * status.rapid_override_ratio,
+        100.0 * status.spindle_override_ratio,
+        status.spindle_rpm,
+        status.tool
+    );
+    let _ = writeln!(
+        text,
+        "path {:.3} mm   cycle {}, {:.2} Hz   clients {}",
+        status.path_mm,
+        status.cycles,
+        1e9 / status.period_ns.max(1) as f64,
+        status.setpoint_subscribers
+    );
+    let us = |ns: u64| ns as f64 * 1e-3;
+    let _ = writeln!(
+        text,
+        "woken late by p50 {:.1}, p99.9 {:.1}, at most {:.1} us   work p50 {:.1}, p99.9 {:.1}, at most {:.1} us",
+        us(status.wake_lateness_p50_ns),
+        us(status.wake_lateness_p999_ns),
+        us(status.wake_lateness_max_ns),
+        us(status.work_p50_ns),
+        us(status.work_p999_ns),
+        us(status.work_max_ns)
+    );
+    let lost = format!(
+        "late setpoints {}, lost setpoints {}, lost records {}",
+        status.late_cycles, status.dropped_setpoints, status.dropped_records
+    );
+    let is_clean = status.late_cycles + status.dropped_setpoints + status.dropped_records == 0;
+    let _ = writeln!(text, "{}", if is_clean { lost } else { paint(RED, &lost) });
+    let flags: Vec<&str> = FLAGS
+        .iter()
+        .filter(|(bit, _)| status.flags & bit != 0)
+        .map(|(_, name)| *name)
+        .collect();
+    if !flags.is_empty() {
+        let _ = writeln!(text, "flags {}", flags.join(", "));
+    }
+    if status.alarm_count > 0 {
+        let numbers: Vec<String> = status.listed_alarms().iter().map(u32::to_string).collect();
+        let words = format!(
+            "ALARM {}  {}",
+            numbers.join(", "),
+            one_line(status.alarm_sentence())
+        );
+        let _ = writeln!(text, "{}", paint(RED, words.trim_end()));
+    }
+    if colours {
+        text.push_str("\nq ends\n");
+    }
+    text
+}
+
+/// A text from the bus may hold anything; on a terminal it stays one line and moves no cursor.
+fn one_line(text: &str) -> String {
+    text.chars()
+        .map(|c| if c.is_control() { ' ' } else { c })
+        .collect()
+}
+
+fn to_json(name: &str, status: &Status, axes: &str) -> serde_json::Value {
+    let by_axis = |values: &[f64; 9]| -> serde_json::Value {
+        "XYZABCUVW"
+            .chars()
+            .zip(values)
+            .filter(|(letter, _)| axes.contains(*letter))
+            .map(|(letter, value)| (letter.to_string(), json!(value)))
+            .collect::<serde_json::Map<_, _>>()
+            .into()
+    };
+    json!({
+        "machine": name,
+        "sequence": status.sequence,
+        "cycles": status.cycles,
+        "period_ns": status.period_ns,
+        "state": state_name(status.state),
+        "mode": MODES.get(status.mode as usize),
+        "machine_state": MACHINE_STATES.get(status.machine_state as usize),
+        "program": status.program_name(),
+        "line": status.line,
+        "flags": status.flags,
+        "position_machine": by_axis(&status.position_machine),
+        "position_work": by_axis(&status.position_work),
+        "distance_to_go": by_axis(&status.distance_to_go),
+        "velocity": by_axis(&status.velocity),
+        "following_error": by_axis(&status.following_error),
+        "path_mm": status.path_mm,
+        "feed_mm_s": status.feed_mm_s,
+        "override_ratio": status.override_ratio,
+        "late_cycles": status.late_cycles,
+        "dropped_records": status.dropped_records,
+        "dropped_setpoints": status.dropped_setpoints,
+        "setpoint_subscribers": status.setpoint_subscribers,
+        "alarms": status.listed_alarms(),
+        "alarm_text": status.alarm_sentence(),
+        "message": status.operator_message(),
+    })
+}
+
+/// The keyboard, key by key and without an echo, until it is dropped.
+struct Keys(Option<Termios>);
+
+impl Keys {
+    fn new() -> Self {
+        let stdin = io::stdin();
+        if !stdin.is_terminal() {
+            return Self(None);
+        }
+        let Ok(before) = tcgetattr(&stdin) else {
+            return Self(None);
+        };
+        let mut raw = before.clone();
+        raw.local_modes.remove(LocalModes::ICANON | LocalModes::ECHO);
+        // A read gives what is there, also nothing.
+        raw.special_codes[rustix::termios::SpecialCodeIndex::VMIN] = 0;
+        raw.special_codes[rustix::termios::SpecialCodeIndex::VTIME] = 0;
+        Self(
+            tcsetattr(&stdin, OptionalActions::Now, &raw)
+                .is_ok()
+                .then_some(before),
+        )
+    }
+
+    fn wants_to_end(&self) -> bool {
+        let mut keys = [0; 16];
+        self.0.is_some()
+            && io::stdin()
+                .lock()
+                .read(&mut keys)
+                .is_ok_and(|count| keys[..count].iter().any(|key| matches!(key, b'q' | b'Q' | 3 | 4)))
+    }
+}
+
+impl Drop for Keys {
+    fn drop(&mut self) {
+        if let Some(before) = &self.0 {
+            // With the terminal gone there is nothing to give back.
+            let _ = tcsetattr(io::stdin(), OptionalActions::Now, before);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn status() -> Status {
+        let mut status = Status {
+            state: 1,
+            machine_state: 2,
+            axes_mask: 0b101,
+            homed_mask: 1,
+            line: 17,
+            feed_mm_s: 25.0,
+            override_ratio: 1.2,
+            late_cycles: 3,
+            ..Status::default()
+        };
+        status.position_machine[2] = -7.5;
+        status.set_program("part.ngc");
+        status
+    }
+
+    #[test]
+    fn the_picture_names_state_axes_feed_and_what_is_wrong() {
+        let mut status = status();
+        status.push_alarm(200);
+        status.set_alarm_text("the guard refused\x1b[2J a setpoint");
+        let text = picture("mill", &status, "XZ", Some(Duration::from_secs(3)), false);
+        for part in [
+            "mill  machine on, automatic, running",
+            "nothing for 3.0 s",
+            "part.ngc, line 17",
+            "X*  mm",
+            "Z   mm        -7.5000",
+            "feed 1500.0 mm/min",
+            "override 120 %",
+            "late setpoints 3",
+            "ALARM 200",
+        ] {
+            assert!(text.contains(part), "{part} is not in\n{text}");
+        }
+        assert!(!text.contains("\nY"), "an axis that the machine lacks\n{text}");
+        assert!(
+            !text.contains('\x1b'),
+            "nothing for a terminal where there is none\n{text}"
+        );
+    }
+
+    #[test]
+    fn json_says_the_same() {
+        let value = to_json("mill", &status(), "XZ");
+        assert_eq!(value["position_machine"], json!({ "X": 0.0, "Z": -7.5 }));
+        assert_eq!((&value["state"], &value["line"]), (&json!("running"), &json!(17)));
+    }
+}
