@@ -8,6 +8,7 @@ use std::thread;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use evolvent_bus::{BusConfig, BusError};
+use evolvent_machine::CycleRecording;
 use evolvent_motion::{Motion, Setpoint, plan_queue};
 use evolvent_trace::{ProgramSource, RecordError, Recorder, RunInfo, configuration_hash, recover_leftovers};
 use rtrb::RingBuffer;
@@ -420,6 +421,7 @@ pub(crate) fn run_info(setup: &Setup, source: &RunSource<'_>, start_time_ns: u64
             "SCHED_FIFO {} asked for, core {:?}, lock memory {}",
             settings.priority, settings.core, settings.lock_memory
         ),
+        columns: setup.machine.trace.cycles == CycleRecording::Columns,
         extra,
     }
 }

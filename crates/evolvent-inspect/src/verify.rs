@@ -72,19 +72,16 @@ pub struct Verified {
 }
 
 impl Verified {
-    /// Whether the run came out the same and nothing is objected to.
+    /// Whether nothing differs, as far as the run was computed again, and nothing is objected to.
     #[must_use]
     pub fn holds(&self) -> bool {
-        self.differing == 0
-            && self.first_difference.is_none()
-            && self.violations.is_empty()
-            && self.recomputed
+        self.differing == 0 && self.first_difference.is_none() && self.violations.is_empty()
     }
 
-    /// Whether something of the run is not in the trace.
+    /// Whether the trace lacks something of the run: cycles, or the program to compute it again from.
     #[must_use]
     pub fn lacks_data(&self) -> bool {
-        self.missing > 0
+        self.missing > 0 || !self.recomputed
     }
 }
 
@@ -169,7 +166,6 @@ pub fn verify(path: &Path) -> Result<Verified, InspectError> {
         missing: 0,
         first_starved: None,
     };
-    let machine = opened.machine.clone();
     let period_s = opened.period_s();
     let run = opened.run.clone();
     let planned = if has_program { Some(()) } else { None };
@@ -210,6 +206,7 @@ pub fn verify(path: &Path) -> Result<Verified, InspectError> {
             let comparing = Comparing {
                 axes: run.axes.clone(),
                 period_s,
+                columns: run.columns,
             };
             let last = Cell::new(Inputs {
                 feed_override,
@@ -288,7 +285,7 @@ pub fn verify(path: &Path) -> Result<Verified, InspectError> {
     });
     read?;
     let first_starved = watch.first_starved;
-    watch.conclude(&machine, &mut verified);
+    watch.conclude(&mut verified);
     if let (Some(difference), Some(starved)) = (&verified.first_difference, first_starved)
         && difference.sequence >= starved
     {
@@ -385,7 +382,7 @@ impl Watch<'_> {
         }
     }
 
-    fn conclude(self, machine: &evolvent_machine::Machine, verified: &mut Verified) {
+    fn conclude(self, verified: &mut Verified) {
         verified.cycles = self.cycles;
         verified.missing = self.missing;
         verified.limit_violations = self.check.broken();
@@ -421,7 +418,6 @@ impl Watch<'_> {
                 verified.violations.push(format!("{violation}"));
             }
         }
-        let _ = machine;
     }
 }
 
@@ -472,6 +468,8 @@ impl Feed<'_, '_> {
 struct Comparing {
     axes: Vec<AxisLetter>,
     period_s: f64,
+    /// Columns hold jerk as singles.
+    columns: bool,
 }
 
 impl Comparing {
@@ -518,8 +516,7 @@ impl Comparing {
         for (name, recorded, computed) in per_axis {
             for axis in &self.axes {
                 let i = axis.index();
-                // Jerk is recorded as singles.
-                let computed_i = if name == "jerk" {
+                let computed_i = if self.columns && name == "jerk" {
                     f64::from(computed[i] as f32)
                 } else {
                     computed[i]

@@ -12,8 +12,8 @@ use serde_json::json;
 
 use crate::homing::HomingFile;
 use crate::machine::{
-    ControlRate, FeedbackWish, Kinematics, MAX_RATE_HZ, MIN_RATE_HZ, MachineKind, OnFull, PathMode,
-    PlannerKind, TurningWords,
+    ControlRate, CycleRecording, FeedbackWish, Kinematics, MAX_RATE_HZ, MIN_RATE_HZ, MachineKind, OnFull,
+    PathMode, PlannerKind, TurningWords,
 };
 
 /// A machine as Evolvent controls it: axes, limits, and how the control loop runs.
@@ -272,6 +272,10 @@ pub(crate) struct TraceFile {
     /// When the disk is full: "continue" without a trace, or "stop" the machine on the path.
     #[serde(default)]
     pub(crate) on_full: OnFull,
+    /// How the cycles are held: "messages", one a cycle, or "columns", exact in a quarter of the room, with messages at most
+    /// 2000 times a second for viewers. "messages" where it is not given.
+    #[serde(default)]
+    pub(crate) cycles: CycleRecording,
 }
 
 /// How the drives are watched.

@@ -102,6 +102,17 @@ pub enum OnFull {
     Stop,
 }
 
+/// How a trace holds the cycles.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum CycleRecording {
+    /// One message a cycle with plain numbers, for whoever reads MCAP.
+    #[default]
+    Messages,
+    /// Exact columns in a quarter of the room, and messages at most 2000 times a second for viewers.
+    Columns,
+}
+
 /// One axis. Linear axes are in millimetres, rotary ones in degrees, both with seconds.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Axis {
@@ -192,6 +203,8 @@ pub struct DriveSettings {
 pub struct TraceSettings {
     /// What happens when the disk is full.
     pub on_full: OnFull,
+    /// How the cycles are held.
+    pub cycles: CycleRecording,
 }
 
 /// What X, R and U of a lathe's turning cycles are.

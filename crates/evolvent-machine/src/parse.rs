@@ -106,6 +106,7 @@ impl Check<'_> {
             max_feed_mm_s,
             trace: TraceSettings {
                 on_full: raw.trace.on_full,
+                cycles: raw.trace.cycles,
             },
             drives: self.drives(&raw.drives)?,
         };

@@ -9,7 +9,8 @@
 use std::path::{Path, PathBuf};
 
 use evolvent_machine::{
-    ControlRate, FeedbackWish, Machine, MachineError, MachineKind, OnFull, PathMode, machine_schema,
+    ControlRate, CycleRecording, FeedbackWish, Machine, MachineError, MachineKind, OnFull, PathMode,
+    machine_schema,
 };
 use evolvent_path::AxisLetter;
 use proptest::prelude::*;
@@ -52,6 +53,7 @@ priority = 70
 core = 1
 
 [trace]
+cycles = "columns"
 on_full = "stop"
 
 [[axis]]
@@ -112,6 +114,7 @@ fn a_file_is_read_into_millimetres_degrees_and_seconds() {
     assert_eq!(machine.path.involute_end_tolerance_mm, 0.001);
     assert_eq!((machine.realtime.priority, machine.realtime.core), (70, Some(1)));
     assert_eq!(machine.trace.on_full, OnFull::Stop);
+    assert_eq!(machine.trace.cycles, CycleRecording::Columns);
     assert_eq!(machine.lead_cycles, 2);
     let limits = machine.limits();
     let (x, a, y) = (
@@ -336,6 +339,10 @@ fn bad_files_are_refused_with_place_key_and_advice() {
         &["realtime.priority", "70.5"],
     );
     refused(&[("core = 1", "core = -1")], &["realtime.core: -1"]);
+    refused(
+        &[("cycles = \"columns\"", "cycles = \"rows\"")],
+        &["trace.cycles", "messages"],
+    );
     refused(
         &[("on_full = \"stop\"", "on_full = \"wait\"")],
         &["trace.on_full", "continue"],

@@ -67,21 +67,23 @@ fn cycles(axes: usize) -> Vec<CycleRecord> {
         .collect()
 }
 
-fn info(axes: usize) -> RunInfo {
+fn info(axes: usize, columns: bool) -> RunInfo {
     RunInfo {
         axes: AxisLetter::ALL[..axes].to_vec(),
         period_ns: PERIOD_NS,
         start_time_ns: 1_700_000_000_000_000_000,
+        columns,
         ..RunInfo::default()
     }
 }
 
 fn record_all(
     axes: usize,
+    columns: bool,
     cycles: &[CycleRecord],
     flush_each: usize,
 ) -> Result<u64, evolvent_trace::RecordError> {
-    let mut recorder = Recorder::with_sink(Box::new(Void), Path::new("void"), &info(axes))?;
+    let mut recorder = Recorder::with_sink(Box::new(Void), Path::new("void"), &info(axes, columns))?;
     for (n, cycle) in cycles.iter().enumerate() {
         recorder.cycle(black_box(cycle))?;
         if (n + 1) % flush_each == 0 {
@@ -128,12 +130,17 @@ fn recorder(criterion: &mut Criterion) {
     for axes in [3, 9] {
         let records = cycles(axes);
         // 35 kHz, flushed each 250 ms.
-        if let Ok(bytes) = record_all(axes, &records, 8750) {
-            println!("{axes} axes: {:.1} bytes a cycle", bytes as f64 / BATCH as f64);
+        for (name, columns) in [("recorder, messages", false), ("recorder, columns", true)] {
+            if let Ok(bytes) = record_all(axes, columns, &records, 8750) {
+                println!(
+                    "{name}, {axes} axes: {:.1} bytes a cycle",
+                    bytes as f64 / BATCH as f64
+                );
+            }
+            group.bench_with_input(BenchmarkId::new(name, axes), &axes, |bench, &axes| {
+                bench.iter(|| record_all(axes, columns, &records, 8750));
+            });
         }
-        group.bench_with_input(BenchmarkId::new("recorder", axes), &axes, |bench, &axes| {
-            bench.iter(|| record_all(axes, &records, 8750));
-        });
         group.bench_with_input(BenchmarkId::new("mcap crate", axes), &axes, |bench, &axes| {
             bench.iter(|| reference(axes, &records));
         });
@@ -141,7 +148,7 @@ fn recorder(criterion: &mut Criterion) {
     group.finish();
     // The longest call: closing a full chunk.
     let records = cycles(9);
-    if let Ok(mut recorder) = Recorder::with_sink(Box::new(Void), Path::new("void"), &info(9)) {
+    if let Ok(mut recorder) = Recorder::with_sink(Box::new(Void), Path::new("void"), &info(9, true)) {
         let mut longest = 0.0_f64;
         for record in &records {
             let start = Instant::now();

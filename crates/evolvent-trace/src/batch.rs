@@ -1,7 +1,7 @@
-//! Many cycles in one message, column by column: channel `/cycles`, the record itself.
+//! Many cycles in one message, column by column: channel `/cycles`.
 //!
-//! `/cycle` is for viewers, which want a message an instant with plain numbers; above some rate it carries only each
-//! n-th cycle. `/cycles` has them all, to the last bit, in a quarter of the room. Jerk alone is rounded, to a single: it is
+//! A message a cycle with plain numbers is what everybody can read, and large. Where room matters `/cycles` is the record, and
+//! `/cycle` carries only each n-th cycle, for viewers. `/cycles` has them all, to the last bit, in a quarter of the room. Jerk alone is rounded, to a single: it is
 //! not published, steps at every knot of the plan, and took half of the room.
 
 use crate::column::{Derivatives, Kind, Packed, pack, unpack};

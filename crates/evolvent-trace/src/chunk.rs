@@ -104,7 +104,10 @@ pub(crate) fn cycle(message: &evolvent::Cycle, axes: &[usize]) -> Option<CycleRe
         following_error: if message.following_error.is_empty() {
             [f64::NAN; 9]
         } else {
-            spread(&message.following_error)?
+            let measured = spread(&message.following_error)?;
+            let mut nine = [f64::NAN; 9];
+            axes.iter().for_each(|&axis| nine[axis] = measured[axis]);
+            nine
         },
     })
 }

@@ -5,8 +5,8 @@
 //! program or the power, the file is right up to its last complete chunk. While it is written it is called
 //! `NAME.mcap.part`; at the end it gets an index and its name.
 //!
-//! - [`Recorder`] writes: `/cycles`, every cycle in columns, exact to the last bit (jerk to 24 bits); `/event`, `/block`, `/timing`; and for general
-//!   viewers `/cycle`, a message a cycle up to 2 kHz, the tool's pose and path. The messages are protobuf; each file carries their description, so that foreign readers need nothing else.
+//! - [`Recorder`] writes: `/cycle`, a message a cycle; or, where room matters, `/cycles`, every cycle in columns, and `/cycle` for
+//!   viewers at most 2000 times a second; `/event`, `/block`, `/timing`, the tool's pose and path. The messages are protobuf; each file carries their description, so that foreign readers need nothing else.
 //! - [`RunInfo`] is what makes a trace replayable alone: the program, the machine file, period, versions.
 //! - [`TraceFile`] reads: what a file holds, at once and whatever its size, and the messages one after another.
 //! - [`recover`] makes a complete file of a torn one and says what was lost; [`recover_leftovers`] does so for all

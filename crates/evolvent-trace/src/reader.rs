@@ -366,9 +366,7 @@ impl TraceFile {
 
     /// The channel that holds every cycle.
     fn cycle_channel(&self) -> Channel {
-        // Traces of version 0.1.0 before this channel was made have one message a cycle.
-        let has_batches = self.topics.values().any(|topic| topic == Channel::Cycles.topic());
-        if has_batches {
+        if self.info.messages(Channel::Cycles.topic()) > 0 {
             Channel::Cycles
         } else {
             Channel::Cycle

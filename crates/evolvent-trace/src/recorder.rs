@@ -62,7 +62,8 @@ pub struct Recorder {
     /// Where the bytes are: the part file, until it is renamed. `None` with a sink of the caller's.
     part: Option<PathBuf>,
     axes: Vec<u8>,
-    batch: Batch,
+    /// Where cycles are gathered that go out in columns.
+    batch: Option<Batch>,
     /// `/cycle` has each so many-th cycle.
     every: u64,
     tally: Tally,
@@ -127,9 +128,13 @@ impl Recorder {
             writer,
             path,
             part,
-            batch: Batch::new(axes.clone(), info.period_ns),
+            batch: info.columns.then(|| Batch::new(axes.clone(), info.period_ns)),
             axes,
-            every: (VIEW_SPAN_NS / info.period_ns).max(1),
+            every: if info.columns {
+                (VIEW_SPAN_NS / info.period_ns).max(1)
+            } else {
+                1
+            },
             tally: Tally::default(),
             scene: Scene::default(),
             last_time_ns: info.start_time_ns,
@@ -145,7 +150,7 @@ impl Recorder {
         let letters: String = info.axes.iter().map(|axis| axis.letter()).collect();
         let run = with_checksum(info.to_metadata());
         let result = self.writer.metadata(schema::RUN, &run).and_then(|()| {
-            schema::declare_channels(&mut self.writer, &letters, self.every);
+            schema::declare_channels(&mut self.writer, &letters, self.every, self.batch.is_some());
             // Some readers stumble over a chunk without a message.
             let text = format!("{} on {}", info.program_name, info.machine_name);
             self.writer
@@ -221,15 +226,25 @@ impl Recorder {
     pub fn cycle(&mut self, record: &CycleRecord) -> Result<(), RecordError> {
         self.check_failure()?;
         let time_ns = record.due_time_ns;
-        if self.batch.must_go_before(record) {
+        if self
+            .batch
+            .as_ref()
+            .is_some_and(|batch| batch.must_go_before(record))
+        {
             self.put_batch();
         }
-        self.batch.push(record);
+        let shown = match &mut self.batch {
+            None => *record,
+            Some(batch) => {
+                batch.push(record);
+                for_view(record)
+            }
+        };
         if record.sequence.is_multiple_of(self.every) {
             let axes = &self.axes;
             self.writer
                 .message(Channel::Cycle.id(), record.sequence as u32, time_ns, |out| {
-                    put_cycle(out, &for_view(record), axes);
+                    put_cycle(out, &shown, axes);
                 });
         }
         self.last_time_ns = time_ns;
@@ -396,7 +411,7 @@ impl Recorder {
 
     /// The cycles that have gathered.
     fn put_batch(&mut self) {
-        if let Some(batch) = self.batch.take() {
+        if let Some(batch) = self.batch.as_mut().and_then(Batch::take) {
             self.put(Channel::Cycles, batch.due_time_ns, batch.start_sequence, &batch);
         }
     }

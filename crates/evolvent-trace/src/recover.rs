@@ -449,7 +449,7 @@ impl Rescue {
         }
         if !declares && !self.declared {
             // The chunk with the schemas is lost. Numbers of channels never change, so ours fit.
-            schema::declare_channels(&mut self.writer, &self.letters, 1);
+            schema::declare_channels(&mut self.writer, &self.letters, 1, true);
             let time_ns = index.start_time_ns().unwrap_or(0);
             let text = "the descriptions of the channels were lost and are written anew by the recovery";
             let line = log_line(time_ns, LogLevel::Warning, text).encode_to_vec();

@@ -5,6 +5,9 @@ use std::path::PathBuf;
 
 use evolvent_path::AxisLetter;
 
+/// What the metadata say of cycles in columns.
+const COLUMNS: &str = "columns";
+
 /// Where the program's text comes from when it is attached to the trace.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum ProgramSource {
@@ -48,6 +51,9 @@ pub struct RunInfo {
     pub clock: String,
     /// The real-time settings in force, for people: scheduler, priority, core, locked memory.
     pub real_time: String,
+    /// Whether the cycles are held in columns (`/cycles`), with `/cycle` thinned out and rounded for viewers; otherwise `/cycle`
+    /// has one exact message a cycle.
+    pub columns: bool,
     /// Anything else worth keeping, by key.
     pub extra: BTreeMap<String, String>,
 }
@@ -100,6 +106,10 @@ impl RunInfo {
         put("period_ns", self.period_ns.to_string());
         put("start_time_ns", self.start_time_ns.to_string());
         put("configuration_hash", self.configuration_hash.clone());
+        put(
+            "cycles",
+            if self.columns { COLUMNS } else { "messages" }.to_owned(),
+        );
         put("clock", self.clock.clone());
         put("real_time", self.real_time.clone());
         map
@@ -131,6 +141,7 @@ impl RunInfo {
             configuration_hash: get("configuration_hash")?,
             clock: get("clock")?,
             real_time: get("real_time")?,
+            columns: get("cycles").is_some_and(|cycles| cycles == COLUMNS),
             extra: with_prefix("extra."),
         })
     }
@@ -169,6 +180,7 @@ mod tests {
             configuration_hash: configuration_hash(&[b"x"]),
             clock: "virtual".into(),
             real_time: "none".into(),
+            columns: true,
             extra: [("lead".to_owned(), "2".to_owned())].into(),
             ..RunInfo::default()
         };

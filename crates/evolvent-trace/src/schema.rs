@@ -95,9 +95,12 @@ impl Channel {
 }
 
 /// Puts all schemas and channels into the open chunk. `axes` are the letters of the axes that cycles carry, `every` says
-/// which cycles `/cycle` has.
-pub(crate) fn declare_channels(writer: &mut Writer, axes: &str, every: u64) {
+/// which cycles `/cycle` has, `columns` whether there is `/cycles`.
+pub(crate) fn declare_channels(writer: &mut Writer, axes: &str, every: u64, columns: bool) {
     for channel in Channel::ALL {
+        if channel == Channel::Cycles && !columns {
+            continue;
+        }
         writer.schema(channel.id(), channel.message_name(), channel.descriptors());
         let metadata = match channel {
             Channel::Cycle => BTreeMap::from([

@@ -20,6 +20,10 @@ use evolvent_trace::{
 
 #[test]
 fn every_cycle_comes_back_bit_for_bit() {
+    common::both_ways(every_cycle_way);
+}
+
+fn every_cycle_way() {
     let folder = common::folder();
     for axes in ["XYZ", "X", "ZX", "XYZABCUVW"] {
         let path = folder.path().join(format!("{axes}.mcap"));
@@ -158,6 +162,10 @@ fn info_knows_the_run_from_the_summary_alone() {
 
 #[test]
 fn gaps_in_the_numbers_are_told() {
+    common::both_ways(gaps_in_way);
+}
+
+fn gaps_in_way() {
     let folder = common::folder();
     let path = folder.path().join("gaps.mcap");
     let mut recorder = Recorder::create(&path, &info("XYZ")).expect("creating");
@@ -229,6 +237,10 @@ fn a_left_over_part_file_is_not_overwritten() {
 
 #[test]
 fn numbers_that_are_none_and_endless_texts_are_recorded_without_harm() {
+    common::both_ways(numbers_that_way);
+}
+
+fn numbers_that_way() {
     let folder = common::folder();
     let path = folder.path().join("odd.mcap");
     let mut recorder = Recorder::create(&path, &info("XYZ")).expect("creating");

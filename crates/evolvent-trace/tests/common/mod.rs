@@ -26,6 +26,19 @@ pub fn folder() -> tempfile::TempDir {
     .expect("folder")
 }
 
+thread_local! {
+    static COLUMNS: std::cell::Cell<bool> = const { std::cell::Cell::new(false) };
+}
+
+/// Runs a test with each way of holding cycles: a message a cycle, and columns.
+pub fn both_ways(test: impl Fn()) {
+    for columns in [false, true] {
+        println!("columns: {columns}");
+        COLUMNS.set(columns);
+        test();
+    }
+}
+
 pub fn info(axes: &str) -> RunInfo {
     let machine_file = "name = \"test-mill\"\n".to_owned();
     RunInfo {
@@ -42,6 +55,7 @@ pub fn info(axes: &str) -> RunInfo {
         versions: [("evolvent".to_owned(), "0.1.0".to_owned())].into(),
         clock: "virtual".into(),
         real_time: "none".into(),
+        columns: COLUMNS.get(),
         ..RunInfo::default()
     }
 }

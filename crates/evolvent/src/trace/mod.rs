@@ -47,7 +47,7 @@ enum TraceCommand {
     Export(export::ExportArgs),
     /// Compute the run again and compare every setpoint, bit for bit; check every sample against limits and path.
     ///
-    /// Exit code 0: it comes out the same; 1: it does not, or a limit is broken; 3: the same, but cycles are missing.
+    /// Exit code 0: it comes out the same; 1: it does not, or a limit is broken; 3: nothing is wrong, but cycles are missing, or there is no program to compute it again from.
     Verify {
         /// The trace, NAME.mcap.
         file: PathBuf,
