@@ -60,3 +60,80 @@ fn python_finds_every_cycle_with_the_same_bits() {
     }
     assert!(std::fs::read(&dump).expect("dump") == wanted, "positions differ");
 }
+
+const DUMP: &str = r"
+import struct, sys
+sys.path.insert(0, sys.argv[1])
+import evolvent_trace
+with open(sys.argv[3], 'wb') as out:
+    for c in evolvent_trace.cycles(sys.argv[2]):
+        out.write(struct.pack('<QQqI', c.sequence, c.due_time_ns, c.wake_lateness_ns, c.work_ns))
+        out.write(struct.pack('<IIII', c.line, c.state, c.flags, c.inputs))
+        lists = [c.position, c.velocity, c.acceleration, c.jerk, c.following_error]
+        flat = [value for values in lists for value in values]
+        out.write(struct.pack('<3d', c.path_mm, c.feed_mm_s, c.override) + struct.pack('<%dd' % len(flat), *flat))
+";
+
+/// The decoder of columns in Python, written from the description of the format alone, against the Rust writer.
+#[test]
+fn python_unpacks_columns_to_the_same_bits() {
+    let Some(python) = std::env::var_os("EVOLVENT_PYTHON") else {
+        println!("skipped: run tools/test");
+        return;
+    };
+    let folder = common::folder();
+    let path = folder.path().join("run.mcap");
+    let mut run = common::info("ZXC");
+    run.columns = true;
+    let mut recorder = evolvent_trace::Recorder::create(&path, &run).expect("creating");
+    common::record_into(&mut recorder, 4500, "ZXC", 1700);
+    recorder
+        .finish(&std::collections::BTreeMap::new())
+        .expect("finishing");
+    let dump = folder.path().join("cycles.dump");
+    let tools = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tools/python");
+    let output = std::process::Command::new(python)
+        .arg("-c")
+        .arg(DUMP)
+        .arg(tools)
+        .args([&path, &dump])
+        .output()
+        .expect("Python");
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{text}");
+    let mut wanted = Vec::new();
+    for n in 0..4500_u64 {
+        let cycle = cycle(n, "ZXC");
+        wanted.extend_from_slice(&cycle.sequence.to_le_bytes());
+        wanted.extend_from_slice(&cycle.due_time_ns.to_le_bytes());
+        wanted.extend_from_slice(&cycle.wake_lateness_ns.to_le_bytes());
+        for number in [
+            cycle.work_ns,
+            cycle.line,
+            u32::from(cycle.state),
+            cycle.flags,
+            cycle.inputs,
+        ] {
+            wanted.extend_from_slice(&number.to_le_bytes());
+        }
+        let plain = [cycle.path_mm, cycle.feed_mm_s, cycle.override_];
+        // Z, X, C: the order of the machine file.
+        let lists = [
+            cycle.position,
+            cycle.velocity,
+            cycle.acceleration,
+            cycle.jerk,
+            cycle.following_error,
+        ];
+        let by_axis = lists.iter().flat_map(|list| [2, 0, 5].map(|axis| list[axis]));
+        for value in plain.into_iter().chain(by_axis) {
+            // Which of the many "not a number" it is, is no one's business.
+            let value = if value.is_nan() { f64::NAN } else { value };
+            wanted.extend_from_slice(&value.to_le_bytes());
+        }
+    }
+    assert!(
+        std::fs::read(&dump).expect("the dump") == wanted,
+        "numbers differ"
+    );
+}
