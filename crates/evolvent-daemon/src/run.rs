@@ -385,6 +385,7 @@ pub(crate) fn run_info(setup: &Setup, source: &RunSource<'_>, start_time_ns: u64
                 ("optional_stop".to_owned(), job.optional_stop.to_string()),
                 ("planner".to_owned(), setup.machine.path.planner.name().to_owned()),
                 ("platform".to_owned(), crate::platform()),
+                ("block_delete".to_owned(), setup.block_delete.to_string()),
                 ("start_line".to_owned(), setup.start_line.unwrap_or(0).to_string()),
             ]),
         ),

@@ -151,6 +151,15 @@ impl Opened {
             period_ns: self.run.period_ns,
             memory,
             start_line: start_line.filter(|&line| line > 0),
+            // A program that is run by itself begins at home, with no tool.
+            place: None,
+            tool: 0,
+            block_delete: self
+                .run
+                .extra
+                .get("block_delete")
+                .is_none_or(|text| text == "true"),
+            rapid_override: 1.0,
         })
     }
 }
