@@ -165,6 +165,7 @@ pub fn verify(path: &Path) -> Result<Verified, InspectError> {
         cycles: 0,
         missing: 0,
         first_starved: None,
+        first_missed: None,
     };
     let period_s = opened.period_s();
     let run = opened.run.clone();
@@ -284,7 +285,7 @@ pub fn verify(path: &Path) -> Result<Verified, InspectError> {
         }
     });
     read?;
-    let first_starved = watch.first_starved;
+    let (first_starved, first_missed) = (watch.first_starved, watch.first_missed);
     watch.conclude(&mut verified);
     if let (Some(difference), Some(starved)) = (&verified.first_difference, first_starved)
         && difference.sequence >= starved
@@ -292,6 +293,14 @@ pub fn verify(path: &Path) -> Result<Verified, InspectError> {
         verified.explanations.push(format!(
             "the planner of the recorded run had not finished in time at cycle {starved} (flag STARVED): how far it was is \
              not recorded, so the run can be computed again up to there only"
+        ));
+    }
+    if let (Some(difference), Some(missed)) = (&verified.first_difference, first_missed)
+        && difference.sequence >= missed
+    {
+        verified.explanations.push(format!(
+            "at cycle {missed} the planner of the recorded run had no answer in time to a hold or another override: what it had \
+             planned by then is not recorded, so the run can be computed again up to there only"
         ));
     }
     Ok(verified)
@@ -359,6 +368,7 @@ struct Watch<'a> {
     cycles: u64,
     missing: u64,
     first_starved: Option<u64>,
+    first_missed: Option<u64>,
 }
 
 impl Watch<'_> {
@@ -379,6 +389,9 @@ impl Watch<'_> {
         self.last_state = record.state;
         if record.flags & FLAG_STARVED != 0 {
             self.first_starved.get_or_insert(record.sequence);
+        }
+        if record.inputs & bits::WAITED != 0 && record.feed_mm_s > 0.0 {
+            self.first_missed.get_or_insert(record.sequence);
         }
     }
 

@@ -43,8 +43,7 @@ fn runs_with_the_virtual_clock_come_out_the_same() {
             (outcome.summary.cycles, outcome.summary.cycles)
         );
         let error = verified.max_path_error_mm;
-        // Of a program with an error there is no whole path to hold it against.
-        assert_eq!(error.is_some(), name != "wrong", "{verified:?}");
+        assert!(error.is_some(), "{verified:?}");
         assert!(
             error.is_none_or(|error| error <= 0.020_000_1),
             "{name}: {error:?}"
@@ -100,9 +99,12 @@ fn a_run_in_real_time_with_overrides_holds_and_a_stop_comes_out_the_same() {
         "{waited} cycles waited for the planner, {} starved",
         outcome.summary.starved_cycles
     );
-    if outcome.summary.starved_cycles > 0 {
+    let missed = found
+        .iter()
+        .any(|cycle| cycle.inputs & inputs::WAITED != 0 && cycle.feed_mm_s > 0.0);
+    if outcome.summary.starved_cycles > 0 || missed {
         // On a machine that is too busy; what cannot come out the same must at least be explained.
-        println!("not measured: the planner starved");
+        println!("not measured: the planner was too slow on this machine");
         assert!(
             verified.holds() || !verified.explanations.is_empty(),
             "{verified:?}"

@@ -213,11 +213,8 @@ pub(crate) fn json(opened: &Opened, g: &Gathered) -> String {
         "limited": rows(&limited),
         "program": program(opened, &shown),
     });
-    // The one thing that could end the script element early.
-    value
-        .to_string()
-        .replace("</", "<\\/")
-        .replace("<!--", "<\\u0021--")
+    // So that nothing in it can end the script element.
+    value.to_string().replace('<', "\\u003c")
 }
 
 /// Lines of the program with their numbers.
