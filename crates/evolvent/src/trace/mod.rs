@@ -127,7 +127,7 @@ mod tests {
 
     use clap::Parser;
     use evolvent_path::AxisLetter;
-    use evolvent_trace::{CycleRecord, Recorder};
+    use evolvent_trace::{CycleRecord, Recorder, RunInfo};
 
     use super::*;
     use serde_json::{Value, json};
