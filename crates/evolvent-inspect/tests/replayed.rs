@@ -60,7 +60,7 @@ fn options(corner: &Corner, pace: Pace) -> Replay {
 }
 
 /// Listens from before the first setpoint to the last.
-fn listen(corner: &Corner, ready: mpsc::Sender<()>) -> Vec<Setpoint> {
+fn listen(corner: &Corner, ready: &mpsc::Sender<()>) -> Vec<Setpoint> {
     let client = corner.client();
     let mut reader = client.setpoints().expect("a place");
     ready.send(()).expect("somebody waits");
@@ -89,7 +89,7 @@ fn replay_to_listener(
 ) -> (Vec<Setpoint>, evolvent_inspect::Replayed) {
     std::thread::scope(|scope| {
         let (ready, _waiting) = mpsc::channel();
-        let listener = scope.spawn(move || listen(corner, ready));
+        let listener = scope.spawn(move || listen(corner, &ready));
         let done = replay(trace, options, |_| ControlFlow::Continue(7), || false).expect("a replay");
         (listener.join().expect("a listener"), done)
     })

@@ -81,7 +81,7 @@ pub fn record(
     let job = Job {
         program: file,
         // Whatever reads traces reads both kinds: every other run is recorded in columns.
-        setup: setup(name.len() % 2 == 0),
+        setup: setup(name.len().is_multiple_of(2)),
         clock,
         feed_override,
         trace: Some(trace.clone()),
