@@ -92,7 +92,7 @@ fn python_unpacks_columns_to_the_same_bits() {
         .expect("finishing");
     let dump = folder.path().join("cycles.dump");
     let tools = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tools/python");
-    let output = std::process::Command::new(python)
+    let output = Command::new(python)
         .arg("-c")
         .arg(DUMP)
         .arg(tools)
