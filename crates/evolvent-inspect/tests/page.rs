@@ -128,7 +128,7 @@ fn a_browser_draws_every_picture_and_the_tables() {
         document.contains("data-ready=\"yes\""),
         "the script came to its end"
     );
-    let found: serde_json::Value = serde_json::from_str(probed(&document)).expect(probed(&document));
+    let found: serde_json::Value = serde_json::from_str(probed(&document)).expect("JSON of the probe");
     assert!(found["shown"].as_u64() > Some(13), "{found}");
     assert_eq!(found["blank"], 0, "{found}");
     assert!(found["rows"].as_u64() > Some(5), "{found}");
@@ -186,7 +186,7 @@ fn a_spike_of_one_cycle_in_a_long_run_is_in_the_picture() {
     "
     );
     let document = opened(&browser, &page, &script);
-    let found: serde_json::Value = serde_json::from_str(probed(&document)).expect(probed(&document));
+    let found: serde_json::Value = serde_json::from_str(probed(&document)).expect("JSON of the probe");
     let number = |name: &str| found[name].as_f64();
     assert_eq!(
         (number("whole"), number("there")),
