@@ -117,7 +117,11 @@ impl SimDrive {
     /// Whether the home switch is pressed.
     #[must_use]
     pub fn at_home_switch(&self) -> bool {
-        self.servo.position <= self.axis.home_switch
+        if self.axis.home_switch_is_below {
+            self.servo.position <= self.axis.home_switch
+        } else {
+            self.servo.position >= self.axis.home_switch
+        }
     }
 
     /// Whether the limit switches are pressed: negative end, positive end.

@@ -25,8 +25,10 @@ pub struct SimAxis {
     pub start: f64,
     /// By how much the positions that the encoder names are too large, until homing puts that right.
     pub reference_offset: f64,
-    /// The home switch is pressed at and below this position.
+    /// Where the home switch closes.
     pub home_switch: f64,
+    /// Whether it is pressed beyond that towards smaller coordinates; otherwise towards larger ones.
+    pub home_switch_is_below: bool,
     /// The smallest step that the encoder shows.
     pub encoder_step: f64,
     /// The position loop.
@@ -47,6 +49,7 @@ impl SimAxis {
             start: 0.0,
             reference_offset: 0.0,
             home_switch: -980.0,
+            home_switch_is_below: true,
             encoder_step: 0.0001,
             servo: ServoSettings::default(),
         }

@@ -188,6 +188,14 @@ impl CoreBus {
         Ok(None)
     }
 
+    /// The oldest feedback that was not taken yet, whatever its numbers: for a watch that names what is wrong with them.
+    ///
+    /// # Errors
+    /// The connection is damaged, or a bridge speaks another version.
+    pub fn unchecked_feedback(&mut self) -> Result<Option<Feedback>, ReceiveError> {
+        receive(&self.feedback, Channel::Feedback)
+    }
+
     /// The oldest cutting load that was not taken yet. What is not finite or out of its range is dropped and counted.
     ///
     /// # Errors

@@ -225,6 +225,7 @@ fn drives_of(machine: &Machine, args: &SimArgs) -> Result<SimSettings, String> {
     for axis in &machine.axes {
         let index = axis.letter.index();
         let range = axis.travel_max - axis.travel_min;
+        let homing = machine.homing.iter().find(|homing| homing.axis == axis.letter);
         settings.axes.push(SimAxis {
             axis: index,
             max_velocity: axis.max_velocity,
@@ -234,7 +235,8 @@ fn drives_of(machine: &Machine, args: &SimArgs) -> Result<SimSettings, String> {
             travel_max: axis.travel_max,
             start: axis.home,
             reference_offset: args.reference_offset,
-            home_switch: axis.travel_min + 0.02 * range,
+            home_switch: homing.map_or(axis.travel_min + 0.02 * range, |homing| homing.switch_position),
+            home_switch_is_below: homing.is_none_or(|homing| homing.negative),
             encoder_step: 0.1 / increments[index].max(1e-3),
             servo: ServoSettings {
                 natural_frequency_hz: args.frequency,

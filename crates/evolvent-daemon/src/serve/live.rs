@@ -288,7 +288,7 @@ impl Live {
     /// Drives without power may be moved by hand: the core stands where they are.
     fn stand_where_the_drives_are(&mut self, now: &mut Now, feedback: &Feedback) {
         let is_off = now.drive.power == PowerRequest::Off && matches!(now.work, Work::None);
-        if !is_off || !self.station.is_at_rest() {
+        if !is_off || !self.station.is_at_rest() || !feedback.is_finite() {
             return;
         }
         // A core that was restarted does not know by which names the bridge goes on.

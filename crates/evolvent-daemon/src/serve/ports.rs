@@ -62,10 +62,13 @@ impl Ports {
                 }
             }
             // A bridge of another version is as good as none.
-            while let Ok(Some(feedback)) = bus.feedback() {
-                // What the cycle does not take in time is older than what it has.
+            while let Ok(Some(feedback)) = bus.unchecked_feedback() {
+                // What the cycle does not take in time is older than what it has. Its watch names what is no number;
+                // nobody else sees it.
                 let _full = self.feedback.push(feedback);
-                let _full = self.answers.push(feedback);
+                if feedback.is_finite() {
+                    let _full = self.answers.push(feedback);
+                }
             }
             while let Ok(Some(_)) = bus.load() {}
             while let Ok(snapshot) = self.snapshots.pop() {
