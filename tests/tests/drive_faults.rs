@@ -132,17 +132,15 @@ fn stands(status: &Value) -> bool {
         .all(|value| value.as_f64().is_some_and(|value| value.abs() < 1e-6))
 }
 
-/// Brings a machine up, lets it move, and waits for the alarm of a fault 1.5 s after the drives came into operation.
+/// Brings a machine up, lets it move, and waits for the alarm of a fault 4 s after the drives came into operation.
 fn alarm_of(name: &'static str, fault: &str) -> (u64, Value) {
     let machine = Machine::start(name, &["--fault", fault, "--bridge-cycles", "50"]);
     machine.until("a bridge", |status| !status["feedback_age_ns"].is_null());
     machine.ctl(&["up"]).expect_code(&[0]);
     machine.ctl(&["home"]).expect_code(&[0]);
-    for block in ["G1 X60 Y40 F3000", "G1 X-60 Y-40", "G1 X60 Y40"] {
-        // The last of them is cut short by the alarm.
-        let _job = machine.ctl(&["mdi", block, "--no-wait"]);
-        std::thread::sleep(Duration::from_millis(100));
-    }
+    machine
+        .ctl(&["mdi", "G1 X200 Y100 F2400", "--no-wait"])
+        .expect_code(&[0]);
     let status = machine.until("an alarm", |status| {
         status["alarms"].as_array().is_some_and(|list| !list.is_empty())
     });
@@ -157,12 +155,12 @@ fn alarm_of(name: &'static str, fault: &str) -> (u64, Value) {
 #[test]
 fn drives_that_fail_on_the_bus_stop_the_machine_with_the_alarm_that_names_the_fault() {
     let cases: [(&str, &str, &[u64]); 6] = [
-        ("silent", "silent@1.5", &[401]),
-        ("frozen", "frozen@1.5", &[402]),
-        ("faulted", "fault@1.5:Y", &[406]),
-        ("off", "off@1.5:X", &[407]),
-        ("jump", "jump@1.5:X", &[409]),
-        ("nan", "nan@1.5:X", &[404]),
+        ("silent", "silent@4", &[401]),
+        ("frozen", "frozen@4", &[402]),
+        ("faulted", "fault@4:Y", &[406]),
+        ("off", "off@4:X", &[407]),
+        ("jump", "jump@4:X", &[409]),
+        ("nan", "nan@4:X", &[404]),
     ];
     for (name, fault, expected) in cases {
         let (alarm, status) = alarm_of(name, fault);

@@ -104,8 +104,10 @@ pub struct FeedbackWatch {
     message_ns: u64,
     /// Whether the last message brought the sample of the one before.
     repeats: bool,
-    /// Commanded travel since an axis's position last changed.
+    /// Commanded travel, as far as it was answered, since an axis's position last changed.
     unanswered: [f64; AXES],
+    /// Datum and commanded position of the setpoint that was answered last.
+    answered: Option<(u64, [f64; AXES])>,
     instance: Option<u64>,
     datum_since_ns: Option<u64>,
 }
@@ -128,6 +130,7 @@ impl FeedbackWatch {
             message_ns: 0,
             repeats: false,
             unanswered: [0.0; AXES],
+            answered: None,
             instance: None,
             datum_since_ns: None,
         }
@@ -151,7 +154,7 @@ impl FeedbackWatch {
         command: &Command,
         feedback: Option<&Feedback>,
     ) -> Result<Presence, DriveAlarm> {
-        let before = self.remember(command);
+        self.remember(command);
         if self.settings.mode == WatchMode::Ignore {
             return Ok(Presence::Absent);
         }
@@ -170,11 +173,6 @@ impl FeedbackWatch {
         self.check_drives(now_ns, command, &last)?;
         if self.phase == Phase::Armed {
             self.check_switches(command, &last)?;
-            if let Some(before) = before {
-                for axis in 0..AXES {
-                    self.unanswered[axis] += (command.position[axis] - before[axis]).abs();
-                }
-            }
             if feedback.is_some() && !self.repeats {
                 self.check_positions(now_ns, command, &last, previous.as_ref())?;
             }
@@ -183,8 +181,8 @@ impl FeedbackWatch {
         Ok(Presence::Enabling)
     }
 
-    /// Files the setpoint; returns the position of the one before where the two are of one datum.
-    fn remember(&mut self, command: &Command) -> Option<[f64; AXES]> {
+    /// Files the setpoint.
+    fn remember(&mut self, command: &Command) {
         let size = self.sent.len() as u64;
         let decay = libm::exp(-(self.settings.period_ns as f64) * 1e-9 / self.settings.memory_s.max(1e-6));
         let before = self.sent[(command.sequence.wrapping_sub(1) % size) as usize];
@@ -200,7 +198,6 @@ impl FeedbackWatch {
             sent.peak[axis] = faded.max(command.velocity[axis].abs());
         }
         self.sent[(command.sequence % size) as usize] = sent;
-        (follows && before.datum == command.datum).then_some(before.position)
     }
 
     fn follow_request(&mut self, now_ns: u64, command: &Command) {
@@ -329,6 +326,7 @@ impl FeedbackWatch {
                 if waiting.is_none() && answers && state == Some(BridgeState::Following) {
                     self.phase = Phase::Armed;
                     self.unanswered = [0.0; AXES];
+                    self.answered = None;
                     self.instance = Some(last.instance);
                     return Ok(());
                 }
@@ -395,6 +393,14 @@ impl FeedbackWatch {
             return Ok(());
         }
         self.datum_since_ns = None;
+        // Setpoints are sent ahead: only what was answered can have moved the axes.
+        if let Some((datum, before)) = self.answered.replace((sent.datum, sent.position))
+            && datum == sent.datum
+        {
+            for axis in 0..AXES {
+                self.unanswered[axis] += (sent.position[axis] - before[axis]).abs();
+            }
+        }
         let interval_ns = previous.map_or(0, |previous| last.time_ns.saturating_sub(previous.time_ns));
         for axis in self.axes() {
             let position = last.position[axis];

@@ -31,6 +31,7 @@ struct Bench {
     status: DriveState,
     state: BridgeState,
     shift: f64,
+    delay: u64,
 }
 
 impl Bench {
@@ -44,6 +45,7 @@ impl Bench {
             status: DriveState::OperationEnabled,
             state: BridgeState::Following,
             shift: 0.0,
+            delay: DELAY,
         }
     }
 
@@ -74,9 +76,10 @@ impl Bench {
     }
 
     fn answer(&self) -> Feedback {
-        let [position, velocity] = Self::position((self.cycle as f64 - DELAY as f64 - 50.0) * 1e-3 - LAG_S);
+        let [position, velocity] =
+            Self::position((self.cycle as f64 - self.delay as f64 - 50.0) * 1e-3 - LAG_S);
         let mut answer = Feedback {
-            sequence: self.cycle.saturating_sub(DELAY),
+            sequence: self.cycle.saturating_sub(self.delay),
             time_ns: self.now_ns() - PERIOD_NS / 2,
             axes_mask: AXES_MASK,
             bridge_state: self.state.number(),
@@ -134,6 +137,15 @@ fn a_bridge_that_does_its_work_is_never_complained_of() {
             .cycle(|answer| (n % 13 < 6).then_some(answer))
             .expect("nothing is wrong");
     }
+}
+
+/// With a lead of 100 cycles the axes begin to move 0.1 s after the first setpoint that moves: nothing is wrong with that.
+#[test]
+fn a_long_lead_is_no_fault() {
+    let mut bench = Bench::new(settings());
+    bench.delay = 100;
+    bench.run(200);
+    assert_eq!(bench.run(20_000), Presence::Operational);
 }
 
 #[test]
