@@ -158,9 +158,6 @@ fn connect(settings: &RunSettings) -> Result<(Ports, String, u64), BusError> {
     let mut config = ClientConfig::new(&settings.machine_name);
     config.prefix.clone_from(&settings.prefix);
     config.wait = ATTEMPT;
-    if let Some(drives) = &settings.drives {
-        config.period_ns = Some(drives.period_ns);
-    }
     let client = ClientBus::open(&config)?;
     let (letters, period_ns) = (client.axes().to_owned(), client.period_ns());
     let ports = Ports {
@@ -176,6 +173,8 @@ fn drives(settings: &RunSettings, letters: &str, period_ns: u64, instance: u64) 
         .drives
         .clone()
         .unwrap_or_else(|| SimSettings::usual(letters, period_ns));
+    // The core may run at another rate than its machine file says.
+    drives.period_ns = period_ns;
     drives.faults.extend(settings.faults.iter().copied());
     drives.instance = instance;
     drives
