@@ -718,7 +718,7 @@ class Reader:
     def __init__(
         self, machine_name: str, channel: str, payload: type, prefix: Optional[str] = None, timeout_s: float = 10.0
     ) -> None:
-        self._payload = payload
+        self._payload: Any = payload
         self._node = open_node(prefix)
         self._service = open_service(self._node, machine_name, channel, payload, timeout_s)
         self._subscriber = self._service.subscriber_builder().create()
