@@ -1,7 +1,8 @@
 //! A machine that is served, with simulated drives that fail: over the real bus, in real time. Every kind of fault ends at
 //! rest, with the alarm that names it. At 50 random moments each, by simulated time, it is tried in `evolvent-bridge-sim`.
+#![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
-use std::path::PathBuf;
+use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
@@ -36,7 +37,7 @@ impl Machine {
             drives: None,
         };
         machine.core = Some(machine.serve(&file));
-        machine.drives = Some(machine.sim(&file, drive_options));
+        machine.drives = Some(machine.sim(drive_options));
         machine
     }
 
@@ -48,7 +49,7 @@ impl Machine {
             .expect("the binary to start")
     }
 
-    fn serve(&self, file: &PathBuf) -> Child {
+    fn serve(&self, file: &Path) -> Child {
         Self::spawn(
             evolvent()
                 .args([
@@ -65,7 +66,7 @@ impl Machine {
         )
     }
 
-    fn sim(&self, _file: &PathBuf, options: &[&str]) -> Child {
+    fn sim(&self, options: &[&str]) -> Child {
         let name = [
             "bridge",
             "sim",
