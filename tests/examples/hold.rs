@@ -27,7 +27,7 @@ fn main() {
     let mut rest_ms = Vec::new();
     let mut period_ns = 0;
     while cycles.len() < holds as usize {
-        let status = operator.waits("full speed", |status| status.feed_mm_s > 99.9);
+        let status = operator.waits("full speed", |status| status.feed_mm_s > 99.0);
         // Away from the ends of the lines, where it is slower by itself.
         if status.distance_to_go[0].abs() < 40.0 {
             continue;
@@ -42,7 +42,7 @@ fn main() {
             };
             period_ns = setpoint.period_ns;
             let after = setpoint.sequence.saturating_sub(answer.sequence);
-            if setpoint.feed_mm_s < 100.0 * (1.0 - 1e-5) && setpoint.sequence > answer.sequence {
+            if setpoint.feed_mm_s < status.feed_mm_s * (1.0 - 1e-4) && setpoint.sequence > answer.sequence {
                 slower.get_or_insert(after);
             }
             if setpoint.state == 3 {
