@@ -554,3 +554,114 @@ fn the_first_signal_stops_on_the_path_and_ends_and_every_command_is_in_the_trace
     let at = event.sequence as usize;
     assert_eq!((cycles[at - 1].override_, cycles[at].override_), (1.0, 0.7));
 }
+
+#[test]
+fn a_jog_turns_round_in_motion_without_standing_longer_than_a_cycle() {
+    let scene = Scene::new("op-turn");
+    let mut operator = scene.operator();
+    operator.brings_up();
+    let jog = |direction: f64, speed: f64| {
+        let mut jog = command("JOG");
+        (jog.axes_mask, jog.amount, jog.values[0]) = (X_ONLY, speed, direction);
+        jog
+    };
+    let job = operator.does(&jog(1.0, 50.0)).job;
+    operator.waits("a jog", |status| status.velocity[0] > 49.0);
+    while operator.setpoints.receive().expect("setpoints").is_some() {}
+    assert_eq!(operator.does(&jog(-1.0, 30.0)).job, job, "it is the same job");
+    let (mut still, mut last) = (0, f64::NAN);
+    follow(
+        &mut operator,
+        |setpoint| {
+            assert_eq!(setpoint.state, 1, "it never stops in between");
+            still += u32::from(setpoint.velocity[0] == 0.0);
+            if last.is_finite() {
+                let step = (setpoint.velocity[0] - last).abs();
+                assert!(
+                    step <= 5000.0 * 1.001 * setpoint.period_ns as f64 * 1e-9,
+                    "{step}"
+                );
+            }
+            last = setpoint.velocity[0];
+        },
+        |setpoint| setpoint.velocity[0] < -29.9,
+    );
+    assert!(still <= 1, "{still} cycles at rest");
+    operator.says("JOG_STOP");
+    assert_eq!(operator.sees_end(job).job_result, STOPPED);
+    drop(operator);
+    scene.end();
+}
+
+#[test]
+fn the_rapid_override_slows_rapids_and_leaves_feeds_alone() {
+    let scene = Scene::new("op-rapid");
+    let mut operator = scene.operator();
+    operator.brings_up();
+    let mut top = |operator: &mut Operator, block: &str| {
+        operator.says_number("MODE", 2);
+        let job = operator.says_text("MDI", block).job;
+        let mut top: f64 = 0.0;
+        let mut moved = false;
+        follow(
+            operator,
+            |setpoint| {
+                top = top.max(speed(setpoint));
+                moved |= setpoint.state == 1;
+            },
+            |setpoint| setpoint.state == 9,
+        );
+        assert_eq!(operator.sees_end(job).job_result, DONE);
+        top
+    };
+    let full = top(&mut operator, "G0 X200");
+    assert!(full > 490.0, "{full}");
+    operator.does(&ControlRequest {
+        amount: 0.25,
+        ..command("RAPID_OVERRIDE")
+    });
+    let slow = top(&mut operator, "G0 X0");
+    assert!((slow - 125.0).abs() < 1.0, "{slow}");
+    let feed = top(&mut operator, "G1 X100 F12000");
+    assert!((feed - 200.0).abs() < 1.0, "{feed}");
+    drop(operator);
+    scene.end();
+}
+
+#[test]
+fn a_service_manager_is_told_when_it_is_ready_alive_and_stopping() {
+    let (workshop, domain) = (Workshop::new(), Domain::new());
+    let machine = workshop.mill("op-notify", &[]);
+    let socket = workshop.path("notify");
+    let manager = std::os::unix::net::UnixDatagram::bind(&socket).expect("a socket");
+    manager
+        .set_read_timeout(Some(Duration::from_secs(20)))
+        .expect("a timeout");
+    let mut child = evolvent()
+        .args(["serve", "--bus-prefix", &domain.prefix, "--machine"])
+        .arg(&machine)
+        .arg("--state")
+        .arg(workshop.path("state"))
+        .env("NOTIFY_SOCKET", &socket)
+        .env("WATCHDOG_USEC", "100000")
+        .env_remove("WATCHDOG_PID")
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .expect("the binary to start");
+    let mut hear = || {
+        let mut text = [0; 64];
+        let length = manager.recv(&mut text).expect("news");
+        String::from_utf8_lossy(&text[..length]).into_owned()
+    };
+    assert_eq!(hear(), "READY=1");
+    let begin = Instant::now();
+    for _ in 0..5 {
+        assert_eq!(hear(), "WATCHDOG=1");
+    }
+    assert!(begin.elapsed() < Duration::from_secs(5));
+    let pid = rustix::process::Pid::from_raw(child.id().cast_signed()).expect("a process");
+    rustix::process::kill_process(pid, rustix::process::Signal::TERM).expect("a living process");
+    while hear() != "STOPPING=1" {}
+    child.wait().expect("a process that ends");
+}
