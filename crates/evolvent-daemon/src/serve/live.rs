@@ -491,3 +491,124 @@ impl Live {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::alloc::{GlobalAlloc, Layout, System};
+    use std::cell::Cell;
+    use std::path::Path;
+
+    use evolvent_drive::WatchSettings;
+    use evolvent_machine::Machine;
+    use evolvent_transfer::{AxesState, Sync, Transfer};
+    use rtrb::RingBuffer;
+
+    use super::*;
+
+    struct Counting;
+
+    thread_local! {
+        static CALLS: Cell<u64> = const { Cell::new(0) };
+    }
+
+    // SAFETY: every call is passed on to the system's allocator unchanged.
+    unsafe impl GlobalAlloc for Counting {
+        unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+            CALLS.with(|calls| calls.set(calls.get() + 1));
+            // SAFETY: the caller keeps the contract of `alloc`.
+            unsafe { System.alloc(layout) }
+        }
+        unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+            CALLS.with(|calls| calls.set(calls.get() + 1));
+            // SAFETY: the caller keeps the contract of `dealloc`.
+            unsafe { System.dealloc(pointer, layout) }
+        }
+    }
+
+    #[global_allocator]
+    static ALLOCATOR: Counting = Counting;
+
+    /// Calls of the allocator by a cycle that drives so many jogs, each with a turn that comes too late, renamings, an
+    /// override and feedback of every cycle.
+    fn calls(jogs: u64) -> (u64, u64) {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/machines/mill-3axis.toml");
+        let limits = Machine::load(&file).unwrap().limits();
+        let period_ns = 250_000;
+        let (mut orders, cycle_orders) = RingBuffer::new(64);
+        let (cycle_events, mut events) = RingBuffer::new(4096);
+        let (cycle_views, mut views) = RingBuffer::new(4096);
+        let (mut to_cycle, feedback) = RingBuffer::new(256);
+        let (bus, _setpoints) = RingBuffer::new(64);
+        let (trace, _records) = RingBuffer::new(64);
+        let live = Live {
+            station: Station::new(limits, period_ns, limits.home),
+            limits,
+            period_ns,
+            lead_cycles: 2,
+            max_late_cycles: 0,
+            start_unix_ns: 0,
+            orders: cycle_orders,
+            events: cycle_events,
+            views: cycle_views,
+            feedback,
+            bus,
+            trace: Some(trace),
+            watch: FeedbackWatch::new(WatchSettings::new(period_ns, 0)),
+            phase: None,
+        };
+        let cycle = std::thread::spawn(move || {
+            let before = CALLS.with(Cell::get);
+            let report = live.run();
+            (CALLS.with(Cell::get) - before, report.cycles)
+        });
+        let mut give = |what| assert!(orders.push(Order { id: 1, what }).is_ok(), "no room");
+        give(What::Keep(u64::MAX));
+        let mut at = limits.home;
+        let (mut ended, mut begun) = (0, 0);
+        while ended < jogs {
+            while let Ok(view) = views.pop() {
+                at = view.setpoint.position;
+                // Feedback that nobody needs is read all the same.
+                let _full = to_cycle.push(Feedback::default());
+            }
+            while let Ok(event) = events.pop() {
+                match event {
+                    CycleEvent::Ended { .. } => ended += 1,
+                    // The view was older than the event: once more.
+                    CycleEvent::Misplaced { .. } => begun = ended,
+                    _ => {}
+                }
+            }
+            if begun == ended && begun < jogs && views.is_empty() {
+                begun += 1;
+                let mut to = at;
+                to[0] = if begun % 2 == 1 { 2.0 } else { 0.0 };
+                let from = AxesState::at_rest(at);
+                let solved = Transfer::solve(&limits, &from, &AxesState::at_rest(to), Sync::Time).unwrap();
+                let steering = Steering::new(solved);
+                give(What::Override(0.5));
+                give(What::Relocate {
+                    position: at,
+                    limits,
+                    renames: false,
+                });
+                give(What::Steer(Box::new(steering)));
+                give(What::Turn {
+                    after: 0,
+                    steering: Box::new(steering),
+                });
+            }
+            std::thread::sleep(std::time::Duration::from_millis(1));
+        }
+        give(What::End);
+        cycle.join().unwrap()
+    }
+
+    #[test]
+    fn the_cycle_allocates_and_frees_nothing_however_long_it_runs_and_whatever_it_drives() {
+        let (few, _) = calls(1);
+        let (many, cycles) = calls(12);
+        assert!(cycles > 500, "{cycles} cycles prove nothing");
+        assert_eq!(few, many, "calls of the allocator");
+    }
+}
