@@ -598,7 +598,7 @@ fn the_rapid_override_slows_rapids_and_leaves_feeds_alone() {
     let scene = Scene::new("op-rapid");
     let mut operator = scene.operator();
     operator.brings_up();
-    let mut top = |operator: &mut Operator, block: &str| {
+    let top = |operator: &mut Operator, block: &str| {
         operator.says_number("MODE", 2);
         let job = operator.says_text("MDI", block).job;
         let mut top: f64 = 0.0;
@@ -649,7 +649,7 @@ fn a_service_manager_is_told_when_it_is_ready_alive_and_stopping() {
         .stderr(Stdio::null())
         .spawn()
         .expect("the binary to start");
-    let mut hear = || {
+    let hear = || {
         let mut text = [0; 64];
         let length = manager.recv(&mut text).expect("news");
         String::from_utf8_lossy(&text[..length]).into_owned()
