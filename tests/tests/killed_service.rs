@@ -1,5 +1,4 @@
 //! A served machine and its clients, killed at random moments; and users who may not command.
-#![expect(clippy::expect_used, reason = "tests fail as tests do")]
 
 use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::process::{Command, Stdio};
