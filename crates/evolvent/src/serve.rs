@@ -109,12 +109,15 @@ fn write_summary(summary: &ServeSummary, out: &mut dyn Write) -> std::io::Result
 
 /// The first signal stops within the limits and ends; the second ends at once.
 fn watch_signals(stop: &Arc<AtomicBool>) -> Result<(), CommandError> {
-    use signal_hook::consts::{SIGINT, SIGTERM};
+    use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGTSTP};
     let failed = |error: std::io::Error| CommandError::Failed(format!("signals cannot be caught: {error}"));
     for signal in [SIGINT, SIGTERM] {
         // In this order: the first signal finds the flag unset.
         signal_hook::flag::register_conditional_shutdown(signal, 1, Arc::clone(stop)).map_err(failed)?;
         signal_hook::flag::register(signal, Arc::clone(stop)).map_err(failed)?;
     }
+    // A terminal that goes away ends it too; Ctrl-Z does nothing, because it would freeze the axes wherever they are.
+    signal_hook::flag::register(SIGHUP, Arc::clone(stop)).map_err(failed)?;
+    signal_hook::flag::register(SIGTSTP, Arc::new(AtomicBool::new(false))).map_err(failed)?;
     Ok(())
 }

@@ -11,7 +11,7 @@ use evolvent_control::{
     Alarm, Command, DeadMan, Desk, Facts, Homing, HomingSample, JobResult, RawCommand, Refusal, Verdict,
 };
 use evolvent_drive::{PowerRequest, Presence};
-use evolvent_machine::Limits;
+use evolvent_machine::{Limits, OnFull};
 use evolvent_motion::State;
 use evolvent_path::Axes;
 use rtrb::{Consumer, Producer};
@@ -459,6 +459,16 @@ impl Operator {
                 "the core was told to end".to_owned(),
                 None,
             );
+        }
+    }
+
+    /// The trace cannot be written any more. Whether the machine goes on, its file says.
+    pub(crate) fn trace_failed(&mut self, text: &str) {
+        self.desk.raise(Alarm::Trace, text);
+        if self.setup.machine.trace.on_full == OnFull::Stop {
+            self.give_up_waiting(JobResult::Stopped);
+            self.cancel_homing();
+            self.order(What::Stop);
         }
     }
 

@@ -11,7 +11,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use evolvent_bus::{BusConfig, ControlServer};
 use evolvent_drive::{FeedbackWatch, PhaseLock};
 use evolvent_motion::Station;
-use evolvent_trace::Recorder;
+use evolvent_trace::{RecordError, Recorder};
 use rtrb::{Consumer, Producer, RingBuffer};
 
 use super::keep::Keep;
@@ -218,6 +218,11 @@ pub fn serve(
         while let Ok(count) = counts.pop() {
             published = count;
         }
+        if let Some(recording) = &recording {
+            for error in recording.failures.try_iter() {
+                operator.trace_failed(&error.to_string());
+            }
+        }
         if stop.load(Ordering::Relaxed) && ending.is_none() {
             ending = Some(Instant::now());
             manager.tell("STOPPING=1");
@@ -338,6 +343,7 @@ fn publishing(config: &ServeConfig) -> Publishing {
 struct AtWork {
     thread: thread::JoinHandle<RecordReport>,
     closing: mpsc::Sender<Closing>,
+    failures: mpsc::Receiver<RecordError>,
 }
 
 impl AtWork {
@@ -383,7 +389,7 @@ fn start_recording(
     let (producer, queue) = RingBuffer::new(length);
     let (news, heard) = mpsc::channel();
     let (closing, closes) = mpsc::channel();
-    let (failed, _failures) = mpsc::channel();
+    let (failed, failures) = mpsc::channel();
     let recording = Recording {
         recorder,
         queue,
@@ -396,5 +402,10 @@ fn start_recording(
     let thread = thread::Builder::new()
         .name("recorder".into())
         .spawn(move || recording.run(period_ns, &closes, &failed))?;
-    Ok((producer, news, AtWork { thread, closing }))
+    let at_work = AtWork {
+        thread,
+        closing,
+        failures,
+    };
+    Ok((producer, news, at_work))
 }
