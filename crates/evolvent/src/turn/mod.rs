@@ -248,3 +248,126 @@ fn object(trial: &Trial, machine: &str) -> serde_json::Value {
         })).collect::<Vec<_>>(),
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn shipped(path: &str) -> PathBuf {
+        Path::new(env!("CARGO_MANIFEST_DIR"))
+            .join("../../config")
+            .join(path)
+    }
+
+    fn arguments(job: PathBuf) -> TurnArgs {
+        TurnArgs {
+            job,
+            machine: shipped("machines/lathe-2axis.toml"),
+            ..TurnArgs::default()
+        }
+    }
+
+    #[test]
+    fn the_worked_example_comes_to_size_within_its_load_and_saves_time() {
+        let folder = tempfile::tempdir().unwrap();
+        let (report, program) = (folder.path().join("turn.html"), folder.path().join("turn.ngc"));
+        let args = TurnArgs {
+            report: Some(report.clone()),
+            program: Some(program.clone()),
+            json: true,
+            ..arguments(shipped("processes/turn-shaft.toml"))
+        };
+        let (mut out, mut err) = (Vec::new(), Vec::new());
+        assert_eq!(run(&args, &mut out, &mut err), Ok(Ending::Clean));
+        let answer: serde_json::Value = serde_json::from_slice(&out).unwrap();
+        let number = |pointer: &str| answer.pointer(pointer).unwrap().as_f64().unwrap();
+        assert_eq!(answer["outcome"], "done");
+        assert!(number("/figures/peak_over_set") < 1.3 && number("/figures/residual_mm") <= 0.1);
+        assert!(number("/figures/time_s") < 0.79 * number("/fixed/stock not known, same load/time_s"));
+        assert!((number("/regime/depth_back_off_mm") - 3.0547).abs() < 1e-4);
+
+        let page = std::fs::read_to_string(report).unwrap();
+        assert!(page.contains("<svg") && page.contains("at size") && !page.contains("NaN"));
+
+        // The program goes the same way: as long, within a few percent, and down to the final radius.
+        let text = std::fs::read_to_string(program).unwrap();
+        let (mut at, mut minutes, mut lowest) = ((0.0, 0.0), 0.0, f64::INFINITY);
+        for line in text
+            .lines()
+            .filter(|line| line.starts_with("G0") || line.starts_with("G1"))
+        {
+            let word = |letter: char| {
+                line.split_whitespace()
+                    .find_map(|word| word.strip_prefix(letter))
+                    .map(|number| number.parse::<f64>().unwrap())
+            };
+            let to = (word('X').unwrap_or(at.0), word('Z').unwrap_or(at.1));
+            if let Some(feed) = word('F') {
+                minutes += f64::hypot(to.0 - at.0, to.1 - at.1) / feed;
+            }
+            at = to;
+            lowest = lowest.min(at.0);
+        }
+        assert_eq!(lowest, 30.0);
+        let feeding_s = number("/figures/time_s") - number("/figures/return_s");
+        assert!(
+            (60.0 * minutes / feeding_s - 1.0).abs() < 0.03,
+            "{} s of {feeding_s} s",
+            60.0 * minutes
+        );
+    }
+
+    #[test]
+    fn what_is_wrong_with_a_job_is_told_with_file_line_and_key() {
+        let good = std::fs::read_to_string(shipped("processes/turn-shaft.toml")).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        for (from, to, expected) in [
+            ("lead_deg = 60.0", "lead_deg = 95.0", "95 degrees"),
+            (
+                "min_mm_rev = 0.2",
+                "min_mm_rev = 0.35",
+                "2.520 times the smallest",
+            ),
+            ("edge_mm = 12.0", "edge_mm = 5.0", "longer than the edge"),
+            (
+                "permitted_n = 3500.0",
+                "permitted_n = 2000.0",
+                "above the permitted load",
+            ),
+            ("spindle_rpm = 500.0", "spindle_rpm = nan", "spindle_rpm"),
+            ("spindle_rpm = 500.0", "speed_rpm = 500.0", "speed_rpm"),
+            (
+                "allowance_max_mm = 10.2",
+                "allowance_max_mm = 12.0",
+                "reaches 10.39 mm",
+            ),
+            ("coefficient_n = 2943.0", "name = \"42Z\"", "either a name"),
+            (
+                "outline_mm = [[0.0, 10.0], [200.0, 5.0]]",
+                "outline_mm = []",
+                "one point",
+            ),
+            ("[stock]", "[stok]", "stok"),
+        ] {
+            assert!(good.contains(from), "{from}");
+            let file = folder.path().join("job.toml");
+            std::fs::write(&file, good.replace(from, to)).unwrap();
+            let Err(CommandError::Usage(text)) = run(&arguments(file), &mut Vec::new(), &mut Vec::new())
+            else {
+                panic!("{to} was taken");
+            };
+            assert!(text.contains(expected), "{to}: {text}");
+        }
+    }
+
+    #[test]
+    fn a_law_with_a_falling_section_is_taken_as_its_power_law_and_the_difference_is_told() {
+        let good = std::fs::read_to_string(shipped("processes/turn-shaft.toml")).unwrap();
+        let from = good.find("\ncoefficient_n").unwrap();
+        let to = good.find("[load]").unwrap();
+        let text = format!("{}\nname = \"40X-R1\"\n\n{}", &good[..from], &good[to..]).replace("500.0", "300.0");
+        let job = Job::parse(&text, "job.toml").unwrap();
+        assert!(job.law_misfit > 0.0 && job.law_misfit < 0.1, "{}", job.law_misfit);
+        assert!(job.settings.regime.law.depth_exponent > 0.8 && job.settings.regime.law.depth_exponent < 0.9);
+    }
+}
