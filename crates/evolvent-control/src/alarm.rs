@@ -94,6 +94,10 @@ alarms! {
     HomeSwitchMissing = 420, Fault, "the home switch was not found within the travel; see its wiring";
     /// The home switch does not release.
     HomeSwitchStuck = 421, Fault, "the home switch does not release; see its wiring";
+    /// The cutting load was above its limit.
+    CuttingLoad = 500, Fault, "the cutting load was too high; look at tool and stock, then start again";
+    /// The load sensor cannot be believed.
+    LoadSensor = 501, Fault, "the load sensor cannot be believed; look at it and its cable, then start again";
     /// State cannot be kept.
     NotKept = 600, Warning, "offsets, tools or parameters cannot be kept; see the state folder";
     /// What was kept cannot be read.

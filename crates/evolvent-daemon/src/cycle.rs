@@ -7,6 +7,7 @@ use std::sync::Arc;
 
 use evolvent_motion::{Inputs, Motion, PlanConsumer, Setpoint, State, flags};
 use evolvent_path::AXES;
+use evolvent_process::{AdaptiveFeed, AdaptiveStop};
 use evolvent_trace::{CycleRecord, Histogram, inputs as recorded};
 use rtrb::Producer;
 
@@ -92,6 +93,8 @@ pub(crate) struct CycleReport {
     pub starved_cycles: u64,
     pub stopped_for_lateness: bool,
     pub planner_died: bool,
+    /// Why adaptive feed has stopped the run.
+    pub adaptive_stop: Option<AdaptiveStop>,
     /// The plan ended before the program did.
     pub program_failed: bool,
     /// Program stops at which nobody was waited for.
@@ -113,6 +116,7 @@ impl CycleLoop {
             starved_cycles: 0,
             stopped_for_lateness: false,
             planner_died: false,
+            adaptive_stop: None,
             program_failed: false,
             program_stops_passed: 0,
             lateness: Histogram::default(),
@@ -122,6 +126,10 @@ impl CycleLoop {
         let start = MonotonicClock::now_ns() + 2 * self.period_ns;
         let mut late_in_a_row = 0;
         let mut resumed = false;
+        let mut adaptive = self
+            .controls
+            .adaptive()
+            .and_then(|settings| AdaptiveFeed::new(settings).ok());
         loop {
             let path_time = report.cycles * self.period_ns;
             let deadline = start + path_time;
@@ -140,6 +148,11 @@ impl CycleLoop {
                 report.program_stops_passed += u64::from(inputs.resume);
             }
             resumed = inputs.resume;
+            if let Some(adaptive) = &mut adaptive {
+                let stop = adapt(adaptive, &self.controls, report.last.as_ref(), &mut inputs);
+                report.adaptive_stop = report.adaptive_stop.or(stop);
+                inputs.stop |= report.adaptive_stop.is_some();
+            }
             let mut setpoint = report.motion.step(&inputs, &mut self.queue);
             if setpoint.state == State::Done && self.controls.has_program_failed() {
                 setpoint.state = State::Stopped;
@@ -189,13 +202,16 @@ impl CycleLoop {
             }
             if let Some(trace) = &mut self.trace {
                 let due_unix_ns = self.start_unix_ns + path_time;
-                let sample = sample(
+                let mut sample = sample(
                     &setpoint,
                     due_unix_ns,
                     lateness,
                     work,
                     came_in(&inputs, &report.motion),
                 );
+                if let (Some(_), Some(load)) = (&adaptive, self.controls.load()) {
+                    sample.record.load = load.value;
+                }
                 if !hand_over(trace, sample, realtime) {
                     report.dropped_records += 1;
                 }
@@ -216,6 +232,21 @@ impl CycleLoop {
         self.controls.abandon();
         report
     }
+}
+
+/// Lets the cutting load scale the feed. Rapids are left alone; the operator's override counts below 100 % only, so that
+/// the set load holds.
+fn adapt(
+    adaptive: &mut AdaptiveFeed,
+    controls: &Controls,
+    last: Option<&Setpoint>,
+    inputs: &mut Inputs,
+) -> Option<AdaptiveStop> {
+    let feeds = last.is_some_and(|last| last.state == State::Running && last.flags & flags::RAPID == 0);
+    let driven = last.map_or(1.0, |last| last.feed_override);
+    let output = adaptive.step(controls.load(), driven, feeds);
+    inputs.feed_override = inputs.feed_override.min(1.0) * output.factor;
+    output.stop
 }
 
 /// In real time what finds no room is dropped; in virtual time there is time to wait.

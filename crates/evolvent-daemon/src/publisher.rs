@@ -102,6 +102,10 @@ impl Publishing {
                     let _lost = bus.notify(event);
                 }
             }
+            // Each counts as a reading, the newest is what the cycle sees.
+            while let Ok(Some(load)) = bus.load() {
+                self.controls.see_load(load.value, load.range_max);
+            }
             let now = MonotonicClock::now_ns();
             if now >= next_status || over {
                 next_status = now + STATUS_EVERY_NS;

@@ -10,6 +10,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use evolvent_bus::{BusConfig, BusError};
 use evolvent_machine::CycleRecording;
 use evolvent_motion::{Motion, Setpoint, plan_queue};
+use evolvent_process::AdaptiveStop;
 use evolvent_trace::{ProgramSource, RecordError, Recorder, RunInfo, configuration_hash, recover_leftovers};
 use rtrb::RingBuffer;
 
@@ -488,6 +489,13 @@ fn fault_of(report: &CycleReport) -> Option<(Alarm, String)> {
     if report.planner_died {
         let text = "the planner ended without completing its plan; the machine stopped on the path";
         return Some((Alarm::Planner, text.to_owned()));
+    }
+    if let Some(stop) = &report.adaptive_stop {
+        let alarm = match stop {
+            AdaptiveStop::Sensor(_) => Alarm::LoadSensor,
+            _ => Alarm::CuttingLoad,
+        };
+        return Some((alarm, stop.text()));
     }
     report.stopped_for_lateness.then(|| {
         let text = "too many setpoints in a row left late; the machine was stopped on the path. Run \

@@ -3,6 +3,7 @@
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 
 use evolvent_motion::{Inputs, Setpoint, State};
+use evolvent_process::{AdaptiveSettings, LoadSample};
 
 use evolvent_control::Alarm;
 
@@ -17,6 +18,11 @@ pub struct Controls {
     program_failed: AtomicBool,
     alarm: AtomicU32,
     sequence: AtomicU64,
+    /// Adaptive feed is asked for.
+    adaptive: Option<AdaptiveSettings>,
+    /// The newest cutting load: its bits as f32 above, how many came below.
+    load: AtomicU64,
+    load_range: AtomicU64,
     path_mm: AtomicU64,
     feed_mm_s: AtomicU64,
     line: AtomicU32,
@@ -39,6 +45,9 @@ impl Controls {
             program_failed: AtomicBool::new(false),
             alarm: AtomicU32::new(0),
             sequence: AtomicU64::new(0),
+            adaptive: None,
+            load: AtomicU64::new(0),
+            load_range: AtomicU64::new(0),
             path_mm: AtomicU64::new(0),
             feed_mm_s: AtomicU64::new(0),
             line: AtomicU32::new(0),
@@ -47,6 +56,38 @@ impl Controls {
             blocks: AtomicU32::new(0),
             resumes: AtomicU32::new(0),
         }
+    }
+
+    /// Holds a cutting load by the feed. Settings that make no sense are as none: check them with
+    /// [`evolvent_process::AdaptiveFeed::new`].
+    #[must_use]
+    pub fn with_adaptive_feed(mut self, settings: AdaptiveSettings) -> Self {
+        self.adaptive = Some(settings);
+        self
+    }
+
+    pub(crate) fn adaptive(&self) -> Option<AdaptiveSettings> {
+        self.adaptive
+    }
+
+    /// A cutting load has come in, with the highest value that its sensor can show. From one thread only: the bus's, or
+    /// where there is no bus, that of whoever simulates a sensor.
+    pub fn see_load(&self, value: f64, range_max: f64) {
+        let count = (self.load.load(Ordering::Relaxed) as u32).wrapping_add(1).max(1);
+        self.load_range.store(range_max.to_bits(), Ordering::Relaxed);
+        let bits = u64::from((value as f32).to_bits()) << 32 | u64::from(count);
+        self.load.store(bits, Ordering::Release);
+    }
+
+    /// The newest cutting load, none before the first.
+    pub(crate) fn load(&self) -> Option<LoadSample> {
+        let bits = self.load.load(Ordering::Acquire);
+        let range = f64::from_bits(self.load_range.load(Ordering::Relaxed));
+        (bits != 0).then(|| LoadSample {
+            sequence: bits & u64::from(u32::MAX),
+            value: f64::from(f32::from_bits((bits >> 32) as u32)),
+            range_max: f64::from(range as f32),
+        })
     }
 
     /// Sets the feed override, 1 at 100 %.

@@ -6,6 +6,7 @@
 
 use crate::law::CutLaw;
 use crate::sensor::LoadSample;
+use crate::state::Reason;
 use crate::watch::{LoadWatch, SensorTrouble};
 
 /// Smallest share of the programmed feed at which a load still tells something.
@@ -79,6 +80,24 @@ pub enum AdaptiveStop {
     },
     /// The sensor cannot be believed.
     Sensor(SensorTrouble),
+}
+
+impl AdaptiveStop {
+    /// A sentence that tells what has happened and what to do.
+    #[must_use]
+    pub fn text(&self) -> String {
+        match self {
+            Self::Overload { load, limit } => format!(
+                "the cutting load was {load:.1}, above the limit of {limit:.1}: the feed was stopped; look at tool and \
+                 stock, then start again"
+            ),
+            Self::TooDeep { load, limit } => format!(
+                "even the smallest feed would give a load of {load:.1}, above the limit of {limit:.1}: the feed was \
+                 stopped; take less depth"
+            ),
+            Self::Sensor(trouble) => Reason::Sensor(*trouble).text(),
+        }
+    }
 }
 
 /// What the load asks of the feed in this cycle.

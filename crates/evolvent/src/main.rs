@@ -1,5 +1,6 @@
 //! The `evolvent` command.
 
+mod adaptive;
 mod bore;
 mod bridge;
 mod chatter;

@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
 use evolvent_daemon::{Clock, Controls, Job, RunOutcome, StartError};
+use evolvent_machine::PlannerKind;
 
 use crate::operator::{resume_on_enter, watch_signals};
 use crate::program::{ProgramArgs, check_output, default_trace, parse_override};
@@ -41,19 +42,36 @@ pub(crate) struct RunArgs {
     /// Stop at M1.
     #[arg(long)]
     optional_stop: bool,
+    /// Hold a cutting load by the feed, in real time with a load sensor on the bus: settings of the tool. Plans with the
+    /// classic planner, which answers in the same cycle.
+    #[arg(long, value_name = "FILE.toml", conflicts_with_all = ["no_bus", "planner"])]
+    adaptive: Option<PathBuf>,
     /// Print the summary as one JSON object.
     #[arg(long)]
     json: bool,
 }
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum ClockArg {
     Realtime,
     Virtual,
 }
 
 pub(crate) fn run(args: &RunArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Ending, CommandError> {
-    let setup = args.program.setup()?;
+    let mut setup = args.program.setup()?;
+    let adaptive = match &args.adaptive {
+        None => None,
+        Some(file) if args.clock == ClockArg::Virtual => {
+            return Err(CommandError::Usage(format!(
+                "{}: a load sensor lives in real time; leave out --clock virtual",
+                file.display()
+            )));
+        }
+        Some(file) => {
+            setup.machine.path.planner = PlannerKind::Classic;
+            Some(crate::adaptive::read(file, setup.period_ns)?)
+        }
+    };
     let trace = if args.no_trace {
         None
     } else {
@@ -94,7 +112,11 @@ pub(crate) fn run(args: &RunArgs, out: &mut dyn Write, err: &mut dyn Write) -> R
         optional_stop: args.optional_stop,
         stop_at_program_stops,
     };
-    let controls = Arc::new(Controls::new(args.feed_override));
+    let controls = Controls::new(args.feed_override);
+    let controls = Arc::new(match adaptive {
+        Some(settings) => controls.with_adaptive_feed(settings),
+        None => controls,
+    });
     watch_signals(&controls)?;
     if stop_at_program_stops {
         resume_on_enter(&controls);

@@ -365,7 +365,8 @@ mod tests {
         let good = std::fs::read_to_string(shipped("processes/turn-shaft.toml")).unwrap();
         let from = good.find("\ncoefficient_n").unwrap();
         let to = good.find("[load]").unwrap();
-        let text = format!("{}\nname = \"40X-R1\"\n\n{}", &good[..from], &good[to..]).replace("500.0", "300.0");
+        let text =
+            format!("{}\nname = \"40X-R1\"\n\n{}", &good[..from], &good[to..]).replace("500.0", "300.0");
         let job = Job::parse(&text, "job.toml").unwrap();
         assert!(job.law_misfit > 0.0 && job.law_misfit < 0.1, "{}", job.law_misfit);
         assert!(job.settings.regime.law.depth_exponent > 0.8 && job.settings.regime.law.depth_exponent < 0.9);
