@@ -1,4 +1,5 @@
 //! A run whose feed holds a cutting load: in virtual time, with a load that is made from the setpoints.
+#![expect(clippy::unwrap_used, reason = "a test may fail")]
 
 use std::path::Path;
 use std::sync::{Arc, Mutex};
