@@ -12,8 +12,8 @@ use crate::profile::{Outcome, Profile};
 
 /// Shares of the axes' limits along the tangent that are tried: what curvature takes, nothing on lines.
 const SHARES: [f64; 8] = [1.0, 0.97, 0.93, 0.88, 0.8, 0.7, 0.55, 0.4];
-/// Samples along a stop at which the axes' limits are checked.
-const SAMPLES: u32 = 96;
+/// Samples along a stop at which the axes' limits are checked, at the least.
+const SAMPLES: f64 = 96.0;
 /// All of them, and the few that lose next to nothing.
 pub(crate) const ALL_SHARES: usize = SHARES.len();
 pub(crate) const FEW_SHARES: usize = 2;
@@ -163,32 +163,54 @@ pub(crate) fn brake(
 }
 
 /// The largest ratios along a stop; `None` where a limit is not kept.
+///
+/// Looked at are the ends and the middle of every part of it between two joints, ends of intervals or steps of jerk,
+/// however short: a blend of a tenth of a micrometre has a curvature as well. Longer parts have more samples.
 fn check(grid: &Grid, from: Place, until: u64, profile: &Profile) -> Option<Ratios> {
     let mut worst = Ratios::default();
-    let mut walk = Walk::new(grid, from, until);
     let mut before = from.interval;
-    for k in 0..=SAMPLES {
-        let (state, jerk) = profile.at(profile.duration() * f64::from(k) / f64::from(SAMPLES));
-        let place = walk.to(state.x);
-        while before < place.interval {
-            // Joints passed since the last sample, at no more than the speed there.
-            let cell = grid.cell(before)?;
-            if state.v > cell.joint * ALLOWED.0 {
-                return None;
+    let step = profile.duration() / SAMPLES;
+    let kept = pieces(grid, from, until, profile, |piece| {
+        let Some(stretch) = grid.stretch(piece.stretch) else {
+            return false;
+        };
+        let entry = piece.law.at(0.0).0.v;
+        while before < piece.interval {
+            // Joints are passed at no more than the speed there.
+            if grid.cell(before).is_none_or(|cell| entry > cell.joint * ALLOWED.0) {
+                return false;
             }
             before += 1;
         }
-        let here = ratios(&walk.point(place)?, &state, jerk, grid.limits());
-        if here.velocity.max(here.acceleration) > ALLOWED.0 || here.jerk > ALLOWED.1 {
-            return None;
-        }
-        worst.include(&here);
-    }
-    Some(worst)
+        let parts = (piece.duration / step).ceil().clamp(2.0, SAMPLES);
+        (0..=parts as u32).all(|k| {
+            let (state, jerk) = piece.law.at(piece.duration * f64::from(k) / parts);
+            let point = Point::of(stretch, piece.from + state.x, grid.limits());
+            let here = ratios(&point, &state, jerk, grid.limits());
+            worst.include(&here);
+            here.velocity.max(here.acceleration) <= ALLOWED.0 && here.jerk <= ALLOWED.1
+        })
+    });
+    kept.then_some(worst)
 }
 
 /// A profile as pieces, cut where intervals end. False where the grid does not know an interval.
 pub(crate) fn write(grid: &Grid, from: Place, until: u64, profile: &Profile, out: &mut Vec<Piece>) -> bool {
+    pieces(grid, from, until, profile, |piece| {
+        out.push(*piece);
+        true
+    })
+}
+
+/// Shows a profile piece by piece, as long as `visit` wants to go on. False where it does not, or the grid does not
+/// know an interval.
+fn pieces(
+    grid: &Grid,
+    from: Place,
+    until: u64,
+    profile: &Profile,
+    mut visit: impl FnMut(&Piece) -> bool,
+) -> bool {
     let mut place = from;
     for (start, duration, j) in profile.phases() {
         let (mut state, mut left) = (start, duration);
@@ -207,14 +229,17 @@ pub(crate) fn write(grid: &Grid, from: Place, until: u64, profile: &Profile, out
             let t = if leaves { law.time_to(room, left) } else { left };
             let length = if leaves { room } else { reach };
             if length > 0.0 {
-                out.push(Piece {
+                let piece = Piece {
                     law,
                     length,
                     duration: t,
                     stretch: cell.stretch,
                     from: cell.from + place.x,
                     interval: place.interval,
-                });
+                };
+                if !visit(&piece) {
+                    return false;
+                }
             }
             let next = law.at(t).0;
             (state, left) = (next, left - t);
