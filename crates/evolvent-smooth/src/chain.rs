@@ -143,17 +143,33 @@ impl Chain {
         self.first + behind.max(1) - 1
     }
 
-    /// The same, searched from a link nearby.
+    /// The same, searched from a link nearby: in time that grows with the logarithm of how far it is away.
     pub(crate) fn find_near(&self, u: f64, near: usize) -> usize {
-        let mut number = near.clamp(self.first, self.next().saturating_sub(1).max(self.first));
-        for _ in 0..8 {
-            match (self.get(number), self.get(number + 1)) {
-                (Some(link), _) if u < link.from && number > self.first => number -= 1,
-                (_, Some(next)) if next.from <= u => number += 1,
-                _ => return number,
+        let last = self.links.len().saturating_sub(1);
+        let near = near.saturating_sub(self.first).min(last);
+        let behind = |k: usize| self.links.get(k).is_some_and(|link| link.from <= u);
+        // The link sought is in `low..high`.
+        let (mut low, mut high, mut reach) = (near, near + 1, 1);
+        if behind(near) {
+            while behind(high) {
+                (low, high) = (high, (high + reach).min(last + 1));
+                reach *= 2;
+            }
+        } else {
+            while low > 0 && !behind(low) {
+                (low, high) = (low.saturating_sub(reach), low);
+                reach *= 2;
             }
         }
-        self.find(u)
+        while high - low > 1 {
+            let middle = low + (high - low) / 2;
+            if behind(middle) {
+                low = middle;
+            } else {
+                high = middle;
+            }
+        }
+        self.first + low
     }
 
     pub(crate) fn position(&self, u: f64) -> Axes {

@@ -33,9 +33,12 @@ pub(crate) fn at_joint(chain: &Chain, number: usize, guess: f64, complete: bool)
     let known = if complete { f64::INFINITY } else { chain.end() };
     let (u, here) = (link.from, link.position(link.from));
     let most = 2.0 * most(tolerance);
-    let bends = |x: f64| {
-        let ahead = chain.get(chain.find_near(u + x, number)).unwrap_or(link);
-        let behind = chain.get(chain.find_near(u - x, number)).unwrap_or(link);
+    let (mut last, mut first) = (number, number);
+    let mut bends = |x: f64| {
+        last = chain.find_near(u + x, last);
+        first = chain.find_near(u - x, first);
+        let ahead = chain.get(last).unwrap_or(link);
+        let behind = chain.get(first).unwrap_or(link);
         distance(&(ahead.position(u + x) + behind.position(u - x) - here * 2.0)) > 2.0 * tolerance
     };
     let mut x = guess.min(most).max(LEAST);

@@ -339,7 +339,11 @@ impl Maker<'_> {
         if first > last {
             return 0.0;
         }
-        let (p0, p1) = (self.chain.position(u0), self.chain.position(u1));
+        let at = |u: f64, near: usize| {
+            let link = self.chain.get(self.chain.find_near(u, near));
+            link.map_or_else(Axes::zeros, |link| link.position(u))
+        };
+        let (p0, p1) = (at(u0, first), at(u1, last));
         let (mut worst, mut at, mut least) = (0.0, first, f64::INFINITY);
         for joint in first..=last {
             let Some(link) = self.chain.get(joint) else {

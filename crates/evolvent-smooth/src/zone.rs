@@ -188,6 +188,7 @@ impl Zone {
     fn march(&mut self, chain: &Chain, end: Option<f64>, reach: f64) -> Option<bool> {
         let target = self.knots.len() + BATCH + AHEAD;
         let mut near = chain.find(*self.knots.last()?);
+        self.trial.clear();
         while self.knots.len() < target {
             let u = *self.knots.last()?;
             if let Some(end) = end
@@ -206,9 +207,14 @@ impl Zone {
 
     /// Distributes the last knots, if the end is near.
     fn finish(&mut self, chain: &Chain, from: f64, end: f64, near: &mut usize) -> bool {
-        self.trial.clear();
-        self.trial.push(from);
-        let mut u = from;
+        // The knots tried last time from the knot before are those that would be tried now.
+        if self.trial.get(1) == Some(&from) {
+            self.trial.remove(0);
+        } else {
+            self.trial.clear();
+            self.trial.push(from);
+        }
+        let mut u = self.trial.last().copied().unwrap_or(from);
         while u < end {
             if self.trial.len() > ENDING {
                 return false;
