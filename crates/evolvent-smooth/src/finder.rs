@@ -17,7 +17,7 @@ const REST: usize = 24;
 /// Rounds of weights, barrier at the first, its factor and its least, Newton steps of a round and of the last.
 const ROUNDS: usize = 6;
 const BARRIER: (f64, f64, f64) = (0.3, 0.35, 0.01);
-const STEPS: (usize, usize) = (4, 8);
+const STEPS: (usize, usize) = (2, 6);
 /// Control points before and intervals behind the free ones that the law sees.
 const MARGIN: usize = 4;
 /// Attempts to cover the intervals with more samples.
@@ -112,20 +112,24 @@ impl Finder {
         for _ in 0..ATTEMPTS {
             self.with_law(zone, scales, rests, &active, range);
             self.confine(zone, limits, range);
-            if zone.cover(chain, range.from, range.to, measured) == 0 {
+            if zone.cover(chain, range.from, range.to, measured) {
                 return;
             }
             if !zone.retreat(&self.safe, range.free, range.from, range.to) {
                 break;
             }
+            self.by_weights(zone, scales, &active, range);
         }
-        for _ in 0..ATTEMPTS {
-            if zone.cover(chain, range.from, range.to, measured) == 0 {
+        // Where nothing else helps, back to what is safe, but only there.
+        for attempt in 1..=ATTEMPTS {
+            if zone.cover(chain, range.from, range.to, measured) {
                 return;
             }
-            for j in range.free.0..range.free.1 {
-                zone.points[j] = (zone.points[j] + self.safe[j]) * 0.5;
-            }
+            let share = if attempt < ATTEMPTS { 0.5 } else { 0.0 };
+            zone.give_way(&self.safe, range.free, share);
+        }
+        if zone.cover(chain, range.from, range.to, measured) {
+            return;
         }
         zone.points[range.free.0..range.free.1].copy_from_slice(&self.safe[range.free.0..range.free.1]);
     }

@@ -34,7 +34,7 @@ const EASE: f64 = 0.8;
 /// Weight of the barrier: share of the time in the first round, factor between rounds.
 const BARRIER: f64 = 0.5;
 const FACTOR: f64 = 0.25;
-const ROUNDS: usize = 3;
+const ROUNDS: usize = 4;
 const STEPS: usize = 4;
 /// Decrease, in barrier weights, below which a round is done.
 const ENOUGH: f64 = 0.01;

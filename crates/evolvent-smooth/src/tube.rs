@@ -10,8 +10,8 @@ use evolvent_path::{Axes, ParamCurve, Spline};
 use crate::basis::{Basis, values};
 use crate::chain::{Chain, Link, distance};
 
-/// Share of the tolerance that samples leave for what lies between them, where they are fewest.
-const UNUSED: f64 = 0.02;
+/// Share of the tolerance that samples leave for what lies between them, where an interval has a single part.
+const UNUSED: f64 = 0.04;
 /// How far along a straight the tube reaches, in tolerances.
 const SLIP: f64 = 8.0;
 /// A straight shorter than so many knot intervals counts as dense.
@@ -37,6 +37,8 @@ pub(crate) struct Sample {
     pub(crate) slip: (f64, f64),
     /// Square of the radius.
     pub(crate) radius2: f64,
+    /// What the distance must not exceed, also beside the sample.
+    pub(crate) tolerance: f64,
 }
 
 impl Sample {
@@ -127,8 +129,9 @@ pub(crate) struct Cover {
     pub(crate) stray: f64,
 }
 
-/// Fewest parts of an interval, and the most that are tried.
-pub(crate) const FEWEST_PARTS: usize = 2;
+/// Fewest parts of an interval, and the most that are tried. With fewer than 4 the path found often strays too far
+/// between samples, and finding it again costs more than they.
+pub(crate) const FEWEST_PARTS: usize = 4;
 pub(crate) const MOST_PARTS: usize = 32;
 /// More joints than this in an interval, and not all of them are samples.
 const MANY: usize = 3;
@@ -139,7 +142,7 @@ const HALVINGS: u32 = 8;
 
 /// Share of the tolerance that samples may use: the more of them, the less is left for what lies between.
 fn share(parts: usize) -> f64 {
-    1.0 - UNUSED * FEWEST_PARTS as f64 / parts as f64
+    1.0 - UNUSED / parts as f64
 }
 
 /// Appends the samples of one interval: the left ends of its parts and the joints inside, at a joint both links;
@@ -248,10 +251,8 @@ pub(crate) fn covers(
     let gap = width / cover.parts as f64;
     let between = 0.125 * gap * gap * most;
     let holds = |sample: &Sample, cover: Cover| {
-        let radius = sample.radius2.sqrt();
-        let tolerance = (radius + cover.stray) / share(cover.parts);
-        let used = sample.ratio(&sample.error(points)).sqrt() * radius;
-        used + between + cover.stray <= tolerance
+        let used = (sample.ratio(&sample.error(points)) * sample.radius2).sqrt();
+        used + between + cover.stray <= sample.tolerance
     };
     if !samples.iter().all(|sample| holds(sample, cover)) {
         return false;
@@ -392,6 +393,7 @@ impl Maker<'_> {
                 along: [0.0; 3],
                 slip: (0.0, 0.0),
                 radius2: tolerance * tolerance,
+                tolerance: link.tolerance,
             };
             made.centre[..count].copy_from_slice(&place.as_slice()[first..first + count]);
             if group == 0 && link.straight && !self.thin {

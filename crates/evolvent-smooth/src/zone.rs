@@ -25,6 +25,8 @@ const ENDING: usize = 12;
 /// Steps back towards a safe solution, and their factor.
 const RETREATS: usize = 30;
 const RETREAT: f64 = 0.8;
+/// Room, as a share of the squared radius, that samples need for a way on.
+const LEAST_ROOM: f64 = 1e-3;
 
 /// What is kept at an end of a zone.
 #[derive(Clone, Copy, Debug)]
@@ -74,6 +76,8 @@ pub(crate) struct Zone {
     pub(crate) complete: bool,
     /// Intervals that were given away: the first of those is still here when this is not 0.
     trial: Vec<f64>,
+    /// Intervals with something amiss.
+    open: Vec<usize>,
     /// Samples at an interval's right end.
     last: Vec<Sample>,
 }
@@ -330,19 +334,29 @@ impl Zone {
         )
     }
 
-    /// Adds samples to those of the intervals `from..to` that are not covered; how many there were.
-    pub(crate) fn cover(&mut self, chain: &Chain, from: usize, to: usize, active: &[bool; 9]) -> usize {
-        let mut open = 0;
+    /// Adds samples to those of the intervals `from..to` that are not covered; whether all were. Those that were not
+    /// stay marked for [`give_way`](Self::give_way).
+    pub(crate) fn cover(&mut self, chain: &Chain, from: usize, to: usize, active: &[bool; 9]) -> bool {
+        self.open.clear();
         for i in from..to {
             if !self.covered(chain, i, active) {
-                open += 1;
+                self.open.push(i);
                 self.covers[i].parts = (2 * self.covers[i].parts).min(MOST_PARTS);
             }
         }
-        if open > 0 {
+        if !self.open.is_empty() {
             self.resample(chain, from, active);
         }
-        open
+        self.open.is_empty()
+    }
+
+    /// Brings the free control points of the intervals that were not covered back towards `safe`.
+    pub(crate) fn give_way(&mut self, safe: &[Axes], free: (usize, usize), share: f64) {
+        for &i in &self.open {
+            for j in i.max(free.0)..(i + 4).min(free.1) {
+                self.points[j] = safe[j] + (self.points[j] - safe[j]) * share;
+            }
+        }
     }
 
     /// Makes the samples anew because other axes move.
@@ -360,20 +374,32 @@ impl Zone {
         }
     }
 
-    /// Brings the free control points back towards `safe` until all samples have room; whether they have.
+    /// Brings free control points back towards `safe` where samples have no room, until all have; whether they have.
+    /// Those elsewhere stay what they are.
     pub(crate) fn retreat(&mut self, safe: &[Axes], free: (usize, usize), from: usize, to: usize) -> bool {
         let samples = self.samples_of(from, to);
+        for sample in &mut self.samples[samples.clone()] {
+            // What is safe may use more of the tolerance beside the samples of before than samples may.
+            let used = sample.ratio(&sample.error(&safe[sample.interval..sample.interval + 4]));
+            if used > 1.0 - 2.0 * LEAST_ROOM {
+                let most = sample.tolerance * sample.tolerance;
+                let wider = sample.radius2 * used / (1.0 - 2.0 * LEAST_ROOM);
+                sample.radius2 = wider.min(most).max(sample.radius2);
+            }
+        }
         for _ in 0..RETREATS {
-            let inside = self.samples[samples.clone()].iter().all(|sample| {
-                let points = &self.points[sample.interval..sample.interval + 4];
-                sample.ratio(&sample.error(points)) <= 1.0 - 1e-3
-            });
-            if inside {
+            self.open.clear();
+            for sample in &self.samples[samples.clone()] {
+                let i = sample.interval;
+                let room = 1.0 - sample.ratio(&sample.error(&self.points[i..i + 4]));
+                if !(room >= LEAST_ROOM) && self.open.last() != Some(&i) {
+                    self.open.push(i);
+                }
+            }
+            if self.open.is_empty() {
                 return true;
             }
-            for j in free.0..free.1 {
-                self.points[j] = safe[j] + (self.points[j] - safe[j]) * RETREAT;
-            }
+            self.give_way(safe, free, RETREAT);
         }
         false
     }
