@@ -84,6 +84,12 @@ impl Optimizer {
         self.kept.forget();
     }
 
+    /// Newton steps of the last plan or stop, whatever came of it.
+    #[must_use]
+    pub fn iterations(&self) -> u32 {
+        self.solver.iterations
+    }
+
     /// A near-optimal plan from `from` to the end of interval `until - 1`, at `feed_factor` (0.001 to 2) times the
     /// programmed feeds; rapids are not scaled. It replaces what `out` held. Cycle: no.
     ///

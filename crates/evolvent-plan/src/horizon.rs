@@ -322,7 +322,8 @@ impl<S: PlanSink> Horizon<S> {
 
     fn solve(&mut self, front: &Front, until: u64, exit: Exit) -> Result<(), FeedError> {
         self.pieces.clear();
-        self.optimizer.plan(
+        self.sink.solving();
+        let solved = self.optimizer.plan(
             &self.grid,
             front.place,
             front.entry,
@@ -330,8 +331,10 @@ impl<S: PlanSink> Horizon<S> {
             exit,
             front.feed_factor,
             &mut self.pieces,
-        )?;
-        self.prove(front)
+        );
+        let proved = solved.and_then(|_| self.prove(front));
+        self.sink.solved(self.optimizer.iterations());
+        proved
     }
 
     /// Looks at what was solved once more. A plan from rest that exceeds a limit is slowed down; one in motion is
@@ -719,9 +722,13 @@ impl<S: PlanSink> Horizon<S> {
         let Entry::Moving { v, a } = front.entry else {
             return Ok(());
         };
-        self.optimizer
-            .stop(&self.grid, front.place, v, a, until, &mut self.pieces)?;
-        self.prove(front)
+        self.sink.solving();
+        let solved = self
+            .optimizer
+            .stop(&self.grid, front.place, v, a, until, &mut self.pieces);
+        let proved = solved.and_then(|_| self.prove(front));
+        self.sink.solved(self.optimizer.iterations());
+        proved
     }
 
     fn front_after_stop(&self) -> Front {

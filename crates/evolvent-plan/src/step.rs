@@ -230,6 +230,14 @@ pub trait PlanSink {
         true
     }
 
+    /// A window or a stop is about to be solved: for those who measure.
+    fn solving(&mut self) {}
+
+    /// It has been solved, or not, in so many Newton steps.
+    fn solved(&mut self, steps: u32) {
+        let _ = steps;
+    }
+
     /// Waits a little for room or for a request.
     ///
     /// # Errors
