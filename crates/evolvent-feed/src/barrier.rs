@@ -3,14 +3,19 @@
 //! Unknowns are `a = u'^2` and `b = u''` at stations and `c = u'''/u'` on the intervals between; on an interval
 //! `b` is linear and `a` quadratic in the parameter. Every limit is `|y| <= 1` for an axis and a point:
 //! acceleration `y = (q'' a + q' b)/A`, jerk `y = sqrt(a) (q''' a + 3 q'' b + q' c)/J`, and contributes
-//! `-w log(1 - y^2)`; a cap contributes `-w log(1 - a/cap)`. The weight `w` of an interval is the barrier
+//! `-w log(1 - y^2)`; a cap contributes a quarter of `-w log(1 - a/cap)`. The weight `w` of an interval is the barrier
 //! parameter times the time that the interval takes, so that what the barrier costs is the same share of the
 //! motion everywhere, on whatever scale of length and time.
 //!
 //! `-w log(a + b d)` keeps the speed above zero between stations as well: with the values at the ends it is the
-//! middle one of the three Bernstein coefficients of the quadratic `a` over an interval of length `d`.
+//! middle one of the three Bernstein coefficients of the quadratic `a` over an interval of length `d`. It has a cap
+//! too: where speed passes its maximum within an interval, it does not exceed the caps there.
 
 use crate::window::Window;
+
+/// Weight of the barrier at a cap beside that at a row of the axes: where nothing but the cap limits the motion, the
+/// speed stays below it by the barrier parameter times this.
+const CAP_WEIGHT: f64 = 0.25;
 
 /// Values at stations and intervals.
 #[derive(Clone, Debug, Default)]
@@ -64,9 +69,7 @@ impl Iterate {
 /// What is minimised beside the barrier.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Objective {
-    /// Weight of the duration.
-    pub(crate) time: f64,
-    /// Weights of `a` at stations.
+    /// Weights of `a` at stations, beside the duration.
     pub(crate) linear: Vec<f64>,
     /// Barrier weights of the intervals.
     pub(crate) weight: Vec<f64>,
@@ -237,9 +240,7 @@ pub(crate) fn interval_time(d: f64, a: f64, middle: f64, end: f64) -> f64 {
 fn value_of<const L: usize>(window: &Window, objective: &Objective, x: &Iterate) -> Option<f64> {
     let n = window.n();
     let mut sum = 0.0;
-    if objective.time > 0.0 {
-        sum += 3.0 * (window.start.length / x.a[0].sqrt() + window.end.length / x.a[n].sqrt());
-    }
+    sum += 3.0 * (window.start.length / x.a[0].sqrt() + window.end.length / x.a[n].sqrt());
     for (k, three) in rows::<L>(&window.q).enumerate() {
         let (d, a, b, c) = (window.d[k], x.a[k], x.b[k], x.c[k]);
         let (a1, b1) = (x.a[k + 1], x.b[k + 1]);
@@ -256,7 +257,12 @@ fn value_of<const L: usize>(window: &Window, objective: &Objective, x: &Iterate)
         if !((start > 0.0 || !free) && mid > 0.0) {
             return None;
         }
-        let mut room = if free { start * mid } else { mid };
+        let top = 1.0 - control / window.control_cap(k);
+        if free && (top.is_nan() || top <= 0.0) {
+            return None;
+        }
+        // The fourth root: see CAP_WEIGHT.
+        let mut room = (if free { start * mid * top } else { mid }).sqrt().sqrt();
         room *= three[0].room((a, b, c), &inverse, free);
         room *= three[2].room((a1, b1, c), &inverse, traits.joint);
         if !traits.straight {
@@ -266,29 +272,19 @@ fn value_of<const L: usize>(window: &Window, objective: &Objective, x: &Iterate)
             return None;
         }
         room *= control / window.middle_cap[k];
-        if objective.time == 0.0 {
-            room *= (a / window.cap[k]) * (middle / window.middle_cap[k]);
-        }
         sum -= objective.weight[k] * libm::log(room);
         sum += objective.linear[k] * a;
-        if objective.time > 0.0 {
-            sum += objective.time * interval_time(d, a, middle, a1);
-        }
+        sum += interval_time(d, a, middle, a1);
     }
     let (a, b) = (x.a[n], x.b[n]);
     sum += objective.linear[n] * a;
     let (w0, w1) = (objective.weight[0], objective.weight[n - 1]);
-    let mut room = 1.0 - a / window.cap[n];
+    let mut room = (1.0 - a / window.cap[n]).sqrt().sqrt();
     let low = 1.0 + b / window.end.most;
-    let floor = if objective.time == 0.0 {
-        a / window.cap[n]
-    } else {
-        1.0
-    };
     if !(a > 0.0 && room > 0.0 && low > 0.0 && b < 0.0) {
         return None;
     }
-    room *= low * floor;
+    room *= low;
     sum -= w1 * libm::log(room);
     if window.from_rest {
         let low = 1.0 - x.b[0] / window.start.most;
@@ -302,8 +298,6 @@ fn value_of<const L: usize>(window: &Window, objective: &Objective, x: &Iterate)
 
 fn assemble_of<const L: usize>(window: &Window, objective: &Objective, x: &Iterate, local: &mut Local) {
     let n = window.n();
-    let time = objective.time;
-    let floor = f64::from(u8::from(time == 0.0));
     local.g.clear();
     local.h.clear();
     local.g.resize(n + 1, [0.0; 3]);
@@ -319,20 +313,28 @@ fn assemble_of<const L: usize>(window: &Window, objective: &Objective, x: &Itera
         let free = k > 0 || window.from_rest;
         three[0].add((a, b, c), &inverse, weight, free, &mut g, &mut h);
         if free {
-            add_cap(a, window.cap[k], weight, time * d / 6.0, &mut g, &mut h);
-            add_floor(a, floor * weight, &mut g, &mut h);
+            add_cap(a, window.cap[k], weight, d / 6.0, &mut g, &mut h);
         }
         g[0] += objective.linear[k];
         if k == 0 && window.from_rest {
-            add_time(a, 3.0 * time * window.start.length, &mut g, &mut h);
+            add_time(a, 3.0 * window.start.length, &mut g, &mut h);
             let f = 1.0 / (window.start.most - b);
             g[1] += weight * f;
             h[2] += weight * f * f;
         }
-        let control = 1.0 / (a + b * d);
-        let (slope, bend) = (weight * control, weight * control * control);
-        g[0] -= slope;
-        g[1] -= d * slope;
+        let control = a + b * d;
+        let inverse_control = 1.0 / control;
+        let (mut slope, mut bend) = (
+            -weight * inverse_control,
+            weight * inverse_control * inverse_control,
+        );
+        if free {
+            let f = 1.0 / (window.control_cap(k) - control);
+            slope += CAP_WEIGHT * weight * f;
+            bend += CAP_WEIGHT * weight * f * f;
+        }
+        g[0] += slope;
+        g[1] += d * slope;
         h[0] += bend;
         h[1] += d * bend;
         h[2] += d * d * bend;
@@ -344,15 +346,14 @@ fn assemble_of<const L: usize>(window: &Window, objective: &Objective, x: &Itera
             middle,
             window.middle_cap[k],
             weight,
-            time * d / 1.5,
+            d / 1.5,
             &mut gm,
             &mut hm,
         );
-        add_floor(middle, floor * weight, &mut gm, &mut hm);
         shift(0.5 * d, &gm, &hm, &mut g, &mut h);
         let (mut ge, mut he) = ([0.0; 3], [0.0; 6]);
         three[2].add((a1, b1, c), &inverse, weight, traits.joint, &mut ge, &mut he);
-        add_time(a1, time * d / 6.0, &mut ge, &mut he);
+        add_time(a1, d / 6.0, &mut ge, &mut he);
         shift(d, &ge, &he, &mut g, &mut h);
         (local.g[k], local.h[k]) = (g, h);
     }
@@ -362,7 +363,7 @@ fn assemble_of<const L: usize>(window: &Window, objective: &Objective, x: &Itera
         x.a[n],
         window.cap[n],
         weight,
-        3.0 * time * window.end.length,
+        3.0 * window.end.length,
         g,
         h,
     );
@@ -379,18 +380,12 @@ fn add_time(a: f64, scale: f64, g: &mut [f64; 3], h: &mut [f64; 6]) {
     h[0] -= 1.5 * slope / a;
 }
 
-/// Adds `-weight log(a)`: what keeps `a` positive where the duration does not.
-fn add_floor(a: f64, weight: f64, g: &mut [f64; 3], h: &mut [f64; 6]) {
-    g[0] -= weight / a;
-    h[0] += weight / (a * a);
-}
-
-/// Adds `scale / sqrt(a) - weight log(1 - a/cap)`.
+/// Adds `scale / sqrt(a) - CAP_WEIGHT weight log(1 - a/cap)`.
 fn add_cap(a: f64, cap: f64, weight: f64, scale: f64, g: &mut [f64; 3], h: &mut [f64; 6]) {
     add_time(a, scale, g, h);
     let f = 1.0 / (cap - a);
-    g[0] += weight * f;
-    h[0] += weight * f * f;
+    g[0] += CAP_WEIGHT * weight * f;
+    h[0] += CAP_WEIGHT * weight * f * f;
 }
 
 /// Adds a point's gradient and Hessian at distance `x` from the station to the station's own.

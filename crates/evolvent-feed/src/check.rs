@@ -10,7 +10,7 @@ use crate::piece::Ratios;
 use crate::window::Window;
 
 /// Where in an interval the limits are checked: between the rows at its start, middle and end.
-const PLACES: [f64; 2] = [0.25, 0.75];
+const PLACES: [f64; 4] = [0.15, 0.35, 0.65, 0.85];
 /// Ratios above which the barrier is made stiffer at an interval: of velocity and acceleration, of jerk.
 const EXCESS: (f64, f64) = (1.0005, 1.005);
 /// By which factor.
@@ -82,7 +82,9 @@ pub(crate) fn check(
             }
         }
         // Above the caps of the path the motion may be where it has to come down to them.
-        let fast = fast || (here.velocity > EXCESS.0 && !window.lifted);
+        let path_cap = (cell.points.iter().map(|point| point.cap(factor))).fold(0.0, f64::max);
+        let lifted = window.lifted && cap > path_cap * path_cap;
+        let fast = fast || (here.velocity > EXCESS.0 && !lifted);
         if fast || here.acceleration > EXCESS.0 || here.jerk > EXCESS.1 {
             stiff[k] *= STIFFER;
             raised = true;

@@ -20,8 +20,6 @@ pub(crate) const MOST_SPANS: usize = MOST_INTERVALS + 200;
 const GENTLE: f64 = 0.25;
 /// Most Newton steps of one plan.
 pub(crate) const MOST_STEPS: u32 = 200;
-/// Most Newton steps from a crawl to where the limits begin to tell.
-pub(crate) const LIFT_STEPS: u32 = 30;
 /// Most rounds of checking and correcting, and steps of each.
 const POLISHES: usize = 4;
 const POLISH_STEPS: u32 = 8;
@@ -52,7 +50,6 @@ pub struct Optimizer {
     pub(crate) limits: PathLimits,
     pub(crate) window: Window,
     pub(crate) solver: Solver,
-    pub(crate) guess: Vec<f64>,
     pub(crate) scratch: Vec<Span>,
     pub(crate) segments: Vec<Segment>,
     pub(crate) goal: Vec<f64>,
@@ -68,7 +65,6 @@ impl Optimizer {
             limits: limits.clone(),
             window: Window::with_capacity(stations),
             solver: Solver::with_capacity(stations),
-            guess: Vec::with_capacity(stations + 1),
             scratch: Vec::with_capacity(stations + 2),
             segments: Vec::with_capacity(stations),
             goal: Vec::with_capacity(2 * stations + 1),
@@ -188,8 +184,6 @@ impl Optimizer {
         for _ in 0..CRAWLS {
             start::crawl(&self.window, level, &mut self.solver.x);
             if self.solver.feasible(&self.window) {
-                start::guess(&self.window, &self.limits, 0.0, &mut self.guess);
-                self.solver.lift(&self.window, &self.guess, LIFT_STEPS);
                 return Some(self.solver.descend(&self.window, FIRST, MOST_STEPS));
             }
             level *= SLOWER;

@@ -1,16 +1,16 @@
 //! Going on from the last plan.
 
-use crate::barrier::strain;
+use crate::barrier::{Iterate, strain};
 use crate::grid::Place;
 use crate::kept::{Found, Kept};
 use crate::law::Law;
-use crate::optimizer::{Job, LIFT_STEPS, MOST_SPANS, MOST_STEPS, Optimizer};
+use crate::optimizer::{Job, MOST_SPANS, MOST_STEPS, Optimizer};
 use crate::piece::Piece;
 use crate::solver::KNOWN;
 use crate::spans;
 use crate::start;
 use crate::stop;
-use crate::window::Span;
+use crate::window::{Span, Window};
 
 /// Least intervals of the distance of a stop, where one is asked for.
 const STOP_INTERVALS: f64 = 16.0;
@@ -37,11 +37,6 @@ impl Optimizer {
     pub(crate) fn go_on(&mut self, job: &Job<'_>, out: &mut Vec<Piece>) -> Option<f64> {
         if !self.resume(job, out)? {
             return Some(f64::NAN);
-        }
-        if job.until > self.kept.until {
-            let first_a = self.solver.x.a[0];
-            start::guess(&self.window, &self.limits, first_a, &mut self.guess);
-            self.solver.lift(&self.window, &self.guess, LIFT_STEPS);
         }
         Some(self.solver.descend(&self.window, KNOWN, MOST_STEPS))
     }
@@ -243,7 +238,7 @@ impl Optimizer {
         let mut above = false;
         for k in 0..n {
             let d = window.d[k];
-            let middle = x.a[k] + d * (x.b[k] + 0.25 * d * x.c[k]);
+            let middle = middle(window, x, k);
             let mut excess = false;
             // What the axes and the chord error allow, whatever the feed.
             let here = &window.cells[window.span_index(k)];
@@ -284,8 +279,7 @@ impl Optimizer {
             let (window, x) = (&mut self.window, &self.solver.x);
             let mut above = false;
             for k in 0..n {
-                let d = window.d[k];
-                let middle = x.a[k] + d * (x.b[k] + 0.25 * d * x.c[k]);
+                let middle = middle(window, x, k);
                 for (cap, value, goal) in [
                     (&mut window.middle_cap[k], middle, self.goal[n + 1 + k]),
                     (&mut window.cap[k + 1], x.a[k + 1], self.goal[k + 1]),
@@ -294,6 +288,13 @@ impl Optimizer {
                         *cap = (value * ABOVE).max(goal).min(*cap);
                         above |= *cap > goal;
                     }
+                }
+            }
+            for k in 0..n {
+                // Caps that fall with the ends must leave the way between them.
+                let control = x.a[k] + window.d[k] * x.b[k];
+                if control > window.control_cap(k) * (1.0 - ROOM) {
+                    window.middle_cap[k] = control * (1.0 + ROOM);
                 }
             }
             for k in 0..n {
@@ -306,5 +307,18 @@ impl Optimizer {
                 break;
             }
         }
+    }
+}
+
+/// What the cap in the middle of interval `k` has to leave room for: the speed there, or the greatest that the
+/// interval may reach, where that does not fit below the caps at its ends either.
+fn middle(window: &Window, x: &Iterate, k: usize) -> f64 {
+    let d = window.d[k];
+    let control = x.a[k] + d * x.b[k];
+    let middle = x.a[k] + d * (x.b[k] + 0.25 * d * x.c[k]);
+    if control > window.control_cap(k) * (1.0 - ROOM) {
+        middle.max(control)
+    } else {
+        middle
     }
 }

@@ -49,7 +49,6 @@ impl Solver {
             },
             riccati: Riccati::with_capacity(stations),
             objective: Objective {
-                time: 1.0,
                 linear: Vec::with_capacity(stations + 1),
                 weight: Vec::with_capacity(stations),
             },
@@ -88,7 +87,6 @@ impl Solver {
     /// Duration as objective, barrier weights by the present times.
     fn time_objective(&mut self, window: &Window, mu: f64) {
         let n = window.n();
-        self.objective.time = 1.0;
         self.objective.linear.clone_from(&self.pull);
         self.objective.weight.clear();
         for k in 0..n {
@@ -98,23 +96,6 @@ impl Solver {
             let pull = 0.5 * (self.pull[k] * a + self.pull[k + 1] * self.x.a[k + 1]);
             self.objective.weight.push(mu * (time + pull) * self.stiff[k]);
         }
-    }
-
-    /// From far below the limits to where they begin to tell: the duration's slope at the expected `guess` of
-    /// `u'^2` takes the place of the duration, which is too steep for Newton's method there.
-    pub(crate) fn lift(&mut self, window: &Window, guess: &[f64], most: u32) {
-        let n = window.n();
-        self.objective.time = 0.0;
-        self.objective.linear.clone_from(&self.pull);
-        self.objective.weight.clear();
-        for k in 0..n {
-            let time = window.d[k] / (0.5 * (guess[k] + guess[k + 1])).sqrt();
-            self.objective.weight.push(FIRST * time);
-            for at in [k, k + 1] {
-                self.objective.linear[at] -= 0.25 * time / guess[at];
-            }
-        }
-        self.newton(window, most, 0.5);
     }
 
     /// Follows the centres from barrier parameter `mu` down to [`LAST`], in at most `most` steps. Returns the barrier

@@ -120,34 +120,3 @@ pub(crate) fn crawl_level(window: &Window, first: usize, limits: &PathLimits) ->
         .fold(f64::INFINITY, f64::min)
         * SHARE
 }
-
-/// What `u'^2` may come to at the stations: caps and steady curvature, and what constant acceleration reaches from
-/// the ends.
-pub(crate) fn guess(window: &Window, limits: &PathLimits, first_a: f64, out: &mut Vec<f64>) {
-    let n = window.n();
-    out.clear();
-    out.extend(window.cap.iter().map(|cap| 0.5 * cap));
-    for k in 0..n {
-        let steady = 0.5 * window.steady(k, limits);
-        out[k] = out[k].min(steady);
-        out[k + 1] = out[k + 1].min(steady);
-    }
-    // Tangential acceleration of each interval.
-    let push = |k: usize| {
-        let axes = limits.axes();
-        let cell = &window.cells[window.span_index(k)];
-        let mut most = f64::INFINITY;
-        for &i in &window.active[..window.count] {
-            most = most.min(axes.acceleration[i] / cell.points[1].first[i].abs());
-        }
-        most.min(1e12)
-    };
-    out[0] = out[0].min(first_a.max(1.5 * window.start.length * window.start.most));
-    out[n] = out[n].min(1.5 * window.end.length * window.end.most);
-    for k in 0..n {
-        out[k + 1] = out[k + 1].min(out[k] + push(k) * window.d[k]);
-    }
-    for k in (0..n).rev() {
-        out[k] = out[k].min(out[k + 1] + push(k) * window.d[k]);
-    }
-}

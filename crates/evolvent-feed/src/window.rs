@@ -14,7 +14,7 @@ const ACCELERATION_MARGIN: f64 = 0.9997;
 /// The same for jerk.
 const JERK_MARGIN: f64 = 0.997;
 /// The same for speed.
-const SPEED_MARGIN: f64 = 0.9996;
+const SPEED_MARGIN: f64 = 0.9999;
 /// Above every meaningful speed.
 pub(crate) const UNLIMITED: f64 = 1e9;
 
@@ -84,6 +84,11 @@ impl Window {
     /// Intervals between stations.
     pub(crate) fn n(&self) -> usize {
         self.d.len()
+    }
+
+    /// The cap of the middle Bernstein coefficient of `u'^2` on interval `k`.
+    pub(crate) fn control_cap(&self, k: usize) -> f64 {
+        self.middle_cap[k].max(self.cap[k]).max(self.cap[k + 1])
     }
 
     /// Index of the span of interval `k`.
