@@ -62,7 +62,9 @@ pub(crate) fn check(
         let cell = &window.cells[window.span_index(k)];
         let (d, a, b, c) = (window.d[k], x.a[k], x.b[k], x.c[k]);
         let mut here = Ratios::default();
-        let cap = window.cap[k].max(window.cap[k + 1]).max(window.middle_cap[k]);
+        // The first state of a moving start is what it is.
+        let begin = if k == 0 && !window.from_rest { a } else { 0.0 };
+        let cap = window.control_cap(k).max(begin);
         // The speed has a maximum inside where its slope changes sign.
         let peak = if b > 0.0 && b + c * d < 0.0 {
             a - b * b / c

@@ -24,6 +24,8 @@ const ABOVE: f64 = 1.03;
 const MOST_STRAIN: (f64, f64) = (1.001, 1.012);
 /// Room that a start on a limit is given, as a share of the limit.
 const ROOM: f64 = 1e-4;
+/// Rounding of `u'^2`, as a share of it.
+const ROUNDING: f64 = 1e-9;
 /// By which share of a cap of `u'^2` a start may lie above it before it is brought down.
 const EXCESS: f64 = 1e-3;
 /// How far within the limits a new crawl has to be, how often a slower one is tried, and at which share.
@@ -293,13 +295,19 @@ impl Optimizer {
             for k in 0..n {
                 // Caps that fall with the ends must leave the way between them.
                 let control = x.a[k] + window.d[k] * x.b[k];
-                if control > window.control_cap(k) * (1.0 - ROOM) {
+                if control * (1.0 + EXCESS) > window.control_cap(k) && control > self.goal[n + 1 + k] {
+                    window.middle_cap[k] = control * ABOVE;
+                    above = true;
+                } else if control >= window.control_cap(k) * (1.0 - ROUNDING) {
                     window.middle_cap[k] = control * (1.0 + ROOM);
                 }
             }
             for k in 0..n {
                 // Once all is within its cap there, nothing need pull any more.
-                if window.middle_cap[k] <= self.goal[n + 1 + k] && window.cap[k + 1] <= self.goal[k + 1] {
+                let near = 1.0 + EXCESS;
+                if window.middle_cap[k] <= near * self.goal[n + 1 + k]
+                    && window.cap[k + 1] <= near * self.goal[k + 1]
+                {
                     self.solver.pull[k + 1] = 0.0;
                 }
             }
