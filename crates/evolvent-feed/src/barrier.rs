@@ -342,14 +342,7 @@ fn assemble_of<const L: usize>(window: &Window, objective: &Objective, x: &Itera
         if !traits.straight {
             three[1].add((middle, b_middle, c), &inverse, weight, true, &mut gm, &mut hm);
         }
-        add_cap(
-            middle,
-            window.middle_cap[k],
-            weight,
-            d / 1.5,
-            &mut gm,
-            &mut hm,
-        );
+        add_cap(middle, window.middle_cap[k], weight, d / 1.5, &mut gm, &mut hm);
         shift(0.5 * d, &gm, &hm, &mut g, &mut h);
         let (mut ge, mut he) = ([0.0; 3], [0.0; 6]);
         three[2].add((a1, b1, c), &inverse, weight, traits.joint, &mut ge, &mut he);
@@ -359,14 +352,7 @@ fn assemble_of<const L: usize>(window: &Window, objective: &Objective, x: &Itera
     }
     let (g, h) = (&mut local.g[n], &mut local.h[n]);
     let weight = objective.weight[n - 1];
-    add_cap(
-        x.a[n],
-        window.cap[n],
-        weight,
-        3.0 * window.end.length,
-        g,
-        h,
-    );
+    add_cap(x.a[n], window.cap[n], weight, 3.0 * window.end.length, g, h);
     g[0] += objective.linear[n];
     let f = 1.0 / (window.end.most + x.b[n]);
     g[1] -= weight * f;

@@ -177,7 +177,10 @@ fn check(grid: &Grid, from: Place, until: u64, profile: &Profile) -> Option<Rati
         let entry = piece.law.at(0.0).0.v;
         while before < piece.interval {
             // Joints are passed at no more than the speed there.
-            if grid.cell(before).is_none_or(|cell| entry > cell.joint * ALLOWED.0) {
+            if grid
+                .cell(before)
+                .is_none_or(|cell| entry > cell.joint * ALLOWED.0)
+            {
                 return false;
             }
             before += 1;

@@ -201,12 +201,7 @@ fn campaign(seed: u64, cases: std::ops::Range<u64>) -> (u64, u64) {
                 factor,
                 &mut run.plan,
             ) {
-                Ok(report) => {
-                    until = next;
-                    if std::env::var("DBG").is_ok() {
-                        eprintln!("{what} {report:?} factor {factor}");
-                    }
-                }
+                Ok(_) => until = next,
                 Err(FeedError::NoMotion { .. }) => {
                     // The plan before stays what it is, to rest.
                     refused += 1;
@@ -233,10 +228,6 @@ fn campaign(seed: u64, cases: std::ops::Range<u64>) -> (u64, u64) {
             &rates[..]
         };
         let measured = measure_all(&player, &limits, rates);
-        if std::env::var("DBG").is_ok() {
-            eprintln!("{what} {measured:?}");
-            continue;
-        }
         assert!(
             measured.velocity <= VELOCITY && measured.acceleration <= ACCELERATION && measured.jerk <= JERK,
             "{what}: {measured:?}"

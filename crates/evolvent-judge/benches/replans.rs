@@ -122,7 +122,8 @@ fn bench() -> Result<(), String> {
                     files.push(place);
                     continue;
                 }
-                let entries = std::fs::read_dir(&place).map_err(|error| format!("{}: {error}", place.display()))?;
+                let entries =
+                    std::fs::read_dir(&place).map_err(|error| format!("{}: {error}", place.display()))?;
                 files.extend(
                     (entries.filter_map(Result::ok).map(|entry| entry.path()))
                         .filter(|path| path.extension().is_some_and(|ending| ending == "ngc")),
