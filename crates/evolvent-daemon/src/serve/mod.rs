@@ -17,3 +17,65 @@ mod track;
 
 pub use keep::state_folder;
 pub use server::{ServeConfig, ServeSummary, serve};
+
+#[cfg(test)]
+mod tests {
+    use evolvent_bus::{ACTIVITIES, COMMANDS, JOB_RESULTS, MACHINE_STATES, MODES, VERDICTS};
+    use evolvent_control::{Activity, Alarm, CommandCode, JobResult, MachineState, Mode, Verdict};
+    use evolvent_drive::DriveAlarm;
+
+    #[test]
+    fn numbers_and_names_of_desk_and_bus_are_the_same() {
+        let desk: Vec<(&str, u32)> = CommandCode::ALL
+            .iter()
+            .map(|code| (code.name(), *code as u32))
+            .collect();
+        assert_eq!(desk, COMMANDS);
+        let spelled = |name: &dyn std::fmt::Debug| format!("{name:?}").to_uppercase();
+        let numbered = |list: &[(&str, u32)], name: &dyn std::fmt::Debug, number: u32| {
+            assert!(list.contains(&(spelled(name).as_str(), number)), "{name:?}");
+        };
+        for state in [MachineState::Estop, MachineState::Off, MachineState::On] {
+            numbered(&MACHINE_STATES, &state, state as u32);
+        }
+        for mode in [Mode::Auto, Mode::Manual, Mode::Mdi] {
+            numbered(&MODES, &mode, mode as u32);
+        }
+        for activity in [
+            Activity::None,
+            Activity::Program,
+            Activity::Mdi,
+            Activity::Jog,
+            Activity::Homing,
+        ] {
+            numbered(&ACTIVITIES, &activity, activity as u32);
+        }
+        for result in [
+            JobResult::None,
+            JobResult::Done,
+            JobResult::Stopped,
+            JobResult::Failed,
+            JobResult::Fault,
+        ] {
+            numbered(&JOB_RESULTS, &result, result as u32);
+        }
+        for verdict in [Verdict::Accepted, Verdict::Rejected, Verdict::Stale] {
+            numbered(&VERDICTS, &verdict, verdict as u32);
+        }
+    }
+
+    #[test]
+    fn every_alarm_of_the_drives_is_one_of_the_desk_and_latched() {
+        let first = DriveAlarm::Missing { waited_ns: 0 }.number();
+        let last = DriveAlarm::Datum {
+            expected: 0,
+            found: 0,
+        }
+        .number();
+        for number in first..=last {
+            let alarm = Alarm::from_number(number).expect("an alarm of this number");
+            assert!(alarm.is_latched(), "{alarm:?}");
+        }
+        assert_eq!(Alarm::from_number(406), Some(Alarm::DriveFault));
+    }
+}
