@@ -276,6 +276,7 @@ pub(crate) fn came_in(inputs: &Inputs, motion: &Motion) -> u32 {
         (inputs.stop, recorded::STOP),
         (inputs.resume, recorded::RESUME),
         (motion.has_waited(), recorded::WAITED),
+        (motion.was_refused(), recorded::REFUSED),
     ];
     bits.into_iter()
         .filter(|(set, _)| *set)

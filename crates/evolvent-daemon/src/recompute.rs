@@ -29,6 +29,8 @@ pub struct RecordedInputs {
     pub inputs: Inputs,
     /// Whether the cycle waited for the planner, or drove on as planned before, for want of an answer.
     pub waited: bool,
+    /// Whether an answer of the planner came to nothing.
+    pub refused: bool,
 }
 
 /// What computing a run again came to.
@@ -90,9 +92,15 @@ pub fn recompute(
             })?;
         let mut cycles = 0;
         let mut state = State::Idle;
-        while let Some(RecordedInputs { inputs, waited }) = inputs(cycles) {
+        while let Some(RecordedInputs {
+            inputs,
+            waited,
+            refused,
+        }) = inputs(cycles)
+        {
             wait_until(|| motion.is_ready(&mut queue) || (inputs.stop && motion.is_at_rest()));
             motion.withhold_plan(waited);
+            motion.refuse_plan(refused);
             let mut setpoint = motion.step(&inputs, &mut queue);
             if setpoint.state == State::Done && failed.load(Ordering::Acquire) {
                 setpoint.state = State::Stopped;

@@ -227,12 +227,14 @@ pub fn verify(path: &Path) -> Result<Verified, InspectError> {
                             Some(RecordedInputs {
                                 inputs: last.get(),
                                 waited: record.inputs & bits::WAITED != 0,
+                                refused: record.inputs & bits::REFUSED != 0,
                             })
                         }
                         // A cycle that was lost: nothing is known to have changed.
                         None => Some(RecordedInputs {
                             inputs: last.get(),
                             waited: false,
+                            refused: false,
                         }),
                     }
                 },
@@ -299,7 +301,7 @@ pub fn verify(path: &Path) -> Result<Verified, InspectError> {
         && difference.sequence >= missed
     {
         verified.explanations.push(format!(
-            "at cycle {missed} the planner of the recorded run had no answer in time to a hold or another override: what it had \
+            "at cycle {missed} the planner of the recorded run had no answer, or none in time, to a hold or another override: what it had \
              planned by then is not recorded, so the run can be computed again up to there only"
         ));
     }
@@ -390,7 +392,7 @@ impl Watch<'_> {
         if record.flags & FLAG_STARVED != 0 {
             self.first_starved.get_or_insert(record.sequence);
         }
-        if record.inputs & bits::WAITED != 0 && record.feed_mm_s > 0.0 {
+        if record.inputs & (bits::WAITED | bits::REFUSED) != 0 && record.feed_mm_s > 0.0 {
             self.first_missed.get_or_insert(record.sequence);
         }
     }

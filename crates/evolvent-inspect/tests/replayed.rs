@@ -183,8 +183,20 @@ fn drives_that_are_on_are_moved_only_if_it_is_said_twice() {
             let (over, corner) = (&over, &corner);
             // A bridge that answers, whatever it hears.
             scope.spawn(move || {
-                let client = corner.client();
-                let mut sender = client.feedback_sender().expect("a place");
+                // The core may have gone before the bridge has found it.
+                let config = ClientConfig {
+                    prefix: Some(corner.0.clone()),
+                    wait: Duration::from_millis(50),
+                    ..ClientConfig::new("mill-3axis")
+                };
+                let mut sender = loop {
+                    let opened = ClientBus::open(&config).and_then(|client| client.feedback_sender());
+                    match opened {
+                        Ok(sender) => break sender,
+                        Err(_) if over.load(Ordering::Relaxed) => return,
+                        Err(_) => {}
+                    }
+                };
                 while !over.load(Ordering::Relaxed) {
                     let mut feedback = Feedback::default();
                     feedback.status_word[1] = status_word;

@@ -104,7 +104,8 @@ impl Motion {
             }
             Some(answer) => {
                 self.asking.open = None;
-                match answer.step.map(|step| (step, queue.step(step))) {
+                let step = answer.step.filter(|_| !self.refuse);
+                match step.map(|step| (step, queue.step(step))) {
                     // In motion the next piece must be there; at rest it may still come.
                     Some((step, Some(Step::Flow(flow)))) if open.after.is_some() => {
                         cursor.step = step;
@@ -123,6 +124,7 @@ impl Motion {
                         queue.took_answer(open.id);
                     }
                     _ => {
+                        self.refused = true;
                         self.asking.not_before = self.sequence + self.asking.lead;
                         self.asking.miss(open.aim);
                     }

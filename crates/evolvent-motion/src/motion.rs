@@ -39,6 +39,10 @@ pub struct Motion {
     pub(crate) waited: bool,
     /// The next step acts as if the planner had not finished.
     pub(crate) withhold: bool,
+    /// Whether the last step met an answer that came to nothing.
+    pub(crate) refused: bool,
+    /// The next step acts as if the answer came to nothing.
+    pub(crate) refuse: bool,
 }
 
 impl Motion {
@@ -67,6 +71,8 @@ impl Motion {
             asking: Asking::new(period),
             waited: false,
             withhold: false,
+            refused: false,
+            refuse: false,
         }
     }
 
@@ -122,6 +128,17 @@ impl Motion {
         self.waited
     }
 
+    /// Whether the last step met an answer that came to nothing: the planner found no plan, or was too late with it.
+    #[must_use]
+    pub fn was_refused(&self) -> bool {
+        self.refused
+    }
+
+    /// Lets the next steps act, or not, as if an answer that is due came to nothing.
+    pub fn refuse_plan(&mut self, refuse: bool) {
+        self.refuse = refuse;
+    }
+
     /// Lets the next steps act, or not, as if the planner had not finished: where a recorded run has waited, it
     /// waits again when it is computed anew.
     pub fn withhold_plan(&mut self, withhold: bool) {
@@ -144,6 +161,7 @@ impl Motion {
     /// Computes the next setpoint, one period after the last.
     pub fn step(&mut self, inputs: &Inputs, queue: &mut PlanConsumer) -> Setpoint {
         self.waited = false;
+        self.refused = false;
         let wanted = checked_override(inputs.feed_override);
         let changed = wanted != self.feed_override;
         self.feed_override = wanted;

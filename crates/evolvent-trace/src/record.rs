@@ -54,6 +54,8 @@ pub mod inputs {
     pub const RESUME: u32 = 4;
     /// The planner had not finished what the cycle looked for: it stood, or drove on as planned before.
     pub const WAITED: u32 = 8;
+    /// The planner's answer to a hold or another override came to nothing.
+    pub const REFUSED: u32 = 16;
 }
 
 impl Default for CycleRecord {
