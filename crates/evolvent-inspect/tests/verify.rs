@@ -107,13 +107,10 @@ fn a_run_in_real_time_with_overrides_holds_and_a_stop_comes_out_the_same() {
     let missed = found
         .iter()
         .any(|cycle| cycle.inputs & (inputs::WAITED | inputs::REFUSED) != 0 && cycle.feed_mm_s > 0.0);
-    if outcome.summary.starved_cycles > 0 || missed {
+    if !verified.holds() && (outcome.summary.starved_cycles > 0 || missed) {
         // On a machine that is too busy; what cannot come out the same must at least be explained.
         println!("not measured: the planner was too slow on this machine");
-        assert!(
-            verified.holds() || !verified.explanations.is_empty(),
-            "{verified:?}"
-        );
+        assert!(!verified.explanations.is_empty(), "{verified:?}");
     } else {
         assert!(verified.holds(), "{verified:?}");
     }

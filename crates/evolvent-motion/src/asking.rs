@@ -252,13 +252,23 @@ impl Motion {
         if self.is_over() || self.quick_stop.is_some() || queue.is_abandoned() {
             return true;
         }
+        let mut step = cursor.step;
         if let Some(open) = self.asking.open {
             let due = open.after.is_none_or(|after| self.sequence > after);
-            if due && !queue.has_no_planner() && queue.answer(open.id).is_none() {
+            let answer = if due { queue.answer(open.id) } else { None };
+            if due && answer.is_none() && !queue.has_no_planner() {
                 return false;
             }
+            // The step after this goes on where the answer says: that must be known as well.
+            if let Some(next) = answer.and_then(|answer| answer.step) {
+                if queue.step(next).is_none() {
+                    return queue.has_no_planner();
+                }
+                if open.after.is_none() {
+                    step = next;
+                }
+            }
         }
-        let mut step = cursor.step;
         let (flow, time) = match cursor.drive {
             Drive::Flow { flow, time } => (flow, time),
             Drive::Run(_) => return queue.has_final_ahead(step),
