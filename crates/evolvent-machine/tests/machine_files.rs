@@ -55,7 +55,6 @@ core = 1
 [trace]
 cycles = "columns"
 on_full = "stop"
-
 [[axis]]
 letter = "x"
 travel_min_mm = -1

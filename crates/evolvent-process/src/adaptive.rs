@@ -364,7 +364,7 @@ mod tests {
         let seen = pass(blank, Some(settings()));
         for pair in seen.windows(2) {
             let change = (pair[1].2 - pair[0].2) / PERIOD_S;
-            assert!(change <= 2.0 + 1e-9 && change >= -100.0 - 1e-9, "{change} per s");
+            assert!((-100.0 - 1e-9..=2.0 + 1e-9).contains(&change), "{change} per s");
             assert!((0.2..=1.5).contains(&pair[1].2));
         }
         // In the groove the idle factor is reached, over thin stock the largest.
