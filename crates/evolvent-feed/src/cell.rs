@@ -15,8 +15,6 @@ const SPLINE: (f64, f64) = (3.0, 12.0);
 /// Intervals of a line, and the factor by which they grow from its ends to its middle.
 const STRAIGHT: f64 = 10.0;
 const GROWTH: f64 = 1.5;
-/// Share of the feed word that is planned for: between stations it may be exceeded by up to 0.2 %.
-const FEED_SHARE: f64 = 0.999;
 /// Places at which the metric of a curve is looked at.
 const SPEEDS: u32 = 8;
 
@@ -131,7 +129,7 @@ impl Point {
             second: jet.second,
             third: jet.third,
             speed,
-            feed: FEED_SHARE * feed / metric(&jet.first),
+            feed: feed / metric(&jet.first),
         }
     }
 

@@ -15,6 +15,10 @@ use evolvent_trace::{CycleRecord, ReadError, inputs as bits};
 use crate::check::LimitCheck;
 use crate::opened::{InspectError, Opened};
 
+/// Ratio of the speed to the programmed feed that is let pass: the near-optimal planner keeps the feed word at its
+/// stations, and between them to 0.2 %.
+const FEED: f64 = 1.002;
+
 /// LATE says when a setpoint left, not where it is.
 const TIMING_FLAGS: u32 = 1;
 const FLAG_STARVED: u32 = 32;
@@ -418,7 +422,7 @@ impl Watch<'_> {
         verified.max_path_error_mm = Some(verdict.deviation_mm.value);
         let is_done = self.last_state == STATE_DONE;
         let allowances = Allowances {
-            feed: Allowances::default().feed * self.most_override.max(1.0),
+            feed: FEED * self.most_override.max(1.0),
             ..Allowances::default()
         };
         // A run that was stopped has no end; braking after a fault may leave the path.
