@@ -5,7 +5,7 @@ use evolvent_control::JobResult;
 use evolvent_drive::{Command, DriveAlarm, FeedbackWatch, PhaseLock, PowerRequest, Presence};
 use evolvent_machine::Limits;
 use evolvent_motion::{Inputs, Setpoint, State, Station, Steering, flags};
-use evolvent_path::Axes;
+use evolvent_path::{AXES, Axes};
 use evolvent_trace::Histogram;
 use rtrb::{Consumer, Producer};
 
@@ -64,6 +64,28 @@ struct Now {
     late_cycles: u64,
     dropped_records: u64,
     dropped_setpoints: u64,
+    /// As the drives told it last; not a number where none answers.
+    following_error: [f64; AXES],
+}
+
+impl Now {
+    /// What the drives measured, for the trace.
+    fn note_following_error(&mut self, feedback: Option<&Feedback>) {
+        if self.presence == Presence::Absent {
+            self.following_error = [f64::NAN; AXES];
+        }
+        let Some(feedback) = feedback.filter(|feedback| feedback.is_finite()) else {
+            return;
+        };
+        for (i, error) in self.following_error.iter_mut().enumerate() {
+            let is_there = feedback.axes_mask >> i & 1 == 1;
+            *error = if is_there {
+                feedback.following_error[i]
+            } else {
+                f64::NAN
+            };
+        }
+    }
 }
 
 /// What the loop counted.
@@ -98,6 +120,7 @@ impl Live {
             late_cycles: 0,
             dropped_records: 0,
             dropped_setpoints: 0,
+            following_error: [f64::NAN; AXES],
         };
         let mut deadline = MonotonicClock::now_ns() + 2 * self.period_ns;
         loop {
@@ -110,6 +133,7 @@ impl Live {
             }
             let mut setpoint = self.step(&mut now, deadline);
             self.check_drives(&mut now, &setpoint, woken, feedback.as_ref());
+            now.note_following_error(feedback.as_ref());
             let is_last = now.ending && matches!(now.work, Work::None) && self.station.is_at_rest();
             if is_last {
                 setpoint.flags |= flags::LAST;
@@ -136,10 +160,9 @@ impl Live {
             }
             if let Some(trace) = &mut self.trace {
                 let unix = self.start_unix_ns + setpoint.sequence * self.period_ns;
-                if trace
-                    .push(sample(&setpoint, unix, lateness, work, now.came_in))
-                    .is_err()
-                {
+                let mut cycle = sample(&setpoint, unix, lateness, work, now.came_in);
+                cycle.record.following_error = now.following_error;
+                if trace.push(cycle).is_err() {
                     now.dropped_records += 1;
                 }
             }
