@@ -1,6 +1,7 @@
 //! The status: all that a screen needs, of one moment.
 
 use crate::layout::{AXES, payload};
+use crate::setpoint::Setpoint;
 use iceoryx2::prelude::ZeroCopySend;
 
 /// Number of alarms that a status holds at most.
@@ -146,6 +147,18 @@ payload! {
 }
 
 impl Status {
+    /// Takes over what a setpoint says.
+    pub fn follow(&mut self, setpoint: &Setpoint) {
+        self.state = setpoint.state;
+        self.flags = setpoint.flags;
+        self.line = setpoint.line;
+        self.position_machine = setpoint.position;
+        self.velocity = setpoint.velocity;
+        self.path_mm = setpoint.path_mm;
+        self.feed_mm_s = setpoint.feed_mm_s;
+        self.override_ratio = setpoint.override_ratio;
+    }
+
     /// Writes the program's name, cut to the room there is at a character's border.
     pub fn set_program(&mut self, name: &str) {
         self.program_length = put_text(&mut self.program, name);

@@ -250,14 +250,7 @@ fn publish_status(bus: &mut CoreBus, status: &mut Status, last: Option<&Setpoint
     status.setpoint_subscribers = bus.setpoint_subscribers() as u32;
     if let Some(last) = last {
         status.cycles = last.sequence + 1;
-        status.state = last.state;
-        status.flags = last.flags;
-        status.line = last.line;
-        status.position_machine = last.position;
-        status.velocity = last.velocity;
-        status.path_mm = last.path_mm;
-        status.feed_mm_s = last.feed_mm_s;
-        status.override_ratio = last.override_ratio;
+        status.follow(last);
     }
     bus.publish_status(status).map(|_| ())
 }
