@@ -1,42 +1,11 @@
 //! What the cycle and a bridge call once a period does not allocate: counted, not believed.
 
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::Cell;
-
 use evolvent_bus::{AXES, Feedback, Setpoint};
+use evolvent_counting::{Counting, calls};
 use evolvent_drive::{
     Cia402, Command, DriveEvents, DriveMachine, FeedbackWatch, Follower, FollowerSettings, PhaseLock,
     PhaseSettings, PowerRequest, QuickStopOption, WatchSettings,
 };
-
-struct Counting;
-
-thread_local! {
-    /// Of this thread alone: the test's own harness allocates on another.
-    static CALLS: Cell<u64> = const { Cell::new(0) };
-}
-
-fn calls() -> u64 {
-    CALLS.with(Cell::get)
-}
-
-fn count() {
-    CALLS.with(|calls| calls.set(calls.get() + 1));
-}
-
-// SAFETY: every call is passed on to the system's allocator unchanged.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        count();
-        // SAFETY: the caller keeps the contract of `alloc`.
-        unsafe { System.alloc(layout) }
-    }
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        count();
-        // SAFETY: the caller keeps the contract of `dealloc`.
-        unsafe { System.dealloc(pointer, layout) }
-    }
-}
 
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;

@@ -1,36 +1,11 @@
 //! A planner that has warmed up allocates nothing, so that its time does not depend on the allocator.
 #![allow(clippy::expect_used, reason = "a test may fail")]
-#![allow(unsafe_code, reason = "a global allocator is unsafe by its trait")]
 
 mod common;
 
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::sync::atomic::{AtomicU64, Ordering};
-
 use common::{axes, loose, square};
+use evolvent_counting::{Counting, allocations};
 use evolvent_feed::{Entry, Exit, Grid, Optimizer, Piece, Place};
-
-struct Counting;
-
-static ALLOCATIONS: AtomicU64 = AtomicU64::new(0);
-
-// SAFETY: passes everything on to the system's allocator.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        ALLOCATIONS.fetch_add(1, Ordering::Relaxed);
-        // SAFETY: the caller's promise.
-        unsafe { System.alloc(layout) }
-    }
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        // SAFETY: the caller's promise.
-        unsafe { System.dealloc(pointer, layout) }
-    }
-    unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
-        ALLOCATIONS.fetch_add(1, Ordering::Relaxed);
-        // SAFETY: the caller's promise.
-        unsafe { System.realloc(pointer, layout, size) }
-    }
-}
 
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
@@ -68,8 +43,8 @@ fn plans_and_stops_allocate_nothing_after_the_first() {
     square(10.0, 0.02, 30.0).push_to(&mut grid);
     let (mut optimizer, mut out) = (Optimizer::new(&limits), Vec::with_capacity(2000));
     round(&grid, &mut optimizer, &mut out);
-    let before = ALLOCATIONS.load(Ordering::Relaxed);
+    let before = allocations();
     round(&grid, &mut optimizer, &mut out);
     assert!(before > 0, "nothing is counted");
-    assert_eq!(ALLOCATIONS.load(Ordering::Relaxed) - before, 0);
+    assert_eq!(allocations() - before, 0);
 }

@@ -1,40 +1,15 @@
 //! A planner that has warmed up allocates nothing, so that its time does not depend on the allocator.
 
 #![allow(clippy::expect_used, reason = "a test may fail")]
-#![allow(unsafe_code, reason = "a global allocator is unsafe by its trait")]
 
 mod common;
 
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::sync::atomic::{AtomicU64, Ordering};
-
 use common::{BLEND, Pair, Scenario};
+use evolvent_counting::{Counting, allocations};
 use evolvent_gcode::{Move, MoveKind};
 use evolvent_machine::{Limits, PlannerKind};
 use evolvent_motion::Inputs;
 use evolvent_path::{AXES, Axes, Curve, Line};
-
-struct Counting;
-
-static ALLOCATIONS: AtomicU64 = AtomicU64::new(0);
-
-// SAFETY: passes everything on to the system's allocator.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        ALLOCATIONS.fetch_add(1, Ordering::Relaxed);
-        // SAFETY: the caller's promise.
-        unsafe { System.alloc(layout) }
-    }
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        // SAFETY: the caller's promise.
-        unsafe { System.dealloc(pointer, layout) }
-    }
-    unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
-        ALLOCATIONS.fetch_add(1, Ordering::Relaxed);
-        // SAFETY: the caller's promise.
-        unsafe { System.realloc(pointer, layout, size) }
-    }
-}
 
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
@@ -76,22 +51,22 @@ fn a_warm_planner_does_not_allocate() {
         planner: PlannerKind::Optimal,
     };
     let mut pair = Pair::new(&scenario);
-    let mut allocations = Vec::new();
+    let mut counts = Vec::new();
     while !pair.motion.is_over() {
         while !pair.motion.is_ready(&mut pair.queue) {
-            let before = ALLOCATIONS.load(Ordering::Relaxed);
+            let before = allocations();
             pair.feed(&scenario);
             pair.planner.poll().expect("plan");
-            let now = ALLOCATIONS.load(Ordering::Relaxed);
+            let now = allocations();
             if now > before {
-                allocations.push((pair.fed, now - before));
+                counts.push((pair.fed, now - before));
             }
         }
         pair.step(&Inputs::default());
     }
     // The end of the path is another matter: it is worked off in larger pieces.
     let warm = 15_000..=30_000;
-    let late: Vec<_> = allocations.iter().filter(|(fed, _)| warm.contains(fed)).collect();
-    assert!(late.is_empty(), "allocations (move, count): {late:?}");
-    assert!(!allocations.is_empty(), "nothing was counted");
+    let late: Vec<_> = counts.iter().filter(|(fed, _)| warm.contains(fed)).collect();
+    assert!(late.is_empty(), "counts (move, count): {late:?}");
+    assert!(!counts.is_empty(), "nothing was counted");
 }

@@ -3,36 +3,14 @@
 
 mod common;
 
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::Cell;
-
 use common::Random;
+use evolvent_counting::{Counting, calls};
 use evolvent_machine::Limits;
 use evolvent_motion::{Setpoint, State, Station, Steering};
 use evolvent_path::{AXES, Axes};
 use evolvent_transfer::{AxesState, Sync, Transfer};
 
 const PERIOD_NS: u64 = 1_000_000;
-
-struct Counting;
-
-thread_local! {
-    static CALLS: Cell<u64> = const { Cell::new(0) };
-}
-
-// SAFETY: every call is passed on to the system's allocator unchanged.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        CALLS.with(|calls| calls.set(calls.get() + 1));
-        // SAFETY: the caller keeps the contract of `alloc`.
-        unsafe { System.alloc(layout) }
-    }
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        CALLS.with(|calls| calls.set(calls.get() + 1));
-        // SAFETY: the caller keeps the contract of `dealloc`.
-        unsafe { System.dealloc(pointer, layout) }
-    }
-}
 
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
@@ -126,7 +104,7 @@ fn jogs_that_turn_stop_and_begin_again_keep_every_limit_number_and_place_without
     let mut random = Random(seed);
     let mut station = Station::new(limits(), PERIOD_NS, Axes::zeros());
     let mut measure = Measure::default();
-    let mut calls = 0;
+    let mut counted = 0;
     let (mut turns, mut stops) = (0, 0);
     for _ in 0..400 {
         for _ in 0..3 {
@@ -139,16 +117,16 @@ fn jogs_that_turn_stop_and_begin_again_keep_every_limit_number_and_place_without
         let stop_at = (random.unit() * 900.0) as u64;
         let mut own = 0;
         let end = loop {
-            let before = CALLS.with(Cell::get);
+            let before = calls();
             let setpoint = station.steer(&mut steering);
-            calls += CALLS.with(Cell::get) - before;
+            counted += calls() - before;
             measure.see(&setpoint);
             own += 1;
             if own == turn_at && setpoint.state == State::Running {
                 let other = to_rest(&state_of(&setpoint), place(&mut random));
-                let before = CALLS.with(Cell::get);
+                let before = calls();
                 assert!(station.turn(&mut steering, &other));
-                calls += CALLS.with(Cell::get) - before;
+                counted += calls() - before;
                 turns += 1;
             }
             if own == stop_at {
@@ -165,7 +143,7 @@ fn jogs_that_turn_stop_and_begin_again_keep_every_limit_number_and_place_without
         station.end();
     }
     measure.keeps_the_limits();
-    assert_eq!(calls, 0, "the cycle allocates");
+    assert_eq!(counted, 0, "the cycle allocates");
     assert!(
         turns > 100 && stops > 100,
         "{turns} turns and {stops} stops prove little"

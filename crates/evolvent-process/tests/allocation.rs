@@ -2,46 +2,23 @@
 
 mod common;
 
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::sync::atomic::{AtomicU64, Ordering};
-
 use common::{fast, literal, safe, sensor, stocks};
+use evolvent_counting::{Counting, calls};
 use evolvent_process::{Sensor, TurningController, TurningInputs, TurningState, Workpiece};
-
-struct Counting;
-
-static CALLS: AtomicU64 = AtomicU64::new(0);
-
-// SAFETY: every call is passed on to the system's allocator unchanged.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        CALLS.fetch_add(1, Ordering::Relaxed);
-        // SAFETY: the caller keeps the contract of `alloc`.
-        unsafe { System.alloc(layout) }
-    }
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        CALLS.fetch_add(1, Ordering::Relaxed);
-        // SAFETY: the caller keeps the contract of `dealloc`.
-        unsafe { System.dealloc(pointer, layout) }
-    }
-}
 
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
 
 #[test]
 fn a_whole_job_allocates_nothing() {
-    let start = CALLS.load(Ordering::Relaxed);
+    let start = calls();
     drop(std::hint::black_box(vec![1_u8; 100]));
-    assert!(
-        CALLS.load(Ordering::Relaxed) >= start + 2,
-        "the allocator does not count"
-    );
+    assert!(calls() >= start + 2, "the allocator does not count");
     for (settings, (name, blank)) in [safe(), fast(), literal()].into_iter().zip(stocks()) {
         let mut controller = TurningController::new(settings).unwrap();
         let mut piece = Workpiece::new(blank, 200.0, common::law(), settings.tool, 60.0);
         let mut reader = Sensor::new(sensor(1), settings.period_s);
-        let (mut load, mut calls, mut cycles) = (0.0, 0, 0_u32);
+        let (mut load, mut counted, mut cycles) = (0.0, 0, 0_u32);
         while !controller.is_over() {
             let inputs = TurningInputs {
                 load: reader.read(load, None),
@@ -49,13 +26,13 @@ fn a_whole_job_allocates_nothing() {
                 feed_override: if cycles % 7000 > 5000 { 0.7 } else { 1.0 },
                 ..TurningInputs::default()
             };
-            let before = CALLS.load(Ordering::Relaxed);
+            let before = calls();
             let output = controller.step(&inputs);
-            calls += CALLS.load(Ordering::Relaxed) - before;
+            counted += calls() - before;
             load = piece.step(output.along.position, output.out.position).load;
             cycles += 1;
         }
         assert_eq!(controller.state(), TurningState::Done, "{name}");
-        assert_eq!(calls, 0, "{name}");
+        assert_eq!(counted, 0, "{name}");
     }
 }

@@ -1,30 +1,11 @@
 //! Evaluating a transfer does not allocate: counted, not believed.
 
-use std::alloc::{GlobalAlloc, Layout, System};
 use std::hint::black_box;
-use std::sync::atomic::{AtomicU64, Ordering};
 
+use evolvent_counting::{Counting, calls};
 use evolvent_machine::Limits;
 use evolvent_path::{AXES, Axes};
 use evolvent_transfer::{AxesState, Sync, Transfer};
-
-struct Counting;
-
-static CALLS: AtomicU64 = AtomicU64::new(0);
-
-// SAFETY: every call is passed on to the system's allocator unchanged.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        CALLS.fetch_add(1, Ordering::Relaxed);
-        // SAFETY: the caller keeps the contract of `alloc`.
-        unsafe { System.alloc(layout) }
-    }
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        CALLS.fetch_add(1, Ordering::Relaxed);
-        // SAFETY: the caller keeps the contract of `dealloc`.
-        unsafe { System.dealloc(pointer, layout) }
-    }
-}
 
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
@@ -45,13 +26,10 @@ fn a_transfer_is_copied_and_evaluated_without_the_heap() {
         AxesState::at_rest(Axes::repeat(50.0)),
     );
     to.velocity[3] = 20.0;
-    let before = CALLS.load(Ordering::Relaxed);
+    let before = calls();
     let solved = Transfer::solve(&limits, &from, &to, Sync::Time);
-    assert!(
-        CALLS.load(Ordering::Relaxed) > before,
-        "the allocator does not count"
-    );
-    let before = CALLS.load(Ordering::Relaxed);
+    assert!(calls() > before, "the allocator does not count");
+    let before = calls();
     let mut sum = 0.0;
     if let Ok(transfer) = &solved {
         let copy = *black_box(transfer);
@@ -59,6 +37,6 @@ fn a_transfer_is_copied_and_evaluated_without_the_heap() {
             sum += black_box(copy.at(copy.duration_s() * f64::from(k) * 1e-4)).position[3];
         }
     }
-    assert_eq!(CALLS.load(Ordering::Relaxed), before);
+    assert_eq!(calls(), before);
     assert!(sum > 0.0);
 }

@@ -517,10 +517,9 @@ impl Live {
 
 #[cfg(test)]
 mod tests {
-    use std::alloc::{GlobalAlloc, Layout, System};
-    use std::cell::Cell;
     use std::path::Path;
 
+    use evolvent_counting::{Counting, calls};
     use evolvent_drive::WatchSettings;
     use evolvent_machine::Machine;
     use evolvent_transfer::{AxesState, Sync, Transfer};
@@ -528,32 +527,12 @@ mod tests {
 
     use super::*;
 
-    struct Counting;
-
-    thread_local! {
-        static CALLS: Cell<u64> = const { Cell::new(0) };
-    }
-
-    // SAFETY: every call is passed on to the system's allocator unchanged.
-    unsafe impl GlobalAlloc for Counting {
-        unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-            CALLS.with(|calls| calls.set(calls.get() + 1));
-            // SAFETY: the caller keeps the contract of `alloc`.
-            unsafe { System.alloc(layout) }
-        }
-        unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-            CALLS.with(|calls| calls.set(calls.get() + 1));
-            // SAFETY: the caller keeps the contract of `dealloc`.
-            unsafe { System.dealloc(pointer, layout) }
-        }
-    }
-
     #[global_allocator]
     static ALLOCATOR: Counting = Counting;
 
     /// Calls of the allocator by a cycle that drives so many jogs, each with a turn that comes too late, renamings, an
     /// override and feedback of every cycle.
-    fn calls(jogs: u64) -> (u64, u64) {
+    fn calls_during(jogs: u64) -> (u64, u64) {
         let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/machines/mill-3axis.toml");
         let limits = Machine::load(&file).unwrap().limits();
         let period_ns = 250_000;
@@ -580,9 +559,9 @@ mod tests {
             phase: None,
         };
         let cycle = std::thread::spawn(move || {
-            let before = CALLS.with(Cell::get);
+            let before = calls();
             let report = live.run();
-            (CALLS.with(Cell::get) - before, report.cycles)
+            (calls() - before, report.cycles)
         });
         let mut give = |what| assert!(orders.push(Order { id: 1, what }).is_ok(), "no room");
         give(What::Keep(u64::MAX));
@@ -629,8 +608,8 @@ mod tests {
 
     #[test]
     fn the_cycle_allocates_and_frees_nothing_however_long_it_runs_and_whatever_it_drives() {
-        let (few, _) = calls(1);
-        let (many, cycles) = calls(12);
+        let (few, _) = calls_during(1);
+        let (many, cycles) = calls_during(12);
         assert!(cycles > 500, "{cycles} cycles prove nothing");
         assert_eq!(few, many, "calls of the allocator");
     }

@@ -1,0 +1,64 @@
+//! For tests: an allocator that counts, so that what must not allocate can be shown not to.
+//!
+//! A test makes it the allocator of its program and compares [`calls`] or [`allocations`] before and after:
+//!
+//! ```
+//! use evolvent_counting::{Counting, calls};
+//! #[global_allocator]
+//! static ALLOCATOR: Counting = Counting;
+//!
+//! let before = calls();
+//! drop(std::hint::black_box(vec![1_u8; 100]));
+//! assert_eq!(calls(), before + 2);
+//! ```
+//!
+//! Each thread has its own counts: the harness of the tests allocates on others.
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+
+/// The system's allocator, counting.
+#[derive(Debug)]
+pub struct Counting;
+
+thread_local! {
+    static TAKEN: Cell<u64> = const { Cell::new(0) };
+    static GIVEN_BACK: Cell<u64> = const { Cell::new(0) };
+}
+
+/// Allocations of this thread so far, those that grow or shrink among them.
+#[must_use]
+pub fn allocations() -> u64 {
+    TAKEN.with(Cell::get)
+}
+
+/// The same and what was freed: the cycle does neither.
+#[must_use]
+pub fn calls() -> u64 {
+    allocations() + GIVEN_BACK.with(Cell::get)
+}
+
+fn count(calls: &'static std::thread::LocalKey<Cell<u64>>) {
+    calls.with(|calls| calls.set(calls.get() + 1));
+}
+
+// SAFETY: every call is passed on to the system's allocator unchanged.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        count(&TAKEN);
+        // SAFETY: the caller keeps the contract of `alloc`.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        count(&GIVEN_BACK);
+        // SAFETY: the caller keeps the contract of `dealloc`.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+
+    unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        count(&TAKEN);
+        // SAFETY: the caller keeps the contract of `realloc`.
+        unsafe { System.realloc(pointer, layout, size) }
+    }
+}
