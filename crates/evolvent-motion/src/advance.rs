@@ -37,6 +37,9 @@ impl Motion {
             Some(slow) => slow.advance(self.period),
             None => self.period,
         };
+        if let Some(ease) = &mut cursor.ease {
+            left = ease.advance(left);
+        }
         for _ in 0..MOST_PER_CYCLE {
             match &mut cursor.drive {
                 Drive::Run(run) => {
@@ -74,7 +77,7 @@ impl Motion {
                         cursor.start(flow);
                     } else {
                         // Rest steps take effect in the cycle after. At rest as planned, nothing is left to be slowed.
-                        cursor.slow = None;
+                        (cursor.slow, cursor.ease) = (None, None);
                         break;
                     }
                 }
@@ -106,6 +109,7 @@ impl Motion {
             && let Drive::Flow { flow, .. } = cursor.drive
         {
             let x = cursor.now().0.x;
+            cursor.ease = None;
             cursor.leave(&flow);
             cursor.rest_x = x;
             cursor.travelled = flow.path + x;
@@ -170,7 +174,9 @@ impl Motion {
             }
             Step::ProgramStop { line } => {
                 cursor.line = line;
-                if !inputs.resume || self.resume_seen {
+                // A wish to go on that came before the machine stood here is none: nobody can have meant this stop.
+                let stood_here = cursor.state == State::ProgramStop;
+                if !inputs.resume || self.resume_seen || !stood_here {
                     cursor.state = State::ProgramStop;
                     return false;
                 }
@@ -274,14 +280,18 @@ impl Motion {
         if cursor.is_still() && last && segment.length - x <= END_ROUNDING {
             place.position = segment.curve.end();
         }
-        let (v, a) = (now.v, now.a);
-        let jet = Jet {
-            position: place.position,
-            first: place.first * v,
-            second: place.second * (v * v) + place.first * a,
-            third: place.third * (v * v * v) + place.second * (3.0 * v * a) + place.first * jerk,
-        };
+        let jet = by_time(&place, now.v, now.a, jerk);
         (jet, Some(segment))
+    }
+}
+
+/// Position and derivatives by time, of those by the path parameter, which has this speed, acceleration and jerk.
+pub(crate) fn by_time(place: &Jet, v: f64, a: f64, jerk: f64) -> Jet {
+    Jet {
+        position: place.position,
+        first: place.first * v,
+        second: place.second * (v * v) + place.first * a,
+        third: place.third * (v * v * v) + place.second * (3.0 * v * a) + place.first * jerk,
     }
 }
 

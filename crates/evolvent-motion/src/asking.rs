@@ -2,12 +2,17 @@
 //!
 //! A plan of pieces is made for one override. When that, or a hold, is wanted otherwise, the cycle asks for a plan
 //! from the place where it will be a lead time later, and goes on as planned until then; the answer takes over at
-//! just that setpoint. At rest there is no hurry: the cycle stands until the answer comes. A hold that nobody
-//! answers slows path time itself ([`Slow`]).
+//! just that setpoint. At rest there is no hurry: the cycle stands until the answer comes. A hold slows path time at once,
+//! as far as the plan leaves room ([`Ease`]), and the answer takes over from there; one that nobody answers slows it to
+//! rest ([`Slow`]).
+//!
+//! [`Ease`]: crate::ease::Ease
 
 use evolvent_plan::{Flow, Request, Step};
 
+use crate::advance::by_time;
 use crate::cursor::{Cursor, Drive};
+use crate::ease::Room;
 use crate::motion::Motion;
 use crate::queue::PlanConsumer;
 use crate::setpoint::Inputs;
@@ -16,8 +21,8 @@ use crate::state::State;
 
 /// Time from a request to where its answer takes over, s: a re-plan takes half of it at the most.
 const LEAD_S: f64 = 0.010;
-/// The same for the first request of a hold or stop, which is worth a try: a plan that only brakes is found sooner, and
-/// if it comes too late the next request leaves it the usual time.
+/// The same for the first request of a hold or stop that cannot slow path time at once. It is worth a try: a plan that
+/// only brakes is found sooner, and if it comes too late the next request leaves it the usual time.
 const BRAKE_LEAD_S: f64 = 0.002;
 /// Cycles of lead at the least.
 const LEAST_LEAD: u64 = 2;
@@ -25,6 +30,8 @@ const LEAST_LEAD: u64 = 2;
 const MOST_UNANSWERED: u32 = 2;
 /// Pieces that a place ahead is looked for in.
 const MOST_AHEAD: usize = 1 << 15;
+/// Pieces whose room for slowing is looked at; where there are more in so short a time, none is.
+const MOST_EASED: usize = 32;
 
 /// What the pieces ahead were planned for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -71,6 +78,11 @@ impl Asking {
         }
     }
 
+    /// Whether a request is open.
+    pub(crate) fn has_open(&self) -> bool {
+        self.open.is_some()
+    }
+
     /// The pieces to come are planned for this override.
     pub(crate) fn plan_for(&mut self, factor: f64) {
         self.aim.factor = factor;
@@ -110,6 +122,7 @@ impl Motion {
                     Some((step, Some(Step::Flow(flow)))) if open.after.is_some() => {
                         cursor.step = step;
                         cursor.starved = false;
+                        cursor.ease = None;
                         cursor.start(flow);
                         self.asking.aim = open.aim;
                         self.asking.unanswered = 0;
@@ -118,7 +131,7 @@ impl Motion {
                     Some((step, _)) if open.after.is_none() => {
                         cursor.step = step;
                         cursor.starved = false;
-                        cursor.slow = None;
+                        (cursor.slow, cursor.ease) = (None, None);
                         self.asking.aim = open.aim;
                         self.asking.unanswered = 0;
                         queue.took_answer(open.id);
@@ -137,6 +150,55 @@ impl Motion {
                 self.asking.open = None;
                 self.asking.miss(open.aim);
             }
+        }
+    }
+
+    /// Slows path time at once where a hold or stop has just been asked for, as far as the plan ahead leaves room.
+    /// Not in a cycle that has met an answer: a recorded run tells only once whether a cycle has waited.
+    pub(crate) fn ease_into(&mut self, cursor: &mut Cursor, inputs: &Inputs, queue: &mut PlanConsumer) {
+        let brake = self.is_told_to_stand(cursor, inputs) || self.feed_override == 0.0;
+        let is_asked_for = self.asking.aim.brake || self.asking.open.is_some_and(|open| open.aim.brake);
+        let is_free = cursor.slow.is_none() && cursor.ease.is_none() && !cursor.starved;
+        if !brake || is_asked_for || !is_free || self.asking.unanswered > 0 || cursor.state == State::Fault {
+            return;
+        }
+        let Drive::Flow { flow, time } = cursor.drive else {
+            return;
+        };
+        let half = self.period * (self.asking.lead + 1) as f64;
+        let mut room = Room::new(half);
+        let (mut step, mut flow, mut time, mut ahead) = (cursor.step, flow, time, 0.0);
+        for _ in 0..MOST_EASED {
+            let Some(segment) = queue.segment(flow.piece.stretch) else {
+                return;
+            };
+            let end = flow.piece.duration.min(time + (room.span() - ahead));
+            for at in [time, 0.5 * (time + end), end] {
+                let (state, jerk) = flow.piece.law.at(at);
+                let x = (flow.piece.from + state.x).min(segment.length);
+                let jet = by_time(&segment.jet(x), state.v, state.a, jerk);
+                room.include(&self.limits, &jet, ahead + at - time);
+            }
+            ahead += end - time;
+            if end < flow.piece.duration || ahead >= room.span() {
+                cursor.ease = room.ease();
+                if cursor.ease.is_some() {
+                    // What was asked for is met no more.
+                    self.asking.open = None;
+                }
+                return;
+            }
+            let (next, is_final) = queue.successor(step);
+            match queue.step(next) {
+                Some(Step::Flow(next)) if is_final && !self.withhold => flow = next,
+                // It comes to rest there anyway.
+                Some(_) if is_final && !self.withhold => return,
+                _ => {
+                    self.waited = true;
+                    return;
+                }
+            }
+            (step, time) = (next, 0.0);
         }
     }
 
@@ -161,7 +223,8 @@ impl Motion {
         match cursor.drive {
             Drive::Run(_) => {}
             Drive::Flow { flow, time } => {
-                if cursor.slow.is_some() || (aim == self.asking.aim && !cursor.starved) {
+                let fits = aim == self.asking.aim && !cursor.starved && cursor.ease.is_none();
+                if cursor.slow.is_some() || fits {
                     return;
                 }
                 if brake && (queue.has_no_planner() || self.asking.unanswered > MOST_UNANSWERED) {
@@ -172,14 +235,18 @@ impl Motion {
                 if (self.sequence < self.asking.not_before && !brake) || queue.has_no_planner() {
                     return;
                 }
-                let lead = if brake && self.asking.unanswered == 0 {
+                let lead = if brake && self.asking.unanswered == 0 && cursor.ease.is_none() {
                     self.asking.brake_lead
                 } else {
                     self.asking.lead
                 };
-                let ahead = self.period * lead as f64;
+                let seconds = self.period * lead as f64;
+                let ahead = cursor.ease.map_or(seconds, |ease| ease.ahead(seconds));
                 if let Some((flow, time)) = foresee(cursor.step, flow, time + ahead, queue) {
-                    let (state, _) = flow.piece.law.at(time);
+                    let (mut state, jerk) = flow.piece.law.at(time);
+                    if let Some(ease) = cursor.ease {
+                        (state, _) = ease.scale(seconds).apply(state, jerk);
+                    }
                     // The last setpoint is number `sequence - 1`.
                     let after = self.sequence - 1 + lead;
                     self.send(aim, Some(after), place(&flow, state.x, state.v, state.a), queue);
@@ -286,7 +353,7 @@ impl Motion {
             },
         };
         // Everything that the step, or a request that it makes, can see.
-        let mut left = time + self.period * (self.asking.lead + 2) as f64 - flow.piece.duration;
+        let mut left = time + self.period * (2 * self.asking.lead + 4) as f64 - flow.piece.duration;
         // A tail that was claimed is driven to its end.
         let mut tail = cursor.starved;
         for _ in 0..MOST_AHEAD {

@@ -2,6 +2,7 @@
 
 use evolvent_plan::{Flow, Profile, ScalarLimits, ScalarState};
 
+use crate::ease::Ease;
 use crate::slow::Slow;
 use crate::state::State;
 
@@ -62,6 +63,8 @@ pub(crate) struct Cursor {
     pub(crate) joint: bool,
     /// Path time is being slowed, because no planner answers.
     pub(crate) slow: Option<Slow>,
+    /// Path time was slowed at once by a hold, until the planner's answer takes over.
+    pub(crate) ease: Option<Ease>,
 }
 
 impl Cursor {
@@ -85,6 +88,7 @@ impl Cursor {
             starved: false,
             joint: false,
             slow: None,
+            ease: None,
         }
     }
 
@@ -102,18 +106,14 @@ impl Cursor {
             Drive::Run(run) => run.profile.at(run.time),
             Drive::Flow { flow, time } => {
                 let (now, jerk) = flow.piece.law.at(*time);
+                // An eased plan is a plan within the limits: slowing acts on its time.
+                let (now, jerk) = match &self.ease {
+                    None => (now, jerk),
+                    Some(ease) => ease.scale(0.0).apply(now, jerk),
+                };
                 match &self.slow {
                     None => (now, jerk),
-                    Some(slow) => {
-                        let scale = slow.scale();
-                        let (s, s1, s2) = (scale.rate, scale.first, scale.second);
-                        let state = ScalarState {
-                            x: now.x,
-                            v: s * now.v,
-                            a: s * s * now.a + s1 * now.v,
-                        };
-                        (state, s * s * s * jerk + 3.0 * s * s1 * now.a + s2 * now.v)
-                    }
+                    Some(slow) => slow.scale().apply(now, jerk),
                 }
             }
         }

@@ -17,6 +17,7 @@
 mod advance;
 mod asking;
 mod cursor;
+mod ease;
 mod guard;
 mod motion;
 mod queue;

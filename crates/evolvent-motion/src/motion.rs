@@ -169,7 +169,11 @@ impl Motion {
 
         if self.quick_stop.is_none() {
             let mut cursor = self.cursor;
+            let open = self.asking.has_open();
             self.take_answer(&mut cursor, queue);
+            if open == self.asking.has_open() {
+                self.ease_into(&mut cursor, inputs, queue);
+            }
             self.advance(&mut cursor, inputs, changed, queue);
             let (mut jet, mut segment) = self.evaluate(&mut cursor, queue);
             if let Err(violation) = self

@@ -7,6 +7,7 @@
 
 use evolvent_machine::Limits;
 use evolvent_path::AXES;
+use evolvent_plan::ScalarState;
 
 /// Share of speed with which the growth starts: what it takes beyond a limit stays below half a thousandth.
 const START: f64 = 0.002;
@@ -22,6 +23,19 @@ pub(crate) struct Scale {
     pub(crate) first: f64,
     /// Second derivative, 1/s2.
     pub(crate) second: f64,
+}
+
+impl Scale {
+    /// State and jerk of the path parameter by time, of those by path time. Real-time safe.
+    pub(crate) fn apply(&self, now: ScalarState, jerk: f64) -> (ScalarState, f64) {
+        let (s, s1, s2) = (self.rate, self.first, self.second);
+        let state = ScalarState {
+            x: now.x,
+            v: s * now.v,
+            a: s * s * now.a + s1 * now.v,
+        };
+        (state, s * s * s * jerk + 3.0 * s * s1 * now.a + s2 * now.v)
+    }
 }
 
 /// The slowing.
