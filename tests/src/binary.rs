@@ -10,7 +10,8 @@ use serde_json::Value;
 use crate::repository;
 
 /// A command that starts the binary, in the repository's folder and with nothing on its standard input. The
-/// binary is brought up to date first, in the target folder and profile of the running test.
+/// binary is brought up to date first, in the target folder and profile of the running test; unless the environment variable
+/// `EVOLVENT_BINARY` names another one.
 #[must_use]
 pub fn evolvent() -> Command {
     static BINARY: OnceLock<PathBuf> = OnceLock::new();
@@ -20,6 +21,9 @@ pub fn evolvent() -> Command {
 }
 
 fn build() -> PathBuf {
+    if let Some(binary) = std::env::var_os("EVOLVENT_BINARY") {
+        return binary.into();
+    }
     let test = std::env::current_exe().expect("the path of this test");
     let profile_folder = test.ancestors().nth(2).expect("target/PROFILE/deps/TEST");
     let profile = match profile_folder.file_name().and_then(OsStr::to_str) {

@@ -50,6 +50,8 @@ alarms! {
     Program = 100, Job, "the program has an error and was run up to it; check it with `evolvent check`";
     /// A block of MDI cannot be executed.
     Mdi = 101, Job, "the MDI block has an error; nothing has moved";
+    /// A command of the machine's own has failed.
+    UserCommand = 102, Fault, "one of M100 to M199 has failed; see what it says, then clear the alarms";
     /// The guard refused a setpoint that would have broken a limit.
     Guard = 200, Fault, "the guard refused a setpoint and the machine was stopped; please report it with the trace";
     /// The planner ended without completing its plan.

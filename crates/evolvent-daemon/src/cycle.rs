@@ -9,7 +9,7 @@ use evolvent_motion::{Inputs, Motion, PlanConsumer, Setpoint, State, flags};
 use evolvent_path::AXES;
 use evolvent_process::{AdaptiveFeed, AdaptiveStop};
 use evolvent_trace::{CycleRecord, Histogram, inputs as recorded};
-use rtrb::Producer;
+use rtrb::{Consumer, Producer};
 
 use crate::job::Clock;
 use crate::rt::MonotonicClock;
@@ -76,6 +76,8 @@ pub(crate) struct CycleLoop {
     pub max_late_cycles: u32,
     /// Wait at program stops until told to go on; otherwise stand there for one cycle.
     pub stop_at_program_stops: bool,
+    /// The actions before stops at which a command of the machine's own is carried out, in order; none where nothing is.
+    pub commands: Option<Consumer<u32>>,
     pub bus: Option<Producer<DueSetpoint>>,
     pub trace: Option<Producer<CycleSample>>,
     /// Unix time of the first setpoint.
@@ -142,7 +144,10 @@ impl CycleLoop {
             };
             let mut inputs = self.controls.inputs();
             inputs.stop |= report.stopped_for_lateness;
-            if !self.stop_at_program_stops {
+            let command = at_command(&mut self.commands, &report);
+            if let Some(action) = command {
+                inputs.resume = !resumed && self.controls.is_command_done(action);
+            } else if !self.stop_at_program_stops {
                 // In the cycle itself, so that a run with the virtual clock takes the same cycles each time.
                 inputs.resume = !resumed && report.motion.state() == State::ProgramStop;
                 report.program_stops_passed += u64::from(inputs.resume);
@@ -217,6 +222,10 @@ impl CycleLoop {
                 }
             }
             observe(&setpoint);
+            let stands = setpoint.state == State::ProgramStop;
+            let next = self.commands.as_ref().and_then(|commands| commands.peek().ok());
+            let at_command = stands && next.is_some_and(|action| action + 1 == setpoint.actions);
+            self.controls.set_at_command(at_command);
             self.controls.publish(&setpoint);
             if realtime {
                 // With the handing over, which the cycle's own record cannot know yet.
@@ -232,6 +241,16 @@ impl CycleLoop {
         self.controls.abandon();
         report
     }
+}
+
+/// The action before the command at which the machine stands, if it stands at one. Commands that lie behind are forgotten.
+fn at_command(commands: &mut Option<Consumer<u32>>, report: &CycleReport) -> Option<u32> {
+    let (commands, last) = (commands.as_mut()?, report.last.as_ref()?);
+    while commands.peek().is_ok_and(|action| action + 1 < last.actions) {
+        let _behind = commands.pop();
+    }
+    let next = *commands.peek().ok()?;
+    (last.state == State::ProgramStop && next + 1 == last.actions).then_some(next)
 }
 
 /// Lets the cutting load scale the feed. Rapids are left alone; the operator's override counts below 100 % only, so that
@@ -366,6 +385,7 @@ mod tests {
             lead_cycles: 2,
             max_late_cycles: 0,
             stop_at_program_stops: false,
+            commands: None,
             bus: None,
             trace: None,
             start_unix_ns: 0,

@@ -1,146 +1,30 @@
 //! The planner's thread: program text in, plan out.
 
 use std::collections::VecDeque;
-use std::fs::File;
-use std::io::{BufRead, BufReader};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Sender;
+use std::time::Duration;
 
-use evolvent_gcode::{
-    Action, Code, Command, Diagnostic, Interpreter, Modal, Move, MoveKind, SpindleDirection,
-};
-use evolvent_machine::PlannerKind;
+use evolvent_gcode::{Action, Command, Modal, Move, MoveKind};
 use evolvent_motion::QueueClosed;
-use evolvent_path::{Axes, Curve};
-use evolvent_plan::{
-    Answer, BlockMark, ExitSpeeds, PathRules, PlanError, PlanSink, Planner, Request, Segment, Step,
-};
+use evolvent_path::Curve;
+use evolvent_plan::{PlanError, PlanSink, Planner, Step};
 use evolvent_trace::BlockKind;
+use rtrb::Producer;
 
+use crate::check::{ProgramError, about_line, explain, refuse};
 use crate::job::Setup;
 use crate::memory::ProgramMemory;
+use crate::news::{BlockPlan, FeederNews, Moment, Notice, QueuedBlock, StopKind, UserCall, describe};
+use crate::shared::Controls;
 use crate::source::Commands;
+use crate::tally::Tally;
+use crate::user_code::UserCodes;
 
-/// Why a program cannot be run to its end.
-#[derive(Debug, thiserror::Error)]
-pub enum ProgramError {
-    /// The file cannot be read.
-    #[error("{file}: {source}; name a readable part program")]
-    Read {
-        /// The file.
-        file: String,
-        /// Why not.
-        source: std::io::Error,
-    },
-    /// The text is wrong.
-    #[error("{}", .diagnostic.render(.file))]
-    Text {
-        /// The file.
-        file: String,
-        /// What and where.
-        diagnostic: Box<Diagnostic>,
-    },
-}
-
-/// A planned block, for the trace.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct BlockPlan {
-    pub block: u32,
-    pub line: u32,
-    pub kind: BlockKind,
-    pub length_mm: f64,
-    pub planned_s: f64,
-}
-
-/// When a notice takes effect.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Moment {
-    /// At rest: when more actions than this have been counted.
-    Rest(u32),
-    /// In passing: with the first setpoint of this block or a later one.
-    Block(u32),
-}
-
-impl Moment {
-    /// Whether it has come, given the actions and blocks begun, and whether the plan has ended.
-    pub(crate) fn has_come(self, actions: u32, blocks: u32, ended: bool) -> bool {
-        match self {
-            Self::Rest(action) => action < actions,
-            Self::Block(block) => ended || block < blocks,
-        }
-    }
-}
-
-/// Something that takes effect between moves.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Notice {
-    pub(crate) moment: Moment,
-    /// Program line.
-    pub line: u32,
-    /// `true` for a message of the program to its operator.
-    pub is_message: bool,
-    /// What it is.
-    pub text: String,
-}
-
-/// What the feeder tells the recorder and the person at the screen.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) enum FeederNews {
-    Block(BlockPlan),
-    Notice(Notice),
-    /// A block was handed to the planner. Only for those who asked for it.
-    Queued(QueuedBlock),
-    /// From this block on these modes are in force. Only for those who asked for it.
-    Modal(u32, Modal),
-    /// The next program stop in the plan; only for those who asked for it.
-    Stop(StopKind),
-    /// From this block on blocks are of this file.
-    File(u32, PathBuf),
-    /// Something that is to be recorded at its setpoint.
-    Outside(Outside),
-}
-
-/// A command or an alarm, and the setpoint with which it took effect.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Outside {
-    pub sequence: u64,
-    pub kind: OutsideKind,
-    /// Number of the command or alarm.
-    pub code: u32,
-    pub text: String,
-    pub value: Option<f64>,
-}
-
-/// What came from outside, or happened to the machine as a whole.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum OutsideKind {
-    Command,
-    Alarm,
-    Warning,
-}
-
-/// Why the program stops and waits.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum StopKind {
-    /// M0, M1, M60, or the look at the way to a line in the middle.
-    Program,
-    /// A block has ended in single step.
-    Step,
-}
-
-/// A block that waits to be driven.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct QueuedBlock {
-    pub block: u32,
-    /// Where it ends, machine coordinates.
-    pub end: Axes,
-    /// Programmed speed, mm/s; infinite for rapids.
-    pub feed_mm_s: f64,
-    /// Programmed path from the job's start to the block's end, mm.
-    pub path_mm: f64,
-}
+/// How long the planner sleeps where too many commands lie ahead.
+const CARRIER_NAP: Duration = Duration::from_millis(5);
 
 /// What the feeder knows at the end.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -151,114 +35,11 @@ pub(crate) struct FeedReport {
     pub planned_s: f64,
     /// Moves planned.
     pub moves: u64,
+    /// Commands of the machine's own (M100 to M199) planned.
+    pub user_commands: u64,
     /// Numbers of the next block and action.
     pub next_block: u32,
     pub next_action: u32,
-}
-
-/// Passes the plan on, and adds up how long each block is planned to take.
-struct Tally<S> {
-    sink: S,
-    /// Parts of steps that are not final: for each step, its blocks and their shares of its length.
-    open: VecDeque<(u32, f64)>,
-    parts_of_step: VecDeque<u32>,
-    parts: u32,
-    finished: VecDeque<(u32, f64)>,
-    planned_s: f64,
-}
-
-impl<S: PlanSink> PlanSink for Tally<S> {
-    type Error = S::Error;
-
-    fn segment(&mut self, segment: &Segment) -> Result<(), S::Error> {
-        match self.open.back_mut() {
-            Some(last) if self.parts > 0 && last.0 == segment.block => last.1 += segment.length,
-            _ => {
-                self.open.push_back((segment.block, segment.length));
-                self.parts += 1;
-            }
-        }
-        self.sink.segment(segment)
-    }
-
-    fn step(&mut self, step: &Step) -> Result<(), S::Error> {
-        if matches!(step, Step::Flow(_) | Step::Wait) {
-            // A near-optimal plan says itself what a block takes.
-            self.open.clear();
-            self.parts_of_step.clear();
-        } else {
-            self.parts_of_step.push_back(self.parts);
-        }
-        self.parts = 0;
-        self.sink.step(step)
-    }
-
-    fn exit(&mut self, index: u64, speeds: ExitSpeeds) {
-        self.sink.exit(index, speeds);
-    }
-
-    fn planned(&mut self, index: u64, duration: f64) {
-        self.planned_s += duration;
-        let parts = self.parts_of_step.pop_front().unwrap_or(0) as usize;
-        let whole: f64 = self.open.iter().take(parts).map(|part| part.1).sum();
-        for (block, length) in self.open.drain(..parts.min(self.open.len())) {
-            let share = if whole > 0.0 {
-                duration * length / whole
-            } else {
-                0.0
-            };
-            match self.finished.back_mut() {
-                Some(last) if last.0 == block => last.1 += share,
-                _ => self.finished.push_back((block, share)),
-            }
-        }
-        self.sink.planned(index, duration);
-    }
-
-    fn finalise(&mut self, count: u64) {
-        self.sink.finalise(count);
-    }
-
-    fn mark(&mut self, mark: &BlockMark) -> Result<(), S::Error> {
-        self.sink.mark(mark)
-    }
-
-    fn link(&mut self, from: u64, to: u64) -> bool {
-        self.sink.link(from, to)
-    }
-
-    fn planned_block(&mut self, block: u32, seconds: f64) {
-        self.planned_s += seconds;
-        match self.finished.back_mut() {
-            Some(last) if last.0 == block => last.1 += seconds,
-            _ => self.finished.push_back((block, seconds)),
-        }
-        self.sink.planned_block(block, seconds);
-    }
-
-    fn has_room(&self, steps: usize, segments: usize, marks: usize) -> bool {
-        self.sink.has_room(steps, segments, marks)
-    }
-
-    fn wait(&mut self) -> Result<(), S::Error> {
-        self.sink.wait()
-    }
-
-    fn request(&mut self) -> Option<Request> {
-        self.sink.request()
-    }
-
-    fn answer(&mut self, answer: Answer) {
-        self.sink.answer(answer);
-    }
-
-    fn taken(&self) -> u64 {
-        self.sink.taken()
-    }
-
-    fn reached(&self) -> u64 {
-        self.sink.reached()
-    }
 }
 
 /// Blocks that have been handed to the planner and not yet reported.
@@ -287,6 +68,17 @@ pub(crate) struct Feeder<'a, S> {
     last_line: u32,
     path_mm: f64,
     modal: Option<Modal>,
+    user_commands: u64,
+    /// Where the machine's own commands are carried out.
+    codes: Option<UserCodes>,
+    carrier: Option<ToCarrier>,
+}
+
+/// Tells of the machine's own commands in a run: who carries them out, and the cycle, which waits there.
+pub(crate) struct ToCarrier {
+    pub calls: Sender<(u32, UserCall)>,
+    pub stops: Producer<u32>,
+    pub controls: Arc<Controls>,
 }
 
 impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
@@ -300,14 +92,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         with_blocks: bool,
         optional_stop: bool,
     ) -> Self {
-        let tally = Tally {
-            sink,
-            open: VecDeque::new(),
-            parts_of_step: VecDeque::new(),
-            parts: 0,
-            finished: VecDeque::new(),
-            planned_s: 0.0,
-        };
+        let tally = Tally::new(sink);
         Self {
             file: file.display().to_string(),
             setup,
@@ -324,6 +109,9 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
             last_line: 0,
             path_mm: 0.0,
             modal: None,
+            user_commands: 0,
+            codes: None,
+            carrier: None,
         }
     }
 
@@ -342,6 +130,18 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
     /// Stops after each line that moves while this is set.
     pub(crate) fn stepping(mut self, single_step: Arc<AtomicBool>) -> Self {
         self.single_step = Some(single_step);
+        self
+    }
+
+    /// Commands of the machine's own are carried out; those that cannot be are errors of the program.
+    pub(crate) fn executing(mut self, codes: UserCodes) -> Self {
+        self.codes = Some(codes);
+        self
+    }
+
+    /// Tells who carries them out.
+    pub(crate) fn carried_out_by(mut self, carrier: ToCarrier) -> Self {
+        self.carrier = Some(carrier);
         self
     }
 
@@ -366,6 +166,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
             deviation_mm: self.planner.deviation_mm(),
             planned_s: self.planner.sink().planned_s,
             moves: self.moves,
+            user_commands: self.user_commands,
             next_block: self.next_block,
             next_action: self.actions,
         };
@@ -390,6 +191,15 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
             })?;
             if let Some(what) = command.action.missing_ability() {
                 let diagnostic = Box::new(refuse(what, program, command.line));
+                return Err(ProgramError::Text {
+                    file: self.file.clone(),
+                    diagnostic,
+                });
+            }
+            if let (Action::UserCommand { number, .. }, Some(codes)) = (&command.action, &self.codes)
+                && let Some(objection) = codes.objection(*number)
+            {
+                let diagnostic = Box::new(about_line(objection, program, command.line));
                 return Err(ProgramError::Text {
                     file: self.file.clone(),
                     diagnostic,
@@ -431,6 +241,15 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
                     self.stop(line, StopKind::Program)?;
                 }
             }
+            Action::UserCommand { number, p, q } => {
+                let call = UserCall {
+                    number: *number,
+                    words: [*p, *q],
+                    line,
+                };
+                self.user_commands += 1;
+                self.stop(line, StopKind::User(call))?;
+            }
             Action::ProgramEnd => return Ok(false),
             other => {
                 if let Some(text) = describe(other) {
@@ -450,15 +269,39 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         Ok(true)
     }
 
-    /// Comes to rest and waits to be told to go on.
+    /// Comes to rest and waits to be told to go on. An action before it makes it known by its number.
     fn stop(&mut self, line: u32, kind: StopKind) -> Result<(), PlanError<QueueClosed>> {
+        let action = self.actions;
+        self.actions += 1;
         if let Some(onlooker) = &self.onlooker {
-            let _gone = onlooker.send(FeederNews::Stop(kind));
+            let _gone = onlooker.send(FeederNews::Stop(action, kind));
+        }
+        if let StopKind::User(call) = kind {
+            self.announce(Moment::Rest(action), line, false, &call.text());
+            self.hand_to_carrier(action, call)?;
         }
         self.last_line = 0;
         self.planner
+            .rest(&Step::Action { action, line })
+            .map_err(PlanError::Sink)?;
+        self.planner
             .rest(&Step::ProgramStop { line })
             .map_err(PlanError::Sink)
+    }
+
+    fn hand_to_carrier(&mut self, action: u32, call: UserCall) -> Result<(), PlanError<QueueClosed>> {
+        let Some(carrier) = &mut self.carrier else {
+            return Ok(());
+        };
+        while carrier.stops.is_full() {
+            if carrier.controls.is_abandoned() || carrier.stops.is_abandoned() {
+                return Err(PlanError::Sink(QueueClosed));
+            }
+            std::thread::sleep(CARRIER_NAP);
+        }
+        let _gone = carrier.stops.push(action);
+        let _gone = carrier.calls.send((action, call));
+        Ok(())
     }
 
     fn tell_modal(&mut self, commands: &Commands) {
@@ -584,128 +427,14 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
     }
 }
 
-fn describe(action: &Action) -> Option<String> {
-    Some(match action {
-        Action::SelectTool(tool) => format!("select tool {tool}"),
-        Action::ChangeTool(tool) => format!("change to tool {tool}"),
-        Action::Spindle { direction, speed_rpm } => match direction {
-            SpindleDirection::Stopped => "spindle stop".to_owned(),
-            SpindleDirection::Clockwise => format!("spindle clockwise {speed_rpm} rpm"),
-            SpindleDirection::CounterClockwise => format!("spindle counter-clockwise {speed_rpm} rpm"),
-        },
-        Action::Coolant { mist, flood } => {
-            let word = |on: bool| if on { "on" } else { "off" };
-            format!("mist {}, flood {}", word(*mist), word(*flood))
-        }
-        Action::ToolNumber(tool) => format!("tool {tool} is in the spindle"),
-        Action::Message(text) | Action::Print(text) => text.clone(),
-        _ => return None,
-    })
-}
-
-/// Every error of a program, in the order of its lines, at most `limit` of them: what the text gets wrong and
-/// what the machine refuses.
-///
-/// # Errors
-/// The file cannot be read.
-pub fn check(program: &Path, setup: &Setup, limit: usize) -> std::io::Result<Vec<Diagnostic>> {
-    let reader = BufReader::with_capacity(256 * 1024, File::open(program)?);
-    // Nothing is planned in earnest: the classic planner is enough to check moves.
-    let rules = PathRules {
-        planner: PlannerKind::Classic,
-        ..setup.path_rules(1.0)
-    };
-    let mut planner = Planner::new(setup.path_limits(), rules, Nowhere);
-    let mut errors = Vec::new();
-    let mut block = 0;
-    for command in Interpreter::new(reader, setup.interpreter_settings_for(program)) {
-        let error = match command {
-            Err(diagnostic) => Some(diagnostic),
-            Ok(Command {
-                line,
-                action: Action::Move(motion),
-            }) => {
-                block += 1;
-                match planner.push(&motion, line, block) {
-                    Ok(()) => None,
-                    // A move after one that was refused starts elsewhere: nothing new.
-                    Err(PlanError::Gap { .. } | PlanError::Sink(_)) => {
-                        planner = Planner::new(setup.path_limits(), rules, Nowhere);
-                        planner
-                            .push(&motion, line, block)
-                            .err()
-                            .map(|error| explain(&error, program, line))
-                    }
-                    Err(error) => Some(explain(&error, program, line)),
-                }
-            }
-            Ok(_) => None,
-        };
-        errors.extend(error);
-        if errors.len() >= limit {
-            break;
-        }
-    }
-    Ok(errors)
-}
-
-/// Takes a plan and forgets it.
-struct Nowhere;
-
-impl PlanSink for Nowhere {
-    type Error = QueueClosed;
-    fn segment(&mut self, _: &Segment) -> Result<(), QueueClosed> {
-        Ok(())
-    }
-    fn step(&mut self, _: &Step) -> Result<(), QueueClosed> {
-        Ok(())
-    }
-    fn exit(&mut self, _: u64, _: ExitSpeeds) {}
-    fn finalise(&mut self, _: u64) {}
-}
-
-/// Something that the core cannot do yet, with its place.
-fn refuse(what: &str, program: &Path, line: u32) -> Diagnostic {
-    let text = line_text(program, line).unwrap_or_default();
-    let message = format!("{what}: not possible on this machine yet");
-    Diagnostic::about_line(Code::MissingAbility, line, &text, None, message)
-}
-
-/// A refused move with its place.
-fn explain(error: &PlanError<QueueClosed>, program: &Path, line: u32) -> Diagnostic {
-    let (code, letter) = match error {
-        PlanError::Travel { axis, .. } => (Code::BeyondTravel, Some(axis.letter())),
-        _ => (Code::MoveRefused, None),
-    };
-    // The planner is behind the line that is being read.
-    let line = match error {
-        PlanError::NoMotion { line } if *line > 0 => *line,
-        _ => line,
-    };
-    let text = line_text(program, line).unwrap_or_default();
-    Diagnostic::about_line(code, line, &text, letter, error.to_string())
-}
-
-/// The text of one line of a file; empty where there is none.
-fn line_text(program: &Path, line: u32) -> std::io::Result<Vec<u8>> {
-    let mut reader = BufReader::new(File::open(program)?);
-    let mut bytes = Vec::new();
-    for _ in 0..line {
-        bytes.clear();
-        if reader.read_until(b'\n', &mut bytes)? == 0 {
-            break;
-        }
-    }
-    Ok(bytes)
-}
-
 #[cfg(test)]
 mod tests {
     use evolvent_gcode::PathMode;
-    use evolvent_machine::Machine;
+    use evolvent_machine::{Machine, PlannerKind};
     use evolvent_path::{Axes, Line};
 
     use super::*;
+    use crate::check::Nowhere;
 
     #[test]
     fn the_tally_of_a_long_near_optimal_plan_does_not_grow() {
@@ -732,7 +461,7 @@ mod tests {
         }
         let tally = feeder.planner.sink();
         assert!(tally.planned_s > 10.0, "{} s", tally.planned_s);
-        let (parts, steps) = (tally.open.len(), tally.parts_of_step.len());
+        let (parts, steps) = tally.lengths();
         assert!(parts < 100 && steps < 100, "{parts} parts, {steps} steps");
     }
 }

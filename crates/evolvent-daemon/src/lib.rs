@@ -13,6 +13,8 @@
 //!
 //! [`examine`] says what the host can do.
 
+mod carrier;
+mod check;
 mod cycle;
 mod doctor;
 mod drives;
@@ -20,6 +22,7 @@ mod feeder;
 mod host;
 mod job;
 mod memory;
+mod news;
 mod publisher;
 mod recompute;
 mod recording;
@@ -29,13 +32,16 @@ mod serve;
 mod shared;
 mod source;
 mod summary;
+mod tally;
+mod user_code;
 
+pub use check::{ProgramError, check};
 pub use doctor::{BareLoopError, DoctorReport, Finding, LatenessReport, Verdict, bare_loop, examine};
 pub use drives::{phase_settings, watch_settings};
 pub use evolvent_control::Alarm;
-pub use feeder::{Notice, ProgramError, check};
 pub use job::{Clock, Job, Setup};
 pub use memory::ProgramMemory;
+pub use news::Notice;
 pub use recompute::{Recomputed, RecordedInputs, platform, recompute};
 pub use rt::{LowLatencyHold, MonotonicClock, RealtimeGranted, RealtimeRequest, apply_to_this_thread};
 pub use run::{RunObserver, RunOutcome, StartError, run};

@@ -9,8 +9,9 @@ use std::time::Duration;
 
 use evolvent_motion::{Extremes, Inputs, Motion, Setpoint, State, plan_queue};
 
+use crate::check::ProgramError;
 use crate::cycle::wait_until;
-use crate::feeder::{Feeder, ProgramError};
+use crate::feeder::Feeder;
 use crate::job::Setup;
 
 /// How long the planner sleeps when the queue is full.

@@ -14,7 +14,7 @@ use evolvent_trace::{BlockRecord, CycleRecord, EventKind, EventRecord, LogLevel,
 use rtrb::Consumer;
 
 use crate::cycle::CycleSample;
-use crate::feeder::{BlockPlan, FeederNews, Notice, Outside, OutsideKind};
+use crate::news::{BlockPlan, FeederNews, Notice, Outside, OutsideKind};
 use crate::shared::Controls;
 use evolvent_control::Alarm;
 
@@ -174,7 +174,7 @@ impl Tracks {
             FeederNews::File(block, file) => self.files.push_back((block, file)),
             FeederNews::Outside(outside) => self.outside.push_back(outside),
             // Nobody has asked for them here.
-            FeederNews::Queued(_) | FeederNews::Modal(..) | FeederNews::Stop(_) => {}
+            FeederNews::Queued(_) | FeederNews::Modal(..) | FeederNews::Stop(..) => {}
         }
     }
 
@@ -259,6 +259,7 @@ impl Tracks {
                     OutsideKind::Command => EventKind::Command,
                     OutsideKind::Alarm => EventKind::Alarm,
                     OutsideKind::Warning => EventKind::Warning,
+                    OutsideKind::Output => EventKind::Message,
                 },
                 code: outside.code,
                 text: outside.text,

@@ -14,15 +14,19 @@ use evolvent_process::AdaptiveStop;
 use evolvent_trace::{ProgramSource, RecordError, Recorder, RunInfo, configuration_hash, recover_leftovers};
 use rtrb::RingBuffer;
 
+use crate::carrier::Carrier;
+use crate::check::ProgramError;
 use crate::cycle::{CycleLoop, CycleReport};
-use crate::feeder::{FeedReport, Feeder, FeederNews, Notice, ProgramError};
+use crate::feeder::{FeedReport, Feeder, ToCarrier};
 use crate::job::{Clock, Job, Setup};
 use crate::memory::ProgramMemory;
+use crate::news::{FeederNews, Moment, Notice, OutsideKind};
 use crate::publisher::Publishing;
 use crate::recording::{Closing, Recording};
 use crate::rt::{RealtimeRequest, apply_to_this_thread};
 use crate::shared::Controls;
 use crate::summary::{Summary, TimingSummary, axis_summaries, outcome_of};
+use crate::user_code::UserCodes;
 use evolvent_control::Alarm;
 
 /// Names of the attachments with what the program found.
@@ -34,6 +38,8 @@ const PLANNER_NAP: Duration = Duration::from_micros(500);
 const QUEUE_SECONDS: f64 = 2.0;
 /// Bounds of their length.
 const QUEUE_LENGTH: (usize, usize) = (4096, 65_536);
+/// Commands of the machine's own that may lie ahead in the plan.
+const COMMANDS_AHEAD: usize = 4096;
 /// How often the caller hears of progress.
 const PROGRESS_EVERY: Duration = Duration::from_millis(50);
 /// How long to wait for the bus: opening clears what killed runs have left, and may wait for subscribers.
@@ -183,12 +189,29 @@ pub fn run(
             !waiting.is_abandoned()
         });
         let with_blocks = recording.is_some();
+        // Where time is not real, nothing of the machine is there to be commanded.
+        let codes = (job.clock == Clock::Realtime).then(|| UserCodes::of(setup));
+        let (stops, commands) = RingBuffer::new(COMMANDS_AHEAD);
+        let (calls, called) = mpsc::channel();
+        let carrier = match &codes {
+            None => None,
+            Some(codes) => {
+                let carrier = Carrier {
+                    codes: codes.clone(),
+                    controls: Arc::clone(controls),
+                    calls: called,
+                    listeners: listeners.clone(),
+                };
+                let builder = thread::Builder::new().name("carrier".into());
+                Some(builder.spawn_scoped(scope, move || carrier.run())?)
+            }
+        };
         let feeding = Arc::clone(controls);
         let feeder = thread::Builder::new()
             .name("planner".into())
             .spawn_scoped(scope, move || {
                 let optional_stop = job.optional_stop;
-                Feeder::new(
+                let feeder = Feeder::new(
                     &job.program,
                     setup,
                     job.feed_override,
@@ -196,8 +219,16 @@ pub fn run(
                     listeners,
                     with_blocks,
                     optional_stop,
-                )
-                .feed(&job.program, || feeding.fail_program())
+                );
+                let feeder = match codes {
+                    None => feeder,
+                    Some(codes) => feeder.executing(codes).carried_out_by(ToCarrier {
+                        calls,
+                        stops,
+                        controls: Arc::clone(&feeding),
+                    }),
+                };
+                feeder.feed(&job.program, || feeding.fail_program())
             })?;
 
         let mut cycle = CycleLoop {
@@ -208,6 +239,7 @@ pub fn run(
             lead_cycles: setup.machine.lead_cycles,
             max_late_cycles: setup.machine.realtime.max_late_cycles,
             stop_at_program_stops: job.stop_at_program_stops,
+            commands: (job.clock == Clock::Realtime).then_some(commands),
             bus: bus_producer,
             trace: trace_producer,
             start_unix_ns,
@@ -242,6 +274,7 @@ pub fn run(
             Ok(left) => (Ok(()), left),
             Err(error) => (Err(error), None),
         };
+        let not_carried_out = carrier.map(join).transpose()?.flatten();
         let published = publisher.map(join).transpose()?.unwrap_or_default();
         watch(job, controls, observer, &notices, &failures, || true);
         let late = if job.bus {
@@ -249,7 +282,7 @@ pub fn run(
         } else {
             report.late_cycles
         };
-        let fault = fault_of(&report);
+        let fault = fault_of(&report).or_else(|| not_carried_out.map(|text| (Alarm::UserCommand, text)));
         let alarm = match (&fault, &program) {
             (Some((alarm, text)), _) => Some((*alarm, text.clone())),
             (None, Err(error)) if report.program_failed => Some((Alarm::Program, error.to_string())),
@@ -264,8 +297,19 @@ pub fn run(
             observer.note(&text);
             notes.push(text);
         }
+        if job.clock == Clock::Virtual && feed.user_commands > 0 {
+            let text = format!(
+                "{} commands of the machine's own (M100 to M199) were not carried out: time was not real",
+                feed.user_commands
+            );
+            observer.note(&text);
+            notes.push(text);
+        }
         let mut summary = summarise(job, &report, &feed, late, notes);
         summary.dropped_setpoints += published.failed;
+        if matches!(alarm, Some((Alarm::UserCommand, _))) {
+            summary.outcome = "failed";
+        }
         summary.alarm = alarm.as_ref().map(|(alarm, _)| alarm.number());
         summary.error = alarm.as_ref().map(|(_, text)| text.clone());
         let mut trace_error = None;
@@ -453,6 +497,12 @@ fn watch(
         loop {
             match notices.recv_timeout(Duration::ZERO) {
                 Ok(FeederNews::Notice(notice)) => ahead.push_back(notice),
+                Ok(FeederNews::Outside(outside)) => observer.notice(&Notice {
+                    moment: Moment::Rest(0),
+                    line: outside.code,
+                    is_message: outside.kind == OutsideKind::Output,
+                    text: outside.text,
+                }),
                 Ok(_) => {}
                 Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => break,
             }

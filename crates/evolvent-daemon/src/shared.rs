@@ -30,6 +30,10 @@ pub struct Controls {
     actions: AtomicU32,
     blocks: AtomicU32,
     resumes: AtomicU32,
+    /// At rest until a command of the machine's own has been carried out.
+    at_command: AtomicBool,
+    /// The action before the command that has been carried out last, + 1.
+    commands_done: AtomicU32,
 }
 
 impl Controls {
@@ -55,7 +59,23 @@ impl Controls {
             actions: AtomicU32::new(0),
             blocks: AtomicU32::new(0),
             resumes: AtomicU32::new(0),
+            at_command: AtomicBool::new(false),
+            commands_done: AtomicU32::new(0),
         }
+    }
+
+    /// Whether the machine stands where a command of its own is to be carried out. Called by the cycle.
+    pub(crate) fn set_at_command(&self, at_command: bool) {
+        self.at_command.store(at_command, Ordering::Relaxed);
+    }
+
+    /// The command behind this action has been carried out.
+    pub(crate) fn command_done(&self, action: u32) {
+        self.commands_done.store(action + 1, Ordering::Release);
+    }
+
+    pub(crate) fn is_command_done(&self, action: u32) -> bool {
+        self.commands_done.load(Ordering::Acquire) == action + 1
     }
 
     /// Holds a cutting load by the feed. Settings that make no sense are as none: check them with
@@ -150,7 +170,7 @@ impl Controls {
     pub(crate) fn inputs(&self) -> Inputs {
         // Taken once: it counts for the program stop that the machine stands at, and for none after it.
         let resume = self.resume.load(Ordering::Relaxed) && self.resume.swap(false, Ordering::Relaxed);
-        let at_stop = self.state.load(Ordering::Relaxed) == State::ProgramStop as u32;
+        let at_stop = self.is_at_program_stop();
         if resume && at_stop {
             self.resumes.fetch_add(1, Ordering::Relaxed);
         }
@@ -160,6 +180,11 @@ impl Controls {
             stop: self.stop.load(Ordering::Relaxed),
             resume: resume && at_stop,
         }
+    }
+
+    fn is_at_program_stop(&self) -> bool {
+        self.state.load(Ordering::Relaxed) == State::ProgramStop as u32
+            && !self.at_command.load(Ordering::Relaxed)
     }
 
     /// The feed override asked for.
@@ -188,7 +213,8 @@ impl Controls {
             path_mm: f64::from_bits(self.path_mm.load(Ordering::Relaxed)),
             feed_mm_s: f64::from_bits(self.feed_mm_s.load(Ordering::Relaxed)),
             line: self.line.load(Ordering::Relaxed),
-            at_program_stop: self.state.load(Ordering::Relaxed) == State::ProgramStop as u32,
+            at_program_stop: self.is_at_program_stop(),
+            at_command: self.at_command.load(Ordering::Relaxed),
             actions: self.actions.load(Ordering::Relaxed),
             blocks: self.blocks.load(Ordering::Relaxed),
             has_ended: self.state.load(Ordering::Relaxed) == State::Done as u32,
@@ -210,6 +236,8 @@ pub struct Progress {
     pub line: u32,
     /// Waiting at M0, M1 or M60.
     pub at_program_stop: bool,
+    /// Waiting until one of M100 to M199 has been carried out.
+    pub at_command: bool,
     /// Actions for the periphery that have taken effect.
     pub actions: u32,
     /// Blocks begun.

@@ -9,7 +9,7 @@ use evolvent_gcode::{Command, Diagnostic, Interpreter, Modal, Restart};
 use evolvent_machine::MachineKind;
 use evolvent_path::AxisLetter;
 
-use crate::feeder::ProgramError;
+use crate::check::ProgramError;
 use crate::job::Setup;
 use crate::memory::ProgramMemory;
 

@@ -198,7 +198,6 @@ impl Action {
                 feed_stop: true,
             } => return None,
             Self::Overrides { .. } => "switching overrides (M49 to M53)",
-            Self::UserCommand { .. } => "the machine's own M codes (M100 to M199)",
             Self::Log(_) => "log files (LOG, PROBEOPEN)",
             _ => return None,
         })

@@ -238,6 +238,11 @@ pub(crate) struct ProgramFile {
     /// Which of M100 to M199 this machine knows, for example [101, 150]; none where it is not given.
     #[serde(default)]
     pub(crate) user_codes: Vec<i64>,
+    /// Folder of their programs, called M100 to M199; the machine file's own where it is not given.
+    pub(crate) user_code_folder: Option<String>,
+    /// How long one of them may take, s; 10 where it is not given.
+    #[schemars(range(min = 0.1, max = 86400))]
+    pub(crate) user_code_timeout_s: Option<f64>,
     /// What X, R and U of the turning cycles G82 and G75 of a lathe are: "diameter", "radius", or "mode" for what G7 and G8
     /// say; "diameter" where it is not given.
     #[serde(default)]

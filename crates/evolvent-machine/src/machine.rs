@@ -221,7 +221,7 @@ pub enum TurningWords {
 }
 
 /// What programs find on the machine.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct ProgramSettings {
     /// Tool table, as written in the file: relative to its folder.
     pub tool_table: Option<PathBuf>,
@@ -231,10 +231,29 @@ pub struct ProgramSettings {
     pub subroutines: Vec<PathBuf>,
     /// Which of M100 to M199 there are.
     pub user_codes: Vec<u32>,
+    /// Folder of their programs, as written in the file: relative to its folder.
+    pub user_code_folder: Option<PathBuf>,
+    /// How long one of them may take, s.
+    pub user_code_timeout_s: f64,
     /// Words of the turning cycles.
     pub turning_cycles: TurningWords,
     /// Whether a cutting load is measured.
     pub load_channel: bool,
+}
+
+impl Default for ProgramSettings {
+    fn default() -> Self {
+        Self {
+            tool_table: None,
+            parameters: None,
+            subroutines: Vec::new(),
+            user_codes: Vec::new(),
+            user_code_folder: None,
+            user_code_timeout_s: 10.0,
+            turning_cycles: TurningWords::default(),
+            load_channel: false,
+        }
+    }
 }
 
 /// A machine, checked: every number is finite and within a machine's range.

@@ -484,6 +484,8 @@ impl Check<'_> {
         for (index, code) in program.user_codes.iter().enumerate() {
             user_codes.push(self.whole_number(&format!("program.user_codes[{index}]"), *code, 100, 199)?);
         }
+        let user_code_timeout_s = program.user_code_timeout_s.unwrap_or(10.0);
+        self.number("program.user_code_timeout_s", user_code_timeout_s, 0.1, 86_400.0)?;
         let folders = program.subroutines.iter().enumerate();
         Ok(ProgramSettings {
             tool_table: optional("tool_table", &program.tool_table)?,
@@ -492,6 +494,8 @@ impl Check<'_> {
                 .map(|(index, text)| path(&format!("subroutines[{index}]"), text))
                 .collect::<Result<_, _>>()?,
             user_codes,
+            user_code_folder: optional("user_code_folder", &program.user_code_folder)?,
+            user_code_timeout_s,
             turning_cycles: program.turning_cycles,
             load_channel: program.load_channel,
         })

@@ -10,7 +10,7 @@ use evolvent_transfer::AxesState;
 use super::jog::{FOR_EVER, limits_here, steering};
 use super::operator::{Job, Operator};
 use super::orders::What;
-use crate::feeder::OutsideKind;
+use crate::news::OutsideKind;
 
 impl Operator {
     pub(super) fn home(&mut self, mask: u32) -> Result<u64, Refusal> {

@@ -11,9 +11,12 @@ use std::time::Duration;
 use evolvent_motion::{Motion, plan_queue};
 
 use super::orders::{Following, Signals};
-use crate::feeder::{FeedReport, Feeder, FeederNews, ProgramError};
+use crate::check::ProgramError;
+use crate::feeder::{FeedReport, Feeder};
 use crate::job::Setup;
 use crate::memory::ProgramMemory;
+use crate::news::FeederNews;
+use crate::user_code::UserCodes;
 
 /// How long the planner sleeps when the queue is full.
 const PLANNER_NAP: Duration = Duration::from_micros(500);
@@ -71,6 +74,7 @@ impl Planning {
             .numbered_from(job.numbered_from.0, job.numbered_from.1)
             .watched_by(onlooker)
             .stepping(job.single_step)
+            .executing(UserCodes::of(&job.setup))
             .feed(&job.file, || of_thread.failed.store(true, Ordering::Release))
         })?;
         Ok(Self {

@@ -49,6 +49,9 @@ struct Now {
     /// A change of the steered motion: behind which setpoint, number of the order.
     turn: Option<Turn>,
     inputs: Inputs,
+    /// The program stop at which the machine may go on, and the one at which it stands, by the actions before them.
+    go_on: Option<u32>,
+    at_stop: Option<u32>,
     /// What the step depended on, as bits of the trace.
     came_in: u32,
     drive: DriveRequest,
@@ -104,6 +107,8 @@ impl Live {
             work: Work::None,
             turn: None,
             inputs: Inputs::default(),
+            go_on: None,
+            at_stop: None,
             came_in: 0,
             drive: DriveRequest {
                 power: PowerRequest::Off,
@@ -238,6 +243,7 @@ impl Live {
                         feed_override: now.inputs.feed_override,
                         ..Inputs::default()
                     };
+                    (now.go_on, now.at_stop) = (None, None);
                     now.work = Work::Follow(job);
                 } else {
                     let sequence = self.station.sequence();
@@ -262,10 +268,11 @@ impl Live {
                 }
             }
             What::Hold => now.inputs.hold = true,
-            What::Resume => {
+            What::Resume(stop) => {
                 now.inputs.hold = false;
-                now.inputs.resume = true;
+                now.go_on = stop.or(now.go_on);
             }
+            What::GoOn(stop) => now.go_on = Some(stop),
             What::Stop => match &mut now.work {
                 Work::None => {}
                 Work::Follow(_) => now.inputs.stop = true,
@@ -401,9 +408,12 @@ impl Live {
     }
 
     fn follow(&mut self, now: &mut Now, job: &mut Following) -> (Setpoint, Option<JobResult>) {
+        // It counts for the stop that was meant, and for none behind it.
+        let is_meant = now.go_on.is_some() && now.go_on == now.at_stop;
+        now.inputs.resume = is_meant && !now.inputs.resume;
         let mut setpoint = job.motion.step(&now.inputs, &mut job.queue);
         now.came_in = came_in(&now.inputs, &job.motion);
-        now.inputs.resume = false;
+        now.at_stop = (setpoint.state == State::ProgramStop).then_some(setpoint.actions);
         self.station.follow(&job.motion, &setpoint);
         if setpoint.state == State::Done && job.signals.has_failed() {
             setpoint.state = State::Stopped;

@@ -22,8 +22,8 @@ use super::modes::{Modes, foresee};
 use super::orders::{CycleEvent, CycleView, Order, What, Work};
 use super::programs::ProgramRun;
 use super::track::Track;
-use crate::feeder::{FeederNews, Outside, OutsideKind};
 use crate::job::Setup;
+use crate::news::{FeederNews, Outside, OutsideKind};
 
 pub(super) enum Job {
     None,
@@ -228,7 +228,9 @@ impl Operator {
 
     pub(super) fn is_held(&self) -> bool {
         let state = self.view.setpoint.state;
-        self.hold || matches!(state, State::Holding | State::Held | State::ProgramStop)
+        // A command of the machine's own has to end by itself before the program goes on.
+        let at_stop = state == State::ProgramStop && !self.is_at_command();
+        self.hold || at_stop || matches!(state, State::Holding | State::Held)
     }
 
     /// Whether the feed is held.
@@ -242,6 +244,7 @@ impl Operator {
         match command {
             Command::Estop => {
                 self.give_up_waiting(JobResult::Stopped);
+                self.cancel_command();
                 self.cancel_homing();
                 self.send(What::Emergency, command);
                 return Ok(0);
@@ -451,6 +454,7 @@ impl Operator {
         if !self.ending {
             self.ending = true;
             self.give_up_waiting(JobResult::Stopped);
+            self.cancel_command();
             self.cancel_homing();
             self.order(What::End);
             self.record(
@@ -591,6 +595,7 @@ impl Operator {
             Job::Program(run) => {
                 run.planning.abandon();
                 run.ended = Some(result);
+                self.cancel_command();
             }
             Job::Jog { .. } => self.end_job(result),
             Job::Homing {

@@ -59,7 +59,10 @@ pub(crate) enum What {
         steering: Box<Steering>,
     },
     Hold,
-    Resume,
+    /// Ends a hold, and lets the machine go on at the program stop with so many actions before it, if it stands there.
+    Resume(Option<u32>),
+    /// The same without ending a hold.
+    GoOn(u32),
     Stop,
     Override(f64),
     /// Every axis stops by itself, and the drives stop by themselves.

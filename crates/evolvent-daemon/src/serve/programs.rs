@@ -12,8 +12,13 @@ use super::modes::{After, foresee};
 use super::operator::{Job, Operator};
 use super::orders::What;
 use super::track::Track;
-use crate::feeder::{FeederNews, ProgramError, StopKind, check};
+use crate::check::{ProgramError, check};
 use crate::job::Setup;
+use crate::news::{FeederNews, OutsideKind, StopKind, UserCall};
+use crate::user_code::{UserCodes, UserNews, UserProgram};
+
+/// What the message says of a command of the machine's own.
+const AT_WORK: &str = " is being carried out";
 
 /// A program or a block of MDI.
 pub(super) struct ProgramRun {
@@ -24,8 +29,20 @@ pub(super) struct ProgramRun {
     pub(super) after: Option<After>,
     /// Single step of a plan that was made without it: hold once this block is behind.
     pub(super) step_behind: Option<u32>,
-    /// The program stop that is waited at has been looked at.
-    pub(super) stop_seen: bool,
+    /// A command of the machine's own, carried out while the program waits.
+    pub(super) command: Option<UserCommand>,
+    /// Such a command has failed.
+    pub(super) has_failed: bool,
+}
+
+/// One of M100 to M199 at work, or done where the program still waits.
+pub(super) struct UserCommand {
+    call: UserCall,
+    /// Actions before the stop at which the program waits.
+    stop: u32,
+    program: UserProgram,
+    is_done: bool,
+    is_cancelled: bool,
 }
 
 impl Operator {
@@ -122,22 +139,39 @@ impl Operator {
             ended: None,
             after,
             step_behind: None,
-            stop_seen: false,
+            command: None,
+            has_failed: false,
         }));
         Ok(self.desk.job_begins(activity))
     }
 
     pub(super) fn resume(&mut self, command: &Command) {
         self.hold = false;
-        if let Job::Program(run) = &mut self.job {
-            run.stop_seen = false;
+        let setpoint = &self.view.setpoint;
+        let at_stop = setpoint.state == State::ProgramStop && !self.is_at_command();
+        let stop = at_stop.then_some(setpoint.actions);
+        self.send(What::Resume(stop), command);
+    }
+
+    /// Whether the program waits for a command of the machine's own.
+    pub(super) fn is_at_command(&self) -> bool {
+        matches!(&self.job, Job::Program(run) if run.command.is_some())
+    }
+
+    /// Ends a command of the machine's own that is at work.
+    pub(super) fn cancel_command(&mut self) {
+        if let Job::Program(run) = &mut self.job
+            && let Some(command) = &mut run.command
+        {
+            command.is_cancelled = true;
+            command.program.cancel();
         }
-        self.send(What::Resume, command);
     }
 
     pub(super) fn stop(&mut self, command: &Command) {
         self.give_up_waiting(JobResult::Stopped);
         self.cancel_homing();
+        self.cancel_command();
         self.send(What::Stop, command);
     }
 
@@ -164,7 +198,25 @@ impl Operator {
             self.modes.modal = modal;
             self.keep.tool = modal.tool;
         }
+        if let Some(stop) = self.track.take_stop(&setpoint) {
+            self.stands_at(stop);
+        }
+        self.follow_command();
+        let Job::Program(run) = &mut self.job else { return };
         if let Some(result) = run.ended {
+            // Nothing else begins before it is over.
+            if run
+                .command
+                .as_ref()
+                .is_some_and(|command| !command.program.is_over())
+            {
+                return;
+            }
+            let result = if run.has_failed && result == JobResult::Stopped {
+                JobResult::Failed
+            } else {
+                result
+            };
             if let Some((report, planned)) = run.planning.take_result() {
                 let after = run.after.take();
                 self.numbers = (report.next_block, report.next_action);
@@ -176,19 +228,6 @@ impl Operator {
             self.order(What::Follow(job));
             return;
         }
-        if setpoint.state == State::ProgramStop && !run.stop_seen {
-            run.stop_seen = true;
-            let kind = self.track.take_stop();
-            if kind == StopKind::Step && !self.single_step.load(Ordering::Relaxed) {
-                run.stop_seen = false;
-                self.order(What::Resume);
-            }
-            return;
-        }
-        let Job::Program(run) = &mut self.job else { return };
-        if run.stop_seen && setpoint.state != State::ProgramStop {
-            run.stop_seen = false;
-        }
         if run
             .step_behind
             .is_some_and(|block| setpoint.block > block && setpoint.state == State::Running)
@@ -196,6 +235,73 @@ impl Operator {
             run.step_behind = None;
             self.hold = true;
             self.order(What::Hold);
+        }
+    }
+
+    /// The program waits at this stop.
+    fn stands_at(&mut self, (action, kind): (u32, StopKind)) {
+        let Job::Program(run) = &mut self.job else { return };
+        match kind {
+            StopKind::Program => {}
+            StopKind::Step => {
+                if !self.single_step.load(Ordering::Relaxed) {
+                    self.order(What::GoOn(action + 1));
+                }
+            }
+            StopKind::User(call) => {
+                run.command = Some(UserCommand {
+                    call,
+                    stop: action + 1,
+                    program: UserCodes::of(&self.setup).start(call),
+                    is_done: false,
+                    is_cancelled: false,
+                });
+                self.message = format!("{}{AT_WORK}", call.text());
+            }
+        }
+    }
+
+    /// Hears a command of the machine's own, and goes on when it is done.
+    fn follow_command(&mut self) {
+        let (mut lines, mut failure, mut done) = (Vec::new(), None, None);
+        let Job::Program(run) = &mut self.job else { return };
+        let Some(command) = &mut run.command else { return };
+        while let Some(news) = command.program.poll() {
+            match news {
+                UserNews::Line(line) => lines.push(format!("M{}: {line}", command.call.number)),
+                UserNews::Ended(Ok(())) => {
+                    command.is_done = true;
+                    done = Some(command.stop);
+                }
+                // One that was told to end has not failed.
+                UserNews::Ended(Err(_)) if command.is_cancelled => {}
+                UserNews::Ended(Err(text)) => {
+                    run.has_failed = true;
+                    failure = Some(text);
+                }
+            }
+        }
+        let line = command.call.line;
+        // Behind the stop it is forgotten.
+        let setpoint = &self.view.setpoint;
+        let is_behind = command.is_done && setpoint.actions > command.stop;
+        if is_behind || setpoint.state == State::Running {
+            run.command = None;
+        }
+        for text in lines {
+            self.message.clone_from(&text);
+            self.record(OutsideKind::Output, line, text, None);
+        }
+        if let Some(stop) = done {
+            if self.message.ends_with(AT_WORK) {
+                self.message.clear();
+            }
+            self.order(What::GoOn(stop));
+        }
+        if let Some(text) = failure {
+            let sequence = self.view.setpoint.sequence;
+            self.raise(sequence, Alarm::UserCommand, text);
+            self.order(What::Stop);
         }
     }
 

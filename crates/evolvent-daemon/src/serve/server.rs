@@ -370,7 +370,7 @@ impl AtWork {
 
 type Started = (
     Producer<crate::cycle::CycleSample>,
-    mpsc::Sender<crate::feeder::FeederNews>,
+    mpsc::Sender<crate::news::FeederNews>,
     AtWork,
 );
 

@@ -6,14 +6,14 @@ use std::sync::mpsc::Receiver;
 use evolvent_gcode::Modal;
 use evolvent_motion::{Setpoint, State};
 
-use crate::feeder::{FeederNews, Notice, QueuedBlock, StopKind};
+use crate::news::{FeederNews, Notice, QueuedBlock, StopKind};
 
 /// What is known of the blocks ahead.
 #[derive(Debug, Default)]
 pub(crate) struct Track {
     blocks: VecDeque<QueuedBlock>,
     modals: VecDeque<(u32, Modal)>,
-    stops: VecDeque<StopKind>,
+    stops: VecDeque<(u32, StopKind)>,
     notices: VecDeque<Notice>,
     planned_mm: f64,
 }
@@ -28,7 +28,7 @@ impl Track {
                     self.blocks.push_back(block);
                 }
                 FeederNews::Modal(block, modal) => self.modals.push_back((block, modal)),
-                FeederNews::Stop(kind) => self.stops.push_back(kind),
+                FeederNews::Stop(action, kind) => self.stops.push_back((action, kind)),
                 FeederNews::Notice(notice) => self.notices.push_back(notice),
                 FeederNews::Block(_) | FeederNews::File(..) | FeederNews::Outside(_) => {}
             }
@@ -78,9 +78,19 @@ impl Track {
         self.planned_mm
     }
 
-    /// Why the machine waits at the program stop that it has come to.
-    pub(crate) fn take_stop(&mut self) -> StopKind {
-        self.stops.pop_front().unwrap_or(StopKind::Program)
+    /// The program stop at which the machine stands with this setpoint, by the number of the action before it, and why it
+    /// waits there; once for each.
+    pub(crate) fn take_stop(&mut self, setpoint: &Setpoint) -> Option<(u32, StopKind)> {
+        while (self.stops.front()).is_some_and(|(action, _)| action + 1 < setpoint.actions) {
+            self.stops.pop_front();
+        }
+        let stands = setpoint.state == State::ProgramStop;
+        let is_there = (self.stops.front()).is_some_and(|(action, _)| action + 1 == setpoint.actions);
+        if stands && is_there {
+            self.stops.pop_front()
+        } else {
+            None
+        }
     }
 
     /// The modes at the end of what was planned, and all messages that are left.

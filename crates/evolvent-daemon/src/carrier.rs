@@ -1,0 +1,101 @@
+//! Carries the machine's own commands out while one program runs.
+
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender};
+use std::thread;
+use std::time::Duration;
+
+use evolvent_control::Alarm;
+
+use crate::news::{FeederNews, Outside, OutsideKind, UserCall};
+use crate::shared::Controls;
+use crate::user_code::{UserCodes, UserNews};
+
+/// Time between two looks at where the machine is.
+const LOOK_EVERY: Duration = Duration::from_millis(5);
+
+/// What carrying out needs.
+pub(crate) struct Carrier {
+    pub codes: UserCodes,
+    pub controls: Arc<Controls>,
+    /// The commands ahead, with the numbers of the actions before them.
+    pub calls: Receiver<(u32, UserCall)>,
+    /// Who hears what they write.
+    pub listeners: Vec<Sender<FeederNews>>,
+}
+
+impl Carrier {
+    /// Carries out each command where the machine has come to it, until the feeder has gone and none is left, or the cycle has
+    /// ended. What went wrong, if something did: the machine was told to stop then.
+    pub(crate) fn run(self) -> Option<String> {
+        loop {
+            match self.calls.recv_timeout(LOOK_EVERY) {
+                Ok((action, call)) => {
+                    if !self.arrives(action) {
+                        return None;
+                    }
+                    if let Err(text) = self.carry_out(call) {
+                        if self.controls.is_stopping() {
+                            return None;
+                        }
+                        self.controls.raise(Alarm::UserCommand);
+                        self.tell(OutsideKind::Alarm, Alarm::UserCommand.number(), &text);
+                        self.controls.stop();
+                        return Some(text);
+                    }
+                    self.controls.command_done(action);
+                }
+                Err(RecvTimeoutError::Disconnected) => return None,
+                Err(RecvTimeoutError::Timeout) if self.controls.is_abandoned() => return None,
+                Err(RecvTimeoutError::Timeout) => {}
+            }
+        }
+    }
+
+    /// Waits until the machine stands at the command; `false` where it never will.
+    fn arrives(&self, action: u32) -> bool {
+        loop {
+            let progress = self.controls.progress();
+            if progress.at_command && progress.actions == action + 1 {
+                return !self.controls.is_stopping();
+            }
+            if self.controls.is_abandoned() || self.controls.is_stopping() {
+                return false;
+            }
+            thread::sleep(LOOK_EVERY);
+        }
+    }
+
+    fn carry_out(&self, call: UserCall) -> Result<(), String> {
+        let mut program = self.codes.start(call);
+        loop {
+            match program.poll() {
+                Some(UserNews::Line(line)) => {
+                    let text = format!("M{}: {line}", call.number);
+                    self.tell(OutsideKind::Output, call.line, &text);
+                }
+                Some(UserNews::Ended(result)) => return result,
+                None => {
+                    if self.controls.is_stopping() {
+                        program.cancel();
+                    }
+                    thread::sleep(LOOK_EVERY);
+                }
+            }
+        }
+    }
+
+    fn tell(&self, kind: OutsideKind, code: u32, text: &str) {
+        let outside = Outside {
+            sequence: self.controls.progress().cycles.saturating_sub(1),
+            kind,
+            code,
+            text: text.to_owned(),
+            value: None,
+        };
+        for listener in &self.listeners {
+            // Whoever does not listen any more misses nothing.
+            let _gone = listener.send(FeederNews::Outside(outside.clone()));
+        }
+    }
+}

@@ -1,0 +1,149 @@
+//! What the feeder tells: blocks, notices, modes and stops, for recorder, screen and operator.
+
+use std::path::PathBuf;
+
+use evolvent_gcode::{Action, Modal, SpindleDirection};
+use evolvent_path::Axes;
+use evolvent_trace::BlockKind;
+
+/// A planned block, for the trace.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct BlockPlan {
+    pub block: u32,
+    pub line: u32,
+    pub kind: BlockKind,
+    pub length_mm: f64,
+    pub planned_s: f64,
+}
+
+/// When a notice takes effect.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Moment {
+    /// At rest: when more actions than this have been counted.
+    Rest(u32),
+    /// In passing: with the first setpoint of this block or a later one.
+    Block(u32),
+}
+
+impl Moment {
+    /// Whether it has come, given the actions and blocks begun, and whether the plan has ended.
+    pub(crate) fn has_come(self, actions: u32, blocks: u32, ended: bool) -> bool {
+        match self {
+            Self::Rest(action) => action < actions,
+            Self::Block(block) => ended || block < blocks,
+        }
+    }
+}
+
+/// Something that takes effect between moves.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Notice {
+    pub(crate) moment: Moment,
+    /// Program line.
+    pub line: u32,
+    /// `true` for a message of the program to its operator.
+    pub is_message: bool,
+    /// What it is.
+    pub text: String,
+}
+
+/// What the feeder tells the recorder and the person at the screen.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum FeederNews {
+    Block(BlockPlan),
+    Notice(Notice),
+    /// A block was handed to the planner. Only for those who asked for it.
+    Queued(QueuedBlock),
+    /// From this block on these modes are in force. Only for those who asked for it.
+    Modal(u32, Modal),
+    /// A program stop in the plan, by the number of the action before it; only for those who asked for it.
+    Stop(u32, StopKind),
+    /// From this block on blocks are of this file.
+    File(u32, PathBuf),
+    /// Something that is to be recorded at its setpoint.
+    Outside(Outside),
+}
+
+/// A command or an alarm, and the setpoint with which it took effect.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Outside {
+    pub sequence: u64,
+    pub kind: OutsideKind,
+    /// Number of the command or alarm.
+    pub code: u32,
+    pub text: String,
+    pub value: Option<f64>,
+}
+
+/// What came from outside, or happened to the machine as a whole.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum OutsideKind {
+    Command,
+    Alarm,
+    Warning,
+    /// Something that a command of the machine's own has written.
+    Output,
+}
+
+/// Why the program stops and waits.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum StopKind {
+    /// M0, M1, M60, or the look at the way to a line in the middle.
+    Program,
+    /// A block has ended in single step.
+    Step,
+    /// One of M100 to M199: it goes on when its program has ended.
+    User(UserCall),
+}
+
+/// One of M100 to M199 in a program.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct UserCall {
+    /// The number after M.
+    pub number: u32,
+    /// P and Q words.
+    pub words: [Option<f64>; 2],
+    /// Program line.
+    pub line: u32,
+}
+
+impl UserCall {
+    /// As it is written in programs.
+    pub(crate) fn text(&self) -> String {
+        let word = |letter: char, value: Option<f64>| value.map(|value| format!(" {letter}{value}"));
+        let [p, q] = [word('P', self.words[0]), word('Q', self.words[1])].map(Option::unwrap_or_default);
+        format!("M{}{p}{q}", self.number)
+    }
+}
+
+/// A block that waits to be driven.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct QueuedBlock {
+    pub block: u32,
+    /// Where it ends, machine coordinates.
+    pub end: Axes,
+    /// Programmed speed, mm/s; infinite for rapids.
+    pub feed_mm_s: f64,
+    /// Programmed path from the job's start to the block's end, mm.
+    pub path_mm: f64,
+}
+
+/// What an action does, for people; none where it is none of the periphery's.
+pub(crate) fn describe(action: &Action) -> Option<String> {
+    Some(match action {
+        Action::SelectTool(tool) => format!("select tool {tool}"),
+        Action::ChangeTool(tool) => format!("change to tool {tool}"),
+        Action::Spindle { direction, speed_rpm } => match direction {
+            SpindleDirection::Stopped => "spindle stop".to_owned(),
+            SpindleDirection::Clockwise => format!("spindle clockwise {speed_rpm} rpm"),
+            SpindleDirection::CounterClockwise => format!("spindle counter-clockwise {speed_rpm} rpm"),
+        },
+        Action::Coolant { mist, flood } => {
+            let word = |on: bool| if on { "on" } else { "off" };
+            format!("mist {}, flood {}", word(*mist), word(*flood))
+        }
+        Action::ToolNumber(tool) => format!("tool {tool} is in the spindle"),
+        Action::Message(text) | Action::Print(text) => text.clone(),
+        _ => return None,
+    })
+}

@@ -1,0 +1,410 @@
+//! M100 to M199: the machine's own commands, programs in a folder beside the machine file.
+//!
+//! Such a program runs while the axes rest and the plan waits, in a process group of its own, without a shell, with P and Q as
+//! its two arguments (-1 for a word that is missing, as machine builders know it). What it writes is told line by line. It
+//! is over when it ends; whatever it leaves behind in the background is its own affair.
+
+use std::io::{BufRead, BufReader, PipeReader, Read};
+use std::os::unix::fs::PermissionsExt;
+use std::os::unix::process::{CommandExt, ExitStatusExt};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{self, Receiver, Sender};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use rustix::process::{Pid, Signal, kill_process_group};
+
+use crate::job::Setup;
+use crate::news::UserCall;
+
+/// Time between two looks at a program that runs.
+const LOOK_EVERY: Duration = Duration::from_millis(2);
+/// How long a program may take to end after it was asked to.
+const GRACE: Duration = Duration::from_secs(1);
+/// How long what was written last is waited for, where something in the background keeps the pipe open.
+const LAST_WORDS: Duration = Duration::from_millis(100);
+/// Bytes of output that are told, of a line and in all.
+const MOST_OF_LINE: u64 = 500;
+const MOST_BYTES: u64 = 64 * 1024;
+/// What a program gets for a word that is missing.
+const NO_WORD: f64 = -1.0;
+
+/// Where the programs are, and how long they may take.
+#[derive(Clone, Debug)]
+pub(crate) struct UserCodes {
+    folder: PathBuf,
+    timeout: Duration,
+    machine_name: String,
+}
+
+/// What happens to one.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum UserNews {
+    /// It has written a line.
+    Line(String),
+    /// It is over: in order, or with a sentence that says what went wrong.
+    Ended(Result<(), String>),
+}
+
+/// One at work. Dropped, it is killed.
+#[derive(Debug)]
+pub(crate) struct UserProgram {
+    news: Receiver<UserNews>,
+    cancelled: Arc<AtomicBool>,
+    is_over: bool,
+}
+
+impl UserCodes {
+    /// As the machine file says.
+    pub(crate) fn of(setup: &Setup) -> Self {
+        let program = &setup.machine.program;
+        let beside = setup.machine_file.parent().unwrap_or(Path::new(""));
+        let folder = match &program.user_code_folder {
+            Some(folder) => beside.join(folder),
+            None => beside.to_path_buf(),
+        };
+        Self {
+            // The program starts in this folder: a relative path would be looked for from there.
+            folder: std::path::absolute(&folder).unwrap_or(folder),
+            timeout: Duration::from_secs_f64(program.user_code_timeout_s),
+            machine_name: setup.machine.name.clone(),
+        }
+    }
+
+    /// Why a command cannot be executed, before anything is started.
+    pub(crate) fn objection(&self, number: u32) -> Option<String> {
+        let file = self.file(number);
+        let what = match file.metadata() {
+            Err(error) => {
+                return Some(format!(
+                    "M{number}: {}: {error}; {}",
+                    file.display(),
+                    self.advice()
+                ));
+            }
+            Ok(facts) if !facts.is_file() => "is no file",
+            Ok(facts) if facts.permissions().mode() & 0o111 == 0 => "is not executable",
+            // Whoever may write it may move the machine.
+            Ok(facts) if facts.permissions().mode() & 0o002 != 0 => "may be written by everybody",
+            Ok(_) => return None,
+        };
+        Some(format!("M{number}: {} {what}; {}", file.display(), self.advice()))
+    }
+
+    fn file(&self, number: u32) -> PathBuf {
+        self.folder.join(format!("M{number}"))
+    }
+
+    fn advice(&self) -> &'static str {
+        "put an executable of that name there, or name the folder with program.user_code_folder in the machine file"
+    }
+
+    /// Starts the program of a command, on a thread of its own.
+    pub(crate) fn start(&self, call: UserCall) -> UserProgram {
+        let (sender, news) = mpsc::channel();
+        let cancelled = Arc::new(AtomicBool::new(false));
+        let (codes, told) = (self.clone(), Arc::clone(&cancelled));
+        let failed = sender.clone();
+        let started = thread::Builder::new().name("user-code".into()).spawn(move || {
+            let result = codes.run(call, &told, &sender);
+            let _gone = sender.send(UserNews::Ended(result));
+        });
+        if let Err(error) = started {
+            let _gone = failed.send(UserNews::Ended(Err(format!(
+                "{}: no thread: {error}",
+                call.text()
+            ))));
+        }
+        UserProgram {
+            news,
+            cancelled,
+            is_over: false,
+        }
+    }
+
+    fn run(&self, call: UserCall, cancelled: &AtomicBool, told: &Sender<UserNews>) -> Result<(), String> {
+        if let Some(objection) = self.objection(call.number) {
+            return Err(objection);
+        }
+        let name = call.text();
+        let fails = |error: std::io::Error| format!("{name}: cannot be started: {error}");
+        let (output, input) = std::io::pipe().map_err(fails)?;
+        let mut command = Command::new(self.file(call.number));
+        for word in call.words {
+            command.arg(word.unwrap_or(NO_WORD).to_string());
+        }
+        let child = command
+            .current_dir(&self.folder)
+            .env("EVOLVENT_MACHINE_NAME", &self.machine_name)
+            .env("EVOLVENT_LINE", call.line.to_string())
+            // What speaks for the core to its service manager is not for others.
+            .env_remove("NOTIFY_SOCKET")
+            .env_remove("WATCHDOG_USEC")
+            .env_remove("WATCHDOG_PID")
+            .stdin(Stdio::null())
+            .stdout(input.try_clone().map_err(fails)?)
+            .stderr(input)
+            .process_group(0)
+            .spawn()
+            .map_err(fails)?;
+        // Our ends of the pipe go with the command, so that its end is seen.
+        drop(command);
+        let (done, is_read) = mpsc::channel();
+        let lines = told.clone();
+        let reader = thread::Builder::new()
+            .name("user-code-output".into())
+            .spawn(move || {
+                read_lines(output, &lines);
+                let _gone = done.send(());
+            });
+        let result = self.watch(&name, child, cancelled);
+        if reader.is_ok() {
+            let _late = is_read.recv_timeout(LAST_WORDS);
+        }
+        result
+    }
+
+    /// Waits for the end, and makes one where that takes too long.
+    fn watch(&self, name: &str, mut child: Child, cancelled: &AtomicBool) -> Result<(), String> {
+        let begin = Instant::now();
+        let mut asked: Option<Instant> = None;
+        loop {
+            match child.try_wait() {
+                Ok(Some(_)) if asked.is_some() => return Err(format!("{name}: was ended by a stop")),
+                Ok(Some(status)) => return judge(name, status),
+                Ok(None) => {}
+                Err(error) => return Err(format!("{name}: cannot be waited for: {error}")),
+            }
+            if asked.is_none() && cancelled.load(Ordering::Acquire) {
+                asked = Some(Instant::now());
+                signal(&child, Signal::TERM);
+            }
+            let is_late = asked.is_none() && begin.elapsed() > self.timeout;
+            if is_late || asked.is_some_and(|since| since.elapsed() > GRACE) {
+                signal(&child, Signal::KILL);
+                let _ended = child.wait();
+                return Err(if is_late {
+                    format!(
+                        "{name}: did not end within {} s and was killed; see what it waits for, or raise \
+                         program.user_code_timeout_s",
+                        self.timeout.as_secs_f64()
+                    )
+                } else {
+                    format!("{name}: was ended by a stop")
+                });
+            }
+            thread::sleep(LOOK_EVERY);
+        }
+    }
+}
+
+/// To the program and all that it has started.
+fn signal(child: &Child, signal: Signal) {
+    if let Some(group) = Pid::from_raw(child.id().cast_signed()) {
+        // What has ended by itself needs none.
+        let _gone = kill_process_group(group, signal);
+    }
+}
+
+fn judge(name: &str, status: ExitStatus) -> Result<(), String> {
+    match (status.code(), status.signal()) {
+        (Some(0), _) => Ok(()),
+        (Some(code), _) => Err(format!(
+            "{name}: ended with exit code {code}; see what it has written"
+        )),
+        (None, signal) => Err(format!("{name}: was killed by signal {}", signal.unwrap_or(0))),
+    }
+}
+
+fn read_lines(output: PipeReader, told: &Sender<UserNews>) {
+    let mut reader = BufReader::new(output);
+    let (mut bytes, mut left) = (Vec::new(), MOST_BYTES);
+    // What is beyond the limit is read too, so that the program does not wait for us, and forgotten.
+    loop {
+        bytes.clear();
+        match reader.by_ref().take(MOST_OF_LINE).read_until(b'\n', &mut bytes) {
+            Ok(0) | Err(_) => return,
+            Ok(count) if left > 0 => {
+                left = left.saturating_sub(count as u64);
+                let text: String = String::from_utf8_lossy(&bytes)
+                    .trim_end()
+                    .chars()
+                    .map(|c| if c.is_control() { ' ' } else { c })
+                    .collect();
+                let _gone = told.send(UserNews::Line(text));
+                if left == 0 {
+                    let _gone = told.send(UserNews::Line("(more was written)".to_owned()));
+                }
+            }
+            Ok(_) => {}
+        }
+    }
+}
+
+impl UserProgram {
+    /// What has happened since the last call.
+    pub(crate) fn poll(&mut self) -> Option<UserNews> {
+        let news = self.news.try_recv().ok()?;
+        self.is_over |= matches!(news, UserNews::Ended(_));
+        Some(news)
+    }
+
+    /// Whether its end has been told.
+    pub(crate) fn is_over(&self) -> bool {
+        self.is_over
+    }
+
+    /// Ends it: asked first, killed if that does not help.
+    pub(crate) fn cancel(&self) {
+        self.cancelled.store(true, Ordering::Release);
+    }
+}
+
+impl Drop for UserProgram {
+    /// Waits for its end: where the process ends next, nobody else would see to it.
+    fn drop(&mut self) {
+        if self.is_over {
+            return;
+        }
+        self.cancel();
+        let deadline = Instant::now() + 2 * GRACE;
+        while Instant::now() < deadline {
+            match self.news.recv_timeout(GRACE) {
+                Ok(UserNews::Line(_)) => {}
+                _ => return,
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A folder with a script called M101, and what comes of it.
+    fn outcome(
+        script: &str,
+        timeout_s: f64,
+        cancel_after: Option<Duration>,
+    ) -> (Vec<String>, Result<(), String>) {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("M101");
+        std::fs::write(&file, format!("#!/bin/sh\n{script}\n")).unwrap();
+        std::fs::set_permissions(&file, PermissionsExt::from_mode(0o755)).unwrap();
+        let codes = UserCodes {
+            folder: folder.path().to_path_buf(),
+            timeout: Duration::from_secs_f64(timeout_s),
+            machine_name: "mill".to_owned(),
+        };
+        let call = UserCall {
+            number: 101,
+            words: [Some(2.5), None],
+            line: 7,
+        };
+        let mut program = codes.start(call);
+        let (begin, mut lines) = (Instant::now(), Vec::new());
+        loop {
+            match program.poll() {
+                Some(UserNews::Line(line)) => lines.push(line),
+                Some(UserNews::Ended(result)) => {
+                    assert!(program.is_over());
+                    return (lines, result);
+                }
+                None => thread::sleep(Duration::from_millis(1)),
+            }
+            if cancel_after.is_some_and(|after| begin.elapsed() > after) {
+                program.cancel();
+            }
+            assert!(begin.elapsed() < Duration::from_secs(20), "never ends");
+        }
+    }
+
+    #[test]
+    fn a_program_gets_its_words_and_place_and_what_it_writes_is_told() {
+        let (lines, result) = outcome(
+            "echo \"$1 $2 $# $EVOLVENT_MACHINE_NAME $EVOLVENT_LINE\"; [ -x M101 ] && echo here >&2",
+            5.0,
+            None,
+        );
+        assert_eq!(result, Ok(()));
+        assert_eq!(lines, ["2.5 -1 2 mill 7", "here"]);
+    }
+
+    #[test]
+    fn words_are_no_shell() {
+        let call = UserCall {
+            number: 150,
+            words: [Some(-0.25), Some(1e9)],
+            line: 1,
+        };
+        assert_eq!(call.text(), "M150 P-0.25 Q1000000000");
+    }
+
+    #[test]
+    fn a_program_that_fails_is_killed_or_hangs_ends_with_a_sentence_that_says_so() {
+        for (script, said) in [
+            ("exit 3", "exit code 3"),
+            ("kill -9 $$", "killed by signal 9"),
+            ("trap '' TERM; sleep 30", "did not end within 0.3 s"),
+        ] {
+            let (_, result) = outcome(script, 0.3, None);
+            let text = result.unwrap_err();
+            assert!(
+                text.contains(said) && text.starts_with("M101 P2.5: "),
+                "{script}: {text}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_stop_ends_a_program_and_all_that_it_has_started() {
+        let begin = Instant::now();
+        let (lines, result) = outcome(
+            "sleep 33.25 & echo $!; wait",
+            60.0,
+            Some(Duration::from_millis(300)),
+        );
+        assert!(result.unwrap_err().contains("stop") && begin.elapsed() < Duration::from_secs(10));
+        let child: u32 = lines[0].parse().unwrap();
+        thread::sleep(Duration::from_millis(50));
+        let left = std::fs::read_to_string(format!("/proc/{child}/cmdline")).unwrap_or_default();
+        assert!(!left.contains("33.25"), "{left}");
+    }
+
+    #[test]
+    fn what_runs_on_in_the_background_does_not_hold_the_program_up() {
+        let begin = Instant::now();
+        let (_, result) = outcome("sleep 5 & exit 0", 3.0, None);
+        assert_eq!(result, Ok(()));
+        assert!(begin.elapsed() < Duration::from_secs(3));
+    }
+
+    #[test]
+    fn endless_output_is_cut() {
+        let (lines, result) = outcome("yes 0123456789 | head -c 1000000", 10.0, None);
+        assert_eq!(result, Ok(()));
+        assert!(lines.len() < 10_000 && lines[lines.len() - 1] == "(more was written)");
+    }
+
+    #[test]
+    fn what_is_missing_or_everybody_s_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let codes = UserCodes {
+            folder: folder.path().to_path_buf(),
+            timeout: Duration::from_secs(1),
+            machine_name: String::new(),
+        };
+        assert!(codes.objection(101).unwrap().contains("M101"));
+        let file = folder.path().join("M101");
+        std::fs::write(&file, "#!/bin/sh\n").unwrap();
+        for (mode, said) in [(0o644, "not executable"), (0o757, "by everybody")] {
+            std::fs::set_permissions(&file, PermissionsExt::from_mode(mode)).unwrap();
+            assert!(codes.objection(101).unwrap().contains(said));
+        }
+        std::fs::set_permissions(&file, PermissionsExt::from_mode(0o750)).unwrap();
+        assert_eq!(codes.objection(101), None);
+    }
+}
