@@ -11,6 +11,10 @@
 //! middle one of the three Bernstein coefficients of the quadratic `a` over an interval of length `d`. It has a cap
 //! too: where speed passes its maximum within an interval, it does not exceed the caps there.
 
+use std::ops::{Add, AddAssign, Mul};
+
+use wide::f64x2;
+
 use crate::window::Window;
 
 /// Weight of the barrier at a cap beside that at a row of the axes: where nothing but the cap limits the motion, the
@@ -82,154 +86,95 @@ pub(crate) struct Local {
     pub(crate) h: Vec<[f64; 6]>,
 }
 
-/// Value of the barrier function; `None` outside of the limits.
-pub(crate) fn value(window: &Window, objective: &Objective, x: &Iterate) -> Option<f64> {
-    match window.lanes {
-        2 => value_of::<2>(window, objective, x),
-        4 => value_of::<4>(window, objective, x),
-        6 => value_of::<6>(window, objective, x),
-        _ => value_of::<10>(window, objective, x),
-    }
+/// Two numbers, of an interval with even index and of the one behind it.
+type Pair = f64x2;
+
+/// What is known of two neighbouring intervals: their lengths, the values at their starts and ends and in their middles.
+struct Two {
+    first: usize,
+    second: usize,
+    d: Pair,
+    a: Pair,
+    b: Pair,
+    c: Pair,
+    end: (Pair, Pair),
+    middle: (Pair, Pair),
+    /// `u'^2` of the middle Bernstein coefficient.
+    control: Pair,
+    /// 0 where the state at the start is what it is, and only the jerk from it on can be chosen.
+    free: Pair,
 }
 
-/// Gradient and Hessian at a point within the limits.
-pub(crate) fn assemble(window: &Window, objective: &Objective, x: &Iterate, local: &mut Local) {
-    match window.lanes {
-        2 => assemble_of::<2>(window, objective, x, local),
-        4 => assemble_of::<4>(window, objective, x, local),
-        6 => assemble_of::<6>(window, objective, x, local),
-        _ => assemble_of::<10>(window, objective, x, local),
-    }
-}
-
-/// One point's derivatives, a lane for every axis.
-struct Row<'a, const L: usize> {
-    first: &'a [f64; L],
-    second: &'a [f64; L],
-    third: &'a [f64; L],
-}
-
-/// The three points of each interval.
-fn rows<const L: usize>(q: &[f64]) -> impl Iterator<Item = [Row<'_, L>; 3]> {
-    let (lanes, _) = q.as_chunks::<L>();
-    lanes.chunks_exact(9).map(|nine| {
-        let row = |p: usize| Row {
-            first: &nine[3 * p],
-            second: &nine[3 * p + 1],
-            third: &nine[3 * p + 2],
+impl Two {
+    /// The pair number `j`. Of an odd count the last interval stands in both places.
+    fn new(window: &Window, x: &Iterate, j: usize) -> Self {
+        let n = window.n();
+        let (first, second) = (2 * j, (2 * j + 1).min(n - 1));
+        let of = |values: &[f64]| Pair::new([values[first], values[second]]);
+        let next = |values: &[f64]| Pair::new([values[first + 1], values[second + 1]]);
+        let (d, a, b, c) = (of(&window.d), of(&x.a), of(&x.b), of(&x.c));
+        let free = if j == 0 && !window.from_rest {
+            Pair::new([0.0, if n > 1 { 1.0 } else { 0.0 }])
+        } else {
+            Pair::splat(1.0)
         };
-        [row(0), row(1), row(2)]
-    })
-}
-
-/// Scales of an interval's rows.
-fn scales<const L: usize>(window: &Window, k: usize) -> ([f64; L], [f64; L]) {
-    let (mut a, mut j) = ([0.0; L], [0.0; L]);
-    let (loose_a, loose_j) = window.loose[k];
-    for i in 0..L {
-        a[i] = window.inverse_a[i] * loose_a;
-        j[i] = window.inverse_j[i] * loose_j;
-    }
-    (a, j)
-}
-
-impl<const L: usize> Row<'_, L> {
-    /// Product of `1 - y^2` over all axes; not positive outside of the limits.
-    fn room(&self, at: (f64, f64, f64), inverse: &([f64; L], [f64; L]), acceleration: bool) -> f64 {
-        let (a, b, c) = at;
-        let root = a.sqrt();
-        let (mut product, mut least): (f64, f64) = (1.0, 1.0);
-        let mut room = [1.0; L];
-        for i in 0..L {
-            let y = root * (self.third[i] * a + 3.0 * self.second[i] * b + self.first[i] * c) * inverse.1[i];
-            room[i] = 1.0 - y * y;
+        Self {
+            first,
+            second,
+            d,
+            a,
+            b,
+            c,
+            end: (next(&x.a), next(&x.b)),
+            middle: (a + d * (b + 0.25 * d * c), b + 0.5 * d * c),
+            control: a + b * d,
+            free,
         }
-        for r in room {
-            product *= r;
-            least = least.min(r);
-        }
-        if acceleration {
-            for i in 0..L {
-                let y = (self.second[i] * a + self.first[i] * b) * inverse.0[i];
-                room[i] = 1.0 - y * y;
-            }
-            for r in room {
-                product *= r;
-                least = least.min(r);
-            }
-        }
-        if least > 0.0 { product } else { f64::NAN }
     }
 
-    /// Adds gradient and Hessian of `-weight sum log(1 - y^2)` by the point's own `(a, b, c)`.
-    fn add(
-        &self,
-        at: (f64, f64, f64),
-        inverse: &([f64; L], [f64; L]),
-        weight: f64,
-        acceleration: bool,
-        g: &mut [f64; 3],
-        h: &mut [f64; 6],
-    ) {
-        let (a, b, c) = at;
-        let root = a.sqrt();
-        let half = 0.5 / root;
-        let (mut r, mut s) = ([0.0; L], [0.0; L]);
-        let (mut da, mut db, mut dc) = ([0.0; L], [0.0; L], [0.0; L]);
-        for i in 0..L {
-            let l = (self.third[i] * a + 3.0 * self.second[i] * b + self.first[i] * c) * inverse.1[i];
-            let y = root * l;
-            da[i] = root * self.third[i] * inverse.1[i] + half * l;
-            db[i] = root * 3.0 * self.second[i] * inverse.1[i];
-            dc[i] = root * self.first[i] * inverse.1[i];
-            let inv = 1.0 / (1.0 - y * y);
-            r[i] = 2.0 * weight * y * inv;
-            s[i] = 2.0 * weight * (1.0 + y * y) * inv * inv;
-        }
-        g[0] += dot(&r, &da);
-        g[1] += dot(&r, &db);
-        g[2] += dot(&r, &dc);
-        h[0] += dot3(&s, &da, &da);
-        h[1] += dot3(&s, &da, &db);
-        h[2] += dot3(&s, &db, &db);
-        h[3] += dot3(&s, &da, &dc);
-        h[4] += dot3(&s, &db, &dc);
-        h[5] += dot3(&s, &dc, &dc);
-        if acceleration {
-            for i in 0..L {
-                da[i] = self.second[i] * inverse.0[i];
-                db[i] = self.first[i] * inverse.0[i];
-                let y = da[i] * a + db[i] * b;
-                let inv = 1.0 / (1.0 - y * y);
-                r[i] = 2.0 * weight * y * inv;
-                s[i] = 2.0 * weight * (1.0 + y * y) * inv * inv;
-            }
-            g[0] += dot(&r, &da);
-            g[1] += dot(&r, &db);
-            h[0] += dot3(&s, &da, &da);
-            h[1] += dot3(&s, &da, &db);
-            h[2] += dot3(&s, &db, &db);
-        }
+    /// Caps of `u'^2` at the starts, in the middles and of the middle Bernstein coefficients.
+    fn caps(&self, window: &Window) -> [Pair; 3] {
+        let (first, second) = (self.first, self.second);
+        let start = Pair::new([window.cap[first], window.cap[second]]);
+        let end = Pair::new([window.cap[first + 1], window.cap[second + 1]]);
+        let middle = Pair::new([window.middle_cap[first], window.middle_cap[second]]);
+        [start, middle, middle.fast_max(start).fast_max(end)]
+    }
+
+    fn of(&self, values: &[f64]) -> Pair {
+        Pair::new([values[self.first], values[self.second]])
+    }
+
+    /// The state at the three points.
+    fn states(&self) -> [(Pair, Pair, Pair); 3] {
+        [
+            (self.a, self.b, self.c),
+            (self.middle.0, self.middle.1, self.c),
+            (self.end.0, self.end.1, self.c),
+        ]
+    }
+
+    /// Factors on the rows of jerk and of acceleration at the three points, 0 where there are none.
+    fn rows(&self, window: &Window) -> [(Pair, Pair); 3] {
+        let one = Pair::splat(1.0);
+        let bent = self.of(&window.bent);
+        [(one, self.free), (bent, bent), (one, self.of(&window.joints))]
+    }
+
+    /// Factors on the limits of acceleration and of jerk.
+    fn loose(&self, window: &Window) -> (Pair, Pair) {
+        let (first, second) = (window.loose[self.first], window.loose[self.second]);
+        (Pair::new([first.0, second.0]), Pair::new([first.1, second.1]))
     }
 }
 
-/// Sums in pairs, so that lanes stay in vector registers.
-fn dot<const L: usize>(x: &[f64; L], y: &[f64; L]) -> f64 {
-    let mut pair = [0.0; 2];
-    for i in 0..L / 2 {
-        pair[0] += x[2 * i] * y[2 * i];
-        pair[1] += x[2 * i + 1] * y[2 * i + 1];
-    }
-    pair[0] + pair[1]
+fn is_zero(pair: Pair) -> bool {
+    pair == Pair::splat(0.0)
 }
 
-fn dot3<const L: usize>(x: &[f64; L], y: &[f64; L], z: &[f64; L]) -> f64 {
-    let mut pair = [0.0; 2];
-    for i in 0..L / 2 {
-        pair[0] += x[2 * i] * y[2 * i] * z[2 * i];
-        pair[1] += x[2 * i + 1] * y[2 * i + 1] * z[2 * i + 1];
-    }
-    pair[0] + pair[1]
+fn all_positive(pair: Pair) -> bool {
+    let [first, second] = pair.to_array();
+    first > 0.0 && second > 0.0
 }
 
 /// Duration of an interval by Simpson's rule, and of a stub: `3 x / v`.
@@ -237,45 +182,71 @@ pub(crate) fn interval_time(d: f64, a: f64, middle: f64, end: f64) -> f64 {
     d / 6.0 * (1.0 / a.sqrt() + 4.0 / middle.sqrt() + 1.0 / end.sqrt())
 }
 
-fn value_of<const L: usize>(window: &Window, objective: &Objective, x: &Iterate) -> Option<f64> {
+/// Value of the barrier function; `None` outside of the limits.
+pub(crate) fn value(window: &Window, objective: &Objective, x: &Iterate) -> Option<f64> {
     let n = window.n();
-    let mut sum = 0.0;
-    sum += 3.0 * (window.start.length / x.a[0].sqrt() + window.end.length / x.a[n].sqrt());
-    for (k, three) in rows::<L>(&window.q).enumerate() {
-        let (d, a, b, c) = (window.d[k], x.a[k], x.b[k], x.c[k]);
-        let (a1, b1) = (x.a[k + 1], x.b[k + 1]);
-        let middle = a + d * (b + 0.25 * d * c);
-        let control = a + b * d;
-        if !(a > 0.0 && middle > 0.0 && a1 > 0.0 && control > 0.0) {
+    let one = Pair::splat(1.0);
+    let (rows, _) = window.rows.as_chunks::<9>();
+    let mut sum = Pair::splat(0.0);
+    let mut last = Pair::splat(0.0);
+    for j in 0..n.div_ceil(2) {
+        let two = Two::new(window, x, j);
+        let roots = [two.a.sqrt(), two.middle.0.sqrt(), two.end.0.sqrt()];
+        // Not a number fails at the end, as it is in every sum and product from here on.
+        let low = (two.a.fast_min(two.middle.0)).fast_min(two.end.0.fast_min(two.control));
+        if !all_positive(low) {
             return None;
         }
-        let traits = window.traits[k];
-        let inverse = scales::<L>(window, k);
-        // The first state of a moving start is what it is: only the jerk from it on can be chosen.
-        let free = k > 0 || window.from_rest;
-        let (start, mid) = (1.0 - a / window.cap[k], 1.0 - middle / window.middle_cap[k]);
-        if !((start > 0.0 || !free) && mid > 0.0) {
-            return None;
-        }
-        let top = 1.0 - control / window.control_cap(k);
-        if free && (top.is_nan() || top <= 0.0) {
-            return None;
-        }
+        let caps = two.caps(window);
+        let mut room = one - two.free * two.a / caps[0];
+        let mid = one - two.middle.0 / caps[1];
+        let top = one - two.free * two.control / caps[2];
+        let mut least = room.fast_min(mid).fast_min(top);
         // The fourth root: see CAP_WEIGHT.
-        let mut room = (if free { start * mid * top } else { mid }).sqrt().sqrt();
-        room *= three[0].room((a, b, c), &inverse, free);
-        room *= three[2].room((a1, b1, c), &inverse, traits.joint);
-        if !traits.straight {
-            room *= three[1].room((middle, b + 0.5 * d * c, c), &inverse, true);
+        room = (room * mid * top).sqrt().sqrt();
+        let (loose_a, loose_j) = two.loose(window);
+        let parts = two.rows(window);
+        let states = two.states();
+        for (point, (on_jerk, on_acceleration)) in parts.into_iter().enumerate() {
+            if is_zero(on_jerk) {
+                continue;
+            }
+            let ((a, b, c), root) = (states[point], roots[point]);
+            let (b3, root) = (3.0 * b, root * loose_j);
+            for (i, row) in rows[window.count * j..window.count * (j + 1)].iter().enumerate() {
+                let (d1, d2, d3) = (row[3 * point], row[3 * point + 1], row[3 * point + 2]);
+                let y = root * (d3 * a + d2 * b3 + d1 * c) * window.inverse_j[i];
+                let left = one - on_jerk * y * y;
+                room *= left;
+                least = least.fast_min(left);
+            }
+            if is_zero(on_acceleration) {
+                continue;
+            }
+            for (i, row) in rows[window.count * j..window.count * (j + 1)].iter().enumerate() {
+                let y = (row[3 * point + 1] * a + row[3 * point] * b) * loose_a * window.inverse_a[i];
+                let left = one - on_acceleration * y * y;
+                room *= left;
+                least = least.fast_min(left);
+            }
         }
-        if room.is_nan() || room <= 0.0 {
+        if !all_positive(least) {
             return None;
         }
-        room *= control / window.middle_cap[k];
-        sum -= objective.weight[k] * libm::log(room);
-        sum += objective.linear[k] * a;
-        sum += interval_time(d, a, middle, a1);
+        room *= two.control / caps[1];
+        let [first, second] = room.to_array();
+        let logarithms = Pair::new([libm::log(first), libm::log(second)]);
+        let ends = roots[0] * roots[2];
+        let time = two.d / 6.0 * (roots[1] * (roots[0] + roots[2]) + 4.0 * ends) / (ends * roots[1]);
+        last = time + two.of(&objective.linear) * two.a - two.of(&objective.weight) * logarithms;
+        sum += last;
     }
+    let [even, odd] = sum.to_array();
+    let mut sum = even + odd;
+    if n % 2 == 1 {
+        sum = even + (odd - last.to_array()[1]);
+    }
+    sum += 3.0 * (window.start.length / x.a[0].sqrt() + window.end.length / x.a[n].sqrt());
     let (a, b) = (x.a[n], x.b[n]);
     sum += objective.linear[n] * a;
     let (w0, w1) = (objective.weight[0], objective.weight[n - 1]);
@@ -296,64 +267,182 @@ fn value_of<const L: usize>(window: &Window, objective: &Objective, x: &Iterate)
     sum.is_finite().then_some(sum)
 }
 
-fn assemble_of<const L: usize>(window: &Window, objective: &Objective, x: &Iterate, local: &mut Local) {
+/// Gradient and Hessian, of one number or of two beside each other.
+struct Model<T> {
+    g: [T; 3],
+    h: [T; 6],
+}
+
+impl Model<Pair> {
+    fn new() -> Self {
+        let zero = Pair::splat(0.0);
+        Self {
+            g: [zero; 3],
+            h: [zero; 6],
+        }
+    }
+
+    /// Adds `-weight log(1 - y^2)` of a row with the gradient `dy`, without the second derivatives of `y`.
+    fn add_row(&mut self, y: Pair, dy: [Pair; 3], weight: Pair) {
+        let square = y * y;
+        let inverse = 1.0 / (1.0 - square);
+        let double = (weight + weight) * inverse;
+        let (r, s) = (double * y, double * inverse * (1.0 + square));
+        let [da, db, dc] = dy;
+        let (sa, sb) = (s * da, s * db);
+        self.g[0] += r * da;
+        self.g[1] += r * db;
+        self.g[2] += r * dc;
+        self.h[0] += sa * da;
+        self.h[1] += sa * db;
+        self.h[2] += sb * db;
+        self.h[3] += sa * dc;
+        self.h[4] += sb * dc;
+        self.h[5] += s * dc * dc;
+    }
+
+    /// The same where `y` does not depend on `c`.
+    fn add_short_row(&mut self, y: Pair, dy: [Pair; 2], weight: Pair) {
+        let square = y * y;
+        let inverse = 1.0 / (1.0 - square);
+        let double = (weight + weight) * inverse;
+        let (r, s) = (double * y, double * inverse * (1.0 + square));
+        let [da, db] = dy;
+        let sa = s * da;
+        self.g[0] += r * da;
+        self.g[1] += r * db;
+        self.h[0] += sa * da;
+        self.h[1] += sa * db;
+        self.h[2] += s * db * db;
+    }
+
+    /// Adds `scale / sqrt(a) - CAP_WEIGHT weight log(1 - a/cap)`.
+    ///
+    /// Nothing where `on` is 0.
+    fn add_cap(&mut self, a: Pair, root: Pair, cap: Pair, weight: Pair, scale: Pair, on: Pair) {
+        let inverse = 1.0 / a;
+        let slope = -0.5 * scale * on * inverse / root;
+        let f = 1.0 / (cap - on * a);
+        let push = CAP_WEIGHT * weight * on * f;
+        self.g[0] += slope + push;
+        self.h[0] += push * f - 1.5 * slope * inverse;
+    }
+}
+
+impl<T> Model<T>
+where
+    T: Copy + Add<Output = T> + Mul<Output = T> + Mul<f64, Output = T> + AddAssign,
+{
+    /// Adds the model of a point at distance `x` from the station to the station's own.
+    fn add_shifted(&mut self, x: T, point: &Self) {
+        // The point's (a, b, c) by the station's: rows (1, 2x, x^2), (0, 1, x), (0, 0, 1).
+        let [aa, ab, bb, ac, bc, cc] = point.h;
+        let (gp, twice) = (point.g, x * 2.0);
+        self.g[0] += gp[0];
+        self.g[1] += twice * gp[0] + gp[1];
+        self.g[2] += x * (x * gp[0] + gp[1]) + gp[2];
+        // Columns of Hp times the matrix.
+        let (ab1, bb1) = (twice * aa + ab, twice * ab + bb);
+        let (ac1, bc2, cc1) = (
+            x * (x * aa + ab) + ac,
+            x * (x * ab + bb) + bc,
+            x * (x * ac + bc) + cc,
+        );
+        self.h[0] += aa;
+        self.h[1] += ab1;
+        self.h[2] += twice * ab1 + bb1;
+        self.h[3] += ac1;
+        self.h[4] += twice * ac1 + bc2;
+        self.h[5] += x * (x * ac1 + bc2) + cc1;
+    }
+}
+
+/// Gradient and Hessian at a point within the limits.
+pub(crate) fn assemble(window: &Window, objective: &Objective, x: &Iterate, local: &mut Local) {
     let n = window.n();
     local.g.clear();
     local.h.clear();
     local.g.resize(n + 1, [0.0; 3]);
     local.h.resize(n + 1, [0.0; 6]);
+    let (rows, _) = window.rows.as_chunks::<9>();
     // What an interval says of its end is folded into its own (a, b, c): a1 = a + 2 b d + c d^2, b1 = b + c d.
-    for (k, three) in rows::<L>(&window.q).enumerate() {
-        let (d, a, b, c) = (window.d[k], x.a[k], x.b[k], x.c[k]);
-        let (a1, b1) = (x.a[k + 1], x.b[k + 1]);
-        let (middle, b_middle) = (a + d * (b + 0.25 * d * c), b + 0.5 * d * c);
-        let inverse = scales::<L>(window, k);
-        let (weight, traits) = (objective.weight[k], window.traits[k]);
-        let (mut g, mut h) = ([0.0; 3], [0.0; 6]);
-        let free = k > 0 || window.from_rest;
-        three[0].add((a, b, c), &inverse, weight, free, &mut g, &mut h);
-        if free {
-            add_cap(a, window.cap[k], weight, d / 6.0, &mut g, &mut h);
+    for j in 0..n.div_ceil(2) {
+        let two = Two::new(window, x, j);
+        let (weight, d) = (two.of(&objective.weight), two.d);
+        let caps = two.caps(window);
+        let (loose_a, loose_j) = two.loose(window);
+        let (parts, states) = (two.rows(window), two.states());
+        let roots = [two.a.sqrt(), two.middle.0.sqrt(), two.end.0.sqrt()];
+        let mut models = [Model::new(), Model::new(), Model::new()];
+        for (point, (on_jerk, on_acceleration)) in parts.into_iter().enumerate() {
+            if is_zero(on_jerk) {
+                continue;
+            }
+            let ((a, b, c), model) = (states[point], &mut models[point]);
+            let (b3, root) = (3.0 * b, roots[point]);
+            let half = 0.5 / root;
+            let on = weight * on_jerk;
+            for (i, row) in rows[window.count * j..window.count * (j + 1)].iter().enumerate() {
+                let inverse = loose_j * window.inverse_j[i];
+                let (d1, d2, d3) = (row[3 * point], row[3 * point + 1], row[3 * point + 2]);
+                let l = (d3 * a + d2 * b3 + d1 * c) * inverse;
+                let scale = root * inverse;
+                let dy = [scale * d3 + half * l, 3.0 * scale * d2, scale * d1];
+                model.add_row(on_jerk * root * l, dy, on);
+            }
+            if is_zero(on_acceleration) {
+                continue;
+            }
+            let on = weight * on_acceleration;
+            for (i, row) in rows[window.count * j..window.count * (j + 1)].iter().enumerate() {
+                let inverse = loose_a * window.inverse_a[i];
+                let dy = [row[3 * point + 1] * inverse, row[3 * point] * inverse];
+                model.add_short_row(on_acceleration * (dy[0] * a + dy[1] * b), dy, on);
+            }
         }
-        g[0] += objective.linear[k];
-        if k == 0 && window.from_rest {
-            add_time(a, 3.0 * window.start.length, &mut g, &mut h);
-            let f = 1.0 / (window.start.most - b);
-            g[1] += weight * f;
-            h[2] += weight * f * f;
+        let [mut model, mut middle, mut end] = models;
+        let sixth = d / 6.0;
+        // Where the start cannot be chosen, what is said of it changes nothing.
+        let one = Pair::splat(1.0);
+        model.add_cap(two.a, roots[0], caps[0], weight, sixth, two.free);
+        middle.add_cap(two.middle.0, roots[1], caps[1], weight, 4.0 * sixth, one);
+        let time = -0.5 * sixth / (two.end.0 * roots[2]);
+        end.g[0] += time;
+        end.h[0] -= 1.5 * time / two.end.0;
+        let inverse = 1.0 / two.control;
+        let f = 1.0 / (caps[2] - two.free * two.control);
+        let push = CAP_WEIGHT * two.free * weight * f;
+        let (slope, bend) = (push - weight * inverse, push * f + weight * inverse * inverse);
+        model.g[0] += two.of(&objective.linear) + slope;
+        model.g[1] += d * slope;
+        model.h[0] += bend;
+        model.h[1] += d * bend;
+        model.h[2] += d * d * bend;
+        model.add_shifted(0.5 * d, &middle);
+        model.add_shifted(d, &end);
+        for (i, g) in model.g.into_iter().enumerate() {
+            let [first, second] = g.to_array();
+            (local.g[two.first][i], local.g[two.second][i]) = (first, second);
         }
-        let control = a + b * d;
-        let inverse_control = 1.0 / control;
-        let (mut slope, mut bend) = (
-            -weight * inverse_control,
-            weight * inverse_control * inverse_control,
-        );
-        if free {
-            let f = 1.0 / (window.control_cap(k) - control);
-            slope += CAP_WEIGHT * weight * f;
-            bend += CAP_WEIGHT * weight * f * f;
+        for (i, h) in model.h.into_iter().enumerate() {
+            let [first, second] = h.to_array();
+            (local.h[two.first][i], local.h[two.second][i]) = (first, second);
         }
-        g[0] += slope;
-        g[1] += d * slope;
-        h[0] += bend;
-        h[1] += d * bend;
-        h[2] += d * d * bend;
-        let (mut gm, mut hm) = ([0.0; 3], [0.0; 6]);
-        if !traits.straight {
-            three[1].add((middle, b_middle, c), &inverse, weight, true, &mut gm, &mut hm);
-        }
-        add_cap(middle, window.middle_cap[k], weight, d / 1.5, &mut gm, &mut hm);
-        shift(0.5 * d, &gm, &hm, &mut g, &mut h);
-        let (mut ge, mut he) = ([0.0; 3], [0.0; 6]);
-        three[2].add((a1, b1, c), &inverse, weight, traits.joint, &mut ge, &mut he);
-        add_time(a1, d / 6.0, &mut ge, &mut he);
-        shift(d, &ge, &he, &mut g, &mut h);
-        (local.g[k], local.h[k]) = (g, h);
+    }
+    if window.from_rest {
+        let (g, h) = (&mut local.g[0], &mut local.h[0]);
+        let weight = objective.weight[0];
+        add_time(x.a[0], 3.0 * window.start.length, g, h);
+        let f = 1.0 / (window.start.most - x.b[0]);
+        g[1] += weight * f;
+        h[2] += weight * f * f;
     }
     let (g, h) = (&mut local.g[n], &mut local.h[n]);
     let weight = objective.weight[n - 1];
-    add_cap(x.a[n], window.cap[n], weight, 3.0 * window.end.length, g, h);
-    g[0] += objective.linear[n];
+    add_time(x.a[n], 3.0 * window.end.length, g, h);
+    let f = 1.0 / (window.cap[n] - x.a[n]);
+    g[0] += objective.linear[n] + CAP_WEIGHT * weight * f;
+    h[0] += CAP_WEIGHT * weight * f * f;
     let f = 1.0 / (window.end.most + x.b[n]);
     g[1] -= weight * f;
     h[2] += weight * f * f;
@@ -366,44 +455,14 @@ fn add_time(a: f64, scale: f64, g: &mut [f64; 3], h: &mut [f64; 6]) {
     h[0] -= 1.5 * slope / a;
 }
 
-/// Adds `scale / sqrt(a) - CAP_WEIGHT weight log(1 - a/cap)`.
-fn add_cap(a: f64, cap: f64, weight: f64, scale: f64, g: &mut [f64; 3], h: &mut [f64; 6]) {
-    add_time(a, scale, g, h);
-    let f = 1.0 / (cap - a);
-    g[0] += CAP_WEIGHT * weight * f;
-    h[0] += CAP_WEIGHT * weight * f * f;
-}
-
-/// Adds a point's gradient and Hessian at distance `x` from the station to the station's own.
-fn shift(x: f64, gp: &[f64; 3], hp: &[f64; 6], g: &mut [f64; 3], h: &mut [f64; 6]) {
-    // The point's (a, b, c) by the station's: rows (1, 2x, x^2), (0, 1, x), (0, 0, 1).
-    let [aa, ab, bb, ac, bc, cc] = *hp;
-    g[0] += gp[0];
-    g[1] += 2.0 * x * gp[0] + gp[1];
-    g[2] += x * (x * gp[0] + gp[1]) + gp[2];
-    // Columns of Hp times the matrix.
-    let (ab1, bb1) = (2.0 * x * aa + ab, 2.0 * x * ab + bb);
-    let (ac1, bc2, cc1) = (
-        x * (x * aa + ab) + ac,
-        x * (x * ab + bb) + bc,
-        x * (x * ac + bc) + cc,
-    );
-    h[0] += aa;
-    h[1] += ab1;
-    h[2] += 2.0 * x * ab1 + bb1;
-    h[3] += ac1;
-    h[4] += 2.0 * x * ac1 + bc2;
-    h[5] += x * (x * ac1 + bc2) + cc1;
-}
-
 /// The largest `|y|` of acceleration and of jerk among the rows of interval `k`.
 pub(crate) fn strain(window: &Window, k: usize, x: &Iterate) -> (f64, f64) {
     let (d, a, b, c) = (window.d[k], x.a[k], x.b[k], x.c[k]);
-    let lanes = window.lanes;
-    let q = &window.q[9 * lanes * k..9 * lanes * (k + 1)];
+    let (rows, _) = window.rows.as_chunks::<9>();
+    let rows = &rows[window.count * (k / 2)..window.count * (k / 2 + 1)];
     let (mut most_a, mut most_j): (f64, f64) = (0.0, 0.0);
     for (point, at) in [0.0, 0.5 * d, d].into_iter().enumerate() {
-        if point == 1 && window.traits[k].straight {
+        if point == 1 && window.bent[k] == 0.0 {
             continue;
         }
         let (ap, bp) = if point == 2 {
@@ -412,14 +471,14 @@ pub(crate) fn strain(window: &Window, k: usize, x: &Iterate) -> (f64, f64) {
             (a + at * (2.0 * b + at * c), b + at * c)
         };
         let root = ap.max(0.0).sqrt();
-        for lane in 0..window.count {
-            let derivative = |order: usize| q[(3 * point + order) * lanes + lane];
+        for (i, row) in rows.iter().enumerate() {
+            let derivative = |order: usize| row[3 * point + order].to_array()[k % 2];
             let (d1, d2, d3) = (derivative(0), derivative(1), derivative(2));
             if point > 0 || k > 0 || window.from_rest {
-                most_a = most_a.max((d2 * ap + d1 * bp).abs() * window.inverse_a[lane]);
+                most_a = most_a.max((d2 * ap + d1 * bp).abs() * window.inverse_a[i]);
             }
             let jerk = root * (d3 * ap + 3.0 * d2 * bp + d1 * c);
-            most_j = most_j.max(jerk.abs() * window.inverse_j[lane]);
+            most_j = most_j.max(jerk.abs() * window.inverse_j[i]);
         }
     }
     (most_a, most_j)

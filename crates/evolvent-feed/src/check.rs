@@ -13,6 +13,8 @@ use crate::window::Window;
 const PLACES: [f64; 4] = [0.15, 0.35, 0.65, 0.85];
 /// Ratios above which the barrier is made stiffer at an interval: of velocity and acceleration, of jerk.
 const EXCESS: (f64, f64) = (1.0005, 1.005);
+/// Ratios that are driven if no work is left to bring them down: less than the guard of the cycle lets pass.
+const MOST: (f64, f64) = (1.0008, 1.012);
 /// By which factor.
 const STIFFER: f64 = 5.0;
 
@@ -47,17 +49,21 @@ impl Ratios {
     }
 }
 
-/// The largest ratios between stations; raises the barrier's weights where they are too large and says whether it
-/// did.
-pub(crate) fn check(
-    window: &Window,
-    grid: &Grid,
-    factor: f64,
-    x: &Iterate,
-    stiff: &mut [f64],
-) -> (Ratios, bool) {
+/// What a check between stations found.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Checked {
+    /// The largest ratios.
+    pub(crate) worst: Ratios,
+    /// Whether some are larger than they need be.
+    pub(crate) raised: bool,
+    /// Whether some are larger than may be driven.
+    pub(crate) broken: bool,
+}
+
+/// The largest ratios between stations; raises the barrier's weights where they are too large.
+pub(crate) fn check(window: &Window, grid: &Grid, factor: f64, x: &Iterate, stiff: &mut [f64]) -> Checked {
     let limits = grid.limits();
-    let (mut worst, mut raised) = (Ratios::default(), false);
+    let mut out = Checked::default();
     for k in 0..window.n() {
         let cell = &window.cells[window.span_index(k)];
         let (d, a, b, c) = (window.d[k], x.a[k], x.b[k], x.c[k]);
@@ -76,7 +82,7 @@ pub(crate) fn check(
             let at = place * d;
             let state = (a + at * (2.0 * b + at * c), b + at * c, c);
             fast |= state.0 > cap * EXCESS.0 * EXCESS.0;
-            if window.traits[k].straight {
+            if window.bent[k] == 0.0 {
                 here.include(&Ratios::at(&cell.points[1], state, limits, factor));
             } else if let Some(stretch) = grid.stretch(cell.stretch) {
                 let point = Point::of(stretch, cell.from + at, limits);
@@ -89,9 +95,12 @@ pub(crate) fn check(
         let fast = fast || (here.velocity > EXCESS.0 && !lifted);
         if fast || here.acceleration > EXCESS.0 || here.jerk > EXCESS.1 {
             stiff[k] *= STIFFER;
-            raised = true;
+            out.raised = true;
         }
-        worst.include(&here);
+        let speed = if lifted { 0.0 } else { here.velocity };
+        // Not a number is broken as well.
+        out.broken |= !(speed.max(here.acceleration) <= MOST.0 && here.jerk <= MOST.1);
+        out.worst.include(&here);
     }
-    (worst, raised)
+    out
 }

@@ -2,7 +2,7 @@
 
 use crate::error::FeedError;
 use crate::grid::{Grid, Place};
-use crate::optimizer::{Job, MOST_STEPS, Optimizer, check};
+use crate::optimizer::{Job, Optimizer, check};
 use crate::piece::{Piece, Ratios, StopReport};
 use crate::profile::Profile;
 use crate::solver::FIRST;
@@ -101,7 +101,7 @@ impl Optimizer {
                 self.solver.pull[at] += 0.5 * scale * self.window.d[k];
             }
         }
-        self.solver.descend(&self.window, FIRST, MOST_STEPS);
+        self.solver.descend(&self.window, FIRST, self.centre_steps());
         let mut worst = self.polish(grid, job.factor);
         let head = out.len();
         self.write(out);

@@ -1,6 +1,6 @@
 //! The planner of one window.
 
-use crate::check::check as check_between;
+use crate::check::{Checked, check as check_between};
 use crate::error::FeedError;
 use crate::grid::{Grid, Place};
 use crate::kept::{Kept, Segment};
@@ -18,11 +18,14 @@ pub const MOST_INTERVALS: usize = 320;
 pub(crate) const MOST_SPANS: usize = MOST_INTERVALS + 200;
 /// Share of the jerk limit that the last stub of an open window may use.
 const GENTLE: f64 = 0.25;
-/// Most Newton steps of one plan.
-pub(crate) const MOST_STEPS: u32 = 200;
+/// Most Newton steps of one plan, and the share of them that the way to its centre may take.
+const MOST_STEPS: u32 = 48;
+const CENTRE_SHARE: u32 = 6;
 /// Most rounds of checking and correcting, and steps of each.
 const POLISHES: usize = 4;
 const POLISH_STEPS: u32 = 8;
+/// Shares of the way from its start that a plan goes if it cannot be driven as far as it went.
+const RETREATS: [f64; 6] = [0.9, 0.75, 0.5, 0.25, 0.1, 0.0];
 /// Most crawls that are tried, each at this share of the `u'^2` of the one before.
 const CRAWLS: usize = 40;
 const SLOWER: f64 = 0.3;
@@ -53,7 +56,10 @@ pub struct Optimizer {
     pub(crate) scratch: Vec<Span>,
     pub(crate) segments: Vec<Segment>,
     pub(crate) goal: Vec<f64>,
+    pub(crate) guide: start::Guide,
     pub(crate) kept: Kept,
+    /// Newton steps that one plan or stop may take.
+    pub(crate) most_steps: u32,
 }
 
 impl Optimizer {
@@ -68,8 +74,18 @@ impl Optimizer {
             scratch: Vec::with_capacity(stations + 2),
             segments: Vec::with_capacity(stations),
             goal: Vec::with_capacity(2 * stations + 1),
+            guide: start::Guide::with_capacity(stations),
             kept: Kept::with_capacity(stations),
+            most_steps: MOST_STEPS,
         }
+    }
+
+    /// Bounds the work of a plan or stop: so many Newton steps, 48 if nothing else is said. What is found by then is
+    /// handed out; it keeps all limits, but is the slower the fewer steps there are.
+    #[must_use]
+    pub fn with_steps(mut self, most: u32) -> Self {
+        self.most_steps = most;
+        self
     }
 
     /// Drops everything that earlier plans have left, so that the next answer depends on its arguments alone.
@@ -151,19 +167,38 @@ impl Optimizer {
         })
     }
 
-    /// Checks between stations and keeps away from the limits where that finds them exceeded.
+    /// Steps that are left for the way to the centre; some are kept for what a check between stations may find.
+    pub(crate) fn centre_steps(&self) -> u32 {
+        let kept = self.most_steps / CENTRE_SHARE;
+        (self.most_steps - kept).saturating_sub(self.solver.iterations)
+    }
+
+    /// Checks between stations and keeps away from the limits where that finds them exceeded. If there are no steps left
+    /// for that, the plan goes back towards the motion that it began with, which keeps them.
     pub(crate) fn polish(&mut self, grid: &Grid, factor: f64) -> Ratios {
-        let mut worst = Ratios::default();
-        for _ in 0..POLISHES {
-            let (found, raised) =
-                check_between(&self.window, grid, factor, &self.solver.x, &mut self.solver.stiff);
-            worst = found;
-            if !raised {
+        let mut checked = self.check_between(grid, factor);
+        for _ in 1..POLISHES {
+            let left = self.most_steps.saturating_sub(self.solver.iterations);
+            if !checked.raised || left == 0 {
                 break;
             }
-            self.solver.descend(&self.window, LAST, POLISH_STEPS);
+            self.solver.descend(&self.window, LAST, left.min(POLISH_STEPS));
+            checked = self.check_between(grid, factor);
         }
-        worst
+        self.solver.mark_end();
+        for share in RETREATS {
+            if !checked.broken {
+                break;
+            }
+            if self.solver.retreat(&self.window, share) {
+                checked = self.check_between(grid, factor);
+            }
+        }
+        checked.worst
+    }
+
+    fn check_between(&mut self, grid: &Grid, factor: f64) -> Checked {
+        check_between(&self.window, grid, factor, &self.solver.x, &mut self.solver.stiff)
     }
 
     /// A plan without anything to start from. Returns the barrier parameter reached.
@@ -184,11 +219,19 @@ impl Optimizer {
         for _ in 0..CRAWLS {
             start::crawl(&self.window, level, &mut self.solver.x);
             if self.solver.feasible(&self.window) {
-                return Some(self.solver.descend(&self.window, FIRST, MOST_STEPS));
+                self.solver.mark();
+                self.lead();
+                return Some(self.solver.descend(&self.window, FIRST, self.centre_steps()));
             }
             level *= SLOWER;
         }
         None
+    }
+
+    /// Brings a crawl nearer to what the path allows.
+    pub(crate) fn lead(&mut self) {
+        start::guide(&self.window, &self.limits, &self.solver.x, &mut self.guide);
+        self.solver.lead(&self.window, &self.guide);
     }
 
     /// Lets lengths change gently between the stubs.

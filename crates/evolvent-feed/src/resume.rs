@@ -4,7 +4,7 @@ use crate::barrier::{Iterate, strain};
 use crate::grid::Place;
 use crate::kept::{Found, Kept};
 use crate::law::Law;
-use crate::optimizer::{Job, MOST_SPANS, MOST_STEPS, Optimizer};
+use crate::optimizer::{Job, MOST_SPANS, Optimizer};
 use crate::piece::Piece;
 use crate::solver::KNOWN;
 use crate::spans;
@@ -40,7 +40,7 @@ impl Optimizer {
         if !self.resume(job, out)? {
             return Some(f64::NAN);
         }
-        Some(self.solver.descend(&self.window, KNOWN, MOST_STEPS))
+        Some(self.solver.descend(&self.window, KNOWN, self.centre_steps()))
     }
 
     /// Sets window and iterate to what is left of the last plan from a place on, and to a crawl on what is new. What
@@ -202,6 +202,7 @@ impl Optimizer {
         if !self.solver.feasible(&self.window) {
             return None;
         }
+        self.solver.mark();
         if above {
             self.lower_caps();
         }

@@ -2,6 +2,7 @@
 
 use crate::barrier::{Iterate, Local, Objective, assemble, interval_time, value};
 use crate::riccati::Riccati;
+use crate::start::Guide;
 use crate::window::Window;
 
 /// Barrier parameter at the start, relative to the duration.
@@ -18,6 +19,15 @@ const CENTRED: f64 = 0.02;
 const TO_CAP: f64 = 0.98;
 /// Steps are shortened by this factor until they are feasible and descend.
 const SHORTER: f64 = 0.75;
+/// How much the first derivative of speed counts beside its distance from a guide.
+const LEAD_SLOPE: f64 = 0.02;
+/// How much the second derivative counts at first, and by which factor more where that leads out of the limits, in at
+/// most so many tries.
+const LEAD_SMOOTH: f64 = 0.2;
+const SMOOTHER: f64 = 5.0;
+const LEADS: usize = 3;
+/// Share of the way to the guide that is gone.
+const LEAD_SHARE: f64 = 0.95;
 /// Most shortenings of one step.
 const SHORTENINGS: usize = 30;
 
@@ -26,6 +36,9 @@ const SHORTENINGS: usize = 30;
 pub(crate) struct Solver {
     pub(crate) x: Iterate,
     trial: Iterate,
+    /// An iterate to go back to, and the one from which that is done.
+    base: Iterate,
+    far: Iterate,
     step: Iterate,
     local: Local,
     riccati: Riccati,
@@ -42,6 +55,8 @@ impl Solver {
         Self {
             x: Iterate::with_capacity(stations),
             trial: Iterate::with_capacity(stations),
+            base: Iterate::with_capacity(stations),
+            far: Iterate::with_capacity(stations),
             step: Iterate::with_capacity(stations),
             local: Local {
                 g: Vec::with_capacity(stations + 1),
@@ -76,6 +91,64 @@ impl Solver {
         let _ = self.riccati.step(window, &self.local, by, &mut self.step);
         self.trial.copy(&self.x);
         self.x.along(&self.trial, &self.step, 1.0);
+    }
+
+    /// Leads a crawl from rest towards a guide, if that stays within the limits: one step of least squares, in which speed
+    /// follows the guide and its derivatives are small over the guide's lengths.
+    pub(crate) fn lead(&mut self, window: &Window, guide: &Guide) {
+        let n = window.n();
+        self.local.g.clear();
+        self.local.h.clear();
+        self.trial.copy(&self.x);
+        let mut smooth = LEAD_SMOOTH;
+        for _ in 0..LEADS {
+            self.local.g.clear();
+            self.local.h.clear();
+            for k in 0..=n {
+                let (aim, length, d) = (guide.a[k], guide.length[k], window.d[k.min(n - 1)]);
+                let (a, b) = (self.trial.a[k], self.trial.b[k]);
+                let c = if k < n { self.trial.c[k] } else { 0.0 };
+                let h = d / (aim * aim * aim.sqrt());
+                let hb = LEAD_SLOPE * h * length * length;
+                let hc = smooth * h * length * length * length * length;
+                self.local.g.push([h * (a - aim), hb * b, hc * c]);
+                self.local.h.push([h, 0.0, hb, 0.0, 0.0, hc]);
+            }
+            let _ = self.riccati.step(window, &self.local, (0.0, 0.0), &mut self.step);
+            self.x.along(&self.trial, &self.step, LEAD_SHARE);
+            if self.feasible(window) {
+                return;
+            }
+            smooth *= SMOOTHER;
+        }
+        self.x.copy(&self.trial);
+    }
+
+    /// Marks the iterate as one to go back to.
+    pub(crate) fn mark(&mut self) {
+        self.base.copy(&self.x);
+    }
+
+    /// Marks the iterate as one to go back from.
+    pub(crate) fn mark_end(&mut self) {
+        self.far.copy(&self.x);
+    }
+
+    /// Goes back to a share of the way from the marked iterate to the marked end. False where that is not within the
+    /// limits.
+    pub(crate) fn retreat(&mut self, window: &Window, share: f64) -> bool {
+        self.step.copy(&self.far);
+        for (to, from) in [
+            (&mut self.step.a, &self.base.a),
+            (&mut self.step.b, &self.base.b),
+            (&mut self.step.c, &self.base.c),
+        ] {
+            for (to, from) in to.iter_mut().zip(from) {
+                *to -= from;
+            }
+        }
+        self.x.along(&self.base, &self.step, share);
+        self.feasible(window)
     }
 
     /// Whether the iterate is strictly within all limits.

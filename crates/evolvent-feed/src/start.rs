@@ -1,8 +1,11 @@
 //! Feasible motions to start the solver from.
 
+use evolvent_path::AXES;
+
 use crate::barrier::Iterate;
 use crate::kept::Segment;
 use crate::limits::PathLimits;
+use crate::stub::Stub;
 use crate::window::Window;
 
 /// Over how many lengths of the stub the acceleration fades between it and the crawl.
@@ -119,4 +122,80 @@ pub(crate) fn crawl_level(window: &Window, first: usize, limits: &PathLimits) ->
         .map(|k| window.steady(k, limits))
         .fold(f64::INFINITY, f64::min)
         * SHARE
+}
+
+/// What a motion that begins with a crawl is led towards: `u'^2` at the stations, and the length over which speed may
+/// change much there.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Guide {
+    pub(crate) a: Vec<f64>,
+    pub(crate) length: Vec<f64>,
+}
+
+impl Guide {
+    pub(crate) fn with_capacity(stations: usize) -> Self {
+        Self {
+            a: Vec::with_capacity(stations + 1),
+            length: Vec::with_capacity(stations + 1),
+        }
+    }
+}
+
+/// Share of what a constant speed may have that the guide has, in `u'^2`.
+const STEADY_SHARE: f64 = 0.6;
+/// Growth of `u'^2` along the path: shares of acceleration and of the root of jerk.
+const GUIDE_GROWTH: (f64, f64) = (0.6, 0.7);
+
+/// A speed without jumps that is about half of what the path allows: the least of what each place allows a constant
+/// speed and of what can be reached from its neighbours.
+pub(crate) fn guide(window: &Window, limits: &PathLimits, x: &Iterate, out: &mut Guide) {
+    let n = window.n();
+    let axes = limits.axes();
+    out.a.clear();
+    out.length.clear();
+    let mut growths = std::mem::take(&mut out.length);
+    // Along the tangent: acceleration and the root of jerk, for the interval before and behind a station.
+    let tangential = |k: usize, point: usize| {
+        let first = &window.cells[window.span_index(k)].points[point].first;
+        let (mut acceleration, mut jerk) = (f64::INFINITY, f64::INFINITY);
+        for i in (0..AXES).filter(|&i| axes.present[i]) {
+            acceleration = acceleration.min(axes.acceleration[i] / first[i].abs());
+            jerk = jerk.min(axes.jerk[i] / first[i].abs());
+        }
+        (acceleration.min(1e30), jerk.min(1e30))
+    };
+    let stub = |end: Stub| 0.75 * end.length * end.most;
+    for k in 0..=n {
+        let before = k
+            .checked_sub(1)
+            .map_or(f64::INFINITY, |k| window.steady(k, limits));
+        let behind = if k < n {
+            window.steady(k, limits)
+        } else {
+            f64::INFINITY
+        };
+        out.a.push(STEADY_SHARE * before.min(behind).min(window.cap[k]));
+    }
+    out.a[n] = out.a[n].min(stub(window.end));
+    out.a[0] = if window.from_rest {
+        out.a[0].min(stub(window.start))
+    } else {
+        x.a[0]
+    };
+    let grown = |a: f64, k: usize| {
+        let (acceleration, jerk) = tangential(k, 1);
+        a + window.d[k] * (GUIDE_GROWTH.0 * acceleration).min(GUIDE_GROWTH.1 * a.sqrt().sqrt() * jerk.sqrt())
+    };
+    for k in 0..n {
+        out.a[k + 1] = out.a[k + 1].min(grown(out.a[k], k));
+    }
+    for k in (0..n).rev() {
+        out.a[k] = out.a[k].min(grown(out.a[k + 1], k));
+    }
+    for k in 0..=n {
+        let (acceleration, jerk) = tangential(k.min(n - 1), if k < n { 0 } else { 2 });
+        let a = out.a[k];
+        growths.push((a / acceleration).max(a.sqrt() * a.sqrt().sqrt() / jerk.sqrt()));
+    }
+    out.length = growths;
 }

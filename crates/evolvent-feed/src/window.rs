@@ -1,14 +1,13 @@
 //! The stations of one window with their rows, packed for the solver.
 
 use evolvent_path::AXES;
+use wide::f64x2;
 
 use crate::cell::{Cell, Point};
 use crate::grid::Grid;
 use crate::limits::PathLimits;
 use crate::stub::Stub;
 
-/// Widest packing: nine axes and one lane of padding.
-pub(crate) const MOST_LANES: usize = 10;
 /// Share of the axes' acceleration that is planned with: what may be gained between stations.
 const ACCELERATION_MARGIN: f64 = 0.9997;
 /// The same for jerk.
@@ -28,15 +27,6 @@ pub(crate) struct Span {
     pub(crate) length: f64,
 }
 
-/// What is known of a span beside its rows.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Traits {
-    /// Second and third derivatives vanish: no rows at the middle.
-    pub(crate) straight: bool,
-    /// The derivatives step at the end: rows of acceleration on both sides.
-    pub(crate) joint: bool,
-}
-
 /// Stations `0..=n` with the intervals between them; at rest beyond either end there may be a stub.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Window {
@@ -45,19 +35,23 @@ pub(crate) struct Window {
     pub(crate) cells: Vec<Cell>,
     /// Whether the first span is a stub; the last one always is.
     pub(crate) from_rest: bool,
-    pub(crate) lanes: usize,
+    /// The axes that move, and how many they are.
     pub(crate) active: [usize; AXES],
     pub(crate) count: usize,
-    pub(crate) inverse_a: [f64; MOST_LANES],
-    pub(crate) inverse_j: [f64; MOST_LANES],
+    pub(crate) inverse_a: [f64; AXES],
+    pub(crate) inverse_j: [f64; AXES],
     /// Lengths of the `n` intervals.
     pub(crate) d: Vec<f64>,
-    /// Per interval, point (start, middle, end) and derivative (first, second, third): one number a lane.
-    pub(crate) q: Vec<f64>,
+    /// Per pair of neighbouring intervals and axis that moves: point (start, middle, end) and derivative (first, second,
+    /// third), a number for either interval. Of an odd count the last interval stands in both places.
+    pub(crate) rows: Vec<f64x2>,
     /// Caps of `u'^2` at stations and in the middle of intervals.
     pub(crate) cap: Vec<f64>,
     pub(crate) middle_cap: Vec<f64>,
-    pub(crate) traits: Vec<Traits>,
+    /// 1 for intervals with rows in the middle, 0 where second and third derivatives vanish.
+    pub(crate) bent: Vec<f64>,
+    /// 1 where the derivatives step at the end, so that there are rows of acceleration on both sides; otherwise 0.
+    pub(crate) joints: Vec<f64>,
     /// Factors on the rows of acceleration and of jerk of one interval, below 1 where a start needs more room.
     pub(crate) loose: Vec<(f64, f64)>,
     /// Whether caps were lifted for a start above them.
@@ -72,10 +66,11 @@ impl Window {
             spans: Vec::with_capacity(stations + 2),
             cells: Vec::with_capacity(stations + 2),
             d: Vec::with_capacity(stations),
-            q: Vec::with_capacity(stations * 9 * MOST_LANES),
+            rows: Vec::with_capacity((stations / 2 + 1) * 9 * AXES),
             cap: Vec::with_capacity(stations + 1),
             middle_cap: Vec::with_capacity(stations),
-            traits: Vec::with_capacity(stations),
+            bent: Vec::with_capacity(stations),
+            joints: Vec::with_capacity(stations),
             loose: Vec::with_capacity(stations),
             ..Self::default()
         }
@@ -141,34 +136,26 @@ impl Window {
                 self.count += 1;
             }
         }
-        self.lanes = match self.count {
-            0..=2 => 2,
-            3..=4 => 4,
-            5..=6 => 6,
-            _ => MOST_LANES,
-        };
-        for lane in self.count..MOST_LANES {
-            (self.inverse_a[lane], self.inverse_j[lane]) = (0.0, 0.0);
-        }
         let lead = usize::from(self.from_rest);
         let last = self.cells.len() - 1;
         self.d.clear();
-        self.q.clear();
+        self.rows.clear();
         self.cap.clear();
         self.middle_cap.clear();
-        self.traits.clear();
+        self.bent.clear();
+        self.joints.clear();
         for k in lead..last {
             let cell = &self.cells[k];
             self.d.push(cell.length);
-            for point in &cell.points {
-                for derivative in [&point.first, &point.second, &point.third] {
-                    for lane in 0..self.lanes {
-                        let value = if lane < self.count {
-                            derivative[self.active[lane]]
-                        } else {
-                            0.0
-                        };
-                        self.q.push(value);
+            if (k - lead).is_multiple_of(2) {
+                let other = if k + 1 < last { &self.cells[k + 1] } else { cell };
+                for axis in &self.active[..self.count] {
+                    for (one, two) in cell.points.iter().zip(&other.points) {
+                        self.rows.extend([
+                            f64x2::new([one.first[*axis], two.first[*axis]]),
+                            f64x2::new([one.second[*axis], two.second[*axis]]),
+                            f64x2::new([one.third[*axis], two.third[*axis]]),
+                        ]);
                     }
                 }
             }
@@ -179,7 +166,8 @@ impl Window {
                 .iter()
                 .all(|p| p.second == p.third && p.third.amax() == 0.0);
             let joint = next.stretch != cell.stretch;
-            self.traits.push(Traits { straight, joint });
+            self.bent.push(if straight { 0.0 } else { 1.0 });
+            self.joints.push(if joint { 1.0 } else { 0.0 });
         }
         for k in lead..=last {
             let mut speed = self.cells[k].points[0].cap(factor);

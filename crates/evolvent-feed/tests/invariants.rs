@@ -108,8 +108,16 @@ fn no_sample_of_any_plan_window_override_or_stop_exceeds_a_limit() {
     let seed = from_environment("EVOLVENT_SEED", 0xfeed_0001);
     let cases = from_environment("EVOLVENT_CASES", 40);
     println!("seed {seed:#x}, {cases} cases");
-    let (replans, refused) = campaign(seed, 0..cases);
+    let (replans, refused) = campaign(seed, 0..cases, None);
     assert!(refused * 20 <= replans, "{refused} of {replans} re-plans refused");
+}
+
+#[test]
+fn a_plan_that_is_broken_off_after_any_number_of_steps_keeps_every_limit() {
+    let seed = from_environment("EVOLVENT_SEED", 0xfeed_0002);
+    let cases = from_environment("EVOLVENT_CASES", 40);
+    println!("seed {seed:#x}, {cases} cases");
+    let _ = campaign(seed, 0..cases, Some(30.0));
 }
 
 /// Stops in closed form that jumped over a blend of a tenth of a micrometre, or over the moment where one phase of
@@ -117,7 +125,7 @@ fn no_sample_of_any_plan_window_override_or_stop_exceeds_a_limit() {
 #[test]
 fn a_stop_that_passes_a_tiny_blend_or_changes_its_jerk_keeps_the_limits_there() {
     for (seed, case) in [(10, 54), (12, 34), (13, 5), (25, 33), (35, 40)] {
-        campaign(seed, case..case + 1);
+        campaign(seed, case..case + 1, None);
     }
 }
 
@@ -126,12 +134,12 @@ fn a_stop_that_passes_a_tiny_blend_or_changes_its_jerk_keeps_the_limits_there() 
 #[test]
 fn speed_and_acceleration_keep_their_limits_between_stations() {
     for (seed, case) in [(3, 53), (6, 16), (9, 7), (14, 0), (14, 4), (28, 21)] {
-        campaign(seed, case..case + 1);
+        campaign(seed, case..case + 1, None);
     }
 }
 
 /// Re-plans and how many of them were refused.
-fn campaign(seed: u64, cases: std::ops::Range<u64>) -> (u64, u64) {
+fn campaign(seed: u64, cases: std::ops::Range<u64>, most_steps: Option<f64>) -> (u64, u64) {
     let (mut replans, mut refused, mut stops) = (0, 0, 0);
     for case in cases {
         let mut random = Random(seed ^ (case + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15));
@@ -143,7 +151,10 @@ fn campaign(seed: u64, cases: std::ops::Range<u64>) -> (u64, u64) {
         let window = 40 + (random.unit() * 200.0) as u64;
         let mut run = Run {
             grid: &grid,
-            optimizer: Optimizer::new(&path_limits),
+            optimizer: match most_steps {
+                Some(most) => Optimizer::new(&path_limits).with_steps((random.unit() * most) as u32),
+                None => Optimizer::new(&path_limits),
+            },
             done: Vec::new(),
             plan: Vec::new(),
         };

@@ -1,0 +1,122 @@
+//! The feed under overrides from next to nothing to twice the programmed feed.
+
+mod common;
+
+use common::{BLEND, Pair, Scenario, check};
+use evolvent_gcode::{Move, MoveKind, PathMode};
+use evolvent_machine::{Limits, PlannerKind};
+use evolvent_motion::{Inputs, Setpoint};
+use evolvent_path::{AXES, Arc, Axes, Curve, Line, Plane, Sense};
+
+/// By how much the feed may miss the wish.
+const ALLOWED: f64 = 1e-3;
+
+fn scenario(moves: Vec<Move>) -> Scenario {
+    Scenario {
+        limits: Limits {
+            present: [true; AXES],
+            velocity: Axes::repeat(1000.0),
+            acceleration: Axes::repeat(2000.0),
+            jerk: Axes::repeat(50_000.0),
+            travel_min: Axes::repeat(-1e5),
+            travel_max: Axes::repeat(1e5),
+            home: Axes::zeros(),
+        },
+        period_ns: 1_000_000,
+        moves,
+        chord_error_mm: 1e-2,
+        planner: PlannerKind::Optimal,
+    }
+}
+
+fn feed(curve: Curve, path_mode: PathMode) -> Move {
+    Move {
+        curve,
+        kind: MoveKind::Feed,
+        feed: 30.0,
+        path_mode,
+    }
+}
+
+fn point(x: f64, y: f64) -> Axes {
+    let mut point = Axes::zeros();
+    (point[0], point[1]) = (x, y);
+    point
+}
+
+fn line() -> Scenario {
+    let line = Line::new(point(0.0, 0.0), point(300.0, 0.0)).expect("line");
+    scenario(vec![feed(line.into(), PathMode::ExactPath)])
+}
+
+fn circles() -> Scenario {
+    let start = point(40.0, 0.0);
+    let arc = Arc::new(Plane::Xy, start, start, [0.0, 0.0], Sense::CounterClockwise, 2).expect("arc");
+    scenario(vec![feed(arc.into(), PathMode::ExactPath)])
+}
+
+/// A gentle wave in chords of 0.2 mm.
+fn wave() -> Scenario {
+    let at = |k: usize| {
+        let s = 0.2 * k as f64;
+        point(s, 4.0 * (0.05 * s).sin())
+    };
+    let line = |k: usize| Line::new(at(k), at(k + 1)).expect("line").into();
+    scenario((0..1500).map(|k| feed(line(k), BLEND)).collect())
+}
+
+/// Drives for so many cycles.
+fn drive(scenario: &Scenario, cycles: usize, wish: impl Fn(u64) -> f64) -> Vec<Setpoint> {
+    let mut pair = Pair::new(scenario);
+    let mut out = Vec::new();
+    while out.len() < cycles {
+        pair.plan_ahead(scenario);
+        let feed_override = wish(out.len() as u64);
+        out.push(pair.step(&Inputs {
+            feed_override,
+            ..Inputs::default()
+        }));
+    }
+    check(scenario, &out, &pair.motion, 0.02, "override");
+    out
+}
+
+#[test]
+fn the_feed_is_the_wish_to_a_thousandth_at_overrides_from_next_to_nothing_to_two() {
+    let mut faults = Vec::new();
+    for (name, scenario) in [("line", line()), ("circles", circles()), ("wave", wave())] {
+        for (from, to) in [
+            (1.0, 0.001),
+            (1.0, 0.002),
+            (1.0, 0.005),
+            (1.0, 0.01),
+            (1.0, 0.02),
+            (1.0, 0.05),
+            (1.0, 0.1),
+            (1.0, 0.3),
+            (1.0, 0.7),
+            (1.0, 1.3),
+            (1.0, 2.0),
+            (0.001, 1.0),
+            (0.01, 0.001),
+            (0.001, 0.01),
+            (0.01, 0.5),
+            (2.0, 0.003),
+            (0.001, 0.001),
+        ] {
+            let change = 600;
+            let setpoints = drive(&scenario, 2000, |cycle| if cycle < change { from } else { to });
+            for (wish, part) in [(from, 400..600), (to, 1000..2000)] {
+                let wanted = 30.0 * wish;
+                let ratios = setpoints[part].iter().map(|s| s.feed_mm_s / wanted);
+                let (low, high) = ratios.fold((f64::INFINITY, 0.0_f64), |(low, high), ratio| {
+                    (low.min(ratio), high.max(ratio))
+                });
+                if low < 1.0 - ALLOWED || high > 1.0 + ALLOWED {
+                    faults.push(format!("{name} {from} -> {to}: at {wish} {low:.5} to {high:.5}"));
+                }
+            }
+        }
+    }
+    assert!(faults.is_empty(), "{}", faults.join("\n"));
+}
