@@ -93,55 +93,107 @@ fn operate(prefix: &str, program: &Path) {
     });
     let (mut operator, mut random) = (Operator::join(NAME, &domain), Random::new());
     operator.waits("drives", |status| status.feedback_age_ns < 1_000_000_000);
-    operator.brings_up();
-    let (mut commands, mut rounds) = (0_u64, 0_u64);
+    let mut tally = Tally::default();
+    while !over.load(Ordering::Relaxed) {
+        tally.rounds += 1;
+        if round(&mut operator, &mut random, program, &over, &mut tally).is_none() {
+            tally.interrupted += 1;
+            let status = operator.now();
+            println!("interrupted: {}", status.alarm_sentence());
+            operator.waits("rest", |status| status.activity == 0);
+            operator.ask(&command("CLEAR_ALARMS"));
+        }
+    }
+    println!(
+        "{} commands in {} rounds, {} rounds interrupted by an alarm",
+        tally.commands, tally.rounds, tally.interrupted
+    );
+}
+
+#[derive(Default)]
+struct Tally {
+    commands: u64,
+    rounds: u64,
+    interrupted: u64,
+}
+
+/// Everything that an operator does; none where something was refused.
+fn round(
+    operator: &mut Operator,
+    random: &mut Random,
+    program: &Path,
+    over: &AtomicBool,
+    tally: &mut Tally,
+) -> Option<()> {
     let amount = |name: &str, amount: f64| ControlRequest {
         amount,
         ..command(name)
     };
-    while !over.load(Ordering::Relaxed) {
-        rounds += 1;
-        // A jog that is kept, one by an increment, and back to where programs begin.
-        operator.says_number("MODE", 1);
-        let mut jog = amount("JOG", 20.0);
-        (jog.axes_mask, jog.values[2]) = (0b100, -1.0);
-        let job = operator.does(&jog).job;
-        for _ in 0..20 {
-            operator.says("JOG_KEEP");
-            commands += 1;
-            std::thread::sleep(Duration::from_millis(30));
-        }
-        operator.says("JOG_STOP");
-        operator.sees_end(job);
-        (jog.index, jog.axes_mask, jog.values[0]) = (1, 0b001, 5.0);
-        let job = operator.does(&jog).job;
-        operator.sees_end(job);
-        operator.says_number("MODE", 2);
-        let job = operator.says_text("MDI", "G90 G0 X0 Y0 Z0").job;
-        operator.sees_end(job);
-        operator.says_number("MODE", 0);
-        operator.says_text("LOAD", program.to_str().expect("UTF-8"));
-        let job = operator.says("START").job;
-        commands += 10;
-        for _ in 0..10 {
-            if over.load(Ordering::Relaxed) {
-                break;
-            }
-            std::thread::sleep(Duration::from_millis(300 + random.below(500) as u64));
-            operator.does(&amount("FEED_OVERRIDE", 0.1 + 0.1 * random.below(15) as f64));
-            if random.below(3) == 0 {
-                operator.says("HOLD");
-                operator.waits("the hold", |status| status.state == 3);
-                operator.says("RESUME");
-                commands += 2;
-            }
-            commands += 1;
-        }
-        operator.says("STOP");
-        let status = operator.sees_end(job);
-        assert_eq!(status.alarm_count, 0, "{}", status.alarm_sentence());
+    let number = |name: &str, index: u32| ControlRequest {
+        index,
+        ..command(name)
+    };
+    let text = |name: &str, text: &str| {
+        let mut request = command(name);
+        assert!(request.set_text(text), "too long");
+        request
+    };
+    let mut does = |operator: &mut Operator, request: &ControlRequest| {
+        tally.commands += 1;
+        let answer = operator.ask(request);
+        (answer.verdict == 0).then_some(answer.job)
+    };
+    let ends = |operator: &mut Operator, job: u64| {
+        let status = operator.waits("the job's end", |status| status.job > job || status.activity == 0);
+        (status.alarm_count == 0).then_some(())
+    };
+    let status = operator.now();
+    if status.machine_state == 0 {
+        does(operator, &command("ESTOP_RESET"))?;
     }
-    println!("{commands} commands in {rounds} rounds, all accepted");
+    if status.machine_state < 2 {
+        does(operator, &command("ON"))?;
+        operator.waits("power", |status| {
+            status.machine_state == 2 || status.alarm_count > 0
+        });
+    }
+    // A jog that is kept, one by an increment, and back to where programs begin.
+    does(operator, &number("MODE", 1))?;
+    let mut jog = amount("JOG", 20.0);
+    (jog.axes_mask, jog.values[2]) = (0b100, -1.0);
+    let job = does(operator, &jog)?;
+    for _ in 0..20 {
+        does(operator, &command("JOG_KEEP"))?;
+        std::thread::sleep(Duration::from_millis(30));
+    }
+    does(operator, &command("JOG_STOP"))?;
+    ends(operator, job)?;
+    (jog.index, jog.axes_mask, jog.values[0]) = (1, 0b001, 5.0);
+    let job = does(operator, &jog)?;
+    ends(operator, job)?;
+    does(operator, &number("MODE", 2))?;
+    let job = does(operator, &text("MDI", "G90 G0 X0 Y0 Z0"))?;
+    ends(operator, job)?;
+    does(operator, &number("MODE", 0))?;
+    does(operator, &text("LOAD", program.to_str().expect("UTF-8")))?;
+    let job = does(operator, &command("START"))?;
+    for _ in 0..10 {
+        if over.load(Ordering::Relaxed) {
+            break;
+        }
+        std::thread::sleep(Duration::from_millis(300 + random.below(500) as u64));
+        does(
+            operator,
+            &amount("FEED_OVERRIDE", 0.1 + 0.1 * random.below(15) as f64),
+        )?;
+        if random.below(3) == 0 {
+            does(operator, &command("HOLD"))?;
+            operator.waits("the hold", |status| status.state == 3 || status.alarm_count > 0);
+            does(operator, &command("RESUME"))?;
+        }
+    }
+    does(operator, &command("STOP"))?;
+    ends(operator, job)
 }
 
 struct Watched {

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use evolvent_bus::{ClientBus, ClientConfig, ControlRequest, Setpoint};
+use evolvent_bus::{ClientBus, ClientConfig, ControlRequest, LOAD_KINDS, Load, Setpoint};
 use evolvent_tests::{Domain, Operator, Served, Workshop, command, evolvent};
 
 const DONE: u32 = 1;
@@ -245,6 +245,23 @@ fn mdi_remembers_modes_moves_and_is_refused_before_anything_moves() {
         "G91 is remembered"
     );
     assert!(status.modal.contains(&910));
+    // The motion too: a rapid would be ten times as fast.
+    while operator.setpoints.receive().expect("setpoints").is_some() {}
+    let job = operator.says_text("MDI", "X10").job;
+    let (mut top, mut begun): (f64, bool) = (0.0, false);
+    follow(
+        &mut operator,
+        |setpoint| {
+            begun |= setpoint.state == 1;
+            if begun {
+                top = top.max(speed(setpoint));
+            }
+        },
+        |setpoint| setpoint.state == 9,
+    );
+    let status = operator.sees_end(job);
+    assert!((status.position_machine[0] + 2.5).abs() < 1e-9);
+    assert!((top - 50.0).abs() < 0.5, "{top} mm/s");
     let mut wrong = command("MDI");
     assert!(wrong.set_text("G90 G1 X9999 F100"));
     let answer = operator.ask(&wrong);
@@ -445,6 +462,67 @@ fn stale_serials_rubbish_and_floods_change_nothing() {
     assert!(after.commands_rejected >= 300, "{}", after.commands_rejected);
     assert_eq!(after.commands_accepted, before.commands_accepted + 2);
     drop((operator, rubbish));
+    scene.end();
+}
+
+#[test]
+fn a_long_program_is_checked_as_a_whole_before_it_starts() {
+    let scene = Scene::new("op-long");
+    let mut operator = scene.operator();
+    operator.brings_up();
+    operator.says_number("MODE", 0);
+    let body = "G1 X1.0001 Y2.0002\nG1 X0 Y0\n".repeat(4000);
+    let start = format!("G21 G90 F60000\n{body}");
+    assert!(start.len() > 64 * 1024);
+    let bad = scene
+        .workshop
+        .write("bad.ngc", format!("{start}G1 X9999\n{body}M2\n"));
+    operator.says_text("LOAD", bad.to_str().expect("UTF-8"));
+    // Refused until it is checked, and then for what is wrong: nothing moves.
+    let refused = loop {
+        let answer = operator.ask(&command("START"));
+        assert_ne!(answer.verdict, 0, "started");
+        if answer.alarm != 926 {
+            break answer;
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    };
+    assert_eq!(refused.alarm, 919, "{}", refused.text());
+    assert!(refused.text().contains("line 8002"), "{}", refused.text());
+    let status = operator.now();
+    assert_eq!((status.job, status.position_machine), (0, [0.0; 9]));
+    assert!(
+        status.operator_message().contains("line 8002"),
+        "{}",
+        status.operator_message()
+    );
+
+    let good = scene.workshop.write("good.ngc", format!("{start}M2\n"));
+    operator.says_text("LOAD", good.to_str().expect("UTF-8"));
+    let started = |operator: &mut Operator| loop {
+        let answer = operator.ask(&command("START"));
+        if answer.alarm != 926 {
+            break answer;
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    };
+    let answer = started(&mut operator);
+    assert_eq!(answer.verdict, 0, "{}", answer.text());
+    operator.says("STOP");
+    operator.sees_end(answer.job);
+    // Another work offset is another place: it is checked again, and leaves the travel now.
+    let mut offset = command("WORK_OFFSET");
+    (offset.index, offset.axes_mask, offset.values[0]) = (0, X_ONLY, 399.5);
+    operator.does(&offset);
+    let answer = started(&mut operator);
+    assert_eq!(answer.alarm, 919, "{}", answer.text());
+    // A short one is checked again as well.
+    let short = scene.workshop.write("short.ngc", "G21 G90 F6000\nG1 X0.2\nM2\n");
+    operator.says_text("LOAD", short.to_str().expect("UTF-8"));
+    offset.values[0] = 399.9;
+    operator.does(&offset);
+    assert_eq!(operator.ask(&command("START")).alarm, 919);
+    drop(operator);
     scene.end();
 }
 
@@ -664,4 +742,39 @@ fn a_service_manager_is_told_when_it_is_ready_alive_and_stopping() {
     rustix::process::kill_process(pid, rustix::process::Signal::TERM).expect("a living process");
     while hear() != "STOPPING=1" {}
     child.wait().expect("a process that ends");
+}
+
+#[test]
+fn a_cutting_load_is_recorded_while_its_sensor_speaks() {
+    let workshop = Workshop::new();
+    let trace = workshop.path("load.mcap");
+    let scene = Scene::with("op-load", &["--trace", trace.to_str().expect("UTF-8")]);
+    let mut operator = scene.operator();
+    let bus = scene.domain.client("op-load");
+    let mut sensor = bus.load_sender().expect("the load channel");
+    let before = operator.now().cycles;
+    for sequence in 1..=300 {
+        let load = Load {
+            sequence,
+            kind: LOAD_KINDS[0].1,
+            value: 0.25 * sequence as f64,
+            range_max: 1000.0,
+            ..Load::default()
+        };
+        sensor.send(&load).expect("sent");
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    std::thread::sleep(Duration::from_millis(1500));
+    drop((operator, sensor, bus));
+    scene.end();
+    let mut trace = evolvent_trace::TraceFile::open(&trace).expect("a complete trace");
+    let loads: Vec<f64> = trace
+        .cycles()
+        .map(|cycle| cycle.expect("a readable cycle").load)
+        .collect();
+    let known: Vec<f64> = loads.iter().copied().filter(|load| !load.is_nan()).collect();
+    assert!(known.len() > 200 && known.is_sorted(), "{} loads", known.len());
+    assert_eq!(known[known.len() - 1], 75.0);
+    assert!(loads[before as usize / 2].is_nan(), "before there was a sensor");
+    assert!(loads[loads.len() - 1].is_nan(), "long after it was silent");
 }

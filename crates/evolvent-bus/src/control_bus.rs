@@ -156,7 +156,18 @@ impl ControlClient {
             ),
             (ATTRIBUTE_AXES, config.axes.clone()),
         ];
-        let service = domain.open_control(&wanted, Instant::now() + config.wait)?;
+        let begin = Instant::now();
+        let service = domain.open_control(&wanted, begin + config.wait)?;
+        // A core makes the service first and its own end of it then: a command in between would be lost.
+        while service.dynamic_config().number_of_servers() == 0 {
+            if begin.elapsed() >= config.wait {
+                return Err(BusError::NoCore {
+                    machine_name: config.machine_name.clone(),
+                    waited_ms: begin.elapsed().as_millis() as u64,
+                });
+            }
+            std::thread::sleep(POLL);
+        }
         let client = service
             .client_builder()
             .backpressure_strategy(BackpressureStrategy::DiscardData)

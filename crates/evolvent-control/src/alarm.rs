@@ -148,6 +148,8 @@ alarms! {
     Ending = 924, Rejection, "the core is ending and takes no commands any more";
     /// The machine is on.
     IsOn = 925, Rejection, "the machine is on; switch it off first";
+    /// The program is still being checked.
+    Checking = 926, Rejection, "the program is still being checked; start it when that is done";
 }
 
 impl Alarm {

@@ -219,12 +219,17 @@ impl Desk {
         if self.alarms.iter().any(|raised| raised.alarm == alarm) {
             return;
         }
-        if self.alarms.len() < MOST_ALARMS {
-            let text = text.into();
-            self.alarms.push(Raised { alarm, text });
-        } else {
+        if self.alarms.len() >= MOST_ALARMS {
             self.more_alarms = self.more_alarms.saturating_add(1);
+            if !alarm.is_latched() {
+                return;
+            }
+            // What keeps the machine from moving is listed rather than what does not, and the newest rather than the last.
+            let unlatched = self.alarms.iter().position(|raised| !raised.alarm.is_latched());
+            self.alarms.remove(unlatched.unwrap_or(MOST_ALARMS - 1));
         }
+        let text = text.into();
+        self.alarms.push(Raised { alarm, text });
     }
 
     /// The drives have lost power by a fault.
@@ -503,6 +508,34 @@ mod tests {
         assert!(desk.has_latched_alarm());
         client.sends(&mut desk, CommandCode::ClearAlarms, 0).unwrap();
         assert_eq!(client.sends(&mut desk, CommandCode::Home, 0), Ok(()));
+    }
+
+    #[test]
+    fn an_alarm_that_latches_is_listed_however_many_others_are() {
+        let kinds = |latched: bool| {
+            Alarm::ALL
+                .iter()
+                .copied()
+                .filter(move |alarm| alarm.is_latched() == latched)
+        };
+        let mut desk = Desk::default();
+        for alarm in kinds(false).take(MOST_ALARMS) {
+            desk.raise(alarm, "no fault");
+        }
+        assert!(!desk.has_latched_alarm());
+        desk.raise(Alarm::DriveFault, "axis X");
+        assert!(desk.has_latched_alarm());
+        assert_eq!((desk.alarms().count(), desk.unlisted_alarms()), (MOST_ALARMS, 1));
+        assert_eq!(desk.alarms().last(), Some((Alarm::DriveFault, "axis X")));
+        // And where all of them are: the newest, whose sentence the status shows.
+        for alarm in kinds(true) {
+            desk.raise(alarm, "a fault");
+        }
+        let newest = kinds(true).next_back().unwrap();
+        assert_eq!(desk.alarms().last(), Some((newest, "a fault")));
+        assert!(desk.alarms().all(|(alarm, _)| alarm.is_latched()));
+        desk.clear_alarms();
+        assert_eq!((desk.alarms().count(), desk.unlisted_alarms()), (0, 0));
     }
 
     #[test]

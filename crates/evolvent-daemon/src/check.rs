@@ -38,6 +38,16 @@ pub enum ProgramError {
 /// # Errors
 /// The file cannot be read.
 pub fn check(program: &Path, setup: &Setup, limit: usize) -> std::io::Result<Vec<Diagnostic>> {
+    check_while(program, setup, limit, || true)
+}
+
+/// The same as long as `go_on` says so; it is asked at every command.
+pub(crate) fn check_while(
+    program: &Path,
+    setup: &Setup,
+    limit: usize,
+    mut go_on: impl FnMut() -> bool,
+) -> std::io::Result<Vec<Diagnostic>> {
     let reader = BufReader::with_capacity(256 * 1024, File::open(program)?);
     // Nothing is planned in earnest: the classic planner is enough to check moves.
     let rules = PathRules {
@@ -71,7 +81,7 @@ pub fn check(program: &Path, setup: &Setup, limit: usize) -> std::io::Result<Vec
             Ok(_) => None,
         };
         errors.extend(error);
-        if errors.len() >= limit {
+        if errors.len() >= limit || !go_on() {
             break;
         }
     }

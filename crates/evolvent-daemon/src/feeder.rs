@@ -3,7 +3,6 @@
 use std::collections::VecDeque;
 use std::path::Path;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Sender;
 use std::time::Duration;
 
@@ -20,6 +19,7 @@ use crate::memory::ProgramMemory;
 use crate::news::{BlockPlan, FeederNews, Moment, Notice, QueuedBlock, StopKind, UserCall, describe};
 use crate::shared::Controls;
 use crate::source::Commands;
+use crate::switches::Switches;
 use crate::tally::Tally;
 use crate::user_code::UserCodes;
 
@@ -64,7 +64,7 @@ pub(crate) struct Feeder<'a, S> {
     moves: u64,
     /// For somebody who looks on block by block.
     onlooker: Option<Sender<FeederNews>>,
-    single_step: Option<Arc<AtomicBool>>,
+    switches: Option<Arc<Switches>>,
     last_line: u32,
     path_mm: f64,
     modal: Option<Modal>,
@@ -105,7 +105,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
             actions: 0,
             moves: 0,
             onlooker: None,
-            single_step: None,
+            switches: None,
             last_line: 0,
             path_mm: 0.0,
             modal: None,
@@ -127,9 +127,9 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         self
     }
 
-    /// Stops after each line that moves while this is set.
-    pub(crate) fn stepping(mut self, single_step: Arc<AtomicBool>) -> Self {
-        self.single_step = Some(single_step);
+    /// Minds what the operator switches meanwhile.
+    pub(crate) fn switched_by(mut self, switches: Arc<Switches>) -> Self {
+        self.switches = Some(switches);
         self
     }
 
@@ -206,6 +206,9 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
                 });
             }
             self.tell_modal(&commands);
+            if let Some(switches) = &self.switches {
+                commands.set_block_delete(switches.is_block_delete());
+            }
             match self.execute(&command) {
                 Ok(true) => {}
                 Ok(false) => return Ok(Some(commands.left(&self.setup.memory))),
@@ -237,7 +240,9 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
                     .map_err(PlanError::Sink)?;
             }
             Action::ProgramStop { optional, .. } => {
-                if !optional || self.optional_stop {
+                let stops_at_optional = (self.switches.as_ref())
+                    .map_or(self.optional_stop, |switches| switches.is_optional_stop());
+                if !optional || stops_at_optional {
                     self.stop(line, StopKind::Program)?;
                 }
             }
@@ -315,16 +320,15 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
 
     fn push_move(&mut self, motion: &Move, line: u32) -> Result<(), PlanError<QueueClosed>> {
         let mut motion = *motion;
-        let steps = self
-            .single_step
-            .as_ref()
-            .is_some_and(|single_step| single_step.load(Ordering::Relaxed));
+        let switches = self.switches.as_ref();
+        let steps = switches.is_some_and(|switches| switches.is_single_step());
+        let rapid_override = switches.map_or(self.setup.rapid_override, |switches| switches.rapid_override());
         // Behind another stop, and before the first move, there is nothing to stop behind.
         if steps && self.last_line != line && self.last_line > 0 {
             self.stop(self.last_line, StopKind::Step)?;
         }
-        if motion.kind == MoveKind::Rapid && self.setup.rapid_override < 1.0 {
-            motion.feed = self.setup.rapid_override * self.rapid_speed(&motion.curve);
+        if motion.kind == MoveKind::Rapid && rapid_override < 1.0 {
+            motion.feed = rapid_override * self.rapid_speed(&motion.curve);
         }
         if let (MoveKind::Feed, Some(most)) = (motion.kind, self.setup.machine.max_feed_mm_s) {
             motion.feed = motion.feed.min(most);

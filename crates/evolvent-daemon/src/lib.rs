@@ -32,6 +32,7 @@ mod serve;
 mod shared;
 mod source;
 mod summary;
+mod switches;
 mod tally;
 mod user_code;
 

@@ -6,7 +6,7 @@
 use core::num::NonZeroU64;
 use rustix::io::Errno;
 use rustix::mm::{MlockAllFlags, mlockall};
-use rustix::process::{Resource, getrlimit};
+use rustix::process::{Resource, getrlimit, setpriority_process};
 use rustix::thread::{CapabilitySet, CpuSet, capabilities, clock_nanosleep_absolute, sched_setaffinity};
 use rustix::time::{ClockId, Timespec, clock_gettime};
 use std::fs::File;
@@ -155,6 +155,27 @@ fn set_fifo(priority: u8) -> Result<(), String> {
         "no real-time scheduling at priority {priority} ({cause}; `ulimit -r` is {limit}): set `rtprio {priority}` in \
          /etc/security/limits.conf (LimitRTPRIO={priority} under systemd) or grant CAP_SYS_NICE"
     ))
+}
+
+/// How much sooner than others a thread of the normal scheduler that people wait for is let run.
+const HURRY: i32 = -10;
+
+/// Lets the calling thread run sooner than others of the normal scheduler, where that is permitted. Threads that it starts
+/// inherit that; see [`take_turns`].
+pub(crate) fn hurry() {
+    // Without the permission it waits its turn.
+    let _denied = set_nice(HURRY);
+    let _ = rustix::thread::set_current_timer_slack(NonZeroU64::new(1));
+}
+
+/// Takes that back, in the calling thread.
+pub(crate) fn take_turns() {
+    let _allowed = set_nice(0);
+}
+
+fn set_nice(nice: i32) -> rustix::io::Result<()> {
+    // Linux keeps it per thread.
+    setpriority_process(Some(rustix::thread::gettid()), nice)
 }
 
 /// Touches every page of the stack that the loop may use.

@@ -83,6 +83,11 @@ impl Commands {
         self.start.as_ref()
     }
 
+    /// Leaves out lines that begin with `/`, or not, from the next line on that is read.
+    pub(crate) fn set_block_delete(&mut self, on: bool) {
+        self.interpreter.set_block_delete(on);
+    }
+
     /// The modes after the line that was read last.
     #[must_use]
     pub fn modal(&self) -> Modal {
@@ -140,5 +145,32 @@ impl Start {
             let _ = write!(text, "\n  approach: {step}");
         }
         text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use evolvent_gcode::Action;
+    use evolvent_machine::Machine;
+
+    use super::*;
+
+    #[test]
+    fn block_delete_counts_from_the_next_line_that_is_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let program = folder.path().join("part.ngc");
+        std::fs::write(&program, "G0 X1\n/G0 X2\nG0 X3\n/G0 X4\nG0 X5\n/G0 X6\nM2\n").unwrap();
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/machines/mill-3axis.toml");
+        let machine = Machine::load(&file).unwrap();
+        let setup = Setup::new(machine, file, String::new(), None).unwrap();
+        let mut commands = Commands::open(&program, &setup).unwrap();
+        let mut places = Vec::new();
+        while let Some(command) = commands.next() {
+            if let Action::Move(motion) = command.unwrap().action {
+                places.push(motion.curve.end()[0]);
+                commands.set_block_delete(places.len() != 2);
+            }
+        }
+        assert_eq!(places, [1.0, 3.0, 4.0, 5.0]);
     }
 }

@@ -19,6 +19,7 @@ use rustix::process::{Pid, Signal, kill_process_group};
 
 use crate::job::Setup;
 use crate::news::UserCall;
+use crate::rt::take_turns;
 
 /// Time between two looks at a program that runs.
 const LOOK_EVERY: Duration = Duration::from_millis(2);
@@ -109,6 +110,7 @@ impl UserCodes {
         let (codes, told) = (self.clone(), Arc::clone(&cancelled));
         let failed = sender.clone();
         let started = thread::Builder::new().name("user-code".into()).spawn(move || {
+            take_turns();
             let result = codes.run(call, &told, &sender);
             let _gone = sender.send(UserNews::Ended(result));
         });

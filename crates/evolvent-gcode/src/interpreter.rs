@@ -150,6 +150,11 @@ impl<R: BufRead> Interpreter<R> {
         self.reader.line()
     }
 
+    /// Leaves out lines that begin with `/`, or not, from the next line on that is read.
+    pub fn set_block_delete(&mut self, on: bool) {
+        self.settings.block_delete = on;
+    }
+
     /// Stops soon after the flag has been set from another thread: the next item is the error
     /// [`Code::Interrupted`], and the last. A program that computes for long without moving can be stopped so.
     pub fn set_interrupt(&mut self, flag: Arc<AtomicBool>) {

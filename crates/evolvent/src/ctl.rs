@@ -20,6 +20,8 @@ use crate::{CommandError, Ending};
 
 /// How long to wait for an answer.
 const ANSWER: Duration = Duration::from_secs(5);
+/// How long the check of a long program is waited for before it starts.
+const CHECKED: Duration = Duration::from_secs(600);
 /// How often the status is looked at while a job runs.
 const POLL: Duration = Duration::from_millis(5);
 
@@ -409,7 +411,13 @@ impl Session {
             }
             Action::ReloadTools => (simple(CommandCode::Tool), false),
         };
-        let answer = self.send(&wanted)?;
+        let mut answer = self.send(&wanted)?;
+        // A long program is checked before it starts.
+        let deadline = Instant::now() + CHECKED;
+        while answer.alarm == Alarm::Checking.number() && Instant::now() < deadline {
+            std::thread::sleep(POLL);
+            answer = self.send(&wanted)?;
+        }
         let result = if wait && answer.verdict == 0 {
             Some(self.await_job(answer.job)?)
         } else {

@@ -1,9 +1,9 @@
 //! Jobs along a plan: planned on a thread of their own, handed to the cycle when they are ready.
 
 use std::io;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 use std::sync::mpsc::{self, Receiver, Sender};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
@@ -16,6 +16,8 @@ use crate::feeder::{FeedReport, Feeder};
 use crate::job::Setup;
 use crate::memory::ProgramMemory;
 use crate::news::FeederNews;
+use crate::rt::take_turns;
+use crate::switches::Switches;
 use crate::user_code::UserCodes;
 
 /// How long the planner sleeps when the queue is full.
@@ -28,8 +30,7 @@ pub(crate) struct ProgramJob {
     pub file: PathBuf,
     pub setup: Setup,
     pub feed_override: f64,
-    pub optional_stop: bool,
-    pub single_step: Arc<AtomicBool>,
+    pub switches: Arc<Switches>,
     /// Numbers of the first block and the first action, which go on from job to job.
     pub numbered_from: (u32, u32),
     /// The trace's recorder, if there is one.
@@ -60,6 +61,7 @@ impl Planning {
         let (onlooker, news) = mpsc::channel();
         let of_thread = Arc::clone(&signals);
         let thread = thread::Builder::new().name("planner".into()).spawn(move || {
+            take_turns();
             let with_blocks = job.recorder.is_some();
             let recorders: Vec<_> = job.recorder.into_iter().collect();
             Feeder::new(
@@ -69,11 +71,11 @@ impl Planning {
                 producer,
                 recorders,
                 with_blocks,
-                job.optional_stop,
+                job.switches.is_optional_stop(),
             )
             .numbered_from(job.numbered_from.0, job.numbered_from.1)
             .watched_by(onlooker)
-            .stepping(job.single_step)
+            .switched_by(job.switches)
             .executing(UserCodes::of(&job.setup))
             .feed(&job.file, || of_thread.failed.store(true, Ordering::Release))
         })?;
@@ -124,9 +126,4 @@ impl Drop for Planning {
     fn drop(&mut self) {
         self.abandon();
     }
-}
-
-/// Whether a program is short enough to be checked as a whole while somebody waits.
-pub(crate) fn is_short(file: &Path) -> bool {
-    file.metadata().is_ok_and(|facts| facts.len() <= 64 * 1024)
 }

@@ -1,20 +1,26 @@
 //! The cycle of a machine that is served: it never ends before the process does.
 
+use std::sync::Arc;
+
 use evolvent_bus::Feedback;
 use evolvent_control::JobResult;
 use evolvent_drive::{Command, DriveAlarm, FeedbackWatch, PhaseLock, PowerRequest, Presence};
 use evolvent_machine::Limits;
 use evolvent_motion::{Inputs, Setpoint, State, Station, Steering, flags};
 use evolvent_path::{AXES, Axes};
+use evolvent_process::LoadSample;
 use evolvent_trace::Histogram;
 use rtrb::{Consumer, Producer};
 
 use super::orders::{CycleEvent, CycleView, Following, Order, What, Work};
 use crate::cycle::{CycleSample, DriveRequest, DueSetpoint, came_in, sample};
 use crate::rt::MonotonicClock;
+use crate::shared::Controls;
 
 /// Orders that one cycle takes at the most; there are never so many.
 const MOST_ORDERS: usize = 32;
+/// A cutting load that is older than this is none any more.
+const LOAD_AGE_NS: u64 = 1_000_000_000;
 /// Feedback that one cycle looks through for the newest.
 const MOST_FEEDBACK: usize = 256;
 
@@ -35,6 +41,8 @@ pub(crate) struct Live {
     pub watch: FeedbackWatch,
     /// None where the drives' clock is not followed.
     pub phase: Option<PhaseLock>,
+    /// The newest cutting load.
+    pub controls: Arc<Controls>,
 }
 
 struct Turn {
@@ -69,9 +77,21 @@ struct Now {
     dropped_setpoints: u64,
     /// As the drives told it last; not a number where none answers.
     following_error: [f64; AXES],
+    /// Number of the newest cutting load, and the setpoint with which it was seen first.
+    load_seen: (u64, u64),
 }
 
 impl Now {
+    /// The cutting load for the trace; not a number where a sensor has been silent for long.
+    fn load(&mut self, newest: Option<LoadSample>, sequence: u64, period_ns: u64) -> f64 {
+        let Some(newest) = newest else { return f64::NAN };
+        if newest.sequence != self.load_seen.0 {
+            self.load_seen = (newest.sequence, sequence);
+        }
+        let is_old = (sequence - self.load_seen.1).saturating_mul(period_ns) > LOAD_AGE_NS;
+        if is_old { f64::NAN } else { newest.value }
+    }
+
     /// What the drives measured, for the trace.
     fn note_following_error(&mut self, feedback: Option<&Feedback>) {
         if self.presence == Presence::Absent {
@@ -126,6 +146,7 @@ impl Live {
             dropped_records: 0,
             dropped_setpoints: 0,
             following_error: [f64::NAN; AXES],
+            load_seen: (0, 0),
         };
         let mut deadline = MonotonicClock::now_ns() + 2 * self.period_ns;
         loop {
@@ -167,6 +188,7 @@ impl Live {
                 let unix = self.start_unix_ns + setpoint.sequence * self.period_ns;
                 let mut cycle = sample(&setpoint, unix, lateness, work, now.came_in);
                 cycle.record.following_error = now.following_error;
+                cycle.record.load = now.load(self.controls.load(), setpoint.sequence, self.period_ns);
                 if trace.push(cycle).is_err() {
                     now.dropped_records += 1;
                 }
@@ -567,6 +589,7 @@ mod tests {
             trace: Some(trace),
             watch: FeedbackWatch::new(WatchSettings::new(period_ns, 0)),
             phase: None,
+            controls: Arc::new(Controls::new(1.0)),
         };
         let cycle = std::thread::spawn(move || {
             let before = calls();

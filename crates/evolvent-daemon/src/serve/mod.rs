@@ -1,5 +1,6 @@
 //! A machine that is served: one long-lived cycle, and jobs that come and go.
 
+mod checking;
 mod homing;
 mod jobs;
 mod jog;

@@ -25,8 +25,8 @@ impl Modes {
         foresee("", settings, &KeptParameters::default()).map(|after| after.modes)
     }
 
-    /// Lines that bring an interpreter into these modes, apart from motion, spindle and coolant. Offsets of work and G92 are
-    /// kept in parameters.
+    /// Lines that bring an interpreter into these modes, apart from spindle, coolant, and motions other than G0 and G1 (arcs
+    /// and cycles do not stand alone on a line). Offsets of work and G92 are kept in parameters.
     pub(crate) fn preamble(&self) -> String {
         let mut text = String::new();
         let offset = &self.modal.tool_offset;
@@ -43,13 +43,16 @@ impl Modes {
         }
         text.push('\n');
         // The first word is the motion; from S on the periphery is told of.
-        let words = self.text.split(' ').skip(1);
+        let mut words = self.text.split(' ');
+        let motion = words.next().filter(|word| ["G0", "G1"].contains(word));
         let words: Vec<&str> = words
             .take_while(|word| !word.starts_with('S'))
             // Offsets of tools are given by their values above.
             .filter(|word| !["G41", "G43"].contains(word))
             .collect();
         text.push_str(&words.join(" "));
+        text.push('\n');
+        text.push_str(motion.unwrap_or_default());
         text.push('\n');
         text
     }
@@ -98,12 +101,18 @@ mod tests {
             "G64 P0.02 G90.1 G99\n",
             "G43.1 Z12.5 X-1\nG91 G59.3\n",
             "M3 S500 F100 G1 X1\n",
+            "G1 F100\nG0 X1\n",
         ] {
             let modes = modes_after(text);
             let again = modes_after(&modes.preamble());
             let mut expected = modes.modal;
             expected.spindle_rpm = 0.0;
             assert_eq!(again.modal, expected, "{text:?} by {:?}", modes.preamble());
+            assert_eq!(
+                again.text.split(' ').next(),
+                modes.text.split(' ').next(),
+                "{text:?}"
+            );
         }
     }
 

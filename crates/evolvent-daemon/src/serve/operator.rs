@@ -3,7 +3,6 @@
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Sender;
 
 use evolvent_bus::{ControlAnswer, ControlRequest, Feedback, Payload};
@@ -16,6 +15,7 @@ use evolvent_motion::State;
 use evolvent_path::Axes;
 use rtrb::{Consumer, Producer};
 
+use super::checking::Checking;
 use super::jog::Steered;
 use super::keep::Keep;
 use super::modes::{Modes, foresee};
@@ -24,6 +24,7 @@ use super::programs::ProgramRun;
 use super::track::Track;
 use crate::job::Setup;
 use crate::news::{FeederNews, Outside, OutsideKind};
+use crate::switches::Switches;
 
 pub(super) enum Job {
     None,
@@ -64,7 +65,8 @@ pub(crate) struct Operator {
     pub(super) next_id: u64,
     sent: VecDeque<Sent>,
     pub(super) recorder: Option<Sender<FeederNews>>,
-    pub(super) single_step: Arc<AtomicBool>,
+    /// Of the job that runs, or of the next one.
+    pub(super) switches: Arc<Switches>,
     /// Numbers of the next block and action.
     pub(super) numbers: (u32, u32),
     pub(super) job: Job,
@@ -75,6 +77,8 @@ pub(crate) struct Operator {
     pub(super) malformed: u64,
     /// Events of cycles whose view has not come.
     inbox: VecDeque<CycleEvent>,
+    /// The check of a long program.
+    pub(super) checking: Option<Checking>,
     /// The datum that the last renaming has led to.
     pub(super) datum: u64,
 }
@@ -135,7 +139,7 @@ impl Operator {
             next_id: 0,
             sent: VecDeque::new(),
             recorder,
-            single_step: Arc::default(),
+            switches: Arc::new(Switches::new(false, false, 1.0)),
             numbers: (0, 0),
             job: Job::None,
             hold: false,
@@ -144,6 +148,7 @@ impl Operator {
             malformed: 0,
             inbox: VecDeque::new(),
             datum: 0,
+            checking: None,
         };
         operator.refresh_modes();
         operator.relocate(operator.view.setpoint.position, false);
@@ -272,15 +277,15 @@ impl Operator {
             Command::Step => {
                 if let Job::Program(run) = &mut self.job {
                     run.step_behind = Some(self.view.setpoint.block);
-                    self.single_step.store(true, Ordering::Relaxed);
+                    self.switches.set_single_step(true);
                     self.resume(command);
                     return Ok(0);
                 }
-                self.single_step.store(true, Ordering::Relaxed);
+                self.switches.set_single_step(true);
                 job = self.start(0)?;
             }
             Command::SingleStep(on) => {
-                self.single_step.store(*on, Ordering::Relaxed);
+                self.switches.set_single_step(*on);
                 if let Job::Program(run) = &mut self.job {
                     run.step_behind = on.then_some(self.view.setpoint.block);
                 }
@@ -349,12 +354,10 @@ impl Operator {
                 self.send(What::Clear, command);
                 return Ok(0);
             }
-            Command::EstopReset
-            | Command::SetMode(_)
-            | Command::OptionalStop(_)
-            | Command::BlockDelete(_)
-            | Command::RapidOverride(_)
-            | Command::SpindleOverride(_) => {}
+            Command::OptionalStop(on) => self.switches.set_optional_stop(*on),
+            Command::BlockDelete(on) => self.switches.set_block_delete(*on),
+            Command::RapidOverride(ratio) => self.switches.set_rapid_override(*ratio),
+            Command::EstopReset | Command::SetMode(_) | Command::SpindleOverride(_) => {}
         }
         self.record(
             OutsideKind::Command,
@@ -515,6 +518,9 @@ impl Operator {
         let are_ready = matches!(self.view.presence, Presence::Operational | Presence::Absent);
         self.desk.enable(is_powered && are_ready, now_ns);
         self.follow_program();
+        if let Some(objection) = self.checking.as_mut().and_then(Checking::objection) {
+            self.message = objection;
+        }
     }
 
     pub(super) fn hear(&mut self, event: CycleEvent) {

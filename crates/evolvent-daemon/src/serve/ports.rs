@@ -70,7 +70,9 @@ impl Ports {
                     let _full = self.answers.push(feedback);
                 }
             }
-            while let Ok(Some(_)) = bus.load() {}
+            while let Ok(Some(load)) = bus.load() {
+                publishing.controls.see_load(load.value, load.range_max);
+            }
             while let Ok(snapshot) = self.snapshots.pop() {
                 // A status or an event that does not leave is replaced by the next.
                 let _lost = bus.publish_status(&snapshot.status);

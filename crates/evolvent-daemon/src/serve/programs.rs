@@ -2,19 +2,20 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
 
 use evolvent_control::{Activity, Alarm, Command, JobResult, Refusal};
 use evolvent_motion::State;
 
-use super::jobs::{Planning, ProgramJob, is_short};
+use super::checking::{Checking, is_short, judge};
+use super::jobs::{Planning, ProgramJob};
 use super::modes::{After, foresee};
 use super::operator::{Job, Operator};
 use super::orders::What;
 use super::track::Track;
-use crate::check::{ProgramError, check};
+use crate::check::ProgramError;
 use crate::job::Setup;
 use crate::news::{FeederNews, OutsideKind, StopKind, UserCall};
+use crate::switches::Switches;
 use crate::user_code::{UserCodes, UserNews, UserProgram};
 
 /// What the message says of a command of the machine's own.
@@ -60,26 +61,26 @@ impl Operator {
                 return Err(Refusal::new(Alarm::File, text));
             }
         }
-        if is_short(file) {
-            self.check(file, 0)?;
-        }
-        Ok(())
+        self.checking = None;
+        self.check_loaded(file).or_else(|refusal| match refusal.alarm {
+            // A long one is checked while nobody waits.
+            Alarm::Checking => Ok(()),
+            _ => Err(refusal),
+        })
     }
 
-    /// What program text and machine have against a program.
-    pub(super) fn check(&self, file: &Path, lines_before: u32) -> Result<(), Refusal> {
-        let found = check(file, &self.setup_here(), 1)
-            .map_err(|error| Refusal::new(Alarm::File, format!("{}: {error}", file.display())))?;
-        match found.first() {
-            None => Ok(()),
-            Some(first) => {
-                let alarm = if first.code == evolvent_gcode::Code::BeyondTravel {
-                    Alarm::SoftLimit
-                } else {
-                    Alarm::BadProgram
-                };
-                Err(Refusal::new(alarm, sentence(first, lines_before)))
-            }
+    /// What program text and machine have against a program, with the offsets and tools of now.
+    fn check_loaded(&mut self, file: &Path) -> Result<(), Refusal> {
+        let setup = self.setup_here();
+        if is_short(file) {
+            return judge(file, &setup, 0, || true);
+        }
+        if !(self.checking.as_ref()).is_some_and(|checking| checking.is_about(file, &setup)) {
+            self.checking = Some(Checking::begin(file, &setup)?);
+        }
+        match self.checking.as_mut().and_then(Checking::verdict) {
+            Some(verdict) => verdict.clone(),
+            None => Err(Alarm::Checking.into()),
         }
     }
 
@@ -87,12 +88,11 @@ impl Operator {
         let Some(file) = self.desk.program().map(PathBuf::from) else {
             return Err(Alarm::NoProgram.into());
         };
+        self.check_loaded(&file)?;
         let mut setup = self.setup_here();
         setup.start_line = (line > 1).then_some(line);
-        self.single_step.store(
-            self.desk.is_single_step() || self.single_step.load(Ordering::Relaxed),
-            Ordering::Relaxed,
-        );
+        let steps = self.desk.is_single_step() || self.switches.is_single_step();
+        self.switch_anew(steps);
         self.plan(file, setup, None, Activity::Program)
     }
 
@@ -107,9 +107,20 @@ impl Operator {
         std::fs::create_dir_all(&self.folder)
             .and_then(|()| std::fs::write(&file, &whole))
             .map_err(|error| Refusal::new(Alarm::File, format!("{}: {error}", file.display())))?;
-        self.check(&file, lines)?;
-        self.single_step.store(false, Ordering::Relaxed);
+        judge(&file, &setup, lines, || true)?;
+        self.switch_anew(false);
         self.plan(file, setup, Some(after), Activity::Mdi)
+    }
+
+    /// The switches of the next job, as they stand at the desk.
+    fn switch_anew(&mut self, single_step: bool) {
+        let [_, rapid_override, _] = self.desk.overrides();
+        self.switches = Arc::new(Switches::new(
+            self.desk.is_optional_stop(),
+            self.desk.is_block_delete(),
+            rapid_override,
+        ));
+        self.switches.set_single_step(single_step);
     }
 
     pub(super) fn plan(
@@ -126,8 +137,7 @@ impl Operator {
             file,
             setup,
             feed_override: self.desk.overrides()[0],
-            optional_stop: self.desk.is_optional_stop(),
-            single_step: Arc::clone(&self.single_step),
+            switches: Arc::clone(&self.switches),
             numbered_from: self.numbers,
             recorder: self.recorder.clone(),
         })
@@ -244,7 +254,7 @@ impl Operator {
         match kind {
             StopKind::Program => {}
             StopKind::Step => {
-                if !self.single_step.load(Ordering::Relaxed) {
+                if !self.switches.is_single_step() {
                     self.order(What::GoOn(action + 1));
                 }
             }
@@ -344,7 +354,7 @@ impl Operator {
 }
 
 /// A diagnostic as one sentence with its line.
-fn sentence(diagnostic: &evolvent_gcode::Diagnostic, lines_before: u32) -> String {
+pub(super) fn sentence(diagnostic: &evolvent_gcode::Diagnostic, lines_before: u32) -> String {
     let line = diagnostic.line.saturating_sub(lines_before);
     let mut text = format!(
         "line {line}: {}: {}",

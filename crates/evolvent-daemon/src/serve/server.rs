@@ -25,12 +25,12 @@ use crate::drives::{phase_settings, watch_settings};
 use crate::job::{Clock, Setup};
 use crate::publisher::{PublishReport, Publishing};
 use crate::recording::{Closing, RecordReport, Recording};
-use crate::rt::{MonotonicClock, RealtimeRequest, apply_to_this_thread};
+use crate::rt::{MonotonicClock, RealtimeRequest, apply_to_this_thread, hurry};
 use crate::run::{RunSource, StartError, rescue_leftovers, run_info};
 use crate::shared::Controls;
 
-/// Time between two looks of the control thread.
-const CONTROL_EVERY: Duration = Duration::from_millis(1);
+/// Time between two looks of the control thread: so long a command waits at the most on a host that is not busy.
+const CONTROL_EVERY: Duration = Duration::from_micros(500);
 /// Time between two snapshots where nothing changes.
 const STATUS_EVERY_NS: u64 = 50_000_000;
 /// Requests that are answered in one look at the most.
@@ -120,6 +120,7 @@ pub fn serve(
         counts: to_count,
     };
     let publishing_config = publishing.config.clone();
+    let controls = Arc::clone(&publishing.controls);
     let request = realtime_request(setup, 1);
     let publisher = thread::Builder::new().name("publisher".into()).spawn(move || {
         // The cycle's thread asks for the same and more, and reports.
@@ -160,6 +161,7 @@ pub fn serve(
         trace,
         watch: FeedbackWatch::new(watch_settings(machine, setup.period_ns)),
         phase: phase_settings(machine, setup.period_ns).map(PhaseLock::new),
+        controls,
     };
     let (granted_sender, granted) = mpsc::channel();
     let request = realtime_request(setup, 0);
@@ -191,6 +193,7 @@ pub fn serve(
     })
     .map_err(|text| StartError::Thread(std::io::Error::other(text)))?;
     manager.tell("READY=1");
+    hurry();
 
     let mut pulse = Pulse::default();
     let mut published = (PublishReport::default(), 0);
@@ -202,6 +205,10 @@ pub fn serve(
     let mut ending: Option<Instant> = None;
     loop {
         let now_ns = MonotonicClock::now_ns();
+        // Commands are judged by what the newest cycle has left.
+        operator.tick(now_ns, &mut views, &mut events, &mut answers, |view| {
+            pulse.count(view);
+        });
         for _ in 0..MOST_REQUESTS {
             match server.serve(|request| operator.answer(request, now_ns)) {
                 Ok(true) => {}
@@ -212,9 +219,6 @@ pub fn serve(
                 }
             }
         }
-        operator.tick(now_ns, &mut views, &mut events, &mut answers, |view| {
-            pulse.count(view);
-        });
         while let Ok(count) = counts.pop() {
             published = count;
         }

@@ -1,0 +1,137 @@
+//! Long programs are checked beside, while the machine stands or is jogged; no program starts before it is checked.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{self, Receiver, TryRecvError};
+use std::thread;
+use std::time::SystemTime;
+
+use evolvent_control::{Alarm, Refusal};
+
+use super::programs::sentence;
+use crate::check::check_while;
+use crate::job::Setup;
+use crate::memory::ProgramMemory;
+use crate::rt::take_turns;
+
+/// Programs up to this length are checked as a whole while somebody waits, bytes.
+const SHORT: u64 = 64 * 1024;
+
+/// What a program looks like from outside: another look means another program.
+#[derive(Clone, Debug, PartialEq)]
+struct Look {
+    file: PathBuf,
+    bytes: u64,
+    changed: Option<SystemTime>,
+}
+
+impl Look {
+    fn at(file: &Path) -> Option<Self> {
+        let facts = file.metadata().ok()?;
+        Some(Self {
+            file: file.to_path_buf(),
+            bytes: facts.len(),
+            changed: facts.modified().ok(),
+        })
+    }
+}
+
+/// A check under way, or what it came to.
+#[derive(Debug)]
+pub(super) struct Checking {
+    look: Look,
+    /// What offsets and tools were then.
+    memory: ProgramMemory,
+    verdict: Option<Result<(), Refusal>>,
+    result: Receiver<Result<(), Refusal>>,
+    superseded: Arc<AtomicBool>,
+}
+
+impl Checking {
+    /// Begins to check a program on a thread of its own.
+    pub(super) fn begin(file: &Path, setup: &Setup) -> Result<Self, Refusal> {
+        let look = Look::at(file).ok_or_else(|| {
+            let text = format!("{}: cannot be read; name a readable part program", file.display());
+            Refusal::new(Alarm::File, text)
+        })?;
+        let (sender, result) = mpsc::channel();
+        let superseded = Arc::new(AtomicBool::new(false));
+        let (told, file, of_thread) = (Arc::clone(&superseded), file.to_path_buf(), setup.clone());
+        let spawned = thread::Builder::new().name("checker".into()).spawn(move || {
+            take_turns();
+            let verdict = judge(&file, &of_thread, 0, || !told.load(Ordering::Relaxed));
+            let _gone = sender.send(verdict);
+        });
+        spawned.map_err(|error| Refusal::new(Alarm::Planner, format!("no thread to check with: {error}")))?;
+        Ok(Self {
+            look,
+            memory: setup.memory.clone(),
+            verdict: None,
+            result,
+            superseded,
+        })
+    }
+
+    /// Whether it is about this program as it is now, with the offsets and tools of now.
+    pub(super) fn is_about(&self, file: &Path, setup: &Setup) -> bool {
+        Look::at(file).as_ref() == Some(&self.look) && self.memory == setup.memory
+    }
+
+    /// What is wrong with the program, once.
+    pub(super) fn objection(&mut self) -> Option<String> {
+        if self.verdict.is_some() {
+            return None;
+        }
+        let verdict = self.verdict()?;
+        verdict.as_ref().err().map(|refusal| refusal.text.clone())
+    }
+
+    /// What it came to; none while it is under way.
+    pub(super) fn verdict(&mut self) -> Option<&Result<(), Refusal>> {
+        if self.verdict.is_none() {
+            self.verdict = match self.result.try_recv() {
+                Ok(verdict) => Some(verdict),
+                Err(TryRecvError::Empty) => None,
+                Err(TryRecvError::Disconnected) => {
+                    let text = "the check of the program has died; load it again, and report this";
+                    Some(Err(Refusal::new(Alarm::BadProgram, text)))
+                }
+            };
+        }
+        self.verdict.as_ref()
+    }
+}
+
+impl Drop for Checking {
+    fn drop(&mut self) {
+        self.superseded.store(true, Ordering::Relaxed);
+    }
+}
+
+/// Whether a program is short enough to be checked as a whole while somebody waits.
+pub(super) fn is_short(file: &Path) -> bool {
+    file.metadata().is_ok_and(|facts| facts.len() <= SHORT)
+}
+
+/// What program text and machine have against a program, whose lines are counted from behind so many.
+pub(super) fn judge(
+    file: &Path,
+    setup: &Setup,
+    lines_before: u32,
+    go_on: impl FnMut() -> bool,
+) -> Result<(), Refusal> {
+    let found = check_while(file, setup, 1, go_on)
+        .map_err(|error| Refusal::new(Alarm::File, format!("{}: {error}", file.display())))?;
+    match found.first() {
+        None => Ok(()),
+        Some(first) => {
+            let alarm = if first.code == evolvent_gcode::Code::BeyondTravel {
+                Alarm::SoftLimit
+            } else {
+                Alarm::BadProgram
+            };
+            Err(Refusal::new(alarm, sentence(first, lines_before)))
+        }
+    }
+}
