@@ -59,6 +59,18 @@ impl<'a> Sheet<'a> {
         Ok(Self { file, text, content })
     }
 
+    /// The file's name, as errors give it.
+    #[must_use]
+    pub fn file(&self) -> &'a str {
+        self.file
+    }
+
+    /// The text.
+    #[must_use]
+    pub fn text(&self) -> &'a str {
+        self.text
+    }
+
     /// The text as a `T`.
     ///
     /// # Errors

@@ -10,6 +10,7 @@ use evolvent_motion::QueueClosed;
 use evolvent_plan::{ExitSpeeds, PathRules, PlanError, PlanSink, Planner, Segment, Step};
 
 use crate::job::Setup;
+use crate::turning::turning;
 
 /// Why a program cannot be run to its end.
 #[derive(Debug, thiserror::Error)]
@@ -78,7 +79,13 @@ pub(crate) fn check_while(
                     Err(error) => Some(explain(&error, program, line)),
                 }
             }
-            Ok(_) => None,
+            Ok(Command {
+                line,
+                action: Action::Turning(cycle),
+            }) => turning(&cycle, setup)
+                .err()
+                .map(|what| cannot_turn(what, program, line)),
+            Ok(Command { line, action }) => action.missing_ability().map(|what| refuse(what, program, line)),
         };
         errors.extend(error);
         if errors.len() >= limit || !go_on() {
@@ -112,6 +119,12 @@ pub(crate) fn refuse(what: &str, program: &Path, line: u32) -> Diagnostic {
 pub(crate) fn about_line(message: String, program: &Path, line: u32) -> Diagnostic {
     let text = line_text(program, line).unwrap_or_default();
     Diagnostic::about_line(Code::MissingAbility, line, &text, None, message)
+}
+
+/// A turning cycle that does not fit, with its place.
+pub(crate) fn cannot_turn(what: String, program: &Path, line: u32) -> Diagnostic {
+    let text = line_text(program, line).unwrap_or_default();
+    Diagnostic::about_line(Code::MoveRefused, line, &text, Some('Q'), what)
 }
 
 /// A refused move with its place.

@@ -7,7 +7,9 @@ use std::sync::Arc;
 
 use evolvent_motion::{Inputs, Motion, PlanConsumer, Setpoint, State, flags};
 use evolvent_path::AXES;
-use evolvent_process::{AdaptiveFeed, AdaptiveStop};
+use evolvent_process::{
+    AdaptiveFeed, AdaptiveStop, CutNow, LoadSample, Reason, SimulatedProcess, Transition, TurningOutput,
+};
 use evolvent_trace::{CycleRecord, Histogram, inputs as recorded};
 use rtrb::{Consumer, Producer};
 
@@ -51,6 +53,8 @@ pub(crate) struct CycleSample {
     pub record: CycleRecord,
     pub block: u32,
     pub actions: u32,
+    /// The change of state of a turning cycle.
+    pub turning: Option<Transition>,
 }
 
 impl CycleSample {
@@ -82,6 +86,21 @@ pub(crate) struct CycleLoop {
     pub trace: Option<Producer<CycleSample>>,
     /// Unix time of the first setpoint.
     pub start_unix_ns: u64,
+    /// A load is measured, and recorded.
+    pub records_load: bool,
+    /// The workpiece that the setpoints cut: with the virtual clock, whose load no sensor measures.
+    pub process: Option<SimulatedProcess>,
+}
+
+/// One cycle, for who looks on.
+#[derive(Clone, Copy, Debug)]
+pub struct Seen<'a> {
+    /// The setpoint.
+    pub setpoint: &'a Setpoint,
+    /// What a turning cycle gave out, where one moves the axes.
+    pub turning: Option<&'a TurningOutput>,
+    /// What the simulated workpiece lost, where there is one.
+    pub cut: Option<CutNow>,
 }
 
 /// What the loop counted.
@@ -99,6 +118,8 @@ pub(crate) struct CycleReport {
     pub adaptive_stop: Option<AdaptiveStop>,
     /// The plan ended before the program did.
     pub program_failed: bool,
+    /// The simulated workpiece as it is left.
+    pub process: Option<SimulatedProcess>,
     /// Program stops at which nobody was waited for.
     pub program_stops_passed: u64,
     pub lateness: Histogram,
@@ -107,7 +128,7 @@ pub(crate) struct CycleReport {
 
 impl CycleLoop {
     /// Runs to the end of the plan, a stop or a fault. `observe` sees every setpoint (offline planning).
-    pub(crate) fn run(mut self, motion: Motion, mut observe: impl FnMut(&Setpoint)) -> CycleReport {
+    pub(crate) fn run(mut self, motion: Motion, mut observe: impl FnMut(&Seen<'_>)) -> CycleReport {
         let mut report = CycleReport {
             motion,
             last: None,
@@ -119,6 +140,7 @@ impl CycleLoop {
             stopped_for_lateness: false,
             planner_died: false,
             adaptive_stop: None,
+            process: None,
             program_failed: false,
             program_stops_passed: 0,
             lateness: Histogram::default(),
@@ -128,6 +150,7 @@ impl CycleLoop {
         let start = MonotonicClock::now_ns() + 2 * self.period_ns;
         let mut late_in_a_row = 0;
         let mut resumed = false;
+        let (mut simulated, mut load_before) = (None, None);
         let mut adaptive = self
             .controls
             .adaptive()
@@ -143,6 +166,9 @@ impl CycleLoop {
                 0
             };
             let mut inputs = self.controls.inputs();
+            if self.process.is_some() {
+                inputs.load = simulated;
+            }
             inputs.stop |= report.stopped_for_lateness;
             let command = at_command(&mut self.commands, &report);
             if let Some(action) = command {
@@ -166,6 +192,9 @@ impl CycleLoop {
             }
             if report.motion.fault().is_some() {
                 self.controls.raise(Alarm::Guard);
+            }
+            if let Some(reason) = report.motion.turning_fault() {
+                self.controls.raise(turning_alarm(&reason));
             }
             if report.motion.is_stuck(&mut self.queue) {
                 setpoint.state = State::Fault;
@@ -214,14 +243,24 @@ impl CycleLoop {
                     work,
                     came_in(&inputs, &report.motion),
                 );
-                if let (Some(_), Some(load)) = (&adaptive, self.controls.load()) {
-                    sample.record.load = load.value;
+                if self.records_load || adaptive.is_some() {
+                    let turning = report.motion.turning().and_then(|output| output.transition);
+                    note_turning(&mut sample, turning, inputs.load, &mut load_before);
                 }
                 if !hand_over(trace, sample, realtime) {
                     report.dropped_records += 1;
                 }
             }
-            observe(&setpoint);
+            let cut = self.process.as_mut().map(|process| {
+                let (cut, sample) = process.step(setpoint.position[0], setpoint.position[2]);
+                simulated = sample;
+                cut
+            });
+            observe(&Seen {
+                setpoint: &setpoint,
+                turning: report.motion.turning(),
+                cut,
+            });
             let stands = setpoint.state == State::ProgramStop;
             let next = self.commands.as_ref().and_then(|commands| commands.peek().ok());
             let at_command = stands && next.is_some_and(|action| action + 1 == setpoint.actions);
@@ -239,6 +278,7 @@ impl CycleLoop {
             }
         }
         self.controls.abandon();
+        report.process = self.process;
         report
     }
 }
@@ -266,6 +306,14 @@ fn adapt(
     let output = adaptive.step(controls.load(), driven, feeds);
     inputs.feed_override = inputs.feed_override.min(1.0) * output.factor;
     output.stop
+}
+
+/// The alarm of a turning cycle that has given up.
+pub(crate) fn turning_alarm(reason: &Reason) -> Alarm {
+    match reason {
+        Reason::Sensor(_) => Alarm::LoadSensor,
+        _ => Alarm::CuttingLoad,
+    }
 }
 
 /// In real time what finds no room is dropped; in virtual time there is time to wait.
@@ -331,6 +379,26 @@ pub(crate) fn sample(
         },
         block: setpoint.block,
         actions: setpoint.actions,
+        turning: None,
+    }
+}
+
+/// Adds what a turning cycle went by and did to a sample. `before` is the reading of the cycle before.
+pub(crate) fn note_turning(
+    sample: &mut CycleSample,
+    turning: Option<Transition>,
+    load: Option<LoadSample>,
+    before: &mut Option<LoadSample>,
+) {
+    sample.turning = turning;
+    let was = std::mem::replace(before, load);
+    let Some(load) = load else { return };
+    sample.record.load = load.value;
+    if was.is_none_or(|was| was.sequence != load.sequence) {
+        sample.record.inputs |= recorded::LOAD;
+    }
+    if load.value >= load.range_max {
+        sample.record.inputs |= recorded::LOAD_AT_END;
     }
 }
 
@@ -389,6 +457,8 @@ mod tests {
             bus: None,
             trace: None,
             start_unix_ns: 0,
+            records_load: false,
+            process: None,
         };
         let (sender, receiver) = mpsc::channel();
         std::thread::spawn(move || {

@@ -7,13 +7,13 @@ use std::sync::mpsc::Sender;
 use std::time::Duration;
 
 use evolvent_gcode::{Action, Command, Modal, Move, MoveKind};
-use evolvent_motion::QueueClosed;
+use evolvent_motion::{QueueClosed, Turning, TurningSender};
 use evolvent_path::Curve;
 use evolvent_plan::{PlanError, PlanSink, Planner, Step};
 use evolvent_trace::BlockKind;
 use rtrb::Producer;
 
-use crate::check::{ProgramError, about_line, explain, refuse};
+use crate::check::{ProgramError, about_line, cannot_turn, explain, refuse};
 use crate::job::Setup;
 use crate::memory::ProgramMemory;
 use crate::news::{BlockPlan, FeederNews, Moment, Notice, QueuedBlock, StopKind, UserCall, describe};
@@ -21,10 +21,14 @@ use crate::shared::Controls;
 use crate::source::Commands;
 use crate::switches::Switches;
 use crate::tally::Tally;
+use crate::turning::turning;
 use crate::user_code::UserCodes;
 
 /// How long the planner sleeps where too many commands lie ahead.
 const CARRIER_NAP: Duration = Duration::from_millis(5);
+
+/// The same while the turning cycles before are driven.
+const TURNING_NAP: Duration = Duration::from_millis(1);
 
 /// What the feeder knows at the end.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -72,6 +76,8 @@ pub(crate) struct Feeder<'a, S> {
     /// Where the machine's own commands are carried out.
     codes: Option<UserCodes>,
     carrier: Option<ToCarrier>,
+    /// The way of turning cycles to the cycle; none where nothing is driven.
+    turnings: Option<TurningSender>,
 }
 
 /// Tells of the machine's own commands in a run: who carries them out, and the cycle, which waits there.
@@ -112,7 +118,14 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
             user_commands: 0,
             codes: None,
             carrier: None,
+            turnings: None,
         }
+    }
+
+    /// Hands turning cycles on here.
+    pub(crate) fn turning_by(mut self, turnings: Option<TurningSender>) -> Self {
+        self.turnings = turnings;
+        self
     }
 
     /// Numbers blocks and actions from these on, so that they go on from job to job.
@@ -209,6 +222,16 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
             if let Some(switches) = &self.switches {
                 commands.set_block_delete(switches.is_block_delete());
             }
+            if let Action::Turning(cycle) = &command.action {
+                let turning = turning(cycle, self.setup).map_err(|what| ProgramError::Text {
+                    file: self.file.clone(),
+                    diagnostic: Box::new(cannot_turn(what, program, command.line)),
+                })?;
+                if self.turn(turning, command.line).is_err() {
+                    break;
+                }
+                continue;
+            }
             match self.execute(&command) {
                 Ok(true) => {}
                 Ok(false) => return Ok(Some(commands.left(&self.setup.memory))),
@@ -224,6 +247,23 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
             self.report_blocks(false);
         }
         Ok(None)
+    }
+
+    /// Comes to rest and hands over to a turning cycle.
+    fn turn(&mut self, turning: Turning, line: u32) -> Result<(), QueueClosed> {
+        let mut turning = Box::new(turning);
+        while let Some(turnings) = &mut self.turnings {
+            match turnings.send(turning) {
+                Ok(()) => break,
+                Err(_) if turnings.is_abandoned() => return Err(QueueClosed),
+                Err(back) => turning = back,
+            }
+            // Holds and overrides are answered meanwhile.
+            self.planner.poll()?;
+            std::thread::sleep(TURNING_NAP);
+        }
+        self.last_line = 0;
+        self.planner.rest(&Step::Turning { line })
     }
 
     /// `false` at the program's end.

@@ -1,11 +1,13 @@
 //! What a run is asked to do.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use evolvent_gcode as gcode;
 use evolvent_machine::{ControlRate, Machine, MachineKind, PathMode, PeriodError, TurningWords};
 use evolvent_path::{AXES, Axes};
 use evolvent_plan::{PathLimits, PathRules};
+use evolvent_process::Job as TurningJob;
 
 use crate::memory::ProgramMemory;
 
@@ -52,6 +54,8 @@ pub struct Setup {
     pub block_delete: bool,
     /// Share of the axes' speed that rapids may use, 0 to 1.
     pub rapid_override: f64,
+    /// Tool, force law, load and feeds of turning cycles that find their passes; none where no file tells them.
+    pub process: Option<Arc<TurningJob>>,
 }
 
 impl Setup {
@@ -77,6 +81,7 @@ impl Setup {
             tool: 0,
             block_delete: true,
             rapid_override: 1.0,
+            process: None,
         })
     }
 

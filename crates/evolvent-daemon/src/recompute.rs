@@ -69,10 +69,11 @@ pub fn recompute(
     let abandoned = Arc::new(AtomicBool::new(false));
     let failed = AtomicBool::new(false);
     let waiting = Arc::clone(&abandoned);
-    let (producer, mut queue) = plan_queue(move || {
+    let (mut producer, mut queue) = plan_queue(move || {
         thread::sleep(PLANNER_NAP);
         !waiting.load(Ordering::Acquire)
     });
+    let turnings = producer.take_turnings();
     let mut motion = Motion::new(limits, setup.period_ns, limits.home).planned_for(feed_override);
     thread::scope(|scope| {
         let failing = &failed;
@@ -89,6 +90,7 @@ pub fn recompute(
                     true,
                     optional_stop,
                 )
+                .turning_by(turnings)
                 .feed(program, || failing.store(true, Ordering::Release))
             })?;
         let mut cycles = 0;

@@ -20,6 +20,8 @@ use evolvent_control::Alarm;
 
 /// Nothing older than this is lost by a crash.
 const FLUSH_EVERY: Duration = Duration::from_millis(250);
+/// Codes of the events of a turning cycle's states begin behind this.
+const TURNING_STATES: u32 = 100;
 /// Time between two looks at an empty queue.
 const NAP: Duration = Duration::from_millis(1);
 
@@ -222,6 +224,20 @@ impl Tracks {
             ))?;
         }
         self.late = late;
+        if let Some(change) = &sample.turning {
+            let text = format!(
+                "turning, pass {}: {} to {} at {:.2} mm along and {:.3} mm out: {}",
+                change.pass,
+                change.from.name(),
+                change.to.name(),
+                change.along_mm,
+                change.out_mm,
+                change.reason.text()
+            );
+            // States of turning are told apart from those of the cycle by what their numbers begin with.
+            let code = TURNING_STATES + change.to as u32;
+            recorder.event(&event(EventKind::State, code, text, Some(change.load)))?;
+        }
         self.record_outside(recorder, cycle)?;
         self.actions = sample.actions;
         self.blocks = self.blocks.max(sample.blocks_begun());

@@ -10,13 +10,13 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use evolvent_bus::{BusConfig, BusError};
 use evolvent_machine::CycleRecording;
 use evolvent_motion::{Motion, Setpoint, plan_queue};
-use evolvent_process::AdaptiveStop;
+use evolvent_process::{AdaptiveStop, SimulatedProcess};
 use evolvent_trace::{ProgramSource, RecordError, Recorder, RunInfo, configuration_hash, recover_leftovers};
 use rtrb::RingBuffer;
 
 use crate::carrier::Carrier;
 use crate::check::ProgramError;
-use crate::cycle::{CycleLoop, CycleReport};
+use crate::cycle::{CycleLoop, CycleReport, Seen, turning_alarm};
 use crate::feeder::{FeedReport, Feeder, ToCarrier};
 use crate::job::{Clock, Job, Setup};
 use crate::memory::ProgramMemory;
@@ -73,6 +73,8 @@ pub struct RunOutcome {
     pub trace_error: Option<RecordError>,
     /// What the guard refused.
     pub fault: Option<String>,
+    /// The simulated workpiece as the run has left it, where there is one.
+    pub process: Option<SimulatedProcess>,
     /// What the program has left of tools and parameters, if it was read to its end.
     pub left: Option<ProgramMemory>,
 }
@@ -97,7 +99,20 @@ pub fn run(
     job: &Job,
     controls: &Arc<Controls>,
     observer: &mut dyn RunObserver,
-    observe: impl FnMut(&Setpoint) + Send,
+    mut observe: impl FnMut(&Setpoint) + Send,
+) -> Result<RunOutcome, StartError> {
+    run_seen(job, controls, observer, |seen| observe(seen.setpoint))
+}
+
+/// The same; `observe` also sees what turning cycles and the simulated workpiece do.
+///
+/// # Errors
+/// The run could not be started; nothing has moved.
+pub fn run_seen(
+    job: &Job,
+    controls: &Arc<Controls>,
+    observer: &mut dyn RunObserver,
+    observe: impl FnMut(&Seen<'_>) + Send,
 ) -> Result<RunOutcome, StartError> {
     let setup = &job.setup;
     let limits = setup.machine.limits();
@@ -184,10 +199,11 @@ pub fn run(
         };
 
         let waiting = Arc::clone(controls);
-        let (plan_producer, plan_consumer) = plan_queue(move || {
+        let (mut plan_producer, plan_consumer) = plan_queue(move || {
             thread::sleep(PLANNER_NAP);
             !waiting.is_abandoned()
         });
+        let turnings = plan_producer.take_turnings();
         let with_blocks = recording.is_some();
         // Where time is not real, nothing of the machine is there to be commanded.
         let codes = (job.clock == Clock::Realtime).then(|| UserCodes::of(setup));
@@ -219,7 +235,8 @@ pub fn run(
                     listeners,
                     with_blocks,
                     optional_stop,
-                );
+                )
+                .turning_by(turnings);
                 let feeder = match codes {
                     None => feeder,
                     Some(codes) => feeder.executing(codes).carried_out_by(ToCarrier {
@@ -243,6 +260,10 @@ pub fn run(
             bus: bus_producer,
             trace: trace_producer,
             start_unix_ns,
+            records_load: setup.process.is_some(),
+            process: (job.clock == Clock::Virtual)
+                .then(|| SimulatedProcess::new(setup.process.as_ref()?, setup.period_ns as f64 * 1e-9))
+                .flatten(),
         };
         let motion = Motion::new(limits, setup.period_ns, limits.home).planned_for(job.feed_override);
         let request = realtime_request(job, 0);
@@ -333,6 +354,7 @@ pub fn run(
             program,
             trace_error,
             fault: fault.map(|(_, text)| text),
+            process: report.process,
             left,
         })
     })
@@ -432,7 +454,15 @@ pub(crate) fn run_info(setup: &Setup, source: &RunSource<'_>, start_time_ns: u64
                 ("platform".to_owned(), crate::platform()),
                 ("block_delete".to_owned(), setup.block_delete.to_string()),
                 ("start_line".to_owned(), setup.start_line.unwrap_or(0).to_string()),
-            ]),
+            ])
+            .into_iter()
+            .chain(
+                setup
+                    .process
+                    .iter()
+                    .map(|process| ("process".to_owned(), process.text().to_owned())),
+            )
+            .collect(),
         ),
         RunSource::Served => (
             "serve".to_owned(),
@@ -539,6 +569,9 @@ fn fault_of(report: &CycleReport) -> Option<(Alarm, String)> {
     if report.planner_died {
         let text = "the planner ended without completing its plan; the machine stopped on the path";
         return Some((Alarm::Planner, text.to_owned()));
+    }
+    if let Some(reason) = motion.turning_fault() {
+        return Some((turning_alarm(&reason), reason.text()));
     }
     if let Some(stop) = &report.adaptive_stop {
         let alarm = match stop {

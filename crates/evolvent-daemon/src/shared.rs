@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use evolvent_motion::{Inputs, Setpoint, State};
 use evolvent_process::{AdaptiveSettings, LoadSample};
 
+use crate::load_cell::LoadCell;
 use evolvent_control::Alarm;
 
 /// Switches and gauges of a run. The cycle reads the switches once a cycle and sets the gauges; nobody waits.
@@ -20,9 +21,7 @@ pub struct Controls {
     sequence: AtomicU64,
     /// Adaptive feed is asked for.
     adaptive: Option<AdaptiveSettings>,
-    /// The newest cutting load: its bits as f32 above, how many came below.
-    load: AtomicU64,
-    load_range: AtomicU64,
+    load: LoadCell,
     path_mm: AtomicU64,
     feed_mm_s: AtomicU64,
     line: AtomicU32,
@@ -50,8 +49,7 @@ impl Controls {
             alarm: AtomicU32::new(0),
             sequence: AtomicU64::new(0),
             adaptive: None,
-            load: AtomicU64::new(0),
-            load_range: AtomicU64::new(0),
+            load: LoadCell::default(),
             path_mm: AtomicU64::new(0),
             feed_mm_s: AtomicU64::new(0),
             line: AtomicU32::new(0),
@@ -93,21 +91,12 @@ impl Controls {
     /// A cutting load has come in, with the highest value that its sensor can show. From one thread only: the bus's, or
     /// where there is no bus, that of whoever simulates a sensor.
     pub fn see_load(&self, value: f64, range_max: f64) {
-        let count = (self.load.load(Ordering::Relaxed) as u32).wrapping_add(1).max(1);
-        self.load_range.store(range_max.to_bits(), Ordering::Relaxed);
-        let bits = u64::from((value as f32).to_bits()) << 32 | u64::from(count);
-        self.load.store(bits, Ordering::Release);
+        self.load.see(value, range_max);
     }
 
     /// The newest cutting load, none before the first.
     pub(crate) fn load(&self) -> Option<LoadSample> {
-        let bits = self.load.load(Ordering::Acquire);
-        let range = f64::from_bits(self.load_range.load(Ordering::Relaxed));
-        (bits != 0).then(|| LoadSample {
-            sequence: bits & u64::from(u32::MAX),
-            value: f64::from(f32::from_bits((bits >> 32) as u32)),
-            range_max: f64::from(range as f32),
-        })
+        self.load.newest()
     }
 
     /// Sets the feed override, 1 at 100 %.
@@ -179,6 +168,7 @@ impl Controls {
             hold: self.hold.load(Ordering::Relaxed),
             stop: self.stop.load(Ordering::Relaxed),
             resume: resume && at_stop,
+            load: self.load(),
         }
     }
 

@@ -186,7 +186,6 @@ impl Action {
             Self::OrientSpindle { .. } => "orienting the spindle (M19)",
             Self::SurfaceSpeed { .. } => "constant surface speed (G96)",
             Self::Thread { .. } => "motion in step with the spindle (G33, G76)",
-            Self::Turning(_) => "turning in passes that the load finds (G82 Q1, G75 Q1)",
             Self::RigidTap { .. } => "rigid tapping (G33.1)",
             Self::Probe { .. } => "probing (G38)",
             Self::Output { .. } | Self::AnalogOutput { .. } => "outputs (M62 to M65, M67, M68)",

@@ -54,8 +54,12 @@ pub struct TurningCycle {
     pub cone_mm: Option<[f64; 2]>,
     /// Depth of a plain pass, if the program gives one: what to fall back on.
     pub depth_mm: Option<f64>,
-    /// What is left for the finishing pass, along X and along Z; 0 for none.
+    /// What is left for the finishing pass, along X and along Z; 0 for none. That pass follows as plain moves.
     pub allowance_mm: f64,
+    /// The final diameter as programmed, mm: for the cutting speed. X of the machine has offsets in it.
+    pub diameter_mm: f64,
+    /// Speed of the spindle, rev/min; 0 where the program has not told it, or G96 is in force.
+    pub spindle_rpm: f64,
     /// Programmed speed along Z in mm/s, before override.
     pub feed_mm_s: f64,
     /// Programmed speed along X in mm/s: E of G75, else the same.
@@ -262,6 +266,8 @@ impl Executor<'_> {
         };
         let [x_mm, z_mm] = machine(step.x, step.z)?;
         let cone_mm = step.cone.map(|[x, z]| machine(x, z)).transpose()?;
+        let modes = &self.state.modes;
+        let spindle_rpm = if modes.surface.is_none() { modes.speed } else { 0.0 };
         let cycle = TurningCycle {
             kind: match turning {
                 Turning::Longitudinal => TurningKind::Longitudinal,
@@ -273,11 +279,18 @@ impl Executor<'_> {
             cone_mm,
             depth_mm,
             allowance_mm: step.allowance,
+            diameter_mm: 2.0 * step.x.abs(),
+            spindle_rpm,
             feed_mm_s: step.feed,
             cross_feed_mm_s: step.cross_feed,
         };
         self.out(Action::Turning(cycle));
-        Ok(())
+        // What is left is finished as ever, from where the cycle has begun.
+        match turning {
+            Turning::Longitudinal => self.finish_longitudinal(step)?,
+            Turning::Facing => self.finish_facing(step)?,
+        }
+        self.rapid(step.x0, step.z0)
     }
 
     /// G82 in plain passes.
@@ -294,13 +307,19 @@ impl Executor<'_> {
             self.home_from(step, above)?;
             above = x;
         }
+        self.finish_longitudinal(step)?;
+        self.rapid(step.x0, step.z0)
+    }
+
+    /// The finishing pass, if something was left for it.
+    fn finish_longitudinal(&mut self, step: &Step) -> Result<(), Fault> {
         if step.allowance > 0.0 {
             self.rapid(step.x, step.z0)?;
             self.cut(step.x, step.z, step.feed)?;
             self.along_wall(step, step.x, step.x0, 0.0)?;
             self.home_from(step, step.x0)?;
         }
-        self.rapid(step.x0, step.z0)
+        Ok(())
     }
 
     /// From a point of the wall, shoulder or cone, outwards to `x`.
@@ -340,6 +359,12 @@ impl Executor<'_> {
             self.rapid(step.x0, off)?;
             before = z;
         }
+        self.finish_facing(step)?;
+        self.rapid(step.x0, step.z0)
+    }
+
+    /// The finishing pass, if something was left for it.
+    fn finish_facing(&mut self, step: &Step) -> Result<(), Fault> {
         if step.allowance > 0.0 {
             // The step's cylinder, then its face, outwards.
             let off = step.z0 + step.back * PULL_OFF_MM;
@@ -348,7 +373,7 @@ impl Executor<'_> {
             self.cut(step.x, step.z, step.feed)?;
             self.cut(step.x0, step.z, step.cross_feed)?;
         }
-        self.rapid(step.x0, step.z0)
+        Ok(())
     }
 
     fn passes(&self, total: f64, depth: f64) -> Result<u32, Fault> {

@@ -181,8 +181,7 @@ fn increments_and_radii_are_as_configured() {
 
 #[test]
 fn a_program_that_asks_for_it_hands_the_cycle_on_where_a_load_is_measured() {
-    let program =
-        "G21 G18 F60\nG10 L2 P1 X1 Z2\nG0 X30 Z1\nG82 X40 Z-20 R50 L-25 H0.5 Q1\nG75 X40 Z-5 K2 E30 Q1\nM2\n";
+    let program = "G21 G18 F60 S800\nG10 L2 P1 X1 Z2\nG0 X30 Z1\nG82 X40 Z-20 R50 L-25 H0.5 Q1\nG75 X40 Z-5 K2 E30 Q1\nM2\n";
     let with_load = Settings {
         load_channel: true,
         ..lathe()
@@ -202,6 +201,8 @@ fn a_program_that_asks_for_it_hands_the_cycle_on_where_a_load_is_measured() {
         cone_mm: Some([26.0, -23.0]),
         depth_mm: None,
         allowance_mm: 0.5,
+        diameter_mm: 40.0,
+        spindle_rpm: 800.0,
         feed_mm_s: 1.0,
         cross_feed_mm_s: 1.0,
     };
@@ -215,7 +216,25 @@ fn a_program_that_asks_for_it_hands_the_cycle_on_where_a_load_is_measured() {
         ..first
     };
     assert_eq!(cycles, [&Action::Turning(first), &Action::Turning(second)]);
-    assert!(cycles[0].missing_ability().is_some());
+    // What is left is finished as in the plain cycle, to the final corner and back to the start.
+    let at = |x: f64, z: f64| move |end: &Axes| (end[0] - x).abs() < 1e-12 && (end[2] - z).abs() < 1e-12;
+    let after: Vec<_> = actions
+        .iter()
+        .skip_while(|action| !matches!(action, Action::Turning(_)))
+        .skip(1)
+        .take_while(|action| !matches!(action, Action::Turning(_)))
+        .filter_map(|action| match action {
+            Action::Move(step) => Some((step.kind, step.curve.end())),
+            _ => None,
+        })
+        .collect();
+    let is_final = at(21.0, -18.0);
+    assert!(
+        after
+            .iter()
+            .any(|(kind, end)| *kind == MoveKind::Feed && is_final(end))
+    );
+    assert!(after.last().is_some_and(|(_, end)| at(31.0, 3.0)(end)));
     // Without a load channel: the plain cycle if there is a depth, else an error that says why.
     let error = run_with(program, lathe()).unwrap_err();
     assert_eq!((error.code, error.line), (Code::WordMissing, 4));

@@ -1,10 +1,12 @@
 //! A trace with what is attached to it.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use evolvent_daemon::{ProgramMemory, Setup};
 use evolvent_gcode::{KeptParameters, ToolTable};
 use evolvent_machine::{Machine, PlannerKind};
+use evolvent_process::Job as TurningJob;
 use evolvent_trace::{ReadError, RunInfo, TraceFile};
 
 /// Why a trace cannot be looked into.
@@ -139,6 +141,13 @@ impl Opened {
             let text = String::from_utf8_lossy(&bytes);
             memory.kept = Some(KeptParameters::parse(&text).map_err(|error| wrong(error.to_string()))?);
         }
+        let process = match self.run.extra.get("process") {
+            Some(text) => {
+                let job = TurningJob::parse(text, "the attached process file");
+                Some(Arc::new(job.map_err(|error| wrong(error.to_string()))?))
+            }
+            None => None,
+        };
         let start_line = self
             .run
             .extra
@@ -160,6 +169,7 @@ impl Opened {
                 .get("block_delete")
                 .is_none_or(|text| text == "true"),
             rapid_override: 1.0,
+            process,
         })
     }
 }

@@ -10,6 +10,7 @@ use evolvent_daemon::{RecordedInputs, recompute};
 use evolvent_judge::{Allowances, Judge, Kind, Route};
 use evolvent_motion::{Inputs, Setpoint};
 use evolvent_path::AxisLetter;
+use evolvent_process::LoadSample;
 use evolvent_trace::{CycleRecord, ReadError, inputs as bits};
 
 use crate::check::LimitCheck;
@@ -227,7 +228,7 @@ pub fn verify(path: &Path) -> Result<Verified, InspectError> {
                     let record = feed.advance(sequence)?;
                     match record {
                         Some(record) => {
-                            last.set(inputs_of(&record));
+                            last.set(inputs_of(&record, last.get().load));
                             Some(RecordedInputs {
                                 inputs: last.get(),
                                 waited: record.inputs & bits::WAITED != 0,
@@ -312,12 +313,23 @@ pub fn verify(path: &Path) -> Result<Verified, InspectError> {
     Ok(verified)
 }
 
-fn inputs_of(record: &CycleRecord) -> Inputs {
+/// `load` is the reading of the cycle before.
+fn inputs_of(record: &CycleRecord, load: Option<LoadSample>) -> Inputs {
     Inputs {
         feed_override: record.override_,
         hold: record.inputs & bits::HOLD != 0,
         stop: record.inputs & bits::STOP != 0,
         resume: record.inputs & bits::RESUME != 0,
+        load: (!record.load.is_nan()).then(|| LoadSample {
+            // Readings are told apart by their numbers; which they are does not matter.
+            sequence: load.map_or(0, |load| load.sequence) + u64::from(record.inputs & bits::LOAD != 0),
+            value: record.load,
+            range_max: if record.inputs & bits::LOAD_AT_END != 0 {
+                record.load
+            } else {
+                f64::INFINITY
+            },
+        }),
     }
 }
 

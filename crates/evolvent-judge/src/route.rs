@@ -25,6 +25,12 @@ pub enum RouteError {
         /// What and where.
         diagnostic: Box<Diagnostic>,
     },
+    /// The way is not in the program.
+    #[error("line {line}: the passes of this cycle are found from the cutting load, not programmed")]
+    Finds {
+        /// Program line.
+        line: u32,
+    },
     /// A move starts elsewhere than where the one before ended.
     #[error(
         "line {line}: the move starts {distance} mm or degrees from where the last one ended; report this program"
@@ -62,6 +68,7 @@ impl Route {
                 Action::Move(motion) => route.push(&motion, command.line, machine)?,
                 Action::SelectTool(_) | Action::Message(_) | Action::ProgramStop { optional: true, .. } => {}
                 Action::ProgramEnd => break,
+                Action::Turning(_) => return Err(RouteError::Finds { line: command.line }),
                 // Whatever else there is takes effect at rest.
                 _ => route.rest(),
             }

@@ -189,6 +189,16 @@ impl Motion {
                 cursor.actions = action + 1;
                 cursor.pass_rest();
             }
+            Step::Turning { line } => {
+                cursor.line = line;
+                if queue.is_final(cursor.step) && !self.withhold {
+                    cursor.state = State::Running;
+                    cursor.turns = true;
+                } else {
+                    self.waited = true;
+                }
+                return false;
+            }
             Step::End { line } => {
                 if line > 0 {
                     cursor.line = line;
@@ -296,7 +306,8 @@ pub(crate) fn by_time(place: &Jet, v: f64, a: f64, jerk: f64) -> Jet {
 }
 
 impl Cursor {
-    fn pass_rest(&mut self) {
+    /// The step at rest is over.
+    pub(crate) fn pass_rest(&mut self) {
         self.step += 1;
         self.rests += 1;
     }

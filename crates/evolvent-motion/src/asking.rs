@@ -301,7 +301,7 @@ impl Motion {
 
     /// Whether the axes stand, not at the plan's end, and nobody is left to plan on.
     pub fn is_stuck(&self, queue: &mut PlanConsumer) -> bool {
-        if !queue.has_no_planner() || !self.is_at_rest() || self.is_over() {
+        if !queue.has_no_planner() || !self.is_at_rest() || self.is_over() || self.turning.is_some() {
             return false;
         }
         let step = self.cursor.step;
@@ -316,7 +316,7 @@ impl Motion {
     /// fast the planner is. The virtual clock waits for this.
     pub fn is_ready(&self, queue: &mut PlanConsumer) -> bool {
         let cursor = &self.cursor;
-        if self.is_over() || self.quick_stop.is_some() || queue.is_abandoned() {
+        if self.is_over() || self.quick_stop.is_some() || self.turning.is_some() || queue.is_abandoned() {
             return true;
         }
         let mut step = cursor.step;
@@ -347,6 +347,7 @@ impl Motion {
                     Some(Step::Flow(flow)) if queue.is_final(step) => break (flow, 0.0),
                     Some(Step::Flow(_)) => return false,
                     Some(Step::Wait | Step::End { .. }) => return true,
+                    Some(Step::Turning { .. }) => return queue.is_final(step),
                     Some(Step::Dwell { seconds, .. }) if seconds > 0.0 => return queue.is_final(step),
                     Some(Step::Dwell { .. } | Step::Action { .. } | Step::ProgramStop { .. }) => step += 1,
                 }

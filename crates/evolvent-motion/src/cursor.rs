@@ -65,6 +65,8 @@ pub(crate) struct Cursor {
     pub(crate) slow: Option<Slow>,
     /// Path time was slowed at once by a hold, until the planner's answer takes over.
     pub(crate) ease: Option<Ease>,
+    /// At rest where a turning cycle begins.
+    pub(crate) turns: bool,
 }
 
 impl Cursor {
@@ -89,6 +91,7 @@ impl Cursor {
             joint: false,
             slow: None,
             ease: None,
+            turns: false,
         }
     }
 

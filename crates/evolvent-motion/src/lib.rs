@@ -11,6 +11,9 @@
 //! Jog and homing have no path: a [`Steering`] drives a transfer that was solved before. A [`Station`] carries sequence
 //! numbers and the guard's memory from job to job.
 //!
+//! Where the plan says so, a [`Turning`] cycle takes over at rest, finds its passes from the cutting load in the inputs,
+//! and comes back to the same place; its setpoints pass the same guard.
+//!
 //! Whatever happens to the planner, the queue ends at rest on the path. Should a plan be wrong, the guard refuses
 //! the setpoint, the machine brakes on the path, and if that breaks a limit as well, each axis stops by itself.
 
@@ -27,11 +30,13 @@ mod slow;
 mod state;
 mod station;
 mod steering;
+mod turning;
 
 pub use guard::{Extremes, Guard, Quantity, Violation};
 pub use motion::Motion;
-pub use queue::{PlanConsumer, PlanProducer, QueueClosed, STEPS_AHEAD, plan_queue};
+pub use queue::{PlanConsumer, PlanProducer, QueueClosed, STEPS_AHEAD, TurningSender, plan_queue};
 pub use setpoint::{Inputs, Setpoint};
 pub use state::{State, flags};
 pub use station::Station;
 pub use steering::Steering;
+pub use turning::{Turning, TurningFrame};

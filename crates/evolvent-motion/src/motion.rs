@@ -3,6 +3,7 @@
 use evolvent_machine::Limits;
 use evolvent_path::{Axes, Jet};
 use evolvent_plan::Segment;
+use evolvent_process::{Reason, TurningOutput};
 
 use crate::asking::Asking;
 use crate::cursor::{Cursor, Drive};
@@ -12,6 +13,7 @@ use crate::quick_stop::QuickStop;
 use crate::setpoint::{Inputs, Setpoint};
 use crate::slow::Slow;
 use crate::state::{State, flags};
+use crate::turning::Turning;
 
 /// The least feed override that a plan is made for.
 const LEAST_OVERRIDE: f64 = 0.001;
@@ -24,13 +26,13 @@ const LEAST_OVERRIDE: f64 = 0.001;
 pub struct Motion {
     pub(crate) period: f64,
     pub(crate) limits: Limits,
-    guard: Guard,
+    pub(crate) guard: Guard,
     pub(crate) cursor: Cursor,
     pub(crate) sequence: u64,
     pub(crate) feed_override: f64,
     pub(crate) stop: bool,
     pub(crate) resume_seen: bool,
-    fault: Option<Violation>,
+    pub(crate) fault: Option<Violation>,
     /// Set where even braking on the path breaks a limit: every axis stops by itself.
     pub(crate) quick_stop: Option<QuickStop>,
     pub(crate) last: Jet,
@@ -43,6 +45,12 @@ pub struct Motion {
     pub(crate) refused: bool,
     /// The next step acts as if the answer came to nothing.
     pub(crate) refuse: bool,
+    /// A turning cycle that moves the axes, or that has ended the run.
+    pub(crate) turning: Option<Box<Turning>>,
+    /// What it gave out in the last step.
+    pub(crate) turned: Option<TurningOutput>,
+    /// Why it has ended the run.
+    pub(crate) turning_fault: Option<Reason>,
 }
 
 impl Motion {
@@ -73,6 +81,9 @@ impl Motion {
             withhold: false,
             refused: false,
             refuse: false,
+            turning: None,
+            turned: None,
+            turning_fault: None,
         }
     }
 
@@ -118,7 +129,20 @@ impl Motion {
     #[must_use]
     pub fn is_at_rest(&self) -> bool {
         let state = self.cursor.now().0;
-        self.quick_stop.is_none() && state.v == 0.0 && state.a == 0.0
+        let turns = self.turning.as_ref().is_some_and(|turning| !turning.is_at_rest());
+        self.quick_stop.is_none() && state.v == 0.0 && state.a == 0.0 && !turns
+    }
+
+    /// What the turning cycle gave out in the last step, if one moves the axes.
+    #[must_use]
+    pub fn turning(&self) -> Option<&TurningOutput> {
+        self.turned.as_ref()
+    }
+
+    /// Why a turning cycle has ended the run.
+    #[must_use]
+    pub fn turning_fault(&self) -> Option<Reason> {
+        self.turning_fault
     }
 
     /// Whether the last step looked for something that the planner had not finished: the axes stood, or drove on as
@@ -167,6 +191,10 @@ impl Motion {
         self.feed_override = wanted;
         self.stop |= inputs.stop;
 
+        self.turned = None;
+        if self.quick_stop.is_none() && self.turning.is_some() {
+            return self.turn(inputs, queue);
+        }
         if self.quick_stop.is_none() {
             let mut cursor = self.cursor;
             let open = self.asking.has_open();
@@ -195,6 +223,9 @@ impl Motion {
             if self.quick_stop.is_none() {
                 let setpoint = self.publish(cursor, jet, segment.as_ref(), queue);
                 self.ask(inputs, queue);
+                if cursor.turns {
+                    self.turning = queue.take_turning();
+                }
                 return setpoint;
             }
         }
@@ -242,7 +273,7 @@ impl Motion {
         self.stop || inputs.hold || cursor.state == State::Fault
     }
 
-    fn setpoint(&mut self, jet: Jet, path_mm: f64, flags: u32) -> Setpoint {
+    pub(crate) fn setpoint(&mut self, jet: Jet, path_mm: f64, flags: u32) -> Setpoint {
         let sequence = self.sequence;
         self.sequence += 1;
         Setpoint {
@@ -263,13 +294,13 @@ impl Motion {
     }
 
     /// Every axis comes to rest by itself from its last published state: the path is left.
-    fn start_quick_stop(&mut self) {
+    pub(crate) fn start_quick_stop(&mut self) {
         let from = self.guard.past()[0];
         self.quick_stop = Some(QuickStop::new(&self.limits, from, &self.last));
         self.cursor.state = State::Fault;
     }
 
-    fn step_quick_stop(&mut self) -> Setpoint {
+    pub(crate) fn step_quick_stop(&mut self) -> Setpoint {
         let mut jet = match &mut self.quick_stop {
             Some(stop) => stop.advance(self.period),
             None => self.last,

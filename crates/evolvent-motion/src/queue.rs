@@ -20,6 +20,8 @@ use evolvent_plan::{
 };
 use rtrb::{Consumer, Producer, RingBuffer};
 
+use crate::turning::Turning;
+
 /// Steps that are final and waiting, beyond what the look-ahead needs for itself.
 const READY_STEPS: usize = 28_608;
 /// The same for segments: enough for [`STEPS_AHEAD`] runs of the most segments.
@@ -31,6 +33,9 @@ const REQUESTS: usize = 8;
 /// The virtual clock, and every start from rest, waits until this many runs are final (or the plan is
 /// complete), so that a cycle never enters a run that could still change.
 pub const STEPS_AHEAD: u64 = 64;
+/// Turning cycles that wait, and room for those that are over: as many as can be on the way, and one that runs.
+const TURNINGS: usize = 8;
+const SPENT: usize = 2 * TURNINGS;
 /// A link that the cycle has claimed: it goes on with the step behind.
 const CLAIMED: u64 = u64::MAX;
 
@@ -64,6 +69,8 @@ pub fn plan_queue<W: FnMut() -> bool>(wait: W) -> (PlanProducer<W>, PlanConsumer
     let (mark_producer, mark_consumer) = RingBuffer::new(MARKS);
     let (request_producer, request_consumer) = RingBuffer::new(REQUESTS);
     let (answer_producer, answer_consumer) = RingBuffer::new(REQUESTS);
+    let (turning_producer, turning_consumer) = RingBuffer::new(TURNINGS);
+    let (spent_producer, spent_consumer) = RingBuffer::new(SPENT);
     let table = Arc::new(Table {
         exits: (0..steps)
             .map(|_| [AtomicU64::new(0), AtomicU64::new(0)])
@@ -80,6 +87,10 @@ pub fn plan_queue<W: FnMut() -> bool>(wait: W) -> (PlanProducer<W>, PlanConsumer
         marks: mark_producer,
         requests: request_consumer,
         answers: answer_producer,
+        turnings: Some(TurningSender {
+            turnings: turning_producer,
+            spent: spent_consumer,
+        }),
         table: Arc::clone(&table),
         appended: 0,
         wait,
@@ -90,6 +101,8 @@ pub fn plan_queue<W: FnMut() -> bool>(wait: W) -> (PlanProducer<W>, PlanConsumer
         marks: mark_consumer,
         requests: request_producer,
         answers: answer_consumer,
+        turnings: turning_consumer,
+        spent: spent_producer,
         table,
         taken: 0,
         taken_segments: 0,
@@ -111,9 +124,43 @@ pub struct PlanProducer<W> {
     marks: Producer<BlockMark>,
     requests: Consumer<Request>,
     answers: Producer<Answer>,
+    turnings: Option<TurningSender>,
     table: Arc<Table>,
     appended: u64,
     wait: W,
+}
+
+/// Hands turning cycles to the cycle, each before its [`Step::Turning`], and drops those that are over.
+#[derive(Debug)]
+pub struct TurningSender {
+    turnings: Producer<Box<Turning>>,
+    spent: Consumer<Box<Turning>>,
+}
+
+impl TurningSender {
+    /// Hands one on, or back where there is no room yet.
+    ///
+    /// # Errors
+    /// The turning cycle, to be tried again.
+    pub fn send(&mut self, turning: Box<Turning>) -> Result<(), Box<Turning>> {
+        while self.spent.pop().is_ok() {}
+        self.turnings
+            .push(turning)
+            .map_err(|rtrb::PushError::Full(turning)| turning)
+    }
+
+    /// Whether nobody takes them any more.
+    #[must_use]
+    pub fn is_abandoned(&self) -> bool {
+        self.turnings.is_abandoned()
+    }
+}
+
+impl<W> PlanProducer<W> {
+    /// The way of turning cycles to the cycle, once.
+    pub fn take_turnings(&mut self) -> Option<TurningSender> {
+        self.turnings.take()
+    }
 }
 
 impl<W: FnMut() -> bool> PlanSink for PlanProducer<W> {
@@ -208,6 +255,8 @@ pub struct PlanConsumer {
     marks: Consumer<BlockMark>,
     requests: Producer<Request>,
     answers: Consumer<Answer>,
+    turnings: Consumer<Box<Turning>>,
+    spent: Producer<Box<Turning>>,
     table: Arc<Table>,
     taken: u64,
     taken_segments: u64,
@@ -326,6 +375,19 @@ impl PlanConsumer {
             let _old = self.answers.pop();
         }
         None
+    }
+
+    /// The turning cycle of the step that was reached.
+    pub(crate) fn take_turning(&mut self) -> Option<Box<Turning>> {
+        self.turnings.pop().ok()
+    }
+
+    /// Hands back a turning cycle that is over: it is dropped elsewhere.
+    pub(crate) fn return_turning(&mut self, turning: Box<Turning>) {
+        if let Err(rtrb::PushError::Full(turning)) = self.spent.push(turning) {
+            // There is room for all that can be on the way. Freeing memory is not for the cycle.
+            std::mem::forget(turning);
+        }
     }
 
     /// Says that the answer to request `id` has been taken over.

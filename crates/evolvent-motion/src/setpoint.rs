@@ -1,6 +1,7 @@
 //! What a cycle takes in and gives out.
 
 use evolvent_path::Axes;
+use evolvent_process::LoadSample;
 
 use crate::State;
 
@@ -16,6 +17,8 @@ pub struct Inputs {
     pub stop: bool,
     /// Go on after a program stop. Must be seen unset before the next program stop counts it again.
     pub resume: bool,
+    /// The newest reading of the cutting load, the same again where there is no newer one: what turning cycles go by.
+    pub load: Option<LoadSample>,
 }
 
 impl Default for Inputs {
@@ -25,6 +28,7 @@ impl Default for Inputs {
             hold: false,
             stop: false,
             resume: false,
+            load: None,
         }
     }
 }

@@ -84,6 +84,11 @@ pub enum Step {
         /// Program line.
         line: u32,
     },
+    /// A controller takes over here, at rest, and comes back to the same place: turning in passes that the load finds.
+    Turning {
+        /// Program line.
+        line: u32,
+    },
     /// The program ends here, at rest.
     End {
         /// Program line.

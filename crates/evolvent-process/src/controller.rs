@@ -62,6 +62,10 @@ pub(crate) enum Leg {
     Out,
     Back,
     In,
+    /// Everything is at size: across to the height that is to be gone back to, ...
+    HomeAcross,
+    /// ... and along to the place.
+    HomeAlong,
 }
 
 /// The controller. [`TurningController::step`] allocates nothing, looks at no clock, and is bounded: the cycle may call
@@ -78,6 +82,8 @@ pub struct TurningController {
     pub(crate) before_hold: TurningState,
     pub(crate) leg: Leg,
     pub(crate) leg_out: f64,
+    /// Where the tool goes at the end, if not simply before the stock.
+    pub(crate) home: Option<(f64, f64)>,
     pub(crate) cycle: u64,
     pub(crate) pass: u32,
     pub(crate) transition: Option<Transition>,
@@ -121,12 +127,47 @@ impl TurningController {
     /// # Errors
     /// What [`TurningSettings::check`] refuses.
     pub fn new(settings: TurningSettings) -> Result<Self, SettingsError> {
-        settings.check()?;
-        let regime = &settings.regime;
         let start = (
             -settings.tool.overhang_mm() - settings.clear_along_mm,
             settings.allowance_max_mm + settings.clear_out_mm,
         );
+        Self::at(settings, start, None)
+    }
+
+    /// Sets up, at rest at a place along the cut and a height (mm), to which the tool comes back at the end. The place
+    /// lies before the face or beside it, the height not below what the stock may have.
+    ///
+    /// # Errors
+    /// What [`TurningSettings::check`] refuses, and a start within the stock.
+    pub fn starting_at(settings: TurningSettings, along_mm: f64, out_mm: f64) -> Result<Self, SettingsError> {
+        for (name, value, least, most) in [
+            ("the place of the start in mm", along_mm, -1e4, 0.0),
+            (
+                "the height of the start in mm",
+                out_mm,
+                settings.allowance_max_mm,
+                1e4,
+            ),
+        ] {
+            if !(least..=most).contains(&value) {
+                return Err(SettingsError::Number {
+                    name,
+                    value,
+                    least,
+                    most,
+                });
+            }
+        }
+        Self::at(settings, (along_mm, out_mm), Some((along_mm, out_mm)))
+    }
+
+    fn at(
+        settings: TurningSettings,
+        start: (f64, f64),
+        home: Option<(f64, f64)>,
+    ) -> Result<Self, SettingsError> {
+        settings.check()?;
+        let regime = &settings.regime;
         let turn = settings.turn_s();
         let overhead_s = settings.length_mm / settings.rapid_mm_s
             + 2.0 * (settings.clear_out_mm + regime.depth_back_off_mm) / settings.out_speed_mm_s
@@ -156,6 +197,7 @@ impl TurningController {
             before_hold: TurningState::Idle,
             leg: Leg::Out,
             leg_out: start.1,
+            home,
             cycle: 0,
             pass: 0,
             transition: None,
@@ -243,9 +285,13 @@ impl TurningController {
     /// Whether nothing moves any more.
     #[must_use]
     pub fn is_over(&self) -> bool {
-        matches!(self.state, TurningState::Done | TurningState::Fault)
-            && self.along.is_at_rest()
-            && self.out.is_at_rest()
+        matches!(self.state, TurningState::Done | TurningState::Fault) && self.is_at_rest()
+    }
+
+    /// Whether both axes stand. Real-time safe.
+    #[must_use]
+    pub fn is_at_rest(&self) -> bool {
+        self.along.is_at_rest() && self.out.is_at_rest()
     }
 
     /// One control period. Real-time safe.

@@ -1,6 +1,7 @@
 //! The job file of self-programmed turning.
 
 use evolvent_cutting::{Cut, ForceLaw, LawDefinition, Sheet, SheetError};
+use evolvent_feed::ScalarLimits;
 use serde::Deserialize;
 
 use crate::blank::Blank;
@@ -214,6 +215,8 @@ pub struct Job {
     pub sensor: SensorModel,
     /// Largest difference between the force law and the power law that the controller uses, as a share.
     pub law_misfit: f64,
+    /// The file's name and text.
+    source: (String, String),
 }
 
 impl Job {
@@ -225,6 +228,33 @@ impl Job {
         let sheet = Sheet::parse(text, file)?;
         let job: JobFile = sheet.read()?;
         job.job(&sheet)
+    }
+
+    /// The same tool, law, load, feed and strategy for another cut.
+    ///
+    /// # Errors
+    /// What does not fit that cut, with the file's place and key.
+    pub fn for_cut(&self, cut: CutFile) -> Result<Self, SheetError> {
+        let (file, text) = &self.source;
+        let sheet = Sheet::parse(text, file)?;
+        let mut job: JobFile = sheet.read()?;
+        job.cut = cut;
+        job.job(&sheet)
+    }
+
+    /// The file's text.
+    #[must_use]
+    pub fn text(&self) -> &str {
+        &self.source.1
+    }
+
+    /// Puts a machine's limits in, and its control period. Moves that do not cut go as fast as the axes allow.
+    pub fn drive_with(&mut self, along: ScalarLimits, out: ScalarLimits, period_s: f64) {
+        let settings = &mut self.settings;
+        (settings.along_limits, settings.out_limits) = (along, out);
+        settings.rapid_mm_s = along.velocity;
+        settings.out_speed_mm_s = out.velocity;
+        settings.period_s = period_s;
     }
 }
 
@@ -303,6 +333,7 @@ impl JobFile {
                 seed: self.sensor.seed,
             },
             law_misfit,
+            source: (sheet.file().to_owned(), sheet.text().to_owned()),
         })
     }
 
@@ -455,6 +486,15 @@ impl CutFile {
         match self.kind {
             CutKind::Longitudinal => (0.5 * self.diameter_mm + out_mm, self.z_mm - along_mm),
             CutKind::Facing => (0.5 * self.diameter_mm - along_mm, self.z_mm + out_mm),
+        }
+    }
+
+    /// Place along the cut and height of a radius and a Z, all in mm.
+    #[must_use]
+    pub fn place_mm(&self, x_mm: f64, z_mm: f64) -> (f64, f64) {
+        match self.kind {
+            CutKind::Longitudinal => (self.z_mm - z_mm, x_mm - 0.5 * self.diameter_mm),
+            CutKind::Facing => (0.5 * self.diameter_mm - x_mm, z_mm - self.z_mm),
         }
     }
 }

@@ -16,7 +16,7 @@
 //!
 //! [`TurningController::step`], [`LoadWatch`], [`SizeRecord`], [`AxisDrive`] and [`CutLaw`] are for the real-time cycle:
 //! they allocate nothing after set-up, look at no clock, and give the same bits for the same inputs. [`Workpiece`],
-//! [`Sensor`] and [`Simulation`] are the process that closes the loop in tests and trials.
+//! [`Sensor`], [`SimulatedProcess`] and [`Simulation`] are the process that closes the loop in tests and trials.
 //!
 //! The idea and equations (1) to (5) are from V. A. Timiryazev, A. V. Mukhin, A. A. Ivanov, "Adaptable control in
 //! autoprogramming of cutting tool path on a numerical control lathe".
@@ -26,6 +26,7 @@ mod axis;
 mod backing_off;
 mod blank;
 mod controller;
+mod cutting;
 mod feeding;
 mod fixed;
 mod job;
@@ -46,6 +47,7 @@ pub use adaptive::{AdaptiveError, AdaptiveFeed, AdaptiveOutput, AdaptiveSettings
 pub use axis::{AxisDrive, AxisPoint};
 pub use blank::{Blank, BlankError};
 pub use controller::{TurningController, TurningInputs, TurningOutput};
+pub use cutting::SimulatedProcess;
 pub use evolvent_feed::ScalarLimits;
 pub use fixed::FixedPasses;
 pub use job::{CutFile, CutKind, Job, JobFile};

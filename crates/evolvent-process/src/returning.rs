@@ -83,11 +83,27 @@ impl TurningController {
                 };
                 self.along.aim(to, settings.rapid_mm_s * slow);
                 if self.along.has_arrived() {
-                    if done && self.pass > 0 {
+                    self.leg = match self.home {
+                        Some(_) if done && self.pass > 0 => Leg::HomeAcross,
+                        _ => Leg::In,
+                    };
+                    if done && self.pass > 0 && self.home.is_none() {
                         self.go(TurningState::Done, Reason::AtSize);
-                    } else {
-                        self.leg = Leg::In;
                     }
+                }
+            }
+            Leg::HomeAcross => {
+                let (_, out) = self.home.unwrap_or_default();
+                self.out.aim(out, settings.out_speed_mm_s * slow);
+                if self.out.has_arrived() {
+                    self.leg = Leg::HomeAlong;
+                }
+            }
+            Leg::HomeAlong => {
+                let (along, _) = self.home.unwrap_or_default();
+                self.along.aim(along, settings.rapid_mm_s * slow);
+                if self.along.has_arrived() {
+                    self.go(TurningState::Done, Reason::AtSize);
                 }
             }
             Leg::In => {

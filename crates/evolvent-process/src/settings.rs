@@ -195,7 +195,7 @@ pub enum SettingsError {
     },
     /// Stock may stand higher than the edge.
     #[error(
-        "the stock may stand {allowance_mm} mm above the final size, and the edge reaches {reach_mm:.2} mm: rough it \
+        "the stock may stand {allowance_mm:.3} mm above the final size, and the edge reaches {reach_mm:.2} mm: rough it \
          down first, or take a longer edge"
     )]
     Allowance {

@@ -85,23 +85,8 @@ impl Simulation {
         let output = self.controller.step(&inputs);
         let cut = self.piece.step(output.along.position, output.out.position);
         self.load = cut.load;
-        let figures = &mut self.figures;
-        figures.count(&cut, self.set_load, self.period_s, &mut self.above);
-        figures.passes = output.pass;
-        match output.state {
-            TurningState::Return | TurningState::ReEnter => figures.return_s += self.period_s,
-            TurningState::Approach | TurningState::Engage | TurningState::Cut if cut.load == 0.0 => {
-                figures.air_s += self.period_s;
-            }
-            _ => {}
-        }
-        if let Some(Transition {
-            to: TurningState::BackOff,
-            ..
-        }) = output.transition
-        {
-            figures.back_offs += 1;
-        }
+        self.figures
+            .see(&output, &cut, self.set_load, self.period_s, &mut self.above);
         (output, cut)
     }
 
@@ -135,6 +120,36 @@ impl Simulation {
 }
 
 impl Figures {
+    /// Counts one period of a job that finds its passes. `above` is kept from call to call: the time for which the load
+    /// has been above 1.3 times the set one.
+    pub fn see(
+        &mut self,
+        output: &TurningOutput,
+        cut: &CutNow,
+        set_load: f64,
+        period_s: f64,
+        above: &mut f64,
+    ) {
+        self.count(cut, set_load, period_s, above);
+        self.passes = output.pass;
+        match output.state {
+            TurningState::Return | TurningState::ReEnter => self.return_s += period_s,
+            TurningState::Approach | TurningState::Engage | TurningState::Cut if cut.load == 0.0 => {
+                self.air_s += period_s;
+            }
+            _ => {}
+        }
+        if let Some(Transition {
+            to: TurningState::BackOff,
+            ..
+        }) = output.transition
+        {
+            self.back_offs += 1;
+        }
+    }
+
+    /// Counts one period of a job: its time and its loads. `above` is the time for which the load has been above 1.3
+    /// times the set one by now.
     fn count(&mut self, cut: &CutNow, set_load: f64, period_s: f64, above: &mut f64) {
         self.time_s += period_s;
         self.peak = self.peak.max(cut.load);

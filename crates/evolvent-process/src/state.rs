@@ -28,6 +28,25 @@ pub enum TurningState {
     Fault = 9,
 }
 
+impl TurningState {
+    /// Its name in traces and reports.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Idle => "idle",
+            Self::Approach => "approach",
+            Self::Engage => "engage",
+            Self::BackOff => "back off",
+            Self::Cut => "cut",
+            Self::ReEnter => "re-enter",
+            Self::Return => "return",
+            Self::Done => "done",
+            Self::Held => "held",
+            Self::Fault => "fault",
+        }
+    }
+}
+
 /// Why a state was left, with the numbers that decided.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Reason {

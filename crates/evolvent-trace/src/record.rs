@@ -56,6 +56,10 @@ pub mod inputs {
     pub const WAITED: u32 = 8;
     /// The planner's answer to a hold or another override came to nothing.
     pub const REFUSED: u32 = 16;
+    /// A new reading of the cutting load had come: [`load`](super::CycleRecord::load).
+    pub const LOAD: u32 = 32;
+    /// The load stood at the end of its sensor's range.
+    pub const LOAD_AT_END: u32 = 64;
 }
 
 impl Default for CycleRecord {

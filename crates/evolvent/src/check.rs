@@ -4,9 +4,11 @@ use std::io::{self, IsTerminal, Write};
 use std::path::PathBuf;
 
 use clap::Args;
+use evolvent_daemon::Clock;
 use evolvent_gcode::Diagnostic;
 
 use crate::chatter::{Warning, warnings};
+use crate::process;
 use crate::program::ProgramArgs;
 use crate::{CommandError, Ending};
 
@@ -18,9 +20,10 @@ pub(crate) struct CheckArgs {
     /// Stop after so many errors.
     #[arg(long, value_name = "N", default_value_t = 50)]
     limit: usize,
-    /// Warn of turning cuts that are predicted to vibrate: a case file as of `evolvent chatter`, for the tool in use.
-    #[arg(long, value_name = "CASE.toml")]
-    process: Option<PathBuf>,
+    /// What the cut is like: a case file as of `evolvent chatter` warns of turning cuts that are predicted to vibrate; a file
+    /// as of `evolvent turn` lets cycles with Q1 find their passes. Once each.
+    #[arg(long, value_name = "FILE.toml")]
+    process: Vec<PathBuf>,
     /// Print the errors as one JSON object, for editors.
     #[arg(long)]
     json: bool,
@@ -31,14 +34,15 @@ pub(crate) fn run(
     out: &mut dyn Write,
     err: &mut dyn Write,
 ) -> Result<Ending, CommandError> {
-    let setup = args.program.setup()?;
+    let mut setup = args.program.setup()?;
+    let case = process::sort_out(&mut setup, &args.process, Clock::Realtime)?;
     let start = args.program.tell_start(&setup, err);
     let file_name = args.program.program.display().to_string();
     let limit = args.limit.max(1);
     let found = evolvent_daemon::check(&args.program.program, &setup, limit).map_err(|error| {
         CommandError::Usage(format!("{file_name}: {error}; name a readable part program"))
     })?;
-    let chatter = match &args.process {
+    let chatter = match case {
         Some(case) => Some(warnings(&args.program.program, &setup, case)?),
         None => None,
     };

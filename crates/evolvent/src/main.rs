@@ -14,6 +14,7 @@ mod figure;
 mod limiting;
 mod operator;
 mod plan;
+mod process;
 mod program;
 mod rate;
 mod run;

@@ -16,6 +16,7 @@ use crate::explain::{Explanation, Surroundings, Watch, remedies};
 use crate::feeds::Feeds;
 use crate::figure::PlanFigure;
 use crate::limiting::{Classifier, bend};
+use crate::process;
 use crate::program::{ProgramArgs, check_output, parse_override};
 use crate::rate::write_whole;
 use crate::run::report;
@@ -39,9 +40,10 @@ pub(crate) struct PlanArgs {
     /// Feed override in percent, 1 to 200.
     #[arg(long = "override", value_name = "PCT", value_parser = parse_override, default_value = "100")]
     feed_override: f64,
-    /// Warn of turning cuts that are predicted to vibrate: a case file as of `evolvent chatter`, for the tool in use.
-    #[arg(long, value_name = "CASE.toml")]
-    process: Option<PathBuf>,
+    /// What the cut is like: a case file as of `evolvent chatter` warns of turning cuts that are predicted to vibrate; a file
+    /// as of `evolvent turn` lets cycles with Q1 find their passes, on its stock. Once each.
+    #[arg(long, value_name = "FILE.toml")]
+    process: Vec<PathBuf>,
     /// Print the plan as one JSON object.
     #[arg(long)]
     json: bool,
@@ -61,12 +63,13 @@ struct NeededRate {
 }
 
 pub(crate) fn run(args: &PlanArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Ending, CommandError> {
-    let setup = args.program.setup()?;
+    let mut setup = args.program.setup()?;
+    let case = process::sort_out(&mut setup, &args.process, Clock::Virtual)?;
     check_outputs(args)?;
     args.program.tell_start(&setup, err)?;
     let machine = setup.machine.clone();
     let period_s = setup.period_ns as f64 * 1e-9;
-    let chatter = match &args.process {
+    let chatter = match case {
         Some(case) => Some(warnings(&args.program.program, &setup, case)?),
         None => None,
     };

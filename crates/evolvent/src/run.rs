@@ -46,6 +46,10 @@ pub(crate) struct RunArgs {
     /// classic planner, which answers in the same cycle.
     #[arg(long, value_name = "FILE.toml", conflicts_with_all = ["no_bus", "planner"])]
     adaptive: Option<PathBuf>,
+    /// What the cut is like, for turning cycles with Q1, which find their passes from the cutting load: a file as of
+    /// `evolvent turn`. In real time the load comes over the bus; with the virtual clock the file's stock is cut.
+    #[arg(long, value_name = "FILE.toml", conflicts_with = "adaptive")]
+    process: Option<PathBuf>,
     /// Print the summary as one JSON object.
     #[arg(long)]
     json: bool,
@@ -72,6 +76,13 @@ pub(crate) fn run(args: &RunArgs, out: &mut dyn Write, err: &mut dyn Write) -> R
             Some(crate::adaptive::read(file, setup.period_ns)?)
         }
     };
+    let clock = match args.clock {
+        ClockArg::Realtime => Clock::Realtime,
+        ClockArg::Virtual => Clock::Virtual,
+    };
+    if let Some(file) = &args.process {
+        crate::process::install_file(&mut setup, file, clock)?;
+    }
     let trace = if args.no_trace {
         None
     } else {
@@ -95,10 +106,6 @@ pub(crate) fn run(args: &RunArgs, out: &mut dyn Write, err: &mut dyn Write) -> R
         })?;
     }
     args.program.tell_start(&setup, err)?;
-    let clock = match args.clock {
-        ClockArg::Realtime => Clock::Realtime,
-        ClockArg::Virtual => Clock::Virtual,
-    };
     let stop_at_program_stops = clock == Clock::Realtime && io::stdin().is_terminal();
     let job = Job {
         program: args.program.program.clone(),

@@ -6,7 +6,9 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use clap::Args;
-use evolvent_daemon::{ProgramMemory, ServeConfig, ServeSummary, Setup, StartError, serve, state_folder};
+use evolvent_daemon::{
+    Clock, ProgramMemory, ServeConfig, ServeSummary, Setup, StartError, serve, state_folder,
+};
 use evolvent_machine::ControlRate;
 
 use crate::program::{load_setup, parse_rate};
@@ -30,6 +32,10 @@ pub(crate) struct ServeArgs {
     /// Folder for offsets, tools and parameters. Default: $XDG_STATE_HOME/evolvent/NAME.
     #[arg(long, value_name = "FOLDER")]
     state: Option<PathBuf>,
+    /// What the cut is like, for turning cycles with Q1, which find their passes from the cutting load on the bus: a file
+    /// as of `evolvent turn`.
+    #[arg(long, value_name = "FILE.toml")]
+    process: Option<PathBuf>,
     /// Print the summary as one JSON object.
     #[arg(long)]
     json: bool,
@@ -43,6 +49,9 @@ pub(crate) fn run(
     let mut setup: Setup = load_setup(&args.machine, args.rate)?;
     setup.memory = ProgramMemory::of_machine(&setup.machine, &args.machine)
         .map_err(|error| CommandError::Usage(error.to_string()))?;
+    if let Some(file) = &args.process {
+        crate::process::install_file(&mut setup, file, Clock::Realtime)?;
+    }
     let config = ServeConfig {
         bus_prefix: args.bus_prefix.clone(),
         trace: args.trace.clone(),

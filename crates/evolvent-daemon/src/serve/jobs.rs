@@ -51,13 +51,14 @@ impl Planning {
     pub(crate) fn start(job: ProgramJob) -> io::Result<Self> {
         let signals = Arc::new(Signals::default());
         let waiting = Arc::clone(&signals);
-        let (producer, queue) = plan_queue(move || {
+        let (mut producer, queue) = plan_queue(move || {
             thread::sleep(PLANNER_NAP);
             !waiting.abandoned.load(Ordering::Acquire)
         });
         let setup = &job.setup;
         let motion = Motion::new(setup.machine.limits(), setup.period_ns, setup.start())
             .planned_for(job.feed_override);
+        let turnings = producer.take_turnings();
         let (onlooker, news) = mpsc::channel();
         let of_thread = Arc::clone(&signals);
         let thread = thread::Builder::new().name("planner".into()).spawn(move || {
@@ -73,6 +74,7 @@ impl Planning {
                 with_blocks,
                 job.switches.is_optional_stop(),
             )
+            .turning_by(turnings)
             .numbered_from(job.numbered_from.0, job.numbered_from.1)
             .watched_by(onlooker)
             .switched_by(job.switches)

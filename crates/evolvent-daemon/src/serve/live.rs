@@ -8,7 +8,7 @@ use evolvent_drive::{Command, DriveAlarm, FeedbackWatch, PhaseLock, PowerRequest
 use evolvent_machine::Limits;
 use evolvent_motion::{Inputs, Setpoint, State, Station, Steering, flags};
 use evolvent_path::{AXES, Axes};
-use evolvent_process::LoadSample;
+use evolvent_process::{LoadSample, Transition};
 use evolvent_trace::Histogram;
 use rtrb::{Consumer, Producer};
 
@@ -79,6 +79,8 @@ struct Now {
     following_error: [f64; AXES],
     /// Number of the newest cutting load, and the setpoint with which it was seen first.
     load_seen: (u64, u64),
+    /// The change of state of a turning cycle.
+    turned: Option<Transition>,
 }
 
 impl Now {
@@ -147,6 +149,7 @@ impl Live {
             dropped_setpoints: 0,
             following_error: [f64::NAN; AXES],
             load_seen: (0, 0),
+            turned: None,
         };
         let mut deadline = MonotonicClock::now_ns() + 2 * self.period_ns;
         loop {
@@ -189,6 +192,7 @@ impl Live {
                 let mut cycle = sample(&setpoint, unix, lateness, work, now.came_in);
                 cycle.record.following_error = now.following_error;
                 cycle.record.load = now.load(self.controls.load(), setpoint.sequence, self.period_ns);
+                cycle.turning = now.turned;
                 if trace.push(cycle).is_err() {
                     now.dropped_records += 1;
                 }
@@ -387,6 +391,7 @@ impl Live {
     /// One setpoint of whatever moves the axes.
     fn step(&mut self, now: &mut Now, deadline: u64) -> Setpoint {
         now.came_in = 0;
+        now.turned = None;
         let mut work = std::mem::replace(&mut now.work, Work::None);
         let (mut setpoint, result) = match &mut work {
             Work::None => {
@@ -433,7 +438,13 @@ impl Live {
         // It counts for the stop that was meant, and for none behind it.
         let is_meant = now.go_on.is_some() && now.go_on == now.at_stop;
         now.inputs.resume = is_meant && !now.inputs.resume;
+        now.inputs.load = self.controls.load();
         let mut setpoint = job.motion.step(&now.inputs, &mut job.queue);
+        if let (Some(reason), false) = (job.motion.turning_fault(), now.faulted) {
+            let sequence = setpoint.sequence;
+            self.tell_once(now, CycleEvent::Turning { sequence, reason });
+        }
+        now.turned = job.motion.turning().and_then(|output| output.transition);
         now.came_in = came_in(&now.inputs, &job.motion);
         now.at_stop = (setpoint.state == State::ProgramStop).then_some(setpoint.actions);
         self.station.follow(&job.motion, &setpoint);

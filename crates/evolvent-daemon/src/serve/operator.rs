@@ -22,6 +22,7 @@ use super::modes::{Modes, foresee};
 use super::orders::{CycleEvent, CycleView, Order, What, Work};
 use super::programs::ProgramRun;
 use super::track::Track;
+use crate::cycle::turning_alarm;
 use crate::job::Setup;
 use crate::news::{FeederNews, Outside, OutsideKind};
 use crate::switches::Switches;
@@ -556,6 +557,9 @@ impl Operator {
             }
             CycleEvent::PlannerGone { sequence } => {
                 self.raise(sequence, Alarm::Planner, Alarm::Planner.sentence().to_owned());
+            }
+            CycleEvent::Turning { sequence, reason } => {
+                self.raise(sequence, turning_alarm(&reason), reason.text());
             }
             CycleEvent::Late { sequence } => {
                 self.raise(sequence, Alarm::Lateness, Alarm::Lateness.sentence().to_owned());

@@ -8,6 +8,7 @@ use evolvent_drive::{DriveAlarm, PowerRequest, Presence};
 use evolvent_machine::Limits;
 use evolvent_motion::{Motion, PlanConsumer, Setpoint, Steering, Violation};
 use evolvent_path::Axes;
+use evolvent_process::Reason;
 
 /// A job along a plan, from the control thread to the cycle and back to be dropped.
 pub(crate) struct Following {
@@ -111,6 +112,11 @@ pub(crate) enum CycleEvent {
     PlannerGone {
         sequence: u64,
     },
+    /// A turning cycle has given up.
+    Turning {
+        sequence: u64,
+        reason: Reason,
+    },
     Late {
         sequence: u64,
     },
@@ -146,6 +152,7 @@ impl CycleEvent {
             | Self::Misplaced { sequence, .. }
             | Self::Guard { sequence, .. }
             | Self::PlannerGone { sequence }
+            | Self::Turning { sequence, .. }
             | Self::Late { sequence }
             | Self::Drive { sequence, .. } => *sequence,
         }

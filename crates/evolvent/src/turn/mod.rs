@@ -4,20 +4,17 @@ mod passes;
 mod report;
 mod trial;
 
-use std::io::{Read as _, Write};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use evolvent_machine::Machine;
-use evolvent_process::{Figures, Job};
+use evolvent_daemon::Clock;
+use evolvent_process::Figures;
 use serde_json::json;
 
 use crate::rate::write_whole;
 use crate::{CommandError, Ending};
-use trial::Trial;
-
-/// Longest job file, bytes.
-const MAX_FILE_BYTES: u64 = 1 << 20;
+use trial::{Road, Trial};
 
 /// Options of `evolvent turn`.
 ///
@@ -36,6 +33,18 @@ pub(crate) struct TurnArgs {
     /// Write the passes that were found as a part program for this stock
     #[arg(long, value_name = "FILE.ngc")]
     pub(crate) program: Option<PathBuf>,
+    /// Record every cycle, and every change of state with its reason
+    #[arg(long, value_name = "FILE.mcap")]
+    pub(crate) trace: Option<PathBuf>,
+    /// Publish the setpoints on the bus
+    #[arg(long)]
+    pub(crate) bus: bool,
+    /// Turn in real time, by the load on the bus, instead of trying the job on the stock of its file
+    #[arg(long)]
+    pub(crate) realtime: bool,
+    /// Prefix of the bus's files, as of `evolvent run`
+    #[arg(long, value_name = "PREFIX")]
+    pub(crate) bus_prefix: Option<String>,
     /// Tell every change of state with its reason
     #[arg(long)]
     pub(crate) log: bool,
@@ -49,8 +58,7 @@ pub(crate) struct TurnArgs {
 /// # Errors
 /// `Usage` for a bad job or machine, `Failed` where the machine's guard refuses a setpoint or a file cannot be written.
 pub(crate) fn run(args: &TurnArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Ending, CommandError> {
-    let job = read_job(&args.job)?;
-    let machine = Machine::load(&args.machine).map_err(|error| CommandError::Usage(error.to_string()))?;
+    let job = crate::process::read(&args.job)?;
     if let Some(report) = &args.report {
         let good = ["html", "svg"];
         let extension = report.extension().unwrap_or_default().to_string_lossy();
@@ -61,17 +69,28 @@ pub(crate) fn run(args: &TurnArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
             )));
         }
     }
-    let trial = Trial::run(job, &machine)?;
+    let road = Road {
+        clock: if args.realtime {
+            Clock::Realtime
+        } else {
+            Clock::Virtual
+        },
+        trace: args.trace.clone(),
+        bus: args.bus || args.realtime,
+        bus_prefix: args.bus_prefix.as_deref(),
+    };
+    let trial = Trial::run(job, &args.machine, &road)?;
+    let machine = trial.machine.clone();
     let failed = |file: &Path, error: &std::io::Error| {
         CommandError::Failed(format!("{}: cannot be written: {error}", file.display()))
     };
     if let Some(file) = &args.report {
-        let svg = report::svg(&trial, &machine.name);
+        let svg = report::svg(&trial, &machine);
         let html = file
             .extension()
             .is_some_and(|extension| extension.eq_ignore_ascii_case("html"));
         let text = if html {
-            report::html(&trial, &machine.name, &svg)
+            report::html(&trial, &machine, &svg)
         } else {
             svg
         };
@@ -82,9 +101,9 @@ pub(crate) fn run(args: &TurnArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
         write_whole(file, text.as_bytes()).map_err(|error| failed(file, &error))?;
     }
     let written = if args.json {
-        writeln!(out, "{}", object(&trial, &machine.name))
+        writeln!(out, "{}", object(&trial, &machine))
     } else {
-        out.write_all(text(&trial, &machine.name, args.log).as_bytes())
+        out.write_all(text(&trial, &machine, args.log).as_bytes())
     };
     written.map_err(|error| CommandError::Failed(format!("cannot write: {error}")))?;
     for note in &trial.notes {
@@ -95,21 +114,6 @@ pub(crate) fn run(args: &TurnArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
     } else {
         Ending::Negative
     })
-}
-
-fn read_job(file: &Path) -> Result<Job, CommandError> {
-    let usage = |what: String| CommandError::Usage(format!("{}: {what}", file.display()));
-    let mut bytes = Vec::new();
-    std::fs::File::open(file)
-        .and_then(|opened| opened.take(MAX_FILE_BYTES + 1).read_to_end(&mut bytes))
-        .map_err(|error| usage(format!("cannot be read: {error}")))?;
-    if bytes.len() as u64 > MAX_FILE_BYTES {
-        return Err(usage(format!(
-            "longer than {MAX_FILE_BYTES} bytes: this is no job file"
-        )));
-    }
-    let text = String::from_utf8(bytes).map_err(|_| usage("is not UTF-8".into()))?;
-    Job::parse(&text, &file.display().to_string()).map_err(|error| CommandError::Usage(error.to_string()))
 }
 
 /// One line of the comparison: what, figures, time saved by the job in percent.
@@ -251,6 +255,8 @@ fn object(trial: &Trial, machine: &str) -> serde_json::Value {
 
 #[cfg(test)]
 mod tests {
+    use evolvent_process::Job;
+
     use super::*;
 
     fn shipped(path: &str) -> PathBuf {

@@ -2,6 +2,9 @@
 
 use std::fmt::Write as _;
 
+use evolvent_machine::TurningWords;
+use evolvent_process::{CutKind, Job};
+
 use super::trial::{Stretch, Trial};
 
 /// A feed stretch shorter than this is joined to its neighbour, mm.
@@ -20,7 +23,8 @@ pub(crate) fn program(trial: &Trial) -> String {
         text,
         "(passes of {}, found by self-programmed turning on a simulated stock)\n(they fit that stock only: nothing \
          watches the load)\nG21 G18 G90 G94 G8 G61\nS{:.0} M3\nG0 X{x:.4}\nG0 Z{z:.4}",
-        trial.job.name, settings.spindle_rpm
+        plain(&trial.job.name),
+        settings.spindle_rpm
     );
     let mut from = trial.start;
     for stretch in joined(&trial.stretches, trial.start) {
@@ -37,6 +41,47 @@ pub(crate) fn program(trial: &Trial) -> String {
     }
     text.push_str("M5\nM2\n");
     text
+}
+
+/// The job as a program of one cycle that finds its passes: the tool comes in from outside, and goes back there.
+pub(crate) fn cycle_program(job: &Job, words: TurningWords) -> String {
+    let (cut, settings) = (&job.cut, &job.settings);
+    let (x, z) = cut.position_mm(0.0, settings.allowance_max_mm);
+    let (end_x, end_z) = cut.position_mm(settings.length_mm, 0.0);
+    let (code, first, second) = match cut.kind {
+        // Before the face, then down to the stock, then up to the face; or straight to the stock's outside.
+        CutKind::Longitudinal => {
+            let before = z + settings.tool.overhang_mm() + settings.clear_along_mm;
+            ("G82", format!("G0 Z{before}\nG0 X{x}"), format!("G0 Z{z}"))
+        }
+        CutKind::Facing => {
+            let before = x + settings.tool.overhang_mm() + settings.clear_along_mm;
+            ("G75", format!("G0 X{before}\nG0 Z{z}"), format!("G0 X{x}"))
+        }
+    };
+    // In G8 X is a radius, but for turning cycles of machines where it never is one there.
+    let end_x = match words {
+        TurningWords::Diameter => 2.0 * end_x,
+        TurningWords::Radius | TurningWords::Mode => end_x,
+    };
+    format!(
+        "({}: passes that the cutting load finds)\nG21 G18 G90 G94 G8 G61 G97\nS{} M3\n{first}\n{second}\nF100\n{code} X{end_x} \
+         Z{end_z} Q1\nM5\nM2\n",
+        plain(&job.name),
+        cut.spindle_rpm
+    )
+}
+
+/// Text that a comment can hold.
+fn plain(name: &str) -> String {
+    let shown = |c: char| {
+        if c.is_ascii_graphic() && !matches!(c, '(' | ')') {
+            c
+        } else {
+            ' '
+        }
+    };
+    name.chars().take(60).map(shown).collect()
 }
 
 fn length(from: (f64, f64), to: (f64, f64)) -> f64 {

@@ -1,17 +1,22 @@
-//! The job on its simulated stock, under the machine's limits and guard, and fixed passes beside it.
+//! The job driven as a program of one cycle, by the road of every run, and fixed passes beside it.
 
-use evolvent_machine::{Limits, Machine};
-use evolvent_motion::Guard;
-use evolvent_path::{Axes, AxisLetter};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use evolvent_daemon::{Clock, Controls, Job as Run, Notice, RunObserver, Setup, run_seen};
+use evolvent_machine::MachineKind;
+use evolvent_path::AxisLetter;
 use evolvent_process::{
-    Blank, CutKind, Figures, FixedPasses, Job, ScalarLimits, Simulation, Transition, TurningInputs,
-    TurningOutput, TurningState, Workpiece, run_fixed,
+    Blank, CutKind, CutNow, Figures, FixedPasses, Job, ScalarLimits, Transition, TurningOutput, TurningState,
+    Workpiece, run_fixed,
 };
 
+use super::passes::cycle_program;
 use crate::CommandError;
+use crate::operator::watch_signals;
+use crate::process::install;
+use crate::program::load_setup;
 
-/// Longest simulated job, s.
-const MOST_S: f64 = 20_000.0;
 /// Samples of the report, one in so many seconds.
 const SAMPLE_S: f64 = 0.01;
 
@@ -49,44 +54,57 @@ pub(crate) struct Trial {
     pub(crate) start: (f64, f64),
     pub(crate) fixed: Vec<(&'static str, Figures)>,
     pub(crate) notes: Vec<String>,
+    /// The machine's name.
+    pub(crate) machine: String,
+    /// The stock is simulated, and so is the load.
+    pub(crate) is_simulated: bool,
+    /// Why it was stopped.
+    pub(crate) fault: Option<String>,
+}
+
+/// How a trial is run.
+pub(crate) struct Road<'a> {
+    pub(crate) clock: Clock,
+    pub(crate) trace: Option<PathBuf>,
+    pub(crate) bus: bool,
+    pub(crate) bus_prefix: Option<&'a str>,
 }
 
 impl Trial {
-    pub(crate) fn run(mut job: Job, machine: &Machine) -> Result<Self, CommandError> {
+    /// Runs the job as a program of one turning cycle, as `evolvent run` would.
+    pub(crate) fn run(mut job: Job, machine: &Path, road: &Road<'_>) -> Result<Self, CommandError> {
         let usage = |text: String| CommandError::Usage(text);
-        let Some(blank) = job.blank.clone() else {
-            return Err(usage(
-                "the job has no [stock]: a trial needs one; on a machine the load sensor takes its place"
-                    .into(),
-            ));
-        };
-        let limits = machine.limits();
+        let mut setup = load_setup(machine, None)?;
+        let limits = setup.machine.limits();
         let (along, out) = match job.cut.kind {
             CutKind::Longitudinal => (AxisLetter::Z, AxisLetter::X),
             CutKind::Facing => (AxisLetter::X, AxisLetter::Z),
         };
-        if !limits.present[along.index()] || !limits.present[out.index()] {
-            return Err(usage(format!("{}: turning needs the axes X and Z", machine.name)));
+        if setup.machine.kind != MachineKind::Lathe
+            || !limits.present[along.index()]
+            || !limits.present[out.index()]
+        {
+            return Err(usage(format!(
+                "{}: turning needs a lathe with the axes X and Z",
+                setup.machine.name
+            )));
         }
         let of = |axis: AxisLetter| ScalarLimits {
             velocity: limits.velocity[axis.index()],
             acceleration: limits.acceleration[axis.index()],
             jerk: limits.jerk[axis.index()],
         };
-        let settings = &mut job.settings;
-        (settings.along_limits, settings.out_limits) = (of(along), of(out));
-        settings.rapid_mm_s = settings.along_limits.velocity;
-        settings.out_speed_mm_s = settings.out_limits.velocity;
-        let period_ns = machine
-            .period_ns(machine.rate)
-            .map_err(|error| usage(error.to_string()))?;
-        settings.period_s = period_ns as f64 * 1e-9;
-        let settings = *settings;
-        let mut simulation = Simulation::new(settings, blank.clone(), settings.regime.law, job.sensor)
-            .map_err(|error| usage(error.to_string()))?;
+        job.drive_with(of(along), of(out), setup.period_ns as f64 * 1e-9);
+        job.settings.check().map_err(|error| usage(error.to_string()))?;
+        install(&mut setup, job.clone(), &job.name, road.clock)?;
+        let blank = job.blank.clone();
         let mut trial = Self {
-            highest_mm: blank.highest_mm(settings.length_mm),
-            blank,
+            highest_mm: blank
+                .as_ref()
+                .map_or(0.0, |blank| blank.highest_mm(job.settings.length_mm)),
+            machine: setup.machine.name.clone(),
+            is_simulated: road.clock == Clock::Virtual,
+            blank: blank.unwrap_or_else(|| Blank::uniform(0.0)),
             figures: Figures::default(),
             changes: Vec::new(),
             samples: Vec::new(),
@@ -94,41 +112,58 @@ impl Trial {
             start: (0.0, 0.0),
             fixed: Vec::new(),
             notes: Vec::new(),
+            fault: None,
             job,
         };
-        trial.drive(&mut simulation, &limits)?;
-        trial.compare();
-        trial.note(machine);
+        trial.drive(setup, road)?;
+        if trial.is_simulated {
+            trial.compare();
+        }
+        trial.note();
         Ok(trial)
     }
 
-    fn drive(&mut self, simulation: &mut Simulation, limits: &Limits) -> Result<(), CommandError> {
+    fn drive(&mut self, setup: Setup, road: &Road<'_>) -> Result<(), CommandError> {
+        let failed = |error: &dyn std::fmt::Display| CommandError::Failed(error.to_string());
         let settings = self.job.settings;
-        let cut = self.job.cut;
-        let place = |output: &TurningOutput| {
-            let (x, z) = cut.position_mm(output.along.position, output.out.position);
-            let mut axes: Axes = limits.home;
-            (axes[AxisLetter::X.index()], axes[AxisLetter::Z.index()]) = (x, z);
-            axes
+        let folder = Folder::new().map_err(|error| failed(&error))?;
+        let program = folder.0.join("turn.ngc");
+        let text = cycle_program(&self.job, setup.machine.program.turning_cycles);
+        std::fs::write(&program, text).map_err(|error| failed(&error))?;
+        let job = Run {
+            program,
+            setup,
+            clock: road.clock,
+            feed_override: 1.0,
+            trace: road.trace.clone(),
+            bus: road.bus,
+            bus_prefix: road.bus_prefix.map(str::to_owned),
+            wait_for_subscribers: 0,
+            optional_stop: false,
+            stop_at_program_stops: false,
         };
-        let mut guard: Option<Guard> = None;
+        let controls = Arc::new(Controls::new(1.0));
+        if road.clock == Clock::Realtime {
+            watch_signals(&controls)?;
+        }
         let every = (SAMPLE_S / settings.period_s).round().max(1.0) as u64;
-        let (mut cycle, mut peak, mut writer) = (0_u64, 0.0, StretchWriter::default());
-        while simulation.figures.time_s < MOST_S {
-            let (output, now) = simulation.step(TurningInputs::default(), None);
-            let position = place(&output);
-            let guard = guard.get_or_insert_with(|| {
-                self.start = (output.along.position, output.out.position);
-                Guard::new(*limits, settings.period_s, position)
+        let (mut cycle, mut peak, mut above) = (0_u64, 0.0, 0.0);
+        let mut writer = StretchWriter::default();
+        let mut is_done = false;
+        let outcome = run_seen(&job, &controls, &mut Silent(&mut self.notes), |seen| {
+            let Some(output) = seen.turning else { return };
+            // Where no stock is simulated the load is the measured one.
+            let now = seen.cut.unwrap_or(CutNow {
+                load: output.load,
+                ..CutNow::default()
             });
-            guard.check(&position, false, false).map_err(|violation| {
-                CommandError::Failed(format!(
-                    "at {:.3} s: {violation}; see whether the cut lies in the machine's travel",
-                    simulation.figures.time_s
-                ))
-            })?;
-            guard.publish(&position, false);
-            peak = f64::max(peak, now.load);
+            self.figures.see(
+                output,
+                &now,
+                settings.regime.set_load,
+                settings.period_s,
+                &mut above,
+            );
             let feeds = matches!(
                 output.state,
                 TurningState::Approach | TurningState::Engage | TurningState::Cut
@@ -136,10 +171,15 @@ impl Trial {
             if let Some(change) = output.transition {
                 self.changes.push(change);
             }
-            writer.see(&output, feeds, &settings, &mut self.stretches);
+            is_done = output.state == TurningState::Done;
+            if cycle == 0 {
+                self.start = (output.along.position, output.out.position);
+            }
+            peak = f64::max(peak, now.load);
+            writer.see(output, feeds, &settings, &mut self.stretches);
             if cycle.is_multiple_of(every) {
                 self.samples.push(Sample {
-                    time_s: simulation.figures.time_s,
+                    time_s: self.figures.time_s,
                     along_mm: output.along.position,
                     out_mm: output.out.position,
                     feed_mm_rev: output.along.velocity * settings.turn_s(),
@@ -150,12 +190,24 @@ impl Trial {
                 peak = 0.0;
             }
             cycle += 1;
-            if simulation.controller.is_over() {
-                break;
-            }
-        }
+        })
+        .map_err(|error| failed(&error))?;
         writer.finish(&mut self.stretches);
-        self.figures = simulation.run(0.0, |_, _| {}).0;
+        outcome
+            .program
+            .map_err(|error| CommandError::Usage(error.to_string()))?;
+        self.figures.done = is_done && outcome.fault.is_none();
+        self.fault = outcome.fault;
+        if let Some(process) = outcome.process {
+            self.figures.residual_mm = process.workpiece().residual_mm();
+            self.figures.undercut_mm = process.workpiece().undercut_mm();
+        }
+        if let Some(error) = outcome.trace_error {
+            self.notes.push(error.to_string());
+        }
+        if let Some(trace) = outcome.summary.trace {
+            self.notes.push(format!("trace {trace}"));
+        }
         Ok(())
     }
 
@@ -207,28 +259,27 @@ impl Trial {
         self.fixed.push(("stock not known, 70 % of the feed", slow));
     }
 
-    fn note(&mut self, machine: &Machine) {
-        self.notes.push(format!(
+    fn note(&mut self) {
+        if self.is_simulated {
+            self.notes.push(format!(
             "workpiece and sensor are simulated: a height field cut with a lag of one revolution, a sensor with {:.0} ms \
              of lag and {:.1} % of noise; the force law is taken to hold exactly",
             1e3 * self.job.sensor.lag_s,
             100.0 * self.job.sensor.noise
         ));
+        } else {
+            self.notes
+                .push("loads are those of the sensor; what is left standing is not measured".into());
+        }
         if self.job.law_misfit > 0.0 {
             self.notes.push(format!(
                 "the controller uses a power law that differs from the force law by up to {:.1} % over these feeds",
                 100.0 * self.job.law_misfit
             ));
         }
-        if !self.blank.is_round() {
+        if self.is_simulated && !self.blank.is_round() {
             self.notes
                 .push("the stock is not round: its deepest part is what is held at the set load".into());
-        }
-        if machine.kind != evolvent_machine::MachineKind::Lathe {
-            self.notes.push(format!(
-                "{} is not a lathe; X is taken as the radius",
-                machine.name
-            ));
         }
     }
 
@@ -237,11 +288,43 @@ impl Trial {
         if self.figures.done {
             return "done".into();
         }
-        let last = self.changes.last();
-        format!(
-            "stopped: {}",
-            last.map_or("it took too long".into(), |change| change.reason.text())
-        )
+        let why = self.fault.clone();
+        format!("stopped: {}", why.unwrap_or_else(|| "before it was done".into()))
+    }
+}
+
+/// Keeps what the user should know.
+struct Silent<'a>(&'a mut Vec<String>);
+
+impl RunObserver for Silent<'_> {
+    fn progress(&mut self, _: &Controls) {}
+    fn notice(&mut self, _: &Notice) {}
+    fn note(&mut self, text: &str) {
+        self.0.push(text.to_owned());
+    }
+}
+
+/// A folder of its own, for the time of a run.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new() -> std::io::Result<Self> {
+        for number in 0..1000 {
+            let folder = std::env::temp_dir().join(format!("evolvent-turn-{}-{number}", std::process::id()));
+            match std::fs::create_dir(&folder) {
+                Ok(()) => return Ok(Self(folder)),
+                Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => {}
+                Err(error) => return Err(error),
+            }
+        }
+        Err(std::io::Error::other("no room for a folder in the temporary one"))
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        // What cannot be removed is left to who keeps the temporary folder.
+        let _left = std::fs::remove_dir_all(&self.0);
     }
 }
 
