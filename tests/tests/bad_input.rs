@@ -5,7 +5,7 @@ use std::fs;
 use std::path::Path;
 use std::sync::Arc;
 
-use evolvent_daemon::{Clock, Controls, Job, Notice, RunObserver, Setup, check};
+use evolvent_daemon::{CheckBounds, Clock, Controls, Job, Notice, RunObserver, Setup, check};
 use evolvent_gcode::Diagnostic;
 use evolvent_machine::Machine;
 use evolvent_tests::{Random, Workshop, repository, run};
@@ -39,7 +39,9 @@ fn program(name: &str) -> Vec<u8> {
 #[track_caller]
 fn errors(file: &Path, text: &[u8], setup: &Setup) -> Vec<Diagnostic> {
     fs::write(file, text).expect("a file");
-    let found = check(file, setup, 10).expect("a readable file");
+    let found = check(file, setup, CheckBounds::while_one_waits(10))
+        .expect("a readable file")
+        .errors;
     let lines: Vec<&[u8]> = text.split(|byte| *byte == b'\n').collect();
     for error in &found {
         let line = error.line as usize;

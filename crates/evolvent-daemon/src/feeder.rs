@@ -13,10 +13,10 @@ use evolvent_plan::{PlanError, PlanSink, Planner, Step};
 use evolvent_trace::BlockKind;
 use rtrb::Producer;
 
-use crate::check::{ProgramError, about_line, cannot_turn, explain, refuse};
 use crate::job::Setup;
 use crate::memory::ProgramMemory;
 use crate::news::{BlockPlan, FeederNews, Moment, Notice, QueuedBlock, StopKind, UserCall, describe};
+use crate::refusal::{ProgramError, about_line, cannot_turn, explain, refuse};
 use crate::shared::Controls;
 use crate::source::Commands;
 use crate::switches::Switches;
@@ -478,7 +478,21 @@ mod tests {
     use evolvent_path::{Axes, Line};
 
     use super::*;
-    use crate::check::Nowhere;
+
+    /// Takes a plan and forgets it.
+    struct Nowhere;
+
+    impl PlanSink for Nowhere {
+        type Error = QueueClosed;
+        fn segment(&mut self, _: &evolvent_plan::Segment) -> Result<(), QueueClosed> {
+            Ok(())
+        }
+        fn step(&mut self, _: &Step) -> Result<(), QueueClosed> {
+            Ok(())
+        }
+        fn exit(&mut self, _: u64, _: evolvent_plan::ExitSpeeds) {}
+        fn finalise(&mut self, _: u64) {}
+    }
 
     #[test]
     fn the_tally_of_a_long_near_optimal_plan_does_not_grow() {

@@ -9,10 +9,10 @@ use std::time::Duration;
 
 use evolvent_motion::{Extremes, Inputs, Motion, Setpoint, State, plan_queue};
 
-use crate::check::ProgramError;
 use crate::cycle::wait_until;
 use crate::feeder::Feeder;
 use crate::job::Setup;
+use crate::refusal::ProgramError;
 
 /// How long the planner sleeps when the queue is full.
 const PLANNER_NAP: Duration = Duration::from_micros(100);

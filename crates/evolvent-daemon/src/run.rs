@@ -15,7 +15,6 @@ use evolvent_trace::{ProgramSource, RecordError, Recorder, RunInfo, configuratio
 use rtrb::RingBuffer;
 
 use crate::carrier::Carrier;
-use crate::check::ProgramError;
 use crate::cycle::{CycleLoop, CycleReport, Seen, turning_alarm};
 use crate::feeder::{FeedReport, Feeder, ToCarrier};
 use crate::job::{Clock, Job, Setup};
@@ -23,6 +22,7 @@ use crate::memory::ProgramMemory;
 use crate::news::{FeederNews, Moment, Notice, OutsideKind};
 use crate::publisher::Publishing;
 use crate::recording::{Closing, Recording};
+use crate::refusal::ProgramError;
 use crate::rt::{RealtimeRequest, apply_to_this_thread};
 use crate::shared::Controls;
 use crate::summary::{Summary, TimingSummary, axis_summaries, outcome_of};

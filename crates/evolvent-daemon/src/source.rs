@@ -9,9 +9,9 @@ use evolvent_gcode::{Command, Diagnostic, Interpreter, Modal, Restart};
 use evolvent_machine::MachineKind;
 use evolvent_path::AxisLetter;
 
-use crate::check::ProgramError;
 use crate::job::Setup;
 use crate::memory::ProgramMemory;
+use crate::refusal::ProgramError;
 
 /// How a program goes on in the middle: to be shown before anything moves.
 #[derive(Clone, Debug, PartialEq)]

@@ -121,11 +121,16 @@ impl<R: BufRead> Interpreter<R> {
     /// the result.
     ///
     /// # Errors
-    /// The first error of the lines before; [`Code::RestartRefused`] if the program ends before the line, or the line
+    /// The first error of the lines before; [`Code::TooManySteps`] if they go round for ever; [`Code::RestartRefused`] if the program ends before the line, or the line
     /// is in the middle of cutter compensation or of a NURBS.
     pub fn start_at(&mut self, line: u32) -> Result<Restart, Box<Diagnostic>> {
         let tool = self.state().tool;
+        let mut executed = 0_u64;
         while self.next_of_program() < line || self.is_inside() {
+            executed += 1;
+            if executed > self.settings.max_lines_before_start {
+                return Err(Box::new(self.goes_round(line)));
+            }
             self.step_silently()?;
             if self.is_finished() {
                 return Err(Box::new(
@@ -174,6 +179,14 @@ impl<R: BufRead> Interpreter<R> {
             modes: state.shown(),
             feed_mm_s: state.feed_mm_s(),
         })
+    }
+
+    fn goes_round(&self, line: u32) -> Diagnostic {
+        let message = format!(
+            "{} lines were interpreted and line {line} was not reached: an endless loop",
+            self.settings.max_lines_before_start
+        );
+        Fault::new(Code::TooManySteps, Span::new(0, self.text.len()), message).locate(self.line, &self.text)
     }
 
     fn refuse(&self, message: String) -> Diagnostic {

@@ -53,6 +53,8 @@ pub struct Settings {
     pub max_call_depth: usize,
     /// How many lines may be executed without anything to do for the machine: beyond that it is an endless loop.
     pub max_silent_lines: u64,
+    /// How many lines may be executed before the line at which a program begins: beyond that they go round for ever.
+    pub max_lines_before_start: u64,
 }
 
 /// What X, R and U of a lathe's cycles G82 and G75 are.
@@ -124,6 +126,7 @@ impl Default for Settings {
             max_body_bytes: 256 * 1024 * 1024,
             max_call_depth: 100,
             max_silent_lines: 10_000_000,
+            max_lines_before_start: 100_000_000,
         }
     }
 }

@@ -308,6 +308,18 @@ fn a_restart_is_refused_where_it_has_no_meaning() {
         Err((Code::UnexpectedCharacter, 2))
     );
     assert!(refused("G0 X1\nX3\n", 1).is_ok());
+    // Loops before the line that never end, with and without something to do.
+    for body in ["G0 X1\nG0 X0\n", "#1=[#1+1]\n"] {
+        let program = format!("O1 while [1]\n{body}O1 endwhile\nG0 X5\n");
+        let settings = Settings {
+            max_lines_before_start: 1000,
+            ..Settings::default()
+        };
+        let error = Interpreter::new(program.as_bytes(), settings)
+            .start_at(9)
+            .unwrap_err();
+        assert_eq!(error.code, Code::TooManySteps, "{program}");
+    }
 }
 
 /// Moves must chain, whatever lines fail between them. Found by damaging programs.

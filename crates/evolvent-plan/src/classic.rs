@@ -5,9 +5,10 @@
 use evolvent_gcode::{Move, MoveKind, PathMode};
 use evolvent_path::Curve;
 
+use crate::admission::check_travel;
 use crate::corner::{exact_joint_speed, round_corner};
 use crate::lookahead::LookAhead;
-use crate::planner::{PathRules, check_travel};
+use crate::planner::PathRules;
 use crate::step::{PlanSink, Segment, SegmentMarks, Step};
 use evolvent_feed::PathLimits;
 

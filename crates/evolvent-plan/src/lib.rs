@@ -17,6 +17,7 @@
 //! `evolvent-smooth` and the time law from `evolvent-feed`, in windows whose tail always ends at rest, and hands on
 //! [`Flow`]s, which the cycle only evaluates. Holds and overrides reach it as [`Request`]s.
 
+mod admission;
 mod classic;
 mod corner;
 mod horizon;
@@ -32,6 +33,7 @@ pub use evolvent_feed::{
     DerivativeBounds, Outcome, PathLimits, Profile, ScalarLimits, ScalarState, lasting_speed, reachable_speed,
 };
 
+pub use admission::Admission;
 pub use corner::{Rounding, exact_joint_speed, round_corner};
 pub use lookahead::{LookAhead, PENDING_SEGMENTS, PENDING_STEPS};
 pub use planner::{PathRules, PlanError, Planner};

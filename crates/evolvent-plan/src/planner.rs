@@ -4,22 +4,19 @@ use std::collections::VecDeque;
 
 use evolvent_feed::PathLimits;
 use evolvent_gcode::{Move, MoveKind, PathMode};
-use evolvent_machine::{Limits, PlannerKind};
-use evolvent_path::{Axes, AxisLetter, Curve};
+use evolvent_machine::PlannerKind;
+use evolvent_path::AxisLetter;
 use evolvent_smooth::{Block, Output, Settings, Smoother, Stretch, Tolerance};
 use thiserror::Error;
 
+use crate::admission::Admission;
 use crate::classic::Classic;
 use crate::horizon::Horizon;
 use crate::step::{BlockMark, PlanSink, Segment, SegmentMarks, Step};
 use crate::straight::Straightener;
 
-/// Rounding of positions, mm or degrees, that the check of travel forgives.
-const TRAVEL_SLACK: f64 = 1e-9;
 /// Share of the permitted chord error that stations of the near-optimal plan may use.
 const CHORD_SHARE: f64 = 0.94;
-/// Rounding of positions that may lie between two moves, mm or degrees.
-const GAP: f64 = 1e-6;
 
 /// How the path is to be followed, the limits of the axes aside.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -83,8 +80,7 @@ pub enum PlanError<E> {
 #[derive(Debug)]
 pub struct Planner<S> {
     kind: Kind<S>,
-    travel: Limits,
-    end: Option<Axes>,
+    admission: Admission,
 }
 
 #[derive(Debug)]
@@ -112,16 +108,12 @@ impl<S: PlanSink> Planner<S> {
     /// At rest at the start of the first move.
     #[must_use]
     pub fn new(limits: PathLimits, rules: PathRules, sink: S) -> Self {
-        let travel = *limits.axes();
+        let admission = Admission::new(limits.axes());
         let kind = match rules.planner {
             PlannerKind::Classic => Kind::Classic(Classic::new(limits, rules, sink)),
             PlannerKind::Optimal => Kind::Optimal(Optimal::new(&limits, rules, sink)),
         };
-        Self {
-            kind,
-            travel,
-            end: None,
-        }
+        Self { kind, admission }
     }
 
     /// Where the plan goes.
@@ -156,23 +148,7 @@ impl<S: PlanSink> Planner<S> {
     /// The move leaves the travel, has no feed, or does not start where the last one ended; or nothing can be planned
     /// any more of what came before.
     pub fn push(&mut self, motion: &Move, line: u32, block: u32) -> Result<(), PlanError<S::Error>> {
-        let curve = &motion.curve;
-        check_travel(curve, &self.travel)?;
-        if motion.feed.is_nan() || motion.feed <= 0.0 {
-            return Err(PlanError::Feed {
-                feed_mm_s: motion.feed,
-            });
-        }
-        if let Some(end) = self.end {
-            let gap = curve.start() - end;
-            for axis in AxisLetter::ALL {
-                let distance = gap[axis.index()].abs();
-                if distance.is_nan() || distance > GAP {
-                    return Err(PlanError::Gap { axis, distance });
-                }
-            }
-        }
-        self.end = Some(curve.end());
+        self.admission.admit(motion)?;
         match &mut self.kind {
             Kind::Classic(classic) => classic.push(motion, line, block),
             Kind::Optimal(optimal) => {
@@ -332,30 +308,4 @@ fn hand_on<S: PlanSink>(horizon: &mut Horizon<S>, stretch: Option<Stretch>, bloc
         },
     };
     horizon.segment(segment, stretch.feed);
-}
-
-pub(crate) fn check_travel<E>(curve: &Curve, limits: &Limits) -> Result<(), PlanError<E>> {
-    let (low, high) = curve.bounds(0.0, curve.domain());
-    for axis in AxisLetter::ALL {
-        let i = axis.index();
-        if !limits.present[i] {
-            continue;
-        }
-        let (lowest, highest) = (limits.travel_min[i], limits.travel_max[i]);
-        if low[i].is_nan() || low[i] < lowest - TRAVEL_SLACK {
-            return Err(PlanError::Travel {
-                axis,
-                reached: low[i],
-                limit: lowest,
-            });
-        }
-        if high[i].is_nan() || high[i] > highest + TRAVEL_SLACK {
-            return Err(PlanError::Travel {
-                axis,
-                reached: high[i],
-                limit: highest,
-            });
-        }
-    }
-    Ok(())
 }

@@ -4,8 +4,7 @@ use std::io::{self, IsTerminal, Write};
 use std::path::PathBuf;
 
 use clap::Args;
-use evolvent_daemon::Clock;
-use evolvent_gcode::Diagnostic;
+use evolvent_daemon::{CheckBounds, Checked, Clock};
 
 use crate::chatter::{Warning, warnings};
 use crate::process;
@@ -39,9 +38,9 @@ pub(crate) fn run(
     let start = args.program.tell_start(&setup, err);
     let file_name = args.program.program.display().to_string();
     let limit = args.limit.max(1);
-    let found = evolvent_daemon::check(&args.program.program, &setup, limit).map_err(|error| {
-        CommandError::Usage(format!("{file_name}: {error}; name a readable part program"))
-    })?;
+    let found = evolvent_daemon::check(&args.program.program, &setup, CheckBounds::whole(limit)).map_err(
+        |error| CommandError::Usage(format!("{file_name}: {error}; name a readable part program")),
+    )?;
     let chatter = match case {
         Some(case) => Some(warnings(&args.program.program, &setup, case)?),
         None => None,
@@ -53,10 +52,10 @@ pub(crate) fn run(
         let chatter = chatter.as_ref().map_or(&[][..], |chatter| &chatter.found);
         writeln!(out, "{}", to_json(&file_name, &found, chatter))
     } else {
-        write_text(err, &file_name, &found, limit, io::stderr().is_terminal())
+        write_text(err, &file_name, &found, io::stderr().is_terminal())
     };
     written.map_err(|error| CommandError::Failed(format!("the errors cannot be written: {error}")))?;
-    Ok(if found.is_empty() {
+    Ok(if found.errors.is_empty() {
         // A wrong program cannot begin in its middle either; that would say the same again.
         start?;
         Ending::Clean
@@ -69,14 +68,13 @@ pub(crate) fn run(
 ///
 /// # Errors
 /// `out` cannot be written.
-fn write_text(
+pub(crate) fn write_text(
     out: &mut dyn Write,
     file_name: &str,
-    diagnostics: &[Diagnostic],
-    limit: usize,
+    found: &Checked,
     colours: bool,
 ) -> io::Result<()> {
-    for diagnostic in diagnostics {
+    for diagnostic in &found.errors {
         let shown = if colours {
             diagnostic.render_styled(file_name)
         } else {
@@ -84,21 +82,24 @@ fn write_text(
         };
         writeln!(out, "{shown}\n")?;
     }
-    match diagnostics.len() {
-        0 => writeln!(out, "{file_name}: no errors"),
-        1 => writeln!(out, "{file_name}: 1 error"),
-        count if count < limit => writeln!(out, "{file_name}: {count} errors"),
-        count => writeln!(
+    let count = match found.errors.len() {
+        0 => "no errors".to_owned(),
+        1 => "1 error".to_owned(),
+        count => format!("{count} errors"),
+    };
+    match found.up_to {
+        None => writeln!(out, "{file_name}: {count}"),
+        Some(line) => writeln!(
             out,
-            "{file_name}: {count} errors; the rest of the file was not looked at"
+            "{file_name}: {count} up to line {line}; what comes then was not looked at"
         ),
     }
 }
 
 /// The errors as one JSON value for editors: `{"file", "errors": [{"code", "line", "column", "length", "message",
-/// "help", "source", "span"}], "chatter": [...]}`.
-fn to_json(file_name: &str, diagnostics: &[Diagnostic], chatter: &[Warning]) -> serde_json::Value {
-    serde_json::json!({ "file": file_name, "errors": diagnostics, "chatter": chatter })
+/// "help", "source", "span"}], "up_to": line or null, "chatter": [...]}`.
+fn to_json(file_name: &str, found: &Checked, chatter: &[Warning]) -> serde_json::Value {
+    serde_json::json!({ "file": file_name, "errors": found.errors, "up_to": found.up_to, "chatter": chatter })
 }
 
 #[cfg(test)]
@@ -107,38 +108,48 @@ mod tests {
 
     use super::*;
 
-    fn errors(program: &str) -> Vec<Diagnostic> {
-        Interpreter::new(program.as_bytes(), Settings::default())
-            .filter_map(Result::err)
-            .take(3)
-            .collect()
+    fn errors(program: &str) -> Checked {
+        let errors = Interpreter::new(program.as_bytes(), Settings::default()).filter_map(Result::err);
+        Checked {
+            errors: errors.collect(),
+            up_to: None,
+        }
     }
 
-    #[test]
-    fn errors_are_counted_up_to_the_limit() {
-        assert_eq!(errors("G0 X1\nM2\n").len(), 0);
-        assert_eq!(errors("G0 X1\nG6\nX?\nM2\n").len(), 2);
-        assert_eq!(errors(&"G6\n".repeat(10)).len(), 3);
+    fn text(found: &Checked) -> String {
+        let mut out = Vec::new();
+        write_text(&mut out, "part.ngc", found, false).unwrap();
+        String::from_utf8(out).unwrap()
     }
 
     #[test]
     fn text_shows_place_and_count() {
-        let found = errors("G0 X1\nG6\n");
-        let mut out = Vec::new();
-        write_text(&mut out, "part.ngc", &found, 3, false).unwrap();
-        let text = String::from_utf8(out).unwrap();
+        assert_eq!(text(&errors("G0 X1\nM2\n")), "part.ngc: no errors\n");
+        let one = text(&errors("G0 X1\nG6\n"));
         assert!(
-            text.contains("part.ngc:2:1") && text.ends_with("part.ngc: 1 error\n"),
-            "{text}"
+            one.contains("part.ngc:2:1") && one.ends_with("part.ngc: 1 error\n"),
+            "{one}"
         );
+        let two = text(&errors("G0 X1\nG6\nX?\nM2\n"));
+        assert!(two.ends_with("part.ngc: 2 errors\n"), "{two}");
+    }
+
+    #[test]
+    fn text_says_what_was_not_looked_at() {
+        let bounded = Checked {
+            up_to: Some(7),
+            ..errors("G0 X1\nM2\n")
+        };
+        let shown = text(&bounded);
+        assert!(shown.contains("no errors up to line 7; "), "{shown}");
     }
 
     #[test]
     fn json_has_the_place_in_numbers() {
-        let found = errors("G0 X1 Q2\n");
-        let json = to_json("part.ngc", &found, &[]);
+        let json = to_json("part.ngc", &errors("G0 X1 Q2\n"), &[]);
         assert_eq!(json["errors"][0]["code"], "G0307");
         assert_eq!(json["errors"][0]["line"], 1);
         assert_eq!(json["errors"][0]["column"], 7);
+        assert!(json["up_to"].is_null());
     }
 }

@@ -5,9 +5,10 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
-use evolvent_daemon::{Clock, Controls, Job, RunOutcome, StartError};
+use evolvent_daemon::{Alarm, CheckBounds, Clock, Controls, Job, RunOutcome, Setup, StartError};
 use evolvent_machine::PlannerKind;
 
+use crate::check::write_text;
 use crate::operator::{resume_on_enter, watch_signals};
 use crate::program::{ProgramArgs, check_output, default_trace, parse_override};
 use crate::screen::{Screen, write_summary};
@@ -50,6 +51,9 @@ pub(crate) struct RunArgs {
     /// `evolvent turn`. In real time the load comes over the bus; with the virtual clock the file's stock is cut.
     #[arg(long, value_name = "FILE.toml", conflicts_with = "adaptive")]
     process: Option<PathBuf>,
+    /// Do not look through the program first; one with an error is then run up to the line before it.
+    #[arg(long)]
+    unchecked: bool,
     /// Print the summary as one JSON object.
     #[arg(long)]
     json: bool,
@@ -82,6 +86,9 @@ pub(crate) fn run(args: &RunArgs, out: &mut dyn Write, err: &mut dyn Write) -> R
     };
     if let Some(file) = &args.process {
         crate::process::install_file(&mut setup, file, clock)?;
+    }
+    if !args.unchecked {
+        refuse_wrong_program(args, &setup, out, err)?;
     }
     let trace = if args.no_trace {
         None
@@ -140,6 +147,44 @@ pub(crate) fn run(args: &RunArgs, out: &mut dyn Write, err: &mut dyn Write) -> R
     })?;
     let ending = report(args.json, &outcome, out, err)?;
     kept.map(|()| ending)
+}
+
+/// How many errors are worth showing to somebody who wanted to run the program.
+const ERRORS_SHOWN: usize = 10;
+
+/// Nothing moves for a program that is known to be wrong farther down.
+fn refuse_wrong_program(
+    args: &RunArgs,
+    setup: &Setup,
+    out: &mut dyn Write,
+    err: &mut dyn Write,
+) -> Result<(), CommandError> {
+    let file = &args.program.program;
+    let name = file.display().to_string();
+    let bounds = CheckBounds::while_one_waits(ERRORS_SHOWN);
+    let found = evolvent_daemon::check(file, setup, bounds)
+        .map_err(|error| CommandError::Usage(format!("{name}: {error}; name a readable part program")))?;
+    let Some(first) = found.errors.first() else {
+        return Ok(());
+    };
+    let written = if args.json {
+        let refused = serde_json::json!({
+            "program": name,
+            "outcome": "failed",
+            "alarm": Alarm::Program.number(),
+            "error": first.render(&name),
+            "errors": found.errors,
+            "cycles": 0,
+        });
+        writeln!(out, "{refused}")
+    } else {
+        write_text(err, &name, &found, io::stderr().is_terminal())
+    };
+    written.map_err(|error| CommandError::Failed(format!("the errors cannot be written: {error}")))?;
+    Err(CommandError::Failed(format!(
+        "{name} is wrong, so nothing was moved; --unchecked runs it up to line {}",
+        first.line
+    )))
 }
 
 /// Writes tools and parameters that a program has changed. Of a program that did not come to its end nothing is kept: it

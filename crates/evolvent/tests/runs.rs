@@ -69,7 +69,7 @@ impl Bench {
         evolvent(&["plan", as_str(&program), "--machine", MACHINE, "--json"])
     }
 
-    /// Runs with the virtual clock into `run.mcap`.
+    /// Runs with the virtual clock into `run.mcap`, without a look at the whole program first.
     fn run(&self, text: &str) -> (Output, PathBuf) {
         let (program, trace) = (self.program(text), self.path("run.mcap"));
         let output = evolvent(&[
@@ -83,6 +83,7 @@ impl Bench {
             "--trace",
             as_str(&trace),
             "--json",
+            "--unchecked",
         ]);
         (output, trace)
     }
@@ -137,6 +138,56 @@ fn a_program_with_an_error_is_run_up_to_it_and_has_failed() {
     assert_eq!(alarms.len(), 1, "{alarms:?}");
     assert_eq!((alarms[0].code, alarms[0].sequence), (100, last.sequence));
     assert!(alarms[0].text.contains("program.ngc:4:1"), "{alarms:?}");
+}
+
+#[test]
+fn nothing_moves_and_nothing_is_written_for_a_program_that_is_wrong_farther_down() {
+    let bench = Bench::new();
+    // Not the text's fault but the machine's: it has no probe, and its travel ends.
+    let program = bench.program("G61\nG1 X5 F600\nG38.2 Z-1\nG1 X9000\nM2\n");
+    let trace = bench.path("run.mcap");
+    let run = |extra: &str| {
+        let output = evolvent(&[
+            "run",
+            as_str(&program),
+            "--machine",
+            MACHINE,
+            "--clock",
+            "virtual",
+            "--no-bus",
+            "--trace",
+            as_str(&trace),
+            extra,
+        ]);
+        assert_eq!(output.status.code(), Some(1));
+        assert!(!trace.exists());
+        output
+    };
+    let text = String::from_utf8(run("--override=100").stderr).unwrap();
+    for part in [
+        "program.ngc:3:1",
+        "program.ngc:4:4",
+        "2 errors",
+        "nothing was moved",
+        "--unchecked",
+    ] {
+        assert!(text.contains(part), "{part} is missing in {text}");
+    }
+    let refused = json(&run("--json"));
+    assert_eq!(refused["outcome"], "failed");
+    assert_eq!(refused["alarm"], 100);
+    assert_eq!(refused["errors"][1]["line"], 4);
+}
+
+#[test]
+fn a_program_that_makes_parts_until_it_is_stopped_can_be_checked() {
+    let bench = Bench::new();
+    let program = bench.program("G61 F60000\nG1 X1\nO1 while [1]\nG1 X0\nG1 X1\nO1 endwhile\nG6\nM2\n");
+    let output = evolvent(&["check", as_str(&program), "--machine", MACHINE, "--json"]);
+    assert_eq!(output.status.code(), Some(0));
+    let found = json(&output);
+    assert_eq!(found["errors"], serde_json::json!([]));
+    assert_eq!(found["up_to"], 5, "what stands behind the loop was not looked at");
 }
 
 #[test]

@@ -10,7 +10,7 @@ use std::time::SystemTime;
 use evolvent_control::{Alarm, Refusal};
 
 use super::programs::sentence;
-use crate::check::check_while;
+use crate::check::{CheckBounds, check_while};
 use crate::job::Setup;
 use crate::memory::ProgramMemory;
 use crate::rt::take_turns;
@@ -60,7 +60,9 @@ impl Checking {
         let (told, file, of_thread) = (Arc::clone(&superseded), file.to_path_buf(), setup.clone());
         let spawned = thread::Builder::new().name("checker".into()).spawn(move || {
             take_turns();
-            let verdict = judge(&file, &of_thread, 0, || !told.load(Ordering::Relaxed));
+            let verdict = judge(&file, &of_thread, 0, CheckBounds::whole(1), || {
+                !told.load(Ordering::Relaxed)
+            });
             let _gone = sender.send(verdict);
         });
         spawned.map_err(|error| Refusal::new(Alarm::Planner, format!("no thread to check with: {error}")))?;
@@ -119,11 +121,12 @@ pub(super) fn judge(
     file: &Path,
     setup: &Setup,
     lines_before: u32,
+    bounds: CheckBounds,
     go_on: impl FnMut() -> bool,
 ) -> Result<(), Refusal> {
-    let found = check_while(file, setup, 1, go_on)
+    let found = check_while(file, setup, bounds, go_on)
         .map_err(|error| Refusal::new(Alarm::File, format!("{}: {error}", file.display())))?;
-    match found.first() {
+    match found.errors.first() {
         None => Ok(()),
         Some(first) => {
             let alarm = if first.code == evolvent_gcode::Code::BeyondTravel {

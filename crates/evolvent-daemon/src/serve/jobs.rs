@@ -11,11 +11,11 @@ use std::time::Duration;
 use evolvent_motion::{Motion, plan_queue};
 
 use super::orders::{Following, Signals};
-use crate::check::ProgramError;
 use crate::feeder::{FeedReport, Feeder};
 use crate::job::Setup;
 use crate::memory::ProgramMemory;
 use crate::news::FeederNews;
+use crate::refusal::ProgramError;
 use crate::rt::take_turns;
 use crate::switches::Switches;
 use crate::user_code::UserCodes;

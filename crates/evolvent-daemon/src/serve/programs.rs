@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use evolvent_control::{Activity, Alarm, Command, JobResult, Refusal};
+use evolvent_gcode::Settings;
 use evolvent_motion::State;
 
 use super::checking::{Checking, is_short, judge};
@@ -12,14 +13,18 @@ use super::modes::{After, foresee};
 use super::operator::{Job, Operator};
 use super::orders::What;
 use super::track::Track;
-use crate::check::ProgramError;
+use crate::check::CheckBounds;
 use crate::job::Setup;
 use crate::news::{FeederNews, OutsideKind, StopKind, UserCall};
+use crate::refusal::ProgramError;
 use crate::switches::Switches;
 use crate::user_code::{UserCodes, UserNews, UserProgram};
 
 /// What the message says of a command of the machine's own.
 const AT_WORK: &str = " is being carried out";
+
+/// Lines that a block of MDI may execute, loops and subroutines among them, before it is refused: somebody waits.
+const MOST_LINES_OF_MDI: u64 = 1_000_000;
 
 /// A program or a block of MDI.
 pub(super) struct ProgramRun {
@@ -73,7 +78,7 @@ impl Operator {
     fn check_loaded(&mut self, file: &Path) -> Result<(), Refusal> {
         let setup = self.setup_here();
         if is_short(file) {
-            return judge(file, &setup, 0, || true);
+            return judge(file, &setup, 0, CheckBounds::while_one_waits(1), || true);
         }
         if !(self.checking.as_ref()).is_some_and(|checking| checking.is_about(file, &setup)) {
             self.checking = Some(Checking::begin(file, &setup)?);
@@ -101,13 +106,17 @@ impl Operator {
         let lines = preamble.lines().count() as u32;
         let whole = format!("{preamble}{text}\n");
         let setup = self.setup_here();
-        let after = foresee(&whole, &setup.interpreter_settings(), &self.kept())
+        let settings = Settings {
+            max_lines_before_start: MOST_LINES_OF_MDI,
+            ..setup.interpreter_settings()
+        };
+        let after = foresee(&whole, &settings, &self.kept())
             .map_err(|error| Refusal::new(Alarm::BadProgram, sentence(&error, lines)))?;
         let file = self.folder.join("mdi.ngc");
         std::fs::create_dir_all(&self.folder)
             .and_then(|()| std::fs::write(&file, &whole))
             .map_err(|error| Refusal::new(Alarm::File, format!("{}: {error}", file.display())))?;
-        judge(&file, &setup, lines, || true)?;
+        judge(&file, &setup, lines, CheckBounds::while_one_waits(1), || true)?;
         self.switch_anew(false);
         self.plan(file, setup, Some(after), Activity::Mdi)
     }
