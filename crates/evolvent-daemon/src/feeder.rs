@@ -78,6 +78,10 @@ pub(crate) struct Feeder<'a, S> {
     carrier: Option<ToCarrier>,
     /// The way of turning cycles to the cycle; none where nothing is driven.
     turnings: Option<TurningSender>,
+    /// Names of attached subroutines begin with this.
+    subroutines: String,
+    /// Files of subroutines that have been told of.
+    files_told: usize,
 }
 
 /// Tells of the machine's own commands in a run: who carries them out, and the cycle, which waits there.
@@ -119,6 +123,8 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
             codes: None,
             carrier: None,
             turnings: None,
+            subroutines: "subroutines/".to_owned(),
+            files_told: 0,
         }
     }
 
@@ -131,6 +137,12 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
     /// Numbers blocks and actions from these on, so that they go on from job to job.
     pub(crate) fn numbered_from(mut self, block: u32, action: u32) -> Self {
         (self.next_block, self.actions) = (block, action);
+        self
+    }
+
+    /// Attaches subroutines under names that begin so.
+    pub(crate) fn attaching_to(mut self, folder: String) -> Self {
+        self.subroutines = folder;
         self
     }
 
@@ -198,6 +210,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
             }
         }
         while let Some(command) = commands.next() {
+            self.tell_files(&commands);
             let command = command.map_err(|diagnostic| ProgramError::Text {
                 file: self.file.clone(),
                 diagnostic: Box::new(diagnostic),
@@ -347,6 +360,20 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         let _gone = carrier.stops.push(action);
         let _gone = carrier.calls.send((action, call));
         Ok(())
+    }
+
+    /// Attaches what the program has called from other files.
+    fn tell_files(&mut self, commands: &Commands) {
+        if commands.file_count() == self.files_told {
+            return;
+        }
+        for (name, text) in commands.files().skip(self.files_told) {
+            for news in &self.news {
+                let name = format!("{}{name}", self.subroutines);
+                let _gone = news.send(FeederNews::Attach(name, text.clone()));
+            }
+        }
+        self.files_told = commands.file_count();
     }
 
     fn tell_modal(&mut self, commands: &Commands) {

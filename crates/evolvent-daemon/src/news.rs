@@ -60,6 +60,10 @@ pub(crate) enum FeederNews {
     Stop(u32, StopKind),
     /// From this block on blocks are of this file.
     File(u32, PathBuf),
+    /// A text to attach to the trace.
+    Attach(String, Vec<u8>),
+    /// A file to attach to the trace.
+    AttachFile(String, PathBuf),
     /// Something that is to be recorded at its setpoint.
     Outside(Outside),
 }
@@ -83,6 +87,8 @@ pub(crate) enum OutsideKind {
     Warning,
     /// Something that a command of the machine's own has written.
     Output,
+    /// A job begins.
+    Job,
 }
 
 /// Why the program stops and waits.

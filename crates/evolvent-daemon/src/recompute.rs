@@ -9,11 +9,13 @@ use std::time::Duration;
 
 use evolvent_motion::{Extremes, Inputs, Motion, Setpoint, State, plan_queue};
 
-use crate::cycle::wait_until;
 use crate::feeder::Feeder;
 use crate::job::Setup;
 use crate::refusal::ProgramError;
 
+/// Looks at the plan before the one who waits sleeps, and for how long: spinning would take the core from the planner.
+const LOOKS: u32 = 64;
+const PATIENCE: Duration = Duration::from_micros(50);
 /// How long the planner sleeps when the queue is full.
 const PLANNER_NAP: Duration = Duration::from_micros(100);
 
@@ -47,6 +49,19 @@ pub struct Recomputed {
     pub deviation_mm: f64,
     /// Largest magnitudes that the guard measured.
     pub extremes: Extremes,
+}
+
+/// Waits for the planner, which may need every core there is.
+pub(crate) fn wait_for_planner(mut ready: impl FnMut() -> bool) {
+    let mut looks = 0;
+    while !ready() {
+        looks += 1;
+        if looks < LOOKS {
+            std::hint::spin_loop();
+        } else {
+            thread::sleep(PATIENCE);
+        }
+    }
 }
 
 /// Computes a run again, cycle by cycle, as the virtual clock does. `inputs` gives what came in at each cycle, `None`
@@ -101,7 +116,7 @@ pub fn recompute(
             refused,
         }) = inputs(cycles)
         {
-            wait_until(|| motion.is_ready(&mut queue) || (inputs.stop && motion.is_at_rest()));
+            wait_for_planner(|| motion.is_ready(&mut queue) || (inputs.stop && motion.is_at_rest()));
             motion.withhold_plan(waited);
             motion.refuse_plan(refused);
             let mut setpoint = motion.step(&inputs, &mut queue);

@@ -50,6 +50,12 @@ pub(crate) struct RecordReport {
     pub lost: u64,
 }
 
+/// What is attached.
+enum Content {
+    Text(Vec<u8>),
+    File(PathBuf),
+}
+
 /// The cycles of one block.
 #[derive(Clone, Copy)]
 struct Span {
@@ -65,6 +71,8 @@ struct Tracks {
     /// Files of later jobs, and the block with which each begins.
     files: VecDeque<(u32, PathBuf)>,
     outside: VecDeque<Outside>,
+    /// Texts and files to attach, by name.
+    attachments: VecDeque<(String, Content)>,
     lines: Lines,
     period_s: f64,
     block: Option<Span>,
@@ -91,6 +99,7 @@ impl Recording {
             notices: VecDeque::new(),
             files: VecDeque::new(),
             outside: VecDeque::new(),
+            attachments: VecDeque::new(),
             lines: Lines::new(&self.program),
             period_s: period_ns as f64 * 1e-9,
             block: None,
@@ -175,6 +184,8 @@ impl Tracks {
             FeederNews::Notice(notice) => self.notices.push_back(notice),
             FeederNews::File(block, file) => self.files.push_back((block, file)),
             FeederNews::Outside(outside) => self.outside.push_back(outside),
+            FeederNews::Attach(name, text) => self.attachments.push_back((name, Content::Text(text))),
+            FeederNews::AttachFile(name, file) => self.attachments.push_back((name, Content::File(file))),
             // Nobody has asked for them here.
             FeederNews::Queued(_) | FeederNews::Modal(..) | FeederNews::Stop(..) => {}
         }
@@ -238,6 +249,7 @@ impl Tracks {
             let code = TURNING_STATES + change.to as u32;
             recorder.event(&event(EventKind::State, code, text, Some(change.load)))?;
         }
+        self.attach(recorder, cycle.due_time_ns)?;
         self.record_outside(recorder, cycle)?;
         self.actions = sample.actions;
         self.blocks = self.blocks.max(sample.blocks_begun());
@@ -276,11 +288,28 @@ impl Tracks {
                     OutsideKind::Alarm => EventKind::Alarm,
                     OutsideKind::Warning => EventKind::Warning,
                     OutsideKind::Output => EventKind::Message,
+                    OutsideKind::Job => EventKind::Job,
                 },
                 code: outside.code,
                 text: outside.text,
                 value: outside.value,
             })?;
+        }
+        Ok(())
+    }
+
+    /// Attaches what jobs have begun with. It has to be there before the job's event is.
+    fn attach(&mut self, recorder: &mut Recorder, time_ns: u64) -> Result<(), RecordError> {
+        while let Some((name, content)) = self.attachments.pop_front() {
+            match content {
+                Content::Text(text) => recorder.attach_text(&name, time_ns, &text)?,
+                Content::File(file) => {
+                    if !recorder.attach_program(&name, time_ns, &file)? {
+                        let text = format!("{} cannot be read and is not attached", file.display());
+                        recorder.log(time_ns, LogLevel::Warning, &text)?;
+                    }
+                }
+            }
         }
         Ok(())
     }
@@ -357,6 +386,16 @@ impl Tracks {
         let end = recorder.statistics().cycles;
         self.close_block(time_ns, end);
         self.write_blocks(recorder)?;
+        self.attach(recorder, time_ns)?;
+        // What took effect with the last setpoints.
+        while let Some(sequence) = self.outside.front().map(|outside| outside.sequence) {
+            let last = CycleRecord {
+                sequence,
+                due_time_ns: time_ns,
+                ..CycleRecord::default()
+            };
+            self.record_outside(recorder, &last)?;
+        }
         let Some((alarm, text)) = alarm else {
             return Ok(());
         };

@@ -468,7 +468,11 @@ pub(crate) fn run_info(setup: &Setup, source: &RunSource<'_>, start_time_ns: u64
             "serve".to_owned(),
             ProgramSource::None,
             Clock::Realtime,
-            BTreeMap::new(),
+            BTreeMap::from([
+                ("served".to_owned(), true.to_string()),
+                ("planner".to_owned(), setup.machine.path.planner.name().to_owned()),
+                ("platform".to_owned(), crate::platform()),
+            ]),
         ),
     };
     RunInfo {

@@ -88,6 +88,16 @@ impl Commands {
         self.interpreter.set_block_delete(on);
     }
 
+    /// How many files of subroutines have been read.
+    pub(crate) fn file_count(&self) -> usize {
+        self.interpreter.subroutine_file_count()
+    }
+
+    /// Name and text of each.
+    pub(crate) fn files(&self) -> impl Iterator<Item = (&str, Vec<u8>)> {
+        self.interpreter.subroutine_files()
+    }
+
     /// The modes after the line that was read last.
     #[must_use]
     pub fn modal(&self) -> Modal {

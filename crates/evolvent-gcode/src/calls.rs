@@ -159,6 +159,7 @@ impl<R: BufRead> Interpreter<R> {
         match find_file(text.as_str(), &self.settings.subroutine_folders, most) {
             Ok(Some(lines)) => {
                 let lines = Shared::new(lines);
+                self.library.note_file(text.as_str(), &lines);
                 self.index(&lines);
                 if self.library.get(name).is_none() {
                     // A file of a main program's kind: the whole of it, for M98.

@@ -175,6 +175,18 @@ impl<R: BufRead> Interpreter<R> {
         self.tools.as_ref()
     }
 
+    /// How many files of subroutines have been read so far.
+    #[must_use]
+    pub fn subroutine_file_count(&self) -> usize {
+        self.library.file_count()
+    }
+
+    /// The files of subroutines that have been read so far, in that order: name and text as it was read. Whoever keeps
+    /// them beside the program can run it again without the folders.
+    pub fn subroutine_files(&self) -> impl Iterator<Item = (&str, Vec<u8>)> {
+        self.library.files()
+    }
+
     pub(crate) fn state(&self) -> &State {
         &self.state
     }

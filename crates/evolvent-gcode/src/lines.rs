@@ -37,6 +37,20 @@ impl Lines {
         Some((&self.bytes[start..end], line))
     }
 
+    /// All lines, one below the other.
+    fn text(&self) -> Vec<u8> {
+        let mut text = Vec::with_capacity(self.bytes.len() + self.len());
+        for index in 0..self.len() {
+            if index > 0 {
+                text.push(b'\n');
+            }
+            if let Some((line, _)) = self.get(index) {
+                text.extend_from_slice(line);
+            }
+        }
+        text
+    }
+
     pub(crate) fn len(&self) -> usize {
         self.ends.len()
     }
@@ -65,11 +79,27 @@ pub(crate) struct Library {
     known: BTreeMap<NameId, Subroutine>,
     /// Memory that the bodies take.
     pub(crate) size: usize,
+    /// Files that were read, by the name that was looked for.
+    files: Vec<(String, Shared<Lines>)>,
 }
 
 impl Library {
     pub(crate) fn get(&self, name: NameId) -> Option<&Subroutine> {
         self.known.get(&name)
+    }
+
+    /// Notes a file that was read.
+    pub(crate) fn note_file(&mut self, name: &str, lines: &Shared<Lines>) {
+        self.files.push((format!("{name}.ngc"), Shared::clone(lines)));
+    }
+
+    /// Files read so far: name and text, as it was taken up.
+    pub(crate) fn files(&self) -> impl Iterator<Item = (&str, Vec<u8>)> {
+        self.files.iter().map(|(name, lines)| (name.as_str(), lines.text()))
+    }
+
+    pub(crate) fn file_count(&self) -> usize {
+        self.files.len()
     }
 
     /// Keeps a subroutine; one of the same name is forgotten.

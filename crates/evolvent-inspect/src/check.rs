@@ -1,8 +1,8 @@
 //! Positions against the machine's limits, from nothing but the positions.
 
 use evolvent_machine::{Limits, Machine};
-use evolvent_path::AxisLetter;
-use evolvent_trace::CycleRecord;
+use evolvent_path::{Axes, AxisLetter};
+use evolvent_trace::{CycleRecord, inputs};
 
 /// Velocity and acceleration may exceed their limits by this, jerk by more: differences of rounded numbers.
 const ALLOWED: [f64; 3] = [1.001, 1.001, 1.02];
@@ -63,6 +63,11 @@ impl LimitCheck {
         }
     }
 
+    /// From here on the axes may be here.
+    pub(crate) fn set_travel(&mut self, low: &Axes, high: &Axes) {
+        (self.limits.travel_min, self.limits.travel_max) = (*low, *high);
+    }
+
     /// Takes the next cycle in. Behind a gap differences begin anew. Gives the differences by axis: velocity,
     /// acceleration, jerk; `None` right behind a gap.
     pub fn cycle(&mut self, record: &CycleRecord) -> Option<[[f64; 3]; 9]> {
@@ -79,8 +84,16 @@ impl LimitCheck {
         } else {
             self.since_joint.saturating_add(1)
         };
-        let mut found = [[0.0; 3]; 9];
         let p = &record.position;
+        if record.inputs & inputs::RELOCATED != 0 {
+            // At rest, by other names.
+            self.past = [*p; 3];
+            for axis in 0..9 {
+                self.limits.travel_min[axis] = self.limits.travel_min[axis].min(p[axis]);
+                self.limits.travel_max[axis] = self.limits.travel_max[axis].max(p[axis]);
+            }
+        }
+        let mut found = [[0.0; 3]; 9];
         let f = self.rate_hz;
         let [p1, p2, p3] = &self.past;
         for axis in 0..9 {

@@ -1,6 +1,7 @@
 //! A trace as a table in a file.
 
 use std::io::{self, BufWriter, Write};
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use evolvent_trace::{ReadError, TraceFile};
@@ -150,13 +151,13 @@ fn export_to<W: Write>(
     let within = |time_ns: u64| (first_ns..=last_ns).contains(&time_ns);
     match channel {
         ExportChannel::Cycles => {
-            for record in trace.cycles_between(first_ns, last_ns) {
-                let record = record?;
+            trace.each_cycle(first_ns, last_ns, |record| -> Result<_, ExportError> {
                 if selection.has_line(record.line) {
-                    table.push_cycle(&record);
+                    table.push_cycle(record);
                     flush(&mut table, most)?;
                 }
-            }
+                Ok(ControlFlow::Continue(()))
+            })?;
         }
         ExportChannel::Events => {
             for record in trace.events() {

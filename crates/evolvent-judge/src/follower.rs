@@ -197,6 +197,8 @@ impl<'a> Follower<'a> {
 
     /// The earliest place from `place` on that lies near `point`, if all that is passed over lies near the stretch to it.
     fn search(&self, before: &Axes, point: &Axes, mut place: Place) -> Option<Place> {
+        // The place begins so far behind: where the tolerance becomes finer at once, that is no leaving of the path.
+        let behind = self.within(place.block);
         loop {
             let block = &self.route.blocks[place.block];
             let within = self.within(place.block);
@@ -206,7 +208,7 @@ impl<'a> Follower<'a> {
                 if off <= within {
                     return Some(place);
                 }
-                if from_stretch(&there, before, point) > NEIGHBOURHOOD * within {
+                if from_stretch(&there, before, point) > NEIGHBOURHOOD * within.max(behind) {
                     return None;
                 }
                 if place.u >= block.length {

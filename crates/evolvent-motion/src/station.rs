@@ -96,6 +96,15 @@ impl Station {
         self.last = still(position);
     }
 
+    /// At rest at `position`, the next setpoint being number `sequence`, `path_mm` into the last job: for going through what
+    /// was recorded of a machine from a place in the middle on.
+    pub fn place_at(&mut self, limits: Limits, sequence: u64, position: Axes, path_mm: f64) {
+        self.relocate(limits, position);
+        self.quick_stop = None;
+        self.fault = None;
+        (self.sequence, self.path_mm) = (sequence, path_mm);
+    }
+
     /// One setpoint at rest, or of axes that are stopping by themselves.
     pub fn rest(&mut self, state: State) -> Setpoint {
         if let Some(stop) = &mut self.quick_stop {

@@ -4,7 +4,7 @@
 //! `/cycle` carries only each n-th cycle, for viewers. `/cycles` has them all, to the last bit, in a quarter of the room. Jerk alone is rounded, to a single: it is
 //! not published, steps at every knot of the plan, and took half of the room.
 
-use crate::column::{Derivatives, Kind, Packed, pack, unpack};
+use crate::column::{Derivatives, Kind, PackedRef, pack, unpack};
 use crate::record::CycleRecord;
 use crate::schema::{evolvent, timestamp};
 
@@ -96,6 +96,26 @@ impl Quantity {
             Self::Inputs => u64::from(record.inputs),
             Self::FollowingError => record.following_error[axis].to_bits(),
         }
+    }
+
+    /// Of all cycles at once. `None` if a number does not fit.
+    fn set_all(self, records: &mut [CycleRecord], axis: usize, values: &[u64]) -> Option<()> {
+        let pairs = records.iter_mut().zip(values);
+        match self {
+            // Those of which there are most, without asking which it is at every one.
+            Self::Position => pairs.for_each(|(record, &value)| record.position[axis] = f64::from_bits(value)),
+            Self::Velocity => pairs.for_each(|(record, &value)| record.velocity[axis] = f64::from_bits(value)),
+            Self::Acceleration => {
+                pairs.for_each(|(record, &value)| record.acceleration[axis] = f64::from_bits(value));
+            }
+            Self::Jerk => pairs.for_each(|(record, &value)| record.jerk[axis] = f64::from_bits(value)),
+            other => {
+                for (record, &value) in pairs {
+                    other.set(record, axis, value)?;
+                }
+            }
+        }
+        Some(())
     }
 
     /// `None` if the number does not fit.
@@ -259,6 +279,7 @@ pub(crate) fn cycles(message: &evolvent::Cycles, axes: &[usize]) -> Option<Vec<C
             velocity: zeros(),
         })
         .collect();
+    let mut values = zeros();
     for column in &message.column {
         // Quantities of a later version are passed over.
         let Some(quantity) = ORDER.into_iter().find(|known| *known as u32 == column.field) else {
@@ -269,17 +290,15 @@ pub(crate) fn cycles(message: &evolvent::Cycles, axes: &[usize]) -> Option<Vec<C
         if element >= elements {
             return None;
         }
-        let packed = Packed {
+        let packed = PackedRef {
             predictor: column.predictor,
             coded: column.coded,
-            rests: column.rests.clone(),
+            rests: &column.rests,
         };
         let derivatives = known.get(element).and_then(|known| known.of(quantity, step_s));
-        let mut values = unpack(quantity.kind(), &packed, count, derivatives.as_ref())?;
+        unpack(quantity.kind(), &packed, count, derivatives.as_ref(), &mut values)?;
         let axis = axes.get(element).copied().unwrap_or(0);
-        for (record, &value) in records.iter_mut().zip(&values) {
-            quantity.set(record, axis, value)?;
-        }
+        quantity.set_all(&mut records, axis, &values)?;
         if let Some(known) = known.get_mut(element) {
             known.keep(quantity, &mut values);
         }

@@ -43,6 +43,25 @@ pub(crate) struct Packed {
     pub(crate) rests: Vec<u8>,
 }
 
+/// The same, read where it lies.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct PackedRef<'a> {
+    pub(crate) predictor: u32,
+    pub(crate) coded: u32,
+    pub(crate) rests: &'a [u8],
+}
+
+impl Packed {
+    #[cfg(test)]
+    fn borrowed(&self) -> PackedRef<'_> {
+        PackedRef {
+            predictor: self.predictor,
+            coded: self.coded,
+            rests: &self.rests,
+        }
+    }
+}
+
 /// Doubles as integers in the order of their values, so that neighbours differ by one. Its own inverse.
 fn ordered(bits: u64) -> i64 {
     let bits = bits as i64;
@@ -65,7 +84,7 @@ fn unfolded(value: u64) -> i64 {
 
 /// The polynomial of `order` through the last values, newest last, at the next place. What has not come yet is
 /// left out of the order.
-#[inline]
+#[inline(always)]
 fn polynomial(past: &[u64], order: u32) -> f64 {
     let n = past.len();
     let back = |steps: usize| f64::from_bits(past[n - steps]);
@@ -79,7 +98,7 @@ fn polynomial(past: &[u64], order: u32) -> f64 {
     }
 }
 
-#[inline]
+#[inline(always)]
 fn integral(past: &[u64], derivatives: &Derivatives<'_>) -> f64 {
     let n = past.len();
     if n == 0 {
@@ -95,8 +114,8 @@ fn integral(past: &[u64], derivatives: &Derivatives<'_>) -> f64 {
     }
 }
 
-/// What the next value would be, as an ordered integer.
-#[inline]
+/// What the next value would be, as an ordered integer. Inlined, so that what is constant is decided once a column.
+#[inline(always)]
 fn predicted(kind: Kind, predictor: u32, past: &[u64], derivatives: Option<&Derivatives<'_>>) -> i64 {
     match kind {
         Kind::Whole => match (predictor, past) {
@@ -182,10 +201,12 @@ pub(crate) fn pack(kind: Kind, values: &[u64], derivatives: Option<&Derivatives<
 /// Unpacks a column of `count` values. `None` if it makes no sense.
 pub(crate) fn unpack(
     kind: Kind,
-    packed: &Packed,
+    packed: &PackedRef<'_>,
     count: usize,
     derivatives: Option<&Derivatives<'_>>,
-) -> Option<Vec<u64>> {
+    values: &mut Vec<u64>,
+) -> Option<()> {
+    values.clear();
     let most = match kind {
         Kind::Whole => 2,
         Kind::Double if derivatives.is_some() => BY_DERIVATIVES,
@@ -195,14 +216,31 @@ pub(crate) fn unpack(
     if packed.predictor > most || coded > count {
         return None;
     }
-    let mut reader = BitReader::new(&packed.rests);
-    let mut values = Vec::with_capacity(count);
-    for n in 0..count {
-        let rest = if n < coded { unfolded(reader.number()) } else { 0 };
-        let whole = predicted(kind, packed.predictor, &values, derivatives).wrapping_add(rest);
-        values.push(from_integer(kind, whole));
+    let mut reader = BitReader::new(packed.rests);
+    values.reserve(count);
+    // One loop for each way of predicting, in which nothing is left to decide.
+    macro_rules! fill {
+        ($kind:expr, $predictor:expr, $derivatives:expr) => {
+            for n in 0..count {
+                let rest = if n < coded { unfolded(reader.number()) } else { 0 };
+                let whole = predicted($kind, $predictor, values, $derivatives).wrapping_add(rest);
+                values.push(from_integer($kind, whole));
+            }
+        };
     }
-    reader.is_within().then_some(values)
+    match (kind, packed.predictor) {
+        (Kind::Double, 1) => fill!(Kind::Double, 1, None),
+        (Kind::Double, 2) => fill!(Kind::Double, 2, None),
+        (Kind::Double, 3) => fill!(Kind::Double, 3, None),
+        (Kind::Double, 4) => fill!(Kind::Double, 4, None),
+        (Kind::Double, 5) => fill!(Kind::Double, 5, None),
+        (Kind::Double, BY_DERIVATIVES) => fill!(Kind::Double, BY_DERIVATIVES, derivatives),
+        (Kind::Single, 1) => fill!(Kind::Single, 1, None),
+        (Kind::Single, predictor) => fill!(Kind::Single, predictor, None),
+        (Kind::Whole, 1) => fill!(Kind::Whole, 1, None),
+        (kind, predictor) => fill!(kind, predictor, derivatives),
+    }
+    reader.is_within().then_some(())
 }
 
 #[cfg(test)]
@@ -213,10 +251,20 @@ mod tests {
         values.iter().map(|value| value.to_bits()).collect()
     }
 
+    fn back(
+        kind: Kind,
+        packed: &Packed,
+        count: usize,
+        derivatives: Option<&Derivatives<'_>>,
+    ) -> Option<Vec<u64>> {
+        let mut values = vec![7];
+        unpack(kind, &packed.borrowed(), count, derivatives, &mut values).map(|()| values)
+    }
+
     fn check(kind: Kind, values: &[u64], derivatives: Option<&Derivatives<'_>>) -> Packed {
         let packed = pack(kind, values, derivatives);
         assert_eq!(
-            unpack(kind, &packed, values.len(), derivatives).as_deref(),
+            back(kind, &packed, values.len(), derivatives).as_deref(),
             Some(values),
             "{packed:?}"
         );
@@ -288,7 +336,7 @@ mod tests {
         for cut in 0..packed.rests.len() {
             let mut short = packed.clone();
             short.rests.truncate(cut);
-            assert_eq!(unpack(Kind::Double, &short, 300, None), None, "cut at {cut}");
+            assert_eq!(back(Kind::Double, &short, 300, None), None, "cut at {cut}");
         }
         for predictor in 0..9 {
             for coded in [0, 299, 301] {
@@ -297,8 +345,8 @@ mod tests {
                     coded,
                     rests: packed.rests.clone(),
                 };
-                let _ = unpack(Kind::Double, &odd, 300, None);
-                let _ = unpack(Kind::Whole, &odd, 300, None);
+                let _ = back(Kind::Double, &odd, 300, None);
+                let _ = back(Kind::Whole, &odd, 300, None);
             }
         }
     }

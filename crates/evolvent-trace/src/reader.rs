@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, VecDeque};
 use std::fs::File;
 use std::io::{self, Read as _, Seek as _, SeekFrom};
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use prost::Message as _;
@@ -426,6 +427,30 @@ impl TraceFile {
         })
     }
 
+    /// Shows every cycle that was due from the first time to the last, both included, to `see`, in order, where it lies: faster
+    /// than [`Self::cycles_between`], which copies each several times. Ends early where `see` says so.
+    ///
+    /// # Errors
+    /// [`ReadError`]; what is whole has been seen by then. And what `see` fails with.
+    pub fn each_cycle<E: From<ReadError>>(
+        &mut self,
+        first_ns: u64,
+        last_ns: u64,
+        mut see: impl FnMut(&CycleRecord) -> Result<ControlFlow<()>, E>,
+    ) -> Result<(), E> {
+        let mut messages = self.messages_of(Some(self.cycle_channel()));
+        messages.span_ns = (first_ns, last_ns);
+        let mut lot = Vec::new();
+        while messages.take_lot(&mut lot)? {
+            for record in &lot {
+                if (first_ns..=last_ns).contains(&record.due_time_ns) && see(record)?.is_break() {
+                    return Ok(());
+                }
+            }
+        }
+        Ok(())
+    }
+
     /// The events in order.
     pub fn events(&mut self) -> impl Iterator<Item = Result<EventRecord, ReadError>> {
         self.messages_of(Some(Channel::Event))
@@ -592,6 +617,34 @@ impl Messages<'_> {
             })
         };
         decoded.map(Decoded::One).ok_or_else(bad)
+    }
+
+    /// The cycles of the next message that has any; `false` at the end.
+    fn take_lot(&mut self, lot: &mut Vec<CycleRecord>) -> Result<bool, ReadError> {
+        lot.clear();
+        loop {
+            while self.at >= self.chunk.len() {
+                if !self.load()? {
+                    return Ok(false);
+                }
+            }
+            let Some((record, next)) = chunk::record_at(&self.chunk, self.at) else {
+                return Err(self.damaged("a record in a chunk"));
+            };
+            self.at = next;
+            let Some(Inner::Message(message)) = record else { continue };
+            if self.only.is_some_and(|channel| channel != message.channel) {
+                continue;
+            }
+            match self.decode(message)? {
+                Decoded::One(TraceMessage::Cycle(record)) => lot.push(record),
+                Decoded::One(_) => continue,
+                Decoded::Batch(cycles) => *lot = cycles.into(),
+            }
+            if !lot.is_empty() {
+                return Ok(true);
+            }
+        }
     }
 
     fn step(&mut self) -> Result<Option<TraceMessage>, ReadError> {

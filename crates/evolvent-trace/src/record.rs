@@ -60,6 +60,12 @@ pub mod inputs {
     pub const LOAD: u32 = 32;
     /// The load stood at the end of its sensor's range.
     pub const LOAD_AT_END: u32 = 64;
+    /// Of a served machine: the setpoint is of a job along a plan.
+    pub const FOLLOWS: u32 = 128;
+    /// Of a served machine: the setpoint is of a jog or of homing.
+    pub const STEERS: u32 = 256;
+    /// Of a served machine: at rest, the axes got other coordinates, or were moved without power.
+    pub const RELOCATED: u32 = 512;
 }
 
 impl Default for CycleRecord {
@@ -114,11 +120,13 @@ pub enum EventKind {
     Stop = 11,
     /// A warning that did not stop motion; the code is its stable number.
     Warning = 12,
+    /// A job of a served machine began, or a jog was turned over; the code is the job's number, the text what it begins with.
+    Job = 13,
 }
 
 impl EventKind {
     /// All kinds in the order of their numbers.
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 13] = [
         Self::State,
         Self::Alarm,
         Self::Command,
@@ -131,6 +139,7 @@ impl EventKind {
         Self::Message,
         Self::Stop,
         Self::Warning,
+        Self::Job,
     ];
 }
 

@@ -194,6 +194,28 @@ impl Recorder {
         self.settle(result)
     }
 
+    /// Attaches something that has come up while the run is under way, such as the program of a job. The open chunk is closed
+    /// first.
+    ///
+    /// # Errors
+    /// As [`Self::cycle`].
+    pub fn attach_text(&mut self, name: &str, time_ns: u64, text: &[u8]) -> Result<(), RecordError> {
+        self.check_failure()?;
+        self.attach(name, "text/plain", time_ns, text)
+    }
+
+    /// Attaches a file that has come up while the run is under way, piece by piece. `false` where it cannot be opened.
+    ///
+    /// # Errors
+    /// As [`Self::cycle`], and [`RecordError::Attach`] where reading fails in the middle.
+    pub fn attach_program(&mut self, name: &str, time_ns: u64, file: &Path) -> Result<bool, RecordError> {
+        self.check_failure()?;
+        if !file.metadata().is_ok_and(|facts| facts.is_file()) || File::open(file).is_err() {
+            return Ok(false);
+        }
+        self.attach_file(name, file, time_ns).map(|()| true)
+    }
+
     fn attach_file(&mut self, name: &str, path: &Path, time_ns: u64) -> Result<(), RecordError> {
         let attach = |source| RecordError::Attach {
             path: path.to_owned(),

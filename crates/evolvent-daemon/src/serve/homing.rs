@@ -7,9 +7,10 @@ use evolvent_drive::Presence;
 use evolvent_path::{Axes, AxisLetter};
 use evolvent_transfer::AxesState;
 
-use super::jog::{FOR_EVER, limits_here, steering};
+use super::jog::{FOR_EVER, limits_here, slowed, steering};
 use super::operator::{Job, Operator};
 use super::orders::What;
+use super::recorded::steered_start;
 use crate::news::OutsideKind;
 
 impl Operator {
@@ -140,10 +141,14 @@ impl Operator {
         let i = axis.index();
         let mut target = here;
         target[i] = to.clamp(limits.travel_min[i], limits.travel_max[i]);
-        let solved = steering(&limits, &AxesState::at_rest(here), &target, 1 << i, Some(speed));
+        let from = AxesState::at_rest(here);
+        let solved = steering(&limits, &from, &target, 1 << i, Some(speed));
         match solved {
             Ok(solved) => {
                 let begun = self.steer(solved, target, FOR_EVER, None);
+                let start = slowed(&limits, &from, 1 << i, Some(speed));
+                let start = steered_start(&start, &from, &target, false);
+                self.notes.sends(begun.order, self.desk.job(), start);
                 if let Job::Homing { steered, .. } = &mut self.job {
                     *steered = Some(begun);
                 }

@@ -35,6 +35,10 @@ pub(crate) struct ProgramJob {
     pub numbered_from: (u32, u32),
     /// The trace's recorder, if there is one.
     pub recorder: Option<Sender<FeederNews>>,
+    /// Names of attached subroutines begin with this.
+    pub subroutines: String,
+    /// Whether the machine's own commands are carried out; otherwise nobody asks whether they are there.
+    pub carries_out: bool,
 }
 
 /// A job's planner.
@@ -65,7 +69,7 @@ impl Planning {
             take_turns();
             let with_blocks = job.recorder.is_some();
             let recorders: Vec<_> = job.recorder.into_iter().collect();
-            Feeder::new(
+            let feeder = Feeder::new(
                 &job.file,
                 &job.setup,
                 job.feed_override,
@@ -76,10 +80,15 @@ impl Planning {
             )
             .turning_by(turnings)
             .numbered_from(job.numbered_from.0, job.numbered_from.1)
+            .attaching_to(job.subroutines)
             .watched_by(onlooker)
-            .switched_by(job.switches)
-            .executing(UserCodes::of(&job.setup))
-            .feed(&job.file, || of_thread.failed.store(true, Ordering::Release))
+            .switched_by(job.switches);
+            let feeder = if job.carries_out {
+                feeder.executing(UserCodes::of(&job.setup))
+            } else {
+                feeder
+            };
+            feeder.feed(&job.file, || of_thread.failed.store(true, Ordering::Release))
         })?;
         Ok(Self {
             waiting: Some(Box::new(Following {

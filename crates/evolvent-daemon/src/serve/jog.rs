@@ -8,6 +8,7 @@ use evolvent_transfer::{AxesState, Sync, Transfer};
 
 use super::operator::{Job, Operator};
 use super::orders::What;
+use super::recorded::steered_start;
 
 /// Time from asking for a turn of a jog to where it counts, ns.
 const TURN_LEAD_NS: u64 = 12_000_000;
@@ -80,6 +81,15 @@ pub(crate) fn steering(
     mask: u32,
     speed: Option<f64>,
 ) -> Result<Steering, Refusal> {
+    let slowed = slowed(limits, from, mask, speed);
+    let to = AxesState::at_rest(*target);
+    Transfer::solve(&slowed, from, &to, Sync::Time)
+        .map(Steering::new)
+        .map_err(|error| Refusal::new(Alarm::SoftLimit, error.to_string()))
+}
+
+/// The limits of a steered motion: the axes of `mask` no faster than `speed` each.
+pub(super) fn slowed(limits: &Limits, from: &AxesState, mask: u32, speed: Option<f64>) -> Limits {
     let mut slowed = *limits;
     for i in 0..AXES {
         if !limits.present[i] {
@@ -95,10 +105,7 @@ pub(crate) fn steering(
         let present = v.abs().max((v + a * a.abs() / (2.0 * j)).abs());
         slowed.velocity[i] = wanted.max(1.0001 * present).clamp(1e-3, limits.velocity[i]);
     }
-    let to = AxesState::at_rest(*target);
-    Transfer::solve(&slowed, from, &to, Sync::Time)
-        .map(Steering::new)
-        .map_err(|error| Refusal::new(Alarm::SoftLimit, error.to_string()))
+    slowed
 }
 
 /// A steered motion: `t` of setpoint `n` is `(n + 1 - begin)` periods.
@@ -160,6 +167,9 @@ impl Operator {
                 },
                 command,
             );
+            let start = slowed(&limits, &from, jog.axes_mask, jog.speed);
+            self.notes
+                .sends(id, self.desk.job(), steered_start(&start, &from, &to, true));
             self.order(What::Keep(until));
             if let Job::Jog { steered, held: old } = &mut self.job {
                 steered.turn = Some((id, turned, *jog));
@@ -169,8 +179,12 @@ impl Operator {
             return Ok(self.desk.job());
         }
         let to = target(jog, &here, &limits)?;
-        let steering = steering(&limits, &AxesState::at_rest(here), &to, jog.axes_mask, jog.speed)?;
+        let from = AxesState::at_rest(here);
+        let steering = steering(&limits, &from, &to, jog.axes_mask, jog.speed)?;
         let steered = self.steer(steering, to, until, Some(command));
+        let start = slowed(&limits, &from, jog.axes_mask, jog.speed);
+        let start = steered_start(&start, &from, &to, false);
+        self.notes.sends(steered.order, self.desk.job() + 1, start);
         self.job = Job::Jog { steered, held };
         Ok(self.desk.job_begins(Activity::Jog))
     }

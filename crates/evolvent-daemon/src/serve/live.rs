@@ -9,7 +9,7 @@ use evolvent_machine::Limits;
 use evolvent_motion::{Inputs, Setpoint, State, Station, Steering, flags};
 use evolvent_path::{AXES, Axes};
 use evolvent_process::{LoadSample, Transition};
-use evolvent_trace::Histogram;
+use evolvent_trace::{Histogram, inputs as recorded};
 use rtrb::{Consumer, Producer};
 
 use super::orders::{CycleEvent, CycleView, Following, Order, What, Work};
@@ -62,6 +62,8 @@ struct Now {
     at_stop: Option<u32>,
     /// What the step depended on, as bits of the trace.
     came_in: u32,
+    /// The axes got other coordinates since the last step.
+    relocated: bool,
     drive: DriveRequest,
     /// A stop that ends in a fault.
     faulted: bool,
@@ -132,6 +134,7 @@ impl Live {
             go_on: None,
             at_stop: None,
             came_in: 0,
+            relocated: false,
             drive: DriveRequest {
                 power: PowerRequest::Off,
                 fault_reset: 0,
@@ -323,6 +326,7 @@ impl Live {
                 renames,
             } => {
                 if matches!(now.work, Work::None) && self.station.is_at_rest() {
+                    now.relocated |= self.station.position() != position;
                     self.limits = limits;
                     self.station.relocate(limits, position);
                     now.drive.datum += u64::from(renames);
@@ -361,6 +365,7 @@ impl Live {
             }
         }
         if moved {
+            now.relocated = true;
             self.station.relocate(self.limits, position);
         }
     }
@@ -390,8 +395,12 @@ impl Live {
 
     /// One setpoint of whatever moves the axes.
     fn step(&mut self, now: &mut Now, deadline: u64) -> Setpoint {
-        now.came_in = 0;
         now.turned = None;
+        now.came_in = if std::mem::take(&mut now.relocated) {
+            recorded::RELOCATED
+        } else {
+            0
+        };
         let mut work = std::mem::replace(&mut now.work, Work::None);
         let (mut setpoint, result) = match &mut work {
             Work::None => {
@@ -445,7 +454,7 @@ impl Live {
             self.tell_once(now, CycleEvent::Turning { sequence, reason });
         }
         now.turned = job.motion.turning().and_then(|output| output.transition);
-        now.came_in = came_in(&now.inputs, &job.motion);
+        now.came_in |= recorded::FOLLOWS | came_in(&now.inputs, &job.motion);
         now.at_stop = (setpoint.state == State::ProgramStop).then_some(setpoint.actions);
         self.station.follow(&job.motion, &setpoint);
         if setpoint.state == State::Done && job.signals.has_failed() {
@@ -485,6 +494,10 @@ impl Live {
                 });
             }
             self.tell(CycleEvent::Returned(Work::Steer(turn.steering)));
+        }
+        now.came_in |= recorded::STEERS;
+        if steering.is_stopping() {
+            now.came_in |= recorded::STOP;
         }
         let setpoint = self.station.steer(steering);
         let result = match setpoint.state {

@@ -12,11 +12,14 @@ mod operator;
 mod orders;
 mod ports;
 mod programs;
+mod recorded;
 mod server;
 mod snapshot;
 mod track;
 
+pub(crate) use jobs::{Planning, ProgramJob};
 pub use keep::state_folder;
+pub(crate) use orders::Following;
 pub use server::{ServeConfig, ServeSummary, serve};
 
 #[cfg(test)]

@@ -21,6 +21,7 @@ use super::keep::Keep;
 use super::modes::{Modes, foresee};
 use super::orders::{CycleEvent, CycleView, Order, What, Work};
 use super::programs::ProgramRun;
+use super::recorded::JobNotes;
 use super::track::Track;
 use crate::cycle::turning_alarm;
 use crate::job::Setup;
@@ -68,6 +69,8 @@ pub(crate) struct Operator {
     pub(super) recorder: Option<Sender<FeederNews>>,
     /// Of the job that runs, or of the next one.
     pub(super) switches: Arc<Switches>,
+    /// What the trace is told of jobs.
+    pub(super) notes: JobNotes,
     /// Numbers of the next block and action.
     pub(super) numbers: (u32, u32),
     pub(super) job: Job,
@@ -141,6 +144,7 @@ impl Operator {
             sent: VecDeque::new(),
             recorder,
             switches: Arc::new(Switches::new(false, false, 1.0)),
+            notes: JobNotes::default(),
             numbers: (0, 0),
             job: Job::None,
             hold: false,
@@ -575,6 +579,9 @@ impl Operator {
     }
 
     pub(super) fn applied(&mut self, id: u64, sequence: u64) {
+        if let Some(recorder) = &self.recorder {
+            self.notes.applied(recorder, id, sequence);
+        }
         while self.sent.front().is_some_and(|sent| sent.id <= id) {
             if let Some(sent) = self.sent.pop_front()
                 && sent.id == id

@@ -15,6 +15,7 @@ use super::orders::What;
 use super::track::Track;
 use crate::check::CheckBounds;
 use crate::job::Setup;
+use crate::job_start::ProgramStart;
 use crate::news::{FeederNews, OutsideKind, StopKind, UserCall};
 use crate::refusal::ProgramError;
 use crate::switches::Switches;
@@ -139,8 +140,27 @@ impl Operator {
         after: Option<After>,
         activity: Activity,
     ) -> Result<u64, Refusal> {
+        let mut subroutines = String::new();
         if let Some(recorder) = &self.recorder {
             let _gone = recorder.send(FeederNews::File(self.numbers.0, file.clone()));
+            let start = ProgramStart {
+                is_mdi: activity == Activity::Mdi,
+                program: String::new(),
+                tools: None,
+                parameters: None,
+                subroutines: String::new(),
+                place: setup.start(),
+                tool: setup.tool,
+                start_line: setup.start_line.unwrap_or(0),
+                block_delete: self.switches.is_block_delete(),
+                optional_stop: self.switches.is_optional_stop(),
+                single_step: self.switches.is_single_step(),
+                rapid_override: self.switches.rapid_override(),
+                feed_override: self.desk.overrides()[0],
+                numbered_from: self.numbers,
+            };
+            let job = self.desk.job() + 1;
+            subroutines = self.notes.plans(recorder, job, &file, &setup, start);
         }
         let planning = Planning::start(ProgramJob {
             file,
@@ -149,6 +169,8 @@ impl Operator {
             switches: Arc::clone(&self.switches),
             numbered_from: self.numbers,
             recorder: self.recorder.clone(),
+            subroutines,
+            carries_out: true,
         })
         .map_err(|error| Refusal::new(Alarm::Planner, format!("no thread for the planner: {error}")))?;
         self.track = Track::default();
@@ -244,7 +266,8 @@ impl Operator {
             return;
         }
         if let Some(job) = run.planning.take_if_ready() {
-            self.order(What::Follow(job));
+            let order = self.order(What::Follow(job));
+            self.notes.sends_plan(order, self.desk.job());
             return;
         }
         if run

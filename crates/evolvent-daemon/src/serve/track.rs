@@ -30,7 +30,11 @@ impl Track {
                 FeederNews::Modal(block, modal) => self.modals.push_back((block, modal)),
                 FeederNews::Stop(action, kind) => self.stops.push_back((action, kind)),
                 FeederNews::Notice(notice) => self.notices.push_back(notice),
-                FeederNews::Block(_) | FeederNews::File(..) | FeederNews::Outside(_) => {}
+                FeederNews::Block(_)
+                | FeederNews::File(..)
+                | FeederNews::Attach(..)
+                | FeederNews::AttachFile(..)
+                | FeederNews::Outside(_) => {}
             }
         }
     }

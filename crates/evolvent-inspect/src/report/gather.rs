@@ -191,10 +191,12 @@ pub(crate) fn gather(opened: &mut Opened) -> Result<Gathered, InspectError> {
         path_mm: 0.0,
         planned: BTreeMap::new(),
     };
-    for record in opened.trace.cycles() {
-        let record = record?;
-        g.cycle(&record, &mut curves, &mut trail, &axes);
-    }
+    opened
+        .trace
+        .each_cycle(0, u64::MAX, |record| -> Result<_, evolvent_trace::ReadError> {
+            g.cycle(record, &mut curves, &mut trail, &axes);
+            Ok(std::ops::ControlFlow::Continue(()))
+        })?;
     for event in opened.trace.events() {
         let event = event?;
         if event.kind == EventKind::Alarm && g.alarms.len() < MOST_EVENTS {

@@ -283,6 +283,8 @@ pub enum EventKind {
     Stop = 11,
     /// A warning that did not stop motion; code is its stable number.
     Warning = 12,
+    /// A job of a served machine began, or a jog was turned over; code is the job's number, text what it begins with.
+    Job = 13,
 }
 impl EventKind {
     /// String value of the enum field names used in the ProtoBuf definition.
@@ -304,6 +306,7 @@ impl EventKind {
             Self::Message => "EVENT_KIND_MESSAGE",
             Self::Stop => "EVENT_KIND_STOP",
             Self::Warning => "EVENT_KIND_WARNING",
+            Self::Job => "EVENT_KIND_JOB",
         }
     }
     /// Creates an enum from field names used in the ProtoBuf definition.
@@ -322,6 +325,7 @@ impl EventKind {
             "EVENT_KIND_MESSAGE" => Some(Self::Message),
             "EVENT_KIND_STOP" => Some(Self::Stop),
             "EVENT_KIND_WARNING" => Some(Self::Warning),
+            "EVENT_KIND_JOB" => Some(Self::Job),
             _ => None,
         }
     }

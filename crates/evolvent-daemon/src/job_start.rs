@@ -1,0 +1,271 @@
+//! What a job of a served machine begins with, as one line of a trace.
+//!
+//! Together with the attachments that it names, and with what came in at each cycle, a line is all that is needed to
+//! compute the job's setpoints again. Numbers are written so that they read back to the same bits.
+
+use std::collections::BTreeMap;
+use std::fmt;
+
+use evolvent_machine::Limits;
+use evolvent_path::{AXES, Axes};
+use evolvent_transfer::AxesState;
+
+/// A program or a block of MDI.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ProgramStart {
+    /// Whether it is a block of MDI.
+    pub is_mdi: bool,
+    /// Name of the attachment with the text.
+    pub program: String,
+    /// Name of the attachment with the tool table, if there is one.
+    pub tools: Option<String>,
+    /// Name of the attachment with the kept parameters, if there are any.
+    pub parameters: Option<String>,
+    /// Names of the attachments with files of subroutines begin with this.
+    pub subroutines: String,
+    /// Where the machine stood, machine coordinates.
+    pub place: Axes,
+    /// The tool in the spindle.
+    pub tool: u32,
+    /// The line it began at; 0 for the first.
+    pub start_line: u32,
+    /// Whether lines that begin with `/` are left out.
+    pub block_delete: bool,
+    /// Whether M1 stops.
+    pub optional_stop: bool,
+    /// Whether every block stops, as the job began.
+    pub single_step: bool,
+    /// Share of the axes' speed that rapids may use.
+    pub rapid_override: f64,
+    /// The override that was planned for.
+    pub feed_override: f64,
+    /// Numbers of its first block and action.
+    pub numbered_from: (u32, u32),
+}
+
+/// A jog, a turn of one, or a move of homing.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SteeredStart {
+    /// Whether it takes over from a motion that is under way.
+    pub is_turn: bool,
+    /// Velocity and travel that it was solved for; acceleration and jerk are the machine's.
+    pub velocity: Axes,
+    /// Lowest positions.
+    pub travel_min: Axes,
+    /// Highest positions.
+    pub travel_max: Axes,
+    /// Where it begins.
+    pub from: AxesState,
+    /// Where it comes to rest.
+    pub to: Axes,
+}
+
+/// What moves the axes from here on.
+#[derive(Clone, Debug, PartialEq)]
+pub enum JobStart {
+    /// A plan.
+    Program(Box<ProgramStart>),
+    /// A transfer from state to state.
+    Steered(Box<SteeredStart>),
+}
+
+impl SteeredStart {
+    /// The limits it was solved for, on a machine with these.
+    #[must_use]
+    pub fn limits(&self, machine: &Limits) -> Limits {
+        Limits {
+            velocity: self.velocity,
+            travel_min: self.travel_min,
+            travel_max: self.travel_max,
+            ..*machine
+        }
+    }
+}
+
+impl fmt::Display for JobStart {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Program(start) => {
+                let what = if start.is_mdi { "mdi" } else { "program" };
+                write!(out, "{what}: text={}", start.program)?;
+                if let Some(tools) = &start.tools {
+                    write!(out, "; tools={tools}")?;
+                }
+                if let Some(parameters) = &start.parameters {
+                    write!(out, "; parameters={parameters}")?;
+                }
+                let (blocks, actions) = start.numbered_from;
+                write!(
+                    out,
+                    "; subroutines={}; place={}; tool={}; line={}; block_delete={}; optional_stop={}; single_step={}; \
+                     rapid_override={}; feed_override={}; blocks={blocks}; actions={actions}",
+                    start.subroutines,
+                    list(&start.place),
+                    start.tool,
+                    start.start_line,
+                    start.block_delete,
+                    start.optional_stop,
+                    start.single_step,
+                    start.rapid_override,
+                    start.feed_override,
+                )
+            }
+            Self::Steered(start) => {
+                let what = if start.is_turn { "turn" } else { "steered" };
+                write!(
+                    out,
+                    "{what}: to={}; from={}; from_velocity={}; from_acceleration={}; velocity={}; travel_min={}; \
+                     travel_max={}",
+                    list(&start.to),
+                    list(&start.from.position),
+                    list(&start.from.velocity),
+                    list(&start.from.acceleration),
+                    list(&start.velocity),
+                    list(&start.travel_min),
+                    list(&start.travel_max),
+                )
+            }
+        }
+    }
+}
+
+/// The nine axes; zeros at the end are left out.
+fn list(axes: &Axes) -> String {
+    let zero = |value: &f64| value.to_bits() == 0;
+    let last = axes.iter().rposition(|value| !zero(value)).map_or(0, |last| last + 1);
+    let texts: Vec<String> = axes.iter().take(last).map(f64::to_string).collect();
+    texts.join(",")
+}
+
+fn axes(text: &str) -> Option<Axes> {
+    let mut axes = Axes::zeros();
+    if text.is_empty() {
+        return Some(axes);
+    }
+    for (i, value) in text.split(',').enumerate() {
+        if i >= AXES {
+            return None;
+        }
+        axes[i] = value.parse().ok()?;
+    }
+    Some(axes)
+}
+
+impl JobStart {
+    /// Reads the line back. `None` if it makes no sense to this version.
+    #[must_use]
+    pub fn parse(text: &str) -> Option<Self> {
+        let (what, rest) = text.split_once(": ")?;
+        let pairs: BTreeMap<&str, &str> = rest
+            .split("; ")
+            .map(|pair| pair.split_once('='))
+            .collect::<Option<_>>()?;
+        let get = |key: &str| pairs.get(key).copied();
+        let switch = |key: &str| get(key)?.parse::<bool>().ok();
+        let whole = |key: &str| get(key)?.parse::<u32>().ok();
+        let number = |key: &str| get(key)?.parse::<f64>().ok();
+        let nine = |key: &str| axes(get(key)?);
+        match what {
+            "program" | "mdi" => Some(Self::Program(Box::new(ProgramStart {
+                is_mdi: what == "mdi",
+                program: get("text")?.to_owned(),
+                tools: get("tools").map(str::to_owned),
+                parameters: get("parameters").map(str::to_owned),
+                subroutines: get("subroutines")?.to_owned(),
+                place: nine("place")?,
+                tool: whole("tool")?,
+                start_line: whole("line")?,
+                block_delete: switch("block_delete")?,
+                optional_stop: switch("optional_stop")?,
+                single_step: switch("single_step")?,
+                rapid_override: number("rapid_override")?,
+                feed_override: number("feed_override")?,
+                numbered_from: (whole("blocks")?, whole("actions")?),
+            }))),
+            "steered" | "turn" => Some(Self::Steered(Box::new(SteeredStart {
+                is_turn: what == "turn",
+                velocity: nine("velocity")?,
+                travel_min: nine("travel_min")?,
+                travel_max: nine("travel_max")?,
+                from: AxesState {
+                    position: nine("from")?,
+                    velocity: nine("from_velocity")?,
+                    acceleration: nine("from_acceleration")?,
+                },
+                to: nine("to")?,
+            }))),
+            _ => None,
+        }
+    }
+}
+
+/// A name that fits into a line: what separates its parts is taken out.
+pub(crate) fn plain_name(name: &str) -> String {
+    name.chars()
+        .map(|letter| match letter {
+            ';' | '=' | '/' | '\\' => '_',
+            letter if letter.is_control() => '_',
+            letter => letter,
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_reads_back_to_the_same_bits() {
+        let odd = Axes::from_fn(|i, _| match i {
+            0 => 0.1 + 0.2,
+            1 => -1.0 / 3.0,
+            2 => 5e-324,
+            3 => f64::INFINITY,
+            4 => -0.0,
+            _ => 0.0,
+        });
+        let program = JobStart::Program(Box::new(ProgramStart {
+            is_mdi: true,
+            program: format!("job-7/{}", plain_name("odd; name=1/2\n.ngc")),
+            tools: None,
+            parameters: Some("job-3/parameters.var".to_owned()),
+            subroutines: "job-7/subroutines/".to_owned(),
+            place: odd,
+            tool: 12,
+            start_line: 0,
+            block_delete: true,
+            optional_stop: false,
+            single_step: true,
+            rapid_override: 0.1 + 0.7,
+            feed_override: 1.2,
+            numbered_from: (4_000_000_000, 3),
+        }));
+        let steered = JobStart::Steered(Box::new(SteeredStart {
+            is_turn: true,
+            velocity: odd,
+            travel_min: -odd,
+            travel_max: odd,
+            from: AxesState {
+                position: odd * 2.0,
+                velocity: odd,
+                acceleration: Axes::zeros(),
+            },
+            to: Axes::repeat(1e300),
+        }));
+        for start in [program, steered] {
+            let text = start.to_string();
+            let again = JobStart::parse(&text).expect("a line of this version");
+            // Not equal but the same: -0 and 0 are two.
+            assert_eq!(format!("{again:?}"), format!("{start:?}"), "{text}");
+        }
+    }
+
+    #[test]
+    fn what_is_no_line_is_refused() {
+        for text in ["", "program", "program: ", "turn: to=1", "steered: to=1,x", "mdi: text", "a: b=c"] {
+            assert_eq!(JobStart::parse(text), None, "{text:?}");
+        }
+        let many = (0..10).map(|n| n.to_string()).collect::<Vec<_>>().join(",");
+        assert_eq!(axes(&many), None);
+    }
+}

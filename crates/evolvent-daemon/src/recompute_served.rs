@@ -1,0 +1,260 @@
+//! What a served machine did, computed again job by job from what was recorded of it.
+
+use std::io;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+use evolvent_machine::Limits;
+use evolvent_motion::{Inputs, Setpoint, State, Station, Steering};
+use evolvent_path::Axes;
+use evolvent_transfer::{AxesState, Sync, Transfer, TransferError};
+
+use crate::check::ProgramError;
+use crate::job::Setup;
+use crate::job_start::{ProgramStart, SteeredStart};
+use crate::recompute::{RecordedInputs, wait_for_planner};
+use crate::serve::{Following, Planning, ProgramJob};
+use crate::switches::Switches;
+
+/// Time between two looks whether a job's first pieces are planned.
+const NAP: Duration = Duration::from_micros(200);
+
+/// Why a job cannot be computed again.
+#[derive(Debug, thiserror::Error)]
+pub enum ServedError {
+    /// The operating system gives no thread.
+    #[error("no thread for the planner: {0}")]
+    Thread(#[from] io::Error),
+    /// The steered motion has no solution any more.
+    #[error("the motion cannot be solved again: {0}")]
+    Transfer(#[from] TransferError),
+    /// The job does not begin where the axes are.
+    #[error("the job does not begin where the axes were")]
+    Place,
+}
+
+/// What moved the axes at a cycle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Moved {
+    /// Nothing, or each axis was stopping by itself; with the state that was recorded.
+    ByNothing(State),
+    /// A job along a plan.
+    ByPlan(RecordedInputs),
+    /// A jog or homing; whether it was told to stop.
+    BySteering {
+        /// It was.
+        stop: bool,
+    },
+}
+
+enum Work {
+    None,
+    Plan {
+        planning: Box<Planning>,
+        job: Box<Following>,
+    },
+    Steering(Box<Steering>),
+}
+
+/// A served machine again, setpoint by setpoint, as its cycle went.
+pub struct ServedAgain {
+    station: Station,
+    limits: Limits,
+    period_ns: u64,
+    work: Work,
+    /// What was wrong with the text of the last program.
+    complaint: Option<ProgramError>,
+}
+
+impl ServedAgain {
+    /// At rest where the machine file says.
+    #[must_use]
+    pub fn new(limits: Limits, period_ns: u64) -> Self {
+        Self {
+            station: Station::new(limits, period_ns, limits.home),
+            limits,
+            period_ns,
+            work: Work::None,
+            complaint: None,
+        }
+    }
+
+    /// Number of the next setpoint.
+    #[must_use]
+    pub fn sequence(&self) -> u64 {
+        self.station.sequence()
+    }
+
+    /// Whether a job is under way.
+    #[must_use]
+    pub fn is_at_work(&self) -> bool {
+        !matches!(self.work, Work::None)
+    }
+
+    /// Whether the axes rest.
+    #[must_use]
+    pub fn is_at_rest(&self) -> bool {
+        !self.is_at_work() && self.station.is_at_rest()
+    }
+
+    /// The axes have these coordinates from here on, within this travel.
+    pub fn relocate(&mut self, travel: (Axes, Axes), position: Axes) {
+        let limits = self.within(travel);
+        self.station.relocate(limits, position);
+    }
+
+    /// Goes on at rest elsewhere: what was before is not known.
+    pub fn place_at(&mut self, travel: (Axes, Axes), sequence: u64, position: Axes, path_mm: f64) {
+        self.end_work();
+        let limits = self.within(travel);
+        self.station.place_at(limits, sequence, position, path_mm);
+    }
+
+    fn within(&self, (travel_min, travel_max): (Axes, Axes)) -> Limits {
+        Limits {
+            travel_min,
+            travel_max,
+            ..self.limits
+        }
+    }
+
+    /// The next setpoint is the first of this program, whose text is in `file`.
+    ///
+    /// # Errors
+    /// [`ServedError`].
+    pub fn follow(&mut self, start: &ProgramStart, setup: Setup, file: PathBuf) -> Result<(), ServedError> {
+        self.end_work();
+        let switches = Switches::new(start.optional_stop, start.block_delete, start.rapid_override);
+        switches.set_single_step(start.single_step);
+        let mut planning = Box::new(Planning::start(ProgramJob {
+            file,
+            setup,
+            feed_override: start.feed_override,
+            switches: Arc::new(switches),
+            numbered_from: start.numbered_from,
+            // Blocks are told of as when it was recorded: the line of the end is the last block's.
+            recorder: Some(std::sync::mpsc::channel().0),
+            subroutines: String::new(),
+            carries_out: false,
+        })?);
+        let mut job = loop {
+            if let Some(job) = planning.take_if_ready() {
+                break job;
+            }
+            std::thread::sleep(NAP);
+        };
+        if !self.station.hand_to(&mut job.motion) {
+            return Err(ServedError::Place);
+        }
+        self.work = Work::Plan { planning, job };
+        Ok(())
+    }
+
+    /// The next setpoint is the first of this motion, or of its turn.
+    ///
+    /// # Errors
+    /// [`ServedError`].
+    pub fn steer(&mut self, start: &SteeredStart) -> Result<(), ServedError> {
+        let limits = start.limits(&self.limits);
+        let to = AxesState::at_rest(start.to);
+        let steering = Steering::new(Transfer::solve(&limits, &start.from, &to, Sync::Time)?);
+        match &mut self.work {
+            Work::Steering(present) if start.is_turn => {
+                if !self.station.turn(present, &steering) {
+                    return Err(ServedError::Place);
+                }
+            }
+            _ => {
+                self.end_work();
+                if start.is_turn || !self.station.can_steer(&steering) {
+                    return Err(ServedError::Place);
+                }
+                self.work = Work::Steering(Box::new(steering));
+            }
+        }
+        Ok(())
+    }
+
+    /// The next setpoint; `feed_override` is the one it shows where nothing follows a plan. `None` where what moved the axes is
+    /// not known here.
+    pub fn step(&mut self, moved: &Moved, feed_override: f64) -> Option<Setpoint> {
+        match (moved, &mut self.work) {
+            (Moved::ByNothing(state), work) => {
+                if !matches!(work, Work::None) || !self.station.is_at_rest() {
+                    // Does nothing where the axes are stopping by themselves.
+                    self.station.emergency();
+                    self.end_work();
+                }
+                self.station.set_override(feed_override);
+                Some(self.station.rest(*state))
+            }
+            (Moved::ByPlan(recorded), Work::Plan { job, .. }) => {
+                let setpoint = follow(job, recorded);
+                self.station.follow(&job.motion, &setpoint);
+                let is_over = job.motion.is_over() || job.motion.is_stuck(&mut job.queue);
+                let mut shown = setpoint;
+                if shown.state == State::Done && job.signals.has_failed() {
+                    shown.state = State::Stopped;
+                }
+                if is_over {
+                    self.finish();
+                }
+                Some(shown)
+            }
+            (Moved::BySteering { stop }, Work::Steering(steering)) => {
+                if *stop {
+                    steering.stop();
+                }
+                self.station.set_override(feed_override);
+                let setpoint = self.station.steer(steering);
+                if matches!(setpoint.state, State::Done | State::Stopped) || self.station.is_quick_stopping() {
+                    self.finish();
+                }
+                Some(setpoint)
+            }
+            _ => None,
+        }
+    }
+
+    fn finish(&mut self) {
+        self.end_work();
+        if !self.station.is_quick_stopping() {
+            self.station.end();
+        }
+    }
+
+    /// What was wrong with the text of the program that ended last, as far as its planner had come.
+    pub fn take_complaint(&mut self) -> Option<ProgramError> {
+        self.complaint.take()
+    }
+
+    fn end_work(&mut self) {
+        if let Work::Plan { mut planning, job } = std::mem::replace(&mut self.work, Work::None) {
+            planning.abandon();
+            drop(job);
+            let result = loop {
+                if let Some(result) = planning.take_result() {
+                    break result;
+                }
+                std::thread::sleep(NAP);
+            };
+            self.complaint = result.1.err();
+        }
+    }
+
+    /// The control period.
+    #[must_use]
+    pub fn period_ns(&self) -> u64 {
+        self.period_ns
+    }
+}
+
+fn follow(job: &mut Following, recorded: &RecordedInputs) -> Setpoint {
+    let inputs: Inputs = recorded.inputs;
+    let (motion, queue) = (&mut job.motion, &mut job.queue);
+    wait_for_planner(|| motion.is_ready(queue) || (inputs.stop && motion.is_at_rest()));
+    motion.withhold_plan(recorded.waited);
+    motion.refuse_plan(recorded.refused);
+    motion.step(&inputs, queue)
+}

@@ -1,0 +1,140 @@
+//! What the trace of a served machine is told of its jobs, so that each can be computed again.
+
+use std::collections::VecDeque;
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::Sender;
+use std::time::SystemTime;
+
+use evolvent_gcode::{KeptParameters, ToolTable};
+use evolvent_machine::Limits;
+use evolvent_path::Axes;
+use evolvent_transfer::AxesState;
+
+use super::jobs::is_short;
+use crate::job::Setup;
+use crate::job_start::{JobStart, ProgramStart, SteeredStart, plain_name};
+use crate::news::{FeederNews, Outside, OutsideKind};
+
+/// What tells whether a file is the one that was attached.
+type Stamp = (PathBuf, u64, Option<SystemTime>);
+
+/// Attaches what jobs begin with, each content once, and notes each job where it begins.
+#[derive(Debug, Default)]
+pub(super) struct JobNotes {
+    /// Jobs on their way to the cycle: number of the order, of the job, and what it begins with.
+    sent: VecDeque<(u64, u64, JobStart)>,
+    /// The program that is being planned.
+    planned: Option<JobStart>,
+    /// What was attached last, and under which name.
+    tools: Option<(ToolTable, String)>,
+    parameters: Option<(KeptParameters, String)>,
+    program: Option<(Stamp, String)>,
+}
+
+impl JobNotes {
+    /// A program or a block of MDI is going to be planned. Gives the name under which its subroutines are attached.
+    pub(super) fn plans(
+        &mut self,
+        recorder: &Sender<FeederNews>,
+        job: u64,
+        file: &Path,
+        setup: &Setup,
+        mut start: ProgramStart,
+    ) -> String {
+        let attach = |name: &str, text: String| {
+            let _gone = recorder.send(FeederNews::Attach(name.to_owned(), text.into_bytes()));
+        };
+        start.program = match (self.known(file), start.is_mdi) {
+            (Some(name), false) => name,
+            _ => {
+                let name = file.file_name().map_or_else(String::new, |name| {
+                    plain_name(&name.to_string_lossy())
+                });
+                let name = format!("job-{job}/{name}");
+                // What is short may be gone before the recorder comes to it: a block of MDI is.
+                let text = is_short(file).then(|| std::fs::read(file).ok()).flatten();
+                let news = match text {
+                    Some(text) => FeederNews::Attach(name.clone(), text),
+                    None => FeederNews::AttachFile(name.clone(), file.to_owned()),
+                };
+                let _gone = recorder.send(news);
+                self.program = stamp(file).map(|stamp| (stamp, name.clone()));
+                name
+            }
+        };
+        if let Some(tools) = &setup.memory.tools {
+            if self.tools.as_ref().is_none_or(|(known, _)| known != tools) {
+                let name = format!("job-{job}/tools.tbl");
+                attach(&name, tools.to_text());
+                self.tools = Some((tools.clone(), name));
+            }
+            start.tools = self.tools.as_ref().map(|(_, name)| name.clone());
+        }
+        if let Some(kept) = &setup.memory.kept {
+            if self.parameters.as_ref().is_none_or(|(known, _)| known != kept) {
+                let name = format!("job-{job}/parameters.var");
+                attach(&name, kept.to_text());
+                self.parameters = Some((kept.clone(), name));
+            }
+            start.parameters = self.parameters.as_ref().map(|(_, name)| name.clone());
+        }
+        start.subroutines = format!("job-{job}/subroutines/");
+        let folder = start.subroutines.clone();
+        self.planned = Some(JobStart::Program(Box::new(start)));
+        folder
+    }
+
+    fn known(&self, file: &Path) -> Option<String> {
+        let (known, name) = self.program.as_ref()?;
+        (stamp(file)? == *known).then(|| name.clone())
+    }
+
+    /// What was planned goes to the cycle with this order.
+    pub(super) fn sends_plan(&mut self, order: u64, job: u64) {
+        if let Some(start) = self.planned.take() {
+            self.sent.push_back((order, job, start));
+        }
+    }
+
+    /// A steered motion goes to the cycle with this order.
+    pub(super) fn sends(&mut self, order: u64, job: u64, start: SteeredStart) {
+        self.sent
+            .push_back((order, job, JobStart::Steered(Box::new(start))));
+    }
+
+    /// An order counts from this setpoint on.
+    pub(super) fn applied(&mut self, recorder: &Sender<FeederNews>, order: u64, sequence: u64) {
+        while self.sent.front().is_some_and(|(known, ..)| *known <= order) {
+            let Some((known, job, start)) = self.sent.pop_front() else {
+                break;
+            };
+            // What was passed over never counted.
+            if known == order {
+                let _gone = recorder.send(FeederNews::Outside(Outside {
+                    sequence,
+                    kind: OutsideKind::Job,
+                    code: u32::try_from(job).unwrap_or(u32::MAX),
+                    text: start.to_string(),
+                    value: None,
+                }));
+            }
+        }
+    }
+}
+
+/// What a steered motion begins with.
+pub(super) fn steered_start(limits: &Limits, from: &AxesState, to: &Axes, is_turn: bool) -> SteeredStart {
+    SteeredStart {
+        is_turn,
+        velocity: limits.velocity,
+        travel_min: limits.travel_min,
+        travel_max: limits.travel_max,
+        from: *from,
+        to: *to,
+    }
+}
+
+fn stamp(file: &Path) -> Option<Stamp> {
+    let facts = file.metadata().ok()?;
+    Some((file.to_owned(), facts.len(), facts.modified().ok()))
+}

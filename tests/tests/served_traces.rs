@@ -1,0 +1,295 @@
+//! What a served machine did comes out the same when it is computed again from its trace, job by job.
+#![expect(
+    clippy::expect_used,
+    clippy::print_stdout,
+    reason = "tests fail and talk as tests do"
+)]
+
+use std::path::{Path, PathBuf};
+use std::process::{Child, Stdio};
+use std::time::Duration;
+
+use evolvent_bus::ControlRequest;
+use evolvent_inspect::{Verified, verify};
+use evolvent_tests::{Domain, Operator, Served, Workshop, command, evolvent};
+use evolvent_trace::{CycleRecord, EventKind, Recorder, TraceFile, TraceMessage, inputs};
+
+const DONE: u32 = 1;
+
+const HOMING: &str = "
+[[homing]]
+axis = \"Z\"
+towards = \"negative\"
+order = 0
+search_mm_s = 100
+latch_mm_s = 5
+switch_mm = -390
+
+[[homing]]
+axis = \"X\"
+towards = \"negative\"
+order = 1
+search_mm_s = 200
+latch_mm_s = 5
+switch_mm = -384
+";
+
+const PROGRAM: &str = "\
+G17 G21 G90 G94 G64 P0.02 F6000
+M3 S1000
+G0 X0 Y0 Z0
+o<there_and_back> call [40] [20]
+G1 X-20 Y10
+G2 X-10 Y0 R12
+G4 P0.05
+o<there_and_back> call [60] [-30]
+G10 L2 P1 X1
+G54 G1 X5 Y5
+M30
+";
+
+const SUBROUTINE: &str = "\
+o<there_and_back> sub
+G1 X#1 Y#2
+G1 X[-#1] Y[-#2]
+G1 X#1 Y#2
+o<there_and_back> endsub
+";
+
+/// Simulated drives in a process of their own; killed when dropped.
+struct Drives(Child);
+
+impl Drop for Drives {
+    fn drop(&mut self) {
+        let _gone = self.0.kill();
+        let _gone = self.0.wait();
+    }
+}
+
+fn jog(axis: usize, distance: f64, speed: f64) -> ControlRequest {
+    let mut request = ControlRequest {
+        axes_mask: 1 << axis,
+        // An increment, not a jog that is held.
+        index: 1,
+        amount: speed,
+        ..command("JOG")
+    };
+    request.values[axis] = distance;
+    request
+}
+
+/// Homing, MDI, jogs that turn over, a program with subroutines from a folder, overrides, holds and an emergency stop.
+fn session(workshop: &Workshop, cycles: &str) -> PathBuf {
+    let domain = Domain::new();
+    let name = format!("sv-{cycles}");
+    let shipped = workshop.mill(&name, &[]);
+    let text = std::fs::read_to_string(shipped).expect("a machine file");
+    let text = text
+        .replace("feedback_timeout_ms = 20", "feedback_timeout_ms = 300")
+        .replace("[trace]\n", &format!("[trace]\ncycles = \"{cycles}\"\n"))
+        // Before the first table: where subroutines are.
+        + "\n[program]\nsubroutines = [\"library\"]\n";
+    let folder = workshop.path("library");
+    std::fs::create_dir_all(&folder).expect("a folder");
+    std::fs::write(folder.join("there_and_back.ngc"), SUBROUTINE).expect("a file");
+    let machine = workshop.write(&format!("{name}.toml"), format!("{text}\n{HOMING}"));
+    let program = workshop.write("part.ngc", PROGRAM);
+    let trace = workshop.path(&format!("{name}.mcap"));
+    let options = ["--trace", trace.to_str().expect("UTF-8")];
+    let served = Served::start(&machine, &name, &domain, &workshop.path("state"), &options);
+    let drives = Drives(
+        evolvent()
+            .args(["bridge", "sim", "--bus-prefix", &domain.prefix, "--machine"])
+            .arg(&machine)
+            .args(["--bridge-cycles", "100", "--reference-offset", "3.5"])
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("the binary to start"),
+    );
+    let mut operator = Operator::join(&name, &domain);
+    operator.waits("drives", |status| status.feedback_age_ns < 1_000_000_000);
+    operator.brings_up();
+    operator.says_number("MODE", 1);
+    let job = operator.says("HOME").job;
+    assert_eq!(operator.sees_end(job).job_result, DONE);
+    for (axis, distance) in [(0, 12.5), (1, -8.25)] {
+        let job = operator.does(&jog(axis, distance, 30.0)).job;
+        assert_eq!(operator.sees_end(job).job_result, DONE);
+    }
+    // Over again while it moves.
+    operator.does(&jog(0, 60.0, 40.0));
+    std::thread::sleep(Duration::from_millis(300));
+    let job = operator.does(&jog(0, -30.0, 20.0)).job;
+    std::thread::sleep(Duration::from_millis(300));
+    operator.says("JOG_STOP");
+    operator.sees_end(job);
+    operator.says_number("MODE", 2);
+    for text in ["G0 X20 Y1", "G91 G1 F3000 X-5", "G90 G10 L20 P1 X0", "G2 X4 Y1 I2 F2000"] {
+        let job = operator.says_text("MDI", text).job;
+        assert_eq!(operator.sees_end(job).job_result, DONE, "{text}");
+    }
+    operator.says_number("MODE", 0);
+    operator.says_text("LOAD", program.to_str().expect("UTF-8"));
+    let job = operator.says("START").job;
+    operator.waits("motion", |status| status.feed_mm_s > 50.0);
+    operator.does(&ControlRequest {
+        amount: 0.6,
+        ..command("FEED_OVERRIDE")
+    });
+    std::thread::sleep(Duration::from_millis(400));
+    operator.says("HOLD");
+    std::thread::sleep(Duration::from_millis(400));
+    operator.says("RESUME");
+    assert_eq!(operator.sees_end(job).job_result, DONE);
+    let job = operator.says("START").job;
+    operator.waits("motion", |status| status.feed_mm_s > 30.0);
+    operator.says("ESTOP");
+    operator.sees_end(job);
+    operator.waits("no power", |status| status.power == 0 && status.enabled_mask == 0);
+    operator.brings_up();
+    operator.says_number("MODE", 2);
+    let job = operator.says_text("MDI", "G0 X3").job;
+    assert_eq!(operator.sees_end(job).job_result, DONE);
+    drop(operator);
+    drop(drives);
+    served.end().expect_code(&[0, 3]);
+    trace
+}
+
+/// `false` where the host was so busy that planning was late, which is not recorded.
+fn came_in_time(trace: &Path) -> bool {
+    let mut file = TraceFile::open(trace).expect("a trace");
+    let is_late = |cycle: &CycleRecord| {
+        cycle.flags & 32 != 0
+            || (cycle.inputs & (inputs::WAITED | inputs::REFUSED) != 0 && cycle.feed_mm_s > 0.0)
+    };
+    let late = file.cycles().any(|cycle| is_late(&cycle.expect("a cycle")));
+    if late {
+        println!("not measured: the planner was too slow on this machine");
+    }
+    !late
+}
+
+/// The same trace with its cycles changed.
+fn altered(trace: &Path, name: &str, mut change: impl FnMut(&mut CycleRecord)) -> PathBuf {
+    let mut file = TraceFile::open(trace).expect("a trace");
+    let mut info = file.info().run.clone().expect("a run");
+    let machine = file.attachment(&info.machine_file_name).expect("readable");
+    info.machine_file = String::from_utf8(machine.expect("there")).expect("UTF-8");
+    let output = trace.with_file_name(format!("{name}.mcap"));
+    let mut recorder = Recorder::create(&output, &info).expect("a recorder");
+    let names: Vec<String> = file.info().attachments.iter().map(|(name, _)| name.clone()).collect();
+    for name in names.iter().filter(|name| name.starts_with("job-")) {
+        let text = file.attachment(name).expect("readable").expect("there");
+        recorder.attach_text(name, 0, &text).expect("room");
+    }
+    let messages: Vec<_> = file.messages().map(|message| message.expect("a message")).collect();
+    for message in messages {
+        match message {
+            TraceMessage::Cycle(mut cycle) => {
+                change(&mut cycle);
+                recorder.cycle(&cycle).expect("room");
+            }
+            TraceMessage::Event(event) => recorder.event(&event).expect("room"),
+            _ => {}
+        }
+    }
+    recorder.finish(&std::collections::BTreeMap::new()).expect("room");
+    output
+}
+
+fn is_the_same(verified: &Verified) -> bool {
+    verified.holds() && !verified.lacks_data() && verified.compared == verified.cycles
+}
+
+#[test]
+fn every_job_of_a_session_comes_out_the_same_and_one_bit_in_any_of_them_is_found() {
+    for cycles in ["messages", "columns"] {
+        let workshop = Workshop::new();
+        let trace = session(&workshop, cycles);
+        // Nothing but the trace is needed.
+        std::fs::remove_dir_all(workshop.path("library")).expect("a folder");
+        std::fs::remove_file(workshop.path("part.ngc")).expect("a file");
+        let mut file = TraceFile::open(&trace).expect("a trace");
+        let names: Vec<String> = file.info().attachments.iter().map(|(name, _)| name.clone()).collect();
+        let has = |end: &str| names.iter().filter(|name| name.ends_with(end)).count();
+        assert_eq!(
+            (has("/part.ngc"), has("mdi.ngc"), has("subroutines/there_and_back.ngc")),
+            (1, 5, 2),
+            "{names:?}"
+        );
+        let jobs: Vec<_> = file
+            .events()
+            .map(|event| event.expect("an event"))
+            .filter(|event| event.kind == EventKind::Job)
+            .collect();
+        let verified = verify(&trace).expect("a readable trace");
+        println!("{verified:?}");
+        if !came_in_time(&trace) {
+            assert!(verified.holds() || !verified.explanations.is_empty(), "{verified:?}");
+            continue;
+        }
+        assert!(is_the_same(&verified), "{verified:#?}");
+        assert_eq!(verified.jobs as usize, jobs.len());
+        assert!(verified.max_path_error_mm.is_some_and(|most| most > 0.0 && most <= 0.021));
+        // In the middle of homing, of a jog, of MDI and of the program.
+        let all: Vec<CycleRecord> = file.cycles().map(|cycle| cycle.expect("a cycle")).collect();
+        let moving = |cycle: &&CycleRecord| cycle.feed_mm_s > 5.0;
+        let kinds = [inputs::STEERS, inputs::FOLLOWS];
+        for (n, kind) in kinds.into_iter().enumerate() {
+            let of_kind: Vec<&CycleRecord> = all
+                .iter()
+                .filter(moving)
+                .filter(|cycle| cycle.inputs & kind != 0)
+                .collect();
+            let victim = of_kind[of_kind.len() / 3].sequence;
+            let copy = altered(&trace, &format!("bit-{n}"), |cycle| {
+                if cycle.sequence == victim {
+                    cycle.velocity[0] = f64::from_bits(cycle.velocity[0].to_bits() ^ 1);
+                }
+            });
+            let verified = verify(&copy).expect("a readable trace");
+            let first = verified.first_difference.as_ref().expect("a difference");
+            assert_eq!(
+                (verified.differing, first.sequence, first.quantity.as_str()),
+                (1, victim, "velocity X")
+            );
+        }
+        // A place where the machine stood, which nothing moved.
+        let stood = all
+            .iter()
+            .rev()
+            .find(|cycle| cycle.inputs & (inputs::STEERS | inputs::FOLLOWS | inputs::RELOCATED) == 0)
+            .expect("a cycle at rest")
+            .sequence;
+        let copy = altered(&trace, "moved", |cycle| {
+            if cycle.sequence == stood {
+                cycle.position[1] += 1e-9;
+            }
+        });
+        let verified = verify(&copy).expect("a readable trace");
+        assert!(verified.differing >= 1, "{verified:?}");
+    }
+}
+
+#[test]
+fn a_run_with_subroutines_in_a_folder_is_computed_again_without_the_folder() {
+    let workshop = Workshop::new();
+    let machine = workshop.mill("sub-mill", &[]);
+    let folder = workshop.path("library");
+    std::fs::create_dir_all(&folder).expect("a folder");
+    std::fs::write(folder.join("there_and_back.ngc"), SUBROUTINE).expect("a file");
+    let program = workshop.write("part.ngc", PROGRAM);
+    let trace = workshop.path("run.mcap");
+    let folder_name = folder.to_str().expect("UTF-8");
+    evolvent_tests::Launch::in_virtual_time(&program, &machine)
+        .with(&["--subroutines", folder_name])
+        .trace(&trace)
+        .finish()
+        .expect_code(&[0]);
+    std::fs::remove_dir_all(&folder).expect("a folder");
+    let verified = verify(&trace).expect("a readable trace");
+    assert!(is_the_same(&verified), "{verified:?}");
+    assert!(verified.max_path_error_mm.is_some(), "the path was checked too");
+}
