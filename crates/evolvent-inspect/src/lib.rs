@@ -19,6 +19,7 @@ mod check;
 mod columns;
 mod compare;
 mod export;
+mod jobs;
 mod lines;
 mod opened;
 mod parquet;

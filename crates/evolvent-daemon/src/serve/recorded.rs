@@ -18,6 +18,9 @@ use crate::news::{FeederNews, Outside, OutsideKind};
 /// What tells whether a file is the one that was attached.
 type Stamp = (PathBuf, u64, Option<SystemTime>);
 
+/// Jobs on their way to the cycle that are remembered.
+const MOST_SENT: usize = 64;
+
 /// Attaches what jobs begin with, each content once, and notes each job where it begins.
 #[derive(Debug, Default)]
 pub(super) struct JobNotes {
@@ -92,33 +95,39 @@ impl JobNotes {
     /// What was planned goes to the cycle with this order.
     pub(super) fn sends_plan(&mut self, order: u64, job: u64) {
         if let Some(start) = self.planned.take() {
-            self.sent.push_back((order, job, start));
+            self.push(order, job, start);
         }
     }
 
     /// A steered motion goes to the cycle with this order.
     pub(super) fn sends(&mut self, order: u64, job: u64, start: SteeredStart) {
-        self.sent
-            .push_back((order, job, JobStart::Steered(Box::new(start))));
+        self.push(order, job, JobStart::Steered(Box::new(start)));
     }
 
     /// An order counts from this setpoint on.
     pub(super) fn applied(&mut self, recorder: &Sender<FeederNews>, order: u64, sequence: u64) {
-        while self.sent.front().is_some_and(|(known, ..)| *known <= order) {
-            let Some((known, job, start)) = self.sent.pop_front() else {
-                break;
-            };
-            // What was passed over never counted.
-            if known == order {
-                let _gone = recorder.send(FeederNews::Outside(Outside {
-                    sequence,
-                    kind: OutsideKind::Job,
-                    code: u32::try_from(job).unwrap_or(u32::MAX),
-                    text: start.to_string(),
-                    value: None,
-                }));
-            }
+        // Orders that came later may count earlier: a turn waits for its setpoint.
+        let Some(at) = self.sent.iter().position(|(known, ..)| *known == order) else {
+            return;
+        };
+        let Some((_, job, start)) = self.sent.remove(at) else {
+            return;
+        };
+        let _gone = recorder.send(FeederNews::Outside(Outside {
+            sequence,
+            kind: OutsideKind::Job,
+            code: u32::try_from(job).unwrap_or(u32::MAX),
+            text: start.to_string(),
+            value: None,
+        }));
+    }
+
+    /// What is on its way. Turns that came too late never count: the oldest are forgotten.
+    fn push(&mut self, order: u64, job: u64, start: JobStart) {
+        if self.sent.len() >= MOST_SENT {
+            self.sent.pop_front();
         }
+        self.sent.push_back((order, job, start));
     }
 }
 

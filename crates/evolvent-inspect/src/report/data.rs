@@ -1,5 +1,7 @@
 //! What the page's script draws, as JSON.
 
+use evolvent_daemon::JobStart;
+use evolvent_trace::{EventKind, EventRecord};
 use serde_json::{Value, json};
 
 use crate::lines::LineTime;
@@ -182,7 +184,7 @@ pub(crate) fn json(opened: &Opened, g: &Gathered) -> String {
     let events: Vec<Value> = g
         .events
         .iter()
-        .map(|event| json!([event.sequence, event.kind as u8, event.code, event.text]))
+        .map(|event| json!([event.sequence, event.kind as u8, event.code, said(event)]))
         .collect();
     let value = json!({
         "period_s": opened.period_s(),
@@ -263,5 +265,19 @@ mod tests {
         assert_eq!(utc(0), "1970-01-01 00:00:00 UTC");
         assert_eq!(utc(951_827_696_000_000_000), "2000-02-29 12:34:56 UTC");
         assert_eq!(utc(1_700_000_000_000_000_000), "2023-11-14 22:13:20 UTC");
+    }
+}
+
+/// What people are told of an event. A job's beginning is a line for computing it again: its head will do.
+fn said(event: &EventRecord) -> String {
+    if event.kind != EventKind::Job {
+        return event.text.clone();
+    }
+    match JobStart::parse(&event.text) {
+        Some(JobStart::Program(start)) if start.is_mdi => format!("MDI, {}", start.program),
+        Some(JobStart::Program(start)) => format!("program, {}", start.program),
+        Some(JobStart::Steered(start)) if start.is_turn => "jog turned over".to_owned(),
+        Some(JobStart::Steered(_)) => "jog or homing".to_owned(),
+        None => event.text.clone(),
     }
 }

@@ -1,11 +1,13 @@
 //! Everything that a page shows, gathered in one pass.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 
+use evolvent_daemon::JobStart;
 use evolvent_path::AxisLetter;
 use evolvent_trace::{CycleRecord, EventKind, EventRecord};
 
 use crate::check::LimitCheck;
+use crate::jobs::{Travel, starts, travel_of};
 use crate::lines::LineTimes;
 use crate::opened::{InspectError, Opened};
 use crate::pyramid::{Level, Pyramid};
@@ -88,6 +90,10 @@ pub(crate) struct Gathered {
     pub(crate) has_errors: bool,
     pub(crate) max_error: f64,
     pub(crate) path_mm: f64,
+    last_path_mm: f64,
+    /// Programs and blocks of MDI of a served machine.
+    pub(crate) programs: usize,
+    travels: VecDeque<Travel>,
     pub(crate) planned: BTreeMap<u32, f64>,
 }
 
@@ -158,6 +164,7 @@ pub(crate) fn gather(opened: &mut Opened) -> Result<Gathered, InspectError> {
         lateness: curve(),
         work: curve(),
     };
+    let starts = starts(&mut opened.trace)?;
     let home = opened.machine.limits().home;
     let fastest = opened
         .machine
@@ -189,6 +196,15 @@ pub(crate) fn gather(opened: &mut Opened) -> Result<Gathered, InspectError> {
         has_errors: false,
         max_error: 0.0,
         path_mm: 0.0,
+        last_path_mm: 0.0,
+        programs: starts
+            .iter()
+            .filter(|start| matches!(start.start, Some(JobStart::Program(_))))
+            .count(),
+        travels: starts
+            .iter()
+            .map(|start| travel_of(start, &opened.machine))
+            .collect(),
         planned: BTreeMap::new(),
     };
     opened
@@ -234,11 +250,19 @@ impl Gathered {
         self.late += u64::from(record.flags & 1 != 0);
         self.starved += u64::from(record.flags & 32 != 0);
         curves.push(record, axes);
+        while self.travels.front().is_some_and(|(from, ..)| *from <= record.sequence) {
+            if let Some((_, low, high)) = self.travels.pop_front() {
+                self.check.set_travel(&low, &high);
+            }
+        }
         self.check.cycle(record);
         self.times.cycle(record);
         self.lateness.see(record.wake_lateness_ns);
         self.work.see(i64::from(record.work_ns));
-        self.path_mm = self.path_mm.max(record.path_mm);
+        // Each job of a served machine counts from zero.
+        let further = record.path_mm - self.last_path_mm;
+        self.path_mm += if further < 0.0 { record.path_mm } else { further };
+        self.last_path_mm = record.path_mm;
         let error = axes
             .iter()
             .take(3)

@@ -9,7 +9,7 @@ const bytes = text => {
 };
 const STATES = ['idle', 'running', 'holding', 'held', 'stopping', 'stopped', 'dwell', 'program stop', 'fault', 'done'];
 const STATE_COLOURS = ['--line', '--s2', '--s1', '--s1', '--s6', '--s6', '--s0', '--s3', '--bad', '--line'];
-const KINDS = ['', 'state', 'alarm', 'command', 'override', 'hold', 'resume', 'starvation', 'late', 'loss', 'message', 'stop', 'warning'];
+const KINDS = ['', 'state', 'alarm', 'command', 'override', 'hold', 'resume', 'starvation', 'late', 'loss', 'message', 'stop', 'warning', 'job'];
 const colour = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 const short = value => {
   const size = Math.abs(value);
@@ -312,7 +312,10 @@ const trail = {
 const canvas = byId('path-canvas');
 const look = { view: 'xy', scale: 1, x: 0, y: 0, turn: -0.6, tilt: 1.0, by: 'feed' };
 const SCALE = [[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]];
+const dark = matchMedia('(prefers-color-scheme: dark)');
 const shade = share => {
+  // The darkest tones cannot be seen on a dark page.
+  if (dark.matches) share = .22 + .78 * share;
   const at = Math.max(0, Math.min(0.9999, share)) * (SCALE.length - 1), k = Math.floor(at);
   const mix = SCALE[k].map((value, n) => Math.round(value + (SCALE[k + 1][n] - value) * (at - k)));
   return `rgb(${mix})`;

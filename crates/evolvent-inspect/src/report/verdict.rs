@@ -38,6 +38,14 @@ pub(crate) fn verdict(opened: &Opened, g: &Gathered) -> Vec<Sentence> {
             Gravity::Bad,
             format!("{what} was recorded for {took}; how the run ended is not in the trace."),
         ),
+        "served" => {
+            let jobs = info.summary.get("jobs").map_or("0", String::as_str);
+            let name = &opened.run.machine_name;
+            say(
+                Gravity::Good,
+                format!("{what}: {name} was served for {took}, {jobs} jobs."),
+            );
+        }
         "stopped" => say(Gravity::Note, format!("{what} was stopped after {took}.")),
         other => say(
             Gravity::Bad,
@@ -111,6 +119,15 @@ pub(crate) fn verdict(opened: &Opened, g: &Gathered) -> Vec<Sentence> {
         );
     }
     where_time_went(g, duration_s, &mut say);
+    if g.programs > 1 {
+        say(
+            Gravity::Note,
+            format!(
+                "{} programs and blocks of MDI were run: lines of the same number share a row below.",
+                g.programs
+            ),
+        );
+    }
     if !g.has_errors {
         say(
             Gravity::Note,

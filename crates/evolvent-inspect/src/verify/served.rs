@@ -8,13 +8,14 @@ use evolvent_gcode::{KeptParameters, ToolTable};
 use evolvent_judge::{Judge, Route};
 use evolvent_motion::{State, flags};
 use evolvent_path::Axes;
-use evolvent_trace::{CycleRecord, EventKind, inputs as bits};
+use evolvent_trace::{CycleRecord, inputs as bits};
 
 use super::comparing::Comparing;
 use super::lots::{Records, read};
 use super::one::recorded_inputs;
-use super::watch::{STATE_DONE, Travel, Watch, judged};
+use super::watch::{STATE_DONE, Watch, judged};
 use super::*;
+use crate::jobs::{Start, starts, travel_of};
 
 /// The bits that say what moved the axes.
 const WHAT_MOVED: u32 = bits::FOLLOWS | bits::STEERS;
@@ -22,14 +23,6 @@ const WHAT_MOVED: u32 = bits::FOLLOWS | bits::STEERS;
 const MOST_MISSING: u64 = 100_000;
 /// Reasons that are told one by one.
 const MOST_REASONS: usize = 10;
-
-/// A job, and the cycle with which it begins.
-struct Start {
-    sequence: u64,
-    job: u32,
-    /// `None` where this version does not understand it.
-    start: Option<JobStart>,
-}
 
 struct Served<'a> {
     again: ServedAgain,
@@ -52,18 +45,8 @@ struct Served<'a> {
 pub(super) fn verify(mut opened: Opened, path: &Path, mut verified: Verified) -> Result<Verified, InspectError> {
     let setup = opened.setup()?;
     let limits = setup.machine.limits();
-    let mut starts = VecDeque::new();
-    for event in opened.trace.events() {
-        let event = event?;
-        if event.kind == EventKind::Job {
-            starts.push_back(Start {
-                sequence: event.sequence,
-                job: event.code,
-                start: JobStart::parse(&event.text),
-            });
-        }
-    }
-    let travels = starts.iter().map(|start| travel_of(start, &setup)).collect();
+    let starts = starts(&mut opened.trace)?;
+    let travels = starts.iter().map(|start| travel_of(start, &setup.machine)).collect();
     let check = LimitCheck::new(&opened.machine, opened.run.period_ns, &limits.home.into());
     let watch = Watch::new(check, None, travels);
     let folder = folder()?;
@@ -109,19 +92,6 @@ pub(super) fn verify(mut opened: Opened, path: &Path, mut verified: Verified) ->
     Ok(verified)
 }
 
-/// The travel that a job may use, from its first cycle on.
-fn travel_of(start: &Start, setup: &Setup) -> Travel {
-    let limits = setup.machine.limits();
-    match &start.start {
-        Some(JobStart::Steered(steered)) => (
-            start.sequence,
-            limits.travel_min.inf(&steered.travel_min),
-            limits.travel_max.sup(&steered.travel_max),
-        ),
-        _ => (start.sequence, limits.travel_min, limits.travel_max),
-    }
-}
-
 impl Served<'_> {
     fn all(&mut self, records: &mut Records) -> Result<(), InspectError> {
         while let Some(record) = records.peek() {
@@ -161,7 +131,7 @@ impl Served<'_> {
 
     fn begin(&mut self, start: &Start, records: &mut Records) -> Result<(), InspectError> {
         self.verified.jobs += 1;
-        let (_, low, high) = travel_of(start, &self.setup);
+        let (_, low, high) = travel_of(start, &self.setup.machine);
         self.travel = (low, high);
         // What happened between jobs at the same cycle comes first.
         if let Some(record) = records.peek().copied() {

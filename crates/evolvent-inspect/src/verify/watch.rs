@@ -5,20 +5,17 @@ use std::sync::Arc;
 use std::sync::mpsc::Receiver;
 
 use evolvent_judge::{Allowances, Judge, Kind, Verdict};
-use evolvent_path::Axes;
 use evolvent_trace::{CycleRecord, inputs as bits};
 
 use super::Verified;
 use crate::check::LimitCheck;
+use crate::jobs::Travel;
 
 /// Ratio of the speed to the programmed feed that is let pass: the near-optimal planner keeps the feed word at its
 /// stations, and between them to 0.2 %.
 const FEED: f64 = 1.002;
 const FLAG_STARVED: u32 = 32;
 pub(super) const STATE_DONE: u8 = 9;
-
-/// Another travel, and the cycle from which it counts.
-pub(super) type Travel = (u64, Axes, Axes);
 
 /// Independent checks of what was recorded.
 pub(super) struct Watch<'a> {
