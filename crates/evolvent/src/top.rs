@@ -219,7 +219,11 @@ fn picture(name: &str, status: &Status, axes: &str, stale: Option<Duration>, col
         "" => "no program",
         program => program,
     };
-    let _ = writeln!(text, "{program}, line {}", status.line);
+    let line = match status.line {
+        0 => String::new(),
+        line => format!(", line {line}"),
+    };
+    let _ = writeln!(text, "{program}{line}");
     if !status.operator_message().is_empty() {
         let _ = writeln!(text, "message: {}", one_line(status.operator_message()));
     }

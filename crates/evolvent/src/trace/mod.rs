@@ -45,9 +45,10 @@ enum TraceCommand {
     },
     /// A table of cycles, events or blocks: CSV or Parquet, by the name of the output.
     Export(export::ExportArgs),
-    /// Compute the run again and compare every setpoint, bit for bit; check every sample against limits and path.
+    /// Compute the run, or every job of a served machine, again and compare every setpoint, bit for bit; check every sample
+    /// against limits and path.
     ///
-    /// Exit code 0: it comes out the same; 1: it does not, or a limit is broken; 3: nothing is wrong, but cycles are missing, or there is no program to compute it again from.
+    /// Exit code 0: it comes out the same; 1: it does not, or a limit is broken; 3: nothing is wrong, but cycles are missing, or it is not known what moved the axes.
     Verify {
         /// The trace, NAME.mcap.
         file: PathBuf,

@@ -74,6 +74,16 @@ fn write_verified(out: &mut dyn Write, verified: &Verified) -> io::Result<()> {
             writeln!(out, "NOT kept: {text}")?;
         }
     }
+    if verified.jobs > 0 {
+        writeln!(out, "{} jobs of a served machine", verified.jobs)?;
+    }
+    if verified.uncompared > 0 {
+        writeln!(
+            out,
+            "{} cycles were not compared: what moved the axes there is not known",
+            verified.uncompared
+        )?;
+    }
     if verified.missing > 0 {
         writeln!(out, "{} cycles are missing in the trace", verified.missing)?;
     }
