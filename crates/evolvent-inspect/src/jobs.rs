@@ -35,6 +35,25 @@ pub(crate) fn starts(trace: &mut TraceFile) -> Result<VecDeque<Start>, ReadError
     Ok(starts)
 }
 
+/// Cycles with which the operator switched something that counts for lines not yet read: single step, optional stop, block
+/// delete, rapid override. How far the planner had read is not recorded.
+pub(crate) fn switched(trace: &mut TraceFile) -> Result<Vec<u64>, ReadError> {
+    const SWITCHES: [&str; 5] = ["STEP", "SINGLE_STEP", "OPTIONAL_STOP", "BLOCK_DELETE", "RAPID_OVERRIDE"];
+    let codes: Vec<u32> = evolvent_bus::COMMANDS
+        .iter()
+        .filter(|(name, _)| SWITCHES.contains(name))
+        .map(|(_, code)| *code)
+        .collect();
+    let mut switched = Vec::new();
+    for event in trace.events() {
+        let event = event?;
+        if event.kind == EventKind::Command && codes.contains(&event.code) {
+            switched.push(event.sequence);
+        }
+    }
+    Ok(switched)
+}
+
 /// The travel that a job may use, from its first cycle on: an axis that is not homed may be jogged its travel's length.
 pub(crate) fn travel_of(start: &Start, machine: &Machine) -> Travel {
     let limits = machine.limits();

@@ -15,7 +15,7 @@ use super::lots::{Records, read};
 use super::one::recorded_inputs;
 use super::watch::{STATE_DONE, Watch, judged};
 use super::*;
-use crate::jobs::{Start, starts, travel_of};
+use crate::jobs::{Start, starts, switched, travel_of};
 
 /// The bits that say what moved the axes.
 const WHAT_MOVED: u32 = bits::FOLLOWS | bits::STEERS;
@@ -46,6 +46,7 @@ pub(super) fn verify(mut opened: Opened, path: &Path, mut verified: Verified) ->
     let setup = opened.setup()?;
     let limits = setup.machine.limits();
     let starts = starts(&mut opened.trace)?;
+    let switched = switched(&mut opened.trace)?;
     let travels = starts.iter().map(|start| travel_of(start, &setup.machine)).collect();
     let check = LimitCheck::new(&opened.machine, opened.run.period_ns, &limits.home.into());
     let watch = Watch::new(check, None, travels);
@@ -88,6 +89,13 @@ pub(super) fn verify(mut opened: Opened, path: &Path, mut verified: Verified) ->
         verified.notes.push(format!("and {more} more jobs were not computed again"));
     }
     verified.recomputed = true;
+    let first = verified.first_difference.as_ref().map(|difference| difference.sequence);
+    if let Some(at) = switched.iter().find(|at| first.is_some_and(|first| **at <= first)) {
+        verified.explanations.push(format!(
+            "at cycle {at} single step, optional stop, block delete or the rapid override was switched: which lines of a \
+             running program it counted for is not recorded"
+        ));
+    }
     watch.conclude(&mut verified);
     Ok(verified)
 }
