@@ -38,16 +38,13 @@ pub(crate) fn starts(trace: &mut TraceFile) -> Result<VecDeque<Start>, ReadError
 /// Cycles with which the operator switched something that counts for lines not yet read: single step, optional stop, block
 /// delete, rapid override. How far the planner had read is not recorded.
 pub(crate) fn switched(trace: &mut TraceFile) -> Result<Vec<u64>, ReadError> {
-    const SWITCHES: [&str; 5] = ["STEP", "SINGLE_STEP", "OPTIONAL_STOP", "BLOCK_DELETE", "RAPID_OVERRIDE"];
-    let codes: Vec<u32> = evolvent_bus::COMMANDS
-        .iter()
-        .filter(|(name, _)| SWITCHES.contains(name))
-        .map(|(_, code)| *code)
-        .collect();
+    // By their words: commands of the program bear their line as code.
+    const SWITCHES: [&str; 5] = ["step", "single step", "optional stop", "block delete", "rapid override"];
     let mut switched = Vec::new();
     for event in trace.events() {
         let event = event?;
-        if event.kind == EventKind::Command && codes.contains(&event.code) {
+        let is_switch = SWITCHES.iter().any(|words| event.text.starts_with(words));
+        if event.kind == EventKind::Command && is_switch {
             switched.push(event.sequence);
         }
     }
