@@ -125,7 +125,12 @@ fn session(workshop: &Workshop, cycles: &str) -> PathBuf {
     operator.says("JOG_STOP");
     operator.sees_end(job);
     operator.says_number("MODE", 2);
-    for text in ["G0 X20 Y1", "G91 G1 F3000 X-5", "G90 G10 L20 P1 X0", "G2 X4 Y1 I2 F2000"] {
+    for text in [
+        "G0 X20 Y1",
+        "G91 G1 F3000 X-5",
+        "G90 G10 L20 P1 X0",
+        "G2 X4 Y1 I2 F2000",
+    ] {
         let job = operator.says_text("MDI", text).job;
         assert_eq!(operator.sees_end(job).job_result, DONE, "{text}");
     }
@@ -179,12 +184,20 @@ fn altered(trace: &Path, name: &str, mut change: impl FnMut(&mut CycleRecord)) -
     info.machine_file = String::from_utf8(machine.expect("there")).expect("UTF-8");
     let output = trace.with_file_name(format!("{name}.mcap"));
     let mut recorder = Recorder::create(&output, &info).expect("a recorder");
-    let names: Vec<String> = file.info().attachments.iter().map(|(name, _)| name.clone()).collect();
+    let names: Vec<String> = file
+        .info()
+        .attachments
+        .iter()
+        .map(|(name, _)| name.clone())
+        .collect();
     for name in names.iter().filter(|name| name.starts_with("job-")) {
         let text = file.attachment(name).expect("readable").expect("there");
         recorder.attach_text(name, 0, &text).expect("room");
     }
-    let messages: Vec<_> = file.messages().map(|message| message.expect("a message")).collect();
+    let messages: Vec<_> = file
+        .messages()
+        .map(|message| message.expect("a message"))
+        .collect();
     for message in messages {
         match message {
             TraceMessage::Cycle(mut cycle) => {
@@ -212,10 +225,19 @@ fn every_job_of_a_session_comes_out_the_same_and_one_bit_in_any_of_them_is_found
         std::fs::remove_dir_all(workshop.path("library")).expect("a folder");
         std::fs::remove_file(workshop.path("part.ngc")).expect("a file");
         let mut file = TraceFile::open(&trace).expect("a trace");
-        let names: Vec<String> = file.info().attachments.iter().map(|(name, _)| name.clone()).collect();
+        let names: Vec<String> = file
+            .info()
+            .attachments
+            .iter()
+            .map(|(name, _)| name.clone())
+            .collect();
         let has = |end: &str| names.iter().filter(|name| name.ends_with(end)).count();
         assert_eq!(
-            (has("/part.ngc"), has("mdi.ngc"), has("subroutines/there_and_back.ngc")),
+            (
+                has("/part.ngc"),
+                has("mdi.ngc"),
+                has("subroutines/there_and_back.ngc")
+            ),
             (1, 5, 2),
             "{names:?}"
         );
@@ -227,12 +249,19 @@ fn every_job_of_a_session_comes_out_the_same_and_one_bit_in_any_of_them_is_found
         let verified = verify(&trace).expect("a readable trace");
         println!("{verified:?}");
         if !came_in_time(&trace) {
-            assert!(verified.holds() || !verified.explanations.is_empty(), "{verified:?}");
+            assert!(
+                verified.holds() || !verified.explanations.is_empty(),
+                "{verified:?}"
+            );
             continue;
         }
         assert!(is_the_same(&verified), "{verified:#?}");
         assert_eq!(verified.jobs as usize, jobs.len());
-        assert!(verified.max_path_error_mm.is_some_and(|most| most > 0.0 && most <= 0.021));
+        assert!(
+            verified
+                .max_path_error_mm
+                .is_some_and(|most| most > 0.0 && most <= 0.021)
+        );
         // In the middle of homing, of a jog, of MDI and of the program.
         let all: Vec<CycleRecord> = file.cycles().map(|cycle| cycle.expect("a cycle")).collect();
         let moving = |cycle: &&CycleRecord| cycle.feed_mm_s > 5.0;

@@ -132,7 +132,10 @@ impl fmt::Display for JobStart {
 /// The nine axes; zeros at the end are left out.
 fn list(axes: &Axes) -> String {
     let zero = |value: &f64| value.to_bits() == 0;
-    let last = axes.iter().rposition(|value| !zero(value)).map_or(0, |last| last + 1);
+    let last = axes
+        .iter()
+        .rposition(|value| !zero(value))
+        .map_or(0, |last| last + 1);
     let texts: Vec<String> = axes.iter().take(last).map(f64::to_string).collect();
     texts.join(",")
 }
@@ -262,7 +265,15 @@ mod tests {
 
     #[test]
     fn what_is_no_line_is_refused() {
-        for text in ["", "program", "program: ", "turn: to=1", "steered: to=1,x", "mdi: text", "a: b=c"] {
+        for text in [
+            "",
+            "program",
+            "program: ",
+            "turn: to=1",
+            "steered: to=1,x",
+            "mdi: text",
+            "a: b=c",
+        ] {
             assert_eq!(JobStart::parse(text), None, "{text:?}");
         }
         let many = (0..10).map(|n| n.to_string()).collect::<Vec<_>>().join(",");

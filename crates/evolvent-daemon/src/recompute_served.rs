@@ -208,7 +208,8 @@ impl ServedAgain {
                 }
                 self.station.set_override(feed_override);
                 let setpoint = self.station.steer(steering);
-                if matches!(setpoint.state, State::Done | State::Stopped) || self.station.is_quick_stopping() {
+                if matches!(setpoint.state, State::Done | State::Stopped) || self.station.is_quick_stopping()
+                {
                     self.finish();
                 }
                 Some(setpoint)

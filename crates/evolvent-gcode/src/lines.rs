@@ -95,7 +95,9 @@ impl Library {
 
     /// Files read so far: name and text, as it was taken up.
     pub(crate) fn files(&self) -> impl Iterator<Item = (&str, Vec<u8>)> {
-        self.files.iter().map(|(name, lines)| (name.as_str(), lines.text()))
+        self.files
+            .iter()
+            .map(|(name, lines)| (name.as_str(), lines.text()))
     }
 
     pub(crate) fn file_count(&self) -> usize {

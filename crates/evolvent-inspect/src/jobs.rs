@@ -39,7 +39,13 @@ pub(crate) fn starts(trace: &mut TraceFile) -> Result<VecDeque<Start>, ReadError
 /// delete, rapid override. How far the planner had read is not recorded.
 pub(crate) fn switched(trace: &mut TraceFile) -> Result<Vec<u64>, ReadError> {
     // By their words: commands of the program bear their line as code.
-    const SWITCHES: [&str; 5] = ["step", "single step", "optional stop", "block delete", "rapid override"];
+    const SWITCHES: [&str; 5] = [
+        "step",
+        "single step",
+        "optional stop",
+        "block delete",
+        "rapid override",
+    ];
     let mut switched = Vec::new();
     for event in trace.events() {
         let event = event?;

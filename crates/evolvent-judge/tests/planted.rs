@@ -66,7 +66,10 @@ fn a_tolerance_that_becomes_fine_at_once_on_a_straight_way_is_no_leaving_of_the_
     assert!(found.is_empty(), "{found:?} {verdict:?}");
     // Off by more than exact mode allows is found behind it as before.
     let mut off = motion;
-    off.setpoints.iter_mut().filter(|place| place[0] > 10.0).for_each(|place| place[1] = 1e-3);
+    off.setpoints
+        .iter_mut()
+        .filter(|place| place[0] > 10.0)
+        .for_each(|place| place[1] = 1e-3);
     let (found, _) = self::found(program, &off);
     assert!(found.contains(&Kind::Deviation), "{found:?}");
 }

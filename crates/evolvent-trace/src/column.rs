@@ -222,7 +222,11 @@ pub(crate) fn unpack(
     macro_rules! fill {
         ($kind:expr, $predictor:expr, $derivatives:expr) => {
             for n in 0..count {
-                let rest = if n < coded { unfolded(reader.number()) } else { 0 };
+                let rest = if n < coded {
+                    unfolded(reader.number())
+                } else {
+                    0
+                };
                 let whole = predicted($kind, $predictor, values, $derivatives).wrapping_add(rest);
                 values.push(from_integer($kind, whole));
             }

@@ -632,7 +632,9 @@ impl Messages<'_> {
                 return Err(self.damaged("a record in a chunk"));
             };
             self.at = next;
-            let Some(Inner::Message(message)) = record else { continue };
+            let Some(Inner::Message(message)) = record else {
+                continue;
+            };
             if self.only.is_some_and(|channel| channel != message.channel) {
                 continue;
             }

@@ -10,7 +10,6 @@ use evolvent_machine::Limits;
 use evolvent_path::Axes;
 use evolvent_transfer::AxesState;
 
-use super::jobs::is_short;
 use crate::job::Setup;
 use crate::job_start::{JobStart, ProgramStart, SteeredStart, plain_name};
 use crate::news::{FeederNews, Outside, OutsideKind};
@@ -50,9 +49,9 @@ impl JobNotes {
         start.program = match (self.known(file), start.is_mdi) {
             (Some(name), false) => name,
             _ => {
-                let name = file.file_name().map_or_else(String::new, |name| {
-                    plain_name(&name.to_string_lossy())
-                });
+                let name = file
+                    .file_name()
+                    .map_or_else(String::new, |name| plain_name(&name.to_string_lossy()));
                 let name = format!("job-{job}/{name}");
                 // What is short may be gone before the recorder comes to it: a block of MDI is.
                 let text = is_short(file).then(|| std::fs::read(file).ok()).flatten();
@@ -141,6 +140,11 @@ pub(super) fn steered_start(limits: &Limits, from: &AxesState, to: &Axes, is_tur
         from: *from,
         to: *to,
     }
+}
+
+/// Whether a file is so short that the control thread may read it.
+fn is_short(file: &Path) -> bool {
+    file.metadata().is_ok_and(|facts| facts.len() <= 64 * 1024)
 }
 
 fn stamp(file: &Path) -> Option<Stamp> {

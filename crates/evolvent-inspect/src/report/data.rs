@@ -240,6 +240,20 @@ fn program(opened: &Opened, shown: &[u32]) -> Value {
     json!({ "whole": is_whole, "count": lines.len(), "lines": list })
 }
 
+/// What people are told of an event. A job's beginning is a line for computing it again: its head will do.
+fn said(event: &EventRecord) -> String {
+    if event.kind != EventKind::Job {
+        return event.text.clone();
+    }
+    match JobStart::parse(&event.text) {
+        Some(JobStart::Program(start)) if start.is_mdi => format!("MDI, {}", start.program),
+        Some(JobStart::Program(start)) => format!("program, {}", start.program),
+        Some(JobStart::Steered(start)) if start.is_turn => "jog turned over".to_owned(),
+        Some(JobStart::Steered(_)) => "jog or homing".to_owned(),
+        None => event.text.clone(),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -265,19 +279,5 @@ mod tests {
         assert_eq!(utc(0), "1970-01-01 00:00:00 UTC");
         assert_eq!(utc(951_827_696_000_000_000), "2000-02-29 12:34:56 UTC");
         assert_eq!(utc(1_700_000_000_000_000_000), "2023-11-14 22:13:20 UTC");
-    }
-}
-
-/// What people are told of an event. A job's beginning is a line for computing it again: its head will do.
-fn said(event: &EventRecord) -> String {
-    if event.kind != EventKind::Job {
-        return event.text.clone();
-    }
-    match JobStart::parse(&event.text) {
-        Some(JobStart::Program(start)) if start.is_mdi => format!("MDI, {}", start.program),
-        Some(JobStart::Program(start)) => format!("program, {}", start.program),
-        Some(JobStart::Steered(start)) if start.is_turn => "jog turned over".to_owned(),
-        Some(JobStart::Steered(_)) => "jog or homing".to_owned(),
-        None => event.text.clone(),
     }
 }

@@ -250,7 +250,11 @@ impl Gathered {
         self.late += u64::from(record.flags & 1 != 0);
         self.starved += u64::from(record.flags & 32 != 0);
         curves.push(record, axes);
-        while self.travels.front().is_some_and(|(from, ..)| *from <= record.sequence) {
+        while self
+            .travels
+            .front()
+            .is_some_and(|(from, ..)| *from <= record.sequence)
+        {
             if let Some((_, low, high)) = self.travels.pop_front() {
                 self.check.set_travel(&low, &high);
             }

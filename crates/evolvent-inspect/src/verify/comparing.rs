@@ -18,7 +18,13 @@ pub(super) struct Comparing {
 
 impl Comparing {
     /// Compares; whether they are the same.
-    pub(super) fn compare(&self, record: &CycleRecord, setpoint: &Setpoint, verified: &mut Verified, lines: &[String]) -> bool {
+    pub(super) fn compare(
+        &self,
+        record: &CycleRecord,
+        setpoint: &Setpoint,
+        verified: &mut Verified,
+        lines: &[String],
+    ) -> bool {
         verified.compared += 1;
         let Some((quantity, recorded, recomputed)) = self.differs(record, setpoint) else {
             return true;

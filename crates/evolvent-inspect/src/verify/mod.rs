@@ -141,7 +141,6 @@ fn explain_surroundings(opened: &Opened, verified: &mut Verified) {
     }
 }
 
-
 /// A temporary folder for what is attached.
 fn folder() -> Result<tempfile::TempDir, InspectError> {
     tempfile::tempdir().map_err(|source| InspectError::Io {

@@ -13,7 +13,7 @@ use evolvent_trace::{CycleRecord, inputs as bits};
 use super::comparing::Comparing;
 use super::lots::{Records, read};
 use super::one::recorded_inputs;
-use super::watch::{STATE_DONE, Watch, judged};
+use super::watch::{End, STATE_DONE, Watch, judged};
 use super::*;
 use crate::jobs::{Start, starts, switched, travel_of};
 
@@ -42,12 +42,19 @@ struct Served<'a> {
     reasons: usize,
 }
 
-pub(super) fn verify(mut opened: Opened, path: &Path, mut verified: Verified) -> Result<Verified, InspectError> {
+pub(super) fn verify(
+    mut opened: Opened,
+    path: &Path,
+    mut verified: Verified,
+) -> Result<Verified, InspectError> {
     let setup = opened.setup()?;
     let limits = setup.machine.limits();
     let starts = starts(&mut opened.trace)?;
     let switched = switched(&mut opened.trace)?;
-    let travels = starts.iter().map(|start| travel_of(start, &setup.machine)).collect();
+    let travels = starts
+        .iter()
+        .map(|start| travel_of(start, &setup.machine))
+        .collect();
     let check = LimitCheck::new(&opened.machine, opened.run.period_ns, &limits.home.into());
     let watch = Watch::new(check, None, travels);
     let folder = folder()?;
@@ -86,11 +93,19 @@ pub(super) fn verify(mut opened: Opened, path: &Path, mut verified: Verified) ->
     let reasons = served.reasons;
     if reasons > MOST_REASONS {
         let more = reasons - MOST_REASONS;
-        verified.notes.push(format!("and {more} more jobs were not computed again"));
+        verified
+            .notes
+            .push(format!("and {more} more jobs were not computed again"));
     }
     verified.recomputed = true;
-    let first = verified.first_difference.as_ref().map(|difference| difference.sequence);
-    if let Some(at) = switched.iter().find(|at| first.is_some_and(|first| **at <= first)) {
+    let first = verified
+        .first_difference
+        .as_ref()
+        .map(|difference| difference.sequence);
+    if let Some(at) = switched
+        .iter()
+        .find(|at| first.is_some_and(|first| **at <= first))
+    {
         verified.explanations.push(format!(
             "at cycle {at} single step, optional stop, block delete or the rapid override was switched: which lines of a \
              running program it counted for is not recorded"
@@ -226,7 +241,7 @@ impl Served<'_> {
         let mut judge = route
             .as_ref()
             .map(|route| Judge::new(&self.setup.machine.clone(), self.again.period_ns(), route));
-        let (mut most_override, mut last_state, mut next) = (0.0_f64, 0, None);
+        let (mut most_override, mut end, mut next) = (0.0_f64, End::Stopped, None);
         while let Some(record) = records.peek() {
             let goes_on = next.is_none_or(|next| record.sequence == next);
             if record.inputs & bits::FOLLOWS == 0 || !goes_on {
@@ -235,18 +250,28 @@ impl Served<'_> {
                 }
                 break;
             }
-            if next.is_some() && self.starts.front().is_some_and(|start| start.sequence <= record.sequence) {
+            if next.is_some()
+                && self
+                    .starts
+                    .front()
+                    .is_some_and(|start| start.sequence <= record.sequence)
+            {
                 break;
             }
             next = Some(record.sequence + 1);
             most_override = most_override.max(record.override_);
-            last_state = record.state;
+            end = if record.state == STATE_DONE {
+                End::Done
+            } else if record.velocity.iter().all(|value| *value == 0.0) {
+                End::Stopped
+            } else {
+                End::BrokenOff
+            };
             self.one(records, judge.as_mut());
         }
         if let Some(judge) = judge.filter(|_| next.is_some()) {
-            let is_done = last_state == STATE_DONE;
             let whose = format!("job {job}: ");
-            judged(&judge.finish(), is_done, most_override, &whose, self.verified);
+            judged(&judge.finish(), end, most_override, &whose, self.verified);
         }
         if !self.again.is_at_work() {
             // It is not needed any more, and there may be many.

@@ -57,7 +57,11 @@ impl<'a> Watch<'a> {
     }
 
     fn see(&mut self, record: &CycleRecord) {
-        while self.travels.front().is_some_and(|(from, ..)| *from <= record.sequence) {
+        while self
+            .travels
+            .front()
+            .is_some_and(|(from, ..)| *from <= record.sequence)
+        {
             if let Some((_, low, high)) = self.travels.pop_front() {
                 self.check.set_travel(&low, &high);
             }
@@ -86,7 +90,11 @@ impl<'a> Watch<'a> {
 
     /// What may explain a difference.
     fn explain(&self, verified: &mut Verified) {
-        let Some(first) = verified.first_difference.as_ref().map(|difference| difference.sequence) else {
+        let Some(first) = verified
+            .first_difference
+            .as_ref()
+            .map(|difference| difference.sequence)
+        else {
             return;
         };
         if let Some(starved) = self.first_starved.filter(|starved| first >= *starved) {
@@ -121,13 +129,26 @@ impl<'a> Watch<'a> {
             }
             return;
         };
-        let is_done = self.last_state == STATE_DONE;
-        judged(&judge.finish(), is_done, self.most_override, "", verified);
+        let end = if self.last_state == STATE_DONE {
+            End::Done
+        } else {
+            End::Stopped
+        };
+        judged(&judge.finish(), end, self.most_override, "", verified);
     }
 }
 
+/// How a program came to its end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum End {
+    Done,
+    Stopped,
+    /// In motion: each axis stopped by itself behind it, which to the judge is a motion that stops dead.
+    BrokenOff,
+}
+
 /// Takes in what the judge says of the path. A run that was stopped has no end; braking after a fault may leave the path.
-pub(super) fn judged(verdict: &Verdict, is_done: bool, most_override: f64, whose: &str, verified: &mut Verified) {
+pub(super) fn judged(verdict: &Verdict, end: End, most_override: f64, whose: &str, verified: &mut Verified) {
     let most = verified.max_path_error_mm.unwrap_or(0.0);
     verified.max_path_error_mm = Some(verdict.deviation_mm.value.max(most));
     let allowances = Allowances {
@@ -138,7 +159,9 @@ pub(super) fn judged(verdict: &Verdict, is_done: bool, most_override: f64, whose
     // Velocity, acceleration and jerk are said by the check of limits; joints have the guard's rule there.
     let said = [Kind::Velocity, Kind::Acceleration, Kind::Jerk, Kind::Travel];
     for violation in verdict.violations(&allowances) {
-        let is_meant = !said.contains(&violation.kind) && (is_done || !unfinished.contains(&violation.kind));
+        let is_meant = !said.contains(&violation.kind)
+            && (end == End::Done || !unfinished.contains(&violation.kind))
+            && (end != End::BrokenOff || violation.kind != Kind::Chord);
         // In blending mode a rounded corner is what the tolerance is for; the chord error is the planner's promise.
         if is_meant {
             verified.violations.push(format!("{whose}{violation}"));
