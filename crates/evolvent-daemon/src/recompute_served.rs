@@ -10,10 +10,10 @@ use evolvent_motion::{Inputs, Setpoint, State, Station, Steering};
 use evolvent_path::Axes;
 use evolvent_transfer::{AxesState, Sync, Transfer, TransferError};
 
-use crate::check::ProgramError;
 use crate::job::Setup;
 use crate::job_start::{ProgramStart, SteeredStart};
 use crate::recompute::{RecordedInputs, wait_for_planner};
+use crate::refusal::ProgramError;
 use crate::serve::{Following, Planning, ProgramJob};
 use crate::switches::Switches;
 

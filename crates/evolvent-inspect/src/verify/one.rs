@@ -6,6 +6,7 @@ use std::io::BufReader;
 use evolvent_daemon::{RecordedInputs, recompute};
 use evolvent_judge::{Judge, Route};
 use evolvent_motion::Inputs;
+use evolvent_process::LoadSample;
 use evolvent_trace::{CycleRecord, inputs as bits};
 
 use super::comparing::Comparing;
@@ -116,7 +117,7 @@ fn compute(again: &Again<'_>, records: &mut Records, verified: &mut Verified) ->
             present.set(record);
             Some(match record {
                 Some(record) => {
-                    let recorded = recorded_inputs(&record);
+                    let recorded = recorded_inputs(&record, last.get().load);
                     last.set(recorded.inputs);
                     recorded
                 }
@@ -165,14 +166,24 @@ fn beyond(again: &Again<'_>, records: &mut Records, verified: &mut Verified) {
     }
 }
 
-/// What came in at a cycle.
-pub(super) fn recorded_inputs(record: &CycleRecord) -> RecordedInputs {
+/// What came in at a cycle; `load` is the reading of the cycle before.
+pub(super) fn recorded_inputs(record: &CycleRecord, load: Option<LoadSample>) -> RecordedInputs {
     RecordedInputs {
         inputs: Inputs {
             feed_override: record.override_,
             hold: record.inputs & bits::HOLD != 0,
             stop: record.inputs & bits::STOP != 0,
             resume: record.inputs & bits::RESUME != 0,
+            load: (!record.load.is_nan()).then(|| LoadSample {
+                // Readings are told apart by their numbers; which they are does not matter.
+                sequence: load.map_or(0, |load| load.sequence) + u64::from(record.inputs & bits::LOAD != 0),
+                value: record.load,
+                range_max: if record.inputs & bits::LOAD_AT_END != 0 {
+                    record.load
+                } else {
+                    f64::INFINITY
+                },
+            }),
         },
         waited: record.inputs & bits::WAITED != 0,
         refused: record.inputs & bits::REFUSED != 0,

@@ -8,6 +8,7 @@ use evolvent_gcode::{KeptParameters, ToolTable};
 use evolvent_judge::{Judge, Route};
 use evolvent_motion::{State, flags};
 use evolvent_path::Axes;
+use evolvent_process::LoadSample;
 use evolvent_trace::{CycleRecord, inputs as bits};
 
 use super::comparing::Comparing;
@@ -39,6 +40,8 @@ struct Served<'a> {
     lost: bool,
     /// The last cycle before a gap.
     last: Option<CycleRecord>,
+    /// The last reading of the cutting load.
+    load: Option<LoadSample>,
     reasons: usize,
 }
 
@@ -74,6 +77,7 @@ pub(super) fn verify(
         lines: Vec::new(),
         lost: false,
         last: None,
+        load: None,
         reasons: 0,
     };
     let trace = &mut opened.trace;
@@ -144,7 +148,7 @@ impl Served<'_> {
             return;
         }
         for _ in 0..missing {
-            let moved = moved_by(&last);
+            let moved = moved_by(&last, self.load);
             if self.again.step(&moved, last.override_).is_none() {
                 self.lost = true;
                 return;
@@ -340,7 +344,10 @@ impl Served<'_> {
         if let Some(judge) = judge {
             judge.sample(&record.position.into());
         }
-        let moved = moved_by(&record);
+        let moved = moved_by(&record, self.load);
+        if let Moved::ByPlan(recorded) = &moved {
+            self.load = recorded.inputs.load;
+        }
         let by_nothing = matches!(moved, Moved::ByNothing(_));
         if by_nothing && self.lost && is_at_rest(&record) && record.state != State::Stopping as u8 {
             let position = record.position.into();
@@ -412,9 +419,9 @@ fn is_at_rest(record: &CycleRecord) -> bool {
     record.inputs & WHAT_MOVED == 0 && still(&record.velocity) && still(&record.acceleration)
 }
 
-fn moved_by(record: &CycleRecord) -> Moved {
+fn moved_by(record: &CycleRecord, load: Option<LoadSample>) -> Moved {
     if record.inputs & bits::FOLLOWS != 0 {
-        Moved::ByPlan(recorded_inputs(record))
+        Moved::ByPlan(recorded_inputs(record, load))
     } else if record.inputs & bits::STEERS != 0 {
         Moved::BySteering {
             stop: record.inputs & bits::STOP != 0,
