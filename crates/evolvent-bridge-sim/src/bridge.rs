@@ -76,6 +76,16 @@ impl SimBridge {
         &self.drives
     }
 
+    /// Where the axes truly are, whatever their encoders are named.
+    #[must_use]
+    pub fn true_positions(&self) -> [f64; AXES] {
+        let mut positions = [0.0; AXES];
+        for drive in &self.drives {
+            positions[drive.axis().axis] = drive.servo().position;
+        }
+        positions
+    }
+
     /// The last target of the follower; none before the first period.
     #[must_use]
     pub const fn last_target(&self) -> Option<&Target> {

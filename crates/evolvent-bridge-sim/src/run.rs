@@ -3,7 +3,9 @@
 use core::time::Duration;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use evolvent_bus::{BusError, ClientBus, ClientConfig, FeedbackSender, ReceiveError, SetpointReader};
+use evolvent_bus::{
+    AXES, BusError, ClientBus, ClientConfig, FeedbackSender, Load, LoadSender, ReceiveError, SetpointReader,
+};
 use evolvent_drive::SettingsError;
 use thiserror::Error;
 
@@ -17,6 +19,8 @@ const RECONNECT_NS: u64 = 1_000_000_000;
 const ATTEMPT: Duration = Duration::from_millis(5);
 /// Ticks that a late wake-up catches up with, ns; what is further behind is left out.
 const CATCH_UP_NS: u64 = 200_000_000;
+/// Number of a load that is a force.
+const FORCE_N: u32 = 1;
 /// Longest nap, ns.
 const NAP_NS: u64 = 1_000_000;
 
@@ -48,6 +52,8 @@ pub struct SimReport {
     pub missed: u32,
     /// Feedback that was sent.
     pub answers: u64,
+    /// Cutting loads that were sent.
+    pub loads: u64,
     /// Times at which a core was found.
     pub connections: u32,
 }
@@ -66,19 +72,37 @@ pub enum RunError {
 struct Ports {
     setpoints: SetpointReader,
     feedback: FeedbackSender,
+    load: Option<LoadSender>,
     /// Ports live in the client's node.
     _client: ClientBus,
 }
 
-/// Runs until `stop` is set or time is up. Waits for its core as long as that takes, outlives it, and finds the next one.
-/// `on_core` is called with axes and period each time one is found.
+/// What the axes cut, asked once a period: a reading of the load sensor, and the end of its range. None for no reading.
+pub type Cutting = Box<dyn FnMut(&[f64; AXES]) -> Option<(f64, f64)>>;
+
+/// As [`run_cutting`], with axes that cut nothing.
 ///
 /// # Errors
-/// The core does not fit the drives, the bus cannot be used, or a limit is none.
+/// As there.
 pub fn run(
     settings: &RunSettings,
     stop: &AtomicBool,
+    on_core: impl FnMut(&str, u64),
+) -> Result<SimReport, RunError> {
+    run_cutting(settings, stop, on_core, |_| None)
+}
+
+/// Runs until `stop` is set or time is up. Waits for its core as long as that takes, outlives it, and finds the next one.
+/// `on_core` is called with axes and period each time one is found; `cutting` once, with the period in ns: what the true
+/// positions of the axes cut from then on, of which the load is published every period.
+///
+/// # Errors
+/// The core does not fit the drives, the bus cannot be used, or a limit is none.
+pub fn run_cutting(
+    settings: &RunSettings,
+    stop: &AtomicBool,
     mut on_core: impl FnMut(&str, u64),
+    cutting: impl FnOnce(u64) -> Option<Cutting>,
 ) -> Result<SimReport, RunError> {
     let begin_ns = monotonic_ns();
     let end_ns = settings
@@ -89,9 +113,11 @@ pub fn run(
     let mut model: Option<(SimBridge, DriveClock)> = None;
     let mut ports: Option<Ports> = None;
     let mut heard_ns = begin_ns;
+    let (mut cutting, mut cut) = (Some(cutting), None);
     while !over() {
         if ports.is_none() {
-            match connect(settings) {
+            let measures = cut.is_some() || cutting.is_some();
+            match connect(settings, measures) {
                 Ok((found, letters, period_ns)) => {
                     report.connections += 1;
                     heard_ns = monotonic_ns();
@@ -100,6 +126,7 @@ pub fn run(
                         let drives = drives(settings, &letters, period_ns, begin_ns);
                         let clock = DriveClock::new(monotonic_ns(), drives.period_ns, settings.drift_ppm);
                         model = Some((SimBridge::new(&drives)?, clock));
+                        cut = cutting.take().and_then(|cutting| cutting(drives.period_ns));
                     }
                     ports = Some(found);
                 }
@@ -138,7 +165,15 @@ pub fn run(
         }
         while clock.next_ns() <= now_ns {
             report.periods += 1;
-            if let (Some(feedback), Some(open)) = (bridge.step(clock.tick()), &mut ports) {
+            let tick_ns = clock.tick();
+            let feedback = bridge.step(tick_ns);
+            if let Some(reading) = cut.as_mut().and_then(|cut| cut(&bridge.true_positions()))
+                && let Some(sender) = ports.as_mut().and_then(|open| open.load.as_mut())
+            {
+                // What does not leave is replaced by the next.
+                report.loads += u64::from(sender.send(&load(report.periods, tick_ns, reading)).is_ok());
+            }
+            if let (Some(feedback), Some(open)) = (feedback, &mut ports) {
                 // What does not leave is replaced by the next.
                 report.answers += u64::from(open.feedback.send(&feedback).is_ok());
             }
@@ -154,7 +189,21 @@ pub fn run(
     Ok(report)
 }
 
-fn connect(settings: &RunSettings) -> Result<(Ports, String, u64), BusError> {
+/// A force at the tool, as a sensor of the user.
+fn load(sequence: u64, time_ns: u64, (value, range_max): (f64, f64)) -> Load {
+    Load {
+        sequence,
+        time_ns,
+        kind: FORCE_N,
+        source: 16,
+        value,
+        range_min: -range_max,
+        range_max,
+        ..Load::default()
+    }
+}
+
+fn connect(settings: &RunSettings, measures: bool) -> Result<(Ports, String, u64), BusError> {
     let mut config = ClientConfig::new(&settings.machine_name);
     config.prefix.clone_from(&settings.prefix);
     config.wait = ATTEMPT;
@@ -163,6 +212,11 @@ fn connect(settings: &RunSettings) -> Result<(Ports, String, u64), BusError> {
     let ports = Ports {
         setpoints: client.setpoints()?,
         feedback: client.feedback_sender()?,
+        load: if measures {
+            Some(client.load_sender()?)
+        } else {
+            None
+        },
         _client: client,
     };
     Ok((ports, letters, period_ns))

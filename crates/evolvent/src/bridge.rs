@@ -8,11 +8,12 @@ use std::time::{Duration, Instant};
 
 use clap::{Args, Subcommand};
 use evolvent_bridge_sim::{
-    Fault, RunError, RunSettings, ServoSettings, SimAxis, SimSettings, run as run_sim,
+    Cutting, Fault, RunError, RunSettings, ServoSettings, SimAxis, SimSettings, run_cutting,
 };
 use evolvent_bridge_test::{CASES, ProcessBridge, Stage, ThreadBridge, run_case, run_core};
-use evolvent_bus::BusError;
+use evolvent_bus::{AXES, BusError};
 use evolvent_machine::Machine;
+use evolvent_process::{Job as TurningJob, SimulatedProcess};
 use serde_json::{Value, json};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
@@ -78,6 +79,9 @@ struct SimArgs {
     /// How wrong the encoders' positions are until the axes are homed, mm or degrees.
     #[arg(long, value_name = "MM", default_value_t = 0.0, allow_negative_numbers = true)]
     reference_offset: f64,
+    /// The axes X and Z cut the stock of this file, as of `evolvent turn`; its load sensor speaks on the bus every period.
+    #[arg(long, value_name = "FILE.toml")]
+    process: Option<PathBuf>,
     /// Print one JSON object at the end.
     #[arg(long)]
     json: bool,
@@ -178,15 +182,27 @@ fn sim(args: &SimArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Endin
         drift_ppm: args.drift_ppm,
         duration,
     };
+    let process = args.process.as_deref().map(crate::process::read).transpose()?;
+    if let (Some(file), Some(job)) = (&args.process, &process)
+        && job.blank.is_none()
+    {
+        return Err(usage(format!(
+            "{}: has no [stock]: there is nothing to cut",
+            file.display()
+        )));
+    }
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [SIGINT, SIGTERM, SIGHUP] {
         signal_hook::flag::register(signal, Arc::clone(&stop))
             .map_err(|error| CommandError::Failed(format!("signals cannot be caught: {error}")))?;
     }
     written(writeln!(err, "simulated drives of {name}: waiting for its core"))?;
-    let report = run_sim(&settings, &stop, |letters, period_ns| {
+    let found = |letters: &str, period_ns: u64| {
         // With standard error gone there is nobody left to tell.
         let _told = writeln!(err, "core found: axes {letters}, {period_ns} ns");
+    };
+    let report = run_cutting(&settings, &stop, found, |period_ns| {
+        process.and_then(|job| cutting(&job, period_ns))
     });
     let report = report.map_err(|error| match error {
         RunError::Bus(BusError::Name(_) | BusError::Prefix { .. }) | RunError::Settings(_) => {
@@ -201,6 +217,7 @@ fn sim(args: &SimArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Endin
             "setpoints": report.setpoints,
             "missed": report.missed,
             "answers": report.answers,
+            "loads": report.loads,
             "connections": report.connections,
         });
         written(writeln!(out, "{object}"))?;
@@ -212,6 +229,15 @@ fn sim(args: &SimArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Endin
         ))?;
     }
     Ok(Ending::Clean)
+}
+
+/// The stock of a job under the axes.
+fn cutting(job: &TurningJob, period_ns: u64) -> Option<Cutting> {
+    let mut process = SimulatedProcess::new(job, period_ns as f64 * 1e-9)?;
+    Some(Box::new(move |position: &[f64; AXES]| {
+        let (_, sample) = process.step(position[0], position[2]);
+        sample.map(|sample| (sample.value, sample.range_max))
+    }))
 }
 
 /// Drives with the limits of a machine file, and a little more: its guard allows what rounding makes of them.
