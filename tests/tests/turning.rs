@@ -12,7 +12,15 @@ struct Drives(Child);
 impl Drives {
     fn start(machine: &Path, process: &Path, domain: &Domain) -> Self {
         let child = evolvent()
-            .args(["bridge", "sim", "--bus-prefix", &domain.prefix, "--bridge-cycles", "200", "--machine"])
+            .args([
+                "bridge",
+                "sim",
+                "--bus-prefix",
+                &domain.prefix,
+                "--bridge-cycles",
+                "100",
+                "--machine",
+            ])
             .arg(machine)
             .arg("--process")
             .arg(process)
@@ -41,7 +49,7 @@ fn scene(workshop: &Workshop, name: &str) -> (PathBuf, PathBuf) {
         + "\n[realtime]\nmax_late_cycles = 0\n";
     let process = read("config/processes/turn-shaft.toml")
         .replace("length_mm = 200.0", "length_mm = 4.0")
-        .replace("spindle_rpm = 500.0", "spindle_rpm = 60.0")
+        .replace("spindle_rpm = 500.0", "spindle_rpm = 100.0")
         .replace("[[0.0, 10.0], [200.0, 5.0]]", "[[0.0, 3.0], [4.0, 2.5]]")
         .replace("stale_ms = 10.0", "stale_ms = 300.0");
     (
@@ -56,7 +64,7 @@ fn a_cycle_finds_its_passes_from_the_load_that_simulated_drives_measure() {
     let (machine, process) = scene(&workshop, "turn-real");
     let program = workshop.write(
         "turn.ngc",
-        "G21 G18 G90 G94 G8\nS60 M3\nG4 P2\nG0 Z308\nG0 X33.5\nG0 Z300\nF200\nG82 X60 Z296 Q1\nM2\n",
+        "G21 G18 G90 G94 G8\nS100 M3\nG4 P2\nG0 Z308\nG0 X33.5\nG0 Z300\nF200\nG82 X60 Z296 Q1\nM2\n",
     );
     let _drives = Drives::start(&machine, &process, &domain);
     let trace = workshop.path("turn.mcap");
@@ -75,7 +83,11 @@ fn a_cycle_finds_its_passes_from_the_load_that_simulated_drives_measure() {
         .arg(&trace)
         .output()
         .expect("the binary to start");
-    assert!(exported.status.success(), "{}", String::from_utf8_lossy(&exported.stderr));
+    assert!(
+        exported.status.success(),
+        "{}",
+        String::from_utf8_lossy(&exported.stderr)
+    );
     let events = std::fs::read_to_string(table).expect("a table");
     for expected in ["contact", "settled", "end of the pass", "everything is at size"] {
         assert!(events.contains(expected), "{expected}: {events}");
