@@ -1,7 +1,9 @@
 //! What joining, leaving and dying subscribers cost a machine that is served at 10 kHz.
 //!
-//! `cargo run --release -p evolvent-tests --example joins [JOINS]`: first so many seconds without, then with subscribers that join
-//! and leave, one in ten of them killed. Prints the cycle's own work in both, and what a steady reader lost.
+//! `cargo run --release -p evolvent-tests --example joins [JOINS]`: in one run by turns, for as long each, without and with
+//! subscribers that join and leave, one in ten of them killed. Prints the cycle's own work in each part, from the trace, and what
+//! a steady reader lost. Only parts of one run can be compared: what a shared host takes is another from minute to minute, and
+//! the longer one looks, the larger is the largest.
 #![expect(
     clippy::expect_used,
     clippy::print_stdout,
@@ -17,6 +19,8 @@ use evolvent_bus::{ClientBus, ClientConfig};
 use evolvent_tests::{Domain, Operator, Served, Workshop};
 
 const NAME: &str = "joins";
+/// Turns of joins and of none.
+const TURNS: u32 = 4;
 
 fn main() {
     let arguments: Vec<String> = std::env::args().collect();
@@ -31,19 +35,7 @@ fn main() {
     let joins: u32 = arguments
         .get(1)
         .map_or(1000, |text| text.parse().expect("a number"));
-    let quiet = measure(None);
-    let busy = measure(Some(joins));
-    println!("                       p50        p99.9      max        steady reader");
-    for (what, seen) in [("without", quiet), ("with joins", busy)] {
-        println!(
-            "own work, {what:<10} {:>7.1} us {:>7.1} us {:>7.1} us   {} read, {} lost",
-            seen.work[0] as f64 * 1e-3,
-            seen.work[1] as f64 * 1e-3,
-            seen.work[2] as f64 * 1e-3,
-            seen.read,
-            seen.lost
-        );
-    }
+    measure(joins);
 }
 
 fn join(prefix: &str) -> ClientBus {
@@ -55,22 +47,20 @@ fn join(prefix: &str) -> ClientBus {
     ClientBus::open(&config).expect("a core")
 }
 
-struct Seen {
-    work: [u64; 3],
-    read: u64,
-    lost: u64,
+/// Setpoints of one part of the run.
+struct Part {
+    what: &'static str,
+    from: u64,
+    to: u64,
 }
 
-fn measure(joins: Option<u32>) -> Seen {
+fn measure(joins: u32) {
     let (workshop, domain) = (Workshop::new(), Domain::new());
-    let machine = workshop.mill(NAME, &[]);
-    let served = Served::start(
-        &machine,
-        NAME,
-        &domain,
-        &workshop.path("state"),
-        &["--rate", "10000"],
-    );
+    let columns = [("[trace]", "[trace]\ncycles = \"columns\"")];
+    let machine = workshop.mill(NAME, &columns);
+    let trace = workshop.path("joins.mcap");
+    let options = ["--rate", "10000", "--trace", trace.to_str().expect("UTF-8")];
+    let served = Served::start(&machine, NAME, &domain, &workshop.path("state"), &options);
     let stop = Arc::new(AtomicBool::new(false));
     let counts = Arc::new((AtomicU64::new(0), AtomicU64::new(0)));
     let steady = {
@@ -89,8 +79,61 @@ fn measure(joins: Option<u32>) -> Seen {
     };
     let mut operator = Operator::join(NAME, &domain);
     operator.waits("cycles", |status| status.cycles > 1000);
-    let begin = Instant::now();
-    for k in 0..joins.unwrap_or(0) {
+    let mut parts = Vec::new();
+    for _ in 0..TURNS {
+        let from = operator.now().cycles;
+        let begin = Instant::now();
+        come_and_go(&domain, joins / TURNS);
+        let middle = operator.now().cycles;
+        std::thread::sleep(begin.elapsed());
+        let to = operator.now().cycles;
+        for (what, from, to) in [("with joins", from, middle), ("without", middle, to)] {
+            parts.push(Part { what, from, to });
+        }
+    }
+    stop.store(true, Ordering::Relaxed);
+    steady.join().expect("the steady reader");
+    let status = operator.now();
+    drop(operator);
+    let _finished = served.end();
+    let mut file = evolvent_trace::TraceFile::open(&trace).expect("a complete trace");
+    let mut work: Vec<Vec<u32>> = parts.iter().map(|_| Vec::new()).collect();
+    for cycle in file.cycles() {
+        let cycle = cycle.expect("a readable cycle");
+        let part = parts
+            .iter()
+            .position(|part| (part.from..part.to).contains(&cycle.sequence));
+        if let Some(part) = part {
+            work[part].push(cycle.work_ns);
+        }
+    }
+    println!("own work of the cycle, us     p50    p99.9   p99.99   the five largest");
+    for (part, mut work) in parts.iter().zip(work) {
+        work.sort_unstable();
+        let us = |index: usize| f64::from(work[index.min(work.len() - 1)]) * 1e-3;
+        let quantile = |share: f64| us((work.len() as f64 * share) as usize);
+        let most: Vec<String> = (1..=5).map(|k| format!("{:.0}", us(work.len() - k))).collect();
+        println!(
+            "{:<12} {:>9} cycles {:>7.1} {:>7.1} {:>8.1}   {}",
+            part.what,
+            work.len(),
+            quantile(0.5),
+            quantile(0.999),
+            quantile(0.9999),
+            most.join(" ")
+        );
+    }
+    println!(
+        "{joins} joins; steady reader: {} read, {} lost; late setpoints {}, lost records {}",
+        counts.0.load(Ordering::Relaxed),
+        counts.1.load(Ordering::Relaxed),
+        status.late_cycles,
+        status.dropped_records
+    );
+}
+
+fn come_and_go(domain: &Domain, joins: u32) {
+    for k in 0..joins {
         if k % 10 == 9 {
             let mut victim = Command::new(std::env::current_exe().expect("this program"))
                 .args(["victim", &domain.prefix])
@@ -106,23 +149,5 @@ fn measure(joins: Option<u32>) -> Seen {
             let mut reader = bus.setpoints().expect("setpoints");
             let _some = reader.receive().expect("setpoints");
         }
-    }
-    if joins.is_none() {
-        std::thread::sleep(Duration::from_secs(20));
-    }
-    let status = operator.now();
-    println!(
-        "{:.1} s, {} setpoints",
-        begin.elapsed().as_secs_f64(),
-        status.cycles
-    );
-    stop.store(true, Ordering::Relaxed);
-    steady.join().expect("the steady reader");
-    drop(operator);
-    let _finished = served.end();
-    Seen {
-        work: [status.work_p50_ns, status.work_p999_ns, status.work_max_ns],
-        read: counts.0.load(Ordering::Relaxed),
-        lost: counts.1.load(Ordering::Relaxed),
     }
 }

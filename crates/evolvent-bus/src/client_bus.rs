@@ -133,6 +133,19 @@ impl ClientBus {
         Ok(FeedbackSender { publisher })
     }
 
+    /// Looks on at the bridges' answers from the next one on; the core's own watch does not see this reader.
+    ///
+    /// # Errors
+    /// The service is not there, or all places are taken.
+    pub fn feedback(&self) -> Result<FeedbackReader, BusError> {
+        let service = self
+            .domain
+            .open::<Feedback>(Channel::Feedback, &self.wanted, self.deadline())?;
+        Ok(FeedbackReader {
+            subscriber: self.subscribe(&service, Channel::Feedback)?,
+        })
+    }
+
     /// Opens the way for a sensor's values.
     ///
     /// # Errors
@@ -210,6 +223,22 @@ impl SetpointReader {
     #[must_use]
     pub const fn lost(&self) -> u64 {
         self.lost
+    }
+}
+
+/// The answers of all bridges, in the order in which they came.
+#[derive(Debug)]
+pub struct FeedbackReader {
+    subscriber: Subscriber<Ipc, Feedback, ()>,
+}
+
+impl FeedbackReader {
+    /// The oldest answer not read yet; none if there is none. Does not wait. Its numbers may be none: they are the bridge's.
+    ///
+    /// # Errors
+    /// The connection is damaged, or a bridge speaks another version.
+    pub fn receive(&mut self) -> Result<Option<Feedback>, ReceiveError> {
+        receive(&self.subscriber, Channel::Feedback)
     }
 }
 

@@ -40,7 +40,9 @@ mod setpoint;
 mod status;
 
 pub use bindings::{c_header, python_module};
-pub use client_bus::{ClientBus, EventReader, FeedbackSender, LoadSender, SetpointReader, StatusReader};
+pub use client_bus::{
+    ClientBus, EventReader, FeedbackReader, FeedbackSender, LoadSender, SetpointReader, StatusReader,
+};
 pub use config::{BusConfig, ClientConfig, MAX_SETPOINT_BUFFER};
 pub use control::{
     ACTIVITIES, ANSWER_TEXT_BYTES, COMMAND_TEXT_BYTES, COMMANDS, ControlAnswer, ControlRequest, JOB_RESULTS,
