@@ -1,7 +1,7 @@
 //! A machine that is operated for a long time: the core at 1 kHz with a trace, simulated drives, and three clients: one that
 //! reads every setpoint, one that polls the status, one that commands (programs, overrides, holds, jogs, MDI).
 //!
-//! `cargo run --release -p evolvent-tests --example soak [MINUTES]`: every ten seconds it looks how much memory each process has;
+//! `cargo run --release -p evolvent-tests --example soak [MINUTES [no-trace]]`: every ten seconds it looks how much memory each process has;
 //! at the end it prints what was lost, and how fast memory grew after the first third.
 #![expect(
     clippy::expect_used,
@@ -28,8 +28,9 @@ fn main() {
         [_, role, prefix] if role == "reader" => read_setpoints(prefix),
         [_, role, prefix] if role == "poller" => poll_status(prefix),
         [_, role, prefix, program] if role == "commander" => operate(prefix, Path::new(program)),
-        [_, minutes] => soak(minutes.parse().expect("minutes")),
-        _ => soak(30.0),
+        [_, minutes] => soak(minutes.parse().expect("minutes"), true),
+        [_, minutes, word] if word == "no-trace" => soak(minutes.parse().expect("minutes"), false),
+        _ => soak(30.0, true),
     }
 }
 
@@ -99,13 +100,17 @@ fn operate(prefix: &str, program: &Path) {
         if round(&mut operator, &mut random, program, &over, &mut tally).is_none() {
             tally.interrupted += 1;
             let status = operator.now();
-            println!("interrupted: {}", status.alarm_sentence());
+            println!(
+                "cut short, alarms {:?} {}",
+                status.listed_alarms(),
+                status.alarm_sentence()
+            );
             operator.waits("rest", |status| status.activity == 0);
             operator.ask(&command("CLEAR_ALARMS"));
         }
     }
     println!(
-        "{} commands in {} rounds, {} rounds interrupted by an alarm",
+        "{} commands in {} rounds, {} rounds cut short by a refusal or an alarm",
         tally.commands, tally.rounds, tally.interrupted
     );
 }
@@ -144,7 +149,9 @@ fn round(
         (answer.verdict == 0).then_some(answer.job)
     };
     let ends = |operator: &mut Operator, job: u64| {
-        let status = operator.waits("the job's end", |status| status.job > job || status.activity == 0);
+        let status = operator.waits("the job's end", |status| {
+            status.job > job || (status.job == job && status.job_result != 0)
+        });
         (status.alarm_count == 0).then_some(())
     };
     let status = operator.now();
@@ -261,7 +268,7 @@ impl Watched {
     }
 }
 
-fn soak(minutes: f64) {
+fn soak(minutes: f64, traced: bool) {
     let (workshop, domain) = (Workshop::new(), Domain::new());
     let machine = workshop.mill(
         NAME,
@@ -269,24 +276,24 @@ fn soak(minutes: f64) {
     );
     let program = workshop.long_program(600);
     let trace = workshop.path("soak.mcap");
-    let core = Watched::start(
-        "core",
-        evolvent()
-            .args([
-                "serve",
-                "--rate",
-                "1000",
-                "--json",
-                "--bus-prefix",
-                &domain.prefix,
-            ])
-            .arg("--machine")
-            .arg(&machine)
-            .arg("--state")
-            .arg(workshop.path("state"))
-            .arg("--trace")
-            .arg(&trace),
-    );
+    let mut command = evolvent();
+    command
+        .args([
+            "serve",
+            "--rate",
+            "1000",
+            "--json",
+            "--bus-prefix",
+            &domain.prefix,
+        ])
+        .arg("--machine")
+        .arg(&machine)
+        .arg("--state")
+        .arg(workshop.path("state"));
+    if traced {
+        command.arg("--trace").arg(&trace);
+    }
+    let core = Watched::start("core", &mut command);
     let bridge = Watched::start(
         "bridge",
         evolvent()

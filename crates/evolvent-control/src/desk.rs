@@ -1,7 +1,10 @@
 //! The operator's desk: what the machine is, and how commands and events change it.
 
 use crate::alarm::{Alarm, AlarmKind};
-use crate::command::{Command, CommandCode, RawCommand, Refusal};
+use crate::code::CommandCode;
+use crate::command::Command;
+use crate::decode::RawCommand;
+use crate::refusal::Refusal;
 use crate::rules::judge;
 use crate::serials::Serials;
 use crate::situation::{Activity, MachineState, Mode, Situation};

@@ -7,7 +7,7 @@
 use evolvent_path::{AXES, Axes, AxisLetter};
 
 use crate::alarm::Alarm;
-use crate::command::Refusal;
+use crate::refusal::Refusal;
 
 /// The search goes so much farther than the travel is long.
 const SEARCH_SHARE: f64 = 1.1;

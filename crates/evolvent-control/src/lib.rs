@@ -19,19 +19,25 @@
 //! Nothing here is for the real-time cycle.
 
 mod alarm;
+mod code;
 mod command;
 mod dead_man;
+mod decode;
 mod desk;
 mod homing;
+mod refusal;
 mod rules;
 mod serials;
 mod situation;
 
 pub use alarm::{Alarm, AlarmKind};
-pub use command::{Command, CommandCode, JogCommand, RawCommand, Refusal, ToolEntry};
+pub use code::CommandCode;
+pub use command::{Command, JogCommand, ToolEntry};
 pub use dead_man::DeadMan;
+pub use decode::RawCommand;
 pub use desk::{Desk, Facts, JobResult, Verdict};
 pub use homing::{Homing, HomingAction, HomingAxis, HomingSample};
+pub use refusal::Refusal;
 pub use rules::{RULES, Rule, judge};
 pub use serials::Serials;
 pub use situation::{Activity, MachineState, Mode, Situation};

@@ -1,7 +1,7 @@
 //! The interlocks: one row a command.
 
 use crate::alarm::Alarm;
-use crate::command::CommandCode as Code;
+use crate::code::CommandCode as Code;
 use crate::situation::{Activity, MachineState, Mode, Situation};
 
 /// When a command is accepted.

@@ -1,20 +1,19 @@
 //! `evolvent ctl`: an operator at the command line.
 
-use std::io::{self, Write};
-use std::path::{Path, PathBuf};
+use std::io::Write;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use clap::{Args, Subcommand, ValueEnum};
 use evolvent_bus::{
     ClientBus, ClientConfig, ControlAnswer, ControlClient, ControlRequest, Status, StatusReader,
     list_machines,
 };
 use evolvent_control::{Alarm, CommandCode, DeadMan, JobResult, Mode};
-use evolvent_path::{AXES, AxisLetter};
 use serde_json::json;
 
+use crate::ctl_args::{Action, CtlArgs, ModeArg, Switch};
+use crate::ctl_request::{absolute, jog, letters_mask, request, system_number, valued, with_text};
 use crate::ctl_status::{status_to_json, write_status};
 use crate::{CommandError, Ending};
 
@@ -24,175 +23,6 @@ const ANSWER: Duration = Duration::from_secs(5);
 const CHECKED: Duration = Duration::from_secs(600);
 /// How often the status is looked at while a job runs.
 const POLL: Duration = Duration::from_millis(5);
-
-/// Options of `evolvent ctl`.
-#[derive(Debug, Args)]
-pub(crate) struct CtlArgs {
-    /// The machine's name. Default: the one that is served on this computer, if it is only one.
-    #[arg(long, value_name = "NAME", global = true)]
-    machine_name: Option<String>,
-    /// Prefix of the bus's files, as the core has it.
-    #[arg(long, value_name = "PREFIX", global = true)]
-    bus_prefix: Option<String>,
-    /// Print one JSON object.
-    #[arg(long, global = true)]
-    json: bool,
-    /// How long to wait for a core that is not up yet, s.
-    #[arg(long, value_name = "S", default_value_t = 1.0, global = true)]
-    patience: f64,
-    #[command(subcommand)]
-    action: Action,
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum Switch {
-    On,
-    Off,
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum ModeArg {
-    Auto,
-    Manual,
-    Mdi,
-}
-
-#[derive(Debug, Subcommand)]
-enum Action {
-    /// What the machine is doing.
-    Status,
-    /// Every axis stops by itself, the drives lose power.
-    Estop,
-    /// Leave the emergency stop.
-    EstopReset,
-    /// Enable the drives; waits until they are.
-    On,
-    /// Take power from the drives.
-    Off,
-    /// Out of the emergency stop and on, in one.
-    Up,
-    /// Change the mode. Commands that need one change it by themselves.
-    Mode {
-        /// The mode.
-        mode: ModeArg,
-    },
-    /// Load a program.
-    Load {
-        /// The program's file.
-        program: PathBuf,
-    },
-    /// Start the loaded program.
-    Start {
-        /// Begin at this line; the machine shows the way there and waits for `resume`.
-        #[arg(long, value_name = "N")]
-        line: Option<u32>,
-        /// Wait for its end.
-        #[arg(long)]
-        wait: bool,
-    },
-    /// Hold the feed.
-    Hold,
-    /// Go on after a hold or a program stop.
-    Resume,
-    /// Run one block.
-    Step,
-    /// Stop within the limits and end the job.
-    Stop,
-    /// Clear the alarms and forget modes.
-    Reset,
-    /// Clear the alarms.
-    Clear,
-    /// Stop after each block.
-    SingleStep {
-        /// on or off.
-        state: Switch,
-    },
-    /// Stop at M1, in programs that are started from now on.
-    OptionalStop {
-        /// on or off.
-        state: Switch,
-    },
-    /// Leave out lines that begin with `/`, in programs that are started from now on.
-    BlockDelete {
-        /// on or off.
-        state: Switch,
-    },
-    /// Feed override, 0 to 200 percent.
-    Override {
-        /// Percent.
-        percent: f64,
-    },
-    /// Rapid override, 0 to 100 percent, for jobs that are started from now on.
-    Rapid {
-        /// Percent.
-        percent: f64,
-    },
-    /// Spindle override, 0 to 200 percent.
-    Spindle {
-        /// Percent.
-        percent: f64,
-    },
-    /// Execute one block and wait for its end.
-    Mdi {
-        /// The block.
-        block: String,
-        /// Do not wait.
-        #[arg(long)]
-        no_wait: bool,
-    },
-    /// Move by hand: `jog X+` as long as this command runs, `jog X+ Y- --distance 5` by an increment.
-    Jog {
-        /// Axes with their directions.
-        #[arg(required = true, value_name = "AXIS+|AXIS-")]
-        axes: Vec<String>,
-        /// By so much each, mm or degrees.
-        #[arg(long, value_name = "MM")]
-        distance: Option<f64>,
-        /// Each at so much at the most, mm/min or degrees/min. Default: a fifth of what the axis can.
-        #[arg(long, value_name = "MM_MIN")]
-        speed: Option<f64>,
-        /// A jog without a distance ends after so long; else with Ctrl-C.
-        #[arg(long, value_name = "S")]
-        seconds: Option<f64>,
-    },
-    /// End a jog.
-    JogStop,
-    /// Home axes, all if none is named, and wait for the end.
-    Home {
-        /// Letters, as in XYZ.
-        axes: Option<String>,
-    },
-    /// Set a work offset: `offset G54 X10 Y-5`, machine coordinates.
-    Offset {
-        /// G54 to G59.3.
-        system: String,
-        /// Axes with values.
-        #[arg(required = true, value_name = "AXIS VALUE")]
-        values: Vec<String>,
-    },
-    /// Set the work offset so that the present position reads these values: `touch-off X0 Y0`.
-    TouchOff {
-        /// Axes with values.
-        #[arg(required = true, value_name = "AXIS VALUE")]
-        values: Vec<String>,
-        /// G54 to G59.3. Default: the active one.
-        #[arg(long)]
-        system: Option<String>,
-    },
-    /// Set a tool's offsets and diameter: `tool 7 Z120.5 --diameter 6`.
-    Tool {
-        /// Its number.
-        number: u32,
-        /// Axes with offsets.
-        #[arg(value_name = "AXIS VALUE")]
-        values: Vec<String>,
-        /// Diameter, mm.
-        #[arg(long, value_name = "MM")]
-        diameter: Option<f64>,
-    },
-    /// Read the tool table again.
-    ReloadTools,
-}
 
 pub(crate) fn run(args: &CtlArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Ending, CommandError> {
     if !(0.0..=3600.0).contains(&args.patience) {
@@ -590,128 +420,5 @@ impl Session {
             return Err(CommandError::Failed(format!("{text} ({number})")));
         }
         Ok(Ending::Clean)
-    }
-}
-
-fn request(code: CommandCode) -> ControlRequest {
-    ControlRequest {
-        command: code as u32,
-        ..ControlRequest::default()
-    }
-}
-
-fn with_text(code: CommandCode, text: &str) -> Result<ControlRequest, CommandError> {
-    let mut wanted = request(code);
-    if !wanted.set_text(text) {
-        return Err(CommandError::Usage(format!(
-            "{} bytes are too long for a command",
-            text.len()
-        )));
-    }
-    Ok(wanted)
-}
-
-/// The core has another working folder.
-fn absolute(path: &Path) -> Result<String, CommandError> {
-    let path = std::path::absolute(path)
-        .map_err(|error: io::Error| CommandError::Usage(format!("{}: {error}", path.display())))?;
-    path.to_str().map(str::to_owned).ok_or_else(|| {
-        CommandError::Usage(format!(
-            "{}: the name is no UTF-8; rename the file",
-            path.display()
-        ))
-    })
-}
-
-fn axis_of(letter: char) -> Result<usize, CommandError> {
-    AxisLetter::from_letter(letter)
-        .map(AxisLetter::index)
-        .ok_or_else(|| CommandError::Usage(format!("{letter:?} is no axis; use letters of XYZABCUVW")))
-}
-
-fn letters_mask(letters: &str) -> Result<u32, CommandError> {
-    letters
-        .chars()
-        .try_fold(0, |mask, letter| Ok(mask | 1 << axis_of(letter)?))
-}
-
-/// `X10` or `X=10` each.
-fn valued(code: CommandCode, words: &[String]) -> Result<ControlRequest, CommandError> {
-    let mut wanted = request(code);
-    let mut values = [0.0; AXES];
-    for word in words {
-        let bad = || CommandError::Usage(format!("{word:?} is no axis with a value, as in X12.5"));
-        let mut letters = word.chars();
-        let axis = axis_of(letters.next().ok_or_else(bad)?)?;
-        let number = letters.as_str().trim_start_matches('=');
-        values[axis] = number.parse().map_err(|_| bad())?;
-        wanted.axes_mask |= 1 << axis;
-    }
-    wanted.values = values;
-    Ok(wanted)
-}
-
-fn jog(axes: &[String], distance: Option<f64>, speed: Option<f64>) -> Result<ControlRequest, CommandError> {
-    let mut wanted = ControlRequest {
-        index: u32::from(distance.is_some()),
-        amount: speed.unwrap_or(0.0) / 60.0,
-        ..request(CommandCode::Jog)
-    };
-    for word in axes {
-        let mut letters = word.chars();
-        let (Some(letter), Some(sign), None) = (letters.next(), letters.next(), letters.next()) else {
-            return Err(CommandError::Usage(format!(
-                "{word:?} is no axis with a direction, as in X+"
-            )));
-        };
-        let sign = match sign {
-            '+' => 1.0,
-            '-' => -1.0,
-            _ => {
-                return Err(CommandError::Usage(format!(
-                    "{word:?} is no axis with a direction, as in X+"
-                )));
-            }
-        };
-        let axis = axis_of(letter)?;
-        wanted.axes_mask |= 1 << axis;
-        wanted.values[axis] = sign * distance.unwrap_or(1.0);
-    }
-    Ok(wanted)
-}
-
-/// 1 for G54 to 9 for G59.3.
-fn system_number(name: &str) -> Result<u32, CommandError> {
-    const NAMES: [&str; 9] = [
-        "G54", "G55", "G56", "G57", "G58", "G59", "G59.1", "G59.2", "G59.3",
-    ];
-    let found = NAMES.iter().position(|known| known.eq_ignore_ascii_case(name));
-    found
-        .map(|index| index as u32 + 1)
-        .ok_or_else(|| CommandError::Usage(format!("{name:?} is none of G54 to G59.3")))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn words_become_masks_and_values() {
-        let offset = valued(CommandCode::WorkOffset, &["X10".into(), "z=-2.5".into()]).unwrap();
-        assert_eq!(offset.axes_mask, 0b101);
-        assert_eq!((offset.values[0], offset.values[2]), (10.0, -2.5));
-        assert!(valued(CommandCode::WorkOffset, &["Q1".into()]).is_err());
-        assert!(valued(CommandCode::WorkOffset, &["X".into()]).is_err());
-        let jog_both = jog(&["X+".into(), "Y-".into()], Some(5.0), Some(600.0)).unwrap();
-        assert_eq!((jog_both.axes_mask, jog_both.index), (0b11, 1));
-        assert_eq!(
-            (jog_both.values[0], jog_both.values[1], jog_both.amount),
-            (5.0, -5.0, 10.0)
-        );
-        assert!(jog(&["X".into()], None, None).is_err());
-        assert!(jog(&["X*".into()], None, None).is_err());
-        assert_eq!(letters_mask("xZ").unwrap(), 0b101);
-        assert_eq!(system_number("g59.3").unwrap(), 9);
-        assert!(system_number("G60").is_err());
     }
 }

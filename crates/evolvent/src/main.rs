@@ -6,6 +6,8 @@ mod bridge;
 mod chatter;
 mod check;
 mod ctl;
+mod ctl_args;
+mod ctl_request;
 mod ctl_status;
 mod doctor;
 mod explain;
@@ -63,7 +65,7 @@ enum Command {
     Serve(serve::ServeArgs),
     /// Operate a machine that is served.
     #[command(allow_negative_numbers = true)]
-    Ctl(ctl::CtlArgs),
+    Ctl(ctl_args::CtlArgs),
     /// What this host can do for a real-time loop, measured, and what to change.
     Doctor(doctor::DoctorArgs),
     /// Simulated drives, and a test for drive bridges.

@@ -1,0 +1,405 @@
+//! From the numbers of a request to a command with a meaning; whatever makes no sense is refused.
+
+use evolvent_path::{AXES, Axes};
+
+use crate::alarm::Alarm;
+use crate::code::CommandCode;
+use crate::command::{Command, JogCommand, ToolEntry};
+use crate::refusal::Refusal;
+use crate::situation::Mode;
+
+/// Largest magnitude of a coordinate, a distance or a speed in a command: mm, degrees, per s.
+const MOST: f64 = 1e6;
+/// Largest feed and spindle override.
+const MOST_OVERRIDE: f64 = 2.0;
+/// Work coordinate systems G54 to G59.3.
+const SYSTEMS: u32 = 9;
+
+/// The numbers of a request, as they came.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RawCommand<'a> {
+    /// Number of the command.
+    pub command: u32,
+    /// Bit i set: about axis i.
+    pub axes_mask: u32,
+    /// A whole number.
+    pub index: u32,
+    /// A ratio, a speed or a diameter.
+    pub amount: f64,
+    /// A number for each axis.
+    pub values: [f64; AXES],
+    /// The text; none where it is no UTF-8 or too long.
+    pub text: Option<&'a str>,
+}
+
+impl Command {
+    /// Gives the numbers of a request their meaning. `present` are the machine's axes.
+    ///
+    /// # Errors
+    /// The command is unknown, a number is not finite or out of range, an axis is missing, the text is none.
+    pub fn decode(raw: &RawCommand<'_>, present: u32) -> Result<(CommandCode, Self), Refusal> {
+        let Some(code) = CommandCode::from_number(raw.command) else {
+            return Err(Refusal::new(
+                Alarm::UnknownCommand,
+                format!(
+                    "no command has the number {}; update the core or the client",
+                    raw.command
+                ),
+            ));
+        };
+        // Numbers that the command does not use are checked too: a client that sends rubbish is wrong somewhere.
+        if !raw.amount.is_finite() || raw.values.iter().any(|value| !value.is_finite()) {
+            return Err(Refusal::new(
+                Alarm::BadNumber,
+                "a number of the command is not finite",
+            ));
+        }
+        let command = match code {
+            CommandCode::Estop => Self::Estop,
+            CommandCode::EstopReset => Self::EstopReset,
+            CommandCode::On => Self::On,
+            CommandCode::Off => Self::Off,
+            CommandCode::Mode => Self::SetMode(
+                Mode::from_number(raw.index)
+                    .ok_or_else(|| range("the mode", f64::from(raw.index), 0.0, 2.0))?,
+            ),
+            CommandCode::Load => Self::Load(text(raw)?),
+            CommandCode::Start => Self::Start(raw.index),
+            CommandCode::Hold => Self::Hold,
+            CommandCode::Resume => Self::Resume,
+            CommandCode::Step => Self::Step,
+            CommandCode::Stop => Self::Stop,
+            CommandCode::Reset => Self::Reset,
+            CommandCode::SingleStep => Self::SingleStep(switch(raw)?),
+            CommandCode::OptionalStop => Self::OptionalStop(switch(raw)?),
+            CommandCode::BlockDelete => Self::BlockDelete(switch(raw)?),
+            CommandCode::FeedOverride => Self::FeedOverride(ratio("the feed override", raw, MOST_OVERRIDE)?),
+            CommandCode::RapidOverride => Self::RapidOverride(ratio("the rapid override", raw, 1.0)?),
+            CommandCode::SpindleOverride => {
+                Self::SpindleOverride(ratio("the spindle override", raw, MOST_OVERRIDE)?)
+            }
+            CommandCode::Mdi => Self::Mdi(text(raw)?),
+            CommandCode::Jog => Self::Jog(jog(raw, present)?),
+            CommandCode::JogKeep => Self::JogKeep,
+            CommandCode::JogStop => Self::JogStop,
+            CommandCode::Home if raw.axes_mask == 0 => Self::Home(present),
+            CommandCode::Home => Self::Home(axes(raw, present)?),
+            CommandCode::WorkOffset => Self::WorkOffset {
+                system: system(raw)?,
+                axes_mask: axes(raw, present)?,
+                values: values(raw)?,
+            },
+            CommandCode::TouchOff => Self::TouchOff {
+                system: system(raw)?,
+                axes_mask: axes(raw, present)?,
+                values: values(raw)?,
+            },
+            CommandCode::Tool if raw.index == 0 => Self::ReloadTools,
+            CommandCode::Tool => {
+                if raw.index > 99_999 {
+                    return Err(range("the tool's number", f64::from(raw.index), 1.0, 99_999.0));
+                }
+                if raw.amount > 1e4 {
+                    return Err(range("the diameter", raw.amount, 0.0, 1e4));
+                }
+                Self::Tool(ToolEntry {
+                    number: raw.index,
+                    axes_mask: raw.axes_mask & present,
+                    offset: values(raw)?,
+                    // Below zero: not given.
+                    diameter_mm: (raw.amount >= 0.0).then_some(raw.amount),
+                })
+            }
+            CommandCode::ClearAlarms => Self::ClearAlarms,
+        };
+        Ok((code, command))
+    }
+}
+
+fn range(what: &str, value: f64, low: f64, high: f64) -> Refusal {
+    Refusal::new(
+        Alarm::BadNumber,
+        format!("{what} is {value}, it must be {low} to {high}"),
+    )
+}
+
+fn text(raw: &RawCommand<'_>) -> Result<String, Refusal> {
+    let Some(text) = raw.text else {
+        return Err(Refusal::new(
+            Alarm::Malformed,
+            "the command's text is no UTF-8 or too long",
+        ));
+    };
+    if text.trim().is_empty() || text.chars().any(|c| c.is_control() && c != '\t') {
+        return Err(Refusal::new(
+            Alarm::Malformed,
+            "the command's text is empty or holds control characters",
+        ));
+    }
+    Ok(text.trim().to_owned())
+}
+
+fn switch(raw: &RawCommand<'_>) -> Result<bool, Refusal> {
+    match raw.index {
+        0 => Ok(false),
+        1 => Ok(true),
+        other => Err(range("the switch", f64::from(other), 0.0, 1.0)),
+    }
+}
+
+fn ratio(what: &str, raw: &RawCommand<'_>, most: f64) -> Result<f64, Refusal> {
+    if (0.0..=most).contains(&raw.amount) {
+        Ok(raw.amount)
+    } else {
+        Err(range(what, raw.amount, 0.0, most))
+    }
+}
+
+fn axes(raw: &RawCommand<'_>, present: u32) -> Result<u32, Refusal> {
+    if raw.axes_mask == 0 || raw.axes_mask & !present != 0 {
+        return Err(Alarm::NoAxis.into());
+    }
+    Ok(raw.axes_mask)
+}
+
+fn system(raw: &RawCommand<'_>) -> Result<u32, Refusal> {
+    if raw.index > SYSTEMS {
+        return Err(range(
+            "the work coordinate system",
+            f64::from(raw.index),
+            0.0,
+            f64::from(SYSTEMS),
+        ));
+    }
+    Ok(raw.index)
+}
+
+fn values(raw: &RawCommand<'_>) -> Result<Axes, Refusal> {
+    if let Some(value) = raw.values.iter().find(|value| value.abs() > MOST) {
+        return Err(range("a coordinate", *value, -MOST, MOST));
+    }
+    Ok(Axes::from(raw.values))
+}
+
+fn jog(raw: &RawCommand<'_>, present: u32) -> Result<JogCommand, Refusal> {
+    let axes_mask = axes(raw, present)?;
+    let mut values = values(raw)?;
+    for i in 0..AXES {
+        if axes_mask >> i & 1 == 0 {
+            values[i] = 0.0;
+        } else if values[i] == 0.0 {
+            return Err(Refusal::new(
+                Alarm::BadNumber,
+                "an axis to jog has neither direction nor distance",
+            ));
+        }
+    }
+    if !(0.0..=MOST).contains(&raw.amount) {
+        return Err(range("the speed", raw.amount, 0.0, MOST));
+    }
+    let is_increment = match raw.index {
+        0 => false,
+        1 => true,
+        other => return Err(range("the kind of jog", f64::from(other), 0.0, 1.0)),
+    };
+    Ok(JogCommand {
+        axes_mask,
+        distance: is_increment.then_some(values),
+        direction: if is_increment {
+            Axes::zeros()
+        } else {
+            values.map(sign)
+        },
+        speed: (raw.amount > 0.0).then_some(raw.amount),
+    })
+}
+
+fn sign(value: f64) -> f64 {
+    if value > 0.0 {
+        1.0
+    } else if value < 0.0 {
+        -1.0
+    } else {
+        0.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const XYZ: u32 = 0b111;
+
+    fn raw(code: CommandCode) -> RawCommand<'static> {
+        RawCommand {
+            command: code as u32,
+            axes_mask: 0,
+            index: 0,
+            amount: 0.0,
+            values: [0.0; AXES],
+            text: Some(""),
+        }
+    }
+
+    fn refused(raw: &RawCommand<'_>) -> Alarm {
+        Command::decode(raw, XYZ).unwrap_err().alarm
+    }
+
+    #[test]
+    fn a_number_that_is_none_is_refused_wherever_it_stands() {
+        for &code in CommandCode::ALL {
+            for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+                let amount = RawCommand {
+                    amount: bad,
+                    ..raw(code)
+                };
+                assert_eq!(refused(&amount), Alarm::BadNumber, "{code:?}");
+                let mut values = raw(code);
+                values.values[8] = bad;
+                assert_eq!(refused(&values), Alarm::BadNumber, "{code:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_out_of_range_is_refused() {
+        let cases = [
+            (
+                RawCommand {
+                    command: 999,
+                    ..raw(CommandCode::On)
+                },
+                Alarm::UnknownCommand,
+            ),
+            (
+                RawCommand {
+                    index: 3,
+                    ..raw(CommandCode::Mode)
+                },
+                Alarm::BadNumber,
+            ),
+            (
+                RawCommand {
+                    index: 2,
+                    ..raw(CommandCode::BlockDelete)
+                },
+                Alarm::BadNumber,
+            ),
+            (
+                RawCommand {
+                    amount: 2.01,
+                    ..raw(CommandCode::FeedOverride)
+                },
+                Alarm::BadNumber,
+            ),
+            (
+                RawCommand {
+                    amount: 1.01,
+                    ..raw(CommandCode::RapidOverride)
+                },
+                Alarm::BadNumber,
+            ),
+            (
+                RawCommand {
+                    amount: -0.1,
+                    ..raw(CommandCode::SpindleOverride)
+                },
+                Alarm::BadNumber,
+            ),
+            (
+                RawCommand {
+                    text: None,
+                    ..raw(CommandCode::Mdi)
+                },
+                Alarm::Malformed,
+            ),
+            (
+                RawCommand {
+                    text: Some("  "),
+                    ..raw(CommandCode::Mdi)
+                },
+                Alarm::Malformed,
+            ),
+            (
+                RawCommand {
+                    text: Some("G0\nG1"),
+                    ..raw(CommandCode::Mdi)
+                },
+                Alarm::Malformed,
+            ),
+            (raw(CommandCode::Jog), Alarm::NoAxis),
+            (
+                RawCommand {
+                    axes_mask: 8,
+                    ..raw(CommandCode::Jog)
+                },
+                Alarm::NoAxis,
+            ),
+            (
+                RawCommand {
+                    axes_mask: 1,
+                    ..raw(CommandCode::Jog)
+                },
+                Alarm::BadNumber,
+            ),
+            (
+                RawCommand {
+                    axes_mask: 8,
+                    ..raw(CommandCode::Home)
+                },
+                Alarm::NoAxis,
+            ),
+            (
+                RawCommand {
+                    axes_mask: 1,
+                    index: 10,
+                    ..raw(CommandCode::WorkOffset)
+                },
+                Alarm::BadNumber,
+            ),
+            (
+                RawCommand {
+                    axes_mask: 1,
+                    values: [1e7; AXES],
+                    ..raw(CommandCode::TouchOff)
+                },
+                Alarm::BadNumber,
+            ),
+            (
+                RawCommand {
+                    index: 100_000,
+                    ..raw(CommandCode::Tool)
+                },
+                Alarm::BadNumber,
+            ),
+        ];
+        for (raw, expected) in cases {
+            assert_eq!(refused(&raw), expected, "{raw:?}");
+        }
+    }
+
+    #[test]
+    fn a_jog_knows_its_directions_and_leaves_the_other_axes_alone() {
+        let mut request = raw(CommandCode::Jog);
+        request.axes_mask = 0b101;
+        request.values = [-3.0, 7.0, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+        request.amount = 20.0;
+        let Ok((_, Command::Jog(continuous))) = Command::decode(&request, XYZ) else {
+            panic!("refused");
+        };
+        assert_eq!(continuous.distance, None);
+        assert_eq!(continuous.direction.as_slice()[..3], [-1.0, 0.0, 1.0]);
+        assert_eq!(continuous.speed, Some(20.0));
+        request.index = 1;
+        let Ok((_, Command::Jog(increment))) = Command::decode(&request, XYZ) else {
+            panic!("refused");
+        };
+        assert_eq!(increment.distance.unwrap().as_slice()[..3], [-3.0, 0.0, 0.5]);
+    }
+
+    #[test]
+    fn home_without_axes_is_home_all() {
+        let (_, command) = Command::decode(&raw(CommandCode::Home), XYZ).unwrap();
+        assert_eq!(command, Command::Home(XYZ));
+    }
+}

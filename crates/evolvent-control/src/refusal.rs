@@ -1,0 +1,59 @@
+//! Why a command is not accepted.
+
+use crate::alarm::Alarm;
+use crate::code::CommandCode;
+use crate::rules::mode_needed;
+
+/// Why a command is not accepted: a number for programs, a sentence for people.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{text}")]
+pub struct Refusal {
+    /// The number.
+    pub alarm: Alarm,
+    /// What was wrong and what to do.
+    pub text: String,
+}
+
+impl Refusal {
+    /// With a sentence of its own.
+    #[must_use]
+    pub fn new(alarm: Alarm, text: impl Into<String>) -> Self {
+        Self {
+            alarm,
+            text: text.into(),
+        }
+    }
+
+    /// What the interlocks have against a command.
+    #[must_use]
+    pub fn by_rule(alarm: Alarm, command: CommandCode) -> Self {
+        match (alarm, mode_needed(command)) {
+            (Alarm::WrongMode, Some(mode)) => Self::new(
+                alarm,
+                format!("this needs mode {0}; change to it with `mode {0}`", mode.name()),
+            ),
+            _ => alarm.into(),
+        }
+    }
+}
+
+impl From<Alarm> for Refusal {
+    fn from(alarm: Alarm) -> Self {
+        Self::new(alarm, alarm.sentence())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_refusal_for_the_mode_names_the_one_that_is_needed() {
+        let refusal = Refusal::by_rule(Alarm::WrongMode, CommandCode::Mdi);
+        assert!(refusal.text.contains("mode mdi"), "{refusal}");
+        assert_eq!(
+            Refusal::by_rule(Alarm::IsOff, CommandCode::Mdi).text,
+            Alarm::IsOff.sentence()
+        );
+    }
+}

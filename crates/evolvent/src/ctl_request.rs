@@ -1,0 +1,137 @@
+//! From words of the command line to requests.
+
+use std::io;
+use std::path::Path;
+
+use evolvent_bus::ControlRequest;
+use evolvent_control::CommandCode;
+use evolvent_path::{AXES, AxisLetter};
+
+use crate::CommandError;
+
+pub(crate) fn request(code: CommandCode) -> ControlRequest {
+    ControlRequest {
+        command: code as u32,
+        ..ControlRequest::default()
+    }
+}
+
+pub(crate) fn with_text(code: CommandCode, text: &str) -> Result<ControlRequest, CommandError> {
+    let mut wanted = request(code);
+    if !wanted.set_text(text) {
+        return Err(CommandError::Usage(format!(
+            "{} bytes are too long for a command",
+            text.len()
+        )));
+    }
+    Ok(wanted)
+}
+
+/// The core has another working folder.
+pub(crate) fn absolute(path: &Path) -> Result<String, CommandError> {
+    let path = std::path::absolute(path)
+        .map_err(|error: io::Error| CommandError::Usage(format!("{}: {error}", path.display())))?;
+    path.to_str().map(str::to_owned).ok_or_else(|| {
+        CommandError::Usage(format!(
+            "{}: the name is no UTF-8; rename the file",
+            path.display()
+        ))
+    })
+}
+
+fn axis_of(letter: char) -> Result<usize, CommandError> {
+    AxisLetter::from_letter(letter)
+        .map(AxisLetter::index)
+        .ok_or_else(|| CommandError::Usage(format!("{letter:?} is no axis; use letters of XYZABCUVW")))
+}
+
+pub(crate) fn letters_mask(letters: &str) -> Result<u32, CommandError> {
+    letters
+        .chars()
+        .try_fold(0, |mask, letter| Ok(mask | 1 << axis_of(letter)?))
+}
+
+/// `X10` or `X=10` each.
+pub(crate) fn valued(code: CommandCode, words: &[String]) -> Result<ControlRequest, CommandError> {
+    let mut wanted = request(code);
+    let mut values = [0.0; AXES];
+    for word in words {
+        let bad = || CommandError::Usage(format!("{word:?} is no axis with a value, as in X12.5"));
+        let mut letters = word.chars();
+        let axis = axis_of(letters.next().ok_or_else(bad)?)?;
+        let number = letters.as_str().trim_start_matches('=');
+        values[axis] = number.parse().map_err(|_| bad())?;
+        wanted.axes_mask |= 1 << axis;
+    }
+    wanted.values = values;
+    Ok(wanted)
+}
+
+pub(crate) fn jog(
+    axes: &[String],
+    distance: Option<f64>,
+    speed: Option<f64>,
+) -> Result<ControlRequest, CommandError> {
+    let mut wanted = ControlRequest {
+        index: u32::from(distance.is_some()),
+        amount: speed.unwrap_or(0.0) / 60.0,
+        ..request(CommandCode::Jog)
+    };
+    for word in axes {
+        let mut letters = word.chars();
+        let (Some(letter), Some(sign), None) = (letters.next(), letters.next(), letters.next()) else {
+            return Err(CommandError::Usage(format!(
+                "{word:?} is no axis with a direction, as in X+"
+            )));
+        };
+        let sign = match sign {
+            '+' => 1.0,
+            '-' => -1.0,
+            _ => {
+                return Err(CommandError::Usage(format!(
+                    "{word:?} is no axis with a direction, as in X+"
+                )));
+            }
+        };
+        let axis = axis_of(letter)?;
+        wanted.axes_mask |= 1 << axis;
+        wanted.values[axis] = sign * distance.unwrap_or(1.0);
+    }
+    Ok(wanted)
+}
+
+/// 1 for G54 to 9 for G59.3.
+pub(crate) fn system_number(name: &str) -> Result<u32, CommandError> {
+    const NAMES: [&str; 9] = [
+        "G54", "G55", "G56", "G57", "G58", "G59", "G59.1", "G59.2", "G59.3",
+    ];
+    let found = NAMES.iter().position(|known| known.eq_ignore_ascii_case(name));
+    found
+        .map(|index| index as u32 + 1)
+        .ok_or_else(|| CommandError::Usage(format!("{name:?} is none of G54 to G59.3")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_become_masks_and_values() {
+        let offset = valued(CommandCode::WorkOffset, &["X10".into(), "z=-2.5".into()]).unwrap();
+        assert_eq!(offset.axes_mask, 0b101);
+        assert_eq!((offset.values[0], offset.values[2]), (10.0, -2.5));
+        assert!(valued(CommandCode::WorkOffset, &["Q1".into()]).is_err());
+        assert!(valued(CommandCode::WorkOffset, &["X".into()]).is_err());
+        let jog_both = jog(&["X+".into(), "Y-".into()], Some(5.0), Some(600.0)).unwrap();
+        assert_eq!((jog_both.axes_mask, jog_both.index), (0b11, 1));
+        assert_eq!(
+            (jog_both.values[0], jog_both.values[1], jog_both.amount),
+            (5.0, -5.0, 10.0)
+        );
+        assert!(jog(&["X".into()], None, None).is_err());
+        assert!(jog(&["X*".into()], None, None).is_err());
+        assert_eq!(letters_mask("xZ").unwrap(), 0b101);
+        assert_eq!(system_number("g59.3").unwrap(), 9);
+        assert!(system_number("G60").is_err());
+    }
+}
