@@ -37,8 +37,8 @@ impl Drop for Drives {
     }
 }
 
-/// One fault, so many seconds after the drives came into operation, in the middle of a motion of both axes.
-fn fails(number: usize, kind: &str, axis: &str, moment: f64, expected: &[u32]) {
+/// One fault, so many seconds after the drives came into operation, in the middle of a motion of both axes. What was seen.
+fn fails(number: usize, kind: &str, axis: &str, moment: f64, expected: &[u32]) -> String {
     let (domain, workshop) = (Domain::new(), Workshop::new());
     let name = format!("df{number}-{kind}");
     // Busy machines: feedback may be old, and setpoints are sent long before they are due. Feedback that is 100 ms late has
@@ -88,7 +88,7 @@ fn fails(number: usize, kind: &str, axis: &str, moment: f64, expected: &[u32]) {
     assert_eq!(operator.ask(&command("ON")).alarm, 918, "{fault}");
     drop((operator, drives));
     served.end().expect_code(&[0, 3]);
-    println!("{fault}: alarm {} after {after:.2} s", status.listed_alarms()[0]);
+    format!("{fault}: alarm {} after {after:.2} s", status.listed_alarms()[0])
 }
 
 #[test]
@@ -114,7 +114,7 @@ fn drives_that_fail_at_any_moment_stop_the_machine_with_the_alarm_that_names_the
                     let Some((number, kind, axis, moment, expected)) = next else {
                         break;
                     };
-                    fails(number, kind, axis, moment, expected);
+                    println!("{}", fails(number, kind, axis, moment, expected));
                 }
             });
         }

@@ -94,7 +94,7 @@ struct Driven {
 }
 
 /// How long after such a time the position loops settle.
-const AFTER_SKIP_NS: u64 = 100_000_000;
+const AFTER_SKIP_NS: u64 = 1_000_000_000;
 
 impl Driven {
     fn include(&mut self, other: &Self) {

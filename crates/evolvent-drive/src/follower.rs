@@ -320,6 +320,7 @@ impl Follower {
     /// where the axes are.
     pub fn step(&mut self, now_ns: u64, enabled: bool, actual: &[f64; AXES]) -> Target {
         let datum_shift = self.come_due(now_ns, enabled);
+        self.mind_pause(now_ns);
         let mut states = [BrakeState::default(); AXES];
         if !enabled {
             if self.state != BridgeState::Waiting || self.current.is_some() {
@@ -351,6 +352,28 @@ impl Follower {
         }
         self.stepped_ns = now_ns;
         self.target(now_ns, &states, datum_shift)
+    }
+
+    /// A bridge that was kept from running for longer than it may go on without setpoints does not jump to where the axes should
+    /// be by now: they brake from the last target.
+    fn mind_pause(&mut self, now_ns: u64) {
+        let period_ns = self.settings.period_ns;
+        let paused_ns = now_ns.saturating_sub(self.stepped_ns);
+        let patience_ns = period_ns * u64::from(self.settings.bridge_cycles.max(2));
+        if self.stepped_ns == 0 || paused_ns <= patience_ns {
+            return;
+        }
+        match self.state {
+            BridgeState::Following | BridgeState::Bridging => {
+                self.state = BridgeState::Braking;
+                self.note = Note::Silence;
+                self.queue.clear();
+                // The brakes start where the last target was.
+                self.brake_since_ns = now_ns - period_ns;
+            }
+            BridgeState::Braking => self.brake_since_ns += paused_ns - period_ns,
+            BridgeState::Waiting | BridgeState::Holding | BridgeState::Off => {}
+        }
     }
 
     /// Lets setpoints whose time has come be the current one. Returns the shift of a datum that has changed.

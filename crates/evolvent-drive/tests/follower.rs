@@ -200,6 +200,34 @@ fn silence_at_any_moment_ends_at_rest_within_the_limits_and_never_goes_on_withou
 }
 
 #[test]
+fn a_bridge_that_was_kept_from_running_brakes_from_its_last_target_instead_of_jumping() {
+    for pause in [u64::from(BRIDGED) + 1, 60, 400] {
+        let mut bench = Bench::new();
+        bench.run(0, 300, |_| false);
+        let before = bench.targets.len();
+        // The core goes on meanwhile, and the setpoints wait.
+        for cycle in 300..300 + pause {
+            let _noted = bench.follower.offer(bench.now_ns, &setpoint(cycle));
+        }
+        bench.now_ns += pause * PERIOD_NS;
+        let first = bench.cycle(None);
+        assert_eq!(first.state, BridgeState::Braking, "{pause}");
+        // Again in the middle of the brake.
+        bench.run(1000, 1010, |_| true);
+        bench.now_ns += 100 * PERIOD_NS;
+        let last = bench.run(1000, 1400, |_| true);
+        assert_eq!(
+            (last.state, last.velocity),
+            (BridgeState::Holding, [0.0; AXES]),
+            "{pause}"
+        );
+        assert!(bench.targets.len() > before);
+        let shares = bench.shares();
+        assert!(shares.iter().all(|share| *share <= 1.01), "{pause}: {shares:?}");
+    }
+}
+
+#[test]
 fn after_a_pause_following_begins_again_only_where_the_axes_stand() {
     let mut bench = Bench::new();
     bench.run(0, 200, |_| false);
