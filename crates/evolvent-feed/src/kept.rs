@@ -1,11 +1,15 @@
 //! The last plan, as the start for the next.
 
 use crate::barrier::Iterate;
-use crate::grid::Place;
+use crate::grid::{Grid, Place};
+use crate::piece::Piece;
 use crate::window::{Span, Window};
 
 /// By which share speed and acceleration given may differ from those of the last plan at that place.
 const SAME: f64 = 1e-5;
+
+/// Pieces of a head that there is room for without allocating.
+const MOST_HEAD: usize = 512;
 
 /// A span on which `b = u''` is linear: what the solver's intervals are.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -45,6 +49,8 @@ impl Segment {
 /// Where in the last plan a new one begins.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Found {
+    /// Within what was written before the segments: the index of the piece and the time in it.
+    Head(usize, f64),
     /// Within the first stub, at this offset.
     FirstStub(f64),
     /// Among the segments, at this offset of the one with this index.
@@ -58,6 +64,8 @@ pub(crate) enum Found {
 pub(crate) struct Kept {
     pub(crate) valid: bool,
     pub(crate) segments: Vec<Segment>,
+    /// Pieces in closed form before the segments: a way down to a lower feed, or what was left of a first stub.
+    pub(crate) head: Vec<Piece>,
     /// The stub before the segments, if any.
     pub(crate) first: Option<Span>,
     /// The stub behind them.
@@ -73,6 +81,7 @@ impl Kept {
     pub(crate) fn with_capacity(stations: usize) -> Self {
         Self {
             segments: Vec::with_capacity(stations),
+            head: Vec::with_capacity(MOST_HEAD),
             ..Self::default()
         }
     }
@@ -80,6 +89,7 @@ impl Kept {
     /// Keeps nothing but the memory.
     pub(crate) fn forget(&mut self) {
         self.segments.clear();
+        self.head.clear();
         (self.valid, self.first, self.last) = (false, None, None);
         (self.last_a, self.until, self.factor) = (0.0, 0, 0.0);
     }
@@ -89,12 +99,21 @@ impl Kept {
         let mut segments = std::mem::take(&mut self.segments);
         segments.clear();
         segments.extend_from_slice(&other.segments);
-        *self = Self { segments, ..*other };
+        let mut head = std::mem::take(&mut self.head);
+        head.clear();
+        head.extend_from_slice(&other.head);
+        *self = Self {
+            segments,
+            head,
+            ..*other
+        };
     }
 
-    /// Takes over a plan.
-    pub(crate) fn keep(&mut self, window: &Window, x: &Iterate, until: u64, factor: f64) {
+    /// Takes over a plan; `head` is what was written before its window.
+    pub(crate) fn keep(&mut self, head: &[Piece], window: &Window, x: &Iterate, until: u64, factor: f64) {
         let n = window.n();
+        self.head.clear();
+        self.head.extend_from_slice(head);
         self.segments.clear();
         for k in 0..n {
             self.segments.push(Segment {
@@ -113,7 +132,7 @@ impl Kept {
     }
 
     /// Finds the place in the plan, if the state given is the plan's there.
-    pub(crate) fn find(&self, from: Place, v: f64, a: f64) -> Option<Found> {
+    pub(crate) fn find(&self, grid: &Grid, from: Place, v: f64, a: f64) -> Option<Found> {
         if !self.valid {
             return None;
         }
@@ -124,6 +143,21 @@ impl Kept {
                 .then_some(x.clamp(0.0, span.length))
         };
         let same = |one: f64, other: f64, size: f64| (one - other).abs() <= SAME * size;
+        for (k, piece) in self.head.iter().enumerate() {
+            let (_, begin) = grid.stretch_of(piece.interval)?;
+            let x = from.x - (piece.from - begin);
+            if piece.interval == from.interval && (-1e-9 * piece.length..piece.length).contains(&x) {
+                let t = piece.law.time_to(x, piece.duration);
+                let (start, now, end) = (
+                    piece.law.at(0.0).0,
+                    piece.law.at(t).0,
+                    piece.law.at(piece.duration).0,
+                );
+                let push = start.a.abs().max(end.a.abs());
+                let fits = same(v, now.v, start.v.max(end.v)) && same(a, now.a, push);
+                return fits.then_some(Found::Head(k, t));
+            }
+        }
         if let Some(first) = &self.first
             && let Some(x) = within(first)
             && x < first.length

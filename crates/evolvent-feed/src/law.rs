@@ -4,6 +4,8 @@ use crate::change::ScalarState;
 
 /// Largest `|c t^2|` for which the power series are used; beyond it `libm`.
 const SERIES_RANGE: f64 = 1.0;
+/// From which growth of speed on the duration of a piece is begun with in closed form.
+const GROWS: f64 = 4.0;
 /// Steps of the search for the time at which a place is reached. Newton's method needs 2 to 5; bisection between.
 const STEPS: usize = 60;
 
@@ -98,20 +100,26 @@ impl Law {
     /// How long the piece takes over `length`, for a law that runs forwards all the way. Where rounding lets it
     /// stand still a hair before the end, the time of its highest place.
     pub(crate) fn duration(&self, length: f64) -> f64 {
-        let (start, slope) = match *self {
+        let mut t = match *self {
             Self::Flow { v, b, c } => {
                 let end = (v * v + length * (2.0 * b + c * length)).max(0.0).sqrt();
                 let middle = (v * v + length * (b + 0.25 * c * length)).max(0.0).sqrt();
-                (v, (v + 4.0 * middle + end) / 6.0)
+                if end > GROWS * v && c > 0.0 {
+                    // Newton's method alone takes a step for every unit of w t here, w^2 = c. But length by the sum of
+                    // the speeds at both ends is tanh(w t/2)/w.
+                    let w = c.sqrt();
+                    2.0 * libm::atanh((w * length / (v + end)).min(1.0 - f64::EPSILON)) / w
+                } else {
+                    length / ((v + 4.0 * middle + end) / 6.0).max(v).max(1e-300)
+                }
             }
             Self::Jerk { v, a, j } => {
                 if v == 0.0 && a == 0.0 {
                     return libm::cbrt(6.0 * length / j);
                 }
-                (v, v)
+                length / v.max(1e-300)
             }
         };
-        let mut t = length / slope.max(start).max(1e-300);
         let (mut low, mut high) = (0.0, f64::INFINITY);
         for _ in 0..STEPS {
             let now = self.at(t).0;
@@ -184,6 +192,23 @@ const fn inverse_factorials(first: u32) -> [f64; 9] {
 mod tests {
     use super::*;
     use crate::random::Random;
+
+    #[test]
+    fn the_duration_of_a_flow_is_found_where_speed_grows_many_times_over() {
+        // From a speed v without acceleration x = v sinh(w t)/w, so w t = asinh(w x/v).
+        for growth in [1e-9, 1e-3, 1.0, 1e3, 1e6] {
+            for c in [1e-3, 1.0, 3428.0, 1e6_f64] {
+                let (v, w) = (0.03, c.sqrt());
+                let length = growth * v / w;
+                let expected = libm::asinh(growth) / w;
+                let found = Law::Flow { v, b: 0.0, c }.duration(length);
+                assert!(
+                    (found / expected - 1.0).abs() < 1e-9,
+                    "{growth} {c}: {found} {expected}"
+                );
+            }
+        }
+    }
 
     #[test]
     fn a_flow_solves_its_differential_equation_on_both_sides_of_the_series() {

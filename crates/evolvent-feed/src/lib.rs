@@ -30,6 +30,7 @@ mod halt;
 mod kept;
 mod law;
 mod limits;
+mod lower;
 mod memory;
 mod optimizer;
 mod piece;

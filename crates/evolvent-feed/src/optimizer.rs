@@ -154,8 +154,10 @@ impl Optimizer {
         let mut worst = Ratios::default();
         if stations > 0 {
             worst = self.polish(grid, feed_factor);
+            let head = out.len();
             self.write(out);
-            self.kept.keep(&self.window, &self.solver.x, until, feed_factor);
+            self.kept
+                .keep(&out[..head], &self.window, &self.solver.x, until, feed_factor);
         }
         Ok(PlanReport {
             iterations: self.solver.iterations,

@@ -136,6 +136,11 @@ impl Profile {
         Self::last_resort(from, room, allowed, limits)
     }
 
+    /// The quickest change to a speed, with zero acceleration at its end.
+    pub(crate) fn change(from: ScalarState, speed: f64, limits: &ScalarLimits) -> Self {
+        Self::one_change(from, f64::NAN, speed, limits, Outcome::Exits)
+    }
+
     /// Ends a change that is over but for rounding. The time that a change takes is the root of what is left of
     /// it, so a speed that is wrong in its last digit only asks for a distance far above rounding. Bringing the
     /// acceleration to zero at once instead ends that last digit above `target`.

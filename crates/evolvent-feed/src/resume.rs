@@ -37,6 +37,10 @@ impl Optimizer {
     /// A plan that goes on from the last one. Returns the barrier parameter reached; NaN where nothing was left to
     /// be planned, and `out` holds all of it.
     pub(crate) fn go_on(&mut self, job: &Job<'_>, out: &mut Vec<Piece>) -> Option<f64> {
+        if let Some(gap) = self.lower(job, out) {
+            return Some(gap);
+        }
+        out.clear();
         if !self.resume(job, out)? {
             return Some(f64::NAN);
         }
@@ -53,12 +57,31 @@ impl Optimizer {
             factor,
             ..
         } = *job;
-        let found = self.kept.find(from, job.state.0, job.state.1)?;
+        let found = self.kept.find(grid, from, job.state.0, job.state.1)?;
         let last = self.kept.last?;
         let more = until > self.kept.until;
         self.segments.clear();
         let (mut stub, mut square, mut state) = (last, self.kept.last_a, Some(job.state));
         match found {
+            Found::Head(k, t) => {
+                let head = self.kept.head.get(k..)?;
+                let first = head.first()?;
+                let ((now, jerk), gone) = (first.law.at(t), first.law.at(t).0.x);
+                out.push(Piece {
+                    law: Law::Jerk {
+                        v: now.v,
+                        a: now.a,
+                        j: jerk,
+                    },
+                    length: first.length - gone,
+                    duration: first.duration - t,
+                    from: first.from + gone,
+                    ..*first
+                });
+                out.extend_from_slice(&head[1..]);
+                self.kept.rest(0, 0.0, &mut self.segments);
+                state = None;
+            }
             Found::FirstStub(x) => {
                 let span = self.kept.first?;
                 let end = self.kept.segments.first()?;
@@ -170,7 +193,7 @@ impl Optimizer {
                 self.segments.truncate(old);
                 Kept::release(stub, square, level, &mut self.segments);
                 let fresh = start::fill(&self.window, &self.segments, &mut self.solver.x);
-                start::crawl_to_end(&self.window, fresh, level, &mut self.solver.x);
+                start::crawl_to_end(&self.window, fresh, level, start::FADE, &mut self.solver.x);
                 if (released..n).all(|k| {
                     let (a, j) = strain(&self.window, k, &self.solver.x);
                     a.max(j) < CRAWL_STRAIN

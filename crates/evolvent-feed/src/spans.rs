@@ -15,6 +15,9 @@ const OPEN_STUB: f64 = 100.0;
 /// Near a rest spans need not be shorter than this share of the stub that would be good there.
 const FINEST: f64 = 0.02;
 
+/// How often a stub is halved until constant jerk is good on it: at a thousandth of the feed it is next to nothing.
+const HALVINGS: u32 = 30;
+
 /// By which factor a span may be longer than its neighbour, and how small a share of itself it is divided into.
 const GROWTH: f64 = 1.35;
 const SMALLEST: f64 = 0.003;
@@ -194,7 +197,7 @@ fn good_length(job: &Job<'_>, first: Span, reverse: bool) -> f64 {
             ends(1, 0.5 * length).min(ends(far, 2.0 * length)),
         )
     };
-    for _ in 0..10 {
+    for _ in 0..HALVINGS {
         let (at_rest, later) = most(length);
         if later >= 0.98 * at_rest {
             break;

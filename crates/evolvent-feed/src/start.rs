@@ -9,13 +9,13 @@ use crate::stub::Stub;
 use crate::window::Window;
 
 /// Over how many lengths of the stub the acceleration fades between it and the crawl.
-const FADE: f64 = 20.0;
+pub(crate) const FADE: f64 = 20.0;
 /// Share of what the limits allow at which the crawl begins to be tried.
 const SHARE: f64 = 0.3;
 
-/// How the acceleration fades at distance `x` from a stub of length `stub`, within `room`.
-fn fade(x: f64, stub: f64, room: f64) -> f64 {
-    let reach = (FADE * stub).min(0.45 * room);
+/// How the acceleration fades at distance `x` from a stub over `length`, within `room`.
+fn fade(x: f64, length: f64, room: f64) -> f64 {
+    let reach = length.min(0.45 * room);
     if x < reach {
         let left = 1.0 - x / reach;
         left * left
@@ -41,9 +41,10 @@ pub(crate) fn fill(window: &Window, segments: &[Segment], x: &mut Iterate) -> us
     k
 }
 
-/// Sets the stations from `first` on to a crawl at `u'^2 = level` that ends in the last stub. The state at `first`
+/// Sets the stations from `first` on to a crawl at `u'^2 = level` that ends in the last stub, from so many lengths of
+/// it on. The state at `first`
 /// is taken as `level` with zero acceleration unless that is the last station but one and the stub is upon it.
-pub(crate) fn crawl_to_end(window: &Window, first: usize, level: f64, x: &mut Iterate) {
+pub(crate) fn crawl_to_end(window: &Window, first: usize, level: f64, lengths: f64, x: &mut Iterate) {
     let n = window.n();
     let room: f64 = window.d[first..].iter().sum();
     let stub = window.end.length;
@@ -52,7 +53,11 @@ pub(crate) fn crawl_to_end(window: &Window, first: usize, level: f64, x: &mut It
     x.b[n] = 1.0;
     for k in (first..n).rev() {
         at += window.d[k];
-        x.b[k] = if k == first { 0.0 } else { fade(at, stub, room) };
+        x.b[k] = if k == first {
+            0.0
+        } else {
+            fade(at, lengths * stub, room)
+        };
         twice += (x.b[k] + x.b[k + 1]) * window.d[k];
     }
     let beta = level / (1.5 * stub + twice);
@@ -80,14 +85,14 @@ pub(crate) fn crawl(window: &Window, level: f64, x: &mut Iterate) {
         } else if k == n {
             0.0
         } else {
-            fade(at, start, total)
+            fade(at, FADE * start, total)
         };
         let e = if k == n {
             1.0
         } else if k == 0 {
             0.0
         } else {
-            fade(total - at, end, total)
+            fade(total - at, FADE * end, total)
         };
         (s, e)
     };

@@ -19,6 +19,12 @@ pub(crate) const ALL_SHARES: usize = SHARES.len();
 pub(crate) const FEW_SHARES: usize = 2;
 /// What a sample may have: of velocity and acceleration, of jerk.
 const ALLOWED: (f64, f64) = (1.0005, 1.004);
+/// Places at which a stretch is looked at for its lowest cap.
+const CAP_SAMPLES: u32 = 32;
+/// Share of a lower speed below which a way down to it may not lead.
+const LEAST_DIP: f64 = 0.95;
+/// Share of the path known within which a way down to a lower speed has to end.
+const SLOW_ROOM: f64 = 0.7;
 /// Share of the jerk limit that is used.
 const JERK_SHARE: f64 = 0.999;
 
@@ -123,6 +129,50 @@ fn tangential(grid: &Grid, from: Place, until: u64, reach: f64) -> Option<Scalar
         acceleration,
         jerk,
     })
+}
+
+/// The lowest speed that limits and feed allow a constant speed over a distance: that of every place is a cap.
+pub(crate) fn least_cap(grid: &Grid, from: Place, until: u64, reach: f64, factor: f64) -> Option<f64> {
+    let mut walk = Walk::new(grid, from, until);
+    let mut least = f64::INFINITY;
+    for k in 0..=CAP_SAMPLES {
+        let place = walk.to(reach * f64::from(k) / f64::from(CAP_SAMPLES));
+        least = least.min(walk.point(place)?.cap(factor));
+    }
+    Some(least)
+}
+
+/// The quickest of several closed-form ways down to a lower speed that keeps all limits.
+pub(crate) fn slow_down(
+    grid: &Grid,
+    from: Place,
+    (v, a): (f64, f64),
+    until: u64,
+    speed: f64,
+) -> Option<Profile> {
+    let room = room(grid, from, until);
+    let state = ScalarState { x: 0.0, v, a };
+    let first = tangential(grid, from, until, 0.0)?;
+    let reach = (1.5 * distance(state, &first)).min(room);
+    let ScalarLimits {
+        acceleration, jerk, ..
+    } = tangential(grid, from, until, reach)?;
+    for share in SHARES {
+        let limits = ScalarLimits {
+            velocity: v,
+            acceleration: (share * acceleration).max(a.abs()),
+            jerk: share * JERK_SHARE * jerk,
+        };
+        // Who brakes so hard that letting go carries far below the speed, or backwards, has another plan already.
+        if a < 0.0 && v - 0.5 * a * a / limits.jerk < LEAST_DIP * speed {
+            return None;
+        }
+        let profile = Profile::change(state, speed, &limits);
+        if profile.end().x < SLOW_ROOM * room && check(grid, from, until, &profile).is_some() {
+            return Some(profile);
+        }
+    }
+    None
 }
 
 /// The quickest of several closed-form stops from a state that keeps all limits, with its largest ratios.

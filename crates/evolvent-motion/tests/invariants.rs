@@ -34,7 +34,7 @@ fn every_setpoint_keeps_every_limit_and_the_path() {
             // The feed on a blend, and of a near-optimal plan, is bounded at stations; between them a little more.
             let blend = setpoint.flags & evolvent_motion::flags::BLEND != 0;
             let slack = match scenario.planner {
-                PlannerKind::Optimal => 5e-3,
+                PlannerKind::Optimal => 1e-3,
                 PlannerKind::Classic if blend => 1e-4,
                 PlannerKind::Classic => 1e-6,
             };

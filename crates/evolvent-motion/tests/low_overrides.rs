@@ -82,7 +82,6 @@ fn drive(scenario: &Scenario, cycles: usize, wish: impl Fn(u64) -> f64) -> Vec<S
 }
 
 #[test]
-#[ignore = "lowered overrides are met to a few per cent so far"]
 fn the_feed_is_the_wish_to_a_thousandth_at_overrides_from_next_to_nothing_to_two() {
     let mut faults = Vec::new();
     for (name, scenario) in [("line", line()), ("circles", circles()), ("wave", wave())] {

@@ -19,6 +19,11 @@ const MOST: Ratios = Ratios {
 };
 /// Largest step of speed and acceleration between two pieces, as a share of the largest there is.
 const SEAM: f64 = 1e-6;
+/// Largest gap between where a piece ends and where the next one begins, parameter units: far less than what shows in
+/// third differences.
+const GAP: f64 = 1e-10;
+/// The same as a share of a length.
+const GAP_SHARE: f64 = 1e-9;
 /// A plan made slower is made a little slower than it must be.
 const SLOWER: f64 = 0.99;
 
@@ -46,7 +51,8 @@ impl Ratios {
     }
 }
 
-/// What the axes do along the pieces, the first of which starts at `(v, a)`; infinite where two pieces do not meet.
+/// What the axes do along the pieces, the first of which starts at `(v, a)`; infinite where two pieces do not meet, in
+/// place, speed or acceleration.
 pub(crate) fn ratios<'a>(
     pieces: &[Piece],
     entry: (f64, f64),
@@ -62,7 +68,12 @@ pub(crate) fn ratios<'a>(
     let speed = (pieces.iter().map(|piece| piece.law.at(0.0).0.v)).fold(entry.0, f64::max);
     let push = (pieces.iter().map(|piece| piece.law.at(0.0).0.a.abs())).fold(entry.1.abs(), f64::max);
     let (mut v, mut a) = entry;
+    let mut before: Option<&Piece> = None;
     for piece in pieces {
+        if !before.is_none_or(|before| meet(before, piece, &segment)) {
+            return broken;
+        }
+        before = Some(piece);
         let Some(segment) = segment(piece.stretch) else {
             return broken;
         };
@@ -92,9 +103,27 @@ pub(crate) fn ratios<'a>(
             }
         }
         let end = piece.law.at(piece.duration).0;
+        if !((end.x - piece.length).abs() <= GAP + GAP_SHARE * piece.length) {
+            return broken;
+        }
         (v, a) = (end.v, end.a);
     }
     most
+}
+
+/// Whether a piece begins where the one before ends: in the same stretch, or at the start of a later one behind the end
+/// of its own. Stretches between them are shorter than rounding.
+fn meet<'a>(before: &Piece, piece: &Piece, segment: &impl Fn(u64) -> Option<&'a Segment>) -> bool {
+    let end = before.from + before.length;
+    let near = |one: f64, other: f64| (one - other).abs() <= GAP + GAP_SHARE * other.abs().min(1.0);
+    if piece.stretch == before.stretch {
+        return near(piece.from, end);
+    }
+    let length = |stretch: u64| segment(stretch).map_or(f64::INFINITY, |segment| segment.length);
+    piece.stretch > before.stretch
+        && near(end, length(before.stretch))
+        && near(piece.from, 0.0)
+        && (before.stretch + 1..piece.stretch).all(|between| length(between) <= GAP)
 }
 
 /// The same path at `factor` times the speed: only from rest.
@@ -183,5 +212,44 @@ mod tests {
         let bad = [piece(cruise(5.0), 0.0, 0.1), piece(cruise(5.01), 0.5, 0.1)];
         assert!(!ratios(&bad, (5.0, 0.0), &limits, |_| Some(&segment)).hold());
         assert!(!ratios(&good, (5.0, 0.0), &limits, |_| None).hold());
+        // The same motion, but it leaves out, or drives twice, a part of the path.
+        for from in [0.500_001, 0.499_999, 0.0] {
+            let gap = [piece(cruise(5.0), 0.0, 0.1), piece(cruise(5.0), from, 0.1)];
+            assert!(
+                !ratios(&gap, (5.0, 0.0), &limits, |_| Some(&segment)).hold(),
+                "{from}"
+            );
+        }
+        let mut short = good;
+        short[0].duration = 0.09;
+        assert!(!ratios(&short, (5.0, 0.0), &limits, |_| Some(&segment)).hold());
+    }
+
+    #[test]
+    fn pieces_in_two_stretches_meet_at_the_end_of_one_and_the_start_of_the_other() {
+        let limits = equal_axes(100.0, 1000.0, 10_000.0);
+        let segment = segment();
+        let tiny = Segment {
+            length: 1e-13,
+            ..segment
+        };
+        let cruise = Law::Flow {
+            v: 5.0,
+            b: 0.0,
+            c: 0.0,
+        };
+        // Stretch 1 is shorter than rounding and has no piece.
+        let at = |stretch: u64| Some(if stretch == 1 { &tiny } else { &segment });
+        let to = |from: f64, stretch: u64, start: f64| {
+            let second = Piece {
+                stretch,
+                ..piece(cruise, start, 0.1)
+            };
+            ratios(&[piece(cruise, from, 0.1), second], (5.0, 0.0), &limits, at).hold()
+        };
+        assert!(to(9.5, 1, 0.0) && to(9.5, 2, 0.0));
+        assert!(!to(9.4, 2, 0.0), "leaves the end of a stretch out");
+        assert!(!to(9.5, 2, 0.1), "leaves the start of a stretch out");
+        assert!(!to(9.5, 3, 0.0), "leaves a whole stretch out");
     }
 }

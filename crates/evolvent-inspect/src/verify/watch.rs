@@ -11,9 +11,8 @@ use super::Verified;
 use crate::check::LimitCheck;
 use crate::jobs::Travel;
 
-/// Ratio of the speed to the programmed feed that is let pass: the near-optimal planner keeps the feed word at its
-/// stations, and between them to 0.2 %.
-const FEED: f64 = 1.002;
+/// Ratio of the speed to the programmed feed that is let pass: between its stations the planner keeps to 0.08 %.
+const FEED: f64 = 1.001;
 const FLAG_STARVED: u32 = 32;
 pub(super) const STATE_DONE: u8 = 9;
 
