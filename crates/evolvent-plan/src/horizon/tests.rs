@@ -6,6 +6,7 @@ use evolvent_path::{Curve, Line};
 
 use super::*;
 use crate::recorder::{Recorder, equal_axes, point};
+use crate::step::Answer;
 use crate::step::{ExitSpeeds, SegmentMarks};
 
 /// A recorder that asks once, after so many looks for a request.
