@@ -1,5 +1,7 @@
 //! The feed under overrides from next to nothing to twice the programmed feed.
 
+#![allow(clippy::expect_used, reason = "a test may fail")]
+
 mod common;
 
 use common::{BLEND, Pair, Scenario, check};

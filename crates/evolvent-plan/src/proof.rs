@@ -103,7 +103,8 @@ pub(crate) fn ratios<'a>(
             }
         }
         let end = piece.law.at(piece.duration).0;
-        if !((end.x - piece.length).abs() <= GAP + GAP_SHARE * piece.length) {
+        let miss = (end.x - piece.length).abs();
+        if miss.is_nan() || miss > GAP + GAP_SHARE * piece.length {
             return broken;
         }
         (v, a) = (end.v, end.a);
