@@ -400,3 +400,70 @@ impl Balance {
 fn row(n: usize) -> usize {
     if n == 0 { 0 } else { 2 * n - 1 }
 }
+
+#[cfg(test)]
+mod tests {
+    use evolvent_cutting::{LawDefinition, Tool};
+
+    use super::*;
+    use crate::model::{CuttingTool, PrincipalAxis};
+
+    /// The residual at unknowns: what `linearise` leaves in the first right hand side.
+    fn residual(balance: &mut Balance, model: &Model<'_>, at: &mut Balanced) -> Vec<f64> {
+        balance.linearise(model, 1, at).unwrap().unwrap();
+        balance.rhs.iter().step_by(2).copied().collect()
+    }
+
+    #[test]
+    fn the_jacobian_is_the_derivative_of_the_residual() {
+        let geometry = Tool {
+            rake_deg: 10.0,
+            lead_deg: 60.0,
+        };
+        let law = LawDefinition::built_in("40X-R1").unwrap().law(geometry).unwrap();
+        let tool = CuttingTool {
+            axes: [
+                PrincipalAxis::with_ratio(6.0, 3.0e7, 0.03),
+                PrincipalAxis::with_ratio(6.0, 1.5e7, 0.04),
+            ],
+            beta_deg: 35.0,
+            speed_m_min: 90.0,
+            depth_mm: 4.0,
+            feed_mm_rev: 0.49,
+            radial_ratio: 0.4,
+            floor_m_min: 2.0,
+        };
+        let model = Model::new(tool, &law).unwrap();
+        let mut balance = Balance::new(3);
+        let size = 7;
+        // Nothing is zero, so that every harmonic acts on every other, with a phase.
+        let mut at = Balanced {
+            amplitude: 2e-5,
+            unknowns: vec![4000.0, 1600.0, 20.0, 90.0, -130.0, -40.0, 60.0],
+            slopes: vec![0.0; size],
+            speeds: [0.0; 2],
+            depths: [0.0; 2],
+            free: 0.0,
+        };
+        residual(&mut balance, &model, &mut at);
+        let matrix = balance.matrix.clone();
+        for unknown in 0..size {
+            let (here, step) = (at.unknowns[unknown], 1e-4 * at.unknowns[unknown].abs());
+            at.unknowns[unknown] = here + step;
+            let above = residual(&mut balance, &model, &mut at);
+            at.unknowns[unknown] = here - step;
+            let below = residual(&mut balance, &model, &mut at);
+            at.unknowns[unknown] = here;
+            let column = |row: usize| matrix[row * size + unknown];
+            let largest = (0..size).map(|row| column(row).abs()).fold(0.0, f64::max);
+            for row in 0..size {
+                let measured = (above[row] - below[row]) / (2.0 * step);
+                assert!(
+                    (column(row) - measured).abs() <= 1e-5 * largest,
+                    "row {row}, unknown {unknown}: {} for {measured}",
+                    column(row)
+                );
+            }
+        }
+    }
+}
