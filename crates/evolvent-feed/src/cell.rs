@@ -1,6 +1,6 @@
 //! One interval between two stations, with what limits the motion there.
 
-use evolvent_path::{AXES, Axes, Curve, Jet};
+use evolvent_path::{AXES, Axes, Curve, Jet, feed_rate};
 
 use crate::limits::PathLimits;
 
@@ -80,7 +80,8 @@ impl Stretch {
         let growth: f64 = if straight { GROWTH } else { 1.0 };
         let size = move |k: u32| {
             let n = count as u32;
-            growth.powi(k.min(n - 1 - k).cast_signed())
+            // Products, since how powi rounds is the compiler's business.
+            (0..k.min(n - 1 - k)).fold(1.0, |size, _| size * growth)
         };
         let total: f64 = (0..count as u32).map(size).sum();
         let mut at = 0.0;
@@ -129,26 +130,12 @@ impl Point {
             second: jet.second,
             third: jet.third,
             speed,
-            feed: feed / metric(&jet.first),
+            feed: feed / feed_rate(&jet.first),
         }
     }
 
     /// Highest parameter speed with the feeds times `factor`; rapids are not scaled.
     pub(crate) fn cap(&self, factor: f64) -> f64 {
         self.speed.min(self.feed * factor)
-    }
-}
-
-/// Speed of the feed metric per unit of parameter speed: XYZ where it moves, else UVW, else ABC.
-fn metric(first: &Axes) -> f64 {
-    let norm =
-        |i: usize| (first[i] * first[i] + first[i + 1] * first[i + 1] + first[i + 2] * first[i + 2]).sqrt();
-    let (xyz, uvw, abc) = (norm(0), norm(6), norm(3));
-    if xyz > 0.0 {
-        xyz
-    } else if uvw > 0.0 {
-        uvw
-    } else {
-        abc
     }
 }

@@ -55,5 +55,6 @@ pub use involute::{Involute, InvoluteError, MAX_INVOLUTE_TURNS};
 pub use jet::Jet;
 pub use joint::{Joint, JointKind};
 pub use line::Line;
+pub use metric::feed_rate;
 pub use plane::{Plane, Sense};
 pub use spline::Spline;

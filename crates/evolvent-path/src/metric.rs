@@ -42,3 +42,10 @@ impl Metric {
         self.dot(a, a).sqrt()
     }
 }
+
+/// Speed in the feed metric per unit of parameter speed, where the derivative by the parameter is `first`: mm of XYZ
+/// where XYZ moves, else mm of UVW, else degrees of ABC. Zero where nothing moves. The cycle may call it.
+#[must_use]
+pub fn feed_rate(first: &Axes) -> f64 {
+    Metric::of(first).map_or(0.0, |metric| metric.norm(first))
+}

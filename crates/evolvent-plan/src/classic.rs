@@ -3,7 +3,7 @@
 //! The fallback, and what the near-optimal planner is compared with.
 
 use evolvent_gcode::{Move, MoveKind, PathMode};
-use evolvent_path::Curve;
+use evolvent_path::{Curve, feed_rate};
 
 use crate::admission::check_travel;
 use crate::corner::{exact_joint_speed, round_corner};
@@ -127,7 +127,7 @@ impl<S: PlanSink> Classic<S> {
         let limits = *self.ahead.limits().axes();
         let smooth = (start.first - end.first).amax() <= SMOOTH_TANGENT
             && (start.second - end.second).amax() <= SMOOTH_CURVATURE;
-        let regular = metric(&end.first) > REGULAR_SPEED && metric(&start.first) > REGULAR_SPEED;
+        let regular = feed_rate(&end.first) > REGULAR_SPEED && feed_rate(&start.first) > REGULAR_SPEED;
         let stop = matches!(held.motion.path_mode, PathMode::ExactStop);
         let mut cap = f64::INFINITY;
         if stop {
@@ -212,20 +212,6 @@ impl<S: PlanSink> Classic<S> {
             marks,
         };
         self.ahead.segment(segment, held.motion.feed)
-    }
-}
-
-/// Speed of the feed metric per unit of parameter speed.
-fn metric(first: &evolvent_path::Axes) -> f64 {
-    let norm =
-        |i: usize| (first[i] * first[i] + first[i + 1] * first[i + 1] + first[i + 2] * first[i + 2]).sqrt();
-    let (xyz, uvw, abc) = (norm(0), norm(6), norm(3));
-    if xyz > 0.0 {
-        xyz
-    } else if uvw > 0.0 {
-        uvw
-    } else {
-        abc
     }
 }
 

@@ -6,14 +6,15 @@ use evolvent_path::{AXES, Axes};
 use crate::chain::Chain;
 use crate::newton::{Problem, Workspace, minimise};
 use crate::together::{Together, Window};
+use crate::tube::Sample;
 use crate::weights::{Scales, Weights};
 use crate::zone::Zone;
 
 /// Control points that are found together, how many of them become final if more follow, and how many more may be
 /// left so that they are found with them.
-pub(crate) const WINDOW: usize = 64;
-const COMMIT: usize = 32;
-const REST: usize = 24;
+pub(crate) const WINDOW: usize = 96;
+const COMMIT: usize = 64;
+const REST: usize = 48;
 /// Rounds of weights, barrier at the first, its factor and its least, Newton steps of a round and of the last.
 const ROUNDS: usize = 6;
 const BARRIER: (f64, f64, f64) = (0.3, 0.35, 0.01);
@@ -31,6 +32,7 @@ pub(crate) struct Finder {
     together: Together,
     feeds: Vec<f64>,
     better: Vec<Axes>,
+    samples: Vec<Sample>,
     safe: Vec<Axes>,
 }
 
@@ -108,9 +110,9 @@ impl Finder {
             self.feeds
                 .push(chain.get(number).map_or(f64::INFINITY, |link| link.feed));
         }
-        self.by_weights(zone, scales, &active, range);
+        self.by_weights(zone, chain, scales, &active, range);
         for _ in 0..ATTEMPTS {
-            self.with_law(zone, scales, rests, &active, range);
+            self.with_law(zone, chain, scales, rests, &active, range);
             self.confine(zone, limits, range);
             if zone.cover(chain, range.from, range.to, measured) {
                 return;
@@ -118,7 +120,7 @@ impl Finder {
             if !zone.retreat(&self.safe, range.free, range.from, range.to) {
                 break;
             }
-            self.by_weights(zone, scales, &active, range);
+            self.by_weights(zone, chain, scales, &active, range);
         }
         // Where nothing else helps, back to what is safe, but only there.
         for attempt in 1..=ATTEMPTS {
@@ -135,7 +137,14 @@ impl Finder {
     }
 
     /// By the cost that needs no law.
-    fn by_weights(&mut self, zone: &mut Zone, scales: &Scales, active: &[bool; AXES], range: &Range) {
+    fn by_weights(
+        &mut self,
+        zone: &mut Zone,
+        chain: &Chain,
+        scales: &Scales,
+        active: &[bool; AXES],
+        range: &Range,
+    ) {
         let Range { from, to, wide, .. } = *range;
         let samples = zone.samples_of(from, to);
         let (start, factor, least) = BARRIER;
@@ -161,6 +170,7 @@ impl Finder {
             };
             let steps = if round + 1 == ROUNDS { STEPS.1 } else { STEPS.0 };
             minimise(&problem, &mut zone.points, steps, &mut self.work);
+            zone.follow(chain, from, to);
             mu = (mu * factor).max(least);
         }
     }
@@ -183,6 +193,7 @@ impl Finder {
     fn with_law(
         &mut self,
         zone: &mut Zone,
+        chain: &Chain,
         scales: &Scales,
         rests: (f64, f64),
         active: &[bool; AXES],
@@ -193,7 +204,6 @@ impl Finder {
             from: range.wide.0,
             to: range.wide.1,
             free: range.free,
-            samples: &zone.samples[zone.samples_of(range.from, range.to)],
             scales,
             active,
             feeds: &self.feeds,
@@ -201,8 +211,15 @@ impl Finder {
         };
         self.better.clear();
         self.better.extend_from_slice(&zone.points);
-        if self.together.improve(&window, &mut self.better) {
+        let samples = zone.samples_of(range.from, range.to);
+        self.samples.clear();
+        self.samples.extend_from_slice(&zone.samples[samples.clone()]);
+        if self
+            .together
+            .improve(&window, chain, &mut self.samples, &mut self.better)
+        {
             zone.points.copy_from_slice(&self.better);
+            zone.samples[samples].copy_from_slice(&self.samples);
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Joints that are kept as they are programmed.
 
 use evolvent_machine::Limits;
-use evolvent_path::{AXES, Axes, Jet};
+use evolvent_path::{AXES, Jet, feed_rate};
 
 /// A step of the tangent below this is rounding: at 1 m/s and 35 kHz its jerk is below a hundredth of any limit.
 const SMOOTH_TANGENT: f64 = 1e-10;
@@ -32,7 +32,7 @@ pub(crate) enum JointKind {
 /// The step of velocity must be one that the jerk limit undoes within the joint time (`J t^2 / 2`), the step of
 /// acceleration likewise (`J t`): the same at every control rate. A corner is a stop.
 pub(crate) fn judge(end: &Jet, start: &Jet, limits: &Limits, joint_time: f64) -> JointKind {
-    let regular = metric(&end.first) > REGULAR_SPEED && metric(&start.first) > REGULAR_SPEED;
+    let regular = feed_rate(&end.first) > REGULAR_SPEED && feed_rate(&start.first) > REGULAR_SPEED;
     let turn = (start.first - end.first).amax();
     if regular && turn <= SMOOTH_TANGENT && (start.second - end.second).amax() <= SMOOTH_CURVATURE {
         return JointKind::Smooth;
@@ -51,20 +51,6 @@ pub(crate) fn judge(end: &Jet, start: &Jet, limits: &Limits, joint_time: f64) ->
         speed = 0.0;
     }
     JointKind::Step { speed }
-}
-
-/// Speed of the feed metric per unit of parameter speed.
-pub(crate) fn metric(first: &Axes) -> f64 {
-    let norm =
-        |i: usize| (first[i] * first[i] + first[i + 1] * first[i + 1] + first[i + 2] * first[i + 2]).sqrt();
-    let (xyz, uvw, abc) = (norm(0), norm(6), norm(3));
-    if xyz > 0.0 {
-        xyz
-    } else if uvw > 0.0 {
-        uvw
-    } else {
-        abc
-    }
 }
 
 /// Which axes the feed speaks of where these move.

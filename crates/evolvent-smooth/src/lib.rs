@@ -27,6 +27,7 @@ mod basis;
 mod block;
 mod chain;
 mod finder;
+mod follow;
 mod joint;
 mod newton;
 mod output;

@@ -14,6 +14,8 @@
 use evolvent_path::{AXES, Axes};
 
 use crate::basis::Basis;
+use crate::chain::Chain;
+use crate::follow::follow;
 use crate::joint::metric_axes;
 use crate::newton::order;
 use crate::tube::{GROUPS, Sample, dot};
@@ -61,7 +63,6 @@ pub(crate) struct Window<'a> {
     pub(crate) to: usize,
     /// Free control points.
     pub(crate) free: (usize, usize),
-    pub(crate) samples: &'a [Sample],
     pub(crate) scales: &'a Scales,
     pub(crate) active: &'a [bool; AXES],
     /// Bound of the feed of each interval.
@@ -202,35 +203,47 @@ impl Cell {
 
 impl Together {
     /// Improves the free control points of `points`; whether it did. They stay strictly inside the tube.
-    pub(crate) fn improve(&mut self, window: &Window<'_>, points: &mut [Axes]) -> bool {
+    pub(crate) fn improve(
+        &mut self,
+        window: &Window<'_>,
+        chain: &Chain,
+        samples: &mut [Sample],
+        points: &mut [Axes],
+    ) -> bool {
         match window.active.iter().filter(|&&active| active).count() {
             0 => false,
-            1 | 2 => self.run::<2>(window, points),
-            3 => self.run::<3>(window, points),
-            4 | 5 => self.run::<5>(window, points),
-            _ => self.run::<9>(window, points),
+            1 | 2 => self.run::<2>(window, chain, samples, points),
+            3 => self.run::<3>(window, chain, samples, points),
+            4 | 5 => self.run::<5>(window, chain, samples, points),
+            _ => self.run::<9>(window, chain, samples, points),
         }
     }
 
-    fn run<const D: usize>(&mut self, window: &Window<'_>, points: &mut [Axes]) -> bool {
+    fn run<const D: usize>(
+        &mut self,
+        window: &Window<'_>,
+        chain: &Chain,
+        samples: &mut [Sample],
+        points: &mut [Axes],
+    ) -> bool {
         let layout = Layout::<D>::new(window);
         if window.to <= window.from {
             return false;
         }
-        self.prepare(window, &layout);
+        self.prepare(window, &layout, samples);
         self.points.clear();
         self.points.extend_from_slice(points);
         if !self.begin(window, &layout) {
             return false;
         }
         let rows = (self.cells.len() * (4 + 4 * D)) as f64;
-        let Some(time) = self.merit(window, &layout, &self.points, &self.alpha, 0.0) else {
+        let Some(time) = self.merit(window, &layout, samples, &self.points, &self.alpha, 0.0) else {
             return false;
         };
         let mut mu = time / rows;
         for _ in 0..LAW_ROUNDS {
             self.law_round(window, &layout, mu, ENOUGH * mu * rows);
-            let Some(time) = self.merit(window, &layout, &self.points, &self.alpha, 0.0) else {
+            let Some(time) = self.merit(window, &layout, samples, &self.points, &self.alpha, 0.0) else {
                 return false;
             };
             if mu < LAW_ENDS * time / rows {
@@ -239,17 +252,18 @@ impl Together {
             mu *= LAW_FACTOR;
         }
         let time = self
-            .merit(window, &layout, &self.points, &self.alpha, 0.0)
+            .merit(window, &layout, samples, &self.points, &self.alpha, 0.0)
             .unwrap_or(time);
         for alpha in &mut self.alpha {
             *alpha *= EASE;
         }
         let mut mu = BARRIER * time / rows;
         for _ in 0..ROUNDS {
-            let Some(merit) = self.merit(window, &layout, &self.points, &self.alpha, mu) else {
+            let Some(merit) = self.merit(window, &layout, samples, &self.points, &self.alpha, mu) else {
                 break;
             };
-            self.round(window, &layout, mu, merit, ENOUGH * mu * rows);
+            self.round(window, &layout, samples, mu, merit, ENOUGH * mu * rows);
+            follow(chain, samples, 0..samples.len(), &self.points);
             mu *= FACTOR;
         }
         points.copy_from_slice(&self.points);
@@ -261,13 +275,14 @@ impl Together {
         &mut self,
         window: &Window<'_>,
         layout: &Layout<D>,
+        samples: &[Sample],
         mu: f64,
         mut merit: f64,
         enough: f64,
     ) {
         let size = layout.size();
         for _ in 0..STEPS {
-            self.assemble(window, layout, mu);
+            self.assemble(window, layout, samples, mu);
             self.solve(layout);
             let slope: f64 = (0..size).map(|k| self.gradient[k] * self.step[k]).sum();
             if !(slope < -enough) {
@@ -290,7 +305,7 @@ impl Together {
                         }
                     }
                 }
-                let value = self.merit(window, layout, &self.trial_points, &self.trial_alpha, mu);
+                let value = self.merit(window, layout, samples, &self.trial_points, &self.trial_alpha, mu);
                 if let Some(value) = value
                     && value <= merit + 1e-4 * length * slope
                 {
@@ -385,14 +400,10 @@ impl Together {
         alpha: &[f64],
         mu: f64,
     ) -> Option<f64> {
-        let no_samples = Window {
-            samples: &[],
-            ..*window
-        };
-        self.merit(&no_samples, layout, &self.points, alpha, mu)
+        self.merit(window, layout, &[], &self.points, alpha, mu)
     }
 
-    fn prepare<const D: usize>(&mut self, window: &Window<'_>, layout: &Layout<D>) {
+    fn prepare<const D: usize>(&mut self, window: &Window<'_>, layout: &Layout<D>, samples: &[Sample]) {
         let zone = window.zone;
         let most = |scale: &Axes| {
             layout
@@ -453,7 +464,7 @@ impl Together {
                     cap: cap * cap,
                 });
             }
-            let count = window.samples[at..].partition_point(|sample| sample.interval <= i);
+            let count = samples[at..].partition_point(|sample| sample.interval <= i);
             at += count;
             self.weights.push(STATIONS as f64 / count.max(1) as f64);
         }
@@ -476,14 +487,17 @@ impl Together {
                 let path = &self.cells[cell].path[0];
                 let rate = of4(&path[0], &points);
                 first = f64::max(first, (rate * window.scales.velocity[axis]).abs());
-                second += (of4(&path[1], &points) * window.scales.acceleration[axis]).powi(2);
-                third += (of4(&path[2], &points) * window.scales.jerk[axis]).powi(2);
+                let acceleration = of4(&path[1], &points) * window.scales.acceleration[axis];
+                let jerk = of4(&path[2], &points) * window.scales.jerk[axis];
+                second += acceleration * acceleration;
+                third += jerk * jerk;
                 if layout.metric[d] {
                     feed += rate * rate;
                 }
             }
             let feed = feed.sqrt() / window.feeds[i - layout.from];
-            most = most.min(1.0 / first.max(feed).max(1e-12).powi(2));
+            let slowest = first.max(feed).max(1e-12);
+            most = most.min(1.0 / (slowest * slowest));
             most = most.min(1.0 / second.sqrt().max(1e-12));
             let slow = libm::cbrt(1.0 / third.sqrt().max(1e-18));
             self.trial_alpha.push(BEGIN * most.min(slow * slow));
@@ -540,6 +554,7 @@ impl Together {
         &self,
         window: &Window<'_>,
         layout: &Layout<D>,
+        samples: &[Sample],
         points: &[Axes],
         alpha: &[f64],
         mu: f64,
@@ -602,7 +617,7 @@ impl Together {
         }
         logs += libm::log(product);
         // The samples of an interval share their weight, and so their logarithm.
-        let mut samples = window.samples.iter().peekable();
+        let mut samples = samples.iter().peekable();
         while let Some(first) = samples.next() {
             let i = first.interval;
             let mut sample = first;
@@ -628,7 +643,13 @@ impl Together {
     }
 
     /// Gradient and lower half of the Hessian by columns: entry `(r, c)` at `c * BAND + r - c`.
-    fn assemble<const D: usize>(&mut self, window: &Window<'_>, layout: &Layout<D>, mu: f64) {
+    fn assemble<const D: usize>(
+        &mut self,
+        window: &Window<'_>,
+        layout: &Layout<D>,
+        samples: &[Sample],
+        mu: f64,
+    ) {
         let band = Layout::<D>::BAND;
         let size = layout.size();
         self.matrix.clear();
@@ -655,7 +676,7 @@ impl Together {
                     mu,
                 );
             }
-            while let Some(sample) = window.samples.get(at)
+            while let Some(sample) = samples.get(at)
                 && sample.interval == i
             {
                 local.sample(sample, &self.points[i..i + 4], layout, mu * self.weights[group]);

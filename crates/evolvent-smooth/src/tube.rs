@@ -3,12 +3,14 @@
 //! A sample compares a point of the spline with the programmed path about the place of the same parameter. Where
 //! the path is dense that is the programmed point itself: the error stays in a ball. On a longer straight the point
 //! may also slip along it: it stays in the capsule of all points within the tolerance `P` of a part of the straight.
-//! A ball would waste `1 / sin(half the angle)` at every corner.
+//! A ball would waste `1 / sin(half the angle)` at every corner. On a chain of short lines the ball itself slips: it
+//! follows the spline to the nearest programmed point, but no farther than `P`.
 
 use evolvent_path::{Axes, ParamCurve, Spline};
 
 use crate::basis::{Basis, values};
 use crate::chain::{Chain, Link, distance};
+use crate::follow::{Spot, nearest, range};
 
 /// Share of the tolerance that samples leave for what lies between them, where an interval has a single part.
 const UNUSED: f64 = 0.04;
@@ -39,6 +41,13 @@ pub(crate) struct Sample {
     pub(crate) radius2: f64,
     /// What the distance must not exceed, also beside the sample.
     pub(crate) tolerance: f64,
+    /// Parameter of the programmed point and a link that it belongs to.
+    pub(crate) at: f64,
+    pub(crate) link: usize,
+    /// Within which it may follow the spline; an empty range if it may not.
+    pub(crate) range: (f64, f64),
+    /// How far the path may stray from the straight to the neighbouring samples' points.
+    pub(crate) stray: f64,
 }
 
 impl Sample {
@@ -61,6 +70,25 @@ impl Sample {
         let nearest = x.max(-self.slip.0).min(self.slip.1);
         let off = std::array::from_fn(|d| error[d] - nearest * self.along[d]);
         (off, x > -self.slip.0 && x < self.slip.1)
+    }
+
+    /// Whether it may follow the spline.
+    pub(crate) fn moves(&self) -> bool {
+        self.range.0 < self.range.1
+    }
+
+    /// Its programmed point.
+    pub(crate) fn spot(&self) -> Spot {
+        Spot {
+            at: self.at,
+            link: self.link,
+            point: self.centre,
+        }
+    }
+
+    /// Compares with another programmed point from now on.
+    pub(crate) fn move_to(&mut self, spot: &Spot) {
+        (self.at, self.link, self.centre) = (spot.at, spot.link, spot.point);
     }
 
     /// The squared distance in units of the squared radius.
@@ -137,6 +165,8 @@ pub(crate) const MOST_PARTS: usize = 32;
 const MANY: usize = 3;
 /// How far the path may stray from a straight between samples then, in tolerances.
 const STRAY: f64 = 0.05;
+/// How far it may at least, so that samples can move.
+const STRAY_MOVED: f64 = 0.03;
 /// Halvings of a part.
 const HALVINGS: u32 = 8;
 
@@ -159,13 +189,14 @@ pub(crate) fn sample(
     let number = chain.find(from);
     let behind = chain.find(to);
     let before = samples.len();
+    let thin = behind - number > MANY;
     let mut maker = Maker {
         chain,
         interval,
         from,
         width: to - from,
         share: share(parts),
-        thin: behind - number > MANY,
+        thin,
         basis,
         active,
         samples,
@@ -207,10 +238,18 @@ pub(crate) fn sample(
             maker.add(left, u1);
         }
     }
+    if thin && samples[before..].iter().any(Sample::moves) {
+        let least = samples[before..]
+            .iter()
+            .map(|sample| sample.tolerance)
+            .fold(f64::INFINITY, f64::min);
+        stray = stray.max(STRAY_MOVED * least);
+    }
     if stray > 0.0 {
         for sample in &mut samples[before..] {
             let radius = (sample.radius2.sqrt() - stray).max(0.0);
             sample.radius2 = radius * radius;
+            sample.stray = stray;
         }
     }
     Cover { parts, stray }
@@ -224,7 +263,7 @@ pub(crate) fn covers(
     (from, to): (f64, f64),
     basis: &Basis,
     points: &[Axes],
-    samples: &[Sample],
+    (samples, next): (&[Sample], Option<&Sample>),
     (active, last): (&[bool; 9], &mut Vec<Sample>),
 ) -> bool {
     let width = to - from;
@@ -273,6 +312,12 @@ pub(crate) fn covers(
     let behind = chain.find(to);
     let at_joint = chain.get(behind).is_some_and(|link| link.from >= to) && behind > chain.first();
     maker.add(if at_joint { behind - 1 } else { behind }, to);
+    if let (Some(next), Some(end)) = (next, last.first_mut())
+        && (next.group, next.tolerance) == (end.group, end.tolerance)
+    {
+        // As it is held there: it may have moved, or reach along a straight that is longer than this interval.
+        (end.centre, end.along, end.slip) = (next.centre, next.along, next.slip);
+    }
     last.iter()
         .all(|sample| holds(sample, Cover { stray: 0.0, ..cover }))
 }
@@ -299,7 +344,18 @@ pub(crate) fn keeps(chain: &Chain, (from, to): (f64, f64), piece: &Spline) -> bo
         if !link.straight || slope.as_slice()[3..].iter().any(|&rate| rate != 0.0) {
             return false;
         }
-        // The nearest point of the straight instead of that of the same parameter.
+        // The nearest point of the path nearby instead of that of the same parameter.
+        let place = piece.position(u - from);
+        let place = std::array::from_fn(|d| place[d]);
+        if error.as_slice()[3..].iter().all(|&off| off == 0.0)
+            && let Some(near) = nearest(chain, range(chain, number, u, true), number, &place, true)
+        {
+            let off: [f64; 3] = std::array::from_fn(|d| place[d] - near.point[d]);
+            if dot(&off, &off) <= tolerance * tolerance {
+                continue;
+            }
+        }
+        // Or of the straight, which may reach farther.
         let along = error[0] * slope[0] + error[1] * slope[1] + error[2] * slope[2];
         let straight = straight(chain, number, link, u, along.abs());
         let nearest = along.min(straight.ahead).max(-straight.behind);
@@ -394,10 +450,18 @@ impl Maker<'_> {
                 slip: (0.0, 0.0),
                 radius2: tolerance * tolerance,
                 tolerance: link.tolerance,
+                at: u,
+                link: number,
+                range: (u, u),
+                stray: 0.0,
             };
             made.centre[..count].copy_from_slice(&place.as_slice()[first..first + count]);
             if group == 0 && link.straight && !self.thin {
                 self.lengthen(&mut made, number, link, u);
+            }
+            // Other axes that move tie the point to its parameter.
+            if made.along == [0.0; 3] && !self.active[3..].iter().any(|&active| active) {
+                made.range = range(self.chain, number, u, self.thin);
             }
             self.samples.push(made);
         }
@@ -411,9 +475,11 @@ impl Maker<'_> {
         }
         let reach = SLIP * link.tolerance;
         let straight = straight(self.chain, number, link, u, reach.max(DENSE * self.width));
-        if straight.sharp || straight.behind + straight.ahead <= DENSE * self.width {
+        if straight.behind + straight.ahead <= DENSE * self.width {
             return;
         }
+        // At a sharp corner no farther than that its point is missed by twice the tolerance.
+        let reach = if straight.sharp { link.tolerance } else { reach };
         made.slip = (
             straight.behind.clamp(0.0, reach),
             straight.ahead.clamp(0.0, reach),

@@ -71,7 +71,8 @@ impl Weights {
         let scaled = |v: &Axes, scale: &Axes| -> f64 {
             (0..AXES)
                 .filter(|&i| active[i])
-                .map(|i| (v[i] * scale[i]).powi(2))
+                .map(|i| v[i] * scale[i])
+                .map(|x| x * x)
                 .sum::<f64>()
                 .sqrt()
         };
@@ -80,7 +81,7 @@ impl Weights {
             .map(|i| scales.velocity[i])
             .fold(0.0, f64::max)
             .max(1e-9);
-        let (floor3, floor2) = (FLOOR * slowest.powi(3), FLOOR * slowest.powi(2));
+        let (floor3, floor2) = (FLOOR * slowest * slowest * slowest, FLOOR * slowest * slowest);
         for i in from..to {
             let half = 0.5 * (zone.knot(i + 1) - zone.knot(i));
             let jet = zone.jet(i);

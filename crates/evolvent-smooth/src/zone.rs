@@ -6,6 +6,7 @@ use evolvent_path::{Axes, Jet};
 
 use crate::basis::{Basis, basis};
 use crate::chain::Chain;
+use crate::follow::follow;
 use crate::spacing::{self, GROWTH};
 use crate::tube::{Cover, FEWEST_PARTS, MOST_PARTS, Sample, covers, sample};
 
@@ -80,6 +81,8 @@ pub(crate) struct Zone {
     open: Vec<usize>,
     /// Samples at an interval's right end.
     last: Vec<Sample>,
+    /// Samples before they are made anew.
+    old: Vec<Sample>,
 }
 
 impl Zone {
@@ -301,7 +304,7 @@ impl Zone {
                     return Some(i);
                 }
                 let last = (active, &mut self.last);
-                if covers(chain, cover, range, &self.bases[i], points, samples, last) {
+                if covers(chain, cover, range, &self.bases[i], points, (samples, None), last) {
                     self.covers.push(cover);
                     break;
                 }
@@ -323,13 +326,14 @@ impl Zone {
     /// Whether the spline keeps to the tolerance in all of an interval.
     fn covered(&mut self, chain: &Chain, interval: usize, active: &[bool; 9]) -> bool {
         let samples = self.samples_of(interval, interval + 1);
+        let next = self.samples.get(samples.end).copied();
         covers(
             chain,
             self.covers[interval],
             (self.knot(interval), self.knot(interval + 1)),
             &self.bases[interval],
             &self.points[interval..interval + 4],
-            &self.samples[samples],
+            (&self.samples[samples], next.as_ref()),
             (active, &mut self.last),
         )
     }
@@ -345,7 +349,7 @@ impl Zone {
             }
         }
         if !self.open.is_empty() {
-            self.resample(chain, from, active);
+            self.resample(chain, from, false, active);
         }
         self.open.is_empty()
     }
@@ -361,17 +365,34 @@ impl Zone {
 
     /// Makes the samples anew because other axes move.
     pub(crate) fn measure(&mut self, chain: &Chain, active: &[bool; 9]) {
-        self.resample(chain, 0, active);
+        self.resample(chain, 0, true, active);
     }
 
-    fn resample(&mut self, chain: &Chain, from: usize, active: &[bool; 9]) {
+    /// Makes the samples of intervals from `from` on anew, of all or of those that are `open`: others have moved.
+    fn resample(&mut self, chain: &Chain, from: usize, all: bool, active: &[bool; 9]) {
         let first = self.samples.partition_point(|sample| sample.interval < from);
+        self.old.clear();
+        self.old.extend_from_slice(&self.samples[first..]);
         self.samples.truncate(first);
+        let mut at = 0;
         for i in from..self.covers.len() {
-            let range = (self.knot(i), self.knot(i + 1));
-            let parts = self.covers[i].parts;
-            self.covers[i] = sample(chain, i, range, parts, &self.bases[i], active, &mut self.samples);
+            let count = self.old[at..].partition_point(|sample| sample.interval <= i);
+            if all || self.open.contains(&i) {
+                let range = (self.knot(i), self.knot(i + 1));
+                let parts = self.covers[i].parts;
+                self.covers[i] = sample(chain, i, range, parts, &self.bases[i], active, &mut self.samples);
+            } else {
+                self.samples.extend_from_slice(&self.old[at..at + count]);
+            }
+            at += count;
         }
+        self.follow(chain, from, self.covers.len());
+    }
+
+    /// Moves the samples of the intervals `from..to` to where the spline is.
+    pub(crate) fn follow(&mut self, chain: &Chain, from: usize, to: usize) {
+        let samples = self.samples_of(from, to);
+        follow(chain, &mut self.samples, samples, &self.points);
     }
 
     /// Brings free control points back towards `safe` where samples have no room, until all have; whether they have.

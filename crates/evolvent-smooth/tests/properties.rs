@@ -3,8 +3,11 @@
 mod common;
 
 use common::{
-    Kind, campaign, chain, check, equal_limits, limits, point, program, settings, smooth, stretches, within,
+    Kind, campaign, chain, check, distance, equal_limits, limits, point, program, settings, smooth,
+    stretches, within,
 };
+use evolvent_path::Axes;
+use evolvent_smooth::Stretch;
 
 const ANY: Kind = Kind {
     smallest: 1e-3,
@@ -68,6 +71,63 @@ fn programs_of_mixed_modes_and_axes_stay_within_the_tolerance() {
         check(&blocks, &out, 5, &what);
         assert_eq!(smoother.failures(), 0, "{what}");
     }
+}
+
+#[test]
+fn no_programmed_point_is_missed_by_more_than_twice_the_tolerance() {
+    let (mut random, cases) = campaign(0x5300_0004, 24);
+    for case in 0..cases {
+        let tolerance = random.log(1e-3, 0.1);
+        // From many lines within the tolerance to lines much longer than it, corners and reversals among them.
+        let step = tolerance * random.log(0.03, 30.0);
+        let (mut at, mut heading) = (point(&[0.0]), 0.0);
+        let mut points = vec![at];
+        for _ in 0..200 {
+            heading += if random.unit() < 0.1 {
+                random.between(-3.2, 3.2)
+            } else {
+                random.between(-0.3, 0.3)
+            };
+            let length = step * random.log(0.3, 3.0);
+            at += point(&[length * heading.cos(), length * heading.sin()]);
+            points.push(at);
+        }
+        let blocks = chain(&points, 100.0, within(tolerance));
+        let (out, smoother) = smooth(settings(equal_limits(200.0, 2000.0, 50_000.0)), &blocks);
+        let what = format!("case {case} P {tolerance} step {step}");
+        check(&blocks, &out, 5, &what);
+        assert_eq!(smoother.failures(), 0, "{what}");
+        let driven = polygon(&stretches(&out), 0.02 * tolerance);
+        let mut u = 0.0;
+        for (k, block) in blocks.iter().enumerate() {
+            u += block.curve.domain();
+            let near = driven.partition_point(|&(at, _)| at < u - 12.0 * tolerance)
+                ..driven.partition_point(|&(at, _)| at <= u + 12.0 * tolerance);
+            let missed = driven[near]
+                .iter()
+                .map(|(_, place)| distance(&(place - block.curve.end())))
+                .fold(f64::INFINITY, f64::min);
+            assert!(
+                missed <= 2.01 * tolerance,
+                "{what}: the end of block {k} is missed by {} P",
+                missed / tolerance
+            );
+        }
+    }
+}
+
+/// Points of the path, closer than `gap`, by its parameter.
+fn polygon(stretches: &[Stretch], gap: f64) -> Vec<(f64, Axes)> {
+    let (mut u, mut out) = (0.0, Vec::new());
+    for stretch in stretches {
+        let parts = (stretch.length / gap).ceil().clamp(1.0, 1e4) as usize;
+        for k in 0..=parts {
+            let x = stretch.length * k as f64 / parts as f64;
+            out.push((u + x, stretch.curve.position(stretch.from + x)));
+        }
+        u += stretch.length;
+    }
+    out
 }
 
 #[test]
