@@ -634,23 +634,35 @@ impl Smoother {
         } else if length > 4.0 * link.tolerance {
             length = 4.0 * link.tolerance;
         }
-        let to = if length < link.to - self.cursor {
-            self.cursor + length
-        } else {
-            link.to
-        };
-        let end = if to < link.to {
-            link.position(to)
-        } else {
-            link.curve.end()
-        };
-        let length = to - self.cursor;
-        let mut jet = Jet::at_rest(place);
-        jet.first = (end - place) / length;
-        // A way of no length is none: then the curve can go on from here.
-        let Ok(spline) = Spline::new(&jet, end, length) else {
+        // Where the point that it is within the tolerance of lies on another link, a shorter way may be needed.
+        let mut found = None;
+        for _ in 0..HALVINGS {
+            let to = if length < link.to - self.cursor {
+                self.cursor + length
+            } else {
+                link.to
+            };
+            let end = if to < link.to {
+                link.position(to)
+            } else {
+                link.curve.end()
+            };
+            let mut jet = Jet::at_rest(place);
+            jet.first = (end - place) / (to - self.cursor);
+            // A way of no length is none: then the curve can go on from here.
+            let Ok(spline) = Spline::new(&jet, end, to - self.cursor) else {
+                break;
+            };
+            found = Some((spline, to));
+            if keeps(&self.chain, (self.cursor, to), &spline) {
+                break;
+            }
+            length *= 0.5;
+        }
+        let Some((spline, to)) = found else {
             return;
         };
+        let length = to - self.cursor;
         out.push(Output::Stretch(Stretch {
             curve: Curve::Spline(spline),
             from: 0.0,
