@@ -5,7 +5,8 @@ use std::path::Path;
 use std::sync::{Arc, Mutex};
 
 use evolvent_daemon::{
-    Clock, Controls, Job, Notice, ProgramError, RunObserver, RunOutcome, Seen, Setup, check, run_seen,
+    CheckBounds, Clock, Controls, Job, Notice, ProgramError, RunObserver, RunOutcome, Seen, Setup, check,
+    run_seen,
 };
 use evolvent_machine::{Machine, PlannerKind};
 use evolvent_motion::State;
@@ -187,7 +188,7 @@ fn what_does_not_fit_is_refused_at_its_line_before_anything_moves() {
         let file = folder.path().join("turn.ngc");
         std::fs::write(&file, program).unwrap();
         let setup = setup(process);
-        let found = check(&file, &setup, 5).unwrap();
+        let found = check(&file, &setup, CheckBounds::whole(5)).unwrap().errors;
         let (looks, outcome) = drive(program, setup, |_, _, _| {});
         assert!(looks.iter().all(|look| look.turning.is_none()));
         let Err(ProgramError::Text { diagnostic, .. }) = outcome.program else {

@@ -104,10 +104,10 @@ impl Quantity {
         match self {
             // Those of which there are most, without asking which it is at every one.
             Self::Position => {
-                pairs.for_each(|(record, &value)| record.position[axis] = f64::from_bits(value))
+                pairs.for_each(|(record, &value)| record.position[axis] = f64::from_bits(value));
             }
             Self::Velocity => {
-                pairs.for_each(|(record, &value)| record.velocity[axis] = f64::from_bits(value))
+                pairs.for_each(|(record, &value)| record.velocity[axis] = f64::from_bits(value));
             }
             Self::Acceleration => {
                 pairs.for_each(|(record, &value)| record.acceleration[axis] = f64::from_bits(value));
