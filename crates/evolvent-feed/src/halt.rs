@@ -46,6 +46,7 @@ impl Optimizer {
             a,
         };
         self.solver.iterations = 0;
+        self.limit_stop();
         let mut worst = self.quick_stop(&job, stop::FEW_SHARES, out);
         if worst.is_none() {
             worst = self.best_stop(&job, out);

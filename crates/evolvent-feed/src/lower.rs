@@ -17,6 +17,8 @@ use crate::stop;
 const EXCESS: f64 = 1e-3;
 /// Share of the feed that is come down to: within the barrier of the caps, and a thousandth of it is not missed.
 const SHARE: f64 = 0.9994;
+/// How much lower the least cap of the whole window may be.
+const FAR: f64 = 0.9;
 /// Lengths of the last stub over which the crawl at this speed may be brought to rest.
 const FADES: [f64; 5] = [20.0, 100.0, 500.0, 2500.0, 12_500.0];
 
@@ -37,8 +39,25 @@ impl Optimizer {
         if v <= feed * (1.0 + EXCESS) {
             return None;
         }
-        let reach = stop::reach(grid, from, v, a, until);
-        let speed = SHARE * stop::least_cap(grid, from, until, reach, factor)?;
+        let (reach, kept) = (stop::reach(grid, from, v, a, until), out.len());
+        let near = SHARE * stop::least_cap(grid, from, until, reach, factor)?;
+        self.lower_to(job, near, out).or_else(|| {
+            // The feed is one of the path, the solver's that of a curve's parameter, and farther on its cap may be a little lower.
+            let far = SHARE * stop::least_cap(grid, from, until, stop::room(grid, from, until), factor)?;
+            out.truncate(kept);
+            (far < near && far >= FAR * near).then(|| self.lower_to(job, far, out))?
+        })
+    }
+
+    fn lower_to(&mut self, job: &Job<'_>, speed: f64, out: &mut Vec<Piece>) -> Option<f64> {
+        let Job {
+            grid,
+            from,
+            until,
+            factor,
+            state: (v, a),
+            ..
+        } = *job;
         let profile = stop::slow_down(grid, from, (v, a), until, speed)?;
         if !stop::write(grid, from, until, &profile, out) {
             return None;

@@ -18,14 +18,17 @@ pub const MOST_INTERVALS: usize = 320;
 pub(crate) const MOST_SPANS: usize = MOST_INTERVALS + 200;
 /// Share of the jerk limit that the last stub of an open window may use.
 const GENTLE: f64 = 0.25;
-/// Most Newton steps of one plan, and the share of them that the way to its centre may take.
+/// How many times as many Newton steps a plan from rest has: broken off it would be driven to its end, and no cycle waits.
+const AT_REST: u32 = 5;
+/// Most Newton steps of one plan, and the share of them that is kept from the way to its centre.
 const MOST_STEPS: u32 = 48;
 const CENTRE_SHARE: u32 = 6;
 /// Most rounds of checking and correcting, and steps of each.
 const POLISHES: usize = 4;
 const POLISH_STEPS: u32 = 8;
-/// Shares of the way from its start that a plan goes if it cannot be driven as far as it went.
-const RETREATS: [f64; 6] = [0.9, 0.75, 0.5, 0.25, 0.1, 0.0];
+/// Shares of the way from its start that a plan goes if it cannot be driven as far as it went. The first cost next to
+/// nothing: an excess of a hundredth at one corner must not slow a hundred millimetres down.
+const RETREATS: [f64; 8] = [0.998, 0.99, 0.97, 0.9, 0.75, 0.5, 0.25, 0.0];
 /// Most crawls that are tried, each at this share of the `u'^2` of the one before.
 const CRAWLS: usize = 40;
 const SLOWER: f64 = 0.3;
@@ -58,8 +61,10 @@ pub struct Optimizer {
     pub(crate) goal: Vec<f64>,
     pub(crate) guide: start::Guide,
     pub(crate) kept: Kept,
-    /// Newton steps that one plan or stop may take.
-    pub(crate) most_steps: u32,
+    /// Newton steps that one plan in motion or stop may take.
+    most_steps: u32,
+    /// Those of the plan or stop at hand.
+    steps: u32,
 }
 
 impl Optimizer {
@@ -77,10 +82,12 @@ impl Optimizer {
             guide: start::Guide::with_capacity(stations),
             kept: Kept::with_capacity(stations),
             most_steps: MOST_STEPS,
+            steps: MOST_STEPS,
         }
     }
 
-    /// Bounds the work of a plan or stop: so many Newton steps, 48 if nothing else is said. What is found by then is
+    /// Bounds the work of a plan in motion or a stop: so many Newton steps, 48 if nothing else is said; five times as many
+    /// from rest, where nothing waits but the start. What is found by then is
     /// handed out; it keeps all limits, but is the slower the fewer steps there are.
     #[must_use]
     pub fn with_steps(mut self, most: u32) -> Self {
@@ -127,6 +134,10 @@ impl Optimizer {
             Entry::Moving { v, a } => (v, a),
         };
         check(grid, from, until, v, a, feed_factor)?;
+        self.steps = match entry {
+            Entry::Rest => AT_REST * self.most_steps,
+            Entry::Moving { .. } => self.most_steps,
+        };
         let job = Job {
             grid,
             from,
@@ -169,10 +180,15 @@ impl Optimizer {
         })
     }
 
+    /// Gives a stop its steps.
+    pub(crate) fn limit_stop(&mut self) {
+        self.steps = self.most_steps;
+    }
+
     /// Steps that are left for the way to the centre; some are kept for what a check between stations may find.
     pub(crate) fn centre_steps(&self) -> u32 {
-        let kept = self.most_steps / CENTRE_SHARE;
-        (self.most_steps - kept).saturating_sub(self.solver.iterations)
+        let kept = self.steps / CENTRE_SHARE;
+        (self.steps - kept).saturating_sub(self.solver.iterations)
     }
 
     /// Checks between stations and keeps away from the limits where that finds them exceeded. If there are no steps left
@@ -180,7 +196,7 @@ impl Optimizer {
     pub(crate) fn polish(&mut self, grid: &Grid, factor: f64) -> Ratios {
         let mut checked = self.check_between(grid, factor);
         for _ in 1..POLISHES {
-            let left = self.most_steps.saturating_sub(self.solver.iterations);
+            let left = self.steps.saturating_sub(self.solver.iterations);
             if !checked.raised || left == 0 {
                 break;
             }

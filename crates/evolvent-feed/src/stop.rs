@@ -91,7 +91,7 @@ fn ratios(point: &Point, state: &ScalarState, jerk: f64, limits: &PathLimits) ->
 }
 
 /// Length of the known path.
-fn room(grid: &Grid, from: Place, until: u64) -> f64 {
+pub(crate) fn room(grid: &Grid, from: Place, until: u64) -> f64 {
     (from.interval..until)
         .filter_map(|k| grid.interval_length(k))
         .sum::<f64>()

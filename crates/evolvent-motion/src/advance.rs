@@ -255,9 +255,7 @@ impl Motion {
             cursor.segment_start = -from;
         }
         let Some(mut segment) = queue.segment(cursor.segment) else {
-            let mut still = self.last;
-            (still.first, still.second, still.third) = (Axes::zeros(), Axes::zeros(), Axes::zeros());
-            return (still, None);
+            return (at_rest(self.last), None);
         };
         if matches!(cursor.drive, Drive::Run(_)) {
             for _ in 0..MOST_PER_CYCLE {
@@ -290,8 +288,21 @@ impl Motion {
         if cursor.is_still() && last && segment.length - x <= END_ROUNDING {
             place.position = segment.curve.end();
         }
-        let jet = by_time(&place, now.v, now.a, jerk);
-        (jet, Some(segment))
+        if cursor.is_still() {
+            // Zero times a derivative may be -0.0, and whether there is a segment yet is a matter of the planner's speed.
+            return (at_rest(place), Some(segment));
+        }
+        (by_time(&place, now.v, now.a, jerk), Some(segment))
+    }
+}
+
+/// The same place without motion.
+fn at_rest(place: Jet) -> Jet {
+    Jet {
+        position: place.position,
+        first: Axes::zeros(),
+        second: Axes::zeros(),
+        third: Axes::zeros(),
     }
 }
 

@@ -11,8 +11,8 @@ use super::Verified;
 use crate::check::LimitCheck;
 use crate::jobs::Travel;
 
-/// Ratio of the speed to the programmed feed that is let pass: between its stations the planner keeps to 0.08 %.
-const FEED: f64 = 1.001;
+/// What a feed may have: on the way down from a rapid a period lies on both sides of the joint.
+const FEED: f64 = 1.002;
 const FLAG_STARVED: u32 = 32;
 pub(super) const STATE_DONE: u8 = 9;
 
