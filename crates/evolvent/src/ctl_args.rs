@@ -86,12 +86,12 @@ pub(crate) enum Action {
         /// on or off.
         state: Switch,
     },
-    /// Stop at M1, in programs that are started from now on.
+    /// Stop at M1; in a running program in lines that are not read yet.
     OptionalStop {
         /// on or off.
         state: Switch,
     },
-    /// Leave out lines that begin with `/`, in programs that are started from now on.
+    /// Leave out lines that begin with `/`; in a running program those that are not read yet.
     BlockDelete {
         /// on or off.
         state: Switch,
@@ -101,7 +101,7 @@ pub(crate) enum Action {
         /// Percent.
         percent: f64,
     },
-    /// Rapid override, 0 to 100 percent, for jobs that are started from now on.
+    /// Rapid override, 0 to 100 percent; in a running program for lines that are not read yet.
     Rapid {
         /// Percent.
         percent: f64,
