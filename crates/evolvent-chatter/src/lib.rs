@@ -36,6 +36,7 @@ mod speeds;
 mod verify;
 
 pub use case::{Case, LawSource, LobeRange, MapRange, OscillationCase, SweepRange};
+pub use case_file::case_schema;
 pub use cycle::Cycle;
 pub use delay::{MillingDelay, lobe_diagram};
 pub use error::ChatterError;

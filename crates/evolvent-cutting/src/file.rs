@@ -1,5 +1,9 @@
 //! The law file: a law as data.
+//!
+//! The JSON schema is made from these types, so their doc comments are what an editor shows to the person who writes a
+//! law file.
 
+use schemars::JsonSchema;
 use serde::Deserialize;
 
 use crate::error::{LawError, SheetError};
@@ -14,81 +18,143 @@ use crate::table::ForceTable;
 const BUILT_IN: [&str; 1] = [include_str!("../../../config/laws/40x-r1.toml")];
 
 /// A law as a file gives it, before the angles of a tool are known.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(title = "Evolvent force law file")]
 pub struct LawDefinition {
     /// Name in case files and reports.
     pub name: String,
     /// One line for people: where the law is from.
     #[serde(default)]
     pub description: String,
+    /// Which of the tables below there is.
     kind: KindWord,
-    /// Py / Pz.
+    /// Radial over tangential force, Py / Pz; 0.4 is assumed if left out.
+    #[schemars(range(min = 0.0, max = 10.0))]
     radial_ratio: Option<f64>,
+    /// Where the data are from; beyond, the law is extrapolated, and that is said.
     #[serde(default)]
     covered: CoveredFile,
+    /// `kind = "power"`.
     power: Option<PowerFile>,
+    /// `kind = "rational"`.
     rational: Option<RationalFile>,
+    /// `kind = "table"`.
     table: Option<TableFile>,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+/// Kinds of laws.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 enum KindWord {
+    /// The power law that handbooks print.
     Power,
+    /// A rational function of the speed with a falling section.
     Rational,
+    /// Measured forces.
     Table,
 }
 
-#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+/// Where the data are from: lowest and highest.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct CoveredFile {
+    /// Cutting speeds.
     speed_m_min: Option<[f64; 2]>,
+    /// Depths of cut.
     depth_mm: Option<[f64; 2]>,
+    /// Feeds.
     feed_mm_rev: Option<[f64; 2]>,
 }
 
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+/// `Pz = coefficient_n factor V^speed_exponent t^depth_exponent S^feed_exponent`, V in m/min, t in mm, S in mm/rev.
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct PowerFile {
+    /// Force at 1 m/min, 1 mm and 1 mm/rev, N.
+    #[schemars(range(min = 1e-9, max = 1e9))]
     coefficient_n: f64,
+    /// Further factor (tool, material); 1 if left out.
+    #[schemars(range(min = 1e-9, max = 1e9))]
     factor: Option<f64>,
+    /// Exponent of the cutting speed.
+    #[schemars(range(min = -10.0, max = 10.0))]
     speed_exponent: f64,
+    /// Exponent of the depth.
+    #[schemars(range(min = 0.0, max = 10.0))]
     depth_exponent: f64,
+    /// Exponent of the feed.
+    #[schemars(range(min = 0.0, max = 10.0))]
     feed_exponent: f64,
 }
 
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+/// `Pz = unit_n Kt Klead ((a V k1 + b k2) / (V^2 + f V k5 + g k6) + c k3 / V + d k4)`, V in m/min. Each of a to g: the value at
+/// a feed of 1 mm/rev, and the exponent of the feed. Each of k1 to k6: the value at a rake angle of 0 degrees, and the
+/// exponent of e per degree.
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct RationalFile {
+    /// What makes newtons of the law's unit: 9.80665 for kgf.
+    #[schemars(range(min = 1e-6, max = 1e6))]
     unit_n: f64,
+    /// `Kt = depth_factor t^depth_exponent`, t in mm.
+    #[schemars(range(min = 1e-9, max = 1e9))]
     depth_factor: f64,
+    /// Exponent of the depth.
+    #[schemars(range(min = 0.01, max = 10.0))]
     depth_exponent: f64,
+    /// `Klead = lead_factor_at_0_deg + lead_factor_per_deg (lead angle)`.
+    #[schemars(range(min = -1e3, max = 1e3))]
     lead_factor_at_0_deg: f64,
+    /// How that changes with a degree.
+    #[schemars(range(min = -1e3, max = 1e3))]
     lead_factor_per_deg: f64,
+    /// Value at 1 mm/rev, exponent of the feed.
     a: [f64; 2],
+    /// Value at 1 mm/rev, exponent of the feed.
     b: [f64; 2],
+    /// Value at 1 mm/rev, exponent of the feed.
     c: [f64; 2],
+    /// Value at 1 mm/rev, exponent of the feed.
     d: [f64; 2],
+    /// Value at 1 mm/rev, exponent of the feed.
     f: [f64; 2],
+    /// Value at 1 mm/rev, exponent of the feed.
     g: [f64; 2],
+    /// Value at a rake angle of 0 degrees, exponent of e per degree.
     k1: [f64; 2],
+    /// Value at a rake angle of 0 degrees, exponent of e per degree.
     k2: [f64; 2],
+    /// Value at a rake angle of 0 degrees, exponent of e per degree.
     k3: [f64; 2],
+    /// Value at a rake angle of 0 degrees, exponent of e per degree.
     k4: [f64; 2],
+    /// Value at a rake angle of 0 degrees, exponent of e per degree.
     k5: [f64; 2],
+    /// Value at a rake angle of 0 degrees, exponent of e per degree.
     k6: [f64; 2],
 }
 
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+/// Measured forces over speed, depth and feed.
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct TableFile {
+    /// Cutting speeds, rising.
+    #[schemars(length(min = 1, max = 200))]
     speed_m_min: Vec<f64>,
+    /// Depths of cut, rising.
+    #[schemars(length(min = 1, max = 200))]
     depth_mm: Vec<f64>,
+    /// Feeds, rising.
+    #[schemars(length(min = 1, max = 200))]
     feed_mm_rev: Vec<f64>,
+    /// A list for each feed, of lists for each depth, of forces for each speed.
     force_n: Vec<Vec<Vec<f64>>>,
+    /// Exponent of the speed, where one speed is given.
     speed_exponent: Option<f64>,
+    /// Exponent of the depth, where one depth is given.
     depth_exponent: Option<f64>,
+    /// Exponent of the feed, where one feed is given.
     feed_exponent: Option<f64>,
 }
 
@@ -219,6 +285,12 @@ impl LawDefinition {
             },
         ))
     }
+}
+
+/// The JSON schema of the law file, as `config/law.schema.json` ships it: editors complete and check with it.
+#[must_use]
+pub fn law_schema() -> serde_json::Value {
+    schemars::schema_for!(LawDefinition).to_value()
 }
 
 impl RationalFile {

@@ -34,7 +34,7 @@ mod sheet;
 mod table;
 
 pub use error::{ForceError, LawError, SheetError};
-pub use file::LawDefinition;
+pub use file::{LawDefinition, law_schema};
 pub use force::{Cut, Force, SectionForce, Tool};
 pub use law::{Covered, ForceLaw, Section};
 pub use power::PowerLaw;

@@ -2,17 +2,13 @@
 
 #![expect(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
 
-use evolvent_cutting::{LawDefinition, Sheet, Tool};
+use evolvent_cutting::{LawDefinition, Sheet, Tool, law_schema};
+use evolvent_file_tests::{Edit, assert_refused, assert_schema, edit};
 
 const GOOD: &str = include_str!("../../../config/laws/40x-r1.toml");
 
 fn refusal(text: &str) -> String {
     LawDefinition::parse(text, "law.toml").unwrap_err().to_string()
-}
-
-/// The line of the first text that holds `part`.
-fn line_of(text: &str, part: &str) -> usize {
-    text.lines().position(|line| line.contains(part)).unwrap() + 1
 }
 
 #[test]
@@ -33,28 +29,42 @@ fn every_key_of_the_shipped_law_is_needed_or_optional_by_name() {
     }
 }
 
+/// To write the file anew: `EVOLVENT_WRITE_SCHEMA=1 cargo test -p evolvent-cutting schema`.
 #[test]
-fn errors_name_file_line_and_key() {
-    let line = line_of(GOOD, "c = [");
-    for (from, to, key) in [
-        ("c = [260.13, 0.8343]", "c = [260.13, nan]", "rational"),
-        ("c = [260.13, 0.8343]", "c = [260.13, \"x\"]", "rational.c[1]"),
-        ("c = [260.13, 0.8343]", "cc = [260.13, 0.8343]", "rational.cc"),
-        ("radial_ratio = 0.4", "radial_ratio = -1", "radial_ratio"),
-        ("[10.0, 70.0]", "[70.0, 10.0]", "covered.speed_m_min"),
-        ("kind = \"rational\"", "kind = \"power\"", "kind"),
-    ] {
-        let text = GOOD.replacen(from, to, 1);
-        assert_ne!(text, GOOD);
-        let error = refusal(&text);
-        assert!(
-            error.starts_with("law.toml:") && error.contains(&format!(" {key}: ")),
-            "{error}"
-        );
-        if key == "rational.c[1]" {
-            assert!(error.starts_with(&format!("law.toml:{line}:")), "{error}");
-        }
-    }
+fn the_shipped_schema_is_that_of_the_code() {
+    assert_schema("law.schema.json", &law_schema(), "evolvent-cutting");
+}
+
+#[test]
+fn bad_files_are_refused_with_line_column_and_key() {
+    let c = "c = [260.13, 0.8343]";
+    let at_table = |edit| Edit {
+        line: "[rational]",
+        ..edit
+    };
+    assert_refused(
+        GOOD,
+        &[
+            Edit {
+                column: 2,
+                ..at_table(edit(c, "c = [260.13, nan]", " rational: "))
+            },
+            Edit {
+                column: 14,
+                ..edit(c, "c = [260.13, \"x\"]", " rational.c[1]: ")
+            },
+            edit(c, "cc = [260.13, 0.8343]", " rational.cc: "),
+            at_table(edit("unit_n = 9.80665 ", "#", " rational.unit_n: ")),
+            edit("radial_ratio = 0.4", "radial_ratio = -1", " radial_ratio: "),
+            Edit {
+                line: "speed_m_min",
+                ..edit("[10.0, 70.0]", "[70.0, 10.0]", " covered.speed_m_min: ")
+            },
+            edit("kind = \"rational\"", "kind = \"power\"", " kind: "),
+            edit("kind = \"rational\"", "kind = \"cubic\"", " kind: "),
+        ],
+        LawDefinition::parse,
+    );
     let error = refusal("name = = 1\n");
     assert!(
         error.starts_with("law.toml:1:") && error.contains("not valid TOML"),

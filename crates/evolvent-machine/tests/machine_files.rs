@@ -6,18 +6,15 @@
     reason = "clippy takes the helpers of these tests for code that ships"
 )]
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
+use evolvent_file_tests::{assert_schema, config};
 use evolvent_machine::{
     ControlRate, CycleRecording, FeedbackWish, Machine, MachineError, MachineKind, OnFull, PathMode,
     machine_schema,
 };
 use evolvent_path::AxisLetter;
 use proptest::prelude::*;
-
-fn config() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config")
-}
 
 fn shipped() -> Vec<(String, String)> {
     let mut files: Vec<_> = std::fs::read_dir(config().join("machines"))
@@ -221,16 +218,7 @@ fn the_three_axis_mill_is_as_documented() {
 /// To write the file anew: `EVOLVENT_WRITE_SCHEMA=1 cargo test -p evolvent-machine schema`.
 #[test]
 fn the_shipped_schema_is_that_of_the_code() {
-    let path = config().join("machine.schema.json");
-    let text = format!("{}\n", serde_json::to_string_pretty(&machine_schema()).unwrap());
-    if std::env::var_os("EVOLVENT_WRITE_SCHEMA").is_some() {
-        std::fs::write(&path, &text).unwrap();
-    }
-    let shipped = std::fs::read_to_string(&path).unwrap_or_default();
-    assert!(
-        shipped == text,
-        "config/machine.schema.json is out of date: run EVOLVENT_WRITE_SCHEMA=1 cargo test -p evolvent-machine schema"
-    );
+    assert_schema("machine.schema.json", &machine_schema(), "evolvent-machine");
 }
 
 /// What a bad edit of `GOOD` must say: the edit, and parts of the message.

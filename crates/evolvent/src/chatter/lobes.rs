@@ -107,16 +107,26 @@ pub(crate) fn svg(case: &Case, answers: &[LobeAnswer]) -> String {
     for answer in answers {
         let most = 1e3 * answer.most_m;
         let chart = Chart::new((70.0, top), (1100.0, 420.0), case.lobes.speed_rpm, [0.0, most]);
-        chart.frame(
-            &mut svg,
-            &format!("Stability lobes, {}", answer.kind),
-            "spindle speed, rpm",
-            if answer.exact {
-                "limit of the depth, mm: stable below; blue: delay equation, orange dashed: zero order; dotted: stable at every speed (zero order)"
+        let least: Vec<String> = answer
+            .minima
+            .iter()
+            .filter(|limit| limit.depth_m < answer.most_m)
+            .map(|limit| format!("{:.4} mm at {:.2} Hz", 1e3 * limit.depth_m, limit.frequency_hz))
+            .collect();
+        let mut says = "limit of the depth, mm: stable below".to_owned();
+        if answer.exact {
+            says += "; blue: delay equation, orange dashed: zero order";
+        }
+        if !least.is_empty() {
+            says += if answer.exact {
+                "; dotted: least limits of the zero order, "
             } else {
-                "limit of the depth, mm: stable below; dotted: stable at every speed"
-            },
-        );
+                "; dotted: least limits, "
+            };
+            says += &least.join(" and ");
+        }
+        let head = format!("Stability lobes, {}", answer.kind);
+        chart.frame(&mut svg, &head, "spindle speed, rpm", &says);
         let line = |of: &dyn Fn(&LobePoint) -> Option<f64>| -> Vec<Option<(f64, f64)>> {
             // Nothing found means above the picture.
             let point = |point| {
@@ -147,9 +157,6 @@ pub(crate) fn svg(case: &Case, answers: &[LobeAnswer]) -> String {
                     Some((case.lobes.speed_rpm[1], depth)),
                 ];
                 chart.line(&mut svg, &ends, "#555", 1.0, "stroke-dasharray=\"2 3\"");
-                let (x, y) = chart.place(case.lobes.speed_rpm[1], depth);
-                let text = format!("{depth:.4} mm at {:.2} Hz", limit.frequency_hz);
-                svg.text((x - 6.0, y + 13.0), Anchor::End, "small", &text);
             }
         }
         top += 530.0;

@@ -205,7 +205,11 @@ fn amplitude(svg: &mut Svg, answer: &Answer) {
     );
     cycles(svg, &chart, sweep, |cycle| 1e3 * cycle.0);
     chart.upright(svg, answer.tool.speed_m_min);
-    for stable in answer.stable_m_min.into_iter().flatten() {
+    let [slower, faster] = answer.stable_m_min;
+    // Rounded away from the border, as in the text.
+    let slower = slower.map(|at| (at, 0.1 * f64::floor(10.0 * at)));
+    let faster = faster.map(|at| (at, 0.1 * f64::ceil(10.0 * at)));
+    for (stable, said) in slower.into_iter().chain(faster) {
         let [low, high] = answer.asked.sweep.speed_m_min;
         if (low..=high).contains(&stable) {
             let (x, y) = chart.place(stable, 0.0);
@@ -214,7 +218,7 @@ fn amplitude(svg: &mut Svg, answer: &Answer) {
                 (x, y - 9.0),
                 Anchor::Middle,
                 "small",
-                &format!("stable: {stable:.1}"),
+                &format!("stable: {said:.1} m/min"),
             );
         }
     }

@@ -6,7 +6,7 @@ use evolvent_chatter::{Case, Cycle, Measure, ScanEnd, Verdict};
 use serde_json::{Value, json};
 
 use super::answer::{Answer, Checked};
-use super::lobes::LobeAnswer;
+use super::lobes::{LobeAnswer, LobePoint};
 
 pub(crate) fn text(case: &Case, oscillation: Option<&Answer>, lobes: &[LobeAnswer]) -> String {
     let mut text = String::new();
@@ -197,13 +197,23 @@ fn assumptions_text(text: &mut String, assumptions: &[String]) -> std::fmt::Resu
 
 fn lobe_text(text: &mut String, case: &Case, answer: &LobeAnswer) -> std::fmt::Result {
     writeln!(text, "{}: stability lobes, {}", case.name, answer.kind)?;
-    for limit in &answer.minima {
+    // Zero order promises too much; of several modes the first has the least limit.
+    let (first, next) = if answer.kind == "milling" {
+        (
+            "zero order: least limit",
+            "zero order: least limit of another lobe",
+        )
+    } else {
+        ("stable at every speed below", "least limit of another mode")
+    };
+    for (k, limit) in answer.minima.iter().enumerate() {
         let lobes: Vec<String> = (0..4)
             .map(|waves| format!("{:.0}", limit.speed_rpm(waves, answer.cuts_per_rev)))
             .collect();
         writeln!(
             text,
-            "  stable at every speed below {:.4} mm, at {:.3} Hz; worst at {} rpm and so on",
+            "  {} {:.4} mm, at {:.3} Hz; worst at {} rpm and so on",
+            if k == 0 { first } else { next },
             1e3 * limit.depth_m,
             limit.frequency_hz,
             lobes.join(", ")
@@ -212,21 +222,25 @@ fn lobe_text(text: &mut String, case: &Case, answer: &LobeAnswer) -> std::fmt::R
     let of = |point: &(f64, Option<f64>, Option<f64>)| {
         if answer.exact { point.2 } else { point.1 }
     };
-    let best = answer.points.iter().max_by(|a, b| {
-        of(a)
-            .unwrap_or(answer.most_m)
-            .total_cmp(&of(b).unwrap_or(answer.most_m))
-    });
-    if let Some(best) = best {
+    let order = |a: &&LobePoint, b: &&LobePoint| {
+        let depth = |point: &LobePoint| of(point).unwrap_or(answer.most_m);
+        depth(a).total_cmp(&depth(b))
+    };
+    let ends = [
+        ("least limit", answer.points.iter().min_by(order)),
+        ("deepest stable cut", answer.points.iter().max_by(order)),
+    ];
+    for (what, point) in ends {
+        let Some(point) = point else { continue };
         let [from, to] = case.lobes.speed_rpm;
-        let depth = match of(best) {
+        let depth = match of(point) {
             Some(depth) if depth < answer.most_m => format!("{:.3} mm", 1e3 * depth),
             _ => format!("more than {:.3} mm", 1e3 * answer.most_m),
         };
         writeln!(
             text,
-            "  deepest stable cut from {from:.0} to {to:.0} rpm: {depth} at {:.0} rpm ({})",
-            best.0,
+            "  {what} from {from:.0} to {to:.0} rpm: {depth} at {:.0} rpm ({})",
+            point.0,
             if answer.exact {
                 "delay equation"
             } else {

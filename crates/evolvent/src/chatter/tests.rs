@@ -110,6 +110,33 @@ fn the_lobes_have_their_figures() {
     assert!(turning["oscillation"].is_null());
 }
 
+/// The delay equation's limits lie below the least one of the zero order here: that one must not be promised.
+#[test]
+fn the_least_limit_of_milling_is_that_of_the_delay_equation() {
+    let lobes = &json("processes/lobes-milling")["lobes"][0];
+    let zero = lobes["minima"][0]["depth_mm"].as_f64().unwrap();
+    let text = ran(&ChatterArgs {
+        case: shipped("processes/lobes-milling"),
+        ..ChatterArgs::default()
+    })
+    .1;
+    let said = text
+        .lines()
+        .find(|line| line.contains("least limit from"))
+        .unwrap();
+    let depth: f64 = said
+        .split(": ")
+        .nth(1)
+        .unwrap()
+        .split(' ')
+        .next()
+        .unwrap()
+        .parse()
+        .unwrap();
+    assert!(depth < zero && said.contains("delay equation"), "{text}");
+    assert!(!text.contains("stable at every speed"), "{text}");
+}
+
 #[test]
 fn json_cases_say_the_same_as_toml() {
     let folder = tempfile::tempdir().unwrap();

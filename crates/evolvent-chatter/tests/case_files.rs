@@ -1,0 +1,31 @@
+//! Case files: what ships is read, what is wrong is refused with its place, and the schema is that of the code.
+
+use evolvent_chatter::{Case, case_schema};
+use evolvent_file_tests::{Edit, assert_refused, assert_schema, edit, shipped};
+
+/// To write the file anew: `EVOLVENT_WRITE_SCHEMA=1 cargo test -p evolvent-chatter schema`.
+#[test]
+fn the_shipped_schema_is_that_of_the_code() {
+    assert_schema("chatter-case.schema.json", &case_schema(), "evolvent-chatter");
+}
+
+#[test]
+fn bad_files_are_refused_with_line_column_and_key() {
+    let speed = "speed_m_min = 60.0";
+    assert_refused(
+        &shipped("processes/chatter-40x.toml"),
+        &[
+            edit(speed, "speed_m_min = \"fast\"", "cut.speed_m_min"),
+            edit(speed, "speed_m_min = 0", "cut.speed_m_min"),
+            edit("beta_deg = 35.0", "beta = 35.0", "beta"),
+            edit("law = \"40X-R1\"", "law = \"41X\"", "force.law"),
+            edit("mass_kg = 6.0", "mass_kg = -6.0", "mass_kg"),
+            // What is no TOML is told where it ends to be so.
+            Edit {
+                column: 16,
+                ..edit("lead_deg = 60.0", "lead_deg = 60.0.0", "")
+            },
+        ],
+        Case::parse,
+    );
+}

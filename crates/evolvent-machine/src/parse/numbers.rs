@@ -1,0 +1,101 @@
+//! Numbers of a machine file: in their range, in one of their units.
+
+use super::faults::plain;
+use super::{ABSURD, Check, TINY};
+use crate::error::MachineError;
+
+impl Check<'_> {
+    /// A number in a range, or its default.
+    pub(super) fn or_default(
+        &self,
+        key: &str,
+        value: Option<f64>,
+        default: f64,
+        [least, most]: [f64; 2],
+    ) -> Result<f64, MachineError> {
+        let value = value.unwrap_or(default);
+        self.number(key, value, least, most).map(|()| value)
+    }
+
+    pub(super) fn required(&self, at: &str, key: &str, value: Option<f64>) -> Result<f64, MachineError> {
+        let key = format!("{at}.{key}");
+        let Some(value) = value else {
+            return Err(self.error(&key, "missing".to_owned(), "add this key to the axis"));
+        };
+        self.number(&key, value, -ABSURD, ABSURD)?;
+        Ok(value)
+    }
+
+    /// Exactly one of the keys `QUANTITY_UNIT`, as a positive limit in mm or degrees and seconds.
+    pub(super) fn exactly_one_of(
+        &self,
+        at: &str,
+        quantity: &str,
+        units: &[(&str, Option<f64>, f64)],
+    ) -> Result<f64, MachineError> {
+        if let Some(value) = self.at_most_one_of(at, quantity, units)? {
+            return Ok(value);
+        }
+        Err(self.error(
+            &format!("{at}.{quantity}_{}", units.first().map_or("", |unit| unit.0)),
+            "missing".to_owned(),
+            format!("add {} to the axis", alternatives(quantity, units)),
+        ))
+    }
+
+    pub(super) fn at_most_one_of(
+        &self,
+        at: &str,
+        quantity: &str,
+        units: &[(&str, Option<f64>, f64)],
+    ) -> Result<Option<f64>, MachineError> {
+        let mut found: Option<(f64, &str)> = None;
+        for &(unit, value, factor) in units {
+            let Some(value) = value else { continue };
+            let key = format!("{at}.{quantity}_{unit}");
+            if let Some((_, first)) = found {
+                return Err(self.error(
+                    &key,
+                    format!("given a second time: {quantity}_{first} is there already"),
+                    format!("keep one of {}", alternatives(quantity, units)),
+                ));
+            }
+            self.number(&key, value, TINY / factor, ABSURD / factor)?;
+            found = Some((value * factor, unit));
+        }
+        Ok(found.map(|(value, _)| value))
+    }
+
+    pub(super) fn number(&self, key: &str, value: f64, least: f64, most: f64) -> Result<(), MachineError> {
+        // A NaN is in no range.
+        if (least..=most).contains(&value) {
+            return Ok(());
+        }
+        let range = format!("give a number from {} to {}", plain(least), plain(most));
+        Err(self.error(key, format!("{} is out of range", plain(value)), range))
+    }
+
+    pub(super) fn whole_number<T: TryFrom<i64>>(
+        &self,
+        key: &str,
+        value: i64,
+        least: i64,
+        most: i64,
+    ) -> Result<T, MachineError> {
+        if (least..=most).contains(&value)
+            && let Ok(value) = T::try_from(value)
+        {
+            return Ok(value);
+        }
+        let range = format!("give a whole number from {least} to {most}");
+        Err(self.error(key, format!("{value} is out of range"), range))
+    }
+}
+
+fn alternatives(quantity: &str, units: &[(&str, Option<f64>, f64)]) -> String {
+    let keys: Vec<_> = units
+        .iter()
+        .map(|(unit, _, _)| format!("{quantity}_{unit}"))
+        .collect();
+    keys.join(" or ")
+}
