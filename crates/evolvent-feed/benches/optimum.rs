@@ -13,6 +13,8 @@ mod oracle;
 
 use common::{Path, axes, circle, helix, involute, loose, point, square, turned};
 use evolvent_feed::{Entry, Exit, Grid, MOST_INTERVALS, Optimizer, Piece, Place};
+use evolvent_judge::butterfly_point;
+use evolvent_path::{Arc, Axes, Blend, Curve, Line, Plane, Sense};
 
 /// Least stations of the other method on each stretch.
 const EACH: usize = 160;
@@ -59,30 +61,51 @@ fn main() {
             ("circle 100", circle(100.0, degrees)),
             ("helix", helix(5.0, 2.0, 2, degrees)),
             ("involute", involute(1.0, 1.5, degrees)),
+            ("involute 20", involute(0.5, 20.0, degrees)),
+            ("line-arc-line", line_arc_line(degrees)),
+            ("butterfly 200", butterfly(200, degrees)),
         ];
         for (name, path) in paths {
-            if !name.contains(&filter) {
+            if !format!("{name} {degrees}").contains(&filter) {
                 continue;
             }
+            let each = match name {
+                "involute 20" => 1600,
+                "butterfly 200" => 12,
+                _ => EACH,
+            };
             for (v, a, j) in sets {
                 let limits = axes(3, v, a, j);
                 let ours = whole(&path, &limits);
-                let pieces = ours.as_ref().map(|x| x.3.as_slice());
-                let best = oracle::optimum(&path, &limits, EACH, pieces);
-                // From another start, where that converges.
-                let other = oracle::optimum(&path, &limits, EACH, None).map_or(f64::NAN, |x| x.0);
                 let receding = receding(&path, &limits);
-                let (Some((best, n)), Some((ours, stations, steps, _))) = (best, ours.clone()) else {
+                let pieces = ours.as_ref().map(|x| x.3.as_slice());
+                let near = oracle::optimum(
+                    &path,
+                    &limits,
+                    each,
+                    pieces.or(receding.as_ref().map(|x| x.1.as_slice())),
+                );
+                // From another start, where that converges.
+                let other = oracle::optimum(&path, &limits, each, None);
+                let exact = name.starts_with("line ").then(|| {
+                    // Seen along a turned line, limits are those of the axis that has most of it.
+                    let (sin, cos) = f64::to_radians(degrees).sin_cos();
+                    let share = sin.max(cos);
+                    (line(path.length(), v / share, a / share, j / share), 0)
+                });
+                let best = (near.iter().chain(&other).chain(&exact)).min_by(|a, b| a.0.total_cmp(&b.0));
+                let (Some((best, n)), Some((receding, _))) = (best, &receding) else {
                     println!(
                         "{name:12} {degrees:3} {v} {a} {j:e}: no {} {}",
                         best.is_none(),
-                        ours.is_none()
+                        receding.is_none()
                     );
                     continue;
                 };
-                let receding = receding.unwrap_or(f64::NAN);
+                let (ours, stations, steps) = ours.map_or((f64::NAN, 0, 0), |x| (x.0, x.1, x.2));
                 println!(
-                    "{name:12} {degrees:3} {v} {a} {j:e}: optimum {best:.5} ({n}, {other:.5})  whole {:.4} ({stations} stations, {steps} steps)  receding {:.4}",
+                    "{name:12} {degrees:3} {v} {a} {j:e}: optimum {best:.5} ({n}, {:.5})  whole {:.4} ({stations} stations, {steps} steps)  receding {:.4}",
+                    other.map_or(f64::NAN, |x| x.0),
                     ours / best,
                     receding / best
                 );
@@ -91,7 +114,9 @@ fn main() {
         }
     }
     for (name, pick) in [("whole", 0), ("receding", 1)] {
-        let mut ratios: Vec<f64> = all.iter().map(|x| if pick == 0 { x.0 } else { x.1 }).collect();
+        let mut ratios: Vec<f64> = (all.iter().map(|x| if pick == 0 { x.0 } else { x.1 }))
+            .filter(|ratio| ratio.is_finite())
+            .collect();
         ratios.sort_by(f64::total_cmp);
         if let (Some(middle), Some(worst)) = (ratios.get(ratios.len() / 2), ratios.last()) {
             println!("{name}: median {middle:.4}, worst {worst:.4} of {}", ratios.len());
@@ -99,7 +124,77 @@ fn main() {
     }
 }
 
-/// Duration of one plan over the whole path, its stations and steps.
+/// The least time of a straight line from rest to rest, in closed form: the profile is symmetric, each half a change of
+/// speed with jerk at its limit, acceleration at its limit if that is reached, and the highest speed between.
+fn line(length: f64, v: f64, a: f64, j: f64) -> f64 {
+    // The change to v takes 2 sqrt(v / j), or v / a + a / j where a is reached; on average at v / 2.
+    let change = |v: f64| {
+        if v * j <= a * a {
+            2.0 * (v / j).sqrt()
+        } else {
+            v / a + a / j
+        }
+    };
+    if v * change(v) <= length {
+        return 2.0 * change(v) + (length - v * change(v)) / v;
+    }
+    let (mut low, mut high) = (0.0, v);
+    for _ in 0..200 {
+        let middle = 0.5 * (low + high);
+        if middle * change(middle) <= length {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    2.0 * change(low)
+}
+
+/// Two lines with a quarter circle between them, whose tangent joints are eased over a millimetre.
+fn line_arc_line(degrees: f64) -> Path {
+    let at = |x: f64, y: f64| turned(point(x, y, 0.0), degrees);
+    let centre = at(20.0, 5.0);
+    let arc = Arc::new(
+        Plane::Xy,
+        at(20.0, 0.0),
+        at(25.0, 5.0),
+        [centre[0], centre[1]],
+        Sense::CounterClockwise,
+        0,
+    );
+    let curves: [Curve; 3] = [
+        Line::new(at(0.0, 0.0), at(20.0, 0.0)).expect("line").into(),
+        arc.expect("arc").into(),
+        Line::new(at(25.0, 5.0), at(25.0, 25.0)).expect("line").into(),
+    ];
+    let mut parts = Vec::new();
+    let mut from = 0.0;
+    for (k, left) in curves.iter().enumerate() {
+        let Some(right) = curves.get(k + 1) else {
+            parts.push((*left, from, left.domain() - from, f64::INFINITY));
+            break;
+        };
+        let cut = left.domain() - 0.5;
+        parts.push((*left, from, cut - from, f64::INFINITY));
+        let ease = Blend::hermite(&left.jet(cut), &right.jet(0.5), 1.0).expect("blend");
+        parts.push((Curve::Blend(ease), 0.0, 1.0, f64::INFINITY));
+        from = 0.5;
+    }
+    Path { parts }
+}
+
+/// The butterfly in chords whose corners are blended.
+fn butterfly(chords: u32, degrees: f64) -> Path {
+    let points: Vec<Axes> = (0..=chords)
+        .map(|k| {
+            let [x, y] = butterfly_point(f64::from(k) / f64::from(chords));
+            turned(point(x, y, 0.0), degrees)
+        })
+        .collect();
+    Path::polyline(&points, 0.02, 200.0)
+}
+
+/// Duration of one plan over the whole path, its stations and steps. `None` also where that takes more than one window.
 fn whole(path: &Path, limits: &evolvent_machine::Limits) -> Option<(f64, usize, u32, Vec<Piece>)> {
     let limits = loose(*limits);
     let mut grid = Grid::new(&limits);
@@ -112,14 +207,14 @@ fn whole(path: &Path, limits: &evolvent_machine::Limits) -> Option<(f64, usize, 
     Some((report.duration, report.stations, report.iterations, out))
 }
 
-/// Duration in a receding horizon of [`MOST_INTERVALS`] that commits half of it.
-fn receding(path: &Path, limits: &evolvent_machine::Limits) -> Option<f64> {
+/// Duration in a receding horizon of [`MOST_INTERVALS`] that commits half of it, as the planner of programs does.
+fn receding(path: &Path, limits: &evolvent_machine::Limits) -> Option<(f64, Vec<Piece>)> {
     let limits = loose(*limits);
     let mut grid = Grid::new(&limits);
     path.push_to(&mut grid);
     let (mut optimizer, mut out) = (Optimizer::new(&limits), Vec::<Piece>::new());
-    let (mut place, mut entry, mut done) = (Place { interval: 0, x: 0.0 }, Entry::Rest, 0.0);
-    let window = (grid.end() / 3).clamp(60, MOST_INTERVALS as u64);
+    let (mut place, mut entry, mut done) = (Place { interval: 0, x: 0.0 }, Entry::Rest, Vec::new());
+    let window = MOST_INTERVALS as u64;
     loop {
         let until = grid.end().min(place.interval + window);
         let exit = if until == grid.end() {
@@ -131,12 +226,13 @@ fn receding(path: &Path, limits: &evolvent_machine::Limits) -> Option<f64> {
             .plan(&grid, place, entry, until, exit, 1.0, &mut out)
             .ok()?;
         if exit == Exit::Rest {
-            return Some(done + out.iter().map(|piece| piece.duration).sum::<f64>());
+            done.append(&mut out);
+            return Some((done.iter().map(|piece| piece.duration).sum(), done));
         }
         let goal = place.interval + window / 2;
         let commit = out.iter().position(|piece| piece.interval >= goal)?;
-        done += out[..commit].iter().map(|piece| piece.duration).sum::<f64>();
-        let next = out.get(commit)?;
+        done.extend(out.drain(..commit));
+        let next = out.first()?;
         let state = next.law.at(0.0).0;
         let (_, begin) = grid.stretch_of(next.interval)?;
         place = Place {

@@ -11,12 +11,16 @@ use crate::window::Window;
 
 /// Where in an interval the limits are checked: between the rows at its start, middle and end.
 const PLACES: [f64; 4] = [0.15, 0.35, 0.65, 0.85];
+/// These with start and end, through which accelerations are followed to their peaks.
+const TRACK: [f64; 6] = [0.0, 0.15, 0.35, 0.65, 0.85, 1.0];
 /// Ratios above which the barrier is made stiffer at an interval: of velocity and acceleration, of jerk.
 const EXCESS: (f64, f64) = (1.0005, 1.005);
 /// Ratios that are driven if no work is left to bring them down: less than the guard of the cycle lets pass.
 const MOST: (f64, f64) = (1.0008, 1.012);
+/// Share of acceleration from which its peak between the places is looked for.
+const NEAR: f64 = 0.98;
 /// By which factor.
-const STIFFER: f64 = 5.0;
+pub(crate) const STIFFER: f64 = 5.0;
 
 impl Ratios {
     /// The ratios of a state at a point of the path; the feed counts as a velocity.
@@ -49,6 +53,39 @@ impl Ratios {
     }
 }
 
+/// The acceleration of each axis at [`TRACK`], of its limit.
+struct Track([[f64; TRACK.len()]; AXES]);
+
+impl Track {
+    fn new() -> Self {
+        Self([[0.0; TRACK.len()]; AXES])
+    }
+
+    fn set(&mut self, k: usize, point: &Point, (a, b): (f64, f64), limits: &PathLimits) {
+        let axes = limits.axes();
+        for i in (0..AXES).filter(|&i| axes.present[i]) {
+            self.0[i][k] = (point.second[i] * a + point.first[i] * b) / axes.acceleration[i];
+        }
+    }
+
+    /// The greatest between the places, by the parabola through each three.
+    fn peak(&self) -> f64 {
+        let mut most = 0.0_f64;
+        for y in &self.0 {
+            for (x, y) in TRACK.windows(3).zip(y.windows(3)) {
+                let first = (y[1] - y[0]) / (x[1] - x[0]);
+                let second = ((y[2] - y[1]) / (x[2] - x[1]) - first) / (x[2] - x[0]);
+                let top = 0.5 * (x[0] + x[1]) - 0.5 * first / second;
+                if x[0] < top && top < x[2] {
+                    let height = y[0] + (top - x[0]) * (first + second * (top - x[1]));
+                    most = most.max(height.abs());
+                }
+            }
+        }
+        most
+    }
+}
+
 /// What a check between stations found.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Checked {
@@ -78,7 +115,8 @@ pub(crate) fn check(window: &Window, grid: &Grid, factor: f64, x: &Iterate, stif
             a
         };
         let mut fast = peak > cap * EXCESS.0;
-        for place in PLACES {
+        let mut track = Track::new();
+        for (i, place) in PLACES.into_iter().enumerate() {
             let at = place * d;
             let state = (a + at * (2.0 * b + at * c), b + at * c, c);
             fast |= state.0 > cap * EXCESS.0 * EXCESS.0;
@@ -87,7 +125,13 @@ pub(crate) fn check(window: &Window, grid: &Grid, factor: f64, x: &Iterate, stif
             } else if let Some(stretch) = grid.stretch(cell.stretch) {
                 let point = Point::of(stretch, cell.from + at, limits);
                 here.include(&Ratios::at(&point, state, limits, factor));
+                track.set(i + 1, &point, (state.0, state.1), limits);
             }
+        }
+        if window.bent[k] != 0.0 && here.acceleration > NEAR {
+            track.set(0, &cell.points[0], (a, b), limits);
+            track.set(5, &cell.points[2], (x.a[k + 1], x.b[k + 1]), limits);
+            here.acceleration = here.acceleration.max(track.peak());
         }
         // Above the caps of the path the motion may be where it has to come down to them.
         let path_cap = (cell.points.iter().map(|point| point.cap(factor))).fold(0.0, f64::max);

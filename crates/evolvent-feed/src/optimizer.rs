@@ -7,7 +7,7 @@ use crate::kept::{Kept, Segment};
 use crate::law::Law;
 use crate::limits::PathLimits;
 use crate::piece::{Entry, Exit, Piece, PlanReport, Ratios};
-use crate::solver::{FIRST, LAST, Solver};
+use crate::solver::{FIRST, Solver};
 use crate::spans;
 use crate::start;
 use crate::window::{Span, Window};
@@ -200,7 +200,7 @@ impl Optimizer {
             if !checked.raised || left == 0 {
                 break;
             }
-            self.solver.descend(&self.window, LAST, left.min(POLISH_STEPS));
+            self.solver.follow_stiff(&self.window, left.min(POLISH_STEPS));
             checked = self.check_between(grid, factor);
         }
         self.solver.mark_end();
@@ -353,5 +353,55 @@ pub(crate) fn check(
         Ok(())
     } else {
         Err(FeedError::State { v, a, factor })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::expect_used, reason = "a test may fail")]
+
+    use evolvent_machine::Limits;
+    use evolvent_path::{AXES, Axes, Line};
+
+    use super::*;
+    use crate::barrier::strain;
+
+    /// What the check finds on a small part of the motion is next to nothing beside the weight of the whole, by which
+    /// a centre is judged otherwise.
+    #[test]
+    fn a_stiffer_interval_keeps_away_from_its_limit_however_little_time_it_takes() {
+        let limits = Limits {
+            present: [true; AXES],
+            velocity: Axes::repeat(500.0),
+            acceleration: Axes::repeat(5000.0),
+            jerk: Axes::repeat(2e5),
+            travel_min: Axes::repeat(-1e4),
+            travel_max: Axes::repeat(1e4),
+            home: Axes::zeros(),
+        };
+        let limits = PathLimits::new(limits, 1e5, 1.0);
+        let mut grid = Grid::new(&limits);
+        let mut end = Axes::zeros();
+        end[0] = 100.0;
+        let line = Line::new(Axes::zeros(), end).expect("line");
+        grid.push(&line.into(), 0.0, 100.0, 10.0);
+        let mut optimizer = Optimizer::new(&limits);
+        let (start, mut out) = (Place { interval: 0, x: 0.0 }, Vec::new());
+        let report = optimizer.plan(&grid, start, Entry::Rest, grid.end(), Exit::Rest, 1.0, &mut out);
+        let total = report.expect("plan").duration;
+        let (window, x) = (&optimizer.window, &optimizer.solver.x);
+        let left = |x: &_, k: usize| 1.0 - strain(window, k, x).1;
+        let k = (0..window.n())
+            .min_by(|a, b| left(x, *a).total_cmp(&left(x, *b)))
+            .expect("an interval");
+        let (before, time) = (left(x, k), window.d[k] / x.a[k].sqrt());
+        assert!(
+            before < 0.01 && time < 1e-3 * total,
+            "{before}, {time} of {total}"
+        );
+        optimizer.solver.stiff[k] *= 125.0;
+        optimizer.solver.follow_stiff(&optimizer.window, POLISH_STEPS);
+        let after = 1.0 - strain(&optimizer.window, k, &optimizer.solver.x).1;
+        assert!(after > 5.0 * before, "{before} of the limit left, then {after}");
     }
 }

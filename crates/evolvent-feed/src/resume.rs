@@ -1,6 +1,7 @@
 //! Going on from the last plan.
 
 use crate::barrier::{Iterate, strain};
+use crate::check::STIFFER;
 use crate::grid::Place;
 use crate::kept::{Found, Kept};
 use crate::law::Law;
@@ -265,7 +266,7 @@ impl Optimizer {
         for k in 0..n {
             let d = window.d[k];
             let middle = middle(window, x, k);
-            let mut excess = false;
+            let (mut excess, mut creeps) = (false, false);
             // What the axes and the chord error allow, whatever the feed.
             let here = &window.cells[window.span_index(k)];
             let next = &window.cells[window.span_index(k) + 1];
@@ -283,7 +284,12 @@ impl Optimizer {
                 } else {
                     value
                 };
+                creeps |= value > *cap;
                 *cap = cap.max(most.max(value * (1.0 + ROOM)));
+            }
+            if creeps && !excess {
+                // Room above a cap that is used up would be given again by the next plan, and the next.
+                self.solver.stiff[k] *= STIFFER;
             }
             if excess {
                 above = true;

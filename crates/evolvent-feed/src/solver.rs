@@ -178,7 +178,8 @@ impl Solver {
         loop {
             self.time_objective(window, mu);
             let left = limit.saturating_sub(self.iterations);
-            self.newton(window, left, if mu > LAST { 10.0 * CENTRED } else { CENTRED });
+            let share = if mu > LAST { 10.0 * CENTRED } else { CENTRED };
+            self.newton(window, left, share * self.weight());
             if mu <= LAST || self.iterations >= limit {
                 return mu;
             }
@@ -189,21 +190,36 @@ impl Solver {
     /// A few steps at barrier parameter `mu`.
     pub(crate) fn centre(&mut self, window: &Window, mu: f64, most: u32) {
         self.time_objective(window, mu);
-        self.newton(window, most, CENTRED);
+        self.newton(window, most, CENTRED * self.weight());
     }
 
+    /// A few steps at [`LAST`] after some intervals were made stiffer. How far from its centre the motion is there says
+    /// nothing beside the weight of the whole: it is measured by the least of the weights that were raised.
+    pub(crate) fn follow_stiff(&mut self, window: &Window, most: u32) {
+        self.time_objective(window, LAST);
+        let raised = (self.objective.weight.iter().zip(&self.stiff))
+            .filter(|(_, stiff)| **stiff > 1.0)
+            .map(|(weight, _)| *weight)
+            .fold(self.weight(), f64::min);
+        self.newton(window, most, CENTRED * raised);
+    }
+
+    fn weight(&self) -> f64 {
+        self.objective.weight.iter().sum()
+    }
+
+    /// At most `most` steps, until one promises less than `centred`.
     fn newton(&mut self, window: &Window, most: u32, centred: f64) {
         let Some(mut now) = value(window, &self.objective, &self.x) else {
             return;
         };
         self.trial.copy(&self.x);
-        let weight: f64 = self.objective.weight.iter().sum();
         for _ in 0..most {
             self.iterations += 1;
             assemble(window, &self.objective, &self.x, &mut self.local);
             let slope = self.riccati.step(window, &self.local, (0.0, 0.0), &mut self.step);
             // NaN is no descent either.
-            if slope.is_nan() || slope >= -centred * weight {
+            if slope.is_nan() || slope >= -centred {
                 return;
             }
             let Some(next) = self.search(window, now, slope) else {

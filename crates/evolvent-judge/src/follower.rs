@@ -4,8 +4,9 @@
 //! motion's present point. If any reading of the motion as the program in its order exists, then one exists that goes on
 //! from the earliest place, so nothing has to be taken back. (It is the greedy decision of the Fréchet distance with one
 //! side free to jump.) A jump forward must not leave anything out: what is passed over has to lie within a few
-//! tolerances of the stretch driven meanwhile. So the search ends where the program leaves that neighbourhood, and its
-//! cost is that of the blocks passed.
+//! tolerances of the stretch driven meanwhile, or of what was driven while the place was about where it is: near one place
+//! the motion may go to and fro as often as the program does, and the earliest reading stays behind there. So the search
+//! ends where the program leaves that neighbourhood, and its cost is that of the blocks passed.
 
 use std::collections::VecDeque;
 
@@ -19,6 +20,8 @@ use crate::measure::{distance, from_stretch, linear, rotary};
 const NEIGHBOURHOOD: f64 = 4.0;
 /// Most points between two setpoints that are looked at.
 const MOST_POINTS: f64 = 64.0;
+/// Most points of the motion that are remembered about one place.
+const MOST_TRAIL: usize = 1000;
 /// Most blocks that are searched after the motion has been lost.
 const MOST_BLOCKS: usize = 4000;
 /// Places at which a curve is tried after the motion has been lost.
@@ -72,6 +75,8 @@ pub(crate) struct Follower<'a> {
     chord_mm: f64,
     at: Place,
     last: Axes,
+    /// Where the motion was while the place kept was about where it is now, with the place then.
+    trail: VecDeque<(Axes, Axes)>,
     /// Distances of block ends to the motion (chords; setpoints alone), from `done` on.
     ends: VecDeque<(f64, f64)>,
     done: usize,
@@ -85,6 +90,7 @@ impl<'a> Follower<'a> {
             chord_mm,
             at: Place { block: 0, u: 0.0 },
             last: route.start(),
+            trail: VecDeque::new(),
             ends: VecDeque::new(),
             done: 0,
             coverage: Coverage::default(),
@@ -204,18 +210,19 @@ impl<'a> Follower<'a> {
             let within = self.within(place.block);
             loop {
                 let there = block.piece.point(place.u);
-                let off = distance(point, &there);
-                if off <= within {
+                let away = distance(point, &there);
+                if away <= within {
                     return Some(place);
                 }
-                if from_stretch(&there, before, point) > NEIGHBOURHOOD * within.max(behind) {
+                let near = NEIGHBOURHOOD * within.max(behind);
+                if from_stretch(&there, before, point) > near && !self.was_near(&there, near) {
                     return None;
                 }
                 if place.u >= block.length {
                     break;
                 }
                 // Nothing nearer than this can be near enough, because no place moves faster than its parameter.
-                place.u = (place.u + (off - within).max(within / 64.0)).min(block.length);
+                place.u = (place.u + (away - within).max(within / 64.0)).min(block.length);
             }
             if place.block + 1 == self.route.blocks.len() {
                 return None;
@@ -227,14 +234,27 @@ impl<'a> Follower<'a> {
         }
     }
 
+    /// Whether the motion was so near while the place was about where it is.
+    fn was_near(&self, there: &Axes, near: f64) -> bool {
+        (self.trail.iter()).any(|(motion, _)| distance(there, motion) <= near)
+    }
+
     /// Goes on to `point`; `false` if the program does not lead there.
     fn advance(&mut self, before: &Axes, point: &Axes) -> bool {
-        if let Some(place) = self.search(before, point, self.at) {
-            self.at = place;
-            return true;
+        let found = self.search(before, point, self.at);
+        let place = found.unwrap_or_else(|| self.recover(point));
+        self.at = place;
+        let here = self.route.blocks[place.block].piece.point(place.u);
+        let near = NEIGHBOURHOOD * self.within(place.block);
+        while let Some((_, then)) = self.trail.front()
+            && (distance(then, &here) > near || self.trail.len() >= MOST_TRAIL)
+        {
+            self.trail.pop_front();
         }
-        self.at = self.recover(point);
-        false
+        if self.trail.back().is_none_or(|(motion, _)| motion != point) {
+            self.trail.push_back((*point, here));
+        }
+        found.is_some()
     }
 
     /// The nearest place ahead, for a motion that has left the path: at most so far ahead as it is away. One farther on
@@ -282,9 +302,10 @@ impl<'a> Follower<'a> {
             if off < best.0 {
                 best = (off, index, u);
             }
+            let near = NEIGHBOURHOOD * self.within(index);
             let goes_on = index + 1 < self.route.blocks.len()
                 && !lost
-                && distance(point, &block.end) <= NEIGHBOURHOOD * self.within(index);
+                && (distance(point, &block.end) <= near || self.was_near(&block.end, near));
             if !goes_on {
                 break;
             }

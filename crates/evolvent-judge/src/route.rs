@@ -2,7 +2,7 @@
 
 use std::io::BufRead;
 
-use evolvent_gcode::{Action, Diagnostic, Interpreter, Move, PathMode, Settings};
+use evolvent_gcode::{Action, Command, Diagnostic, Interpreter, Move, PathMode, Settings};
 use evolvent_machine::Machine;
 use evolvent_path::Axes;
 use thiserror::Error;
@@ -56,11 +56,24 @@ impl Route {
     /// # Errors
     /// [`RouteError`] for the first line that is wrong.
     pub fn read(input: impl BufRead, settings: Settings, machine: &Machine) -> Result<Self, RouteError> {
+        let start = settings.start;
+        Self::of(Interpreter::new(input, settings), start, machine)
+    }
+
+    /// Reads the commands of a program that begins at `start`.
+    ///
+    /// # Errors
+    /// [`RouteError`] for the first that is wrong.
+    pub fn of(
+        commands: impl IntoIterator<Item = Result<Command, Diagnostic>>,
+        start: Axes,
+        machine: &Machine,
+    ) -> Result<Self, RouteError> {
         let mut route = Self {
-            start: settings.start,
+            start,
             blocks: Vec::new(),
         };
-        for command in Interpreter::new(input, settings) {
+        for command in commands {
             let command = command.map_err(|diagnostic| RouteError::Program {
                 diagnostic: Box::new(diagnostic),
             })?;

@@ -276,6 +276,27 @@ fn a_reversal_may_turn_within_the_tolerance_of_its_tip() {
 }
 
 #[test]
+fn going_to_and_fro_about_one_place_passes_the_programs_own_to_and_fro() {
+    let program = |low: f64, high: f64| {
+        let there_and_back = format!("G1 X{low}\nG1 X{high}\n").repeat(8);
+        format!("G21 G64 P0.02 G90 F12000\nG1 X{high}\n{there_and_back}G1 X0\nM2\n")
+    };
+    let motion = (0..8)
+        .fold(Motion::new(1000.0).to(xyz(9.96, 0.0, 0.0), 0.4), |motion, _| {
+            motion.to(xyz(9.94, 0.0, 0.0), 0.05).to(xyz(9.96, 0.0, 0.0), 0.05)
+        })
+        .to(xyz(0.0, 0.0, 0.0), 0.4);
+    // Every tip is passed at two tolerances.
+    assert_eq!(found(&program(9.9, 10.0), &motion).0, []);
+    // At twelve.
+    let (kinds, _) = found(&program(9.7, 10.2), &motion);
+    assert!(
+        kinds.contains(&Kind::Order) && kinds.contains(&Kind::Missed),
+        "{kinds:?}"
+    );
+}
+
+#[test]
 fn a_changed_order_is_found() {
     // A figure of eight: first the loop on the right.
     let eight = "G21 G64 P0.02 G90 F12000\nG2 X0 Y0 I5 J0\nG2 X0 Y0 I-5 J0\nM2\n";

@@ -7,13 +7,20 @@ use crate::cursor::{Cursor, Drive, RunDrive};
 use crate::motion::Motion;
 use crate::queue::PlanConsumer;
 use crate::setpoint::Inputs;
+use crate::slow::Slow;
 use crate::state::State;
 
 /// Steps, segments and marks passed in one cycle at the most. Pieces are as short as the path's shortest blocks
 /// make them, so only a broken plan comes near it.
 const MOST_PER_CYCLE: usize = 4096;
+/// Steps at rest that take no time and are passed in one cycle at the most: a program may have thousands in a row, more
+/// than the queue holds.
+pub(crate) const MOST_RESTS_PER_CYCLE: u64 = 32;
 /// What rounding leaves between a rest at the end of a move and its end, parameter units.
 const END_ROUNDING: f64 = 1e-11;
+/// A block that starts within this of a piece's end starts with the next piece, parameter units: path lengths and the
+/// places of blocks are sums of their own.
+const NEXT_PIECE: f64 = 1e-6;
 
 impl Motion {
     /// Advances the cursor by one period.
@@ -40,6 +47,7 @@ impl Motion {
         if let Some(ease) = &mut cursor.ease {
             left = ease.advance(left);
         }
+        let rests = cursor.rests;
         for _ in 0..MOST_PER_CYCLE {
             match &mut cursor.drive {
                 Drive::Run(run) => {
@@ -94,6 +102,9 @@ impl Motion {
                         cursor.rests += 1;
                         break;
                     }
+                    if cursor.rests - rests >= MOST_RESTS_PER_CYCLE {
+                        break;
+                    }
                     let from = ScalarState {
                         x: cursor.rest_x,
                         v: 0.0,
@@ -105,10 +116,13 @@ impl Motion {
                 }
             }
         }
-        if cursor.slow.is_some_and(|slow| slow.is_over())
+        if (cursor.slow.is_some_and(|slow| slow.is_over())
+            || cursor.ease.is_some_and(|ease| ease.is_at_rest()))
             && let Drive::Flow { flow, .. } = cursor.drive
         {
             let x = cursor.now().0.x;
+            // Within a piece: a slowed path time tells that it goes on from there with a new plan only.
+            cursor.slow.get_or_insert(Slow::new(&self.limits));
             cursor.ease = None;
             cursor.leave(&flow);
             cursor.rest_x = x;
@@ -272,9 +286,20 @@ impl Motion {
             }
         }
         let path = cursor.path();
+        // Where the path rests at the piece's end, it is a matter of the planner's speed whether the block behind is
+        // known yet.
+        let next_piece = match &cursor.drive {
+            Drive::Flow { flow, .. } => {
+                let length = flow.piece.length;
+                flow.path + (length - NEXT_PIECE).max(0.5 * length)
+            }
+            _ => f64::INFINITY,
+        };
         for _ in 0..MOST_PER_CYCLE {
             match queue.mark(cursor.mark) {
-                Some(mark) if path + END_ROUNDING >= mark.start && !cursor.is_still() => {
+                Some(mark)
+                    if path + END_ROUNDING >= mark.start && mark.start < next_piece && !cursor.is_still() =>
+                {
                     cursor.mark += 1;
                     (cursor.line, cursor.block) = (mark.line, mark.block);
                 }

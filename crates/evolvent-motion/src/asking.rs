@@ -4,15 +4,14 @@
 //! from the place where it will be a lead time later, and goes on as planned until then; the answer takes over at
 //! just that setpoint. At rest there is no hurry: the cycle stands until the answer comes. A hold slows path time at once,
 //! as far as the plan leaves room ([`Ease`]), and the answer takes over from there; one that nobody answers slows it to
-//! rest ([`Slow`]).
+//! rest, by the room that the plan leaves, or where that is not known by the limits alone ([`Slow`]).
 //!
 //! [`Ease`]: crate::ease::Ease
 
 use evolvent_plan::{Flow, Request, Step};
 
-use crate::advance::by_time;
+use crate::advance::MOST_RESTS_PER_CYCLE;
 use crate::cursor::{Cursor, Drive};
-use crate::ease::Room;
 use crate::motion::Motion;
 use crate::queue::PlanConsumer;
 use crate::setpoint::Inputs;
@@ -27,11 +26,9 @@ const BRAKE_LEAD_S: f64 = 0.002;
 /// Cycles of lead at the least.
 const LEAST_LEAD: u64 = 2;
 /// Requests for a stop in a row that may go unanswered.
-const MOST_UNANSWERED: u32 = 2;
+pub(crate) const MOST_UNANSWERED: u32 = 2;
 /// Pieces that a place ahead is looked for in.
 const MOST_AHEAD: usize = 1 << 15;
-/// Pieces whose room for slowing is looked at; where there are more in so short a time, none is.
-const MOST_EASED: usize = 32;
 
 /// What the pieces ahead were planned for.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -52,13 +49,15 @@ pub(crate) struct Asked {
 /// What the cycle has asked for, and how that went.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Asking {
-    aim: Aim,
+    pub(crate) aim: Aim,
     open: Option<Asked>,
     asked: u64,
-    unanswered: u32,
+    pub(crate) unanswered: u32,
+    /// How long half of the way to rest without an answer has to be at the least, s, as far as that was tried.
+    pub(crate) rest_half: f64,
     /// No further request before this setpoint: the last one could not be met.
     not_before: u64,
-    lead: u64,
+    pub(crate) lead: u64,
     brake_lead: u64,
 }
 
@@ -72,6 +71,7 @@ impl Asking {
             open: None,
             asked: 0,
             unanswered: 0,
+            rest_half: 0.0,
             not_before: 0,
             lead: ((LEAD_S / period).ceil() as u64).max(LEAST_LEAD),
             brake_lead: ((BRAKE_LEAD_S / period).ceil() as u64).max(LEAST_LEAD),
@@ -81,6 +81,16 @@ impl Asking {
     /// Whether a request is open.
     pub(crate) fn has_open(&self) -> bool {
         self.open.is_some()
+    }
+
+    /// Whether the request that is open is for a stop.
+    pub(crate) fn asks_to_brake(&self) -> bool {
+        self.open.is_some_and(|open| open.aim.brake)
+    }
+
+    /// What was asked for is met no more.
+    pub(crate) fn withdraw(&mut self) {
+        self.open = None;
     }
 
     /// The pieces to come are planned for this override.
@@ -153,55 +163,6 @@ impl Motion {
         }
     }
 
-    /// Slows path time at once where a hold or stop has just been asked for, as far as the plan ahead leaves room.
-    /// Not in a cycle that has met an answer: a recorded run tells only once whether a cycle has waited.
-    pub(crate) fn ease_into(&mut self, cursor: &mut Cursor, inputs: &Inputs, queue: &mut PlanConsumer) {
-        let brake = self.is_told_to_stand(cursor, inputs) || self.feed_override == 0.0;
-        let is_asked_for = self.asking.aim.brake || self.asking.open.is_some_and(|open| open.aim.brake);
-        let is_free = cursor.slow.is_none() && cursor.ease.is_none() && !cursor.starved;
-        if !brake || is_asked_for || !is_free || self.asking.unanswered > 0 || cursor.state == State::Fault {
-            return;
-        }
-        let Drive::Flow { flow, time } = cursor.drive else {
-            return;
-        };
-        let half = self.period * (self.asking.lead + 1) as f64;
-        let mut room = Room::new(half);
-        let (mut step, mut flow, mut time, mut ahead) = (cursor.step, flow, time, 0.0);
-        for _ in 0..MOST_EASED {
-            let Some(segment) = queue.segment(flow.piece.stretch) else {
-                return;
-            };
-            let end = flow.piece.duration.min(time + (room.span() - ahead));
-            for at in [time, 0.5 * (time + end), end] {
-                let (state, jerk) = flow.piece.law.at(at);
-                let x = (flow.piece.from + state.x).min(segment.length);
-                let jet = by_time(&segment.jet(x), state.v, state.a, jerk);
-                room.include(&self.limits, &jet, ahead + at - time);
-            }
-            ahead += end - time;
-            if end < flow.piece.duration || ahead >= room.span() {
-                cursor.ease = room.ease();
-                if cursor.ease.is_some() {
-                    // What was asked for is met no more.
-                    self.asking.open = None;
-                }
-                return;
-            }
-            let (next, is_final) = queue.successor(step);
-            match queue.step(next) {
-                Some(Step::Flow(next)) if is_final && !self.withhold => flow = next,
-                // It comes to rest there anyway.
-                Some(_) if is_final && !self.withhold => return,
-                _ => {
-                    self.waited = true;
-                    return;
-                }
-            }
-            (step, time) = (next, 0.0);
-        }
-    }
-
     /// Asks where something else is wanted than the pieces ahead were planned for.
     pub(crate) fn ask(&mut self, inputs: &Inputs, queue: &mut PlanConsumer) {
         let cursor = self.cursor;
@@ -224,7 +185,7 @@ impl Motion {
             Drive::Run(_) => {}
             Drive::Flow { flow, time } => {
                 let fits = aim == self.asking.aim && !cursor.starved && cursor.ease.is_none();
-                if cursor.slow.is_some() || fits {
+                if cursor.slow.is_some() || cursor.ease.is_some_and(|ease| ease.comes_to_rest()) || fits {
                     return;
                 }
                 if brake && (queue.has_no_planner() || self.asking.unanswered > MOST_UNANSWERED) {
@@ -336,11 +297,15 @@ impl Motion {
                 }
             }
         }
+        let first = step;
         let (flow, time) = match cursor.drive {
             Drive::Flow { flow, time } => (flow, time),
             Drive::Run(_) => return queue.has_final_ahead(step),
-            // Steps at rest that take no time are passed in one cycle: what follows them must be known.
+            // Steps at rest that take no time are passed in one cycle: what follows them must be known, if it gets there.
             Drive::Still => loop {
+                if step >= first + MOST_RESTS_PER_CYCLE {
+                    return true;
+                }
                 match queue.step(step) {
                     None => return false,
                     Some(Step::Run(_)) => return queue.has_final_ahead(cursor.step),

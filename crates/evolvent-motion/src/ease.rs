@@ -1,4 +1,4 @@
-//! Slowing down at once, while the planner is asked for a plan that brakes.
+//! Slowing down at once, while the planner is asked for a plan that brakes; and down to rest where it gives none.
 //!
 //! Path time `tau` is slowed against time by `tau' = s`: `s'' = -g` from `s = 1` for a while, then `s'' = g` until `s' = 0`,
 //! and there it stays: a plan scaled by a constant below 1 keeps every limit. With the plan's derivatives by path time
@@ -10,7 +10,8 @@
 //! ```
 //!
 //! so `g` is as large as the room that the plan leaves on the stretch ahead: on a long line at constant speed braking begins
-//! with the axis's own jerk, and where the plan is at its limits already there is none.
+//! with the axis's own jerk, and where the plan is at its limits already there is none. To rest it is `g = 1/h^2` for `h`
+//! seconds each, and `h` is as short as the plan allows; `s` begins at what an earlier slowing has left.
 
 use evolvent_machine::Limits;
 use evolvent_path::{AXES, Jet};
@@ -26,12 +27,20 @@ const LEAST_LOSS: f64 = 1e-3;
 /// Least scale, its square and its cube.
 const LEAST: [f64; 3] = [0.5, 0.25, 0.125];
 
+/// Samples of the plan, evenly over the way to rest.
+const REST_SAMPLES: f64 = 16.0;
+/// Rounding that `g` may lose against `1/h^2`.
+const REST_ROUNDING: f64 = 1e-9;
+
 /// The slowing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Ease {
     strength: f64,
     half: f64,
     time: f64,
+    /// The scale with which it begins.
+    base: f64,
+    to_rest: bool,
 }
 
 /// The room that a plan leaves, gathered sample by sample. Real-time safe.
@@ -39,6 +48,8 @@ pub(crate) struct Ease {
 pub(crate) struct Room {
     strength: f64,
     half: f64,
+    base: f64,
+    to_rest: bool,
 }
 
 impl Room {
@@ -47,25 +58,61 @@ impl Room {
         Self {
             strength: MOST_LOSS / (half * half),
             half,
+            base: 1.0,
+            to_rest: false,
+        }
+    }
+
+    /// For slowing from the scale `base` to rest, in twice `half` seconds.
+    pub(crate) fn to_rest(half: f64, base: f64) -> Self {
+        Self {
+            strength: 1.0 / (half * half),
+            half,
+            base,
+            to_rest: true,
         }
     }
 
     /// Path time in which the plan has to be known.
     pub(crate) fn span(&self) -> f64 {
-        2.0 * self.half
+        if self.to_rest {
+            self.base * self.half
+        } else {
+            2.0 * self.half
+        }
+    }
+
+    /// In how many parts a stretch of the plan, this long in path time, is looked at: one sample more.
+    pub(crate) fn parts(&self, stretch: f64) -> u32 {
+        if self.to_rest {
+            ((REST_SAMPLES * stretch / self.span()).ceil() as u32).clamp(2, REST_SAMPLES as u32)
+        } else {
+            2
+        }
     }
 
     /// Takes in the plan's derivatives by path time, `ahead` seconds from now.
     pub(crate) fn include(&mut self, limits: &Limits, plan: &Jet, ahead: f64) {
-        // While slowing grows less path than time passes, but no less than nine tenths of it.
-        let (grows, fades) = (ahead <= self.half, ahead >= 0.9 * self.half);
+        // While slowing grows less path than time passes, but no less than nine tenths of it; to rest five sixths.
+        let (share, least, fades_from) = if self.to_rest {
+            (Ease::REST_SHARE, [0.0; 3], 0.8)
+        } else {
+            (SHARE, LEAST, 0.9)
+        };
+        let passed = ahead / self.base;
+        let (grows, fades) = (passed <= self.half, passed >= fades_from * self.half);
         for i in 0..AXES {
             if !limits.present[i] {
                 continue;
             }
-            let (v, a, j) = (plan.first[i], plan.second[i], plan.third[i]);
-            let (most_a, most_j) = (SHARE * limits.acceleration[i], SHARE * limits.jerk[i]);
-            for part in [LEAST[1], 1.0] {
+            let base = self.base;
+            let (v, a, j) = (
+                plan.first[i] * base,
+                plan.second[i] * (base * base),
+                plan.third[i] * (base * base * base),
+            );
+            let (most_a, most_j) = (share * limits.acceleration[i], share * limits.jerk[i]);
+            for part in [least[1], 1.0] {
                 self.bound(part * a, -v * self.half, most_a);
             }
             for sign in [(grows, -1.0), (fades, 1.0)]
@@ -73,7 +120,7 @@ impl Room {
                 .filter(|(counts, _)| *counts)
                 .map(|(_, sign)| sign)
             {
-                for part in [LEAST[2], 1.0] {
+                for part in [least[2], 1.0] {
                     for turn in [0.0, -3.0 * a * self.half] {
                         self.bound(part * j, sign * v + turn, most_j);
                     }
@@ -97,11 +144,55 @@ impl Room {
             strength: self.strength,
             half: self.half,
             time: 0.0,
+            base: 1.0,
+            to_rest: false,
+        })
+    }
+
+    /// Half of the way's duration, s.
+    pub(crate) fn half(&self) -> f64 {
+        self.half
+    }
+
+    /// The way to rest, if the plan leaves room for it; else by how much longer it has to be at the least.
+    pub(crate) fn rest(&self) -> Result<Ease, f64> {
+        let needed = 1.0 / (self.half * self.half);
+        if self.strength < needed * (1.0 - REST_ROUNDING) {
+            return Err((needed / self.strength).sqrt());
+        }
+        Ok(Ease {
+            strength: needed,
+            half: self.half,
+            time: 0.0,
+            base: self.base,
+            to_rest: true,
         })
     }
 }
 
 impl Ease {
+    /// Share of a limit that may be used on the way to rest, which is longer and so has fewer samples for its length.
+    pub(crate) const REST_SHARE: f64 = 0.9;
+
+    /// Whether it leads to rest.
+    pub(crate) fn comes_to_rest(&self) -> bool {
+        self.to_rest
+    }
+
+    /// Whether path time stands still for good.
+    pub(crate) fn is_at_rest(&self) -> bool {
+        self.to_rest && self.is_over()
+    }
+
+    fn is_over(&self) -> bool {
+        self.time >= 2.0 * self.half
+    }
+
+    /// The scale that it has left, once that stays; none before, and none where that is rest.
+    pub(crate) fn rate_behind(&self) -> Option<f64> {
+        (self.is_over() && !self.to_rest).then(|| self.scale(0.0).rate)
+    }
+
     /// Advances by `period`; returns how far path time advances. Real-time safe.
     pub(crate) fn advance(&mut self, period: f64) -> f64 {
         let ahead = self.ahead(period);
@@ -111,7 +202,7 @@ impl Ease {
 
     /// How far path time will have advanced in so many seconds.
     pub(crate) fn ahead(&self, seconds: f64) -> f64 {
-        self.path_time(self.time + seconds) - self.path_time(self.time)
+        self.base * (self.path_time(self.time + seconds) - self.path_time(self.time))
     }
 
     fn path_time(&self, t: f64) -> f64 {
@@ -130,18 +221,19 @@ impl Ease {
     /// The scale in so many seconds. Real-time safe.
     pub(crate) fn scale(&self, seconds: f64) -> Scale {
         let (g, h, t) = (self.strength, self.half, self.time + seconds);
+        let base = self.base;
         if t < h {
             return Scale {
-                rate: 1.0 - 0.5 * g * t * t,
-                first: -g * t,
-                second: -g,
+                rate: base * (1.0 - 0.5 * g * t * t),
+                first: base * -g * t,
+                second: base * -g,
             };
         }
         let left = (2.0 * h - t).max(0.0);
         Scale {
-            rate: 1.0 - g * h * h + 0.5 * g * left * left,
-            first: -g * left,
-            second: if left > 0.0 { g } else { 0.0 },
+            rate: base * (1.0 - g * h * h + 0.5 * g * left * left),
+            first: base * -g * left,
+            second: if left > 0.0 { base * g } else { 0.0 },
         }
     }
 }

@@ -21,6 +21,7 @@ mod advance;
 mod asking;
 mod cursor;
 mod ease;
+mod easing;
 mod guard;
 mod motion;
 mod queue;

@@ -133,6 +133,18 @@ impl Motion {
         self.quick_stop.is_none() && state.v == 0.0 && state.a == 0.0 && !turns
     }
 
+    /// The feed that the axes are driven at after the last step, as a factor of the programmed one: less than the override
+    /// where corners or an axis slow the machine down, and 0 at rest and in rapids. None where a near-optimal plan drives,
+    /// which keeps no programmed feed.
+    #[must_use]
+    pub fn feed_factor(&self) -> Option<f64> {
+        match &self.cursor.drive {
+            Drive::Still => Some(0.0),
+            Drive::Run(run) => Some(self.cursor.now().0.v / run.feed),
+            Drive::Flow { .. } => None,
+        }
+    }
+
     /// What the turning cycle gave out in the last step, if one moves the axes.
     #[must_use]
     pub fn turning(&self) -> Option<&TurningOutput> {
@@ -201,6 +213,7 @@ impl Motion {
             self.take_answer(&mut cursor, queue);
             if open == self.asking.has_open() {
                 self.ease_into(&mut cursor, inputs, queue);
+                self.ease_to_rest(&mut cursor, inputs, queue);
             }
             self.advance(&mut cursor, inputs, changed, queue);
             let (mut jet, mut segment) = self.evaluate(&mut cursor, queue);

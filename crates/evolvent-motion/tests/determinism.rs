@@ -4,11 +4,12 @@
 
 mod common;
 
-use common::{BLEND, Pair, Random, Scenario, campaign, check, run, scenario};
+use common::{BLEND, Pair, Random, Scenario, campaign, check, equal_axes, run, scenario};
 use evolvent_gcode::{Move, MoveKind, PathMode};
 use evolvent_machine::{Limits, PlannerKind};
 use evolvent_motion::{Inputs, Motion, STEPS_AHEAD, Setpoint, flags};
-use evolvent_path::{AXES, Axes, Curve, Line};
+use evolvent_path::{Axes, Curve, Line};
+use evolvent_plan::Step;
 
 fn inputs(cycle: u64) -> Inputs {
     Inputs {
@@ -100,16 +101,50 @@ fn straight(limits: Limits, moves: usize, length: f64, feeds: [f64; 2], period_n
     }
 }
 
-fn equal_axes(velocity: f64, acceleration: f64, jerk: f64) -> Limits {
-    Limits {
-        present: [true; AXES],
-        velocity: Axes::repeat(velocity),
-        acceleration: Axes::repeat(acceleration),
-        jerk: Axes::repeat(jerk),
-        travel_min: Axes::repeat(-1e5),
-        travel_max: Axes::repeat(1e5),
-        home: Axes::zeros(),
+/// At 35 kHz nearly every third stop has a setpoint so close to its end that rounding cannot tell them apart.
+#[test]
+fn the_line_at_a_stop_is_the_same_whether_the_next_move_is_known_yet_or_not() {
+    let limits = equal_axes(500.0, 5000.0, 100_000.0);
+    let mut one = straight(limits, 60, 1.0, [10.0, 20.0], 28_571);
+    one.planner = PlannerKind::Optimal;
+    for (k, motion) in one.moves.iter_mut().enumerate() {
+        // Each takes another time.
+        motion.feed += 0.037 * k as f64;
     }
+    // Behind each move a command of the periphery's, as M8 is.
+    let feed = |pair: &mut Pair| {
+        let move_number = pair.fed as u32;
+        pair.feed(&one);
+        if pair.fed <= one.moves.len() {
+            let step = Step::Action {
+                action: move_number,
+                line: move_number + 1,
+            };
+            pair.planner.rest(&step).expect("plan");
+        }
+    };
+    // Known long before, as where the planner is fast, and not before the axes rest.
+    let (mut early, mut late) = (Pair::new(&one), Pair::new(&one));
+    (0..=one.moves.len()).for_each(|_| feed(&mut early));
+    let mut near = 0;
+    for cycle in 0..4_000_000_u64 {
+        if early.motion.is_over() {
+            break;
+        }
+        while !late.motion.is_ready(&mut late.queue) {
+            feed(&mut late);
+        }
+        let (a, b) = (early.step(&Inputs::default()), late.step(&Inputs::default()));
+        assert_eq!(a, b, "cycle {cycle}");
+        let to_stop = a.path_mm.round() - a.path_mm;
+        near += u32::from(a.velocity[0] > 0.0 && to_stop.abs() < 1e-11);
+        // A move's line is its own from its first setpoint in motion to its last.
+        let moved = a.path_mm - f64::from(a.line - 1);
+        let is_own = (-1e-9..=1.0 + 1e-9).contains(&moved);
+        assert!(is_own || early.motion.is_over(), "cycle {cycle}: {a:?}");
+    }
+    assert!(early.motion.is_over() && late.motion.is_over());
+    assert!(near > 3, "only {near} setpoints at the very end of a move");
 }
 
 /// 36 m in 6 mm blocks on a machine so weak that no speed is settled before the end is known: half of the steps

@@ -8,31 +8,28 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-use common::{BLEND, Scenario, check};
+use common::{BLEND, Scenario, check, equal_axes};
 use evolvent_gcode::{Move, MoveKind};
-use evolvent_machine::{Limits, PlannerKind};
-use evolvent_motion::{Inputs, Setpoint, plan_queue};
-use evolvent_path::{AXES, Axes, Curve, Line};
+use evolvent_machine::PlannerKind;
+use evolvent_motion::{Inputs, Setpoint, State, plan_queue};
+use evolvent_path::{Axes, Curve, Line};
+use evolvent_plan::Step;
 
 /// How long the planner may keep the cycle waiting before the test gives up.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-fn drive(moves: Vec<Move>, wishes: &[Inputs]) {
-    let scenario = Scenario {
-        limits: Limits {
-            present: [true; AXES],
-            velocity: Axes::repeat(200.0),
-            acceleration: Axes::repeat(2000.0),
-            jerk: Axes::repeat(50_000.0),
-            travel_min: Axes::repeat(-1e5),
-            travel_max: Axes::repeat(1e5),
-            home: Axes::zeros(),
-        },
+fn scenario(moves: Vec<Move>, planner: PlannerKind) -> Scenario {
+    Scenario {
+        limits: equal_axes(200.0, 2000.0, 50_000.0),
         period_ns: 1_000_000,
         moves,
         chord_error_mm: 1e-3,
-        planner: PlannerKind::Optimal,
-    };
+        planner,
+    }
+}
+
+fn drive(moves: Vec<Move>, wishes: &[Inputs]) {
+    let scenario = scenario(moves, PlannerKind::Optimal);
     let (waits, over) = (Arc::new(AtomicU64::new(0)), Arc::new(AtomicBool::new(false)));
     let (counted, ended) = (Arc::clone(&waits), Arc::clone(&over));
     let (producer, mut queue) = plan_queue(move || {
@@ -105,4 +102,50 @@ fn overrides_are_answered_when_the_queue_is_full_of_steps() {
         })
         .collect();
     drive(moves, &wishes);
+}
+
+#[test]
+fn more_stops_in_a_row_than_the_queue_holds_are_passed() {
+    const STOPS: usize = 40_000;
+    let there = Axes::from_fn(|i, _| if i == 0 { 1.0 } else { 0.0 });
+    for kind in [PlannerKind::Optimal, PlannerKind::Classic] {
+        let moves = vec![line(Axes::zeros(), there, 50.0), line(there, Axes::zeros(), 50.0)];
+        let scenario = scenario(moves, kind);
+        let over = Arc::new(AtomicBool::new(false));
+        let ended = Arc::clone(&over);
+        let (producer, mut queue) = plan_queue(move || {
+            std::thread::sleep(Duration::from_micros(200));
+            !ended.load(Ordering::Relaxed)
+        });
+        let mut motion = scenario.motion();
+        std::thread::scope(|scope| {
+            let planner = scope.spawn(|| {
+                let mut planner = scenario.planner(1.0, producer);
+                planner.push(&scenario.moves[0], 1, 0).ok()?;
+                for _ in 0..STOPS {
+                    let (seconds, line) = (0.0, 2);
+                    planner.rest(&Step::Dwell { seconds, line }).ok()?;
+                }
+                planner.push(&scenario.moves[1], 3, 1).ok()?;
+                planner.finish(4).ok()
+            });
+            let (mut setpoints, start) = (Vec::new(), Instant::now());
+            while !motion.is_over() && start.elapsed() < PATIENCE {
+                if motion.is_ready(&mut queue) {
+                    setpoints.push(motion.step(&Inputs::default(), &mut queue));
+                } else {
+                    std::thread::yield_now();
+                }
+            }
+            over.store(true, Ordering::Relaxed);
+            planner.join().expect("planner");
+            assert_eq!(
+                motion.state(),
+                State::Done,
+                "{kind:?}: {} cycles",
+                setpoints.len()
+            );
+            check(&scenario, &setpoints, &motion, 1e-6, "stops");
+        });
+    }
 }

@@ -4,11 +4,11 @@
 
 mod common;
 
-use common::{BLEND, Pair, Scenario, check};
+use common::{BLEND, Pair, Scenario, check, equal_axes};
 use evolvent_gcode::{Move, MoveKind, PathMode};
-use evolvent_machine::{Limits, PlannerKind};
+use evolvent_machine::PlannerKind;
 use evolvent_motion::{Inputs, Setpoint};
-use evolvent_path::{AXES, Arc, Axes, Curve, Line, Plane, Sense};
+use evolvent_path::{Arc, Axes, Curve, Line, Plane, Sense};
 
 /// By how much the feed may miss the wish.
 const ALLOWED: f64 = 1e-3;
@@ -18,15 +18,7 @@ const BEHIND_A_WAY_DOWN: f64 = 2.5e-3;
 
 fn scenario(moves: Vec<Move>) -> Scenario {
     Scenario {
-        limits: Limits {
-            present: [true; AXES],
-            velocity: Axes::repeat(1000.0),
-            acceleration: Axes::repeat(2000.0),
-            jerk: Axes::repeat(50_000.0),
-            travel_min: Axes::repeat(-1e5),
-            travel_max: Axes::repeat(1e5),
-            home: Axes::zeros(),
-        },
+        limits: equal_axes(1000.0, 2000.0, 50_000.0),
         period_ns: 1_000_000,
         moves,
         chord_error_mm: 1e-2,

@@ -4,12 +4,12 @@
 
 mod common;
 
-use common::{BLEND, Pair, Scenario};
+use common::{BLEND, Pair, Scenario, equal_axes};
 use evolvent_counting::{Counting, allocations};
 use evolvent_gcode::{Move, MoveKind};
-use evolvent_machine::{Limits, PlannerKind};
+use evolvent_machine::PlannerKind;
 use evolvent_motion::Inputs;
-use evolvent_path::{AXES, Axes, Curve, Line};
+use evolvent_path::{Axes, Curve, Line};
 
 #[global_allocator]
 static ALLOCATOR: Counting = Counting;
@@ -36,15 +36,7 @@ fn contour(blocks: usize) -> Vec<Move> {
 #[test]
 fn a_warm_planner_does_not_allocate() {
     let scenario = Scenario {
-        limits: Limits {
-            present: [true; AXES],
-            velocity: Axes::repeat(200.0),
-            acceleration: Axes::repeat(2000.0),
-            jerk: Axes::repeat(50_000.0),
-            travel_min: Axes::repeat(-1e5),
-            travel_max: Axes::repeat(1e5),
-            home: Axes::zeros(),
-        },
+        limits: equal_axes(200.0, 2000.0, 50_000.0),
         period_ns: 1_000_000,
         moves: contour(30_000),
         chord_error_mm: 1e-3,

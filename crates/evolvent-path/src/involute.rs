@@ -301,6 +301,24 @@ impl Involute {
         }
     }
 
+    /// The regular parameter at a roll angle in rad, which is taken as the nearer end's where it lies beyond.
+    #[must_use]
+    pub fn parameter_at_roll(&self, phi: f64) -> f64 {
+        let turn = (phi - self.roll.phi_in()).max(0.0).min(self.roll.last_turn());
+        let outwards = self.roll.parameter(self.roll.arc_length_at_turn(turn));
+        if self.inward {
+            self.roll.domain() - outwards
+        } else {
+            outwards
+        }
+    }
+
+    /// Roll angle in rad at the regular parameter `u`.
+    #[must_use]
+    pub fn roll_angle_rad(&self, u: f64) -> f64 {
+        self.roll.phi_in() + self.roll.at(self.outwards(u)).turn
+    }
+
     /// Whether the path runs towards the base circle.
     #[must_use]
     pub fn is_inward(&self) -> bool {

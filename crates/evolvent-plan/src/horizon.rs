@@ -19,7 +19,7 @@ use evolvent_path::AXES;
 use crate::proof::{ratios, slow_down};
 use crate::step::{BlockMark, Flow, PlanSink, Request, Segment, Step};
 
-/// Intervals of path that wait for a plan while none is made (during a hold) before no more is read.
+/// Intervals of path and stops that wait for a plan while none is made (during a hold) before no more is read.
 const MOST_BACKLOG: u64 = 1 << 16;
 /// Share of a window's intervals that is committed at least, and at most.
 const COMMITTED: (f64, f64) = (0.5, 0.9);
@@ -29,7 +29,7 @@ const MOST_FAILURES: u32 = 3;
 const LEAST_WINDOW: u64 = 32;
 /// Steps that windows leave free for the answers to two requests: the cycle may be waiting for one, and then nothing
 /// else makes room.
-const KEPT_FOR_ANSWERS: usize = 4 * MOST_INTERVALS;
+const KEPT_FOR_ANSWERS: usize = 2 * (2 * MOST_INTERVALS + 3);
 /// Marks of one segment at the most. A segment has four intervals at the least, so a window has 80 of them.
 const MOST_MARKS: usize = 1024;
 /// The tail takes at least so many times as long as stopping does.
@@ -227,7 +227,8 @@ impl<S: PlanSink> Horizon<S> {
             }
             self.serve()?;
             if self.front.waits {
-                if self.grid.end() - self.front.place.interval < MOST_BACKLOG {
+                let stops = (self.rests.len() - self.front.rest) as u64;
+                if self.grid.end() - self.front.place.interval + stops < MOST_BACKLOG {
                     return Ok(());
                 }
                 self.sink.wait()?;

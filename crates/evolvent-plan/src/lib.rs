@@ -15,17 +15,20 @@
 //!
 //! That is the classic planner: safe, simple, and the fallback. The near-optimal one, the default, has the path from
 //! `evolvent-smooth` and the time law from `evolvent-feed`, in windows whose tail always ends at rest, and hands on
-//! [`Flow`]s, which the cycle only evaluates. Holds and overrides reach it as [`Request`]s.
+//! [`Flow`]s, which the cycle only evaluates. Holds and overrides reach it as [`Request`]s. [`Planner`] is both of it;
+//! [`Shaper`] and [`Pacer`] are its halves, for those who have a thread for each.
 
 mod admission;
 mod classic;
 mod corner;
 mod horizon;
 mod lookahead;
+mod pacer;
 mod planner;
 mod proof;
 #[cfg(test)]
 mod recorder;
+mod shaper;
 mod step;
 mod straight;
 
@@ -36,5 +39,7 @@ pub use evolvent_feed::{
 pub use admission::Admission;
 pub use corner::{Rounding, exact_joint_speed, round_corner};
 pub use lookahead::{LookAhead, PENDING_SEGMENTS, PENDING_STEPS};
+pub use pacer::Pacer;
 pub use planner::{PathRules, PlanError, Planner};
+pub use shaper::{PathItem, PathSink, Shaper};
 pub use step::{Answer, BlockMark, ExitSpeeds, Flow, PlanSink, Request, Run, Segment, SegmentMarks, Step};

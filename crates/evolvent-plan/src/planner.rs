@@ -1,22 +1,16 @@
 //! Moves in, plan out.
 
-use std::collections::VecDeque;
-
 use evolvent_feed::PathLimits;
-use evolvent_gcode::{Move, MoveKind, PathMode};
+use evolvent_gcode::Move;
 use evolvent_machine::PlannerKind;
 use evolvent_path::AxisLetter;
-use evolvent_smooth::{Block, Output, Settings, Smoother, Stretch, Tolerance};
 use thiserror::Error;
 
 use crate::admission::Admission;
 use crate::classic::Classic;
-use crate::horizon::Horizon;
-use crate::step::{BlockMark, PlanSink, Segment, SegmentMarks, Step};
-use crate::straight::Straightener;
-
-/// Share of the permitted chord error that stations of the near-optimal plan may use.
-const CHORD_SHARE: f64 = 0.94;
+use crate::pacer::Pacer;
+use crate::shaper::Shaper;
+use crate::step::{PlanSink, Step};
 
 /// How the path is to be followed, the limits of the axes aside.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -90,18 +84,11 @@ enum Kind<S> {
     Optimal(Optimal<S>),
 }
 
-/// Smoother and horizon.
+/// Path, then time law.
 #[derive(Debug)]
 struct Optimal<S> {
-    smoother: Smoother,
-    straightener: Straightener,
-    horizon: Horizon<S>,
-    rules: PathRules,
-    out: Vec<Output>,
-    /// Blocks whose end has not come out, the oldest first.
-    blocks: VecDeque<(u32, u32)>,
-    /// Where the next block starts, if the one before has ended.
-    start: Option<f64>,
+    shaper: Shaper,
+    pacer: Pacer<S>,
 }
 
 impl<S: PlanSink> Planner<S> {
@@ -111,7 +98,10 @@ impl<S: PlanSink> Planner<S> {
         let admission = Admission::new(limits.axes());
         let kind = match rules.planner {
             PlannerKind::Classic => Kind::Classic(Classic::new(limits, rules, sink)),
-            PlannerKind::Optimal => Kind::Optimal(Optimal::new(&limits, rules, sink)),
+            PlannerKind::Optimal => Kind::Optimal(Optimal {
+                shaper: Shaper::new(&limits, rules),
+                pacer: Pacer::new(&limits, &rules, sink),
+            }),
         };
         Self { kind, admission }
     }
@@ -121,7 +111,7 @@ impl<S: PlanSink> Planner<S> {
     pub fn sink(&self) -> &S {
         match &self.kind {
             Kind::Classic(classic) => classic.sink(),
-            Kind::Optimal(optimal) => optimal.horizon.sink(),
+            Kind::Optimal(optimal) => optimal.pacer.sink(),
         }
     }
 
@@ -129,7 +119,7 @@ impl<S: PlanSink> Planner<S> {
     pub fn sink_mut(&mut self) -> &mut S {
         match &mut self.kind {
             Kind::Classic(classic) => classic.sink_mut(),
-            Kind::Optimal(optimal) => optimal.horizon.sink_mut(),
+            Kind::Optimal(optimal) => optimal.pacer.sink_mut(),
         }
     }
 
@@ -138,7 +128,7 @@ impl<S: PlanSink> Planner<S> {
     pub fn deviation_mm(&self) -> f64 {
         match &self.kind {
             Kind::Classic(classic) => classic.deviation_mm(),
-            Kind::Optimal(optimal) => optimal.smoother.deviation_mm(),
+            Kind::Optimal(optimal) => optimal.shaper.deviation_mm(),
         }
     }
 
@@ -152,10 +142,11 @@ impl<S: PlanSink> Planner<S> {
         match &mut self.kind {
             Kind::Classic(classic) => classic.push(motion, line, block),
             Kind::Optimal(optimal) => {
-                if let Some(line) = optimal.horizon.failed_at() {
+                if let Some(line) = optimal.pacer.failed_at() {
                     return Err(PlanError::NoMotion { line });
                 }
-                optimal.push(motion, line, block)
+                optimal.shaper.push(motion, line, block, &mut optimal.pacer);
+                optimal.pacer.poll()
             }
         }
         .map_err(PlanError::Sink)
@@ -190,7 +181,7 @@ impl<S: PlanSink> Planner<S> {
     pub fn poll(&mut self) -> Result<(), S::Error> {
         match &mut self.kind {
             Kind::Classic(_) => Ok(()),
-            Kind::Optimal(optimal) => optimal.horizon.advance(),
+            Kind::Optimal(optimal) => optimal.pacer.poll(),
         }
     }
 
@@ -198,114 +189,14 @@ impl<S: PlanSink> Planner<S> {
     pub fn attend(&mut self) {
         if let Kind::Optimal(optimal) = &mut self.kind {
             // The only way out is that nobody asks any more.
-            let _gone = optimal.horizon.attend();
+            let _gone = optimal.pacer.attend();
         }
     }
 }
 
 impl<S: PlanSink> Optimal<S> {
-    fn new(limits: &PathLimits, rules: PathRules, sink: S) -> Self {
-        let settings = Settings {
-            joint_time_s: rules.joint_time_s,
-            limits: *limits.axes(),
-        };
-        Self {
-            smoother: Smoother::new(settings),
-            straightener: Straightener::default(),
-            horizon: Horizon::new(&limits.with_chord_share(CHORD_SHARE), rules.feed_override, sink),
-            rules,
-            out: Vec::new(),
-            blocks: VecDeque::new(),
-            start: Some(0.0),
-        }
-    }
-
-    fn push(&mut self, motion: &Move, line: u32, block: u32) -> Result<(), S::Error> {
-        let tolerance = match motion.path_mode {
-            PathMode::ExactPath => Tolerance::Exact,
-            PathMode::ExactStop => Tolerance::Stop,
-            PathMode::Blend {
-                tolerance_mm,
-                merge_mm,
-            } => {
-                let mm = tolerance_mm.unwrap_or(self.rules.blend_tolerance_mm);
-                // Q without a word is P, and no vertex may be farther off than P.
-                let merge_mm = merge_mm.unwrap_or(mm).min(mm);
-                Tolerance::Within { mm, merge_mm }
-            }
-        };
-        let block = Block {
-            curve: motion.curve,
-            feed: motion.feed,
-            rapid: matches!(motion.kind, MoveKind::Rapid),
-            tolerance,
-            line,
-            block,
-        };
-        self.blocks.push_back((block.line, block.block));
-        self.mark_start();
-        self.smoother.push(&block, &mut self.out);
-        self.hand_on()
-    }
-
-    /// Marks where the oldest block starts that has not ended, once both are known.
-    fn mark_start(&mut self) {
-        if let (Some(start), Some(&(line, block))) = (self.start, self.blocks.front()) {
-            self.horizon.mark(BlockMark { start, line, block });
-            self.start = None;
-        }
-    }
-
     fn rest(&mut self, step: Step) -> Result<(), S::Error> {
-        self.smoother.rest(&mut self.out);
-        self.take_out();
-        hand_on(&mut self.horizon, self.straightener.flush(), self.blocks.front());
-        self.horizon.rest(step);
-        self.horizon.advance()
+        self.shaper.rest(step, &mut self.pacer);
+        self.pacer.poll()
     }
-
-    fn hand_on(&mut self) -> Result<(), S::Error> {
-        self.take_out();
-        self.horizon.advance()
-    }
-
-    fn take_out(&mut self) {
-        let mut out = std::mem::take(&mut self.out);
-        for output in out.drain(..) {
-            match output {
-                Output::Stretch(stretch) => {
-                    let complete = self.straightener.push(stretch);
-                    hand_on(&mut self.horizon, complete, self.blocks.front());
-                }
-                Output::Cap { speed } => {
-                    hand_on(&mut self.horizon, self.straightener.flush(), self.blocks.front());
-                    self.horizon.cap(speed);
-                }
-                Output::Mark(mark) => {
-                    self.blocks.pop_front();
-                    self.start = Some(mark.end);
-                    self.mark_start();
-                }
-            }
-        }
-        self.out = out;
-    }
-}
-
-fn hand_on<S: PlanSink>(horizon: &mut Horizon<S>, stretch: Option<Stretch>, block: Option<&(u32, u32)>) {
-    let Some(stretch) = stretch else { return };
-    let (line, block) = block.copied().unwrap_or_default();
-    let segment = Segment {
-        curve: stretch.curve,
-        from: stretch.from,
-        length: stretch.length,
-        line,
-        block,
-        marks: SegmentMarks {
-            blend: stretch.blend,
-            rapid: stretch.rapid,
-            joint: stretch.joint,
-        },
-    };
-    horizon.segment(segment, stretch.feed);
 }

@@ -1,7 +1,8 @@
 //! The optimum along a path by another method: sequential second-order cone programmes of the crate `copp`.
 //!
 //! Shares nothing with the planner but the curves: its own stations, aligned with joints and graded towards both
-//! rests, the limits at those stations alone, and no margins; so it is, if anything, faster than what is possible.
+//! rests, the limits at those stations alone, and no margins. It is no lower bound: on a line of 50 mm it stays 0.2 % above
+//! the closed form, and where curvature changes fast it stands still up to 2.5 % above motions that keep every limit.
 
 use copp::robot::Robot;
 use copp::solver::topp2_ra::{ReachSet2OptionsBuilder, Topp2ProblemBuilder, topp2_ra};
@@ -14,9 +15,9 @@ use nalgebra::DMatrix;
 use crate::common::Path;
 
 /// Linearisations until the duration stands still.
-const ROUNDS: usize = 8;
+const ROUNDS: usize = 30;
 /// Relative change of the duration that counts as standing still.
-const STILL: f64 = 1e-4;
+const STILL: f64 = 1e-5;
 
 /// A station: parameter along the whole path, derivatives there, highest speed by the feed.
 struct Station {

@@ -34,16 +34,21 @@ impl Random {
     }
 }
 
-pub fn limits(random: &mut Random) -> Limits {
-    let mut limits = Limits {
+/// The same limits on every axis, and travel that nothing leaves.
+pub fn equal_axes(velocity: f64, acceleration: f64, jerk: f64) -> Limits {
+    Limits {
         present: [true; AXES],
-        velocity: Axes::zeros(),
-        acceleration: Axes::zeros(),
-        jerk: Axes::zeros(),
+        velocity: Axes::repeat(velocity),
+        acceleration: Axes::repeat(acceleration),
+        jerk: Axes::repeat(jerk),
         travel_min: Axes::repeat(-1e5),
         travel_max: Axes::repeat(1e5),
         home: Axes::zeros(),
-    };
+    }
+}
+
+pub fn limits(random: &mut Random) -> Limits {
+    let mut limits = equal_axes(0.0, 0.0, 0.0);
     for i in 0..AXES {
         limits.velocity[i] = random.log(20.0, 1000.0);
         limits.acceleration[i] = random.log(300.0, 20_000.0);

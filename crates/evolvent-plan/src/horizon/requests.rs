@@ -54,16 +54,21 @@ impl<S: PlanSink> Horizon<S> {
             return Ok(true);
         }
         self.cut.extend(self.planned.drain(known..));
+        let (steps, segments, marks) = (self.pieces.len() + 3, self.segments_needed(), self.marks_needed());
+        while !self.sink.has_room(steps, segments, marks) {
+            self.sink.wait()?;
+        }
+        if self.front.link.is_none() && !self.front.waits {
+            // What follows a rest follows its step: a cycle that drives on as planned must not find the answer there.
+            self.append_wait()?;
+            self.front.waits = true;
+        }
         self.fork = Some(Fork {
             id: request.id,
             front: self.front,
             windows: 0,
         });
         let step = self.appended;
-        let (steps, segments, marks) = (self.pieces.len() + 2, self.segments_needed(), self.marks_needed());
-        while !self.sink.has_room(steps, segments, marks) {
-            self.sink.wait()?;
-        }
         self.front = front;
         if request.brake {
             self.append_pieces()?;

@@ -1,30 +1,26 @@
 //! Blocks in, path out.
 
+mod fallback;
+mod zones;
+
 use std::collections::VecDeque;
 use std::ops::Range;
 
-use evolvent_machine::Limits;
-use evolvent_path::{AXES, Axes, Curve, Jet, ParamCurve, Spline};
+use evolvent_path::{AXES, Axes, Jet};
 
-use crate::chain::{Chain, Link, distance};
-use crate::finder::{Finder, Scene, WINDOW};
+use crate::chain::{Chain, Link};
+use crate::finder::Finder;
 use crate::joint::{JointKind, judge};
 use crate::spacing::{self, GROWTH};
-use crate::tube::{keeps, sight};
+use crate::tube::sight;
 use crate::weights::Scales;
-use crate::zone::{BATCH, Clamp, Laid, Zone, spread};
+use crate::zone::{Clamp, Zone, spread};
 use crate::{Block, Mark, Output, Settings, Stretch, Tolerance};
 
 /// How far a zone reaches to each side of a joint, in spacings there: where the spacing has grown for 20 knots.
 const EXTENT: f64 = 150.0;
 /// Stretches shorter than this are rounding, parameter units.
 const SHORTEST: f64 = 1e-12;
-/// Beyond the travel by more than this is outside, mm or degrees.
-const OUTSIDE: f64 = 5e-7;
-/// Intervals that a zone may take from joint to joint; a few hundred are usual.
-const MOST_INTERVALS: usize = 2000;
-/// Halvings of the straight that leads back to the program.
-const HALVINGS: usize = 40;
 
 /// Whether the path is on the programmed curve or in a zone that becomes a spline.
 #[derive(Clone, Copy, Debug)]
@@ -360,322 +356,6 @@ impl Smoother {
         }
     }
 
-    /// Where the zone ends, as far as that is known by now; also the last joint known to be in it.
-    fn zone_end(&mut self, joint: usize, ending: Option<Ending>) -> (usize, Option<(f64, Clamp)>) {
-        let complete = ending.is_some();
-        let mut joint = joint;
-        loop {
-            let (Some(&link), Some(extent)) = (self.chain.get(joint), self.extent(joint, complete)) else {
-                return (joint, None);
-            };
-            let leave = link.from + extent;
-            let gap = 2.0 * (link.spacing + GROWTH * extent);
-            if let Some(next) = self.eased(joint + 1) {
-                let (Some(&following), Some(before)) = (self.chain.get(next), self.extent(next, complete))
-                else {
-                    return (joint, None);
-                };
-                if following.from - before > leave + gap {
-                    return (joint, Some((leave, Clamp::Jet(self.jet(leave)))));
-                }
-                joint = next;
-                continue;
-            }
-            let end = self.chain.end();
-            if let Some(ending) = ending {
-                if end > leave + gap {
-                    return (joint, Some((leave, Clamp::Jet(self.jet(leave)))));
-                }
-                let run = end - link.from;
-                let clamp = if ending == Ending::Rest && run < 4.0 * link.tolerance {
-                    Clamp::Place(self.end_jet().position)
-                } else {
-                    self.chain.end_spacing = 0.5 * run;
-                    self.spread_from_end();
-                    Clamp::Jet(self.end_jet())
-                };
-                return (joint, Some((end, clamp)));
-            }
-            let most = EXTENT * spacing::most(link.tolerance);
-            if end > leave + gap + most {
-                return (joint, Some((leave, Clamp::Jet(self.jet(leave)))));
-            }
-            return (joint, None);
-        }
-    }
-
-    fn end_jet(&self) -> Jet {
-        let number = self.chain.next().wrapping_sub(1);
-        match self.chain.get(number) {
-            Some(link) => link.curve.jet(link.curve.domain()),
-            None => Jet::at_rest(self.chain.position(self.chain.end())),
-        }
-    }
-
-    fn spread_from_end(&mut self) {
-        let number = self.chain.next().wrapping_sub(1);
-        let bound = self.chain.end_spacing;
-        if let Some(link) = self.chain.get_mut(number) {
-            link.spacing = link.spacing.min(bound + GROWTH * (link.to - link.from));
-            spread(&mut self.chain, number);
-        }
-    }
-
-    fn advance_zone(
-        &mut self,
-        start: Clamp,
-        joint: usize,
-        end: Option<(f64, Clamp)>,
-        ending: Option<Ending>,
-        out: &mut Vec<Output>,
-    ) -> bool {
-        let (joint, end) = match end {
-            Some(end) => (joint, Some(end)),
-            None => self.zone_end(joint, ending),
-        };
-        self.state = State::Zone { start, joint, end };
-        if self.spent.1 != joint {
-            self.spent = (0, joint);
-        }
-        loop {
-            let ready = self.zone.complete || self.zone.intervals() >= self.zone.fixed + WINDOW;
-            if !ready {
-                let mut reach = self.reach(ending.is_some());
-                if end.is_none() {
-                    // Where the zone may end, knots have to fit.
-                    let leave = self
-                        .chain
-                        .get(joint)
-                        .map_or(reach, |link| link.from + EXTENT * link.spacing);
-                    reach = reach.min(leave);
-                }
-                match self.zone.lay(&mut self.chain, &start, end, reach, &self.active) {
-                    Laid::Batch | Laid::End if self.spent.0 > MOST_INTERVALS => {
-                        self.fall_back(self.zone.knot(self.zone.intervals()), out);
-                        return true;
-                    }
-                    Laid::Batch | Laid::End => {
-                        self.spent.0 += BATCH;
-                        continue;
-                    }
-                    Laid::Wait => return false,
-                    Laid::Failed { until } => {
-                        self.fall_back(until, out);
-                        return true;
-                    }
-                }
-            }
-            let rests = (
-                if self.moving { f64::NEG_INFINITY } else { self.kept },
-                if self.at_end {
-                    self.chain.end()
-                } else {
-                    f64::INFINITY
-                },
-            );
-            let scene = Scene {
-                chain: &self.chain,
-                scales: &self.scales,
-                rests,
-                measured: &self.active,
-                limits: &self.settings.limits,
-            };
-            self.finder.find(&mut self.zone, &scene);
-            if let Some(until) = self.emit(end.map(|(_, clamp)| clamp), out) {
-                self.fall_back(until, out);
-                return true;
-            }
-            if self.zone.complete && self.zone.intervals() == 0 {
-                self.off = None;
-                self.state = State::Exact;
-                return true;
-            }
-        }
-    }
-
-    /// Brings out the intervals that are final. If one of them is not what it should be, those before it come out, and
-    /// it returns where the bad one ends.
-    fn emit(&mut self, end: Option<Clamp>, out: &mut Vec<Output>) -> Option<f64> {
-        let zone = &self.zone;
-        let count = zone.intervals();
-        let done = zone.fixed.saturating_sub(3).min(count);
-        let (mut gone, mut bad) = (0, None);
-        for i in 0..done {
-            let jet = zone.jet(i);
-            let behind = match end {
-                _ if i + 1 < count => zone.jet(i + 1).position,
-                Some(Clamp::Jet(jet)) => jet.position,
-                Some(Clamp::Place(place)) => place,
-                None => break,
-            };
-            let (from, to) = (zone.knot(i), zone.knot(i + 1));
-            let spline = Spline::new(&jet, behind, to - from).ok();
-            let Some(spline) = spline.filter(|spline| {
-                keeps(&self.chain, (from, to), spline)
-                    && inside(spline, &self.chain, from, &self.settings.limits)
-            }) else {
-                bad = Some(to);
-                break;
-            };
-            gone = i + 1;
-            let curve = Curve::Spline(spline);
-            let mut number = self.chain.find(from);
-            let mut at = from;
-            while let Some(link) = self.chain.get(number) {
-                let mut stop = link.to;
-                number += 1;
-                while stop < to
-                    && let Some(next) = self.chain.get(number)
-                    && (next.feed, next.rapid) == (link.feed, link.rapid)
-                {
-                    stop = next.to;
-                    number += 1;
-                }
-                let last = stop >= to - SHORTEST;
-                let stop = if last { to } else { stop };
-                if stop - at > SHORTEST {
-                    out.push(Output::Stretch(Stretch {
-                        curve,
-                        from: at - from,
-                        length: stop - at,
-                        feed: link.feed,
-                        rapid: link.rapid,
-                        blend: true,
-                        joint: std::mem::take(&mut self.joint),
-                    }));
-                    at = stop;
-                    release(&mut self.marks, self.base + at, out);
-                }
-                if last {
-                    break;
-                }
-            }
-            self.cursor = to;
-            self.off = Some(behind);
-            release(&mut self.marks, self.base + to, out);
-        }
-        for sample in zone.samples.iter().take_while(|sample| sample.interval < gone) {
-            let error = sample.error(&zone.points[sample.interval..sample.interval + 4]);
-            let used = sample.ratio(&error).sqrt() * sample.radius2.sqrt();
-            self.deviation = self.deviation.max(used);
-        }
-        self.zone.forget(gone);
-        bad
-    }
-
-    /// Gives up the zone: comes to rest where the path has come to, returns to the programmed curve, and keeps the joints
-    /// up to `until`, and at least one, as they are programmed.
-    fn fall_back(&mut self, until: f64, out: &mut Vec<Output>) {
-        self.failures += 1;
-        self.state = State::Exact;
-        if let Some(place) = self.off.take() {
-            out.push(Output::Cap { speed: 0.0 });
-            self.lead_back(place, out);
-            out.push(Output::Cap { speed: 0.0 });
-            self.kept = self.cursor;
-            self.moving = false;
-            self.joint = false;
-            // At rest: whatever joint is here has been passed.
-            let here = self.chain.find(self.cursor);
-            if let Some(link) = self.chain.get_mut(here)
-                && link.from >= self.cursor - SHORTEST
-            {
-                link.kept = link.corner();
-                link.eased = false;
-            }
-        }
-        let mut until = until;
-        if let Some(joint) = self.eased(self.chain.find(self.cursor) + 1)
-            && let Some(link) = self.chain.get(joint)
-        {
-            until = until.max(link.from);
-        }
-        let mut number = self.chain.find(self.cursor) + 1;
-        while let Some(link) = self.chain.get_mut(number)
-            && link.from <= until
-        {
-            if link.eased {
-                link.eased = false;
-                link.kept = true;
-                link.unsaid = true;
-                self.kept = link.from;
-            }
-            number += 1;
-        }
-    }
-
-    /// From `place`, within the tolerance of the programmed point, straight back to the programmed curve.
-    ///
-    /// On a straight all of the way is within the tolerance, as both ends are. On a curve the way strays from it by at
-    /// most `b L^2 / 2 s (1 - s)` more than `(1 - s) e`, where `s` is the share of its length `L`, `e` the distance at
-    /// its start and `b` a bound of the second derivative: never more than `e` if `b L^2 / 2` is not.
-    fn lead_back(&mut self, place: Axes, out: &mut Vec<Output>) {
-        let mut number = self.chain.find(self.cursor);
-        while let Some(link) = self.chain.get(number)
-            && link.to - self.cursor <= SHORTEST
-        {
-            number += 1;
-        }
-        let Some(link) = self.chain.get(number) else {
-            return;
-        };
-        let error = distance(&(place - link.position(self.cursor)));
-        let mut length = link.to - self.cursor;
-        if !link.straight {
-            let from = (self.cursor - link.from).max(0.0);
-            for _ in 0..HALVINGS {
-                let (_, second, _) = link.curve.derivative_bounds(from, from + length);
-                let stray = 0.5 * distance(&second) * length * length;
-                if stray <= error || error + 0.25 * stray <= link.tolerance {
-                    break;
-                }
-                length *= 0.5;
-            }
-        } else if length > 4.0 * link.tolerance {
-            length = 4.0 * link.tolerance;
-        }
-        // Where the point that it is within the tolerance of lies on another link, a shorter way may be needed.
-        let mut found = None;
-        for _ in 0..HALVINGS {
-            let to = if length < link.to - self.cursor {
-                self.cursor + length
-            } else {
-                link.to
-            };
-            let end = if to < link.to {
-                link.position(to)
-            } else {
-                link.curve.end()
-            };
-            let mut jet = Jet::at_rest(place);
-            jet.first = (end - place) / (to - self.cursor);
-            // A way of no length is none: then the curve can go on from here.
-            let Ok(spline) = Spline::new(&jet, end, to - self.cursor) else {
-                break;
-            };
-            found = Some((spline, to));
-            if keeps(&self.chain, (self.cursor, to), &spline) {
-                break;
-            }
-            length *= 0.5;
-        }
-        let Some((spline, to)) = found else {
-            return;
-        };
-        let length = to - self.cursor;
-        out.push(Output::Stretch(Stretch {
-            curve: Curve::Spline(spline),
-            from: 0.0,
-            length,
-            feed: link.feed,
-            rapid: link.rapid,
-            blend: true,
-            joint: false,
-        }));
-        self.cursor = to;
-        self.release_marks(out);
-    }
-
     /// Brings out the programmed path up to `to`.
     fn exact(&mut self, to: f64, out: &mut Vec<Output>) {
         let mut number = self.chain.find(self.cursor);
@@ -720,16 +400,6 @@ impl Smoother {
     }
 }
 
-/// Whether a piece stays in the travel, but for axes whose program does not.
-fn inside(piece: &Spline, chain: &Chain, from: f64, limits: &Limits) -> bool {
-    let (low, high) = piece.bounds(0.0, piece.domain());
-    let programmed = chain.position(from);
-    (0..AXES).filter(|&i| limits.present[i]).all(|i| {
-        let (least, most) = (limits.travel_min[i] - OUTSIDE, limits.travel_max[i] + OUTSIDE);
-        !(least..=most).contains(&programmed[i]) || (low[i] >= least && high[i] <= most)
-    })
-}
-
 /// Brings out the marks up to `end`.
 fn release(marks: &mut VecDeque<Mark>, end: f64, out: &mut Vec<Output>) {
     while let Some(mark) = marks.front()
@@ -741,7 +411,7 @@ fn release(marks: &mut VecDeque<Mark>, end: f64, out: &mut Vec<Output>) {
 }
 
 #[cfg(test)]
-#[path = "../tests/common/mod.rs"]
+#[path = "../../tests/common/mod.rs"]
 mod common;
 
 #[cfg(test)]
