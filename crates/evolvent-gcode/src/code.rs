@@ -98,7 +98,7 @@ codes! {
     OWordOrder = "G0214",
     /// The end of a loop, condition or subroutine is missing.
     OWordOpen = "G0215",
-    /// The body of a loop or subroutine is too long to be kept.
+    /// The body of a loop or subroutine is too long to be kept, or a line gives too many commands.
     BodyTooLong = "G0216",
     /// Too many lines without anything to do for the machine.
     TooManySteps = "G0217",

@@ -80,6 +80,14 @@ impl Executor<'_> {
             let message = format!("L{repeats}: a cycle is repeated 1 to {MOST_REPEATS} times");
             return Err(Fault::new(Code::OutOfRange, line.span(b'L'), message));
         }
+        let pecks = match cycle {
+            Cycle::ChipBreak | Cycle::Peck => (hole.r - hole.bottom) / hole.q,
+            _ => 1.0,
+        };
+        if f64::from(repeats) * pecks > MOST_PECKS {
+            let message = format!("{name} with more than {MOST_PECKS} pecks, L{repeats} times {pecks:.0}");
+            return Err(Fault::new(Code::OutOfRange, line.span(b'L'), message));
+        }
         let old = self.state.sticky.old;
         let mut at = here;
         if old < hole.r {

@@ -27,8 +27,8 @@ use crate::{Code, Command, Diagnostic, Settings, ToolTable};
 /// After so many errors a program is given up.
 const MOST_ERRORS: usize = 1000;
 
-/// Most commands that wait for cutter compensation or that one line gives.
-const MOST_WAITING: usize = 10_000_000;
+/// Most commands that wait for cutter compensation or that one line gives: some hundred megabytes.
+pub(crate) const MOST_WAITING: usize = 1_000_000;
 
 /// How often the interrupt is looked at, in lines.
 const INTERRUPT_LINES: u64 = 1024;

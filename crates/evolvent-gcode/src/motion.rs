@@ -5,6 +5,7 @@ use evolvent_path::{Axes, AxisLetter, Curve, Line, ParamCurve as _};
 use crate::codes::{FeedMode, Group, Motion, Once};
 use crate::diagnostic::Fault;
 use crate::execute::Executor;
+use crate::interpreter::MOST_WAITING;
 use crate::offsets::check_coordinate;
 use crate::{Action, Code, Command, Move, MoveKind, PathMode, SpindleDirection};
 
@@ -221,11 +222,17 @@ impl Executor<'_> {
         Ok(())
     }
 
-    /// A path that a double cannot tell from nothing would have no direction and no time.
+    /// A path that a double cannot tell from nothing would have no direction and no time; one line may not fill the memory.
     #[inline]
     fn check_move(&self, length: f64, feed: f64) -> Result<(), Fault> {
-        if length > 0.0 && feed > 0.0 {
+        if length > 0.0 && feed > 0.0 && self.out.len() < MOST_WAITING {
             return Ok(());
+        }
+        if self.out.len() >= MOST_WAITING {
+            let message = format!(
+                "more than {MOST_WAITING} commands from one line, or waiting for cutter compensation"
+            );
+            return Err(Fault::new(Code::BodyTooLong, self.line.motion_span(), message));
         }
         let message = format!("a move of {length:e} mm at {feed:e} mm/s");
         Err(Fault::new(Code::LineRefused, self.line.motion_span(), message)
@@ -260,8 +267,12 @@ impl Executor<'_> {
         }
         if modes.feed_mode == FeedMode::PerRevolution && (modes.speed <= 0.0 || modes.surface.is_some()) {
             let message = format!("{name} in G95, but the spindle speed is 0 or not known (G96)");
-            return Err(Fault::new(Code::SpindleSpeedMissing, span, message)
-                .help("feed per revolution needs a spindle speed: write S and M3 first"));
+            let help = if modes.surface.is_some() {
+                "with G96 the spindle's speed follows the radius: write G94 and a feed per minute, or G97 and S"
+            } else {
+                "feed per revolution needs a spindle speed: write S and M3 first"
+            };
+            return Err(Fault::new(Code::SpindleSpeedMissing, span, message).help(help));
         }
         Ok(())
     }

@@ -171,6 +171,11 @@ impl Executor<'_> {
         let mut strokes = Vec::new();
         let begin = pieces.first().map_or([0.0; 2], Piece::start);
         if call.rough.finishing {
+            let moves = call.passes as usize * pieces.len();
+            if moves > MOST {
+                let message = format!("P{} makes more than {MOST} moves of this profile", call.passes);
+                return Err(Fault::new(Code::OutOfRange, self.line.span(b'P'), message));
+            }
             for pass in (0..call.passes).rev() {
                 let share = f64::from(pass) / f64::from(call.passes);
                 let left = share * (call.leave - call.last) + call.last;
@@ -319,7 +324,7 @@ fn rough_strokes(
         // Along the stock's surface.
         strokes.push(Stroke::Cut(Piece::Line { a: start, b: first }));
     }
-    follow(call, start, &pieces, &mut strokes);
+    follow(call, start, &pieces, &mut strokes)?;
     Some(strokes)
 }
 
@@ -344,13 +349,19 @@ fn next_rise(pieces: &[Piece], from: usize, level: f64) -> Option<(usize, Point)
     })
 }
 
-/// Along the profile, with the pockets as the variant says.
-fn follow(call: &RoughCall, start: Point, pieces: &[Piece], strokes: &mut Vec<Stroke>) {
+/// Along the profile, with the pockets as the variant says. `None` where they take too many passes: they may be deeper than
+/// the profile is as a whole.
+fn follow(call: &RoughCall, start: Point, pieces: &[Piece], strokes: &mut Vec<Stroke>) -> Option<()> {
     let mut index = 0;
+    let mut steps = 0;
     let mut rest: Option<Piece> = None;
     // The height at which the next pass crosses a pocket.
     let mut level: Option<f64> = None;
     while let Some(piece) = rest.take().or_else(|| pieces.get(index).copied()) {
+        steps += 1;
+        if steps > MOST + pieces.len() {
+            return None;
+        }
         let (a, b) = (piece.start(), piece.end());
         if b[1] >= a[1] - NEAR {
             level = None;
@@ -417,6 +428,7 @@ fn follow(call: &RoughCall, start: Point, pieces: &[Piece], strokes: &mut Vec<St
             rest = Some(after);
         }
     }
+    Some(())
 }
 
 /// A piece of the profile; the second half of a dip is one arc with the first.

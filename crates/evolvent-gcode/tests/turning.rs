@@ -180,6 +180,32 @@ fn cycles_along_profiles_that_make_no_sense_are_refused_at_their_own_line() {
     }
 }
 
+/// Each of two numbers is possible by itself; together they would fill the memory.
+#[test]
+fn cycles_that_would_never_end_are_refused() {
+    let pocket = "O1 sub\nG0 X30 Z0\nG1 Z-5\nX10 Z-10\nZ-15\nX30 Z-20\nO1 endsub\n";
+    let lathe = |line: &str| format!("{pocket}G18 F100\n{line}\nM2\n");
+    for (program, line) in [
+        // A pocket below a profile that begins at the stock's surface.
+        (lathe("G71 Q1 X30 Z1 I0.00001"), 9),
+        (lathe("G71.2 Q1 X30 Z1 I0.000000001"), 9),
+        (lathe("G71.2 Q1 X30 Z1 I0.0001"), 9),
+        (lathe("G70 Q1 X30 Z1 P90000"), 9),
+        ("F100\nG91 G83 X1 Z-10 R0 Q0.001 L90000\nM2\n".to_owned(), 2),
+        ("F100\nG91 G73 X1 Z-10 R0 Q0.001 L11\nM2\n".to_owned(), 2),
+    ] {
+        let error = actions(&program).unwrap_err();
+        assert_eq!(
+            (error.code, error.line),
+            (Code::OutOfRange, line),
+            "{program}: {error}"
+        );
+    }
+    // As many as one may want.
+    assert!(moves(&lathe("G71.2 Q1 X30 Z1 I0.01")).len() > 2000);
+    assert!(moves("F100\nG91 G83 X1 Z-10 R0 Q0.1 L100\nM2\n").len() > 10_000);
+}
+
 #[test]
 fn an_arc_in_a_turned_upright_plane_is_the_circle() {
     let degrees = 30.0_f64;

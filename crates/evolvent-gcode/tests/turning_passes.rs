@@ -275,6 +275,21 @@ fn what_cannot_be_turned_is_refused_and_a_mill_drills_with_g82() {
     ] {
         assert_eq!(at(line), Err((code, 3)), "{line}");
     }
+    // Both cycles, plain or by the load, know no radius of a tool.
+    for line in ["G82 X52 Z-20 D1", "G75 X52 Z-20 K1", "G82 X52 Z-20 Q1"] {
+        let program = format!("G21 G18 F60\nG0 X30 Z1\nG41.1 D0.8 L2\nG0 X28 Z0\n{line}\n");
+        let settings = Settings {
+            load_channel: true,
+            ..lathe()
+        };
+        let error = run_with(&program, settings).unwrap_err();
+        assert_eq!((error.code, error.line), (Code::CompensationActive, 5), "{line}");
+        assert!(error.help.is_some_and(|help| help.contains("G40")), "{line}");
+    }
+    // A feed per revolution with a speed that follows the radius is not known.
+    let error = run_with("G21 G18 G0 X30 Z1\nG96 S80 M3\nG95 F0.2\nG1 Z-5\n", lathe()).unwrap_err();
+    assert_eq!((error.code, error.line), (Code::SpindleSpeedMissing, 4));
+    assert!(error.message.contains("G96") && error.help.is_some_and(|help| help.contains("G97")));
     let mill = run_with("G21 F60\nG82 X5 Y5 Z-3 R1 P2\nM2\n", Settings::default()).unwrap();
     assert!(mill.contains(&Action::Dwell { seconds: 2.0 }));
     let error = run_with("G75 X1 Z1\n", Settings::default()).unwrap_err();
