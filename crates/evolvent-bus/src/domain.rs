@@ -465,6 +465,9 @@ pub fn list_machines(prefix: Option<&str>) -> Result<Vec<String>, BusError> {
     Ok(names)
 }
 
+/// How often a domain is cleaned at the most: others may be cleaning it too, or just be ending.
+const CLEANINGS: u32 = 5;
+
 /// Clears a domain of one's own away: what killed processes have left, and iceoryx2's node counter, a file of
 /// 16 bytes that it keeps per prefix for ever. Does nothing while a node of that prefix lives.
 ///
@@ -473,19 +476,31 @@ pub fn list_machines(prefix: Option<&str>) -> Result<Vec<String>, BusError> {
 /// # Errors
 /// The prefix is none, or iceoryx2 does not start.
 pub fn remove_private_domain(prefix: &str) -> Result<(), BusError> {
-    drop(Domain::join("cleaner", Some(prefix), "cleaner")?);
-    let mut alive = 0;
-    let listed = Node::<Ipc>::list(&configuration(Some(prefix))?, |_| {
-        alive += 1;
-        CallbackProgression::Continue
-    });
+    let config = configuration(Some(prefix))?;
+    for attempt in 0..CLEANINGS {
+        drop(Domain::join("cleaner", Some(prefix), "cleaner")?);
+        let (mut alive, mut dead) = (0, 0);
+        let listed = Node::<Ipc>::list(&config, |state| {
+            match state {
+                NodeState::Alive(_) => alive += 1,
+                NodeState::Dead(_) => dead += 1,
+                // Nothing lives there; see `clear_unborn_nodes`.
+                NodeState::Inaccessible(_) | NodeState::Undefined(_) => {}
+            }
+            CallbackProgression::Continue
+        });
+        if listed.is_ok() && alive + dead == 0 {
+            break;
+        }
+        if attempt + 1 == CLEANINGS {
+            return Ok(());
+        }
+        std::thread::sleep(Duration::from_millis(20));
+    }
     let Ok(files) = std::fs::read_dir("/dev/shm") else {
         return Ok(());
     };
-    if alive > 0 || listed.is_err() {
-        return Ok(());
-    }
-    remains::clear_unborn_nodes(&configuration(Some(prefix))?, Duration::ZERO);
+    remains::clear_unborn_nodes(&config, Duration::ZERO);
     for file in files.flatten() {
         let name = file.file_name();
         // PREFIX, a hash of 40 digits, `_node.VERSION.global_mgmt`.

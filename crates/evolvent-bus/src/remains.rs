@@ -1,9 +1,10 @@
 //! What killed processes leave and iceoryx2 0.10.0 does not clear away by itself.
 //!
-//! Four things stay for ever where a process dies within the microseconds in which it makes them:
+//! Five things stay for ever where a process dies within the microseconds in which it makes them:
 //! - the description of a service that was written but not released: every later opening waits for it and fails;
 //! - the folder of a node in which a tag was begun: every later cleaning stumbles over it;
 //! - the folder of a node that has no monitor yet: nobody looks for it;
+//! - the files of a node whose monitor is not whole: nobody can tell whether it lives;
 //! - a segment of shared memory that has no size yet: who cleans up waits for it without end.
 //!
 //! What is half made is told by its mode: iceoryx2 makes a file read-only, a segment readable, when it is complete.
@@ -124,12 +125,19 @@ pub(crate) fn clear_dead_nodes(config: &Config) {
     }
 }
 
-/// Removes the folders of nodes that died before they could be seen: described, but without a finished
-/// monitor. A living
-/// node is in that state for less than a millisecond; only what is at least this old is taken for left.
+/// Removes the folders of nodes that died before they could be seen: described, but without a monitor that tells whether they
+/// live. A living node is in that state for less than a millisecond; only what is at least this old is taken for left.
 pub(crate) fn clear_unborn_nodes(config: &Config, at_least: Duration) {
     let nodes = path(&config.global.node_dir());
     let prefix = config.global.prefix.to_string();
+    // Some monitors are complete and tell nothing all the same: their maker died before it held their lock.
+    let mut told = Vec::new();
+    let listed = Node::<Ipc>::list(config, |state| {
+        if !matches!(state, NodeState::Undefined(_)) {
+            told.push(state.node_id().value().to_string());
+        }
+        CallbackProgression::Continue
+    });
     for folder in read_dir(&nodes)
         .into_iter()
         .flatten()
@@ -149,13 +157,14 @@ pub(crate) fn clear_unborn_nodes(config: &Config, at_least: Duration) {
             .to_string_lossy()
             .into_owned();
         // Its owner may not read a monitor that is being made.
-        let is_born = |file: PathBuf| {
+        let is_complete = |file: PathBuf| {
             file.metadata()
                 .is_ok_and(|facts| facts.permissions().mode() & 0o400 != 0)
         };
         let monitor = format!("{prefix}{id}{}", config.global.node.monitor_suffix);
+        let is_born = || is_complete(nodes.join(&monitor)) && (listed.is_err() || told.contains(&id));
         let is_ours = || files(&folder).all(|file| begins_with(&file, &prefix));
-        if !folder.is_dir() || !is_old || !is_ours() || is_born(nodes.join(&monitor)) {
+        if !folder.is_dir() || !is_old || !is_ours() || is_born() {
             continue;
         }
         for file in files(&folder) {

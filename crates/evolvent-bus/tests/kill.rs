@@ -96,6 +96,51 @@ fn a_core_killed_at_any_moment_starts_again() {
     println!("slowest restart {slowest:?}");
 }
 
+/// A process can die between any two of the files that tell whether it lives.
+#[test]
+fn nodes_whose_monitor_is_not_whole_are_cleared_away_with_their_domain() {
+    let parts = [
+        "details",
+        "node_monitor",
+        "node_monitor_context",
+        "node_monitor_owner_lock",
+    ];
+    let domain = PrivateDomain::new();
+    let child = start(&domain.prefix);
+    drop(domain.client("mill"));
+    // The child may not have its publisher yet when its services are there.
+    std::thread::sleep(Duration::from_millis(100));
+    let files = domain.files();
+    let folder = files
+        .iter()
+        .find(|file| file.to_string_lossy().ends_with(".details"))
+        .and_then(|file| file.parent())
+        .expect("the node's folder");
+    let id = folder
+        .file_name()
+        .expect("its number")
+        .to_string_lossy()
+        .into_owned();
+    for there in 1..1 << parts.len() {
+        // Another node, which made only some of its files.
+        let other = format!("{}{:02}", &id[..id.len() - 2], 10 + there);
+        if other == id {
+            continue;
+        }
+        std::fs::create_dir(folder.with_file_name(&other)).expect("a folder");
+        for file in &files {
+            let name = file.to_string_lossy();
+            let is_there = |k: usize| there >> k & 1 == 1 && name.ends_with(&format!(".{}", parts[k]));
+            if name.contains(&id) && (0..parts.len()).any(is_there) {
+                std::fs::copy(file, name.replace(&id, &other)).expect("copied");
+            }
+        }
+    }
+    kill(child);
+    // The end of the domain asserts that nothing is left of any.
+    drop(domain);
+}
+
 #[test]
 fn clients_survive_the_death_of_their_core_and_read_the_next() {
     let domain = PrivateDomain::new();
