@@ -10,6 +10,10 @@ use crate::watch::{LoadView, LoadWatch, SMOOTHING_S};
 
 /// Way beyond where contact is expected after which caution ends, mm.
 const CAUTION_MM: f64 = 1.5;
+/// What noise may make of a load that fades.
+const RESIDUE_NOISE: f64 = 1.15;
+/// Share of the smallest feed below which a chip tells nothing.
+const LEAST_CHIP: f64 = 0.4;
 
 /// What comes into a cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -96,6 +100,9 @@ pub struct TurningController {
     pub(crate) pass_end: f64,
     /// Depth that the record or the face promises for the present pass; none where nothing is known.
     pub(crate) promised: Option<f64>,
+    /// Load that the sensor still shows of what was cut before, and its share that goes in a cycle.
+    pub(crate) residue: f64,
+    pub(crate) residue_share: f64,
     /// Place of contact; none in air.
     pub(crate) contact: Option<f64>,
     pub(crate) touched: bool,
@@ -107,6 +114,8 @@ pub struct TurningController {
     pub(crate) cautious_to: Option<f64>,
     pub(crate) deep_s: f64,
     pub(crate) thin_from: Option<f64>,
+    /// Passes of the job that were ended on a thin place.
+    pub(crate) returned_thin: u32,
     pub(crate) air_s: f64,
     pub(crate) loss_s: f64,
     pub(crate) load_before: f64,
@@ -176,17 +185,14 @@ impl TurningController {
         let mut controller = Self {
             along: AxisDrive::new(start.0, &settings.along_limits),
             out: AxisDrive::new(start.1, &settings.out_limits),
-            trail: Trail::new(
-                turn / settings.period_s,
-                settings.sensor_lag_s / settings.period_s,
-                start,
-            ),
+            trail: Trail::new(turn / settings.period_s, start),
             watch: LoadWatch::new(
                 regime.law,
                 regime.set_load,
                 settings.period_s,
                 turn,
-                settings.sensor_stale_s,
+                (settings.sensor_lag_s, settings.sensor_stale_s),
+                LEAST_CHIP * regime.feed_min_mm_rev,
             ),
             record: SizeRecord::new(
                 settings.length_mm,
@@ -208,6 +214,7 @@ impl TurningController {
                 depth_now_mm: 0.0,
                 depth_mean_mm: 0.0,
                 depth_mm: 0.0,
+                growth_mm: 0.0,
                 trouble: None,
             },
             feed: 0.0,
@@ -216,6 +223,8 @@ impl TurningController {
             pass_start: start.0,
             pass_end: settings.length_mm,
             promised: None,
+            residue: 0.0,
+            residue_share: 1.0 - libm::exp(-settings.period_s / (settings.sensor_lag_s + SMOOTHING_S)),
             contact: None,
             touched: false,
             air: false,
@@ -223,6 +232,7 @@ impl TurningController {
             cautious_to: None,
             deep_s: 0.0,
             thin_from: None,
+            returned_thin: 0,
             air_s: 0.0,
             loss_s: 0.0,
             load_before: 0.0,
@@ -297,8 +307,8 @@ impl TurningController {
     /// One control period. Real-time safe.
     pub fn step(&mut self, inputs: &TurningInputs) -> TurningOutput {
         self.transition = None;
-        let least_chip = 0.4 * self.settings.regime.feed_min_mm_rev;
-        self.view = self.watch.step(inputs.load, self.trail.chip_mm(), least_chip);
+        self.view = self.watch.step(inputs.load, self.trail.chip_mm());
+        self.residue -= self.residue_share * self.residue;
         let factor = if inputs.feed_override > 0.0 {
             inputs.feed_override.min(2.0)
         } else {
@@ -316,7 +326,7 @@ impl TurningController {
             // While a load is missed it is not known whether anything is cut; what has been swept by then follows.
             // Standing at the end of the pass the load goes as it should.
             let ends = self.end_s > 0.0;
-            let felt = self.view.now > self.settings.contact_load || (ends && self.contact.is_some());
+            let felt = self.feels() || (ends && self.contact.is_some());
             let sure = felt && !ends && self.state == TurningState::Cut;
             let missed = self.loss_s > 0.0 || (self.state == TurningState::Cut && self.air_s > 0.0);
             let waits = missed && !ends;
@@ -349,7 +359,15 @@ impl TurningController {
         )
     }
 
+    /// Whether there is a load beyond what the sensor still shows of the cut before.
+    pub(crate) fn feels(&self) -> bool {
+        self.view.now > self.settings.contact_load + RESIDUE_NOISE * self.residue
+    }
+
     pub(crate) fn go(&mut self, to: TurningState, reason: Reason) {
+        if to == TurningState::Approach {
+            self.residue = self.view.now;
+        }
         self.transition = Some(Transition {
             cycle: self.cycle,
             from: self.state,

@@ -1,6 +1,7 @@
 //! The process that closes the loop where no metal is cut: positions in, load out.
 
-use crate::job::{CutFile, Job};
+use crate::job::Job;
+use crate::job_file::CutFile;
 use crate::sensor::{LoadSample, Sensor};
 use crate::workpiece::{CutNow, Workpiece};
 

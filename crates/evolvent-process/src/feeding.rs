@@ -4,6 +4,8 @@ use crate::controller::TurningController;
 use crate::settings::{OnThin, PassDepth};
 use crate::state::{Reason, TurningState};
 
+/// Time constants of the sensor for which a growing cut is taken to go on growing.
+const AHEAD_LAGS: f64 = 2.0;
 /// Share of the depth at full feed below which a place is thin.
 const THIN: f64 = 0.97;
 /// Largest growth over the way below that counts as settled, as a share of the depth.
@@ -65,7 +67,7 @@ impl TurningController {
     pub(crate) fn approach(&mut self, factor: f64) {
         let settings = self.settings;
         let here = self.along.point().position;
-        if self.view.now > settings.contact_load && self.view.trouble.is_none() {
+        if self.feels() && self.view.trouble.is_none() {
             self.contact = Some(here);
             self.grown = (0.0, here);
             if self.cautious_to.is_some() {
@@ -229,7 +231,10 @@ impl TurningController {
         if self.thin(thin, depth) {
             return;
         }
-        self.drive(regime.feed_mm_rev(depth), factor);
+        // What has grown over a revolution goes on growing while the chip forms and the sensor lags.
+        let turns = settings.strategy.anticipation_rev * (1.0 + AHEAD_LAGS * settings.sensor_lag_s / turn_s);
+        let ahead = self.view.depth_now_mm + turns * self.view.growth_mm;
+        self.drive(regime.feed_mm_rev(depth.max(ahead)), factor);
         self.end_of_pass();
     }
 
@@ -252,6 +257,7 @@ impl TurningController {
         let leaves = match settings.strategy.on_thin {
             OnThin::Continue => false,
             OnThin::Return => true,
+            OnThin::ReturnUpTo(most) => self.returned_thin < most,
             OnThin::ReturnIfSaved => {
                 // What is this thin costs no further pass if it is left.
                 let length = settings.length_mm - here;
@@ -264,6 +270,7 @@ impl TurningController {
             }
         };
         if leaves {
+            self.returned_thin = self.returned_thin.saturating_add(1);
             self.record.leave_shoulder(here, out + depth_mm);
             self.begin_return(TurningState::ReEnter, Reason::TooThin { depth_mm });
         }

@@ -22,14 +22,17 @@
 //! autoprogramming of cutting tool path on a numerical control lathe".
 
 mod adaptive;
+mod adaptive_file;
 mod axis;
 mod backing_off;
 mod blank;
+mod chip;
 mod controller;
 mod cutting;
 mod feeding;
 mod fixed;
 mod job;
+mod job_file;
 mod law;
 mod record;
 mod regime;
@@ -44,13 +47,15 @@ mod watch;
 mod workpiece;
 
 pub use adaptive::{AdaptiveError, AdaptiveFeed, AdaptiveOutput, AdaptiveSettings, AdaptiveStop};
+pub use adaptive_file::adaptive_schema;
 pub use axis::{AxisDrive, AxisPoint};
 pub use blank::{Blank, BlankError};
 pub use controller::{TurningController, TurningInputs, TurningOutput};
 pub use cutting::SimulatedProcess;
 pub use evolvent_feed::ScalarLimits;
 pub use fixed::FixedPasses;
-pub use job::{CutFile, CutKind, Job, JobFile};
+pub use job::Job;
+pub use job_file::{CutFile, CutKind, JobFile, process_schema};
 pub use law::CutLaw;
 pub use record::SizeRecord;
 pub use regime::{BackOff, Regime, RegimeError, RegimeInput};

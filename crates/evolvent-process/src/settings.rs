@@ -6,6 +6,9 @@ use crate::regime::Regime;
 use crate::tool::Tool;
 use crate::watch::LoadWatch;
 
+/// Passes that the safe strategy ends on thin places: no more, so that a job takes two passes at most beyond equation (5).
+const SAFE_RETURNS: u32 = 2;
+
 /// How passes are chosen and protected against their own transients.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Strategy {
@@ -28,6 +31,9 @@ pub struct Strategy {
 pub enum OnThin {
     /// End the pass; the next one starts at the first place that is not at size.
     Return,
+    /// The same, so many times in a job; then as [`OnThin::Continue`]. A pass that was ended can cost one more where the
+    /// stock behind rises again, one that goes on costs none.
+    ReturnUpTo(u32),
     /// The same, where what is left there costs no further pass.
     ReturnIfSaved,
     /// Go on at the largest feed, and take the rest in a later pass.
@@ -70,7 +76,7 @@ impl Strategy {
             resume_feed_mm_rev: regime.feed_min_mm_rev,
             preview: true,
             anticipation_rev: 1.0,
-            on_thin: OnThin::Return,
+            on_thin: OnThin::ReturnUpTo(SAFE_RETURNS),
             depth: PassDepth::KnownFinal,
         }
     }

@@ -1,23 +1,20 @@
 //! Where the tool was over the last revolution.
 
-/// Places of the tip, one a cycle, for a revolution and the sensor's lag. Room is taken once.
+/// Places of the tip, one a cycle, for a revolution. Room is taken once.
 #[derive(Clone, Debug)]
 pub(crate) struct Trail {
     places: Vec<(f64, f64)>,
     next: usize,
     turn: usize,
-    lag: usize,
 }
 
 impl Trail {
-    pub(crate) fn new(turn_cycles: f64, lag_cycles: f64, at: (f64, f64)) -> Self {
+    pub(crate) fn new(turn_cycles: f64, at: (f64, f64)) -> Self {
         let turn = turn_cycles.round().max(1.0) as usize;
-        let lag = lag_cycles.round().max(0.0) as usize;
         Self {
-            places: vec![at; turn + lag + 1],
+            places: vec![at; turn + 1],
             next: 0,
             turn,
-            lag,
         }
     }
 
@@ -36,8 +33,8 @@ impl Trail {
         self.ago(self.turn)
     }
 
-    /// How far the tool advanced over the revolution that the sensor shows now, mm.
+    /// How far the tool has advanced over the last revolution, mm.
     pub(crate) fn chip_mm(&self) -> f64 {
-        self.ago(self.lag).0 - self.ago(self.lag + self.turn).0
+        self.ago(0).0 - self.ago(self.turn).0
     }
 }

@@ -7,6 +7,8 @@ use crate::sensor::LoadSample;
 const BINS: usize = 32;
 /// Time constant over which readings are smoothed, s.
 pub(crate) const SMOOTHING_S: f64 = 0.004;
+/// Of these as many are taken together where growth is looked for: the load is noisy.
+const GROWTH_BINS: usize = 4;
 /// What noise may make of the largest part of a revolution, as a share of the mean.
 const ROUND: f64 = 0.04;
 /// The same of the latest reading.
@@ -48,6 +50,8 @@ pub struct LoadView {
     pub depth_mean_mm: f64,
     /// Depth to be reckoned with, mm: the mean where the cut is round, the deepest part of the revolution where not.
     pub depth_mm: f64,
+    /// By how much the depth has grown over a revolution, mm; 0 where noise may be all of it.
+    pub growth_mm: f64,
     /// What is wrong with the sensor.
     pub trouble: Option<SensorTrouble>,
 }
@@ -60,12 +64,20 @@ pub struct LoadWatch {
     stale_s: f64,
     lowest: f64,
     quiet: f64,
+    /// Share of smoothing and of the sensor's lag in a cycle.
     share: f64,
+    lag_share: f64,
+    /// `chip^feed_exponent` as it was cut with, as the sensor shows it, and smoothed as the load is.
+    chip_shown: f64,
+    chip_smooth: f64,
+    least_chip: f64,
     cycles_per_bin: f64,
     in_bin: f64,
     bin: usize,
     loads: [f64; BINS],
     depths: [f64; BINS],
+    /// The same parts of the revolution before.
+    depths_before: [f64; BINS],
     sums: (f64, f64, f64),
     now: f64,
     depth_now: f64,
@@ -76,21 +88,35 @@ pub struct LoadWatch {
 }
 
 impl LoadWatch {
-    /// For a spindle that turns once in `turn_s`, and readings that may be `stale_s` apart.
+    /// For a spindle that turns once in `turn_s`, and a sensor of a time constant of `lag_s` whose readings may be
+    /// `stale_s` apart. Chips below `least_chip_mm` tell nothing.
     #[must_use]
-    pub fn new(law: CutLaw, set_load: f64, period_s: f64, turn_s: f64, stale_s: f64) -> Self {
+    pub fn new(
+        law: CutLaw,
+        set_load: f64,
+        period_s: f64,
+        turn_s: f64,
+        (lag_s, stale_s): (f64, f64),
+        least_chip_mm: f64,
+    ) -> Self {
+        let share = |time_s: f64| 1.0 - libm::exp(-period_s / time_s.max(1e-9));
         Self {
             law,
             period_s,
             stale_s: Self::stale_s(stale_s, period_s),
             lowest: -0.2 * set_load,
             quiet: QUIET * set_load,
-            share: 1.0 - libm::exp(-period_s / SMOOTHING_S),
+            share: share(SMOOTHING_S),
+            lag_share: share(lag_s),
+            chip_shown: 0.0,
+            chip_smooth: 0.0,
+            least_chip: libm::pow(least_chip_mm, law.feed_exponent),
             cycles_per_bin: (turn_s / period_s / BINS as f64).max(1.0),
             in_bin: 0.0,
             bin: 0,
             loads: [0.0; BINS],
             depths: [0.0; BINS],
+            depths_before: [0.0; BINS],
             sums: (0.0, 0.0, 0.0),
             now: 0.0,
             depth_now: 0.0,
@@ -110,15 +136,22 @@ impl LoadWatch {
         Self::stale_s(stale_s, period_s) + f64::from(READINGS_FROZEN + 2) * period_s
     }
 
-    /// Takes the newest reading, if any, at a chip of `chip_mm` a revolution.
-    pub fn step(&mut self, sample: Option<LoadSample>, chip_mm: f64, least_chip_mm: f64) -> LoadView {
+    /// Takes the newest reading, if any, at a chip of `chip_mm` a revolution that is cut now.
+    ///
+    /// The load of a depth is proportional to `chip^feed_exponent`, so what the sensor and the smoothing do to the load
+    /// is done to that as well, and their ratio is the depth whatever the feed has done meanwhile.
+    pub fn step(&mut self, sample: Option<LoadSample>, chip_mm: f64) -> LoadView {
         self.age_s += self.period_s;
+        let chip = libm::pow(chip_mm.max(0.0), self.law.feed_exponent);
+        self.chip_shown += self.lag_share * (chip - self.chip_shown);
         if let Some(value) = self.believe(sample) {
             self.age_s = 0.0;
             self.now += self.share * (value.max(0.0) - self.now);
+            self.chip_smooth += self.share * (self.chip_shown - self.chip_smooth);
         }
-        if chip_mm >= least_chip_mm {
-            self.depth_now = self.law.depth_mm(self.now, chip_mm);
+        if self.chip_smooth >= self.least_chip {
+            let at_one = self.law.coefficient * self.chip_smooth;
+            self.depth_now = libm::pow(self.now / at_one, 1.0 / self.law.depth_exponent);
         }
         self.sums.0 += self.now;
         self.sums.1 += self.depth_now;
@@ -130,6 +163,7 @@ impl LoadWatch {
         if self.in_bin >= self.cycles_per_bin {
             self.in_bin -= self.cycles_per_bin;
             self.bin = (self.bin + 1) % BINS;
+            self.depths_before[self.bin] = self.depths[self.bin];
             self.sums = (0.0, 0.0, 0.0);
         }
         view
@@ -184,13 +218,28 @@ impl LoadWatch {
             depth_now_mm: self.depth_now,
             depth_mean_mm: depth_mean,
             depth_mm: reckoned.max(LATEST * self.depth_now),
+            growth_mm: self.growth(),
             trouble: (self.age_s > self.stale_s).then_some(self.kind),
         }
+    }
+
+    /// The same part of the last revolution and of the one before, so that a cut that is not round does not look like one
+    /// that grows.
+    fn growth(&self) -> f64 {
+        let (mut latest, mut before) = (0.0, 0.0);
+        // The part of now is not whole yet.
+        for k in 1..=GROWTH_BINS {
+            let part = (self.bin + BINS - k) % BINS;
+            latest += self.depths[part];
+            before += self.depths_before[part];
+        }
+        (latest - (1.0 + ROUND) * before).max(0.0) / GROWTH_BINS as f64
     }
 
     /// Forgets depths of before, after the tool has gone elsewhere.
     pub fn forget(&mut self) {
         self.depths = [0.0; BINS];
+        self.depths_before = [0.0; BINS];
         self.depth_now = 0.0;
         self.sums.1 = 0.0;
     }

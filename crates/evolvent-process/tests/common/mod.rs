@@ -215,3 +215,22 @@ impl Limits {
         }
     }
 }
+
+/// The same out of round, or with flats and keyways, or both.
+pub fn random_rough_stock(random: &mut Random) -> Blank {
+    let mut blank = random_stock(random);
+    let kind = random.unit();
+    if kind < 0.6 {
+        // The edge reaches 10.4 mm.
+        blank.runout_mm = random.within(0.05, 0.6);
+    }
+    if kind > 0.4 {
+        let count = 1 + (3.0 * random.unit()) as usize;
+        for k in 0..count {
+            let from = (k as f64 + random.within(0.0, 0.3)) / count as f64;
+            let to = from + random.within(0.05, 0.5) / count as f64;
+            blank.slots.push((from, to));
+        }
+    }
+    blank
+}

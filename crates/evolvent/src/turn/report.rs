@@ -16,7 +16,7 @@ const STRIP_HEIGHT: f64 = 150.0;
 const PASSES: [&str; 6] = ["#1f5fa8", "#c8501e", "#2e8b57", "#8b3fa8", "#b8860b", "#178a9e"];
 const STYLE: &str = "text{font:12px sans-serif;fill:#222}.title{font-size:19px;font-weight:600}.head{font-size:14px;\
                      font-weight:600}.small{font-size:11px;fill:#555}.grid{stroke:#e4e4e4}.frame{fill:none;stroke:#888}\
-                     .set{stroke:#b00020;stroke-dasharray:6 4}.final{stroke:#000;stroke-width:1.5}";
+                     .set{stroke:#b00020;stroke-dasharray:6 4}.final{stroke:#b5b5b5;stroke-width:5}";
 
 /// The whole picture.
 pub(crate) fn svg(trial: &Trial, machine: &str) -> String {
@@ -100,6 +100,12 @@ fn stock(svg: &mut Svg, trial: &Trial, top: f64) -> f64 {
             "hard",
         );
     }
+    // Below the passes: the last ones lie on it.
+    svg.line(
+        (across.at(0.0), up.at(0.0)),
+        (across.at(length), up.at(0.0)),
+        "final",
+    );
     let mut pen = Pen::default();
     let (mut pass, mut drawing) = (0, false);
     let colour = |pass: u32| PASSES[pass.saturating_sub(1) as usize % PASSES.len()];
@@ -120,11 +126,7 @@ fn stock(svg: &mut Svg, trial: &Trial, top: f64) -> f64 {
         }
     }
     svg.stroke(&pen, colour(pass), 1.6, "");
-    svg.line(
-        (across.at(0.0), up.at(0.0)),
-        (across.at(length), up.at(0.0)),
-        "final",
-    );
+    key(svg, trial.figures.passes, top - 10.0);
     svg.frame((LEFT, top), (RIGHT - LEFT, STOCK_HEIGHT));
     svg.text(
         (RIGHT, top + STOCK_HEIGHT + 30.0),
@@ -133,6 +135,34 @@ fn stock(svg: &mut Svg, trial: &Trial, top: f64) -> f64 {
         "from the face at which the tool comes in, mm",
     );
     top + STOCK_HEIGHT
+}
+
+/// What the colours of the passes are, at the right end of a heading.
+fn key(svg: &mut Svg, passes: u32, y: f64) {
+    let shown = (passes as usize).min(PASSES.len());
+    let mut x = RIGHT;
+    let mut entry = |name: &str, width: f64, colour: &str, thick: f64| {
+        svg.text((x, y), Anchor::End, "small", name);
+        let mut pen = Pen::default();
+        pen.move_to(x - width - 22.0, y - 4.0);
+        pen.line_to(x - width - 4.0, y - 4.0);
+        svg.stroke(&pen, colour, thick, "");
+        x -= width + 34.0;
+    };
+    entry("final size", 52.0, "#b5b5b5", 5.0);
+    for pass in (0..shown).rev() {
+        let again = if pass + 1 == shown && passes as usize > shown {
+            " and so on"
+        } else {
+            ""
+        };
+        entry(
+            &format!("pass {}{again}", pass + 1),
+            38.0 + 5.6 * again.len() as f64,
+            PASSES[pass],
+            2.0,
+        );
+    }
 }
 
 fn grid(svg: &mut Svg, across: &Scale, up: &Scale, top: f64, height: f64) {
@@ -221,7 +251,7 @@ fn bars(svg: &mut Svg, trial: &Trial, top: f64) -> f64 {
             .map(|(name, figures, saved)| (name, figures, Some(saved))),
     );
     let longest = rows.iter().map(|row| row.1.time_s).fold(1.0, f64::max);
-    let scale = Scale::new(0.0, longest, LEFT + 220.0, RIGHT - 230.0);
+    let scale = Scale::new(0.0, longest, LEFT + 220.0, RIGHT - 290.0);
     let mut y = top;
     for (name, figures, saved) in rows {
         svg.text((LEFT + 212.0, y + 14.0), Anchor::End, "", name);
@@ -233,9 +263,9 @@ fn bars(svg: &mut Svg, trial: &Trial, top: f64) -> f64 {
         );
         let saving = saved.map_or(String::new(), |saved| {
             if saved >= 0.0 {
-                format!(", {saved:.1} % saved")
+                format!("; this job takes {saved:.1} % less")
             } else {
-                format!(", {:.1} % lost", -saved)
+                format!("; this job takes {:.1} % more", -saved)
             }
         });
         svg.text(

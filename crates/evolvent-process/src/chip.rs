@@ -1,0 +1,100 @@
+//! How thick the chip is that a reading of the load tells of.
+
+/// Places that are kept of the way over the time in which a chip forms.
+const PLACES: usize = 256;
+
+/// The mean feed over the time in which a chip forms: what an edge has before it is what the feed was since the edge
+/// before it came by. Room is fixed, whatever that time is. Real-time safe.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ChipTrail {
+    /// The way at every `stride`-th cycle.
+    ways: [f64; PLACES + 2],
+    next: usize,
+    stride: u32,
+    since: u32,
+    way: f64,
+    forming_cycles: f64,
+}
+
+impl ChipTrail {
+    /// Standing still, for chips that form over so many cycles, 1 at least.
+    pub(crate) fn new(forming_cycles: f64) -> Self {
+        let forming_cycles = forming_cycles.max(1.0);
+        Self {
+            ways: [0.0; PLACES + 2],
+            next: 0,
+            stride: (forming_cycles / PLACES as f64).ceil().clamp(1.0, 1e9) as u32,
+            since: 0,
+            way: 0.0,
+            forming_cycles,
+        }
+    }
+
+    /// One cycle at a feed in any unit; the chip in that unit.
+    pub(crate) fn step(&mut self, feed: f64) -> f64 {
+        self.way += feed;
+        self.since += 1;
+        if self.since == self.stride {
+            self.since = 0;
+            self.next = (self.next + 1) % self.ways.len();
+            self.ways[self.next] = self.way;
+        }
+        (self.way - self.before()) / self.forming_cycles
+    }
+
+    /// The way as it was when the chip began to form.
+    fn before(&self) -> f64 {
+        let back = (self.forming_cycles - f64::from(self.since)) / f64::from(self.stride);
+        if back <= 0.0 {
+            return self.ways[self.next];
+        }
+        let n = self.ways.len();
+        let whole = (back as usize).min(n - 2);
+        let at = |places: usize| self.ways[(self.next + n - places) % n];
+        let share = (back - whole as f64).clamp(0.0, 1.0);
+        at(whole) + share * (at(whole + 1) - at(whole))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_chip_is_the_mean_feed_of_the_last_revolution() {
+        for cycles in [1.0, 7.0, 60.0, 256.0, 257.0, 1000.0, 5000.0] {
+            let mut trail = ChipTrail::new(cycles);
+            // A ramp: its mean over a revolution is its value half a revolution ago.
+            let mut chip = 0.0;
+            for k in 0..20_000 {
+                chip = trail.step(f64::from(k));
+            }
+            let expected = 19_999.0 - 0.5 * (cycles - 1.0);
+            assert!(
+                (chip / expected - 1.0).abs() < 1e-4,
+                "{chip} for {expected} at {cycles}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_step_of_the_feed_grows_into_the_chip_over_a_revolution_and_leaves_it_so() {
+        for cycles in [60.0, 1000.0] {
+            let mut trail = ChipTrail::new(cycles);
+            for k in 1..=1500 {
+                let chip = trail.step(1.0);
+                assert!(
+                    (chip - (f64::from(k) / cycles).min(1.0)).abs() < 0.005,
+                    "{k}: {chip}"
+                );
+            }
+            for k in 1..=1500 {
+                let chip = trail.step(0.0);
+                assert!(
+                    (chip - (1.0 - f64::from(k) / cycles).max(0.0)).abs() < 0.005,
+                    "{k}: {chip}"
+                );
+            }
+        }
+    }
+}
