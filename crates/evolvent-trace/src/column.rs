@@ -9,6 +9,7 @@
 //! stand in columns of their own that are read before, by the Euler-Maclaurin formula.
 
 use crate::bits::{BitReader, BitWriter};
+use crate::varint::{folded, unfolded};
 
 /// The last polynomial order.
 pub(crate) const MOST_ORDER: u32 = 5;
@@ -72,14 +73,6 @@ fn ordered(bits: u64) -> i64 {
 fn ordered_single(bits: u32) -> i32 {
     let bits = bits as i32;
     bits ^ ((bits >> 31) as u32 >> 1) as i32
-}
-
-fn folded(value: i64) -> u64 {
-    ((value << 1) ^ (value >> 63)) as u64
-}
-
-fn unfolded(value: u64) -> i64 {
-    (value >> 1) as i64 ^ -((value & 1) as i64)
 }
 
 /// The polynomial of `order` through the last values, newest last, at the next place. What has not come yet is

@@ -5,18 +5,11 @@
 //! against `prost`, field by field.
 
 use crate::record::CycleRecord;
+use crate::varint::{folded, put_varint};
 
 const VARINT: u8 = 0;
 const FIXED64: u8 = 1;
 const BYTES: u8 = 2;
-
-fn put_varint(out: &mut Vec<u8>, mut value: u64) {
-    while value >= 0x80 {
-        out.push(value as u8 | 0x80);
-        value >>= 7;
-    }
-    out.push(value as u8);
-}
 
 fn put_varint_field(out: &mut Vec<u8>, field: u8, value: u64) {
     if value != 0 {
@@ -57,11 +50,7 @@ pub(crate) fn put_cycle(out: &mut Vec<u8>, record: &CycleRecord, axes: &[u8]) {
         out.extend_from_slice(&record.due_time_ns.to_le_bytes());
     }
     // sint64: the sign goes into the lowest bit.
-    put_varint_field(
-        out,
-        4,
-        ((record.wake_lateness_ns << 1) ^ (record.wake_lateness_ns >> 63)) as u64,
-    );
+    put_varint_field(out, 4, folded(record.wake_lateness_ns));
     put_varint_field(out, 5, u64::from(record.work_ns));
     put_double(out, 6, record.path_mm);
     put_double(out, 7, record.feed_mm_s);

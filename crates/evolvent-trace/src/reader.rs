@@ -11,124 +11,15 @@ use prost::Message as _;
 use crate::batch::{self, MOST_CYCLES};
 use crate::checked_map::without_checksum;
 use crate::chunk::{self, Inner, MAX_CHUNK_BYTES, RawMessage};
-use crate::format::{
-    AttachmentIndex, ChunkHead, ChunkIndex, FOOTER_LENGTH, Fields, MAGIC, MetadataIndex, RECORD_HEAD, op,
-};
+use crate::format::{AttachmentIndex, ChunkHead, ChunkIndex, FOOTER_LENGTH, Fields, MAGIC, RECORD_HEAD, op};
+use crate::read_error::ReadError;
 use crate::record::{BlockRecord, CycleRecord, EventRecord};
 use crate::run_info::RunInfo;
 use crate::schema::{self, Channel, evolvent};
+use crate::trace_info::{ChannelInfo, Summary, TraceInfo};
 
 /// The largest summary that is read; a trace of a week at 1 kHz has 0.5 GB.
 const MAX_SUMMARY_BYTES: u64 = 1 << 30;
-
-/// Why a trace cannot be read.
-#[derive(Debug, thiserror::Error)]
-pub enum ReadError {
-    /// The file cannot be opened or read.
-    #[error("{} cannot be read: {source}", .path.display())]
-    Io {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        source: io::Error,
-    },
-    /// No MCAP file.
-    #[error("{} is no trace: it does not begin as an MCAP file; give a file written by `evolvent run`", .path.display())]
-    NotATrace {
-        /// The file.
-        path: PathBuf,
-    },
-    /// The file has no end: it is still being written or torn.
-    #[error(
-        "{} has no end: it is still being written, or torn; if it is torn, run `evolvent trace recover` on it",
-        .path.display()
-    )]
-    Unfinished {
-        /// The file.
-        path: PathBuf,
-    },
-    /// Something in the file is not as it was written.
-    #[error(
-        "{} is damaged at byte {offset}: {what}; save what is whole with `evolvent trace recover`", .path.display()
-    )]
-    Damaged {
-        /// The file.
-        path: PathBuf,
-        /// Where.
-        offset: u64,
-        /// What is damaged.
-        what: &'static str,
-    },
-    /// An MCAP file of something else, or one whose description was lost.
-    #[error("{} does not say what was run: its metadata `evolvent.run` is missing", .path.display())]
-    NoRun {
-        /// The file.
-        path: PathBuf,
-    },
-}
-
-/// A channel and what is in it.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct ChannelInfo {
-    /// Its topic, such as `/cycle`.
-    pub topic: String,
-    /// The full name of its messages.
-    pub message: String,
-    /// How many.
-    pub messages: u64,
-}
-
-/// What a trace holds.
-#[derive(Clone, Debug, PartialEq)]
-pub struct TraceInfo {
-    /// The file.
-    pub path: PathBuf,
-    /// Its size.
-    pub bytes: u64,
-    /// What was run, without the attachments' content; `None` if it was lost or the file is another's.
-    pub run: Option<RunInfo>,
-    /// Time of the first message, Unix time in ns.
-    pub start_time_ns: u64,
-    /// Time of the last message, Unix time in ns.
-    pub end_time_ns: u64,
-    /// The channels by number.
-    pub channels: Vec<ChannelInfo>,
-    /// How many chunks.
-    pub chunks: u64,
-    /// Bytes of all chunks before compression.
-    pub uncompressed_bytes: u64,
-    /// Names and sizes of the attachments.
-    pub attachments: Vec<(String, u64)>,
-    /// How the run went: `cycles`, `gaps`, `missing_cycles`, `late_cycles`, `alarms`, `wake_lateness_p99_ns` and so on, and
-    /// what the daemon added. Empty if the run did not end well.
-    pub summary: BTreeMap<String, String>,
-    /// What a recovery, or the recorder when its disk was full, noted. Empty for a run that was recorded to its end.
-    pub recovery: BTreeMap<String, String>,
-}
-
-impl TraceInfo {
-    /// From the first to the last message, s.
-    #[must_use]
-    pub fn duration_s(&self) -> f64 {
-        self.end_time_ns.saturating_sub(self.start_time_ns) as f64 * 1e-9
-    }
-
-    /// How many messages a channel has; 0 if there is no such channel.
-    #[must_use]
-    pub fn messages(&self, topic: &str) -> u64 {
-        self.channels
-            .iter()
-            .filter(|channel| channel.topic == topic)
-            .map(|channel| channel.messages)
-            .sum()
-    }
-
-    /// A number of the summary.
-    #[must_use]
-    pub fn summary_number(&self, key: &str) -> Option<f64> {
-        self.summary.get(key)?.parse().ok()
-    }
-}
 
 /// A message, as its channel has it.
 #[derive(Clone, Debug, PartialEq)]
@@ -225,6 +116,7 @@ impl TraceFile {
         if length < magic || source.read(0, magic, "its first bytes")? != MAGIC {
             return Err(ReadError::NotATrace {
                 path: path.to_owned(),
+                bytes: length,
             });
         }
         let tail = FOOTER_LENGTH as u64 + magic;
@@ -688,52 +580,5 @@ impl Iterator for Messages<'_> {
         let result = self.step();
         self.failed = result.is_err();
         result.transpose()
-    }
-}
-
-/// The summary section, taken apart.
-#[derive(Debug, Default)]
-struct Summary {
-    schemas: BTreeMap<u16, String>,
-    channels: BTreeMap<u16, (u16, String)>,
-    counts: BTreeMap<u16, u64>,
-    start_time_ns: u64,
-    end_time_ns: u64,
-    chunks: Vec<ChunkIndex>,
-    attachments: Vec<AttachmentIndex>,
-    metadata: Vec<MetadataIndex>,
-}
-
-impl Summary {
-    fn parse(bytes: &[u8]) -> Option<Self> {
-        let mut summary = Self::default();
-        let mut records = Fields(bytes);
-        while !records.0.is_empty() {
-            let (opcode, content) = records.record()?;
-            let mut fields = Fields(content);
-            match opcode {
-                op::SCHEMA => {
-                    let id = fields.u16()?;
-                    summary.schemas.insert(id, fields.string()?.to_owned());
-                }
-                op::CHANNEL => {
-                    let id = fields.u16()?;
-                    let schema = fields.u16()?;
-                    summary.channels.insert(id, (schema, fields.string()?.to_owned()));
-                }
-                op::STATISTICS => {
-                    // Message, schema, channel, attachment, metadata and chunk counts are in the other records.
-                    fields.bytes(8 + 2 + 4 + 4 + 4 + 4)?;
-                    summary.start_time_ns = fields.u64()?;
-                    summary.end_time_ns = fields.u64()?;
-                    summary.counts = fields.u16_map()?;
-                }
-                op::CHUNK_INDEX => summary.chunks.push(ChunkIndex::parse(content)?),
-                op::ATTACHMENT_INDEX => summary.attachments.push(AttachmentIndex::parse(content)?),
-                op::METADATA_INDEX => summary.metadata.push(MetadataIndex::parse(content)?),
-                _ => {}
-            }
-        }
-        Some(summary)
     }
 }

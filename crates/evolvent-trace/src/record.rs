@@ -122,11 +122,14 @@ pub enum EventKind {
     Warning = 12,
     /// A job of a served machine began, or a jog was turned over; the code is the job's number, the text what it begins with.
     Job = 13,
+    /// The planner of a job read on with other switches, ahead of the machine; the code is the job's number, the text from
+    /// which command on and how they stand.
+    Switched = 14,
 }
 
 impl EventKind {
     /// All kinds in the order of their numbers.
-    pub const ALL: [Self; 13] = [
+    pub const ALL: [Self; 14] = [
         Self::State,
         Self::Alarm,
         Self::Command,
@@ -140,6 +143,7 @@ impl EventKind {
         Self::Stop,
         Self::Warning,
         Self::Job,
+        Self::Switched,
     ];
 }
 

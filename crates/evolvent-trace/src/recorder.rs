@@ -36,12 +36,15 @@ pub fn part_path(path: &Path) -> PathBuf {
     PathBuf::from(name)
 }
 
+fn folder_of(path: &Path) -> &Path {
+    path.parent()
+        .filter(|folder| !folder.as_os_str().is_empty())
+        .unwrap_or(Path::new("."))
+}
+
 /// Makes a rename survive a loss of power.
 pub(crate) fn sync_folder_of(path: &Path) -> io::Result<()> {
-    let folder = path
-        .parent()
-        .filter(|folder| !folder.as_os_str().is_empty())
-        .unwrap_or(Path::new("."));
+    let folder = folder_of(path);
     // A folder is no file on every system; there the rename is as safe as the system makes it.
     File::open(folder).map_or(Ok(()), |folder| folder.sync_all())
 }
@@ -116,7 +119,13 @@ impl Recorder {
         part: Option<PathBuf>,
         info: &RunInfo,
     ) -> Result<Self, RecordError> {
-        let writer = match Writer::new(sink, schema::PROFILE, schema::LIBRARY) {
+        let opened = Writer::new(sink, schema::PROFILE, schema::LIBRARY).and_then(|mut writer| {
+            if let Some(part) = &part {
+                writer.keep_in(folder_of(part))?;
+            }
+            Ok(writer)
+        });
+        let writer = match opened {
             Ok(writer) => writer,
             Err(source) => {
                 let path = part.unwrap_or(path);

@@ -11,14 +11,15 @@ use crate::batch;
 use crate::checked_map::{with_checksum, without_checksum};
 use crate::chunk::{self, Inner, MAX_CHUNK_BYTES};
 use crate::format::{ChunkHead, FOOTER_LENGTH, Fields, MAGIC, RECORD_HEAD, op};
-use crate::reader::ChannelInfo;
 use crate::record::{CycleRecord, EventKind, LogLevel};
 use crate::recorder::{log_line, sync_folder_of};
+use crate::recover_error::RecoverError;
 use crate::run_info::RunInfo;
 use crate::scan::{SEARCH_BYTES, Scan};
 use crate::schema::{self, Channel, evolvent};
 use crate::sink::FileSink;
 use crate::statistics::RunStatistics;
+use crate::trace_info::ChannelInfo;
 use crate::writer::{ChunkContent, CompressedChunk, Writer};
 
 /// Longer names are no names of attachments.
@@ -26,41 +27,6 @@ const MAX_ATTACHMENT_HEAD: u64 = 64 * 1024;
 
 /// Where what was run is lost, and with it the machine's axes, every number of an axis has room.
 const ALL_AXES: [usize; 9] = [0, 1, 2, 3, 4, 5, 6, 7, 8];
-
-/// Why a trace could not be recovered. The original is untouched.
-#[derive(Debug, thiserror::Error)]
-pub enum RecoverError {
-    /// The file cannot be opened or read.
-    #[error("{} cannot be read: {source}", .path.display())]
-    Read {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        source: io::Error,
-    },
-    /// A running recorder holds the file.
-    #[error("{} is still being written; end that run first", .path.display())]
-    InUse {
-        /// The file.
-        path: PathBuf,
-    },
-    /// No MCAP file, or nothing of it is left.
-    #[error("{} has {bytes} bytes, but they do not begin as a trace; there is nothing to recover, remove it", .path.display())]
-    NotATrace {
-        /// The file.
-        path: PathBuf,
-        /// Its size.
-        bytes: u64,
-    },
-    /// The recovered file cannot be written.
-    #[error("{} cannot be written: {source}; free some room or name another place with -o", .path.display())]
-    Write {
-        /// The file.
-        path: PathBuf,
-        /// Why.
-        source: io::Error,
-    },
-}
 
 /// What came of a recovery.
 #[derive(Clone, Debug, PartialEq, Eq)]

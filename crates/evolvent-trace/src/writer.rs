@@ -7,11 +7,14 @@
 
 use std::collections::BTreeMap;
 use std::io::{self, Read};
+use std::path::Path;
 
+use crate::chunk_table::{ChunkPlace, ChunkTable};
 use crate::format::{
-    AttachmentIndex, ChunkIndex, MAGIC, MetadataIndex, RECORD_HEAD, ZSTD, begin_record, end_record, op,
-    put_string, put_string_map, put_u16, put_u16_map, put_u32, put_u64,
+    AttachmentIndex, MAGIC, MetadataIndex, RECORD_HEAD, ZSTD, begin_record, end_record, op, put_string,
+    put_string_map, put_u16, put_u16_map, put_u32, put_u64,
 };
+use crate::scratch::Scratch;
 use crate::sink::TraceSink;
 
 /// A chunk is closed when it has this size before compression. Large enough for the compressor to find
@@ -23,6 +26,10 @@ const ZSTD_LEVEL: i32 = 1;
 const CHUNK_INDEX_BYTES: u64 = 256;
 /// More than everything else in the summary takes, but for schemas and channels.
 const SUMMARY_BYTES: u64 = 8 * 1024;
+/// Up to here the compressor's first level has its largest tables.
+const MIDDLE_CHUNK_BYTES: usize = 128 * 1024;
+/// What the message indexes behind a chunk take as a rule, at the most.
+const INDEX_BYTES: usize = 64 * 1024;
 /// Attachments are copied in pieces of this size.
 const PIECE_BYTES: usize = 256 * 1024;
 
@@ -53,6 +60,14 @@ impl ChunkContent {
         self.bounds.map(|bounds| bounds.0)
     }
 
+    /// Channels that have messages, and how many.
+    fn counts(&self) -> Vec<(u16, u64)> {
+        (self.messages.iter().enumerate())
+            .filter(|(_, list)| !list.is_empty())
+            .map(|(channel, list)| (channel as u16, list.len() as u64))
+            .collect()
+    }
+
     fn clear(&mut self) {
         self.bounds = None;
         self.messages.iter_mut().for_each(Vec::clear);
@@ -80,8 +95,10 @@ pub(crate) struct Writer {
     compressor: zstd::bulk::Compressor<'static>,
     compressed: Vec<u8>,
     out: Vec<u8>,
-    chunk_indexes: Vec<ChunkIndex>,
-    attachment_indexes: Vec<AttachmentIndex>,
+    chunks: ChunkTable,
+    /// Records of the summary, as they will stand there.
+    attachment_indexes: Scratch,
+    attachments: u32,
     metadata_indexes: Vec<MetadataIndex>,
     message_counts: BTreeMap<u16, u64>,
     bounds: Option<(u64, u64)>,
@@ -110,8 +127,9 @@ impl Writer {
             compressor: zstd::bulk::Compressor::new(ZSTD_LEVEL)?,
             compressed: Vec::new(),
             out: Vec::new(),
-            chunk_indexes: Vec::new(),
-            attachment_indexes: Vec::new(),
+            chunks: ChunkTable::default(),
+            attachment_indexes: Scratch::default(),
+            attachments: 0,
             metadata_indexes: Vec::new(),
             message_counts: BTreeMap::new(),
             bounds: None,
@@ -124,6 +142,24 @@ impl Writer {
         end_record(&mut writer.out, at);
         writer.append_out()?;
         Ok(writer)
+    }
+
+    /// Keeps what is needed again at the end on disk, in this folder, and takes all memory that chunks will need: from then on
+    /// no more is taken, however long the trace gets. To be called before anything else.
+    pub(crate) fn keep_in(&mut self, folder: &Path) -> io::Result<()> {
+        self.chunks = ChunkTable::kept_in(Scratch::in_folder(folder.to_owned()));
+        self.attachment_indexes = Scratch::in_folder(folder.to_owned());
+        let largest = vec![0; self.chunk.capacity()];
+        self.compressed
+            .reserve(zstd::zstd_safe::compress_bound(largest.len()));
+        // Its tables are largest for chunks of a middle size.
+        for size in [largest.len(), MIDDLE_CHUNK_BYTES] {
+            self.compressed.clear();
+            self.compressor
+                .compress_to_buffer(&largest[..size], &mut self.compressed)?;
+        }
+        self.out.reserve(self.compressed.capacity() + INDEX_BYTES);
+        Ok(())
     }
 
     /// Bytes written so far.
@@ -142,7 +178,8 @@ impl Writer {
             .chain(self.channels.values())
             .map(Vec::len)
             .sum::<usize>() as u64;
-        SUMMARY_BYTES + declared + CHUNK_INDEX_BYTES * (self.chunk_indexes.len() as u64 + 1)
+        let attached = self.attachment_indexes.len();
+        SUMMARY_BYTES + declared + attached + CHUNK_INDEX_BYTES * (self.chunks.len() + 1)
     }
 
     /// Appends `out` as a whole and empties it.
@@ -268,18 +305,12 @@ impl Writer {
         put_u64(out, chunk.data.len() as u64);
         out.extend_from_slice(chunk.data);
         end_record(out, at);
-        let length = out.len() as u64;
-        let mut message_index_offsets = BTreeMap::new();
-        for (channel, messages) in content
-            .messages
-            .iter()
-            .enumerate()
-            .filter(|(_, list)| !list.is_empty())
-        {
-            let channel = channel as u16;
-            message_index_offsets.insert(channel, offset + out.len() as u64);
+        for (channel, messages) in content.messages.iter().enumerate() {
+            if messages.is_empty() {
+                continue;
+            }
             let at = begin_record(out, op::MESSAGE_INDEX);
-            put_u16(out, channel);
+            put_u16(out, channel as u16);
             put_u32(out, messages.len() as u32 * 16);
             for &(time_ns, place) in messages {
                 put_u64(out, time_ns);
@@ -287,27 +318,20 @@ impl Writer {
             }
             end_record(out, at);
         }
-        let message_index_length = out.len() as u64 - length;
         self.append_out()?;
-        self.chunk_indexes.push(ChunkIndex {
+        let messages = content.counts();
+        self.chunks.push(&ChunkPlace {
+            offset,
             start_time,
             end_time,
-            offset,
-            length,
-            message_index_offsets,
-            message_index_length,
-            compression: chunk.compression.to_owned(),
+            compression: chunk.compression,
             compressed_size: chunk.data.len() as u64,
             uncompressed_size: chunk.uncompressed_size,
+            messages: &messages,
         });
         // Counted only now: the summary speaks of what is in the file.
-        for (channel, messages) in content
-            .messages
-            .iter()
-            .enumerate()
-            .filter(|(_, list)| !list.is_empty())
-        {
-            *self.message_counts.entry(channel as u16).or_default() += messages.len() as u64;
+        for (channel, count) in messages {
+            *self.message_counts.entry(channel).or_default() += count;
         }
         if let Some((start, end)) = content.bounds {
             let bounds = self.bounds.get_or_insert((start, end));
@@ -357,7 +381,7 @@ impl Writer {
         self.sink.append(&crc.finalize().to_le_bytes(), room)?;
         length += 4;
         self.position += length;
-        self.attachment_indexes.push(AttachmentIndex {
+        let index = AttachmentIndex {
             offset,
             length,
             log_time: time_ns,
@@ -365,7 +389,10 @@ impl Writer {
             data_size: size,
             name: name.to_owned(),
             media_type: media_type.to_owned(),
-        });
+        };
+        index.put(self.attachment_indexes.tail());
+        self.attachment_indexes.settle();
+        self.attachments += 1;
         Ok(())
     }
 
@@ -409,6 +436,9 @@ impl Writer {
         // 0: not computed. Every chunk and attachment has its own checksum.
         put_u32(&mut self.out, 0);
         end_record(&mut self.out, at);
+        let attachment_indexes = self.attachment_indexes.read()?;
+        let mut chunk_indexes = Vec::new();
+        self.chunks.indexes(|index| index.put(&mut chunk_indexes))?;
         let before = self.out.len();
         let summary_start = self.position + before as u64;
 
@@ -440,19 +470,19 @@ impl Writer {
             put_u64(out, self.message_counts.values().sum());
             put_u16(out, self.schemas.len() as u16);
             put_u32(out, self.channels.len() as u32);
-            put_u32(out, self.attachment_indexes.len() as u32);
+            put_u32(out, self.attachments);
             put_u32(out, self.metadata_indexes.len() as u32);
-            put_u32(out, self.chunk_indexes.len() as u32);
+            put_u32(out, self.chunks.len() as u32);
             put_u64(out, self.bounds.map_or(0, |bounds| bounds.0));
             put_u64(out, self.bounds.map_or(0, |bounds| bounds.1));
             put_u16_map(out, &self.message_counts);
             end_record(out, at);
         });
         group(out, op::CHUNK_INDEX, &|out| {
-            self.chunk_indexes.iter().for_each(|index| index.put(out));
+            out.extend_from_slice(&chunk_indexes);
         });
         group(out, op::ATTACHMENT_INDEX, &|out| {
-            self.attachment_indexes.iter().for_each(|index| index.put(out));
+            out.extend_from_slice(&attachment_indexes);
         });
         group(out, op::METADATA_INDEX, &|out| {
             self.metadata_indexes.iter().for_each(|index| index.put(out));

@@ -82,6 +82,44 @@ fn whatever_the_size_of_the_disk_what_was_flushed_is_readable() {
     }
 }
 
+/// A served machine attaches what its jobs begin with, hundreds of times: their index takes more than what else is at the end.
+#[test]
+fn on_a_full_disk_there_is_room_for_the_index_of_every_attachment() {
+    let folder = common::folder();
+    let path = folder.path().join("attached.mcap");
+    for room in (100_000..200_000).step_by(7001) {
+        let disk = SmallDisk::new(room, Manners::Foresees);
+        let mut recorder =
+            Recorder::with_sink(Box::new(disk.clone()), &path, &info("XYZ")).expect("creating");
+        let name = |n: u32| format!("job-{n}/block-of-mdi-{n}.ngc");
+        let text = |n: u32| format!("G1 X{n}\n").into_bytes();
+        let mut attached = 0;
+        let error = loop {
+            match recorder.attach_text(&name(attached), 0, &text(attached)) {
+                Ok(()) => attached += 1,
+                Err(error) => break error,
+            }
+        };
+        assert!(
+            matches!(
+                error,
+                RecordError::DiskFull {
+                    remains: Remains::Complete,
+                    ..
+                }
+            ),
+            "room {room}, {attached} attached: {error}"
+        );
+        assert!(attached > 200, "{attached}");
+        fs::write(&path, disk.content()).expect("writing");
+        let mut trace = TraceFile::open(&path).expect("opening");
+        for n in 0..attached {
+            let found = trace.attachment(&name(n)).expect("readable");
+            assert_eq!(found, Some(text(n)), "room {room}");
+        }
+    }
+}
+
 #[test]
 fn what_a_failed_write_left_half_done_is_cut_off() {
     let folder = common::folder();

@@ -323,3 +323,46 @@ fn what_is_no_finished_trace_is_told_apart() {
         }
     }
 }
+
+/// What the summary needs of chunks and attachments goes to disk in pieces of 8 KiB: here several of each.
+#[test]
+fn a_summary_that_was_kept_on_disk_knows_every_chunk_and_attachment() {
+    let folder = common::folder();
+    let path = folder.path().join("long.mcap");
+    let (chunks, texts) = (1200, 300);
+    let mut recorder = Recorder::create(&path, &info("XYZ")).expect("a recorder");
+    for n in 0..chunks {
+        recorder.cycle(&cycle(n, "XYZ")).expect("a cycle");
+        if n % 4 == 3 {
+            // Closes the chunk, as a flush does.
+            let name = format!("job-{n}/parameters.var");
+            recorder
+                .attach_text(&name, cycle(n, "XYZ").due_time_ns, name.as_bytes())
+                .expect("an attachment");
+        } else {
+            recorder.flush().expect("a flush");
+        }
+    }
+    let path = recorder.finish(&BTreeMap::new()).expect("a trace");
+    let bytes = fs::read(&path).expect("reading");
+    let summary = mcap::Summary::read(&bytes).expect("summary").expect("a summary");
+    let attached: Vec<_> = (summary.attachment_indexes.iter())
+        .filter(|index| index.name.starts_with("job-"))
+        .collect();
+    assert_eq!(attached.len(), texts);
+    for index in attached {
+        let attachment = mcap::read::attachment(&bytes, index).expect("an attachment");
+        assert_eq!(attachment.data.as_ref(), index.name.as_bytes());
+    }
+    let mut found = 0;
+    for index in &summary.chunk_indexes {
+        for message in summary.stream_chunk(&bytes, index).expect("a chunk") {
+            let message = message.expect("a message");
+            if message.channel.topic == "/cycle" {
+                assert_eq!(u64::from(message.sequence), found);
+                found += 1;
+            }
+        }
+    }
+    assert_eq!(found, chunks);
+}

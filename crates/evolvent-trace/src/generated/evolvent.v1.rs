@@ -285,6 +285,9 @@ pub enum EventKind {
     Warning = 12,
     /// A job of a served machine began, or a jog was turned over; code is the job's number, text what it begins with.
     Job = 13,
+    /// The planner of a job read on with other switches, ahead of the machine; code is the job's number, text from which command
+    /// on and how they stand.
+    Switched = 14,
 }
 impl EventKind {
     /// String value of the enum field names used in the ProtoBuf definition.
@@ -307,6 +310,7 @@ impl EventKind {
             Self::Stop => "EVENT_KIND_STOP",
             Self::Warning => "EVENT_KIND_WARNING",
             Self::Job => "EVENT_KIND_JOB",
+            Self::Switched => "EVENT_KIND_SWITCHED",
         }
     }
     /// Creates an enum from field names used in the ProtoBuf definition.
@@ -326,6 +330,7 @@ impl EventKind {
             "EVENT_KIND_STOP" => Some(Self::Stop),
             "EVENT_KIND_WARNING" => Some(Self::Warning),
             "EVENT_KIND_JOB" => Some(Self::Job),
+            "EVENT_KIND_SWITCHED" => Some(Self::Switched),
             _ => None,
         }
     }

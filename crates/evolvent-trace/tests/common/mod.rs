@@ -115,7 +115,7 @@ pub fn event(n: u64) -> EventRecord {
     EventRecord {
         time_ns: START_NS + n * PERIOD_NS,
         sequence: n,
-        kind: EventKind::ALL[(n / 100 % 13) as usize],
+        kind: EventKind::ALL[n as usize / 100 % EventKind::ALL.len()],
         code: n as u32,
         text: format!("event at {n} \u{b5}"),
         value: n.is_multiple_of(200).then_some(n as f64 / 3.0),

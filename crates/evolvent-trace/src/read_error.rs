@@ -1,0 +1,110 @@
+//! Why a trace cannot be read, and what to do then.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use crate::recorder::part_path;
+
+/// Why a trace cannot be read.
+#[derive(Debug, thiserror::Error)]
+pub enum ReadError {
+    /// The file cannot be opened or read.
+    #[error("{}", unreadable(.path, .source))]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// No MCAP file.
+    #[error("{} is no trace: {}; give a file written by `evolvent run` or `evolvent serve`", .path.display(), no_trace(*.bytes))]
+    NotATrace {
+        /// The file.
+        path: PathBuf,
+        /// Its size.
+        bytes: u64,
+    },
+    /// The file has no end: it is still being written or torn.
+    #[error(
+        "{} has no end: it is still being written, or torn; if it is torn, run `evolvent trace recover` on it",
+        .path.display()
+    )]
+    Unfinished {
+        /// The file.
+        path: PathBuf,
+    },
+    /// Something in the file is not as it was written.
+    #[error(
+        "{} is damaged at byte {offset}: {what}; save what is whole with `evolvent trace recover`", .path.display()
+    )]
+    Damaged {
+        /// The file.
+        path: PathBuf,
+        /// Where.
+        offset: u64,
+        /// What is damaged.
+        what: &'static str,
+    },
+    /// An MCAP file of something else, or one whose description was lost.
+    #[error(
+        "{} does not say what was run: its metadata `evolvent.run` is missing; it is another program's, or was lost before it \
+         was recovered: take another copy", .path.display()
+    )]
+    NoRun {
+        /// The file.
+        path: PathBuf,
+    },
+}
+
+impl ReadError {
+    /// Whether the name is wrong rather than the file.
+    #[must_use]
+    pub fn is_wrong_name(&self) -> bool {
+        match self {
+            Self::NotATrace { .. } => true,
+            Self::Io { source, .. } => is_wrong_name(source),
+            _ => false,
+        }
+    }
+}
+
+/// Whether there is no file of that name.
+pub(crate) fn is_wrong_name(source: &io::Error) -> bool {
+    matches!(
+        source.kind(),
+        io::ErrorKind::NotFound | io::ErrorKind::IsADirectory | io::ErrorKind::NotADirectory
+    )
+}
+
+fn no_trace(bytes: u64) -> &'static str {
+    match bytes {
+        0 => "it is empty",
+        _ => "it does not begin as an MCAP file",
+    }
+}
+
+/// What is wrong with a file that cannot be opened or read, and what to do.
+pub(crate) fn unreadable(path: &Path, source: &io::Error) -> String {
+    let name = path.display();
+    let part = part_path(path);
+    match source.kind() {
+        io::ErrorKind::NotFound if part.exists() => {
+            let part = part.display();
+            format!(
+                "{name} is not there, but {part} is: its run goes on, or was broken off; end the run, or save what was \
+                 written with `evolvent trace recover {part}`"
+            )
+        }
+        io::ErrorKind::NotFound | io::ErrorKind::NotADirectory => format!(
+            "{name} is not there; check the name: runs write traces/PROGRAM-TIME.mcap in the folder where they were \
+             started, unless --trace says otherwise"
+        ),
+        io::ErrorKind::IsADirectory => format!("{name} is a folder; name one of the traces in it"),
+        io::ErrorKind::PermissionDenied => {
+            format!("{name} may not be read by you: {source}; ask its owner to make it readable, or copy it")
+        }
+        _ => format!(
+            "{name} cannot be read: {source}; look after the disk or the network it lies on, and try again"
+        ),
+    }
+}

@@ -1,0 +1,72 @@
+//! Why a trace could not be recovered, and what to do then.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use crate::read_error::{is_wrong_name, unreadable};
+
+/// Why a trace could not be recovered. The original is untouched.
+#[derive(Debug, thiserror::Error)]
+pub enum RecoverError {
+    /// The file cannot be opened or read.
+    #[error("{}", unreadable(.path, .source))]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// A running recorder holds the file.
+    #[error("{} is still being written; end that run first", .path.display())]
+    InUse {
+        /// The file.
+        path: PathBuf,
+    },
+    /// No MCAP file, or nothing of it is left.
+    #[error("{}", nothing_left(.path, *.bytes))]
+    NotATrace {
+        /// The file.
+        path: PathBuf,
+        /// Its size.
+        bytes: u64,
+    },
+    /// The recovered file cannot be written.
+    #[error("{} cannot be written: {source}; free some room or name another place with -o", .path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+}
+
+impl RecoverError {
+    /// Whether the name is wrong rather than the file.
+    #[must_use]
+    pub fn is_wrong_name(&self) -> bool {
+        match self {
+            Self::Read { source, .. } => is_wrong_name(source),
+            Self::NotATrace { path, .. } => !is_part(path),
+            _ => false,
+        }
+    }
+}
+
+/// Whether it is a name that recorders give to what they have not finished.
+fn is_part(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension == "part")
+}
+
+fn nothing_left(path: &Path, bytes: u64) -> String {
+    let name = path.display();
+    if is_part(path) {
+        return format!(
+            "{name} has {bytes} bytes, but they do not begin as a trace: the run was broken off before anything was \
+             written; there is nothing to recover, remove it"
+        );
+    }
+    format!(
+        "{name} is no trace: its {bytes} bytes do not begin as an MCAP file; name a torn trace, such as the NAME.mcap.part \
+         that a broken run leaves"
+    )
+}

@@ -1,0 +1,175 @@
+//! Bytes that are needed again at a trace's end only. A machine that is served records for weeks with its memory locked: what
+//! grows with the trace lies on disk meanwhile.
+
+use std::fs::File;
+use std::io;
+use std::path::PathBuf;
+
+/// So much is gathered in memory before it goes to the file.
+const PIECE_BYTES: usize = 8 * 1024;
+
+/// Bytes in the order in which they came: most of them in a file without a name, which is gone with the process, the rest in
+/// memory. Where there can be no such file, or no room for it, they stay in memory.
+#[derive(Debug, Default)]
+pub(crate) struct Scratch {
+    /// Where to create the file; none once that was tried.
+    folder: Option<PathBuf>,
+    file: Option<File>,
+    /// How many bytes the file holds for certain.
+    filed: u64,
+    tail: Vec<u8>,
+}
+
+impl Scratch {
+    /// With a file in this folder.
+    pub(crate) fn in_folder(folder: PathBuf) -> Self {
+        Self {
+            folder: Some(folder),
+            // Locked memory is taken as soon as it is reserved: all of it now rather than in steps later.
+            tail: Vec::with_capacity(2 * PIECE_BYTES),
+            ..Self::default()
+        }
+    }
+
+    /// All bytes so far.
+    pub(crate) fn len(&self) -> u64 {
+        self.filed + self.tail.len() as u64
+    }
+
+    /// Those of them that take memory.
+    #[cfg(test)]
+    pub(crate) fn in_memory(&self) -> usize {
+        self.tail.len()
+    }
+
+    /// Where to append. [`Self::settle`] is to be called behind each record.
+    pub(crate) fn tail(&mut self) -> &mut Vec<u8> {
+        &mut self.tail
+    }
+
+    /// Files what has gathered, if it is worth it.
+    pub(crate) fn settle(&mut self) {
+        if self.tail.len() < PIECE_BYTES {
+            return;
+        }
+        if let Some(folder) = self.folder.take() {
+            self.file = nameless_file(&folder);
+        }
+        let Some(file) = &self.file else { return };
+        // A disk that is full now has room later: the next attempt writes over what this one has left half done.
+        if write_at(file, &self.tail, self.filed).is_ok() {
+            self.filed += self.tail.len() as u64;
+            self.tail.clear();
+        }
+    }
+
+    /// All bytes.
+    ///
+    /// # Errors
+    /// The file cannot be read.
+    pub(crate) fn read(&self) -> io::Result<Vec<u8>> {
+        let filed = usize::try_from(self.filed).map_err(|_| io::ErrorKind::OutOfMemory)?;
+        let mut bytes = vec![0; filed];
+        if let Some(file) = &self.file {
+            read_at(file, &mut bytes)?;
+        }
+        bytes.extend_from_slice(&self.tail);
+        Ok(bytes)
+    }
+}
+
+/// A file that no folder lists.
+#[cfg(target_os = "linux")]
+fn nameless_file(folder: &std::path::Path) -> Option<File> {
+    use rustix::fs::{Mode, OFlags, open};
+    let flags = OFlags::TMPFILE | OFlags::RDWR | OFlags::CLOEXEC;
+    open(folder, flags, Mode::RUSR | Mode::WUSR).ok().map(File::from)
+}
+
+#[cfg(target_os = "linux")]
+fn write_at(file: &File, bytes: &[u8], at: u64) -> io::Result<()> {
+    std::os::unix::fs::FileExt::write_all_at(file, bytes, at)
+}
+
+#[cfg(target_os = "linux")]
+fn read_at(file: &File, bytes: &mut [u8]) -> io::Result<()> {
+    std::os::unix::fs::FileExt::read_exact_at(file, bytes, 0)
+}
+
+#[cfg(not(target_os = "linux"))]
+fn nameless_file(_folder: &std::path::Path) -> Option<File> {
+    None
+}
+
+#[cfg(not(target_os = "linux"))]
+fn write_at(_file: &File, _bytes: &[u8], _at: u64) -> io::Result<()> {
+    Err(io::ErrorKind::Unsupported.into())
+}
+
+#[cfg(not(target_os = "linux"))]
+fn read_at(_file: &File, _bytes: &mut [u8]) -> io::Result<()> {
+    Err(io::ErrorKind::Unsupported.into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn fill(scratch: &mut Scratch, bytes: usize) -> Vec<u8> {
+        let all: Vec<u8> = (0..bytes).map(|at| (at * 7 + at / 251) as u8).collect();
+        for record in all.chunks(90) {
+            scratch.tail().extend_from_slice(record);
+            scratch.settle();
+        }
+        all
+    }
+
+    #[test]
+    #[cfg(target_os = "linux")]
+    fn what_grows_lies_on_disk_and_comes_back_as_it_was() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut scratch = Scratch::in_folder(folder.path().to_owned());
+        let all = fill(&mut scratch, 1_000_000);
+        assert!(scratch.in_memory() < PIECE_BYTES + 90, "{}", scratch.in_memory());
+        assert!(
+            scratch.tail.capacity() <= 2 * PIECE_BYTES,
+            "{}",
+            scratch.tail.capacity()
+        );
+        assert_eq!(scratch.len(), 1_000_000);
+        assert!(scratch.read().unwrap() == all, "other bytes");
+        // Nothing that a killed process would leave.
+        assert_eq!(folder.path().read_dir().unwrap().count(), 0);
+    }
+
+    #[test]
+    fn without_a_folder_bytes_stay_in_memory() {
+        let folder = tempfile::tempdir().unwrap();
+        for mut scratch in [
+            Scratch::default(),
+            Scratch::in_folder(folder.path().join("missing")),
+        ] {
+            let all = fill(&mut scratch, 50_000);
+            assert_eq!((scratch.len(), scratch.in_memory()), (50_000, 50_000));
+            assert!(scratch.read().unwrap() == all, "other bytes");
+        }
+    }
+
+    #[test]
+    #[cfg(target_os = "linux")]
+    fn what_cannot_be_written_stays_in_memory_until_it_can() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut scratch = Scratch::in_folder(folder.path().to_owned());
+        let mut all = fill(&mut scratch, 20_000);
+        let readable = folder.path().join("readable");
+        std::fs::write(&readable, "").unwrap();
+        let file = scratch.file.replace(File::open(readable).unwrap());
+        let filed = scratch.filed;
+        all.extend(fill(&mut scratch, 20_000));
+        assert_eq!((scratch.filed, scratch.len()), (filed, 40_000));
+        scratch.file = file;
+        all.extend(fill(&mut scratch, 20_000));
+        assert!(scratch.in_memory() < PIECE_BYTES + 90, "{}", scratch.in_memory());
+        assert!(scratch.read().unwrap() == all, "other bytes");
+    }
+}

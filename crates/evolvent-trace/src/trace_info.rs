@@ -1,0 +1,117 @@
+//! What a trace holds, from its summary.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use crate::format::{AttachmentIndex, ChunkIndex, Fields, MetadataIndex, op};
+use crate::run_info::RunInfo;
+
+/// A channel and what is in it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ChannelInfo {
+    /// Its topic, such as `/cycle`.
+    pub topic: String,
+    /// The full name of its messages.
+    pub message: String,
+    /// How many.
+    pub messages: u64,
+}
+
+/// What a trace holds.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TraceInfo {
+    /// The file.
+    pub path: PathBuf,
+    /// Its size.
+    pub bytes: u64,
+    /// What was run, without the attachments' content; `None` if it was lost or the file is another's.
+    pub run: Option<RunInfo>,
+    /// Time of the first message, Unix time in ns.
+    pub start_time_ns: u64,
+    /// Time of the last message, Unix time in ns.
+    pub end_time_ns: u64,
+    /// The channels by number.
+    pub channels: Vec<ChannelInfo>,
+    /// How many chunks.
+    pub chunks: u64,
+    /// Bytes of all chunks before compression.
+    pub uncompressed_bytes: u64,
+    /// Names and sizes of the attachments.
+    pub attachments: Vec<(String, u64)>,
+    /// How the run went: `cycles`, `gaps`, `missing_cycles`, `late_cycles`, `alarms`, `wake_lateness_p99_ns` and so on, and
+    /// what the daemon added. Empty if the run did not end well.
+    pub summary: BTreeMap<String, String>,
+    /// What a recovery, or the recorder when its disk was full, noted. Empty for a run that was recorded to its end.
+    pub recovery: BTreeMap<String, String>,
+}
+
+impl TraceInfo {
+    /// From the first to the last message, s.
+    #[must_use]
+    pub fn duration_s(&self) -> f64 {
+        self.end_time_ns.saturating_sub(self.start_time_ns) as f64 * 1e-9
+    }
+
+    /// How many messages a channel has; 0 if there is no such channel.
+    #[must_use]
+    pub fn messages(&self, topic: &str) -> u64 {
+        self.channels
+            .iter()
+            .filter(|channel| channel.topic == topic)
+            .map(|channel| channel.messages)
+            .sum()
+    }
+
+    /// A number of the summary.
+    #[must_use]
+    pub fn summary_number(&self, key: &str) -> Option<f64> {
+        self.summary.get(key)?.parse().ok()
+    }
+}
+
+/// The summary section, taken apart.
+#[derive(Debug, Default)]
+pub(crate) struct Summary {
+    pub(crate) schemas: BTreeMap<u16, String>,
+    pub(crate) channels: BTreeMap<u16, (u16, String)>,
+    pub(crate) counts: BTreeMap<u16, u64>,
+    pub(crate) start_time_ns: u64,
+    pub(crate) end_time_ns: u64,
+    pub(crate) chunks: Vec<ChunkIndex>,
+    pub(crate) attachments: Vec<AttachmentIndex>,
+    pub(crate) metadata: Vec<MetadataIndex>,
+}
+
+impl Summary {
+    pub(crate) fn parse(bytes: &[u8]) -> Option<Self> {
+        let mut summary = Self::default();
+        let mut records = Fields(bytes);
+        while !records.0.is_empty() {
+            let (opcode, content) = records.record()?;
+            let mut fields = Fields(content);
+            match opcode {
+                op::SCHEMA => {
+                    let id = fields.u16()?;
+                    summary.schemas.insert(id, fields.string()?.to_owned());
+                }
+                op::CHANNEL => {
+                    let id = fields.u16()?;
+                    let schema = fields.u16()?;
+                    summary.channels.insert(id, (schema, fields.string()?.to_owned()));
+                }
+                op::STATISTICS => {
+                    // Message, schema, channel, attachment, metadata and chunk counts are in the other records.
+                    fields.bytes(8 + 2 + 4 + 4 + 4 + 4)?;
+                    summary.start_time_ns = fields.u64()?;
+                    summary.end_time_ns = fields.u64()?;
+                    summary.counts = fields.u16_map()?;
+                }
+                op::CHUNK_INDEX => summary.chunks.push(ChunkIndex::parse(content)?),
+                op::ATTACHMENT_INDEX => summary.attachments.push(AttachmentIndex::parse(content)?),
+                op::METADATA_INDEX => summary.metadata.push(MetadataIndex::parse(content)?),
+                _ => {}
+            }
+        }
+        Some(summary)
+    }
+}

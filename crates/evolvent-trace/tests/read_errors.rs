@@ -1,0 +1,69 @@
+//! What cannot be read is told with what to do.
+
+#![allow(clippy::expect_used, reason = "tests fail as tests do")]
+
+use std::io;
+
+use evolvent_trace::{ReadError, RecoverError, TraceFile, recover};
+
+#[test]
+fn a_file_that_cannot_be_read_is_told_with_what_to_do() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("run.mcap");
+    let tell = |kind: io::ErrorKind| {
+        let source = io::Error::from(kind);
+        let path = path.clone();
+        let error = ReadError::Io { path, source };
+        (error.to_string(), error.is_wrong_name())
+    };
+    for (kind, wanted, is_wrong_name) in [
+        (
+            io::ErrorKind::NotFound,
+            "run.mcap is not there; check the name",
+            true,
+        ),
+        (
+            io::ErrorKind::IsADirectory,
+            "is a folder; name one of the traces",
+            true,
+        ),
+        (io::ErrorKind::PermissionDenied, "ask its owner", false),
+        (io::ErrorKind::TimedOut, "try again", false),
+    ] {
+        let (text, wrong) = tell(kind);
+        assert!(text.contains(wanted), "{text}");
+        assert_eq!(wrong, is_wrong_name, "{text}");
+    }
+    let error = TraceFile::open(folder.path()).expect_err("a folder is no trace");
+    assert!(
+        error.to_string().contains("is a folder") && error.is_wrong_name(),
+        "{error}"
+    );
+}
+
+#[test]
+fn where_a_run_was_broken_off_its_part_file_is_named() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let part = folder.path().join("run.mcap.part");
+    std::fs::write(&part, b"").expect("writing");
+    let error = TraceFile::open(&folder.path().join("run.mcap")).expect_err("there is none");
+    let advice = format!("`evolvent trace recover {}`", part.display());
+    assert!(error.to_string().contains(&advice), "{error}");
+    // What recorders leave may be removed, what is no trace may be anything.
+    let error = recover(&part, None).expect_err("nothing is in it");
+    assert!(
+        error.to_string().contains("remove it") && !error.is_wrong_name(),
+        "{error}"
+    );
+    let program = folder.path().join("part.ngc");
+    std::fs::write(&program, b"G0 X1").expect("writing");
+    let error = recover(&program, None).expect_err("no trace");
+    assert!(
+        matches!(error, RecoverError::NotATrace { bytes: 5, .. }),
+        "{error}"
+    );
+    assert!(
+        !error.to_string().contains("remove") && error.is_wrong_name(),
+        "{error}"
+    );
+}
