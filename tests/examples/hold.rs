@@ -1,6 +1,7 @@
 //! How soon a hold takes effect, at random moments of a program: periods from the command's leaving its client to the moment
 //! at which the first setpoint that is slower is due (its computing in time, plus the lead), and setpoints from the newest that
-//! was computed when the command was judged.
+//! was computed when the command was judged. The client is a real-time thread of low priority, where that is permitted: it is the
+//! core that is measured.
 //!
 //! `cargo run --release -p evolvent-tests --example hold [HOLDS]`
 #![expect(
@@ -11,7 +12,7 @@
 
 use std::time::Duration;
 
-use evolvent_daemon::MonotonicClock;
+use evolvent_daemon::{MonotonicClock, RealtimeRequest, apply_to_this_thread};
 use evolvent_tests::{Domain, Operator, Random, Served, Workshop};
 
 fn main() {
@@ -27,6 +28,14 @@ fn main() {
     operator.says_number("MODE", 0);
     operator.says_text("LOAD", program.to_str().expect("UTF-8"));
     operator.says("START");
+    // Only now: what was started before is of its own class.
+    let request = RealtimeRequest {
+        priority: Some(2),
+        ..RealtimeRequest::default()
+    };
+    for note in apply_to_this_thread(&request).notes {
+        println!("{note}");
+    }
     let mut random = Random::new();
     let (mut cycles, mut periods, mut rest_ms) = (Vec::new(), Vec::new(), Vec::new());
     let mut period_ns = 0;

@@ -2,7 +2,8 @@
 //! reads every setpoint, one that polls the status, one that commands (programs, overrides, holds, jogs, MDI).
 //!
 //! `cargo run --release -p evolvent-tests --example soak [MINUTES [no-trace]]`: every ten seconds it looks how much memory each process has;
-//! at the end it prints what was lost, and how fast memory grew after the first third.
+//! at the end it prints what was lost, and how fast the highest of each minute grew after the first third: a job's memory comes and
+//! goes with it.
 #![expect(
     clippy::expect_used,
     clippy::print_stdout,
@@ -237,12 +238,16 @@ impl Watched {
         }
     }
 
-    /// First and last, and the slope of a straight line through all, KiB and KiB/min.
+    /// The highest of each minute: first and last, and the slope of a straight line through all, KiB and KiB/min.
     fn growth(&self, which: usize, from: f64) -> [f64; 3] {
-        let points: Vec<(f64, f64)> = (self.seen.iter())
-            .filter(|(time, _)| *time >= from)
-            .map(|(time, values)| (time / 60.0, values[which]))
-            .collect();
+        let mut points: Vec<(f64, f64)> = Vec::new();
+        for (time, values) in self.seen.iter().filter(|(time, _)| *time >= from) {
+            let minute = (time / 60.0).floor();
+            match points.last_mut() {
+                Some((last, highest)) if *last == minute => *highest = highest.max(values[which]),
+                _ => points.push((minute, values[which])),
+            }
+        }
         let n = points.len().max(1) as f64;
         let mean = |of: fn(&(f64, f64)) -> f64| points.iter().map(of).sum::<f64>() / n;
         let (x, y) = (mean(|point| point.0), mean(|point| point.1));

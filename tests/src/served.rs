@@ -5,7 +5,8 @@ use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
 
 use evolvent_bus::{
-    COMMANDS, ClientBus, ControlAnswer, ControlClient, ControlRequest, SetpointReader, Status, StatusReader,
+    COMMANDS, ClientBus, ControlAnswer, ControlClient, ControlRequest, Setpoint, SetpointReader, Status,
+    StatusReader,
 };
 use rustix::process::{Pid, Signal, kill_process};
 
@@ -225,6 +226,27 @@ impl Operator {
         self.waits("power", |status| status.machine_state == 2);
     }
 
+    /// Reads setpoints until one of which something is true; every one is handed to `see`.
+    ///
+    /// # Panics
+    /// It does not come.
+    #[track_caller]
+    pub fn follows(&mut self, mut see: impl FnMut(&Setpoint), until: impl Fn(&Setpoint) -> bool) -> Setpoint {
+        let begin = Instant::now();
+        loop {
+            match self.setpoints.receive().expect("setpoints") {
+                Some(setpoint) => {
+                    see(&setpoint);
+                    if until(&setpoint) {
+                        return setpoint;
+                    }
+                }
+                None => std::thread::sleep(Duration::from_micros(300)),
+            }
+            assert!(begin.elapsed() < PATIENCE, "it does not come");
+        }
+    }
+
     /// Waits for the end of a job; its result.
     #[track_caller]
     pub fn sees_end(&mut self, job: u64) -> Status {
@@ -232,4 +254,10 @@ impl Operator {
             status.job == job && status.job_result != 0
         })
     }
+}
+
+/// Speed of all axes together.
+#[must_use]
+pub fn speed(setpoint: &Setpoint) -> f64 {
+    setpoint.velocity.iter().map(|v| v * v).sum::<f64>().sqrt()
 }

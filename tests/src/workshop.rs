@@ -34,6 +34,25 @@ G0 X0 Y0
 M30
 ";
 
+/// For a machine file: homing of Z and then X, with the switches where the simulated drives have theirs.
+pub const HOMING: &str = "
+[[homing]]
+axis = \"Z\"
+towards = \"negative\"
+order = 0
+search_mm_s = 100
+latch_mm_s = 5
+switch_mm = -390
+
+[[homing]]
+axis = \"X\"
+towards = \"negative\"
+order = 1
+search_mm_s = 200
+latch_mm_s = 5
+switch_mm = -384
+";
+
 /// A folder that is gone at the end.
 #[derive(Debug)]
 pub struct Workshop(TempDir);

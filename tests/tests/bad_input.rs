@@ -423,3 +423,23 @@ fn machine_files_that_make_no_sense_are_refused_with_file_line_and_key() {
         assert!(finished.err.contains(&path), "{}", finished.err);
     }
 }
+
+#[test]
+fn a_run_on_a_machine_that_requires_drives_is_refused_because_it_does_not_watch_them() {
+    let workshop = Workshop::new();
+    let machine = workshop.mill(
+        "requires-drives",
+        &[("feedback = \"if_present\"", "feedback = \"required\"")],
+    );
+    let program = workshop.short_program();
+    let finished = run([
+        "run".as_ref(),
+        program.as_os_str(),
+        "--machine".as_ref(),
+        machine.as_os_str(),
+        "--no-trace".as_ref(),
+    ])
+    .expect_code(&[1]);
+    assert!(finished.err.contains("drives.feedback"), "{}", finished.err);
+    assert!(finished.err.contains("evolvent serve"), "{}", finished.err);
+}

@@ -1,13 +1,11 @@
 //! A machine that is served, with simulated drives that fail: over the real bus, in real time. Every kind of fault, at random
 //! moments, ends at rest, with the alarm that names it. At 50 random moments each, by simulated time, it is tried in
 //! `evolvent-bridge-sim`.
-#![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
-use std::process::{Child, Stdio};
 use std::sync::Mutex;
 use std::time::Instant;
 
-use evolvent_tests::{Domain, Operator, Random, Served, Workshop, command, evolvent};
+use evolvent_tests::{Domain, Drives, Operator, Random, Served, Workshop, command};
 
 const FAULT: u32 = 4;
 /// Machines that run beside each other.
@@ -26,16 +24,6 @@ const KINDS: [(&str, &str, &[u32]); 9] = [
     ("blocked", ":X", &[410, 403]),
     ("nan", ":X", &[404]),
 ];
-
-/// Simulated drives in a process of their own.
-struct Drives(Child);
-
-impl Drop for Drives {
-    fn drop(&mut self) {
-        let _gone = self.0.kill();
-        let _gone = self.0.wait();
-    }
-}
 
 /// One fault, so many seconds after the drives came into operation, in the middle of a motion of both axes. What was seen.
 fn fails(number: usize, kind: &str, axis: &str, moment: f64, expected: &[u32]) -> String {
@@ -56,15 +44,8 @@ fn fails(number: usize, kind: &str, axis: &str, moment: f64, expected: &[u32]) -
     );
     let served = Served::start(&file, &name, &domain, &workshop.path("state"), &["--rate", "500"]);
     let fault = format!("{kind}@{moment:.3}{axis}");
-    let child = evolvent()
-        .args(["bridge", "sim", "--bridge-cycles", "50", "--fault", &fault])
-        .args(["--bus-prefix", &domain.prefix, "--machine"])
-        .arg(&file)
-        .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .spawn()
-        .expect("the binary to start");
-    let drives = Drives(child);
+    let options = ["--bridge-cycles", "50", "--fault", &fault];
+    let drives = Drives::start(&file, &domain, &options);
     let mut operator = Operator::join(&name, &domain);
     operator.waits("drives", |status| status.feedback_age_ns < 1_000_000_000);
     operator.brings_up();

@@ -14,7 +14,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use evolvent_bus::{ClientBus, ClientConfig, ControlRequest, Feedback};
-use evolvent_tests::{Domain, Operator, Random, Served, Workshop, command, evolvent};
+use evolvent_tests::{Domain, Drives, Operator, Random, Served, Workshop, command, evolvent};
 
 fn cases(usual: usize) -> usize {
     std::env::var("EVOLVENT_CASES")
@@ -36,14 +36,8 @@ impl Machine<'_> {
         Served::start(self.file, self.name, self.domain, self.state, &[])
     }
 
-    fn drives(&self) -> Process {
-        let mut command = evolvent();
-        command
-            .args(["bridge", "sim", "--bridge-cycles", "100", "--bus-prefix"])
-            .arg(&self.domain.prefix)
-            .arg("--machine")
-            .arg(self.file);
-        Process::start(&mut command)
+    fn drives(&self) -> Drives {
+        Drives::start(self.file, self.domain, &[])
     }
 
     /// A client that jogs, if it may.

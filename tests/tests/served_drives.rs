@@ -1,41 +1,14 @@
 //! A machine that is served, with simulated drives that answer, fail, and die.
 #![expect(clippy::expect_used, reason = "tests fail as tests do")]
 
-use std::path::{Path, PathBuf};
-use std::process::{Child, Stdio};
+use std::path::PathBuf;
 use std::time::Duration;
 
 use evolvent_bus::ControlRequest;
-use evolvent_tests::{Domain, Operator, Served, Workshop, command, evolvent};
+use evolvent_tests::{Domain, Drives, HOMING, Operator, Served, Workshop, command};
 
 const DONE: u32 = 1;
 const FAULT: u32 = 4;
-
-/// Simulated drives in a process of their own; killed when dropped.
-struct Drives(Child);
-
-impl Drives {
-    fn start(machine: &Path, domain: &Domain, options: &[&str]) -> Self {
-        let child = evolvent()
-            .args(["bridge", "sim", "--bus-prefix", &domain.prefix, "--machine"])
-            .arg(machine)
-            // A host that is busy stops publisher or drives for longer than the usual 10 periods.
-            .args(["--bridge-cycles", "100"])
-            .args(options)
-            .stdout(Stdio::null())
-            .stderr(Stdio::null())
-            .spawn()
-            .expect("the binary to start");
-        Self(child)
-    }
-}
-
-impl Drop for Drives {
-    fn drop(&mut self) {
-        let _gone = self.0.kill();
-        let _gone = self.0.wait();
-    }
-}
 
 struct Scene {
     workshop: Workshop,
@@ -98,32 +71,9 @@ impl Scene {
     }
 }
 
-const HOMING: &str = "
-[[homing]]
-axis = \"Z\"
-towards = \"negative\"
-order = 0
-search_mm_s = 100
-latch_mm_s = 5
-switch_mm = SWITCH_Z
-
-[[homing]]
-axis = \"X\"
-towards = \"negative\"
-order = 1
-search_mm_s = 200
-latch_mm_s = 5
-switch_mm = SWITCH_X
-";
-
-fn homing() -> String {
-    // Where the simulated drives have their switches.
-    HOMING.replace("SWITCH_X", "-384").replace("SWITCH_Z", "-390")
-}
-
 #[test]
 fn homing_finds_machine_zero_however_wrong_the_encoders_were() {
-    let scene = Scene::new("drv-home", &homing(), &["--reference-offset", "7.25"]);
+    let scene = Scene::new("drv-home", HOMING, &["--reference-offset", "7.25"]);
     let mut operator = scene.operator();
     operator.brings_up();
     let status = operator.now();
@@ -179,12 +129,12 @@ fn homing_finds_machine_zero_however_wrong_the_encoders_were() {
 #[test]
 fn a_switch_that_is_not_there_ends_homing_with_its_alarm_and_the_machine_can_go_on() {
     // The simulated drives have the switch of X at the negative end.
-    let wrong = homing().replacen(
+    let wrong = HOMING.replacen(
         "towards = \"negative\"\norder = 1",
         "towards = \"positive\"\norder = 1",
         1,
     );
-    let scene = Scene::with_other_switches("drv-missing", &wrong, &homing(), &[]);
+    let scene = Scene::with_other_switches("drv-missing", &wrong, HOMING, &[]);
     let mut operator = scene.operator();
     operator.brings_up();
     let home_x = ControlRequest {

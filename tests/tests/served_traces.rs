@@ -6,33 +6,14 @@
 )]
 
 use std::path::{Path, PathBuf};
-use std::process::{Child, Stdio};
 use std::time::Duration;
 
 use evolvent_bus::ControlRequest;
-use evolvent_inspect::{Verified, verify};
-use evolvent_tests::{Domain, Operator, Served, Workshop, command, evolvent};
+use evolvent_inspect::{Verified, verify, write_report};
+use evolvent_tests::{Domain, Drives, HOMING, Operator, Served, Workshop, command};
 use evolvent_trace::{CycleRecord, EventKind, Recorder, TraceFile, TraceMessage, inputs};
 
 const DONE: u32 = 1;
-
-const HOMING: &str = "
-[[homing]]
-axis = \"Z\"
-towards = \"negative\"
-order = 0
-search_mm_s = 100
-latch_mm_s = 5
-switch_mm = -390
-
-[[homing]]
-axis = \"X\"
-towards = \"negative\"
-order = 1
-search_mm_s = 200
-latch_mm_s = 5
-switch_mm = -384
-";
 
 const PROGRAM: &str = "\
 G17 G21 G90 G94 G64 P0.02 F6000
@@ -55,16 +36,6 @@ G1 X[-#1] Y[-#2]
 G1 X#1 Y#2
 o<there_and_back> endsub
 ";
-
-/// Simulated drives in a process of their own; killed when dropped.
-struct Drives(Child);
-
-impl Drop for Drives {
-    fn drop(&mut self) {
-        let _gone = self.0.kill();
-        let _gone = self.0.wait();
-    }
-}
 
 fn jog(axis: usize, distance: f64, speed: f64) -> ControlRequest {
     let mut request = ControlRequest {
@@ -97,16 +68,7 @@ fn session(workshop: &Workshop, cycles: &str) -> PathBuf {
     let trace = workshop.path(&format!("{name}.mcap"));
     let options = ["--trace", trace.to_str().expect("UTF-8")];
     let served = Served::start(&machine, &name, &domain, &workshop.path("state"), &options);
-    let drives = Drives(
-        evolvent()
-            .args(["bridge", "sim", "--bus-prefix", &domain.prefix, "--machine"])
-            .arg(&machine)
-            .args(["--bridge-cycles", "100", "--reference-offset", "3.5"])
-            .stdout(Stdio::null())
-            .stderr(Stdio::null())
-            .spawn()
-            .expect("the binary to start"),
-    );
+    let drives = Drives::start(&machine, &domain, &["--reference-offset", "3.5"]);
     let mut operator = Operator::join(&name, &domain);
     operator.waits("drives", |status| status.feedback_age_ns < 1_000_000_000);
     operator.brings_up();
@@ -177,7 +139,17 @@ fn came_in_time(trace: &Path) -> bool {
 }
 
 /// The same trace with its cycles changed.
-fn altered(trace: &Path, name: &str, mut change: impl FnMut(&mut CycleRecord)) -> PathBuf {
+fn altered(trace: &Path, name: &str, change: impl FnMut(&mut CycleRecord)) -> PathBuf {
+    copied(trace, name, change, |_| true)
+}
+
+/// The same trace with its cycles changed, and with some of its events.
+fn copied(
+    trace: &Path,
+    name: &str,
+    mut change: impl FnMut(&mut CycleRecord),
+    keeps: impl Fn(EventKind) -> bool,
+) -> PathBuf {
     let mut file = TraceFile::open(trace).expect("a trace");
     let mut info = file.info().run.clone().expect("a run");
     let machine = file.attachment(&info.machine_file_name).expect("readable");
@@ -204,7 +176,7 @@ fn altered(trace: &Path, name: &str, mut change: impl FnMut(&mut CycleRecord)) -
                 change(&mut cycle);
                 recorder.cycle(&cycle).expect("room");
             }
-            TraceMessage::Event(event) => recorder.event(&event).expect("room"),
+            TraceMessage::Event(event) if keeps(event.kind) => recorder.event(&event).expect("room"),
             _ => {}
         }
     }
@@ -246,6 +218,18 @@ fn every_job_of_a_session_comes_out_the_same_and_one_bit_in_any_of_them_is_found
             .map(|event| event.expect("an event"))
             .filter(|event| event.kind == EventKind::Job)
             .collect();
+        let page = workshop.path("page.html");
+        write_report(&trace, &page).expect("a page");
+        let page = std::fs::read_to_string(&page).expect("the page");
+        assert!(
+            page.contains("Emergency stop was pressed once"),
+            "the verdict tells of it"
+        );
+        // Texts come from the blocks: there is no one program. Its fifth line is no other's.
+        assert!(
+            page.contains(r#""text":"G1 X-20 Y10""#),
+            "lines without their text"
+        );
         let verified = verify(&trace).expect("a readable trace");
         println!("{verified:?}");
         if !came_in_time(&trace) {
@@ -321,4 +305,91 @@ fn a_run_with_subroutines_in_a_folder_is_computed_again_without_the_folder() {
     let verified = verify(&trace).expect("a readable trace");
     assert!(is_the_same(&verified), "{verified:?}");
     assert!(verified.max_path_error_mm.is_some(), "the path was checked too");
+}
+
+/// Thousands of dwells without time fill the plan's queue: the planner cannot read far ahead of the machine.
+fn read_bit_by_bit() -> String {
+    let mut text = "G21 G90 G64 P0.02 F6000\nG1 X0 Y0 Z0\n".to_owned();
+    for round in 0..50 {
+        text += &format!(
+            "G1 X{}\n/G1 Y{}\nG0 X3 Y3\nM1\nG1 X0 Y0\n",
+            1 + round % 3,
+            1 + round % 4
+        );
+        text += &format!("o{round} repeat [3000]\nG4 P0\no{round} endrepeat\n");
+    }
+    text + "M2\n"
+}
+
+#[test]
+fn what_is_switched_while_a_program_runs_counts_for_the_same_lines_when_it_is_computed_again() {
+    let workshop = Workshop::new();
+    let (domain, name) = (Domain::new(), "sv-switch");
+    let machine = workshop.mill(name, &[]);
+    let program = workshop.write("bits.ngc", read_bit_by_bit());
+    let trace = workshop.path("switched.mcap");
+    let options = ["--trace", trace.to_str().expect("UTF-8")];
+    let served = Served::start(&machine, name, &domain, &workshop.path("state"), &options);
+    let mut operator = Operator::join(name, &domain);
+    operator.brings_up();
+    operator.says_number("MODE", 0);
+    operator.says_text("LOAD", program.to_str().expect("UTF-8"));
+    let job = operator.says("STEP").job;
+    let number = |name: &str, index| ControlRequest {
+        index,
+        ..command(name)
+    };
+    let rapid = |amount| ControlRequest {
+        amount,
+        ..command("RAPID_OVERRIDE")
+    };
+    let mut switches = std::collections::VecDeque::from([
+        (20, number("SINGLE_STEP", 0)),
+        (40, number("BLOCK_DELETE", 1)),
+        (60, rapid(0.3)),
+        (90, number("OPTIONAL_STOP", 1)),
+        (150, number("BLOCK_DELETE", 0)),
+        (200, number("OPTIONAL_STOP", 0)),
+        (250, rapid(0.8)),
+    ]);
+    let program_stop = 7;
+    loop {
+        let next = switches.front().map_or(u32::MAX, |(line, _)| *line);
+        let at = operator.waits("a stop, a line or the end", |status| {
+            status.job_result != 0 || status.line >= next || status.state == program_stop
+        });
+        if at.job_result != 0 {
+            assert_eq!(at.job_result, DONE, "line {}: {}", at.line, at.alarm_sentence());
+            break;
+        }
+        if at.line >= next {
+            let (_, request) = switches.pop_front().expect("a switch");
+            operator.does(&request);
+        } else {
+            // It may go on by itself meanwhile, where single step was switched off.
+            operator.ask(&command("RESUME"));
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    }
+    operator.sees_end(job);
+    drop(operator);
+    served.end().expect_code(&[0, 3]);
+    let mut file = TraceFile::open(&trace).expect("a trace");
+    let switched = file
+        .events()
+        .map(|event| event.expect("an event"))
+        .filter(|event| event.kind == EventKind::Switched)
+        .inspect(|event| println!("{} {}", event.sequence, event.text))
+        .count();
+    // The planner is some 80 lines ahead: each counts by itself.
+    assert!(switches.is_empty() && switched == 7, "{switched}");
+    let verified = verify(&trace).expect("a readable trace");
+    if !came_in_time(&trace) {
+        return;
+    }
+    assert!(is_the_same(&verified), "{verified:#?}");
+    assert!(verified.max_path_error_mm.is_some(), "the path was checked too");
+    let unknown = copied(&trace, "unknown", |_| {}, |kind| kind != EventKind::Switched);
+    let verified = verify(&unknown).expect("a readable trace");
+    assert!(verified.differing > 0, "{verified:?}");
 }

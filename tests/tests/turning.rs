@@ -2,41 +2,25 @@
 #![expect(clippy::expect_used, reason = "tests fail as tests do")]
 
 use std::path::{Path, PathBuf};
-use std::process::{Child, Stdio};
+use std::process::Child;
+use std::time::{Duration, Instant};
 
-use evolvent_tests::{Domain, Launch, Workshop, evolvent, repository};
+use evolvent_bus::{Setpoint, Status};
+use evolvent_tests::{
+    Cycle, Domain, Drives, Finished, Launch, Operator, Served, Workshop, cycles, evolvent, repository, run,
+};
 
-/// Drives and the stock under them, in a process of their own; killed when dropped.
-struct Drives(Child);
+/// A cutting load had come: a bit of `inputs` in the trace.
+const LOAD_CAME: u32 = 32;
+/// A job ended as it should, and with a fault.
+const DONE: u32 = 1;
+const FAULT: u32 = 4;
+/// At rest in a hold.
+const HELD: u32 = 3;
 
-impl Drives {
-    fn start(machine: &Path, process: &Path, domain: &Domain) -> Self {
-        let child = evolvent()
-            .args([
-                "bridge",
-                "sim",
-                "--bus-prefix",
-                &domain.prefix,
-                "--bridge-cycles",
-                "100",
-                "--machine",
-            ])
-            .arg(machine)
-            .arg("--process")
-            .arg(process)
-            .stdout(Stdio::null())
-            .stderr(Stdio::null())
-            .spawn()
-            .expect("the binary to start");
-        Self(child)
-    }
-}
-
-impl Drop for Drives {
-    fn drop(&mut self) {
-        let _gone = self.0.kill();
-        let _gone = self.0.wait();
-    }
+/// Simulated drives that cut the stock of a process file.
+fn cutting_drives(machine: &Path, process: &Path, domain: &Domain) -> Drives {
+    Drives::start(machine, domain, &["--process", process.to_str().expect("UTF-8")])
 }
 
 /// A lathe at 500 Hz that is never stopped for lateness, and a short stock. Busy hosts deliver readings late: a reading may
@@ -66,7 +50,7 @@ fn a_cycle_finds_its_passes_from_the_load_that_simulated_drives_measure() {
         "turn.ngc",
         "G21 G18 G90 G94 G8\nS100 M3\nG4 P2\nG0 Z308\nG0 X33.5\nG0 Z300\nF200\nG82 X60 Z296 Q1\nM2\n",
     );
-    let _drives = Drives::start(&machine, &process, &domain);
+    let _drives = cutting_drives(&machine, &process, &domain);
     let trace = workshop.path("turn.mcap");
     let finished = Launch::in_real_time(&program, &machine, &domain)
         .with(&["--wait-for-clients", "1", "--process"])
@@ -75,6 +59,8 @@ fn a_cycle_finds_its_passes_from_the_load_that_simulated_drives_measure() {
         .finish();
     let summary = finished.expect_code(&[0, 3]).json();
     assert_eq!(summary["outcome"], "done", "{summary}");
+    let notes = summary["notes"].to_string();
+    assert!(notes.contains("`run` does not watch them"), "{notes}");
     // The tool has cut: there were readings far above noise, and every change has its reason.
     let table = workshop.path("events.csv");
     let exported = evolvent()
@@ -92,4 +78,298 @@ fn a_cycle_finds_its_passes_from_the_load_that_simulated_drives_measure() {
     for expected in ["contact", "settled", "end of the pass", "everything is at size"] {
         assert!(events.contains(expected), "{expected}: {events}");
     }
+}
+
+/// The run of a program by adaptive feed: 10 mm at 60 rev/min, 0.4 mm/rev programmed.
+struct AdaptiveRun {
+    workshop: Workshop,
+    domain: Domain,
+    drives: Option<Drives>,
+    child: Child,
+}
+
+const SET: f64 = 1000.0;
+const TURN_S: f64 = 1.0;
+
+impl AdaptiveRun {
+    fn start(name: &str) -> Self {
+        let (workshop, domain) = (Workshop::new(), Domain::new());
+        let (machine, _) = scene(&workshop, name);
+        let read = |file: &str| std::fs::read_to_string(repository().join(file)).expect("a shipped file");
+        let process = read("config/processes/turn-shaft.toml")
+            .replace("length_mm = 200.0", "length_mm = 10.0")
+            .replace("spindle_rpm = 500.0", "spindle_rpm = 60.0")
+            .replace("[[0.0, 10.0], [200.0, 5.0]]", "[[0.0, 0.6], [10.0, 2.4]]");
+        let process = workshop.write("process.toml", process);
+        let adaptive = workshop.write(
+            "adaptive.toml",
+            format!(
+                "set_load = {SET}\noverload = 4000\noverload_ms = 50\ncontact_load = 50\nfeed_exponent = 0.75\n\
+                 factor_min = 0.2\nfactor_max = 1.5\nfactor_entry = 0.8\nfactor_idle = 1.5\n\
+                 turn_ms = {}\nlag_ms = 15\nstale_ms = 400\nslew_up_per_s = 2\nslew_down_per_s = 100\n",
+                1e3 * TURN_S
+            ),
+        );
+        let program = workshop.write(
+            "turn.ngc",
+            "G21 G18 G90 G94 G8\nS60 M3\nG4 P2\nG0 X35 Z304\nG0 X30 Z302\nG1 Z290 F24\nG0 X35\nM2\n",
+        );
+        let drives = cutting_drives(&machine, &process, &domain);
+        let child = Launch::in_real_time(&program, &machine, &domain)
+            .with(&["--wait-for-clients", "1", "--adaptive"])
+            .with(&[adaptive.to_str().expect("UTF-8")])
+            .trace(&workshop.path("adaptive.mcap"))
+            .start();
+        Self {
+            workshop,
+            domain,
+            drives: Some(drives),
+            child,
+        }
+    }
+
+    /// Waits until the tool has gone so far.
+    fn waits_for_z(&self, name: &str, z_mm: f64) {
+        let mut setpoints = self.domain.client(name).setpoints().expect("setpoints");
+        let begin = Instant::now();
+        let mut last = None::<Setpoint>;
+        while last.is_none_or(|setpoint| setpoint.position[2] > z_mm) {
+            match setpoints.receive().expect("setpoints") {
+                Some(setpoint) => last = Some(setpoint),
+                None => std::thread::sleep(Duration::from_millis(2)),
+            }
+            assert!(
+                begin.elapsed() < Duration::from_secs(120),
+                "it does not come: {last:?}"
+            );
+        }
+    }
+
+    fn finish(self) -> (Finished, Vec<Cycle>, Workshop) {
+        let finished = evolvent_tests::wait(self.child);
+        drop(self.drives);
+        let seen = cycles(&self.workshop.path("adaptive.mcap"));
+        drop(self.domain);
+        (finished, seen, self.workshop)
+    }
+}
+
+/// Feed of the axis along the cut, mm/s.
+fn feed(cycle: &Cycle) -> f64 {
+    cycle.velocity[2].abs()
+}
+
+/// The first cycle that stands after the last reading of the load, and how many seconds it is behind it.
+fn stands_after_the_last_reading(seen: &[Cycle]) -> (usize, f64) {
+    let last = seen
+        .iter()
+        .rposition(|cycle| cycle.inputs & LOAD_CAME != 0)
+        .expect("readings");
+    let behind = seen[last..].iter().position(|cycle| feed(cycle) == 0.0);
+    let stands = last + behind.expect("it stands");
+    let after_s = (seen[stands].due_time_ns - seen[last].due_time_ns) as f64 * 1e-9;
+    (stands, after_s)
+}
+
+#[test]
+fn adaptive_feed_holds_the_load_that_simulated_drives_measure() {
+    let scene = AdaptiveRun::start("adapt-real");
+    let (finished, seen, _workshop) = scene.finish();
+    let summary = finished.expect_code(&[0, 3]).json();
+    assert_eq!(summary["outcome"], "done", "{summary}");
+    // From 4 to 9 mm behind the face 1.3 to 2.2 mm are cut: the factor that holds the load is within its limits.
+    let cut: Vec<&Cycle> = seen
+        .iter()
+        .filter(|cycle| (291.0..296.0).contains(&cycle.position[2]) && feed(cycle) > 0.0 && feed(cycle) < 2.0)
+        .collect();
+    let mean = cut.iter().map(|cycle| cycle.load).sum::<f64>() / cut.len() as f64;
+    assert!(
+        cut.len() > 5000 && (mean / SET - 1.0).abs() < 0.05,
+        "{mean} of {}",
+        cut.len()
+    );
+    // The programmed feed, 0.4 mm/s, would give 1.3 to 2.2 times the load: it is the feed that holds it.
+    let last = cut.last().expect("cycles");
+    assert!(feed(last) < 0.22, "{}", feed(last));
+    let mut above = 0.0;
+    for pair in seen.windows(2) {
+        let [before, cycle] = pair else { continue };
+        let step_s = (cycle.due_time_ns - before.due_time_ns) as f64 * 1e-9;
+        above = if cycle.load > 1.3 * SET {
+            above + step_s
+        } else {
+            0.0
+        };
+        assert!(
+            above <= TURN_S,
+            "above 1.3 times the set load for {above} s at {cycle:?}"
+        );
+    }
+}
+
+#[test]
+fn adaptive_feed_stands_within_a_revolution_of_the_last_reading_and_says_why() {
+    let name = "adapt-lost";
+    let mut scene = AdaptiveRun::start(name);
+    scene.waits_for_z(name, 296.0);
+    scene.drives = None;
+    let (finished, seen, _workshop) = scene.finish();
+    let summary = finished.expect_code(&[1]).json();
+    assert_eq!(summary["alarm"], 501, "{summary}");
+    let (stands, after_s) = stands_after_the_last_reading(&seen);
+    assert!(after_s <= TURN_S, "{after_s} s after the last reading");
+    assert!(
+        seen[stands..].iter().all(|cycle| feed(cycle) == 0.0),
+        "it moves again"
+    );
+    assert!(seen[stands].position[2] > 290.5, "in the middle of the cut");
+}
+
+/// `evolvent ctl`; its code must be 0.
+fn ctl(domain: &Domain, name: &str, command: &[&str]) -> Finished {
+    let common = ["ctl", "--machine-name", name, "--bus-prefix", &domain.prefix];
+    run(common.iter().chain(command)).expect_code(&[0])
+}
+
+/// A lathe that is served, with a process file and simulated drives that cut its stock.
+struct ServedLathe {
+    drives: Option<Drives>,
+    served: Option<Served>,
+    operator: Operator,
+    workshop: Workshop,
+    domain: Domain,
+    name: String,
+}
+
+impl ServedLathe {
+    fn start(name: &str, kind: &str, program: &str) -> Self {
+        let (workshop, domain) = (Workshop::new(), Domain::new());
+        let (machine, process) = scene(&workshop, name);
+        if kind == "facing" {
+            let text = std::fs::read_to_string(&process).expect("a process file");
+            let text = text
+                .replace("longitudinal", "facing")
+                .replace("z_mm = 300.0", "z_mm = 296.0");
+            std::fs::write(&process, text).expect("a process file");
+        }
+        // Only the sensor is to be missed.
+        let text = std::fs::read_to_string(&machine).expect("a machine file");
+        let machine = workshop.write("lathe.toml", text + "\n[drives]\nfeedback = \"ignore\"\n");
+        let program = workshop.write("turn.ngc", program);
+        let trace = workshop.path("served.mcap");
+        let options = ["--process", process.to_str().expect("UTF-8")];
+        let recorded = ["--trace", trace.to_str().expect("UTF-8")];
+        let options: Vec<&str> = options.into_iter().chain(recorded).collect();
+        let served = Served::start(&machine, name, &domain, &workshop.path("state"), &options);
+        let drives = cutting_drives(&machine, &process, &domain);
+        let operator = Operator::join(name, &domain);
+        let scene = Self {
+            drives: Some(drives),
+            served: Some(served),
+            operator,
+            workshop,
+            domain,
+            name: name.to_owned(),
+        };
+        ctl(&scene.domain, name, &["up"]);
+        ctl(&scene.domain, name, &["load", program.to_str().expect("UTF-8")]);
+        scene
+    }
+
+    fn ctl(&self, command: &[&str]) {
+        ctl(&self.domain, &self.name, command);
+    }
+
+    /// Waits until the tip is well behind the place of the job's start, along this axis, where it cuts.
+    fn waits_for_cut(&mut self, axis: usize, place_mm: f64) {
+        self.operator
+            .waits("a cut", |status| status.position_machine[axis] < place_mm);
+    }
+
+    /// Holds it while it cuts, up to 2.5 mm behind this place. A host that is busy may bring the command when the pass is over: then
+    /// the next pass is held.
+    fn holds_in_the_cut(&mut self, axis: usize, place_mm: f64) -> Status {
+        let held = (0..3).find_map(|_| {
+            self.waits_for_cut(axis, place_mm);
+            self.ctl(&["hold"]);
+            let held = self
+                .operator
+                .waits("rest in a hold", |status| status.state == HELD);
+            if (place_mm - 2.5..place_mm).contains(&held.position_machine[axis]) {
+                return Some(held);
+            }
+            self.ctl(&["resume"]);
+            let is_before = |status: &Status| status.position_machine[axis] > place_mm;
+            self.operator.waits("the next pass", is_before);
+            None
+        });
+        held.expect("a pass that is not over before it is held")
+    }
+
+    /// Every cycle, and the events; the trace has come out the same again.
+    fn end(mut self) -> (Vec<Cycle>, String) {
+        drop(self.operator);
+        self.served.take().expect("a core").end().expect_code(&[0, 3]);
+        drop(self.drives);
+        let trace = self.workshop.path("served.mcap");
+        let table = self.workshop.path("events.csv");
+        let export = ["trace", "export", "--channel", "events", "-o"].map(std::ffi::OsString::from);
+        run(export
+            .into_iter()
+            .chain([table.clone().into(), trace.clone().into()]))
+        .expect_code(&[0]);
+        let verified = run([Path::new("trace"), Path::new("verify"), &trace]);
+        // All of it was computed again, and is the same; setpoints may have left late.
+        let verified = verified.expect_code(&[0, 3]);
+        assert!(!verified.out.contains("not compared"), "{}", verified.out);
+        (cycles(&trace), std::fs::read_to_string(table).expect("a table"))
+    }
+}
+
+const LONGITUDINAL: &str =
+    "G21 G18 G90 G94 G8\nS100 M3\nG0 Z308\nG0 X33.5\nG0 Z300\nF200\nG82 X60 Z296 Q1\nM2\n";
+/// From a diameter of 60 mm to one of 52, to a face at Z296.
+const FACING: &str = "G21 G18 G90 G94 G8\nS100 M3\nG0 X38\nG0 Z299.5\nG0 X30\nF200\nG75 X52 Z296 Q1\nM2\n";
+
+#[test]
+fn served_cycles_that_find_their_passes_are_held_and_go_on() {
+    for (name, kind, program, axis, place_mm) in [
+        ("turn-served", "longitudinal", LONGITUDINAL, 2, 298.5),
+        ("face-served", "facing", FACING, 0, 28.5),
+    ] {
+        let mut scene = ServedLathe::start(name, kind, program);
+        scene.ctl(&["start"]);
+        let held = scene.holds_in_the_cut(axis, place_mm);
+        std::thread::sleep(Duration::from_millis(500));
+        let position = scene.operator.now().position_machine;
+        assert_eq!(position, held.position_machine, "it moves in a hold");
+        scene.ctl(&["resume"]);
+        let status = scene.operator.sees_end(held.job);
+        assert_eq!(status.job_result, DONE, "{name}: {}", status.alarm_sentence());
+        let (_, events) = scene.end();
+        for expected in ["contact", "hold", "everything is at size"] {
+            assert!(events.contains(expected), "{name}, {expected}: {events}");
+        }
+    }
+}
+
+#[test]
+fn a_served_cycle_whose_sensor_dies_stands_within_a_revolution_and_says_why() {
+    let mut scene = ServedLathe::start("turn-blind", "longitudinal", LONGITUDINAL);
+    scene.ctl(&["start"]);
+    scene.waits_for_cut(2, 298.5);
+    let job = scene.operator.now().job;
+    scene.drives = None;
+    let status = scene.operator.sees_end(job);
+    assert_eq!(status.job_result, FAULT);
+    assert!(
+        status.listed_alarms().contains(&501),
+        "{}",
+        status.alarm_sentence()
+    );
+    let (seen, events) = scene.end();
+    assert!(events.contains("load sensor"), "{events}");
+    let (_, after_s) = stands_after_the_last_reading(&seen);
+    // 100 rev/min.
+    assert!(after_s <= 0.6, "{after_s} s after the last reading");
 }

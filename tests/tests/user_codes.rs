@@ -100,13 +100,32 @@ fn a_command_that_fails_hangs_is_killed_or_missing_stops_the_run_with_its_alarm(
     }
     let (domain, shop) = (Domain::new(), Shop::new("uc-missing", ""));
     std::fs::remove_file(shop.workshop.path("codes/M101")).expect("removed");
-    let finished = shop.runs(&domain).expect_code(&[1]);
-    assert!(
-        finished.err.contains("G0803") && finished.err.contains("M101"),
-        "{}",
-        finished.err
-    );
-    assert_eq!(finished.json()["end_position"][0], 30.0);
+    let summary = shop.runs(&domain).expect_code(&[1]).json();
+    let error = summary["error"].to_string();
+    assert!(error.contains("G0803") && error.contains("M101"), "{error}");
+    // It is found before anything moves.
+    assert_eq!(summary["cycles"], 0);
+    for (name, options, code) in [
+        ("check", &[][..], 1),
+        ("run", &["--clock", "virtual", "--no-trace"], 0),
+    ] {
+        let finished = evolvent_tests::run(
+            [
+                name.as_ref(),
+                shop.program.as_os_str(),
+                "--machine".as_ref(),
+                shop.machine.as_os_str(),
+            ]
+            .into_iter()
+            .chain(options.iter().map(std::ffi::OsStr::new)),
+        )
+        .expect_code(&[code]);
+        assert_eq!(
+            finished.err.contains("M101") || finished.out.contains("M101"),
+            code == 1,
+            "{name}"
+        );
+    }
 }
 
 #[test]

@@ -411,6 +411,93 @@ mod tests {
         }
     }
 
+    /// On, and waiting for its drives since 1000 ns.
+    fn waiting_for_drives() -> Desk {
+        let mut desk = Desk::default();
+        desk.commit(&Command::EstopReset, 0, true);
+        desk.commit(&Command::On, 1000, true);
+        assert!(desk.wants_power() && desk.machine() == MachineState::Off);
+        desk
+    }
+
+    #[test]
+    fn drives_that_come_up_after_power_was_taken_back_do_not_switch_the_machine_on() {
+        type Way = fn(&mut Desk);
+        let ways: [(Way, MachineState); 3] = [
+            (
+                |desk| desk.commit(&Command::Estop, 2000, true),
+                MachineState::Estop,
+            ),
+            (|desk| desk.commit(&Command::Off, 2000, true), MachineState::Off),
+            (Desk::drop_power, MachineState::Off),
+        ];
+        for (takes_back, state) in ways {
+            let mut desk = waiting_for_drives();
+            takes_back(&mut desk);
+            desk.enable(true, 3000);
+            assert_eq!((desk.machine(), desk.wants_power()), (state, false));
+        }
+    }
+
+    #[test]
+    fn asking_for_power_again_gives_the_drives_no_more_time() {
+        let mut desk = waiting_for_drives();
+        desk.commit(&Command::On, 1000 + ENABLE_NS, true);
+        desk.enable(false, 1000 + ENABLE_NS);
+        assert!(!desk.has_latched_alarm());
+        desk.enable(false, 1001 + ENABLE_NS);
+        let alarms: Vec<Alarm> = desk.alarms().map(|(alarm, _)| alarm).collect();
+        assert_eq!(alarms, [Alarm::NotEnabled]);
+    }
+
+    #[test]
+    fn one_axis_that_is_not_homed_keeps_programs_from_starting() {
+        let (mut desk, mut client) = (Desk::default(), Client(0));
+        for (code, index) in [
+            (CommandCode::EstopReset, 0),
+            (CommandCode::On, 0),
+            (CommandCode::Load, 0),
+            (CommandCode::Mode, 0),
+        ] {
+            assert_eq!(client.sends(&mut desk, code, index), Ok(()));
+        }
+        desk.set_homed(0b101);
+        assert_eq!(
+            client.sends(&mut desk, CommandCode::Start, 0),
+            Err(Alarm::NotHomed)
+        );
+        desk.set_homed(0b111);
+        assert_eq!(client.sends(&mut desk, CommandCode::Start, 0), Ok(()));
+    }
+
+    #[test]
+    fn a_core_that_ends_takes_no_command() {
+        let raw = RawCommand {
+            command: CommandCode::Estop as u32,
+            axes_mask: 0,
+            index: 0,
+            amount: 0.0,
+            values: [0.0; AXES],
+            text: None,
+        };
+        let facts = Facts {
+            is_ending: true,
+            ..FACTS
+        };
+        let refused = Desk::default().consider(7, 1, &raw, &facts);
+        let (verdict, refusal) = refused.expect_err("it ends");
+        assert_eq!((verdict, refusal.alarm), (Verdict::Rejected, Alarm::Ending));
+    }
+
+    #[test]
+    fn a_job_ends_once() {
+        let mut desk = Desk::default();
+        desk.job_begins(Activity::Jog);
+        desk.job_ends(JobResult::Stopped);
+        desk.job_ends(JobResult::Fault);
+        assert_eq!(desk.result(), JobResult::Stopped);
+    }
+
     #[test]
     fn a_machine_is_brought_up_in_order_and_in_no_other() {
         let (mut desk, mut client) = (Desk::default(), Client(0));

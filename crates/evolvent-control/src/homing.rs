@@ -352,4 +352,40 @@ mod tests {
         assert_eq!(letters, "ZXY");
         assert_eq!(homing.axis(), Some(AxisLetter::Z));
     }
+
+    fn sees(homing: &mut Homing, closed: bool, at_rest: bool) -> HomingAction {
+        let sample = HomingSample {
+            position: Axes::zeros(),
+            switches: u32::from(closed),
+        };
+        homing.step(&sample, at_rest)
+    }
+
+    #[test]
+    fn nothing_is_ordered_while_an_axis_still_moves() {
+        let mut homing = Homing::new(vec![AXIS]);
+        for closed in [false, true] {
+            assert_eq!(sees(&mut homing, closed, false), HomingAction::Wait);
+        }
+        assert!(matches!(
+            sees(&mut homing, false, true),
+            HomingAction::Move { .. }
+        ));
+    }
+
+    #[test]
+    fn a_switch_that_is_not_found_again_is_told() {
+        let mut homing = Homing::new(vec![AXIS]);
+        assert!(matches!(sees(&mut homing, true, true), HomingAction::Move { .. }));
+        assert_eq!(sees(&mut homing, false, false), HomingAction::Stop);
+        assert!(matches!(
+            sees(&mut homing, false, true),
+            HomingAction::Move { .. }
+        ));
+        assert_eq!(sees(&mut homing, false, false), HomingAction::Wait);
+        let HomingAction::Fail(refusal) = sees(&mut homing, false, true) else {
+            panic!("it goes on");
+        };
+        assert_eq!(refusal.alarm, Alarm::HomeSwitchMissing);
+    }
 }

@@ -1,16 +1,18 @@
 //! What is wrong with a program, without moving anything.
 
+use std::collections::BTreeMap;
 use std::convert::Infallible;
 use std::fs::File;
-use std::io::BufReader;
 use std::path::Path;
 
 use evolvent_gcode::{Action, Diagnostic, Interpreter};
 use evolvent_plan::{Admission, PlanError};
 
 use crate::job::Setup;
-use crate::refusal::{cannot_turn, explain, refuse};
+use crate::refusal::{about_line, cannot_turn, explain, refuse};
+use crate::source::reader_of;
 use crate::turning::turning;
+use crate::user_code::UserCodes;
 
 /// How far a program is looked at.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -22,6 +24,8 @@ pub struct CheckBounds {
     /// Commands after which no line farther down has been reached: a loop that makes parts until somebody stops it would
     /// be followed for ever.
     pub round: u64,
+    /// Whether the programs of the machine's own commands (M100 to M199) have to be there.
+    pub user_codes: bool,
 }
 
 impl CheckBounds {
@@ -32,6 +36,7 @@ impl CheckBounds {
             errors,
             commands: u64::MAX,
             round: 1_000_000,
+            user_codes: true,
         }
     }
 
@@ -43,6 +48,7 @@ impl CheckBounds {
             errors,
             commands: 1_000_000,
             round: 100_000,
+            user_codes: true,
         }
     }
 }
@@ -71,10 +77,13 @@ pub(crate) fn check_while(
     bounds: CheckBounds,
     mut go_on: impl FnMut() -> bool,
 ) -> std::io::Result<Checked> {
-    let reader = BufReader::with_capacity(256 * 1024, File::open(program)?);
+    let reader = reader_of(File::open(program)?);
     let limits = *setup.path_limits().axes();
     let mut admission = Admission::new(&limits);
     let mut checked = Checked::default();
+    let codes = UserCodes::of(setup);
+    // Each program is looked for once, however often it is called.
+    let mut objections: BTreeMap<u32, Option<String>> = BTreeMap::new();
     let (mut commands, mut round, mut farthest) = (0, 0, 0);
     for command in Interpreter::new(reader, setup.interpreter_settings_for(program)) {
         let error = match command {
@@ -102,6 +111,11 @@ pub(crate) fn check_while(
                         }
                         Err(error) => Some(explain(&error, program, line)),
                     },
+                    (Action::UserCommand { number, .. }, None) if bounds.user_codes => objections
+                        .entry(*number)
+                        .or_insert_with(|| codes.objection(*number))
+                        .clone()
+                        .map(|objection| about_line(objection, program, line)),
                     (Action::Turning(cycle), None) => turning(cycle, setup)
                         .err()
                         .map(|what| cannot_turn(what, program, line)),

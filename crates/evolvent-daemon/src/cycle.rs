@@ -180,7 +180,14 @@ impl CycleLoop {
             }
             resumed = inputs.resume;
             if let Some(adaptive) = &mut adaptive {
-                let stop = adapt(adaptive, &self.controls, report.last.as_ref(), &mut inputs);
+                let driven = report.motion.feed_factor();
+                let stop = adapt(
+                    adaptive,
+                    &self.controls,
+                    driven,
+                    report.last.as_ref(),
+                    &mut inputs,
+                );
                 report.adaptive_stop = report.adaptive_stop.or(stop);
                 inputs.stop |= report.adaptive_stop.is_some();
             }
@@ -298,11 +305,12 @@ fn at_command(commands: &mut Option<Consumer<u32>>, report: &CycleReport) -> Opt
 fn adapt(
     adaptive: &mut AdaptiveFeed,
     controls: &Controls,
+    driven: Option<f64>,
     last: Option<&Setpoint>,
     inputs: &mut Inputs,
 ) -> Option<AdaptiveStop> {
     let feeds = last.is_some_and(|last| last.state == State::Running && last.flags & flags::RAPID == 0);
-    let driven = last.map_or(1.0, |last| last.feed_override);
+    let driven = driven.or(last.map(|last| last.feed_override)).unwrap_or_default();
     let output = adaptive.step(controls.load(), driven, feeds);
     inputs.feed_override = inputs.feed_override.min(1.0) * output.factor;
     output.stop

@@ -9,7 +9,7 @@ use std::time::Duration;
 use evolvent_gcode::{Action, Command, Modal, Move, MoveKind};
 use evolvent_motion::{QueueClosed, Turning, TurningSender};
 use evolvent_path::Curve;
-use evolvent_plan::{PlanError, PlanSink, Planner, Step};
+use evolvent_plan::{PlanError, PlanSink, Step};
 use evolvent_trace::BlockKind;
 use rtrb::Producer;
 
@@ -19,8 +19,8 @@ use crate::news::{BlockPlan, FeederNews, Moment, Notice, QueuedBlock, StopKind, 
 use crate::refusal::{ProgramError, about_line, cannot_turn, explain, refuse};
 use crate::shared::Controls;
 use crate::source::Commands;
-use crate::switches::Switches;
-use crate::tally::Tally;
+use crate::stages::Stages;
+use crate::switches::{SwitchState, Switched, Switching};
 use crate::turning::turning;
 use crate::user_code::UserCodes;
 
@@ -58,17 +58,21 @@ struct Open {
 pub(crate) struct Feeder<'a, S> {
     file: String,
     setup: &'a Setup,
-    planner: Planner<Tally<S>>,
+    planner: Stages<S>,
     news: Vec<Sender<FeederNews>>,
     with_blocks: bool,
-    optional_stop: bool,
     blocks: VecDeque<Open>,
     next_block: u32,
     actions: u32,
     moves: u64,
     /// For somebody who looks on block by block.
     onlooker: Option<Sender<FeederNews>>,
-    switches: Option<Arc<Switches>>,
+    switches: SwitchState,
+    switching: Switching,
+    /// Number of the job that is told of where somebody switches.
+    job: u32,
+    /// Commands that have been read.
+    commands: u64,
     last_line: u32,
     path_mm: f64,
     modal: Option<Modal>,
@@ -96,26 +100,31 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
     pub(crate) fn new(
         file: &Path,
         setup: &'a Setup,
-        feed_override: f64,
-        sink: S,
+        planner: Stages<S>,
         news: Vec<Sender<FeederNews>>,
         with_blocks: bool,
         optional_stop: bool,
     ) -> Self {
-        let tally = Tally::new(sink);
         Self {
             file: file.display().to_string(),
             setup,
-            planner: Planner::new(setup.path_limits(), setup.path_rules(feed_override), tally),
+            planner,
             news,
             with_blocks,
-            optional_stop,
             blocks: VecDeque::new(),
             next_block: 0,
             actions: 0,
             moves: 0,
             onlooker: None,
-            switches: None,
+            switches: SwitchState {
+                single_step: false,
+                optional_stop,
+                block_delete: setup.block_delete,
+                rapid_override: setup.rapid_override,
+            },
+            switching: Switching::Fixed,
+            job: 0,
+            commands: 0,
             last_line: 0,
             path_mm: 0.0,
             modal: None,
@@ -152,9 +161,9 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         self
     }
 
-    /// Minds what the operator switches meanwhile.
-    pub(crate) fn switched_by(mut self, switches: Arc<Switches>) -> Self {
-        self.switches = Some(switches);
+    /// Begins with these switches, and minds what is switched in this job meanwhile.
+    pub(crate) fn switched_by(mut self, switches: SwitchState, switching: Switching, job: u32) -> Self {
+        (self.switches, self.switching, self.job) = (switches, switching, job);
         self
     }
 
@@ -189,7 +198,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         self.planner.attend();
         let report = FeedReport {
             deviation_mm: self.planner.deviation_mm(),
-            planned_s: self.planner.sink().planned_s,
+            planned_s: self.planner.planned_s(),
             moves: self.moves,
             user_commands: self.user_commands,
             next_block: self.next_block,
@@ -209,12 +218,17 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
                 return Ok(None);
             }
         }
-        while let Some(command) = commands.next() {
+        let mut line = 0;
+        loop {
+            self.mind_switches(&mut commands, line);
+            let Some(command) = commands.next() else { break };
+            self.commands += 1;
             self.tell_files(&commands);
             let command = command.map_err(|diagnostic| ProgramError::Text {
                 file: self.file.clone(),
                 diagnostic: Box::new(diagnostic),
             })?;
+            line = command.line;
             if let Some(what) = command.action.missing_ability() {
                 let diagnostic = Box::new(refuse(what, program, command.line));
                 return Err(ProgramError::Text {
@@ -232,9 +246,6 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
                 });
             }
             self.tell_modal(&commands);
-            if let Some(switches) = &self.switches {
-                commands.set_block_delete(switches.is_block_delete());
-            }
             if let Action::Turning(cycle) = &command.action {
                 let turning = turning(cycle, self.setup).map_err(|what| ProgramError::Text {
                     file: self.file.clone(),
@@ -293,9 +304,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
                     .map_err(PlanError::Sink)?;
             }
             Action::ProgramStop { optional, .. } => {
-                let stops_at_optional = (self.switches.as_ref())
-                    .map_or(self.optional_stop, |switches| switches.is_optional_stop());
-                if !optional || stops_at_optional {
+                if !optional || self.switches.optional_stop {
                     self.stop(line, StopKind::Program)?;
                 }
             }
@@ -362,6 +371,24 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         Ok(())
     }
 
+    /// Looks how the switches stand for the next command. Once for each, so that a number says what they counted for.
+    fn mind_switches(&mut self, commands: &mut Commands, line: u32) {
+        let state = self.switching.at(self.commands, self.switches);
+        if state == self.switches {
+            return;
+        }
+        self.switches = state;
+        commands.set_block_delete(state.block_delete);
+        let switched = Switched {
+            command: self.commands,
+            line,
+            state,
+        };
+        for news in &self.news {
+            let _gone = news.send(FeederNews::Switched(self.job, switched));
+        }
+    }
+
     /// Attaches what the program has called from other files.
     fn tell_files(&mut self, commands: &Commands) {
         if commands.file_count() == self.files_told {
@@ -387,11 +414,13 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
 
     fn push_move(&mut self, motion: &Move, line: u32) -> Result<(), PlanError<QueueClosed>> {
         let mut motion = *motion;
-        let switches = self.switches.as_ref();
-        let steps = switches.is_some_and(|switches| switches.is_single_step());
-        let rapid_override = switches.map_or(self.setup.rapid_override, |switches| switches.rapid_override());
+        let SwitchState {
+            single_step,
+            rapid_override,
+            ..
+        } = self.switches;
         // Behind another stop, and before the first move, there is nothing to stop behind.
-        if steps && self.last_line != line && self.last_line > 0 {
+        if single_step && self.last_line != line && self.last_line > 0 {
             self.stop(self.last_line, StopKind::Step)?;
         }
         if motion.kind == MoveKind::Rapid && rapid_override < 1.0 {
@@ -472,7 +501,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
 
     /// Reports blocks whose plan is final.
     fn report_blocks(&mut self, all: bool) {
-        let finished = &mut self.planner.sink_mut().finished;
+        let finished = self.planner.finished();
         let keep = usize::from(!all);
         while finished.len() > keep {
             let Some((block, planned_s)) = finished.pop_front() else {
@@ -528,7 +557,8 @@ mod tests {
         machine.path.planner = PlannerKind::Optimal;
         let setup = Setup::new(machine, file, String::new(), None).unwrap();
         let program = Path::new("none.ngc");
-        let mut feeder = Feeder::new(program, &setup, 1.0, Nowhere, Vec::new(), false, false);
+        let planner = Stages::one(&setup, 1.0, Nowhere);
+        let mut feeder = Feeder::new(program, &setup, planner, Vec::new(), false, false);
         let at = |k: u32| {
             let mut point = Axes::zeros();
             (point[0], point[1]) = (f64::from(k % 7), f64::from(k % 5));
@@ -544,7 +574,10 @@ mod tests {
             let action = Action::Move(motion);
             assert!(feeder.execute(&Command { line: k, action }).unwrap());
         }
-        let tally = feeder.planner.sink();
+        let Stages::One(planner) = &feeder.planner else {
+            unreachable!("one thread was asked for")
+        };
+        let tally = planner.sink();
         assert!(tally.planned_s > 10.0, "{} s", tally.planned_s);
         let (parts, steps) = tally.lengths();
         assert!(parts < 100 && steps < 100, "{parts} parts, {steps} steps");

@@ -3,12 +3,13 @@
 //! Together with the attachments that it names, and with what came in at each cycle, a line is all that is needed to
 //! compute the job's setpoints again. Numbers are written so that they read back to the same bits.
 
-use std::collections::BTreeMap;
 use std::fmt;
 
 use evolvent_machine::Limits;
 use evolvent_path::{AXES, Axes};
 use evolvent_transfer::AxesState;
+
+use crate::switches::{SwitchState, pairs};
 
 /// A program or a block of MDI.
 #[derive(Clone, Debug, PartialEq)]
@@ -29,14 +30,8 @@ pub struct ProgramStart {
     pub tool: u32,
     /// The line it began at; 0 for the first.
     pub start_line: u32,
-    /// Whether lines that begin with `/` are left out.
-    pub block_delete: bool,
-    /// Whether M1 stops.
-    pub optional_stop: bool,
-    /// Whether every block stops, as the job began.
-    pub single_step: bool,
-    /// Share of the axes' speed that rapids may use.
-    pub rapid_override: f64,
+    /// How the switches stood as its first line was read.
+    pub switches: SwitchState,
     /// The override that was planned for.
     pub feed_override: f64,
     /// Numbers of its first block and action.
@@ -97,16 +92,13 @@ impl fmt::Display for JobStart {
                 let (blocks, actions) = start.numbered_from;
                 write!(
                     out,
-                    "; subroutines={}; place={}; tool={}; line={}; block_delete={}; optional_stop={}; single_step={}; \
-                     rapid_override={}; feed_override={}; blocks={blocks}; actions={actions}",
+                    "; subroutines={}; place={}; tool={}; line={}; {}; feed_override={}; blocks={blocks}; \
+                     actions={actions}",
                     start.subroutines,
                     list(&start.place),
                     start.tool,
                     start.start_line,
-                    start.block_delete,
-                    start.optional_stop,
-                    start.single_step,
-                    start.rapid_override,
+                    start.switches,
                     start.feed_override,
                 )
             }
@@ -159,12 +151,8 @@ impl JobStart {
     #[must_use]
     pub fn parse(text: &str) -> Option<Self> {
         let (what, rest) = text.split_once(": ")?;
-        let pairs: BTreeMap<&str, &str> = rest
-            .split("; ")
-            .map(|pair| pair.split_once('='))
-            .collect::<Option<_>>()?;
+        let pairs = pairs(rest)?;
         let get = |key: &str| pairs.get(key).copied();
-        let switch = |key: &str| get(key)?.parse::<bool>().ok();
         let whole = |key: &str| get(key)?.parse::<u32>().ok();
         let number = |key: &str| get(key)?.parse::<f64>().ok();
         let nine = |key: &str| axes(get(key)?);
@@ -178,10 +166,7 @@ impl JobStart {
                 place: nine("place")?,
                 tool: whole("tool")?,
                 start_line: whole("line")?,
-                block_delete: switch("block_delete")?,
-                optional_stop: switch("optional_stop")?,
-                single_step: switch("single_step")?,
-                rapid_override: number("rapid_override")?,
+                switches: SwitchState::of(&pairs)?,
                 feed_override: number("feed_override")?,
                 numbered_from: (whole("blocks")?, whole("actions")?),
             }))),
@@ -236,10 +221,12 @@ mod tests {
             place: odd,
             tool: 12,
             start_line: 0,
-            block_delete: true,
-            optional_stop: false,
-            single_step: true,
-            rapid_override: 0.1 + 0.7,
+            switches: SwitchState {
+                block_delete: true,
+                optional_stop: false,
+                single_step: true,
+                rapid_override: 0.1 + 0.7,
+            },
             feed_override: 1.2,
             numbered_from: (4_000_000_000, 3),
         }));

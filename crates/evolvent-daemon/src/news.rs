@@ -6,6 +6,8 @@ use evolvent_gcode::{Action, Modal, SpindleDirection};
 use evolvent_path::Axes;
 use evolvent_trace::BlockKind;
 
+use crate::switches::Switched;
+
 /// A planned block, for the trace.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct BlockPlan {
@@ -66,6 +68,8 @@ pub(crate) enum FeederNews {
     AttachFile(String, PathBuf),
     /// Something that is to be recorded at its setpoint.
     Outside(Outside),
+    /// The planner of the job of this number reads on with other switches.
+    Switched(u32, Switched),
 }
 
 /// A command or an alarm, and the setpoint with which it took effect.

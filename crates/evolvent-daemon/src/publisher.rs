@@ -106,6 +106,10 @@ impl Publishing {
             while let Ok(Some(load)) = bus.load() {
                 self.controls.see_load(load.value, load.range_max);
             }
+            // Nobody looks at what they say: see the note of the run.
+            while let Ok(Some(_)) = bus.unchecked_feedback() {
+                self.controls.see_drives();
+            }
             let now = MonotonicClock::now_ns();
             if now >= next_status || over {
                 next_status = now + STATUS_EVERY_NS;

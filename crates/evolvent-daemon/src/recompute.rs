@@ -12,6 +12,7 @@ use evolvent_motion::{Extremes, Inputs, Motion, Setpoint, State, plan_queue};
 use crate::feeder::Feeder;
 use crate::job::Setup;
 use crate::refusal::ProgramError;
+use crate::stages::Stages;
 
 /// Looks at the plan before the one who waits sleeps, and for how long: spinning would take the core from the planner.
 const LOOKS: u32 = 64;
@@ -90,23 +91,16 @@ pub fn recompute(
     });
     let turnings = producer.take_turnings();
     let mut motion = Motion::new(limits, setup.period_ns, limits.home).planned_for(feed_override);
+    let planner = Stages::two(setup, feed_override, producer)?;
     thread::scope(|scope| {
         let failing = &failed;
         let feeder = thread::Builder::new()
             .name("planner".into())
             .spawn_scoped(scope, move || {
                 // With blocks, as every recorded run: the line of the end is the last block's.
-                Feeder::new(
-                    program,
-                    setup,
-                    feed_override,
-                    producer,
-                    Vec::new(),
-                    true,
-                    optional_stop,
-                )
-                .turning_by(turnings)
-                .feed(program, || failing.store(true, Ordering::Release))
+                Feeder::new(program, setup, planner, Vec::new(), true, optional_stop)
+                    .turning_by(turnings)
+                    .feed(program, || failing.store(true, Ordering::Release))
             })?;
         let mut cycles = 0;
         let mut state = State::Idle;

@@ -1,8 +1,8 @@
 //! What a served machine did, computed again job by job from what was recorded of it.
 
+use std::collections::VecDeque;
 use std::io;
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::time::Duration;
 
 use evolvent_machine::Limits;
@@ -15,7 +15,7 @@ use crate::job_start::{ProgramStart, SteeredStart};
 use crate::recompute::{RecordedInputs, wait_for_planner};
 use crate::refusal::ProgramError;
 use crate::serve::{Following, Planning, ProgramJob};
-use crate::switches::Switches;
+use crate::switches::{Switched, Switching};
 
 /// Time between two looks whether a job's first pieces are planned.
 const NAP: Duration = Duration::from_micros(200);
@@ -119,24 +119,31 @@ impl ServedAgain {
         }
     }
 
-    /// The next setpoint is the first of this program, whose text is in `file`.
+    /// The next setpoint is the first of this program, whose text is in `file`; `switched` is what was switched while it was read.
     ///
     /// # Errors
     /// [`ServedError`].
-    pub fn follow(&mut self, start: &ProgramStart, setup: Setup, file: PathBuf) -> Result<(), ServedError> {
+    pub fn follow(
+        &mut self,
+        start: &ProgramStart,
+        switched: VecDeque<Switched>,
+        setup: Setup,
+        file: PathBuf,
+    ) -> Result<(), ServedError> {
         self.end_work();
-        let switches = Switches::new(start.optional_stop, start.block_delete, start.rapid_override);
-        switches.set_single_step(start.single_step);
         let mut planning = Box::new(Planning::start(ProgramJob {
             file,
             setup,
             feed_override: start.feed_override,
-            switches: Arc::new(switches),
+            job: 0,
+            switches: start.switches,
+            switching: Switching::Recorded(switched),
             numbered_from: start.numbered_from,
             // Blocks are told of as when it was recorded: the line of the end is the last block's.
             recorder: Some(std::sync::mpsc::channel().0),
             subroutines: String::new(),
             carries_out: false,
+            in_two_threads: true,
         })?);
         let mut job = loop {
             if let Some(job) = planning.take_if_ready() {

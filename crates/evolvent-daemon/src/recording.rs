@@ -16,6 +16,7 @@ use rtrb::Consumer;
 use crate::cycle::CycleSample;
 use crate::news::{BlockPlan, FeederNews, Notice, Outside, OutsideKind};
 use crate::shared::Controls;
+use crate::switches::Switched;
 use evolvent_control::Alarm;
 
 /// Nothing older than this is lost by a crash.
@@ -71,6 +72,8 @@ struct Tracks {
     /// Files of later jobs, and the block with which each begins.
     files: VecDeque<(u32, PathBuf)>,
     outside: VecDeque<Outside>,
+    /// Switches that planners have read on with, and their jobs.
+    switched: VecDeque<(u32, Switched)>,
     /// Texts and files to attach, by name.
     attachments: VecDeque<(String, Content)>,
     lines: Lines,
@@ -99,6 +102,7 @@ impl Recording {
             notices: VecDeque::new(),
             files: VecDeque::new(),
             outside: VecDeque::new(),
+            switched: VecDeque::new(),
             attachments: VecDeque::new(),
             lines: Lines::new(&self.program),
             period_s: period_ns as f64 * 1e-9,
@@ -184,6 +188,7 @@ impl Tracks {
             FeederNews::Notice(notice) => self.notices.push_back(notice),
             FeederNews::File(block, file) => self.files.push_back((block, file)),
             FeederNews::Outside(outside) => self.outside.push_back(outside),
+            FeederNews::Switched(job, switched) => self.switched.push_back((job, switched)),
             FeederNews::Attach(name, text) => self.attachments.push_back((name, Content::Text(text))),
             FeederNews::AttachFile(name, file) => self.attachments.push_back((name, Content::File(file))),
             // Nobody has asked for them here.
@@ -250,6 +255,7 @@ impl Tracks {
             recorder.event(&event(EventKind::State, code, text, Some(change.load)))?;
         }
         self.attach(recorder, cycle.due_time_ns)?;
+        self.record_switched(recorder, cycle.due_time_ns, cycle.sequence)?;
         self.record_outside(recorder, cycle)?;
         self.actions = sample.actions;
         self.blocks = self.blocks.max(sample.blocks_begun());
@@ -293,6 +299,26 @@ impl Tracks {
                 code: outside.code,
                 text: outside.text,
                 value: outside.value,
+            })?;
+        }
+        Ok(())
+    }
+
+    /// What planners have read on with. It is ahead of the machine, so it stands where it was heard.
+    fn record_switched(
+        &mut self,
+        recorder: &mut Recorder,
+        time_ns: u64,
+        sequence: u64,
+    ) -> Result<(), RecordError> {
+        while let Some((job, switched)) = self.switched.pop_front() {
+            recorder.event(&EventRecord {
+                time_ns,
+                sequence,
+                kind: EventKind::Switched,
+                code: job,
+                text: switched.to_string(),
+                value: None,
             })?;
         }
         Ok(())
@@ -387,6 +413,7 @@ impl Tracks {
         self.close_block(time_ns, end);
         self.write_blocks(recorder)?;
         self.attach(recorder, time_ns)?;
+        self.record_switched(recorder, time_ns, end.saturating_sub(1))?;
         // What took effect with the last setpoints.
         while let Some(sequence) = self.outside.front().map(|outside| outside.sequence) {
             let last = CycleRecord {

@@ -137,17 +137,9 @@ fn set_fifo(priority: u8) -> Result<(), String> {
             "no real-time scheduling: priority {priority} is out of range, choose 1 to 99"
         ));
     }
-    let parameters = libc::sched_param {
-        sched_priority: i32::from(priority),
-    };
-    // Threads that this one starts shall not inherit its class.
-    let policy = libc::SCHED_FIFO | libc::SCHED_RESET_ON_FORK;
-    // SAFETY: thread 0 is the calling one; the parameters live until the call returns and are only read.
-    let result = unsafe { libc::sched_setscheduler(0, policy, &raw const parameters) };
-    if result == 0 {
+    let Err(cause) = set_class(libc::SCHED_FIFO, priority) else {
         return Ok(());
-    }
-    let cause = std::io::Error::last_os_error();
+    };
     let limit = getrlimit(Resource::Rtprio)
         .current
         .map_or("unlimited".to_owned(), |n| n.to_string());
@@ -157,12 +149,47 @@ fn set_fifo(priority: u8) -> Result<(), String> {
     ))
 }
 
+fn set_class(class: libc::c_int, priority: u8) -> std::io::Result<()> {
+    let parameters = libc::sched_param {
+        sched_priority: i32::from(priority),
+    };
+    // Threads that this one starts shall not inherit its class.
+    let policy = class | libc::SCHED_RESET_ON_FORK;
+    // SAFETY: thread 0 is the calling one; the parameters live until the call returns and are only read.
+    let result = unsafe { libc::sched_setscheduler(0, policy, &raw const parameters) };
+    if result == 0 {
+        return Ok(());
+    }
+    Err(std::io::Error::last_os_error())
+}
+
+/// Priority of a thread that people wait for: below whatever serves a machine.
+const PROMPT: u8 = 1;
+
+/// Lets the calling thread run before all threads of the normal scheduler, where that is permitted; else sooner than others of
+/// it. What takes long belongs in [`unhurried`].
+pub(crate) fn be_prompt() {
+    if set_class(libc::SCHED_FIFO, PROMPT).is_err() {
+        hurry();
+    }
+}
+
+/// Does something long as a thread of the normal scheduler: drives that are no real-time process would have to wait for it.
+pub(crate) fn unhurried<T>(work: impl FnOnce() -> T) -> T {
+    let was_prompt = set_class(libc::SCHED_OTHER, 0).is_ok();
+    let result = work();
+    if was_prompt {
+        be_prompt();
+    }
+    result
+}
+
 /// How much sooner than others a thread of the normal scheduler that people wait for is let run.
 const HURRY: i32 = -10;
 
 /// Lets the calling thread run sooner than others of the normal scheduler, where that is permitted. Threads that it starts
 /// inherit that; see [`take_turns`].
-pub(crate) fn hurry() {
+fn hurry() {
     // Without the permission it waits its turn.
     let _denied = set_nice(HURRY);
     let _ = rustix::thread::set_current_timer_slack(NonZeroU64::new(1));
@@ -176,6 +203,26 @@ pub(crate) fn take_turns() {
 fn set_nice(nice: i32) -> rustix::io::Result<()> {
     // Linux keeps it per thread.
     setpriority_process(Some(rustix::thread::gettid()), nice)
+}
+
+/// Blocks of this size and above get pages of their own, bytes.
+#[cfg(target_env = "gnu")]
+const LARGE_BLOCK: libc::c_int = 256 * 1024;
+
+/// Lets large blocks have pages of their own, which go back when they are freed, and keeps those of small ones. To be called before
+/// other threads are started.
+///
+/// Each job takes the same queues and grids again, of up to 12 MB. Of one heap with everything else, whose memory is locked, they
+/// would leave holes; once something small that stays has come to lie in one of them, the next job's block no longer fits, and the
+/// heap grows. Large blocks come and go with jobs, while the axes are at rest.
+pub(crate) fn separate_large_blocks() {
+    #[cfg(target_env = "gnu")]
+    {
+        // SAFETY: it only sets a number of the allocator.
+        let _known = unsafe { libc::mallopt(libc::M_MMAP_THRESHOLD, LARGE_BLOCK) };
+        // SAFETY: as above.
+        let _known = unsafe { libc::mallopt(libc::M_TRIM_THRESHOLD, libc::c_int::MAX) };
+    }
 }
 
 /// Touches every page of the stack that the loop may use.

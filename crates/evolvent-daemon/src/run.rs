@@ -3,12 +3,12 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
-use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
+use std::sync::mpsc;
 use std::thread;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use evolvent_bus::{BusConfig, BusError};
-use evolvent_machine::CycleRecording;
+use evolvent_machine::{CycleRecording, FeedbackWish};
 use evolvent_motion::{Motion, Setpoint, plan_queue};
 use evolvent_process::{AdaptiveStop, SimulatedProcess};
 use evolvent_trace::{ProgramSource, RecordError, Recorder, RunInfo, configuration_hash, recover_leftovers};
@@ -19,12 +19,13 @@ use crate::cycle::{CycleLoop, CycleReport, Seen, turning_alarm};
 use crate::feeder::{FeedReport, Feeder, ToCarrier};
 use crate::job::{Clock, Job, Setup};
 use crate::memory::ProgramMemory;
-use crate::news::{FeederNews, Moment, Notice, OutsideKind};
+use crate::observer::{DRIVES_UNWATCHED, LookingOn, RunObserver};
 use crate::publisher::Publishing;
 use crate::recording::{Closing, Recording};
 use crate::refusal::ProgramError;
 use crate::rt::{RealtimeRequest, apply_to_this_thread};
 use crate::shared::Controls;
+use crate::stages::Stages;
 use crate::summary::{Summary, TimingSummary, axis_summaries, outcome_of};
 use crate::user_code::UserCodes;
 use evolvent_control::Alarm;
@@ -40,8 +41,6 @@ const QUEUE_SECONDS: f64 = 2.0;
 const QUEUE_LENGTH: (usize, usize) = (4096, 65_536);
 /// Commands of the machine's own that may lie ahead in the plan.
 const COMMANDS_AHEAD: usize = 4096;
-/// How often the caller hears of progress.
-const PROGRESS_EVERY: Duration = Duration::from_millis(50);
 /// How long to wait for the bus: opening clears what killed runs have left, and may wait for subscribers.
 const BUS_TIMEOUT: Duration = Duration::from_secs(30);
 
@@ -54,6 +53,12 @@ pub enum StartError {
     /// The bus did not open in time.
     #[error("the bus did not open within {} s; see whether shared memory is usable (`evolvent doctor`)", BUS_TIMEOUT.as_secs())]
     BusTimeout,
+    /// The machine file wants drives watched.
+    #[error(
+        "the machine file asks for drives that answer (drives.feedback = \"required\"), and `run` does not watch drives: use \
+         `evolvent serve`, or \"if_present\" for a run without a machine"
+    )]
+    DrivesRequired,
     /// The trace.
     #[error(transparent)]
     Trace(#[from] RecordError),
@@ -77,18 +82,6 @@ pub struct RunOutcome {
     pub process: Option<SimulatedProcess>,
     /// What the program has left of tools and parameters, if it was read to its end.
     pub left: Option<ProgramMemory>,
-}
-
-/// Tells the caller how the run goes.
-pub trait RunObserver {
-    /// Called about twenty times a second.
-    fn progress(&mut self, controls: &Controls);
-
-    /// Something between moves has taken effect.
-    fn notice(&mut self, notice: &Notice);
-
-    /// Something that the user should know at once.
-    fn note(&mut self, text: &str);
 }
 
 /// Runs a job to its end. `observe` sees every setpoint, on the cycle's thread: for offline use only.
@@ -121,6 +114,9 @@ pub fn run_seen(
     let start_unix_ns = unix_ns();
 
     let mut notes = Vec::new();
+    if job.bus && job.clock == Clock::Realtime && setup.machine.drives.feedback == FeedbackWish::Required {
+        return Err(StartError::DrivesRequired);
+    }
 
     thread::scope(|scope| {
         let (trace_producer, trace_consumer) = optional_ring(job.trace.is_some(), length);
@@ -230,8 +226,7 @@ pub fn run_seen(
                 let feeder = Feeder::new(
                     &job.program,
                     setup,
-                    job.feed_override,
-                    plan_producer,
+                    Stages::one(setup, job.feed_override, plan_producer),
                     listeners,
                     with_blocks,
                     optional_stop,
@@ -285,9 +280,8 @@ pub fn run_seen(
             observer.note(&text);
             notes.push(text);
         }
-        watch(job, controls, observer, &notices, &failures, || {
-            cycle_thread.is_finished()
-        });
+        let mut looking_on = LookingOn::new(job, controls, &notices, &failures);
+        looking_on.until(observer, || cycle_thread.is_finished());
 
         let report = join(cycle_thread)?;
         let (feed, program) = join(feeder)?;
@@ -297,7 +291,11 @@ pub fn run_seen(
         };
         let not_carried_out = carrier.map(join).transpose()?.flatten();
         let published = publisher.map(join).transpose()?.unwrap_or_default();
-        watch(job, controls, observer, &notices, &failures, || true);
+        // What the other threads have told at their end.
+        looking_on.until(observer, || true);
+        if looking_on.has_told_of_drives() {
+            notes.push(DRIVES_UNWATCHED.to_owned());
+        }
         let late = if job.bus {
             published.late.max(report.late_cycles)
         } else {
@@ -441,7 +439,7 @@ pub(crate) fn run_info(setup: &Setup, source: &RunSource<'_>, start_time_ns: u64
         path.file_name()
             .map_or_else(String::new, |name| name.to_string_lossy().into_owned())
     };
-    let (program_name, program, clock, extra) = match source {
+    let (program_name, program, clock, mut extra) = match source {
         RunSource::Job(job) => (
             name(&job.program),
             ProgramSource::File(job.program.clone()),
@@ -454,15 +452,7 @@ pub(crate) fn run_info(setup: &Setup, source: &RunSource<'_>, start_time_ns: u64
                 ("platform".to_owned(), crate::platform()),
                 ("block_delete".to_owned(), setup.block_delete.to_string()),
                 ("start_line".to_owned(), setup.start_line.unwrap_or(0).to_string()),
-            ])
-            .into_iter()
-            .chain(
-                setup
-                    .process
-                    .iter()
-                    .map(|process| ("process".to_owned(), process.text().to_owned())),
-            )
-            .collect(),
+            ]),
         ),
         RunSource::Served => (
             "serve".to_owned(),
@@ -475,6 +465,9 @@ pub(crate) fn run_info(setup: &Setup, source: &RunSource<'_>, start_time_ns: u64
             ]),
         ),
     };
+    if let Some(process) = &setup.process {
+        extra.insert("process".to_owned(), process.text().to_owned());
+    }
     RunInfo {
         program_name,
         program,
@@ -503,61 +496,6 @@ pub(crate) fn run_info(setup: &Setup, source: &RunSource<'_>, start_time_ns: u64
         ),
         columns: setup.machine.trace.cycles == CycleRecording::Columns,
         extra,
-    }
-}
-
-/// Passes on news until `finished`.
-fn watch(
-    job: &Job,
-    controls: &Controls,
-    observer: &mut dyn RunObserver,
-    notices: &Receiver<FeederNews>,
-    failures: &Receiver<RecordError>,
-    finished: impl Fn() -> bool,
-) {
-    // The planner is far ahead: a notice is passed on once the cycle has got there.
-    let mut ahead: std::collections::VecDeque<Notice> = std::collections::VecDeque::new();
-    loop {
-        let over = finished();
-        if !over {
-            thread::sleep(
-                PROGRESS_EVERY.min(Duration::from_millis(if job.clock == Clock::Virtual {
-                    2
-                } else {
-                    50
-                })),
-            );
-        }
-        loop {
-            match notices.recv_timeout(Duration::ZERO) {
-                Ok(FeederNews::Notice(notice)) => ahead.push_back(notice),
-                Ok(FeederNews::Outside(outside)) => observer.notice(&Notice {
-                    moment: Moment::Rest(0),
-                    line: outside.code,
-                    is_message: outside.kind == OutsideKind::Output,
-                    text: outside.text,
-                }),
-                Ok(_) => {}
-                Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => break,
-            }
-        }
-        let progress = controls.progress();
-        while ahead.front().is_some_and(|notice| {
-            notice
-                .moment
-                .has_come(progress.actions, progress.blocks, progress.has_ended)
-        }) {
-            if let Some(notice) = ahead.pop_front() {
-                observer.notice(&notice);
-            }
-        }
-        while let Ok(error) = failures.try_recv() {
-            observer.note(&error.to_string());
-        }
-        observer.progress(controls);
-        if over {
-            break;
-        }
     }
 }
 

@@ -33,6 +33,8 @@ pub struct Controls {
     at_command: AtomicBool,
     /// The action before the command that has been carried out last, + 1.
     commands_done: AtomicU32,
+    /// Drives have answered.
+    drives_seen: AtomicBool,
 }
 
 impl Controls {
@@ -59,6 +61,7 @@ impl Controls {
             resumes: AtomicU32::new(0),
             at_command: AtomicBool::new(false),
             commands_done: AtomicU32::new(0),
+            drives_seen: AtomicBool::new(false),
         }
     }
 
@@ -74,6 +77,15 @@ impl Controls {
 
     pub(crate) fn is_command_done(&self, action: u32) -> bool {
         self.commands_done.load(Ordering::Acquire) == action + 1
+    }
+
+    /// Drives have answered on the bus.
+    pub(crate) fn see_drives(&self) {
+        self.drives_seen.store(true, Ordering::Relaxed);
+    }
+
+    pub(crate) fn has_seen_drives(&self) -> bool {
+        self.drives_seen.load(Ordering::Relaxed)
     }
 
     /// Holds a cutting load by the feed. Settings that make no sense are as none: check them with

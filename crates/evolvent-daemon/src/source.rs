@@ -13,6 +13,9 @@ use crate::job::Setup;
 use crate::memory::ProgramMemory;
 use crate::refusal::ProgramError;
 
+/// Bytes that are read at once, at the most.
+const MOST_READ_AHEAD: u64 = 128 * 1024;
+
 /// How a program goes on in the middle: to be shown before anything moves.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Start {
@@ -31,6 +34,12 @@ pub struct Commands {
     start: Option<Start>,
 }
 
+/// Reads a program, with no more room than it needs: blocks of MDI are many and short.
+pub(crate) fn reader_of(file: File) -> BufReader<File> {
+    let bytes = file.metadata().map_or(MOST_READ_AHEAD, |facts| facts.len() + 1);
+    BufReader::with_capacity(bytes.min(MOST_READ_AHEAD) as usize, file)
+}
+
 impl Commands {
     /// Opens a program. Where the set-up names a line to begin at, the lines before are interpreted now, and the commands
     /// begin with the way there.
@@ -43,8 +52,7 @@ impl Commands {
             file: file.clone(),
             source,
         })?;
-        let reader = BufReader::with_capacity(256 * 1024, opened);
-        let mut interpreter = Interpreter::new(reader, setup.interpreter_settings_for(program));
+        let mut interpreter = Interpreter::new(reader_of(opened), setup.interpreter_settings_for(program));
         let mut first = VecDeque::new();
         let mut start = None;
         if let Some(line) = setup.start_line {

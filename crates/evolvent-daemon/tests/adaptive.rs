@@ -9,6 +9,7 @@ use evolvent_machine::{Machine, PlannerKind};
 use evolvent_process::AdaptiveSettings;
 
 const SET: f64 = 1000.0;
+const TURN_S: f64 = 0.1;
 /// 300 mm/min.
 const FEED_MM_S: f64 = 5.0;
 const PROGRAM: &str = "G21 G90 G94\nG0 X0 Y0 Z0\nG1 X60 F300\nG1 X120\nG0 X0\nM2\n";
@@ -32,20 +33,9 @@ fn run_with(sends_to_mm: f64) -> (Vec<[f64; 4]>, RunOutcome, f64) {
     std::fs::write(&program, PROGRAM).unwrap();
     let period_s = setup.period_ns as f64 * 1e-9;
     let settings = AdaptiveSettings {
-        set_load: SET,
-        feed_exponent: 0.75,
-        factor_min: 0.2,
-        factor_max: 1.5,
-        factor_entry: 0.8,
-        factor_idle: 1.5,
-        contact_load: 50.0,
         overload: 1.6 * SET,
-        overload_s: 0.02,
-        slew_up: 2.0,
-        slew_down: 100.0,
-        stale_s: 0.01,
-        turn_s: 0.1,
-        period_s,
+        lag_s: 0.0,
+        ..AdaptiveSettings::usual(SET, TURN_S, period_s)
     };
     let job = Job {
         program,
@@ -61,7 +51,8 @@ fn run_with(sends_to_mm: f64) -> (Vec<[f64; 4]>, RunOutcome, f64) {
     };
     let controls = Arc::new(Controls::new(1.0).with_adaptive_feed(settings));
     let sensor = Arc::clone(&controls);
-    let seen = Mutex::new(Vec::new());
+    let seen: Mutex<Vec<[f64; 4]>> = Mutex::new(Vec::new());
+    let turn = (TURN_S / period_s).round() as usize;
     let outcome = run(&job, &controls, &mut Silent, |setpoint| {
         let x = setpoint.position[0];
         // From 20 mm on the load at the programmed feed rises from half to twice the set one.
@@ -71,13 +62,18 @@ fn run_with(sends_to_mm: f64) -> (Vec<[f64; 4]>, RunOutcome, f64) {
             0.5 + 1.5 * (x - 20.0) / 100.0
         };
         let ripple = 1.0 + 0.01 * (setpoint.sequence as f64).sin();
-        let load = SET * engaged * (setpoint.feed_mm_s / FEED_MM_S).powf(0.75) * ripple;
+        let mut seen = seen.lock().unwrap();
+        // The chip is what the axis went in the last revolution.
+        let before = seen
+            .len()
+            .checked_sub(turn)
+            .map_or(0.0, |turn_ago| seen[turn_ago][0]);
+        let chip = (x - before).max(0.0) / TURN_S / FEED_MM_S;
+        let load = SET * engaged * chip.powf(0.75) * ripple;
         if x <= sends_to_mm {
             sensor.see_load(load, 10.0 * SET);
         }
-        seen.lock()
-            .unwrap()
-            .push([x, setpoint.feed_mm_s, load, setpoint.feed_override]);
+        seen.push([x, setpoint.feed_mm_s, load, setpoint.feed_override]);
     })
     .unwrap();
     (seen.into_inner().unwrap(), outcome, period_s)

@@ -94,3 +94,21 @@ fn nonsense_stands_still() {
         );
     }
 }
+
+/// The acceleration is beyond the limit already: it is brought back as the velocity is, and both end at zero together.
+#[test]
+fn a_brake_that_begins_beyond_its_limit_ends_at_rest_all_the_same() {
+    for velocity in [0.7, 10.0, -0.7, -10.0_f64] {
+        let start = BrakeState {
+            position: 0.0,
+            velocity,
+            acceleration: -8.0 * velocity.signum(),
+        };
+        let brake = Brake::new(start, 5.0, 50.0);
+        let end = brake.at(brake.duration_s() * (1.0 - 1e-9));
+        assert!(
+            end.velocity.abs() < 1e-6 && end.acceleration.abs() < 1e-6,
+            "{end:?}"
+        );
+    }
+}

@@ -133,3 +133,22 @@ fn without_news_the_drift_that_was_found_is_kept() {
     // 10 s later the two clocks are at most 2 ppm apart.
     assert!((error - before).abs() < 20_000.0, "{}", error - before);
 }
+
+/// A delay of 4 cycles gives w = 0.01: an error of 20 ns corrects by 2 w of it, 0.4 ns a cycle, until the 4 / w = 400th cycle without
+/// news; what is left then is the integral, w^2 of 20 ns.
+#[test]
+fn parts_of_a_ns_add_up_and_a_correction_without_news_ends() {
+    let mut lock = PhaseLock::new(PhaseSettings {
+        period_ns: 1_000_000,
+        delay_cycles: 4,
+        target_ns: 500,
+    });
+    // Nothing is wanted but the target.
+    assert_eq!((0..100).map(|_| lock.step(Some(500))).sum::<i64>(), 0);
+    assert_eq!(lock.drift_ratio(), 0.0);
+    let first = lock.step(Some(520));
+    let held: i64 = (0..400).map(|_| lock.step(None)).sum();
+    assert!((159..=161).contains(&(first + held)), "{first} and {held}");
+    let behind: i64 = (0..400).map(|_| lock.step(None)).sum();
+    assert!((0..=2).contains(&behind), "{behind}");
+}

@@ -1,8 +1,8 @@
 //! The jobs of a served machine, as its trace tells of them.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 
-use evolvent_daemon::JobStart;
+use evolvent_daemon::{JobStart, Switched};
 use evolvent_machine::Machine;
 use evolvent_path::Axes;
 use evolvent_trace::{EventKind, ReadError, TraceFile};
@@ -14,6 +14,8 @@ pub(crate) struct Start {
     pub(crate) job: u32,
     /// `None` where this version does not understand it.
     pub(crate) start: Option<JobStart>,
+    /// What was switched while its program was read, in order.
+    pub(crate) switched: VecDeque<Switched>,
 }
 
 /// Another travel, and the cycle from which it counts.
@@ -22,39 +24,28 @@ pub(crate) type Travel = (u64, Axes, Axes);
 /// Every job in order; none for a run of one program.
 pub(crate) fn starts(trace: &mut TraceFile) -> Result<VecDeque<Start>, ReadError> {
     let mut starts = VecDeque::new();
+    let mut switched: BTreeMap<u32, VecDeque<Switched>> = BTreeMap::new();
     for event in trace.events() {
         let event = event?;
-        if event.kind == EventKind::Job {
-            starts.push_back(Start {
+        match event.kind {
+            EventKind::Job => starts.push_back(Start {
                 sequence: event.sequence,
                 job: event.code,
                 start: JobStart::parse(&event.text),
-            });
+                switched: VecDeque::new(),
+            }),
+            // A planner reads ahead: this may stand before the job begins.
+            EventKind::Switched => {
+                let list = switched.entry(event.code).or_default();
+                list.extend(Switched::parse(&event.text));
+            }
+            _ => {}
         }
+    }
+    for start in &mut starts {
+        start.switched = switched.remove(&start.job).unwrap_or_default();
     }
     Ok(starts)
-}
-
-/// Cycles with which the operator switched something that counts for lines not yet read: single step, optional stop, block
-/// delete, rapid override. How far the planner had read is not recorded.
-pub(crate) fn switched(trace: &mut TraceFile) -> Result<Vec<u64>, ReadError> {
-    // By their words: commands of the program bear their line as code.
-    const SWITCHES: [&str; 5] = [
-        "step",
-        "single step",
-        "optional stop",
-        "block delete",
-        "rapid override",
-    ];
-    let mut switched = Vec::new();
-    for event in trace.events() {
-        let event = event?;
-        let is_switch = SWITCHES.iter().any(|words| event.text.starts_with(words));
-        if event.kind == EventKind::Command && is_switch {
-            switched.push(event.sequence);
-        }
-    }
-    Ok(switched)
 }
 
 /// The travel that a job may use, from its first cycle on: an axis that is not homed may be jogged its travel's length.

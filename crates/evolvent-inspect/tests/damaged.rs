@@ -11,7 +11,7 @@ use std::path::Path;
 
 use common::{PROGRAM, cycles, record};
 use evolvent_daemon::Clock;
-use evolvent_inspect::{ExportChannel, ExportFormat, Selection, compare, export, write_report};
+use evolvent_inspect::{ExportChannel, ExportFormat, Selection, compare, export, verify, write_report};
 use evolvent_trace::{CycleRecord, TraceFile, recover};
 
 fn same(a: &CycleRecord, b: &CycleRecord) -> bool {
@@ -58,8 +58,15 @@ fn five_hundred_flipped_bits_never_give_a_wrong_figure() {
         state ^= state << 17;
         (state % below as u64) as usize
     };
+    // One is recorded in messages, the other in columns.
+    for name in ["run", "runs"] {
+        flip(name, cases, &mut random);
+    }
+}
+
+fn flip(name: &str, cases: usize, random: &mut impl FnMut(usize) -> usize) {
     let folder = tempfile::tempdir().expect("a folder");
-    let (trace, _) = record(folder.path(), "run", PROGRAM, Clock::Virtual, 1.0, |_| {});
+    let (trace, _) = record(folder.path(), name, PROGRAM, Clock::Virtual, 1.0, |_| {});
     let truth = cycles(&trace);
     let info = TraceFile::open(&trace).expect("a trace").info().clone();
     let bytes = std::fs::read(&trace).expect("its bytes");
@@ -112,6 +119,11 @@ fn five_hundred_flipped_bits_never_give_a_wrong_figure() {
                 "case {case}: a page of a damaged trace without a word"
             );
             let _ = compare(&trace, &damaged);
+            let again = verify(&damaged);
+            assert!(
+                again.is_err() || !failed,
+                "case {case}: a damaged trace comes out the same without a word"
+            );
         }
         if failed && let Ok(recovered) = recover(&damaged, Some(&saved)) {
             let (kept, failed) = read(&saved);
@@ -127,6 +139,8 @@ fn five_hundred_flipped_bits_never_give_a_wrong_figure() {
             );
         }
     }
-    println!("{refused} refused, {partly} read up to the damage, {unharmed} unharmed (header, unused index)");
+    println!(
+        "{name}: {refused} refused, {partly} read up to the damage, {unharmed} unharmed (header, unused index)"
+    );
     assert!(refused + partly > cases / 2);
 }

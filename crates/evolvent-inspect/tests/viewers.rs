@@ -39,36 +39,83 @@ fn fields(message: &str) -> BTreeSet<String> {
         .collect()
 }
 
+/// Of a list: its length on this machine.
+fn elements(field: &str, axes: usize) -> Option<usize> {
+    let per_axis = ["position", "velocity", "acceleration", "jerk", "following_error"];
+    per_axis.contains(&field).then_some(axes)
+}
+
+/// Whether a name such as `/cycle.velocity[0]` (or with `/` between) is of something that this trace has.
+fn is_there(file: &TraceFile, name: &str) -> bool {
+    let info = file.info();
+    let mut parts = name[1..].splitn(2, ['.', '/']);
+    let topic = format!("/{}", parts.next().unwrap_or_default());
+    let Some(channel) = info.channels.iter().find(|channel| channel.topic == topic) else {
+        return false;
+    };
+    let Some(field) = parts.next() else { return true };
+    let (field, index) = match field.split_once('[') {
+        None => (field, None),
+        Some((field, index)) => match index.strip_suffix(']').map(str::parse::<usize>) {
+            Some(Ok(index)) => (field, Some(index)),
+            _ => return false,
+        },
+    };
+    let axes = info.run.as_ref().map_or(0, |run| run.axes.len());
+    let is_element = match (elements(field, axes), index) {
+        (Some(count), Some(index)) => index < count,
+        (None, None) => true,
+        _ => false,
+    };
+    let message = channel.message.strip_prefix("evolvent.v1.");
+    is_element && message.is_some_and(|message| fields(message).contains(field))
+}
+
 #[test]
 fn layouts_name_channels_and_fields_that_exist() {
     let folder = tempfile::tempdir().expect("a folder");
-    let (trace, _) = record(folder.path(), "run", PROGRAM, Clock::Virtual, 1.0, |_| {});
-    let file = TraceFile::open(&trace).expect("a trace");
-    let topics: BTreeSet<&str> = file
-        .info()
-        .channels
-        .iter()
-        .map(|channel| channel.topic.as_str())
-        .collect();
-    let known = fields("Cycle");
-    let mut named = 0;
-    for layout in ["foxglove.json", "plotjuggler.xml"] {
-        let text = std::fs::read_to_string(tools().join("viewers").join(layout)).expect("the layout");
-        for word in text
-            .split('"')
-            .filter(|word| word.starts_with('/') && !word.contains('>'))
-        {
-            named += 1;
-            let mut parts = word[1..].splitn(2, ['.', '/']);
-            let topic = format!("/{}", parts.next().expect("a topic"));
-            assert!(topics.contains(topic.as_str()), "{layout}: {word}");
-            if let Some(field) = parts.next() {
-                let field = field.split('[').next().expect("a field");
-                assert!(known.contains(field), "{layout}: {word}");
+    // One name of odd, one of even length: messages and columns.
+    for run in ["run", "runs"] {
+        let (trace, _) = record(folder.path(), run, PROGRAM, Clock::Virtual, 1.0, |_| {});
+        let file = TraceFile::open(&trace).expect("a trace");
+        for wrong in [
+            "/cycles.feed",
+            "/cycle.feed",
+            "/cycle.velocity",
+            "/cycle.velocity[3]",
+            "/cycle.line[0]",
+            "/event.feed_mm_s",
+        ] {
+            assert!(!is_there(&file, wrong), "{wrong}");
+        }
+        for (layout, least) in [("foxglove.json", 16), ("plotjuggler.xml", 10)] {
+            let text = std::fs::read_to_string(tools().join("viewers").join(layout)).expect("the layout");
+            let names: Vec<&str> = text
+                .split('"')
+                .filter(|word| word.starts_with('/') && !word.contains('>'))
+                .collect();
+            assert!(names.len() >= least, "{layout}: {names:?}");
+            for name in names {
+                assert!(is_there(&file, name), "{layout}: {name}");
             }
         }
     }
-    assert!(named > 20, "{named} names");
+}
+
+#[test]
+fn the_foxglove_layout_shows_every_panel_that_it_sets_up() {
+    let text = std::fs::read_to_string(tools().join("viewers/foxglove.json")).expect("the layout");
+    let layout: serde_json::Value = serde_json::from_str(&text).expect("JSON");
+    let mut shown = BTreeSet::new();
+    let mut open = vec![&layout["layout"]];
+    while let Some(place) = open.pop() {
+        match place.as_str() {
+            Some(panel) => assert!(shown.insert(panel.to_owned()), "{panel} twice"),
+            None => open.extend([&place["first"], &place["second"]]),
+        }
+    }
+    let set_up = layout["configById"].as_object().expect("panels");
+    assert_eq!(shown, set_up.keys().cloned().collect());
 }
 
 /// `rerun` of the same Python that has the other clients.

@@ -22,6 +22,7 @@ mod rate;
 mod run;
 mod screen;
 mod serve;
+mod terminal;
 mod top;
 mod trace;
 mod turn;

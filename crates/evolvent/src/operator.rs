@@ -15,16 +15,18 @@ use crate::CommandError;
 
 /// How often signals are looked at.
 const SIGNAL_POLL: Duration = Duration::from_millis(5);
+/// Signals that follow the first within this are the same wish: `timeout` sends its own to the process and to its group.
+const SAME_WISH: Duration = Duration::from_millis(500);
 /// How often program stops are looked for.
 const ANSWER_POLL: Duration = Duration::from_millis(20);
 
-/// SIGINT, SIGTERM and a terminal that goes away stop within the limits; a second SIGINT or SIGTERM ends the
-/// process at once. Ctrl-Z does nothing, because it would freeze the axes wherever they are.
+/// SIGINT, SIGTERM and a terminal that goes away stop within the limits; a second SIGINT or SIGTERM, [`SAME_WISH`] later or more,
+/// ends the process at once. Ctrl-Z does nothing, because it would freeze the axes wherever they are.
 pub(crate) fn watch_signals(controls: &Arc<Controls>) -> Result<(), CommandError> {
-    let signalled = Arc::new(AtomicBool::new(false));
+    let (signalled, ends) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicBool::new(false)));
     let register = || {
         for signal in [SIGINT, SIGTERM] {
-            signal_hook::flag::register_conditional_shutdown(signal, 1, Arc::clone(&signalled))?;
+            signal_hook::flag::register_conditional_shutdown(signal, 1, Arc::clone(&ends))?;
             signal_hook::flag::register(signal, Arc::clone(&signalled))?;
         }
         // Shells and kernels may both send it: a second one is no second wish.
@@ -38,6 +40,8 @@ pub(crate) fn watch_signals(controls: &Arc<Controls>) -> Result<(), CommandError
             thread::sleep(SIGNAL_POLL);
         }
         controls.stop();
+        thread::sleep(SAME_WISH);
+        ends.store(true, Ordering::Relaxed);
     });
     Ok(())
 }

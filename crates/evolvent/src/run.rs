@@ -88,7 +88,7 @@ pub(crate) fn run(args: &RunArgs, out: &mut dyn Write, err: &mut dyn Write) -> R
         crate::process::install_file(&mut setup, file, clock)?;
     }
     if !args.unchecked {
-        refuse_wrong_program(args, &setup, out, err)?;
+        refuse_wrong_program(args, &setup, clock, out, err)?;
     }
     let trace = if args.no_trace {
         None
@@ -156,12 +156,15 @@ const ERRORS_SHOWN: usize = 10;
 fn refuse_wrong_program(
     args: &RunArgs,
     setup: &Setup,
+    clock: Clock,
     out: &mut dyn Write,
     err: &mut dyn Write,
 ) -> Result<(), CommandError> {
     let file = &args.program.program;
     let name = file.display().to_string();
-    let bounds = CheckBounds::while_one_waits(ERRORS_SHOWN);
+    let mut bounds = CheckBounds::while_one_waits(ERRORS_SHOWN);
+    // Where time is not real, nothing of the machine is there to be commanded.
+    bounds.user_codes = clock == Clock::Realtime;
     let found = evolvent_daemon::check(file, setup, bounds)
         .map_err(|error| CommandError::Usage(format!("{name}: {error}; name a readable part program")))?;
     let Some(first) = found.errors.first() else {

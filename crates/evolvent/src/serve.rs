@@ -74,9 +74,11 @@ pub(crate) fn run(
         drop(writeln!(err, "note: {text}"));
     })
     .map_err(|error| match error {
-        StartError::Bus(_) | StartError::BusTimeout | StartError::Trace(_) | StartError::Thread(_) => {
-            CommandError::Failed(error.to_string())
-        }
+        StartError::Bus(_)
+        | StartError::BusTimeout
+        | StartError::DrivesRequired
+        | StartError::Trace(_)
+        | StartError::Thread(_) => CommandError::Failed(error.to_string()),
     })?;
     report(args.json, &summary, out)
 }

@@ -1,7 +1,7 @@
 //! `evolvent top`: a running machine on a terminal, from its status service alone.
 
 use std::fmt::Write as _;
-use std::io::{self, IsTerminal, Read as _, Write};
+use std::io::{self, IsTerminal, Write};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
@@ -9,9 +9,9 @@ use std::time::{Duration, Instant};
 
 use clap::Args;
 use evolvent_bus::{BusError, ClientBus, ClientConfig, STATES, Status, StatusReader};
-use rustix::termios::{LocalModes, OptionalActions, Termios, tcgetattr, tcsetattr};
 use serde_json::json;
 
+use crate::terminal::Terminal;
 use crate::{CommandError, Ending};
 
 /// A status that is older belongs to a core that has gone.
@@ -20,12 +20,7 @@ const STALE: Duration = Duration::from_millis(500);
 const PATIENCE: Duration = Duration::from_secs(2);
 /// How long one look for a core takes on a screen, between two looks at the keys.
 const LOOK: Duration = Duration::from_millis(300);
-/// Clears the screen's rest, goes home, shows and hides the cursor, changes to the second screen and back.
-const BEGIN: &str = "\x1b[?1049h\x1b[?25l";
-const END: &str = "\x1b[?25h\x1b[?1049l";
-const HOME: &str = "\x1b[H";
-const CLEAR_LINE: &str = "\x1b[K";
-const CLEAR_BELOW: &str = "\x1b[J";
+/// Colours; they end with the letter m, and nothing else of them is drawn.
 const BOLD: &str = "\x1b[1m";
 const RED: &str = "\x1b[31m";
 const PLAIN: &str = "\x1b[0m";
@@ -59,15 +54,9 @@ pub(crate) fn run(args: &TopArgs, out: &mut dyn Write) -> Result<Ending, Command
         signal_hook::flag::register(signal, Arc::clone(&stop))
             .map_err(|error| CommandError::Failed(format!("signals cannot be watched: {error}")))?;
     }
-    let keys = Keys::new();
-    let begun = out.write_all(BEGIN.as_bytes()).map_err(write_error);
-    let result = begun.and_then(|()| watch(args, out, &stop, &keys));
-    drop(keys);
-    // Whatever happened, the terminal is given back.
-    out.write_all(END.as_bytes())
-        .and_then(|()| out.flush())
-        .map_err(write_error)?;
-    result.map(|()| Ending::Clean)
+    let mut terminal = Terminal::take(out).map_err(write_error)?;
+    watch(args, &mut terminal, &stop)?;
+    Ok(Ending::Clean)
 }
 
 #[expect(clippy::needless_pass_by_value, reason = "given to map_err by name")]
@@ -112,16 +101,18 @@ fn snapshot(args: &TopArgs, out: &mut dyn Write) -> Result<Ending, CommandError>
 }
 
 /// Draws until somebody wants to end it. A core that goes is waited for.
-fn watch(args: &TopArgs, out: &mut dyn Write, stop: &AtomicBool, keys: &Keys) -> Result<(), CommandError> {
+fn watch(args: &TopArgs, terminal: &mut Terminal<'_>, stop: &AtomicBool) -> Result<(), CommandError> {
     let every = Duration::from_millis(args.every);
     let mut client: Option<(ClientBus, StatusReader)> = None;
     let mut newest: Option<(Status, Instant)> = None;
-    let is_over = || stop.load(Ordering::Relaxed) || keys.wants_to_end();
-    while !is_over() {
+    while !stop.load(Ordering::Relaxed) && !terminal.wants_to_end() {
         if client.is_none() {
             match open(args, LOOK) {
                 Ok(opened) => client = Some(opened),
-                Err(error) => draw(out, &format!("{}: {error}\n\nq ends\n", args.machine_name))?,
+                Err(error) => {
+                    let text = format!("{}: {error}\n\nq ends\n", args.machine_name);
+                    terminal.draw(&text).map_err(write_error)?;
+                }
             }
         }
         let mut lost = false;
@@ -147,7 +138,7 @@ fn watch(args: &TopArgs, out: &mut dyn Write, stop: &AtomicBool, keys: &Keys) ->
                     (age > STALE).then_some(age),
                     true,
                 );
-                draw(out, &text)?;
+                terminal.draw(&text).map_err(write_error)?;
                 // A core that starts again makes its services anew.
                 lost |= age > 4 * STALE;
             }
@@ -159,17 +150,6 @@ fn watch(args: &TopArgs, out: &mut dyn Write, stop: &AtomicBool, keys: &Keys) ->
         thread::sleep(every);
     }
     Ok(())
-}
-
-fn draw(out: &mut dyn Write, text: &str) -> Result<(), CommandError> {
-    let mut frame = String::from(HOME);
-    for line in text.lines() {
-        let _ = write!(frame, "{line}{CLEAR_LINE}\r\n");
-    }
-    frame.push_str(CLEAR_BELOW);
-    out.write_all(frame.as_bytes())
-        .and_then(|()| out.flush())
-        .map_err(write_error)
 }
 
 const MACHINE_STATES: [&str; 3] = ["EMERGENCY STOP", "off", "on"];
@@ -214,6 +194,16 @@ fn picture(name: &str, status: &Status, axes: &str, stale: Option<Duration>, col
     if let Some(age) = stale {
         let words = format!("the core has sent nothing for {:.1} s", age.as_secs_f64());
         let _ = writeln!(text, "{}", paint(RED, &words));
+    }
+    // First, so that a small terminal shows it.
+    if status.alarm_count > 0 {
+        let numbers: Vec<String> = status.listed_alarms().iter().map(u32::to_string).collect();
+        let words = format!(
+            "ALARM {}  {}",
+            numbers.join(", "),
+            one_line(status.alarm_sentence())
+        );
+        let _ = writeln!(text, "{}", paint(RED, words.trim_end()));
     }
     let program = match status.program_name() {
         "" => "no program",
@@ -295,15 +285,6 @@ fn picture(name: &str, status: &Status, axes: &str, stale: Option<Duration>, col
     if !flags.is_empty() {
         let _ = writeln!(text, "flags {}", flags.join(", "));
     }
-    if status.alarm_count > 0 {
-        let numbers: Vec<String> = status.listed_alarms().iter().map(u32::to_string).collect();
-        let words = format!(
-            "ALARM {}  {}",
-            numbers.join(", "),
-            one_line(status.alarm_sentence())
-        );
-        let _ = writeln!(text, "{}", paint(RED, words.trim_end()));
-    }
     if colours {
         text.push_str("\nq ends\n");
     }
@@ -354,49 +335,6 @@ fn to_json(name: &str, status: &Status, axes: &str) -> serde_json::Value {
         "alarm_text": status.alarm_sentence(),
         "message": status.operator_message(),
     })
-}
-
-/// The keyboard, key by key and without an echo, until it is dropped.
-struct Keys(Option<Termios>);
-
-impl Keys {
-    fn new() -> Self {
-        let stdin = io::stdin();
-        if !stdin.is_terminal() {
-            return Self(None);
-        }
-        let Ok(before) = tcgetattr(&stdin) else {
-            return Self(None);
-        };
-        let mut raw = before.clone();
-        raw.local_modes.remove(LocalModes::ICANON | LocalModes::ECHO);
-        // A read gives what is there, also nothing.
-        raw.special_codes[rustix::termios::SpecialCodeIndex::VMIN] = 0;
-        raw.special_codes[rustix::termios::SpecialCodeIndex::VTIME] = 0;
-        Self(
-            tcsetattr(&stdin, OptionalActions::Now, &raw)
-                .is_ok()
-                .then_some(before),
-        )
-    }
-
-    fn wants_to_end(&self) -> bool {
-        let mut keys = [0; 16];
-        self.0.is_some()
-            && io::stdin()
-                .lock()
-                .read(&mut keys)
-                .is_ok_and(|count| keys[..count].iter().any(|key| matches!(key, b'q' | b'Q' | 3 | 4)))
-    }
-}
-
-impl Drop for Keys {
-    fn drop(&mut self) {
-        if let Some(before) = &self.0 {
-            // With the terminal gone there is nothing to give back.
-            let _ = tcsetattr(io::stdin(), OptionalActions::Now, before);
-        }
-    }
 }
 
 #[cfg(test)]

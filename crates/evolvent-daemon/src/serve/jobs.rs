@@ -17,7 +17,8 @@ use crate::memory::ProgramMemory;
 use crate::news::FeederNews;
 use crate::refusal::ProgramError;
 use crate::rt::take_turns;
-use crate::switches::Switches;
+use crate::stages::Stages;
+use crate::switches::{SwitchState, Switching};
 use crate::user_code::UserCodes;
 
 /// How long the planner sleeps when the queue is full.
@@ -30,7 +31,11 @@ pub(crate) struct ProgramJob {
     pub file: PathBuf,
     pub setup: Setup,
     pub feed_override: f64,
-    pub switches: Arc<Switches>,
+    /// The job's number in the trace.
+    pub job: u32,
+    /// How the switches stand for its first line, and who switches.
+    pub switches: SwitchState,
+    pub switching: Switching,
     /// Numbers of the first block and the first action, which go on from job to job.
     pub numbered_from: (u32, u32),
     /// The trace's recorder, if there is one.
@@ -39,6 +44,8 @@ pub(crate) struct ProgramJob {
     pub subroutines: String,
     /// Whether the machine's own commands are carried out; otherwise nobody asks whether they are there.
     pub carries_out: bool,
+    /// Whether the planner may take two threads, for the same plan in less time.
+    pub in_two_threads: bool,
 }
 
 /// A job's planner.
@@ -65,6 +72,11 @@ impl Planning {
         let turnings = producer.take_turnings();
         let (onlooker, news) = mpsc::channel();
         let of_thread = Arc::clone(&signals);
+        let planner = if job.in_two_threads {
+            Stages::two(setup, job.feed_override, producer)?
+        } else {
+            Stages::one(setup, job.feed_override, producer)
+        };
         let thread = thread::Builder::new().name("planner".into()).spawn(move || {
             take_turns();
             let with_blocks = job.recorder.is_some();
@@ -72,17 +84,16 @@ impl Planning {
             let feeder = Feeder::new(
                 &job.file,
                 &job.setup,
-                job.feed_override,
-                producer,
+                planner,
                 recorders,
                 with_blocks,
-                job.switches.is_optional_stop(),
+                job.switches.optional_stop,
             )
             .turning_by(turnings)
             .numbered_from(job.numbered_from.0, job.numbered_from.1)
             .attaching_to(job.subroutines)
             .watched_by(onlooker)
-            .switched_by(job.switches);
+            .switched_by(job.switches, job.switching, job.job);
             let feeder = if job.carries_out {
                 feeder.executing(UserCodes::of(&job.setup))
             } else {

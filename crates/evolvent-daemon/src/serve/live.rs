@@ -8,8 +8,8 @@ use evolvent_drive::{Command, DriveAlarm, FeedbackWatch, PhaseLock, PowerRequest
 use evolvent_machine::Limits;
 use evolvent_motion::{Inputs, Setpoint, State, Station, Steering, flags};
 use evolvent_path::{AXES, Axes};
-use evolvent_process::{LoadSample, Transition};
-use evolvent_trace::{Histogram, inputs as recorded};
+use evolvent_process::Transition;
+use evolvent_trace::{CycleRecord, Histogram, inputs as recorded};
 use rtrb::{Consumer, Producer};
 
 use super::orders::{CycleEvent, CycleView, Following, Order, What, Work};
@@ -86,14 +86,18 @@ struct Now {
 }
 
 impl Now {
-    /// The cutting load for the trace; not a number where a sensor has been silent for long.
-    fn load(&mut self, newest: Option<LoadSample>, sequence: u64, period_ns: u64) -> f64 {
-        let Some(newest) = newest else { return f64::NAN };
+    /// The cutting load that this cycle went by, for the trace; not a number where a sensor has been silent for long.
+    fn note_load(&mut self, record: &mut CycleRecord, period_ns: u64) {
+        let Some(newest) = self.inputs.load else { return };
         if newest.sequence != self.load_seen.0 {
-            self.load_seen = (newest.sequence, sequence);
+            self.load_seen = (newest.sequence, record.sequence);
+            record.inputs |= recorded::LOAD;
         }
-        let is_old = (sequence - self.load_seen.1).saturating_mul(period_ns) > LOAD_AGE_NS;
-        if is_old { f64::NAN } else { newest.value }
+        if newest.value >= newest.range_max {
+            record.inputs |= recorded::LOAD_AT_END;
+        }
+        let is_old = (record.sequence - self.load_seen.1).saturating_mul(period_ns) > LOAD_AGE_NS;
+        record.load = if is_old { f64::NAN } else { newest.value };
     }
 
     /// What the drives measured, for the trace.
@@ -160,6 +164,7 @@ impl Live {
             let woken = deadline + lateness;
             let feedback = self.newest_feedback();
             self.take_orders(&mut now);
+            now.inputs.load = self.controls.load();
             if let Some(feedback) = &feedback {
                 self.stand_where_the_drives_are(&mut now, feedback);
             }
@@ -194,7 +199,7 @@ impl Live {
                 let unix = self.start_unix_ns + setpoint.sequence * self.period_ns;
                 let mut cycle = sample(&setpoint, unix, lateness, work, now.came_in);
                 cycle.record.following_error = now.following_error;
-                cycle.record.load = now.load(self.controls.load(), setpoint.sequence, self.period_ns);
+                now.note_load(&mut cycle.record, self.period_ns);
                 cycle.turning = now.turned;
                 if trace.push(cycle).is_err() {
                     now.dropped_records += 1;
@@ -447,7 +452,6 @@ impl Live {
         // It counts for the stop that was meant, and for none behind it.
         let is_meant = now.go_on.is_some() && now.go_on == now.at_stop;
         now.inputs.resume = is_meant && !now.inputs.resume;
-        now.inputs.load = self.controls.load();
         let mut setpoint = job.motion.step(&now.inputs, &mut job.queue);
         if let (Some(reason), false) = (job.motion.turning_fault(), now.faulted) {
             let sequence = setpoint.sequence;

@@ -26,7 +26,7 @@ use super::track::Track;
 use crate::cycle::turning_alarm;
 use crate::job::Setup;
 use crate::news::{FeederNews, Outside, OutsideKind};
-use crate::switches::Switches;
+use crate::switches::{SwitchState, Switches};
 
 pub(super) enum Job {
     None,
@@ -75,6 +75,8 @@ pub(crate) struct Operator {
     pub(super) numbers: (u32, u32),
     pub(super) job: Job,
     pub(super) hold: bool,
+    /// The job was told to stop: nothing resumes it.
+    pub(super) stopping: bool,
     pub(super) ending: bool,
     /// Machine coordinates of the drives' first datum, less those of now.
     pub(super) home_offset: Axes,
@@ -142,12 +144,13 @@ impl Operator {
             orders,
             next_id: 0,
             sent: VecDeque::new(),
+            notes: JobNotes::new(recorder.is_some()),
             recorder,
-            switches: Arc::new(Switches::new(false, false, 1.0)),
-            notes: JobNotes::default(),
+            switches: Arc::new(Switches::new(&SwitchState::default())),
             numbers: (0, 0),
             job: Job::None,
             hold: false,
+            stopping: false,
             ending: false,
             home_offset: Axes::zeros(),
             malformed: 0,
@@ -240,7 +243,8 @@ impl Operator {
         let state = self.view.setpoint.state;
         // A command of the machine's own has to end by itself before the program goes on.
         let at_stop = state == State::ProgramStop && !self.is_at_command();
-        self.hold || at_stop || matches!(state, State::Holding | State::Held)
+        let is_held = self.hold || at_stop || matches!(state, State::Holding | State::Held);
+        is_held && !self.stopping
     }
 
     /// Whether the feed is held.
@@ -271,7 +275,7 @@ impl Operator {
             Command::Load(file) => self.load(Path::new(file))?,
             Command::Start(line) => job = self.start(*line)?,
             Command::Hold => {
-                self.hold = true;
+                self.hold = !self.stopping;
                 self.send(What::Hold, command);
                 return Ok(0);
             }
@@ -280,20 +284,16 @@ impl Operator {
                 return Ok(0);
             }
             Command::Step => {
-                if let Job::Program(run) = &mut self.job {
-                    run.step_behind = Some(self.view.setpoint.block);
-                    self.switches.set_single_step(true);
+                self.switches.set_single_step(true);
+                if matches!(self.job, Job::Program(_)) {
                     self.resume(command);
                     return Ok(0);
                 }
-                self.switches.set_single_step(true);
                 job = self.start(0)?;
             }
             Command::SingleStep(on) => {
                 self.switches.set_single_step(*on);
-                if let Job::Program(run) = &mut self.job {
-                    run.step_behind = on.then_some(self.view.setpoint.block);
-                }
+                self.step_on(*on);
             }
             Command::Stop => {
                 self.stop(command);
@@ -638,7 +638,7 @@ impl Operator {
             self.relocate(self.view.setpoint.position, false);
         }
         self.job = Job::None;
-        self.hold = false;
+        (self.hold, self.stopping) = (false, false);
         self.desk.job_ends(result);
     }
 

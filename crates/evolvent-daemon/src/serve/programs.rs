@@ -12,13 +12,15 @@ use super::jobs::{Planning, ProgramJob};
 use super::modes::{After, foresee};
 use super::operator::{Job, Operator};
 use super::orders::What;
+use super::recorded::job_number;
 use super::track::Track;
 use crate::check::CheckBounds;
 use crate::job::Setup;
 use crate::job_start::ProgramStart;
 use crate::news::{FeederNews, OutsideKind, StopKind, UserCall};
 use crate::refusal::ProgramError;
-use crate::switches::Switches;
+use crate::rt::unhurried;
+use crate::switches::{SwitchState, Switches, Switching};
 use crate::user_code::{UserCodes, UserNews, UserProgram};
 
 /// What the message says of a command of the machine's own.
@@ -34,12 +36,23 @@ pub(super) struct ProgramRun {
     pub(super) ended: Option<JobResult>,
     /// What a block of MDI leaves when it is done.
     pub(super) after: Option<After>,
-    /// Single step of a plan that was made without it: hold once this block is behind.
-    pub(super) step_behind: Option<u32>,
+    /// Single step of a plan that was made without it.
+    pub(super) step: Option<StepBehind>,
+    /// The number of its first block.
+    pub(super) first_block: u32,
     /// A command of the machine's own, carried out while the program waits.
     pub(super) command: Option<UserCommand>,
     /// Such a command has failed.
     pub(super) has_failed: bool,
+}
+
+/// Behind what the feed is to be held.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum StepBehind {
+    /// The line of this block.
+    Line { block: u32, line: u32 },
+    /// The line that begins behind this block, where the machine stands.
+    LineAfter(u32),
 }
 
 /// One of M100 to M199 at work, or done where the program still waits.
@@ -79,7 +92,7 @@ impl Operator {
     fn check_loaded(&mut self, file: &Path) -> Result<(), Refusal> {
         let setup = self.setup_here();
         if is_short(file) {
-            return judge(file, &setup, 0, CheckBounds::while_one_waits(1), || true);
+            return unhurried(|| judge(file, &setup, 0, CheckBounds::while_one_waits(1), || true));
         }
         if !(self.checking.as_ref()).is_some_and(|checking| checking.is_about(file, &setup)) {
             self.checking = Some(Checking::begin(file, &setup)?);
@@ -111,13 +124,13 @@ impl Operator {
             max_lines_before_start: MOST_LINES_OF_MDI,
             ..setup.interpreter_settings()
         };
-        let after = foresee(&whole, &settings, &self.kept())
+        let after = unhurried(|| foresee(&whole, &settings, &self.kept()))
             .map_err(|error| Refusal::new(Alarm::BadProgram, sentence(&error, lines)))?;
         let file = self.folder.join("mdi.ngc");
         std::fs::create_dir_all(&self.folder)
             .and_then(|()| std::fs::write(&file, &whole))
             .map_err(|error| Refusal::new(Alarm::File, format!("{}: {error}", file.display())))?;
-        judge(&file, &setup, lines, CheckBounds::while_one_waits(1), || true)?;
+        unhurried(|| judge(&file, &setup, lines, CheckBounds::while_one_waits(1), || true))?;
         self.switch_anew(false);
         self.plan(file, setup, Some(after), Activity::Mdi)
     }
@@ -125,12 +138,12 @@ impl Operator {
     /// The switches of the next job, as they stand at the desk.
     fn switch_anew(&mut self, single_step: bool) {
         let [_, rapid_override, _] = self.desk.overrides();
-        self.switches = Arc::new(Switches::new(
-            self.desk.is_optional_stop(),
-            self.desk.is_block_delete(),
+        self.switches = Arc::new(Switches::new(&SwitchState {
+            single_step,
+            optional_stop: self.desk.is_optional_stop(),
+            block_delete: self.desk.is_block_delete(),
             rapid_override,
-        ));
-        self.switches.set_single_step(single_step);
+        }));
     }
 
     pub(super) fn plan(
@@ -141,6 +154,8 @@ impl Operator {
         activity: Activity,
     ) -> Result<u64, Refusal> {
         let mut subroutines = String::new();
+        let switches = self.switches.state();
+        let job = self.desk.job() + 1;
         if let Some(recorder) = &self.recorder {
             let _gone = recorder.send(FeederNews::File(self.numbers.0, file.clone()));
             let start = ProgramStart {
@@ -152,34 +167,34 @@ impl Operator {
                 place: setup.start(),
                 tool: setup.tool,
                 start_line: setup.start_line.unwrap_or(0),
-                block_delete: self.switches.is_block_delete(),
-                optional_stop: self.switches.is_optional_stop(),
-                single_step: self.switches.is_single_step(),
-                rapid_override: self.switches.rapid_override(),
+                switches,
                 feed_override: self.desk.overrides()[0],
                 numbered_from: self.numbers,
             };
-            let job = self.desk.job() + 1;
             subroutines = self.notes.plans(recorder, job, &file, &setup, start);
         }
         let planning = Planning::start(ProgramJob {
             file,
             setup,
             feed_override: self.desk.overrides()[0],
-            switches: Arc::clone(&self.switches),
+            job: job_number(job),
+            switches,
+            switching: Switching::Operated(Arc::clone(&self.switches)),
             numbered_from: self.numbers,
             recorder: self.recorder.clone(),
             subroutines,
             carries_out: true,
+            in_two_threads: false,
         })
         .map_err(|error| Refusal::new(Alarm::Planner, format!("no thread for the planner: {error}")))?;
         self.track = Track::default();
-        self.hold = false;
+        (self.hold, self.stopping) = (false, false);
         self.job = Job::Program(Box::new(ProgramRun {
             planning,
             ended: None,
             after,
-            step_behind: None,
+            step: None,
+            first_block: self.numbers.0,
             command: None,
             has_failed: false,
         }));
@@ -192,6 +207,23 @@ impl Operator {
         let at_stop = setpoint.state == State::ProgramStop && !self.is_at_command();
         let stop = at_stop.then_some(setpoint.actions);
         self.send(What::Resume(stop), command);
+        self.step_on(self.switches.is_single_step());
+    }
+
+    /// Single step counts for the program under way, or no longer does.
+    pub(super) fn step_on(&mut self, steps: bool) {
+        let setpoint = self.view.setpoint;
+        let at_stop = setpoint.state == State::ProgramStop && !self.is_at_command();
+        let Job::Program(run) = &mut self.job else { return };
+        let has_begun = setpoint.block >= run.first_block;
+        run.step = steps.then_some(if at_stop || !has_begun {
+            StepBehind::LineAfter(setpoint.block)
+        } else {
+            StepBehind::Line {
+                block: setpoint.block,
+                line: setpoint.line,
+            }
+        });
     }
 
     /// Whether the program waits for a command of the machine's own.
@@ -213,6 +245,8 @@ impl Operator {
         self.give_up_waiting(JobResult::Stopped);
         self.cancel_homing();
         self.cancel_command();
+        self.stopping = !matches!(self.job, Job::None);
+        self.hold = false;
         self.send(What::Stop, command);
     }
 
@@ -268,21 +302,39 @@ impl Operator {
         if let Some(job) = run.planning.take_if_ready() {
             let order = self.order(What::Follow(job));
             self.notes.sends_plan(order, self.desk.job());
+            if self.hold {
+                // A hold that came before: with the job the cycle has got inputs of its own.
+                self.order(What::Hold);
+            }
             return;
         }
-        if run
-            .step_behind
-            .is_some_and(|block| setpoint.block > block && setpoint.state == State::Running)
-        {
-            run.step_behind = None;
-            self.hold = true;
-            self.order(What::Hold);
+        if setpoint.state != State::Running {
+            return;
+        }
+        match run.step {
+            Some(StepBehind::LineAfter(block)) if setpoint.block > block => {
+                run.step = Some(StepBehind::Line {
+                    block: setpoint.block,
+                    line: setpoint.line,
+                });
+            }
+            // A line may have several blocks: cycles do.
+            Some(StepBehind::Line { block, line }) if setpoint.block > block && setpoint.line != line => {
+                run.step = None;
+                self.hold = true;
+                self.order(What::Hold);
+            }
+            _ => {}
         }
     }
 
     /// The program waits at this stop.
     fn stands_at(&mut self, (action, kind): (u32, StopKind)) {
         let Job::Program(run) = &mut self.job else { return };
+        if !matches!(kind, StopKind::User(_)) {
+            // It waits here anyway.
+            run.step = None;
+        }
         match kind {
             StopKind::Program => {}
             StopKind::Step => {
@@ -343,6 +395,7 @@ impl Operator {
         if let Some(text) = failure {
             let sequence = self.view.setpoint.sequence;
             self.raise(sequence, Alarm::UserCommand, text);
+            self.stopping = true;
             self.order(What::Stop);
         }
     }
@@ -367,7 +420,9 @@ impl Operator {
                 self.keep.memory.tools = after.tools.or_else(|| self.keep.memory.tools.take());
                 self.modes = after.modes;
             }
-            (JobResult::Done, Ok(Some(left)), None) => self.keep.memory = left,
+            // A copy: what the planner's thread has allocated is to be free as a whole when it ends, so that the next one finds
+            // its part of the heap as this one has found it.
+            (JobResult::Done, Ok(Some(left)), None) => self.keep.memory.clone_from(&left),
             (JobResult::Failed, Err(error), _) => {
                 let text = match &error {
                     ProgramError::Text { diagnostic, .. } => sentence(diagnostic, 0),

@@ -23,6 +23,8 @@ const MOST_SENT: usize = 64;
 /// Attaches what jobs begin with, each content once, and notes each job where it begins.
 #[derive(Debug, Default)]
 pub(super) struct JobNotes {
+    /// Without a trace nothing is noted.
+    is_recorded: bool,
     /// Jobs on their way to the cycle: number of the order, of the job, and what it begins with.
     sent: VecDeque<(u64, u64, JobStart)>,
     /// The program that is being planned.
@@ -34,6 +36,13 @@ pub(super) struct JobNotes {
 }
 
 impl JobNotes {
+    pub(super) fn new(is_recorded: bool) -> Self {
+        Self {
+            is_recorded,
+            ..Self::default()
+        }
+    }
+
     /// A program or a block of MDI is going to be planned. Gives the name under which its subroutines are attached.
     pub(super) fn plans(
         &mut self,
@@ -115,7 +124,7 @@ impl JobNotes {
         let _gone = recorder.send(FeederNews::Outside(Outside {
             sequence,
             kind: OutsideKind::Job,
-            code: u32::try_from(job).unwrap_or(u32::MAX),
+            code: job_number(job),
             text: start.to_string(),
             value: None,
         }));
@@ -123,11 +132,19 @@ impl JobNotes {
 
     /// What is on its way. Turns that came too late never count: the oldest are forgotten.
     fn push(&mut self, order: u64, job: u64, start: JobStart) {
+        if !self.is_recorded {
+            return;
+        }
         if self.sent.len() >= MOST_SENT {
             self.sent.pop_front();
         }
         self.sent.push_back((order, job, start));
     }
+}
+
+/// A job's number as events have it.
+pub(super) fn job_number(job: u64) -> u32 {
+    u32::try_from(job).unwrap_or(u32::MAX)
 }
 
 /// What a steered motion begins with.

@@ -25,12 +25,14 @@ use crate::drives::{phase_settings, watch_settings};
 use crate::job::{Clock, Setup};
 use crate::publisher::{PublishReport, Publishing};
 use crate::recording::{Closing, RecordReport, Recording};
-use crate::rt::{MonotonicClock, RealtimeRequest, apply_to_this_thread, hurry};
+use crate::rt::{MonotonicClock, RealtimeRequest, apply_to_this_thread, be_prompt, separate_large_blocks};
 use crate::run::{RunSource, StartError, rescue_leftovers, run_info};
 use crate::shared::Controls;
 
-/// Time between two looks of the control thread: so long a command waits at the most on a host that is not busy.
+/// Time between two looks of the control thread, at the most and at the least: so long a command waits at the most on a host
+/// that is not busy. In between it is a quarter of the period, so that a hold takes no more than lead and two cycles.
 const CONTROL_EVERY: Duration = Duration::from_micros(500);
+const CONTROL_EVERY_AT_LEAST: Duration = Duration::from_micros(100);
 /// Time between two snapshots where nothing changes.
 const STATUS_EVERY_NS: u64 = 50_000_000;
 /// Requests that are answered in one look at the most.
@@ -95,6 +97,7 @@ pub fn serve(
     stop: &AtomicBool,
     mut note: impl FnMut(&str),
 ) -> Result<ServeSummary, StartError> {
+    separate_large_blocks();
     let setup = &config.setup;
     let machine = &setup.machine;
     let limits = machine.limits();
@@ -193,8 +196,10 @@ pub fn serve(
     })
     .map_err(|text| StartError::Thread(std::io::Error::other(text)))?;
     manager.tell("READY=1");
-    hurry();
+    // A hold is not to wait until a busy host has time. What it starts itself is of the normal scheduler.
+    be_prompt();
 
+    let every = Duration::from_nanos(setup.period_ns / 4).clamp(CONTROL_EVERY_AT_LEAST, CONTROL_EVERY);
     let mut pulse = Pulse::default();
     let mut published = (PublishReport::default(), 0);
     let mut sequence = 0;
@@ -257,7 +262,7 @@ pub fn serve(
         if is_over || hangs {
             break;
         }
-        thread::sleep(CONTROL_EVERY);
+        thread::sleep(every);
     }
     let view = operator.view;
     let (accepted, rejected) = operator.desk.counts();

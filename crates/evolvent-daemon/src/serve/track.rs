@@ -34,6 +34,7 @@ impl Track {
                 | FeederNews::File(..)
                 | FeederNews::Attach(..)
                 | FeederNews::AttachFile(..)
+                | FeederNews::Switched(..)
                 | FeederNews::Outside(_) => {}
             }
         }

@@ -1,6 +1,6 @@
 //! What the page's script draws, as JSON.
 
-use evolvent_daemon::JobStart;
+use evolvent_daemon::{JobStart, Switched};
 use evolvent_trace::{EventKind, EventRecord};
 use serde_json::{Value, json};
 
@@ -106,11 +106,14 @@ fn row(line: u32, time: &LineTime, g: &Gathered) -> Value {
         list.sort_by(|a, b| b.1.total_cmp(a.1));
         list.iter()
             .take(3)
+            // What rounds to nothing says nothing.
+            .filter(|(_, seconds)| **seconds >= 0.005 * time.time_s)
             .map(|(limit, seconds)| format!("{} {:.0} %", limit.name(), 100.0 * **seconds / time.time_s))
             .collect()
     };
     json!({
         "line": line,
+        "text": g.texts.get(&line).and_then(Option::as_deref).map(cut),
         "time": time.time_s,
         "planned": g.planned.get(&line),
         "limited": time.limited_s,
@@ -235,13 +238,21 @@ fn program(opened: &Opened, shown: &[u32]) -> Value {
         .zip(&wanted)
         .enumerate()
         .filter(|(_, (_, wanted))| **wanted)
-        .map(|(at, (text, _))| json!([at + 1, text.chars().take(LINE_CHARACTERS).collect::<String>()]))
+        .map(|(at, (text, _))| json!([at + 1, cut(text)]))
         .collect();
     json!({ "whole": is_whole, "count": lines.len(), "lines": list })
 }
 
+fn cut(text: &str) -> String {
+    text.chars().take(LINE_CHARACTERS).collect()
+}
+
 /// What people are told of an event. A job's beginning is a line for computing it again: its head will do.
 fn said(event: &EventRecord) -> String {
+    if event.kind == EventKind::Switched {
+        return Switched::parse(&event.text)
+            .map_or_else(|| event.text.clone(), |switched| read_with(&switched));
+    }
     if event.kind != EventKind::Job {
         return event.text.clone();
     }
@@ -252,6 +263,19 @@ fn said(event: &EventRecord) -> String {
         Some(JobStart::Steered(_)) => "jog or homing".to_owned(),
         None => event.text.clone(),
     }
+}
+
+fn read_with(switched: &Switched) -> String {
+    let state = &switched.state;
+    let words = |on: bool| if on { "on" } else { "off" };
+    format!(
+        "read ahead behind line {}: single step {}, optional stop {}, block delete {}, rapid override {:.0} %",
+        switched.line,
+        words(state.single_step),
+        words(state.optional_stop),
+        words(state.block_delete),
+        100.0 * state.rapid_override
+    )
 }
 
 #[cfg(test)]

@@ -20,6 +20,8 @@ const MANY_AXES: usize = 4;
 /// Spans of states and overrides, and events, that a page carries.
 const MOST_SPANS: usize = 20_000;
 const MOST_EVENTS: usize = 5000;
+/// As the command is recorded.
+const EMERGENCY_STOP: &str = "emergency stop";
 /// Bars of a histogram for each power of ten of nanoseconds.
 const BARS: f64 = 10.0;
 
@@ -82,6 +84,8 @@ pub(crate) struct Gathered {
     pub(crate) events: Vec<EventRecord>,
     pub(crate) events_left_out: u64,
     pub(crate) alarms: Vec<EventRecord>,
+    /// Cycles with which somebody pressed emergency stop.
+    pub(crate) emergency_stops: Vec<u64>,
     pub(crate) trail: Vec<Spot>,
     pub(crate) lateness: LogBars,
     pub(crate) work: LogBars,
@@ -95,6 +99,8 @@ pub(crate) struct Gathered {
     pub(crate) programs: usize,
     travels: VecDeque<Travel>,
     pub(crate) planned: BTreeMap<u32, f64>,
+    /// Texts of lines as the blocks have them; none where several programs share a number.
+    pub(crate) texts: BTreeMap<u32, Option<String>>,
 }
 
 struct Curves {
@@ -206,6 +212,8 @@ pub(crate) fn gather(opened: &mut Opened) -> Result<Gathered, InspectError> {
             .map(|start| travel_of(start, &opened.machine))
             .collect(),
         planned: BTreeMap::new(),
+        texts: BTreeMap::new(),
+        emergency_stops: Vec::new(),
     };
     opened
         .trace
@@ -215,6 +223,9 @@ pub(crate) fn gather(opened: &mut Opened) -> Result<Gathered, InspectError> {
         })?;
     for event in opened.trace.events() {
         let event = event?;
+        if event.kind == EventKind::Command && event.text == EMERGENCY_STOP {
+            g.emergency_stops.push(event.sequence);
+        }
         if event.kind == EventKind::Alarm && g.alarms.len() < MOST_EVENTS {
             g.alarms.push(event.clone());
         }
@@ -227,6 +238,17 @@ pub(crate) fn gather(opened: &mut Opened) -> Result<Gathered, InspectError> {
     for block in opened.trace.blocks() {
         let block = block?;
         *g.planned.entry(block.line).or_default() += block.planned_duration_s;
+        if g.programs == 0 {
+            // The one program is attached.
+            continue;
+        }
+        let known = g
+            .texts
+            .entry(block.line)
+            .or_insert_with(|| Some(block.text.clone()));
+        if known.as_ref().is_some_and(|known| *known != block.text) {
+            *known = None;
+        }
     }
     g.trail = trail.finish();
     g.series = series(opened, &curves, &axes, g.has_errors);

@@ -9,7 +9,7 @@ const bytes = text => {
 };
 const STATES = ['idle', 'running', 'holding', 'held', 'stopping', 'stopped', 'dwell', 'program stop', 'fault', 'done'];
 const STATE_COLOURS = ['--line', '--s2', '--s1', '--s1', '--s6', '--s6', '--s0', '--s3', '--bad', '--line'];
-const KINDS = ['', 'state', 'alarm', 'command', 'override', 'hold', 'resume', 'starvation', 'late', 'loss', 'message', 'stop', 'warning', 'job'];
+const KINDS = ['', 'state', 'alarm', 'command', 'override', 'hold', 'resume', 'starvation', 'late', 'loss', 'message', 'stop', 'warning', 'job', 'switched'];
 const colour = name => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 const short = value => {
   const size = Math.abs(value);
@@ -184,7 +184,9 @@ function addChart(list, title) {
       high = Math.max(high, limit);
       if (low < 0) low = Math.min(low, -limit);
     }
-    const margin = 0.06 * (high - low) || Math.max(Math.abs(high) * 0.1, 1e-9);
+    // What stays the same needs a scale as well: what never moved that of its limit.
+    if (low === 0 && high === 0) { high = limit || 1; low = -high; }
+    const margin = 0.06 * (high - low) || Math.abs(high) * 0.1;
     low -= margin; high += margin;
     const words = limit ? `${title}, limit ${short(limit)}` : title;
     const { x, y } = axes(pen, width, height, low, high, words, true);
@@ -231,10 +233,12 @@ function addTimeLine() {
       const a = Math.max(LEFT, x(from)), b = Math.min(width - RIGHT, x(to));
       pen.fillStyle = colour(STATE_COLOURS[state] || '--line');
       pen.fillRect(a, 6, Math.max(1, b - a), 16);
-      if (b - a > 56) {
-        pen.fillStyle = colour('--paper');
+      const word = STATES[state] || '?';
+      if (b - a > pen.measureText(word).width + 9) {
+        // What is not coloured is as light, or as dark, as the page.
+        pen.fillStyle = colour(STATE_COLOURS[state] === '--line' ? '--ink' : '--paper');
         pen.textAlign = 'left';
-        pen.fillText(STATES[state] || '?', a + 5, 14.5);
+        pen.fillText(word, a + 5, 14.5);
       }
     });
     Object.entries(rows).forEach(([name, kinds], row) => {
@@ -359,7 +363,8 @@ paint(canvas, (pen, width, height) => {
     for (const tick of ticks((0 - cx) / scale + middle[h], (width - cx) / scale + middle[h], 9)) {
       const at = cx + scale * (tick - middle[h]);
       pen.beginPath(); pen.moveTo(at, 0); pen.lineTo(at, height); pen.stroke();
-      pen.fillText(short(tick), at, height - 4);
+      const half = pen.measureText(short(tick)).width / 2;
+      if (at > half && at < width - half) pen.fillText(short(tick), at, height - 4);
     }
     pen.textBaseline = 'middle'; pen.textAlign = 'left';
     for (const tick of ticks((cy - height) / scale + middle[v], cy / scale + middle[v], 6)) {
@@ -491,11 +496,12 @@ function table(name) {
   for (const line of data[name]) {
     const row = document.createElement('tr');
     const link = document.createElement('a');
-    link.href = `#line-${line.line}`;
+    // Without the program's text there is still where it was in time.
+    link.href = texts.has(line.line) ? `#line-${line.line}` : '#time';
     link.textContent = line.line;
     link.onclick = () => { setView(line.start - data.first - 50, line.start - data.first + line.time / data.period_s + 50); hit(line.line); };
     cell(row, link);
-    cell(row, texts.get(line.line) || '', 'text code');
+    cell(row, texts.get(line.line) || line.text || '', 'text code');
     cell(row, line.time.toFixed(3));
     cell(row, (100 * line.time / whole).toFixed(1) + ' %');
     cell(row, line.planned == null ? '' : line.planned.toFixed(3));

@@ -66,6 +66,17 @@ pub(crate) fn verdict(opened: &Opened, g: &Gathered) -> Vec<Sentence> {
             ),
         );
     }
+    if let Some(first) = g.emergency_stops.first() {
+        let times = match g.emergency_stops.len() {
+            1 => "once".to_owned(),
+            count => format!("{count} times"),
+        };
+        let at = *first as f64 * period_s;
+        say(
+            Gravity::Note,
+            format!("Emergency stop was pressed {times}, first at {at:.3} s."),
+        );
+    }
     limits(opened, g, &mut say);
     if g.late > 0 {
         say(

@@ -1,10 +1,10 @@
 //! A served machine: every job computed again from what it began with.
 
-use std::io::BufReader;
+use std::io::{BufRead, BufReader};
 use std::path::PathBuf;
 
-use evolvent_daemon::{JobStart, Moved, ProgramMemory, ProgramStart, ServedAgain, Setup};
-use evolvent_gcode::{KeptParameters, ToolTable};
+use evolvent_daemon::{JobStart, Moved, ProgramMemory, ProgramStart, ServedAgain, Setup, Switched};
+use evolvent_gcode::{Command, Diagnostic, Interpreter, KeptParameters, ToolTable};
 use evolvent_judge::{Judge, Route};
 use evolvent_motion::{State, flags};
 use evolvent_path::Axes;
@@ -16,7 +16,7 @@ use super::lots::{Records, read};
 use super::one::recorded_inputs;
 use super::watch::{End, STATE_DONE, Watch, judged};
 use super::*;
-use crate::jobs::{Start, starts, switched, travel_of};
+use crate::jobs::{Start, starts, travel_of};
 
 /// The bits that say what moved the axes.
 const WHAT_MOVED: u32 = bits::FOLLOWS | bits::STEERS;
@@ -53,7 +53,6 @@ pub(super) fn verify(
     let setup = opened.setup()?;
     let limits = setup.machine.limits();
     let starts = starts(&mut opened.trace)?;
-    let switched = switched(&mut opened.trace)?;
     let travels = starts
         .iter()
         .map(|start| travel_of(start, &setup.machine))
@@ -102,19 +101,6 @@ pub(super) fn verify(
             .push(format!("and {more} more jobs were not computed again"));
     }
     verified.recomputed = true;
-    let first = verified
-        .first_difference
-        .as_ref()
-        .map(|difference| difference.sequence);
-    if let Some(at) = switched
-        .iter()
-        .find(|at| first.is_some_and(|first| **at <= first))
-    {
-        verified.explanations.push(format!(
-            "at cycle {at} single step, optional stop, block delete or the rapid override was switched: which lines of a \
-             running program it counted for is not recorded"
-        ));
-    }
     watch.conclude(&mut verified);
     Ok(verified)
 }
@@ -177,7 +163,7 @@ impl Served<'_> {
                 }
                 self.one(records, None);
             }
-            Some(JobStart::Program(program)) => return self.program(start.job, program, records),
+            Some(JobStart::Program(program)) => return self.program(start, program, records),
         }
         Ok(())
     }
@@ -209,7 +195,13 @@ impl Served<'_> {
         }
     }
 
-    fn program(&mut self, job: u32, start: &ProgramStart, records: &mut Records) -> Result<(), InspectError> {
+    fn program(
+        &mut self,
+        begun: &Start,
+        start: &ProgramStart,
+        records: &mut Records,
+    ) -> Result<(), InspectError> {
+        let job = begun.job;
         let folder = self.folder.join(format!("job-{job}"));
         let wrong = |source| InspectError::Io {
             what: "a temporary folder for an attached program".to_owned(),
@@ -229,7 +221,9 @@ impl Served<'_> {
                     .map(|line| String::from_utf8_lossy(line).trim_end().to_owned())
                     .collect();
                 if self.find_place(records)
-                    && let Err(error) = self.again.follow(start, setup.clone(), file.clone())
+                    && let Err(error) =
+                        self.again
+                            .follow(start, begun.switched.clone(), setup.clone(), file.clone())
                 {
                     self.give_up(job, &error.to_string());
                 }
@@ -238,7 +232,13 @@ impl Served<'_> {
                 } else {
                     let settings = setup.interpreter_settings_for(&file);
                     // A program with an error has a path up to there, but nothing to judge it by.
-                    Route::read(BufReader::new(text.as_slice()), settings, &self.setup.machine).ok()
+                    let start = settings.start;
+                    let commands = AsRead {
+                        interpreter: Interpreter::new(BufReader::new(text.as_slice()), settings),
+                        switched: &begun.switched,
+                        commands: 0,
+                    };
+                    Route::of(commands, start, &self.setup.machine).ok()
                 }
             }
         };
@@ -321,8 +321,8 @@ impl Served<'_> {
         setup.memory = memory;
         setup.place = Some(start.place);
         setup.tool = start.tool;
-        setup.block_delete = start.block_delete;
-        setup.rapid_override = start.rapid_override;
+        setup.block_delete = start.switches.block_delete;
+        setup.rapid_override = start.switches.rapid_override;
         setup.start_line = (start.start_line > 1).then_some(start.start_line);
         Ok(Ok(text))
     }
@@ -396,6 +396,27 @@ impl Served<'_> {
                 "from cycle {cycle} on it is not known what moved the axes: the job's beginning is not in the trace"
             ));
         }
+    }
+}
+
+/// The commands of a program as its planner read them, with lines left out as was switched meanwhile.
+struct AsRead<'a, R> {
+    interpreter: Interpreter<R>,
+    switched: &'a VecDeque<Switched>,
+    commands: u64,
+}
+
+impl<R: BufRead> Iterator for AsRead<'_, R> {
+    type Item = Result<Command, Diagnostic>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        for switched in self.switched {
+            if switched.command == self.commands {
+                self.interpreter.set_block_delete(switched.state.block_delete);
+            }
+        }
+        self.commands += 1;
+        self.interpreter.next()
     }
 }
 

@@ -123,6 +123,13 @@ pub(super) fn run(args: &ExportArgs, err: &mut dyn Write) -> Result<Ending, Comm
         done.bytes as f64 * 1e-6
     )
     .map_err(write_error)?;
+    if done.rows == 0 {
+        writeln!(
+            err,
+            "note: the trace has nothing of what was asked for; `evolvent trace info` tells what it holds"
+        )
+        .map_err(write_error)?;
+    }
     Ok(Ending::Clean)
 }
 

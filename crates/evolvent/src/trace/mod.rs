@@ -101,12 +101,10 @@ pub(crate) fn run(
 
 /// A name that was mistyped is wrong usage; a file that is broken is a failure.
 fn read_error(error: &ReadError) -> CommandError {
-    match error {
-        ReadError::NotATrace { .. } => CommandError::Usage(error.to_string()),
-        ReadError::Io { source, .. } if source.kind() == io::ErrorKind::NotFound => {
-            CommandError::Usage(error.to_string())
-        }
-        _ => CommandError::Failed(error.to_string()),
+    if error.is_wrong_name() {
+        CommandError::Usage(error.to_string())
+    } else {
+        CommandError::Failed(error.to_string())
     }
 }
 
@@ -245,15 +243,37 @@ mod tests {
 
     #[test]
     fn a_wrong_name_is_wrong_usage() {
-        assert!(matches!(
-            trace(&["info", "/none/run.mcap"]).0,
-            Err(CommandError::Usage(_))
-        ));
-        assert!(matches!(
-            trace(&["recover", "/none/run.mcap"]).0,
-            Err(CommandError::Usage(_))
-        ));
-        let this = concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.toml");
-        assert!(matches!(trace(&["info", this]).0, Err(CommandError::Usage(_))));
+        let folder = Folder::new("names");
+        let there = |name: &str| folder.0.join(name).display().to_string();
+        std::fs::write(there("empty.mcap"), b"").expect("writing");
+        std::fs::write(there("text.mcap"), b"G0 X1").expect("writing");
+        let table = there("table.csv");
+        let commands = |file: &str| {
+            let strings = |words: &[&str]| words.iter().map(|word| (*word).to_owned()).collect::<Vec<_>>();
+            [
+                strings(&["info", file]),
+                strings(&["report", file]),
+                strings(&["export", file, "-o", &table]),
+                strings(&["verify", file]),
+                strings(&["replay", file]),
+                strings(&["compare", file, file]),
+                strings(&["recover", file]),
+            ]
+        };
+        for (name, wanted) in [
+            ("none.mcap", "is not there; check the name"),
+            ("none/run.mcap", "is not there; check the name"),
+            ("", "is a folder; name one of the traces in it"),
+            ("empty.mcap", "is no trace: it"),
+            ("text.mcap", "is no trace: it"),
+        ] {
+            for command in commands(&there(name)) {
+                let words: Vec<&str> = command.iter().map(String::as_str).collect();
+                let Err(CommandError::Usage(text)) = trace(&words).0 else {
+                    panic!("{command:?} is no wrong usage");
+                };
+                assert!(text.contains(wanted), "{command:?}: {text}");
+            }
+        }
     }
 }

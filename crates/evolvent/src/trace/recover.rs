@@ -32,11 +32,10 @@ pub(super) fn run(
 }
 
 fn recover_error(error: &RecoverError) -> CommandError {
-    match error {
-        RecoverError::Read { source, .. } if source.kind() == io::ErrorKind::NotFound => {
-            CommandError::Usage(error.to_string())
-        }
-        _ => CommandError::Failed(error.to_string()),
+    if error.is_wrong_name() {
+        CommandError::Usage(error.to_string())
+    } else {
+        CommandError::Failed(error.to_string())
     }
 }
 

@@ -1,0 +1,115 @@
+//! How a run goes, told to whoever started it.
+
+use std::collections::VecDeque;
+use std::sync::mpsc::Receiver;
+use std::thread;
+use std::time::Duration;
+
+use evolvent_machine::FeedbackWish;
+use evolvent_trace::RecordError;
+
+use crate::job::{Clock, Job};
+use crate::news::{FeederNews, Moment, Notice, OutsideKind};
+use crate::shared::Controls;
+
+/// What is told where drives answer.
+pub(crate) const DRIVES_UNWATCHED: &str = "drives answer on the bus, but `run` does not watch them: nothing stops it where one \
+     fails or does not follow. That takes power, homing and alarms that stay, which `evolvent serve` has";
+/// How often the caller hears of progress.
+const PROGRESS_EVERY: Duration = Duration::from_millis(50);
+/// The same where time is not real: runs may be over at once.
+const PROGRESS_EVERY_VIRTUAL: Duration = Duration::from_millis(2);
+
+/// Tells the caller how the run goes.
+pub trait RunObserver {
+    /// Called about twenty times a second.
+    fn progress(&mut self, controls: &Controls);
+
+    /// Something between moves has taken effect.
+    fn notice(&mut self, notice: &Notice);
+
+    /// Something that the user should know at once.
+    fn note(&mut self, text: &str);
+}
+
+/// Looks on at a run for its observer.
+pub(crate) struct LookingOn<'a> {
+    controls: &'a Controls,
+    notices: &'a Receiver<FeederNews>,
+    failures: &'a Receiver<RecordError>,
+    every: Duration,
+    /// Somebody wants drives to be watched where there are any.
+    minds_drives: bool,
+    drives_told: bool,
+}
+
+impl<'a> LookingOn<'a> {
+    pub(crate) fn new(
+        job: &Job,
+        controls: &'a Controls,
+        notices: &'a Receiver<FeederNews>,
+        failures: &'a Receiver<RecordError>,
+    ) -> Self {
+        Self {
+            controls,
+            notices,
+            failures,
+            every: match job.clock {
+                Clock::Realtime => PROGRESS_EVERY,
+                Clock::Virtual => PROGRESS_EVERY_VIRTUAL,
+            },
+            minds_drives: job.setup.machine.drives.feedback != FeedbackWish::Ignore,
+            drives_told: false,
+        }
+    }
+
+    /// Whether it was told that drives answer which nobody watches.
+    pub(crate) fn has_told_of_drives(&self) -> bool {
+        self.drives_told
+    }
+
+    /// Passes on news until `finished`.
+    pub(crate) fn until(&mut self, observer: &mut dyn RunObserver, finished: impl Fn() -> bool) {
+        // The planner is far ahead: a notice is passed on once the cycle has got there.
+        let mut ahead: VecDeque<Notice> = VecDeque::new();
+        loop {
+            let over = finished();
+            if !over {
+                thread::sleep(self.every);
+            }
+            for news in self.notices.try_iter() {
+                match news {
+                    FeederNews::Notice(notice) => ahead.push_back(notice),
+                    FeederNews::Outside(outside) => observer.notice(&Notice {
+                        moment: Moment::Rest(0),
+                        line: outside.code,
+                        is_message: outside.kind == OutsideKind::Output,
+                        text: outside.text,
+                    }),
+                    _ => {}
+                }
+            }
+            let progress = self.controls.progress();
+            while ahead.front().is_some_and(|notice| {
+                notice
+                    .moment
+                    .has_come(progress.actions, progress.blocks, progress.has_ended)
+            }) {
+                if let Some(notice) = ahead.pop_front() {
+                    observer.notice(&notice);
+                }
+            }
+            for error in self.failures.try_iter() {
+                observer.note(&error.to_string());
+            }
+            if self.minds_drives && !self.drives_told && self.controls.has_seen_drives() {
+                self.drives_told = true;
+                observer.note(DRIVES_UNWATCHED);
+            }
+            observer.progress(self.controls);
+            if over {
+                break;
+            }
+        }
+    }
+}

@@ -1,0 +1,69 @@
+//! A served mill with a folder and a domain of its own.
+
+use std::path::PathBuf;
+
+use crate::{Domain, Operator, Served, Workshop};
+
+/// A mill that is served, without drives, until it is dropped.
+#[derive(Debug)]
+pub struct Scene {
+    /// Its folder, with its state.
+    pub workshop: Workshop,
+    machine: PathBuf,
+    name: String,
+    /// None between an end and a restart.
+    pub served: Option<Served>,
+    /// Last: it checks that nothing is left of the others.
+    pub domain: Domain,
+}
+
+impl Scene {
+    /// Starts it under a name of its own.
+    #[must_use]
+    pub fn new(name: &str) -> Self {
+        Self::with(name, &[])
+    }
+
+    /// The same with options of `evolvent serve`.
+    #[must_use]
+    pub fn with(name: &str, options: &[&str]) -> Self {
+        let (workshop, domain) = (Workshop::new(), Domain::new());
+        let machine = workshop.mill(name, &[]);
+        let state = workshop.path("state");
+        let served = Served::start(&machine, name, &domain, &state, options);
+        Self {
+            workshop,
+            machine,
+            name: name.to_owned(),
+            served: Some(served),
+            domain,
+        }
+    }
+
+    /// The machine's name.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Somebody who commands it.
+    #[must_use]
+    pub fn operator(&self) -> Operator {
+        Operator::join(&self.name, &self.domain)
+    }
+
+    /// Starts it again, with the state that it had.
+    pub fn restart(&mut self) {
+        let state = self.workshop.path("state");
+        let served = Served::start(&self.machine, &self.name, &self.domain, &state, &[]);
+        self.served = Some(served);
+    }
+
+    /// Ends it in order.
+    ///
+    /// # Panics
+    /// It does not end so.
+    pub fn end(mut self) {
+        self.served.take().expect("a core").end().expect_code(&[0, 3]);
+    }
+}
