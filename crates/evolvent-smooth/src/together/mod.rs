@@ -166,38 +166,10 @@ impl Together {
             if !(slope < -enough) {
                 return;
             }
-            let mut length = 1.0;
-            let mut better = false;
-            for _ in 0..SHORTENINGS {
-                self.trial_alpha.clear();
-                for (j, alpha) in self.alpha.iter().enumerate() {
-                    self.trial_alpha.push(alpha + length * self.step[layout.alpha(j)]);
-                }
-                self.trial_points.clear();
-                self.trial_points.extend_from_slice(&self.points);
-                for j in layout.free.0..layout.free.1 {
-                    let at = layout.point(j);
-                    if at != NONE {
-                        for d in 0..D {
-                            self.trial_points[j][layout.axes[d]] += length * self.step[at + d];
-                        }
-                    }
-                }
-                let value = self.merit(window, layout, samples, &self.trial_points, &self.trial_alpha, mu);
-                if let Some(value) = value
-                    && value <= merit + 1e-4 * length * slope
-                {
-                    merit = value;
-                    better = true;
-                    break;
-                }
-                length *= SHORTER;
-            }
-            if !better {
+            let Some(value) = self.descend(window, layout, Some(samples), mu, merit, slope) else {
                 return;
-            }
-            std::mem::swap(&mut self.alpha, &mut self.trial_alpha);
-            std::mem::swap(&mut self.points, &mut self.trial_points);
+            };
+            merit = value;
         }
     }
 
@@ -206,7 +178,7 @@ impl Together {
         const BAND: usize = 3;
         let size = self.alpha.len();
         let scales: [[f64; 3]; D] = std::array::from_fn(|d| scale(window, layout.axes[d]));
-        let Some(mut merit) = self.law_merit(window, layout, &self.alpha, mu) else {
+        let Some(mut merit) = self.merit(window, layout, &[], &self.points, &self.alpha, mu) else {
             return;
         };
         for _ in 0..LAW_STEPS {
@@ -247,38 +219,58 @@ impl Together {
             if !(slope < -enough) {
                 return;
             }
-            let mut length = 1.0;
-            let mut better = false;
-            for _ in 0..SHORTENINGS {
-                self.trial_alpha.clear();
-                for (alpha, step) in self.alpha.iter().zip(&self.step) {
-                    self.trial_alpha.push(alpha + length * step);
-                }
-                if let Some(value) = self.law_merit(window, layout, &self.trial_alpha, mu)
-                    && value <= merit + 1e-4 * length * slope
-                {
-                    merit = value;
-                    better = true;
-                    break;
-                }
-                length *= SHORTER;
-            }
-            if !better {
+            let Some(value) = self.descend(window, layout, None, mu, merit, slope) else {
                 return;
-            }
-            std::mem::swap(&mut self.alpha, &mut self.trial_alpha);
+            };
+            merit = value;
         }
     }
 
-    /// Time and barrier of the law's limits; `None` outside.
-    fn law_merit<const D: usize>(
-        &self,
+    /// Shortens the step until it lowers the merit by enough, and takes it: the merit there, or `None` where it never does. Without
+    /// samples the step is one of the law alone.
+    fn descend<const D: usize>(
+        &mut self,
         window: &Window<'_>,
         layout: &Layout<D>,
-        alpha: &[f64],
+        samples: Option<&[Sample]>,
         mu: f64,
+        merit: f64,
+        slope: f64,
     ) -> Option<f64> {
-        self.merit(window, layout, &[], &self.points, alpha, mu)
+        let mut length = 1.0;
+        for _ in 0..SHORTENINGS {
+            self.trial_alpha.clear();
+            for (j, alpha) in self.alpha.iter().enumerate() {
+                let at = if samples.is_some() { layout.alpha(j) } else { j };
+                self.trial_alpha.push(alpha + length * self.step[at]);
+            }
+            let value = if let Some(samples) = samples {
+                self.trial_points.clear();
+                self.trial_points.extend_from_slice(&self.points);
+                for j in layout.free.0..layout.free.1 {
+                    let at = layout.point(j);
+                    if at != NONE {
+                        for d in 0..D {
+                            self.trial_points[j][layout.axes[d]] += length * self.step[at + d];
+                        }
+                    }
+                }
+                self.merit(window, layout, samples, &self.trial_points, &self.trial_alpha, mu)
+            } else {
+                self.merit(window, layout, &[], &self.points, &self.trial_alpha, mu)
+            };
+            if let Some(value) = value
+                && value <= merit + 1e-4 * length * slope
+            {
+                std::mem::swap(&mut self.alpha, &mut self.trial_alpha);
+                if samples.is_some() {
+                    std::mem::swap(&mut self.points, &mut self.trial_points);
+                }
+                return Some(value);
+            }
+            length *= SHORTER;
+        }
+        None
     }
 
     /// Time and barrier; `None` outside.

@@ -1,0 +1,174 @@
+//! A TOML or JSON text that knows the place of every key, so that every error can name it.
+
+use std::ops::Range;
+
+use serde::de::DeserializeOwned;
+use toml::de::DeTable;
+
+use crate::error::SheetError;
+use crate::place::{Found, byte_of, find_json, find_toml, line_and_column};
+use crate::words::{in_plain_words, one_line, plain, shortened};
+
+/// The text of a case file, parsed once. TOML, or JSON where the file's name ends in `.json`.
+///
+/// [`Sheet::read`] makes a type of it (unknown keys, missing keys and wrong kinds are errors where the type says so);
+/// [`Sheet::number`] and [`Sheet::error`] are for the checks that follow, with the dotted key of what is wrong.
+#[derive(Debug)]
+pub struct Sheet<'a> {
+    file: &'a str,
+    text: &'a str,
+    content: Content<'a>,
+}
+
+#[derive(Debug)]
+enum Content<'a> {
+    Toml(DeTable<'a>, Range<usize>),
+    Json,
+}
+
+impl<'a> Sheet<'a> {
+    /// Parses `text`; `file` names it in errors.
+    ///
+    /// # Errors
+    /// Text that is neither.
+    pub fn parse(text: &'a str, file: &'a str) -> Result<Self, SheetError> {
+        let json = std::path::Path::new(file)
+            .extension()
+            .is_some_and(|extension| extension.eq_ignore_ascii_case("json"));
+        let content = if json {
+            serde_json::from_str::<serde::de::IgnoredAny>(text).map_err(|error| SheetError::Syntax {
+                file: file.to_owned(),
+                format: "JSON",
+                line: error.line(),
+                column: error.column(),
+                what: one_line(&json_message(&error)),
+            })?;
+            Content::Json
+        } else {
+            let table = DeTable::parse(text).map_err(|error| {
+                let (line, column) = line_and_column(text, error.span().map_or(0, |span| span.start));
+                SheetError::Syntax {
+                    file: file.to_owned(),
+                    format: "TOML",
+                    line,
+                    column,
+                    what: one_line(error.message()),
+                }
+            })?;
+            let whole = table.span();
+            Content::Toml(table.into_inner(), whole)
+        };
+        Ok(Self { file, text, content })
+    }
+
+    /// The file's name, as errors give it.
+    #[must_use]
+    pub fn file(&self) -> &'a str {
+        self.file
+    }
+
+    /// The text.
+    #[must_use]
+    pub fn text(&self) -> &'a str {
+        self.text
+    }
+
+    /// The text as a `T`.
+    ///
+    /// # Errors
+    /// What serde refuses, with place and key.
+    pub fn read<T: DeserializeOwned>(&self) -> Result<T, SheetError> {
+        match &self.content {
+            Content::Toml(table, whole) => {
+                let spanned = toml::Spanned::new(whole.clone(), table.clone());
+                serde_path_to_error::deserialize(toml::Deserializer::from(spanned)).map_err(|error| {
+                    let path = error.path().to_string();
+                    let inner = error.into_inner();
+                    self.refused(path, inner.span().map(|span| span.start), inner.message())
+                })
+            }
+            Content::Json => {
+                let mut deserializer = serde_json::Deserializer::from_str(self.text);
+                serde_path_to_error::deserialize(&mut deserializer).map_err(|error| {
+                    let path = error.path().to_string();
+                    let inner = error.into_inner();
+                    let at = byte_of(self.text, inner.line(), inner.column());
+                    self.refused(path, Some(at), &json_message(&inner))
+                })
+            }
+        }
+    }
+
+    fn refused(&self, mut key: String, at: Option<usize>, message: &str) -> SheetError {
+        let what = in_plain_words(message);
+        let advice = if what.starts_with("unknown field") {
+            "correct the spelling (the unit belongs to the key), or remove the key"
+        } else if what.starts_with("missing field") {
+            "add this key"
+        } else {
+            "correct the value"
+        };
+        // Serde names the table that lacks a key; people look for the key.
+        let missing = what
+            .strip_prefix("missing field `")
+            .and_then(|rest| rest.strip_suffix('`'));
+        if let Some(missing) = missing {
+            key = if key == "." {
+                missing.to_owned()
+            } else {
+                format!("{key}.{missing}")
+            };
+        }
+        self.error_at(&key, at, what, advice.to_owned())
+    }
+
+    /// Refuses a number that is outside `least..=most`, or no number.
+    ///
+    /// # Errors
+    /// With the place of `key` (dotted, `mode[1].frequency_hz`).
+    pub fn number(&self, key: &str, value: f64, least: f64, most: f64) -> Result<(), SheetError> {
+        // A NaN is in no range.
+        if (least..=most).contains(&value) {
+            return Ok(());
+        }
+        let advice = format!("give a number from {} to {}", plain(least), plain(most));
+        Err(self.error(key, format!("{} is out of range", plain(value)), advice))
+    }
+
+    /// An error at a dotted key, or at the innermost table of it that is there.
+    #[must_use]
+    pub fn error(&self, key: &str, what: String, advice: impl Into<String>) -> SheetError {
+        self.error_at(key, None, what, advice.into())
+    }
+
+    fn error_at(&self, key: &str, at: Option<usize>, what: String, advice: String) -> SheetError {
+        let (found, whole) = match &self.content {
+            Content::Toml(table, whole) => (find_toml(table, whole.start, key), key),
+            Content::Json => (find_json(self.text, key), key),
+        };
+        let place = match (found, at) {
+            (Found::Key(place), _) | (_, Some(place)) | (Found::Parent(place), None) => place,
+        };
+        let (line, column) = line_and_column(self.text, place);
+        let key = if whole.is_empty() || whole == "." {
+            "the file".to_owned()
+        } else {
+            shortened(whole)
+        };
+        SheetError::Key {
+            file: self.file.to_owned(),
+            line,
+            column,
+            key,
+            what,
+            advice,
+        }
+    }
+}
+
+/// `serde_json` puts the place behind its message; it is told apart here.
+fn json_message(error: &serde_json::Error) -> String {
+    let text = error.to_string();
+    text.rsplit_once(" at line ")
+        .map_or(text.clone(), |(message, _)| message.to_owned())
+}
