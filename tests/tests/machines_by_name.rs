@@ -71,8 +71,10 @@ fn a_second_core_of_the_same_name_is_refused_and_moves_nothing() {
         first.try_wait().expect("a process").is_none(),
         "the first goes on"
     );
-    let mut next = None;
-    for _ in 0..50 {
+    // It may still be planning, and a busy host takes its time.
+    let (begin, patience) = (Instant::now(), Duration::from_secs(60));
+    let (mut next, mut heard) = (None, 0);
+    while heard < 50 && begin.elapsed() < patience {
         while let Some(setpoint) = reader.receive().expect("the bus") {
             assert_eq!(
                 setpoint.sequence,
@@ -80,10 +82,11 @@ fn a_second_core_of_the_same_name_is_refused_and_moves_nothing() {
                 "undisturbed"
             );
             next = Some(setpoint.sequence + 1);
+            heard += 1;
         }
         std::thread::sleep(Duration::from_millis(1));
     }
-    assert!(next.is_some(), "the first was heard");
+    assert!(heard >= 50, "the first was heard {heard} times");
     first.kill().expect("to end it");
     first.wait().expect("its end");
 }
