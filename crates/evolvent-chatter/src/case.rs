@@ -1,6 +1,7 @@
 //! A case: what a user asks, read from a file and checked.
 
-use evolvent_cutting::{LawDefinition, Sheet, SheetError, Tool};
+use evolvent_cutting::{LawDefinition, Tool};
+use evolvent_sheet::{Sheet, SheetError};
 
 use crate::case_file::{
     AxisFile, CaseFile, DirectionWord, ForceFile, LobesFile, MapFile, MillingFile, ModeFile, SweepFile,

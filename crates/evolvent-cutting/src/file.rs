@@ -3,15 +3,15 @@
 //! The JSON schema is made from these types, so their doc comments are what an editor shows to the person who writes a
 //! law file.
 
+use evolvent_sheet::{Sheet, SheetError};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use crate::error::{LawError, SheetError};
+use crate::error::LawError;
 use crate::force::Tool;
 use crate::law::{Covered, ForceLaw};
 use crate::power::PowerLaw;
 use crate::rational::{RationalCoefficients, RationalLaw};
-use crate::sheet::Sheet;
 use crate::table::ForceTable;
 
 /// Laws that are always there: name and text of the file.

@@ -20,9 +20,6 @@
 //! building laws is for start-up.
 //!
 //! No law extrapolates silently: [`ForceLaw::covers`] says whether a cut lies where the data are from.
-//!
-//! [`Sheet`] is the reader behind these files, for other case files of cutting: TOML or JSON with the place of every
-//! key, so that an error names file, line and key.
 
 mod error;
 mod file;
@@ -30,14 +27,12 @@ mod force;
 mod law;
 mod power;
 mod rational;
-mod sheet;
 mod table;
 
-pub use error::{ForceError, LawError, SheetError};
+pub use error::{ForceError, LawError};
 pub use file::{LawDefinition, law_schema};
 pub use force::{Cut, Force, SectionForce, Tool};
 pub use law::{Covered, ForceLaw, Section};
 pub use power::PowerLaw;
 pub use rational::{RationalCoefficients, RationalLaw};
-pub use sheet::Sheet;
 pub use table::ForceTable;

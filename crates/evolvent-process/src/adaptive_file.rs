@@ -2,7 +2,7 @@
 //!
 //! The JSON schema is made from this type, so its doc comments are what an editor shows to the person who writes a file.
 
-use evolvent_cutting::{Sheet, SheetError};
+use evolvent_sheet::{Sheet, SheetError};
 use schemars::JsonSchema;
 use serde::Deserialize;
 

@@ -1,7 +1,8 @@
 //! A job of self-programmed turning: what its file says, checked.
 
-use evolvent_cutting::{Cut, ForceLaw, LawDefinition, Sheet, SheetError};
+use evolvent_cutting::{Cut, ForceLaw, LawDefinition};
 use evolvent_feed::ScalarLimits;
+use evolvent_sheet::{Sheet, SheetError};
 
 use crate::blank::Blank;
 use crate::job_file::{CutFile, CutKind, JobFile, StrategyName};

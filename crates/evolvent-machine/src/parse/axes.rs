@@ -1,8 +1,8 @@
 //! The axes of a machine file, and how they are homed.
 
 use evolvent_path::AxisLetter;
+use evolvent_sheet::shortened;
 
-use super::faults::shortened;
 use super::{ABSURD, Check};
 use crate::error::MachineError;
 use crate::file::{AxisFile, AxisKind, MachineFile};

@@ -11,9 +11,10 @@ mod numbers;
 use std::ops::Range;
 use std::path::PathBuf;
 
+use evolvent_sheet::{in_plain_words, line_and_column, one_line, shortened};
 use toml::de::DeTable;
 
-use self::faults::{advice_for, in_plain_words, line_and_column, one_line, shortened};
+use self::faults::advice_for;
 use crate::error::MachineError;
 use crate::file::{DrivesFile, MachineFile};
 use crate::machine::{

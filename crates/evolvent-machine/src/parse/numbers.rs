@@ -1,6 +1,7 @@
 //! Numbers of a machine file: in their range, in one of their units.
 
-use super::faults::plain;
+use evolvent_sheet::plain;
+
 use super::{ABSURD, Check, TINY};
 use crate::error::MachineError;
 

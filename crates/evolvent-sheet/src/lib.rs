@@ -1,0 +1,33 @@
+//! Files that people write, read so that every error names file, line, column and key.
+//!
+//! [`Sheet`] reads a TOML or JSON text as a type, and checks numbers by their dotted keys. The parts are there for readers of their
+//! own: where a key stands ([`find_toml`], [`line_and_column`]) and how serde's messages are told to people
+//! ([`in_plain_words`], [`shortened`], [`plain`]).
+//!
+//! ```
+//! use evolvent_sheet::Sheet;
+//! #[derive(serde::Deserialize)]
+//! struct Mode {
+//!     frequency_hz: f64,
+//! }
+//! let sheet = Sheet::parse("frequency_hz = -3.0", "mode.toml")?;
+//! let mode: Mode = sheet.read()?;
+//! let refused = sheet.number("frequency_hz", mode.frequency_hz, 0.1, 1e5).unwrap_err();
+//! assert_eq!(
+//!     refused.to_string(),
+//!     "mode.toml:1:1: frequency_hz: -3 is out of range; give a number from 0.1 to 100000"
+//! );
+//! # Ok::<(), evolvent_sheet::SheetError>(())
+//! ```
+//!
+//! All of it allocates: for start-up, not for the cycle.
+
+mod error;
+mod place;
+mod sheet;
+mod words;
+
+pub use error::SheetError;
+pub use place::{Found, find_toml, line_and_column};
+pub use sheet::Sheet;
+pub use words::{in_plain_words, one_line, plain, shortened};
