@@ -117,13 +117,17 @@ pub(crate) fn event(message: evolvent::Event) -> Option<EventRecord> {
     Some(EventRecord {
         time_ns: time_ns(message.timestamp.as_ref())?,
         sequence: message.sequence,
-        kind: EventKind::ALL
-            .into_iter()
-            .find(|kind| *kind as i32 == message.kind)?,
+        kind: event_kind(message.kind)?,
         code: message.code,
         text: message.text,
         value: message.value,
     })
+}
+
+fn event_kind(number: i32) -> Option<EventKind> {
+    let known = EventKind::ALL.into_iter().find(|kind| *kind as i32 == number);
+    // Numbers are given in their order: one above all is of a later version.
+    known.or((number > EventKind::ALL.len() as i32).then_some(EventKind::Later))
 }
 
 /// A block from its message. `None` if its time or kind makes no sense.
@@ -140,4 +144,19 @@ pub(crate) fn block(message: evolvent::Block) -> Option<BlockRecord> {
         true_duration_s: message.true_duration_s,
         start_sequence: message.start_sequence,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn events_of_a_later_version_are_read_and_nonsense_is_not() {
+        assert_eq!(event_kind(2), Some(EventKind::Alarm));
+        assert_eq!(event_kind(14), Some(EventKind::Switched));
+        assert_eq!(event_kind(15), Some(EventKind::Later));
+        assert_eq!(event_kind(i32::MAX), Some(EventKind::Later));
+        assert_eq!(event_kind(0), None);
+        assert_eq!(event_kind(-1), None);
+    }
 }

@@ -125,10 +125,12 @@ pub enum EventKind {
     /// The planner of a job read on with other switches, ahead of the machine; the code is the job's number, the text from
     /// which command on and how they stand.
     Switched = 14,
+    /// Of a kind that a later version recorded: its text tells what it is about. Readers give it, nobody records it.
+    Later = 255,
 }
 
 impl EventKind {
-    /// All kinds in the order of their numbers.
+    /// All kinds that are recorded, in the order of their numbers.
     pub const ALL: [Self; 14] = [
         Self::State,
         Self::Alarm,

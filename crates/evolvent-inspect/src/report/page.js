@@ -550,7 +550,7 @@ for (const [sequence, kind, code, text] of data.events.slice(0, 1000)) {
   link.textContent = seconds(sequence * data.period_s);
   link.onclick = () => { marked = sequence - data.first; setView(marked - 1 / data.period_s, marked + 1 / data.period_s); };
   cell(row, link);
-  cell(row, KINDS[kind] || String(kind), 'text');
+  cell(row, KINDS[kind] || 'of a later version', 'text');
   cell(row, String(code));
   cell(row, text, 'text');
   eventBody.append(row);
