@@ -21,7 +21,7 @@ pub struct BusConfig {
     pub setpoint_buffer: usize,
     /// Setpoint subscribers at the same time, bridges and onlookers together.
     pub max_setpoint_subscribers: usize,
-    /// How long opening may wait for the remains of a killed run to be cleared.
+    /// How long opening may wait for other cores to open, and for the remains of a killed run to be cleared.
     pub open_timeout: Duration,
 }
 
@@ -37,7 +37,8 @@ impl BusConfig {
             axes: axes.to_owned(),
             setpoint_buffer: per_second.clamp(256, 16_384) as usize,
             max_setpoint_subscribers: 8,
-            open_timeout: Duration::from_secs(5),
+            // Cores of all prefixes open one after the other: a busy host may let each of them wait.
+            open_timeout: Duration::from_secs(20),
         }
     }
 }

@@ -4,7 +4,7 @@
 //! its two arguments (-1 for a word that is missing, as machine builders know it). What it writes is told line by line. It
 //! is over when it ends; whatever it leaves behind in the background is its own affair.
 
-use std::io::{BufRead, BufReader, PipeReader, Read};
+use std::io::{ErrorKind, PipeReader, Read};
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::{Path, PathBuf};
@@ -25,11 +25,14 @@ use crate::rt::take_turns;
 const LOOK_EVERY: Duration = Duration::from_millis(2);
 /// How long a program may take to end after it was asked to.
 const GRACE: Duration = Duration::from_secs(1);
-/// How long what was written last is waited for, where something in the background keeps the pipe open.
+/// How long is waited for what others write in the name of a program that has ended, where they keep the pipe open.
 const LAST_WORDS: Duration = Duration::from_millis(100);
 /// Bytes of output that are told, of a line and in all.
-const MOST_OF_LINE: u64 = 500;
-const MOST_BYTES: u64 = 64 * 1024;
+const MOST_OF_LINE: usize = 500;
+const MOST_BYTES: usize = 64 * 1024;
+/// Bytes that are read at once, and so often in one look: more than a pipe holds (1 MiB, where it was enlarged).
+const BYTES_AT_ONCE: usize = 8 * 1024;
+const MOST_READS: usize = 160;
 /// What a program gets for a word that is missing.
 const NO_WORD: f64 = -1.0;
 
@@ -134,6 +137,8 @@ impl UserCodes {
         let name = call.text();
         let fails = |error: std::io::Error| format!("{name}: cannot be started: {error}");
         let (output, input) = std::io::pipe().map_err(fails)?;
+        // Read by the thread that looks after the program: all that it has written is there when it has ended.
+        rustix::io::ioctl_fionbio(&output, true).map_err(|error| fails(error.into()))?;
         let mut command = Command::new(self.file(call.number));
         for word in call.words {
             command.arg(word.unwrap_or(NO_WORD).to_string());
@@ -154,26 +159,29 @@ impl UserCodes {
             .map_err(fails)?;
         // Our ends of the pipe go with the command, so that its end is seen.
         drop(command);
-        let (done, is_read) = mpsc::channel();
-        let lines = told.clone();
-        let reader = thread::Builder::new()
-            .name("user-code-output".into())
-            .spawn(move || {
-                read_lines(output, &lines);
-                let _gone = done.send(());
-            });
-        let result = self.watch(&name, child, cancelled);
-        if reader.is_ok() {
-            let _late = is_read.recv_timeout(LAST_WORDS);
+        let mut output = Output::new(output, told);
+        let result = self.watch(&name, child, &mut output, cancelled);
+        let end = Instant::now();
+        while output.tell() && end.elapsed() < LAST_WORDS {
+            thread::sleep(LOOK_EVERY);
         }
+        output.tell_line();
         result
     }
 
     /// Waits for the end, and makes one where that takes too long.
-    fn watch(&self, name: &str, mut child: Child, cancelled: &AtomicBool) -> Result<(), String> {
+    fn watch(
+        &self,
+        name: &str,
+        mut child: Child,
+        output: &mut Output<'_>,
+        cancelled: &AtomicBool,
+    ) -> Result<(), String> {
         let begin = Instant::now();
         let mut asked: Option<Instant> = None;
         loop {
+            // Beyond the limit too, so that the program does not wait for us.
+            let _is_open = output.tell();
             match child.try_wait() {
                 Ok(Some(_)) if asked.is_some() => return Err(format!("{name}: was ended by a stop")),
                 Ok(Some(status)) => return judge(name, status),
@@ -221,28 +229,63 @@ fn judge(name: &str, status: ExitStatus) -> Result<(), String> {
     }
 }
 
-fn read_lines(output: PipeReader, told: &Sender<UserNews>) {
-    let mut reader = BufReader::new(output);
-    let (mut bytes, mut left) = (Vec::new(), MOST_BYTES);
-    // What is beyond the limit is read too, so that the program does not wait for us, and forgotten.
-    loop {
-        bytes.clear();
-        match reader.by_ref().take(MOST_OF_LINE).read_until(b'\n', &mut bytes) {
-            Ok(0) | Err(_) => return,
-            Ok(count) if left > 0 => {
-                left = left.saturating_sub(count as u64);
-                let text: String = String::from_utf8_lossy(&bytes)
-                    .trim_end()
-                    .chars()
-                    .map(|c| if c.is_control() { ' ' } else { c })
-                    .collect();
-                let _gone = told.send(UserNews::Line(text));
-                if left == 0 {
-                    let _gone = told.send(UserNews::Line("(more was written)".to_owned()));
-                }
-            }
-            Ok(_) => {}
+/// What a program writes, line by line.
+struct Output<'a> {
+    pipe: PipeReader,
+    told: &'a Sender<UserNews>,
+    /// What there is of a line that is not whole.
+    line: Vec<u8>,
+    /// Bytes that may still be told.
+    left: usize,
+}
+
+impl<'a> Output<'a> {
+    /// Of a pipe that is read without waiting.
+    fn new(pipe: PipeReader, told: &'a Sender<UserNews>) -> Self {
+        Self {
+            pipe,
+            told,
+            line: Vec::with_capacity(MOST_OF_LINE),
+            left: MOST_BYTES,
         }
+    }
+
+    /// Tells the lines that have come by now. Whether there may be more.
+    fn tell(&mut self) -> bool {
+        let mut bytes = [0; BYTES_AT_ONCE];
+        for _ in 0..MOST_READS {
+            match self.pipe.read(&mut bytes) {
+                Ok(0) => return false,
+                Ok(count) => {
+                    for &byte in &bytes[..count] {
+                        self.line.push(byte);
+                        if byte == b'\n' || self.line.len() == MOST_OF_LINE {
+                            self.tell_line();
+                        }
+                    }
+                }
+                Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                Err(error) => return error.kind() == ErrorKind::WouldBlock,
+            }
+        }
+        true
+    }
+
+    /// Tells what there is of a line. What is beyond the limit is forgotten.
+    fn tell_line(&mut self) {
+        if !self.line.is_empty() && self.left > 0 {
+            self.left = self.left.saturating_sub(self.line.len());
+            let text: String = String::from_utf8_lossy(&self.line)
+                .trim_end()
+                .chars()
+                .map(|c| if c.is_control() { ' ' } else { c })
+                .collect();
+            let _gone = self.told.send(UserNews::Line(text));
+            if self.left == 0 {
+                let _gone = self.told.send(UserNews::Line("(more was written)".to_owned()));
+            }
+        }
+        self.line.clear();
     }
 }
 
@@ -284,14 +327,23 @@ impl Drop for UserProgram {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::{Mutex, PoisonError};
+
     use super::*;
+
+    /// A script cannot be started while the child of another test, which is just being made, has it open as we had.
+    static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
+    /// Longer than any host keeps a test from running.
+    const FOREVER: Duration = Duration::from_secs(60);
+    const FOREVER_S: f64 = 60.0;
 
     /// A folder with a script called M101, and what comes of it.
     fn outcome(
         script: &str,
         timeout_s: f64,
-        cancel_after: Option<Duration>,
+        cancel_at_first_line: bool,
     ) -> (Vec<String>, Result<(), String>) {
+        let _turn = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("M101");
         std::fs::write(&file, format!("#!/bin/sh\n{script}\n")).unwrap();
@@ -317,10 +369,10 @@ mod tests {
                 }
                 None => thread::sleep(Duration::from_millis(1)),
             }
-            if cancel_after.is_some_and(|after| begin.elapsed() > after) {
+            if cancel_at_first_line && !lines.is_empty() {
                 program.cancel();
             }
-            assert!(begin.elapsed() < Duration::from_secs(20), "never ends");
+            assert!(begin.elapsed() < FOREVER, "never ends");
         }
     }
 
@@ -328,8 +380,8 @@ mod tests {
     fn a_program_gets_its_words_and_place_and_what_it_writes_is_told() {
         let (lines, result) = outcome(
             "echo \"$1 $2 $# $EVOLVENT_MACHINE_NAME $EVOLVENT_LINE\"; [ -x M101 ] && echo here >&2",
-            5.0,
-            None,
+            FOREVER_S,
+            false,
         );
         assert_eq!(result, Ok(()));
         assert_eq!(lines, ["2.5 -1 2 mill 7", "here"]);
@@ -347,12 +399,12 @@ mod tests {
 
     #[test]
     fn a_program_that_fails_is_killed_or_hangs_ends_with_a_sentence_that_says_so() {
-        for (script, said) in [
-            ("exit 3", "exit code 3"),
-            ("kill -9 $$", "killed by signal 9"),
-            ("trap '' TERM; sleep 30", "did not end within 0.3 s"),
+        for (script, timeout_s, said) in [
+            ("exit 3", FOREVER_S, "exit code 3"),
+            ("kill -9 $$", FOREVER_S, "killed by signal 9"),
+            ("trap '' TERM; sleep 300", 0.3, "did not end within 0.3 s"),
         ] {
-            let (_, result) = outcome(script, 0.3, None);
+            let (_, result) = outcome(script, timeout_s, false);
             let text = result.unwrap_err();
             assert!(
                 text.contains(said) && text.starts_with("M101 P2.5: "),
@@ -363,30 +415,60 @@ mod tests {
 
     #[test]
     fn a_stop_ends_a_program_and_all_that_it_has_started() {
+        let (lines, result) = outcome("sleep 333.25 & echo $!; wait", FOREVER_S, true);
+        assert!(result.unwrap_err().contains("stop"));
+        let child = format!("/proc/{}/cmdline", lines[0].parse::<u32>().unwrap());
         let begin = Instant::now();
-        let (lines, result) = outcome(
-            "sleep 33.25 & echo $!; wait",
-            60.0,
-            Some(Duration::from_millis(300)),
-        );
-        assert!(result.unwrap_err().contains("stop") && begin.elapsed() < Duration::from_secs(10));
-        let child: u32 = lines[0].parse().unwrap();
-        thread::sleep(Duration::from_millis(50));
-        let left = std::fs::read_to_string(format!("/proc/{child}/cmdline")).unwrap_or_default();
-        assert!(!left.contains("33.25"), "{left}");
+        while std::fs::read_to_string(&child).is_ok_and(|left| left.contains("333.25")) {
+            assert!(begin.elapsed() < FOREVER, "it sleeps on");
+            thread::sleep(LOOK_EVERY);
+        }
     }
 
     #[test]
     fn what_runs_on_in_the_background_does_not_hold_the_program_up() {
         let begin = Instant::now();
-        let (_, result) = outcome("sleep 5 & exit 0", 3.0, None);
+        let (_, result) = outcome("sleep 30 & exit 0", 25.0, false);
         assert_eq!(result, Ok(()));
-        assert!(begin.elapsed() < Duration::from_secs(3));
+        assert!(begin.elapsed() < Duration::from_secs(20));
+    }
+
+    #[test]
+    fn what_a_program_writes_last_is_told_although_the_pipe_stays_open() {
+        let script = "sleep 30 & seq 3000; printf 'no end of line'";
+        let (lines, result) = outcome(script, FOREVER_S, false);
+        assert_eq!(result, Ok(()));
+        let mut expected: Vec<String> = (1..=3000).map(|number| number.to_string()).collect();
+        expected.push("no end of line".to_owned());
+        assert_eq!(lines, expected);
+    }
+
+    /// However late it comes.
+    #[test]
+    fn one_look_tells_all_that_is_in_the_pipe() {
+        use std::io::Write;
+        let (output, mut input) = std::io::pipe().unwrap();
+        rustix::io::ioctl_fionbio(&output, true).unwrap();
+        rustix::io::ioctl_fionbio(&input, true).unwrap();
+        let (told, news) = mpsc::channel();
+        let mut output = Output::new(output, &told);
+        assert!(output.tell() && news.try_recv().is_err(), "nothing yet");
+        let line = "x".repeat(99);
+        // The system may give small pipes only.
+        let whole = format!("{line}\n");
+        let written = (0..600)
+            .take_while(|_| input.write_all(whole.as_bytes()).is_ok())
+            .count();
+        assert!(output.tell(), "it is still open");
+        assert_eq!(
+            news.try_iter().collect::<Vec<_>>(),
+            vec![UserNews::Line(line); written]
+        );
     }
 
     #[test]
     fn endless_output_is_cut() {
-        let (lines, result) = outcome("yes 0123456789 | head -c 1000000", 10.0, None);
+        let (lines, result) = outcome("yes 0123456789 | head -c 1000000", FOREVER_S, false);
         assert_eq!(result, Ok(()));
         assert!(lines.len() < 10_000 && lines[lines.len() - 1] == "(more was written)");
     }

@@ -13,8 +13,10 @@ use crate::selection::Selection;
 
 /// Status snapshots go out this often.
 const STATUS_EVERY_NS: u64 = 50_000_000;
-/// How long drives are listened for before the first setpoint.
-const LISTEN: Duration = Duration::from_millis(500);
+/// How often drives are listened for before the first setpoint, and the pause before each time: half a second. Times are
+/// counted, because a process that was kept from running that long has not listened.
+const LISTEN_TIMES: u32 = 100;
+const LISTEN_EVERY: Duration = Duration::from_millis(5);
 /// Longest sleep, so that a wish to end is heard.
 const NAP_NS: u64 = 20_000_000;
 /// Of a CiA 402 status word: the bits that tell the state, and what they are in "operation enabled".
@@ -226,8 +228,12 @@ pub fn replay(
 
 /// Listens whether somebody with drives that are on answers.
 fn refuse_live_drives(bus: &mut CoreBus, name: &str, stop: &impl Fn() -> bool) -> Result<(), ReplayError> {
-    let end = MonotonicClock::now_ns() + LISTEN.as_nanos() as u64;
-    while MonotonicClock::now_ns() < end && !stop() {
+    for _ in 0..LISTEN_TIMES {
+        if stop() {
+            break;
+        }
+        bus.admit_readers();
+        std::thread::sleep(LISTEN_EVERY);
         while let Some(feedback) = bus.feedback()? {
             let is_on = |word: u32| word & STATE_BITS == OPERATION_ENABLED;
             if let Some(axis) = feedback.status_word.iter().position(|&word| is_on(word)) {
@@ -238,8 +244,6 @@ fn refuse_live_drives(bus: &mut CoreBus, name: &str, stop: &impl Fn() -> bool) -
                 });
             }
         }
-        bus.admit_readers();
-        std::thread::sleep(Duration::from_millis(5));
     }
     Ok(())
 }

@@ -7,7 +7,7 @@
 
 mod common;
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use common::{PROGRAM, altered, cycles, long_program, record};
 use evolvent_daemon::Clock;
@@ -61,24 +61,32 @@ fn a_run_in_real_time_with_overrides_holds_and_a_stop_comes_out_the_same() {
         Clock::Realtime,
         1.0,
         |controls| {
-            let sleep = |ms| std::thread::sleep(Duration::from_millis(ms));
-            sleep(400);
+            // By the run's own time, of which a cycle is 1 ms: nobody knows when it starts.
+            let (begin, mut until) = (Instant::now(), 0);
+            let mut wait = |cycles| {
+                until += cycles;
+                while controls.progress().cycles < until && begin.elapsed() < Duration::from_secs(60) {
+                    std::thread::sleep(Duration::from_millis(1));
+                }
+                until = until.max(controls.progress().cycles);
+            };
+            wait(400);
             controls.set_override(0.6);
-            sleep(300);
+            wait(300);
             controls.set_hold(true);
-            sleep(400);
+            wait(400);
             controls.set_override(1.3);
-            sleep(150);
+            wait(150);
             controls.set_hold(false);
-            sleep(500);
+            wait(500);
             controls.set_hold(true);
-            sleep(20);
+            wait(20);
             controls.set_hold(false);
-            sleep(400);
+            wait(400);
             controls.set_override(0.0);
-            sleep(300);
+            wait(300);
             controls.set_override(1.0);
-            sleep(300);
+            wait(300);
             controls.stop();
         },
     );

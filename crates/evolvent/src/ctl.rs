@@ -17,12 +17,26 @@ use crate::ctl_request::{absolute, jog, letters_mask, request, system_number, va
 use crate::ctl_status::{status_to_json, write_status};
 use crate::{CommandError, Ending};
 
-/// How long to wait for an answer.
-const ANSWER: Duration = Duration::from_secs(5);
+/// How long to wait for an answer: a busy host may take long to look at a program.
+const ANSWER: Duration = Duration::from_secs(30);
+/// The same of a command that stops: whoever gives it must know soon that nobody hears it.
+const STOP_ANSWER: Duration = Duration::from_secs(5);
+/// Commands that stop, or keep what stops by itself.
+const STOPPING: [CommandCode; 6] = [
+    CommandCode::Estop,
+    CommandCode::Off,
+    CommandCode::Hold,
+    CommandCode::Stop,
+    CommandCode::JogStop,
+    CommandCode::JogKeep,
+];
 /// How long the check of a long program is waited for before it starts.
 const CHECKED: Duration = Duration::from_secs(600);
 /// How often the status is looked at while a job runs.
 const POLL: Duration = Duration::from_millis(5);
+/// Looks in vain, of two seconds, after which the core has gone. Looks are counted, because a process that was kept from running
+/// that long has not looked.
+const MOST_LOOKS: u32 = 400;
 
 pub(crate) fn run(args: &CtlArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Ending, CommandError> {
     if !(0.0..=3600.0).contains(&args.patience) {
@@ -77,9 +91,8 @@ fn only_machine(args: &CtlArgs) -> Result<String, CommandError> {
 
 /// A status that is not older than its publisher.
 fn fresh_status(reader: &mut StatusReader) -> Result<Status, CommandError> {
-    let deadline = Instant::now() + Duration::from_secs(2);
     let mut first: Option<u64> = None;
-    loop {
+    for _ in 0..MOST_LOOKS {
         let latest = reader
             .latest()
             .map_err(|error| CommandError::Failed(error.to_string()))?;
@@ -90,13 +103,11 @@ fn fresh_status(reader: &mut StatusReader) -> Result<Status, CommandError> {
             }
             first.get_or_insert(status.sequence);
         }
-        if Instant::now() > deadline {
-            return Err(CommandError::Failed(
-                "the core has gone: its status stands still; start it again".to_owned(),
-            ));
-        }
         std::thread::sleep(POLL);
     }
+    Err(CommandError::Failed(
+        "the core has gone: its status stands still; start it again".to_owned(),
+    ))
 }
 
 struct Session {
@@ -257,8 +268,9 @@ impl Session {
     }
 
     fn send(&mut self, request: &ControlRequest) -> Result<ControlAnswer, CommandError> {
+        let stops = STOPPING.iter().any(|&code| request.command == code as u32);
         self.client
-            .command(request, ANSWER)
+            .command(request, if stops { STOP_ANSWER } else { ANSWER })
             .map_err(|error| CommandError::Failed(error.to_string()))
     }
 
@@ -308,18 +320,18 @@ impl Session {
 
     /// The status at the end of a job.
     fn await_job(&mut self, job: u64) -> Result<Status, CommandError> {
-        let mut sequence = 0;
-        let mut changed = Instant::now();
+        let (mut sequence, mut looks) = (0, 0);
         loop {
+            looks += 1;
             if let Some(status) = self.latest()? {
                 if status.job > job || (status.job == job && status.job_result != 0) {
                     return Ok(status);
                 }
                 if status.sequence != sequence {
-                    (sequence, changed) = (status.sequence, Instant::now());
+                    (sequence, looks) = (status.sequence, 0);
                 }
             }
-            if changed.elapsed() > Duration::from_secs(2) {
+            if looks > MOST_LOOKS {
                 return Err(CommandError::Failed("the core has gone".to_owned()));
             }
             std::thread::sleep(POLL);

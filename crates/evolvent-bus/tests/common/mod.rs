@@ -30,7 +30,7 @@ impl PrivateDomain {
     }
 
     pub(crate) fn client_config(&self, name: &str) -> ClientConfig {
-        let wait = Duration::from_secs(5);
+        let wait = Duration::from_secs(60);
         ClientConfig {
             prefix: Some(self.prefix.clone()),
             wait,

@@ -44,6 +44,8 @@ pub(super) struct Checking {
     /// What offsets and tools were then.
     memory: ProgramMemory,
     verdict: Option<Result<(), Refusal>>,
+    /// Whether [`Checking::objection`] has told the verdict.
+    is_told: bool,
     result: Receiver<Result<(), Refusal>>,
     superseded: Arc<AtomicBool>,
 }
@@ -70,6 +72,7 @@ impl Checking {
             look,
             memory: setup.memory.clone(),
             verdict: None,
+            is_told: false,
             result,
             superseded,
         })
@@ -80,13 +83,15 @@ impl Checking {
         Look::at(file).as_ref() == Some(&self.look) && self.memory == setup.memory
     }
 
-    /// What is wrong with the program, once.
+    /// What is wrong with the program, once, whoever has asked for the verdict before.
     pub(super) fn objection(&mut self) -> Option<String> {
-        if self.verdict.is_some() {
+        if self.is_told {
             return None;
         }
         let verdict = self.verdict()?;
-        verdict.as_ref().err().map(|refusal| refusal.text.clone())
+        let objection = verdict.as_ref().err().map(|refusal| refusal.text.clone());
+        self.is_told = true;
+        objection
     }
 
     /// What it came to; none while it is under way.
@@ -136,5 +141,55 @@ pub(super) fn judge(
             };
             Err(Refusal::new(alarm, sentence(first, lines_before)))
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A check of no file, which comes to what is sent.
+    fn checking() -> (mpsc::Sender<Result<(), Refusal>>, Checking) {
+        let (sender, result) = mpsc::channel();
+        let look = Look {
+            file: PathBuf::from("long.ngc"),
+            bytes: SHORT + 1,
+            changed: None,
+        };
+        let checking = Checking {
+            look,
+            memory: ProgramMemory::default(),
+            verdict: None,
+            is_told: false,
+            result,
+            superseded: Arc::default(),
+        };
+        (sender, checking)
+    }
+
+    #[test]
+    fn an_objection_is_told_once_although_a_start_has_heard_it_first() {
+        for start_comes_first in [false, true] {
+            let (sender, mut checking) = checking();
+            assert_eq!(checking.objection(), None, "under way");
+            let refusal = Refusal::new(Alarm::BadProgram, "line 7: no such word");
+            sender.send(Err(refusal.clone())).unwrap();
+            if start_comes_first {
+                assert_eq!(checking.verdict(), Some(&Err(refusal.clone())));
+            }
+            assert_eq!(checking.objection(), Some(refusal.text.clone()));
+            assert_eq!(checking.objection(), None, "once");
+            assert_eq!(checking.verdict(), Some(&Err(refusal)), "each start hears it");
+        }
+    }
+
+    #[test]
+    fn there_is_nothing_to_tell_of_a_good_program_and_a_word_of_a_check_that_died() {
+        let (sender, mut good) = checking();
+        sender.send(Ok(())).unwrap();
+        assert_eq!((good.objection(), good.verdict()), (None, Some(&Ok(()))));
+        let (sender, mut died) = checking();
+        drop(sender);
+        assert!(died.objection().is_some_and(|text| text.contains("has died")));
     }
 }

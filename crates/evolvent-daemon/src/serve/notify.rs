@@ -1,15 +1,30 @@
 //! What a service manager is told: ready, alive, stopping (the protocol of systemd's `sd_notify`).
 
+use std::cell::RefCell;
 use std::ffi::OsStr;
+use std::io::ErrorKind;
 use std::os::linux::net::SocketAddrExt;
 use std::os::unix::ffi::OsStrExt;
 use std::os::unix::net::{SocketAddr, UnixDatagram};
-use std::time::Duration;
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
+
+use crate::rt::take_turns;
+
+/// A sign of life; each is followed by the next.
+const ALIVE: &str = "WATCHDOG=1";
+/// How long news is offered to a manager that has no room for it: Linux lets as few as ten wait.
+const PATIENCE: Duration = Duration::from_secs(5);
+/// Time between two offers.
+const OFFER_EVERY: Duration = Duration::from_millis(2);
 
 /// The manager's socket, if there is one.
 #[derive(Debug, Default)]
 pub(crate) struct Manager {
     socket: Option<(UnixDatagram, SocketAddr)>,
+    patience: Duration,
+    /// Offers what has found no room. At the end it is waited for.
+    late: RefCell<Option<JoinHandle<()>>>,
     /// How often it wants a sign of life.
     pub watchdog: Option<Duration>,
 }
@@ -22,18 +37,57 @@ impl Manager {
         let watchdog = number("WATCHDOG_USEC").filter(|&us| mine && us > 0);
         Self {
             socket: std::env::var_os("NOTIFY_SOCKET").and_then(|name| socket(&name)),
+            patience: PATIENCE,
+            late: RefCell::default(),
             // Twice as often as it has to be.
             watchdog: watchdog.map(|us| Duration::from_micros(us / 2)),
         }
     }
 
-    /// Tells the manager; without one nothing happens.
-    pub(crate) fn tell(&self, text: &str) {
-        if let Some((socket, address)) = &self.socket {
-            // A manager that has gone needs no news.
-            let _lost = socket.send_to_addr(text.as_bytes(), address);
+    /// Tells the manager; without one nothing happens. Never waits: whoever calls it has a machine to stop.
+    pub(crate) fn tell(&self, text: &'static str) {
+        let Some((socket, address)) = &self.socket else {
+            return;
+        };
+        if text == ALIVE {
+            let _next_comes = is_taken(socket, address, text);
+            return;
+        }
+        let is_behind = (self.late.borrow().as_ref()).is_some_and(|late| !late.is_finished());
+        if is_behind || !is_taken(socket, address, text) {
+            self.offer(socket, address.clone(), text);
         }
     }
+
+    /// Tells what has found no room, on a thread of its own, behind what found none before.
+    fn offer(&self, socket: &UnixDatagram, address: SocketAddr, text: &'static str) {
+        let Ok(socket) = socket.try_clone() else {
+            return;
+        };
+        let (before, patience) = (self.late.take(), self.patience);
+        let offering = thread::Builder::new().name("notifier".into()).spawn(move || {
+            take_turns();
+            let _ended = before.map(JoinHandle::join);
+            let begin = Instant::now();
+            while !is_taken(&socket, &address, text) && begin.elapsed() < patience {
+                thread::sleep(OFFER_EVERY);
+            }
+        });
+        // Without a thread it is lost, as it was without room.
+        self.late.replace(offering.ok());
+    }
+}
+
+impl Drop for Manager {
+    fn drop(&mut self) {
+        let _ended = self.late.take().map(JoinHandle::join);
+    }
+}
+
+/// Whether it need not be told again: a manager that has gone needs no news.
+fn is_taken(socket: &UnixDatagram, address: &SocketAddr, text: &str) -> bool {
+    let sent = socket.send_to_addr(text.as_bytes(), address);
+    sent.map_or_else(|error| error.kind() != ErrorKind::WouldBlock, |_| true)
 }
 
 fn socket(name: &OsStr) -> Option<(UnixDatagram, SocketAddr)> {
@@ -50,19 +104,66 @@ fn socket(name: &OsStr) -> Option<(UnixDatagram, SocketAddr)> {
 mod tests {
     use super::*;
 
+    /// A manager's ear, and who talks into it.
+    fn listened(folder: &tempfile::TempDir) -> (UnixDatagram, Manager) {
+        let path = folder.path().join("notify");
+        let hears = UnixDatagram::bind(&path).unwrap();
+        hears.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
+        let manager = Manager {
+            socket: socket(path.as_os_str()),
+            patience: Duration::from_secs(60),
+            late: RefCell::default(),
+            watchdog: None,
+        };
+        (hears, manager)
+    }
+
+    fn hear(ear: &UnixDatagram) -> String {
+        let mut heard = [0; 16];
+        let length = ear.recv(&mut heard).unwrap();
+        String::from_utf8_lossy(&heard[..length]).into_owned()
+    }
+
     #[test]
     fn a_manager_hears_what_it_is_told() {
         let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("notify");
-        let hears = UnixDatagram::bind(&path).unwrap();
-        let manager = Manager {
-            socket: socket(path.as_os_str()),
-            watchdog: None,
-        };
+        let (ear, manager) = listened(&folder);
         manager.tell("READY=1");
-        let mut heard = [0; 16];
-        let length = hears.recv(&mut heard).unwrap();
-        assert_eq!(&heard[..length], b"READY=1");
+        assert_eq!(hear(&ear), "READY=1");
         Manager::default().tell("nobody");
+    }
+
+    #[test]
+    fn what_finds_no_room_is_told_in_its_order_when_there_is_some() {
+        let folder = tempfile::tempdir().unwrap();
+        let (ear, manager) = listened(&folder);
+        let (socket, address) = manager.socket.as_ref().unwrap();
+        let mut signs = 0;
+        while socket.send_to_addr(ALIVE.as_bytes(), address).is_ok() {
+            signs += 1;
+        }
+        manager.tell(ALIVE);
+        assert!(
+            manager.late.borrow().is_none(),
+            "the next sign of life comes anyway"
+        );
+        manager.tell("READY=1");
+        manager.tell("STOPPING=1");
+        for _ in 0..signs {
+            assert_eq!(hear(&ear), ALIVE);
+        }
+        assert_eq!(
+            (hear(&ear), hear(&ear)),
+            ("READY=1".to_owned(), "STOPPING=1".to_owned())
+        );
+    }
+
+    #[test]
+    fn a_manager_that_has_gone_is_not_waited_for() {
+        let folder = tempfile::tempdir().unwrap();
+        let (ear, manager) = listened(&folder);
+        drop(ear);
+        manager.tell("STOPPING=1");
+        assert!(manager.late.borrow().is_none());
     }
 }
