@@ -490,9 +490,39 @@ mod tests {
     }
 
     #[test]
+    fn each_switch_and_override_is_one_of_its_own() {
+        let mut desk = Desk::default();
+        let seen = |desk: &Desk| {
+            let switches = [
+                desk.is_single_step(),
+                desk.is_optional_stop(),
+                desk.is_block_delete(),
+            ];
+            (switches, desk.overrides())
+        };
+        assert_eq!(seen(&desk), ([false; 3], [1.0; 3]));
+        desk.commit(&Command::BlockDelete(true), 0, false);
+        assert_eq!(seen(&desk).0, [false, false, true]);
+        desk.commit(&Command::OptionalStop(true), 0, false);
+        assert_eq!(seen(&desk).0, [false, true, true]);
+        desk.commit(&Command::SingleStep(true), 0, false);
+        desk.commit(&Command::BlockDelete(false), 0, false);
+        assert_eq!(seen(&desk).0, [true, true, false]);
+        desk.commit(&Command::FeedOverride(0.5), 0, false);
+        desk.commit(&Command::RapidOverride(0.25), 0, false);
+        desk.commit(&Command::SpindleOverride(0.75), 0, false);
+        assert_eq!(seen(&desk).1, [0.5, 0.25, 0.75]);
+    }
+
+    #[test]
     fn a_job_ends_once() {
         let mut desk = Desk::default();
-        desk.job_begins(Activity::Jog);
+        assert_eq!(
+            (desk.job(), desk.job_begins(Activity::Jog), desk.job()),
+            (0, 1, 1)
+        );
+        desk.job_ends(JobResult::Done);
+        assert_eq!((desk.job_begins(Activity::Jog), desk.job()), (2, 2));
         desk.job_ends(JobResult::Stopped);
         desk.job_ends(JobResult::Fault);
         assert_eq!(desk.result(), JobResult::Stopped);

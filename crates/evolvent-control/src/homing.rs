@@ -388,4 +388,72 @@ mod tests {
         };
         assert_eq!(refusal.alarm, Alarm::HomeSwitchMissing);
     }
+
+    /// Every order of a sequence of two axes, and nothing else however long an axis takes to come to rest.
+    #[test]
+    fn each_axis_searches_backs_off_latches_and_goes_home_at_rest_only() {
+        let y = HomingAxis {
+            axis: AxisLetter::Y,
+            order: 1,
+            direction: 1.0,
+            search_speed: 30.0,
+            latch_speed: 2.0,
+            switch_position: 250.0,
+            travel: 500.0,
+            home: 10.0,
+        };
+        let moves = |axis: &HomingAxis, distance: f64, speed: f64| HomingAction::Move {
+            axis: axis.axis,
+            distance,
+            speed,
+        };
+        let mut homing = Homing::new(vec![y, AXIS]);
+        // 1.1 of the travel for the search, half of it for the ways back.
+        for (axis, bit, search, back) in [(AXIS, 0b001, -880.0, 400.0), (y, 0b010, 550.0, -250.0)] {
+            let mut step = |closed: bool, at_rest: bool, place: f64| {
+                let mut position = Axes::from_element(-7.0);
+                position[axis.axis.index()] = place;
+                // The other axes' switches mean nothing.
+                let switches = if closed { bit } else { !bit };
+                homing.step(&HomingSample { position, switches }, at_rest)
+            };
+            assert_eq!(step(false, false, 0.0), HomingAction::Wait);
+            let HomingAction::Move { distance, .. } = step(false, true, 0.0) else {
+                panic!("no search");
+            };
+            assert!((distance - search).abs() < 1e-9, "{distance}");
+            assert_eq!(step(false, false, 0.0), HomingAction::Wait);
+            assert_eq!(step(true, false, 1.0), HomingAction::Stop);
+            assert_eq!(step(true, false, 2.0), HomingAction::Wait, "until it rests");
+            assert_eq!(step(true, true, 3.0), moves(&axis, back, axis.search_speed));
+            assert_eq!(step(true, false, 2.0), HomingAction::Wait);
+            assert_eq!(step(false, false, 1.0), HomingAction::Stop);
+            assert_eq!(step(false, false, 0.0), HomingAction::Wait, "until it rests");
+            assert_eq!(step(false, true, 0.0), moves(&axis, -back, axis.latch_speed));
+            assert_eq!(step(true, false, 1.25), HomingAction::Stop);
+            assert_eq!(step(true, false, 1.5), HomingAction::Wait, "until it rests");
+            let zero = HomingAction::SetZero {
+                axis: axis.axis,
+                position: 1.25,
+                coordinate: axis.switch_position,
+            };
+            assert_eq!(step(true, true, 1.5), zero);
+            assert_eq!(step(true, false, 1.5), HomingAction::Wait, "until it rests");
+            let home = HomingAction::Home {
+                axis: axis.axis,
+                position: axis.home,
+                speed: axis.search_speed,
+            };
+            assert_eq!(step(true, true, 1.5), home);
+            assert_eq!(step(false, false, 5.0), HomingAction::Wait);
+            let over = step(false, true, 9.0);
+            let expected = if bit == 0b010 {
+                HomingAction::Done
+            } else {
+                HomingAction::Wait
+            };
+            assert_eq!(over, expected);
+        }
+        assert_eq!(homing.axis(), None);
+    }
 }

@@ -126,11 +126,11 @@ pub fn judge(command: Code, situation: &Situation) -> Result<(), Alarm> {
         return Err(Alarm::WrongMode);
     }
     if !rule.activity[situation.activity as usize] {
-        return Err(match situation.activity {
-            Activity::None => Alarm::NothingRuns,
-            // A hold is for paths; a jog or a homing sequence is stopped.
-            _ if !rule.activity[Activity::None as usize] => Alarm::NothingRuns,
-            _ => Alarm::Busy,
+        // A hold is for paths; a jog or a homing sequence is stopped.
+        return Err(if rule.activity[Activity::None as usize] {
+            Alarm::Busy
+        } else {
+            Alarm::NothingRuns
         });
     }
     if rule.loaded && !situation.is_loaded {

@@ -81,3 +81,16 @@ pub struct Situation {
     /// The axes are at rest in a feed hold or at a program stop, or on their way there.
     pub is_held: bool,
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn modes_come_back_from_their_numbers() {
+        for mode in [Mode::Auto, Mode::Manual, Mode::Mdi] {
+            assert_eq!(Mode::from_number(mode as u32), Some(mode));
+        }
+        assert_eq!(Mode::from_number(3), None);
+    }
+}

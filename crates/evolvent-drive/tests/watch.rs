@@ -520,7 +520,12 @@ fn every_alarm_has_a_number_of_its_own_and_says_what_to_do() {
         assert_eq!(alarm.number() as usize, 400 + i);
         let text = alarm.to_string();
         assert!(text.contains(": ") && text.len() < 220, "{text}");
+        // Drives that never came up, have lost power, stopped by themselves or were restarted cannot be led along a path.
+        let is_led = ![400, 405, 406, 407, 408, 412, 413].contains(&alarm.number());
+        assert_eq!(alarm.drives_follow(), is_led, "{text}");
     }
+    assert!(alarms[5].to_string().contains("axis Y"), "{}", alarms[5]);
+    assert!(alarms[4].to_string().contains("axis ?"), "{}", alarms[4]);
     assert!(
         alarms[1].to_string().contains("25.4 ms old, 20.0 ms"),
         "{}",
