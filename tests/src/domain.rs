@@ -2,9 +2,10 @@
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU32, Ordering};
-use std::time::Duration;
 
 use evolvent_bus::{ClientBus, ClientConfig, remove_private_domain};
+
+use crate::served::PATIENCE;
 
 /// An iceoryx2 prefix that nobody else uses. At the end its files are swept away, and it is checked that none is left.
 #[derive(Debug)]
@@ -28,12 +29,12 @@ impl Domain {
     /// A client of a machine, waiting for its core.
     ///
     /// # Panics
-    /// The core does not come within 20 s.
+    /// The core does not come within two minutes.
     #[must_use]
     pub fn client(&self, machine: &str) -> ClientBus {
         let config = ClientConfig {
             prefix: Some(self.prefix.clone()),
-            wait: Duration::from_secs(20),
+            wait: PATIENCE,
             ..ClientConfig::new(machine)
         };
         ClientBus::open(&config).expect("a core on the bus")

@@ -8,12 +8,17 @@ use evolvent_bus::{
     COMMANDS, ClientBus, ControlAnswer, ControlClient, ControlRequest, Setpoint, SetpointReader, Status,
     StatusReader,
 };
+use evolvent_daemon::MonotonicClock;
 use rustix::process::{Pid, Signal, kill_process};
 
+use crate::host::tell_pause;
 use crate::{Domain, Finished, evolvent};
 
-/// How long anything may take.
-const PATIENCE: Duration = Duration::from_secs(30);
+/// How long anything may take, on a host that is busy or stands still for seconds.
+pub(crate) const PATIENCE: Duration = Duration::from_secs(120);
+
+/// A subscriber's queue.
+const QUEUE_NS: u64 = 1_000_000_000;
 
 /// An `evolvent serve` at work. Ends, killed if need be, when it is dropped.
 #[derive(Debug)]
@@ -130,7 +135,7 @@ impl Operator {
         let bus = domain.client(name);
         let config = evolvent_bus::ClientConfig {
             prefix: Some(domain.prefix.clone()),
-            wait: Duration::from_secs(20),
+            wait: PATIENCE,
             ..evolvent_bus::ClientConfig::new(name)
         };
         Self {
@@ -197,6 +202,13 @@ impl Operator {
         let begin = Instant::now();
         loop {
             let status = self.status.latest().expect("the status");
+            if let Some(status) = &status {
+                tell_pause(status.wake_lateness_max_ns);
+                // Without drives there is none.
+                if status.feedback_age_ns < u64::MAX {
+                    tell_pause(status.feedback_age_ns);
+                }
+            }
             if let Some(status) = status
                 && until(&status)
             {
@@ -214,8 +226,8 @@ impl Operator {
     /// The status after all that has been answered so far.
     #[track_caller]
     pub fn now(&mut self) -> Status {
-        let begin = self.waits("a status", |_| true).sequence;
-        self.waits("a newer status", |status| status.sequence > begin + 1)
+        let asked_ns = MonotonicClock::now_ns();
+        self.waits("a newer status", |status| status.time_ns > asked_ns)
     }
 
     /// Out of emergency stop, and on.
@@ -254,6 +266,12 @@ impl Operator {
             status.job == job && status.job_result != 0
         })
     }
+}
+
+/// Whether a setpoint was received so long after it was due that those before it may be gone: a subscriber's queue holds a second.
+#[must_use]
+pub fn is_behind(setpoint: &Setpoint) -> bool {
+    MonotonicClock::now_ns().saturating_sub(setpoint.due_time_ns) > QUEUE_NS / 2
 }
 
 /// Speed of all axes together.

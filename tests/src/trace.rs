@@ -4,6 +4,8 @@ use std::path::Path;
 
 use evolvent_trace::TraceFile;
 
+use crate::host::tell_pause;
+
 /// One cycle of a trace.
 pub type Cycle = evolvent_trace::CycleRecord;
 
@@ -19,6 +21,8 @@ pub fn cycles(trace: &Path) -> Vec<Cycle> {
         .cycles()
         .map(|cycle| cycle.expect("a readable cycle"))
         .collect();
+    let latest = found.iter().map(|cycle| cycle.wake_lateness_ns).max();
+    tell_pause(latest.map_or(0, |late| late.max(0).cast_unsigned()));
     for (index, cycle) in found.iter().enumerate() {
         assert_eq!(
             cycle.sequence,

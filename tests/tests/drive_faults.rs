@@ -5,11 +5,11 @@
 use std::sync::Mutex;
 use std::time::Instant;
 
-use evolvent_tests::{Domain, Drives, Operator, Random, Served, Workshop, command};
+use evolvent_tests::{Domain, Drives, Operator, Random, Served, Workshop, command, unless_disturbed};
 
 const FAULT: u32 = 4;
 /// Machines that run beside each other.
-const AT_ONCE: usize = 3;
+const AT_ONCE: usize = 2;
 
 /// Kinds of faults, the axis if they have one, and the alarms that may name them.
 const KINDS: [(&str, &str, &[u32]); 9] = [
@@ -82,8 +82,8 @@ fn drives_that_fail_at_any_moment_stop_the_machine_with_the_alarm_that_names_the
     let mut trials = Vec::new();
     for (kind, axis, expected) in KINDS {
         for _ in 0..moments {
-            // While both axes move: the way takes 5.6 s.
-            trials.push((trials.len(), kind, axis, random.between(0.6, 4.0), expected));
+            // While both axes move: the way takes 5.6 s, and begins when the machine is on.
+            trials.push((trials.len(), kind, axis, random.between(1.0, 4.5), expected));
         }
     }
     let (count, trials) = (trials.len(), Mutex::new(trials));
@@ -95,7 +95,8 @@ fn drives_that_fail_at_any_moment_stop_the_machine_with_the_alarm_that_names_the
                     let Some((number, kind, axis, moment, expected)) = next else {
                         break;
                     };
-                    println!("{}", fails(number, kind, axis, moment, expected));
+                    let seen = unless_disturbed(|| fails(number, kind, axis, moment, expected));
+                    println!("{seen}");
                 }
             });
         }

@@ -1,151 +1,158 @@
 //! Commands to a machine that is served: refused, MDI, stale, senseless.
 
+use std::cell::Cell;
 use std::time::Duration;
 
 use evolvent_bus::ControlRequest;
-use evolvent_tests::{Operator, Scene, command, speed};
+use evolvent_tests::{Operator, Scene, command, speed, unless_disturbed};
 
 const DONE: u32 = 1;
 
 #[test]
 fn commands_out_of_place_are_refused_with_number_and_sentence_and_change_nothing() {
-    let scene = Scene::new("op-refuse");
-    let mut operator = scene.operator();
-    let refused = |operator: &mut Operator, request: &ControlRequest, alarm: u32| {
-        let answer = operator.ask(request);
-        assert_eq!((answer.verdict, answer.alarm), (1, alarm), "{}", answer.text());
-        assert!(answer.text().len() > 15);
-    };
-    refused(&mut operator, &command("ON"), 910);
-    operator.brings_up();
-    refused(&mut operator, &command("START"), 913);
-    refused(&mut operator, &command("HOLD"), 915);
-    operator.says_number("MODE", 0);
-    refused(&mut operator, &command("START"), 917);
-    let mut missing = command("LOAD");
-    assert!(missing.set_text("/nowhere/at-all.ngc"));
-    refused(&mut operator, &missing, 922);
-    let bad = scene.workshop.write("bad.ngc", "G21\nG1 X5000 F100\nM2\n");
-    let mut load = command("LOAD");
-    assert!(load.set_text(bad.to_str().expect("UTF-8")));
-    let answer = operator.ask(&load);
-    assert_eq!((answer.verdict, answer.alarm), (1, 919));
-    for word in ["line 2", "axis X", "5000", "400"] {
-        assert!(answer.text().contains(word), "{}", answer.text());
-    }
-    let status = operator.now();
-    assert_eq!((status.job, status.machine_state, status.mode), (0, 2, 0));
-    assert_eq!(status.program_name(), "");
-    drop(operator);
-    scene.end();
+    unless_disturbed(|| {
+        let scene = Scene::new("op-refuse");
+        let mut operator = scene.operator();
+        let refused = |operator: &mut Operator, request: &ControlRequest, alarm: u32| {
+            let answer = operator.ask(request);
+            assert_eq!((answer.verdict, answer.alarm), (1, alarm), "{}", answer.text());
+            assert!(answer.text().len() > 15);
+        };
+        refused(&mut operator, &command("ON"), 910);
+        operator.brings_up();
+        refused(&mut operator, &command("START"), 913);
+        refused(&mut operator, &command("HOLD"), 915);
+        operator.says_number("MODE", 0);
+        refused(&mut operator, &command("START"), 917);
+        let mut missing = command("LOAD");
+        assert!(missing.set_text("/nowhere/at-all.ngc"));
+        refused(&mut operator, &missing, 922);
+        let bad = scene.workshop.write("bad.ngc", "G21\nG1 X5000 F100\nM2\n");
+        let mut load = command("LOAD");
+        assert!(load.set_text(bad.to_str().expect("UTF-8")));
+        let answer = operator.ask(&load);
+        assert_eq!((answer.verdict, answer.alarm), (1, 919));
+        for word in ["line 2", "axis X", "5000", "400"] {
+            assert!(answer.text().contains(word), "{}", answer.text());
+        }
+        let status = operator.now();
+        assert_eq!((status.job, status.machine_state, status.mode), (0, 2, 0));
+        assert_eq!(status.program_name(), "");
+        drop(operator);
+        scene.end();
+    });
 }
 
 #[test]
 fn mdi_remembers_modes_moves_and_is_refused_before_anything_moves() {
-    let scene = Scene::new("op-mdi");
-    let mut operator = scene.operator();
-    operator.brings_up();
-    operator.says_number("MODE", 2);
-    let job = operator.says_text("MDI", "G91 G0 X-10").job;
-    assert_eq!(operator.sees_end(job).job_result, DONE);
-    let job = operator.says_text("MDI", "G1 X-2.5 Y1 F3000").job;
-    let status = operator.sees_end(job);
-    assert_eq!(status.job_result, DONE);
-    assert!(
-        (status.position_machine[0] + 12.5).abs() < 1e-9,
-        "G91 is remembered"
-    );
-    assert!(status.modal.contains(&910));
-    // The motion too: a rapid would be ten times as fast.
-    while operator.setpoints.receive().expect("setpoints").is_some() {}
-    let job = operator.says_text("MDI", "X10").job;
-    let (mut top, mut begun): (f64, bool) = (0.0, false);
-    operator.follows(
-        |setpoint| {
-            begun |= setpoint.state == 1;
-            if begun {
-                top = top.max(speed(setpoint));
-            }
-        },
-        |setpoint| setpoint.state == 9,
-    );
-    let status = operator.sees_end(job);
-    assert!((status.position_machine[0] + 2.5).abs() < 1e-9);
-    assert!((top - 50.0).abs() < 0.5, "{top} mm/s");
-    let mut wrong = command("MDI");
-    assert!(wrong.set_text("G90 G1 X9999 F100"));
-    let answer = operator.ask(&wrong);
-    assert_eq!((answer.verdict, answer.alarm), (1, 919), "{}", answer.text());
-    assert!(wrong.set_text("G1 X#"));
-    assert_eq!(operator.ask(&wrong).alarm, 923);
-    assert_eq!(operator.now().job, job);
-    drop(operator);
-    scene.end();
+    unless_disturbed(|| {
+        let scene = Scene::new("op-mdi");
+        let mut operator = scene.operator();
+        operator.brings_up();
+        operator.says_number("MODE", 2);
+        let job = operator.says_text("MDI", "G91 G0 X-10").job;
+        assert_eq!(operator.sees_end(job).job_result, DONE);
+        let job = operator.says_text("MDI", "G1 X-2.5 Y1 F3000").job;
+        let status = operator.sees_end(job);
+        assert_eq!(status.job_result, DONE);
+        assert!(
+            (status.position_machine[0] + 12.5).abs() < 1e-9,
+            "G91 is remembered"
+        );
+        assert!(status.modal.contains(&910));
+        // The motion too: a rapid would be ten times as fast.
+        while operator.setpoints.receive().expect("setpoints").is_some() {}
+        let job = operator.says_text("MDI", "X10").job;
+        let (mut top, begun): (f64, _) = (0.0, Cell::new(false));
+        operator.follows(
+            |setpoint| {
+                begun.set(begun.get() || setpoint.state == 1);
+                if begun.get() {
+                    top = top.max(speed(setpoint));
+                }
+            },
+            |setpoint| setpoint.state == 9 && begun.get(),
+        );
+        let status = operator.sees_end(job);
+        assert!((status.position_machine[0] + 2.5).abs() < 1e-9);
+        assert!((top - 50.0).abs() < 0.5, "{top} mm/s");
+        let mut wrong = command("MDI");
+        assert!(wrong.set_text("G90 G1 X9999 F100"));
+        let answer = operator.ask(&wrong);
+        assert_eq!((answer.verdict, answer.alarm), (1, 919), "{}", answer.text());
+        assert!(wrong.set_text("G1 X#"));
+        assert_eq!(operator.ask(&wrong).alarm, 923);
+        assert_eq!(operator.now().job, job);
+        drop(operator);
+        scene.end();
+    });
 }
 
 #[test]
 fn stale_serials_rubbish_and_floods_change_nothing() {
-    let scene = Scene::new("op-rubbish");
-    let mut operator = scene.operator();
-    let mut rubbish = scene.operator();
-    operator.brings_up();
-    let before = operator.now();
-    let good = ControlRequest {
-        amount: 0.1,
-        ..command("FEED_OVERRIDE")
-    };
-    let patience = Duration::from_secs(5);
-    // Not by `..good`: this compiler breaks on it in a closure.
-    let numbered = |client: u64, serial: u64| {
-        let mut request = good;
-        (request.client, request.serial) = (client, serial);
-        request
-    };
-    let first = rubbish
-        .control
-        .send_as_it_is(&numbered(77, 5), patience)
-        .expect("an answer");
-    assert_eq!((first.verdict, first.client, first.serial), (0, 77, 5));
-    operator.does(&ControlRequest { amount: 1.0, ..good });
-    let mut random = evolvent_tests::Random::new();
-    for _ in 0..300 {
-        let mut request = numbered(77, 1 + random.below(5) as u64);
-        let kind = random.below(5);
-        match kind {
-            0 => {}
-            1 => (request.serial, request.amount) = (1_000 + random.below(1 << 20) as u64, f64::NAN),
-            2 => (request.client, request.interface_version) = (78, random.below(1000) as u32 + 2),
-            3 => (request.client, request.struct_size) = (79, random.below(1000) as u32),
-            _ => (request.client, request.serial) = (0, 1),
-        }
-        let answer = rubbish
-            .control
-            .send_as_it_is(&request, patience)
-            .expect("an answer");
-        assert_ne!(answer.verdict, 0, "{kind}");
-        assert_eq!((answer.client, answer.serial), (request.client, request.serial));
-    }
-    // Commands that are none, as fast as they can be sent, nobody waiting for an answer.
-    for k in 0..3_000 {
-        let request = ControlRequest {
-            command: 1_000 + k,
-            ..ControlRequest::default()
+    unless_disturbed(|| {
+        let scene = Scene::new("op-rubbish");
+        let mut operator = scene.operator();
+        let mut rubbish = scene.operator();
+        operator.brings_up();
+        let before = operator.now();
+        let good = ControlRequest {
+            amount: 0.1,
+            ..command("FEED_OVERRIDE")
         };
-        let _unanswered = rubbish.control.command(&request, Duration::ZERO);
-    }
-    let after = operator.now();
-    assert_eq!(after.override_ratio, 1.0);
-    assert_eq!(
-        (after.machine_state, after.mode, after.job, after.position_machine),
-        (
-            before.machine_state,
-            before.mode,
-            before.job,
-            before.position_machine
-        )
-    );
-    assert!(after.commands_rejected >= 300, "{}", after.commands_rejected);
-    assert_eq!(after.commands_accepted, before.commands_accepted + 2);
-    drop((operator, rubbish));
-    scene.end();
+        let patience = Duration::from_secs(60);
+        // Not by `..good`: this compiler breaks on it in a closure.
+        let numbered = |client: u64, serial: u64| {
+            let mut request = good;
+            (request.client, request.serial) = (client, serial);
+            request
+        };
+        let first = rubbish
+            .control
+            .send_as_it_is(&numbered(77, 5), patience)
+            .expect("an answer");
+        assert_eq!((first.verdict, first.client, first.serial), (0, 77, 5));
+        operator.does(&ControlRequest { amount: 1.0, ..good });
+        let mut random = evolvent_tests::Random::new();
+        for _ in 0..300 {
+            let mut request = numbered(77, 1 + random.below(5) as u64);
+            let kind = random.below(5);
+            match kind {
+                0 => {}
+                1 => (request.serial, request.amount) = (1_000 + random.below(1 << 20) as u64, f64::NAN),
+                2 => (request.client, request.interface_version) = (78, random.below(1000) as u32 + 2),
+                3 => (request.client, request.struct_size) = (79, random.below(1000) as u32),
+                _ => (request.client, request.serial) = (0, 1),
+            }
+            let answer = rubbish
+                .control
+                .send_as_it_is(&request, patience)
+                .expect("an answer");
+            assert_ne!(answer.verdict, 0, "{kind}");
+            assert_eq!((answer.client, answer.serial), (request.client, request.serial));
+        }
+        // Commands that are none, as fast as they can be sent, nobody waiting for an answer.
+        for k in 0..3_000 {
+            let request = ControlRequest {
+                command: 1_000 + k,
+                ..ControlRequest::default()
+            };
+            let _unanswered = rubbish.control.command(&request, Duration::ZERO);
+        }
+        let after = operator.now();
+        assert_eq!(after.override_ratio, 1.0);
+        assert_eq!(
+            (after.machine_state, after.mode, after.job, after.position_machine),
+            (
+                before.machine_state,
+                before.mode,
+                before.job,
+                before.position_machine
+            )
+        );
+        assert!(after.commands_rejected >= 300, "{}", after.commands_rejected);
+        assert_eq!(after.commands_accepted, before.commands_accepted + 2);
+        drop((operator, rubbish));
+        scene.end();
+    });
 }

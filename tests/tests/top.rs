@@ -4,7 +4,7 @@
 
 use std::process::{Command, Stdio};
 
-use evolvent_tests::{Scene, evolvent, python};
+use evolvent_tests::{Scene, evolvent, python, unless_disturbed};
 use serde_json::Value;
 
 /// What is seen of the scene's machine on a terminal of this size, that is left by `end`.
@@ -27,29 +27,31 @@ fn lines(seen: &Value) -> Vec<&str> {
 
 #[test]
 fn the_screen_of_a_machine_fits_its_terminal_and_gives_it_back_by_key_and_by_signal() {
-    let scene = Scene::new("on-screen");
-    let mut operator = scene.operator();
-    operator.brings_up();
-    for (rows, columns, end) in [(40, 120, "q"), (10, 30, "int")] {
-        let Some(seen) = seen(&scene, rows, columns, end) else {
-            return;
-        };
-        for what in ["second_screen", "first_screen", "modes_as_before"] {
-            assert_eq!(seen[what], true, "{what}: {seen}");
+    unless_disturbed(|| {
+        let scene = Scene::new("on-screen");
+        let mut operator = scene.operator();
+        operator.brings_up();
+        for (rows, columns, end) in [(40, 120, "q"), (10, 30, "int")] {
+            let Some(seen) = seen(&scene, rows, columns, end) else {
+                return;
+            };
+            for what in ["second_screen", "first_screen", "modes_as_before"] {
+                assert_eq!(seen[what], true, "{what}: {seen}");
+            }
+            assert_eq!((&seen["code"], &seen["error"]), (&0.into(), &"".into()), "{seen}");
+            let lines = lines(&seen);
+            assert!(lines[0].starts_with("on-screen  machine on"), "{lines:?}");
+            assert!(lines.iter().any(|line| line.starts_with("X* ")), "{lines:?}");
+            assert!(lines.len() <= rows + 1, "{lines:?}");
+            assert!(
+                lines.iter().all(|line| line.chars().count() <= columns),
+                "{lines:?}"
+            );
+            // All of it where there is room.
+            let whole = lines.iter().any(|line| line.contains("q ends"));
+            assert_eq!(whole, rows == 40, "{lines:?}");
         }
-        assert_eq!((&seen["code"], &seen["error"]), (&0.into(), &"".into()), "{seen}");
-        let lines = lines(&seen);
-        assert!(lines[0].starts_with("on-screen  machine on"), "{lines:?}");
-        assert!(lines.iter().any(|line| line.starts_with("X* ")), "{lines:?}");
-        assert!(lines.len() <= rows + 1, "{lines:?}");
-        assert!(
-            lines.iter().all(|line| line.chars().count() <= columns),
-            "{lines:?}"
-        );
-        // All of it where there is room.
-        let whole = lines.iter().any(|line| line.contains("q ends"));
-        assert_eq!(whole, rows == 40, "{lines:?}");
-    }
-    drop(operator);
-    scene.end();
+        drop(operator);
+        scene.end();
+    });
 }

@@ -8,7 +8,7 @@ use evolvent_drive::{BridgeState, DriveState, PowerRequest};
 
 use crate::case::{CaseError, Stage};
 use crate::core_process::CoreProcess;
-use crate::test_core::{Fate, LEAD, PERIOD_NS, Seen, TestCore, is_following, states};
+use crate::test_core::{Fate, LATEST_S, LEAD, PERIOD_NS, Seen, TestCore, is_following, states};
 
 type Judged = Result<(), CaseError>;
 
@@ -89,6 +89,8 @@ pub(crate) fn feedback(stage: &mut Stage<'_>) -> Judged {
     let mut core = up(stage)?;
     let begin_ns = monotonic_ns();
     core.swing(WAY, 1.5, &mut |_| Fate::Sent);
+    // One that does not run just now is heard to the end.
+    core.rest(0.1);
     let log = core.take_log();
     let expected = (monotonic_ns() - begin_ns) / PERIOD_NS;
     demand(log.len() as u64 >= expected * 8 / 10, || {
@@ -132,7 +134,7 @@ pub(crate) fn power(stage: &mut Stage<'_>) -> Judged {
         format!("switching on moved the axis by {moved:.3}")
     })?;
     core.request(PowerRequest::QuickStop);
-    core.until("out of operation after a quick stop", 3.0, |feedback| {
+    core.until("out of operation after a quick stop", LATEST_S, |feedback| {
         stands(feedback) && states(feedback).all(|state| state != Some(DriveState::OperationEnabled))
     })?;
     core.request(PowerRequest::On);
@@ -310,7 +312,7 @@ pub(crate) fn datum(stage: &mut Stage<'_>) -> Judged {
         .copied()
         .ok_or_else(|| CaseError::new("no feedback"))?;
     core.rename(100.0);
-    let after = core.until("the new datum in the feedback", 3.0, |feedback| {
+    let after = core.until("the new datum in the feedback", LATEST_S, |feedback| {
         feedback.datum == before.datum + 1
     })?;
     let shift = after.position[0] - before.position[0];
@@ -394,7 +396,7 @@ pub(crate) fn core_kill(stage: &mut Stage<'_>) -> Judged {
         std::thread::sleep(Duration::from_secs_f64(pause));
         // The next core finds the axes stopped, or stopping, where the last one had sent them.
         let mut core = stage.open_core()?;
-        core.until("feedback after the core was killed", 10.0, |_| true)?;
+        core.until("feedback after the core was killed", LATEST_S, |_| true)?;
         core.rest(0.6);
         let here = core
             .feedback()

@@ -13,12 +13,19 @@ use crate::case::CaseError;
 pub(crate) const PERIOD_NS: u64 = 2_000_000;
 /// Periods that a setpoint is sent before it is due.
 pub(crate) const LEAD: u64 = 100;
+/// How long a bridge may take for what it has to do some time, s: a busy host may need that.
+pub(crate) const LATEST_S: f64 = 20.0;
 /// Axes of the machine that the suite pretends to be.
 pub(crate) const LETTERS: &str = "XYZ";
 const AXES_MASK: u32 = 0b111;
 
-/// Times at which the host kept a test core from running for so long that the bridge ran out of setpoints: no fault of
-/// the bridge's.
+/// A bridge that is silent for longer was kept from running, or has gone.
+const SILENT_NS: u64 = 100_000_000;
+/// How long is waited for a silent bridge to be heard again before it is judged, s.
+const PATIENCE_S: f64 = 5.0;
+
+/// Times at which the host kept a test core from running for so long that the bridge ran out of setpoints, or the bridge, which
+/// then went on: no fault of the bridge's.
 pub(crate) static DISTURBED: AtomicU32 = AtomicU32::new(0);
 
 /// What one cycle saw.
@@ -51,6 +58,8 @@ pub struct TestCore {
     fault_reset: u32,
     datum: u64,
     feedback: Option<Feedback>,
+    /// When that came.
+    heard_ns: u64,
     /// Everything that came, in order.
     log: Vec<Seen>,
 }
@@ -74,6 +83,7 @@ impl TestCore {
             fault_reset: 0,
             datum: 0,
             feedback: None,
+            heard_ns: 0,
             log: Vec::new(),
         })
     }
@@ -135,12 +145,25 @@ impl TestCore {
         let now_ns = monotonic_ns();
         self.bus.admit_readers();
         while let Ok(Some(feedback)) = self.bus.feedback() {
+            let silent_ns = now_ns.saturating_sub(self.heard_ns);
+            if self
+                .feedback
+                .is_some_and(|last| was_paused(&last, silent_ns, &feedback))
+            {
+                DISTURBED.fetch_add(1, Ordering::Relaxed);
+            }
+            self.heard_ns = now_ns;
             self.feedback = Some(feedback);
             self.log.push(Seen { now_ns, feedback });
         }
     }
 
-    /// Cycles at rest.
+    /// Whether the bridge was heard and has become silent.
+    fn is_unheard(&self) -> bool {
+        self.feedback.is_some() && monotonic_ns().saturating_sub(self.heard_ns) > SILENT_NS
+    }
+
+    /// Cycles at rest; some more where the bridge is silent, so that it is judged by what it says and not by what it said.
     pub(crate) fn rest(&mut self, seconds: f64) {
         self.rest_with(seconds, &mut |_| Fate::Sent);
     }
@@ -148,6 +171,12 @@ impl TestCore {
     pub(crate) fn rest_with(&mut self, seconds: f64, tamper: &mut dyn FnMut(&mut Setpoint) -> Fate) {
         (self.velocity, self.acceleration) = (0.0, 0.0);
         for _ in 0..cycles(seconds) {
+            self.cycle(tamper);
+        }
+        for _ in 0..cycles(PATIENCE_S) {
+            if !self.is_unheard() {
+                break;
+            }
             self.cycle(tamper);
         }
     }
@@ -195,13 +224,13 @@ impl TestCore {
         let off =
             |feedback: &Feedback| states(feedback).all(|state| state != Some(DriveState::OperationEnabled));
         let from = self.sequence;
-        let here = self.until("axes at rest with the drives off", 5.0, |feedback| {
+        let here = self.until("axes at rest with the drives off", LATEST_S, |feedback| {
             at_rest(feedback) && off(feedback) && feedback.sequence >= from
         })?;
         self.position = here.position;
         self.rest(0.1);
         self.request(PowerRequest::On);
-        self.until("drives in operation, following", 10.0, is_following)?;
+        self.until("drives in operation, following", LATEST_S, is_following)?;
         Ok(())
     }
 
@@ -248,6 +277,11 @@ impl TestCore {
     }
 }
 
+/// Whether a bridge was kept from running between two answers. One that has died and was started again was not.
+fn was_paused(last: &Feedback, silent_ns: u64, next: &Feedback) -> bool {
+    silent_ns > SILENT_NS && last.instance == next.instance
+}
+
 fn cycles(seconds: f64) -> u64 {
     (seconds * 1e9 / PERIOD_NS as f64) as u64
 }
@@ -261,4 +295,20 @@ pub(crate) fn states(feedback: &Feedback) -> impl Iterator<Item = Option<DriveSt
 pub(crate) fn is_following(feedback: &Feedback) -> bool {
     states(feedback).all(|state| state == Some(DriveState::OperationEnabled))
         && BridgeState::from_number(feedback.bridge_state) == Some(BridgeState::Following)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_bridge_that_goes_on_was_paused_and_one_that_has_died_was_not() {
+        let of = |instance| Feedback {
+            instance,
+            ..Feedback::default()
+        };
+        assert!(was_paused(&of(1), SILENT_NS + 1, &of(1)));
+        assert!(!was_paused(&of(1), SILENT_NS, &of(1)));
+        assert!(!was_paused(&of(1), SILENT_NS + 1, &of(2)));
+    }
 }
