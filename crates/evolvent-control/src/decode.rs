@@ -397,9 +397,128 @@ mod tests {
         assert_eq!(increment.distance.unwrap().as_slice()[..3], [-3.0, 0.0, 0.5]);
     }
 
+    /// Up to the last number that is permitted, with the words of the trace.
     #[test]
-    fn home_without_axes_is_home_all() {
-        let (_, command) = Command::decode(&raw(CommandCode::Home), XYZ).unwrap();
-        assert_eq!(command, Command::Home(XYZ));
+    fn what_is_just_in_range_is_understood_and_told_in_words() {
+        let values = [MOST, -MOST, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+        let xz = 0b101;
+        let of = |code: CommandCode, index: u32, amount: f64| RawCommand {
+            index,
+            amount,
+            axes_mask: xz,
+            values,
+            ..raw(code)
+        };
+        let tool = |number: u32, axes_mask: u32, diameter_mm: Option<f64>| {
+            Command::Tool(ToolEntry {
+                number,
+                axes_mask,
+                offset: Axes::from(values),
+                diameter_mm,
+            })
+        };
+        let cases = [
+            (
+                of(CommandCode::Tool, 0, 0.0),
+                Command::ReloadTools,
+                "tool table read again",
+            ),
+            (
+                of(CommandCode::Tool, 99_999, 1e4),
+                tool(99_999, xz, Some(1e4)),
+                "tool 99999 set",
+            ),
+            (
+                of(CommandCode::Tool, 1, 0.0),
+                tool(1, xz, Some(0.0)),
+                "tool 1 set",
+            ),
+            (of(CommandCode::Tool, 1, -1.0), tool(1, xz, None), "tool 1 set"),
+            (
+                RawCommand {
+                    // Offsets of axes that the machine has not are left out.
+                    axes_mask: 0b1101,
+                    ..of(CommandCode::Tool, 2, 6.0)
+                },
+                tool(2, xz, Some(6.0)),
+                "tool 2 set",
+            ),
+            (
+                of(CommandCode::WorkOffset, 9, 0.0),
+                Command::WorkOffset {
+                    system: 9,
+                    axes_mask: xz,
+                    values: Axes::from(values),
+                },
+                "work offset 9 of XZ",
+            ),
+            (
+                of(CommandCode::TouchOff, 0, 0.0),
+                Command::TouchOff {
+                    system: 0,
+                    axes_mask: xz,
+                    values: Axes::from(values),
+                },
+                "touch off XZ in work offset 0",
+            ),
+            (
+                of(CommandCode::Jog, 1, 0.0),
+                Command::Jog(JogCommand {
+                    axes_mask: xz,
+                    distance: Some(Axes::from([MOST, 0.0, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])),
+                    direction: Axes::zeros(),
+                    speed: None,
+                }),
+                "jog XZ by an increment",
+            ),
+            (of(CommandCode::Home, 0, 0.0), Command::Home(xz), "home XZ"),
+            (raw(CommandCode::Home), Command::Home(XYZ), "home XYZ"),
+            (of(CommandCode::Start, 0, 0.0), Command::Start(0), "start"),
+            (of(CommandCode::Start, 1, 0.0), Command::Start(1), "start"),
+            (
+                of(CommandCode::Start, 2, 0.0),
+                Command::Start(2),
+                "start from line 2",
+            ),
+            (
+                of(CommandCode::Mode, 2, 0.0),
+                Command::SetMode(Mode::Mdi),
+                "mode MDI",
+            ),
+            (
+                of(CommandCode::FeedOverride, 0, 2.0),
+                Command::FeedOverride(2.0),
+                "feed override 200.0 %",
+            ),
+            (
+                of(CommandCode::RapidOverride, 0, 0.0),
+                Command::RapidOverride(0.0),
+                "rapid override 0.0 %",
+            ),
+            (
+                of(CommandCode::SpindleOverride, 0, 0.753),
+                Command::SpindleOverride(0.753),
+                "spindle override 75.3 %",
+            ),
+        ];
+        for (raw, expected, words) in cases {
+            let (code, command) = Command::decode(&raw, XYZ).unwrap();
+            assert_eq!((code as u32, &command), (raw.command, &expected));
+            assert_eq!(command.to_string().to_lowercase(), words.to_lowercase());
+            // What runs are computed again with.
+            let is_override = words.contains("override");
+            assert_eq!(command.value(), is_override.then_some(raw.amount), "{words}");
+        }
+        let too_wide = RawCommand {
+            amount: 1.000_1e4,
+            ..of(CommandCode::Tool, 1, 0.0)
+        };
+        assert_eq!(refused(&too_wide), Alarm::BadNumber);
+        let far = RawCommand {
+            values: [-1.000_1 * MOST; AXES],
+            ..of(CommandCode::TouchOff, 1, 0.0)
+        };
+        let told = Command::decode(&far, XYZ).unwrap_err().text;
+        assert_eq!(told, "a coordinate is -1000100, it must be -1000000 to 1000000");
     }
 }

@@ -490,6 +490,56 @@ mod tests {
     }
 
     #[test]
+    fn losing_power_leaves_an_emergency_stop_and_a_machine_that_is_off_as_they_are() {
+        type Way = fn(&mut Desk);
+        let ways: [Way; 2] = [
+            |desk| desk.commit(&Command::Off, 0, false),
+            |desk| desk.drop_power(),
+        ];
+        for way in ways {
+            let mut desk = Desk::default();
+            way(&mut desk);
+            assert_eq!(desk.machine(), MachineState::Estop);
+            desk.commit(&Command::On, 0, false);
+            assert_eq!(desk.machine(), MachineState::Estop, "it is reset first");
+            desk.commit(&Command::EstopReset, 0, false);
+            way(&mut desk);
+            assert_eq!(desk.machine(), MachineState::Off);
+            desk.commit(&Command::On, 0, false);
+            assert_eq!(desk.machine(), MachineState::On);
+            way(&mut desk);
+            assert_eq!(desk.machine(), MachineState::Off);
+        }
+    }
+
+    #[test]
+    fn who_is_refused_for_a_latched_alarm_is_told_which_and_otherwise_what_the_rule_says() {
+        let refusal = |desk: &mut Desk, serial: u64| {
+            let raw = RawCommand {
+                command: CommandCode::Home as u32,
+                axes_mask: 0,
+                index: 0,
+                amount: 0.0,
+                values: [0.0; AXES],
+                text: None,
+            };
+            desk.consider(7, serial, &raw, &FACTS).unwrap_err().1
+        };
+        let mut desk = Desk::default();
+        desk.raise(Alarm::DriveFault, "axis X");
+        // In emergency stop that is the reason, whatever is latched.
+        let first = refusal(&mut desk, 1);
+        assert_eq!(first, Refusal::by_rule(Alarm::InEstop, CommandCode::Home));
+        desk.commit(&Command::EstopReset, 0, false);
+        desk.commit(&Command::On, 0, false);
+        let number = Alarm::DriveFault.number();
+        assert_eq!(
+            refusal(&mut desk, 2).text,
+            format!("alarm {number} is latched: axis X")
+        );
+    }
+
+    #[test]
     fn each_switch_and_override_is_one_of_its_own() {
         let mut desk = Desk::default();
         let seen = |desk: &Desk| {
@@ -508,6 +558,12 @@ mod tests {
         desk.commit(&Command::SingleStep(true), 0, false);
         desk.commit(&Command::BlockDelete(false), 0, false);
         assert_eq!(seen(&desk).0, [true, true, false]);
+        desk.commit(&Command::SingleStep(false), 0, false);
+        desk.commit(&Command::Step, 0, false);
+        assert_eq!(seen(&desk).0, [true, true, false], "a step switches it on");
+        assert_eq!(desk.program(), None);
+        desk.commit(&Command::Load("part.ngc".to_owned()), 0, false);
+        assert_eq!(desk.program(), Some("part.ngc"));
         desk.commit(&Command::FeedOverride(0.5), 0, false);
         desk.commit(&Command::RapidOverride(0.25), 0, false);
         desk.commit(&Command::SpindleOverride(0.75), 0, false);
