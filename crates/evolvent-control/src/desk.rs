@@ -606,6 +606,7 @@ mod tests {
             Err(Alarm::NotHomed)
         );
         desk.set_homed(0b111);
+        assert_eq!(desk.homed(), 0b111);
         assert_eq!(client.sends(&mut desk, CommandCode::Start, 0), Ok(()));
         assert_eq!(desk.job_begins(Activity::Program), 1);
         assert_eq!(client.sends(&mut desk, CommandCode::Start, 0), Err(Alarm::Busy));
