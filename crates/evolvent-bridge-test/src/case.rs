@@ -163,7 +163,7 @@ pub const CASES: [Case; 15] = [
     ),
 ];
 
-/// A case that failed while the host kept the core of the suite from running proves nothing: it is played again.
+/// A case that failed while the host kept the core of the suite or the bridge from running proves nothing: it is played again.
 const ATTEMPTS: usize = 3;
 
 /// Runs one case on its bus, and clears the bus away. `Ok(false)` where it was left out.

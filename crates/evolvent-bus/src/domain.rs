@@ -7,7 +7,7 @@ use crate::name::Channel;
 use crate::remains::{self, OpeningLock};
 use core::fmt::Debug;
 use core::time::Duration;
-use iceoryx2::node::NodeView;
+use iceoryx2::node::{NodeCreationFailure, NodeView};
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::*;
 use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
@@ -71,6 +71,9 @@ pub(crate) struct Domain {
     lock: Option<OpeningLock>,
 }
 
+/// A process that is stopped and continued while it makes a node may be told of an internal error, where the next try succeeds.
+const NODE_ATTEMPTS: u32 = 5;
+
 impl Domain {
     /// Joins, and clears what dead processes have left.
     pub(crate) fn join(machine_name: &str, prefix: Option<&str>, role: &str) -> Result<Self, BusError> {
@@ -84,13 +87,23 @@ impl Domain {
         };
         let name =
             NodeName::new(&format!("evolvent.{machine_name}.{role}")).map_err(|cause| failed(&cause))?;
-        let node = NodeBuilder::new()
-            .name(&name)
-            // The daemon handles signals itself.
-            .signal_handling_mode(SignalHandlingMode::Disabled)
-            .config(&config)
-            .create::<Ipc>()
-            .map_err(|cause| failed(&cause))?;
+        let create = || {
+            NodeBuilder::new()
+                .name(&name)
+                // The daemon handles signals itself.
+                .signal_handling_mode(SignalHandlingMode::Disabled)
+                .config(&config)
+                .create::<Ipc>()
+        };
+        let mut created = create();
+        for _ in 1..NODE_ATTEMPTS {
+            if !matches!(created, Err(NodeCreationFailure::InternalError)) {
+                break;
+            }
+            std::thread::sleep(RETRY);
+            created = create();
+        }
+        let node = created.map_err(|cause| failed(&cause))?;
         node.blocking_cleanup_dead_nodes(Duration::from_secs(1));
         remains::clear_dead_nodes(node.config());
         remains::clear_unborn_nodes(node.config(), Duration::from_secs(60));
