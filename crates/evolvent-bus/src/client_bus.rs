@@ -12,7 +12,7 @@ use crate::name::Channel;
 use crate::setpoint::Setpoint;
 use crate::status::Status;
 use core::time::Duration;
-use iceoryx2::port::listener::Listener;
+use iceoryx2::port::listener::{Listener, ListenerWaitError};
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
 use iceoryx2::prelude::*;
@@ -271,21 +271,30 @@ pub struct EventReader {
 }
 
 impl EventReader {
-    /// Sleeps until something happens or time is up; returns what happened, each kind once, in order of number.
+    /// Sleeps until something happens, time is up, or a signal comes; returns what happened, each kind once, in order of number.
+    /// Without time it only looks.
     ///
     /// # Errors
     /// The connection is damaged.
     pub fn wait(&mut self, timeout: Duration) -> Result<Vec<EventKind>, ReceiveError> {
         let mut kinds = Vec::new();
-        self.listener
-            .timed_wait(
-                |activation| kinds.extend(EventKind::from_number(activation.id.as_value())),
-                timeout,
-            )
-            .map_err(|_| ReceiveError::Broken {
-                channel: "event",
-                cause: "ListenerWaitError",
-            })?;
+        let note =
+            |activation: EventActivation| kinds.extend(EventKind::from_number(activation.id.as_value()));
+        // Of a socket, a timeout of zero microseconds is none: it would wait for ever.
+        let waited = if timeout < Duration::from_micros(1) {
+            self.listener.try_wait(note)
+        } else {
+            self.listener.timed_wait(note, timeout)
+        };
+        match waited {
+            Ok(_) | Err(ListenerWaitError::InterruptSignal) => {}
+            Err(_) => {
+                return Err(ReceiveError::Broken {
+                    channel: "event",
+                    cause: "ListenerWaitError",
+                });
+            }
+        }
         kinds.sort_by_key(|kind| kind.number());
         kinds.dedup();
         Ok(kinds)

@@ -138,6 +138,9 @@ fn events_wake_a_sleeping_client() {
     let client = domain.client("mill");
     let mut events = client.events().expect("a listener");
     assert_eq!(events.wait(Duration::from_millis(1)), Ok(vec![]));
+    // Without time nothing is waited for: a wait for ever would hang here.
+    assert_eq!(events.wait(Duration::ZERO), Ok(vec![]));
+    assert_eq!(events.wait(Duration::from_nanos(999)), Ok(vec![]));
     for kind in EventKind::ALL {
         core.notify(kind).expect("notified");
         assert_eq!(events.wait(Duration::from_secs(60)), Ok(vec![kind]));

@@ -308,12 +308,14 @@ pub fn serve(
 }
 
 fn wait_for_view(views: &mut Consumer<CycleView>) -> Result<CycleView, ()> {
-    let deadline = Instant::now() + Duration::from_secs(5);
+    let deadline = Instant::now() + Duration::from_secs(20);
     loop {
+        // Looked at last: this thread may have been kept from running as well.
+        let is_over = Instant::now() > deadline;
         if let Ok(view) = views.pop() {
             return Ok(view);
         }
-        if Instant::now() > deadline {
+        if is_over {
             return Err(());
         }
         thread::sleep(CONTROL_EVERY);
