@@ -1,5 +1,7 @@
 //! What can be wrong with a machine file, and with a control rate.
 
+use evolvent_sheet::SheetError;
+
 use crate::machine::{MAX_RATE_HZ, MIN_RATE_HZ};
 use crate::rate::RateError;
 
@@ -30,34 +32,9 @@ pub enum MachineError {
         /// The first byte that is not text.
         byte: usize,
     },
-    /// The text is not TOML.
-    #[error("{file}:{line}:{column}: not valid TOML: {what}")]
-    Syntax {
-        /// The file as given.
-        file: String,
-        /// Line, from 1.
-        line: usize,
-        /// Column in characters, from 1.
-        column: usize,
-        /// What the parser expected.
-        what: String,
-    },
-    /// A key is unknown, missing or of the wrong kind, or its value makes no sense.
-    #[error("{file}:{line}:{column}: {key}: {what}; {advice}")]
-    Key {
-        /// The file as given.
-        file: String,
-        /// Line, from 1.
-        line: usize,
-        /// Column in characters, from 1.
-        column: usize,
-        /// Dotted key: `axis[1].max_jerk_m_s3`.
-        key: String,
-        /// What is wrong, with the numbers.
-        what: String,
-        /// What to do.
-        advice: String,
-    },
+    /// The text is no TOML; or a key is unknown, missing or of the wrong kind, or its value makes no sense.
+    #[error(transparent)]
+    Sheet(#[from] SheetError),
 }
 
 /// Why a control rate cannot be run.

@@ -1,8 +1,7 @@
 //! Files that people write, read so that every error names file, line, column and key.
 //!
-//! [`Sheet`] reads a TOML or JSON text as a type, and checks numbers by their dotted keys. The parts are there for readers of their
-//! own: where a key stands ([`find_toml`], [`line_and_column`]) and how serde's messages are told to people
-//! ([`in_plain_words`], [`shortened`], [`plain`]).
+//! [`Sheet`] reads a TOML or JSON text as a type, and checks numbers by their dotted keys; [`shortened`] and [`plain`] are for what
+//! is said of them.
 //!
 //! ```
 //! use evolvent_sheet::Sheet;
@@ -28,6 +27,5 @@ mod sheet;
 mod words;
 
 pub use error::SheetError;
-pub use place::{Found, find_toml, line_and_column};
 pub use sheet::Sheet;
-pub use words::{in_plain_words, one_line, plain, shortened};
+pub use words::{plain, shortened};

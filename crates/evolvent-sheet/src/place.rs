@@ -4,7 +4,7 @@ use toml::de::{DeTable, DeValue};
 
 /// Where a dotted key is, byte offsets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Found {
+pub(crate) enum Found {
     /// The key.
     Key(usize),
     /// The innermost table or key of it that is there.
@@ -20,8 +20,7 @@ fn part_of(part: &str) -> (&str, Option<usize>) {
 }
 
 /// The place of a dotted key (`mode[1].frequency_hz`) in a table that begins at `whole`.
-#[must_use]
-pub fn find_toml(table: &DeTable<'_>, whole: usize, key: &str) -> Found {
+pub(crate) fn find_toml(table: &DeTable<'_>, whole: usize, key: &str) -> Found {
     let mut parent = whole;
     let mut table = Some(table);
     let mut last = None;
@@ -141,8 +140,7 @@ pub(crate) fn byte_of(text: &str, line: usize, column: usize) -> usize {
 }
 
 /// Line and column of a byte, from 1, the column in characters.
-#[must_use]
-pub fn line_and_column(text: &str, byte: usize) -> (usize, usize) {
+pub(crate) fn line_and_column(text: &str, byte: usize) -> (usize, usize) {
     let before: String = text
         .char_indices()
         .take_while(|(at, _)| *at < byte)

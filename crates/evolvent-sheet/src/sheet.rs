@@ -27,37 +27,45 @@ enum Content<'a> {
 }
 
 impl<'a> Sheet<'a> {
-    /// Parses `text`; `file` names it in errors.
+    /// Parses `text`; `file` names it in errors, and is JSON where it ends so.
     ///
     /// # Errors
-    /// Text that is neither.
+    /// Text that is not what it should be.
     pub fn parse(text: &'a str, file: &'a str) -> Result<Self, SheetError> {
-        let json = std::path::Path::new(file)
+        let is_json = std::path::Path::new(file)
             .extension()
             .is_some_and(|extension| extension.eq_ignore_ascii_case("json"));
-        let content = if json {
-            serde_json::from_str::<serde::de::IgnoredAny>(text).map_err(|error| SheetError::Syntax {
+        if !is_json {
+            return Self::toml(text, file);
+        }
+        serde_json::from_str::<serde::de::IgnoredAny>(text).map_err(|error| SheetError::Syntax {
+            file: file.to_owned(),
+            format: "JSON",
+            line: error.line(),
+            column: error.column(),
+            what: one_line(&json_message(&error)),
+        })?;
+        let content = Content::Json;
+        Ok(Self { file, text, content })
+    }
+
+    /// Parses TOML, whatever the file is called.
+    ///
+    /// # Errors
+    /// Text that is no TOML.
+    pub fn toml(text: &'a str, file: &'a str) -> Result<Self, SheetError> {
+        let table = DeTable::parse(text).map_err(|error| {
+            let (line, column) = line_and_column(text, error.span().map_or(0, |span| span.start));
+            SheetError::Syntax {
                 file: file.to_owned(),
-                format: "JSON",
-                line: error.line(),
-                column: error.column(),
-                what: one_line(&json_message(&error)),
-            })?;
-            Content::Json
-        } else {
-            let table = DeTable::parse(text).map_err(|error| {
-                let (line, column) = line_and_column(text, error.span().map_or(0, |span| span.start));
-                SheetError::Syntax {
-                    file: file.to_owned(),
-                    format: "TOML",
-                    line,
-                    column,
-                    what: one_line(error.message()),
-                }
-            })?;
-            let whole = table.span();
-            Content::Toml(table.into_inner(), whole)
-        };
+                format: "TOML",
+                line,
+                column,
+                what: one_line(error.message()),
+            }
+        })?;
+        let whole = table.span();
+        let content = Content::Toml(table.into_inner(), whole);
         Ok(Self { file, text, content })
     }
 
@@ -78,13 +86,29 @@ impl<'a> Sheet<'a> {
     /// # Errors
     /// What serde refuses, with place and key.
     pub fn read<T: DeserializeOwned>(&self) -> Result<T, SheetError> {
+        self.read_advised(|_| None)
+    }
+
+    /// The same with advice of one's own on unknown keys, by the last part of their name.
+    ///
+    /// # Errors
+    /// What serde refuses, with place and key.
+    pub fn read_advised<T: DeserializeOwned>(
+        &self,
+        on_unknown: impl Fn(&str) -> Option<String>,
+    ) -> Result<T, SheetError> {
         match &self.content {
             Content::Toml(table, whole) => {
                 let spanned = toml::Spanned::new(whole.clone(), table.clone());
                 serde_path_to_error::deserialize(toml::Deserializer::from(spanned)).map_err(|error| {
                     let path = error.path().to_string();
                     let inner = error.into_inner();
-                    self.refused(path, inner.span().map(|span| span.start), inner.message())
+                    self.refused(
+                        path,
+                        inner.span().map(|span| span.start),
+                        inner.message(),
+                        &on_unknown,
+                    )
                 })
             }
             Content::Json => {
@@ -93,20 +117,29 @@ impl<'a> Sheet<'a> {
                     let path = error.path().to_string();
                     let inner = error.into_inner();
                     let at = byte_of(self.text, inner.line(), inner.column());
-                    self.refused(path, Some(at), &json_message(&inner))
+                    self.refused(path, Some(at), &json_message(&inner), &on_unknown)
                 })
             }
         }
     }
 
-    fn refused(&self, mut key: String, at: Option<usize>, message: &str) -> SheetError {
+    fn refused(
+        &self,
+        mut key: String,
+        at: Option<usize>,
+        message: &str,
+        on_unknown: impl Fn(&str) -> Option<String>,
+    ) -> SheetError {
         let what = in_plain_words(message);
         let advice = if what.starts_with("unknown field") {
-            "correct the spelling (the unit belongs to the key), or remove the key"
+            let last = key.rsplit('.').next().unwrap_or(&key);
+            on_unknown(last).unwrap_or_else(|| {
+                "correct the spelling (the unit belongs to the key), or remove the key".to_owned()
+            })
         } else if what.starts_with("missing field") {
-            "add this key"
+            "add this key".to_owned()
         } else {
-            "correct the value"
+            "correct the value".to_owned()
         };
         // Serde names the table that lacks a key; people look for the key.
         let missing = what
@@ -119,7 +152,7 @@ impl<'a> Sheet<'a> {
                 format!("{key}.{missing}")
             };
         }
-        self.error_at(&key, at, what, advice.to_owned())
+        self.error_at(&key, at, what, advice)
     }
 
     /// Refuses a number that is outside `least..=most`, or no number.

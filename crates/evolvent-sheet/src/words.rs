@@ -1,8 +1,7 @@
 //! How what is wrong is told.
 
 /// A message of serde without the names of Rust's types, on one line.
-#[must_use]
-pub fn in_plain_words(message: &str) -> String {
+pub(crate) fn in_plain_words(message: &str) -> String {
     let plain = message
         .replace("expected f64", "expected a number")
         .replace("expected i64", "expected a whole number")
@@ -14,8 +13,7 @@ pub fn in_plain_words(message: &str) -> String {
 }
 
 /// A message on one line, of at most 600 characters.
-#[must_use]
-pub fn one_line(message: &str) -> String {
+pub(crate) fn one_line(message: &str) -> String {
     let words: Vec<_> = message.split_whitespace().collect();
     shortened_to(&words.join(" "), 600)
 }

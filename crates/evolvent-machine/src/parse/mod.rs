@@ -5,16 +5,12 @@
 //! the table by its dotted key.
 
 mod axes;
-mod faults;
 mod numbers;
 
-use std::ops::Range;
 use std::path::PathBuf;
 
-use evolvent_sheet::{in_plain_words, line_and_column, one_line, shortened};
-use toml::de::DeTable;
+use evolvent_sheet::{Sheet, shortened};
 
-use self::faults::advice_for;
 use crate::error::MachineError;
 use crate::file::{DrivesFile, MachineFile};
 use crate::machine::{
@@ -29,51 +25,20 @@ const ABSURD: f64 = 1e9;
 const TINY: f64 = 1e-6;
 
 pub(crate) fn machine(text: &str, file: &str) -> Result<Machine, MachineError> {
-    let table = DeTable::parse(text).map_err(|error| {
-        let (line, column) = line_and_column(text, error.span().map_or(0, |span| span.start));
-        MachineError::Syntax {
-            file: file.to_owned(),
-            line,
-            column,
-            what: one_line(error.message()),
-        }
-    })?;
-    let check = Check {
-        file,
-        text,
-        table: table.get_ref(),
-        whole: table.span(),
-    };
-    let deserializer = toml::Deserializer::from(table.clone());
-    let raw: MachineFile = serde_path_to_error::deserialize(deserializer).map_err(|error| {
-        let mut key = error.path().to_string();
-        let inner = error.into_inner();
-        let what = in_plain_words(inner.message());
-        let advice = advice_for(&key, &what);
-        // Serde names the table that lacks a key; people look for the key.
-        if let Some(missing) = what
-            .strip_prefix("missing field `")
-            .and_then(|rest| rest.strip_suffix('`'))
-        {
-            key = if key == "." {
-                missing.to_owned()
-            } else {
-                format!("{key}.{missing}")
-            };
-        }
-        check.error_at(&key, inner.span(), what, advice)
-    })?;
-    check.machine(raw)
+    let sheet = Sheet::toml(text, file)?;
+    let raw: MachineFile = sheet.read_advised(|key| Some(advice_on_unknown(key)))?;
+    Check { sheet }.machine(raw)
 }
 
 struct Check<'a> {
-    file: &'a str,
-    text: &'a str,
-    table: &'a DeTable<'a>,
-    whole: Range<usize>,
+    sheet: Sheet<'a>,
 }
 
 impl Check<'_> {
+    fn error(&self, key: &str, what: String, advice: impl Into<String>) -> MachineError {
+        self.sheet.error(key, what, advice).into()
+    }
+
     fn machine(&self, raw: MachineFile) -> Result<Machine, MachineError> {
         self.name(&raw.name)?;
         self.number("increments_per_mm", raw.increments_per_mm, 1e-3, ABSURD)?;
@@ -260,4 +225,27 @@ impl Check<'_> {
             follow_clock: raw.follow_clock.unwrap_or(true),
         })
     }
+}
+
+/// What to do about a key that there is not: most often its unit is missing.
+fn advice_on_unknown(key: &str) -> String {
+    let unit = match key {
+        "max_velocity" => "max_velocity_mm_min or max_velocity_mm_s (rotary: _deg_min or _deg_s)",
+        "max_acceleration" => {
+            "max_acceleration_mm_s2, max_acceleration_m_s2 or max_acceleration_g (rotary: _deg_s2)"
+        }
+        "max_jerk" => "max_jerk_mm_s3 or max_jerk_m_s3 (rotary: _deg_s3)",
+        "travel_min" => "travel_min_mm (rotary: travel_min_deg)",
+        "travel_max" => "travel_max_mm (rotary: travel_max_deg)",
+        "home" => "home_mm (rotary: home_deg)",
+        "following_error" => "following_error_mm (rotary: following_error_deg)",
+        "following_time" => "following_time_ms",
+        "feedback_timeout" => "feedback_timeout_ms",
+        "enable_timeout" => "enable_timeout_ms",
+        "blend_tolerance" => "blend_tolerance_mm",
+        "joint_time" => "joint_time_ms",
+        "max_feed" => "max_feed_mm_min or max_feed_mm_s",
+        _ => return "correct the spelling, or remove the key".to_owned(),
+    };
+    format!("the unit is missing: write {unit}")
 }

@@ -1,7 +1,5 @@
 //! Numbers of a machine file: in their range, in one of their units.
 
-use evolvent_sheet::plain;
-
 use super::{ABSURD, Check, TINY};
 use crate::error::MachineError;
 
@@ -68,12 +66,7 @@ impl Check<'_> {
     }
 
     pub(super) fn number(&self, key: &str, value: f64, least: f64, most: f64) -> Result<(), MachineError> {
-        // A NaN is in no range.
-        if (least..=most).contains(&value) {
-            return Ok(());
-        }
-        let range = format!("give a number from {} to {}", plain(least), plain(most));
-        Err(self.error(key, format!("{} is out of range", plain(value)), range))
+        Ok(self.sheet.number(key, value, least, most)?)
     }
 
     pub(super) fn whole_number<T: TryFrom<i64>>(
