@@ -13,6 +13,8 @@ const STOPPED: u32 = 2;
 const X_ONLY: u32 = 1;
 /// How often a jog is tried that a slow host may end early.
 const TRIALS: usize = 20;
+/// So many stops in time show that the dead-man works.
+const IN_A_ROW: u32 = 5;
 const PATIENCE: Duration = Duration::from_secs(120);
 
 #[test]
@@ -21,22 +23,27 @@ fn a_jog_whose_client_is_killed_stops_within_a_tenth_of_a_second() {
         let scene = Scene::new("op-jog");
         let mut operator = scene.operator();
         operator.brings_up();
-        // A host can only make a stop later: one in time shows that the dead-man works, and a wrong one misses all.
-        let mut late = Vec::new();
+        // A busy host can make a stop late, and the moment of the kill one early: several in a row have to be in time.
+        let (mut late, mut in_time) = (Vec::new(), 0);
         for _ in 0..TRIALS {
             let Some(begins_ms) = stop_behind_a_kill(&scene, &mut operator) else {
                 continue;
             };
             println!("the stop begins {begins_ms:.1} ms after the kill");
             let cycles_ms = 5.0 * operator.now().period_ns as f64 * 1e-6;
-            if begins_ms <= 100.0 + cycles_ms {
+            if begins_ms > 100.0 + cycles_ms {
+                in_time = 0;
+                late.push(begins_ms);
+                continue;
+            }
+            in_time += 1;
+            if in_time == IN_A_ROW {
                 drop(operator);
                 scene.end();
                 return;
             }
-            late.push(begins_ms);
         }
-        panic!("no stop of {TRIALS} jogs came in time: {late:?} ms");
+        panic!("of {TRIALS} jogs no {IN_A_ROW} in a row stopped in time, but after {late:?} ms");
     });
 }
 

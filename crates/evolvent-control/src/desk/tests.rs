@@ -1,0 +1,353 @@
+//! The desk, told and asked.
+
+use evolvent_path::AXES;
+
+use super::*;
+
+const FACTS: Facts = Facts {
+    present: 0b111,
+    is_held: false,
+    is_ending: false,
+};
+
+/// A client that counts.
+struct Client(u64);
+
+impl Client {
+    fn sends(&mut self, desk: &mut Desk, code: CommandCode, index: u32) -> Result<(), Alarm> {
+        self.0 += 1;
+        let raw = RawCommand {
+            command: code as u32,
+            axes_mask: 0,
+            index,
+            amount: 0.5,
+            values: [0.0; AXES],
+            text: Some("part.ngc"),
+        };
+        let command = desk
+            .consider(7, self.0, &raw, &FACTS)
+            .map_err(|(_, refusal)| refusal.alarm)?;
+        desk.commit(&command, 0, false);
+        Ok(())
+    }
+}
+
+/// On, and waiting for its drives since 1000 ns.
+fn waiting_for_drives() -> Desk {
+    let mut desk = Desk::default();
+    desk.commit(&Command::EstopReset, 0, true);
+    desk.commit(&Command::On, 1000, true);
+    assert!(desk.wants_power() && desk.machine() == MachineState::Off);
+    desk
+}
+
+#[test]
+fn drives_that_come_up_after_power_was_taken_back_do_not_switch_the_machine_on() {
+    type Way = fn(&mut Desk);
+    let ways: [(Way, MachineState); 3] = [
+        (
+            |desk| desk.commit(&Command::Estop, 2000, true),
+            MachineState::Estop,
+        ),
+        (|desk| desk.commit(&Command::Off, 2000, true), MachineState::Off),
+        (Desk::drop_power, MachineState::Off),
+    ];
+    for (takes_back, state) in ways {
+        let mut desk = waiting_for_drives();
+        takes_back(&mut desk);
+        desk.enable(true, 3000);
+        assert_eq!((desk.machine(), desk.wants_power()), (state, false));
+    }
+}
+
+#[test]
+fn asking_for_power_again_gives_the_drives_no_more_time() {
+    let mut desk = waiting_for_drives();
+    desk.commit(&Command::On, 1000 + ENABLE_NS, true);
+    desk.enable(false, 1000 + ENABLE_NS);
+    assert!(!desk.has_latched_alarm());
+    desk.enable(false, 1001 + ENABLE_NS);
+    let alarms: Vec<Alarm> = desk.alarms().map(|(alarm, _)| alarm).collect();
+    assert_eq!(alarms, [Alarm::NotEnabled]);
+}
+
+#[test]
+fn one_axis_that_is_not_homed_keeps_programs_from_starting() {
+    let (mut desk, mut client) = (Desk::default(), Client(0));
+    for (code, index) in [
+        (CommandCode::EstopReset, 0),
+        (CommandCode::On, 0),
+        (CommandCode::Load, 0),
+        (CommandCode::Mode, 0),
+    ] {
+        assert_eq!(client.sends(&mut desk, code, index), Ok(()));
+    }
+    desk.set_homed(0b101);
+    assert_eq!(
+        client.sends(&mut desk, CommandCode::Start, 0),
+        Err(Alarm::NotHomed)
+    );
+    desk.set_homed(0b111);
+    assert_eq!(client.sends(&mut desk, CommandCode::Start, 0), Ok(()));
+}
+
+#[test]
+fn a_core_that_ends_takes_no_command() {
+    let raw = RawCommand {
+        command: CommandCode::Estop as u32,
+        axes_mask: 0,
+        index: 0,
+        amount: 0.0,
+        values: [0.0; AXES],
+        text: None,
+    };
+    let facts = Facts {
+        is_ending: true,
+        ..FACTS
+    };
+    let refused = Desk::default().consider(7, 1, &raw, &facts);
+    let (verdict, refusal) = refused.expect_err("it ends");
+    assert_eq!((verdict, refusal.alarm), (Verdict::Rejected, Alarm::Ending));
+}
+
+#[test]
+fn losing_power_leaves_an_emergency_stop_and_a_machine_that_is_off_as_they_are() {
+    type Way = fn(&mut Desk);
+    let ways: [Way; 2] = [
+        |desk| desk.commit(&Command::Off, 0, false),
+        |desk| desk.drop_power(),
+    ];
+    for way in ways {
+        let mut desk = Desk::default();
+        way(&mut desk);
+        assert_eq!(desk.machine(), MachineState::Estop);
+        desk.commit(&Command::On, 0, false);
+        assert_eq!(desk.machine(), MachineState::Estop, "it is reset first");
+        desk.commit(&Command::EstopReset, 0, false);
+        way(&mut desk);
+        assert_eq!(desk.machine(), MachineState::Off);
+        desk.commit(&Command::On, 0, false);
+        assert_eq!(desk.machine(), MachineState::On);
+        way(&mut desk);
+        assert_eq!(desk.machine(), MachineState::Off);
+    }
+}
+
+#[test]
+fn who_is_refused_for_a_latched_alarm_is_told_which_and_otherwise_what_the_rule_says() {
+    let refusal = |desk: &mut Desk, serial: u64| {
+        let raw = RawCommand {
+            command: CommandCode::Home as u32,
+            axes_mask: 0,
+            index: 0,
+            amount: 0.0,
+            values: [0.0; AXES],
+            text: None,
+        };
+        desk.consider(7, serial, &raw, &FACTS).unwrap_err().1
+    };
+    let mut desk = Desk::default();
+    desk.raise(Alarm::DriveFault, "axis X");
+    // In emergency stop that is the reason, whatever is latched.
+    let first = refusal(&mut desk, 1);
+    assert_eq!(first, Refusal::by_rule(Alarm::InEstop, CommandCode::Home));
+    desk.commit(&Command::EstopReset, 0, false);
+    desk.commit(&Command::On, 0, false);
+    let number = Alarm::DriveFault.number();
+    assert_eq!(
+        refusal(&mut desk, 2).text,
+        format!("alarm {number} is latched: axis X")
+    );
+}
+
+#[test]
+fn each_switch_and_override_is_one_of_its_own() {
+    let mut desk = Desk::default();
+    let seen = |desk: &Desk| {
+        let switches = [
+            desk.is_single_step(),
+            desk.is_optional_stop(),
+            desk.is_block_delete(),
+        ];
+        (switches, desk.overrides())
+    };
+    assert_eq!(seen(&desk), ([false; 3], [1.0; 3]));
+    desk.commit(&Command::BlockDelete(true), 0, false);
+    assert_eq!(seen(&desk).0, [false, false, true]);
+    desk.commit(&Command::OptionalStop(true), 0, false);
+    assert_eq!(seen(&desk).0, [false, true, true]);
+    desk.commit(&Command::SingleStep(true), 0, false);
+    desk.commit(&Command::BlockDelete(false), 0, false);
+    assert_eq!(seen(&desk).0, [true, true, false]);
+    desk.commit(&Command::SingleStep(false), 0, false);
+    desk.commit(&Command::Step, 0, false);
+    assert_eq!(seen(&desk).0, [true, true, false], "a step switches it on");
+    assert_eq!(desk.program(), None);
+    desk.commit(&Command::Load("part.ngc".to_owned()), 0, false);
+    assert_eq!(desk.program(), Some("part.ngc"));
+    desk.commit(&Command::FeedOverride(0.5), 0, false);
+    desk.commit(&Command::RapidOverride(0.25), 0, false);
+    desk.commit(&Command::SpindleOverride(0.75), 0, false);
+    assert_eq!(seen(&desk).1, [0.5, 0.25, 0.75]);
+}
+
+#[test]
+fn a_job_ends_once() {
+    let mut desk = Desk::default();
+    assert_eq!(
+        (desk.job(), desk.job_begins(Activity::Jog), desk.job()),
+        (0, 1, 1)
+    );
+    desk.job_ends(JobResult::Done);
+    assert_eq!((desk.job_begins(Activity::Jog), desk.job()), (2, 2));
+    desk.job_ends(JobResult::Stopped);
+    desk.job_ends(JobResult::Fault);
+    assert_eq!(desk.result(), JobResult::Stopped);
+}
+
+#[test]
+fn a_machine_is_brought_up_in_order_and_in_no_other() {
+    let (mut desk, mut client) = (Desk::default(), Client(0));
+    assert_eq!(client.sends(&mut desk, CommandCode::On, 0), Err(Alarm::InEstop));
+    assert_eq!(client.sends(&mut desk, CommandCode::EstopReset, 0), Ok(()));
+    assert_eq!(client.sends(&mut desk, CommandCode::Home, 0), Err(Alarm::IsOff));
+    assert_eq!(client.sends(&mut desk, CommandCode::On, 0), Ok(()));
+    assert_eq!(client.sends(&mut desk, CommandCode::Home, 0), Ok(()));
+    assert_eq!(
+        client.sends(&mut desk, CommandCode::Mode, Mode::Auto as u32),
+        Ok(())
+    );
+    assert_eq!(
+        client.sends(&mut desk, CommandCode::Start, 0),
+        Err(Alarm::NoProgram)
+    );
+    assert_eq!(client.sends(&mut desk, CommandCode::Load, 0), Ok(()));
+    assert_eq!(
+        client.sends(&mut desk, CommandCode::Start, 0),
+        Err(Alarm::NotHomed)
+    );
+    desk.set_homed(0b111);
+    assert_eq!(desk.homed(), 0b111);
+    assert_eq!(client.sends(&mut desk, CommandCode::Start, 0), Ok(()));
+    assert_eq!(desk.job_begins(Activity::Program), 1);
+    assert_eq!(client.sends(&mut desk, CommandCode::Start, 0), Err(Alarm::Busy));
+    assert_eq!(client.sends(&mut desk, CommandCode::Step, 0), Err(Alarm::NotHeld));
+    assert_eq!(client.sends(&mut desk, CommandCode::Off, 0), Err(Alarm::Busy));
+    assert_eq!(client.sends(&mut desk, CommandCode::Estop, 0), Ok(()));
+    desk.job_ends(JobResult::Stopped);
+    assert_eq!(
+        (desk.machine(), desk.result()),
+        (MachineState::Estop, JobResult::Stopped)
+    );
+}
+
+#[test]
+fn whatever_is_refused_changes_nothing_but_the_counts() {
+    let (mut desk, mut client) = (Desk::default(), Client(0));
+    client.sends(&mut desk, CommandCode::EstopReset, 0).unwrap();
+    client.sends(&mut desk, CommandCode::FeedOverride, 0).unwrap();
+    let before = (
+        desk.machine(),
+        desk.mode(),
+        desk.overrides(),
+        desk.program().map(str::to_owned),
+    );
+    let good = RawCommand {
+        command: CommandCode::FeedOverride as u32,
+        axes_mask: 0,
+        index: 0,
+        amount: 2.0,
+        values: [0.0; AXES],
+        text: None,
+    };
+    let nan = RawCommand {
+        amount: f64::NAN,
+        ..good
+    };
+    for (client, serial, raw, verdict) in [
+        (0, 99, good, Verdict::Rejected),
+        (7, 0, good, Verdict::Rejected),
+        (7, 2, good, Verdict::Stale),
+        (7, 1, good, Verdict::Stale),
+        (7, 99, nan, Verdict::Rejected),
+        (7, 99, good, Verdict::Stale),
+    ] {
+        let refused = desk.consider(client, serial, &raw, &FACTS).unwrap_err();
+        assert_eq!(refused.0, verdict, "{client} {serial}");
+    }
+    assert_eq!(
+        before,
+        (
+            desk.machine(),
+            desk.mode(),
+            desk.overrides(),
+            desk.program().map(str::to_owned)
+        )
+    );
+    assert_eq!(desk.counts(), (2, 6));
+}
+
+#[test]
+fn faults_are_latched_and_what_a_job_left_goes_with_the_next_one() {
+    let (mut desk, mut client) = (Desk::default(), Client(0));
+    client.sends(&mut desk, CommandCode::EstopReset, 0).unwrap();
+    client.sends(&mut desk, CommandCode::On, 0).unwrap();
+    desk.raise(Alarm::Program, "line 7 ...");
+    assert!(!desk.has_latched_alarm());
+    desk.job_begins(Activity::Program);
+    assert_eq!(desk.alarms().count(), 0);
+    desk.raise(Alarm::DriveFault, "axis X");
+    desk.raise(Alarm::DriveFault, "axis Y");
+    desk.job_ends(JobResult::Fault);
+    assert_eq!(desk.alarms().collect::<Vec<_>>(), [(Alarm::DriveFault, "axis X")]);
+    assert_eq!(client.sends(&mut desk, CommandCode::Home, 0), Err(Alarm::Latched));
+    desk.job_begins(Activity::Jog);
+    desk.job_ends(JobResult::Done);
+    assert!(desk.has_latched_alarm());
+    client.sends(&mut desk, CommandCode::ClearAlarms, 0).unwrap();
+    assert_eq!(client.sends(&mut desk, CommandCode::Home, 0), Ok(()));
+}
+
+#[test]
+fn an_alarm_that_latches_is_listed_however_many_others_are() {
+    let kinds = |latched: bool| {
+        Alarm::ALL
+            .iter()
+            .copied()
+            .filter(move |alarm| alarm.is_latched() == latched)
+    };
+    let mut desk = Desk::default();
+    for alarm in kinds(false).take(MOST_ALARMS) {
+        desk.raise(alarm, "no fault");
+    }
+    assert!(!desk.has_latched_alarm());
+    desk.raise(Alarm::DriveFault, "axis X");
+    assert!(desk.has_latched_alarm());
+    assert_eq!((desk.alarms().count(), desk.unlisted_alarms()), (MOST_ALARMS, 1));
+    assert_eq!(desk.alarms().last(), Some((Alarm::DriveFault, "axis X")));
+    // And where all of them are: the newest, whose sentence the status shows.
+    for alarm in kinds(true) {
+        desk.raise(alarm, "a fault");
+    }
+    let newest = kinds(true).next_back().unwrap();
+    assert_eq!(desk.alarms().last(), Some((newest, "a fault")));
+    assert!(desk.alarms().all(|(alarm, _)| alarm.is_latched()));
+    desk.clear_alarms();
+    assert_eq!((desk.alarms().count(), desk.unlisted_alarms()), (0, 0));
+}
+
+#[test]
+fn drives_that_are_not_enabled_in_time_raise_an_alarm_and_the_machine_stays_off() {
+    let mut desk = Desk::default();
+    desk.commit(&Command::EstopReset, 0, true);
+    desk.commit(&Command::On, 1_000, true);
+    assert_eq!((desk.machine(), desk.wants_power()), (MachineState::Off, true));
+    desk.enable(false, 1_000 + ENABLE_NS);
+    assert!(desk.wants_power());
+    desk.enable(false, 1_001 + ENABLE_NS);
+    assert!(!desk.wants_power() && desk.has_latched_alarm());
+    desk.commit(&Command::ClearAlarms, 0, true);
+    desk.commit(&Command::On, 0, true);
+    desk.enable(true, 10);
+    assert_eq!(desk.machine(), MachineState::On);
+}
