@@ -11,6 +11,10 @@ use crate::window::Window;
 
 /// Where in an interval the limits are checked: between the rows at its start, middle and end.
 const PLACES: [f64; 4] = [0.15, 0.35, 0.65, 0.85];
+/// More of them, for intervals of which the path changes much within so long a time, s: the speed that a curve permits has its
+/// least between the others.
+const MORE_PLACES: [f64; 8] = [0.05, 0.25, 0.45, 0.5, 0.55, 0.75, 0.92, 0.97];
+const LONG_S: f64 = 0.005;
 /// These with start and end, through which accelerations are followed to their peaks.
 const TRACK: [f64; 6] = [0.0, 0.15, 0.35, 0.65, 0.85, 1.0];
 /// Ratios above which the barrier is made stiffer at an interval: of velocity and acceleration, of jerk.
@@ -126,6 +130,17 @@ pub(crate) fn check(window: &Window, grid: &Grid, factor: f64, x: &Iterate, stif
                 let point = Point::of(stretch, cell.from + at, limits);
                 here.include(&Ratios::at(&point, state, limits, factor));
                 track.set(i + 1, &point, (state.0, state.1), limits);
+            }
+        }
+        if window.bent[k] != 0.0
+            && d > LONG_S * a.max(x.a[k + 1]).max(0.0).sqrt()
+            && let Some(stretch) = grid.stretch(cell.stretch)
+        {
+            for place in MORE_PLACES {
+                let at = place * d;
+                let state = (a + at * (2.0 * b + at * c), b + at * c, c);
+                let point = Point::of(stretch, cell.from + at, limits);
+                here.include(&Ratios::at(&point, state, limits, factor));
             }
         }
         if window.bent[k] != 0.0 && here.acceleration > NEAR {

@@ -109,6 +109,22 @@ impl Kept {
         };
     }
 
+    /// Becomes the same plan driven `rate` times as fast, `0 < rate <= 1`: by distance `u'^2`, `u''` and `u'''/u'` scale alike.
+    pub(crate) fn slow_down(&mut self, rate: f64) {
+        let square = rate * rate;
+        for segment in &mut self.segments {
+            segment.a *= square;
+            segment.b *= square;
+            segment.c *= square;
+        }
+        for piece in &mut self.head {
+            piece.law = piece.law.slowed_down(rate);
+            piece.duration /= rate;
+        }
+        self.last_a *= square;
+        self.factor *= rate;
+    }
+
     /// Takes over a plan; `head` is what was written before its window.
     pub(crate) fn keep(&mut self, head: &[Piece], window: &Window, x: &Iterate, until: u64, factor: f64) {
         let n = window.n();

@@ -34,6 +34,23 @@ pub enum Law {
 }
 
 impl Law {
+    /// The same law driven `rate` times as fast.
+    pub(crate) fn slowed_down(self, rate: f64) -> Self {
+        let square = rate * rate;
+        match self {
+            Self::Jerk { v, a, j } => Self::Jerk {
+                v: rate * v,
+                a: square * a,
+                j: square * rate * j,
+            },
+            Self::Flow { v, b, c } => Self::Flow {
+                v: rate * v,
+                b: square * b,
+                c: square * c,
+            },
+        }
+    }
+
     /// State and jerk `t` seconds after the piece's start. Real-time safe: closed form, no allocation.
     #[must_use]
     pub fn at(&self, t: f64) -> (ScalarState, f64) {

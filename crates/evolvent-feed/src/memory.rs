@@ -16,6 +16,12 @@ impl Optimizer {
         memory.0.copy_from(&self.kept);
     }
 
+    /// Takes the last plan as driven `rate` times as fast, `0 < rate <= 1`, which keeps every limit: a moving plan can then start
+    /// from a state on that. Cycle: no.
+    pub fn slow_down(&mut self, rate: f64) {
+        self.kept.slow_down(rate);
+    }
+
     /// Makes a plan the last one again.
     pub fn recall(&mut self, memory: &Memory) {
         self.kept.copy_from(&memory.0);

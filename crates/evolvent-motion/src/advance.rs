@@ -7,7 +7,7 @@ use crate::cursor::{Cursor, Drive, RunDrive};
 use crate::motion::Motion;
 use crate::queue::PlanConsumer;
 use crate::setpoint::Inputs;
-use crate::slow::Slow;
+use crate::slowdown::Ahead;
 use crate::state::State;
 
 /// Steps, segments and marks passed in one cycle at the most. Pieces are as short as the path's shortest blocks
@@ -40,13 +40,20 @@ impl Motion {
             let (now, _) = run.profile.at(run.time);
             run.solve(now, brake, self.feed_override, cursor.step, queue);
         }
-        let mut left = match &mut cursor.slow {
-            Some(slow) => slow.advance(self.period),
+        let mut left = match &mut cursor.slowdown {
+            Some(slowdown) => {
+                let mut ahead = Ahead {
+                    preview: &mut self.preview,
+                    queue,
+                    limits: &self.limits,
+                    tail: self.withhold,
+                };
+                let left = slowdown.advance(self.period, &mut ahead);
+                self.waited |= self.preview.take_met_tail();
+                left
+            }
             None => self.period,
         };
-        if let Some(ease) = &mut cursor.ease {
-            left = ease.advance(left);
-        }
         let rests = cursor.rests;
         for _ in 0..MOST_PER_CYCLE {
             match &mut cursor.drive {
@@ -85,7 +92,7 @@ impl Motion {
                         cursor.start(flow);
                     } else {
                         // Rest steps take effect in the cycle after. At rest as planned, nothing is left to be slowed.
-                        (cursor.slow, cursor.ease) = (None, None);
+                        cursor.slowdown = None;
                         break;
                     }
                 }
@@ -116,14 +123,11 @@ impl Motion {
                 }
             }
         }
-        if (cursor.slow.is_some_and(|slow| slow.is_over())
-            || cursor.ease.is_some_and(|ease| ease.is_at_rest()))
+        if cursor.slowdown.is_some_and(|slowdown| slowdown.is_at_rest())
             && let Drive::Flow { flow, .. } = cursor.drive
         {
+            // Within a piece: that the slowdown stays tells that it goes on from there with a new plan only.
             let x = cursor.now().0.x;
-            // Within a piece: a slowed path time tells that it goes on from there with a new plan only.
-            cursor.slow.get_or_insert(Slow::new(&self.limits));
-            cursor.ease = None;
             cursor.leave(&flow);
             cursor.rest_x = x;
             cursor.travelled = flow.path + x;
@@ -168,7 +172,7 @@ impl Motion {
             Step::Flow(flow) => {
                 // A plan for another override is replaced before it is driven.
                 let is_known = queue.is_final(cursor.step) && !self.withhold;
-                if cursor.slow.is_some() || !self.plan_fits(brake) || !is_known {
+                if cursor.slowdown.is_some() || !self.plan_fits(brake) || !is_known {
                     self.waited = true;
                     return false;
                 }

@@ -1,47 +1,37 @@
-//! Asking the planner for another plan, and taking it over.
+//! Requesting another plan from the planner, and taking it over.
 //!
-//! A plan of pieces is made for one override. When that, or a hold, is wanted otherwise, the cycle asks for a plan
-//! from the place where it will be a lead time later, and goes on as planned until then; the answer takes over at
-//! just that setpoint. At rest there is no hurry: the cycle stands until the answer comes. A hold slows path time at once,
-//! as far as the plan leaves room ([`Ease`]), and the answer takes over from there; one that nobody answers slows it to
-//! rest, by the room that the plan leaves, or where that is not known by the limits alone ([`Slow`]).
+//! A plan of pieces is made for one override. When another is wanted the cycle requests a plan from the position where it will
+//! be a lead time later, and goes on until then; the answer takes over at just that setpoint. A lower override slows the plan
+//! down meanwhile ([`Slowdown`]), and the request is made once that is at a constant rate. At rest there is no hurry: the
+//! cycle waits until the answer comes. Holds and stops need no planner.
 //!
-//! [`Ease`]: crate::ease::Ease
+//! [`Slowdown`]: crate::slowdown::Slowdown
 
 use evolvent_plan::{Flow, Request, Step};
 
 use crate::advance::MOST_RESTS_PER_CYCLE;
 use crate::cursor::{Cursor, Drive};
 use crate::motion::Motion;
+use crate::plan_preview::LONGEST_PREVIEW_S;
 use crate::queue::PlanConsumer;
+use crate::scale::Scale;
 use crate::setpoint::Inputs;
-use crate::slow::Slow;
 use crate::state::State;
 
 /// Time from a request to where its answer takes over, s: a re-plan takes half of it at the most.
 const LEAD_S: f64 = 0.010;
-/// The same for the first request of a hold or stop that cannot slow path time at once. It is worth a try: a plan that
-/// only brakes is found sooner, and if it comes too late the next request leaves it the usual time.
-const BRAKE_LEAD_S: f64 = 0.002;
 /// Cycles of lead at the least.
 const LEAST_LEAD: u64 = 2;
-/// Requests for a stop in a row that may go unanswered.
-pub(crate) const MOST_UNANSWERED: u32 = 2;
+/// How often the time between requests in motion that come to nothing doubles at most: 0.3 s then.
+const MOST_DOUBLINGS: u32 = 6;
 /// Pieces that a place ahead is looked for in.
 const MOST_AHEAD: usize = 1 << 15;
-
-/// What the pieces ahead were planned for.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Aim {
-    pub(crate) brake: bool,
-    pub(crate) factor: f64,
-}
 
 /// A request that is open.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Asked {
     id: u64,
-    aim: Aim,
+    factor: f64,
     /// Its answer follows the setpoint of this number; none at rest.
     after: Option<u64>,
 }
@@ -49,32 +39,32 @@ pub(crate) struct Asked {
 /// What the cycle has asked for, and how that went.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Asking {
-    pub(crate) aim: Aim,
+    /// The override that the pieces ahead were planned for.
+    pub(crate) factor: f64,
     open: Option<Asked>,
     asked: u64,
-    pub(crate) unanswered: u32,
-    /// How long half of the way to rest without an answer has to be at the least, s, as far as that was tried.
-    pub(crate) rest_half: f64,
+    /// Requests in a row that were not met.
+    unanswered: u32,
     /// No further request before this setpoint: the last one could not be met.
     not_before: u64,
+    /// Requests in motion in a row that came to nothing, and the setpoint before which there is no other. Each has the planner
+    /// append a window that is never driven, so an input that does not rest must not make one every few cycles.
+    wasted: u32,
+    waste_until: u64,
     pub(crate) lead: u64,
-    brake_lead: u64,
 }
 
 impl Asking {
     pub(crate) fn new(period: f64) -> Self {
         Self {
-            aim: Aim {
-                brake: false,
-                factor: 1.0,
-            },
+            factor: 1.0,
             open: None,
             asked: 0,
             unanswered: 0,
-            rest_half: 0.0,
             not_before: 0,
+            wasted: 0,
+            waste_until: 0,
             lead: ((LEAD_S / period).ceil() as u64).max(LEAST_LEAD),
-            brake_lead: ((BRAKE_LEAD_S / period).ceil() as u64).max(LEAST_LEAD),
         }
     }
 
@@ -83,32 +73,37 @@ impl Asking {
         self.open.is_some()
     }
 
-    /// Whether the request that is open is for a stop.
-    pub(crate) fn asks_to_brake(&self) -> bool {
-        self.open.is_some_and(|open| open.aim.brake)
+    /// Whether a plan for this override has been requested, and the planner has not failed to give one in time.
+    pub(crate) fn is_waiting_for(&self, factor: f64) -> bool {
+        self.unanswered == 0 && self.open.is_some_and(|open| open.factor == factor)
     }
 
-    /// What was asked for is met no more.
-    pub(crate) fn withdraw(&mut self) {
-        self.open = None;
+    /// What was asked for is met no more; the next setpoint is number `sequence`.
+    pub(crate) fn withdraw(&mut self, sequence: u64) {
+        if let Some(Asked { after: Some(_), .. }) = self.open.take() {
+            self.waste(sequence);
+        }
+    }
+
+    fn waste(&mut self, sequence: u64) {
+        self.wasted = (self.wasted + 1).min(MOST_DOUBLINGS);
+        self.waste_until = sequence + (self.lead << self.wasted) / 2;
     }
 
     /// The pieces to come are planned for this override.
-    pub(crate) fn plan_for(&mut self, factor: f64) {
-        self.aim.factor = factor;
+    pub(crate) fn planned_for(&mut self, factor: f64) {
+        self.factor = factor;
     }
 
-    /// A request was not met. Only those for a stop are counted: a feed that cannot be had makes no hold slower.
-    fn miss(&mut self, aim: Aim) {
-        self.unanswered = self.unanswered.saturating_add(u32::from(aim.brake));
+    fn miss(&mut self) {
+        self.unanswered = self.unanswered.saturating_add(1);
     }
 }
 
 impl Motion {
     /// Whether a plan ahead may be driven as it is.
     pub(crate) fn plan_fits(&self, brake: bool) -> bool {
-        let aim = self.asking.aim;
-        self.asking.open.is_none() && !brake && !aim.brake && aim.factor == self.feed_override
+        self.asking.open.is_none() && !brake && self.asking.factor == self.feed_override
     }
 
     /// Takes over an answer that is due.
@@ -120,8 +115,8 @@ impl Motion {
             _ => queue.answer(open.id),
         };
         match answer {
-            // Path time is being slowed by now: the place that the answer was made for is not met.
-            Some(_) if open.after.is_some() && (cursor.slow.is_some() || cursor.state == State::Fault) => {
+            // The plan is being slowed down by now: the place that the answer was made for is not met.
+            Some(_) if open.after.is_some() && cursor.state == State::Fault => {
                 self.asking.open = None;
             }
             Some(answer) => {
@@ -132,24 +127,24 @@ impl Motion {
                     Some((step, Some(Step::Flow(flow)))) if open.after.is_some() => {
                         cursor.step = step;
                         cursor.starved = false;
-                        cursor.ease = None;
+                        cursor.slowdown = None;
                         cursor.start(flow);
-                        self.asking.aim = open.aim;
-                        self.asking.unanswered = 0;
+                        self.asking.factor = open.factor;
+                        (self.asking.unanswered, self.asking.wasted) = (0, 0);
                         queue.took_answer(open.id);
                     }
                     Some((step, _)) if open.after.is_none() => {
                         cursor.step = step;
                         cursor.starved = false;
-                        (cursor.slow, cursor.ease) = (None, None);
-                        self.asking.aim = open.aim;
-                        self.asking.unanswered = 0;
+                        cursor.slowdown = None;
+                        self.asking.factor = open.factor;
+                        (self.asking.unanswered, self.asking.wasted) = (0, 0);
                         queue.took_answer(open.id);
                     }
                     _ => {
                         self.refused = true;
                         self.asking.not_before = self.sequence + self.asking.lead;
-                        self.asking.miss(open.aim);
+                        self.asking.miss();
                     }
                 }
             }
@@ -158,7 +153,8 @@ impl Motion {
             None => {
                 self.waited = true;
                 self.asking.open = None;
-                self.asking.miss(open.aim);
+                self.asking.miss();
+                self.asking.waste(self.sequence);
             }
         }
     }
@@ -172,91 +168,81 @@ impl Motion {
         {
             return;
         }
-        let brake = self.is_told_to_stand(&cursor, inputs) || self.feed_override == 0.0;
-        let aim = Aim {
-            brake,
-            factor: if brake {
-                self.asking.aim.factor
-            } else {
-                self.feed_override
-            },
-        };
+        if self.is_told_to_stand(&cursor, inputs) || self.feed_override == 0.0 {
+            return;
+        }
+        let has_other_factor = self.feed_override != self.asking.factor;
+        if self.sequence < self.asking.not_before {
+            return;
+        }
         match cursor.drive {
             Drive::Run(_) => {}
             Drive::Flow { flow, time } => {
-                let fits = aim == self.asking.aim && !cursor.starved && cursor.ease.is_none();
-                if cursor.slow.is_some() || cursor.ease.is_some_and(|ease| ease.comes_to_rest()) || fits {
-                    return;
-                }
-                if brake && (queue.has_no_planner() || self.asking.unanswered > MOST_UNANSWERED) {
-                    self.cursor.slow = Some(Slow::new(&self.limits));
-                    return;
-                }
-                // A hold does not wait because another wish could not be met.
-                if (self.sequence < self.asking.not_before && !brake) || queue.has_no_planner() {
-                    return;
-                }
-                let lead = if brake && self.asking.unanswered == 0 && cursor.ease.is_none() {
-                    self.asking.brake_lead
-                } else {
-                    self.asking.lead
+                let rate = match cursor.slowdown {
+                    None => Some(1.0),
+                    Some(slowdown) => slowdown.steady_rate().filter(|rate| *rate > 0.0),
                 };
-                let seconds = self.period * lead as f64;
-                let ahead = cursor.ease.map_or(seconds, |ease| ease.ahead(seconds));
-                if let Some((flow, time)) = foresee(cursor.step, flow, time + ahead, queue) {
-                    let (mut state, jerk) = flow.piece.law.at(time);
-                    if let Some(ease) = cursor.ease {
-                        (state, _) = ease.scale(seconds).apply(state, jerk);
-                    }
-                    // The last setpoint is number `sequence - 1`.
-                    let after = self.sequence - 1 + lead;
-                    self.send(aim, Some(after), place(&flow, state.x, state.v, state.a), queue);
-                }
-            }
-            Drive::Still => {
-                if brake || self.sequence < self.asking.not_before {
+                let fits = !has_other_factor && !cursor.starved && cursor.slowdown.is_none();
+                let may_ask = self.sequence >= self.asking.waste_until && !queue.has_no_planner();
+                let Some(rate) = rate.filter(|_| !fits && may_ask) else {
                     return;
-                }
-                match queue.step(cursor.step) {
-                    // A hold without a planner came to rest within a piece.
-                    Some(Step::Flow(flow)) if cursor.slow.is_some() => {
-                        self.send(aim, None, place(&flow, cursor.rest_x, 0.0, 0.0), queue);
-                    }
-                    Some(Step::Flow(flow)) if aim != self.asking.aim => {
-                        self.send(aim, None, place(&flow, 0.0, 0.0, 0.0), queue);
-                    }
-                    Some(Step::Wait) => {
-                        let rest = Request {
-                            segment: cursor.segment,
-                            offset: cursor.rest_x - cursor.segment_start,
-                            interval: cursor.interval,
-                            ..EMPTY
-                        };
-                        self.send(aim, None, rest, queue);
-                    }
-                    _ => {}
+                };
+                let seconds = self.period * self.asking.lead as f64;
+                if let Some((flow, time)) = foresee(cursor.step, flow, time + rate * seconds, queue) {
+                    let (state, jerk) = flow.piece.law.at(time);
+                    let steady = Scale {
+                        rate,
+                        first: 0.0,
+                        second: 0.0,
+                    };
+                    let (state, _) = steady.apply(state, jerk);
+                    // The last setpoint is number `sequence - 1`.
+                    let after = self.sequence - 1 + self.asking.lead;
+                    let request = Request {
+                        rate,
+                        ..place(&flow, state.x, state.v, state.a)
+                    };
+                    self.send(Some(after), request, queue);
                 }
             }
+            Drive::Still => match queue.step(cursor.step) {
+                // A stop has come to rest within a piece.
+                Some(Step::Flow(flow)) if cursor.slowdown.is_some() => {
+                    self.send(None, place(&flow, cursor.rest_x, 0.0, 0.0), queue);
+                }
+                Some(Step::Flow(flow)) if has_other_factor => {
+                    self.send(None, place(&flow, 0.0, 0.0, 0.0), queue);
+                }
+                Some(Step::Wait) => {
+                    let rest = Request {
+                        segment: cursor.segment,
+                        offset: cursor.rest_x - cursor.segment_start,
+                        interval: cursor.interval,
+                        ..EMPTY
+                    };
+                    self.send(None, rest, queue);
+                }
+                _ => {}
+            },
         }
     }
 
-    fn send(&mut self, aim: Aim, after: Option<u64>, place: Request, queue: &mut PlanConsumer) {
+    fn send(&mut self, after: Option<u64>, place: Request, queue: &mut PlanConsumer) {
         self.asking.asked += 1;
         let request = Request {
             id: self.asking.asked,
             rests: self.cursor.rests,
-            brake: aim.brake,
-            feed_factor: aim.factor,
+            feed_factor: self.feed_override,
             ..place
         };
         if queue.ask(request) {
             self.asking.open = Some(Asked {
                 id: request.id,
-                aim,
+                factor: request.feed_factor,
                 after,
             });
         } else {
-            self.asking.miss(aim);
+            self.asking.miss();
         }
     }
 
@@ -279,6 +265,10 @@ impl Motion {
         let cursor = &self.cursor;
         if self.is_over() || self.quick_stop.is_some() || self.turning.is_some() || queue.is_abandoned() {
             return true;
+        }
+        // With the virtual clock a request that finds no room is made in the next step: the planner takes the older ones.
+        if !queue.can_ask() && !queue.has_no_planner() {
+            return false;
         }
         let mut step = cursor.step;
         if let Some(open) = self.asking.open {
@@ -320,6 +310,9 @@ impl Motion {
         };
         // Everything that the step, or a request that it makes, can see.
         let mut left = time + self.period * (2 * self.asking.lead + 4) as f64 - flow.piece.duration;
+        if cursor.slowdown.is_some() {
+            left += LONGEST_PREVIEW_S;
+        }
         // A tail that was claimed is driven to its end.
         let mut tail = cursor.starved;
         for _ in 0..MOST_AHEAD {
@@ -347,7 +340,7 @@ const EMPTY: Request = Request {
     v: 0.0,
     a: 0.0,
     rests: 0,
-    brake: false,
+    rate: 1.0,
     feed_factor: 1.0,
 };
 

@@ -2,8 +2,7 @@
 
 use evolvent_plan::{Flow, Profile, ScalarLimits, ScalarState};
 
-use crate::ease::Ease;
-use crate::slow::Slow;
+use crate::slowdown::Slowdown;
 use crate::state::State;
 
 /// What moves the axes at the moment.
@@ -61,10 +60,8 @@ pub(crate) struct Cursor {
     pub(crate) starved: bool,
     /// A step of curvature was passed in this cycle.
     pub(crate) joint: bool,
-    /// Path time is being slowed, because no planner answers.
-    pub(crate) slow: Option<Slow>,
-    /// Path time was slowed at once by a hold, until the planner's answer takes over.
-    pub(crate) ease: Option<Ease>,
+    /// The plan is driven more slowly than it was made: for a hold or a lower override.
+    pub(crate) slowdown: Option<Slowdown>,
     /// At rest where a turning cycle begins.
     pub(crate) turns: bool,
 }
@@ -89,8 +86,7 @@ impl Cursor {
             block: 0,
             starved: false,
             joint: false,
-            slow: None,
-            ease: None,
+            slowdown: None,
             turns: false,
         }
     }
@@ -109,14 +105,9 @@ impl Cursor {
             Drive::Run(run) => run.profile.at(run.time),
             Drive::Flow { flow, time } => {
                 let (now, jerk) = flow.piece.law.at(*time);
-                // An eased plan is a plan within the limits: slowing acts on its time.
-                let (now, jerk) = match &self.ease {
+                match &self.slowdown {
                     None => (now, jerk),
-                    Some(ease) => ease.scale(0.0).apply(now, jerk),
-                };
-                match &self.slow {
-                    None => (now, jerk),
-                    Some(slow) => slow.scale().apply(now, jerk),
+                    Some(slowdown) => slowdown.scale().apply(now, jerk),
                 }
             }
         }

@@ -4,9 +4,10 @@
 //! [`Guard`] check the result, and returns a [`Setpoint`]. Time enters only as the period. The plan comes through a
 //! wait-free queue ([`plan_queue`]); feed hold, override and stop come as [`Inputs`].
 //!
-//! A near-optimal plan is a law that is only evaluated. For a hold or another override the step asks the planner for
-//! a plan from the place where it will be 10 ms later; a hold that nobody answers slows path time itself. The runs of
-//! a classic plan are solved here in closed form, so there a wish takes effect in the same step.
+//! A time-optimal plan is only evaluated. For a hold, a stop or a lower override the step slows it down by itself, beginning
+//! with the setpoint that the input comes with, and needs no planner for that. For a higher override, and to go on at full
+//! speed after a lower one, it requests another plan, from the position where it will be 10 ms later. The runs of a classic
+//! plan are solved here in closed form.
 //!
 //! Jog and homing have no path: a [`Steering`] drives a transfer that was solved before. A [`Station`] carries sequence
 //! numbers and the guard's memory from job to job.
@@ -20,14 +21,14 @@
 mod advance;
 mod asking;
 mod cursor;
-mod ease;
-mod easing;
 mod guard;
 mod motion;
+mod plan_preview;
 mod queue;
 mod quick_stop;
+mod scale;
 mod setpoint;
-mod slow;
+mod slowdown;
 mod state;
 mod station;
 mod steering;

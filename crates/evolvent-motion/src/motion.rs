@@ -8,10 +8,11 @@ use evolvent_process::{Reason, TurningOutput};
 use crate::asking::Asking;
 use crate::cursor::{Cursor, Drive};
 use crate::guard::{Extremes, Guard, Violation};
+use crate::plan_preview::PlanPreview;
 use crate::queue::PlanConsumer;
 use crate::quick_stop::QuickStop;
 use crate::setpoint::{Inputs, Setpoint};
-use crate::slow::Slow;
+use crate::slowdown::{Lead, Slowdown};
 use crate::state::{State, flags};
 use crate::turning::Turning;
 
@@ -37,6 +38,8 @@ pub struct Motion {
     pub(crate) quick_stop: Option<QuickStop>,
     pub(crate) last: Jet,
     pub(crate) asking: Asking,
+    /// What a slowdown looks at.
+    pub(crate) preview: PlanPreview,
     /// Whether the planner had not finished what the last step looked for.
     pub(crate) waited: bool,
     /// The next step acts as if the planner had not finished.
@@ -77,6 +80,7 @@ impl Motion {
             quick_stop: None,
             last: still,
             asking: Asking::new(period),
+            preview: PlanPreview::new(),
             waited: false,
             withhold: false,
             refused: false,
@@ -91,7 +95,7 @@ impl Motion {
     #[must_use]
     pub fn planned_for(mut self, feed_override: f64) -> Self {
         self.feed_override = checked_override(feed_override);
-        self.asking.plan_for(self.feed_override);
+        self.asking.planned_for(self.feed_override);
         self
     }
 
@@ -209,12 +213,8 @@ impl Motion {
         }
         if self.quick_stop.is_none() {
             let mut cursor = self.cursor;
-            let open = self.asking.has_open();
+            self.slow_down(&mut cursor, inputs, queue);
             self.take_answer(&mut cursor, queue);
-            if open == self.asking.has_open() {
-                self.ease_into(&mut cursor, inputs, queue);
-                self.ease_to_rest(&mut cursor, inputs, queue);
-            }
             self.advance(&mut cursor, inputs, changed, queue);
             let (mut jet, mut segment) = self.evaluate(&mut cursor, queue);
             if let Err(violation) = self
@@ -224,9 +224,7 @@ impl Motion {
                 self.fault.get_or_insert(violation);
                 cursor = self.cursor;
                 cursor.state = State::Fault;
-                if matches!(cursor.drive, Drive::Flow { .. }) && cursor.slow.is_none() {
-                    cursor.slow = Some(Slow::new(&self.limits));
-                }
+                self.slow_down(&mut cursor, inputs, queue);
                 self.advance(&mut cursor, inputs, false, queue);
                 (jet, segment) = self.evaluate(&mut cursor, queue);
                 if self.guard.check(&jet.position, cursor.joint, true).is_err() {
@@ -279,6 +277,50 @@ impl Motion {
             bits |= flags::LAST;
         }
         self.setpoint(jet, path_mm, bits)
+    }
+
+    /// Begins to slow the plan down, or changes what it is slowed down to, as hold, stop, fault and override ask for it.
+    ///
+    /// A slowdown to a part of the speed ends when a plan for the override takes over. Rapids do not heed the override: where
+    /// one is driven, the request alone is made.
+    fn slow_down(&mut self, cursor: &mut Cursor, inputs: &Inputs, queue: &mut PlanConsumer) {
+        let Drive::Flow { flow, time } = cursor.drive else {
+            return;
+        };
+        let brake = self.is_told_to_stand(cursor, inputs) || self.feed_override == 0.0;
+        let target = if brake {
+            0.0
+        } else {
+            (self.feed_override / self.asking.factor).min(1.0)
+        };
+        match &mut cursor.slowdown {
+            Some(slowdown) => {
+                if self.asking.has_open() && target > 0.0 && slowdown.is_nearly(target) {
+                    return;
+                }
+                if slowdown.lead_to(target) == Lead::FromSteady {
+                    self.preview.begin(cursor.step, flow, time);
+                }
+                match slowdown.steady_rate() {
+                    None => self.asking.withdraw(self.sequence),
+                    // Back at the plan's own speed.
+                    Some(rate) if rate >= 1.0 => cursor.slowdown = None,
+                    Some(_) => {}
+                }
+            }
+            None if target < 1.0 => {
+                let rapid = queue
+                    .segment(flow.piece.stretch)
+                    .is_some_and(|segment| segment.marks.rapid);
+                if !brake && (rapid || self.asking.is_waiting_for(self.feed_override)) {
+                    return;
+                }
+                self.asking.withdraw(self.sequence);
+                self.preview.begin(cursor.step, flow, time);
+                cursor.slowdown = Some(Slowdown::new(target));
+            }
+            None => {}
+        }
     }
 
     /// Whether the axes are to come to rest on the path and stay there.

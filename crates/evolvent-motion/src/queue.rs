@@ -333,6 +333,16 @@ impl PlanConsumer {
         }
     }
 
+    /// The step after step `index`, settled, and whether that is the tail because the planner had not linked another. With
+    /// `tail` it is the tail all the same: a recorded run that met one is computed again.
+    pub(crate) fn settle_successor(&mut self, index: u64, tail: bool) -> (u64, bool) {
+        if tail && self.successor(index).0 != index + 1 {
+            self.table.link(index).store(CLAIMED, Ordering::Release);
+        }
+        let (next, is_final) = self.claim_successor(index);
+        (next, !is_final)
+    }
+
     /// Whether the runs ahead of step `index` cannot change any more: the next [`STEPS_AHEAD`] steps are final, or
     /// the plan is complete.
     #[must_use]
@@ -359,6 +369,12 @@ impl PlanConsumer {
     #[must_use]
     pub fn has_no_planner(&self) -> bool {
         self.steps.is_abandoned()
+    }
+
+    /// Whether there is room for a request.
+    #[must_use]
+    pub fn can_ask(&self) -> bool {
+        !self.requests.is_full()
     }
 
     /// Sends a request to the planner; `false` if there is no room, which only a dead planner leaves.
@@ -445,7 +461,7 @@ mod tests {
             v: 0.0,
             a: 0.0,
             rests: 0,
-            brake: false,
+            rate: 1.0,
             feed_factor: 1.0,
         }
     }

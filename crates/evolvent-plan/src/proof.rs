@@ -9,8 +9,9 @@ use evolvent_path::AXES;
 
 use crate::step::Segment;
 
-/// Places looked at in a piece.
-const PLACES: u32 = 4;
+/// Places looked at in a piece: at least so many, at most so many, and otherwise one for so long a time, s.
+const PLACES: (u32, u32) = (4, 24);
+const PLACE_S: f64 = 0.0015;
 /// What is let pass: less than the guard does.
 const MOST: Ratios = Ratios {
     velocity: 1.0008,
@@ -81,8 +82,9 @@ pub(crate) fn ratios<'a>(
         if !((start.v - v).abs() <= SEAM * speed.max(1e-3) && (start.a - a).abs() <= SEAM * push.max(1.0)) {
             return broken;
         }
-        for k in 0..=PLACES {
-            let t = piece.duration * f64::from(k) / f64::from(PLACES);
+        let places = ((piece.duration / PLACE_S).ceil() as u32).clamp(PLACES.0, PLACES.1);
+        for k in 0..=places {
+            let t = piece.duration * f64::from(k) / f64::from(places);
             let (state, jerk) = piece.law.at(t);
             let jet = segment.jet((piece.from + state.x).clamp(0.0, segment.length));
             for i in 0..AXES {

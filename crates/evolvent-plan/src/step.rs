@@ -133,8 +133,8 @@ pub struct Request {
     pub a: f64,
     /// Steps at rest (dwells, actions, stops) that have been passed.
     pub rests: u64,
-    /// Come to rest as soon as the axes allow, and wait.
-    pub brake: bool,
+    /// Rate, above 0 and at most 1, at which the cycle drives the plan in force there: the state is that of the plan at this rate.
+    pub rate: f64,
     /// Feed override to plan for, in `0..=2`.
     pub feed_factor: f64,
 }

@@ -383,6 +383,7 @@ pub fn check(scenario: &Scenario, setpoints: &[Setpoint], motion: &Motion, toler
             );
         }
     }
+    if motion.fault().is_some() { eprintln!("GUARDCASE {what}"); }
     assert!(motion.fault().is_none(), "{what}: guard {:?}", motion.fault());
     let [v, a, j] = ratios(scenario, setpoints);
     assert!(v <= 1.001, "{what}: velocity ratio {v}");

@@ -1,6 +1,6 @@
 //! What the cycle asks for: a plan from a place ahead of it, for a hold, for another override, or from rest.
 
-use evolvent_feed::{Entry, FeedError, Place};
+use evolvent_feed::{Entry, Place};
 
 use super::{Fork, Front, Horizon, Rest};
 use crate::step::{Answer, PlanSink, Request};
@@ -40,11 +40,10 @@ impl<S: PlanSink> Horizon<S> {
         if let Some(planned) = known.checked_sub(1).and_then(|k| self.planned.get(k)) {
             self.optimizer.recall(&planned.memory);
         }
-        let solved = if request.brake {
-            self.solve_stop(&front, until).map(|()| (until, exit))
-        } else {
-            self.solve_some(&front, until, exit)
-        };
+        if request.rate < 1.0 {
+            self.optimizer.slow_down(request.rate);
+        }
+        let solved = self.solve_some(&front, until, exit);
         let (until, exit) = solved.unwrap_or((until, exit));
         if solved.is_err() || self.pieces.is_empty() {
             if let Some(planned) = self.planned.back() {
@@ -70,13 +69,7 @@ impl<S: PlanSink> Horizon<S> {
         });
         let step = self.appended;
         self.front = front;
-        if request.brake {
-            self.append_pieces()?;
-            self.front = self.front_after_stop();
-            self.append_wait()?;
-        } else {
-            self.commit(until, exit)?;
-        }
+        self.commit(until, exit)?;
         self.reply(&request, Some(step));
         Ok(true)
     }
@@ -142,34 +135,6 @@ impl<S: PlanSink> Horizon<S> {
             rest,
             feed_factor: request.feed_factor,
             waits: false,
-        }
-    }
-
-    fn solve_stop(&mut self, front: &Front, until: u64) -> Result<(), FeedError> {
-        self.pieces.clear();
-        let Entry::Moving { v, a } = front.entry else {
-            return Ok(());
-        };
-        self.sink.solving();
-        let solved = self
-            .optimizer
-            .stop(&self.grid, front.place, v, a, until, &mut self.pieces);
-        let proved = solved.and_then(|_| self.prove(front));
-        self.sink.solved(self.optimizer.iterations());
-        proved
-    }
-
-    fn front_after_stop(&self) -> Front {
-        let place = self.pieces.last().map_or(self.front.place, |piece| Place {
-            interval: piece.interval,
-            x: piece.from - self.interval_start(piece.interval) + piece.length,
-        });
-        Front {
-            place,
-            entry: Entry::Rest,
-            link: None,
-            waits: true,
-            ..self.front
         }
     }
 }
