@@ -97,6 +97,9 @@ impl Motion {
                     }
                 }
                 Drive::Still => {
+                    if std::mem::take(&mut cursor.stays) {
+                        break;
+                    }
                     if cursor.dwell > 0.0 {
                         if !standing {
                             cursor.dwell -= left;

@@ -133,8 +133,11 @@ impl Motion {
                         (self.asking.unanswered, self.asking.wasted) = (0, 0);
                         queue.took_answer(open.id);
                     }
+                    // Taking it over frees the queue of what lies before, which the planner may need to hand on the new plan: so
+                    // that is entered in a later cycle, whether it has come already or not.
                     Some((step, _)) if open.after.is_none() => {
                         cursor.step = step;
+                        cursor.stays = true;
                         cursor.starved = false;
                         cursor.slowdown = None;
                         self.asking.factor = open.factor;
@@ -278,13 +281,13 @@ impl Motion {
                 return false;
             }
             // The step after this goes on where the answer says: that must be known as well.
-            if let Some(next) = answer.and_then(|answer| answer.step) {
-                if queue.step(next).is_none() {
-                    return queue.has_no_planner();
-                }
-                if open.after.is_none() {
-                    step = next;
-                }
+            if due && open.after.is_none() {
+                return true;
+            }
+            if let Some(next) = answer.and_then(|answer| answer.step)
+                && queue.step(next).is_none()
+            {
+                return queue.has_no_planner();
             }
         }
         let first = step;

@@ -62,6 +62,8 @@ pub(crate) struct Cursor {
     pub(crate) joint: bool,
     /// The plan is driven more slowly than it was made: for a hold or a lower override.
     pub(crate) slowdown: Option<Slowdown>,
+    /// At rest for this cycle, whatever comes next.
+    pub(crate) stays: bool,
     /// At rest where a turning cycle begins.
     pub(crate) turns: bool,
 }
@@ -87,6 +89,7 @@ impl Cursor {
             starved: false,
             joint: false,
             slowdown: None,
+            stays: false,
             turns: false,
         }
     }
