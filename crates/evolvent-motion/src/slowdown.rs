@@ -341,7 +341,11 @@ impl Follower<'_, '_> {
         let (mut now, mut index, mut second) = (from, begin, second);
         for step in 0..LONGEST_RECOVERY {
             let Some((bounds, next)) = self.bounds(now, index, STEP_S) else {
-                return if self.rests(now) { Outlook::Safe } else { Outlook::Unsafe };
+                return if self.rests(now) {
+                    Outlook::Safe
+                } else {
+                    Outlook::Unsafe
+                };
             };
             if step > 0 {
                 second = bounds.recovery(now);
@@ -470,7 +474,10 @@ impl<'a> Gathered<'a> {
     /// Takes in the plan `seconds` after the start of the step.
     fn include(&mut self, seconds: f64, plan: &Sample) {
         let limits = self.limits;
-        let (r, s) = (self.from.first, (self.from.rate + seconds * self.from.first).max(0.0));
+        let (r, s) = (
+            self.from.first,
+            (self.from.rate + seconds * self.from.first).max(0.0),
+        );
         for i in (0..AXES).filter(|&i| limits.present[i]) {
             let (v, a, j) = (plan.first[i], plan.second[i], plan.third[i]);
             let most_j = (limits.jerk[i] * ALLOWED.1).max(j.abs());
@@ -482,7 +489,12 @@ impl<'a> Gathered<'a> {
             if seconds >= 0.3 * self.span {
                 let most_a = (limits.acceleration[i] * ALLOWED.0).max(a.abs());
                 let slope = seconds * (v + s * seconds * a);
-                self.bound(s * s * a + r * v, slope, most_a, (ROUNDING.0 - ALLOWED.0) * most_a);
+                self.bound(
+                    s * s * a + r * v,
+                    slope,
+                    most_a,
+                    (ROUNDING.0 - ALLOWED.0) * most_a,
+                );
             }
         }
     }

@@ -332,7 +332,10 @@ fn a_hold_that_meets_a_dwell_while_path_time_is_slowed_goes_on_behind_it() {
     // machine is at the dwell before path time stands still.
     let mut places = Vec::new();
     let (plain, _) = run(&scenario, |_| Inputs::default());
-    let there = plain.iter().position(|s| 400.0 - s.position[0] < 1e-5).expect("at the dwell") as u64;
+    let there = plain
+        .iter()
+        .position(|s| 400.0 - s.position[0] < 1e-5)
+        .expect("at the dwell") as u64;
     for hold in [1600, 1940, there] {
         let mut pair = Pair::new(&scenario);
         pair.feed(&scenario);

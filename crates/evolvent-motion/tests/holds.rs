@@ -1,0 +1,196 @@
+//! Holds and lowered overrides on dense programs, with a planner that answers and one that is frozen.
+
+#![allow(clippy::expect_used, reason = "a test may fail")]
+
+mod common;
+
+use common::{BLEND, Pair, Random, Scenario, campaign, check, equal_axes, run};
+use evolvent_gcode::{Move, MoveKind};
+use evolvent_machine::{Limits, PlannerKind};
+use evolvent_motion::{Inputs, Setpoint, State};
+use evolvent_path::{Axes, Curve, Line};
+
+/// A contour in chords of 0.01 to 0.2 mm in three axes, with plunges, as CAM writes it.
+fn dense(random: &mut Random, chords: usize, limits: Limits) -> Scenario {
+    let mut at = Axes::zeros();
+    let (mut heading, mut turn, mut rise) = (random.between(0.0, 6.0), 0.0, 0.0);
+    let (mut left, mut chord) = (0, 0.1);
+    let feed = random.between(40.0, 250.0);
+    let mut moves = Vec::new();
+    while moves.len() < chords {
+        if left == 0 {
+            left = 5 + random.pick(60);
+            chord = random.log(0.01, 0.2);
+            turn = random.between(-0.12, 0.12) * chord / 0.1;
+            rise = if random.unit() < 0.2 {
+                random.between(-1.5, 1.5)
+            } else {
+                random.between(-0.1, 0.1)
+            };
+        }
+        left -= 1;
+        heading += turn;
+        let start = at;
+        at[0] += chord * heading.cos();
+        at[1] += chord * heading.sin();
+        at[2] += chord * rise;
+        moves.push(Move {
+            curve: Curve::Line(Line::new(start, at).expect("line")),
+            kind: MoveKind::Feed,
+            feed,
+            path_mode: BLEND,
+        });
+    }
+    Scenario {
+        limits,
+        period_ns: 1_000_000,
+        moves,
+        chord_error_mm: 1e-2,
+        planner: PlannerKind::Optimal,
+    }
+}
+
+/// Jerk-limited minimum on a straight line from speed `v` and acceleration `a`, s.
+fn least_stop(v: f64, a: f64, limits: &Limits) -> f64 {
+    let least = |of: &Axes| (0..3).map(|i| of[i]).fold(f64::INFINITY, f64::min);
+    let (most, jerk) = (least(&limits.acceleration), least(&limits.jerk));
+    let top = (v + 0.5 * a * a.abs() / jerk).max(0.0);
+    let stop = if top > most * most / jerk {
+        top / most + most / jerk
+    } else {
+        2.0 * (top / jerk).sqrt()
+    };
+    (stop + a / jerk).max((v / jerk).sqrt())
+}
+
+/// Drives the scenario with a hold from setpoint `moment` on until `Held`, then to the end. From the hold to rest nobody plans
+/// where the planner is `frozen`.
+fn hold_at(scenario: &Scenario, moment: usize, frozen: bool, what: &str) -> (Vec<Setpoint>, usize) {
+    let mut pair = Pair::new(scenario);
+    let mut out: Vec<Setpoint> = Vec::new();
+    let mut rest = None;
+    while !pair.motion.is_over() {
+        let hold = out.len() >= moment && rest.is_none();
+        if !(hold && frozen) {
+            pair.plan_ahead(scenario);
+        }
+        let setpoint = pair.step(&Inputs {
+            hold,
+            ..Inputs::default()
+        });
+        if hold && matches!(setpoint.state, State::Held | State::Done) {
+            rest = Some(out.len());
+        }
+        out.push(setpoint);
+        assert!(out.len() < 100_000, "{what}: does not end");
+    }
+    check(scenario, &out, &pair.motion, 0.02, what);
+    (out, rest.unwrap_or(moment))
+}
+
+/// On strong curvature the true minimum is up to twice that of a straight line: a solver that knows the whole path (which
+/// planned stops until version 0.1) took 2.4 times as long at worst.
+#[test]
+fn holds_on_dense_contours_stop_soon_whether_planned_or_not() {
+    let (mut random, cases) = campaign(0x1401_0001, 9);
+    let mut worst: f64 = 0.0;
+    for case in 0..cases {
+        let limits = match case % 3 {
+            0 => equal_axes(200.0, 2000.0, 50_000.0),
+            1 => equal_axes(500.0, 5000.0, 200_000.0),
+            _ => {
+                let mut limits = equal_axes(300.0, 4000.0, 100_000.0);
+                (limits.acceleration[2], limits.jerk[2]) = (1500.0, 30_000.0);
+                limits
+            }
+        };
+        let mut scenario = dense(&mut random, 700, limits);
+        scenario.period_ns = [1_000_000, 250_000][case / 3 % 2];
+        let period = scenario.period_ns as f64 * 1e-9;
+        let (plain, _) = run(&scenario, |_| Inputs::default());
+        for trial in 0..6 {
+            let moment = 1 + random.pick(plain.len() - 2);
+            let frozen = trial % 3 == 0;
+            let what = format!(
+                "case {case}, frozen {frozen}, hold at {moment} of {}",
+                plain.len()
+            );
+            let (held, rest) = hold_at(&scenario, moment, frozen, &what);
+            let (before, at) = (&plain[moment - 1], &plain[moment]);
+            // Deceleration along the path may belong to a corner: it is no head start for the stop.
+            let (v, a) = (
+                before.feed_mm_s,
+                ((at.feed_mm_s - before.feed_mm_s) / period).max(0.0),
+            );
+            let took = (rest - moment) as f64 * period;
+            let least = least_stop(v, a, &scenario.limits);
+            worst = worst.max((took - 0.015) / least);
+            println!(
+                "{what}: {v:.1} mm/s, {:.1} ms, on a line {:.1} ms",
+                took * 1e3,
+                least * 1e3
+            );
+            assert!(
+                took <= 2.6 * least + 0.015,
+                "{what}: {took} s from {v} mm/s, on a line {least} s"
+            );
+            // Never faster than the undisturbed plan at the same place.
+            let mut k = moment - 1;
+            for setpoint in &held[moment..rest] {
+                while k + 1 < plain.len() && plain[k + 1].path_mm <= setpoint.path_mm {
+                    k += 1;
+                }
+                let next = plain.get(k + 1).map_or(0.0, |next| next.feed_mm_s);
+                let planned = plain[k].feed_mm_s.max(next);
+                assert!(
+                    setpoint.feed_mm_s <= 1.001 * planned + 0.05,
+                    "{what}: {} mm/s where {planned} were planned",
+                    setpoint.feed_mm_s
+                );
+            }
+        }
+    }
+    println!("worst {worst:.2} times a straight line's");
+}
+
+#[test]
+fn lowered_overrides_on_dense_contours_are_met_without_a_planner() {
+    let (mut random, cases) = campaign(0x1401_0002, 6);
+    for case in 0..cases {
+        let mut scenario = dense(&mut random, 900, equal_axes(200.0, 2000.0, 50_000.0));
+        scenario.period_ns = [1_000_000, 250_000][case % 2];
+        let (plain, _) = run(&scenario, |_| Inputs::default());
+        let moment = 1 + random.pick(plain.len() / 2);
+        let factor = random.between(0.1, 0.9);
+        let what = format!("case {case}, {factor} at {moment}");
+        let mut pair = Pair::new(&scenario);
+        let mut out: Vec<Setpoint> = Vec::new();
+        // What is planned by then is driven to its end: nobody plans any more.
+        while out.len() < moment || out[out.len() - 1].feed_mm_s > 0.0 {
+            if out.len() < moment {
+                pair.plan_ahead(&scenario);
+            }
+            out.push(pair.step(&Inputs {
+                feed_override: if out.len() >= moment { factor } else { 1.0 },
+                ..Inputs::default()
+            }));
+            assert!(out.len() < 100_000, "{what}: does not end");
+        }
+        check(&scenario, &out, &pair.motion, 0.02, &what);
+        let late = (out.len() - moment) as f64 * scenario.period_ns as f64 * 1e-9;
+        let mut k = moment;
+        for (number, setpoint) in out.iter().enumerate().skip(moment) {
+            while k + 1 < plain.len() && plain[k + 1].path_mm <= setpoint.path_mm {
+                k += 1;
+            }
+            let since = (number - moment) as f64 * scenario.period_ns as f64 * 1e-9;
+            let next = plain.get(k + 1).map_or(0.0, |next| next.feed_mm_s);
+            let planned = factor * plain[k].feed_mm_s.max(next);
+            assert!(
+                since < 0.2 || setpoint.feed_mm_s <= 1.001 * planned + 0.05,
+                "{what}: {} mm/s after {since} of {late} s, {planned} wanted",
+                setpoint.feed_mm_s
+            );
+        }
+    }
+}
