@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU32, Ordering};
 
-use evolvent_bus::{ClientBus, ClientConfig, remove_private_domain};
+use evolvent_bus::{ClientBus, ClientConfig, bus_folders, remove_private_domain};
 
 use crate::served::PATIENCE;
 
@@ -44,7 +44,14 @@ impl Domain {
     #[must_use]
     pub fn files(&self) -> Vec<PathBuf> {
         let mut found = Vec::new();
-        let mut folders = vec![PathBuf::from("/dev/shm"), PathBuf::from("/tmp/iceoryx2")];
+        let ours = bus_folders(Some(&self.prefix)).expect("the bus's folders");
+        let mut folders = vec![PathBuf::from("/dev/shm")];
+        // One may lie in shared memory itself.
+        folders.extend(
+            ours.into_iter()
+                .map(|(folder, _)| folder)
+                .filter(|folder| !folder.starts_with("/dev/shm")),
+        );
         while let Some(folder) = folders.pop() {
             for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
                 if entry.file_name().to_string_lossy().starts_with(&self.prefix) {

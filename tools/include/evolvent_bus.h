@@ -468,8 +468,10 @@ typedef struct evolvent_feedback {
     uint64_t datum;
     /* Differs from one start of the bridge to the next. */
     uint64_t instance;
+    /* Bit i set: positions of axis i count from the machine's zero whenever bridge or drive start again. */
+    uint32_t absolute_mask;
     /* Zero; for later versions. */
-    uint64_t reserved[2];
+    uint32_t reserved[3];
 } evolvent_feedback_t;
 
 EVOLVENT_STATIC_ASSERT(sizeof(evolvent_feedback_t) == 424, "size of Feedback");
@@ -494,7 +496,8 @@ EVOLVENT_STATIC_ASSERT(offsetof(evolvent_feedback_t, fault_reset_done) == 384, "
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_feedback_t, missed_setpoints) == 388, "offset of Feedback.missed_setpoints");
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_feedback_t, datum) == 392, "offset of Feedback.datum");
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_feedback_t, instance) == 400, "offset of Feedback.instance");
-EVOLVENT_STATIC_ASSERT(offsetof(evolvent_feedback_t, reserved) == 408, "offset of Feedback.reserved");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_feedback_t, absolute_mask) == 408, "offset of Feedback.absolute_mask");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_feedback_t, reserved) == 412, "offset of Feedback.reserved");
 
 /* A measured cutting load, from a drive or a sensor.
  */

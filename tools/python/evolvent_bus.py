@@ -9,11 +9,16 @@ Axes are in the order X Y Z A B C U V W.
 from __future__ import annotations
 
 import ctypes
+import glob
+import os
+import stat
 import time
 from typing import Any, Optional
 
 INTERFACE_VERSION = 1
 AXES = 9
+PLACES_FOR_BRIDGES = 4
+PLACES_FOR_OPERATORS = 8
 ATTRIBUTE_INTERFACE = "evolvent.interface"
 ATTRIBUTE_PERIOD = "evolvent.period_ns"
 ATTRIBUTE_AXES = "evolvent.axes"
@@ -461,7 +466,8 @@ class Feedback(ctypes.Structure):
     missed_setpoints: int
     datum: int
     instance: int
-    reserved: ctypes.Array[ctypes.c_uint64]
+    absolute_mask: int
+    reserved: ctypes.Array[ctypes.c_uint32]
 
     _fields_ = [
         # Version of the bus contract that the sender was built for; receivers refuse another.
@@ -506,8 +512,10 @@ class Feedback(ctypes.Structure):
         ("datum", ctypes.c_uint64),
         # Differs from one start of the bridge to the next.
         ("instance", ctypes.c_uint64),
+        # Bit i set: positions of axis i count from the machine's zero whenever bridge or drive start again.
+        ("absolute_mask", ctypes.c_uint32),
         # Zero; for later versions.
-        ("reserved", ctypes.c_uint64 * 2),
+        ("reserved", ctypes.c_uint32 * 3),
     ]
 
     def __init__(self, **values: Any) -> None:
@@ -673,15 +681,68 @@ class ControlAnswer(ctypes.Structure):
         return "evolvent.ControlAnswer.v1"
 
 
-def open_node(prefix: Optional[str] = None) -> Any:
-    """An iceoryx2 node, in the domain of `prefix` or in the usual one."""
+def bus_folders() -> list[str]:
+    """Folders in which a core of this user may have opened its bus, the usual one first. Not all need be there."""
+    if os.environ.get("EVOLVENT_RUNTIME_DIR"):
+        return [os.environ["EVOLVENT_RUNTIME_DIR"]]
+
+    def is_ours(path: Optional[str]) -> bool:
+        return bool(path) and os.path.isdir(str(path)) and os.lstat(str(path)).st_uid == os.geteuid()
+
+    folders = ["/run/evolvent"] if is_ours("/run/evolvent") else []
+    for session in (os.environ.get("XDG_RUNTIME_DIR"), f"/run/user/{os.geteuid()}"):
+        if session and is_ours(session):
+            folders.append(f"{session.rstrip('/')}/evolvent")
+            break
+    return folders + [f"/dev/shm/evolvent-{os.geteuid()}"]
+
+
+def full_prefix(folder: str, prefix: Optional[str] = None) -> str:
+    """What names of segments begin with: the prefix, and a number of this very folder (FNV-1a of path, device, inode).
+
+    Raises PermissionError where the folder is not this user's alone.
+    """
+    facts = os.lstat(folder)
+    if not stat.S_ISDIR(facts.st_mode) or facts.st_uid != os.geteuid() or facts.st_mode & 0o022:
+        raise PermissionError(f"the bus's folder {folder} must be a folder of this user to which nobody else may write")
+    number = 0x811C9DC5
+    for byte in f"{folder}:{facts.st_dev}:{facts.st_ino}".encode():
+        number = (number ^ byte) * 0x01000193 & 0xFFFFFFFF
+    return f"{'evolvent-' if prefix is None else prefix}{number:08x}-"
+
+
+def find_core(machine_name: str, prefix: Optional[str] = None, timeout_s: float = 10.0) -> tuple[str, str]:
+    """Folder and full prefix of the bus that a machine's core has opened, waiting for it.
+
+    Fails with TimeoutError where there is no core.
+    """
+    wanted = f"evolvent/{machine_name}/setpoint".encode()
+    deadline = time.monotonic() + timeout_s
+    while True:
+        for folder in filter(os.path.isdir, bus_folders()):
+            full = full_prefix(folder, prefix)
+            for service in glob.glob(f"{glob.escape(folder)}/services/{full}*.service"):
+                try:
+                    with open(service, "rb") as file:
+                        if wanted in file.read():
+                            return folder, full
+                except OSError:
+                    pass  # It is just being made or removed.
+        if time.monotonic() >= deadline:
+            raise TimeoutError(f"no core of machine {machine_name} of this user within {timeout_s} s")
+        time.sleep(0.005)
+
+
+def open_node(machine_name: str, prefix: Optional[str] = None, timeout_s: float = 10.0) -> Any:
+    """An iceoryx2 node where a machine's core has its bus, waiting for it."""
     import iceoryx2 as iox2
 
+    folder, full = find_core(machine_name, prefix, timeout_s)
     # Waiting for a core that is not up yet is no error worth a line.
     iox2.set_log_level_from_env_or(iox2.LogLevel.Fatal)
     config = iox2.config.global_config()
-    if prefix is not None:
-        config.global_cfg.prefix = iox2.FileName.new(prefix)
+    config.global_cfg.root_path = iox2.Path.new(folder + "/")
+    config.global_cfg.prefix = iox2.FileName.new(full)
     # Signals are the caller's affair.
     return iox2.NodeBuilder.new().config(config).signal_handling_mode(
         iox2.SignalHandlingMode.Disabled
@@ -716,11 +777,21 @@ class Reader:
     """Messages of one channel, in order."""
 
     def __init__(
-        self, machine_name: str, channel: str, payload: type, prefix: Optional[str] = None, timeout_s: float = 10.0
+        self,
+        machine_name: str,
+        channel: str,
+        payload: type,
+        prefix: Optional[str] = None,
+        timeout_s: float = 10.0,
+        places_left: int = 0,
     ) -> None:
+        """`places_left` are left to others: `RuntimeError` where no more than these are free."""
         self._payload: Any = payload
-        self._node = open_node(prefix)
+        self._node = open_node(machine_name, prefix, timeout_s)
         self._service = open_service(self._node, machine_name, channel, payload, timeout_s)
+        taken = self._service.dynamic_config.number_of_subscribers
+        if taken + places_left >= self._service.static_config.max_subscribers:
+            raise RuntimeError(f"{channel} of {machine_name} has no place for another reader: close one")
         self._subscriber = self._service.subscriber_builder().create()
 
     @property
@@ -744,9 +815,14 @@ class Reader:
 
 def open_setpoints(machine_name: str, prefix: Optional[str] = None, timeout_s: float = 10.0) -> Reader:
     """A reader of every setpoint from now on; more than the buffer behind, it loses the oldest."""
+    return Reader(machine_name, "setpoint", Setpoint, prefix, timeout_s, places_left=PLACES_FOR_BRIDGES)
+
+
+def open_setpoints_of_bridge(machine_name: str, prefix: Optional[str] = None, timeout_s: float = 10.0) -> Reader:
+    """The same for a drive bridge, for which readers leave a place."""
     return Reader(machine_name, "setpoint", Setpoint, prefix, timeout_s)
 
 
 def open_status(machine_name: str, prefix: Optional[str] = None, timeout_s: float = 10.0) -> Reader:
     """A reader of the latest status."""
-    return Reader(machine_name, "status", Status, prefix, timeout_s)
+    return Reader(machine_name, "status", Status, prefix, timeout_s, places_left=PLACES_FOR_OPERATORS)

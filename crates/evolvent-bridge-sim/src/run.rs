@@ -210,7 +210,7 @@ fn connect(settings: &RunSettings, measures: bool) -> Result<(Ports, String, u64
     let client = ClientBus::open(&config)?;
     let (letters, period_ns) = (client.axes().to_owned(), client.period_ns());
     let ports = Ports {
-        setpoints: client.setpoints()?,
+        setpoints: client.bridge_setpoints()?,
         feedback: client.feedback_sender()?,
         load: if measures {
             Some(client.load_sender()?)

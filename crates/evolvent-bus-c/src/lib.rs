@@ -78,7 +78,7 @@ pub unsafe extern "C" fn evolvent_bridge_open(
     config.wait = Duration::from_millis(u64::from(wait_ms));
     let opened = ClientBus::open(&config).and_then(|client| {
         Ok(EvolventBridge {
-            setpoints: client.setpoints()?,
+            setpoints: client.bridge_setpoints()?,
             feedback: client.feedback_sender()?,
             period_ns: client.period_ns(),
             axes: CString::new(client.axes()).unwrap_or_default(),

@@ -1,6 +1,6 @@
 //! The clients' side of the bus: bridges, screens, loggers, tests.
 
-use crate::config::ClientConfig;
+use crate::config::{ClientConfig, PLACES_FOR_BRIDGES, PLACES_FOR_OPERATORS};
 use crate::domain::{
     ATTRIBUTE_AXES, ATTRIBUTE_INTERFACE, ATTRIBUTE_PERIOD, Domain, EventService, Ipc, PubSub, Wanted,
     attribute, receive, send_error,
@@ -35,7 +35,9 @@ impl ClientBus {
     /// # Errors
     /// No core in time, or one of another version, period or axes.
     pub fn open(config: &ClientConfig) -> Result<Self, BusError> {
-        let domain = Domain::join(&config.machine_name, config.prefix.as_deref(), "client")?;
+        let deadline = Instant::now() + config.wait;
+        let prefix = config.prefix.as_deref();
+        let domain = Domain::join_core(&config.machine_name, prefix, "client", deadline)?;
         let wanted: Wanted = [
             (ATTRIBUTE_INTERFACE, Some(crate::INTERFACE_VERSION.to_string())),
             (
@@ -44,7 +46,6 @@ impl ClientBus {
             ),
             (ATTRIBUTE_AXES, config.axes.clone()),
         ];
-        let deadline = Instant::now() + config.wait;
         let setpoint_service = domain.open::<Setpoint>(Channel::Setpoint, &wanted, deadline)?;
         let found = |key| attribute(setpoint_service.attributes(), key).unwrap_or_default();
         Ok(Self {
@@ -69,11 +70,20 @@ impl ClientBus {
         &self.axes
     }
 
-    /// Listens to setpoints from the next one on.
+    /// Looks on at setpoints from the next one on. A bridge takes [`ClientBus::bridge_setpoints`].
+    ///
+    /// # Errors
+    /// All places are taken, but for those that are kept for bridges.
+    pub fn setpoints(&self) -> Result<SetpointReader, BusError> {
+        self.leave_places(&self.setpoint_service, Channel::Setpoint, PLACES_FOR_BRIDGES)?;
+        self.bridge_setpoints()
+    }
+
+    /// Listens to setpoints from the next one on, as a bridge: onlookers have left a place.
     ///
     /// # Errors
     /// All places are taken.
-    pub fn setpoints(&self) -> Result<SetpointReader, BusError> {
+    pub fn bridge_setpoints(&self) -> Result<SetpointReader, BusError> {
         let subscriber = self.subscribe(&self.setpoint_service, Channel::Setpoint)?;
         Ok(SetpointReader {
             subscriber,
@@ -82,16 +92,32 @@ impl ClientBus {
         })
     }
 
-    /// Reads the core's snapshots.
+    /// Reads the core's snapshots. Who operates the machine takes [`ClientBus::operator_status`].
     ///
     /// # Errors
-    /// The service is not there, or all places are taken.
+    /// The service is not there, or all places are taken, but for those that are kept for operators.
     pub fn status(&self) -> Result<StatusReader, BusError> {
         let service = self
             .domain
             .open::<Status>(Channel::Status, &self.wanted, self.deadline())?;
+        self.leave_places(&service, Channel::Status, PLACES_FOR_OPERATORS)?;
+        self.read_status(&service)
+    }
+
+    /// Reads the core's snapshots, for as long as a command takes: screens have left a place.
+    ///
+    /// # Errors
+    /// The service is not there, or all places are taken.
+    pub fn operator_status(&self) -> Result<StatusReader, BusError> {
+        let service = self
+            .domain
+            .open::<Status>(Channel::Status, &self.wanted, self.deadline())?;
+        self.read_status(&service)
+    }
+
+    fn read_status(&self, service: &PubSub<Status>) -> Result<StatusReader, BusError> {
         Ok(StatusReader {
-            subscriber: self.subscribe(&service, Channel::Status)?,
+            subscriber: self.subscribe(service, Channel::Status)?,
             latest: None,
         })
     }
@@ -172,6 +198,24 @@ impl ClientBus {
         channel
             .service_name(&self.config.machine_name)
             .unwrap_or_default()
+    }
+
+    /// Turns who only looks on away where no more places are free than are kept for others. iceoryx2 knows no such
+    /// difference: clients that were not written here have to keep to it by themselves.
+    fn leave_places<P: core::fmt::Debug + ZeroCopySend>(
+        &self,
+        service: &PubSub<P>,
+        channel: Channel,
+        kept: usize,
+    ) -> Result<(), BusError> {
+        let taken = service.dynamic_config().number_of_subscribers();
+        if taken.saturating_add(kept) < service.static_config().max_subscribers() {
+            return Ok(());
+        }
+        Err(BusError::NoPlace {
+            service: self.service_name(channel),
+            port: "subscriber",
+        })
     }
 
     fn subscribe<P: core::fmt::Debug + ZeroCopySend>(

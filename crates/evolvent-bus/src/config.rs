@@ -2,8 +2,14 @@
 
 use core::time::Duration;
 
-/// The largest setpoint buffer, in setpoints; at 9 axes and 8 subscribers 200 MB of shared memory.
+/// The largest setpoint buffer, in setpoints; at 9 axes and 12 places 310 MB of shared memory.
 pub const MAX_SETPOINT_BUFFER: usize = 65_536;
+
+/// Places at the setpoints that readers leave to bridges: as many as may answer.
+pub const PLACES_FOR_BRIDGES: usize = 4;
+
+/// Places at the status and at the control service that screens leave to operators who must get in: to stop, above all.
+pub const PLACES_FOR_OPERATORS: usize = 8;
 
 /// How the core opens the bus.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -19,7 +25,8 @@ pub struct BusConfig {
     pub axes: String,
     /// Setpoints that a subscriber may lag behind before it loses the oldest.
     pub setpoint_buffer: usize,
-    /// Setpoint subscribers at the same time, bridges and onlookers together.
+    /// Setpoint subscribers at the same time before onlookers are turned away; [`PLACES_FOR_BRIDGES`] are left for
+    /// bridges then.
     pub max_setpoint_subscribers: usize,
     /// How long opening may wait for other cores to open, and for the remains of a killed run to be cleared.
     pub open_timeout: Duration,

@@ -6,10 +6,10 @@ use iceoryx2::port::server::Server;
 use iceoryx2::prelude::*;
 use std::time::Instant;
 
-use crate::config::{BusConfig, ClientConfig};
+use crate::config::{BusConfig, ClientConfig, PLACES_FOR_OPERATORS};
 use crate::control::{ControlAnswer, ControlRequest};
 use crate::domain::{
-    ATTRIBUTE_AXES, ATTRIBUTE_INTERFACE, ATTRIBUTE_PERIOD, ControlService, Domain, Ipc, Wanted,
+    ATTRIBUTE_AXES, ATTRIBUTE_INTERFACE, ATTRIBUTE_PERIOD, ControlService, Domain, Ipc, Wanted, no_core,
 };
 use crate::error::{BusError, ReceiveError};
 use crate::layout::Payload;
@@ -145,9 +145,24 @@ impl ControlClient {
     /// Finds the machine, waiting for its core where that is not up yet.
     ///
     /// # Errors
-    /// No core in time, one that does not fit, or no place.
+    /// No core in time, one that does not fit, or no place but those that are kept for operators who must get in.
     pub fn open(config: &ClientConfig) -> Result<Self, BusError> {
-        let domain = Domain::join(&config.machine_name, config.prefix.as_deref(), "operator")?;
+        Self::join(config, PLACES_FOR_OPERATORS)
+    }
+
+    /// The same for who comes with one command that must get through, as an emergency stop, and goes again: takes one
+    /// of the places that are kept for that.
+    ///
+    /// # Errors
+    /// No core in time, one that does not fit, or no place.
+    pub fn open_in_need(config: &ClientConfig) -> Result<Self, BusError> {
+        Self::join(config, 0)
+    }
+
+    fn join(config: &ClientConfig, kept: usize) -> Result<Self, BusError> {
+        let begin = Instant::now();
+        let prefix = config.prefix.as_deref();
+        let domain = Domain::join_core(&config.machine_name, prefix, "operator", begin + config.wait)?;
         let wanted: Wanted = [
             (ATTRIBUTE_INTERFACE, Some(crate::INTERFACE_VERSION.to_string())),
             (
@@ -156,17 +171,20 @@ impl ControlClient {
             ),
             (ATTRIBUTE_AXES, config.axes.clone()),
         ];
-        let begin = Instant::now();
         let service = domain.open_control(&wanted, begin + config.wait)?;
         // A core makes the service first and its own end of it then: a command in between would be lost.
         while service.dynamic_config().number_of_servers() == 0 {
             if begin.elapsed() >= config.wait {
-                return Err(BusError::NoCore {
-                    machine_name: config.machine_name.clone(),
-                    waited_ms: begin.elapsed().as_millis() as u64,
-                });
+                return Err(no_core(&config.machine_name, prefix, begin));
             }
             std::thread::sleep(POLL);
+        }
+        let taken = service.dynamic_config().number_of_clients();
+        if taken.saturating_add(kept) >= service.static_config().max_clients() {
+            return Err(BusError::NoPlace {
+                service: Channel::Control.service_name(&config.machine_name)?,
+                port: "client",
+            });
         }
         let client = service
             .client_builder()

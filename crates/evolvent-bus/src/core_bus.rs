@@ -1,6 +1,6 @@
 //! The core's side of the bus.
 
-use crate::config::{BusConfig, MAX_SETPOINT_BUFFER};
+use crate::config::{BusConfig, MAX_SETPOINT_BUFFER, PLACES_FOR_BRIDGES, PLACES_FOR_OPERATORS};
 use crate::domain::{
     ATTRIBUTE_AXES, ATTRIBUTE_INTERFACE, ATTRIBUTE_PERIOD, Domain, EventService, Ipc, PubSub, Sizes, Wanted,
     receive, send_error,
@@ -63,10 +63,9 @@ impl CoreBus {
 
         // The setpoint publisher comes first: it is the one whose number is limited to one, so it decides which
         // of two cores that start together lives.
-        let subscribers = config.max_setpoint_subscribers;
         let sizes = Sizes {
             publishers: 1,
-            subscribers,
+            subscribers: config.max_setpoint_subscribers + PLACES_FOR_BRIDGES,
             buffer: config.setpoint_buffer,
             history: 0,
         };
@@ -82,7 +81,7 @@ impl CoreBus {
 
         let sizes = Sizes {
             publishers: 1,
-            subscribers: 32,
+            subscribers: 32 + PLACES_FOR_OPERATORS,
             buffer: 1,
             history: 1,
         };
@@ -97,7 +96,7 @@ impl CoreBus {
         )?;
 
         let sizes = Sizes {
-            publishers: 4,
+            publishers: PLACES_FOR_BRIDGES,
             subscribers: 8,
             buffer: 256,
             history: 0,

@@ -1,9 +1,13 @@
 //! A place on iceoryx2: node, attributes, and opening that survives the remains of killed runs.
 
+use crate::config::PLACES_FOR_OPERATORS;
+use crate::descriptors;
 use crate::error::BusError;
 use crate::event::EventKind;
+use crate::folder::{BusFolder, SHARED_MEMORY, other_users, user_name};
 use crate::layout::Payload;
 use crate::name::Channel;
+use crate::node_counter;
 use crate::remains::{self, OpeningLock};
 use core::fmt::Debug;
 use core::time::Duration;
@@ -37,6 +41,9 @@ pub const ATTRIBUTE_AXES: &str = "evolvent.axes";
 
 /// How long to wait between two tries.
 const RETRY: Duration = Duration::from_millis(5);
+
+/// Processes at one service; clients that have no port count too.
+const MAX_NODES: usize = 128;
 
 /// What is asked of the attributes: each key with its value, or none where any will do.
 pub(crate) type Wanted = [(&'static str, Option<String>); 3];
@@ -75,13 +82,40 @@ pub(crate) struct Domain {
 const NODE_ATTEMPTS: u32 = 5;
 
 impl Domain {
-    /// Joins, and clears what dead processes have left.
+    /// Joins as a core, and clears what dead processes have left.
     pub(crate) fn join(machine_name: &str, prefix: Option<&str>, role: &str) -> Result<Self, BusError> {
         crate::check_machine_name(machine_name)?;
-        // iceoryx2 reports on standard error what is told by our errors already.
-        set_log_level_from_env_or(LogLevel::Fatal);
-        let config = configuration(prefix)?;
+        descriptors::check(descriptors::OF_A_CORE)?;
+        Self::join_in(machine_name, &BusFolder::of_core(prefix)?, role)
+    }
+
+    /// Joins the folder in which the machine's core has opened its services, waiting for it.
+    pub(crate) fn join_core(
+        machine_name: &str,
+        prefix: Option<&str>,
+        role: &str,
+        deadline: Instant,
+    ) -> Result<Self, BusError> {
+        descriptors::check(descriptors::OF_A_CLIENT)?;
+        let begin = Instant::now();
+        let name = Channel::Setpoint.service_name(machine_name)?;
+        loop {
+            for folder in BusFolder::existing(prefix)? {
+                if has_service(&folder, &name, Channel::Setpoint) {
+                    return Self::join_in(machine_name, &folder, role);
+                }
+            }
+            if Instant::now() >= deadline {
+                return Err(no_core(machine_name, prefix, begin));
+            }
+            std::thread::sleep(RETRY);
+        }
+    }
+
+    fn join_in(machine_name: &str, folder: &BusFolder, role: &str) -> Result<Self, BusError> {
+        let config = configuration(folder)?;
         remains::clear_unborn_segments(&config);
+        node_counter::secure(&folder.prefix)?;
         let failed = |cause: &dyn Debug| BusError::Domain {
             cause: format!("{cause:?}"),
         };
@@ -104,6 +138,7 @@ impl Domain {
             created = create();
         }
         let node = created.map_err(|cause| failed(&cause))?;
+        node_counter::check(&folder.prefix)?;
         node.blocking_cleanup_dead_nodes(Duration::from_secs(1));
         remains::clear_dead_nodes(node.config());
         remains::clear_unborn_nodes(node.config(), Duration::from_secs(60));
@@ -166,7 +201,7 @@ impl Domain {
                 .subscriber_max_buffer_size(sizes.buffer)
                 .subscriber_max_borrowed_samples(2)
                 .history_size(sizes.history)
-                .max_nodes(64)
+                .max_nodes(MAX_NODES)
                 .open_or_create_with_attributes(&verifier)
                 .map_err(|error| match error {
                     OpenOrCreateError::PublishSubscribeOpenError(error) => open_failure(error),
@@ -211,7 +246,7 @@ impl Domain {
                 .event_id_max_value(EventKind::MAX_NUMBER)
                 .max_notifiers(1)
                 .max_listeners(32)
-                .max_nodes(64)
+                .max_nodes(MAX_NODES)
                 .notifier_created_event(id(EventKind::CoreOpened))
                 .notifier_dropped_event(id(EventKind::CoreClosed))
                 .notifier_dead_event(id(EventKind::CoreDied))
@@ -258,10 +293,10 @@ impl Domain {
                 .enable_safe_overflow_for_requests(true)
                 .enable_safe_overflow_for_responses(true)
                 .max_servers(1)
-                .max_clients(32)
+                .max_clients(32 + PLACES_FOR_OPERATORS)
                 .max_active_requests_per_client(4)
                 .max_response_buffer_size(2)
-                .max_nodes(64)
+                .max_nodes(MAX_NODES)
                 .open_or_create_with_attributes(&verifier)
                 .map_err(|error| match error {
                     RequestResponseOpenOrCreateError::RequestResponseOpenError(error) => {
@@ -334,11 +369,7 @@ impl Domain {
                     });
                 }
                 Failure::Missing if Instant::now() >= deadline => {
-                    let waited_ms = begin.elapsed().as_millis() as u64;
-                    return Err(BusError::NoCore {
-                        machine_name,
-                        waited_ms,
-                    });
+                    return Err(no_core(&machine_name, None, begin));
                 }
                 Failure::Passing(cause) | Failure::Hung(cause) if Instant::now() >= deadline => {
                     return Err(BusError::Service { service, cause });
@@ -436,22 +467,53 @@ fn pattern(channel: Channel) -> MessagingPattern {
     }
 }
 
-/// iceoryx2's configuration, in the domain of a prefix.
-fn configuration(prefix: Option<&str>) -> Result<Config, BusError> {
+/// iceoryx2's configuration in a folder. The user's own configuration file of iceoryx2 counts for the rest.
+fn configuration(folder: &BusFolder) -> Result<Config, BusError> {
+    // iceoryx2 reports on standard error what is told by our errors already.
+    set_log_level_from_env_or(LogLevel::Fatal);
     let mut config = Config::global_config().clone();
-    if let Some(prefix) = prefix {
-        let bad = || BusError::Prefix {
-            prefix: prefix.chars().take(64).collect(),
-        };
-        let good = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
-        if prefix.is_empty() || prefix.len() > 32 || !prefix.chars().all(good) {
-            return Err(bad());
-        }
-        config.global.prefix = FileName::new(prefix.as_bytes()).map_err(|_| bad())?;
-    }
+    let bad = |cause: &dyn Debug| BusError::Folder {
+        path: folder.path.display().to_string(),
+        reason: format!("or its prefix {} cannot be used ({cause:?})", folder.prefix),
+    };
+    config.global.prefix = FileName::new(folder.prefix.as_bytes()).map_err(|cause| bad(&cause))?;
+    let root = format!("{}/", folder.path.display());
+    config
+        .global
+        .set_root_path(&Path::new(root.as_bytes()).map_err(|cause| bad(&cause))?);
     // A core that stops must not stumble over what another machine's killed core has left.
     config.global.node.cleanup_dead_nodes_on_destruction = false;
     Ok(config)
+}
+
+/// Whether a service is described in a folder. It may be a dead core's.
+fn has_service(folder: &BusFolder, name: &str, channel: Channel) -> bool {
+    let (Ok(config), Ok(name)) = (configuration(folder), ServiceName::new(name)) else {
+        return false;
+    };
+    remains::service_file(&config, &name, pattern(channel)).exists()
+}
+
+/// Nobody was there in time. A core of another user cannot be seen, but that there is one can.
+pub(crate) fn no_core(machine_name: &str, prefix: Option<&str>, begin: Instant) -> BusError {
+    let others: Vec<String> = other_users(prefix).into_iter().map(user_name).collect();
+    let elsewhere = if others.is_empty() {
+        String::new()
+    } else {
+        format!(
+            "; {} on this computer: a bus belongs to one user, so run this as that user (`sudo -u USER`)",
+            if others.len() == 1 {
+                format!("{} has a core", others[0])
+            } else {
+                format!("{} have cores", others.join(" and "))
+            }
+        )
+    };
+    BusError::NoCore {
+        machine_name: machine_name.to_owned(),
+        waited_ms: begin.elapsed().as_millis() as u64,
+        elsewhere,
+    }
 }
 
 /// Names of the machines whose control service is there, in order. One that was killed is among them until somebody
@@ -460,19 +522,22 @@ fn configuration(prefix: Option<&str>) -> Result<Config, BusError> {
 /// # Errors
 /// The prefix is none, or iceoryx2 does not start.
 pub fn list_machines(prefix: Option<&str>) -> Result<Vec<String>, BusError> {
-    set_log_level_from_env_or(LogLevel::Fatal);
     let mut names = Vec::new();
-    let listed = Ipc::list(&configuration(prefix)?, |details| {
-        let name = details.static_details.name().as_str();
-        let machine = name
-            .strip_prefix("evolvent/")
-            .and_then(|rest| rest.strip_suffix("/control"));
-        names.extend(machine.map(str::to_owned));
-        CallbackProgression::Continue
-    });
-    listed.map_err(|cause| BusError::Domain {
-        cause: format!("{cause:?}"),
-    })?;
+    for folder in BusFolder::existing(prefix)? {
+        let config = configuration(&folder)?;
+        remains::clear_unborn_segments(&config);
+        let listed = Ipc::list(&config, |details| {
+            let name = details.static_details.name().as_str();
+            let machine = name
+                .strip_prefix("evolvent/")
+                .and_then(|rest| rest.strip_suffix("/control"));
+            names.extend(machine.map(str::to_owned));
+            CallbackProgression::Continue
+        });
+        listed.map_err(|cause| BusError::Domain {
+            cause: format!("{}: {cause:?}", folder.path.display()),
+        })?;
+    }
     names.sort();
     names.dedup();
     Ok(names)
@@ -489,9 +554,16 @@ const CLEANINGS: u32 = 5;
 /// # Errors
 /// The prefix is none, or iceoryx2 does not start.
 pub fn remove_private_domain(prefix: &str) -> Result<(), BusError> {
-    let config = configuration(Some(prefix))?;
+    for folder in BusFolder::existing(Some(prefix))? {
+        remove_domain(&folder)?;
+    }
+    Ok(())
+}
+
+fn remove_domain(folder: &BusFolder) -> Result<(), BusError> {
+    let config = configuration(folder)?;
     for attempt in 0..CLEANINGS {
-        drop(Domain::join("cleaner", Some(prefix), "cleaner")?);
+        drop(Domain::join_in("cleaner", folder, "cleaner")?);
         let (mut alive, mut dead) = (0, 0);
         let listed = Node::<Ipc>::list(&config, |state| {
             match state {
@@ -510,7 +582,7 @@ pub fn remove_private_domain(prefix: &str) -> Result<(), BusError> {
         }
         std::thread::sleep(Duration::from_millis(20));
     }
-    let Ok(files) = std::fs::read_dir("/dev/shm") else {
+    let Ok(files) = std::fs::read_dir(SHARED_MEMORY) else {
         return Ok(());
     };
     remains::clear_unborn_nodes(&config, Duration::ZERO);
@@ -519,7 +591,7 @@ pub fn remove_private_domain(prefix: &str) -> Result<(), BusError> {
         // PREFIX, a hash of 40 digits, `_node.VERSION.global_mgmt`.
         let rest = name
             .to_str()
-            .and_then(|name| name.strip_prefix(prefix))
+            .and_then(|name| name.strip_prefix(folder.prefix.as_str()))
             .unwrap_or_default();
         let hash = rest.bytes().take_while(u8::is_ascii_hexdigit).count();
         if hash == 40 && rest.ends_with(".global_mgmt") {

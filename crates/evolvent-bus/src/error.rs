@@ -43,11 +43,44 @@ pub enum BusError {
     },
     /// iceoryx2 itself does not start.
     #[error(
-        "iceoryx2 cannot start ({cause}): check that this user may write to /tmp/iceoryx2 and /dev/shm and that both have room"
+        "iceoryx2 cannot start ({cause}): check that this user may write to the bus's folder and /dev/shm and that both \
+         have room"
     )]
     Domain {
         /// iceoryx2's name for the cause.
         cause: String,
+    },
+    /// The folder of the bus cannot be used.
+    #[error("the bus's folder {path} {reason}")]
+    Folder {
+        /// The folder.
+        path: String,
+        /// What is wrong, and what to do.
+        reason: String,
+    },
+    /// Another user has put a file where one of the bus's belongs.
+    #[error(
+        "{path} belongs to {owner} and not to this user, so the bus is not opened: let {owner} or root remove it, or choose \
+         another --bus-prefix for core and clients"
+    )]
+    Foreign {
+        /// The file.
+        path: String,
+        /// Whose it is.
+        owner: String,
+    },
+    /// This process may not open enough files.
+    #[error(
+        "this process has {open} files open and may have {limit}, the bus needs {needed} more: raise the limit \
+         (`ulimit -n 1024`, LimitNOFILE= of a service)"
+    )]
+    Descriptors {
+        /// Files that are open.
+        open: usize,
+        /// The limit.
+        limit: u64,
+        /// How many more the bus needs.
+        needed: usize,
     },
     /// Another core of the same name lives.
     #[error(
@@ -89,17 +122,19 @@ pub enum BusError {
         service: String,
     },
     /// No core was found in time.
-    #[error("no core of machine {machine_name} within {waited_ms} ms: start it, or check name and prefix")]
+    #[error(
+        "no core of machine {machine_name} within {waited_ms} ms: start it, or check name and prefix{elsewhere}"
+    )]
     NoCore {
         /// The machine's name.
         machine_name: String,
         /// How long was waited, in ms.
         waited_ms: u64,
+        /// Which other users have cores, and what that means; empty where none has.
+        elsewhere: String,
     },
-    /// All places are taken.
-    #[error(
-        "{service} has no place for another {port}: close one, or raise the number in the core's settings"
-    )]
+    /// All places are taken, or those that are left are kept for others.
+    #[error("{service} has no place for another {port} (some are kept for bridges and operators): close one")]
     NoPlace {
         /// The service.
         service: String,

@@ -44,8 +44,10 @@ payload! {
         datum: u64,
         /// Differs from one start of the bridge to the next.
         instance: u64,
+        /// Bit i set: positions of axis i count from the machine's zero whenever bridge or drive start again.
+        absolute_mask: u32,
         /// Zero; for later versions.
-        reserved: [u64; 2],
+        reserved: [u32; 3],
     }
 }
 

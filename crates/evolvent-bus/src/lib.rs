@@ -29,12 +29,15 @@ mod config;
 mod control;
 mod control_bus;
 mod core_bus;
+mod descriptors;
 mod domain;
 mod error;
 mod event;
 mod feedback;
+mod folder;
 mod layout;
 mod name;
+mod node_counter;
 mod remains;
 mod setpoint;
 mod status;
@@ -43,7 +46,7 @@ pub use bindings::{c_header, python_module};
 pub use client_bus::{
     ClientBus, EventReader, FeedbackReader, FeedbackSender, LoadSender, SetpointReader, StatusReader,
 };
-pub use config::{BusConfig, ClientConfig, MAX_SETPOINT_BUFFER};
+pub use config::{BusConfig, ClientConfig, MAX_SETPOINT_BUFFER, PLACES_FOR_BRIDGES, PLACES_FOR_OPERATORS};
 pub use control::{
     ACTIVITIES, ANSWER_TEXT_BYTES, COMMAND_TEXT_BYTES, COMMANDS, ControlAnswer, ControlRequest, JOB_RESULTS,
     MACHINE_STATES, MODES, SWITCHES, VERDICTS,
@@ -56,6 +59,7 @@ pub use domain::{
 pub use error::{BusError, ReceiveError, SendError};
 pub use event::EventKind;
 pub use feedback::{BRIDGE_NOTES, BRIDGE_STATES, Feedback, LOAD_KINDS, Load};
+pub use folder::{RUNTIME_FOLDER, bus_folders};
 pub use layout::{AXES, FieldLayout, Payload, Scalar, StructLayout};
 pub use name::{Channel, MAX_MACHINE_NAME, NameError, check_machine_name};
 pub use setpoint::{POWER_REQUESTS, SETPOINT_FLAGS, STATES, Setpoint};

@@ -5,7 +5,7 @@
 //! - the folder of a node in which a tag was begun: every later cleaning stumbles over it;
 //! - the folder of a node that has no monitor yet: nobody looks for it;
 //! - the files of a node whose monitor is not whole: nobody can tell whether it lives;
-//! - a segment of shared memory that has no size yet: who cleans up waits for it without end.
+//! - a segment of shared memory that has no size (any more): who opens it waits for its size without end.
 //!
 //! What is half made is told by its mode: iceoryx2 makes a file read-only, a segment readable, when it is complete.
 //!
@@ -79,6 +79,15 @@ pub(crate) fn clear_half_made_service(
     name: &ServiceName,
     pattern: MessagingPattern,
 ) {
+    let file = service_file(config, name, pattern);
+    if is_half_made(&file) {
+        // Where it cannot be removed, opening fails and says so.
+        let _ = remove_file(file);
+    }
+}
+
+/// Where a service is described.
+pub(crate) fn service_file(config: &Config, name: &ServiceName, pattern: MessagingPattern) -> PathBuf {
     let hash = ServiceHash::new::<<Ipc as Service>::ServiceNameHasher>(name, pattern);
     let file = format!(
         "{}{}{}",
@@ -86,11 +95,7 @@ pub(crate) fn clear_half_made_service(
         hash.as_str(),
         config.global.service.static_config_storage_suffix
     );
-    let file = path(&config.global.service_dir()).join(file);
-    if is_half_made(&file) {
-        // Where it cannot be removed, opening fails and says so.
-        let _ = remove_file(file);
-    }
+    path(&config.global.service_dir()).join(file)
 }
 
 /// Removes the folders of dead nodes that iceoryx2's own cleaning has left, where nothing in them is complete and
@@ -191,9 +196,10 @@ fn is_half_made(file: &StdPath) -> bool {
     file.metadata().is_ok_and(|facts| !facts.permissions().readonly())
 }
 
-/// iceoryx2 keeps a segment and a monitor unreadable, for its owner too, while it makes them.
+/// iceoryx2 keeps a segment and a monitor unreadable, for its owner too, while it makes them. One that is readable and has
+/// no size was cut off: who opens it would wait for its size without end.
 fn is_unborn(facts: &Metadata) -> bool {
-    facts.permissions().mode() & 0o400 == 0
+    facts.permissions().mode() & 0o400 == 0 || facts.len() == 0
 }
 
 fn begins_with(file: &StdPath, prefix: &str) -> bool {

@@ -23,8 +23,8 @@ class Bridge:
     """
 
     def __init__(self, machine_name: str, prefix: Optional[str] = None, timeout_s: float = 10.0) -> None:
-        self._reader = bus.open_setpoints(machine_name, prefix, timeout_s)
-        self._node = bus.open_node(prefix)
+        self._reader = bus.open_setpoints_of_bridge(machine_name, prefix, timeout_s)
+        self._node = bus.open_node(machine_name, prefix, timeout_s)
         self._service = bus.open_service(self._node, machine_name, "feedback", bus.Feedback, timeout_s)
         self._publisher: Any = self._service.publisher_builder().create()
         self.refused = 0

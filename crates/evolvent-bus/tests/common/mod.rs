@@ -1,7 +1,7 @@
 //! A domain of its own for each test, and proof that nothing of it is left behind.
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
-use evolvent_bus::{BusConfig, ClientBus, ClientConfig, remove_private_domain};
+use evolvent_bus::{BusConfig, ClientBus, ClientConfig, bus_folders, remove_private_domain};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
@@ -45,7 +45,14 @@ impl PrivateDomain {
     /// Files of this domain in shared memory and in iceoryx2's folder.
     pub(crate) fn files(&self) -> Vec<PathBuf> {
         let mut found = Vec::new();
-        let mut folders = vec![PathBuf::from("/dev/shm"), PathBuf::from("/tmp/iceoryx2")];
+        let ours = bus_folders(Some(&self.prefix)).expect("the bus's folders");
+        let mut folders = vec![PathBuf::from("/dev/shm")];
+        // One may lie in shared memory itself.
+        folders.extend(
+            ours.into_iter()
+                .map(|(folder, _)| folder)
+                .filter(|folder| !folder.starts_with("/dev/shm")),
+        );
         while let Some(folder) = folders.pop() {
             for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
                 if entry.file_name().to_string_lossy().starts_with(&self.prefix) {

@@ -1,0 +1,25 @@
+//! Whether this process may open enough files: iceoryx2 needs one or two for each service, port and peer, and tells of
+//! nothing but an internal failure where it gets none.
+
+use crate::error::BusError;
+
+/// Services, ports and monitors of a core, and a few clients.
+pub(crate) const OF_A_CORE: usize = 64;
+/// The same of a client.
+pub(crate) const OF_A_CLIENT: usize = 16;
+
+/// Checks that so many more files may be opened.
+pub(crate) fn check(needed: usize) -> Result<(), BusError> {
+    let limit = rustix::process::getrlimit(rustix::process::Resource::Nofile).current;
+    let Some(limit) = limit else { return Ok(()) };
+    // Without a list there is nothing to go by; a list itself takes a descriptor.
+    let open = match std::fs::read_dir("/proc/self/fd") {
+        Ok(list) => list.count().saturating_sub(1),
+        Err(error) if error.raw_os_error() == Some(24) => limit as usize,
+        Err(_) => return Ok(()),
+    };
+    if open.saturating_add(needed) as u64 <= limit {
+        return Ok(());
+    }
+    Err(BusError::Descriptors { open, limit, needed })
+}
