@@ -168,6 +168,8 @@ fn faults_of_the_drives_stop_the_machine_with_their_alarm_and_it_comes_back() {
             ("frozen@4.0", [402, 401]),
             ("silent@4.0", [401, 402]),
             ("jump@4.0:X", [409, 410]),
+            ("ahead@4.0", [416, 416]),
+            ("wild@4.0:X", [417, 417]),
         ] {
             let scene = Scene::new("drv-fault", "", &["--fault", fault]);
             let mut operator = scene.operator();
@@ -236,6 +238,112 @@ fn an_emergency_stop_brings_every_axis_to_rest_and_takes_the_power_away() {
         let job = operator.says_text("MDI", "G91 G0 X5").job;
         assert_eq!(operator.sees_end(job).job_result, DONE);
         drop(operator);
+        let _over = scene.end();
+    });
+}
+
+/// Drives whose link is gone for a moment, or that are others: what was homed is not, unless their encoders are absolute.
+#[test]
+fn machine_zero_is_lost_with_the_link_unless_the_drives_keep_it() {
+    unless_disturbed(|| {
+        for is_absolute in [false, true] {
+            let options: &[&str] = if is_absolute { &["--absolute"] } else { &[] };
+            let mut scene = Scene::new("drv-link", HOMING, options);
+            let mut operator = scene.operator();
+            operator.brings_up();
+            let job = operator.says("HOME").job;
+            let status = operator.sees_end(job);
+            assert_eq!(
+                (status.job_result, status.homed_mask),
+                (DONE, 0b111),
+                "{}",
+                status.alarm_sentence()
+            );
+            operator.says("OFF");
+            operator.waits("no power", |status| status.power == 0);
+            scene.drives = None;
+            // Elsewhere than the last ones stood, where the reference is not kept.
+            let offset: &[&str] = if is_absolute {
+                &["--absolute"]
+            } else {
+                &["--reference-offset", "11.5"]
+            };
+            scene.drives = Some(Drives::start(&scene.machine, &scene.domain, offset));
+            let gone_ns = MonotonicClock::now_ns();
+            operator.waits("the new drives", |status| {
+                status.feedback_age_ns < 200_000_000
+                    && status.time_ns.saturating_sub(status.feedback_age_ns) > gone_ns
+            });
+            let status = operator.now();
+            if is_absolute {
+                assert_eq!(
+                    (status.homed_mask, status.alarm_count),
+                    (0b111, 0),
+                    "{}",
+                    status.alarm_sentence()
+                );
+            } else {
+                assert_eq!(status.homed_mask, 0b010, "Y has no switch");
+                assert_eq!(status.listed_alarms(), [418], "{}", status.alarm_sentence());
+                assert!(
+                    status.alarm_sentence().contains("home XZ again"),
+                    "{}",
+                    status.alarm_sentence()
+                );
+                operator.says("ON");
+                operator.waits("power", |status| status.machine_state == 2);
+                operator.says_number("MODE", 2);
+                let mut mdi = command("MDI");
+                assert!(mdi.set_text("G0 X1"));
+                assert_eq!(operator.ask(&mdi).alarm, 916);
+            }
+            drop(operator);
+            let _over = scene.end();
+        }
+    });
+}
+
+/// A bridge that says what cannot be, before power is on: the core stands where it stood.
+#[test]
+fn positions_that_cannot_be_are_not_taken_over_without_power() {
+    unless_disturbed(|| {
+        let mut scene = Scene::new("drv-wild", "", &[]);
+        let mut operator = scene.operator();
+        scene.drives = None;
+        let before = operator.now();
+        let client = scene.domain.client("drv-wild");
+        let mut bridge = client.feedback_sender().expect("a bridge's place");
+        let hour_ns = 3_600_000_000_000;
+        let wrong: [fn(&mut evolvent_bus::Feedback, u64); 4] = [
+            |feedback, _| feedback.position[0] = 1e308,
+            |feedback, _| feedback.position[1] = -1e9,
+            |feedback, ahead| feedback.time_ns += ahead,
+            |feedback, _| feedback.datum = u64::MAX,
+        ];
+        for spoil in wrong {
+            for _ in 0..50 {
+                let mut feedback = evolvent_bus::Feedback {
+                    time_ns: MonotonicClock::now_ns(),
+                    axes_mask: 0b111,
+                    instance: 5,
+                    position: [7.0; 9],
+                    ..evolvent_bus::Feedback::default()
+                };
+                spoil(&mut feedback, hour_ns);
+                bridge.send(&feedback).expect("sent");
+                std::thread::sleep(std::time::Duration::from_millis(2));
+            }
+            let status = operator.now();
+            assert_eq!(status.position_machine, before.position_machine);
+            assert!(
+                status
+                    .position_actual
+                    .iter()
+                    .all(|position| position.abs() < 1000.0),
+                "{status:?}"
+            );
+        }
+        drop((bridge, client, operator));
         let _over = scene.end();
     });
 }

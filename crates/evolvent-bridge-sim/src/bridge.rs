@@ -13,6 +13,10 @@ use crate::settings::SimSettings;
 const LATE_NS: u64 = 100_000_000;
 /// How far a position jumps on demand, mm or degrees.
 const JUMP: f64 = 5.0;
+/// A position that no axis has, mm or degrees.
+const WILD: f64 = 1e308;
+/// By how much time stamps run ahead on demand, ns.
+const AHEAD_NS: u64 = 3_600_000_000_000;
 
 /// Drives behind a follower, with faults. Deterministic: the same setpoints at the same times give the same feedback.
 #[derive(Clone, Debug)]
@@ -23,6 +27,7 @@ pub struct SimBridge {
     period_s: f64,
     instance: u64,
     axes_mask: u32,
+    absolute: bool,
     /// When the drives came into operation first: the faults' time zero.
     operating_since_ns: Option<u64>,
     /// One drive has left operation: the others are stopped until power is requested anew.
@@ -51,6 +56,7 @@ impl SimBridge {
             period_s: settings.period_ns as f64 * 1e-9,
             instance: settings.instance,
             axes_mask: settings.axes_mask(),
+            absolute: settings.absolute,
             operating_since_ns: None,
             group_stop: false,
             last_target: None,
@@ -191,6 +197,7 @@ impl SimBridge {
             missed_setpoints: self.follower.missed(),
             datum: target.datum,
             instance: self.instance,
+            absolute_mask: if self.absolute { self.axes_mask } else { 0 },
             ..Feedback::default()
         };
         for drive in &self.drives {
@@ -229,6 +236,12 @@ impl SimBridge {
             if self.is_active(FaultKind::Nan, Some(axis), now_ns) {
                 feedback.position[axis] = f64::NAN;
             }
+            if self.is_active(FaultKind::Wild, Some(axis), now_ns) {
+                feedback.position[axis] = WILD;
+            }
+        }
+        if self.is_active(FaultKind::Ahead, None, now_ns) {
+            feedback.time_ns += AHEAD_NS;
         }
         if self.is_active(FaultKind::Silent, None, now_ns) {
             return None;

@@ -29,11 +29,15 @@ pub enum FaultKind {
     Blocked,
     /// A position that is no number.
     Nan,
+    /// A position that no machine has.
+    Wild,
+    /// Samples whose time lies an hour ahead.
+    Ahead,
 }
 
 impl FaultKind {
     /// All kinds with their names.
-    pub const ALL: [(Self, &'static str); 9] = [
+    pub const ALL: [(Self, &'static str); 11] = [
         (Self::Late, "late"),
         (Self::Silent, "silent"),
         (Self::Frozen, "frozen"),
@@ -43,6 +47,8 @@ impl FaultKind {
         (Self::Jump, "jump"),
         (Self::Blocked, "blocked"),
         (Self::Nan, "nan"),
+        (Self::Wild, "wild"),
+        (Self::Ahead, "ahead"),
     ];
 
     /// The name on the command line.
@@ -84,7 +90,7 @@ impl Fault {
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 #[error(
     "{text:?} is no fault: write KIND@SECONDS[+DURATION][:AXIS] with one of late, silent, frozen, stuck, fault, off, \
-     jump, blocked, nan, as in `jump@2.5:Y`"
+     jump, blocked, nan, wild, ahead, as in `jump@2.5:Y`"
 )]
 pub struct FaultError {
     text: String,

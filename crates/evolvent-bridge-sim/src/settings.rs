@@ -75,6 +75,8 @@ pub struct SimSettings {
     pub sync_tolerance: f64,
     /// What goes wrong, and when.
     pub faults: Vec<Fault>,
+    /// Whether the encoders are absolute: their positions count from the machine's zero at every start.
+    pub absolute: bool,
     /// Told in every feedback; another for each start of a bridge.
     pub instance: u64,
 }
@@ -90,6 +92,7 @@ impl SimSettings {
             bridge_cycles: 10,
             sync_tolerance: 0.5,
             faults: Vec::new(),
+            absolute: false,
             instance: 1,
         }
     }

@@ -225,6 +225,10 @@ fn is_right(kind: FaultKind, axis: usize, alarm: &DriveAlarm) -> bool {
             matches!(alarm, DriveAlarm::FollowingError { axis: named, .. } | DriveAlarm::FrozenAxis { axis: named, .. } if *named == axis)
         }
         FaultKind::Nan => matches!(alarm, DriveAlarm::NotFinite { axis: named } if *named == axis),
+        FaultKind::Wild => {
+            matches!(alarm, DriveAlarm::Unbelievable { field: "position", axis: Some(named), .. } if *named == axis)
+        }
+        FaultKind::Ahead => matches!(alarm, DriveAlarm::AheadOfTime { .. }),
     }
 }
 

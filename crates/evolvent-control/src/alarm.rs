@@ -92,6 +92,12 @@ alarms! {
     Implausible = 414, Fault, "the bridge answers setpoints that were never sent; restart it";
     /// Positions are named by another datum.
     Datum = 415, Fault, "the bridge names positions by another datum; home again";
+    /// A sample is from the future.
+    FeedbackAhead = 416, Fault, "the feedback's time is ahead of this computer's clock; fix the bridge's clock";
+    /// Feedback says what cannot be.
+    FeedbackUnbelievable = 417, Fault, "the feedback has a value that cannot be; check encoder and bridge";
+    /// Axes are not homed any more.
+    ReferenceLost = 418, Warning, "the link to the drives was lost and with it machine zero; home again";
     /// The home switch was not found.
     HomeSwitchMissing = 420, Fault, "the home switch was not found within the travel; see its wiring";
     /// The home switch does not release.

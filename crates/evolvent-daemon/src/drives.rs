@@ -1,6 +1,6 @@
 //! From the machine file to the settings of the watch over the drives.
 
-use evolvent_drive::{PhaseSettings, WatchMode, WatchSettings};
+use evolvent_drive::{FeedbackBounds, PhaseSettings, WatchMode, WatchSettings};
 use evolvent_machine::{FeedbackWish, Machine};
 
 /// How the drives of a machine are watched at a period.
@@ -17,6 +17,8 @@ pub fn watch_settings(machine: &Machine, period_ns: u64) -> WatchSettings {
     };
     settings.stale_ns = ns(machine.drives.feedback_timeout_s).max(3 * period_ns);
     settings.enable_timeout_ns = ns(machine.drives.enable_timeout_s);
+    settings.bounds = feedback_bounds(machine);
+    settings.bounds.ahead_ns = settings.stale_ns;
     for axis in &machine.axes {
         let index = axis.letter.index();
         settings.axes_mask |= 1 << index;
@@ -25,6 +27,18 @@ pub fn watch_settings(machine: &Machine, period_ns: u64) -> WatchSettings {
         settings.memory_s = settings.memory_s.max(2.0 * axis.following_time_s);
     }
     settings
+}
+
+/// What the feedback of a machine can say at all.
+#[must_use]
+pub(crate) fn feedback_bounds(machine: &Machine) -> FeedbackBounds {
+    let mut bounds = FeedbackBounds::new(0);
+    for axis in &machine.axes {
+        let index = axis.letter.index();
+        bounds.axes_mask |= 1 << index;
+        bounds.set_axis(index, [axis.travel_min, axis.travel_max], axis.max_velocity);
+    }
+    bounds
 }
 
 /// How the cycle follows the drives' clock; none where the machine file says that it does not.

@@ -183,6 +183,32 @@ pub enum DriveAlarm {
         /// The newest that was sent.
         sent: u64,
     },
+    /// A sample is from the future.
+    #[error(
+        "the feedback's time_ns is {:.1} ms ahead of this computer's CLOCK_MONOTONIC, so its age cannot be told: let the \
+         bridge send the time at which it sampled, in ns of that clock",
+        ms(*ahead_ns)
+    )]
+    AheadOfTime {
+        /// By how much.
+        ahead_ns: u64,
+    },
+    /// A field has a value that it cannot have.
+    #[error(
+        "the feedback's {field}{} is {value:.6e}, at most {bound:.6e} is possible: check encoder and bridge, nothing of \
+         this message was used",
+        axis.map(|axis| format!(" of axis {}", letter(axis))).unwrap_or_default()
+    )]
+    Unbelievable {
+        /// Its name on the bus.
+        field: &'static str,
+        /// The axis, of a field that has a value for each.
+        axis: Option<usize>,
+        /// The value.
+        value: f64,
+        /// The largest magnitude.
+        bound: f64,
+    },
     /// Positions are named by another datum.
     #[error("the bridge still names positions by datum {found}, the core by {expected}: home again")]
     Datum {
@@ -194,7 +220,7 @@ pub enum DriveAlarm {
 }
 
 impl DriveAlarm {
-    /// The alarm's stable number: 400 to 415.
+    /// The alarm's stable number: 400 to 417.
     #[must_use]
     pub const fn number(&self) -> u32 {
         match self {
@@ -214,6 +240,8 @@ impl DriveAlarm {
             Self::BridgeStopped { .. } => 413,
             Self::Implausible { .. } => 414,
             Self::Datum { .. } => 415,
+            Self::AheadOfTime { .. } => 416,
+            Self::Unbelievable { .. } => 417,
         }
     }
 
@@ -232,6 +260,8 @@ impl DriveAlarm {
                 | Self::NotFinite { .. }
                 | Self::Implausible { .. }
                 | Self::Datum { .. }
+                | Self::AheadOfTime { .. }
+                | Self::Unbelievable { .. }
         )
     }
 }

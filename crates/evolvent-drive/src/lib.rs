@@ -9,7 +9,7 @@
 //!   PhaseLock ◄── phase error ─────────────┘
 //! ```
 //!
-//! In the core [`FeedbackWatch`] compares what comes back with what was commanded, and names the first thing that is
+//! In the core [`FeedbackBounds`] drops feedback that cannot be true, whatever its sender; [`FeedbackWatch`] compares what comes back with what was commanded, and names the first thing that is
 //! wrong as a [`DriveAlarm`]. [`PhaseLock`] turns the phase error of the drives' clock into a correction of the cycle's
 //! period, 0.1 % at the most.
 //!
@@ -25,6 +25,7 @@ mod brake;
 mod cia402;
 mod command;
 mod drive_machine;
+mod entry;
 mod follower;
 mod interpolation;
 mod phase;
@@ -37,6 +38,7 @@ pub use brake::{Brake, BrakeState};
 pub use cia402::{CYCLIC_SYNCHRONOUS_POSITION, Cia402, DriveOrder, control};
 pub use command::Command;
 pub use drive_machine::{DriveEvents, DriveMachine, QuickStopOption};
+pub use entry::FeedbackBounds;
 pub use follower::{Follower, FollowerSettings, Refusal, SettingsError, Target};
 pub use interpolation::{InterpolationError, InterpolationTime};
 pub use phase::{MAX_CORRECTION_RATIO, PhaseLock, PhaseSettings};

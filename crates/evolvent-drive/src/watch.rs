@@ -4,8 +4,12 @@ use evolvent_bus::{AXES, Feedback};
 
 use crate::alarm::DriveAlarm;
 use crate::command::Command;
+use crate::entry::FeedbackBounds;
 use crate::power::{BridgeState, PowerRequest};
 use crate::status_word::DriveState;
+
+/// A bridge that is silent for longer is gone.
+const LINK_LOST_NS: u64 = 1_000_000_000;
 
 /// Whether a bridge is expected.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -28,6 +32,8 @@ pub struct WatchSettings {
     pub period_ns: u64,
     /// Bit i set: the machine has axis i.
     pub axes_mask: u32,
+    /// What feedback can say at all.
+    pub bounds: FeedbackBounds,
     /// The oldest sample allowed under power, ns.
     pub stale_ns: u64,
     /// How long the drives may take to come into operation, ns.
@@ -50,6 +56,7 @@ impl WatchSettings {
             mode: WatchMode::IfPresent,
             period_ns,
             axes_mask,
+            bounds: FeedbackBounds::new(axes_mask),
             stale_ns: 20_000_000,
             enable_timeout_ns: 2_000_000_000,
             following_floor: [0.5; AXES],
@@ -91,9 +98,9 @@ struct Sent {
 
 /// Compares what comes back with what was commanded, once a cycle.
 ///
-/// Only while power is requested can anything but a number that is none be wrong. From the request on the drives have
-/// their time to come into operation; from then on everything is watched until power is no longer requested. An alarm
-/// is not latched here: it comes again each step while its cause lasts.
+/// A message that cannot be true ([`FeedbackBounds`]) is never used. Only while power is requested can anything else be
+/// wrong. From the request on the drives have their time to come into operation; from then on everything is watched until
+/// power is no longer requested. An alarm is not latched here: it comes again each step while its cause lasts.
 #[derive(Clone, Debug)]
 pub struct FeedbackWatch {
     settings: WatchSettings,
@@ -102,8 +109,15 @@ pub struct FeedbackWatch {
     last: Option<Feedback>,
     /// When the last message came, whatever it said.
     message_ns: u64,
-    /// Whether the last message brought the sample of the one before.
+    /// When the newest sample was taken, by its bridge's word, but never after it came: a clock that is ahead must not
+    /// make a sample younger than it is.
+    sampled_ns: u64,
+    /// `time_ns` of the newest sample.
+    newest_time_ns: u64,
+    /// Whether the last message brought no newer sample.
     repeats: bool,
+    /// Axes whose reference may have moved since it was last asked for.
+    reference_lost: u32,
     /// Commanded travel, as far as it was answered, since an axis's position last changed.
     unanswered: [f64; AXES],
     /// Datum and commanded position of the setpoint that was answered last.
@@ -128,7 +142,10 @@ impl FeedbackWatch {
             phase: Phase::Off,
             last: None,
             message_ns: 0,
+            sampled_ns: 0,
+            newest_time_ns: 0,
             repeats: false,
+            reference_lost: 0,
             unanswered: [0.0; AXES],
             answered: None,
             instance: None,
@@ -162,9 +179,8 @@ impl FeedbackWatch {
         let previous = self.last;
         if let Some(feedback) = feedback {
             self.message_ns = now_ns;
-            self.check_numbers(feedback)?;
-            self.repeats = previous.is_some_and(|previous| previous.time_ns == feedback.time_ns);
-            self.last = Some(*feedback);
+            self.settings.bounds.check(now_ns, feedback)?;
+            self.take(now_ns, feedback, previous.as_ref());
         }
         let (Some(last), true) = (self.last, self.phase != Phase::Off) else {
             return self.without_power(now_ns);
@@ -179,6 +195,52 @@ impl FeedbackWatch {
             return Ok(Presence::Operational);
         }
         Ok(Presence::Enabling)
+    }
+
+    /// Whether a message that came now can be true. See [`FeedbackBounds::check`].
+    #[must_use]
+    pub fn believes(&self, now_ns: u64, feedback: &Feedback) -> bool {
+        self.settings.bounds.check(now_ns, feedback).is_ok()
+    }
+
+    /// Bit i set: since the last call the link was lost or axis i was moved faster than it can, so that its positions
+    /// may count from another zero. Axes whose bridge calls them absolute are not among them, unless they jumped.
+    pub fn take_reference_lost(&mut self) -> u32 {
+        core::mem::take(&mut self.reference_lost)
+    }
+
+    /// Takes over a message that was found believable.
+    fn take(&mut self, now_ns: u64, feedback: &Feedback, previous: Option<&Feedback>) {
+        let same = previous.filter(|previous| previous.instance == feedback.instance);
+        if let (Some(previous), None) = (previous, same) {
+            self.lose_reference(previous, feedback.absolute_mask);
+        }
+        self.repeats = same.is_some() && feedback.time_ns <= self.newest_time_ns;
+        if !self.repeats {
+            self.newest_time_ns = feedback.time_ns;
+            self.sampled_ns = feedback.time_ns.min(now_ns);
+            if let Some(previous) = same.filter(|previous| previous.datum == feedback.datum) {
+                self.watch_steps(previous, feedback);
+            }
+        }
+        self.last = Some(*feedback);
+    }
+
+    /// Without power nothing limits how an axis is moved but its mechanics: a step beyond that is of the encoder.
+    fn watch_steps(&mut self, previous: &Feedback, feedback: &Feedback) {
+        let interval_s = feedback.time_ns.saturating_sub(previous.time_ns) as f64 * 1e-9;
+        let both = previous.axes_mask & feedback.axes_mask;
+        for axis in self.axes().filter(|axis| both >> axis & 1 == 1) {
+            let step = (feedback.position[axis] - previous.position[axis]).abs();
+            let bound = 1.5 * self.settings.bounds.max_velocity[axis] * interval_s;
+            if step > bound + self.settings.following_floor[axis] {
+                self.reference_lost |= 1 << axis;
+            }
+        }
+    }
+
+    fn lose_reference(&mut self, last: &Feedback, still_absolute: u32) {
+        self.reference_lost |= self.settings.axes_mask & !(last.absolute_mask & still_absolute);
     }
 
     /// Files the setpoint.
@@ -215,9 +277,10 @@ impl FeedbackWatch {
 
     /// Without power, or without any feedback yet.
     fn without_power(&mut self, now_ns: u64) -> Result<Presence, DriveAlarm> {
-        if self.last.is_some() {
-            if now_ns.saturating_sub(self.message_ns) > self.settings.stale_ns.max(1_000_000_000) {
+        if let Some(last) = self.last {
+            if now_ns.saturating_sub(self.message_ns) > self.settings.stale_ns.max(LINK_LOST_NS) {
                 self.last = None;
+                self.lose_reference(&last, u32::MAX);
             }
             return Ok(Presence::Idle);
         }
@@ -238,23 +301,9 @@ impl FeedbackWatch {
         (0..AXES).filter(move |axis| mask >> axis & 1 == 1)
     }
 
-    fn check_numbers(&self, feedback: &Feedback) -> Result<(), DriveAlarm> {
-        let present = feedback.axes_mask;
-        for axis in self.axes().filter(|axis| present >> axis & 1 == 1) {
-            let finite = feedback.position[axis].is_finite()
-                && feedback.velocity[axis].is_finite()
-                && feedback.following_error[axis].is_finite()
-                && feedback.torque_ratio[axis].is_finite();
-            if !finite {
-                return Err(DriveAlarm::NotFinite { axis });
-            }
-        }
-        Ok(())
-    }
-
     fn check_life(&mut self, now_ns: u64, last: &Feedback) -> Result<(), DriveAlarm> {
         let limit_ns = self.settings.stale_ns;
-        let mut age_ns = now_ns.saturating_sub(last.time_ns);
+        let mut age_ns = now_ns.saturating_sub(self.sampled_ns);
         if let Phase::Enabling { since_ns, .. } = self.phase {
             // What came before the request may be old.
             age_ns = age_ns.min(now_ns.saturating_sub(since_ns));

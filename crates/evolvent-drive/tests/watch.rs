@@ -28,6 +28,7 @@ struct Bench {
     power: PowerRequest,
     datum: u64,
     instance: u64,
+    absolute_mask: u32,
     status: DriveState,
     state: BridgeState,
     shift: f64,
@@ -42,6 +43,7 @@ impl Bench {
             power: PowerRequest::On,
             datum: 0,
             instance: 1,
+            absolute_mask: 0,
             status: DriveState::OperationEnabled,
             state: BridgeState::Following,
             shift: 0.0,
@@ -85,6 +87,7 @@ impl Bench {
             bridge_state: self.state.number(),
             datum: self.datum,
             instance: self.instance,
+            absolute_mask: self.absolute_mask,
             status_word: [u32::from(self.status.code() | bits::REMOTE); AXES],
             ..Feedback::default()
         };
@@ -515,6 +518,13 @@ fn every_alarm_has_a_number_of_its_own_and_says_what_to_do() {
             expected: 1,
             found: 0,
         },
+        DriveAlarm::AheadOfTime { ahead_ns: 2_500_000 },
+        DriveAlarm::Unbelievable {
+            field: "position",
+            axis: Some(1),
+            value: 1e308,
+            bound: 800.0,
+        },
     ];
     for (i, alarm) in alarms.iter().enumerate() {
         assert_eq!(alarm.number() as usize, 400 + i);
@@ -531,4 +541,109 @@ fn every_alarm_has_a_number_of_its_own_and_says_what_to_do() {
         "{}",
         alarms[1]
     );
+}
+
+/// A bridge whose clock is ahead, killed in motion: its last sample must not stay young until that time has come.
+#[test]
+fn no_clock_of_a_bridge_keeps_its_death_from_being_noticed() {
+    for ahead_ns in [0, 1_000_000, 15_000_000, 20_400_000, 60_000_000_000, u64::MAX / 2] {
+        let mut bench = running();
+        let mut found = None;
+        let mut silent = 0;
+        while found.is_none() && silent < 100 {
+            // Ten answers of the wrong clock, then none.
+            let lives = bench.cycle < 210;
+            silent += u64::from(!lives);
+            let result = bench.cycle(|mut answer| {
+                answer.time_ns = answer.time_ns.saturating_add(ahead_ns);
+                lives.then_some(answer)
+            });
+            found = result.err();
+        }
+        let Some(alarm) = found else {
+            unreachable!("{ahead_ns}: silent for 100 ms and no alarm");
+        };
+        // 20 ms from its arrival, as of any bridge.
+        assert!(silent <= 21, "{ahead_ns}: {alarm} after {silent} ms");
+        let is_ahead = matches!(alarm, DriveAlarm::AheadOfTime { .. });
+        assert_eq!(is_ahead, ahead_ns > 20_500_000, "{ahead_ns}: {alarm}");
+    }
+}
+
+#[test]
+fn a_clock_that_goes_backwards_is_frozen_feedback() {
+    let mut bench = running();
+    let mut back_ns = 0;
+    let mut found = None;
+    for _ in 0..100 {
+        back_ns += 2 * PERIOD_NS;
+        let result = bench.cycle(|mut answer| {
+            answer.time_ns -= back_ns;
+            Some(answer)
+        });
+        found = found.or(result.err());
+    }
+    assert!(matches!(found, Some(DriveAlarm::Frozen { .. })), "{found:?}");
+}
+
+/// The mask of references lost in so many good cycles.
+fn lost(bench: &mut Bench, cycles: u64) -> u32 {
+    for _ in 0..cycles {
+        let _alarm = bench.cycle(Some);
+    }
+    bench.watch.take_reference_lost()
+}
+
+#[test]
+fn a_reference_is_lost_with_the_link_unless_it_is_absolute() {
+    for power in [PowerRequest::Off, PowerRequest::On] {
+        for absolute_mask in [0, 0b010] {
+            let mut bench = Bench::new(settings());
+            bench.power = power;
+            bench.absolute_mask = absolute_mask;
+            assert_eq!(lost(&mut bench, 200), 0);
+            bench.instance = 2;
+            assert_eq!(lost(&mut bench, 2), 0b111 & !absolute_mask, "restarted");
+            assert_eq!(lost(&mut bench, 200), 0, "told once");
+            bench.power = PowerRequest::Off;
+            for _ in 0..900 {
+                let _alarm = bench.cycle(|_| None);
+            }
+            assert_eq!(bench.watch.take_reference_lost(), 0, "not gone yet");
+            for _ in 0..200 {
+                let _alarm = bench.cycle(|_| None);
+            }
+            assert_eq!(bench.watch.take_reference_lost(), 0b111 & !absolute_mask, "gone");
+            // Who calls himself absolute only afterwards says nothing about the time before.
+            let mut bench = Bench::new(settings());
+            bench.power = power;
+            assert_eq!(lost(&mut bench, 200), 0);
+            (bench.instance, bench.absolute_mask) = (2, 0b111);
+            assert_eq!(lost(&mut bench, 2), 0b111);
+        }
+    }
+}
+
+#[test]
+fn an_encoder_that_jumps_without_power_loses_its_reference() {
+    let mut bounds = settings();
+    bounds.bounds.set_axis(1, [0.0, 800.0], 500.0);
+    let mut bench = Bench::new(bounds);
+    bench.power = PowerRequest::Off;
+    assert_eq!(lost(&mut bench, 100), 0);
+    // Moved by hand, as fast as the axis can: 0.5 mm a cycle.
+    for n in 0..100 {
+        let moved = bench.cycle(|mut answer| {
+            answer.position[1] += 0.5 * f64::from(n);
+            Some(answer)
+        });
+        assert!(moved.is_ok());
+    }
+    assert_eq!(bench.watch.take_reference_lost(), 0);
+    let jumped = bench.cycle(|mut answer| {
+        answer.position[1] += 60.0;
+        Some(answer)
+    });
+    assert!(jumped.is_ok());
+    assert_eq!(bench.watch.take_reference_lost(), 0b010);
 }

@@ -52,8 +52,8 @@ struct SimArgs {
     /// Prefix of the bus's files, as of the core.
     #[arg(long, value_name = "PREFIX")]
     bus_prefix: Option<String>,
-    /// A fault: late, silent, frozen, stuck, fault, off, jump, blocked or nan, so many seconds after the drives came into
-    /// operation. May be given several times.
+    /// A fault: late, silent, frozen, stuck, fault, off, jump, blocked, nan, wild or ahead, so many seconds after the drives
+    /// came into operation. May be given several times.
     #[arg(long = "fault", value_name = "KIND@SECONDS[+DURATION][:AXIS]")]
     faults: Vec<Fault>,
     /// End after so many seconds; without it, at Ctrl-C.
@@ -79,6 +79,9 @@ struct SimArgs {
     /// How wrong the encoders' positions are until the axes are homed, mm or degrees.
     #[arg(long, value_name = "MM", default_value_t = 0.0, allow_negative_numbers = true)]
     reference_offset: f64,
+    /// The encoders are absolute: a homed machine stays homed when the bridge is restarted.
+    #[arg(long, requires = "machine")]
+    absolute: bool,
     /// The axes X and Z cut the stock of this file, as of `evolvent turn`; its load sensor speaks on the bus every period.
     #[arg(long, value_name = "FILE.toml")]
     process: Option<PathBuf>,
@@ -248,6 +251,7 @@ fn drives_of(machine: &Machine, args: &SimArgs) -> Result<SimSettings, String> {
     let increments = machine.increments();
     let mut settings = SimSettings::usual("", period_ns);
     settings.bridge_cycles = args.bridge_cycles;
+    settings.absolute = args.absolute;
     for axis in &machine.axes {
         let index = axis.letter.index();
         let range = axis.travel_max - axis.travel_min;

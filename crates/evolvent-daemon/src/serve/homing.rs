@@ -72,6 +72,35 @@ impl Operator {
         }
     }
 
+    /// The drives' positions of these axes may count from another zero. Axes without a home switch are where their drives
+    /// say: there is nothing else to go by.
+    pub(super) fn lose_reference(&mut self, sequence: u64, axes_mask: u32) {
+        let mut lost: Vec<AxisLetter> = self
+            .setup
+            .machine
+            .homing
+            .iter()
+            .map(|homing| homing.axis)
+            .filter(|axis| axes_mask & self.desk.homed() & (1 << axis.index()) != 0)
+            .collect();
+        if lost.is_empty() {
+            return;
+        }
+        lost.sort_by_key(|axis| axis.index());
+        let mask = lost.iter().fold(0_u32, |mask, axis| mask | 1 << axis.index());
+        let letters: String = lost.iter().map(|axis| axis.letter()).collect();
+        self.desk.set_homed(self.desk.homed() & !mask);
+        self.cancel_homing();
+        if matches!(self.job, Job::None) {
+            self.relocate(self.view.setpoint.position, false);
+        }
+        let text = format!(
+            "the link to the drives of {letters} was lost or their positions jumped, so their machine zero may have \
+             moved: home {letters} again (a bridge whose drives keep it says so in absolute_mask)"
+        );
+        self.raise(sequence, Alarm::ReferenceLost, text);
+    }
+
     /// The axes stand at `position`, by names of the present or a new datum.
     pub(super) fn relocate(&mut self, position: Axes, renames: bool) {
         let limits = limits_here(&self.limits, &position, self.desk.homed());

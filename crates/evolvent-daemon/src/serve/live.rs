@@ -163,13 +163,15 @@ impl Live {
             let lateness = MonotonicClock::sleep_until(deadline);
             let woken = deadline + lateness;
             let feedback = self.newest_feedback();
+            // Read behind the feedback, which so is never of the future by this thread's own doing.
+            let taken = MonotonicClock::now_ns();
             self.take_orders(&mut now);
             now.inputs.load = self.controls.load();
             if let Some(feedback) = &feedback {
-                self.stand_where_the_drives_are(&mut now, feedback);
+                self.stand_where_the_drives_are(&mut now, feedback, taken);
             }
             let mut setpoint = self.step(&mut now, deadline);
-            self.check_drives(&mut now, &setpoint, woken, feedback.as_ref());
+            self.check_drives(&mut now, &setpoint, taken, feedback.as_ref());
             now.note_following_error(feedback.as_ref());
             let is_last = now.ending && matches!(now.work, Work::None) && self.station.is_at_rest();
             if is_last {
@@ -351,9 +353,10 @@ impl Live {
     }
 
     /// Drives without power may be moved by hand: the core stands where they are.
-    fn stand_where_the_drives_are(&mut self, now: &mut Now, feedback: &Feedback) {
+    fn stand_where_the_drives_are(&mut self, now: &mut Now, feedback: &Feedback, time_ns: u64) {
         let is_off = now.drive.power == PowerRequest::Off && matches!(now.work, Work::None);
-        if !is_off || !self.station.is_at_rest() || !feedback.is_finite() {
+        let is_believed = self.watch.believes(time_ns, feedback);
+        if !is_off || !self.station.is_at_rest() || !is_believed {
             return;
         }
         // A core that was restarted does not know by which names the bridge goes on.
@@ -540,6 +543,11 @@ impl Live {
         match self.watch.step(time_ns, &command, feedback) {
             Ok(presence) => now.presence = presence,
             Err(alarm) => self.stop_for_drives(now, setpoint.sequence, alarm),
+        }
+        let axes_mask = self.watch.take_reference_lost();
+        if axes_mask != 0 {
+            let sequence = setpoint.sequence;
+            self.tell(CycleEvent::ReferenceLost { sequence, axes_mask });
         }
     }
 

@@ -9,7 +9,7 @@ use evolvent_bus::{ControlAnswer, ControlRequest, Feedback, Payload};
 use evolvent_control::{
     Alarm, Command, DeadMan, Desk, Facts, Homing, HomingSample, JobResult, RawCommand, Refusal, Verdict,
 };
-use evolvent_drive::{PowerRequest, Presence};
+use evolvent_drive::{FeedbackBounds, PowerRequest, Presence};
 use evolvent_machine::{Limits, OnFull};
 use evolvent_motion::State;
 use evolvent_path::Axes;
@@ -24,6 +24,7 @@ use super::programs::ProgramRun;
 use super::recorded::JobNotes;
 use super::track::Track;
 use crate::cycle::turning_alarm;
+use crate::drives::watch_settings;
 use crate::job::Setup;
 use crate::news::{FeederNews, Outside, OutsideKind};
 use crate::switches::{SwitchState, Switches};
@@ -63,6 +64,7 @@ pub(crate) struct Operator {
     pub(super) folder: PathBuf,
     pub(super) limits: Limits,
     pub(super) present: u32,
+    bounds: FeedbackBounds,
     pub(super) orders: Producer<Order>,
     pub(super) next_id: u64,
     sent: VecDeque<Sent>,
@@ -128,6 +130,7 @@ impl Operator {
         desk.set_homed(present & !to_home);
         for complaint in &keep.complaints {
             desk.raise(Alarm::NotRead, complaint.clone());
+        let bounds = watch_settings(machine, setup.period_ns).bounds;
         }
         let mut operator = Self {
             modes: Modes::at_start(&setup.interpreter_settings()).map_err(|error| error.to_string())?,
@@ -146,6 +149,7 @@ impl Operator {
             sent: VecDeque::new(),
             notes: JobNotes::new(recorder.is_some()),
             recorder,
+            bounds,
             switches: Arc::new(Switches::new(&SwitchState::default())),
             numbers: (0, 0),
             job: Job::None,
@@ -523,6 +527,10 @@ impl Operator {
         let are_ready = matches!(self.view.presence, Presence::Operational | Presence::Absent);
         self.desk.enable(is_powered && are_ready, now_ns);
         self.follow_program();
+            // What cannot be true is neither shown nor homed by. The cycle's watch tells of it.
+            if self.bounds.check(now_ns, &feedback).is_err() {
+                continue;
+            }
         if let Some(objection) = self.checking.as_mut().and_then(Checking::objection) {
             self.message = objection;
         }
@@ -594,6 +602,7 @@ impl Operator {
             | Job::Homing {
                 steered: Some(steered),
                 ..
+            CycleEvent::ReferenceLost { sequence, axes_mask } => self.lose_reference(sequence, axes_mask),
             } => steered,
             _ => return,
         };

@@ -124,6 +124,11 @@ pub(crate) enum CycleEvent {
         sequence: u64,
         alarm: DriveAlarm,
     },
+    /// The drives' positions may count from another zero: the link was lost, or an encoder jumped.
+    ReferenceLost {
+        sequence: u64,
+        axes_mask: u32,
+    },
 }
 
 /// The last cycle, for control and status.
@@ -154,7 +159,8 @@ impl CycleEvent {
             | Self::PlannerGone { sequence }
             | Self::Turning { sequence, .. }
             | Self::Late { sequence }
-            | Self::Drive { sequence, .. } => *sequence,
+            | Self::Drive { sequence, .. }
+            | Self::ReferenceLost { sequence, .. } => *sequence,
         }
     }
 }
