@@ -156,6 +156,8 @@ alarms! {
     IsOn = 925, Rejection, "the machine is on; switch it off first";
     /// The program is still being checked.
     Checking = 926, Rejection, "the program is still being checked; start it when that is done";
+    /// The loaded program may not be the one that is meant.
+    OtherProgram = 927, Rejection, "another program is loaded than the one that is meant; load it, or name what is loaded";
 }
 
 impl Alarm {

@@ -11,8 +11,8 @@ use crate::situation::{Activity, MachineState, Mode, Situation};
 
 /// Alarms that are listed; of more the newest are only counted.
 const MOST_ALARMS: usize = 16;
-/// How long drives may take until they are enabled, ns.
-const ENABLE_NS: u64 = 5_000_000_000;
+/// How long drives may take until they are enabled, ns, where nothing else was said.
+const ENABLE_NS: u64 = 2_000_000_000;
 
 /// What an answer says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -70,8 +70,11 @@ pub struct Desk {
     activity: Activity,
     /// When the drives were asked to enable, while they are not.
     enabling_since_ns: Option<u64>,
+    enable_timeout_ns: u64,
     homed: u32,
     program: Option<String>,
+    /// A program was to be loaded since, and was not: who starts now may mean that one.
+    load_failed: bool,
     feed_override: f64,
     rapid_override: f64,
     spindle_override: f64,
@@ -95,8 +98,10 @@ impl Default for Desk {
             mode: Mode::Manual,
             activity: Activity::None,
             enabling_since_ns: None,
+            enable_timeout_ns: ENABLE_NS,
             homed: 0,
             program: None,
+            load_failed: false,
             feed_override: 1.0,
             rapid_override: 1.0,
             spindle_override: 1.0,
@@ -137,6 +142,8 @@ impl Desk {
         if facts.is_ending {
             return Err(self.refuse(Alarm::Ending.into()));
         }
+        // Until it is carried out: whatever stands in its way, the program that is loaded is not the one that was wanted.
+        self.load_failed |= raw.command == CommandCode::Load as u32;
         let (code, command) = match Command::decode(raw, facts.present) {
             Ok(decoded) => decoded,
             Err(refusal) => return Err(self.refuse(refusal)),
@@ -150,11 +157,28 @@ impl Desk {
             }
             return Err(self.refuse(refusal));
         }
+        let starts =
+            matches!(code, CommandCode::Start | CommandCode::Step) && self.activity == Activity::None;
+        if starts && let Some(objection) = self.other_program(raw.text.unwrap_or_default()) {
+            return Err(self.refuse(Refusal::new(Alarm::OtherProgram, objection)));
+        }
         // A step of a running program makes sense only where it waits.
         if code == CommandCode::Step && self.activity == Activity::Program && !facts.is_held {
             return Err(self.refuse(Alarm::NotHeld.into()));
         }
         Ok(command)
+    }
+
+    /// Why the program that is loaded may not be the one that is meant by who starts it, naming `meant` or nothing.
+    fn other_program(&self, meant: &str) -> Option<String> {
+        let loaded = self.program.as_deref()?;
+        if meant.is_empty() && self.load_failed {
+            return Some(format!(
+                "the last LOAD was rejected, and {loaded} is still loaded: load again, or name {loaded} to start it"
+            ));
+        }
+        (!meant.is_empty() && meant != loaded)
+            .then(|| format!("{loaded} is loaded and not {meant}: load that first, or start what is loaded"))
     }
 
     /// Counts a rejection and makes the answer of it.
@@ -186,7 +210,10 @@ impl Desk {
                 }
             }
             Command::SetMode(mode) => self.mode = *mode,
-            Command::Load(file) => self.program = Some(file.clone()),
+            Command::Load(file) => {
+                self.program = Some(file.clone());
+                self.load_failed = false;
+            }
             Command::Step => self.single_step = true,
             Command::SingleStep(on) => self.single_step = *on,
             Command::OptionalStop(on) => self.optional_stop = *on,
@@ -256,10 +283,15 @@ impl Desk {
         if are_enabled {
             self.enabling_since_ns = None;
             self.machine = MachineState::On;
-        } else if now_ns.saturating_sub(since) > ENABLE_NS {
+        } else if now_ns.saturating_sub(since) > self.enable_timeout_ns {
             self.enabling_since_ns = None;
             self.raise(Alarm::NotEnabled, Alarm::NotEnabled.sentence());
         }
+    }
+
+    /// How long drives may take until they are enabled, ns.
+    pub fn set_enable_timeout_ns(&mut self, timeout_ns: u64) {
+        self.enable_timeout_ns = timeout_ns;
     }
 
     /// The axes whose machine zero is known.

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use evolvent_bus::{
-    ClientBus, ClientConfig, ControlAnswer, ControlClient, ControlRequest, Status, StatusReader,
+    ClientBus, ClientConfig, ControlAnswer, ControlClient, ControlRequest, Status, StatusReader, bus_folders,
     list_machines,
 };
 use evolvent_control::{Alarm, CommandCode, DeadMan, JobResult, Mode};
@@ -38,22 +38,45 @@ const POLL: Duration = Duration::from_millis(5);
 /// that long has not looked.
 const MOST_LOOKS: u32 = 400;
 
+/// How long the bus may take to open besides `--patience`. iceoryx2 waits without end for some kinds of damage.
+const OPENING: Duration = Duration::from_secs(15);
+/// How long a program stop must last to be one: the machine's own commands pass through one.
+const PROGRAM_STOP: Duration = Duration::from_millis(300);
+/// How long the way to the middle of a program is waited for.
+const WAY: Duration = Duration::from_secs(120);
+/// What the status's message ends with while one of the machine's own commands is carried out.
+const AT_WORK: &str = "is being carried out";
+/// Status `state`: at a program stop.
+const AT_PROGRAM_STOP: u32 = 7;
+
 pub(crate) fn run(args: &CtlArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Ending, CommandError> {
     if !(0.0..=3600.0).contains(&args.patience) {
         return Err(CommandError::Usage("--patience must be 0 to 3600 s".to_owned()));
     }
     let failed = |error: &dyn std::fmt::Display| CommandError::Failed(error.to_string());
+    let patience = Duration::from_secs_f64(args.patience);
+    let opened = give_up_after(patience + OPENING);
     let name = match &args.machine_name {
         Some(name) => name.clone(),
         None => only_machine(args)?,
     };
     let config = ClientConfig {
         prefix: args.bus_prefix.clone(),
-        wait: Duration::from_secs_f64(args.patience),
+        wait: patience,
         ..ClientConfig::new(&name)
     };
+    if let Some(code) = stopping_command(&args.action) {
+        // Nothing but the command itself: neither a status nor a place among screens is needed for it.
+        let mut client = ControlClient::open_in_need(&config).map_err(|error| failed(&error))?;
+        opened.store(true, Ordering::Release);
+        let answer = client
+            .command(&request(code), STOP_ANSWER)
+            .map_err(|error| failed(&error))?;
+        return tell(&answer, None, args.json, out);
+    }
     let bus = ClientBus::open(&config).map_err(|error| failed(&error))?;
-    let mut reader = bus.status().map_err(|error| failed(&error))?;
+    let mut reader = bus.operator_status().map_err(|error| failed(&error))?;
+    opened.store(true, Ordering::Release);
     let status = fresh_status(&mut reader)?;
     if matches!(args.action, Action::Status) {
         let written = if args.json {
@@ -69,8 +92,46 @@ pub(crate) fn run(args: &CtlArgs, out: &mut dyn Write, err: &mut dyn Write) -> R
         client,
         reader,
         json: args.json,
+        interrupted: Arc::new(AtomicBool::new(false)),
     };
     session.act(&args.action, &status, out, err)
+}
+
+/// Actions that stop. They need no status.
+fn stopping_command(action: &Action) -> Option<CommandCode> {
+    match action {
+        Action::Estop => Some(CommandCode::Estop),
+        Action::Hold => Some(CommandCode::Hold),
+        Action::Stop => Some(CommandCode::Stop),
+        Action::JogStop => Some(CommandCode::JogStop),
+        Action::Off => Some(CommandCode::Off),
+        _ => None,
+    }
+}
+
+/// Ends the process after a while, unless what is returned was set: who gives an emergency stop must know that it does not
+/// get through.
+fn give_up_after(limit: Duration) -> Arc<AtomicBool> {
+    let done = Arc::new(AtomicBool::new(false));
+    let of_thread = Arc::clone(&done);
+    // Without the thread there is no limit, and everything else as before.
+    let _spawned = std::thread::Builder::new().name("limit".into()).spawn(move || {
+        std::thread::sleep(limit);
+        if !of_thread.load(Ordering::Acquire) {
+            let folders = bus_folders(None).unwrap_or_default();
+            let folders: Vec<String> = folders.iter().map(|(path, _)| path.display().to_string()).collect();
+            // Where nobody reads it, the exit code tells.
+            let _unread = writeln!(
+                std::io::stderr(),
+                "error: the bus does not open within {:.0} s, so the command was not given: use the hardware stop. Another \
+                 process hangs while it opens, or files of the bus are damaged: stop the core and remove {}",
+                limit.as_secs_f64(),
+                folders.join(" and ")
+            );
+            std::process::exit(1);
+        }
+    });
+    done
 }
 
 /// The machine that is served, if it is only one.
@@ -114,6 +175,17 @@ struct Session {
     client: ControlClient,
     reader: StatusReader,
     json: bool,
+    /// A signal has come.
+    interrupted: Arc<AtomicBool>,
+}
+
+/// What a command does whose end is waited for, beyond waiting.
+#[derive(Clone, Copy, PartialEq)]
+struct Waiting {
+    /// What ends the job where this command is interrupted; none where the job goes on.
+    stop: Option<CommandCode>,
+    /// Whether a program stop ends the wait.
+    until_program_stop: bool,
 }
 
 impl Session {
@@ -134,20 +206,21 @@ impl Session {
             ..request(code)
         };
         let (wanted, wait) = match action {
-            Action::Status => return Ok(Ending::Clean),
-            Action::Estop => (simple(CommandCode::Estop), false),
-            Action::EstopReset => (simple(CommandCode::EstopReset), false),
+            // Stopping ones were given before.
+            Action::Status | Action::Estop | Action::Hold | Action::Stop | Action::JogStop | Action::Off => {
+                return Ok(Ending::Clean);
+            }
+            Action::EstopReset => (simple(CommandCode::EstopReset), None),
             Action::On => return self.switch_on(out),
             Action::Up => {
                 if status.machine_state == 0 {
                     let answer = self.send(&simple(CommandCode::EstopReset))?;
                     if answer.verdict != 0 {
-                        return self.tell(&answer, None, out);
+                        return tell(&answer, None, self.json, out);
                     }
                 }
                 return self.switch_on(out);
             }
-            Action::Off => (simple(CommandCode::Off), false),
             Action::Mode { mode } => {
                 let mode = match mode {
                     ModeArg::Auto => Mode::Auto,
@@ -159,39 +232,45 @@ impl Session {
                         index: mode as u32,
                         ..request(CommandCode::Mode)
                     },
-                    false,
+                    None,
                 )
             }
-            Action::Load { program } => (with_text(CommandCode::Load, &absolute(program)?)?, false),
-            Action::Start { line, wait } => {
+            Action::Load { program } => (with_text(CommandCode::Load, &absolute(program)?)?, None),
+            Action::Start { program, line, wait } => {
+                let name = program.as_deref().map(absolute).transpose()?.unwrap_or_default();
                 self.need_mode(status, Mode::Auto)?;
-                let index = line.unwrap_or(0);
                 let start = ControlRequest {
-                    index,
-                    ..request(CommandCode::Start)
+                    index: line.unwrap_or(0),
+                    ..with_text(CommandCode::Start, &name)?
                 };
-                (start, *wait)
+                let goes_on = Waiting {
+                    stop: None,
+                    until_program_stop: false,
+                };
+                (start, wait.then_some(goes_on))
             }
-            Action::Hold => (simple(CommandCode::Hold), false),
-            Action::Resume => (simple(CommandCode::Resume), false),
+            Action::Resume => (simple(CommandCode::Resume), None),
             Action::Step => {
                 if status.activity == 0 {
                     self.need_mode(status, Mode::Auto)?;
                 }
-                (simple(CommandCode::Step), false)
+                (simple(CommandCode::Step), None)
             }
-            Action::Stop => (simple(CommandCode::Stop), false),
-            Action::Reset => (simple(CommandCode::Reset), false),
-            Action::Clear => (simple(CommandCode::ClearAlarms), false),
-            Action::SingleStep { state } => (switch(CommandCode::SingleStep, *state), false),
-            Action::OptionalStop { state } => (switch(CommandCode::OptionalStop, *state), false),
-            Action::BlockDelete { state } => (switch(CommandCode::BlockDelete, *state), false),
-            Action::Override { percent: ratio } => (percent(CommandCode::FeedOverride, *ratio), false),
-            Action::Rapid { percent: ratio } => (percent(CommandCode::RapidOverride, *ratio), false),
-            Action::Spindle { percent: ratio } => (percent(CommandCode::SpindleOverride, *ratio), false),
+            Action::Reset => (simple(CommandCode::Reset), None),
+            Action::Clear => (simple(CommandCode::ClearAlarms), None),
+            Action::SingleStep { state } => (switch(CommandCode::SingleStep, *state), None),
+            Action::OptionalStop { state } => (switch(CommandCode::OptionalStop, *state), None),
+            Action::BlockDelete { state } => (switch(CommandCode::BlockDelete, *state), None),
+            Action::Override { percent: ratio } => (percent(CommandCode::FeedOverride, *ratio), None),
+            Action::Rapid { percent: ratio } => (percent(CommandCode::RapidOverride, *ratio), None),
+            Action::Spindle { percent: ratio } => (percent(CommandCode::SpindleOverride, *ratio), None),
             Action::Mdi { block, no_wait } => {
                 self.need_mode(status, Mode::Mdi)?;
-                (with_text(CommandCode::Mdi, block)?, !no_wait)
+                let waiting = Waiting {
+                    stop: Some(CommandCode::Stop),
+                    until_program_stop: true,
+                };
+                (with_text(CommandCode::Mdi, block)?, (!no_wait).then_some(waiting))
             }
             Action::Jog {
                 axes,
@@ -204,9 +283,8 @@ impl Session {
                 if distance.is_none() {
                     return self.jog_on(&jog, *seconds, out, err);
                 }
-                (jog, true)
+                (jog, Some(Waiting::stopped_by(CommandCode::JogStop)))
             }
-            Action::JogStop => (simple(CommandCode::JogStop), false),
             Action::Home { axes } => {
                 let axes_mask = match axes {
                     None => 0,
@@ -217,21 +295,21 @@ impl Session {
                     axes_mask,
                     ..request(CommandCode::Home)
                 };
-                (home, true)
+                (home, Some(Waiting::stopped_by(CommandCode::Stop)))
             }
             Action::Offset { system, values } => (
                 ControlRequest {
                     index: system_number(system)?,
                     ..valued(CommandCode::WorkOffset, values)?
                 },
-                false,
+                None,
             ),
             Action::TouchOff { values, system } => (
                 ControlRequest {
                     index: system.as_deref().map_or(Ok(0), system_number)?,
                     ..valued(CommandCode::TouchOff, values)?
                 },
-                false,
+                None,
             ),
             Action::Tool {
                 number,
@@ -247,11 +325,14 @@ impl Session {
                         amount: diameter.unwrap_or(-1.0),
                         ..valued(CommandCode::Tool, values)?
                     },
-                    false,
+                    None,
                 )
             }
-            Action::ReloadTools => (simple(CommandCode::Tool), false),
+            Action::ReloadTools => (simple(CommandCode::Tool), None),
         };
+        if wait.is_some() {
+            self.catch_signals()?;
+        }
         let mut answer = self.send(&wanted)?;
         // A long program is checked before it starts.
         let deadline = Instant::now() + CHECKED;
@@ -259,12 +340,53 @@ impl Session {
             std::thread::sleep(POLL);
             answer = self.send(&wanted)?;
         }
-        let result = if wait && answer.verdict == 0 {
-            Some(self.await_job(answer.job)?)
-        } else {
-            None
+        let starts = matches!(action, Action::Start { .. }) && answer.verdict == 0;
+        if starts && !self.json {
+            let text = self.shown_start(action, &answer)?;
+            writeln!(out, "{text}").map_err(|error| CommandError::Failed(error.to_string()))?;
+        }
+        let result = match wait {
+            Some(waiting) if answer.verdict == 0 => Some(self.await_job(answer.job, waiting)?),
+            _ => None,
         };
-        self.tell(&answer, result.as_ref(), out)
+        tell(&answer, result.as_ref(), self.json, out)
+    }
+
+    /// What was started; where that is not at its beginning, with the way there, before which the machine waits.
+    fn shown_start(&mut self, action: &Action, answer: &ControlAnswer) -> Result<String, CommandError> {
+        let is_in_the_middle = matches!(action, Action::Start { line: Some(2..), .. });
+        let deadline = Instant::now() + WAY;
+        while is_in_the_middle && Instant::now() < deadline {
+            let status = self.latest()?.filter(|status| status.job == answer.job);
+            let Some(status) = status else {
+                std::thread::sleep(POLL);
+                continue;
+            };
+            let message = status.operator_message();
+            if status.job_result != 0 {
+                break;
+            }
+            if !message.is_empty() && !message.ends_with("is being worked out") {
+                return Ok(format!(
+                    "{}\n{message}\n`evolvent ctl resume` goes there",
+                    answer.text().split(": stopped before").next().unwrap_or_default()
+                ));
+            }
+            std::thread::sleep(POLL);
+        }
+        Ok(answer.text().to_owned())
+    }
+
+    /// From now on signals end what this command moves. A second one ends the command itself.
+    fn catch_signals(&self) -> Result<(), CommandError> {
+        use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+        for signal in [SIGINT, SIGTERM, SIGHUP] {
+            // In this order: the first signal sets the flag that makes the second one end the process.
+            signal_hook::flag::register_conditional_shutdown(signal, 1, Arc::clone(&self.interrupted))
+                .and_then(|_| signal_hook::flag::register(signal, Arc::clone(&self.interrupted)))
+                .map_err(|error| CommandError::Failed(format!("signals cannot be caught: {error}")))?;
+        }
+        Ok(())
     }
 
     fn send(&mut self, request: &ControlRequest) -> Result<ControlAnswer, CommandError> {
@@ -289,24 +411,32 @@ impl Session {
     fn switch_on(&mut self, out: &mut dyn Write) -> Result<Ending, CommandError> {
         let answer = self.send(&request(CommandCode::On))?;
         if answer.verdict != 0 {
-            return self.tell(&answer, None, out);
+            return tell(&answer, None, self.json, out);
         }
-        let deadline = Instant::now() + Duration::from_secs(10);
+        // How long drives may take the machine file says, and the core raises an alarm then.
+        let (mut sequence, mut looks) = (0, 0);
         loop {
-            let status = self.latest()?;
-            let seen = status.is_some_and(|status| status.cycles > answer.sequence + 1);
-            if let Some(status) = status.filter(|_| seen) {
-                if status.machine_state == 2 {
-                    return self.tell(&answer, None, out);
+            looks += 1;
+            if let Some(status) = self.latest()? {
+                if status.sequence != sequence {
+                    (sequence, looks) = (status.sequence, 0);
                 }
-                if status.alarm_count > 0 {
-                    return self.tell(&answer, Some(&status), out);
+                let seen = status.cycles > answer.sequence + 1;
+                if seen && status.machine_state == 2 {
+                    return tell(&answer, None, self.json, out);
+                }
+                if seen && has_latched_alarm(&status) {
+                    return tell(&answer, Some(&status), self.json, out);
+                }
+                // Taken back by somebody else: nothing would come any more.
+                if status.cycles > answer.sequence + 100 && status.power != 1 {
+                    return Err(CommandError::Failed(
+                        "power was taken back before the drives were enabled".to_owned(),
+                    ));
                 }
             }
-            if Instant::now() > deadline {
-                return Err(CommandError::Failed(
-                    "the drives are not enabled after 10 s".to_owned(),
-                ));
+            if looks > MOST_LOOKS {
+                return Err(CommandError::Failed("the core has gone".to_owned()));
             }
             std::thread::sleep(POLL);
         }
@@ -319,13 +449,41 @@ impl Session {
     }
 
     /// The status at the end of a job.
-    fn await_job(&mut self, job: u64) -> Result<Status, CommandError> {
+    fn await_job(&mut self, job: u64, waiting: Waiting) -> Result<Status, CommandError> {
         let (mut sequence, mut looks) = (0, 0);
+        let (mut stopped_since, mut is_stopped): (Option<Instant>, bool) = (None, false);
         loop {
             looks += 1;
+            if self.interrupted.load(Ordering::Relaxed) && !is_stopped {
+                is_stopped = true;
+                let Some(code) = waiting.stop else {
+                    return Err(CommandError::Failed(
+                        "interrupted; the program goes on, `evolvent ctl stop` stops it".to_owned(),
+                    ));
+                };
+                self.send(&request(code))?;
+            }
             if let Some(status) = self.latest()? {
                 if status.job > job || (status.job == job && status.job_result != 0) {
+                    if is_stopped {
+                        return Err(CommandError::Failed(
+                            "interrupted: the axes were stopped".to_owned(),
+                        ));
+                    }
                     return Ok(status);
+                }
+                let is_at_stop = status.job == job
+                    && status.state == AT_PROGRAM_STOP
+                    && !status.operator_message().ends_with(AT_WORK);
+                if !is_at_stop {
+                    stopped_since = None;
+                } else if waiting.until_program_stop
+                    && stopped_since.get_or_insert_with(Instant::now).elapsed() > PROGRAM_STOP
+                {
+                    return Err(CommandError::Failed(
+                        "the block waits at a program stop: `evolvent ctl resume` goes on, `evolvent ctl stop` ends it"
+                            .to_owned(),
+                    ));
                 }
                 if status.sequence != sequence {
                     (sequence, looks) = (status.sequence, 0);
@@ -346,14 +504,11 @@ impl Session {
         out: &mut dyn Write,
         err: &mut dyn Write,
     ) -> Result<Ending, CommandError> {
-        let stop = Arc::new(AtomicBool::new(false));
-        for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
-            signal_hook::flag::register(signal, Arc::clone(&stop))
-                .map_err(|error| CommandError::Failed(format!("signals cannot be caught: {error}")))?;
-        }
+        self.catch_signals()?;
+        let stop = Arc::clone(&self.interrupted);
         let answer = self.send(jog)?;
         if answer.verdict != 0 {
-            return self.tell(&answer, None, out);
+            return tell(&answer, None, self.json, out);
         }
         if seconds.is_none() && !self.json {
             drop(writeln!(err, "jogging; Ctrl-C stops"));
@@ -371,66 +526,85 @@ impl Session {
                 && status.job == answer.job
                 && status.job_result != 0
             {
-                return self.tell(&answer, Some(&status), out);
+                return tell(&answer, Some(&status), self.json, out);
             }
             std::thread::sleep(POLL);
         }
         self.send(&request(CommandCode::JogStop))?;
-        let status = self.await_job(answer.job)?;
-        self.tell(&answer, Some(&status), out)
+        // That signal has done its work.
+        self.interrupted.store(false, Ordering::Relaxed);
+        let status = self.await_job(answer.job, Waiting::stopped_by(CommandCode::JogStop))?;
+        tell(&answer, Some(&status), self.json, out)
     }
+}
 
-    /// Answer and, where it was waited for, how the job ended.
-    fn tell(
-        &self,
-        answer: &ControlAnswer,
-        end: Option<&Status>,
-        out: &mut dyn Write,
-    ) -> Result<Ending, CommandError> {
-        let accepted = answer.verdict == 0;
-        let result = end.map(|status| status.job_result);
-        let is_bad = |status: &Status| {
-            status.job == answer.job
-                && [JobResult::Failed as u32, JobResult::Fault as u32].contains(&status.job_result)
-        };
-        let failed = end.is_some_and(|status| is_bad(status) || (answer.job == 0 && status.alarm_count > 0));
-        if self.json {
-            let verdict = ["accepted", "rejected", "stale"];
-            let results = ["none", "done", "stopped", "failed", "fault"];
-            let value = json!({
-                "verdict": verdict.get(answer.verdict as usize),
-                "alarm": (answer.alarm != 0).then_some(answer.alarm),
-                "text": answer.text(),
-                "sequence": answer.sequence,
-                "job": (answer.job != 0).then_some(answer.job),
-                "result": result.and_then(|result| results.get(result as usize)),
-                "alarms": end.map(|status| status.listed_alarms().to_vec()).unwrap_or_default(),
-                "alarm_text": end.map(|status| status.alarm_sentence().to_owned()),
-            });
-            writeln!(out, "{value}")
-                .map_err(|error| CommandError::Failed(format!("the answer cannot be written: {error}")))?;
-            return Ok(if accepted && !failed {
-                Ending::Clean
-            } else {
-                Ending::Negative
-            });
+impl Waiting {
+    const fn stopped_by(code: CommandCode) -> Self {
+        Self {
+            stop: Some(code),
+            until_program_stop: false,
         }
-        if !accepted {
-            return Err(CommandError::Failed(format!(
-                "{} ({})",
-                answer.text(),
-                answer.alarm
-            )));
-        }
-        if let Some(status) = end.filter(|_| failed) {
-            let number = status.listed_alarms().last().copied().unwrap_or(0);
-            let known = Alarm::from_number(number).map_or("", |alarm| alarm.sentence());
-            let text = match status.alarm_sentence() {
-                "" => known,
-                text => text,
-            };
-            return Err(CommandError::Failed(format!("{text} ({number})")));
-        }
-        Ok(Ending::Clean)
     }
+}
+
+/// Whether the newest alarms keep the machine from going on; warnings do not.
+fn has_latched_alarm(status: &Status) -> bool {
+    status
+        .listed_alarms()
+        .iter()
+        .any(|&number| Alarm::from_number(number).is_none_or(Alarm::is_latched))
+}
+
+/// Answer and, where it was waited for, how the job ended.
+fn tell(
+    answer: &ControlAnswer,
+    end: Option<&Status>,
+    json: bool,
+    out: &mut dyn Write,
+) -> Result<Ending, CommandError> {
+    let accepted = answer.verdict == 0;
+    let result = end.map(|status| status.job_result);
+    let is_bad = |status: &Status| {
+        status.job == answer.job
+            && [JobResult::Failed as u32, JobResult::Fault as u32].contains(&status.job_result)
+    };
+    let failed = end.is_some_and(|status| is_bad(status) || (answer.job == 0 && status.alarm_count > 0));
+    if json {
+        let verdict = ["accepted", "rejected", "stale"];
+        let results = ["none", "done", "stopped", "failed", "fault"];
+        let value = json!({
+            "verdict": verdict.get(answer.verdict as usize),
+            "alarm": (answer.alarm != 0).then_some(answer.alarm),
+            "text": answer.text(),
+            "sequence": answer.sequence,
+            "job": (answer.job != 0).then_some(answer.job),
+            "result": result.and_then(|result| results.get(result as usize)),
+            "alarms": end.map(|status| status.listed_alarms().to_vec()).unwrap_or_default(),
+            "alarm_text": end.map(|status| status.alarm_sentence().to_owned()),
+        });
+        writeln!(out, "{value}")
+            .map_err(|error| CommandError::Failed(format!("the answer cannot be written: {error}")))?;
+        return Ok(if accepted && !failed {
+            Ending::Clean
+        } else {
+            Ending::Negative
+        });
+    }
+    if !accepted {
+        return Err(CommandError::Failed(format!(
+            "{} ({})",
+            answer.text(),
+            answer.alarm
+        )));
+    }
+    if let Some(status) = end.filter(|_| failed) {
+        let number = status.listed_alarms().last().copied().unwrap_or(0);
+        let known = Alarm::from_number(number).map_or("", |alarm| alarm.sentence());
+        let text = match status.alarm_sentence() {
+            "" => known,
+            text => text,
+        };
+        return Err(CommandError::Failed(format!("{text} ({number})")));
+    }
+    Ok(Ending::Clean)
 }

@@ -60,8 +60,10 @@ pub(crate) enum Action {
         /// The program's file.
         program: PathBuf,
     },
-    /// Start the loaded program.
+    /// Start the loaded program, and say which it is.
     Start {
+        /// The program that is meant: another one that is loaded is not started. Needed after a `load` that was rejected.
+        program: Option<PathBuf>,
         /// Begin at this line; the machine shows the way there and waits for `resume`.
         #[arg(long, value_name = "N")]
         line: Option<u32>,
@@ -111,7 +113,7 @@ pub(crate) enum Action {
         /// Percent.
         percent: f64,
     },
-    /// Execute one block and wait for its end.
+    /// Execute one block and wait for its end; Ctrl-C stops it. At a program stop (M0) it waits no longer.
     Mdi {
         /// The block.
         block: String,

@@ -72,6 +72,83 @@ fn asking_for_power_again_gives_the_drives_no_more_time() {
 }
 
 #[test]
+fn drives_have_the_time_that_was_set_and_no_more() {
+    for timeout_ns in [1, 300_000_000, 2_000_000_000, 60_000_000_000] {
+        let mut desk = Desk::default();
+        desk.set_enable_timeout_ns(timeout_ns);
+        desk.commit(&Command::EstopReset, 0, true);
+        desk.commit(&Command::On, 1000, true);
+        desk.enable(false, 1000 + timeout_ns);
+        assert!(!desk.has_latched_alarm(), "{timeout_ns}");
+        desk.enable(false, 1001 + timeout_ns);
+        assert!(desk.has_latched_alarm() && !desk.wants_power(), "{timeout_ns}");
+    }
+}
+
+/// A client that says what it means; what it is told.
+fn says(
+    desk: &mut Desk,
+    serial: u64,
+    code: CommandCode,
+    text: &str,
+    is_good: bool,
+) -> Result<(), Refusal> {
+    let raw = RawCommand {
+        command: code as u32,
+        axes_mask: 0,
+        index: 0,
+        amount: 0.0,
+        values: [0.0; AXES],
+        text: Some(text),
+    };
+    let command = desk
+        .consider(7, serial, &raw, &FACTS)
+        .map_err(|(_, refusal)| refusal)?;
+    if is_good {
+        desk.commit(&command, 0, false);
+    }
+    Ok(())
+}
+
+#[test]
+fn after_a_rejected_load_nothing_starts_unless_it_is_named() {
+    let mut desk = Desk::default();
+    desk.set_homed(0b111);
+    for command in [Command::EstopReset, Command::On, Command::SetMode(Mode::Auto)] {
+        desk.commit(&command, 0, false);
+    }
+    assert_eq!(says(&mut desk, 1, CommandCode::Load, "a.ngc", true), Ok(()));
+    assert_eq!(says(&mut desk, 2, CommandCode::Start, "", true), Ok(()));
+    assert_eq!(says(&mut desk, 3, CommandCode::Start, "a.ngc", true), Ok(()));
+    // The second program is found to be bad while it is carried out, or cannot even be read.
+    assert_eq!(says(&mut desk, 4, CommandCode::Load, "b.ngc", false), Ok(()));
+    for (serial, code) in [(5, CommandCode::Start), (6, CommandCode::Step)] {
+        let refusal = says(&mut desk, serial, code, "", true).unwrap_err();
+        assert_eq!(refusal.alarm, Alarm::OtherProgram);
+        assert!(refusal.text.contains("a.ngc is still loaded"), "{refusal}");
+    }
+    let refusal = says(&mut desk, 7, CommandCode::Start, "b.ngc", true).unwrap_err();
+    assert!(
+        refusal.text.contains("a.ngc is loaded and not b.ngc"),
+        "{refusal}"
+    );
+    assert_eq!(
+        says(&mut desk, 8, CommandCode::Start, "a.ngc", true),
+        Ok(()),
+        "confirmed"
+    );
+    assert_eq!(says(&mut desk, 9, CommandCode::Load, "b.ngc", true), Ok(()));
+    assert_eq!(says(&mut desk, 10, CommandCode::Start, "", true), Ok(()));
+    // One that comes while another job has the axes is rejected by the interlocks.
+    desk.job_begins(Activity::Program);
+    let refusal = says(&mut desk, 11, CommandCode::Load, "c.ngc", true).unwrap_err();
+    assert_eq!(refusal.alarm, Alarm::Busy);
+    desk.job_ends(JobResult::Done);
+    let refusal = says(&mut desk, 12, CommandCode::Start, "", true).unwrap_err();
+    assert_eq!(refusal.alarm, Alarm::OtherProgram);
+}
+
+#[test]
 fn one_axis_that_is_not_homed_keeps_programs_from_starting() {
     let (mut desk, mut client) = (Desk::default(), Client(0));
     for (code, index) in [

@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::mpsc::Sender;
+use std::sync::mpsc::{Receiver, Sender};
 
 use evolvent_bus::{ControlAnswer, ControlRequest, Feedback, Payload};
 use evolvent_control::{
@@ -28,6 +28,9 @@ use crate::drives::watch_settings;
 use crate::job::Setup;
 use crate::news::{FeederNews, Outside, OutsideKind};
 use crate::switches::{SwitchState, Switches};
+
+/// By how much later than the cycle's watch the desk finds that drives do not come into operation, ns.
+const ENABLE_MARGIN_NS: u64 = 100_000_000;
 
 pub(super) enum Job {
     None,
@@ -61,10 +64,10 @@ pub(crate) struct Operator {
     pub(super) track: Track,
     pub(super) view: CycleView,
     pub(super) feedback: Option<Feedback>,
+    bounds: FeedbackBounds,
     pub(super) folder: PathBuf,
     pub(super) limits: Limits,
     pub(super) present: u32,
-    bounds: FeedbackBounds,
     pub(super) orders: Producer<Order>,
     pub(super) next_id: u64,
     sent: VecDeque<Sent>,
@@ -89,6 +92,8 @@ pub(crate) struct Operator {
     pub(super) checking: Option<Checking>,
     /// The datum that the last renaming has led to.
     pub(super) datum: u64,
+    /// The way to the middle of the program, on its way.
+    pub(super) way: Option<Receiver<String>>,
 }
 
 /// What the operator begins with.
@@ -125,12 +130,15 @@ impl Operator {
             .iter()
             .fold(0_u32, |mask, axis| mask | 1 << axis.axis.index());
         let limits = machine.limits();
+        let bounds = watch_settings(machine, setup.period_ns).bounds;
         let mut desk = Desk::default();
         // Axes without a switch stand where the machine file says, or where their drives say.
         desk.set_homed(present & !to_home);
+        // The cycle's watch has the same time and knows which drive it is: this comes second.
+        let enable_timeout_ns = (machine.drives.enable_timeout_s * 1e9) as u64;
+        desk.set_enable_timeout_ns(enable_timeout_ns.saturating_add(ENABLE_MARGIN_NS));
         for complaint in &keep.complaints {
             desk.raise(Alarm::NotRead, complaint.clone());
-        let bounds = watch_settings(machine, setup.period_ns).bounds;
         }
         let mut operator = Self {
             modes: Modes::at_start(&setup.interpreter_settings()).map_err(|error| error.to_string())?,
@@ -141,6 +149,7 @@ impl Operator {
             track: Track::default(),
             view,
             feedback: None,
+            bounds,
             folder,
             limits,
             present,
@@ -149,7 +158,6 @@ impl Operator {
             sent: VecDeque::new(),
             notes: JobNotes::new(recorder.is_some()),
             recorder,
-            bounds,
             switches: Arc::new(Switches::new(&SwitchState::default())),
             numbers: (0, 0),
             job: Job::None,
@@ -160,6 +168,7 @@ impl Operator {
             malformed: 0,
             inbox: VecDeque::new(),
             datum: 0,
+            way: None,
             checking: None,
         };
         operator.refresh_modes();
@@ -232,6 +241,9 @@ impl Operator {
             Ok((command, job)) => {
                 self.desk.commit(&command, now_ns, true);
                 answer.job = job;
+                if job > 0 && matches!(command, Command::Start(_) | Command::Step) {
+                    answer.set_text(&self.started());
+                }
             }
             Err((verdict, refusal)) => refuse(&mut answer, verdict, &refusal),
         }
@@ -515,6 +527,10 @@ impl Operator {
             }
         }
         while let Ok(feedback) = answers.pop() {
+            // What cannot be true is neither shown nor homed by. The cycle's watch tells of it.
+            if self.bounds.check(now_ns, &feedback).is_err() {
+                continue;
+            }
             self.feedback = Some(feedback);
             if self.view.datum == feedback.datum && self.view.datum >= self.datum {
                 self.step_homing(&HomingSample {
@@ -527,10 +543,13 @@ impl Operator {
         let are_ready = matches!(self.view.presence, Presence::Operational | Presence::Absent);
         self.desk.enable(is_powered && are_ready, now_ns);
         self.follow_program();
-            // What cannot be true is neither shown nor homed by. The cycle's watch tells of it.
-            if self.bounds.check(now_ns, &feedback).is_err() {
-                continue;
+        if let Some(text) = self.way.as_ref().and_then(|way| way.try_recv().ok()) {
+            self.way = None;
+            // Who has stopped meanwhile needs it no more.
+            if matches!(self.job, Job::Program(_)) {
+                self.message = text;
             }
+        }
         if let Some(objection) = self.checking.as_mut().and_then(Checking::objection) {
             self.message = objection;
         }
@@ -583,6 +602,7 @@ impl Operator {
                 self.give_up_waiting(JobResult::Fault);
                 self.cancel_homing();
             }
+            CycleEvent::ReferenceLost { sequence, axes_mask } => self.lose_reference(sequence, axes_mask),
         }
     }
 
@@ -602,7 +622,6 @@ impl Operator {
             | Job::Homing {
                 steered: Some(steered),
                 ..
-            CycleEvent::ReferenceLost { sequence, axes_mask } => self.lose_reference(sequence, axes_mask),
             } => steered,
             _ => return,
         };

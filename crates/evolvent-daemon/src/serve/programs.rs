@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::mpsc::{self, Receiver};
+use std::thread;
 
 use evolvent_control::{Activity, Alarm, Command, JobResult, Refusal};
 use evolvent_gcode::Settings;
@@ -19,7 +21,8 @@ use crate::job::Setup;
 use crate::job_start::ProgramStart;
 use crate::news::{FeederNews, OutsideKind, StopKind, UserCall};
 use crate::refusal::ProgramError;
-use crate::rt::unhurried;
+use crate::rt::{take_turns, unhurried};
+use crate::source::{Commands, Start};
 use crate::switches::{SwitchState, Switches, Switching};
 use crate::user_code::{UserCodes, UserNews, UserProgram};
 
@@ -63,6 +66,35 @@ pub(super) struct UserCommand {
     program: UserProgram,
     is_done: bool,
     is_cancelled: bool,
+}
+
+/// Works out the way to the middle of a program beside: the lines before may be many. It comes as one line.
+fn show_way(file: PathBuf, setup: Setup) -> Result<Receiver<String>, Refusal> {
+    let (sender, way) = mpsc::channel();
+    let spawned = thread::Builder::new().name("way".into()).spawn(move || {
+        take_turns();
+        let text = match Commands::open(&file, &setup) {
+            Ok(commands) => commands.start().map(way_there).unwrap_or_default(),
+            // The planner finds it too and ends the job.
+            Err(error) => error.to_string(),
+        };
+        let _gone = sender.send(text);
+    });
+    spawned.map_err(|error| Refusal::new(Alarm::Planner, format!("no thread for the way there: {error}")))?;
+    Ok(way)
+}
+
+fn way_there(start: &Start) -> String {
+    let steps = if start.approach.is_empty() {
+        "none, the tool is there".to_owned()
+    } else {
+        start.approach.join("; ")
+    };
+    let line = start.restart.line;
+    format!(
+        "stopped before line {line}; the way there: {steps}. RESUME goes, STOP ends. As after: {}",
+        start.restart.modes
+    )
 }
 
 impl Operator {
@@ -110,9 +142,29 @@ impl Operator {
         self.check_loaded(&file)?;
         let mut setup = self.setup_here();
         setup.start_line = (line > 1).then_some(line);
+        // Nothing knows what stands in the way there: the plan begins with a program stop, and somebody has to look.
+        let way = match setup.start_line {
+            None => None,
+            Some(_) => Some(show_way(file.clone(), setup.clone())?),
+        };
         let steps = self.desk.is_single_step() || self.switches.is_single_step();
         self.switch_anew(steps);
-        self.plan(file, setup, None, Activity::Program)
+        let job = self.plan(file, setup, None, Activity::Program)?;
+        if way.is_some() {
+            self.message = format!("stopped before line {line}; the way there is being worked out");
+        }
+        self.way = way;
+        Ok(job)
+    }
+
+    /// What the job that was just begun runs, and the way there where that is not its beginning.
+    pub(super) fn started(&self) -> String {
+        let program = self.desk.program().unwrap_or_default();
+        if self.way.is_some() {
+            format!("{program}: {}, and told by the status's message", self.message)
+        } else {
+            program.to_owned()
+        }
     }
 
     pub(super) fn mdi(&mut self, text: &str) -> Result<u64, Refusal> {

@@ -1,0 +1,227 @@
+//! `evolvent ctl` as an operator uses it: interrupted, in a crowd, after a mistake, in the middle of a program.
+#![expect(clippy::expect_used, reason = "tests fail as tests do")]
+
+use std::process::Stdio;
+use std::time::{Duration, Instant};
+
+use evolvent_bus::{ClientConfig, ControlClient};
+use evolvent_tests::{Finished, Operator, Scene, evolvent, speed, unless_disturbed, wait};
+use rustix::process::{Pid, Signal, kill_process};
+
+const STOPPED: u32 = 2;
+
+/// `evolvent ctl` on a scene's machine.
+fn ctl(scene: &Scene, words: &[&str]) -> std::process::Command {
+    let mut command = evolvent();
+    command
+        .args([
+            "ctl",
+            "--machine-name",
+            scene.name(),
+            "--bus-prefix",
+            &scene.domain.prefix,
+        ])
+        .args(["--patience", "60"])
+        .args(words)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped());
+    command
+}
+
+fn done(scene: &Scene, words: &[&str]) -> Finished {
+    wait(ctl(scene, words).spawn().expect("the binary to start"))
+}
+
+fn up(scene: &Scene) -> Operator {
+    let operator = scene.operator();
+    done(scene, &["up"]).expect_code(&[0]);
+    operator
+}
+
+#[test]
+fn a_signal_to_ctl_stops_the_axes_that_it_moves() {
+    unless_disturbed(|| {
+        let scene = Scene::new("ctl-signal");
+        let mut operator = up(&scene);
+        for (words, signal) in [
+            (["mdi", "G1 X300 F1200", "", ""], Signal::INT),
+            (["mdi", "G1 X-300 F1200", "", ""], Signal::TERM),
+            (["jog", "Y+", "--distance", "250"], Signal::INT),
+            (["jog", "Y-", "--distance", "250"], Signal::HUP),
+        ] {
+            let words: Vec<&str> = words.into_iter().filter(|word| !word.is_empty()).collect();
+            let child = ctl(&scene, &words).spawn().expect("the binary to start");
+            let pid = Pid::from_raw(child.id().cast_signed()).expect("a process");
+            let moving = operator.waits("motion", |status| status.velocity.iter().any(|v| v.abs() > 5.0));
+            kill_process(pid, signal).expect("a living process");
+            let end = operator.sees_end(moving.job);
+            assert_eq!((end.job_result, end.velocity), (STOPPED, [0.0; 9]), "{words:?}");
+            let way = (0..2).map(|i| (end.position_machine[i] - moving.position_machine[i]).abs());
+            assert!(
+                way.fold(0.0, f64::max) < 100.0,
+                "{words:?}: went on to {:?}",
+                end.position_machine
+            );
+            let finished = wait(child).expect_code(&[1]);
+            assert!(
+                finished.err.contains("interrupted"),
+                "{words:?}: {}",
+                finished.err
+            );
+        }
+        drop(operator);
+        scene.end();
+    });
+}
+
+#[test]
+fn a_program_stop_in_a_block_of_mdi_does_not_keep_ctl() {
+    unless_disturbed(|| {
+        let scene = Scene::new("ctl-m0");
+        let mut operator = up(&scene);
+        let begin = Instant::now();
+        let finished = done(&scene, &["mdi", "M0"]).expect_code(&[1]);
+        assert!(begin.elapsed() < Duration::from_secs(60));
+        assert!(
+            finished.err.contains("program stop") && finished.err.contains("ctl resume"),
+            "{}",
+            finished.err
+        );
+        done(&scene, &["resume"]).expect_code(&[0]);
+        operator.waits("the end", |status| status.activity == 0);
+        drop(operator);
+        scene.end();
+    });
+}
+
+#[test]
+fn an_emergency_stop_gets_through_a_crowd_of_screens() {
+    unless_disturbed(|| {
+        let scene = Scene::new("ctl-crowd");
+        let mut operator = up(&scene);
+        operator.says_number("MODE", 2);
+        let job = operator.says_text("MDI", "G1 X300 F1200").job;
+        operator.waits("motion", |status| speed_of(&status.velocity) > 5.0);
+        // Every screen, reader and command client that there may be.
+        let bus = scene.domain.client(scene.name());
+        let screens: Vec<_> = std::iter::from_fn(|| bus.status().ok()).take(100).collect();
+        let readers: Vec<_> = std::iter::from_fn(|| bus.setpoints().ok()).take(100).collect();
+        let config = ClientConfig {
+            prefix: Some(scene.domain.prefix.clone()),
+            wait: Duration::from_secs(5),
+            ..ClientConfig::new(scene.name())
+        };
+        let clients: Vec<_> = std::iter::from_fn(|| ControlClient::open(&config).ok())
+            .take(100)
+            .collect();
+        assert!(screens.len() >= 30 && readers.len() >= 6 && clients.len() >= 30);
+        done(&scene, &["status"]).expect_code(&[0]);
+        done(&scene, &["estop"]).expect_code(&[0]);
+        let end = operator.sees_end(job);
+        assert_eq!(end.machine_state, 0);
+        drop((screens, readers, clients, bus));
+        drop(operator);
+        scene.end();
+    });
+}
+
+fn speed_of(velocity: &[f64; 9]) -> f64 {
+    speed(&evolvent_bus::Setpoint {
+        velocity: *velocity,
+        ..evolvent_bus::Setpoint::default()
+    })
+}
+
+#[test]
+fn what_is_started_is_named_and_never_the_program_before() {
+    unless_disturbed(|| {
+        let scene = Scene::new("ctl-start");
+        let mut operator = up(&scene);
+        let path = |name: &str, text: &str| scene.workshop.write(name, text).display().to_string();
+        let good = path("good.ngc", "G21 G90\nG0 X1\nG0 X0\nM2\n");
+        let bad = path("bad.ngc", "G21 G90\nG0 X1 Q7 !\nM2\n");
+        done(&scene, &["load", &good]).expect_code(&[0]);
+        let started = done(&scene, &["start", "--wait"]).expect_code(&[0]);
+        assert!(started.out.contains(&good), "{}", started.out);
+        // Neither a program with errors nor one that is not there leaves the old one to be started unseen.
+        for wrong in [bad.as_str(), "/nowhere/at-all.ngc"] {
+            done(&scene, &["load", wrong]).expect_code(&[1]);
+            let before = operator.now();
+            let refused = done(&scene, &["start", "--wait"]).expect_code(&[1]);
+            assert!(
+                refused.err.contains("927") && refused.err.contains(&good),
+                "{}",
+                refused.err
+            );
+            assert_eq!(operator.now().job, before.job, "nothing was started");
+            done(&scene, &["start", wrong]).expect_code(&[1]);
+            let confirmed = done(&scene, &["start", &good, "--wait"]).expect_code(&[0]);
+            assert!(confirmed.out.contains(&good), "{}", confirmed.out);
+        }
+        drop(operator);
+        scene.end();
+    });
+}
+
+#[test]
+fn the_way_to_a_line_is_shown_before_anything_moves() {
+    unless_disturbed(|| {
+        let scene = Scene::new("ctl-line");
+        let mut operator = up(&scene);
+        let text = "G21 G90\nG0 X10 Y20 Z-5\nG1 X20 F1000\nG1 X30\nG1 X40\nM2\n";
+        let program = scene.workshop.write("part.ngc", text).display().to_string();
+        done(&scene, &["load", &program]).expect_code(&[0]);
+        let before = operator.now().position_machine;
+        let shown = done(&scene, &["start", "--line", "5"]).expect_code(&[0]);
+        for part in [
+            program.as_str(),
+            "line 5",
+            "X to 30.000",
+            "Y to 20.000",
+            "Z to -5.000",
+            "ctl resume",
+        ] {
+            assert!(shown.out.contains(part), "{part}: {}", shown.out);
+        }
+        std::thread::sleep(Duration::from_millis(300));
+        let held = operator.now();
+        assert_eq!(
+            (held.position_machine, held.activity),
+            (before, 1),
+            "waits where it stood"
+        );
+        done(&scene, &["resume"]).expect_code(&[0]);
+        let end = operator.sees_end(held.job);
+        assert_eq!((end.job_result, end.position_machine[0]), (1, 40.0));
+        drop(operator);
+        scene.end();
+    });
+}
+
+#[test]
+fn few_descriptors_are_named_and_not_blamed_on_the_core() {
+    let scene = Scene::new("ctl-files");
+    drop(scene.operator());
+    let words = [
+        "ctl",
+        "--machine-name",
+        scene.name(),
+        "--bus-prefix",
+        &scene.domain.prefix,
+        "status",
+    ];
+    let mut shell = std::process::Command::new("sh");
+    shell
+        .arg("-c")
+        .arg("ulimit -n 10; exec \"$0\" \"$@\"")
+        .arg(evolvent().get_program())
+        .args(words);
+    let finished: Finished = shell.output().expect("a shell").into();
+    let finished = finished.expect_code(&[1]);
+    assert!(
+        finished.err.contains("may have 10") && finished.err.contains("ulimit -n"),
+        "{}",
+        finished.err
+    );
+    scene.end();
+}
