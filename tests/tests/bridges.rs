@@ -17,14 +17,14 @@ fn verdicts<'a>(cases: &'a [Value], verdict: &str) -> Vec<&'a str> {
 #[test]
 fn the_simulated_bridge_does_what_every_bridge_must() {
     let cases = hold_to_the_suite(&[], &[]);
-    assert_eq!(verdicts(&cases, "passed").len(), 15, "{cases:?}");
+    assert_eq!(verdicts(&cases, "passed").len(), 19, "{cases:?}");
 }
 
 #[test]
 fn so_does_the_bridge_within_a_process_which_only_cannot_be_killed() {
     let cases = hold_to_the_suite(&["--in-process"], &[]);
     assert_eq!(verdicts(&cases, "left out"), ["bridge_kill"], "{cases:?}");
-    assert_eq!(verdicts(&cases, "passed").len(), 14);
+    assert_eq!(verdicts(&cases, "passed").len(), 18);
 }
 
 #[test]
@@ -32,7 +32,7 @@ fn so_does_the_example_in_c() {
     let workshop = Workshop::new();
     let program = c_bridge(workshop.folder());
     let cases = hold_to_the_suite(&[], &[program.display().to_string()]);
-    assert_eq!(verdicts(&cases, "passed").len(), 15, "{cases:?}");
+    assert_eq!(verdicts(&cases, "passed").len(), 19, "{cases:?}");
 }
 
 /// Needs EVOLVENT_PYTHON, as all foreign clients do.
@@ -50,7 +50,7 @@ fn so_does_the_example_in_python() {
         "{prefix}".to_owned(),
     ];
     let cases = hold_to_the_suite(&[], &command);
-    assert_eq!(verdicts(&cases, "passed").len(), 15, "{cases:?}");
+    assert_eq!(verdicts(&cases, "passed").len(), 19, "{cases:?}");
 }
 
 #[test]

@@ -13,12 +13,12 @@ static uint64_t now_ns(void) {
     return (uint64_t)t.tv_sec * 1000000000u + (uint64_t)t.tv_nsec;
 }
 
-static int reachable(const evolvent_setpoint_t *s, const double *at) {
-    for (int i = 0; i < EVOLVENT_AXES; i++) /* false for what is no number, too */
-        if ((s->axes_mask >> i & 1u) && !(fabs(s->position[i] - at[i]) < 2.0 && isfinite(s->velocity[i]))) return 0;
+static int reachable(const evolvent_setpoint_t *s, const double *at, int following) {
+    const double far = following ? 2.0 : 0.5, fast = following ? 2000.0 : 1.0;
+    for (int i = 0; i < EVOLVENT_AXES; i++) /* begin close and at rest, go on in steps that axes can do; never with what is no number */
+        if ((s->axes_mask >> i & 1u) && !(fabs(s->position[i] - at[i]) < far && fabs(s->velocity[i]) < fast)) return 0;
     return 1;
 }
-
 int main(void) {
     char error[256];
     const char *name = getenv("EVOLVENT_MACHINE_NAME"), *prefix = getenv("EVOLVENT_BUS_PREFIX");
@@ -28,10 +28,10 @@ int main(void) {
     static evolvent_setpoint_t queue[1024], s; /* sent ahead: kept until they are due */
     evolvent_feedback_t f = {.instance = instance, .bridge_state = EVOLVENT_BRIDGE_WAITING};
     double at[EVOLVENT_AXES] = {0};
-    unsigned first = 0, count = 0;
-    int locked = 0;
+    unsigned first = 0, count = 0, locked = 0, quick = 0;
     for (uint64_t tick = instance, due = 0;; tick += period) {
         for (int got; (got = evolvent_bridge_receive(bus, &s)) != 0;) {
+            quick = got == 1 ? s.power_request == EVOLVENT_POWER_QUICK_STOP : quick; /* at once, before it is due */
             if (got == 1 && s.due_time_ns + period >= tick && count < 1024) queue[(first + count++) % 1024] = s;
             else f.missed_setpoints++, f.note = got == 1 ? EVOLVENT_NOTE_LATE : EVOLVENT_NOTE_VERSION;
         }
@@ -39,15 +39,17 @@ int main(void) {
             const evolvent_setpoint_t *q = &queue[first];
             if (f.sequence + 1 < q->sequence && due) f.missed_setpoints += (uint32_t)(q->sequence - f.sequence - 1);
             f.sequence = q->sequence, f.axes_mask = q->axes_mask, due = q->due_time_ns;
-            locked = q->power_request == EVOLVENT_POWER_QUICK_STOP || (locked && q->power_request != EVOLVENT_POWER_OFF);
-            const int on = q->power_request == EVOLVENT_POWER_ON && !locked, renamed = q->datum != f.datum, fits = reachable(q, at);
+            locked = quick || q->power_request == EVOLVENT_POWER_QUICK_STOP || (locked && q->power_request != EVOLVENT_POWER_OFF);
+            const int on = q->power_request == EVOLVENT_POWER_ON && !locked, renamed = q->datum != f.datum,
+                      fits = reachable(q, at, f.bridge_state == EVOLVENT_BRIDGE_FOLLOWING);
             f.bridge_state = !on ? EVOLVENT_BRIDGE_OFF : fits || renamed ? EVOLVENT_BRIDGE_FOLLOWING : EVOLVENT_BRIDGE_HOLDING;
             for (int i = 0; i < EVOLVENT_AXES; i++) {
                 f.status_word[i] = on ? 0x1237 : 0x0240;
                 if (on && (fits || renamed)) at[i] = q->position[i], f.velocity[i] = renamed ? 0.0 : q->velocity[i];
             }
-            f.datum = q->datum, f.phase_error_ns = (int64_t)(tick - due);
+            f.datum = q->datum, f.fault_reset_done = q->fault_reset, f.phase_error_ns = (int64_t)(tick - due);
         }
+        for (int i = 0; quick && i < EVOLVENT_AXES; i++) f.status_word[i] = 0x0240, f.bridge_state = EVOLVENT_BRIDGE_OFF, locked = 1;
         if (due + 10 * period < tick && f.bridge_state == EVOLVENT_BRIDGE_FOLLOWING) f.bridge_state = EVOLVENT_BRIDGE_HOLDING;
         for (int i = 0; i < EVOLVENT_AXES; i++) f.position[i] = at[i], f.velocity[i] *= f.bridge_state == EVOLVENT_BRIDGE_FOLLOWING;
         f.time_ns = now_ns();

@@ -85,7 +85,7 @@ macro_rules! case {
 }
 
 /// Every case.
-pub const CASES: [Case; 15] = [
+pub const CASES: [Case; 19] = [
     case!(
         bridge_first,
         "started before its core it waits, then follows",
@@ -96,6 +96,30 @@ pub const CASES: [Case; 15] = [
     case!(
         feedback,
         "answers every setpoint, in order, with fresh and finite numbers of every axis",
+        false,
+        false
+    ),
+    case!(
+        due,
+        "moves when setpoints are due and not when they come, and answers none before",
+        false,
+        false
+    ),
+    case!(
+        begin,
+        "begins to follow within 1 mm of the axes and at rest only",
+        false,
+        false
+    ),
+    case!(
+        quick_stop,
+        "heeds a quick stop at once, before it is due",
+        false,
+        false
+    ),
+    case!(
+        fault_reset,
+        "tells in fault_reset_done which reset it has carried out last",
         false,
         false
     ),
@@ -199,7 +223,13 @@ pub fn run_case(case: &Case, stage: &mut Stage<'_>) -> Result<bool, CaseError> {
 /// Files of a prefix that nobody has cleared away.
 fn remains(prefix: &str) -> Vec<String> {
     let mut found = Vec::new();
-    let mut folders = vec![PathBuf::from("/dev/shm"), PathBuf::from("/tmp/iceoryx2")];
+    let mut folders = vec![PathBuf::from("/dev/shm")];
+    for (folder, _) in evolvent_bus::bus_folders(Some(prefix)).unwrap_or_default() {
+        // One may lie in shared memory itself.
+        if !folder.starts_with(&folders[0]) {
+            folders.push(folder);
+        }
+    }
     while let Some(folder) = folders.pop() {
         for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
             if entry.file_name().to_string_lossy().starts_with(prefix) {

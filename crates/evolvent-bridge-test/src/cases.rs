@@ -149,6 +149,119 @@ pub(crate) fn power(stage: &mut Stage<'_>) -> Judged {
     follows(&mut core)
 }
 
+/// How much earlier than due an axis may be where it is sent, ns: a period of the bridge and the clocks' grid.
+const EARLY_NS: u64 = 20_000_000;
+/// How long a quick stop may take to show, ns: much less than the lead, after which it is due.
+const AT_ONCE_NS: u64 = 120_000_000;
+const _: () = assert!(AT_ONCE_NS + 2 * EARLY_NS < LEAD * PERIOD_NS);
+/// From where on a setpoint is elsewhere, mm.
+const ELSEWHERE: f64 = 2.0;
+/// Speed of setpoints that pass by, mm/s.
+const PASSING: f64 = 20.0;
+
+pub(crate) fn due(stage: &mut Stage<'_>) -> Judged {
+    let mut core = up(stage)?;
+    core.rest((LEAD * PERIOD_NS) as f64 * 1e-9 + 0.2);
+    let from = core.commanded()[0];
+    let _before = core.take_log();
+    let mut plan = Vec::new();
+    core.move_by(WAY, 0.4, &mut |setpoint| {
+        plan.push((setpoint.due_time_ns, setpoint.sequence, setpoint.position[0]));
+        Fate::Sent
+    });
+    core.rest((LEAD * PERIOD_NS) as f64 * 1e-9 + 0.3);
+    for seen in core.take_log() {
+        let time_ns = seen.feedback.time_ns;
+        // What has not come due by then is not known to the axes.
+        let next = plan.iter().position(|(due_ns, ..)| *due_ns > time_ns + EARLY_NS);
+        let allowed = match next {
+            Some(0) => from,
+            Some(next) => plan[next - 1].2,
+            None => continue,
+        };
+        let early = seen.feedback.position[0] - allowed;
+        demand(early <= CLOSE, || {
+            format!("the axis was {early:.3} ahead of the setpoints that were due: it acts when they come")
+        })?;
+        if let Some(next) = next {
+            let answered = seen.feedback.sequence;
+            demand(answered < plan[next].1, || {
+                format!("answers setpoint {answered} before it is due")
+            })?;
+        }
+    }
+    follows(&mut core)
+}
+
+pub(crate) fn begin(stage: &mut Stage<'_>) -> Judged {
+    let mut core = up(stage)?;
+    let silence = |core: &mut TestCore| {
+        core.rest_with(1.0, &mut |_| Fate::Lost);
+        let seen = core.feedback().copied();
+        let _before = core.take_log();
+        seen.ok_or_else(|| CaseError::new("no feedback any more without setpoints"))
+    };
+    let here = silence(&mut core)?.position[0];
+    core.rest_with(0.6, &mut |setpoint| {
+        setpoint.position[0] = here + ELSEWHERE;
+        Fate::Sent
+    });
+    let moved = extent(&core.take_log());
+    demand(moved <= CLOSE, || {
+        format!("moved by {moved:.3} towards setpoints that begin {ELSEWHERE} mm from the axis")
+    })?;
+    let here = silence(&mut core)?.position[0];
+    let mut count = 0;
+    core.rest_with(0.6, &mut |setpoint| {
+        setpoint.position[0] = here + PASSING * f64::from(count) * PERIOD_NS as f64 * 1e-9;
+        setpoint.velocity[0] = PASSING;
+        count += 1;
+        Fate::Sent
+    });
+    let moved = extent(&core.take_log());
+    demand(moved <= CLOSE, || {
+        format!("moved by {moved:.3} with setpoints that begin at {PASSING} mm/s")
+    })?;
+    core.bring_up()?;
+    follows(&mut core)
+}
+
+pub(crate) fn quick_stop(stage: &mut Stage<'_>) -> Judged {
+    let mut core = up(stage)?;
+    core.rest(0.3);
+    let _before = core.take_log();
+    let asked_ns = monotonic_ns();
+    core.request(PowerRequest::QuickStop);
+    let stopped =
+        |feedback: &Feedback| states(feedback).all(|state| state != Some(DriveState::OperationEnabled));
+    core.until("out of operation after a quick stop", LATEST_S, stopped)?;
+    let first = core.take_log().into_iter().find(|seen| stopped(&seen.feedback));
+    let took_ns = first.map_or(u64::MAX, |seen| seen.feedback.time_ns.saturating_sub(asked_ns));
+    demand(took_ns <= AT_ONCE_NS, || {
+        format!(
+            "a quick stop showed after {} ms, when it was due, and not at once",
+            took_ns / 1_000_000
+        )
+    })?;
+    core.bring_up()?;
+    follows(&mut core)
+}
+
+pub(crate) fn fault_reset(stage: &mut Stage<'_>) -> Judged {
+    let mut core = up(stage)?;
+    core.request(PowerRequest::Off);
+    for _ in 0..2 {
+        let number = core.reset_faults();
+        core.until(
+            "the number of the reset in fault_reset_done",
+            LATEST_S,
+            |feedback| feedback.fault_reset_done == number,
+        )?;
+    }
+    core.bring_up()?;
+    follows(&mut core)
+}
+
 pub(crate) fn gaps(stage: &mut Stage<'_>) -> Judged {
     let mut core = up(stage)?;
     let before = core.feedback().map_or(0, |feedback| feedback.missed_setpoints);
@@ -213,6 +326,20 @@ pub(crate) fn silence(stage: &mut Stage<'_>) -> Judged {
 pub(crate) fn late(stage: &mut Stage<'_>) -> Judged {
     let mut core = up(stage)?;
     let before = core.feedback().map_or(0, |feedback| feedback.missed_setpoints);
+    // A smooth way, as any other, but each setpoint half a second after it was due.
+    core.rest(0.2);
+    let _before = core.take_log();
+    let late_ns = LEAD * PERIOD_NS + 500_000_000;
+    for by in [WAY, -WAY] {
+        core.move_by(by, 0.4, &mut |setpoint| {
+            setpoint.due_time_ns -= late_ns;
+            Fate::Sent
+        });
+    }
+    let moved = extent(&core.take_log());
+    demand(moved <= CLOSE, || {
+        format!("followed setpoints that came half a second late for {moved:.3}")
+    })?;
     // Due two seconds ago, and somewhere else.
     core.rest_with(0.6, &mut |setpoint| {
         setpoint.due_time_ns -= 2_000_000_000;

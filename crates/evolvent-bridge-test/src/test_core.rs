@@ -103,6 +103,12 @@ impl TestCore {
         self.power = power;
     }
 
+    /// Asks for a reset of the drives' faults; its number.
+    pub(crate) fn reset_faults(&mut self) -> u32 {
+        self.fault_reset += 1;
+        self.fault_reset
+    }
+
     pub(crate) fn commanded(&self) -> [f64; AXES] {
         self.position
     }
@@ -144,7 +150,7 @@ impl TestCore {
         std::thread::sleep(Duration::from_nanos(self.next_ns.saturating_sub(now_ns)));
         let now_ns = monotonic_ns();
         self.bus.admit_readers();
-        while let Ok(Some(feedback)) = self.bus.feedback() {
+        while let Ok(Some(feedback)) = self.bus.unchecked_feedback() {
             let silent_ns = now_ns.saturating_sub(self.heard_ns);
             if self
                 .feedback

@@ -1,0 +1,298 @@
+//! One bridge for each rule that breaks it, and it alone: the suite must find out, and have nothing against the one that
+//! breaks none.
+#![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
+
+use core::time::Duration;
+use std::collections::VecDeque;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::thread::JoinHandle;
+
+use evolvent_bridge_sim::{SimBridge, SimSettings, monotonic_ns};
+use evolvent_bridge_test::{BridgeUnderTest, CASES, Stage, StartError, run_case};
+use evolvent_bus::{ClientBus, ClientConfig, Feedback, FeedbackSender, Setpoint, SetpointReader};
+use evolvent_drive::PowerRequest;
+
+/// A core that is silent for longer has gone.
+const GONE_NS: u64 = 500_000_000;
+
+/// What a bridge does wrong.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Flaw {
+    None,
+    /// Rule 1: it follows nobody who counts from 0 again.
+    OneCoreOnly,
+    /// Rule 2.
+    AnswersEverySecond,
+    OldTime,
+    AxisLeftOut,
+    SameInstance,
+    /// Rule 3.
+    ActsOnArrival,
+    MovesOnArrival,
+    AnswersOnArrival,
+    FollowsLate,
+    CountsNothing,
+    /// Rule 4.
+    QuickStopWhenDue,
+    PowerBackAfterQuickStop,
+    TellsNoReset,
+    /// Rule 5.
+    BeginsWithin3Mm,
+    BeginsInMotion,
+    /// Rule 6.
+    SaysItFollows,
+    /// Rule 7.
+    FollowsJumps,
+    PassesOnNonsense,
+    /// Rule 8.
+    KeepsItsDatum,
+}
+
+/// The simulated drives behind a bridge with a flaw.
+struct FlawedBridge {
+    flaw: Flaw,
+    running: Option<(Arc<AtomicBool>, JoinHandle<()>)>,
+}
+
+impl BridgeUnderTest for FlawedBridge {
+    fn start(&mut self, machine_name: &str, prefix: &str) -> Result<(), StartError> {
+        self.end();
+        let stop = Arc::new(AtomicBool::new(false));
+        let (stopped, flaw) = (Arc::clone(&stop), self.flaw);
+        let (name, prefix) = (machine_name.to_owned(), prefix.to_owned());
+        let thread = std::thread::spawn(move || serve(flaw, &name, &prefix, &stopped));
+        self.running = Some((stop, thread));
+        Ok(())
+    }
+
+    fn end(&mut self) {
+        if let Some((stop, thread)) = self.running.take() {
+            stop.store(true, Ordering::Relaxed);
+            thread.join().expect("a bridge that ends");
+        }
+    }
+
+    fn kill(&mut self) {
+        self.end();
+    }
+
+    fn can_be_killed(&self) -> bool {
+        false
+    }
+
+    fn is_running(&mut self) -> bool {
+        self.running
+            .as_ref()
+            .is_some_and(|(_, thread)| !thread.is_finished())
+    }
+}
+
+type Ports = (SetpointReader, FeedbackSender, ClientBus);
+
+fn connect(name: &str, prefix: &str) -> Option<Ports> {
+    let config = ClientConfig {
+        prefix: Some(prefix.to_owned()),
+        wait: Duration::from_millis(50),
+        ..ClientConfig::new(name)
+    };
+    let client = ClientBus::open(&config).ok()?;
+    Some((
+        client.bridge_setpoints().ok()?,
+        client.feedback_sender().ok()?,
+        client,
+    ))
+}
+
+fn drives(flaw: Flaw) -> SimBridge {
+    static STARTS: AtomicU64 = AtomicU64::new(1);
+    let mut settings = SimSettings::usual("XYZ", 2_000_000);
+    settings.instance = STARTS.fetch_add(1, Ordering::Relaxed);
+    match flaw {
+        Flaw::SameInstance => settings.instance = 7,
+        Flaw::BeginsWithin3Mm => settings.sync_tolerance = 3.0,
+        Flaw::FollowsJumps => {
+            for axis in &mut settings.axes {
+                (axis.max_velocity, axis.max_acceleration) = (1e9, 1e12);
+            }
+        }
+        _ => {}
+    }
+    SimBridge::new(&settings).expect("limits")
+}
+
+/// Serves one core after the other until it is stopped.
+fn serve(flaw: Flaw, name: &str, prefix: &str, stop: &AtomicBool) {
+    let mut bridge = drives(flaw);
+    let mut waiting: VecDeque<Setpoint> = VecDeque::new();
+    let (mut ports, mut heard_ns, mut count) = (None, 0, 0_u64);
+    let (mut last_due_ns, mut newest, first_ns) = (0, 0, monotonic_ns());
+    let (mut tick_ns, mut is_blind) = (first_ns, false);
+    while !stop.load(Ordering::Relaxed) {
+        if ports.is_none() {
+            ports = connect(name, prefix);
+            heard_ns = monotonic_ns();
+        }
+        if let Some((setpoints, ..)) = &mut ports {
+            while let Ok(Some(mut setpoint)) = setpoints.receive() {
+                heard_ns = monotonic_ns();
+                is_blind |= flaw == Flaw::OneCoreOnly && setpoint.sequence < newest;
+                if is_blind {
+                    continue;
+                }
+                newest = setpoint.sequence;
+                bend(flaw, &mut setpoint, tick_ns, &mut last_due_ns);
+                let waits = flaw == Flaw::QuickStopWhenDue
+                    && setpoint.power_request == PowerRequest::QuickStop.number();
+                if waits {
+                    waiting.push_back(setpoint);
+                } else {
+                    bridge.offer(tick_ns, &setpoint);
+                }
+            }
+        }
+        while waiting
+            .front()
+            .is_some_and(|setpoint| setpoint.due_time_ns <= tick_ns)
+        {
+            let setpoint = waiting.pop_front().expect("one that waits");
+            bridge.offer(tick_ns, &setpoint);
+        }
+        let answer = bridge.step(tick_ns);
+        count += 1;
+        if let (Some(mut feedback), Some((_, sender, _))) = (answer, &mut ports) {
+            spoil(flaw, &mut feedback, first_ns, newest);
+            if !(flaw == Flaw::AnswersEverySecond && count % 2 == 0) {
+                let _lost = sender.send(&feedback);
+            }
+        }
+        if monotonic_ns().saturating_sub(heard_ns) > GONE_NS {
+            ports = None;
+        }
+        tick_ns += 2_000_000;
+        let now_ns = monotonic_ns();
+        // Kept from running: no drive catches up.
+        if now_ns > tick_ns + 200_000_000 {
+            tick_ns = now_ns;
+        }
+        std::thread::sleep(Duration::from_nanos(tick_ns.saturating_sub(now_ns)));
+    }
+}
+
+/// What a flaw makes of a setpoint.
+fn bend(flaw: Flaw, setpoint: &mut Setpoint, now_ns: u64, last_due_ns: &mut u64) {
+    match flaw {
+        Flaw::ActsOnArrival | Flaw::MovesOnArrival => setpoint.due_time_ns = now_ns.max(*last_due_ns + 1_000),
+        Flaw::FollowsLate if setpoint.due_time_ns < now_ns => {
+            setpoint.due_time_ns = (now_ns + 4_000_000).max(*last_due_ns + 2_000_000);
+        }
+        Flaw::PowerBackAfterQuickStop if setpoint.power_request == PowerRequest::QuickStop.number() => {
+            setpoint.power_request = PowerRequest::Off.number();
+        }
+        Flaw::BeginsInMotion => (setpoint.velocity, setpoint.acceleration) = ([0.0; 9], [0.0; 9]),
+        _ => {}
+    }
+    *last_due_ns = setpoint.due_time_ns;
+}
+
+/// What a flaw makes of an answer.
+fn spoil(flaw: Flaw, feedback: &mut Feedback, first_ns: u64, newest: u64) {
+    match flaw {
+        Flaw::OldTime => feedback.time_ns = first_ns,
+        Flaw::AxisLeftOut => feedback.axes_mask &= 0b101,
+        Flaw::AnswersOnArrival => feedback.sequence = newest,
+        // A lead of the suite's core is 100 periods.
+        Flaw::MovesOnArrival => feedback.sequence = newest.saturating_sub(100),
+        Flaw::CountsNothing => feedback.missed_setpoints = 0,
+        Flaw::TellsNoReset => feedback.fault_reset_done = 0,
+        Flaw::SaysItFollows if feedback.bridge_state == 3 || feedback.bridge_state == 4 => {
+            feedback.bridge_state = 1;
+        }
+        Flaw::PassesOnNonsense if feedback.note == 6 => feedback.velocity[1] = f64::NAN,
+        Flaw::KeepsItsDatum => feedback.datum = 0,
+        _ => {}
+    }
+}
+
+/// What the suite says of a bridge in one case.
+fn verdict(flaw: Flaw, case: &str) -> Result<(), String> {
+    static NUMBER: AtomicU64 = AtomicU64::new(0);
+    let case = CASES.iter().find(|known| known.name == case).expect("a case");
+    let mut bridge = FlawedBridge { flaw, running: None };
+    let mut stage = Stage {
+        bridge: &mut bridge,
+        machine_name: "broken".to_owned(),
+        prefix: format!(
+            "evb{}-{}-",
+            std::process::id(),
+            NUMBER.fetch_add(1, Ordering::Relaxed)
+        ),
+        core_program: None,
+        seed: 1,
+        moments: 2,
+    };
+    run_case(case, &mut stage)
+        .map(drop)
+        .map_err(|error| error.to_string())
+}
+
+/// The case that a flaw must fail.
+const FLAWS: [(Flaw, &str); 19] = [
+    (Flaw::OneCoreOnly, "core_restart"),
+    (Flaw::AnswersEverySecond, "feedback"),
+    (Flaw::OldTime, "feedback"),
+    (Flaw::AxisLeftOut, "feedback"),
+    (Flaw::SameInstance, "bridge_restart"),
+    (Flaw::ActsOnArrival, "due"),
+    (Flaw::MovesOnArrival, "due"),
+    (Flaw::AnswersOnArrival, "due"),
+    (Flaw::FollowsLate, "late"),
+    (Flaw::CountsNothing, "late"),
+    (Flaw::QuickStopWhenDue, "quick_stop"),
+    (Flaw::PowerBackAfterQuickStop, "power"),
+    (Flaw::TellsNoReset, "fault_reset"),
+    (Flaw::BeginsWithin3Mm, "begin"),
+    (Flaw::BeginsInMotion, "begin"),
+    (Flaw::SaysItFollows, "silence"),
+    (Flaw::FollowsJumps, "jump"),
+    (Flaw::PassesOnNonsense, "not_finite"),
+    (Flaw::KeepsItsDatum, "datum"),
+];
+
+#[test]
+fn each_broken_bridge_fails_the_case_of_its_rule() {
+    // Each waits for something most of the time: several at once, each on a bus of its own.
+    let passed: Vec<(Flaw, &str)> = std::thread::scope(|scope| {
+        let parts: Vec<_> = FLAWS
+            .chunks(5)
+            .map(|part| {
+                scope.spawn(move || {
+                    let mut passed = Vec::new();
+                    for (flaw, case) in part {
+                        let found = verdict(*flaw, case);
+                        println!("{flaw:?} in {case}: {found:?}");
+                        if found.is_ok() {
+                            passed.push((*flaw, *case));
+                        }
+                    }
+                    passed
+                })
+            })
+            .collect();
+        parts
+            .into_iter()
+            .flat_map(|part| part.join().expect("a verdict"))
+            .collect()
+    });
+    assert!(passed.is_empty(), "not found out: {passed:?}");
+}
+
+#[test]
+fn the_bridge_without_a_flaw_passes_all_of_these() {
+    let mut cases: Vec<&str> = FLAWS.iter().map(|(_, case)| *case).collect();
+    cases.sort_unstable();
+    cases.dedup();
+    for case in cases {
+        assert_eq!(verdict(Flaw::None, case), Ok(()), "{case}");
+    }
+}
