@@ -3,6 +3,9 @@
 
 use crate::error::BusError;
 
+/// EMFILE: this process has as many files open as it may.
+const TOO_MANY_FILES: i32 = 24;
+
 /// Services, ports and monitors of a core, and a few clients.
 pub(crate) const OF_A_CORE: usize = 64;
 /// The same of a client.
@@ -15,7 +18,7 @@ pub(crate) fn check(needed: usize) -> Result<(), BusError> {
     // Without a list there is nothing to go by; a list itself takes a descriptor.
     let open = match std::fs::read_dir("/proc/self/fd") {
         Ok(list) => list.count().saturating_sub(1),
-        Err(error) if error.raw_os_error() == Some(24) => limit as usize,
+        Err(error) if error.raw_os_error() == Some(TOO_MANY_FILES) => limit as usize,
         Err(_) => return Ok(()),
     };
     if open.saturating_add(needed) as u64 <= limit {

@@ -496,24 +496,23 @@ fn has_service(folder: &BusFolder, name: &str, channel: Channel) -> bool {
 
 /// Nobody was there in time. A core of another user cannot be seen, but that there is one can.
 pub(crate) fn no_core(machine_name: &str, prefix: Option<&str>, begin: Instant) -> BusError {
-    let others: Vec<String> = other_users(prefix).into_iter().map(user_name).collect();
-    let elsewhere = if others.is_empty() {
-        String::new()
-    } else {
-        format!(
-            "; {} on this computer: a bus belongs to one user, so run this as that user (`sudo -u USER`)",
-            if others.len() == 1 {
-                format!("{} has a core", others[0])
-            } else {
-                format!("{} have cores", others.join(" and "))
-            }
-        )
-    };
     BusError::NoCore {
         machine_name: machine_name.to_owned(),
         waited_ms: begin.elapsed().as_millis() as u64,
-        elsewhere,
+        elsewhere: cores_of_other_users(prefix),
     }
+}
+
+/// Which other users have cores on this computer and what that means, to go behind a sentence; empty where none has.
+#[must_use]
+pub fn cores_of_other_users(prefix: Option<&str>) -> String {
+    let others: Vec<String> = other_users(prefix).into_iter().map(user_name).collect();
+    let who = match others.as_slice() {
+        [] => return String::new(),
+        [one] => format!("{one} has a core"),
+        several => format!("{} have cores", several.join(" and ")),
+    };
+    format!("; {who} on this computer: a bus belongs to one user, so run this as that user (`sudo -u USER`)")
 }
 
 /// Names of the machines whose control service is there, in order. One that was killed is among them until somebody

@@ -54,7 +54,8 @@ pub use control::{
 pub use control_bus::{CommandError, ControlClient, ControlServer};
 pub use core_bus::CoreBus;
 pub use domain::{
-    ATTRIBUTE_AXES, ATTRIBUTE_INTERFACE, ATTRIBUTE_PERIOD, list_machines, remove_private_domain,
+    ATTRIBUTE_AXES, ATTRIBUTE_INTERFACE, ATTRIBUTE_PERIOD, cores_of_other_users, list_machines,
+    remove_private_domain,
 };
 pub use error::{BusError, ReceiveError, SendError};
 pub use event::EventKind;

@@ -219,7 +219,10 @@ fn who_looks_for_the_core_of_another_user_is_told_whose_it_is() {
         ..domain.client_config("mill")
     };
     let error = ClientBus::open(&config).expect_err("no core of ours").to_string();
+    let elsewhere = evolvent_bus::cores_of_other_users(Some(&domain.prefix));
     std::fs::remove_file(&segment).expect("removed");
+    assert!(elsewhere.contains("nobody (65534) has a core"), "{elsewhere}");
+    assert_eq!(evolvent_bus::cores_of_other_users(Some(&domain.prefix)), "");
     assert!(
         error.contains("nobody (65534) has a core") && error.contains("sudo -u"),
         "{error}"

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use evolvent_bus::{
     ClientBus, ClientConfig, ControlAnswer, ControlClient, ControlRequest, Status, StatusReader, bus_folders,
-    list_machines,
+    cores_of_other_users, list_machines,
 };
 use evolvent_control::{Alarm, CommandCode, DeadMan, JobResult, Mode};
 use serde_json::json;
@@ -140,9 +140,10 @@ fn only_machine(args: &CtlArgs) -> Result<String, CommandError> {
         list_machines(args.bus_prefix.as_deref()).map_err(|error| CommandError::Failed(error.to_string()))?;
     match machines.len() {
         1 => Ok(machines.remove(0)),
-        0 => Err(CommandError::Failed(
-            "no machine is served on this computer by this user; start `evolvent serve`".to_owned(),
-        )),
+        0 => Err(CommandError::Failed(format!(
+            "no machine is served on this computer by this user; start `evolvent serve`{}",
+            cores_of_other_users(args.bus_prefix.as_deref())
+        ))),
         _ => Err(CommandError::Usage(format!(
             "several machines are served: {}; choose one with --machine-name",
             machines.join(", ")
