@@ -1,37 +1,44 @@
-//! Harmonic balance at a given amplitude.
+//! Harmonic balance along a branch of motions.
 //!
 //! Both equations of motion are linear but for one scalar, the tangential force. So its harmonics `P_n` determine
 //! everything: `V_i,n = e_i P_n / (C_i - m_i n^2 w^2 + i n w (G_i + D m_i))`, with the directions `e_i` of the force
 //! and an extra damping `D` in proportion to the masses, 1/s. The amplitude `A` of the driving coordinate and its phase
-//! (a cosine) give `P_1` from `w` and `D`. What remains are 2 N + 1 unknowns, `P_0, w, D, P_2 .. P_N`, for as many
-//! equations: that the force which the motion makes has these harmonics. The force is sampled over a period
-//! (alternating between frequency and time), the Jacobian is exact, and Newton's method needs two or three steps.
+//! (a cosine) give `P_1` from `w` and `D`. What remains are 2 N + 2 unknowns, `P_0, w, D, P_2 .. P_N, A`, for 2 N + 1
+//! equations: that the force which the motion makes has these harmonics. So motions form curves; one linear
+//! [`Condition`] picks a point: its amplitude, its extra damping (0: a cycle), or its position along a tangent, which
+//! also passes where the curve turns back in `A`. The force is sampled over a period (alternating between frequency
+//! and time), the Jacobian is exact, and Newton's method needs two or three steps.
 
 use nalgebra::Complex;
 
 use crate::elimination::solve;
 use crate::error::ChatterError;
-use crate::model::{Model, SmallMode};
+use crate::model::Model;
 
 type C = Complex<f64>;
 
 /// A motion that extra damping makes a cycle.
 #[derive(Clone, Debug)]
 pub(crate) struct Balanced {
-    /// Amplitude of the driving coordinate, m.
-    pub(crate) amplitude: f64,
-    /// `P_0, w, D, Re P_2, -Im P_2, ...`.
+    /// `P_0, w, D, Re P_2, -Im P_2, ..., A`; `A` is the amplitude of the driving coordinate, m.
     pub(crate) unknowns: Vec<f64>,
-    /// Their derivatives by the amplitude.
-    pub(crate) slopes: Vec<f64>,
-    /// Lowest and highest speed (m/min), lowest and highest depth (mm).
+    /// How they change along the curve per unit of the condition.
+    pub(crate) tangent: Vec<f64>,
+    /// Steps of Newton's method.
+    pub(crate) steps: usize,
+    /// Lowest and highest cutting speed, m/min.
     pub(crate) speeds: [f64; 2],
+    /// Lowest and highest depth of cut, mm.
     pub(crate) depths: [f64; 2],
     /// Part of the period out of contact.
     pub(crate) free: f64,
 }
 
 impl Balanced {
+    pub(crate) fn amplitude(&self) -> f64 {
+        self.unknowns.last().copied().unwrap_or(f64::NAN)
+    }
+
     pub(crate) fn omega(&self) -> f64 {
         self.unknowns[1]
     }
@@ -41,10 +48,26 @@ impl Balanced {
         self.unknowns[2]
     }
 
+    /// How the amplitude changes along the curve.
+    pub(crate) fn tangent_amplitude(&self) -> f64 {
+        self.tangent.last().copied().unwrap_or(f64::NAN)
+    }
+
     /// How the extra damping changes with the amplitude, 1/s per m.
     pub(crate) fn extra_slope(&self) -> f64 {
-        self.slopes[2]
+        self.tangent[2] / self.tangent_amplitude()
     }
+}
+
+/// What picks a point of a curve.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Condition<'a> {
+    /// The amplitude of the driver, m.
+    Amplitude(f64),
+    /// The extra damping, 1/s.
+    Extra(f64),
+    /// Weights of the unknowns, and their weighted sum.
+    Along(&'a [f64], f64),
 }
 
 /// Working memory and tables for a number of harmonics; one serves any number of models.
@@ -97,8 +120,8 @@ impl Balance {
             samples,
             tolerance: 1e-7,
             waves,
-            matrix: vec![0.0; size * size],
-            rhs: vec![0.0; size * 2],
+            matrix: vec![0.0; (size + 1) * (size + 1)],
+            rhs: vec![0.0; (size + 1) * 2],
             by: vec![[C::ZERO; 2]; (size + 1) * (harmonics + 1)],
             sums: [const { Vec::new() }; 3].map(|_: Vec<f64>| vec![0.0; 2 * size]),
         }
@@ -113,16 +136,17 @@ impl Balance {
         self.harmonics
     }
 
-    /// Where the branch of a mode of small vibration begins.
-    pub(crate) fn start(&self, force: f64, mode: &SmallMode) -> Vec<f64> {
-        let mut unknowns = vec![0.0; 2 * self.harmonics + 1];
+    /// Unknowns of a motion without higher harmonics.
+    pub(crate) fn start(&self, force: f64, omega: f64, extra: f64, amplitude: f64) -> Vec<f64> {
+        let mut unknowns = vec![0.0; 2 * self.harmonics + 2];
         unknowns[0] = force;
-        unknowns[1] = std::f64::consts::TAU * mode.frequency_hz;
-        unknowns[2] = 2.0 * mode.growth_per_s;
+        unknowns[1] = omega;
+        unknowns[2] = extra;
+        unknowns[2 * self.harmonics + 1] = amplitude;
         unknowns
     }
 
-    /// The motion of coordinate amplitude `amplitude` of `driver` (0 or 1), by Newton's method from `unknowns`.
+    /// The motion that fulfils a condition, driven by coordinate `driver` (0 or 1), by Newton's method from `unknowns`.
     ///
     /// None where 12 steps do not balance the force.
     ///
@@ -132,37 +156,63 @@ impl Balance {
         &mut self,
         model: &Model<'_>,
         driver: usize,
-        amplitude: f64,
         unknowns: Vec<f64>,
+        condition: Condition<'_>,
     ) -> Result<Option<Balanced>, ChatterError> {
         let size = 2 * self.harmonics + 1;
+        let full = size + 1;
         let mut at = Balanced {
-            amplitude,
             unknowns,
-            slopes: vec![0.0; size],
+            tangent: vec![0.0; full],
+            steps: 0,
             speeds: [0.0; 2],
             depths: [0.0; 2],
             free: 0.0,
         };
-        for _ in 0..12 {
+        for step in 1..=12 {
             let Some(residual) = self.linearise(model, driver, &mut at)? else {
                 return Ok(None);
             };
             // Of the mean force, and of the elastic force of the amplitude, which may be tiny.
-            let elastic = model.axes()[driver].stiffness_n_m * amplitude;
+            let elastic = model.axes()[driver].stiffness_n_m * at.amplitude();
             let scale = at.unknowns[0].abs().min(elastic);
-            if !solve(&mut self.matrix, &mut self.rhs, size, 2) {
+            let row = &mut self.matrix[size * full..];
+            let miss = match condition {
+                Condition::Amplitude(amplitude) => {
+                    row.fill(0.0);
+                    row[size] = 1.0;
+                    at.amplitude() - amplitude
+                }
+                Condition::Extra(extra) => {
+                    row.fill(0.0);
+                    row[2] = 1.0;
+                    at.extra() - extra
+                }
+                Condition::Along(weights, value) => {
+                    row.copy_from_slice(weights);
+                    let sum: f64 = weights.iter().zip(&at.unknowns).map(|(w, x)| w * x).sum();
+                    sum - value
+                }
+            };
+            self.rhs[2 * size] = miss;
+            for k in 0..size {
+                self.rhs[2 * k + 1] = 0.0;
+            }
+            self.rhs[2 * size + 1] = 1.0;
+            if !solve(&mut self.matrix, &mut self.rhs, full, 2) {
                 return Ok(None);
             }
-            for k in 0..size {
+            for k in 0..full {
                 at.unknowns[k] -= self.rhs[2 * k];
-                at.slopes[k] = -self.rhs[2 * k + 1];
+                at.tangent[k] = self.rhs[2 * k + 1];
             }
-            if at.unknowns[1] <= 0.0 || !at.unknowns[1].is_finite() {
+            let possible = at.unknowns[1] > 0.0 && at.unknowns[1].is_finite() && at.amplitude() > 0.0;
+            if !possible {
                 return Ok(None);
             }
             // The step just taken squares the error.
             if residual <= self.tolerance * scale {
+                at.steps = step;
                 return Ok(Some(at));
             }
         }
@@ -213,7 +263,7 @@ impl Balance {
         ]
     }
 
-    /// Fills matrix and right hand sides (residual, and its derivative by the amplitude); the largest residual.
+    /// Fills the matrix but for the condition's row, and the residual as first right hand side; the largest residual.
     fn linearise(
         &mut self,
         model: &Model<'_>,
@@ -223,7 +273,7 @@ impl Balance {
         let (harmonics, samples) = (self.harmonics, self.samples);
         let size = 2 * harmonics + 1;
         let (omega, extra) = (at.unknowns[1], at.unknowns[2]);
-        let first = Self::first_force(model, driver, at.amplitude, omega, extra);
+        let first = Self::first_force(model, driver, at.amplitude(), omega, extra);
         // Column `size` is the amplitude's.
         let stride = harmonics + 1;
         self.by.fill([C::ZERO; 2]);
@@ -247,7 +297,7 @@ impl Balance {
             match n {
                 0 => self.by[0] = [response.y, response.w],
                 1 => {
-                    let part = first[0] / at.amplitude;
+                    let part = first[0] / at.amplitude();
                     self.by[size * stride + 1] = [response.y * part, response.w * part];
                 }
                 _ => {
@@ -299,7 +349,7 @@ impl Balance {
 
     fn assemble(&mut self, at: &Balanced, first: [C; 3], size: usize) -> Result<Option<f64>, ChatterError> {
         let (harmonics, samples) = (self.harmonics, self.samples as f64);
-        let stride = harmonics + 1;
+        let (stride, full) = (harmonics + 1, size + 1);
         let part = |sums: &[f64], n: usize| C::new(sums[2 * n], -sums[2 * n + 1]) / samples;
         for n in 0..=harmonics {
             let force = part(&self.sums[0], n);
@@ -339,33 +389,24 @@ impl Balance {
                     (2.0 * value.re, -2.0 * value.im)
                 };
                 let row = row(k);
-                if unknown == size {
-                    self.rhs[2 * row + 1] = cosine;
-                } else {
-                    self.matrix[row * size + unknown] = cosine;
-                }
-                if k == 0 {
-                    continue;
-                }
-                if unknown == size {
-                    self.rhs[2 * row + 3] = sine;
-                } else {
-                    self.matrix[(row + 1) * size + unknown] = sine;
+                self.matrix[row * full + unknown] = cosine;
+                if k > 0 {
+                    self.matrix[(row + 1) * full + unknown] = sine;
                 }
             }
         }
         // Minus the force's own harmonics.
         for (k, unknown) in (0..size).filter(|k| *k == 0 || *k > 2).map(|k| (k, k)) {
-            self.matrix[k * size + unknown] -= 1.0;
+            self.matrix[k * full + unknown] -= 1.0;
             self.rhs[2 * k] -= at.unknowns[unknown];
         }
         let parts = |value: C| [value.re, -value.im];
-        let amplitude = first[0] / at.amplitude;
+        let amplitude = first[0] / at.amplitude();
         for (k, part) in [1, 2].into_iter().zip(0..2) {
             self.rhs[2 * k] -= parts(first[0])[part];
-            self.rhs[2 * k + 1] -= parts(amplitude)[part];
-            self.matrix[k * size + 1] -= parts(first[1])[part];
-            self.matrix[k * size + 2] -= parts(first[2])[part];
+            self.matrix[k * full + size] -= parts(amplitude)[part];
+            self.matrix[k * full + 1] -= parts(first[1])[part];
+            self.matrix[k * full + 2] -= parts(first[2])[part];
         }
         let residual = (0..size).map(|k| self.rhs[2 * k].abs()).fold(0.0, f64::max);
         Ok(residual.is_finite().then_some(residual))
@@ -374,7 +415,7 @@ impl Balance {
     /// Harmonics of V1 and V2, `V_n = a_n - i b_n`, of a motion that was found.
     pub(crate) fn deflections(&self, model: &Model<'_>, driver: usize, at: &Balanced) -> [Vec<C>; 2] {
         let (omega, extra) = (at.unknowns[1], at.unknowns[2]);
-        let first = Self::first_force(model, driver, at.amplitude, omega, extra);
+        let first = Self::first_force(model, driver, at.amplitude(), omega, extra);
         let of = |i: usize| {
             let axis = &model.axes()[i];
             let harmonic = |n: usize| {
@@ -411,7 +452,7 @@ mod tests {
     /// The residual at unknowns: what `linearise` leaves in the first right hand side.
     fn residual(balance: &mut Balance, model: &Model<'_>, at: &mut Balanced) -> Vec<f64> {
         balance.linearise(model, 1, at).unwrap().unwrap();
-        balance.rhs.iter().step_by(2).copied().collect()
+        balance.rhs.iter().step_by(2).take(7).copied().collect()
     }
 
     #[test]
@@ -438,23 +479,23 @@ mod tests {
         let size = 7;
         // Nothing is zero, so that every harmonic acts on every other, with a phase.
         let mut at = Balanced {
-            amplitude: 2e-5,
-            unknowns: vec![4000.0, 1600.0, 20.0, 90.0, -130.0, -40.0, 60.0],
-            slopes: vec![0.0; size],
+            unknowns: vec![4000.0, 1600.0, 20.0, 90.0, -130.0, -40.0, 60.0, 2e-5],
+            tangent: vec![0.0; size + 1],
+            steps: 0,
             speeds: [0.0; 2],
             depths: [0.0; 2],
             free: 0.0,
         };
         residual(&mut balance, &model, &mut at);
         let matrix = balance.matrix.clone();
-        for unknown in 0..size {
+        for unknown in 0..=size {
             let (here, step) = (at.unknowns[unknown], 1e-4 * at.unknowns[unknown].abs());
             at.unknowns[unknown] = here + step;
             let above = residual(&mut balance, &model, &mut at);
             at.unknowns[unknown] = here - step;
             let below = residual(&mut balance, &model, &mut at);
             at.unknowns[unknown] = here;
-            let column = |row: usize| matrix[row * size + unknown];
+            let column = |row: usize| matrix[row * (size + 1) + unknown];
             let largest = (0..size).map(|row| column(row).abs()).fold(0.0, f64::max);
             for row in 0..size {
                 let measured = (above[row] - below[row]) / (2.0 * step);

@@ -3,10 +3,11 @@
 //! Two mechanisms, kept apart because they need different data.
 //!
 //! **Self-oscillation** of a tool on two springs in a force that falls with the speed and couples two directions. A
-//! [`CuttingTool`] and a force law make a [`Model`]. [`Scanner::scan`] finds its steady cut, the growth of small
-//! vibrations, and every cycle, stable or not, by harmonic balance along the amplitude: a [`Prediction`] with a
-//! [`Verdict`]. [`verify`] integrates a cycle in time and gives its Floquet multipliers. [`least_squares`] is the
-//! method of the source, for comparison. A [`Mapper`] computes maps of speed and depth.
+//! [`CuttingTool`] and a force law make a [`Model`]. An [`Assessor`] tells everything about its cut: an [`Assessment`]
+//! with its cycles and a [`Verdict`]. For that [`Scanner::scan`] finds the steady cut, the growth of small vibrations,
+//! and cycles, stable or not, by harmonic balance along branches; [`verify`] integrates a cycle in time and gives its
+//! Floquet multipliers; a [`Follower`] follows disturbances in time. [`least_squares`] is the method of the source, for
+//! comparison. A [`Mapper`] computes maps of speed and depth.
 //!
 //! **Regenerative chatter**, in which the tool cuts the waves of the revolution or the tooth before. [`Turning`] and
 //! [`Milling`] from measured [`Mode`]s give stability [`Lobes`] in the frequency domain; [`MillingDelay`] gives the
@@ -19,6 +20,7 @@
 //! SI units inside, but cutting speeds in m/min, depths and feeds of a cut in mm, as force laws have them. Everything
 //! here is pure: no files, clocks or threads; nothing is for the real-time cycle.
 
+mod assess;
 mod balance;
 mod case;
 mod case_file;
@@ -33,8 +35,12 @@ mod map;
 mod model;
 mod scan;
 mod speeds;
+mod transient;
 mod verify;
 
+pub use assess::{
+    AssessedCycle, Assessment, Assessor, Disturbance, DropReason, DroppedCycle, FoundBy, Verdict,
+};
 pub use case::{Case, LawSource, LobeRange, MapRange, OscillationCase, SweepRange};
 pub use case_file::case_schema;
 pub use cycle::Cycle;
@@ -45,6 +51,7 @@ pub use least_squares::{Fit, Measure, least_squares};
 pub use lobe::{Limit, Lobes, Milling, MillingCut, Mode, Turning, TurningMode};
 pub use map::{MapCell, Mapper};
 pub use model::{CuttingTool, Equilibrium, Model, PrincipalAxis, SmallMode, State};
-pub use scan::{Branch, MOST_FREE_PART, Prediction, ScanEnd, ScanPoint, Scanner, Verdict};
+pub use scan::{Branch, MOST_FREE_PART, Prediction, ScanEnd, ScanPoint, Scanner};
 pub use speeds::nearest_stable;
+pub use transient::{Fate, Follower};
 pub use verify::{Verified, verify};

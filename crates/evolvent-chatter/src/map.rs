@@ -1,11 +1,20 @@
-//! Maps over speed and depth: where a cut is stable, bistable, vibrates by itself, or is beyond the model.
+//! Maps over speed and depth: where a cut is stable, bistable, vibrates by itself, or leaves the model.
+//!
+//! A cell has the verdict of a whole [`Assessor`], from less effort where little is enough: cycles are bracketed with one
+//! harmonic, refined with all, and their multipliers taken from one period; where no cycle is found, disturbances are
+//! followed. Wherever these do not fit together, the cell is assessed as a single cut is. A [`Mapper::tile`] is divided
+//! until the corners and the middle of each part agree; between them only growth and amplitude are computed.
 
 use evolvent_cutting::ForceLaw;
+use nalgebra::Complex;
 
+use crate::assess::{Assessment, Assessor, Verdict};
 use crate::cycle::Cycle;
 use crate::error::ChatterError;
-use crate::model::{CuttingTool, Model};
-use crate::scan::{Branch, ScanPoint, Scanner, Verdict};
+use crate::model::{CuttingTool, Equilibrium, Model};
+use crate::scan::{Branch, ScanPoint, Scanner};
+use crate::transient::Fate;
+use crate::verify::{quick_multipliers, verify};
 
 /// Extra damping below which two roots may hide from one harmonic, 1/s ...
 const NEAR_FOLD_PER_S: f64 = 0.5;
@@ -15,6 +24,14 @@ const NEAR_FOLD_PART: f64 = 0.02;
 const GRAZING_PART: f64 = 0.06;
 /// How far beyond the end of a branch, as part of the amplitude there, a root is looked for with all harmonics.
 const NEAR_END_PART: f64 = 0.15;
+/// Multipliers from a cycle that is as exact as five harmonics are good to this.
+const MULTIPLIER_ERROR: f64 = 2e-3;
+/// ... and where the contact is lost to this.
+const FREE_MULTIPLIER_ERROR: f64 = 2e-2;
+/// Amplitudes of one harmonic and of all differ by less where both mean one cycle.
+const REFINED_PART: f64 = 0.3;
+/// Largest part of a map, in cells to a side, that is taken for uniform.
+const LARGEST_PART: usize = 7;
 
 /// What a map says of one cut.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -27,7 +44,7 @@ pub struct MapCell {
     pub verdict: Option<Verdict>,
     /// Growth of the fastest growing small vibration, 1/s.
     pub growth_per_s: f64,
-    /// Amplitude of the driving coordinate on the largest stable cycle, m; 0 where there is none.
+    /// Amplitude of the larger coordinate on the largest stable cycle, m; 0 where there is none.
     pub amplitude_m: f64,
     /// Its frequency, Hz; 0 where there is none.
     pub frequency_hz: f64,
@@ -36,15 +53,29 @@ pub struct MapCell {
 /// Computes cells of a map; keeps its working memory. One for each thread.
 #[derive(Clone, Debug)]
 pub struct Mapper {
+    assessor: Assessor,
     coarse: Scanner,
     fine: Scanner,
 }
 
+/// A cell, and what its neighbours can begin with.
+#[derive(Clone, Debug)]
+struct Node {
+    cell: MapCell,
+    /// Stable cycle of the largest amplitude.
+    cycle: Option<Cycle>,
+    cycles: Survey,
+}
+
+/// Cycles of a cut, stable or not.
+type Survey = Vec<(Cycle, bool)>;
+
 impl Mapper {
-    /// Cycles are found with one harmonic and refined with so many (5 for amplitudes to 1e-4).
+    /// Cycles are found with so many harmonics (5 for amplitudes to 1e-4).
     #[must_use]
     pub fn new(harmonics: usize) -> Self {
         Self {
+            assessor: Assessor::new(harmonics),
             coarse: Scanner::coarse(),
             fine: Scanner::for_maps(harmonics),
         }
@@ -53,42 +84,144 @@ impl Mapper {
     /// The cell of a tool's cut.
     #[must_use]
     pub fn cell(&mut self, tool: CuttingTool, law: &ForceLaw) -> MapCell {
-        let mut cell = MapCell {
-            speed_m_min: tool.speed_m_min,
-            depth_mm: tool.depth_mm,
-            verdict: None,
-            growth_per_s: f64::NAN,
-            amplitude_m: 0.0,
-            frequency_hz: 0.0,
-        };
-        // What cannot be computed is a cell without a verdict.
-        let _refused = self.fill(tool, law, &mut cell);
-        cell
+        self.node(tool, law).cell
     }
 
-    fn fill(&mut self, tool: CuttingTool, law: &ForceLaw, cell: &mut MapCell) -> Result<(), ChatterError> {
-        let model = Model::new(tool, law)?;
-        let mut prediction = self.coarse.scan(&model)?;
-        for branch in &mut prediction.branches {
-            if !self.refined(&model, branch)? {
-                *branch = self
-                    .fine
-                    .branch(&model, prediction.equilibrium.force_n, &branch.mode)?;
-            }
+    /// The cell of a tool's cut, and its cycles with whether each is stable.
+    #[must_use]
+    pub fn cycles(&mut self, tool: CuttingTool, law: &ForceLaw) -> (MapCell, Vec<(Cycle, bool)>) {
+        let node = self.node(tool, law);
+        (node.cell, node.cycles)
+    }
+
+    /// Everything about the cut of a model.
+    pub(crate) fn assess(&mut self, model: &Model<'_>) -> Result<Assessment, ChatterError> {
+        self.assessor.assess(model)
+    }
+
+    /// The cells of a rectangle of speeds, m/min, and depths, mm, both rising: speed by speed, from the lowest depth up.
+    ///
+    /// An island that is smaller than 4 cells across may be missed.
+    #[must_use]
+    pub fn tile(
+        &mut self,
+        tool: CuttingTool,
+        law: &ForceLaw,
+        speeds_m_min: &[f64],
+        depths_mm: &[f64],
+    ) -> Vec<MapCell> {
+        let (columns, rows) = (speeds_m_min.len(), depths_mm.len());
+        let mut tile = Tile {
+            mapper: self,
+            law,
+            cut: |column, row| CuttingTool {
+                speed_m_min: speeds_m_min[column],
+                depth_mm: depths_mm[row],
+                ..tool
+            },
+            rows,
+            nodes: vec![None; columns * rows],
+        };
+        if columns > 0 && rows > 0 {
+            tile.divide([0, columns - 1], [0, rows - 1]);
         }
-        cell.growth_per_s = prediction.equilibrium.growth_per_s();
-        cell.verdict = Some(prediction.verdict());
-        let stable = prediction.cycles().filter(|cycle| cycle.stable_by_slope());
-        let size = |cycle: &Cycle| cycle.amplitude_m(cycle.driver);
-        if let Some(cycle) = stable.max_by(|a, b| size(a).total_cmp(&size(b))) {
-            cell.amplitude_m = size(cycle);
-            cell.frequency_hz = cycle.frequency_hz;
+        tile.nodes.into_iter().flatten().map(|node| node.cell).collect()
+    }
+
+    fn node(&mut self, tool: CuttingTool, law: &ForceLaw) -> Node {
+        let mut node = Node {
+            cell: MapCell {
+                speed_m_min: tool.speed_m_min,
+                depth_mm: tool.depth_mm,
+                verdict: None,
+                growth_per_s: f64::NAN,
+                amplitude_m: 0.0,
+                frequency_hz: 0.0,
+            },
+            cycle: None,
+            cycles: Survey::new(),
+        };
+        // What cannot be computed is a cell without a verdict.
+        let _refused = self.fill(tool, law, &mut node);
+        node
+    }
+
+    fn fill(&mut self, tool: CuttingTool, law: &ForceLaw, node: &mut Node) -> Result<(), ChatterError> {
+        let model = Model::new(tool, law)?;
+        let rest = model.equilibrium()?;
+        node.cell.growth_per_s = rest.growth_per_s();
+        let quick = match self.survey(&model, &rest)? {
+            Some((survey, first_is_stable)) => self
+                .assessor
+                .quick_verdict(&model, &rest, &survey, first_is_stable)
+                .map(|verdict| (verdict, survey)),
+            None => None,
+        };
+        let (verdict, survey) = match quick {
+            Some(quick) => quick,
+            None => {
+                let whole = self.assessor.assess(&model)?;
+                let cycles = whole.cycles.iter();
+                let survey = cycles
+                    .map(|known| (known.cycle.clone(), known.verified.stable()))
+                    .collect();
+                (whole.verdict, survey)
+            }
+        };
+        node.cell.verdict = Some(verdict);
+        let size = |cycle: &Cycle| cycle.amplitude_m(0).max(cycle.amplitude_m(1));
+        let stable = survey
+            .iter()
+            .filter(|(_, stable)| *stable)
+            .map(|(cycle, _)| cycle);
+        node.cycle = stable.max_by(|a, b| size(a).total_cmp(&size(b))).cloned();
+        node.cycles = survey;
+        if let Some(cycle) = &node.cycle {
+            node.cell.amplitude_m = size(cycle);
+            node.cell.frequency_hz = cycle.frequency_hz;
         }
         Ok(())
     }
 
+    /// All cycles with their stability, and whether the first on the growing branch is stable; None where something
+    /// does not fit together.
+    fn survey(
+        &mut self,
+        model: &Model<'_>,
+        rest: &Equilibrium,
+    ) -> Result<Option<(Survey, bool)>, ChatterError> {
+        let mut survey = Survey::new();
+        let mut first_is_stable = false;
+        for mode in &rest.modes {
+            let mut branch = self.coarse.branch(model, rest, mode)?;
+            if !self.refined(model, &mut branch)? {
+                branch = self.fine.branch(model, rest, mode)?;
+            }
+            if !branch.end.is_known() {
+                return Ok(None);
+            }
+            for (k, cycle) in branch.cycles.iter().enumerate() {
+                let Some(stable) = stability(model, cycle)? else {
+                    return Ok(None);
+                };
+                first_is_stable |= stable && k == 0 && mode.growth_per_s > 0.0;
+                let same = |known: &Cycle| {
+                    (known.frequency_hz / cycle.frequency_hz - 1.0).abs() < 1e-4
+                        && (known.amplitude_m(1) / cycle.amplitude_m(1) - 1.0).abs() < 1e-3
+                };
+                if !survey.iter().any(|(known, _)| same(known)) {
+                    survey.push((cycle.clone(), stable));
+                }
+            }
+        }
+        Ok(Some((survey, first_is_stable)))
+    }
+
     /// Refines each cycle; false where one harmonic cannot be trusted to have found them all.
     fn refined(&mut self, model: &Model<'_>, branch: &mut Branch) -> Result<bool, ChatterError> {
+        if !branch.end.is_known() {
+            return Ok(false);
+        }
         let size = |point: &ScanPoint| point.extra_per_s.abs();
         let nearest = branch.points.iter().map(size).fold(f64::INFINITY, f64::min);
         let largest = branch.points.iter().map(size).fold(0.0, f64::max);
@@ -113,11 +246,189 @@ impl Mapper {
             }
         }
         for cycle in &mut branch.cycles {
+            let before = cycle.amplitude_m(cycle.driver);
             match self.fine.refine(model, cycle)? {
-                Some(better) if better.stable_by_slope() == cycle.stable_by_slope() => *cycle = better,
+                Some(better)
+                    if (better.extra_slope < 0.0) == (cycle.extra_slope < 0.0)
+                        && (better.amplitude_m(better.driver) / before - 1.0).abs() < REFINED_PART =>
+                {
+                    *cycle = better;
+                }
                 _ => return Ok(false),
             }
         }
         Ok(true)
+    }
+}
+
+/// Whether a cycle is stable, by its multipliers; None where it does not close in time, or lands on another one.
+fn stability(model: &Model<'_>, cycle: &Cycle) -> Result<Option<bool>, ChatterError> {
+    let largest = quick_multipliers(model, cycle)?
+        .iter()
+        .map(|value: &Complex<f64>| value.norm())
+        .fold(0.0, f64::max);
+    let error = if cycle.free_part > 0.0 {
+        FREE_MULTIPLIER_ERROR
+    } else {
+        MULTIPLIER_ERROR
+    };
+    if (largest - 1.0).abs() > error {
+        return Ok(Some(largest < 1.0));
+    }
+    let Ok(verified) = verify(model, cycle, 1e-8) else {
+        return Ok(None);
+    };
+    let landed = verified.amplitude_error.abs() > 0.1 || !verified.within_model(model);
+    Ok((!landed).then(|| verified.stable()))
+}
+
+/// A rectangle of cells while it is divided.
+struct Tile<'a, F: Fn(usize, usize) -> CuttingTool> {
+    mapper: &'a mut Mapper,
+    law: &'a ForceLaw,
+    cut: F,
+    rows: usize,
+    nodes: Vec<Option<Node>>,
+}
+
+impl<F: Fn(usize, usize) -> CuttingTool> Tile<'_, F> {
+    fn at(&mut self, column: usize, row: usize) -> &Node {
+        let index = column * self.rows + row;
+        let (mapper, law, tool) = (&mut *self.mapper, self.law, (self.cut)(column, row));
+        self.nodes[index].get_or_insert_with(|| mapper.node(tool, law))
+    }
+
+    /// Computes the cells from the first to the last column and row.
+    fn divide(&mut self, columns: [usize; 2], rows: [usize; 2]) {
+        let middle = |range: [usize; 2]| usize::midpoint(range[0], range[1]);
+        let (column, row) = (middle(columns), middle(rows));
+        let mut first: Option<Node> = None;
+        let mut uniform = true;
+        for (column, row) in [
+            (columns[0], rows[0]),
+            (columns[0], rows[1]),
+            (columns[1], rows[0]),
+            (columns[1], rows[1]),
+            (column, row),
+        ] {
+            let here = self.at(column, row);
+            // How many unstable cycles there are says nothing of a cell.
+            let signature = |node: &Node| {
+                let stable = node.cycles.iter().filter(|(_, stable)| *stable).count();
+                (node.cell.verdict, node.cell.growth_per_s > 0.0, stable)
+            };
+            match &first {
+                Some(first) => uniform &= signature(here) == signature(first),
+                None => first = Some(here.clone()),
+            }
+        }
+        let (width, height) = (columns[1] - columns[0], rows[1] - rows[0]);
+        if width.max(height) <= 1 {
+            return;
+        }
+        if uniform && width.max(height) <= LARGEST_PART {
+            let middle = self.at(column, row).clone();
+            self.between(&middle, columns, rows);
+            return;
+        }
+        let halves = |range: [usize; 2], middle: usize| {
+            if range[1] - range[0] > 1 {
+                vec![[range[0], middle], [middle, range[1]]]
+            } else {
+                vec![range]
+            }
+        };
+        for columns in halves(columns, column) {
+            for rows in halves(rows, row) {
+                self.divide(columns, rows);
+            }
+        }
+    }
+
+    /// Fills a part that is like its middle.
+    fn between(&mut self, like: &Node, columns: [usize; 2], rows: [usize; 2]) {
+        for column in columns[0]..=columns[1] {
+            for row in rows[0]..=rows[1] {
+                let index = column * self.rows + row;
+                if self.nodes[index].is_none() {
+                    let tool = (self.cut)(column, row);
+                    let node = self.mapper.alike(tool, self.law, like);
+                    self.nodes[index] = Some(node.unwrap_or_else(|| self.mapper.node(tool, self.law)));
+                }
+            }
+        }
+    }
+}
+
+impl Mapper {
+    /// A cell with the verdict of another one nearby; None where it is not alike.
+    fn alike(&mut self, tool: CuttingTool, law: &ForceLaw, like: &Node) -> Option<Node> {
+        let mut node = like.clone();
+        (node.cell.speed_m_min, node.cell.depth_mm) = (tool.speed_m_min, tool.depth_mm);
+        let Ok(model) = Model::new(tool, law) else {
+            return like.cell.verdict.is_none().then_some(node);
+        };
+        let Ok(rest) = model.equilibrium() else {
+            return like.cell.verdict.is_none().then_some(node);
+        };
+        node.cell.growth_per_s = rest.growth_per_s();
+        if (node.cell.growth_per_s > 0.0) != (like.cell.growth_per_s > 0.0) {
+            return None;
+        }
+        if let Some(cycle) = &like.cycle {
+            let size = |cycle: &Cycle| cycle.amplitude_m(0).max(cycle.amplitude_m(1));
+            let found = self.fine.refine(&model, cycle).ok()??;
+            if found.extra_slope > 0.0 || (size(&found) / size(cycle) - 1.0).abs() > REFINED_PART {
+                return None;
+            }
+            node.cell.amplitude_m = size(&found);
+            node.cell.frequency_hz = found.frequency_hz;
+            node.cycle = Some(found);
+        }
+        Some(node)
+    }
+}
+
+impl Assessor {
+    /// The verdict from cycles with their stability, where it is plain; disturbances are followed before `Stable` is
+    /// said.
+    fn quick_verdict(
+        &self,
+        model: &Model<'_>,
+        rest: &Equilibrium,
+        survey: &Survey,
+        first_is_stable: bool,
+    ) -> Option<Verdict> {
+        let stable = survey.iter().any(|(_, stable)| *stable);
+        let grows = rest.growth_per_s() > 0.0;
+        if grows && survey.is_empty() {
+            return Some(Verdict::OutOfModel);
+        }
+        let growing = rest.modes.iter().filter(|mode| mode.growth_per_s > 0.0).count();
+        if grows && first_is_stable && growing == 1 {
+            return Some(Verdict::SelfExcited);
+        }
+        if !grows && !survey.is_empty() {
+            return Some(if stable {
+                Verdict::Bistable
+            } else {
+                Verdict::OutOfModel
+            });
+        }
+        let mut verified = Vec::new();
+        for (cycle, _) in survey.iter().filter(|(_, stable)| *stable) {
+            verified.push(verify(model, cycle, 1e-8).ok()?);
+        }
+        let fates = self.disturbances(model, rest, &verified);
+        let all = |is: fn(&Fate) -> bool| fates.iter().all(is);
+        if fates.contains(&Fate::Leaves) {
+            Some(Verdict::OutOfModel)
+        } else if grows && all(|fate| matches!(fate, Fate::Settles(_))) {
+            Some(Verdict::SelfExcited)
+        } else if !grows && all(|fate| *fate == Fate::DiesOut) {
+            Some(Verdict::Stable)
+        } else {
+            None
+        }
     }
 }

@@ -150,6 +150,27 @@ impl<'a> Model<'a> {
         })
     }
 
+    /// The same law with another tool or cut.
+    ///
+    /// # Errors
+    /// As [`Model::new`]. The feed must be the same: the law is taken at a feed.
+    pub(crate) fn with_tool(&self, tool: CuttingTool) -> Result<Self, ChatterError> {
+        number(
+            "feed_mm_rev",
+            tool.feed_mm_rev,
+            self.tool.feed_mm_rev,
+            self.tool.feed_mm_rev,
+        )?;
+        if tool.speed_m_min <= tool.floor_m_min {
+            return Err(ChatterError::BelowFloor {
+                speed_m_min: tool.speed_m_min,
+                floor_m_min: tool.floor_m_min,
+            });
+        }
+        self.law.force(tool.speed_m_min, tool.depth_mm)?;
+        Ok(Self { tool, ..*self })
+    }
+
     /// The tool and the cut.
     #[must_use]
     pub fn tool(&self) -> &CuttingTool {
@@ -311,6 +332,51 @@ impl<'a> Model<'a> {
             force_n: force,
             modes,
         })
+    }
+}
+
+impl Model<'_> {
+    /// Angular frequency and extra damping (in proportion to the masses, 1/s) with which a mode of small vibration goes
+    /// on for ever: where its eigenvalue lies on the imaginary axis. None for a mode that does not swing.
+    pub(crate) fn balanced_mode(
+        &self,
+        rest: &Equilibrium,
+        mode: &SmallMode,
+    ) -> Result<Option<(f64, f64)>, ChatterError> {
+        let [v1, v2] = rest.deflection_m;
+        let (_, jacobian) = self.derivative_and_jacobian(&State::new(v1, v2, 0.0, 0.0))?;
+        let omega = std::f64::consts::TAU * mode.frequency_hz;
+        let mut value = Complex::new(mode.growth_per_s, omega);
+        let mut extra = 0.0;
+        // In small steps, so that two modes of like frequency stay apart.
+        let whole = 2.0 * mode.growth_per_s;
+        let steps = (whole.abs() / (0.01 * omega)).ceil().clamp(1.0, 50.0);
+        for k in 1..=60_u32 {
+            let before = extra;
+            // Half of the extra damping is what the growth loses, nearly.
+            extra = if f64::from(k) <= steps {
+                whole * f64::from(k) / steps
+            } else {
+                extra + 2.0 * value.re
+            };
+            let mut damped = jacobian;
+            damped[(2, 2)] -= extra;
+            damped[(3, 3)] -= extra;
+            let expected = value - Complex::new(0.5 * (extra - before), 0.0);
+            let Some(schur) = Schur::try_new(damped, 1e-15, 1000) else {
+                return Ok(None);
+            };
+            let nearest = schur
+                .complex_eigenvalues()
+                .iter()
+                .copied()
+                .min_by(|a, b| (a - expected).norm().total_cmp(&(b - expected).norm()));
+            value = nearest.unwrap_or(expected);
+            if f64::from(k) >= steps && value.re.abs() <= 1e-9 * omega {
+                return Ok((value.im > 0.0).then_some((value.im, extra)));
+            }
+        }
+        Ok(None)
     }
 }
 

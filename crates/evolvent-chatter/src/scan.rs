@@ -1,14 +1,15 @@
-//! The amplitude scan: every cycle of a model, stable or not.
+//! The scan: motions that an extra damping makes periodic, followed from each mode of small vibration.
 //!
-//! Along the branch that begins at a mode of small vibration, the extra damping `D(A)` that makes the motion of
-//! amplitude `A` periodic is followed from nothing to where the model ends. `D = 0` is a cycle; where `D` falls through
-//! zero it is stable, where it rises unstable. The branch cannot fall back to rest, brackets every root, and finds a
-//! large cycle beside a steady cut that is stable against small disturbances.
+//! The branch that begins at a mode is a curve of motions of amplitude `A` and extra damping `D`. It is followed by its
+//! arc length (H. B. Keller's continuation), because near a coupling of two modes it turns back in `A`, to where the
+//! model ends or back to rest. `D = 0` is a cycle. The branch cannot fall back to rest by mistake, brackets every root,
+//! and finds a large cycle beside a steady cut that is stable against small disturbances. Whether a cycle is stable is
+//! not said here: see [`crate::verify`] for its multipliers.
 
-use crate::balance::{Balance, Balanced};
+use crate::balance::{Balance, Balanced, Condition};
 use crate::cycle::Cycle;
 use crate::error::ChatterError;
-use crate::model::{Equilibrium, Model, SmallMode};
+use crate::model::{Equilibrium, Model, SmallMode, State};
 
 /// Part of a period out of contact beyond which the model says nothing: the tool hammers.
 pub const MOST_FREE_PART: f64 = 0.5;
@@ -16,10 +17,11 @@ pub const MOST_FREE_PART: f64 = 0.5;
 const STEPS: f64 = 24.0;
 /// Samples a period where the contact is lost: force over time then has a corner, which must lie between close ones.
 const FINE_SAMPLES: usize = 512;
-/// Beyond, the amplitude grows by this part each step.
-const GROWTH: f64 = 0.06;
 /// No scan needs more steps.
 const MOST_STEPS: usize = 400;
+/// Frequency and extra damping that count, along a branch, as much as the whole amplitude or force: part of the
+/// frequency. Tuned: from 0.01 to 0.2 the same cycles are found, with the fewest steps at 0.05.
+const SPEED_PART: f64 = 0.05;
 
 /// How the scan of a branch ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -28,10 +30,22 @@ pub enum ScanEnd {
     SpeedFloor,
     /// The tool is out of contact for more than half of the period.
     ContactLost,
-    /// The balance was not found any more.
+    /// The branch leads back to rest, at another mode.
+    Rest,
+    /// The balance was not found any more: what lies beyond is unknown.
     NotFound,
+    /// The branch is longer than 400 steps: what lies beyond is unknown.
+    TooLong,
     /// The mode does not swing, so no branch begins at it.
     NoBranch,
+}
+
+impl ScanEnd {
+    /// Whether the branch was followed to where the model ends, or to rest.
+    #[must_use]
+    pub fn is_known(self) -> bool {
+        !matches!(self, Self::NotFound | Self::TooLong)
+    }
 }
 
 /// One point of a branch.
@@ -54,10 +68,12 @@ pub struct Branch {
     pub driver: usize,
     /// What was computed along it.
     pub points: Vec<ScanPoint>,
-    /// Cycles, the smallest first.
+    /// Cycles in the order in which the branch meets them.
     pub cycles: Vec<Cycle>,
     /// Where and why it ended.
     pub end: ScanEnd,
+    /// A state of the last motion on it.
+    pub largest: Option<State>,
 }
 
 impl Branch {
@@ -65,69 +81,25 @@ impl Branch {
     #[must_use]
     pub fn grows_at_the_end(&self) -> bool {
         match self.points.last() {
-            Some(last) => last.extra_per_s > 0.0,
+            Some(last) => self.end != ScanEnd::Rest && last.extra_per_s > 0.0,
             None => self.mode.growth_per_s > 0.0,
         }
     }
 }
 
-/// What the model says of a cut.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Verdict {
-    /// Every disturbance within the model dies out.
-    Stable,
-    /// The cut is steady, but a disturbance beyond the unstable cycle grows to a stable one.
-    Bistable,
-    /// The cut vibrates by itself.
-    SelfExcited,
-    /// Vibration grows until the model ends: no answer but that it is large.
-    OutOfModel,
-}
-
-impl Verdict {
-    /// As written in reports.
-    #[must_use]
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Stable => "stable",
-            Self::Bistable => "bistable",
-            Self::SelfExcited => "self-excited",
-            Self::OutOfModel => "out-of-model",
-        }
-    }
-}
-
-/// The answer of a scan.
+/// What a scan found.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Prediction {
     /// The steady cut.
     pub equilibrium: Equilibrium,
-    /// A branch for each mode that swings.
+    /// A branch for each mode.
     pub branches: Vec<Branch>,
 }
 
 impl Prediction {
-    /// All cycles, the smallest of the first branch first.
+    /// All cycles, branch by branch.
     pub fn cycles(&self) -> impl Iterator<Item = &Cycle> {
         self.branches.iter().flat_map(|branch| &branch.cycles)
-    }
-
-    /// The verdict, from linear growth and the cycles' slopes.
-    #[must_use]
-    pub fn verdict(&self) -> Verdict {
-        let grows = self.equilibrium.growth_per_s() > 0.0;
-        let stable_cycle = self.cycles().any(Cycle::stable_by_slope);
-        let lost = self
-            .branches
-            .iter()
-            .any(|branch| branch.grows_at_the_end() && !branch.cycles.iter().any(Cycle::stable_by_slope));
-        match (grows, stable_cycle, lost) {
-            (true, true, _) => Verdict::SelfExcited,
-            (true, false, _) => Verdict::OutOfModel,
-            (false, true, _) => Verdict::Bistable,
-            (false, false, true) => Verdict::OutOfModel,
-            (false, false, false) => Verdict::Stable,
-        }
     }
 }
 
@@ -138,8 +110,14 @@ pub struct Scanner {
     /// For cycles out of contact.
     fine: Option<Balance>,
     steps: f64,
-    growth: f64,
     halvings: usize,
+}
+
+/// A branch while it is followed.
+struct Walk {
+    driver: usize,
+    /// Scale of each unknown, for lengths along the branch.
+    scale: Vec<f64>,
 }
 
 impl Scanner {
@@ -150,7 +128,6 @@ impl Scanner {
             balance: Balance::new(harmonics),
             fine: None,
             steps: STEPS,
-            growth: GROWTH,
             halvings: 10,
         }
     }
@@ -162,7 +139,6 @@ impl Scanner {
             balance: Balance::with_samples(1, 16).until(1e-4),
             fine: None,
             steps: 6.0,
-            growth: 0.15,
             halvings: 3,
         }
     }
@@ -172,7 +148,6 @@ impl Scanner {
         Self {
             balance: Balance::with_samples(harmonics, (9 * harmonics).max(16)),
             steps: 14.0,
-            growth: 0.09,
             halvings: 6,
             ..Self::new(harmonics)
         }
@@ -186,7 +161,7 @@ impl Scanner {
         let equilibrium = model.equilibrium()?;
         let mut branches = Vec::with_capacity(2);
         for mode in &equilibrium.modes {
-            branches.push(self.branch(model, equilibrium.force_n, mode)?);
+            branches.push(self.branch(model, &equilibrium, mode)?);
         }
         Ok(Prediction {
             equilibrium,
@@ -199,10 +174,15 @@ impl Scanner {
     /// # Errors
     /// The force law does not reach as far.
     pub fn refine(&mut self, model: &Model<'_>, cycle: &Cycle) -> Result<Option<Cycle>, ChatterError> {
-        let Some(first) = self.balance_at(model, cycle, cycle.amplitude_m(cycle.driver))? else {
-            return Ok(None);
-        };
-        let Some(root) = newton(&mut self.balance, model, cycle.driver, first)? else {
+        let force = model.equilibrium()?.force_n;
+        let omega = std::f64::consts::TAU * cycle.frequency_hz;
+        let start = self
+            .balance
+            .start(force, omega, 0.0, cycle.amplitude_m(cycle.driver));
+        let Some(root) = self
+            .balance
+            .solve(model, cycle.driver, start, Condition::Extra(0.0))?
+        else {
             return Ok(None);
         };
         if !valid(model, &root) {
@@ -212,21 +192,6 @@ impl Scanner {
         Ok(Some(self.cycle(model, cycle.driver, &root)))
     }
 
-    fn balance_at(
-        &mut self,
-        model: &Model<'_>,
-        cycle: &Cycle,
-        amplitude: f64,
-    ) -> Result<Option<Balanced>, ChatterError> {
-        let force = model.equilibrium()?.force_n;
-        let mode = SmallMode {
-            growth_per_s: 0.0,
-            frequency_hz: cycle.frequency_hz,
-        };
-        let start = self.balance.start(force, &mode);
-        self.balance.solve(model, cycle.driver, amplitude, start)
-    }
-
     /// Amplitudes of the driver at which the speed reaches the floor and the contact is lost, if all stayed linear.
     fn reach(&self, model: &Model<'_>, driver: usize, tiny: &Balanced) -> (f64, f64) {
         let [v1, v2] = self.balance.deflections(model, driver, tiny);
@@ -234,8 +199,8 @@ impl Scanner {
         let (a, b) = (v1[1], v2[1]);
         let (y, z) = ((a * c - b * s).norm(), (a * s + b * c).norm());
         let tool = model.tool();
-        let floor = (tool.speed_m_min - tool.floor_m_min) / (60.0 * tiny.omega() * z) * tiny.amplitude;
-        let contact = tiny.depths[1] / (1000.0 * y) * tiny.amplitude;
+        let floor = (tool.speed_m_min - tool.floor_m_min) / (60.0 * tiny.omega() * z) * tiny.amplitude();
+        let contact = tiny.depths[1] / (1000.0 * y) * tiny.amplitude();
         (floor, contact)
     }
 
@@ -243,24 +208,23 @@ impl Scanner {
     fn begin(
         &mut self,
         model: &Model<'_>,
-        force: f64,
+        rest: &Equilibrium,
         mode: &SmallMode,
     ) -> Result<Option<(usize, Balanced)>, ChatterError> {
-        let depth_m = 1e-3 * model.tool().depth_mm;
+        let Some((omega, extra)) = model.balanced_mode(rest, mode)? else {
+            return Ok(None);
+        };
+        let amplitude = 1e-8 * model.tool().depth_mm;
         let mut best: Option<(usize, Balanced, f64)> = None;
         for driver in [1, 0] {
             if model.direction()[driver].abs() < 1e-9 {
                 continue;
             }
-            let amplitude = 1e-5 * depth_m;
-            let start = self.balance.start(force, mode);
-            let Some(tiny) = self.balance.solve(model, driver, amplitude, start)? else {
-                continue;
-            };
-            // Another mode than the one asked for.
-            if (tiny.omega() / (std::f64::consts::TAU * mode.frequency_hz) - 1.0).abs() > 0.2 {
-                continue;
-            }
+            let start = self.balance.start(rest.force_n, omega, extra, amplitude);
+            let tiny = self
+                .balance
+                .solve(model, driver, start, Condition::Amplitude(amplitude))?;
+            let Some(tiny) = tiny else { continue };
             let [v1, v2] = self.balance.deflections(model, driver, &tiny);
             let share = [v1[1].norm(), v2[1].norm()][driver] / v1[1].norm().max(v2[1].norm());
             if best.as_ref().is_none_or(|best| share > best.2) {
@@ -276,7 +240,7 @@ impl Scanner {
     pub(crate) fn branch(
         &mut self,
         model: &Model<'_>,
-        force: f64,
+        rest: &Equilibrium,
         mode: &SmallMode,
     ) -> Result<Branch, ChatterError> {
         let mut branch = Branch {
@@ -285,124 +249,185 @@ impl Scanner {
             points: Vec::new(),
             cycles: Vec::new(),
             end: ScanEnd::NoBranch,
+            largest: None,
         };
         if mode.frequency_hz <= 0.0 {
             return Ok(branch);
         }
-        let Some((driver, tiny)) = self.begin(model, force, mode)? else {
+        let Some((driver, tiny)) = self.begin(model, rest, mode)? else {
+            branch.end = ScanEnd::NotFound;
             return Ok(branch);
         };
         branch.driver = driver;
         let (floor, contact) = self.reach(model, driver, &tiny);
         let near = floor.min(contact);
+        let mut scale = vec![tiny.unknowns[0]; tiny.unknowns.len()];
+        (scale[1], scale[2]) = (SPEED_PART * tiny.omega(), SPEED_PART * tiny.omega());
+        if let Some(last) = scale.last_mut() {
+            *last = near;
+        }
+        let walk = Walk { driver, scale };
+        branch.points.push(point(&tiny));
+        let last = self.follow(model, &walk, tiny, &mut branch)?;
+        branch.largest = Some(self.cycle(model, driver, &last).state(0.0));
+        Ok(branch)
+    }
+
+    /// Follows a branch from its beginning to its end; the last motion on it.
+    fn follow(
+        &mut self,
+        model: &Model<'_>,
+        walk: &Walk,
+        tiny: Balanced,
+        branch: &mut Branch,
+    ) -> Result<Balanced, ChatterError> {
+        let least = tiny.amplitude();
         let mut here = tiny;
-        let mut step = near / self.steps;
+        walk.orient(&mut here, None);
+        let longest = 1.0 / self.steps;
+        let mut step = longest;
         let mut shortened = 0;
-        branch.points.push(point(&here));
-        branch.end = ScanEnd::NotFound;
+        branch.end = ScanEnd::TooLong;
+        let mut end = ScanEnd::NotFound;
         for _ in 0..MOST_STEPS {
-            let amplitude = here.amplitude + step;
-            let guess = predicted(&here, amplitude);
-            let next = self.balance.solve(model, driver, amplitude, guess)?;
+            let next = self.along(model, walk, &here, step)?;
             let next = match next {
-                Some(next) if valid(model, &next) => next,
+                Some(next) if valid(model, &next) && walk.is_near(&here, &next) => next,
                 outcome => {
-                    // The end lies within this step: come near to it.
-                    if let Some(beyond) = &outcome {
-                        branch.end = end_of(model, beyond);
-                    }
+                    // The end lies within this step, or the branch bends: come near to it.
+                    end = match &outcome {
+                        Some(beyond) if !valid(model, beyond) => end_of(model, beyond),
+                        _ if here.tangent_amplitude() < 0.0 && here.amplitude() < step * walk.size() => {
+                            ScanEnd::Rest
+                        }
+                        _ => ScanEnd::NotFound,
+                    };
                     shortened += 1;
-                    if shortened > self.halvings {
+                    if shortened > self.halvings || end == ScanEnd::Rest {
+                        branch.end = end;
                         break;
                     }
                     step *= 0.5;
                     continue;
                 }
             };
-            self.roots(model, driver, &here, &next, &mut branch.cycles, 0)?;
+            self.roots(model, walk, &here, &next, &mut branch.cycles, 0)?;
             branch.points.push(point(&next));
-            here = next;
-            if shortened == 0 {
-                step = (near / self.steps).max(self.growth * here.amplitude);
+            if next.amplitude() <= least {
+                branch.end = ScanEnd::Rest;
+                break;
             }
+            // Once the model ended, the rest of the way is short.
+            let leaves = matches!(end, ScanEnd::SpeedFloor | ScanEnd::ContactLost);
+            if !leaves {
+                (shortened, end) = (0, ScanEnd::NotFound);
+                let factor = if next.steps <= 3 { 1.5 } else { 1.0 };
+                // Far beyond the linear reach steps grow with the amplitude.
+                let far = (next.amplitude() / walk.size()).max(1.0);
+                step = (factor * step).min(longest * far);
+            }
+            here = next;
         }
-        Ok(branch)
+        Ok(here)
+    }
+
+    /// The motion a step further along the tangent.
+    fn along(
+        &mut self,
+        model: &Model<'_>,
+        walk: &Walk,
+        from: &Balanced,
+        step: f64,
+    ) -> Result<Option<Balanced>, ChatterError> {
+        let guess: Vec<f64> = from
+            .unknowns
+            .iter()
+            .zip(&from.tangent)
+            .map(|(value, tangent)| value + step * tangent)
+            .collect();
+        let weights: Vec<f64> = from
+            .tangent
+            .iter()
+            .zip(&walk.scale)
+            .map(|(tangent, scale)| tangent / (scale * scale))
+            .collect();
+        let value: f64 = weights.iter().zip(&guess).map(|(w, x)| w * x).sum();
+        let next = self
+            .balance
+            .solve(model, walk.driver, guess, Condition::Along(&weights, value))?;
+        Ok(next.map(|mut next| {
+            walk.orient(&mut next, Some(from));
+            next
+        }))
     }
 
     /// Cycles between two neighbours on a branch.
     fn roots(
         &mut self,
         model: &Model<'_>,
-        driver: usize,
+        walk: &Walk,
         from: &Balanced,
         to: &Balanced,
         cycles: &mut Vec<Cycle>,
         depth: usize,
     ) -> Result<(), ChatterError> {
+        let length = walk.distance(from, to);
         if (from.extra() > 0.0) != (to.extra() > 0.0) {
-            if let Some(root) = self.root(model, driver, from, to)? {
-                let root = self.in_contact_or_finer(model, driver, root)?;
-                cycles.push(self.cycle(model, driver, &root));
+            if let Some(root) = self.root(model, walk, from, to, length)? {
+                let root = self.in_contact_or_finer(model, walk.driver, root)?;
+                cycles.push(self.cycle(model, walk.driver, &root));
             }
             return Ok(());
         }
         // Two roots may hide between points on the same side: look at the extremum of the cubic through both.
-        let towards_zero = |at: &Balanced| at.extra() * at.extra_slope() < 0.0;
-        if depth < 4 && towards_zero(from) && to.extra() * to.extra_slope() > 0.0 {
-            let Some(amplitude) = extremum(from, to) else {
-                return Ok(());
-            };
-            let guess = predicted(from, amplitude);
-            if let Some(between) = self.balance.solve(model, driver, amplitude, guess)? {
-                self.roots(model, driver, from, &between, cycles, depth + 1)?;
-                self.roots(model, driver, &between, to, cycles, depth + 1)?;
-            }
+        let towards_zero = from.extra() * from.tangent[2] < 0.0 && to.extra() * to.tangent[2] > 0.0;
+        if depth < 4
+            && towards_zero
+            && let Some(part) = extremum(from, to, length)
+            && let Some(between) = self.along(model, walk, from, part * length)?
+        {
+            self.roots(model, walk, from, &between, cycles, depth + 1)?;
+            self.roots(model, walk, &between, to, cycles, depth + 1)?;
         }
         Ok(())
     }
 
-    /// The root of `D` between two points where its sign differs, to 1e-12 of the amplitude.
+    /// The root of `D` between two points where its sign differs.
     fn root(
         &mut self,
         model: &Model<'_>,
-        driver: usize,
+        walk: &Walk,
         from: &Balanced,
         to: &Balanced,
+        length: f64,
     ) -> Result<Option<Balanced>, ChatterError> {
-        let (mut low, mut high) = (from.clone(), to.clone());
-        for _ in 0..60 {
-            let near = if low.extra().abs() < high.extra().abs() {
-                &low
-            } else {
-                &high
-            };
-            let newton = near.amplitude - near.extra() / near.extra_slope();
-            let inside = newton > low.amplitude && newton < high.amplitude;
-            let amplitude = if inside {
-                newton
-            } else {
-                0.5 * (low.amplitude + high.amplitude)
-            };
-            let tolerance = 1e-12 * high.amplitude;
-            if high.amplitude - low.amplitude <= tolerance
-                || (inside && (newton - near.amplitude).abs() <= tolerance)
+        let (mut low, mut high, mut length) = (from.clone(), to.clone(), length);
+        for _ in 0..40 {
+            let part = low.extra() / (low.extra() - high.extra());
+            let guess: Vec<f64> = (low.unknowns.iter().zip(&high.unknowns))
+                .map(|(low, high)| low + part * (high - low))
+                .collect();
+            let root = self
+                .balance
+                .solve(model, walk.driver, guess, Condition::Extra(0.0))?;
+            // Newton's method may leap to another part of the branch.
+            if let Some(root) = root
+                && walk.distance(&low, &root) <= 1.2 * length
+                && walk.distance(&high, &root) <= 1.2 * length
             {
-                return Ok(Some(near.clone()));
+                return Ok(valid(model, &root).then_some(root));
             }
-            let guess = predicted(near, amplitude);
-            let Some(next) = self.balance.solve(model, driver, amplitude, guess)? else {
-                return Ok(Some(near.clone()));
+            let Some(between) = self.along(model, walk, &low, 0.5 * length)? else {
+                return Ok(None);
             };
-            if next.extra() == 0.0 {
-                return Ok(Some(next));
-            }
-            if (next.extra() > 0.0) == (low.extra() > 0.0) {
-                low = next;
+            if (between.extra() > 0.0) == (low.extra() > 0.0) {
+                low = between;
             } else {
-                high = next;
+                high = between;
             }
+            length = walk.distance(&low, &high);
         }
-        Ok(Some(low))
+        Ok(None)
     }
 
     /// Where the contact is lost, the same root with more samples.
@@ -419,7 +444,8 @@ impl Scanner {
         let fine = self
             .fine
             .get_or_insert_with(|| Balance::with_samples(harmonics, FINE_SAMPLES));
-        Ok(newton(fine, model, driver, root.clone())?.unwrap_or(root))
+        let finer = fine.solve(model, driver, root.unknowns.clone(), Condition::Extra(0.0))?;
+        Ok(finer.unwrap_or(root))
     }
 
     fn cycle(&self, model: &Model<'_>, driver: usize, at: &Balanced) -> Cycle {
@@ -441,33 +467,43 @@ impl Scanner {
     }
 }
 
-/// Newton's method on `D(A)`, from a neighbour of the root.
-fn newton(
-    balance: &mut Balance,
-    model: &Model<'_>,
-    driver: usize,
-    start: Balanced,
-) -> Result<Option<Balanced>, ChatterError> {
-    let mut at = start;
-    for _ in 0..20 {
-        let step = (-at.extra() / at.extra_slope()).clamp(-0.3 * at.amplitude, 0.3 * at.amplitude);
-        let amplitude = at.amplitude + step;
-        let Some(next) = balance.solve(model, driver, amplitude, predicted(&at, amplitude))? else {
-            return Ok(None);
+impl Walk {
+    /// The amplitude that counts as 1.
+    fn size(&self) -> f64 {
+        self.scale.last().copied().unwrap_or(f64::NAN)
+    }
+
+    /// Makes the tangent one of unit length that leads on from the last point, or to larger amplitudes at the first.
+    fn orient(&self, at: &mut Balanced, from: Option<&Balanced>) {
+        let dot = |a: &[f64], b: &[f64]| -> f64 {
+            let all = a.iter().zip(b).zip(&self.scale);
+            all.map(|((a, b), scale)| a * b / (scale * scale)).sum()
         };
-        at = next;
-        if step.abs() <= 1e-9 * at.amplitude {
-            return Ok(Some(at));
+        let length = libm::sqrt(dot(&at.tangent, &at.tangent));
+        let ahead = match from {
+            Some(from) => dot(&at.tangent, &from.tangent),
+            None => at.tangent_amplitude(),
+        };
+        let factor = if ahead < 0.0 { -1.0 / length } else { 1.0 / length };
+        for tangent in &mut at.tangent {
+            *tangent *= factor;
         }
     }
-    Ok(None)
-}
 
-/// The unknowns at another amplitude, along the tangent.
-fn predicted(at: &Balanced, amplitude: f64) -> Vec<f64> {
-    let step = amplitude - at.amplitude;
-    let both = at.unknowns.iter().zip(&at.slopes);
-    both.map(|(value, slope)| value + slope * step).collect()
+    fn distance(&self, a: &Balanced, b: &Balanced) -> f64 {
+        let all = a.unknowns.iter().zip(&b.unknowns).zip(&self.scale);
+        libm::sqrt(
+            all.map(|((a, b), scale)| ((a - b) / scale) * ((a - b) / scale))
+                .sum(),
+        )
+    }
+
+    /// Whether the branch bends little enough between two points that they belong together.
+    fn is_near(&self, from: &Balanced, to: &Balanced) -> bool {
+        let all = from.tangent.iter().zip(&to.tangent).zip(&self.scale);
+        let cosine: f64 = all.map(|((a, b), scale)| a * b / (scale * scale)).sum();
+        cosine > 0.9
+    }
 }
 
 fn valid(model: &Model<'_>, at: &Balanced) -> bool {
@@ -484,25 +520,23 @@ fn end_of(model: &Model<'_>, at: &Balanced) -> ScanEnd {
 
 fn point(at: &Balanced) -> ScanPoint {
     ScanPoint {
-        amplitude_m: at.amplitude,
+        amplitude_m: at.amplitude(),
         extra_per_s: at.extra(),
         frequency_hz: at.omega() / std::f64::consts::TAU,
     }
 }
 
-/// Where the cubic through two values and slopes has its extremum towards zero.
-fn extremum(from: &Balanced, to: &Balanced) -> Option<f64> {
-    let h = to.amplitude - from.amplitude;
-    let (d0, d1) = (h * from.extra_slope(), h * to.extra_slope());
+/// Where the cubic through two values and slopes of `D` has its extremum towards zero, as part of the length.
+fn extremum(from: &Balanced, to: &Balanced, length: f64) -> Option<f64> {
+    let (d0, d1) = (length * from.tangent[2], length * to.tangent[2]);
     let rise = to.extra() - from.extra();
     // Slope of the cubic: d0 + s (2 b + 3 c s), b and c by Hermite's conditions.
     let (b, c) = (3.0 * rise - 2.0 * d0 - d1, d0 + d1 - 2.0 * rise);
     let mut best = None;
-    let root = b * b - 3.0 * c * d0;
     let candidates = if c.abs() < 1e-12 * (b.abs() + d0.abs()) {
         [-d0 / (2.0 * b), f64::NAN]
     } else {
-        let root = libm::sqrt(root);
+        let root = libm::sqrt(b * b - 3.0 * c * d0);
         [(-b + root) / (3.0 * c), (-b - root) / (3.0 * c)]
     };
     let value = |s: f64| from.extra() + s * (d0 + s * (b + c * s));
@@ -514,5 +548,4 @@ fn extremum(from: &Balanced, to: &Balanced) -> Option<f64> {
     // What is far from zero for the cubic is far for the branch.
     let limit = 0.3 * from.extra().abs().max(to.extra().abs());
     best.filter(|s| value(*s) * from.extra() <= 0.0 || value(*s).abs() < limit)
-        .map(|s| from.amplitude + s * h)
 }

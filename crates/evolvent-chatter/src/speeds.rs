@@ -2,9 +2,9 @@
 
 use evolvent_cutting::ForceLaw;
 
+use crate::assess::Verdict;
 use crate::map::Mapper;
-use crate::model::CuttingTool;
-use crate::scan::Verdict;
+use crate::model::{CuttingTool, Model};
 
 /// The nearest stable speeds below and above a cut's speed, m/min, within `range_m_min`; each to 0.1 %.
 ///
@@ -17,8 +17,8 @@ pub fn nearest_stable(
     law: &ForceLaw,
     range_m_min: [f64; 2],
 ) -> [Option<f64>; 2] {
-    [1.0 / 1.02, 1.02].map(|step| {
-        let mut stable = |speed_m_min: f64| {
+    let mut search = |step: f64| {
+        let stable = |mapper: &mut Mapper, speed_m_min: f64| {
             let cell = mapper.cell(CuttingTool { speed_m_min, ..tool }, law);
             cell.verdict == Some(Verdict::Stable)
         };
@@ -28,19 +28,31 @@ pub fn nearest_stable(
             if next < range_m_min[0].max(1.001 * tool.floor_m_min) || next > range_m_min[1] {
                 return None;
             }
-            if stable(next) {
+            if stable(mapper, next) {
                 let mut stable_at = next;
                 while (stable_at / unstable_at - 1.0).abs() > 1e-3 {
                     let middle = 0.5 * (stable_at + unstable_at);
-                    if stable(middle) {
+                    if stable(mapper, middle) {
                         stable_at = middle;
                     } else {
                         unstable_at = middle;
                     }
                 }
-                return Some(stable_at);
+                // A map's cell is quick; what is advised has been looked at in every way.
+                let whole = Model::new(
+                    CuttingTool {
+                        speed_m_min: stable_at,
+                        ..tool
+                    },
+                    law,
+                )
+                .and_then(|model| mapper.assess(&model));
+                if whole.is_ok_and(|whole| whole.verdict == Verdict::Stable) {
+                    return Some(stable_at);
+                }
             }
             unstable_at = next;
         }
-    })
+    };
+    [search(1.0 / 1.02), search(1.02)]
 }

@@ -10,9 +10,12 @@ use crate::cycle::Cycle;
 use crate::error::ChatterError;
 use crate::integrate::{Accuracy, Integrator};
 use crate::model::{Model, State};
+use crate::scan::MOST_FREE_PART;
 
 /// Samples over a period for the harmonics: what aliases lies beyond the 100th.
 const SAMPLES: usize = 256;
+/// Harmonics that are kept of a motion in time.
+const HARMONICS: usize = 9;
 
 /// A cycle as integration in time has it.
 #[derive(Clone, Debug, PartialEq)]
@@ -37,6 +40,10 @@ pub struct Verified {
     pub speed_m_min: [f64; 2],
     /// Lowest and highest depth of cut, mm.
     pub depth_mm: [f64; 2],
+    /// Part of the period out of contact.
+    pub free_part: f64,
+    /// Harmonics of V1 and V2 from 0 (the mean) to 9, m, as in [`Cycle::harmonics_m`].
+    pub harmonics_m: [Vec<Complex<f64>>; 2],
     /// Deviation of the given cycle's driving amplitude and frequency from this, relative.
     pub amplitude_error: f64,
     /// See `amplitude_error`.
@@ -49,6 +56,43 @@ impl Verified {
     pub fn stable(&self) -> bool {
         self.multipliers.iter().all(|value| value.norm() < 1.0)
     }
+
+    /// Whether the speed stays above the floor and the tool is in contact for at least half of the period.
+    #[must_use]
+    pub fn within_model(&self, model: &Model<'_>) -> bool {
+        self.speed_m_min[0] > model.tool().floor_m_min && self.free_part <= MOST_FREE_PART
+    }
+
+    /// Whether both are one cycle: amplitudes and frequencies to 1e-4, which is far above the accuracy of either.
+    #[must_use]
+    pub fn is_same(&self, other: &Self) -> bool {
+        let size = self.amplitude_m[0].max(self.amplitude_m[1]);
+        (self.frequency_hz / other.frequency_hz - 1.0).abs() < 1e-4
+            && (0..2).all(|i| (self.amplitude_m[i] - other.amplitude_m[i]).abs() < 1e-4 * size)
+    }
+
+    /// The motion as a cycle.
+    #[must_use]
+    pub fn cycle(&self) -> Cycle {
+        Cycle {
+            frequency_hz: self.frequency_hz,
+            harmonics_m: self.harmonics_m.clone(),
+            driver: usize::from(self.amplitude_m[1] >= self.amplitude_m[0]),
+            extra_slope: f64::NAN,
+            speed_m_min: self.speed_m_min,
+            depth_mm: self.depth_mm,
+            free_part: self.free_part,
+        }
+    }
+
+    /// The same with the deviations of a prediction.
+    fn against(self, cycle: &Cycle) -> Self {
+        Self {
+            amplitude_error: cycle.amplitude_m(cycle.driver) / self.amplitude_m[cycle.driver] - 1.0,
+            frequency_error: cycle.frequency_hz / self.frequency_hz - 1.0,
+            ..self
+        }
+    }
 }
 
 /// State and monodromy matrix in one.
@@ -59,14 +103,42 @@ type Wide = SVector<f64, 20>;
 /// # Errors
 /// No cycle near, or a motion out of the model.
 pub fn verify(model: &Model<'_>, cycle: &Cycle, tolerance: f64) -> Result<Verified, ChatterError> {
-    let missed = ChatterError::NoCycle {
-        amplitude_mm: 1000.0 * cycle.amplitude_m(cycle.driver),
-        frequency_hz: cycle.frequency_hz,
-    };
-    let mut state = cycle.state(0.0);
-    let mut period = 1.0 / cycle.frequency_hz;
     let size = cycle.amplitude_m(0).max(cycle.amplitude_m(1));
-    let omega = std::f64::consts::TAU * cycle.frequency_hz;
+    let closed = shoot(model, cycle.state(0.0), 1.0 / cycle.frequency_hz, size, tolerance)?;
+    let Some(closed) = closed else {
+        return Err(ChatterError::NoCycle {
+            amplitude_mm: 1000.0 * cycle.amplitude_m(cycle.driver),
+            frequency_hz: cycle.frequency_hz,
+        });
+    };
+    Ok(report(model, &closed)?.against(cycle))
+}
+
+/// A motion that closes.
+#[derive(Clone, Debug)]
+pub(crate) struct Closed {
+    pub(crate) state: State,
+    pub(crate) period: f64,
+    /// Distance of start and end over the size.
+    closure: f64,
+    monodromy: Matrix4<f64>,
+    accuracy: Accuracy,
+}
+
+/// Newton's method from a state and a period to a motion that closes to `tolerance` of `size`, m; None where 20 steps
+/// do not lead to one.
+///
+/// # Errors
+/// A motion out of the model.
+pub(crate) fn shoot(
+    model: &Model<'_>,
+    mut state: State,
+    first_period: f64,
+    size: f64,
+    tolerance: f64,
+) -> Result<Option<Closed>, ChatterError> {
+    let mut period = first_period;
+    let omega = std::f64::consts::TAU / first_period;
     let accuracy = Accuracy {
         relative: 1e-10,
         absolute: 1e-12 * size,
@@ -76,18 +148,22 @@ pub fn verify(model: &Model<'_>, cycle: &Cycle, tolerance: f64) -> Result<Verifi
         let scale = [1.0, 1.0, omega, omega];
         (0..4).map(|i| (state[i] / scale[i]).abs()).fold(0.0, f64::max) / size
     };
-    let mut closed: Option<(f64, Matrix4<f64>)> = None;
     for _ in 0..20 {
         let (end, monodromy) = around(model, &state, period, accuracy, omega)?;
         let miss = end - state;
         let closure = weighted(&miss);
         if !closure.is_finite() {
-            return Err(missed);
+            return Ok(None);
         }
         // One more step after it has closed does not get nearer than rounding.
         if closure <= tolerance {
-            closed = Some((closure, monodromy));
-            break;
+            return Ok(Some(Closed {
+                state,
+                period,
+                closure,
+                monodromy,
+                accuracy,
+            }));
         }
         let (rate, at_end) = (model.derivative(&state)?, model.derivative(&end)?);
         let mut matrix = Matrix5::zeros();
@@ -104,20 +180,17 @@ pub fn verify(model: &Model<'_>, cycle: &Cycle, tolerance: f64) -> Result<Verifi
             rhs[i] = -miss[i] / unit[i];
         }
         let Some(step) = matrix.lu().solve(&rhs) else {
-            return Err(missed);
+            return Ok(None);
         };
         for i in 0..4 {
             state[i] += step[i] * unit[i];
         }
         period += step[4] / omega;
-        if !(0.5..2.0).contains(&(period * cycle.frequency_hz)) {
-            return Err(missed);
+        if !(0.5..2.0).contains(&(period / first_period)) {
+            return Ok(None);
         }
     }
-    let Some((closure, monodromy)) = closed else {
-        return Err(missed);
-    };
-    report(model, cycle, &state, period, accuracy, closure, &monodromy)
+    Ok(None)
 }
 
 fn around(
@@ -159,63 +232,89 @@ fn around(
     Ok((State::new(end[0], end[1], end[2], end[3]), monodromy))
 }
 
-fn report(
-    model: &Model<'_>,
-    cycle: &Cycle,
-    start: &State,
-    period: f64,
-    accuracy: Accuracy,
-    closure: f64,
-    monodromy: &Matrix4<f64>,
-) -> Result<Verified, ChatterError> {
-    let mut state = *start;
-    let mut integrator = Integrator::<4>::new(accuracy);
-    let mut first = [Complex::ZERO; 2];
-    let mut mean = [0.0; 2];
+/// What there is to say of a motion that closes; its deviations from a predicted one are zero.
+pub(crate) fn report(model: &Model<'_>, closed: &Closed) -> Result<Verified, ChatterError> {
+    let mut state = closed.state;
+    let mut integrator = Integrator::<4>::new(closed.accuracy);
+    let mut harmonics = [const { [Complex::ZERO; HARMONICS + 1] }; 2];
     let mut seen = [const { Vec::new() }; 4];
     for sample in 0..SAMPLES {
-        let angle = std::f64::consts::TAU * sample as f64 / SAMPLES as f64;
-        let wave = Complex::new(libm::cos(angle), -libm::sin(angle));
         let (speed, depth) = model.cut_at(&state);
         for (seen, value) in seen.iter_mut().zip([state[0], state[1], speed, depth]) {
             seen.push(value);
         }
-        for i in 0..2 {
-            first[i] += wave * (2.0 * state[i] / SAMPLES as f64);
-            mean[i] += state[i] / SAMPLES as f64;
+        for (n, (first, second)) in (0..=HARMONICS).map(|n| (n, (state[0], state[1]))) {
+            let angle = std::f64::consts::TAU * ((n * sample) % SAMPLES) as f64 / SAMPLES as f64;
+            let factor = if n == 0 { 1.0 } else { 2.0 } / SAMPLES as f64;
+            let wave = Complex::new(libm::cos(angle), -libm::sin(angle)) * factor;
+            harmonics[0][n] += wave * first;
+            harmonics[1][n] += wave * second;
         }
         let event = |state: &State| model.cut_at(state).1;
         let mut rate = |state: &State| model.derivative(state);
-        state = integrator.run(state, period / SAMPLES as f64, &mut rate, &event)?;
+        state = integrator.run(state, closed.period / SAMPLES as f64, &mut rate, &event)?;
     }
+    let (multipliers, trivial_error) = multipliers(&closed.monodromy);
+    let free = seen[3].iter().filter(|depth| **depth <= 0.0).count() as f64 / SAMPLES as f64;
+    let extremes = seen.map(|values| extremes(&values));
+    let half = |i: usize| 0.5 * (extremes[i][1] - extremes[i][0]);
+    Ok(Verified {
+        frequency_hz: 1.0 / closed.period,
+        amplitude_m: [harmonics[0][1].norm(), harmonics[1][1].norm()],
+        mean_m: [harmonics[0][0].re, harmonics[1][0].re],
+        half_peak_to_peak_m: [half(0), half(1)],
+        multipliers,
+        trivial_error,
+        closure: closed.closure,
+        state: closed.state,
+        speed_m_min: extremes[2],
+        depth_mm: extremes[3],
+        free_part: free,
+        harmonics_m: harmonics.map(|harmonics| harmonics.to_vec()),
+        amplitude_error: 0.0,
+        frequency_error: 0.0,
+    })
+}
+
+/// Floquet multipliers without the one that belongs to a shift in time, largest first, and how far that is from 1.
+fn multipliers(monodromy: &Matrix4<f64>) -> ([Complex<f64>; 3], f64) {
     let eigenvalues = Schur::try_new(*monodromy, 1e-15, 1000).map(|schur| schur.complex_eigenvalues());
     let mut multipliers: Vec<Complex<f64>> = eigenvalues
         .map(|values| values.iter().copied().collect())
         .unwrap_or_default();
     let one = Complex::new(1.0, 0.0);
-    // The one that belongs to a shift in time.
     multipliers.sort_by(|a, b| (a - one).norm().total_cmp(&(b - one).norm()));
     let trivial_error = multipliers.first().map_or(f64::NAN, |value| (value - one).norm());
     let mut others: Vec<_> = multipliers.into_iter().skip(1).collect();
     others.sort_by(|a, b| b.norm().total_cmp(&a.norm()));
     others.resize(3, Complex::new(f64::NAN, 0.0));
-    let amplitude_m = [first[0].norm(), first[1].norm()];
-    let extremes = seen.map(|values| extremes(&values));
-    let half = |i: usize| 0.5 * (extremes[i][1] - extremes[i][0]);
-    Ok(Verified {
-        frequency_hz: 1.0 / period,
-        amplitude_m,
-        mean_m: mean,
-        half_peak_to_peak_m: [half(0), half(1)],
-        multipliers: [others[0], others[1], others[2]],
-        trivial_error,
-        closure,
-        state: *start,
-        speed_m_min: extremes[2],
-        depth_mm: extremes[3],
-        amplitude_error: cycle.amplitude_m(cycle.driver) / amplitude_m[cycle.driver] - 1.0,
-        frequency_error: cycle.frequency_hz * period - 1.0,
-    })
+    ([others[0], others[1], others[2]], trivial_error)
+}
+
+/// Floquet multipliers of a cycle as it is, without the one next to 1, largest first: by the classical Runge-Kutta
+/// method over one period, in 64 steps. They are as good as the cycle; those of [`verify`] are better.
+///
+/// # Errors
+/// The force law does not reach as far.
+pub(crate) fn quick_multipliers(model: &Model<'_>, cycle: &Cycle) -> Result<[Complex<f64>; 3], ChatterError> {
+    const STEPS: u32 = 64;
+    let h = 1.0 / (cycle.frequency_hz * f64::from(STEPS));
+    let mut monodromy = Matrix4::identity();
+    let jacobian = |k: u32| -> Result<Matrix4<f64>, ChatterError> {
+        let state = cycle.state(f64::from(k) / f64::from(2 * STEPS));
+        Ok(model.derivative_and_jacobian(&state)?.1)
+    };
+    let mut first = jacobian(0)?;
+    for step in 0..STEPS {
+        let (middle, last) = (jacobian(2 * step + 1)?, jacobian(2 * step + 2)?);
+        let k1 = first * monodromy;
+        let k2 = middle * (monodromy + k1 * (0.5 * h));
+        let k3 = middle * (monodromy + k2 * (0.5 * h));
+        let k4 = last * (monodromy + k3 * h);
+        monodromy += (k1 + (k2 + k3) * 2.0 + k4) * (h / 6.0);
+        first = last;
+    }
+    Ok(multipliers(&monodromy).0)
 }
 
 /// Lowest and highest value of a periodic function from its samples: of the parabola through the three nearest.

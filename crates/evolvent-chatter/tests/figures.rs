@@ -7,8 +7,8 @@ mod common;
 
 use common::{near, steel, tool};
 use evolvent_chatter::{
-    ChatterError, CuttingTool, Cycle, Measure, Model, Prediction, Scanner, Verdict, Verified, least_squares,
-    verify,
+    Assessor, ChatterError, CuttingTool, Cycle, Measure, Model, Prediction, Scanner, Verdict, Verified,
+    least_squares, verify,
 };
 
 fn scanned(tool: CuttingTool, harmonics: usize) -> (Prediction, Vec<Verified>) {
@@ -22,6 +22,12 @@ fn scanned(tool: CuttingTool, harmonics: usize) -> (Prediction, Vec<Verified>) {
     (prediction, verified)
 }
 
+fn verdict(tool: CuttingTool) -> Verdict {
+    let law = steel();
+    let model = Model::new(tool, &law).unwrap();
+    Assessor::new(5).assess(&model).unwrap().verdict
+}
+
 fn only(prediction: &Prediction) -> &Cycle {
     let cycles: Vec<_> = prediction.cycles().collect();
     assert_eq!(cycles.len(), 1);
@@ -31,7 +37,7 @@ fn only(prediction: &Prediction) -> &Cycle {
 #[test]
 fn the_sustained_case_has_its_frequency_amplitudes_means_and_phase() {
     let (prediction, verified) = scanned(tool(60.0, 0.02), 5);
-    assert_eq!(prediction.verdict(), Verdict::SelfExcited);
+    assert_eq!(verdict(tool(60.0, 0.02)), Verdict::SelfExcited);
     near(
         prediction.equilibrium.growth_per_s(),
         23.514_340_643_860_72,
@@ -139,7 +145,7 @@ fn errors_fall_with_the_harmonics_as_they_are_known_to() {
 #[test]
 fn the_bistable_case_has_both_cycles_and_kicks_go_to_the_right_side() {
     let (prediction, verified) = scanned(tool(100.0, 0.008), 5);
-    assert_eq!(prediction.verdict(), Verdict::Bistable);
+    assert_eq!(verdict(tool(100.0, 0.008)), Verdict::Bistable);
     near(
         prediction.equilibrium.growth_per_s(),
         -2.395_413_277,
@@ -223,7 +229,7 @@ fn common_kick(model: &Model<'_>, kick_m_s: f64) -> f64 {
 #[test]
 fn the_stable_case_has_no_cycle() {
     let (prediction, verified) = scanned(tool(25.0, 0.02), 5);
-    assert_eq!(prediction.verdict(), Verdict::Stable);
+    assert_eq!(verdict(tool(25.0, 0.02)), Verdict::Stable);
     assert!(verified.is_empty());
     near(
         prediction.equilibrium.modes[0].growth_per_s,
@@ -258,7 +264,7 @@ fn over_the_speed_cycles_come_and_go_as_known_and_none_is_invented() {
             near(prediction.equilibrium.growth_per_s(), growth, 1e-6, "growth");
         }
         match cycle {
-            None => assert!(verified.is_empty() && prediction.verdict() == Verdict::Stable),
+            None => assert!(verified.is_empty() && verdict(tool(speed, 0.02)) == Verdict::Stable),
             Some((frequency, amplitude)) => {
                 assert!(only(&prediction).stable_by_slope() && verified[0].stable());
                 near(only(&prediction).frequency_hz, frequency, 4e-6, "frequency");
@@ -353,9 +359,7 @@ fn the_least_squares_of_the_source_have_their_known_bias_with_one_harmonic() {
 fn what_the_model_cannot_answer_is_said() {
     let law = steel();
     // Almost no damping: the vibration grows until the speed falls to the floor.
-    let model = Model::new(tool(60.0, 0.001), &law).unwrap();
-    let prediction = Scanner::new(5).scan(&model).unwrap();
-    assert_eq!(prediction.verdict(), Verdict::OutOfModel);
+    assert_eq!(verdict(tool(60.0, 0.001)), Verdict::OutOfModel);
     for (speed, depth, feed) in [
         (f64::NAN, 4.0, 0.49),
         (60.0, 0.0, 0.49),

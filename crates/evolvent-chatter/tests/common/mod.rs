@@ -7,6 +7,8 @@
     reason = "a test may fail, and prints its seed"
 )]
 
+pub mod oracle;
+
 use evolvent_chatter::{CuttingTool, PrincipalAxis};
 use evolvent_cutting::{ForceLaw, LawDefinition, Tool};
 

@@ -3,13 +3,16 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use evolvent_chatter::{
-    ChatterError, CuttingTool, Cycle, Fit, MapCell, Mapper, Measure, Model, OscillationCase, Prediction,
-    Scanner, Verdict, Verified, least_squares, nearest_stable, verify,
+    Assessment, Assessor, ChatterError, CuttingTool, Fit, MapCell, Mapper, Measure, Model, OscillationCase,
+    Verdict, least_squares, nearest_stable,
 };
 use evolvent_cutting::{Cut, ForceLaw, LawDefinition};
 
 use super::ChatterArgs;
 use crate::CommandError;
+
+/// Columns of a map that one thread computes together.
+const STRIP: usize = 25;
 
 /// Everything that pictures and reports show.
 pub(crate) struct Answer {
@@ -17,9 +20,7 @@ pub(crate) struct Answer {
     pub(crate) tool: CuttingTool,
     pub(crate) law: ForceLaw,
     pub(crate) definition: LawDefinition,
-    pub(crate) prediction: Prediction,
-    pub(crate) cycles: Vec<Checked>,
-    pub(crate) verdict: Verdict,
+    pub(crate) assessment: Assessment,
     /// Nearest stable speeds below and above, m/min; only where the cut is not stable.
     pub(crate) stable_m_min: [Option<f64>; 2],
     pub(crate) fits: Option<Vec<(Measure, Vec<Fit>)>>,
@@ -27,22 +28,6 @@ pub(crate) struct Answer {
     /// A map for each feed, cells column by column (speeds), from the lowest depth up.
     pub(crate) maps: Vec<(f64, Vec<MapCell>)>,
     pub(crate) assumptions: Vec<String>,
-}
-
-/// A cycle and what integration in time says of it.
-pub(crate) struct Checked {
-    pub(crate) cycle: Cycle,
-    pub(crate) verified: Result<Verified, ChatterError>,
-}
-
-impl Checked {
-    /// By the multipliers where there are some, else by the scan.
-    pub(crate) fn stable(&self) -> bool {
-        match &self.verified {
-            Ok(verified) => verified.stable(),
-            Err(_) => self.cycle.stable_by_slope(),
-        }
-    }
 }
 
 /// The cycles at a speed.
@@ -67,16 +52,8 @@ pub(crate) fn answer(
         ..asked.tool
     };
     let model = Model::new(tool, &law).map_err(failed)?;
-    let prediction = Scanner::new(asked.harmonics).scan(&model).map_err(failed)?;
-    let cycles: Vec<Checked> = prediction
-        .cycles()
-        .map(|cycle| Checked {
-            cycle: cycle.clone(),
-            verified: verify(&model, cycle, 1e-8),
-        })
-        .collect();
-    let verdict = prediction.verdict();
-    let stable_m_min = if verdict == Verdict::Stable {
+    let assessment = Assessor::new(asked.harmonics).assess(&model).map_err(failed)?;
+    let stable_m_min = if assessment.verdict == Verdict::Stable {
         [None; 2]
     } else {
         let range = [1.01 * tool.floor_m_min, 10.0 * tool.speed_m_min];
@@ -108,15 +85,13 @@ pub(crate) fn answer(
     } else {
         Vec::new()
     };
-    let assumptions = assumptions(asked, &tool, &law, &definition, &cycles);
+    let assumptions = assumptions(asked, &tool, &law, &definition, &assessment);
     Ok(Answer {
         asked: asked.clone(),
         tool,
         law,
         definition,
-        prediction,
-        cycles,
-        verdict,
+        assessment,
         stable_m_min,
         fits,
         sweep,
@@ -131,7 +106,7 @@ fn assumptions(
     tool: &CuttingTool,
     law: &ForceLaw,
     definition: &LawDefinition,
-    cycles: &[Checked],
+    assessment: &Assessment,
 ) -> Vec<String> {
     let mut all = vec![
         format!("force law {}: {}", definition.name, definition.description),
@@ -155,7 +130,7 @@ fn assumptions(
             feed_mm_rev: tool.feed_mm_rev,
         })
     };
-    let speeds = cycles.iter().flat_map(|checked| checked.cycle.speed_m_min);
+    let speeds = assessment.cycles.iter().flat_map(|known| known.cycle.speed_m_min);
     if speeds.chain([tool.speed_m_min]).any(outside) {
         let [from, to] = law.covered().speed_m_min;
         all.push(format!(
@@ -168,7 +143,7 @@ fn assumptions(
 /// Calls `each` for 0 to `count`, on as many threads as there are processors; results in order.
 fn in_parallel<T: Send>(
     count: usize,
-    each: impl Fn(&mut Worker, usize) -> T + Sync,
+    each: impl Fn(&mut Mapper, usize) -> T + Sync,
     harmonics: usize,
 ) -> Vec<T> {
     let threads = std::thread::available_parallelism()
@@ -176,17 +151,14 @@ fn in_parallel<T: Send>(
         .min(count.max(1));
     let next = AtomicUsize::new(0);
     let work = || {
-        let mut worker = Worker {
-            mapper: Mapper::new(harmonics),
-            scanner: Scanner::new(harmonics),
-        };
+        let mut mapper = Mapper::new(harmonics);
         let mut done = Vec::new();
         loop {
             let index = next.fetch_add(1, Ordering::Relaxed);
             if index >= count {
                 return done;
             }
-            done.push((index, each(&mut worker, index)));
+            done.push((index, each(&mut mapper, index)));
         }
     };
     let mut all: Vec<(usize, T)> = std::thread::scope(|scope| {
@@ -202,35 +174,23 @@ fn in_parallel<T: Send>(
     all.into_iter().map(|(_, result)| result).collect()
 }
 
-struct Worker {
-    mapper: Mapper,
-    scanner: Scanner,
-}
-
 fn sweep(asked: &OscillationCase, tool: CuttingTool, law: &ForceLaw) -> Vec<SweepPoint> {
     let [from, to] = asked.sweep.speed_m_min;
     let last = (asked.sweep.points - 1) as f64;
-    let point = |worker: &mut Worker, k: usize| {
+    let point = |mapper: &mut Mapper, k: usize| {
         let speed_m_min = from + (to - from) * k as f64 / last;
-        let mut point = SweepPoint {
+        let (cell, cycles) = mapper.cycles(CuttingTool { speed_m_min, ..tool }, law);
+        let mut cycles: Vec<_> = cycles
+            .iter()
+            .map(|(cycle, stable)| (cycle.amplitude_m(1), cycle.frequency_hz, *stable))
+            .collect();
+        cycles.sort_by(|a, b| b.0.total_cmp(&a.0));
+        SweepPoint {
             speed_m_min,
-            growth_per_s: None,
-            verdict: None,
-            cycles: Vec::new(),
-        };
-        let Ok(model) = Model::new(CuttingTool { speed_m_min, ..tool }, law) else {
-            return point;
-        };
-        if let Ok(prediction) = worker.scanner.scan(&model) {
-            point.growth_per_s = Some(prediction.equilibrium.growth_per_s());
-            point.verdict = Some(prediction.verdict());
-            point.cycles = prediction
-                .cycles()
-                .map(|cycle| (cycle.amplitude_m(1), cycle.frequency_hz, cycle.stable_by_slope()))
-                .collect();
-            point.cycles.sort_by(|a, b| b.0.total_cmp(&a.0));
+            growth_per_s: cell.growth_per_s.is_finite().then_some(cell.growth_per_s),
+            verdict: cell.verdict,
+            cycles,
         }
-        point
     };
     in_parallel(asked.sweep.points, point, asked.harmonics)
 }
@@ -241,20 +201,17 @@ fn map(asked: &OscillationCase, tool: CuttingTool, law: &ForceLaw) -> Vec<MapCel
     let middle = |range: [f64; 2], k: usize, count: usize| {
         range[0] + (range[1] - range[0]) * (k as f64 + 0.5) / count as f64
     };
-    let column = |worker: &mut Worker, k: usize| {
-        let speed_m_min = middle(range.speed_m_min, k, range.columns);
-        let cell = |row: usize| {
-            let depth_mm = middle(range.depth_mm, row, range.rows);
-            let tool = CuttingTool {
-                speed_m_min,
-                depth_mm,
-                ..tool
-            };
-            worker.mapper.cell(tool, law)
-        };
-        (0..range.rows).map(cell).collect::<Vec<_>>()
+    let depths: Vec<f64> = (0..range.rows)
+        .map(|row| middle(range.depth_mm, row, range.rows))
+        .collect();
+    let strip = |mapper: &mut Mapper, k: usize| {
+        let columns = k * STRIP..((k + 1) * STRIP).min(range.columns);
+        let speeds: Vec<f64> = columns
+            .map(|column| middle(range.speed_m_min, column, range.columns))
+            .collect();
+        mapper.tile(tool, law, &speeds, &depths)
     };
-    in_parallel(range.columns, column, asked.harmonics)
+    in_parallel(range.columns.div_ceil(STRIP), strip, asked.harmonics)
         .into_iter()
         .flatten()
         .collect()

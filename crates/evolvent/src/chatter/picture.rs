@@ -16,7 +16,7 @@ pub(crate) fn svg(case: &Case, answer: &Answer) -> String {
     let tool = &answer.tool;
     let subtitle = format!(
         "{}: {} m/min, {} mm deep, {} mm/rev; blue: stable, orange dashed: unstable",
-        answer.verdict.as_str(),
+        answer.assessment.verdict.as_str(),
         tool.speed_m_min,
         tool.depth_mm,
         tool.feed_mm_rev
@@ -42,14 +42,15 @@ fn portrait(svg: &mut Svg, answer: &Answer) {
         Some((1e3 * z, 60.0 * velocity))
     };
     let orbits: Vec<(bool, Vec<_>)> = answer
+        .assessment
         .cycles
         .iter()
         .map(|checked| {
             let points = (0..=240).map(|k| orbit(checked.cycle.state(f64::from(k) / 240.0)));
-            (checked.stable(), points.collect())
+            (checked.verified.stable(), points.collect())
         })
         .collect();
-    let [v1, v2] = answer.prediction.equilibrium.deflection_m;
+    let [v1, v2] = answer.assessment.equilibrium.deflection_m;
     let rest = 1e3 * model.machine_axes(v1, v2).1;
     let all = || orbits.iter().flat_map(|(_, points)| points.iter().flatten());
     let x = range_of(
@@ -73,8 +74,8 @@ fn portrait(svg: &mut Svg, answer: &Answer) {
     }
     svg.circle(chart.place(rest, 0.0), 4.0, "mark");
     if orbits.is_empty() {
-        let text = match answer.verdict {
-            Verdict::OutOfModel => "no cycle within the model: vibration grows until the model ends",
+        let text = match answer.assessment.verdict {
+            Verdict::OutOfModel => "no cycle within the model: vibration grows out of it",
             _ => "no cycle: every disturbance within the model dies out",
         };
         svg.text((320.0, 140.0), Anchor::Middle, "", text);
@@ -88,6 +89,7 @@ fn force(svg: &mut Svg, answer: &Answer) {
         return;
     };
     let reached = answer
+        .assessment
         .cycles
         .iter()
         .map(|checked| checked.cycle.speed_m_min[1])
@@ -115,12 +117,12 @@ fn force(svg: &mut Svg, answer: &Answer) {
         "N, at the depth and feed of the cut; green: where the law's data are from",
     );
     chart.line(svg, &curve, "#444", 1.4, "");
-    for checked in &answer.cycles {
+    for checked in &answer.assessment.cycles {
         let [low, high] = checked.cycle.speed_m_min;
         let part: Vec<_> = (0..=200)
             .map(|k| at(low + (high - low) * f64::from(k) / 200.0))
             .collect();
-        if checked.stable() {
+        if checked.verified.stable() {
             chart.line(svg, &part, STABLE, 4.0, "stroke-opacity=\".55\"");
         } else {
             chart.line(svg, &part, UNSTABLE, 2.2, "stroke-dasharray=\"7 4\"");

@@ -2,10 +2,12 @@
 
 use std::fmt::Write as _;
 
-use evolvent_chatter::{Case, Cycle, Measure, ScanEnd, Verdict};
+use evolvent_chatter::{
+    AssessedCycle, Assessment, Case, Cycle, DropReason, Fate, FoundBy, Measure, ScanEnd, Verdict,
+};
 use serde_json::{Value, json};
 
-use super::answer::{Answer, Checked};
+use super::answer::Answer;
 use super::lobes::{LobeAnswer, LobePoint};
 
 pub(crate) fn text(case: &Case, oscillation: Option<&Answer>, lobes: &[LobeAnswer]) -> String {
@@ -30,37 +32,56 @@ fn speed(answer: &Answer, speed_m_min: f64) -> String {
     }
 }
 
-fn sentence(verdict: Verdict) -> &'static str {
-    match verdict {
-        Verdict::Stable => "stable: every disturbance within the model dies out",
-        Verdict::Bistable => "bistable: steady until a blow beyond the unstable cycle sets it vibrating",
-        Verdict::SelfExcited => "vibrates by itself",
-        Verdict::OutOfModel => {
-            "no answer: vibration grows until the model ends (speed at the floor, or contact lost for half of the time)"
+fn sentence(assessment: &Assessment) -> &'static str {
+    let grows = assessment.equilibrium.growth_per_s() > 0.0;
+    match (assessment.verdict, grows, assessment.can_leave()) {
+        (Verdict::Stable, ..) => "stable: every disturbance within the model dies out",
+        (Verdict::Bistable, _, false) => {
+            "bistable: steady until a blow beyond the unstable cycle sets it vibrating"
+        }
+        (Verdict::Bistable, _, true) => {
+            "bistable: steady until a blow sets it vibrating, and a large one leaves the model"
+        }
+        (Verdict::SelfExcited, _, false) => "vibrates by itself",
+        (Verdict::SelfExcited, _, true) => "vibrates by itself, and a large blow leaves the model",
+        (Verdict::OutOfModel, true, _) => {
+            "leaves the model by itself: vibration grows until the speed falls to the floor or contact is lost"
+        }
+        (Verdict::OutOfModel, false, _) => {
+            "leaves the model after a blow: steady until then, but beyond the unstable cycle vibration grows until the \
+             speed falls to the floor or contact is lost"
         }
     }
+}
+
+/// A length in mm as a drawing has it: to 0.1 um, without zeros behind.
+fn length(mm: f64) -> String {
+    let text = format!("{mm:.4}");
+    text.trim_end_matches('0').trim_end_matches('.').to_owned()
 }
 
 fn end_word(end: ScanEnd) -> &'static str {
     match end {
         ScanEnd::SpeedFloor => "speed-floor",
         ScanEnd::ContactLost => "contact-lost",
+        ScanEnd::Rest => "rest",
         ScanEnd::NotFound => "not-found",
+        ScanEnd::TooLong => "too-long",
         ScanEnd::NoBranch => "no-branch",
     }
 }
 
 fn oscillation_text(text: &mut String, case: &Case, answer: &Answer) -> std::fmt::Result {
     let tool = &answer.tool;
-    writeln!(text, "{}: {}", case.name, sentence(answer.verdict))?;
+    writeln!(text, "{}: {}", case.name, sentence(&answer.assessment))?;
     writeln!(
         text,
         "  cut             {}, {} mm deep, {} mm/rev",
         speed(answer, tool.speed_m_min),
-        tool.depth_mm,
-        tool.feed_mm_rev
+        length(tool.depth_mm),
+        length(tool.feed_mm_rev)
     )?;
-    let rest = &answer.prediction.equilibrium;
+    let rest = &answer.assessment.equilibrium;
     let [v1, v2] = rest.deflection_m.map(|deflection| 1e3 * deflection);
     writeln!(
         text,
@@ -79,10 +100,11 @@ fn oscillation_text(text: &mut String, case: &Case, answer: &Answer) -> std::fmt
             mode.frequency_hz, mode.growth_per_s
         )?;
     }
-    for (k, checked) in answer.cycles.iter().enumerate() {
-        cycle_text(text, k + 1, checked)?;
+    for (k, known) in answer.assessment.cycles.iter().enumerate() {
+        cycle_text(text, k + 1, known)?;
     }
-    if answer.verdict != Verdict::Stable {
+    evidence_text(text, &answer.assessment)?;
+    if answer.assessment.verdict != Verdict::Stable {
         // Rounded away from the border, so that what is read is stable.
         let rounded = |at: f64, round: fn(f64) -> f64| {
             let rpm = rpm(answer, at).map_or(String::new(), |rpm| format!(" ({:.0} rpm)", round(rpm)));
@@ -109,15 +131,78 @@ fn oscillation_text(text: &mut String, case: &Case, answer: &Answer) -> std::fmt
     assumptions_text(text, &answer.assumptions)
 }
 
-fn cycle_text(text: &mut String, number: usize, checked: &Checked) -> std::fmt::Result {
-    let cycle = &checked.cycle;
-    let word = if checked.stable() { "stable" } else { "unstable" };
+/// What was looked at, and what is not known.
+fn evidence_text(text: &mut String, assessment: &Assessment) -> std::fmt::Result {
+    for dropped in &assessment.dropped {
+        let why = match &dropped.reason {
+            // What is there already need not be told.
+            DropReason::Duplicate => continue,
+            DropReason::Landed => "in time it is another one".to_owned(),
+            DropReason::Outside => "in time it lies beyond the model".to_owned(),
+            DropReason::Rest => "in time it leads back to the steady cut".to_owned(),
+            DropReason::Refused(error) => format!("it does not close in time: {error}"),
+        };
+        writeln!(
+            text,
+            "  dropped: a cycle of the balance at {:.2} Hz, V2 {} mm: {why}",
+            dropped.cycle.frequency_hz,
+            length(1e3 * dropped.cycle.amplitude_m(1))
+        )?;
+    }
+    for branch in assessment.branches.iter().filter(|branch| !branch.end.is_known()) {
+        writeln!(
+            text,
+            "  not known: the branch at {:.2} Hz was followed to {} mm only ({}); larger cycles on it may be missing",
+            branch.mode.frequency_hz,
+            branch
+                .points
+                .last()
+                .map_or("0".to_owned(), |point| length(1e3 * point.amplitude_m)),
+            end_word(branch.end)
+        )?;
+    }
+    let count = |is: fn(&Fate) -> bool| {
+        assessment
+            .disturbances
+            .iter()
+            .filter(|kick| is(&kick.fate))
+            .count()
+    };
+    let each = [
+        (count(|fate| *fate == Fate::DiesOut), "die out"),
+        (
+            count(|fate| matches!(fate, Fate::Settles(_))),
+            "settle on a cycle",
+        ),
+        (count(|fate| *fate == Fate::GoesOn), "go on without a cycle"),
+        (count(|fate| *fate == Fate::StillGrows), "still grow"),
+        (count(|fate| *fate == Fate::Leaves), "leave the model"),
+    ];
+    let said: Vec<String> = each
+        .iter()
+        .filter(|(count, _)| *count > 0)
+        .map(|(count, what)| format!("{count} {what}"))
+        .collect();
+    if said.is_empty() {
+        return Ok(());
+    }
+    writeln!(text, "  disturbances followed in time: {}", said.join(", "))
+}
+
+fn cycle_text(text: &mut String, number: usize, known: &AssessedCycle) -> std::fmt::Result {
+    let (cycle, exact) = (&known.cycle, &known.verified);
     writeln!(
         text,
-        "  cycle {number}, {word}: {:.4} Hz, amplitudes V1 {:.6} mm, V2 {:.6} mm",
+        "  cycle {number}, {}: {:.4} Hz, amplitudes V1 {:.6} mm, V2 {:.6} mm{}",
+        if exact.stable() { "stable" } else { "unstable" },
         cycle.frequency_hz,
         1e3 * cycle.amplitude_m(0),
-        1e3 * cycle.amplitude_m(1)
+        1e3 * cycle.amplitude_m(1),
+        match known.found_by {
+            FoundBy::Scan => "",
+            FoundBy::Neighbour => " (continued from a neighbouring cut)",
+            FoundBy::Disturbance => " (found by following disturbances)",
+        }
     )?;
     writeln!(
         text,
@@ -132,18 +217,15 @@ fn cycle_text(text: &mut String, number: usize, checked: &Checked) -> std::fmt::
             String::new()
         }
     )?;
-    match &checked.verified {
-        Ok(exact) => writeln!(
-            text,
-            "    in time: {:.4} Hz, V2 {:.6} mm (off by {:.1e} and {:.1e}); largest multiplier {:.4}",
-            exact.frequency_hz,
-            1e3 * exact.amplitude_m[1],
-            exact.frequency_error.abs(),
-            exact.amplitude_error.abs(),
-            exact.multipliers[0].norm()
-        ),
-        Err(error) => writeln!(text, "    not confirmed by integration in time: {error}"),
-    }
+    writeln!(
+        text,
+        "    in time: {:.4} Hz, V2 {:.6} mm (off by {:.1e} and {:.1e}); largest multiplier {:.4}",
+        exact.frequency_hz,
+        1e3 * exact.amplitude_m[1],
+        exact.frequency_error.abs(),
+        exact.amplitude_error.abs(),
+        exact.multipliers[0].norm()
+    )
 }
 
 fn fits_text(
@@ -260,8 +342,8 @@ pub(crate) fn json(case: &Case, oscillation: Option<&Answer>, lobes: &[LobeAnswe
     })
 }
 
-fn cycle_json(checked: &Checked) -> Value {
-    let cycle: &Cycle = &checked.cycle;
+fn cycle_json(known: &AssessedCycle) -> Value {
+    let (cycle, exact): (&Cycle, _) = (&known.cycle, &known.verified);
     let relative = |coordinate: usize| {
         let harmonics = &cycle.harmonics_m[coordinate];
         let first = cycle.amplitude_m(coordinate);
@@ -271,22 +353,24 @@ fn cycle_json(checked: &Checked) -> Value {
             .map(|value| value.norm() / first)
             .collect::<Vec<_>>()
     };
-    let verified = match &checked.verified {
-        Ok(exact) => json!({
-            "frequency_hz": exact.frequency_hz,
-            "amplitude_mm": exact.amplitude_m.map(|value| 1e3 * value),
-            "mean_mm": exact.mean_m.map(|value| 1e3 * value),
-            "half_peak_to_peak_mm": exact.half_peak_to_peak_m.map(|value| 1e3 * value),
-            "multipliers": exact.multipliers.map(|value| [value.re, value.im]),
-            "trivial_multiplier_error": exact.trivial_error,
-            "closure": exact.closure,
-            "amplitude_error": exact.amplitude_error,
-            "frequency_error": exact.frequency_error,
-        }),
-        Err(error) => json!({ "refused": error.to_string() }),
-    };
+    let verified = json!({
+        "frequency_hz": exact.frequency_hz,
+        "amplitude_mm": exact.amplitude_m.map(|value| 1e3 * value),
+        "mean_mm": exact.mean_m.map(|value| 1e3 * value),
+        "half_peak_to_peak_mm": exact.half_peak_to_peak_m.map(|value| 1e3 * value),
+        "multipliers": exact.multipliers.map(|value| [value.re, value.im]),
+        "trivial_multiplier_error": exact.trivial_error,
+        "closure": exact.closure,
+        "amplitude_error": exact.amplitude_error,
+        "frequency_error": exact.frequency_error,
+    });
     json!({
-        "stable": checked.stable(),
+        "stable": exact.stable(),
+        "found_by": match known.found_by {
+            FoundBy::Scan => "scan",
+            FoundBy::Neighbour => "neighbour",
+            FoundBy::Disturbance => "disturbance",
+        },
         "frequency_hz": cycle.frequency_hz,
         "amplitude_mm": [1e3 * cycle.amplitude_m(0), 1e3 * cycle.amplitude_m(1)],
         "mean_mm": [1e3 * cycle.mean_m(0), 1e3 * cycle.mean_m(1)],
@@ -296,21 +380,52 @@ fn cycle_json(checked: &Checked) -> Value {
         "speed_m_min": cycle.speed_m_min,
         "depth_mm": cycle.depth_mm,
         "free_part": cycle.free_part,
-        "stable_by_slope": cycle.stable_by_slope(),
         "verified": verified,
     })
 }
 
 fn oscillation_json(answer: &Answer) -> Value {
     let tool = &answer.tool;
-    let rest = &answer.prediction.equilibrium;
-    let branches = answer.prediction.branches.iter().map(|branch| {
+    let rest = &answer.assessment.equilibrium;
+    let branches = answer.assessment.branches.iter().map(|branch| {
         json!({
             "growth_per_s": branch.mode.growth_per_s,
             "frequency_hz": branch.mode.frequency_hz,
             "driver": if branch.driver == 0 { "V1" } else { "V2" },
             "end": end_word(branch.end),
+            "end_is_known": branch.end.is_known(),
             "largest_amplitude_mm": branch.points.last().map(|point| 1e3 * point.amplitude_m),
+        })
+    });
+    let dropped = answer.assessment.dropped.iter().map(|dropped| {
+        json!({
+            "frequency_hz": dropped.cycle.frequency_hz,
+            "amplitude_mm": [1e3 * dropped.cycle.amplitude_m(0), 1e3 * dropped.cycle.amplitude_m(1)],
+            "reason": match &dropped.reason {
+                DropReason::Landed => "landed-on-another".to_owned(),
+                DropReason::Duplicate => "duplicate".to_owned(),
+                DropReason::Outside => "out-of-model".to_owned(),
+                DropReason::Rest => "steady-cut".to_owned(),
+                DropReason::Refused(error) => error.to_string(),
+            },
+        })
+    });
+    let disturbances = answer.assessment.disturbances.iter().map(|kick| {
+        json!({
+            "size_m_s": kick.size_m_s,
+            "velocity_m_s": [kick.start[2], kick.start[3]],
+            "deflection_mm": [1e3 * kick.start[0], 1e3 * kick.start[1]],
+            "fate": match &kick.fate {
+                Fate::DiesOut => "dies-out",
+                Fate::Settles(_) => "settles",
+                Fate::GoesOn => "goes-on",
+                Fate::StillGrows => "still-grows",
+                Fate::Leaves | Fate::BeginsOutside => "leaves-model",
+            },
+            "settles_on_mm": match &kick.fate {
+                Fate::Settles(cycle) => Some(cycle.amplitude_m.map(|value| 1e3 * value)),
+                _ => None,
+            },
         })
     });
     let fits = answer.fits.as_ref().map(|fits| {
@@ -354,7 +469,7 @@ fn oscillation_json(answer: &Answer) -> Value {
         })
     });
     json!({
-        "verdict": answer.verdict.as_str(),
+        "verdict": answer.assessment.verdict.as_str(),
         "speed_m_min": tool.speed_m_min,
         "speed_rpm": rpm(answer, tool.speed_m_min),
         "depth_mm": tool.depth_mm,
@@ -365,7 +480,10 @@ fn oscillation_json(answer: &Answer) -> Value {
         "deflection_mm": rest.deflection_m.map(|value| 1e3 * value),
         "growth_per_s": rest.growth_per_s(),
         "branches": branches.collect::<Vec<_>>(),
-        "cycles": answer.cycles.iter().map(cycle_json).collect::<Vec<_>>(),
+        "cycles": answer.assessment.cycles.iter().map(cycle_json).collect::<Vec<_>>(),
+        "dropped": dropped.collect::<Vec<_>>(),
+        "disturbances": disturbances.collect::<Vec<_>>(),
+        "can_leave_model": answer.assessment.can_leave(),
         "stable_speeds_m_min": answer.stable_m_min,
         "least_squares": fits,
         "sweep": sweep.collect::<Vec<_>>(),

@@ -1,0 +1,453 @@
+//! What becomes of a cut: its cycles with their multipliers, the fate of disturbances, and the verdict.
+//!
+//! Three ways look for cycles, and each covers what another may miss: harmonic balance along the branches of this cut
+//! and of its neighbours in speed and depth; disturbances followed in time, which find what attracts; and halving
+//! between a disturbance that dies out and one that does not, which finds what separates them. A cycle counts where it
+//! closes in time; what is stable is said by its Floquet multipliers. A cut is called stable only where no cycle is
+//! known and every disturbance that was tried has died out.
+
+use crate::cycle::Cycle;
+use crate::error::ChatterError;
+use crate::model::{CuttingTool, Equilibrium, Model, State};
+use crate::scan::{Branch, Prediction, Scanner};
+use crate::transient::{Fate, Follower};
+use crate::verify::{Verified, report, shoot, verify};
+
+/// A prediction that is further off in amplitude has landed on another cycle: with five harmonics and loss of contact
+/// it is 5e-3 off, with one up to 0.1.
+const LANDED_AMPLITUDE: f64 = 0.15;
+/// ... or in frequency.
+const LANDED_FREQUENCY: f64 = 3e-3;
+/// Neighbours whose cycles are continued to a cut: parts of speed and depth.
+const NEIGHBOURS: [[f64; 2]; 4] = [[1.005, 1.0], [0.995, 1.0], [1.0, 1.005], [1.0, 0.995]];
+/// Size of a large disturbance, of the largest that keeps the speed above the floor.
+const LARGE: f64 = 0.9;
+/// ... of a middle one, where the large one does not die out.
+const MIDDLE: f64 = 0.4;
+/// ... and of a small one, where the steady cut does not last.
+const SMALL: f64 = 0.02;
+
+/// What the model says of a cut.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// Every disturbance within the model dies out.
+    Stable,
+    /// The cut is steady, but a disturbance beyond the unstable cycle grows to a vibration that lasts.
+    Bistable,
+    /// The cut vibrates by itself.
+    SelfExcited,
+    /// Vibration leaves the model, by itself or after a disturbance: it is large, and how large is not known.
+    OutOfModel,
+}
+
+impl Verdict {
+    /// As written in reports.
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Stable => "stable",
+            Self::Bistable => "bistable",
+            Self::SelfExcited => "self-excited",
+            Self::OutOfModel => "out-of-model",
+        }
+    }
+}
+
+/// Which way a cycle was found first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FoundBy {
+    /// On a branch of harmonic balance.
+    Scan,
+    /// From a cycle at a neighbouring speed or depth.
+    Neighbour,
+    /// By following a disturbance.
+    Disturbance,
+}
+
+/// A cycle that closes in time.
+#[derive(Clone, Debug, PartialEq)]
+pub struct AssessedCycle {
+    /// As harmonics: of the balance, or of the motion in time.
+    pub cycle: Cycle,
+    /// As integration in time has it, with the multipliers.
+    pub verified: Verified,
+    /// How it was found.
+    pub found_by: FoundBy,
+}
+
+/// Why a cycle of the balance does not count.
+#[derive(Clone, Debug, PartialEq)]
+pub enum DropReason {
+    /// Integration in time leads to another cycle, which counts by itself.
+    Landed,
+    /// It is another one again.
+    Duplicate,
+    /// It does not close in time.
+    Refused(ChatterError),
+    /// In time it lies beyond the model.
+    Outside,
+    /// In time it leads back to the steady cut.
+    Rest,
+}
+
+/// A cycle of the balance that does not count.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DroppedCycle {
+    /// As the balance has it.
+    pub cycle: Cycle,
+    /// Why.
+    pub reason: DropReason,
+}
+
+/// A disturbance that was followed.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Disturbance {
+    /// The state it begins with.
+    pub start: State,
+    /// Its size, m/s, as [`Follower::size_m_s`] has it.
+    pub size_m_s: f64,
+    /// Whether it shows what the cut does by itself.
+    pub is_small: bool,
+    /// What became of it.
+    pub fate: Fate,
+}
+
+/// Everything that is known of a cut.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Assessment {
+    /// The steady cut.
+    pub equilibrium: Equilibrium,
+    /// The branches of harmonic balance.
+    pub branches: Vec<Branch>,
+    /// Cycles that close in time, each once, the smallest first.
+    pub cycles: Vec<AssessedCycle>,
+    /// Cycles of the balance that do not count.
+    pub dropped: Vec<DroppedCycle>,
+    /// Disturbances that were followed.
+    pub disturbances: Vec<Disturbance>,
+    /// The verdict.
+    pub verdict: Verdict,
+}
+
+impl Assessment {
+    /// Whether a disturbance was found that leaves the model.
+    #[must_use]
+    pub fn can_leave(&self) -> bool {
+        self.disturbances.iter().any(|kick| kick.fate == Fate::Leaves)
+    }
+
+    /// The stable cycle of the largest amplitude.
+    #[must_use]
+    pub fn largest_stable(&self) -> Option<&AssessedCycle> {
+        self.cycles.iter().rev().find(|known| known.verified.stable())
+    }
+
+    /// Knows a cycle, unless it is known already or lies beyond the model.
+    fn add(
+        &mut self,
+        model: &Model<'_>,
+        verified: Verified,
+        cycle: Option<Cycle>,
+        found_by: FoundBy,
+    ) -> bool {
+        // The steady cut closes after any time.
+        let is_rest = size(&verified) < 1e-7 * model.tool().depth_mm;
+        let is_new = !is_rest && !self.cycles.iter().any(|known| known.verified.is_same(&verified));
+        if is_new && verified.within_model(model) {
+            self.cycles.push(AssessedCycle {
+                cycle: cycle.unwrap_or_else(|| verified.cycle()),
+                verified,
+                found_by,
+            });
+            return true;
+        }
+        false
+    }
+}
+
+/// Assesses cuts; keeps its working memory from one to the next.
+#[derive(Clone, Debug)]
+pub struct Assessor {
+    scanner: Scanner,
+    /// For neighbours.
+    near: Scanner,
+}
+
+impl Assessor {
+    /// With 1 to 64 harmonics in the balance; 5 give amplitudes to 1e-4.
+    #[must_use]
+    pub fn new(harmonics: usize) -> Self {
+        Self {
+            scanner: Scanner::new(harmonics),
+            near: Scanner::for_maps(harmonics.min(5)),
+        }
+    }
+
+    /// Everything about a cut. Costs 5 to 200 ms.
+    ///
+    /// # Errors
+    /// No steady cut, or a force law that does not reach as far as the motion.
+    pub fn assess(&mut self, model: &Model<'_>) -> Result<Assessment, ChatterError> {
+        let prediction = self.scanner.scan(model)?;
+        let mut assessment = verified(model, prediction);
+        let open = disturb(model, &mut assessment);
+        let unknown = assessment.branches.iter().any(|branch| !branch.end.is_known());
+        if assessment.cycles.is_empty() || open.is_some() || unknown {
+            self.continue_neighbours(model, &mut assessment);
+        }
+        let unstable = assessment.cycles.iter().any(|known| !known.verified.stable());
+        if let (Some(open), false) = (open, unstable) {
+            let follower = Follower::new(*model, &assessment.equilibrium);
+            if let Some(found) = open.border(&follower) {
+                assessment.add(model, found, None, FoundBy::Disturbance);
+            }
+        }
+        assessment
+            .cycles
+            .sort_by(|a, b| size(&a.verified).total_cmp(&size(&b.verified)));
+        assessment.verdict = verdict(&assessment);
+        Ok(assessment)
+    }
+
+    /// What becomes of disturbances, up to the first that leaves the model: the largest within it, or small ones where the
+    /// steady cut does not last. A motion that arrives at one of the given stable cycles is followed no further.
+    pub(crate) fn disturbances(
+        &self,
+        model: &Model<'_>,
+        rest: &Equilibrium,
+        stable: &[Verified],
+    ) -> Vec<Fate> {
+        let mut follower = Follower::new(*model, rest).hasty();
+        for cycle in stable {
+            follower.expect(cycle);
+        }
+        let first = if rest.growth_per_s() > 0.0 { SMALL } else { LARGE };
+        let mut fates = Vec::new();
+        for direction in directions(model, &follower) {
+            let (_, fate) = fate_within(&follower, follower.rest(), direction, first);
+            let ends = fate == Fate::Leaves;
+            fates.push(fate);
+            if ends {
+                break;
+            }
+        }
+        fates
+    }
+
+    /// Cycles of cuts close by, continued to this one.
+    fn continue_neighbours(&mut self, model: &Model<'_>, assessment: &mut Assessment) {
+        for [speed, depth] in NEIGHBOURS {
+            let tool = CuttingTool {
+                speed_m_min: speed * model.tool().speed_m_min,
+                depth_mm: depth * model.tool().depth_mm,
+                ..*model.tool()
+            };
+            // What cannot be computed there has nothing to add here.
+            let Ok(near) = model.with_tool(tool) else { continue };
+            let Ok(prediction) = self.near.scan(&near) else {
+                continue;
+            };
+            for cycle in prediction.cycles() {
+                let size = cycle.amplitude_m(0).max(cycle.amplitude_m(1));
+                let known = assessment.cycles.iter().any(|known| {
+                    let other = &known.verified;
+                    (cycle.frequency_hz / other.frequency_hz - 1.0).abs() < LANDED_FREQUENCY
+                        && (0..2).all(|i| (cycle.amplitude_m(i) - other.amplitude_m[i]).abs() < 0.05 * size)
+                });
+                if known {
+                    continue;
+                }
+                let closed = shoot(model, cycle.state(0.0), 1.0 / cycle.frequency_hz, size, 1e-8);
+                if let Ok(Some(closed)) = closed
+                    && let Ok(verified) = report(model, &closed)
+                {
+                    assessment.add(model, verified, None, FoundBy::Neighbour);
+                }
+            }
+        }
+    }
+}
+
+fn size(verified: &Verified) -> f64 {
+    verified.amplitude_m[0].max(verified.amplitude_m[1])
+}
+
+/// The cycles of a scan that close in time.
+fn verified(model: &Model<'_>, prediction: Prediction) -> Assessment {
+    let mut assessment = Assessment {
+        equilibrium: prediction.equilibrium,
+        branches: Vec::new(),
+        cycles: Vec::new(),
+        dropped: Vec::new(),
+        disturbances: Vec::new(),
+        verdict: Verdict::OutOfModel,
+    };
+    for cycle in prediction.branches.iter().flat_map(|branch| &branch.cycles) {
+        let reason = match verify(model, cycle, 1e-8) {
+            Err(error) => DropReason::Refused(error),
+            Ok(verified) => {
+                let is_rest = size(&verified) < 1e-3 * cycle.amplitude_m(cycle.driver);
+                let landed = verified.amplitude_error.abs() > LANDED_AMPLITUDE
+                    || verified.frequency_error.abs() > LANDED_FREQUENCY;
+                let within = verified.within_model(model);
+                let kept = (!landed).then(|| cycle.clone());
+                let added = assessment.add(model, verified, kept, FoundBy::Scan);
+                match (landed, within, added) {
+                    _ if is_rest => DropReason::Rest,
+                    (true, ..) => DropReason::Landed,
+                    (_, false, _) => DropReason::Outside,
+                    (_, _, false) => DropReason::Duplicate,
+                    _ => continue,
+                }
+            }
+        };
+        assessment.dropped.push(DroppedCycle {
+            cycle: cycle.clone(),
+            reason,
+        });
+    }
+    assessment.branches = prediction.branches;
+    assessment
+}
+
+/// Follows disturbances in time, and adds the cycles that they settle on. Two of one direction with different fates,
+/// where what is between them is not known.
+fn disturb(model: &Model<'_>, assessment: &mut Assessment) -> Option<Between> {
+    let mut open = None;
+    let mut follower = Follower::new(*model, &assessment.equilibrium);
+    for known in assessment.cycles.iter().filter(|known| known.verified.stable()) {
+        follower.expect(&known.verified);
+    }
+    let rest = follower.rest();
+    let grows = assessment.equilibrium.growth_per_s() > 0.0;
+    let mut directions = directions(model, &follower);
+    // What the branches end with is a motion that the model favours.
+    for branch in &assessment.branches {
+        directions.extend(branch.largest.map(|state| state - rest));
+    }
+    // Where small vibrations grow, a small disturbance shows what the cut does by itself, a large one what a blow does.
+    let sizes = if grows { [SMALL, LARGE] } else { [LARGE, MIDDLE] };
+    for direction in directions {
+        let (mut dies, mut stays): (Option<f64>, Option<f64>) = (None, None);
+        for first in sizes {
+            let (part, fate) = fate_within(&follower, rest, direction, first);
+            match fate {
+                Fate::BeginsOutside => continue,
+                Fate::DiesOut => dies = Some(dies.map_or(part, |before| before.max(part))),
+                _ => stays = Some(stays.map_or(part, |before| before.min(part))),
+            }
+            if let Fate::Settles(found) = &fate
+                && assessment.add(model, (**found).clone(), None, FoundBy::Disturbance)
+            {
+                follower.expect(found);
+            }
+            let start = rest + direction * part;
+            let ended = !grows && fate == Fate::DiesOut;
+            assessment.disturbances.push(Disturbance {
+                start,
+                size_m_s: follower.size_m_s(&start),
+                is_small: first <= SMALL,
+                fate,
+            });
+            // What is smaller in this direction dies out all the more.
+            if ended {
+                break;
+            }
+        }
+        let unstable = assessment.cycles.iter().any(|known| !known.verified.stable());
+        if let (false, Some(stays), false) = (grows, stays, unstable) {
+            open = Some(Between {
+                direction,
+                dies: dies.unwrap_or(SMALL),
+                stays,
+            });
+        }
+    }
+    open
+}
+
+/// The fate of a disturbance of a part of a direction, or of the largest smaller one that begins within the model.
+fn fate_within(follower: &Follower<'_>, rest: State, direction: State, first: f64) -> (f64, Fate) {
+    let mut part = first;
+    loop {
+        match follower.fate(rest + direction * part) {
+            // A small one that is outside at once has grown there.
+            Fate::BeginsOutside if part <= SMALL => return (part, Fate::Leaves),
+            Fate::BeginsOutside if part > 0.1 => part *= 0.85,
+            fate => return (part, fate),
+        }
+    }
+}
+
+/// Disturbances that just keep the speed above the floor: blows along both principal axes, along the cutting speed and
+/// across it.
+fn directions(model: &Model<'_>, follower: &Follower<'_>) -> Vec<State> {
+    let (cos, sin) = model.machine_axes(1.0, 0.0);
+    let along = |v1: f64, v2: f64| {
+        let (_, z) = model.machine_axes(v1, v2);
+        // Across the cutting speed a blow turns into motion along it, but never the whole of it.
+        let by = follower.reach_m_s() / z.abs().max(0.3);
+        State::new(0.0, 0.0, by * v1, by * v2)
+    };
+    vec![
+        along(1.0, 0.0),
+        along(0.0, 1.0),
+        along(sin, cos),
+        along(cos, -sin),
+    ]
+}
+
+/// A disturbance that dies out and a larger one that does not, as parts of a direction.
+struct Between {
+    direction: State,
+    dies: f64,
+    stays: f64,
+}
+
+impl Between {
+    /// The unstable cycle between both, by halving: close to the border the motion lingers near the cycle before it
+    /// turns away.
+    fn border(&self, follower: &Follower<'_>) -> Option<Verified> {
+        let (mut low, mut high) = (self.dies, self.stays);
+        let mut calmest = None;
+        for _ in 0..12 {
+            let middle = 0.5 * (low + high);
+            let (fate, lingering) = follower.follow(follower.rest() + self.direction * middle);
+            calmest = lingering.or(calmest);
+            match fate {
+                Fate::DiesOut => low = middle,
+                _ => high = middle,
+            }
+        }
+        follower.cycle_near(&calmest?.state)
+    }
+}
+
+fn verdict(assessment: &Assessment) -> Verdict {
+    let grows = assessment.equilibrium.growth_per_s() > 0.0;
+    let stable_cycle = assessment.cycles.iter().any(|known| known.verified.stable());
+    let fates = || assessment.disturbances.iter().map(|kick| &kick.fate);
+    let lasts = stable_cycle || fates().any(|fate| matches!(fate, Fate::Settles(_) | Fate::GoesOn));
+    if !grows {
+        // An unstable cycle is the border to something that does not die out.
+        let all_die = fates().all(|fate| *fate == Fate::DiesOut) && assessment.cycles.is_empty();
+        return match (lasts, all_die) {
+            (true, _) => Verdict::Bistable,
+            (false, true) => Verdict::Stable,
+            (false, false) => Verdict::OutOfModel,
+        };
+    }
+    // What the steady cut turns into by itself.
+    let small = || {
+        assessment
+            .disturbances
+            .iter()
+            .filter(|kick| kick.is_small)
+            .map(|kick| &kick.fate)
+    };
+    if !lasts || small().any(|fate| *fate == Fate::Leaves) {
+        Verdict::OutOfModel
+    } else {
+        Verdict::SelfExcited
+    }
+}

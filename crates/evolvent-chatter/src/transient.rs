@@ -1,0 +1,323 @@
+//! What becomes of a disturbance: the motion followed in time.
+//!
+//! The classical Runge-Kutta method with 32 steps per period of the faster axis: it takes 1e-5 of the amplitude a
+//! period, far less than the damping of any tool. Beyond the model the motion goes on with the force held at the floor
+//! of the speed, and none out of contact, so that every motion has an end: it dies out, settles on a cycle, goes on
+//! within the model without one, or stays beyond the model.
+
+use crate::error::ChatterError;
+use crate::model::{Equilibrium, Model, State};
+use crate::scan::MOST_FREE_PART;
+use crate::verify::{Closed, Verified, report, shoot};
+
+/// Steps per period of the faster axis.
+const STEPS: f64 = 32.0;
+/// Periods of the slower axis in a window.
+const PERIODS: f64 = 8.0;
+/// A disturbance that has fallen to this part of the largest within the model has died out: the law is linear there.
+const DEAD_PART: f64 = 0.01;
+/// Windows beyond the model, none smaller than the first, after which a motion has left it.
+const WINDOWS_OUTSIDE: usize = 4;
+/// ... and windows after which it has left however it changes.
+const MOST_WINDOWS_OUTSIDE: usize = 60;
+
+/// What becomes of a disturbance.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Fate {
+    /// The steady cut comes back.
+    DiesOut,
+    /// It settles on a stable cycle.
+    Settles(Box<Verified>),
+    /// It goes on within the model, on no cycle that was found: a beat of two frequencies.
+    GoesOn,
+    /// It still grew, within the model, when it was followed no longer.
+    StillGrows,
+    /// It grows out of the model.
+    Leaves,
+    /// It begins beyond the model.
+    BeginsOutside,
+}
+
+/// Follows disturbances of a steady cut.
+#[derive(Clone, Debug)]
+pub struct Follower<'a> {
+    /// Stable cycles that are known, with their largest and smallest size, m/s.
+    known: Vec<(Verified, [f64; 2])>,
+    model: Model<'a>,
+    rest: State,
+    is_steady: bool,
+    step_s: f64,
+    window: usize,
+    longest_s: f64,
+    /// Velocity at which the cutting speed would reach the floor, m/s.
+    reach: f64,
+    /// Part of it, or of the first size where that is smaller, that counts as rest.
+    dead: f64,
+}
+
+/// A window of a motion.
+struct Window {
+    state: State,
+    /// Largest and smallest size, m/s.
+    peak: f64,
+    least: f64,
+    outside: bool,
+}
+
+/// A motion near a cycle that need not be stable.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Lingering {
+    pub(crate) state: State,
+    pub(crate) change: f64,
+}
+
+impl<'a> Follower<'a> {
+    /// About a steady cut, for 375 to 1000 periods of the slower axis, the longer the slower small vibrations change.
+    #[must_use]
+    pub fn new(model: Model<'a>, rest: &Equilibrium) -> Self {
+        let frequencies = model.axes().map(|axis| axis.frequency_hz());
+        let (slow, fast) = (
+            frequencies[0].min(frequencies[1]),
+            frequencies[0].max(frequencies[1]),
+        );
+        let tool = model.tool();
+        let growth = rest.growth_per_s();
+        let [v1, v2] = rest.deflection_m;
+        Self {
+            known: Vec::new(),
+            rest: State::new(v1, v2, 0.0, 0.0),
+            is_steady: growth < 0.0,
+            step_s: 1.0 / (STEPS * fast),
+            window: (PERIODS * STEPS * fast / slow) as usize,
+            longest_s: (8.0 * slow / growth.abs()).clamp(375.0, 1000.0) / slow,
+            dead: DEAD_PART,
+            reach: (tool.speed_m_min - tool.floor_m_min) / 60.0,
+            model,
+        }
+    }
+
+    /// Takes a disturbance for dead that has fallen to 0.3 of itself: where no smaller cycle is known.
+    pub(crate) fn hasty(self) -> Self {
+        Self { dead: 0.3, ..self }
+    }
+
+    /// Tells of a stable cycle, so that a motion that reaches it need not be followed to the end.
+    pub(crate) fn expect(&mut self, cycle: &Verified) {
+        let (mut state, mut sizes) = (cycle.state, [f64::INFINITY, 0.0_f64]);
+        let count = (1.0 / (cycle.frequency_hz * self.step_s)).ceil() as usize;
+        for _ in 0..=count {
+            let size = self.size_m_s(&state);
+            sizes = [sizes[0].min(size), sizes[1].max(size)];
+            let Ok(next) = self.step(&state) else { return };
+            state = next;
+        }
+        self.known.push((cycle.clone(), sizes));
+    }
+
+    /// Velocity along the cutting speed at which it would reach the floor, m/s.
+    #[must_use]
+    pub fn reach_m_s(&self) -> f64 {
+        self.reach
+    }
+
+    /// The state of the steady cut.
+    #[must_use]
+    pub fn rest(&self) -> State {
+        self.rest
+    }
+
+    /// Size of a disturbance, m/s: the velocity of all mass that has its energy.
+    #[must_use]
+    pub fn size_m_s(&self, state: &State) -> f64 {
+        let axes = self.model.axes();
+        let energy: f64 = (0..2)
+            .map(|i| {
+                let stretch = state[i] - self.rest[i];
+                axes[i].mass_kg * state[i + 2] * state[i + 2] + axes[i].stiffness_n_m * stretch * stretch
+            })
+            .sum();
+        libm::sqrt(2.0 * energy / (axes[0].mass_kg + axes[1].mass_kg))
+    }
+
+    /// One step of the motion.
+    fn step(&self, state: &State) -> Result<State, ChatterError> {
+        let h = self.step_s;
+        let first = self.model.derivative(state)?;
+        let second = self.model.derivative(&(state + first * (0.5 * h)))?;
+        let third = self.model.derivative(&(state + second * (0.5 * h)))?;
+        let fourth = self.model.derivative(&(state + third * h))?;
+        Ok(state + (first + (second + third) * 2.0 + fourth) * (h / 6.0))
+    }
+
+    /// Samples of the motion from a state, time in s and state, until `duration_s` or where the force law ends.
+    #[must_use]
+    pub fn samples(&self, start: State, duration_s: f64) -> Vec<(f64, State)> {
+        let count = (duration_s / self.step_s).clamp(0.0, 1e6) as usize;
+        let mut all = Vec::with_capacity(count + 1);
+        let mut state = start;
+        all.push((0.0, state));
+        for k in 1..=count {
+            match self.step(&state) {
+                Ok(next) if next.iter().all(|value| value.is_finite()) => state = next,
+                _ => break,
+            }
+            all.push((k as f64 * self.step_s, state));
+        }
+        all
+    }
+
+    /// So many steps of a motion; None where the force law ends.
+    fn window(&self, start: &State, steps: usize) -> Option<Window> {
+        let mut window = Window {
+            state: *start,
+            peak: 0.0,
+            least: f64::INFINITY,
+            outside: false,
+        };
+        let (mut free, mut slowest) = (0, f64::INFINITY);
+        for _ in 0..steps {
+            window.state = self.step(&window.state).ok()?;
+            let size = self.size_m_s(&window.state);
+            let (speed, depth) = self.model.cut_at(&window.state);
+            slowest = slowest.min(speed);
+            free += usize::from(depth <= 0.0);
+            window.peak = window.peak.max(size);
+            window.least = window.least.min(size);
+        }
+        let free = free as f64 / steps as f64;
+        window.outside = slowest <= self.model.tool().floor_m_min || free > MOST_FREE_PART;
+        window.peak.is_finite().then_some(window)
+    }
+
+    /// What becomes of a motion that begins at a state.
+    #[must_use]
+    pub fn fate(&self, start: State) -> Fate {
+        self.follow(start).0
+    }
+
+    /// What becomes of a motion, and where its size changed least.
+    pub(crate) fn follow(&self, start: State) -> (Fate, Option<Lingering>) {
+        let mut lingering: Option<Lingering> = None;
+        let mut state = start;
+        let mut peaks: Vec<f64> = Vec::new();
+        let (mut run, mut run_peak) = (0, 0.0);
+        // Shooting is dear: each further attempt waits twice as long.
+        let (mut next_attempt, mut wait, mut settled, mut arrived) = (4, 8, 0, 0);
+        let most = (self.longest_s / (self.step_s * self.window as f64)) as usize;
+        // Two periods tell whether it begins within the model: what leaves later has grown.
+        if self
+            .window(&state, self.window / 4)
+            .is_none_or(|window| window.outside)
+        {
+            return (Fate::BeginsOutside, lingering);
+        }
+        for k in 0..most {
+            let Some(window) = self.window(&state, self.window) else {
+                return (Fate::Leaves, lingering);
+            };
+            state = window.state;
+            if window.outside {
+                if run == 0 {
+                    run_peak = window.peak;
+                }
+                run += 1;
+                if (run >= WINDOWS_OUTSIDE && window.peak > 0.98 * run_peak) || run >= MOST_WINDOWS_OUTSIDE {
+                    return (Fate::Leaves, lingering);
+                }
+            } else {
+                run = 0;
+            }
+            let last = peaks.last().copied();
+            peaks.push(window.peak);
+            let falls = peaks.windows(2).rev().take(2).all(|two| two[1] < two[0]);
+            let dead = self.dead * self.reach.min(peaks[0]);
+            if self.is_steady && window.peak < dead && peaks.len() > 2 && falls {
+                return (Fate::DiesOut, lingering);
+            }
+            let Some(last) = last else { continue };
+            let change = (window.peak / last - 1.0).abs();
+            if !window.outside && lingering.is_none_or(|calm| change < calm.change) {
+                lingering = Some(Lingering { state, change });
+            }
+            let is_on = |sizes: &[f64; 2]| {
+                (window.least / sizes[0] - 1.0).abs() < 0.01 && (window.peak / sizes[1] - 1.0).abs() < 0.01
+            };
+            arrived = if self.known.iter().any(|(_, sizes)| is_on(sizes)) {
+                arrived + 1
+            } else {
+                0
+            };
+            if arrived >= 3
+                && let Some((cycle, _)) = self.known.iter().find(|(_, sizes)| is_on(sizes))
+            {
+                return (Fate::Settles(Box::new(cycle.clone())), lingering);
+            }
+            settled = if change < 2e-3 && !window.outside {
+                settled + 1
+            } else {
+                0
+            };
+            if settled >= 3 && k >= next_attempt {
+                if let Some(found) = self.cycle_near(&state)
+                    && found.stable()
+                    && found.within_model(&self.model)
+                {
+                    return (Fate::Settles(Box::new(found)), lingering);
+                }
+                wait *= 2;
+                next_attempt = k + wait;
+            }
+        }
+        let half = peaks.len() / 2;
+        let falls = peaks[half..].windows(2).all(|two| two[1] < two[0]);
+        let fate = match peaks.last() {
+            _ if run > 0 => Fate::Leaves,
+            _ if peaks[half..].windows(2).all(|two| two[1] > two[0]) => Fate::StillGrows,
+            // Slowly: to rest, or to a cycle.
+            Some(_) if self.is_steady && falls => match self.cycle_near(&state) {
+                Some(found) if found.stable() && found.within_model(&self.model) => {
+                    Fate::Settles(Box::new(found))
+                }
+                _ => Fate::DiesOut,
+            },
+            _ => Fate::GoesOn,
+        };
+        (fate, lingering)
+    }
+
+    /// The cycle that a motion is on, or close to.
+    pub(crate) fn cycle_near(&self, state: &State) -> Option<Verified> {
+        let closed = self.close(state)?;
+        // Newton's method may leap to another cycle.
+        let (here, there) = (self.size_m_s(state), self.size_m_s(&closed.state));
+        if (there / here - 1.0).abs() > 0.1 {
+            return None;
+        }
+        report(&self.model, &closed).ok()
+    }
+
+    fn close(&self, state: &State) -> Option<Closed> {
+        // The period from the passages of the faster coordinate through its mean, in one direction.
+        let coordinate = usize::from(state[3].abs() + 1e-9 > state[2].abs());
+        let mut now = *state;
+        let mut passages = Vec::new();
+        let (mut mean, mut size) = (0.0, 0.0_f64);
+        let mut sampled = Vec::with_capacity(self.window);
+        for _ in 0..self.window {
+            now = self.step(&now).ok()?;
+            sampled.push(now[coordinate]);
+            mean += now[coordinate] / self.window as f64;
+        }
+        for (k, two) in sampled.windows(2).enumerate() {
+            size = size.max((two[0] - mean).abs());
+            if two[0] < mean && two[1] >= mean {
+                passages.push(k as f64 + (mean - two[0]) / (two[1] - two[0]));
+            }
+        }
+        let [first, .., last] = passages.as_slice() else {
+            return None;
+        };
+        let period = (last - first) / (passages.len() - 1) as f64 * self.step_s;
+        shoot(&self.model, *state, period, size, 1e-8).ok().flatten()
+    }
+}

@@ -1,0 +1,384 @@
+//! Verdicts against blows that another program follows: law and equations from the paper, fixed steps.
+
+#![expect(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
+
+mod common;
+
+use common::oracle::{End, Oracle};
+use common::{campaign, near, tool};
+use evolvent_chatter::{
+    Assessment, Assessor, CuttingTool, DropReason, Mapper, Model, PrincipalAxis, Verdict, nearest_stable,
+};
+use evolvent_cutting::{ForceLaw, LawDefinition, Tool};
+
+struct Sample {
+    tool: CuttingTool,
+    rake: f64,
+    lead: f64,
+}
+
+impl Sample {
+    fn law(&self) -> ForceLaw {
+        let angles = Tool {
+            rake_deg: self.rake,
+            lead_deg: self.lead,
+        };
+        LawDefinition::built_in("40X-R1").unwrap().law(angles).unwrap()
+    }
+
+    fn assess(&self) -> Assessment {
+        let law = self.law();
+        let model = Model::new(self.tool, &law).unwrap();
+        Assessor::new(5).assess(&model).unwrap()
+    }
+
+    fn oracle(&self) -> Oracle {
+        Oracle::new(self.tool, self.rake, self.lead)
+    }
+}
+
+fn axis(mass_kg: f64, stiffness_n_m: f64, damping_ns_m: f64) -> PrincipalAxis {
+    PrincipalAxis {
+        mass_kg,
+        damping_ns_m,
+        stiffness_n_m,
+    }
+}
+
+/// Both modes grow; the only cycle has a multiplier of 1.83.
+fn two_growing() -> Sample {
+    Sample {
+        tool: CuttingTool {
+            axes: [
+                axis(
+                    1.205_975_314_547_619,
+                    6_609_361.562_410_508,
+                    19.480_114_116_224_32,
+                ),
+                axis(
+                    1.205_975_314_547_619,
+                    2_924_518.712_949_540_5,
+                    30.813_336_679_470_34,
+                ),
+            ],
+            beta_deg: 6.286_988_121_715_704,
+            speed_m_min: 42.717_076_693_880_98,
+            depth_mm: 4.753_013_593_325_191,
+            feed_mm_rev: 0.470_719_070_506_107_95,
+            radial_ratio: 0.4,
+            floor_m_min: 2.0,
+        },
+        rake: 6.542_058_972_349_974,
+        lead: 47.231_519_102_539_714,
+    }
+}
+
+/// A stable mode beside a growing one has both cycles, of which one seems stable by its amplitude.
+fn other_mode_grows() -> Sample {
+    Sample {
+        tool: CuttingTool {
+            axes: [
+                axis(
+                    0.914_815_360_035_041_8,
+                    3_318_331.994_774_047,
+                    13.844_799_179_747_332,
+                ),
+                axis(
+                    0.726_468_805_662_628,
+                    2_782_804.511_367_479_3,
+                    16.305_872_498_555_974,
+                ),
+            ],
+            beta_deg: 38.189_016_306_880_67,
+            speed_m_min: 129.012_083_148_759_87,
+            depth_mm: 3.676_161_535_655_09,
+            feed_mm_rev: 0.376_811_962_119_477_54,
+            radial_ratio: 0.4,
+            floor_m_min: 2.0,
+        },
+        rake: 10.0,
+        lead: 54.234_836_416_738_496,
+    }
+}
+
+/// Two modes of almost one frequency that the force couples.
+fn coupled(speed_m_min: f64, depth_mm: f64) -> Sample {
+    Sample {
+        tool: CuttingTool {
+            axes: [
+                axis(1.2, 3.3e6, 103.478_693_459_088_48),
+                axis(1.2, 3.0e6, 98.663_062_997_253_43),
+            ],
+            beta_deg: 60.0,
+            speed_m_min,
+            depth_mm,
+            feed_mm_rev: 0.2,
+            radial_ratio: 0.4,
+            floor_m_min: 2.0,
+        },
+        rake: 10.0,
+        lead: 60.0,
+    }
+}
+
+/// Harmonic balance has a cycle that in time leads to another one, and both modes' branches have the same cycles.
+fn with_invented_cycle() -> Sample {
+    Sample {
+        tool: CuttingTool {
+            axes: [
+                axis(
+                    1.714_344_186_477_898,
+                    14_621_091.982_671_978,
+                    69.803_298_854_285_6,
+                ),
+                axis(
+                    2.709_165_109_483_884_2,
+                    23_190_337.500_788_69,
+                    63.152_938_329_192_15,
+                ),
+            ],
+            beta_deg: 70.486_342_901_764_47,
+            speed_m_min: 86.379_777_791_722_29,
+            depth_mm: 4.815_021_738_739_721,
+            feed_mm_rev: 0.339_507_337_697_812_3,
+            radial_ratio: 0.735_791_772_961_257_9,
+            floor_m_min: 2.0,
+        },
+        rake: 10.0,
+        lead: 58.750_529_390_461_34,
+    }
+}
+
+#[test]
+fn a_cut_with_unstable_cycles_only_leaves_the_model() {
+    for (sample, multiplier) in [(two_growing(), 1.83), (other_mode_grows(), 1.05)] {
+        let oracle = sample.oracle();
+        for [v1, v2] in oracle.directions() {
+            for part in [0.001, 0.2, 0.8] {
+                // The cut that grows by e^4 in two periods is beyond the model by then.
+                let end = oracle.blow(part, v1, v2);
+                assert!(
+                    end == End::Left || (end == End::TooLarge && part > 0.01),
+                    "{end:?}: blow of {part} along {v1} {v2}"
+                );
+            }
+        }
+        let whole = sample.assess();
+        assert_eq!(whole.verdict, Verdict::OutOfModel);
+        assert!(whole.cycles.iter().all(|known| !known.verified.stable()));
+        let known = whole
+            .cycles
+            .iter()
+            .map(|known| known.verified.multipliers[0].norm());
+        let least = known.fold(f64::INFINITY, f64::min);
+        near(least, multiplier, 5e-3, "multiplier");
+        let mut mapper = Mapper::new(5);
+        assert_eq!(
+            mapper.cell(sample.tool, &sample.law()).verdict,
+            Some(Verdict::OutOfModel)
+        );
+    }
+}
+
+#[test]
+fn an_unstable_cycle_between_its_neighbours_is_not_missed() {
+    for (depth, harmonics) in [
+        (2.606, 5),
+        (2.608, 5),
+        (2.610, 5),
+        (2.608, 3),
+        (2.608, 7),
+        (2.608, 9),
+    ] {
+        let sample = coupled(51.05, depth);
+        let law = sample.law();
+        let model = Model::new(sample.tool, &law).unwrap();
+        let whole = Assessor::new(harmonics).assess(&model).unwrap();
+        assert_eq!(
+            whole.verdict,
+            Verdict::OutOfModel,
+            "{depth} mm, {harmonics} harmonics"
+        );
+        assert!(!whole.cycles.is_empty());
+        let cycle = &whole.cycles[0].verified;
+        near(1e3 * cycle.amplitude_m[1], 0.4005, 2e-3, "amplitude");
+        assert!(!cycle.stable());
+        // A blow across the cutting speed is what the steady cut does not bear.
+        let oracle = sample.oracle();
+        let [.., across] = oracle.directions();
+        let ends = [0.4, 0.45, 0.5, 0.55, 0.6].map(|part| oracle.blow(part, across[0], across[1]));
+        assert_eq!(ends[0], End::Died);
+        assert!(ends.contains(&End::Left), "{ends:?}");
+    }
+}
+
+#[test]
+fn a_cycle_counts_once_and_only_where_it_closes() {
+    let whole = with_invented_cycle().assess();
+    assert_eq!(whole.verdict, Verdict::SelfExcited);
+    let amplitudes: Vec<f64> = (whole.cycles.iter())
+        .map(|known| 1e3 * known.verified.amplitude_m[1])
+        .collect();
+    assert_eq!(amplitudes.len(), 2, "{amplitudes:?}");
+    near(amplitudes[0], 0.369_640, 1e-5, "stable cycle");
+    near(amplitudes[1], 0.424_069, 1e-5, "unstable cycle");
+    for known in &whole.cycles {
+        assert!(known.verified.amplitude_error.abs() < 1e-3 && known.verified.closure < 1e-8);
+    }
+    // What was dropped is said to be dropped.
+    let landed = |reason: &DropReason| matches!(reason, DropReason::Landed | DropReason::Duplicate);
+    assert!(whole.dropped.iter().all(|dropped| landed(&dropped.reason)));
+    assert!(whole.can_leave());
+}
+
+/// Cuts of random tools that are called stable bear every blow that another program deals.
+#[test]
+fn stable_cuts_bear_every_blow_of_another_program() {
+    let (mut random, cases) = campaign(0x0c4a_0010, 25);
+    let mut stable = 0;
+    for case in 0..cases {
+        let mass = random.between(0.7, 3.0);
+        let stiffness = random.between(2e6, 2e7);
+        let second = random.between(0.85, 1.2);
+        let ratio = random.between(0.01, 0.06);
+        let sample = Sample {
+            tool: CuttingTool {
+                axes: [
+                    PrincipalAxis::with_ratio(mass, stiffness, ratio),
+                    PrincipalAxis::with_ratio(mass, second * stiffness, ratio * random.between(0.7, 1.4)),
+                ],
+                beta_deg: random.between(0.0, 90.0),
+                speed_m_min: random.between(30.0, 200.0),
+                depth_mm: random.between(0.3, 3.0),
+                feed_mm_rev: random.between(0.15, 0.5),
+                radial_ratio: random.between(0.2, 0.8),
+                floor_m_min: 2.0,
+            },
+            rake: 10.0,
+            lead: random.between(45.0, 75.0),
+        };
+        let law = sample.law();
+        let Ok(model) = Model::new(sample.tool, &law) else {
+            continue;
+        };
+        let Ok(whole) = Assessor::new(5).assess(&model) else {
+            continue;
+        };
+        let cell = Mapper::new(5).cell(sample.tool, &law);
+        if whole.verdict != Verdict::Stable && cell.verdict != Some(Verdict::Stable) {
+            continue;
+        }
+        stable += 1;
+        let oracle = sample.oracle();
+        for [v1, v2] in oracle.directions() {
+            for part in [0.3, 0.6, 0.85] {
+                let end = oracle.blow(part, v1, v2);
+                assert!(
+                    matches!(end, End::Died | End::TooLarge),
+                    "{end:?}: case {case}: blow of {part} along {v1} {v2}; {:?}",
+                    sample.tool
+                );
+            }
+        }
+    }
+    assert!(stable > cases / 10, "only {stable} of {cases} cuts are stable");
+}
+
+/// Ten tools; maps are computed in tiles, as the command does.
+#[test]
+fn the_map_agrees_with_single_calculations() {
+    let (mut random, cases) = campaign(0x0c4a_0003, 40);
+    let samples = [
+        (coupled(60.0, 1.0), [20.0, 250.0], [0.1, 6.0]),
+        (coupled(60.0, 1.0), [30.0, 95.0], [1.3, 3.4]),
+        (two_growing(), [20.0, 200.0], [0.3, 6.0]),
+        (other_mode_grows(), [30.0, 300.0], [0.3, 6.0]),
+        (with_invented_cycle(), [30.0, 200.0], [0.3, 8.0]),
+        (steel_tool(0.02), [20.0, 120.0], [0.25, 6.0]),
+        (steel_tool(0.008), [20.0, 120.0], [0.25, 6.0]),
+        (steel_tool(0.03), [15.0, 150.0], [0.2, 6.0]),
+        (steel_tool(0.004), [15.0, 150.0], [0.2, 3.0]),
+        (steel_tool(0.015), [20.0, 90.0], [1.0, 5.0]),
+    ];
+    let each = cases.div_ceil(samples.len());
+    let (mut differ, mut looked_at) = (Vec::new(), 0);
+    for (sample, speeds, depths) in &samples {
+        let law = sample.law();
+        let mut mapper = Mapper::new(5);
+        // A corner of a map of 100 x 100 cuts, as large as a tile, somewhere in it.
+        let (first, count) = (random.between(0.0, 84.0).floor(), 16);
+        let grid = |range: &[f64; 2], first: f64, count: i32| -> Vec<f64> {
+            (0..count)
+                .map(|k| range[0] + (range[1] - range[0]) * (first + f64::from(k) + 0.5) / 100.0)
+                .collect()
+        };
+        let (speeds, depths) = (grid(speeds, first, count), grid(depths, 0.0, 100));
+        let cells = mapper.tile(sample.tool, &law, &speeds, &depths);
+        assert_eq!(cells.len(), speeds.len() * depths.len());
+        for _ in 0..each {
+            let cell = &cells[random.between(0.0, cells.len() as f64) as usize];
+            let cut = CuttingTool {
+                speed_m_min: cell.speed_m_min,
+                depth_mm: cell.depth_mm,
+                ..sample.tool
+            };
+            let whole = Model::new(cut, &law).and_then(|model| Assessor::new(5).assess(&model));
+            let verdict = whole.as_ref().ok().map(|whole| whole.verdict);
+            looked_at += 1;
+            if verdict != cell.verdict {
+                differ.push((cut, cell.verdict, verdict));
+                continue;
+            }
+            let stable = whole.as_ref().ok().and_then(Assessment::largest_stable);
+            let amplitude = stable.map_or(0.0, |known| {
+                known.cycle.amplitude_m(0).max(known.cycle.amplitude_m(1))
+            });
+            assert!(
+                (cell.amplitude_m - amplitude).abs() <= 2e-3 * amplitude,
+                "{cut:?}: {} for {amplitude}",
+                cell.amplitude_m
+            );
+        }
+    }
+    println!("{} of {looked_at} differ", differ.len());
+    for (cut, map, single) in &differ {
+        println!("map {map:?}, single {single:?}: {cut:?}");
+        // Nothing that a single calculation does not call stable is stable on a map.
+        assert_ne!(*map, Some(Verdict::Stable), "{cut:?}");
+    }
+    // Within a cell of a border both may be right.
+    assert!(differ.len() * 100 <= looked_at, "{} differ", differ.len());
+}
+
+fn steel_tool(second_ratio: f64) -> Sample {
+    Sample {
+        tool: tool(60.0, second_ratio),
+        rake: 10.0,
+        lead: 60.0,
+    }
+}
+
+#[test]
+fn the_advised_speed_is_stable_in_every_way() {
+    let sample = coupled(80.0, 1.0);
+    let law = sample.law();
+    let advised = nearest_stable(&mut Mapper::new(5), sample.tool, &law, [3.0, 400.0]);
+    for speed_m_min in advised.into_iter().flatten() {
+        let there = Sample {
+            tool: CuttingTool {
+                speed_m_min,
+                ..sample.tool
+            },
+            ..sample
+        };
+        assert_eq!(there.assess().verdict, Verdict::Stable, "{speed_m_min} m/min");
+        let oracle = there.oracle();
+        for [v1, v2] in oracle.directions() {
+            let end = oracle.blow(0.8, v1, v2);
+            assert!(
+                matches!(end, End::Died | End::TooLarge),
+                "{end:?} at {speed_m_min} m/min"
+            );
+        }
+    }
+}
