@@ -11,7 +11,8 @@
 //!
 //! **Regenerative chatter**, in which the tool cuts the waves of the revolution or the tooth before. [`Turning`] and
 //! [`Milling`] from measured [`Mode`]s give stability [`Lobes`] in the frequency domain; [`MillingDelay`] gives the
-//! exact multipliers of the delay equation, by collocation or semi-discretisation.
+//! exact multipliers of the delay equation, by collocation or semi-discretisation, and whether a limit is one of period
+//! doubling or of a vibration of its own, with its frequency ([`Chatter`]).
 //!
 //! The first knows no delay, so it predicts no lobes; the second is linear, so it predicts no amplitude.
 //!
@@ -44,7 +45,7 @@ pub use assess::{
 pub use case::{Case, LawSource, LobeRange, MapRange, OscillationCase, SweepRange};
 pub use case_file::case_schema;
 pub use cycle::Cycle;
-pub use delay::{MillingDelay, lobe_diagram};
+pub use delay::{Chatter, ChatterKind, MillingDelay, lobe_diagram};
 pub use error::ChatterError;
 pub use integrate::{Accuracy, Integrator};
 pub use least_squares::{Fit, Measure, least_squares};
