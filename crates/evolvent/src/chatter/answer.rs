@@ -9,6 +9,7 @@ use evolvent_chatter::{
 use evolvent_cutting::{Cut, ForceLaw, LawDefinition};
 
 use super::ChatterArgs;
+use super::transient::{Transient, transient};
 use crate::CommandError;
 
 /// Columns of a map that one thread computes together.
@@ -27,6 +28,8 @@ pub(crate) struct Answer {
     pub(crate) sweep: Vec<SweepPoint>,
     /// A map for each feed, cells column by column (speeds), from the lowest depth up.
     pub(crate) maps: Vec<(f64, Vec<MapCell>)>,
+    /// With `--transient` only.
+    pub(crate) transient: Option<Transient>,
     pub(crate) assumptions: Vec<String>,
 }
 
@@ -85,6 +88,11 @@ pub(crate) fn answer(
     } else {
         Vec::new()
     };
+    let transient = if args.transient.is_some() {
+        transient(tool, &law, &assessment, args.kick, args.seconds)
+    } else {
+        None
+    };
     let assumptions = assumptions(asked, &tool, &law, &definition, &assessment);
     Ok(Answer {
         asked: asked.clone(),
@@ -96,6 +104,7 @@ pub(crate) fn answer(
         fits,
         sweep,
         maps,
+        transient,
         assumptions,
     })
 }

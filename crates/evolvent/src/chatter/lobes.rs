@@ -1,10 +1,13 @@
 //! Stability lobes: what is computed, and their picture.
 
-use evolvent_chatter::{Case, ChatterError, Limit, Lobes, MillingDelay};
+use evolvent_chatter::{Case, Chatter, ChatterError, ChatterKind, Limit, Lobes, MillingDelay};
 
 use super::chart::{Chart, STABLE, STYLE, UNSTABLE, WIDTH, foot};
 use crate::CommandError;
 use crate::figure::svg::{Anchor, Svg};
+
+/// Limits of period doubling.
+const FLIP: &str = "#8a3ffc";
 
 /// The lobes of turning or milling.
 pub(crate) struct LobeAnswer {
@@ -22,8 +25,40 @@ pub(crate) struct LobeAnswer {
     pub(crate) assumptions: Vec<String>,
 }
 
-/// Speed, rpm; limit by the frequency domain, m; limit by the delay equation, m.
-pub(crate) type LobePoint = (f64, Option<f64>, Option<f64>);
+/// The limits at a spindle speed.
+#[derive(Clone, Copy)]
+pub(crate) struct LobePoint {
+    pub(crate) speed_rpm: f64,
+    /// By the frequency domain.
+    pub(crate) quick: Option<Limit>,
+    /// By the delay equation: depth, m, and what the cut does there.
+    pub(crate) exact: Option<(f64, Chatter)>,
+}
+
+impl LobePoint {
+    fn quick_m(&self) -> Option<f64> {
+        self.quick.map(|limit| limit.depth_m)
+    }
+
+    fn exact_m(&self) -> Option<f64> {
+        self.exact.map(|(depth, _)| depth)
+    }
+
+    /// The limit that counts, m.
+    pub(crate) fn limit_m(&self, exact: bool) -> Option<f64> {
+        if exact { self.exact_m() } else { self.quick_m() }
+    }
+
+    /// Kind and frequency, Hz, of the limit that counts. In the frequency domain only vibrations of their own are seen.
+    pub(crate) fn chatter(&self, exact: bool) -> Option<(ChatterKind, f64)> {
+        if exact {
+            self.exact
+                .map(|(_, chatter)| (chatter.kind, chatter.frequency_hz))
+        } else {
+            self.quick.map(|limit| (ChatterKind::Hopf, limit.frequency_hz))
+        }
+    }
+}
 
 pub(crate) fn answers(case: &Case) -> Result<Vec<LobeAnswer>, CommandError> {
     let failed = |error: ChatterError| CommandError::Failed(error.to_string());
@@ -68,9 +103,20 @@ fn answer(
     let last = (case.lobes.points - 1) as f64;
     let point = |k: usize| {
         let rpm = from + (to - from) * k as f64 / last;
-        let quick = lobes.limit_at(rpm).map(|limit| limit.depth_m);
-        let exact = if exact { delay(rpm)?.limit(most_m)? } else { None };
-        Ok::<_, ChatterError>((rpm, quick, exact))
+        let exact = if exact {
+            let delay = delay(rpm)?;
+            match delay.limit(most_m)? {
+                Some(depth) => Some((depth, delay.chatter(depth)?)),
+                None => None,
+            }
+        } else {
+            None
+        };
+        Ok::<_, ChatterError>(LobePoint {
+            speed_rpm: rpm,
+            quick: lobes.limit_at(rpm),
+            exact,
+        })
     };
     // Two halves on two threads, interleaved so that both take the same time.
     let count = case.lobes.points;
@@ -115,7 +161,7 @@ pub(crate) fn svg(case: &Case, answers: &[LobeAnswer]) -> String {
             .collect();
         let mut says = "limit of the depth, mm: stable below".to_owned();
         if answer.exact {
-            says += "; blue: delay equation, orange dashed: zero order";
+            says += "; blue: delay equation (violet: period doubling), orange dashed: zero order";
         }
         if !least.is_empty() {
             says += if answer.exact {
@@ -129,25 +175,30 @@ pub(crate) fn svg(case: &Case, answers: &[LobeAnswer]) -> String {
         chart.frame(&mut svg, &head, "spindle speed, rpm", &says);
         let line = |of: &dyn Fn(&LobePoint) -> Option<f64>| -> Vec<Option<(f64, f64)>> {
             // Nothing found means above the picture.
-            let point = |point| {
-                (
-                    point_rpm(point),
-                    of(point).map_or(2.0 * most, |depth| 1e3 * depth),
-                )
-            };
+            let point =
+                |point: &LobePoint| (point.speed_rpm, of(point).map_or(2.0 * most, |depth| 1e3 * depth));
             answer.points.iter().map(|p| Some(point(p))).collect()
         };
         if answer.exact {
             chart.line(
                 &mut svg,
-                &line(&|point| point.1),
+                &line(&LobePoint::quick_m),
                 UNSTABLE,
                 1.4,
                 "stroke-dasharray=\"6 4\"",
             );
-            chart.line(&mut svg, &line(&|point| point.2), STABLE, 2.2, "");
+            chart.line(&mut svg, &line(&LobePoint::exact_m), STABLE, 2.2, "");
+            let doubling: Vec<_> = answer
+                .points
+                .iter()
+                .map(|point| {
+                    let (depth, chatter) = point.exact?;
+                    (chatter.kind == ChatterKind::Flip).then_some((point.speed_rpm, 1e3 * depth))
+                })
+                .collect();
+            chart.line(&mut svg, &doubling, FLIP, 3.0, "");
         } else {
-            chart.line(&mut svg, &line(&|point| point.1), STABLE, 2.2, "");
+            chart.line(&mut svg, &line(&LobePoint::quick_m), STABLE, 2.2, "");
         }
         for limit in &answer.minima {
             let depth = 1e3 * limit.depth_m;
@@ -164,8 +215,4 @@ pub(crate) fn svg(case: &Case, answers: &[LobeAnswer]) -> String {
     }
     let end = foot(&mut svg, top - 36.0, &lines);
     svg.finish(end, STYLE)
-}
-
-fn point_rpm(point: &LobePoint) -> f64 {
-    point.0
 }

@@ -8,6 +8,7 @@ mod picture;
 mod report;
 #[cfg(test)]
 mod tests;
+mod transient;
 mod warn;
 
 use std::io::{Read as _, Write};
@@ -45,6 +46,16 @@ pub(crate) struct ChatterArgs {
     /// Write the diagram of stability lobes into one SVG file
     #[arg(long, value_name = "FILE.svg")]
     pub(crate) lobes: Option<PathBuf>,
+    /// Follow a kick along the cutting speed in time, and write deflections and the spiral in the phase plane into one SVG
+    /// file
+    #[arg(long, value_name = "FILE.svg")]
+    pub(crate) transient: Option<PathBuf>,
+    /// Velocity of the kick, m/s; default: 0.3 of what brings the cutting speed to the floor
+    #[arg(long, value_name = "M_S", requires = "transient", allow_hyphen_values = true)]
+    pub(crate) kick: Option<f64>,
+    /// Time that is shown after the kick, s; default: until small vibrations have changed by e^4
+    #[arg(long, value_name = "S", requires = "transient")]
+    pub(crate) seconds: Option<f64>,
     /// Compare with the least squares in three stages
     #[arg(long)]
     pub(crate) least_squares: bool,
@@ -71,6 +82,11 @@ pub(crate) fn run(
         ),
         (&args.map, case.oscillation.is_some(), "[cut], [force] and [tool]"),
         (
+            &args.transient,
+            case.oscillation.is_some(),
+            "[cut], [force] and [tool]",
+        ),
+        (
             &args.lobes,
             case.turning.is_some() || case.milling.is_some(),
             "[turning] or [milling]",
@@ -83,6 +99,16 @@ pub(crate) fn run(
                 "{}: no picture for {}: the case has no {what}",
                 args.case.display(),
                 file.display()
+            )));
+        }
+    }
+    for (option, value, least, most) in [
+        ("--kick", args.kick, -1e3, 1e3),
+        ("--seconds", args.seconds, 1e-4, 100.0),
+    ] {
+        if let Some(value) = value.filter(|value| !(least..=most).contains(value)) {
+            return Err(CommandError::Usage(format!(
+                "{option} is {value}: give a number from {least} to {most}"
             )));
         }
     }
@@ -102,6 +128,11 @@ pub(crate) fn run(
     }
     if let Some((file, answer)) = args.map.as_ref().zip(oscillation.as_ref()) {
         write_picture(file, &map::svg(&case, answer), err)?;
+    }
+    if let Some((file, answer)) = args.transient.as_ref().zip(oscillation.as_ref())
+        && let Some(transient) = &answer.transient
+    {
+        write_picture(file, &transient::svg(&case, answer, transient), err)?;
     }
     if let Some(file) = &args.lobes {
         write_picture(file, &lobes::svg(&case, &lobes), err)?;

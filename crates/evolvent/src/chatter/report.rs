@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use evolvent_chatter::{
-    AssessedCycle, Assessment, Case, Cycle, DropReason, Fate, FoundBy, Measure, ScanEnd, Verdict,
+    AssessedCycle, Assessment, Case, ChatterKind, Cycle, DropReason, Fate, FoundBy, Measure, ScanEnd, Verdict,
 };
 use serde_json::{Value, json};
 
@@ -104,6 +104,9 @@ fn oscillation_text(text: &mut String, case: &Case, answer: &Answer) -> std::fmt
         cycle_text(text, k + 1, known)?;
     }
     evidence_text(text, &answer.assessment)?;
+    if let Some(transient) = &answer.transient {
+        text.push_str(&transient.text());
+    }
     if answer.assessment.verdict != Verdict::Stable {
         // Rounded away from the border, so that what is read is stable.
         let rounded = |at: f64, round: fn(f64) -> f64| {
@@ -301,9 +304,7 @@ fn lobe_text(text: &mut String, case: &Case, answer: &LobeAnswer) -> std::fmt::R
             lobes.join(", ")
         )?;
     }
-    let of = |point: &(f64, Option<f64>, Option<f64>)| {
-        if answer.exact { point.2 } else { point.1 }
-    };
+    let of = |point: &LobePoint| point.limit_m(answer.exact);
     let order = |a: &&LobePoint, b: &&LobePoint| {
         let depth = |point: &LobePoint| of(point).unwrap_or(answer.most_m);
         depth(a).total_cmp(&depth(b))
@@ -321,8 +322,14 @@ fn lobe_text(text: &mut String, case: &Case, answer: &LobeAnswer) -> std::fmt::R
         };
         writeln!(
             text,
-            "  {what} from {from:.0} to {to:.0} rpm: {depth} at {:.0} rpm ({})",
-            point.0,
+            "  {what} from {from:.0} to {to:.0} rpm: {depth} at {:.0} rpm{} ({})",
+            point.speed_rpm,
+            match point.chatter(answer.exact) {
+                Some((ChatterKind::Flip, frequency)) =>
+                    format!(", beyond it period doubling (flip) at {frequency:.1} Hz"),
+                Some((_, frequency)) => format!(", beyond it chatter (Hopf) at {frequency:.1} Hz"),
+                None => String::new(),
+            },
             if answer.exact {
                 "delay equation"
             } else {
@@ -486,6 +493,7 @@ fn oscillation_json(answer: &Answer) -> Value {
         "can_leave_model": answer.assessment.can_leave(),
         "stable_speeds_m_min": answer.stable_m_min,
         "least_squares": fits,
+        "transient": answer.transient.as_ref().map(super::transient::Transient::json),
         "sweep": sweep.collect::<Vec<_>>(),
         "maps": maps.collect::<Vec<_>>(),
         "assumptions": answer.assumptions,
@@ -500,11 +508,14 @@ fn lobe_json(answer: &LobeAnswer) -> Value {
             "speeds_rpm": (0..8).map(|waves| limit.speed_rpm(waves, answer.cuts_per_rev)).collect::<Vec<_>>(),
         })
     });
-    let points = answer.points.iter().map(|(rpm, quick, exact)| {
+    let points = answer.points.iter().map(|point| {
         json!({
-            "speed_rpm": rpm,
-            "limit_mm": quick.map(|depth| 1e3 * depth),
-            "exact_limit_mm": exact.map(|depth| 1e3 * depth),
+            "speed_rpm": point.speed_rpm,
+            "limit_mm": point.quick.map(|limit| 1e3 * limit.depth_m),
+            "frequency_hz": point.quick.map(|limit| limit.frequency_hz),
+            "exact_limit_mm": point.exact.map(|(depth, _)| 1e3 * depth),
+            "exact_kind": point.exact.map(|(_, chatter)| chatter.kind.as_str()),
+            "exact_frequency_hz": point.exact.map(|(_, chatter)| chatter.frequency_hz),
         })
     });
     json!({

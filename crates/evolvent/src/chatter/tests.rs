@@ -134,7 +134,63 @@ fn the_least_limit_of_milling_is_that_of_the_delay_equation() {
         .parse()
         .unwrap();
     assert!(depth < zero && said.contains("delay equation"), "{text}");
+    assert!(said.contains("Hopf") || said.contains("flip"), "{text}");
+    assert!(said.contains(" Hz"), "{text}");
     assert!(!text.contains("stable at every speed"), "{text}");
+}
+
+/// The verdicts of the report, for cuts whose every blow another program sees grow out of the model.
+#[test]
+fn cuts_that_leave_the_model_are_said_to_and_depths_are_lengths() {
+    let text = std::fs::read_to_string(shipped("processes/chatter-40x")).unwrap();
+    let text = text
+        .replace("depth_mm = 4.0", "depth_mm = 2.6080000000000001")
+        .replace("speed_m_min = 60.0", "speed_m_min = 51.05")
+        .replace("feed_mm_rev = 0.49", "feed_mm_rev = 0.2")
+        .replace("beta_deg = 35.0", "beta_deg = 60.0")
+        .replace("mass_kg = 6.0", "mass_kg = 1.2")
+        .replace("30020020.401035063", "3300000.0")
+        .replace("14994509.394629354", "3000000.0")
+        .replace("damping_ratio = 0.03", "damping_ns_m = 103.47869345908848")
+        .replace("damping_ratio = 0.02", "damping_ns_m = 98.66306299725343");
+    let folder = tempfile::tempdir().unwrap();
+    let case = folder.path().join("case.toml");
+    std::fs::write(&case, text).unwrap();
+    let spiral = folder.path().join("spiral.svg");
+    let (result, out) = ran(&ChatterArgs {
+        case,
+        transient: Some(spiral.clone()),
+        kick: Some(0.2),
+        ..ChatterArgs::default()
+    });
+    assert_eq!(result, Ok(Ending::Clean));
+    assert!(out.contains("leaves the model after a blow"), "{out}");
+    assert!(
+        out.contains("2.608 mm deep, 0.2 mm/rev") && out.contains("leave the model"),
+        "{out}"
+    );
+    assert!(
+        out.contains("kick of 0.200 m/s along the cutting speed: dies out"),
+        "{out}"
+    );
+    let svg = std::fs::read_to_string(spiral).unwrap();
+    assert!(svg.contains("Phase plane") && svg.trim_end().ends_with("</svg>") && !svg.contains("NaN"));
+}
+
+#[test]
+fn the_transient_of_a_kick_ends_where_the_cycle_is() {
+    let folder = tempfile::tempdir().unwrap();
+    let args = |kick: Option<f64>| ChatterArgs {
+        case: shipped("processes/chatter-40x-bistable"),
+        transient: Some(folder.path().join("kick.svg")),
+        kick,
+        ..ChatterArgs::default()
+    };
+    assert!(ran(&args(Some(0.3))).1.contains("dies out"));
+    assert!(ran(&args(Some(1.1))).1.contains("settles on the cycle"));
+    assert!(
+        matches!(ran(&args(Some(f64::NAN))).0, Err(CommandError::Usage(message)) if message.contains("--kick"))
+    );
 }
 
 #[test]
