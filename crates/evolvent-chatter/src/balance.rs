@@ -13,7 +13,8 @@ use nalgebra::Complex;
 
 use crate::elimination::solve;
 use crate::error::ChatterError;
-use crate::model::Model;
+use crate::model::{Equilibrium, Model};
+use crate::pair::PairBalance;
 
 type C = Complex<f64>;
 
@@ -83,6 +84,8 @@ pub(crate) struct Balance {
     rhs: Vec<f64>,
     /// Complex harmonics of y and z' by each unknown: `[unknown][n]`.
     by: Vec<[C; 2]>,
+    /// For two laws of force.
+    pair: Option<Box<PairBalance>>,
     /// Sums over the samples of force, and of its derivatives by y and z', times the waves.
     sums: [Vec<f64>; 3],
 }
@@ -122,6 +125,7 @@ impl Balance {
             waves,
             matrix: vec![0.0; (size + 1) * (size + 1)],
             rhs: vec![0.0; (size + 1) * 2],
+            pair: None,
             by: vec![[C::ZERO; 2]; (size + 1) * (harmonics + 1)],
             sums: [const { Vec::new() }; 3].map(|_: Vec<f64>| vec![0.0; 2 * size]),
         }
@@ -136,13 +140,34 @@ impl Balance {
         self.harmonics
     }
 
-    /// Unknowns of a motion without higher harmonics.
-    pub(crate) fn start(&self, force: f64, omega: f64, extra: f64, amplitude: f64) -> Vec<f64> {
-        let mut unknowns = vec![0.0; 2 * self.harmonics + 2];
-        unknowns[0] = force;
+    /// Equations of the balance of a model; there is one unknown more.
+    fn equations(&self, model: &Model<'_>) -> usize {
+        if model.has_radial_law() {
+            PairBalance::equations(self.harmonics)
+        } else {
+            2 * self.harmonics + 1
+        }
+    }
+
+    /// Unknowns of a motion about rest without higher harmonics.
+    pub(crate) fn start(
+        &self,
+        model: &Model<'_>,
+        driver: usize,
+        rest: &Equilibrium,
+        [omega, extra, amplitude]: [f64; 3],
+    ) -> Vec<f64> {
+        let size = self.equations(model);
+        let mut unknowns = vec![0.0; size + 1];
+        unknowns[0] = rest.force_n;
+        if model.has_radial_law() {
+            let elastic = |i: usize| model.axes()[i].stiffness_n_m * rest.deflection_m[i];
+            unknowns[0] = elastic(driver);
+            unknowns[2 * self.harmonics + 1] = elastic(1 - driver);
+        }
         unknowns[1] = omega;
         unknowns[2] = extra;
-        unknowns[2 * self.harmonics + 1] = amplitude;
+        unknowns[size] = amplitude;
         unknowns
     }
 
@@ -159,8 +184,10 @@ impl Balance {
         unknowns: Vec<f64>,
         condition: Condition<'_>,
     ) -> Result<Option<Balanced>, ChatterError> {
-        let size = 2 * self.harmonics + 1;
+        let size = self.equations(model);
         let full = size + 1;
+        self.matrix.resize(full * full, 0.0);
+        self.rhs.resize(2 * full, 0.0);
         let mut at = Balanced {
             unknowns,
             tangent: vec![0.0; full],
@@ -175,7 +202,14 @@ impl Balance {
             };
             // Of the mean force, and of the elastic force of the amplitude, which may be tiny.
             let elastic = model.axes()[driver].stiffness_n_m * at.amplitude();
-            let scale = at.unknowns[0].abs().min(elastic);
+            let mean = if model.has_radial_law() {
+                at.unknowns[0]
+                    .abs()
+                    .max(at.unknowns[2 * self.harmonics + 1].abs())
+            } else {
+                at.unknowns[0].abs()
+            };
+            let scale = mean.min(elastic);
             let row = &mut self.matrix[size * full..];
             let miss = match condition {
                 Condition::Amplitude(amplitude) => {
@@ -270,6 +304,13 @@ impl Balance {
         driver: usize,
         at: &mut Balanced,
     ) -> Result<Option<f64>, ChatterError> {
+        if model.has_radial_law() {
+            let harmonics = self.harmonics;
+            let pair = self
+                .pair
+                .get_or_insert_with(|| Box::new(PairBalance::new(harmonics)));
+            return pair.linearise(model, driver, at, &self.waves, &mut self.matrix, &mut self.rhs);
+        }
         let (harmonics, samples) = (self.harmonics, self.samples);
         let size = 2 * harmonics + 1;
         let (omega, extra) = (at.unknowns[1], at.unknowns[2]);
@@ -414,6 +455,12 @@ impl Balance {
 
     /// Harmonics of V1 and V2, `V_n = a_n - i b_n`, of a motion that was found.
     pub(crate) fn deflections(&self, model: &Model<'_>, driver: usize, at: &Balanced) -> [Vec<C>; 2] {
+        if model.has_radial_law() {
+            return match &self.pair {
+                Some(pair) => pair.deflections(model, driver, at),
+                None => PairBalance::new(self.harmonics).deflections(model, driver, at),
+            };
+        }
         let (omega, extra) = (at.unknowns[1], at.unknowns[2]);
         let first = Self::first_force(model, driver, at.amplitude(), omega, extra);
         let of = |i: usize| {

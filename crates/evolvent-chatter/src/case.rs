@@ -47,6 +47,8 @@ pub struct OscillationCase {
     pub angles: Tool,
     /// Py / Pz as the file gives it.
     pub radial_ratio: Option<f64>,
+    /// Where the law of the radial force is, if it has one of its own.
+    pub radial_law: Option<LawSource>,
     /// Diameter of the workpiece, mm, to tell speeds in rpm.
     pub diameter_mm: Option<f64>,
     /// Harmonics that are kept.
@@ -207,6 +209,17 @@ impl Reader<'_> {
                 lead_deg: force.lead_deg,
             },
             radial_ratio: force.radial_ratio,
+            radial_law: match &force.radial_law {
+                Some(_) if force.radial_ratio.is_some() => {
+                    return Err(self.sheet.error(
+                        "force.radial_law",
+                        "given beside radial_ratio".to_owned(),
+                        "give one of radial_ratio and radial_law",
+                    ));
+                }
+                Some(name) => Some(self.law_source("force.radial_law", name)?),
+                None => None,
+            },
             diameter_mm: cut.diameter_mm,
             harmonics: self.count("solver.harmonics", harmonics, 1, 32)?,
             sweep: self.sweep(raw.sweep.as_ref(), &tool)?,
@@ -281,20 +294,22 @@ impl Reader<'_> {
         }
         let floor = force.floor_m_min.unwrap_or(2.0);
         self.sheet.number("force.floor_m_min", floor, 1e-3, 1e4)?;
-        let built_in = LawDefinition::built_in(&force.law);
+        Ok((self.law_source("force.law", &force.law)?, floor))
+    }
+
+    /// A law that is built in, or a file.
+    fn law_source(&self, key: &str, name: &str) -> Result<LawSource, SheetError> {
         let names_a_file = [".toml", ".json"]
             .iter()
-            .any(|end| force.law.to_lowercase().ends_with(end));
-        match built_in {
-            Some(law) => Ok((LawSource::BuiltIn(Box::new(law)), floor)),
-            None if names_a_file && force.law.len() <= 4096 => {
-                Ok((LawSource::File(force.law.clone()), floor))
-            }
+            .any(|end| name.to_lowercase().ends_with(end));
+        match LawDefinition::built_in(name) {
+            Some(law) => Ok(LawSource::BuiltIn(Box::new(law))),
+            None if names_a_file && name.len() <= 4096 => Ok(LawSource::File(name.to_owned())),
             None => {
                 let names = LawDefinition::built_in_names().join(", ");
-                let shown: String = force.law.chars().take(60).collect();
+                let shown: String = name.chars().take(60).collect();
                 Err(self.sheet.error(
-                    "force.law",
+                    key,
                     format!("there is no law {shown:?}"),
                     format!("use {names}, or the name of a law file that ends in .toml"),
                 ))

@@ -71,6 +71,8 @@ pub(crate) struct ForceFile {
     /// Py / Pz. Default: the law's, or 0.4, which is assumed.
     #[schemars(range(min = 0.0, max = 10.0))]
     pub(crate) radial_ratio: Option<f64>,
+    /// A law of its own for Py, named like `law`: what it calls tangential is radial here. Instead of `radial_ratio`.
+    pub(crate) radial_law: Option<String>,
     /// Below this speed the law is not trusted. Default: 2.
     #[schemars(range(min = 1e-3, max = 1e4))]
     pub(crate) floor_m_min: Option<f64>,

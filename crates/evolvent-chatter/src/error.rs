@@ -39,6 +39,11 @@ pub enum ChatterError {
         /// As given.
         depth_mm: f64,
     },
+    /// The least squares of the source know one law of force.
+    #[error(
+        "the least squares of the source take the radial force in proportion to the tangential one: leave out force.radial_law for them"
+    )]
+    RadialLaw,
     /// The integration in time needs steps that are too small, or too many of them.
     #[error(
         "integration stopped at {time_s} s after {steps} steps: the motion is out of the model; give a smaller disturbance or a looser tolerance"

@@ -56,13 +56,16 @@ pub enum Measure {
 /// `harmonics` from 1 to 16. The result holds the minima that the third stage ends in, the smallest amplitude first.
 ///
 /// # Errors
-/// A number of harmonics out of range, no steady cut.
+/// A number of harmonics out of range, no steady cut, a law of its own for the radial force.
 pub fn least_squares(
     model: &Model<'_>,
     harmonics: usize,
     measure: Measure,
 ) -> Result<Vec<Fit>, ChatterError> {
     number("harmonics", harmonics as f64, 1.0, 16.0)?;
+    if model.has_radial_law() {
+        return Err(ChatterError::RadialLaw);
+    }
     let search = Search {
         model,
         harmonics,

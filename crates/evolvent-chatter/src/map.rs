@@ -5,13 +5,12 @@
 //! followed. Wherever these do not fit together, the cell is assessed as a single cut is. A [`Mapper::tile`] is divided
 //! until the corners and the middle of each part agree; between them only growth and amplitude are computed.
 
-use evolvent_cutting::ForceLaw;
 use nalgebra::Complex;
 
 use crate::assess::{Assessment, Assessor, Verdict};
 use crate::cycle::Cycle;
 use crate::error::ChatterError;
-use crate::model::{CuttingTool, Equilibrium, Model};
+use crate::model::{CuttingTool, Equilibrium, Laws, Model};
 use crate::scan::{Branch, ScanPoint, Scanner};
 use crate::transient::Fate;
 use crate::verify::{quick_multipliers, verify};
@@ -83,14 +82,18 @@ impl Mapper {
 
     /// The cell of a tool's cut.
     #[must_use]
-    pub fn cell(&mut self, tool: CuttingTool, law: &ForceLaw) -> MapCell {
-        self.node(tool, law).cell
+    pub fn cell<'a>(&mut self, tool: CuttingTool, laws: impl Into<Laws<'a>>) -> MapCell {
+        self.node(tool, laws.into()).cell
     }
 
     /// The cell of a tool's cut, and its cycles with whether each is stable.
     #[must_use]
-    pub fn cycles(&mut self, tool: CuttingTool, law: &ForceLaw) -> (MapCell, Vec<(Cycle, bool)>) {
-        let node = self.node(tool, law);
+    pub fn cycles<'a>(
+        &mut self,
+        tool: CuttingTool,
+        laws: impl Into<Laws<'a>>,
+    ) -> (MapCell, Vec<(Cycle, bool)>) {
+        let node = self.node(tool, laws.into());
         (node.cell, node.cycles)
     }
 
@@ -103,17 +106,17 @@ impl Mapper {
     ///
     /// An island that is smaller than 4 cells across may be missed.
     #[must_use]
-    pub fn tile(
+    pub fn tile<'a>(
         &mut self,
         tool: CuttingTool,
-        law: &ForceLaw,
+        laws: impl Into<Laws<'a>>,
         speeds_m_min: &[f64],
         depths_mm: &[f64],
     ) -> Vec<MapCell> {
         let (columns, rows) = (speeds_m_min.len(), depths_mm.len());
         let mut tile = Tile {
             mapper: self,
-            law,
+            law: laws.into(),
             cut: |column, row| CuttingTool {
                 speed_m_min: speeds_m_min[column],
                 depth_mm: depths_mm[row],
@@ -128,7 +131,7 @@ impl Mapper {
         tile.nodes.into_iter().flatten().map(|node| node.cell).collect()
     }
 
-    fn node(&mut self, tool: CuttingTool, law: &ForceLaw) -> Node {
+    fn node(&mut self, tool: CuttingTool, law: Laws<'_>) -> Node {
         let mut node = Node {
             cell: MapCell {
                 speed_m_min: tool.speed_m_min,
@@ -146,7 +149,7 @@ impl Mapper {
         node
     }
 
-    fn fill(&mut self, tool: CuttingTool, law: &ForceLaw, node: &mut Node) -> Result<(), ChatterError> {
+    fn fill(&mut self, tool: CuttingTool, law: Laws<'_>, node: &mut Node) -> Result<(), ChatterError> {
         let model = Model::new(tool, law)?;
         let rest = model.equilibrium()?;
         node.cell.growth_per_s = rest.growth_per_s();
@@ -285,7 +288,7 @@ fn stability(model: &Model<'_>, cycle: &Cycle) -> Result<Option<bool>, ChatterEr
 /// A rectangle of cells while it is divided.
 struct Tile<'a, F: Fn(usize, usize) -> CuttingTool> {
     mapper: &'a mut Mapper,
-    law: &'a ForceLaw,
+    law: Laws<'a>,
     cut: F,
     rows: usize,
     nodes: Vec<Option<Node>>,
@@ -362,7 +365,7 @@ impl<F: Fn(usize, usize) -> CuttingTool> Tile<'_, F> {
 
 impl Mapper {
     /// A cell with the verdict of another one nearby; None where it is not alike.
-    fn alike(&mut self, tool: CuttingTool, law: &ForceLaw, like: &Node) -> Option<Node> {
+    fn alike(&mut self, tool: CuttingTool, law: Laws<'_>, like: &Node) -> Option<Node> {
         let mut node = like.clone();
         (node.cell.speed_m_min, node.cell.depth_mm) = (tool.speed_m_min, tool.depth_mm);
         let Ok(model) = Model::new(tool, law) else {

@@ -62,20 +62,43 @@ pub struct CuttingTool {
 /// ```
 ///
 /// There is no regenerative delay in it: what the last revolution left on the surface is not seen.
+///
+/// With a law of its own for Py, that takes the place of `lambda Pz`.
 #[derive(Clone, Copy, Debug)]
 pub struct Model<'a> {
     tool: CuttingTool,
     law: Section<'a>,
+    /// For Py, where it is not in proportion to Pz.
+    radial: Option<Section<'a>>,
     cos: f64,
     sin: f64,
     /// Force on each coordinate per N of Pz.
     direction: [f64; 2],
 }
 
+/// The force laws of a cut.
+#[derive(Clone, Copy, Debug)]
+pub struct Laws<'a> {
+    /// Of the tangential force Pz.
+    pub tangential: &'a ForceLaw,
+    /// Of the radial force Py: what the law calls tangential is radial here. Without one, Py is
+    /// [`CuttingTool::radial_ratio`] times Pz.
+    pub radial: Option<&'a ForceLaw>,
+}
+
+impl<'a> From<&'a ForceLaw> for Laws<'a> {
+    fn from(tangential: &'a ForceLaw) -> Self {
+        Self {
+            tangential,
+            radial: None,
+        }
+    }
+}
+
 /// The state (V1, V2, V1', V2'), m and m/s.
 pub type State = Vector4<f64>;
 
-/// Tangential force with its derivatives along the motion.
+/// A force with its derivatives along the motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Pull {
     pub(crate) force: f64,
@@ -118,7 +141,8 @@ impl<'a> Model<'a> {
     ///
     /// # Errors
     /// Numbers that are not finite or absurd, a speed at or below the floor, a feed at which the law has no force.
-    pub fn new(tool: CuttingTool, law: &'a ForceLaw) -> Result<Self, ChatterError> {
+    pub fn new(tool: CuttingTool, laws: impl Into<Laws<'a>>) -> Result<Self, ChatterError> {
+        let laws = laws.into();
         for axis in &tool.axes {
             number("mass_kg", axis.mass_kg, 1e-6, 1e6)?;
             number("damping_ns_m", axis.damping_ns_m, 0.0, 1e9)?;
@@ -139,11 +163,20 @@ impl<'a> Model<'a> {
         }
         let beta = tool.beta_deg.to_radians();
         let (sin, cos) = (libm::sin(beta), libm::cos(beta));
-        let law = law.section(tool.feed_mm_rev)?;
+        let law = laws.tangential.section(tool.feed_mm_rev)?;
         law.force(tool.speed_m_min, tool.depth_mm)?;
+        let radial = match laws.radial {
+            Some(law) => {
+                let section = law.section(tool.feed_mm_rev)?;
+                section.force(tool.speed_m_min, tool.depth_mm)?;
+                Some(section)
+            }
+            None => None,
+        };
         Ok(Self {
             tool,
             law,
+            radial,
             cos,
             sin,
             direction: [tool.radial_ratio * cos - sin, -tool.radial_ratio * sin - cos],
@@ -203,8 +236,30 @@ impl<'a> Model<'a> {
         )
     }
 
-    /// Force at an actual speed (held at the floor) and depth (none without contact).
+    /// Whether Py has a law of its own.
+    pub(crate) fn has_radial_law(&self) -> bool {
+        self.radial.is_some()
+    }
+
+    /// Tangential force at an actual speed (held at the floor) and depth (none without contact).
     pub(crate) fn pull(&self, speed: f64, depth: f64) -> Result<Pull, ChatterError> {
+        self.pull_of(&self.law, speed, depth)
+    }
+
+    /// Forces on V1 and V2, as [`Model::pull`].
+    pub(crate) fn pulls(&self, speed: f64, depth: f64) -> Result<[Pull; 2], ChatterError> {
+        let tangential = self.pull(speed, depth)?;
+        let Some(radial) = &self.radial else {
+            return Ok(self.direction.map(|e| tangential.mixed(e, &tangential, 0.0)));
+        };
+        let radial = self.pull_of(radial, speed, depth)?;
+        Ok([
+            radial.mixed(self.cos, &tangential, -self.sin),
+            radial.mixed(-self.sin, &tangential, -self.cos),
+        ])
+    }
+
+    fn pull_of(&self, law: &Section<'_>, speed: f64, depth: f64) -> Result<Pull, ChatterError> {
         // A NaN is refused by the law.
         if depth <= 0.0 {
             return Ok(Pull {
@@ -214,9 +269,7 @@ impl<'a> Model<'a> {
             });
         }
         let floored = speed < self.tool.floor_m_min;
-        let force = self
-            .law
-            .force(if floored { self.tool.floor_m_min } else { speed }, depth)?;
+        let force = law.force(if floored { self.tool.floor_m_min } else { speed }, depth)?;
         Ok(Pull {
             force: force.tangential_n,
             per_y: -1000.0 * force.per_depth,
@@ -230,15 +283,15 @@ impl<'a> Model<'a> {
     /// The law has no force there.
     pub fn derivative(&self, state: &State) -> Result<State, ChatterError> {
         let (speed, depth) = self.cut_at(state);
-        let force = self.pull(speed, depth)?.force;
-        Ok(self.accelerate(state, force))
+        let forces = self.pulls(speed, depth)?.map(|pull| pull.force);
+        Ok(self.accelerate(state, forces))
     }
 
-    fn accelerate(&self, state: &State, force: f64) -> State {
+    /// From the forces on V1 and V2.
+    fn accelerate(&self, state: &State, forces: [f64; 2]) -> State {
         let acceleration = |i: usize| {
             let axis = &self.tool.axes[i];
-            (force * self.direction[i] - axis.damping_ns_m * state[i + 2] - axis.stiffness_n_m * state[i])
-                / axis.mass_kg
+            (forces[i] - axis.damping_ns_m * state[i + 2] - axis.stiffness_n_m * state[i]) / axis.mass_kg
         };
         State::new(state[2], state[3], acceleration(0), acceleration(1))
     }
@@ -249,25 +302,26 @@ impl<'a> Model<'a> {
         state: &State,
     ) -> Result<(State, Matrix4<f64>), ChatterError> {
         let (speed, depth) = self.cut_at(state);
-        let pull = self.pull(speed, depth)?;
-        Ok((self.accelerate(state, pull.force), self.jacobian(pull)))
+        let pulls = self.pulls(speed, depth)?;
+        let forces = pulls.map(|pull| pull.force);
+        Ok((self.accelerate(state, forces), self.jacobian(&pulls)))
     }
 
-    fn jacobian(&self, pull: Pull) -> Matrix4<f64> {
+    fn jacobian(&self, pulls: &[Pull; 2]) -> Matrix4<f64> {
         let mut jacobian = Matrix4::zeros();
         jacobian[(0, 2)] = 1.0;
         jacobian[(1, 3)] = 1.0;
-        // dPz by V1, V2, V1', V2'.
-        let by = [
-            pull.per_y * self.cos,
-            -pull.per_y * self.sin,
-            pull.per_zdot * self.sin,
-            pull.per_zdot * self.cos,
-        ];
-        for i in 0..2 {
+        for (i, pull) in pulls.iter().enumerate() {
             let axis = &self.tool.axes[i];
+            // By V1, V2, V1', V2'.
+            let by = [
+                pull.per_y * self.cos,
+                -pull.per_y * self.sin,
+                pull.per_zdot * self.sin,
+                pull.per_zdot * self.cos,
+            ];
             for (k, by) in by.iter().enumerate() {
-                jacobian[(i + 2, k)] = by * self.direction[i] / axis.mass_kg;
+                jacobian[(i + 2, k)] = by / axis.mass_kg;
             }
             jacobian[(i + 2, i)] -= axis.stiffness_n_m / axis.mass_kg;
             jacobian[(i + 2, i + 2)] -= axis.damping_ns_m / axis.mass_kg;
@@ -283,6 +337,9 @@ impl<'a> Model<'a> {
     /// # Errors
     /// No steady cut, or no force.
     pub fn equilibrium(&self) -> Result<Equilibrium, ChatterError> {
+        if self.has_radial_law() {
+            return self.equilibrium_by_depth();
+        }
         let (speed, depth) = (self.tool.speed_m_min, self.tool.depth_mm);
         // Deflection of y per N.
         let compliance: [f64; 2] =
@@ -326,7 +383,8 @@ impl<'a> Model<'a> {
                 break;
             }
         }
-        let modes = modes_of(&self.jacobian(last.1));
+        let pulls = self.direction.map(|e| last.1.mixed(e, &last.1, 0.0));
+        let modes = modes_of(&self.jacobian(&pulls));
         Ok(Equilibrium {
             deflection_m: [compliance[0] * force, compliance[1] * force],
             force_n: force,
@@ -335,7 +393,60 @@ impl<'a> Model<'a> {
     }
 }
 
+impl Pull {
+    /// So much of this and so much of another force.
+    fn mixed(&self, own: f64, other: &Self, part: f64) -> Self {
+        Self {
+            force: own * self.force + part * other.force,
+            per_y: own * self.per_y + part * other.per_y,
+            per_zdot: own * self.per_zdot + part * other.per_zdot,
+        }
+    }
+}
+
 impl Model<'_> {
+    /// The steady cut where both forces have laws: the actual depth at which the tool's deflection leaves just that
+    /// depth, by halving to 1e-15 of it.
+    fn equilibrium_by_depth(&self) -> Result<Equilibrium, ChatterError> {
+        let (speed, depth) = (self.tool.speed_m_min, self.tool.depth_mm);
+        let bent = |actual: f64| -> Result<([f64; 2], [Pull; 2]), ChatterError> {
+            let pulls = self.pulls(speed, actual)?;
+            let deflection = std::array::from_fn(|i| pulls[i].force / self.tool.axes[i].stiffness_n_m);
+            Ok((deflection, pulls))
+        };
+        // What the depth would be, less what it is: falls through zero.
+        let miss = |actual: f64| -> Result<f64, ChatterError> {
+            let ([v1, v2], _) = bent(actual)?;
+            Ok(depth - 1000.0 * self.machine_axes(v1, v2).0 - actual)
+        };
+        let (mut low, mut high) = (0.0, depth);
+        let mut doublings = 0;
+        while miss(high)? > 0.0 {
+            (low, high) = (high, 2.0 * high);
+            doublings += 1;
+            if doublings > 8 {
+                return Err(ChatterError::NoEquilibrium { depth_mm: depth });
+            }
+        }
+        for _ in 0..100 {
+            let middle = 0.5 * (low + high);
+            if miss(middle)? > 0.0 {
+                low = middle;
+            } else {
+                high = middle;
+            }
+            if high - low <= 1e-15 * depth {
+                break;
+            }
+        }
+        let (deflection_m, pulls) = bent(high)?;
+        Ok(Equilibrium {
+            deflection_m,
+            force_n: self.pull(speed, high)?.force,
+            modes: modes_of(&self.jacobian(&pulls)),
+        })
+    }
+
     /// Angular frequency and extra damping (in proportion to the masses, 1/s) with which a mode of small vibration goes
     /// on for ever: where its eigenvalue lies on the imaginary axis. None for a mode that does not swing.
     pub(crate) fn balanced_mode(

@@ -174,11 +174,12 @@ impl Scanner {
     /// # Errors
     /// The force law does not reach as far.
     pub fn refine(&mut self, model: &Model<'_>, cycle: &Cycle) -> Result<Option<Cycle>, ChatterError> {
-        let force = model.equilibrium()?.force_n;
+        let rest = model.equilibrium()?;
         let omega = std::f64::consts::TAU * cycle.frequency_hz;
+        let amplitude = cycle.amplitude_m(cycle.driver);
         let start = self
             .balance
-            .start(force, omega, 0.0, cycle.amplitude_m(cycle.driver));
+            .start(model, cycle.driver, &rest, [omega, 0.0, amplitude]);
         let Some(root) = self
             .balance
             .solve(model, cycle.driver, start, Condition::Extra(0.0))?
@@ -217,10 +218,10 @@ impl Scanner {
         let amplitude = 1e-8 * model.tool().depth_mm;
         let mut best: Option<(usize, Balanced, f64)> = None;
         for driver in [1, 0] {
-            if model.direction()[driver].abs() < 1e-9 {
+            if !model.has_radial_law() && model.direction()[driver].abs() < 1e-9 {
                 continue;
             }
-            let start = self.balance.start(rest.force_n, omega, extra, amplitude);
+            let start = self.balance.start(model, driver, rest, [omega, extra, amplitude]);
             let tiny = self
                 .balance
                 .solve(model, driver, start, Condition::Amplitude(amplitude))?;
@@ -261,7 +262,7 @@ impl Scanner {
         branch.driver = driver;
         let (floor, contact) = self.reach(model, driver, &tiny);
         let near = floor.min(contact);
-        let mut scale = vec![tiny.unknowns[0]; tiny.unknowns.len()];
+        let mut scale = vec![rest.force_n; tiny.unknowns.len()];
         (scale[1], scale[2]) = (SPEED_PART * tiny.omega(), SPEED_PART * tiny.omega());
         if let Some(last) = scale.last_mut() {
             *last = near;

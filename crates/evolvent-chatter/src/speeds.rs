@@ -1,22 +1,21 @@
 //! Which speed would be stable.
 
-use evolvent_cutting::ForceLaw;
-
 use crate::assess::Verdict;
 use crate::map::Mapper;
-use crate::model::{CuttingTool, Model};
+use crate::model::{CuttingTool, Laws, Model};
 
 /// The nearest stable speeds below and above a cut's speed, m/min, within `range_m_min`; each to 0.1 %.
 ///
 /// Stable means that every disturbance dies out: bistable speeds do not count. Speeds are tried in steps of 2 %, so a
 /// stable gap that is narrower may be missed.
 #[must_use]
-pub fn nearest_stable(
+pub fn nearest_stable<'a>(
     mapper: &mut Mapper,
     tool: CuttingTool,
-    law: &ForceLaw,
+    laws: impl Into<Laws<'a>>,
     range_m_min: [f64; 2],
 ) -> [Option<f64>; 2] {
+    let law = laws.into();
     let mut search = |step: f64| {
         let stable = |mapper: &mut Mapper, speed_m_min: f64| {
             let cell = mapper.cell(CuttingTool { speed_m_min, ..tool }, law);

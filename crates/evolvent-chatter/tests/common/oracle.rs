@@ -9,6 +9,8 @@ pub struct Oracle {
     tool: CuttingTool,
     a: [f64; 6],
     factor: f64,
+    /// Coefficient and exponents of speed, depth and feed of a power law for Py.
+    radial: Option<[f64; 4]>,
     cos: f64,
     sin: f64,
 }
@@ -42,9 +44,29 @@ impl Oracle {
         Self {
             tool,
             a,
+            radial: None,
             factor: 9.80665 * 0.307 * (1.099 - 0.00166 * lead),
             cos: beta.cos(),
             sin: beta.sin(),
+        }
+    }
+
+    /// With a law of its own for the radial force.
+    pub fn with_radial(self, law: [f64; 4]) -> Self {
+        Self {
+            radial: Some(law),
+            ..self
+        }
+    }
+
+    fn radial(&self, v: f64, t: f64) -> f64 {
+        match self.radial {
+            Some(_) if t <= 0.0 => 0.0,
+            Some([c, by_speed, by_depth, by_feed]) => {
+                let v = v.max(self.tool.floor_m_min);
+                c * v.powf(by_speed) * t.powf(by_depth) * self.tool.feed_mm_rev.powf(by_feed)
+            }
+            None => self.tool.radial_ratio * self.force(v, t),
         }
     }
 
@@ -68,7 +90,7 @@ impl Oracle {
     fn rate(&self, x: &State) -> State {
         let (v, t) = self.cut(x);
         let pz = self.force(v, t);
-        let py = self.tool.radial_ratio * pz;
+        let py = self.radial(v, t);
         let [one, two] = &self.tool.axes;
         let f1 = py * self.cos - pz * self.sin;
         let f2 = -py * self.sin - pz * self.cos;
@@ -89,10 +111,11 @@ impl Oracle {
         std::array::from_fn(|i| x[i] + h / 6.0 * (a[i] + 2.0 * b[i] + 2.0 * c[i] + d[i]))
     }
 
-    /// The steady cut, by halving.
+    /// The steady cut: the actual depth that the deflection under its force leaves, by halving.
     pub fn rest(&self) -> State {
-        let bent = |pz: f64| -> State {
-            let py = self.tool.radial_ratio * pz;
+        let bent = |t: f64| -> State {
+            let v = self.tool.speed_m_min;
+            let (pz, py) = (self.force(v, t), self.radial(v, t));
             let [one, two] = &self.tool.axes;
             [
                 (py * self.cos - pz * self.sin) / one.stiffness_n_m,
@@ -101,18 +124,31 @@ impl Oracle {
                 0.0,
             ]
         };
-        let (mut low, mut high) = (0.0, 1e6);
+        let (mut low, mut high) = (0.0, 100.0 * self.tool.depth_mm);
         for _ in 0..200 {
             let middle = 0.5 * (low + high);
-            let x = bent(middle);
-            let (v, t) = self.cut(&x);
-            if middle < self.force(v, t) {
+            if self.cut(&bent(middle)).1 > middle {
                 low = middle;
             } else {
                 high = middle;
             }
         }
         bent(low)
+    }
+
+    /// Half of the distance between the extremes of V2, m, 3 s after a blow along V2, m/s.
+    pub fn settled(&self, blow_m_s: f64) -> f64 {
+        let h = 1e-5;
+        let mut x = self.rest();
+        x[3] += blow_m_s;
+        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+        for k in 0..303_000 {
+            x = self.step(&x, h);
+            if k > 300_000 {
+                (low, high) = (low.min(x[1]), high.max(x[1]));
+            }
+        }
+        0.5 * (high - low)
     }
 
     fn size(&self, x: &State, rest: &State) -> f64 {

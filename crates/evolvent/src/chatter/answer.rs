@@ -3,13 +3,13 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use evolvent_chatter::{
-    Assessment, Assessor, ChatterError, CuttingTool, Fit, MapCell, Mapper, Measure, Model, OscillationCase,
-    Verdict, least_squares, nearest_stable,
+    Assessment, Assessor, ChatterError, CuttingTool, Fit, Laws, MapCell, Mapper, Measure, Model,
+    OscillationCase, Verdict, least_squares, nearest_stable,
 };
-use evolvent_cutting::{Cut, ForceLaw, LawDefinition};
+use evolvent_cutting::Cut;
 
-use super::ChatterArgs;
 use super::transient::{Transient, transient};
+use super::{CaseLaws, ChatterArgs};
 use crate::CommandError;
 
 /// Columns of a map that one thread computes together.
@@ -19,8 +19,7 @@ const STRIP: usize = 25;
 pub(crate) struct Answer {
     pub(crate) asked: OscillationCase,
     pub(crate) tool: CuttingTool,
-    pub(crate) law: ForceLaw,
-    pub(crate) definition: LawDefinition,
+    pub(crate) laws: CaseLaws,
     pub(crate) assessment: Assessment,
     /// Nearest stable speeds below and above, m/min; only where the cut is not stable.
     pub(crate) stable_m_min: [Option<f64>; 2],
@@ -45,22 +44,21 @@ pub(crate) struct SweepPoint {
 
 pub(crate) fn answer(
     asked: &OscillationCase,
-    law: ForceLaw,
-    definition: LawDefinition,
+    laws: CaseLaws,
     args: &ChatterArgs,
 ) -> Result<Answer, CommandError> {
     let failed = |error: ChatterError| CommandError::Failed(format!("{}: {error}", args.case.display()));
     let tool = CuttingTool {
-        radial_ratio: asked.radial_ratio.unwrap_or_else(|| law.radial_ratio()),
+        radial_ratio: asked.radial_ratio.unwrap_or_else(|| laws.law.radial_ratio()),
         ..asked.tool
     };
-    let model = Model::new(tool, &law).map_err(failed)?;
+    let model = Model::new(tool, laws.laws()).map_err(failed)?;
     let assessment = Assessor::new(asked.harmonics).assess(&model).map_err(failed)?;
     let stable_m_min = if assessment.verdict == Verdict::Stable {
         [None; 2]
     } else {
         let range = [1.01 * tool.floor_m_min, 10.0 * tool.speed_m_min];
-        nearest_stable(&mut Mapper::new(asked.harmonics), tool, &law, range)
+        nearest_stable(&mut Mapper::new(asked.harmonics), tool, laws.laws(), range)
     };
     let fits = if args.least_squares {
         let mut all = Vec::new();
@@ -76,29 +74,33 @@ pub(crate) fn answer(
         None
     };
     let sweep = if args.json || args.plot.is_some() {
-        sweep(asked, tool, &law)
+        sweep(asked, tool, laws.laws())
     } else {
         Vec::new()
     };
     let maps = if args.map.is_some() {
         let feeds = asked.map.feed_mm_rev.iter();
         feeds
-            .map(|&feed_mm_rev| (feed_mm_rev, map(asked, CuttingTool { feed_mm_rev, ..tool }, &law)))
+            .map(|&feed_mm_rev| {
+                (
+                    feed_mm_rev,
+                    map(asked, CuttingTool { feed_mm_rev, ..tool }, laws.laws()),
+                )
+            })
             .collect()
     } else {
         Vec::new()
     };
     let transient = if args.transient.is_some() {
-        transient(tool, &law, &assessment, args.kick, args.seconds)
+        transient(tool, laws.laws(), &assessment, args.kick, args.seconds)
     } else {
         None
     };
-    let assumptions = assumptions(asked, &tool, &law, &definition, &assessment);
+    let assumptions = assumptions(asked, &tool, &laws, &assessment);
     Ok(Answer {
         asked: asked.clone(),
         tool,
-        law,
-        definition,
+        laws,
         assessment,
         stable_m_min,
         fits,
@@ -113,38 +115,38 @@ pub(crate) fn answer(
 fn assumptions(
     asked: &OscillationCase,
     tool: &CuttingTool,
-    law: &ForceLaw,
-    definition: &LawDefinition,
+    laws: &CaseLaws,
     assessment: &Assessment,
 ) -> Vec<String> {
+    let (law, definition) = (&laws.law, &laws.definition);
     let mut all = vec![
         format!("force law {}: {}", definition.name, definition.description),
-        format!(
-            "radial force is {} of the tangential force{}",
-            tool.radial_ratio,
-            if asked.radial_ratio.is_some() {
-                " (case file)"
-            } else {
-                " (assumed by the law)"
-            }
-        ),
+        laws.radial_text(asked),
         "no regeneration: waves of the last revolution are not seen, so there are no stability lobes in this"
             .to_owned(),
         format!("below {} m/min the force law is not trusted", tool.floor_m_min),
     ];
-    let outside = |speed: f64| {
+    let outside = |law: &evolvent_cutting::ForceLaw, speed: f64| {
         !law.covers(Cut {
             speed_m_min: speed,
             depth_mm: tool.depth_mm,
             feed_mm_rev: tool.feed_mm_rev,
         })
     };
-    let speeds = assessment.cycles.iter().flat_map(|known| known.cycle.speed_m_min);
-    if speeds.chain([tool.speed_m_min]).any(outside) {
-        let [from, to] = law.covered().speed_m_min;
-        all.push(format!(
-            "the force law is extrapolated: its data are from {from} to {to} m/min"
-        ));
+    let speeds = || {
+        let cycles = assessment.cycles.iter();
+        cycles
+            .flat_map(|known| known.cycle.speed_m_min)
+            .chain([tool.speed_m_min])
+    };
+    let radial = laws.radial.as_ref().map(|(law, _)| ("radial force law", law));
+    for (what, law) in [("force law", law)].into_iter().chain(radial) {
+        if speeds().any(|speed| outside(law, speed)) {
+            let [from, to] = law.covered().speed_m_min;
+            all.push(format!(
+                "the {what} is extrapolated: its data are from {from} to {to} m/min"
+            ));
+        }
     }
     all
 }
@@ -183,7 +185,7 @@ fn in_parallel<T: Send>(
     all.into_iter().map(|(_, result)| result).collect()
 }
 
-fn sweep(asked: &OscillationCase, tool: CuttingTool, law: &ForceLaw) -> Vec<SweepPoint> {
+fn sweep(asked: &OscillationCase, tool: CuttingTool, law: Laws<'_>) -> Vec<SweepPoint> {
     let [from, to] = asked.sweep.speed_m_min;
     let last = (asked.sweep.points - 1) as f64;
     let point = |mapper: &mut Mapper, k: usize| {
@@ -204,7 +206,7 @@ fn sweep(asked: &OscillationCase, tool: CuttingTool, law: &ForceLaw) -> Vec<Swee
     in_parallel(asked.sweep.points, point, asked.harmonics)
 }
 
-fn map(asked: &OscillationCase, tool: CuttingTool, law: &ForceLaw) -> Vec<MapCell> {
+fn map(asked: &OscillationCase, tool: CuttingTool, law: Laws<'_>) -> Vec<MapCell> {
     let range = &asked.map;
     // Cells lie around their middle.
     let middle = |range: [f64; 2], k: usize, count: usize| {

@@ -15,7 +15,7 @@ use std::io::{Read as _, Write};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use evolvent_chatter::{Case, LawSource, OscillationCase};
+use evolvent_chatter::{Case, LawSource, Laws, OscillationCase};
 use evolvent_cutting::{ForceLaw, LawDefinition};
 
 pub(crate) use warn::{Warning, warnings};
@@ -117,8 +117,8 @@ pub(crate) fn run(
     }
     let oscillation = match &case.oscillation {
         Some(asked) => {
-            let (law, name) = law(&args.case, asked)?;
-            Some(answer::answer(asked, law, name, args)?)
+            let laws = laws(&args.case, asked)?;
+            Some(answer::answer(asked, laws, args)?)
         }
         None => None,
     };
@@ -162,13 +162,65 @@ pub(crate) fn read_case(file: &Path) -> Result<Case, CommandError> {
     Case::parse(&text, &file.display().to_string()).map_err(|error| CommandError::Usage(error.to_string()))
 }
 
-/// The force law of a case with its ratio of forces, and its name.
-pub(crate) fn law(
+/// The law of the tangential force of a case.
+fn law(case_file: &Path, asked: &OscillationCase) -> Result<(ForceLaw, LawDefinition), CommandError> {
+    definition(case_file, &asked.law, asked)
+}
+
+/// The laws of a case, with their definitions.
+pub(crate) struct CaseLaws {
+    law: ForceLaw,
+    definition: LawDefinition,
+    /// Of the radial force, if it has one of its own.
+    radial: Option<(ForceLaw, LawDefinition)>,
+}
+
+impl CaseLaws {
+    pub(crate) fn laws(&self) -> Laws<'_> {
+        Laws {
+            tangential: &self.law,
+            radial: self.radial.as_ref().map(|(law, _)| law),
+        }
+    }
+
+    /// What is assumed of the radial force.
+    pub(crate) fn radial_text(&self, asked: &OscillationCase) -> String {
+        match &self.radial {
+            Some((_, radial)) => format!("radial force by law {}: {}", radial.name, radial.description),
+            None => format!(
+                "radial force is {} of the tangential force{}",
+                asked.radial_ratio.unwrap_or_else(|| self.law.radial_ratio()),
+                if asked.radial_ratio.is_some() {
+                    " (case file)"
+                } else {
+                    " (assumed by the law)"
+                }
+            ),
+        }
+    }
+}
+
+/// The laws of a case.
+pub(crate) fn laws(case_file: &Path, asked: &OscillationCase) -> Result<CaseLaws, CommandError> {
+    let (law, definition) = law(case_file, asked)?;
+    let radial = match &asked.radial_law {
+        Some(source) => Some(self::definition(case_file, source, asked)?),
+        None => None,
+    };
+    Ok(CaseLaws {
+        law,
+        definition,
+        radial,
+    })
+}
+
+fn definition(
     case_file: &Path,
+    source: &LawSource,
     asked: &OscillationCase,
 ) -> Result<(ForceLaw, LawDefinition), CommandError> {
     let usage = |text: String| CommandError::Usage(text);
-    let definition = match &asked.law {
+    let definition = match source {
         LawSource::BuiltIn(definition) => (**definition).clone(),
         LawSource::File(name) => {
             let file = case_file.parent().unwrap_or(Path::new("")).join(name);

@@ -33,7 +33,7 @@ pub(crate) fn svg(case: &Case, answer: &Answer) -> String {
 
 /// The motion along the cutting speed: deflection and velocity.
 fn portrait(svg: &mut Svg, answer: &Answer) {
-    let Ok(model) = Model::new(answer.tool, &answer.law) else {
+    let Ok(model) = Model::new(answer.tool, answer.laws.laws()) else {
         return;
     };
     let orbit = |state: evolvent_chatter::State| {
@@ -85,7 +85,7 @@ fn portrait(svg: &mut Svg, answer: &Answer) {
 /// The force over the speed, and which part of it the vibration runs through.
 fn force(svg: &mut Svg, answer: &Answer) {
     let tool = &answer.tool;
-    let Ok(section) = answer.law.section(tool.feed_mm_rev) else {
+    let Ok(section) = answer.laws.law.section(tool.feed_mm_rev) else {
         return;
     };
     let reached = answer
@@ -105,11 +105,11 @@ fn force(svg: &mut Svg, answer: &Answer) {
         .collect();
     let y = range_of(curve.iter().flatten().map(|point| point.1), 0.0);
     let chart = Chart::new((670.0, 110.0), (500.0, 360.0), [0.0, most], y);
-    let covered = answer.law.covered().speed_m_min;
+    let covered = answer.laws.law.covered().speed_m_min;
     if covered[1].is_finite() {
         chart.band(svg, covered[0], covered[1], "#eef4ee");
     }
-    let head = format!("Tangential force over speed, {}", answer.definition.name);
+    let head = format!("Tangential force over speed, {}", answer.laws.definition.name);
     chart.frame(
         svg,
         &head,

@@ -178,6 +178,30 @@ fn cuts_that_leave_the_model_are_said_to_and_depths_are_lengths() {
 }
 
 #[test]
+fn a_radial_law_of_its_own_is_read_and_named() {
+    let text = std::fs::read_to_string(shipped("processes/chatter-40x")).unwrap();
+    let given = "radial_ratio = 0.4              # Py / Pz: assumed, not measured";
+    let folder = tempfile::tempdir().unwrap();
+    let case = folder.path().join("case.toml");
+    std::fs::write(&case, text.replace(given, "radial_law = \"py.toml\"")).unwrap();
+    let law = "name = \"py-power\"\ndescription = \"measured\"\nkind = \"power\"\n[power]\ncoefficient_n = 900.0\n\
+               speed_exponent = -0.3\ndepth_exponent = 0.7\nfeed_exponent = 0.6\n";
+    let args = ChatterArgs {
+        case,
+        ..ChatterArgs::default()
+    };
+    let missing = ran(&args).0;
+    assert!(matches!(missing, Err(CommandError::Usage(message)) if message.contains("py.toml")));
+    std::fs::write(folder.path().join("py.toml"), law).unwrap();
+    let (result, out) = ran(&args);
+    assert_eq!(result, Ok(Ending::Clean));
+    assert!(out.contains("radial force by law py-power: measured"), "{out}");
+    assert!(!out.contains("of the tangential force"), "{out}");
+    let both = text.replace(given, "radial_ratio = 0.4\nradial_law = \"py.toml\"");
+    assert!(refusal(&both, "case.toml").contains("force.radial_law: given beside radial_ratio"));
+}
+
+#[test]
 fn the_transient_of_a_kick_ends_where_the_cycle_is() {
     let folder = tempfile::tempdir().unwrap();
     let args = |kick: Option<f64>| ChatterArgs {

@@ -1,7 +1,6 @@
 //! What a kick does: deflection over time, and its spiral in the phase plane.
 
-use evolvent_chatter::{Assessment, Case, CuttingTool, Fate, Follower, Model, State};
-use evolvent_cutting::ForceLaw;
+use evolvent_chatter::{Assessment, Case, CuttingTool, Fate, Follower, Laws, Model, State};
 use serde_json::{Value, json};
 
 use super::answer::Answer;
@@ -26,12 +25,12 @@ pub(crate) struct Transient {
 /// Follows a kick, m/s: for `seconds`, or as long as small vibrations take to change by e^4.
 pub(crate) fn transient(
     tool: CuttingTool,
-    law: &ForceLaw,
+    laws: Laws<'_>,
     assessment: &Assessment,
     kick_m_s: Option<f64>,
     seconds: Option<f64>,
 ) -> Option<Transient> {
-    let model = Model::new(tool, law).ok()?;
+    let model = Model::new(tool, laws).ok()?;
     let rest = &assessment.equilibrium;
     let follower = Follower::new(model, rest);
     let kick_m_s = kick_m_s.unwrap_or(DEFAULT_PART * follower.reach_m_s());
@@ -93,7 +92,7 @@ pub(crate) fn svg(case: &Case, answer: &Answer, transient: &Transient) -> String
     let mut svg = Svg::new(WIDTH);
     svg.text((20.0, 32.0), Anchor::Start, "title", &case.name);
     svg.text((20.0, 52.0), Anchor::Start, "small", transient.text().trim());
-    let Ok(model) = Model::new(answer.tool, &answer.law) else {
+    let Ok(model) = Model::new(answer.tool, answer.laws.laws()) else {
         return svg.finish(80.0, STYLE);
     };
     let [v1, v2] = answer.assessment.equilibrium.deflection_m;

@@ -6,14 +6,13 @@ use std::io::{BufRead as _, BufReader, Write};
 use std::path::Path;
 
 use evolvent_chatter::{CuttingTool, MapCell, Mapper, OscillationCase, Verdict, nearest_stable};
-use evolvent_cutting::ForceLaw;
 use evolvent_daemon::{Commands, Setup};
 use evolvent_gcode::{Action, Command, Move, MoveKind, SpindleDirection};
 use evolvent_machine::MachineKind;
 use evolvent_path::AxisLetter;
 use serde::Serialize;
 
-use super::{law, read_case};
+use super::{CaseLaws, laws, read_case};
 use crate::CommandError;
 
 /// Places along a move at which it is looked at: facing changes the speed.
@@ -115,11 +114,11 @@ pub(crate) fn warnings(program: &Path, setup: &Setup, case_file: &Path) -> Resul
             "has no [cut], [force] and [tool], so nothing can be predicted with it",
         ));
     };
-    let (force_law, definition) = law(case_file, asked)?;
+    let case_laws = laws(case_file, asked)?;
     let depths = cycle_depths(program);
     let mut look = Look {
         asked,
-        law: &force_law,
+        laws: &case_laws,
         mapper: Mapper::new(asked.harmonics),
         known: BTreeMap::new(),
         found: BTreeMap::new(),
@@ -154,12 +153,12 @@ pub(crate) fn warnings(program: &Path, setup: &Setup, case_file: &Path) -> Resul
     let found: Vec<Warning> = look.found.into_values().collect();
     Ok(Warnings {
         assumptions: format!(
-            "{} lines with cuts that are predicted to vibrate; assumed: force law {} ({}), Py = {} Pz, no regeneration, depth from G82 D \
+            "{} lines with cuts that are predicted to vibrate; assumed: force law {} ({}), {}, no regeneration, depth from G82 D \
              or G75 K where there is one and else {} mm, diameter {}",
             found.len(),
-            definition.name,
-            definition.description,
-            asked.radial_ratio.unwrap_or_else(|| force_law.radial_ratio()),
+            case_laws.definition.name,
+            case_laws.definition.description,
+            case_laws.radial_text(asked),
             asked.tool.depth_mm,
             match asked.diameter_mm {
                 Some(diameter) => format!("{diameter} mm everywhere (process file)"),
@@ -180,7 +179,7 @@ enum Spindle {
 
 struct Look<'a> {
     asked: &'a OscillationCase,
-    law: &'a ForceLaw,
+    laws: &'a CaseLaws,
     mapper: Mapper,
     /// Cuts that were computed: speed, depth and feed, in parts of a thousand.
     known: BTreeMap<[i64; 3], MapCell>,
@@ -212,7 +211,10 @@ impl Look<'_> {
                 speed_m_min,
                 depth_mm,
                 feed_mm_rev,
-                radial_ratio: self.asked.radial_ratio.unwrap_or_else(|| self.law.radial_ratio()),
+                radial_ratio: self
+                    .asked
+                    .radial_ratio
+                    .unwrap_or_else(|| self.laws.law.radial_ratio()),
                 ..self.asked.tool
             };
             let Some(cell) = self.cell(tool) else { return };
@@ -228,7 +230,7 @@ impl Look<'_> {
                 continue;
             }
             let range = [1.01 * tool.floor_m_min, 10.0 * tool.speed_m_min];
-            let stable = nearest_stable(&mut self.mapper, tool, self.law, range);
+            let stable = nearest_stable(&mut self.mapper, tool, self.laws.laws(), range);
             self.found.insert(
                 line,
                 Warning {
@@ -266,7 +268,7 @@ impl Look<'_> {
         let room = self.known.len() < MOST_CUTS;
         match self.known.entry(key) {
             Entry::Occupied(known) => Some(*known.get()),
-            Entry::Vacant(place) if room => Some(*place.insert(self.mapper.cell(tool, self.law))),
+            Entry::Vacant(place) if room => Some(*place.insert(self.mapper.cell(tool, self.laws.laws()))),
             Entry::Vacant(_) => None,
         }
     }
