@@ -20,6 +20,8 @@ use evolvent_chatter::{
 use evolvent_cutting::{ForceLaw, LawDefinition, Tool};
 
 const COUNT: usize = 100;
+/// Columns that one thread computes together.
+const STRIP: usize = 25;
 /// Simulated time after which a disturbance that has neither settled nor died is given up, s.
 const LONGEST_S: f64 = 3.0;
 
@@ -67,11 +69,14 @@ fn map(law: &ForceLaw, ratio: f64) {
         let mut mapper = Mapper::new(5);
         let mut cells: Vec<MapCell> = Vec::new();
         loop {
-            let column = next.fetch_add(1, Ordering::Relaxed);
-            if column >= COUNT {
+            let strip = next.fetch_add(1, Ordering::Relaxed);
+            if strip * STRIP >= COUNT {
                 return (cells, processor_time() - start);
             }
-            cells.extend((0..COUNT).map(|row| mapper.cell(cut(ratio, column, row), law)));
+            let columns = strip * STRIP..(strip + 1) * STRIP;
+            let speeds: Vec<f64> = columns.map(|column| cut(ratio, column, 0).speed_m_min).collect();
+            let depths: Vec<f64> = (0..COUNT).map(|row| cut(ratio, 0, row).depth_mm).collect();
+            cells.extend(mapper.tile(cut(ratio, 0, 0), law, &speeds, &depths));
         }
     };
     let start = Instant::now();

@@ -18,8 +18,12 @@
 
 use nalgebra::{Complex, DMatrix, DVector, Dyn, LU, Schur};
 
+mod kind;
+
 use crate::error::{ChatterError, number};
 use crate::lobe::{Lobes, Milling, Mode, Turning};
+
+pub use kind::{Chatter, ChatterKind};
 
 /// A cut with its delay, at a spindle speed.
 #[derive(Clone, Debug)]
@@ -31,41 +35,6 @@ pub struct MillingDelay {
     period_s: f64,
     stretches: Vec<Stretch>,
     force: Force,
-}
-
-/// How a cut loses its stability, by its largest multiplier.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ChatterKind {
-    /// A pair of complex multipliers (N. I. Neimark, R. J. Sacker): vibration at a frequency of its own.
-    Hopf,
-    /// A multiplier near -1 (period doubling): every second tooth cuts alike.
-    Flip,
-    /// A multiplier near 1: it does not swing from tooth to tooth.
-    Fold,
-}
-
-impl ChatterKind {
-    /// As written in reports.
-    #[must_use]
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Hopf => "hopf",
-            Self::Flip => "flip",
-            Self::Fold => "fold",
-        }
-    }
-}
-
-/// What a cut does at the limit of its stability, or beyond.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Chatter {
-    /// How stability is lost.
-    pub kind: ChatterKind,
-    /// Frequency of the chatter, Hz: of those that the multiplier permits, a whole number of tooth frequencies apart,
-    /// the one that comes nearest to closing the loop of the mean force; exact for turning.
-    pub frequency_hz: f64,
-    /// The largest multiplier.
-    pub multiplier: Complex<f64>,
 }
 
 /// A stretch of a tooth period in which the same teeth cut.
@@ -225,60 +194,6 @@ impl MillingDelay {
         number("degree", degree as f64, 4.0, 400.0)?;
         let map = Collocation::new(self, depth_m, degree);
         Ok(map.map_or(f64::INFINITY, |map| leading(&map).norm()))
-    }
-
-    /// Kind and frequency of the chatter at a depth in m, by collocation as [`MillingDelay::collocation`] does it.
-    ///
-    /// # Errors
-    /// A depth out of range; a motion without a largest multiplier.
-    pub fn chatter(&self, depth_m: f64) -> Result<Chatter, ChatterError> {
-        number("depth in m", depth_m, 0.0, 10.0)?;
-        let multiplier = Collocation::new(self, depth_m, self.degree())
-            .map_or(Complex::new(f64::NAN, 0.0), |map| leading(&map));
-        number("largest multiplier", multiplier.norm(), 0.0, 1e9)?;
-        let kind = if multiplier.im.abs() > 1e-6 * multiplier.norm() {
-            ChatterKind::Hopf
-        } else if multiplier.re < 0.0 {
-            ChatterKind::Flip
-        } else {
-            ChatterKind::Fold
-        };
-        let part = libm::atan2(multiplier.im.abs(), multiplier.re) / std::f64::consts::TAU;
-        let fastest = self.modes.iter().map(|(mode, ..)| mode.frequency_hz);
-        let most = 3.0 * fastest.fold(0.0, f64::max) * self.period_s;
-        // How far a frequency is from closing the loop of the mean force: 1 + b h G (1 - 1 / mu) has no inverse there.
-        let mean = mean_factors(self, 0.0, self.period_s);
-        let miss = |frequency: f64, delayed: Complex<f64>| -> f64 {
-            let mut response = [Complex::ZERO; 2];
-            for (mode, direction, gain) in &self.modes {
-                response[*direction] += mode.response(frequency) * *gain;
-            }
-            let part = |row: usize, column: usize| {
-                response[row] * (depth_m * mean[row][column]) * (Complex::new(1.0, 0.0) - delayed)
-            };
-            let one = Complex::new(1.0, 0.0);
-            ((one + part(0, 0)) * (one + part(1, 1)) - part(0, 1) * part(1, 0)).norm()
-        };
-        let turned = multiplier.conj() / multiplier.norm_sqr();
-        let turned = if multiplier.im < 0.0 {
-            turned.conj()
-        } else {
-            turned
-        };
-        // Each multiplier of a pair has frequencies of its own, a whole number of teeth apart.
-        let waves = (0..=most.min(1e6) as u32).flat_map(|k| {
-            let k = f64::from(k);
-            [(k + part, turned), (k + 1.0 - part, turned.conj())]
-        });
-        let frequency_hz = waves
-            .map(|(waves, delayed)| (waves / self.period_s, delayed))
-            .min_by(|a, b| miss(a.0, a.1).total_cmp(&miss(b.0, b.1)))
-            .map_or(f64::NAN, |(frequency, _)| frequency);
-        Ok(Chatter {
-            kind,
-            frequency_hz,
-            multiplier,
-        })
     }
 
     /// Largest multiplier, in magnitude, at a depth in m, by semi-discretisation with so many steps a period (4 to

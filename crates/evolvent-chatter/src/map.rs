@@ -43,7 +43,8 @@ pub struct MapCell {
     pub verdict: Option<Verdict>,
     /// Growth of the fastest growing small vibration, 1/s.
     pub growth_per_s: f64,
-    /// Amplitude of the larger coordinate on the largest stable cycle, m; 0 where there is none.
+    /// Amplitude of the larger coordinate on the largest stable cycle, m; 0 where there is none, or where the cut leaves the
+    /// model.
     pub amplitude_m: f64,
     /// Its frequency, Hz; 0 where there is none.
     pub frequency_hz: f64,
@@ -154,9 +155,9 @@ impl Mapper {
         let rest = model.equilibrium()?;
         node.cell.growth_per_s = rest.growth_per_s();
         let quick = match self.survey(&model, &rest)? {
-            Some((survey, first_is_stable)) => self
+            Some((mut survey, first_is_stable)) => self
                 .assessor
-                .quick_verdict(&model, &rest, &survey, first_is_stable)
+                .quick_verdict(&model, &rest, &mut survey, first_is_stable)
                 .map(|verdict| (verdict, survey)),
             None => None,
         };
@@ -179,6 +180,10 @@ impl Mapper {
             .map(|(cycle, _)| cycle);
         node.cycle = stable.max_by(|a, b| size(a).total_cmp(&size(b))).cloned();
         node.cycles = survey;
+        // What leaves the model does not stay on a cycle.
+        if verdict == Verdict::OutOfModel {
+            node.cycle = None;
+        }
         if let Some(cycle) = &node.cycle {
             node.cell.amplitude_m = size(cycle);
             node.cell.frequency_hz = cycle.frequency_hz;
@@ -235,7 +240,9 @@ impl Mapper {
         }
         let grazes = branch.points.windows(3).any(|three| {
             let [a, b, c] = [size(&three[0]), size(&three[1]), size(&three[2])];
-            b < a && b < c && b < GRAZING_PART * largest
+            // At a root it passes through zero.
+            let signs = three.iter().filter(|point| point.extra_per_s > 0.0).count();
+            b < a && b < c && b < GRAZING_PART * largest && signs % 3 == 0
         });
         if grazes {
             return Ok(false);
@@ -315,10 +322,9 @@ impl<F: Fn(usize, usize) -> CuttingTool> Tile<'_, F> {
             (column, row),
         ] {
             let here = self.at(column, row);
-            // How many unstable cycles there are says nothing of a cell.
             let signature = |node: &Node| {
-                let stable = node.cycles.iter().filter(|(_, stable)| *stable).count();
-                (node.cell.verdict, node.cell.growth_per_s > 0.0, stable)
+                let cycle = node.cycle.is_some();
+                (node.cell.verdict, node.cell.growth_per_s > 0.0, cycle)
             };
             match &first {
                 Some(first) => uniform &= signature(here) == signature(first),
@@ -399,7 +405,7 @@ impl Assessor {
         &self,
         model: &Model<'_>,
         rest: &Equilibrium,
-        survey: &Survey,
+        survey: &mut Survey,
         first_is_stable: bool,
     ) -> Option<Verdict> {
         let stable = survey.iter().any(|(_, stable)| *stable);
@@ -424,6 +430,15 @@ impl Assessor {
         }
         let fates = self.disturbances(model, rest, &verified);
         let all = |is: fn(&Fate) -> bool| fates.iter().all(is);
+        // What attracts and the balance did not find.
+        for fate in &fates {
+            if let Fate::Settles(found) = fate
+                && !verified.iter().any(|known| known.is_same(found))
+            {
+                survey.push((found.cycle(), true));
+                verified.push((**found).clone());
+            }
+        }
         if fates.contains(&Fate::Leaves) {
             Some(Verdict::OutOfModel)
         } else if grows && all(|fate| matches!(fate, Fate::Settles(_))) {

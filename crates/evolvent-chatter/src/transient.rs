@@ -49,6 +49,7 @@ pub struct Follower<'a> {
     step_s: f64,
     window: usize,
     longest_s: f64,
+    two_periods_s: f64,
     /// Velocity at which the cutting speed would reach the floor, m/s.
     reach: f64,
     /// Part of it, or of the first size where that is smaller, that counts as rest.
@@ -91,14 +92,21 @@ impl<'a> Follower<'a> {
             window: (PERIODS * STEPS * fast / slow) as usize,
             longest_s: (8.0 * slow / growth.abs()).clamp(375.0, 1000.0) / slow,
             dead: DEAD_PART,
+            two_periods_s: 2.0 / slow,
             reach: (tool.speed_m_min - tool.floor_m_min) / 60.0,
             model,
         }
     }
 
-    /// Takes a disturbance for dead that has fallen to 0.3 of itself: where no smaller cycle is known.
+    /// Takes a disturbance for dead that has fallen to 0.3 of itself, in windows of half the length and steps a third
+    /// longer: where no smaller cycle is known.
     pub(crate) fn hasty(self) -> Self {
-        Self { dead: 0.3, ..self }
+        Self {
+            dead: 0.3,
+            step_s: 4.0 / 3.0 * self.step_s,
+            window: self.window * 3 / 8,
+            ..self
+        }
     }
 
     /// Tells of a stable cycle, so that a motion that reaches it need not be followed to the end.
@@ -206,7 +214,7 @@ impl<'a> Follower<'a> {
         let most = (self.longest_s / (self.step_s * self.window as f64)) as usize;
         // Two periods tell whether it begins within the model: what leaves later has grown.
         if self
-            .window(&state, self.window / 4)
+            .window(&state, (self.two_periods_s / self.step_s) as usize)
             .is_none_or(|window| window.outside)
         {
             return (Fate::BeginsOutside, lingering);

@@ -329,7 +329,8 @@ fn the_map_agrees_with_single_calculations() {
                 differ.push((cut, cell.verdict, verdict));
                 continue;
             }
-            let stable = whole.as_ref().ok().and_then(Assessment::largest_stable);
+            let whole = whole.ok().filter(|whole| whole.verdict != Verdict::OutOfModel);
+            let stable = whole.as_ref().and_then(Assessment::largest_stable);
             let amplitude = stable.map_or(0.0, |known| {
                 known.cycle.amplitude_m(0).max(known.cycle.amplitude_m(1))
             });
