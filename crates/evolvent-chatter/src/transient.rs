@@ -50,6 +50,7 @@ pub struct Follower<'a> {
     window: usize,
     longest_s: f64,
     two_periods_s: f64,
+    windows_outside: usize,
     /// Velocity at which the cutting speed would reach the floor, m/s.
     reach: f64,
     /// Part of it, or of the first size where that is smaller, that counts as rest.
@@ -92,6 +93,7 @@ impl<'a> Follower<'a> {
             window: (PERIODS * STEPS * fast / slow) as usize,
             longest_s: (8.0 * slow / growth.abs()).clamp(375.0, 1000.0) / slow,
             dead: DEAD_PART,
+            windows_outside: WINDOWS_OUTSIDE,
             two_periods_s: 2.0 / slow,
             reach: (tool.speed_m_min - tool.floor_m_min) / 60.0,
             model,
@@ -105,6 +107,7 @@ impl<'a> Follower<'a> {
             dead: 0.3,
             step_s: 4.0 / 3.0 * self.step_s,
             window: self.window * 3 / 8,
+            windows_outside: 2 * WINDOWS_OUTSIDE,
             ..self
         }
     }
@@ -229,7 +232,9 @@ impl<'a> Follower<'a> {
                     run_peak = window.peak;
                 }
                 run += 1;
-                if (run >= WINDOWS_OUTSIDE && window.peak > 0.98 * run_peak) || run >= MOST_WINDOWS_OUTSIDE {
+                if (run >= self.windows_outside && window.peak > 0.98 * run_peak)
+                    || run >= MOST_WINDOWS_OUTSIDE
+                {
                     return (Fate::Leaves, lingering);
                 }
             } else {
