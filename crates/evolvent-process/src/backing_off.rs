@@ -38,6 +38,8 @@ impl TurningController {
             out + depth - regime.depth_back_off_mm
         };
         self.pass_out = wanted.max(out);
+        // A depth that was not there for a revolution may be a transient.
+        self.shoulder_mm = out + self.engagement.depth_mm();
         self.go(
             TurningState::BackOff,
             Reason::TooDeep {
@@ -56,10 +58,13 @@ impl TurningController {
         if self.out.has_arrived() && self.along.is_at_rest() {
             let by = (self.pass_out - self.pass_highest).max(0.0);
             self.pass_highest = self.pass_highest.max(self.pass_out);
-            self.lose_contact();
             // The shoulder that was left is parallel to the edge and not farther than this.
             let here = self.along.point().position;
-            self.cautious_to = Some(here + by / settings.tool.slope() + CAUTION_MM);
+            let shoulder = here + by / settings.tool.slope();
+            let depth = self.shoulder_mm - self.pass_out;
+            self.lose_contact();
+            self.expect(shoulder, depth);
+            self.cautious_to = Some(shoulder + CAUTION_MM);
             self.feed = 0.0;
             let out_mm = self.pass_out;
             if out_mm > settings.allowance_max_mm {

@@ -1,6 +1,8 @@
 //! Self-programmed turning: the controller that finds its passes from the load.
 
 use crate::axis::{AxisDrive, AxisPoint};
+use crate::engagement::Engagement;
+use crate::missing::SURE_MM;
 use crate::record::SizeRecord;
 use crate::sensor::LoadSample;
 use crate::settings::{SettingsError, TurningSettings};
@@ -13,7 +15,7 @@ const CAUTION_MM: f64 = 1.5;
 /// What noise may make of a load that fades.
 const RESIDUE_NOISE: f64 = 1.15;
 /// Share of the smallest feed below which a chip tells nothing.
-const LEAST_CHIP: f64 = 0.4;
+pub(crate) const LEAST_CHIP: f64 = 0.4;
 
 /// What comes into a cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -106,6 +108,20 @@ pub struct TurningController {
     /// Place of contact; none in air.
     pub(crate) contact: Option<f64>,
     pub(crate) touched: bool,
+    /// What was felt last, and must still be there.
+    pub(crate) engagement: Engagement,
+    /// Height of the shoulder that is backed off from, mm.
+    pub(crate) shoulder_mm: f64,
+    /// Place by which stock must be met, and its depth: a shoulder that was backed off from, or the cut before a hold.
+    pub(crate) expected: Option<(f64, f64)>,
+    /// Time for which the cut counts as interrupted, s: a load has gone and come back within a revolution.
+    pub(crate) interrupted_s: f64,
+    /// The longest way of such an interruption, mm.
+    pub(crate) interruption_mm: f64,
+    /// The load has gone in a way that may be a gap, at this place; none once it is back.
+    pub(crate) unproven: Option<f64>,
+    /// The present pass goes over places that no pass has been over before.
+    pub(crate) meets_unknown: bool,
     /// In a gap of the stock.
     pub(crate) air: bool,
     /// Largest depth since contact and where it was reached.
@@ -227,6 +243,13 @@ impl TurningController {
             residue_share: 1.0 - libm::exp(-settings.period_s / (settings.sensor_lag_s + SMOOTHING_S)),
             contact: None,
             touched: false,
+            engagement: Engagement::new(settings.tool.slope()),
+            shoulder_mm: 0.0,
+            expected: None,
+            interrupted_s: 0.0,
+            interruption_mm: 0.0,
+            unproven: None,
+            meets_unknown: true,
             air: false,
             grown: (0.0, 0.0),
             cautious_to: None,
@@ -328,8 +351,11 @@ impl TurningController {
             let ends = self.end_s > 0.0;
             let felt = self.feels() || (ends && self.contact.is_some());
             let sure = felt && !ends && self.state == TurningState::Cut;
-            let missed = self.loss_s > 0.0 || (self.state == TurningState::Cut && self.air_s > 0.0);
-            let waits = missed && !ends;
+            let cuts = matches!(self.state, TurningState::Engage | TurningState::Cut);
+            let missed = self.loss_s > 0.0 || (cuts && self.air_s > 0.0);
+            // Nor is it where known stock is met, until a load is felt.
+            let meets = self.state == TurningState::Approach && self.sure_depth(0.0) > SURE_MM;
+            let waits = (missed && !ends) || meets;
             if !waits {
                 self.record.sweep(cut_along, cut_out, felt, sure);
             }
@@ -404,6 +430,7 @@ impl TurningController {
         {
             self.along.stop();
             self.out.stop();
+            self.keep_shoulder();
             self.go(TurningState::Fault, Reason::Sensor(trouble));
             return true;
         }
@@ -413,6 +440,7 @@ impl TurningController {
             0.0
         };
         if self.overload_s > settings.overload_s {
+            self.keep_shoulder();
             self.draw_out();
             let reason = Reason::Overload {
                 load: self.view.now,
@@ -431,7 +459,9 @@ impl TurningController {
                 let to = match self.before_hold {
                     // The load has gone: what is cut has to be felt again.
                     TurningState::Engage | TurningState::Cut => {
+                        let depth = self.engagement.depth_mm();
                         self.lose_contact();
+                        self.expect(self.along.point().position, depth);
                         self.cautious_to = Some(self.along.point().position + CAUTION_MM);
                         TurningState::Approach
                     }
@@ -459,6 +489,9 @@ impl TurningController {
         self.deep_s = 0.0;
         self.air_s = 0.0;
         self.loss_s = 0.0;
+        (self.interrupted_s, self.interruption_mm) = (0.0, 0.0);
+        self.engagement.forget();
+        self.expected = None;
         self.watch.forget();
     }
 

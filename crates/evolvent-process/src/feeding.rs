@@ -1,6 +1,7 @@
 //! Feeding: towards the stock, into it, and along it.
 
 use crate::controller::TurningController;
+use crate::missing::{LOSS_REV, SURE_MM};
 use crate::settings::{OnThin, PassDepth};
 use crate::state::{Reason, TurningState};
 
@@ -18,14 +19,12 @@ const LEAST_FREE_MM: f64 = 3.0;
 const ENGAGE_CONFIRM_S: f64 = 0.005;
 /// Way beyond where contact is expected after which caution ends, mm.
 const CAUTION_MM: f64 = 1.5;
-/// Way before known stock at which the load is waited for, mm.
+/// Way before known stock at which the feed is reduced, mm.
 const WATCH_MM: f64 = 0.5;
-/// The same where the load was there before, mm.
-const GONE_MM: f64 = 0.1;
+/// Way into known stock after which a load must be there, mm: what stands is recorded in cells.
+const MET_MM: f64 = 0.2;
 /// What must be left of the edge above the stock at its face, mm.
 const HOLDER_MM: f64 = 0.3;
-/// Depth of known stock in which a load must be felt, mm.
-const SURE_MM: f64 = 0.5;
 
 impl TurningController {
     /// Feeds with a wish, within slew, preview, protection and override.
@@ -80,17 +79,18 @@ impl TurningController {
             }
             self.touched = true;
             self.loss_s = 0.0;
+            (self.expected, self.unproven) = (None, None);
             (self.air, self.thin_from) = (false, None);
             self.go(TurningState::Engage, Reason::Contact { load });
             return;
         }
-        let depth = self.sure_depth(WATCH_MM);
-        self.loss_s = if depth > SURE_MM {
-            self.loss_s + settings.period_s
-        } else {
-            0.0
-        };
-        if self.loss_s > 1.1 * settings.turn_s() {
+        let depth = self.sure_depth(MET_MM).max(self.expected_depth(here));
+        if depth <= SURE_MM {
+            self.loss_s = 0.0;
+        } else if self.shows_chips(depth) {
+            self.loss_s += settings.period_s;
+        }
+        if self.loss_s > LOSS_REV * settings.turn_s() {
             return self.report_broken(depth);
         }
         // Air inside a pass is a thin place too.
@@ -125,13 +125,15 @@ impl TurningController {
     }
 
     /// Depth that must be felt now: what stands for sure where the tip was `behind_mm` before.
-    fn sure_depth(&self, behind_mm: f64) -> f64 {
+    pub(crate) fn sure_depth(&self, behind_mm: f64) -> f64 {
         let (along, out) = (self.along.point().position, self.out.point().position);
         self.record.depth_ahead_mm(along, out, -behind_mm, true)
     }
 
-    fn report_broken(&mut self, depth_mm: f64) {
+    pub(crate) fn report_broken(&mut self, depth_mm: f64) {
         let before = self.load_before;
+        let (here, out) = (self.along.point().position, self.out.point().position);
+        self.record.leave_shoulder(here, out + depth_mm, true);
         self.draw_out();
         self.go(TurningState::Fault, Reason::BrokenInsert { before, depth_mm });
     }
@@ -158,6 +160,7 @@ impl TurningController {
             return None;
         }
         self.pass_out = wanted;
+        self.shoulder_mm = height;
         Some(Reason::FaceFelt { height_mm: height })
     }
 
@@ -174,6 +177,9 @@ impl TurningController {
     pub(crate) fn engage(&mut self, factor: f64) {
         let settings = self.settings;
         let here = self.along.point().position;
+        if self.has_lost_load() {
+            return;
+        }
         let depth = self.view.depth_now_mm.max(self.view.depth_mm);
         if depth > self.grown.0 * (1.0 + GROWTH) {
             self.grown = (depth, here);
@@ -206,21 +212,7 @@ impl TurningController {
         let settings = self.settings;
         let regime = &settings.regime;
         let turn_s = settings.turn_s();
-        self.air_s = if self.view.now < settings.contact_load {
-            self.air_s + settings.period_s
-        } else {
-            self.load_before = self.view.mean;
-            0.0
-        };
-        if self.air_s > 1.1 * turn_s {
-            let depth = self.sure_depth(GONE_MM);
-            if depth > SURE_MM {
-                return self.report_broken(depth);
-            }
-            let from = self.thin_from;
-            self.lose_contact();
-            (self.air, self.thin_from) = (true, from);
-            self.go(TurningState::Approach, Reason::Air);
+        if self.has_lost_load() {
             return;
         }
         let depth = self.view.depth_mm;
@@ -271,7 +263,7 @@ impl TurningController {
         };
         if leaves {
             self.returned_thin = self.returned_thin.saturating_add(1);
-            self.record.leave_shoulder(here, out + depth_mm);
+            self.record.leave_shoulder(here, out + depth_mm, false);
             self.begin_return(TurningState::ReEnter, Reason::TooThin { depth_mm });
         }
         leaves
@@ -288,9 +280,18 @@ impl TurningController {
         if self.end_s < 1.05 * settings.turn_s() {
             return;
         }
-        if self.pass == 1 && !self.touched && self.out.point().position <= settings.tolerance_mm {
+        if self.meets_unknown && !self.touched && self.out.point().position <= settings.tolerance_mm {
+            self.record.forget_from(self.pass_start.max(0.0));
             self.draw_out();
             self.go(TurningState::Fault, Reason::NoStock);
+            return;
+        }
+        if let Some(along_mm) = self.unproven
+            && self.record.first_above(settings.tolerance_mm).is_none()
+        {
+            self.record.forget_from(along_mm);
+            self.draw_out();
+            self.go(TurningState::Fault, Reason::LoadStaysAway { along_mm });
             return;
         }
         self.begin_return(TurningState::Return, Reason::EndOfPass);

@@ -88,18 +88,35 @@ impl SizeRecord {
         self.swept_to = f64::NEG_INFINITY;
     }
 
-    /// A pass was given up where stock of a height was felt: its shoulder stands there, parallel to the edge.
-    pub fn leave_shoulder(&mut self, along_mm: f64, height_mm: f64) {
+    /// A pass was given up where stock of a height was felt: its shoulder stands there, parallel to the edge. With `sure`
+    /// it is certain up to where the shoulder has that height.
+    pub fn leave_shoulder(&mut self, along_mm: f64, height_mm: f64, sure: bool) {
         let (first, last) = (
             self.ends_before(along_mm),
             self.ends_before(along_mm + 2.0 * self.overhang_mm),
         );
-        for cell in self.cells.iter_mut().take(last).skip(first) {
+        let sure_to = self.ends_before(along_mm + height_mm.max(0.0) / self.slope) + 2;
+        for (i, cell) in self.cells.iter_mut().enumerate().take(last).skip(first) {
             if !cell.known {
                 cell.top_mm = cell.top_mm.min(height_mm);
                 cell.felt = true;
+                cell.sure |= sure && i <= sure_to;
             }
         }
+    }
+
+    /// What the tip has passed from a place on counts as not known.
+    pub fn forget_from(&mut self, along_mm: f64) {
+        let first = self.ends_before(along_mm);
+        for cell in self.cells.iter_mut().skip(first) {
+            (cell.known, cell.felt, cell.sure) = (false, false, false);
+        }
+    }
+
+    /// Whether there is a place that the tip has not passed.
+    #[must_use]
+    pub fn has_unknown(&self) -> bool {
+        self.cells.iter().any(|cell| !cell.known)
     }
 
     /// The most that may stand in a cell: without end where it is not known.
@@ -249,9 +266,11 @@ mod tests {
             record.sweep(f64::from(i) * 0.1, 2.0, true, true);
         }
         assert_eq!(record.depth_ahead_mm(19.5, 0.0, 0.5, false), 2.0);
-        record.leave_shoulder(20.0, 3.5);
+        record.leave_shoulder(20.0, 3.5, false);
         assert_eq!(record.depth_ahead_mm(19.5, 0.0, 0.5, false), 3.5);
         assert_eq!(record.depth_ahead_mm(19.5, 0.0, 0.5, true), 2.0);
+        record.leave_shoulder(20.0, 3.5, true);
+        assert_eq!(record.depth_ahead_mm(19.5, 0.0, 0.5, true), 3.5);
         assert!(!record.at(21.0).known && record.first_above(2.5) == Some(20.0));
     }
 

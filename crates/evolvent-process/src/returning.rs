@@ -116,6 +116,7 @@ impl TurningController {
                     }
                     self.pass_highest = self.pass_out;
                     self.touched = false;
+                    self.meets_unknown = self.record.has_unknown();
                     self.end_s = 0.0;
                     self.feed = 0.0;
                     self.go(TurningState::Approach, Reason::InPlace);

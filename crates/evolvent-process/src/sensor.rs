@@ -39,17 +39,20 @@ pub enum SensorFault {
     Frozen,
     /// New readings far below zero, as of a broken wire.
     Negative,
+    /// New readings of zero, as of a sensor without supply: the same as in air.
+    Zero,
 }
 
 impl SensorFault {
     /// Every kind.
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 7] = [
         Self::Stale,
         Self::Lost,
         Self::NotANumber,
         Self::Saturated,
         Self::Frozen,
         Self::Negative,
+        Self::Zero,
     ];
 }
 
@@ -104,6 +107,7 @@ impl Sensor {
             Some(SensorFault::Saturated) => reading(self.model.range_max),
             Some(SensorFault::Frozen) => reading(before.map_or(0.0, |sample| sample.value)),
             Some(SensorFault::Negative) => reading(-self.model.range_max),
+            Some(SensorFault::Zero) => reading(0.0),
         };
         self.sequence += 1;
         self.last = sample;
@@ -164,6 +168,7 @@ mod tests {
                 SensorFault::Saturated => bad.unwrap().value == 5000.0,
                 SensorFault::Frozen => bad.unwrap().value == good.value,
                 SensorFault::Negative => bad.unwrap().value < 0.0,
+                SensorFault::Zero => bad.unwrap().value == 0.0,
             };
             assert!(shows, "{fault:?}");
         }

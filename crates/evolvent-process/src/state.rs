@@ -117,6 +117,11 @@ pub enum Reason {
         /// What the edge can cut, mm.
         reach_mm: f64,
     },
+    /// The load went away within a pass and has not come back by the end of the job.
+    LoadStaysAway {
+        /// Where it was felt last, mm along the cut.
+        along_mm: f64,
+    },
     /// A whole pass at the final size without any load.
     NoStock,
     /// More passes than make sense.
@@ -157,12 +162,16 @@ impl Reason {
                  the stock, then start again"
             ),
             Self::BrokenInsert { before, depth_mm } => format!(
-                "the load of {before:.0} went away where {depth_mm:.2} mm should be cut: the insert may be broken; \
-                 change it, then start again"
+                "the load of {before:.0} went away where {depth_mm:.2} mm should be cut: the insert may be broken, or the \
+                 sensor reads nothing; look at both, then start again"
             ),
             Self::StockTooThick { height_mm, reach_mm } => format!(
                 "the stock stands {height_mm:.1} mm above the final size, and the edge reaches {reach_mm:.1} mm: rough \
                  it down first, or take a longer edge"
+            ),
+            Self::LoadStaysAway { along_mm } => format!(
+                "the load went away {along_mm:.1} mm along the cut and never came back, so it is not known whether anything \
+                 was cut behind: look at the insert, the sensor and the part, then start again"
             ),
             Self::NoStock => {
                 "a whole pass at the final size met no stock: see whether there is any, and whether the load sensor \

@@ -78,7 +78,17 @@ fn trouble_of(fault: SensorFault) -> SensorTrouble {
         SensorFault::Saturated => SensorTrouble::Saturated,
         SensorFault::Frozen => SensorTrouble::Frozen,
         SensorFault::Negative => SensorTrouble::Negative,
+        SensorFault::Zero => panic!("readings of zero are no trouble of the sensor"),
     }
+}
+
+/// A fault that shows in the readings themselves.
+fn distrusted(random: &mut Random) -> SensorFault {
+    let kinds: Vec<_> = SensorFault::ALL
+        .into_iter()
+        .filter(|fault| *fault != SensorFault::Zero)
+        .collect();
+    kinds[(kinds.len() as f64 * random.unit()) as usize]
 }
 
 /// The sensor fails for ever. The feed must stand within a revolution of the last good reading, of a fault outside the
@@ -145,7 +155,7 @@ fn a_sensor_that_fails_at_any_tick_on_any_stock_stops_the_axial_feed_within_a_re
             if sim.figures.time_s < next_s {
                 continue;
             }
-            let fault = SensorFault::ALL[(6.0 * random.unit()) as usize];
+            let fault = distrusted(&mut random);
             // A frozen reading is told from a quiet one where it reads a load.
             if fault == SensorFault::Frozen && output.load < settings.contact_load {
                 continue;
@@ -182,7 +192,7 @@ fn a_sensor_that_is_away_for_moments_slows_the_job_and_for_longer_ends_it_withou
                     None
                 } else {
                     gaps += 1;
-                    Some(SensorFault::ALL[(6.0 * random.unit()) as usize])
+                    Some(distrusted(&mut random))
                 };
                 let least_s = if fault.is_some() { 0.0 } else { 0.5 };
                 until_s += least_s + random.within(0.0, if fault.is_some() { longest_s } else { 10.0 });
@@ -427,4 +437,151 @@ fn after_a_fault_the_job_goes_on_from_what_is_known_when_it_is_started_again() {
         figures.residual_mm <= 0.1 && figures.over_130_s <= TURN_S,
         "{figures:?}"
     );
+}
+
+/// Runs on with a load of zero for ever. Returns the reason of the fault, the way for which the tool was fed with stock
+/// before it, in revolutions, and whether the job was called done.
+fn lose_load(mut sim: Simulation, mut limits: Limits) -> (Option<Reason>, f64, bool) {
+    let turn_s = sim.controller.settings().turn_s();
+    let (mut reason, mut turns) = (None, 0.0);
+    while !sim.controller.is_over() && sim.figures.time_s < 3000.0 {
+        let (output, cut) = sim.step(RUN, Some(SensorFault::Zero));
+        limits.see(&output);
+        let cuts = cut.depth_mm > 0.5 && output.along.velocity > 0.0 && reason.is_none();
+        turns += f64::from(u8::from(cuts)) * PERIOD_S / turn_s;
+        if let Some(transition) = output.transition
+            && transition.to == TurningState::Fault
+        {
+            reason = Some(transition.reason);
+        }
+    }
+    (reason, turns, sim.controller.state() == TurningState::Done)
+}
+
+#[test]
+fn a_load_that_goes_away_after_a_shoulder_is_a_fault() {
+    for (case, settings) in [safe(), fast(), literal()].into_iter().enumerate() {
+        for height in [5.5, 8.0, 10.0] {
+            let mut sim = simulation(settings, Blank::uniform(height), case as u64);
+            let mut limits = Limits::new(&settings);
+            while sim.controller.state() != TurningState::BackOff {
+                limits.see(&sim.step(RUN, None).0);
+            }
+            let (reason, turns, _) = lose_load(sim, limits);
+            let what = format!("{height} mm, settings {case}: {reason:?} after {turns} revolutions");
+            assert!(matches!(reason, Some(Reason::BrokenInsert { .. })), "{what}");
+            assert!(turns < 1.5, "{what}");
+        }
+    }
+}
+
+#[test]
+fn a_load_that_goes_away_in_a_cut_is_a_fault_in_a_turn() {
+    let mut random = Random::new(11);
+    let (mut told, mut most, mut silent) = (0, 0.0_f64, 0);
+    let count = cases(6);
+    for case in 0..count {
+        let settings = [safe(), fast(), literal()][case % 3];
+        let blank = random_stock(&mut random);
+        let mut sim = simulation(settings, blank.clone(), case as u64);
+        let mut limits = Limits::new(&settings);
+        let mut next_s = random.within(0.0, 6.0);
+        // Depths of the last revolution.
+        let mut depths = vec![0.0; (TURN_S / PERIOD_S) as usize];
+        while !sim.controller.is_over() {
+            let (output, cut) = sim.step(RUN, None);
+            limits.see(&output);
+            depths.rotate_left(1);
+            *depths.last_mut().unwrap() = cut.depth_mm;
+            if sim.figures.time_s < next_s {
+                continue;
+            }
+            let cutting = matches!(output.state, TurningState::Cut | TurningState::Engage);
+            // A depth that an edge does not leave within a revolution, and stock that goes on before it.
+            let ahead = sim.piece.height_mm((output.along.position + 8.0).min(199.9));
+            if !cutting || depths.iter().any(|depth| *depth < 1.5) || ahead < output.out.position + 1.5 {
+                continue;
+            }
+            next_s += random.within(2.0, 25.0);
+            let before = sim.clone();
+            let (reason, turns, done) = lose_load(sim.clone(), limits.clone());
+            let what = format!(
+                "case {case} at {:.3} s, {:?}, {:.2} mm deep at {:.3} mm/rev, {:.2} mm along, {blank:?}: {reason:?} \
+                 after {turns:.2} revolutions",
+                before.figures.time_s, output.state, cut.depth_mm, output.feed_mm_rev, output.along.position
+            );
+            assert!(!done, "{what}");
+            assert!(matches!(reason, Some(Reason::BrokenInsert { .. })), "{what}");
+            assert!(turns < 1.6, "{what}");
+            most = most.max(turns);
+            told += 1;
+        }
+        silent += usize::from(sim.controller.state() != TurningState::Done);
+    }
+    println!("{count} stocks: told {told} times, after {most:.2} revolutions at most, {silent} jobs not done without a loss");
+    assert!(told > 2 * count && silent == 0, "{told} {silent}");
+}
+
+#[test]
+fn no_job_is_done_without_load_while_stock_stands() {
+    let mut random = Random::new(12);
+    let (mut told, mut states) = (0, [0_u32; 10]);
+    let count = cases(6);
+    for case in 0..count {
+        let settings = [safe(), fast(), literal()][case % 3];
+        let mut blank = if case % 2 == 0 {
+            random_stock(&mut random)
+        } else {
+            random_rough_stock(&mut random)
+        };
+        // In a gap a dead sensor looks like the gap.
+        blank.grooves_mm.clear();
+        let mut sim = simulation(settings, blank.clone(), case as u64);
+        let mut limits = Limits::new(&settings);
+        let mut next_s = random.within(0.0, 6.0);
+        while !sim.controller.is_over() {
+            let (output, _) = sim.step(RUN, None);
+            limits.see(&output);
+            if sim.figures.time_s < next_s {
+                continue;
+            }
+            next_s += random.within(1.0, 15.0);
+            let stands = sim.piece.residual_mm();
+            if stands < 1.0 {
+                continue;
+            }
+            let (reason, _, done) = lose_load(sim.clone(), limits.clone());
+            let what = format!(
+                "case {case} at {:.3} s, {:?} of pass {}, {:.2} mm along, {:.2} mm out, {stands:.2} mm stand, {blank:?}: {reason:?}",
+                sim.figures.time_s, output.state, output.pass, output.along.position, output.out.position
+            );
+            assert!(!done && reason.is_some(), "{what}");
+            told += 1;
+            states[output.state as usize] += 1;
+        }
+    }
+    println!("{count} stocks: told {told} times, by state {states:?}");
+    assert!(told > 5 * count, "{told}");
+}
+
+#[test]
+fn a_job_that_is_started_again_without_load_fails_again() {
+    let settings = safe();
+    for (fault, reading) in [(SensorFault::Zero, "zero"), (SensorFault::Lost, "nothing")] {
+        let mut sim = simulation(settings, Blank::uniform(8.0), 3);
+        run_for(&mut sim, 40.0, &mut Limits::new(&settings));
+        while !sim.controller.is_over() {
+            sim.step(RUN, Some(fault));
+        }
+        for _ in 0..3 {
+            sim.step(TurningInputs { start: false, ..RUN }, Some(SensorFault::Zero));
+            let (_, turns, done) = lose_load(sim.clone(), Limits::new(&settings));
+            assert!(!done && turns < 6.0, "{reading}: {turns} revolutions");
+        }
+        // With a sensor that works the job comes to size.
+        sim.step(TurningInputs { start: false, ..RUN }, None);
+        let reason = run_out(&mut sim, &mut Limits::new(&settings));
+        assert_eq!(reason, Some(Reason::AtSize), "{reading}");
+        assert!(sim.piece.residual_mm() <= 0.1, "{reading}");
+    }
 }

@@ -1,0 +1,103 @@
+//! A load that is missing: a gap in the stock, or a cut that nobody feels.
+
+use crate::controller::{LEAST_CHIP, TurningController};
+use crate::state::{Reason, TurningState};
+
+/// Revolutions without load after which it counts as gone.
+pub(crate) const LOSS_REV: f64 = 1.1;
+/// Depth in which a load must be felt, mm.
+pub(crate) const SURE_MM: f64 = 0.5;
+/// Way back to where the load was there before, mm.
+const GONE_MM: f64 = 0.1;
+/// What the edge may leave at once at the end of stock, mm: noise of the load and the shape of the chip.
+const ABRUPT_MM: f64 = 0.3;
+/// The same where it cannot be told from the end of stock, mm.
+const GRADUAL_MM: f64 = 0.1;
+/// What noise makes of the depth at which the load of contact ends, and of a depth that was felt.
+const NOISE: f64 = 1.3;
+const DEPTH_NOISE: f64 = 0.06;
+/// Revolutions for which a cut counts as interrupted after an interruption.
+const INTERRUPTED_REV: f64 = 3.0;
+/// What the sensor's lag may make of the way of an interruption.
+const INTERRUPTION_NOISE: f64 = 1.3;
+/// A chip must make so many loads of contact to be missed.
+const CLEAR_LOADS: f64 = 2.0;
+
+impl TurningController {
+    /// Follows the load of a cut. Where it has been missing for a revolution the pass ends in a fault, or goes on as in
+    /// air if the edge can have left the stock; returns whether it does either.
+    pub(crate) fn has_lost_load(&mut self) -> bool {
+        let settings = self.settings;
+        let turn_s = settings.turn_s();
+        let (here, out) = (self.along.point().position, self.out.point().position);
+        self.interrupted_s = (self.interrupted_s - settings.period_s).max(0.0);
+        if self.view.now >= settings.contact_load {
+            if self.air_s > 0.0 {
+                self.interrupted_s = INTERRUPTED_REV * turn_s;
+                self.interruption_mm = self.interruption_mm.max(here - self.engagement.place_mm());
+            } else if self.interrupted_s == 0.0 {
+                self.interruption_mm = 0.0;
+            }
+            self.air_s = 0.0;
+            self.load_before = self.view.mean;
+            let depth = self.view.depth_now_mm.min(self.view.depth_mean_mm);
+            self.engagement.feel(here, out, depth);
+            return false;
+        }
+        if self.shows_chips(self.engagement.depth_mm()) {
+            self.air_s += settings.period_s;
+        }
+        if self.air_s <= LOSS_REV * turn_s {
+            return false;
+        }
+        // Where the cut is interrupted the edge may have left the stock within an interruption.
+        let left = self
+            .engagement
+            .depth_after_mm(INTERRUPTION_NOISE * self.interruption_mm);
+        let law = &settings.regime.law;
+        let unfelt = NOISE * law.depth_mm(settings.contact_load, self.trail.chip_mm().max(self.feed));
+        let sure = self.sure_depth(GONE_MM);
+        if sure > SURE_MM || left > unfelt + ABRUPT_MM + DEPTH_NOISE * self.grown.0 {
+            self.report_broken(sure.max(left));
+            return true;
+        }
+        if left > unfelt + GRADUAL_MM {
+            self.unproven.get_or_insert(self.engagement.place_mm());
+        }
+        let from = self.thin_from;
+        self.lose_contact();
+        (self.air, self.thin_from) = (true, from);
+        self.go(TurningState::Approach, Reason::Air);
+        true
+    }
+
+    /// Whether the tool advances fast enough for a depth to show in the load.
+    pub(crate) fn shows_chips(&self, depth_mm: f64) -> bool {
+        let regime = &self.settings.regime;
+        let chip = self.trail.chip_mm();
+        chip >= LEAST_CHIP * regime.feed_min_mm_rev
+            || regime.law.load(depth_mm, chip) >= CLEAR_LOADS * self.settings.contact_load
+    }
+
+    /// Stock of a depth must be met at a place, or before.
+    pub(crate) fn expect(&mut self, place_mm: f64, depth_mm: f64) {
+        self.expected = (depth_mm > SURE_MM).then_some((place_mm, depth_mm));
+    }
+
+    /// Depth of the stock that must have been met by now, mm.
+    pub(crate) fn expected_depth(&self, here: f64) -> f64 {
+        match self.expected {
+            Some((place, depth)) if here >= place => depth,
+            _ => 0.0,
+        }
+    }
+
+    /// Of a cut that ends in a fault the shoulder stays, and is expected when the job goes on.
+    pub(crate) fn keep_shoulder(&mut self) {
+        let depth = self.engagement.depth_mm();
+        if depth > SURE_MM && matches!(self.state, TurningState::Engage | TurningState::Cut) {
+            let (here, out) = (self.along.point().position, self.out.point().position);
+            self.record.leave_shoulder(here, out + depth, true);
+        }
+    }
+}
