@@ -50,12 +50,12 @@ fn a_cycle_finds_its_passes_from_the_load_that_simulated_drives_measure() {
         let (machine, process) = scene(&workshop, "turn-real");
         let program = workshop.write(
             "turn.ngc",
-            "G21 G18 G90 G94 G8\nS100 M3\nG4 P2\nG0 Z308\nG0 X33.5\nG0 Z300\nF200\nG82 X60 Z296 Q1\nM2\n",
+            "G21 G18 G90 G94 G8\nS100 M3\nG0 Z308\nG0 X33.5\nG0 Z300\nF200\nG82 X60 Z296 Q1\nM2\n",
         );
         let _drives = cutting_drives(&machine, &process, &domain);
         let trace = workshop.path("turn.mcap");
         let finished = Launch::in_real_time(&program, &machine, &domain)
-            .with(&["--wait-for-clients", "1", "--process"])
+            .with(&["--process"])
             .with(&[process.to_str().expect("UTF-8")])
             .trace(&trace)
             .finish();
@@ -63,7 +63,13 @@ fn a_cycle_finds_its_passes_from_the_load_that_simulated_drives_measure() {
         assert_eq!(summary["outcome"], "done", "{summary}");
         let notes = summary["notes"].to_string();
         assert!(notes.contains("`run` does not watch them"), "{notes}");
-        // The tool has cut: there were readings far above noise, and every change has its reason.
+        // The tool has cut: two passes at least were felt, and their load is the one that was set.
+        let turning = &summary["turning"];
+        let number = |key: &str| turning[key].as_f64().expect("a number");
+        assert_eq!((number("cycles"), number("done")), (1.0, 1.0), "{turning}");
+        assert!(number("passes") >= 1.0 && number("peak_load") > 0.3 * number("set_load"), "{turning}");
+        assert!(number("peak_load") < 1.3 * number("set_load"), "{turning}");
+        // There were readings far above noise, and every change has its reason.
         let table = workshop.path("events.csv");
         let exported = evolvent()
             .args(["trace", "export", "--channel", "events", "-o"])
@@ -80,6 +86,59 @@ fn a_cycle_finds_its_passes_from_the_load_that_simulated_drives_measure() {
         for expected in ["contact", "settled", "end of the pass", "everything is at size"] {
             assert!(events.contains(expected), "{expected}: {events}");
         }
+    });
+}
+
+#[test]
+fn a_program_that_needs_a_load_does_not_move_without_one() {
+    unless_disturbed(|| {
+        let (workshop, domain) = (Workshop::new(), Domain::new());
+        let (machine, process) = scene(&workshop, "turn-none");
+        let program = workshop.write(
+            "turn.ngc",
+            "G21 G18 G90 G94 G8\nS100 M3\nG0 Z308\nG0 X33.5\nG0 Z300\nF200\nG82 X60 Z296 Q1\nM2\n",
+        );
+        let trace = workshop.path("none.mcap");
+        let finished = Launch::in_real_time(&program, &machine, &domain)
+            .with(&["--process"])
+            .with(&[process.to_str().expect("UTF-8")])
+            .trace(&trace)
+            .finish();
+        let summary = finished.expect_code(&[1]).json();
+        assert_eq!(summary["alarm"], 501, "{summary}");
+        assert!(summary["error"].to_string().contains("no cutting load"), "{summary}");
+        let seen = cycles(&trace);
+        let moved = seen.iter().any(|cycle| cycle.position != seen[0].position);
+        assert!(seen.len() > 1000 && !moved, "it has moved");
+    });
+}
+
+#[test]
+fn a_sensor_that_reads_zero_in_a_cut_ends_the_run() {
+    unless_disturbed(|| {
+        let (workshop, domain) = (Workshop::new(), Domain::new());
+        let (machine, process) = scene(&workshop, "turn-zero");
+        // Long enough to be cut for a minute and more.
+        let text = std::fs::read_to_string(&process).expect("a process file");
+        let process = workshop.write(
+            "process.toml",
+            text.replace("length_mm = 4.0", "length_mm = 40.0")
+                .replace("[[0.0, 3.0], [4.0, 2.5]]", "[[0.0, 3.0], [40.0, 2.5]]"),
+        );
+        let program = workshop.write(
+            "turn.ngc",
+            "G21 G18 G90 G94 G8\nS100 M3\nG0 Z302\nG0 X33.5\nG0 Z300\nF200\nG82 X60 Z260 Q1\nM2\n",
+        );
+        let options = ["--process", process.to_str().expect("UTF-8"), "--fault", "load-zero@25"];
+        let _drives = Drives::start(&machine, &domain, &options);
+        let finished = Launch::in_real_time(&program, &machine, &domain)
+            .with(&["--no-trace", "--process"])
+            .with(&[process.to_str().expect("UTF-8")])
+            .finish();
+        let summary = finished.expect_code(&[1]).json();
+        assert_eq!(summary["alarm"], 500, "{summary}");
+        assert!(summary["error"].to_string().contains("went away"), "{summary}");
+        assert_eq!(summary["turning"]["done"], 0, "{summary}");
     });
 }
 
@@ -115,11 +174,11 @@ impl AdaptiveRun {
         );
         let program = workshop.write(
             "turn.ngc",
-            "G21 G18 G90 G94 G8\nS60 M3\nG4 P2\nG0 X35 Z304\nG0 X30 Z302\nG1 Z290 F24\nG0 X35\nM2\n",
+            "G21 G18 G90 G94 G8\nS60 M3\nG0 X35 Z304\nG0 X30 Z302\nG1 Z290 F24\nG0 X35\nM2\n",
         );
         let drives = cutting_drives(&machine, &process, &domain);
         let child = Launch::in_real_time(&program, &machine, &domain)
-            .with(&["--wait-for-clients", "1", "--adaptive"])
+            .with(&["--adaptive"])
             .with(&[adaptive.to_str().expect("UTF-8")])
             .trace(&workshop.path("adaptive.mcap"))
             .start();

@@ -35,6 +35,8 @@ pub struct SimBridge {
     last_target: Option<Target>,
     frozen: Option<Feedback>,
     stuck: [Option<f64>; AXES],
+    /// The reading of the load at which the sensor froze.
+    frozen_load: Option<f64>,
     delayed: VecDeque<Feedback>,
 }
 
@@ -62,6 +64,7 @@ impl SimBridge {
             last_target: None,
             frozen: None,
             stuck: [None; AXES],
+            frozen_load: None,
             delayed: VecDeque::new(),
         })
     }
@@ -146,6 +149,29 @@ impl SimBridge {
         self.last_target = Some(target);
         let feedback = self.feedback(now_ns, &target);
         self.spoil(now_ns, feedback)
+    }
+
+    /// What the load sensor sends at `now_ns` for a reading and the end of its range; none for nothing.
+    pub fn load_reading(&mut self, now_ns: u64, (value, range_max): (f64, f64)) -> Option<(f64, f64)> {
+        let is = |kind| self.is_active(kind, None, now_ns);
+        if is(FaultKind::LoadLost) {
+            return None;
+        }
+        let shown = if is(FaultKind::LoadZero) {
+            0.0
+        } else if is(FaultKind::LoadNan) {
+            f64::NAN
+        } else if is(FaultKind::LoadSaturated) {
+            range_max
+        } else if is(FaultKind::LoadNegative) {
+            -range_max
+        } else if is(FaultKind::LoadFrozen) {
+            *self.frozen_load.get_or_insert(value)
+        } else {
+            self.frozen_load = None;
+            value
+        };
+        Some((shown, range_max))
     }
 
     /// Where one drive cannot go on, none does.

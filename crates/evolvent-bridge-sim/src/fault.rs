@@ -33,11 +33,23 @@ pub enum FaultKind {
     Wild,
     /// Samples whose time lies an hour ahead.
     Ahead,
+    /// The load sensor reads zero, as one without supply.
+    LoadZero,
+    /// The load sensor sends nothing.
+    LoadLost,
+    /// The load sensor sends the same reading again and again.
+    LoadFrozen,
+    /// The load sensor sends what is no number.
+    LoadNan,
+    /// The load sensor stands at the end of its range.
+    LoadSaturated,
+    /// The load sensor reads far below zero, as with a broken wire.
+    LoadNegative,
 }
 
 impl FaultKind {
     /// All kinds with their names.
-    pub const ALL: [(Self, &'static str); 11] = [
+    pub const ALL: [(Self, &'static str); 17] = [
         (Self::Late, "late"),
         (Self::Silent, "silent"),
         (Self::Frozen, "frozen"),
@@ -49,7 +61,27 @@ impl FaultKind {
         (Self::Nan, "nan"),
         (Self::Wild, "wild"),
         (Self::Ahead, "ahead"),
+        (Self::LoadZero, "load-zero"),
+        (Self::LoadLost, "load-lost"),
+        (Self::LoadFrozen, "load-frozen"),
+        (Self::LoadNan, "load-nan"),
+        (Self::LoadSaturated, "load-saturated"),
+        (Self::LoadNegative, "load-negative"),
     ];
+
+    /// Whether it is one of the load sensor, of which the drives know nothing.
+    #[must_use]
+    pub const fn is_of_load(self) -> bool {
+        matches!(
+            self,
+            Self::LoadZero
+                | Self::LoadLost
+                | Self::LoadFrozen
+                | Self::LoadNan
+                | Self::LoadSaturated
+                | Self::LoadNegative
+        )
+    }
 
     /// The name on the command line.
     #[must_use]
@@ -90,7 +122,7 @@ impl Fault {
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 #[error(
     "{text:?} is no fault: write KIND@SECONDS[+DURATION][:AXIS] with one of late, silent, frozen, stuck, fault, off, \
-     jump, blocked, nan, wild, ahead, as in `jump@2.5:Y`"
+     jump, blocked, nan, wild, ahead, load-zero, load-lost, load-frozen, load-nan, load-saturated, load-negative, as in `jump@2.5:Y`"
 )]
 pub struct FaultError {
     text: String,
@@ -161,6 +193,7 @@ mod tests {
             "jump@3:Y",
             "fault@0.25+1:W",
             "nan@1000000",
+            "load-zero@3.5",
         ] {
             let fault: Fault = text.parse().expect("a fault");
             assert_eq!(fault.to_string(), text);

@@ -167,7 +167,8 @@ pub fn run_cutting(
             report.periods += 1;
             let tick_ns = clock.tick();
             let feedback = bridge.step(tick_ns);
-            if let Some(reading) = cut.as_mut().and_then(|cut| cut(&bridge.true_positions()))
+            let reading = cut.as_mut().and_then(|cut| cut(&bridge.true_positions()));
+            if let Some(reading) = reading.and_then(|reading| bridge.load_reading(tick_ns, reading))
                 && let Some(sender) = ports.as_mut().and_then(|open| open.load.as_mut())
             {
                 // What does not leave is replaced by the next.

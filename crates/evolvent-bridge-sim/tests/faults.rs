@@ -229,13 +229,14 @@ fn is_right(kind: FaultKind, axis: usize, alarm: &DriveAlarm) -> bool {
             matches!(alarm, DriveAlarm::Unbelievable { field: "position", axis: Some(named), .. } if *named == axis)
         }
         FaultKind::Ahead => matches!(alarm, DriveAlarm::AheadOfTime { .. }),
+        kind => unreachable!("{kind:?} is no fault of the drives"),
     }
 }
 
 #[test]
 fn each_kind_of_fault_at_50_random_moments_is_named_and_ends_at_rest_within_the_limits() {
     let mut random = Random::new();
-    for (kind, name) in FaultKind::ALL {
+    for (kind, name) in FaultKind::ALL.into_iter().filter(|(kind, _)| !kind.is_of_load()) {
         let (mut slowest_ns, mut shares) = (0, [0.0_f64; 2]);
         for _ in 0..50 {
             let axis = random.between(0.0, 3.0) as usize;
@@ -340,4 +341,47 @@ fn the_same_inputs_give_the_same_feedback_to_the_bit() {
     };
     let first: Vec<[u64; AXES]> = feedback();
     assert!(first.len() > 400 && first == feedback());
+}
+
+#[test]
+fn a_load_sensor_fails_as_it_was_told_and_at_no_other_time() {
+    for (kind, name) in FaultKind::ALL.into_iter().filter(|(kind, _)| kind.is_of_load()) {
+        let mut settings = settings();
+        settings.faults = vec![format!("{name}@0.5+0.2").parse().expect("a fault")];
+        let mut bridge = SimBridge::new(&settings).expect("a bridge");
+        let (mut since, mut faulty) = (None, 0);
+        for cycle in 1..2000_u64 {
+            let now_ns = cycle * PERIOD_NS;
+            let setpoint = Setpoint {
+                sequence: cycle,
+                due_time_ns: now_ns,
+                period_ns: PERIOD_NS,
+                axes_mask: 7,
+                power_request: PowerRequest::On.number(),
+                ..Setpoint::default()
+            };
+            bridge.offer(now_ns, &setpoint);
+            bridge.step(now_ns);
+            since = since.or(bridge.operating_since_ns());
+            let value = 100.0 + cycle as f64;
+            let read = bridge.load_reading(now_ns, (value, 5000.0));
+            let after_ns = since.map(|since| now_ns - since);
+            if after_ns.is_none_or(|ns| !(500_000_000..700_000_000).contains(&ns)) {
+                assert_eq!(read, Some((value, 5000.0)), "{name}");
+                continue;
+            }
+            faulty += 1;
+            let as_told = match kind {
+                FaultKind::LoadZero => read == Some((0.0, 5000.0)),
+                FaultKind::LoadLost => read.is_none(),
+                FaultKind::LoadNan => read.is_some_and(|(value, _)| value.is_nan()),
+                FaultKind::LoadSaturated => read == Some((5000.0, 5000.0)),
+                FaultKind::LoadNegative => read == Some((-5000.0, 5000.0)),
+                // The one of its first moment.
+                _ => read == Some((value - f64::from(faulty - 1), 5000.0)),
+            };
+            assert!(as_told, "{name}: {read:?} for {value}");
+        }
+        assert_eq!(faulty, 200, "{name}");
+    }
 }

@@ -16,6 +16,8 @@ use rtrb::{Consumer, Producer};
 use crate::job::Clock;
 use crate::rt::MonotonicClock;
 use crate::shared::Controls;
+use crate::standby::{NotBegun, Standby};
+use crate::turning_tally::TurningTally;
 use evolvent_control::Alarm;
 use evolvent_drive::PowerRequest;
 
@@ -90,6 +92,10 @@ pub(crate) struct CycleLoop {
     pub records_load: bool,
     /// The workpiece that the setpoints cut: with the virtual clock, whose load no sensor measures.
     pub process: Option<SimulatedProcess>,
+    /// Holds a program that needs a load until there is one.
+    pub standby: Standby,
+    /// Counts what turning cycles do.
+    pub turning: TurningTally,
 }
 
 /// One cycle, for who looks on.
@@ -116,6 +122,10 @@ pub(crate) struct CycleReport {
     pub planner_died: bool,
     /// Why adaptive feed has stopped the run.
     pub adaptive_stop: Option<AdaptiveStop>,
+    /// Why the program was not begun.
+    pub not_begun: Option<NotBegun>,
+    /// What turning cycles came to.
+    pub turning: TurningTally,
     /// The plan ended before the program did.
     pub program_failed: bool,
     /// The simulated workpiece as it is left.
@@ -140,6 +150,8 @@ impl CycleLoop {
             stopped_for_lateness: false,
             planner_died: false,
             adaptive_stop: None,
+            not_begun: None,
+            turning: self.turning,
             process: None,
             program_failed: false,
             program_stops_passed: 0,
@@ -169,6 +181,14 @@ impl CycleLoop {
             if self.process.is_some() {
                 inputs.load = simulated;
             }
+            match self.standby.step(&self.controls) {
+                Ok(held) => inputs.hold |= held,
+                Err(why) => {
+                    report.not_begun.get_or_insert(why);
+                    inputs.stop = true;
+                    self.controls.raise(Alarm::LoadSensor);
+                }
+            }
             inputs.stop |= report.stopped_for_lateness;
             let command = at_command(&mut self.commands, &report);
             if let Some(action) = command {
@@ -181,13 +201,7 @@ impl CycleLoop {
             resumed = inputs.resume;
             if let Some(adaptive) = &mut adaptive {
                 let driven = report.motion.feed_factor();
-                let stop = adapt(
-                    adaptive,
-                    &self.controls,
-                    driven,
-                    report.last.as_ref(),
-                    &mut inputs,
-                );
+                let stop = adapt(adaptive, driven, report.last.as_ref(), &mut inputs);
                 report.adaptive_stop = report.adaptive_stop.or(stop);
                 inputs.stop |= report.adaptive_stop.is_some();
             }
@@ -263,6 +277,7 @@ impl CycleLoop {
                 simulated = sample;
                 cut
             });
+            report.turning.see(report.motion.turning(), cut.as_ref());
             observe(&Seen {
                 setpoint: &setpoint,
                 turning: report.motion.turning(),
@@ -304,14 +319,13 @@ fn at_command(commands: &mut Option<Consumer<u32>>, report: &CycleReport) -> Opt
 /// the set load holds.
 fn adapt(
     adaptive: &mut AdaptiveFeed,
-    controls: &Controls,
     driven: Option<f64>,
     last: Option<&Setpoint>,
     inputs: &mut Inputs,
 ) -> Option<AdaptiveStop> {
     let feeds = last.is_some_and(|last| last.state == State::Running && last.flags & flags::RAPID == 0);
     let driven = driven.or(last.map(|last| last.feed_override)).unwrap_or_default();
-    let output = adaptive.step(controls.load(), driven, feeds);
+    let output = adaptive.step(inputs.load, driven, feeds);
     inputs.feed_override = inputs.feed_override.min(1.0) * output.factor;
     output.stop
 }
@@ -467,6 +481,8 @@ mod tests {
             start_unix_ns: 0,
             records_load: false,
             process: None,
+            standby: Standby::new(false, 1_000_000),
+            turning: TurningTally::new(0.0, 1_000_000),
         };
         let (sender, receiver) = mpsc::channel();
         std::thread::spawn(move || {

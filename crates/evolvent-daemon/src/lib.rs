@@ -37,10 +37,12 @@ mod serve;
 mod shared;
 mod source;
 mod stages;
+mod standby;
 mod summary;
 mod switches;
 mod tally;
 mod turning;
+mod turning_tally;
 mod user_code;
 
 pub use check::{CheckBounds, Checked, check};
@@ -63,3 +65,4 @@ pub use shared::{Controls, Progress};
 pub use source::{Commands, Start};
 pub use summary::{AxisSummary, Summary, TimingSummary};
 pub use switches::{SwitchState, Switched};
+pub use turning_tally::TurningSummary;

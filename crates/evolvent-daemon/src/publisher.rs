@@ -5,6 +5,7 @@ use std::sync::mpsc::Sender;
 use std::time::{Duration, Instant};
 
 use evolvent_bus::{BusConfig, BusError, CoreBus, EventKind, Status};
+use evolvent_drive::BridgeState;
 use evolvent_motion::State;
 use evolvent_path::{AXES, Axes};
 use rtrb::Consumer;
@@ -107,8 +108,9 @@ impl Publishing {
                 self.controls.see_load(load.value, load.range_max);
             }
             // Nobody looks at what they say: see the note of the run.
-            while let Ok(Some(_)) = bus.unchecked_feedback() {
-                self.controls.see_drives();
+            while let Ok(Some(feedback)) = bus.unchecked_feedback() {
+                let follow = feedback.bridge_state == BridgeState::Following.number();
+                self.controls.see_drives(follow);
             }
             let now = MonotonicClock::now_ns();
             if now >= next_status || over {

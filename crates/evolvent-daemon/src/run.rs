@@ -26,7 +26,9 @@ use crate::refusal::ProgramError;
 use crate::rt::{RealtimeRequest, apply_to_this_thread};
 use crate::shared::Controls;
 use crate::stages::Stages;
+use crate::standby::Standby;
 use crate::summary::{Summary, TimingSummary, axis_summaries, outcome_of};
+use crate::turning_tally::TurningTally;
 use crate::user_code::UserCodes;
 use evolvent_control::Alarm;
 
@@ -41,6 +43,9 @@ const QUEUE_SECONDS: f64 = 2.0;
 const QUEUE_LENGTH: (usize, usize) = (4096, 65_536);
 /// Commands of the machine's own that may lie ahead in the plan.
 const COMMANDS_AHEAD: usize = 4096;
+/// Told where a program is held until there is a load.
+const AWAITS_LOAD: &str =
+    "the program begins once a cutting load comes over the bus, and drives that answer follow";
 /// How long to wait for the bus: opening clears what killed runs have left, and may wait for subscribers.
 const BUS_TIMEOUT: Duration = Duration::from_secs(30);
 
@@ -243,6 +248,8 @@ pub fn run_seen(
                 feeder.feed(&job.program, || feeding.fail_program())
             })?;
 
+        let needs_load =
+            job.clock == Clock::Realtime && (setup.process.is_some() || controls.adaptive().is_some());
         let mut cycle = CycleLoop {
             queue: plan_consumer,
             controls: Arc::clone(controls),
@@ -259,7 +266,18 @@ pub fn run_seen(
             process: (job.clock == Clock::Virtual)
                 .then(|| SimulatedProcess::new(setup.process.as_ref()?, setup.period_ns as f64 * 1e-9))
                 .flatten(),
+            standby: Standby::new(needs_load, setup.period_ns),
+            turning: TurningTally::new(
+                setup
+                    .process
+                    .as_ref()
+                    .map_or(0.0, |process| process.settings.regime.set_load),
+                setup.period_ns,
+            ),
         };
+        if needs_load {
+            observer.note(AWAITS_LOAD);
+        }
         let motion = Motion::new(limits, setup.period_ns, limits.home).planned_for(job.feed_override);
         let request = realtime_request(job, 0);
         let (granted_sender, granted) = mpsc::channel();
@@ -522,6 +540,9 @@ fn fault_of(report: &CycleReport) -> Option<(Alarm, String)> {
         };
         return Some((alarm, stop.text()));
     }
+    if let Some(why) = report.not_begun {
+        return Some((Alarm::LoadSensor, why.text()));
+    }
     report.stopped_for_lateness.then(|| {
         let text = "too many setpoints in a row left late; the machine was stopped on the path. Run \
                     `evolvent doctor`, lower the rate, or raise realtime.max_late_cycles";
@@ -576,6 +597,7 @@ fn summarise(job: &Job, report: &CycleReport, feed: &FeedReport, late: u64, note
         per_axis,
         wake_lateness: TimingSummary::of(&report.lateness),
         work: TimingSummary::of(&report.work),
+        turning: report.turning.summary(),
         trace: None,
         alarm: None,
         error: None,

@@ -35,6 +35,8 @@ pub struct Controls {
     commands_done: AtomicU32,
     /// Drives have answered.
     drives_seen: AtomicBool,
+    /// They follow the setpoints.
+    drives_follow: AtomicBool,
 }
 
 impl Controls {
@@ -62,6 +64,7 @@ impl Controls {
             at_command: AtomicBool::new(false),
             commands_done: AtomicU32::new(0),
             drives_seen: AtomicBool::new(false),
+            drives_follow: AtomicBool::new(false),
         }
     }
 
@@ -79,9 +82,14 @@ impl Controls {
         self.commands_done.load(Ordering::Acquire) == action + 1
     }
 
-    /// Drives have answered on the bus.
-    pub(crate) fn see_drives(&self) {
+    /// Drives have answered on the bus, and follow or do not.
+    pub(crate) fn see_drives(&self, follow: bool) {
+        self.drives_follow.store(follow, Ordering::Relaxed);
         self.drives_seen.store(true, Ordering::Relaxed);
+    }
+
+    pub(crate) fn drives_follow(&self) -> bool {
+        self.drives_follow.load(Ordering::Relaxed)
     }
 
     pub(crate) fn has_seen_drives(&self) -> bool {

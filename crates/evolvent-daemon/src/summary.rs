@@ -5,6 +5,8 @@ use evolvent_motion::{Extremes, State};
 use evolvent_trace::Histogram;
 use serde::Serialize;
 
+use crate::turning_tally::TurningSummary;
+
 /// Largest magnitudes of one axis and their ratios to the limits.
 #[derive(Clone, Debug, Serialize)]
 pub struct AxisSummary {
@@ -112,6 +114,8 @@ pub struct Summary {
     pub wake_lateness: Option<TimingSummary>,
     /// How long its own work took; none with the virtual clock.
     pub work: Option<TimingSummary>,
+    /// What turning cycles came to that found their passes; none where there was none.
+    pub turning: Option<TurningSummary>,
     /// The trace file, if one was written.
     pub trace: Option<String>,
     /// Number of the alarm that ended the run early.

@@ -53,7 +53,8 @@ struct SimArgs {
     #[arg(long, value_name = "PREFIX")]
     bus_prefix: Option<String>,
     /// A fault: late, silent, frozen, stuck, fault, off, jump, blocked, nan, wild or ahead, so many seconds after the drives
-    /// came into operation. May be given several times.
+    /// came into operation; of the load sensor (--process): load-zero, load-lost, load-frozen, load-nan, load-saturated or
+    /// load-negative. May be given several times.
     #[arg(long = "fault", value_name = "KIND@SECONDS[+DURATION][:AXIS]")]
     faults: Vec<Fault>,
     /// End after so many seconds; without it, at Ctrl-C.

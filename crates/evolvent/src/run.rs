@@ -43,13 +43,13 @@ pub(crate) struct RunArgs {
     /// Stop at M1.
     #[arg(long)]
     optional_stop: bool,
-    /// Hold a cutting load by the feed, in real time with a load sensor on the bus: settings of the tool. Plans with the
-    /// classic planner, which answers in the same cycle.
+    /// Hold a cutting load by the feed: settings of the tool. In real time the load comes over the bus; with the virtual
+    /// clock the stock of --process is cut. Plans with the classic planner, which answers in the same cycle.
     #[arg(long, value_name = "FILE.toml", conflicts_with_all = ["no_bus", "planner"])]
     adaptive: Option<PathBuf>,
     /// What the cut is like, for turning cycles with Q1, which find their passes from the cutting load: a file as of
     /// `evolvent turn`. In real time the load comes over the bus; with the virtual clock the file's stock is cut.
-    #[arg(long, value_name = "FILE.toml", conflicts_with = "adaptive")]
+    #[arg(long, value_name = "FILE.toml")]
     process: Option<PathBuf>,
     /// Do not look through the program first; one with an error is then run up to the line before it.
     #[arg(long)]
@@ -69,9 +69,17 @@ pub(crate) fn run(args: &RunArgs, out: &mut dyn Write, err: &mut dyn Write) -> R
     let mut setup = args.program.setup()?;
     let adaptive = match &args.adaptive {
         None => None,
-        Some(file) if args.clock == ClockArg::Virtual => {
+        Some(file) if args.clock == ClockArg::Virtual && args.process.is_none() => {
             return Err(CommandError::Usage(format!(
-                "{}: a load sensor lives in real time; leave out --clock virtual",
+                "{}: with the virtual clock no sensor measures a load: name a process file with a [stock] to cut \
+                 (--process), or leave out --clock virtual",
+                file.display()
+            )));
+        }
+        Some(file) if args.clock == ClockArg::Realtime && args.process.is_some() => {
+            return Err(CommandError::Usage(format!(
+                "{}: in real time adaptive feed and passes that find themselves do not go together: leave out --process or \
+                 --adaptive",
                 file.display()
             )));
         }

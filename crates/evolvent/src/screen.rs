@@ -162,6 +162,20 @@ pub(crate) fn write_summary(out: &mut dyn Write, summary: &Summary) -> io::Resul
             "  at steps of curvature in exact-path mode jerk is bounded by the joint time only (path.joint_time_ms)"
         )?;
     }
+    if let Some(turning) = &summary.turning {
+        let peak = turning.peak_true_load.unwrap_or(turning.peak_load);
+        writeln!(
+            out,
+            "  turning cycles by the load: {} of {} at size, {} passes, backed off {} times, {:.1} s; load at most {peak:.0} \
+             ({:.3} of the set one)",
+            turning.done,
+            turning.cycles,
+            turning.passes,
+            turning.back_offs,
+            turning.time_s,
+            peak / turning.set_load
+        )?;
+    }
     writeln!(
         out,
         "  late setpoints {}, lost records {}, lost setpoints {}, starved cycles {}",
