@@ -77,6 +77,27 @@ pub fn chord_feed_limit_mm_s(
     rate_hz * longest_chord_mm(radius_mm, increments_per_mm, permitted_error_increments)
 }
 
+/// The smallest radius, in mm, on which a step of `chord_mm` misses the path by no more than the permitted error:
+/// [`longest_chord_mm`] solved for the radius.
+///
+/// Zero where the step fits on every radius: a chord of at most the permitted error. NaN in gives infinity: no radius is
+/// large enough for a step that is not known.
+#[must_use]
+pub fn smallest_radius_mm(chord_mm: f64, increments_per_mm: f64, permitted_error_increments: f64) -> f64 {
+    let half_chord = 0.5 * chord_mm * increments_per_mm;
+    let permitted = permitted_error_increments;
+    if half_chord.is_nan() || permitted.is_nan() {
+        return f64::INFINITY;
+    }
+    if half_chord >= permitted {
+        0.5 * (half_chord * half_chord / permitted + permitted) / increments_per_mm
+    } else if half_chord > 0.5 * permitted {
+        half_chord / increments_per_mm
+    } else {
+        0.0
+    }
+}
+
 /// The control rate, in Hz, that keeps the chord error at `feed_mm_s` on `radius_mm` within the permitted error:
 /// equation (4).
 ///

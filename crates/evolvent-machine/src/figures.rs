@@ -56,14 +56,44 @@ type Drawn<T> = Result<T, Box<dyn std::error::Error>>;
 /// # Errors
 /// As [`rational_rate`]; drawing itself has no cause to fail.
 pub fn figures_svg(input: &RateInput, title: &str) -> Result<String, FigureError> {
+    figures_svg_of_axes(input, &[], title)
+}
+
+/// The same, with a figure 3 for each axis by its own limits, as the paper draws them (3a, 3b, ..): acceleration of one
+/// axis and jerk of another belong to no motion. Without axes there is one figure 3, of `input`.
+///
+/// # Errors
+/// As [`figures_svg`], also for the limits of an axis.
+pub fn figures_svg_of_axes(
+    input: &RateInput,
+    axes: &[(char, RateInput)],
+    title: &str,
+) -> Result<String, FigureError> {
     let rate = rational_rate(input)?;
+    let mut feeds = Vec::new();
+    for (letter, input) in axes {
+        let name = format!("Figure 3. Feed that the limits of {letter} permit, over the radius of the path");
+        feeds.push((name, *input, rational_rate(input)?));
+    }
+    if feeds.is_empty() {
+        let name = "Figure 3. Feed that the limits permit, over the radius of the path";
+        feeds.push((name.to_owned(), *input, rate));
+    }
     let mut svg = String::new();
-    draw(input, &rate, title, &mut svg).map_err(|error| FigureError::Draw(error.to_string()))?;
+    draw(input, &rate, &feeds, title, &mut svg).map_err(|error| FigureError::Draw(error.to_string()))?;
     Ok(svg)
 }
 
-fn draw(input: &RateInput, rate: &RationalRate, title: &str, svg: &mut String) -> Drawn<()> {
-    let root = SVGBackend::with_string(svg, (WIDTH_PX, HEAD_PX + 3 * FIGURE_PX)).into_drawing_area();
+fn draw(
+    input: &RateInput,
+    rate: &RationalRate,
+    feeds: &[(String, RateInput, RationalRate)],
+    title: &str,
+    svg: &mut String,
+) -> Drawn<()> {
+    let count = feeds.len() + 2;
+    let height = HEAD_PX + u32::try_from(count)? * FIGURE_PX;
+    let root = SVGBackend::with_string(svg, (WIDTH_PX, height)).into_drawing_area();
     root.fill(&WHITE)?;
     let (head, body) = root.split_vertically(HEAD_PX);
     let heading = format!(
@@ -80,9 +110,11 @@ fn draw(input: &RateInput, rate: &RationalRate, title: &str, svg: &mut String) -
         ("sans-serif", 26).into_font(),
     ))?;
     head.draw(&Text::new(heading, (20, 44), ("sans-serif", 19).into_font()))?;
-    let parts = body.split_evenly((3, 1));
-    if let [feeds, rates, grids] = parts.as_slice() {
-        feed_over_radius(feeds, &root, input, rate)?;
+    let parts = body.split_evenly((count, 1));
+    if let [of_feeds @ .., rates, grids] = parts.as_slice() {
+        for (area, (name, input, rate)) in of_feeds.iter().zip(feeds) {
+            feed_over_radius(area, &root, name, input, rate)?;
+        }
         rate_over_feed(rates, &root, input, rate)?;
         rate_over_acceleration(grids, &root, input, rate)?;
     }
@@ -91,7 +123,13 @@ fn draw(input: &RateInput, rate: &RationalRate, title: &str, svg: &mut String) -
 }
 
 /// Figure 3.
-fn feed_over_radius(area: &Area<'_>, root: &Area<'_>, input: &RateInput, rate: &RationalRate) -> Drawn<()> {
+fn feed_over_radius(
+    area: &Area<'_>,
+    root: &Area<'_>,
+    name: &str,
+    input: &RateInput,
+    rate: &RationalRate,
+) -> Drawn<()> {
     let least = input.min_radius_mm;
     let crossings = [
         input.jerk_to_acceleration_radius_mm(),
@@ -110,7 +148,7 @@ fn feed_over_radius(area: &Area<'_>, root: &Area<'_>, input: &RateInput, rate: &
     let feeds = decade_below(at_ends[0])..decade_above(at_ends[1] * 1.5);
     let mut chart = log_log(
         area,
-        "Figure 3. Feed that the limits permit, over the radius of the path",
+        name,
         &("radius R, mm", radii.clone()),
         &("feed F, mm/min", feeds.clone()),
     )?;

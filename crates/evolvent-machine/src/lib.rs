@@ -29,10 +29,10 @@ mod rate;
 
 pub use chord::{
     acceleration_feed_mm_s, acceleration_rate_hz, chord_error_increments, chord_feed_limit_mm_s,
-    jerk_feed_mm_s, longest_chord_mm, rate_for,
+    jerk_feed_mm_s, longest_chord_mm, rate_for, smallest_radius_mm,
 };
 pub use error::{MachineError, PeriodError};
-pub use figures::{FigureError, figures_svg};
+pub use figures::{FigureError, figures_svg, figures_svg_of_axes};
 pub use file::machine_schema;
 pub use homing::HomingSettings;
 pub use limits::Limits;

@@ -1,6 +1,6 @@
 //! The diagrams: every line and label that belongs into them is there, for any limits.
 
-use evolvent_machine::{Machine, RateInput, figures_svg};
+use evolvent_machine::{Machine, RateInput, figures_svg, figures_svg_of_axes};
 use std::path::Path;
 
 const PAPER: RateInput = RateInput {
@@ -208,4 +208,45 @@ fn any_limits_that_have_a_rate_have_figures() {
             .unwrap()
             .contains("mill-3axis")
     );
+}
+
+#[test]
+fn figure_3_is_drawn_for_each_axis_by_its_own_limits() {
+    // Mikron UCP 710: jerk rules below 625 mm on X and below 3.7 mm on Z.
+    let x = RateInput {
+        max_feed_mm_s: 500.0,
+        acceleration_mm_s2: 2500.0,
+        jerk_mm_s3: 5000.0,
+        ..PAPER
+    };
+    let z = RateInput {
+        acceleration_mm_s2: 2100.0,
+        jerk_mm_s3: 50_000.0,
+        ..x
+    };
+    let both = RateInput {
+        jerk_mm_s3: 50_000.0,
+        ..x
+    };
+    let svg = figures_svg_of_axes(&both, &[('X', x), ('Z', z)], "ucp").unwrap();
+    let texts = texts(&svg);
+    let heads: Vec<_> = texts.iter().filter(|text| text.starts_with("Figure 3")).collect();
+    assert_eq!(heads.len(), 2, "{heads:?}");
+    assert!(
+        heads[0].contains("limits of X") && heads[1].contains("limits of Z"),
+        "{heads:?}"
+    );
+    // The line of X's jerk is that of X alone: at 100 mm it permits 60 cbrt(5000 1e4) = 22 104 mm/min, Z's 47 622.
+    let alone = figures_svg_of_axes(&x, &[('X', x)], "ucp").unwrap();
+    // Height of the line over radius in the first figure, whatever the lines are numbered.
+    let lines = |svg: &str| -> Vec<String> {
+        let second = svg.match_indices("Figure ").nth(1).unwrap().0;
+        let polylines = svg[..second].split("<polyline").skip(1);
+        polylines
+            .map(|line| line.split_once("/>").unwrap().0.to_owned())
+            .collect()
+    };
+    assert!(lines(&svg).len() > 3);
+    assert_eq!(lines(&svg), lines(&alone));
+    assert_ne!(lines(&svg), lines(&figures_svg(&both, "ucp").unwrap()));
 }

@@ -136,6 +136,14 @@ impl HolePass {
     pub fn length_mm(&self) -> f64 {
         self.blocks.iter().map(|block| block.figures.length_mm).sum()
     }
+
+    /// Turns of the involute that are there: by so many its tangent turns from the start to the circle. Near to the
+    /// paper's `(1 - |(x0, y0)| / R) n`, which takes distances for radii of curvature.
+    #[must_use]
+    pub fn visible_turns(&self) -> f64 {
+        let involute = self.blocks.first().map(|block| block.figures.start_radius_mm);
+        f64::from(self.turns) * (1.0 - involute.unwrap_or(0.0) / self.radius_mm)
+    }
 }
 
 /// An involute in the hole's own system: centre in the origin, counter-clockwise.

@@ -42,6 +42,7 @@ mod plane;
 mod polynomial;
 mod quadrature;
 mod roll;
+mod spirals;
 mod spline;
 
 pub use arc::Arc;
@@ -57,4 +58,5 @@ pub use joint::{Joint, JointKind};
 pub use line::Line;
 pub use metric::feed_rate;
 pub use plane::{Plane, Sense};
+pub use spirals::{Archimedean, half_circle_radii_mm, half_circles_length_mm, helix_length_mm};
 pub use spline::Spline;

@@ -6,11 +6,16 @@
 
 use std::fmt;
 use std::io::{self, Write};
+use std::path::PathBuf;
 
 use clap::Args;
 use evolvent_path::{
     Axes, Curve, Hole, HoleBlock, HoleError, HolePass, HoleStart, Milling, Plane, Role, Sense, depths_mm,
 };
+use serde_json::json;
+
+use crate::CommandError;
+use crate::bore_report::{Comparison, comparison_json, comparison_text, pass_json};
 
 /// Clearance above material, in mm, down to which the tool is lowered in rapid.
 const CLEARANCE_MM: f64 = 1.0;
@@ -95,6 +100,17 @@ pub(crate) struct BoreArgs {
     /// Blend corners within this tolerance in mm (G64 P) [default: exact path, G61].
     #[arg(long, value_name = "MM")]
     pub tolerance: Option<f64>,
+    /// Instead of the program: one JSON object with the numbers of every block (phi0, psi, radii of curvature, length),
+    /// visible turns, and the comparison of --compare.
+    #[arg(long)]
+    pub json: bool,
+    /// Instead of the program: length and time of the first pass along the involute, half circles, an Archimedean spiral
+    /// and a helix.
+    #[arg(long)]
+    pub compare: bool,
+    /// Machine file whose limits tell the times of --compare; without it there are lengths only.
+    #[arg(long, value_name = "FILE", requires = "compare")]
+    pub machine: Option<PathBuf>,
 }
 
 /// Why no program was written.
@@ -109,6 +125,8 @@ pub(crate) enum BoreError {
         /// What was given.
         value: f64,
     },
+    /// The comparison failed.
+    Compare(CommandError),
     /// Writing failed.
     Write(io::Error),
 }
@@ -120,6 +138,7 @@ impl fmt::Display for BoreError {
             Self::Option { name, value } => {
                 write!(f, "{name} {value} is impossible: give a positive, finite number")
             }
+            Self::Compare(CommandError::Usage(text) | CommandError::Failed(text)) => text.fmt(f),
             Self::Write(error) => write!(f, "the program could not be written: {error}"),
         }
     }
@@ -148,7 +167,12 @@ impl From<io::Error> for BoreError {
 pub(crate) fn run(args: &BoreArgs, out: &mut dyn Write) -> Result<(), BoreError> {
     let plan = Plan::new(args)?;
     let mut text = Vec::new();
-    plan.write(&mut text)?;
+    if args.json || args.compare {
+        let report = plan.report()?;
+        text.extend_from_slice(report.as_bytes());
+    } else {
+        plan.write(&mut text)?;
+    }
     out.write_all(&text)?;
     out.flush()?;
     Ok(())
@@ -268,6 +292,43 @@ impl<'a> Plan<'a> {
         Ok(Self { args, levels, safe_z })
     }
 
+    /// Numbers instead of the program.
+    fn report(&self) -> Result<String, BoreError> {
+        let args = self.args;
+        let compared = match self.levels.first().filter(|_| args.compare) {
+            None => None,
+            Some(first) => {
+                let comparison = Comparison {
+                    pass: &first.pass,
+                    hole_mm: args.hole,
+                    tool_mm: args.tool,
+                    depth_mm: args.depth,
+                    feed_mm_min: first.feed,
+                    tolerance_mm: args.tolerance,
+                };
+                let list = comparison.alternatives(args.machine.as_deref());
+                Some((list.map_err(BoreError::Compare)?, first.feed))
+            }
+        };
+        if args.json {
+            let levels = self.levels.iter();
+            let passes: Vec<_> = levels
+                .map(|level| pass_json(level.title, level.z, level.feed, &level.pass))
+                .collect();
+            let object = json!({
+                "hole_mm": args.hole,
+                "tool_mm": args.tool,
+                "centre_mm": args.center,
+                "milling": if args.conventional { "conventional" } else { "climb" },
+                "length_mm": self.levels.iter().map(|level| level.pass.length_mm()).sum::<f64>(),
+                "passes": passes,
+                "comparison": compared.map(|(list, feed)| comparison_json(&list, feed)),
+            });
+            return Ok(format!("{object:#}\n"));
+        }
+        Ok(compared.map_or_else(String::new, |(list, feed)| comparison_text(&list, feed)))
+    }
+
     fn write(&self, out: &mut dyn Write) -> io::Result<()> {
         self.header(out)?;
         let args = self.args;
@@ -318,12 +379,13 @@ impl<'a> Plan<'a> {
             last = level.title;
             writeln!(
                 out,
-                "({}: R {} mm, n {} turns, H {:.6} mm per turn, r {:.9} mm, {:.6} mm long at each depth)",
+                "({}: R {} mm, n {} turns, H {:.6} mm per turn, r {:.9} mm, {:.3} turns visible, {:.6} mm long at each depth)",
                 level.title,
                 pass.radius_mm,
                 pass.turns,
                 pass.pitch_mm,
                 pass.base_radius_mm,
+                pass.visible_turns(),
                 pass.length_mm()
             )?;
         }
@@ -369,7 +431,7 @@ fn title(role: Role) -> &'static str {
 }
 
 /// One block as a line of the program.
-fn line(block: &HoleBlock, feed: f64) -> String {
+pub(crate) fn line(block: &HoleBlock, feed: f64) -> String {
     let (start, end) = (block.curve.start(), block.curve.end());
     let involute = matches!(block.curve, Curve::Involute(_));
     let code = match (block.curve.sense(), involute) {

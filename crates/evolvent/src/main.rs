@@ -2,6 +2,7 @@
 
 mod adaptive;
 mod bore;
+mod bore_report;
 mod bridge;
 mod chatter;
 mod check;
@@ -19,7 +20,9 @@ mod plan;
 mod process;
 mod program;
 mod rate;
+mod rate_point;
 mod run;
+mod scratch;
 mod screen;
 mod serve;
 mod terminal;
@@ -130,6 +133,7 @@ fn main() -> ExitCode {
 fn bore(args: &bore::BoreArgs, out: &mut dyn Write) -> Result<Ending, CommandError> {
     match bore::run(args, out) {
         Ok(()) => Ok(Ending::Clean),
+        Err(bore::BoreError::Compare(error)) => Err(error),
         Err(error @ bore::BoreError::Write(_)) => Err(CommandError::Failed(error.to_string())),
         Err(error) => Err(CommandError::Usage(error.to_string())),
     }

@@ -6,16 +6,18 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use evolvent_machine::{
     DEFAULT_MIN_RADIUS_MM, GRAVITY_MM_S2, MAX_RATE_HZ, MIN_RATE_HZ, Machine, RateInput, RationalRate,
-    figures_svg, period_ns_of, rational_rate,
+    figures_svg_of_axes, period_ns_of, rational_rate,
 };
 use serde_json::{Value, json};
 
 use crate::CommandError;
+use crate::rate_point::PointArgs;
 
 /// The rational control rate: what the machine's own limits need so that no chord between two setpoints misses a curve by
 /// more than the permitted error.
 ///
-/// Give a machine file, or at least one of --acceleration-g, --jerk and --feed; what is not given does not limit.
+/// Give a machine file, or at least one of --acceleration-g, --jerk and --feed; what is not given does not limit. With
+/// --at-rate, --at-feed and --at-radius: step and chord error of one point, or the one of the three that is left out.
 #[derive(Args, Debug, Default)]
 pub(crate) struct RateArgs {
     /// Machine file; the largest limits over its linear axes count
@@ -39,10 +41,12 @@ pub(crate) struct RateArgs {
     /// Smallest radius of curvature to allow for, in mm; default: the machine file's, or 0.25
     #[arg(long, value_name = "MM")]
     pub(crate) min_radius: Option<f64>,
+    #[command(flatten)]
+    pub(crate) point: PointArgs,
     /// Print one JSON object on standard output
     #[arg(long)]
     pub(crate) json: bool,
-    /// Write permitted feed over radius, rate over feed and rate over acceleration into one SVG file
+    /// Write permitted feed over radius (for each axis), rate over feed and rate over acceleration into one SVG file
     #[arg(long, value_name = "FILE.svg")]
     pub(crate) plot: Option<PathBuf>,
 }
@@ -57,6 +61,23 @@ pub(crate) fn run(args: &RateArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
         None => None,
     };
     let input = input(args, machine.as_ref())?;
+    let point = if args.point.is_given() {
+        Some(args.point.point(&input)?)
+    } else {
+        None
+    };
+    let limits = [args.acceleration_g, args.jerk, args.feed];
+    if let Some(point) = point
+        && machine.is_none()
+        && limits.iter().all(Option::is_none)
+    {
+        let report = if args.json {
+            format!("{:#}\n", json!({ "point": point.json() }))
+        } else {
+            point.text()
+        };
+        return written(out, &report);
+    }
     let rate = rational_rate(&input).map_err(|error| CommandError::Usage(error.to_string()))?;
     let axes = machine
         .as_ref()
@@ -67,16 +88,27 @@ pub(crate) fn run(args: &RateArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
         .map_or("given limits", |machine| machine.name.as_str());
     if let Some(file) = &args.plot {
         check_svg_name(file)?;
-        let svg = figures_svg(&input, name).map_err(|error| CommandError::Failed(error.to_string()))?;
+        let own = machine.as_ref().map(|machine| axis_inputs(machine, &input));
+        let svg = figures_svg_of_axes(&input, &own.unwrap_or_default(), name)
+            .map_err(|error| CommandError::Failed(error.to_string()))?;
         write_whole(file, svg.as_bytes())
             .map_err(|error| CommandError::Failed(format!("{}: cannot write: {error}", file.display())))?;
         let _ = writeln!(err, "figures written to {}", file.display());
     }
     let report = if args.json {
-        format!("{:#}\n", report_json(machine.as_ref(), &input, &rate, &axes))
+        let mut object = report_json(machine.as_ref(), &input, &rate, &axes);
+        if let Some(point) = point {
+            object["point"] = point.json();
+        }
+        format!("{object:#}\n")
     } else {
-        report_text(name, &input, &rate, &axes)
+        let one = point.map_or_else(String::new, |point| point.text());
+        report_text(name, &input, &rate, &axes) + &one
     };
+    written(out, &report)
+}
+
+fn written(out: &mut dyn Write, report: &str) -> Result<(), CommandError> {
     out.write_all(report.as_bytes())
         .and_then(|()| out.flush())
         .map_err(|error| CommandError::Failed(format!("cannot write the result: {error}")))
@@ -102,10 +134,10 @@ fn input(args: &RateArgs, machine: Option<&Machine>) -> Result<RateInput, Comman
     Ok(input)
 }
 
-/// What each linear axis alone would need.
-fn axis_rates(machine: &Machine, input: &RateInput) -> Vec<(char, RationalRate)> {
+/// The limits of each linear axis alone.
+fn axis_inputs(machine: &Machine, input: &RateInput) -> Vec<(char, RateInput)> {
     let linear = machine.axes.iter().filter(|axis| !axis.letter.is_rotary());
-    let alone = linear.filter_map(|axis| {
+    let alone = linear.map(|axis| {
         let input = RateInput {
             max_feed_mm_s: machine
                 .max_feed_mm_s
@@ -115,9 +147,17 @@ fn axis_rates(machine: &Machine, input: &RateInput) -> Vec<(char, RationalRate)>
             jerk_mm_s3: axis.max_jerk,
             ..*input
         };
-        Some((axis.letter.letter(), rational_rate(&input).ok()?))
+        (axis.letter.letter(), input)
     });
     alone.collect()
+}
+
+/// What each linear axis alone would need.
+fn axis_rates(machine: &Machine, input: &RateInput) -> Vec<(char, RationalRate)> {
+    axis_inputs(machine, input)
+        .into_iter()
+        .filter_map(|(letter, input)| Some((letter, rational_rate(&input).ok()?)))
+        .collect()
 }
 
 /// The rate and period that the loop would run at: fitted into its bounds.

@@ -16,6 +16,7 @@ use crate::CommandError;
 use crate::operator::watch_signals;
 use crate::process::install;
 use crate::program::load_setup;
+use crate::scratch::Folder;
 
 /// Samples of the report, one in so many seconds.
 const SAMPLE_S: f64 = 0.01;
@@ -126,8 +127,8 @@ impl Trial {
     fn drive(&mut self, setup: Setup, road: &Road<'_>) -> Result<(), CommandError> {
         let failed = |error: &dyn std::fmt::Display| CommandError::Failed(error.to_string());
         let settings = self.job.settings;
-        let folder = Folder::new().map_err(|error| failed(&error))?;
-        let program = folder.0.join("turn.ngc");
+        let folder = Folder::new("evolvent-turn").map_err(|error| failed(&error))?;
+        let program = folder.path().join("turn.ngc");
         let text = cycle_program(&self.job, setup.machine.program.turning_cycles);
         std::fs::write(&program, text).map_err(|error| failed(&error))?;
         let job = Run {
@@ -301,30 +302,6 @@ impl RunObserver for Silent<'_> {
     fn notice(&mut self, _: &Notice) {}
     fn note(&mut self, text: &str) {
         self.0.push(text.to_owned());
-    }
-}
-
-/// A folder of its own, for the time of a run.
-struct Folder(PathBuf);
-
-impl Folder {
-    fn new() -> std::io::Result<Self> {
-        for number in 0..1000 {
-            let folder = std::env::temp_dir().join(format!("evolvent-turn-{}-{number}", std::process::id()));
-            match std::fs::create_dir(&folder) {
-                Ok(()) => return Ok(Self(folder)),
-                Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => {}
-                Err(error) => return Err(error),
-            }
-        }
-        Err(std::io::Error::other("no room for a folder in the temporary one"))
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        // What cannot be removed is left to who keeps the temporary folder.
-        let _left = std::fs::remove_dir_all(&self.0);
     }
 }
 

@@ -1,0 +1,290 @@
+//! `evolvent rate --at-..`: chord and chord error of one rate, feed and radius, or the one of them that is missing.
+
+use std::fmt::Write as _;
+
+use clap::Args;
+use evolvent_machine::{
+    RateInput, chord_error_increments, chord_feed_limit_mm_s, longest_chord_mm, rate_for, smallest_radius_mm,
+};
+use serde_json::{Value, json};
+
+use crate::CommandError;
+
+/// One point of the paper's diagrams: any two of the three give the third at the permitted error, all three give the error.
+#[derive(Args, Clone, Copy, Debug, Default)]
+pub(crate) struct PointArgs {
+    /// Control rate, in Hz: with --at-feed and --at-radius the chord error, with one of them what the other may be
+    #[arg(long, value_name = "HZ")]
+    pub(crate) at_rate: Option<f64>,
+    /// Feed, in mm/min, as above
+    #[arg(long, value_name = "MM_MIN")]
+    pub(crate) at_feed: Option<f64>,
+    /// Radius of curvature of the path, in mm, as above
+    #[arg(long, value_name = "MM")]
+    pub(crate) at_radius: Option<f64>,
+}
+
+/// What was found for one rate, feed and radius.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Point {
+    rate_hz: f64,
+    feed_mm_min: f64,
+    radius_mm: f64,
+    /// Which of the three was worked out.
+    found: Option<&'static str>,
+    chord_mm: f64,
+    error_increments: f64,
+    longest_chord_mm: f64,
+    increments_per_mm: f64,
+    permitted: f64,
+}
+
+impl PointArgs {
+    pub(crate) fn is_given(self) -> bool {
+        self.at_rate.is_some() || self.at_feed.is_some() || self.at_radius.is_some()
+    }
+
+    /// Works the point out on the grid and with the permitted error of `input`.
+    ///
+    /// # Errors
+    /// Fewer than two of the three, or numbers that make no sense.
+    pub(crate) fn point(self, input: &RateInput) -> Result<Point, CommandError> {
+        for (name, value, most) in [
+            ("--at-rate", self.at_rate, 1e9),
+            ("--at-feed", self.at_feed, 1e9),
+            ("--at-radius", self.at_radius, 1e9),
+            ("--increments-per-mm", Some(input.increments_per_mm), 1e9),
+            ("--permitted-error", Some(input.permitted_error_increments), 1e6),
+        ] {
+            if let Some(value) = value
+                && !(value > 0.0 && value <= most)
+            {
+                return Err(CommandError::Usage(format!(
+                    "{name} {value} is impossible: give a number above 0 and up to {most:e}"
+                )));
+            }
+        }
+        let (k, permitted) = (input.increments_per_mm, input.permitted_error_increments);
+        let (rate_hz, feed_mm_min, radius_mm, found) = match (self.at_rate, self.at_feed, self.at_radius) {
+            (Some(rate), Some(feed), Some(radius)) => (rate, feed, radius, None),
+            (Some(rate), None, Some(radius)) => {
+                let feed = chord_feed_limit_mm_s(rate, 1.0 / radius, k, permitted) * 60.0;
+                (rate, feed, radius, Some("feed"))
+            }
+            (None, Some(feed), Some(radius)) => (
+                rate_for(feed / 60.0, radius, k, permitted),
+                feed,
+                radius,
+                Some("rate"),
+            ),
+            (Some(rate), Some(feed), None) => {
+                let radius = smallest_radius_mm(feed / 60.0 / rate, k, permitted);
+                (rate, feed, radius, Some("radius"))
+            }
+            _ => {
+                return Err(CommandError::Usage(
+                    "give two of --at-rate, --at-feed and --at-radius for the third, or all three for the chord error"
+                        .to_owned(),
+                ));
+            }
+        };
+        let chord_mm = feed_mm_min / 60.0 / rate_hz;
+        Ok(Point {
+            rate_hz,
+            feed_mm_min,
+            radius_mm,
+            found,
+            chord_mm,
+            // Without a limit there is no point to tell an error of.
+            error_increments: if chord_mm.is_finite() {
+                chord_error_increments(feed_mm_min / 60.0, rate_hz, radius_mm, k)
+            } else {
+                f64::NAN
+            },
+            longest_chord_mm: longest_chord_mm(radius_mm, k, permitted),
+            increments_per_mm: k,
+            permitted,
+        })
+    }
+}
+
+impl Point {
+    fn is_permitted(&self) -> bool {
+        // What was worked out lies on the limit, but for rounding.
+        self.found.is_some() || self.error_increments <= self.permitted
+    }
+
+    pub(crate) fn json(&self) -> Value {
+        let number = |value: f64| {
+            if value.is_finite() {
+                json!(value)
+            } else {
+                Value::Null
+            }
+        };
+        json!({
+            "rate_hz": number(self.rate_hz),
+            "feed_mm_min": number(self.feed_mm_min),
+            "radius_mm": number(self.radius_mm),
+            "found": self.found,
+            "chord_mm": number(self.chord_mm),
+            "chord_increments": number(self.chord_mm * self.increments_per_mm),
+            "chord_error_increments": number(self.error_increments),
+            "chord_error_mm": number(self.error_increments / self.increments_per_mm),
+            "longest_chord_mm": number(self.longest_chord_mm),
+            "increments_per_mm": self.increments_per_mm,
+            "permitted_error_increments": self.permitted,
+            "is_permitted": self.is_permitted(),
+        })
+    }
+
+    pub(crate) fn text(&self) -> String {
+        let mut text = String::new();
+        let mark = |name: &str| if self.found == Some(name) { "  (found)" } else { "" };
+        let number = |value: f64, digits: usize| {
+            if value.is_finite() {
+                format!("{value:.digits$}")
+            } else {
+                "any".to_owned()
+            }
+        };
+        // Writing to a string cannot fail.
+        let _ = writeln!(text, "one point, at {} increments/mm", self.increments_per_mm);
+        let _ = writeln!(
+            text,
+            "  control rate         {} Hz{}",
+            number(self.rate_hz, 3),
+            mark("rate")
+        );
+        let _ = writeln!(
+            text,
+            "  feed                 {} mm/min{}",
+            number(self.feed_mm_min, 3),
+            mark("feed")
+        );
+        let _ = writeln!(
+            text,
+            "  radius               {} mm{}",
+            number(self.radius_mm, 6),
+            mark("radius")
+        );
+        let _ = writeln!(
+            text,
+            "  step                 {} mm, {} increments (at most {} mm on this radius)",
+            number(self.chord_mm, 6),
+            number(self.chord_mm * self.increments_per_mm, 3),
+            number(self.longest_chord_mm, 6)
+        );
+        let _ = writeln!(
+            text,
+            "  chord error          {} increments, {} um; {} permitted: {}",
+            number(self.error_increments, 6),
+            number(1e3 * self.error_increments / self.increments_per_mm, 6),
+            self.permitted,
+            if self.is_permitted() { "kept" } else { "EXCEEDED" }
+        );
+        text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn input(k: f64) -> RateInput {
+        RateInput {
+            max_feed_mm_s: f64::INFINITY,
+            acceleration_mm_s2: f64::INFINITY,
+            jerk_mm_s3: f64::INFINITY,
+            increments_per_mm: k,
+            permitted_error_increments: 1.0,
+            min_radius_mm: 0.25,
+        }
+    }
+
+    /// Equation (1) as it is printed, in digits enough for it.
+    fn printed(rate: f64, feed: f64, radius: f64, k: f64) -> f64 {
+        let (h, r) = (feed * k / (2.0 * 60.0 * rate), radius * k);
+        r - (r * r - h * h).sqrt()
+    }
+
+    #[test]
+    fn the_error_is_that_of_the_printed_equation_1() {
+        for (rate, feed, radius) in [
+            (350.0, 11_548.0, 37.76),
+            (500.0, 6000.0, 0.25),
+            (1000.0, 1000.0, 2.0),
+        ] {
+            let args = PointArgs {
+                at_rate: Some(rate),
+                at_feed: Some(feed),
+                at_radius: Some(radius),
+            };
+            let point = args.point(&input(1000.0)).unwrap();
+            let expected = printed(rate, feed, radius, 1000.0);
+            assert!(
+                (point.error_increments / expected - 1.0).abs() < 1e-6,
+                "{point:?}"
+            );
+            assert!((point.chord_mm - feed / 60.0 / rate).abs() < 1e-12);
+            assert_eq!(point.is_permitted(), expected <= 1.0);
+        }
+    }
+
+    #[test]
+    fn each_of_rate_feed_and_radius_follows_from_the_others() {
+        for (rate, feed, k) in [
+            (500.0, 6000.0, 1000.0),
+            (3500.0, 11_548.0, 1e5),
+            (250.0, 30_000.0, 1e4),
+        ] {
+            let (all, given) = (PointArgs::default(), input(k));
+            let radius = PointArgs {
+                at_rate: Some(rate),
+                at_feed: Some(feed),
+                ..all
+            };
+            let radius = radius.point(&given).unwrap();
+            // By (1) the error there is the permitted one.
+            assert!(
+                (printed(rate, feed, radius.radius_mm, k) - 1.0).abs() < 1e-3,
+                "{radius:?}"
+            );
+            let back = PointArgs {
+                at_rate: Some(rate),
+                at_radius: Some(radius.radius_mm),
+                ..all
+            };
+            assert!((back.point(&given).unwrap().feed_mm_min / feed - 1.0).abs() < 1e-9);
+            let back = PointArgs {
+                at_feed: Some(feed),
+                at_radius: Some(radius.radius_mm),
+                ..all
+            };
+            assert!((back.point(&given).unwrap().rate_hz / rate - 1.0).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn one_number_alone_or_a_wrong_one_is_refused() {
+        let one = PointArgs {
+            at_feed: Some(1000.0),
+            ..PointArgs::default()
+        };
+        let Err(CommandError::Usage(text)) = one.point(&input(1000.0)) else {
+            panic!()
+        };
+        assert!(text.contains("give two of"), "{text}");
+        for bad in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            let args = PointArgs {
+                at_feed: Some(bad),
+                at_rate: Some(500.0),
+                ..PointArgs::default()
+            };
+            let Err(CommandError::Usage(text)) = args.point(&input(1000.0)) else {
+                panic!("{bad}")
+            };
+            assert!(text.contains("--at-feed"), "{text}");
+        }
+    }
+}
