@@ -67,7 +67,10 @@ fn a_cycle_finds_its_passes_from_the_load_that_simulated_drives_measure() {
         let turning = &summary["turning"];
         let number = |key: &str| turning[key].as_f64().expect("a number");
         assert_eq!((number("cycles"), number("done")), (1.0, 1.0), "{turning}");
-        assert!(number("passes") >= 1.0 && number("peak_load") > 0.3 * number("set_load"), "{turning}");
+        assert!(
+            number("passes") >= 1.0 && number("peak_load") > 0.3 * number("set_load"),
+            "{turning}"
+        );
         assert!(number("peak_load") < 1.3 * number("set_load"), "{turning}");
         // There were readings far above noise, and every change has its reason.
         let table = workshop.path("events.csv");
@@ -106,7 +109,10 @@ fn a_program_that_needs_a_load_does_not_move_without_one() {
             .finish();
         let summary = finished.expect_code(&[1]).json();
         assert_eq!(summary["alarm"], 501, "{summary}");
-        assert!(summary["error"].to_string().contains("no cutting load"), "{summary}");
+        assert!(
+            summary["error"].to_string().contains("no cutting load"),
+            "{summary}"
+        );
         let seen = cycles(&trace);
         let moved = seen.iter().any(|cycle| cycle.position != seen[0].position);
         assert!(seen.len() > 1000 && !moved, "it has moved");
@@ -129,7 +135,12 @@ fn a_sensor_that_reads_zero_in_a_cut_ends_the_run() {
             "turn.ngc",
             "G21 G18 G90 G94 G8\nS100 M3\nG0 Z302\nG0 X33.5\nG0 Z300\nF200\nG82 X60 Z260 Q1\nM2\n",
         );
-        let options = ["--process", process.to_str().expect("UTF-8"), "--fault", "load-zero@25"];
+        let options = [
+            "--process",
+            process.to_str().expect("UTF-8"),
+            "--fault",
+            "load-zero@25",
+        ];
         let _drives = Drives::start(&machine, &domain, &options);
         let finished = Launch::in_real_time(&program, &machine, &domain)
             .with(&["--no-trace", "--process"])

@@ -6,6 +6,12 @@ use crate::state::{Reason, TurningState};
 
 /// Share of the deepest cut at which it is backed off from: the load is noisy.
 const DEEP: f64 = 0.98;
+/// Way of a cut after which it is told whether it is level, mm.
+const LEVEL_MM: f64 = 6.0;
+/// Least part of a depth that is worth backing off by.
+const LEAST_PART: f64 = 0.25;
+/// Hard spots up to this factor of the load are not taken for higher stock where passes are counted.
+const HARDEST: f64 = 1.35;
 /// Way beyond where contact is expected after which caution ends, mm.
 const CAUTION_MM: f64 = 1.5;
 
@@ -14,6 +20,8 @@ impl TurningController {
     pub(crate) fn deepest(&self) -> f64 {
         match self.settings.strategy.depth {
             PassDepth::LeastTime { .. } => self.split_mm,
+            // Two parts must be left for it to be split, and the stock must go on as high as it is.
+            PassDepth::Bounded { .. } if self.passes_left() > 1 && self.goes_on_level() => self.split_mm,
             _ => self.settings.regime.depth_max_mm,
         }
     }
@@ -22,7 +30,11 @@ impl TurningController {
     pub(crate) fn too_deep(&mut self, depth: f64, limit: f64, confirm_s: f64) -> bool {
         let settings = self.settings;
         let regime = &settings.regime;
-        let least_time = matches!(settings.strategy.depth, PassDepth::LeastTime { .. });
+        let least_time = match settings.strategy.depth {
+            PassDepth::LeastTime { .. } => true,
+            PassDepth::Bounded { .. } => limit < regime.depth_max_mm,
+            PassDepth::Final | PassDepth::KnownFinal => false,
+        };
         self.deep_s = if depth > DEEP * limit {
             self.deep_s + settings.period_s
         } else {
@@ -32,8 +44,9 @@ impl TurningController {
             return false;
         }
         let out = self.out.point().position;
+        self.highest_felt = self.highest_felt.max(out + depth);
         let wanted = if least_time {
-            self.part_of(out + depth).max(out + 0.25 * depth)
+            self.part_of(out + depth).max(out + LEAST_PART * depth)
         } else {
             out + depth - regime.depth_back_off_mm
         };
@@ -78,6 +91,44 @@ impl TurningController {
             }
             self.go(TurningState::Approach, Reason::AtDepth { out_mm });
         }
+    }
+
+    /// Passes that may still be begun, the present one among them, for stock of a height.
+    fn passes_left_for(&self, height_mm: f64) -> u32 {
+        match self.settings.strategy.depth {
+            PassDepth::Bounded { extra } => {
+                let ideal = self.settings.regime.passes(height_mm).max(1);
+                (ideal + extra).saturating_sub(self.pass.saturating_sub(1))
+            }
+            _ => u32::MAX,
+        }
+    }
+
+    /// The same for what was felt, for parts of a height: what reads higher may only be harder, and stock that was thin in
+    /// places is not level.
+    pub(crate) fn passes_left(&self) -> u32 {
+        self.passes_left_for(self.highest_felt / HARDEST)
+            .saturating_sub(self.returned_thin)
+    }
+
+    /// Whether a pass may be ended on a thin place: what is ahead may be as high as what was felt.
+    pub(crate) fn may_return(&self) -> bool {
+        self.passes_left_for(self.highest_felt) > self.settings.regime.passes(self.highest_felt)
+    }
+
+    /// Whether the cut has been as deep for a while, so that what is left of the pass is worth two passes.
+    fn goes_on_level(&self) -> bool {
+        let (from, depth) = self.settled;
+        let here = self.along.point().position;
+        let now = self.view.depth_mean_mm;
+        let rest = self.settings.length_mm - here;
+        let way = here - from;
+        let out = self.out.point().position;
+        // Half of the rest at the present slope; and the passes that are left must make parts of it.
+        self.state == TurningState::Cut
+            && way >= LEVEL_MM
+            && self.part_of(out + now) >= out + LEAST_PART * now
+            && now + 0.5 * rest * (now - depth) / way >= DEEP * self.split_mm
     }
 
     /// The depth from which two passes are faster than one.

@@ -130,6 +130,10 @@ pub struct TurningController {
     pub(crate) cautious_to: Option<f64>,
     pub(crate) deep_s: f64,
     pub(crate) thin_from: Option<f64>,
+    /// Place and depth of the cut once it had settled for a revolution, mm.
+    pub(crate) settled: (f64, f64),
+    /// The highest stock that was felt, mm above the final size.
+    pub(crate) highest_felt: f64,
     /// Passes of the job that were ended on a thin place.
     pub(crate) returned_thin: u32,
     pub(crate) air_s: f64,
@@ -255,6 +259,8 @@ impl TurningController {
             cautious_to: None,
             deep_s: 0.0,
             thin_from: None,
+            settled: (0.0, 0.0),
+            highest_felt: 0.0,
             returned_thin: 0,
             air_s: 0.0,
             loss_s: 0.0,
@@ -330,7 +336,9 @@ impl TurningController {
     /// One control period. Real-time safe.
     pub fn step(&mut self, inputs: &TurningInputs) -> TurningOutput {
         self.transition = None;
-        self.view = self.watch.step(inputs.load, self.trail.chip_mm());
+        let (scale, out) = (self.settings.scale, self.out.point().position);
+        let load = inputs.load.map(|sample| scale.force(sample, out));
+        self.view = self.watch.step(load, self.trail.chip_mm());
         self.residue -= self.residue_share * self.residue;
         let factor = if inputs.feed_override > 0.0 {
             inputs.feed_override.min(2.0)

@@ -2,6 +2,7 @@
 
 use crate::job::Job;
 use crate::job_file::CutFile;
+use crate::scale::LoadScale;
 use crate::sensor::{LoadSample, Sensor};
 use crate::workpiece::{CutNow, Workpiece};
 
@@ -12,6 +13,7 @@ pub struct SimulatedProcess {
     piece: Workpiece,
     sensor: Sensor,
     range_max: f64,
+    scale: LoadScale,
 }
 
 impl SimulatedProcess {
@@ -32,6 +34,7 @@ impl SimulatedProcess {
             ),
             sensor: Sensor::new(job.sensor, period_s),
             range_max: job.sensor.range_max,
+            scale: settings.scale,
         })
     }
 
@@ -40,7 +43,8 @@ impl SimulatedProcess {
     pub fn step(&mut self, x_mm: f64, z_mm: f64) -> (CutNow, Option<LoadSample>) {
         let (along, out) = self.cut.place_mm(x_mm, z_mm);
         let now = self.piece.step(along, out);
-        let sample = self.sensor.read(now.load, None).map(|sample| LoadSample {
+        let reading = self.scale.reading(now.load, out, now.depth_mm);
+        let sample = self.sensor.read(reading, None).map(|sample| LoadSample {
             value: f64::from(sample.value as f32),
             ..sample
         });

@@ -78,7 +78,10 @@ mod tests {
     fn a_depth_that_goes_away_at_once_is_remembered() {
         let mut felt = Engagement::new(2.0);
         felt.feel(10.0, 1.0, 3.0);
-        assert_eq!((felt.depth_mm(), felt.depth_after_mm(0.5), felt.top_at(10.5)), (3.0, 2.0, 3.0));
+        assert_eq!(
+            (felt.depth_mm(), felt.depth_after_mm(0.5), felt.top_at(10.5)),
+            (3.0, 2.0, 3.0)
+        );
         felt.feel(10.2, 1.0, 0.0);
         assert!((felt.depth_mm() - 2.6).abs() < 1e-12);
         felt.forget();

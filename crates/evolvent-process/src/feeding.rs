@@ -23,6 +23,10 @@ const CAUTION_MM: f64 = 1.5;
 const WATCH_MM: f64 = 0.5;
 /// Way into known stock after which a load must be there, mm: what stands is recorded in cells.
 const MET_MM: f64 = 0.2;
+/// Way ahead over which the record must say what may stand, mm.
+const BOUND_MM: f64 = 2.0;
+/// Of the depth that the set load permits in a steady cut, what may be met at once.
+const DEPTH_OF_ENTRY: f64 = 0.9;
 /// What must be left of the edge above the stock at its face, mm.
 const HOLDER_MM: f64 = 0.3;
 
@@ -102,8 +106,22 @@ impl TurningController {
             self.along.aim(free, settings.rapid_mm_s * factor.min(1.0));
             return;
         }
-        self.drive(settings.strategy.entry_feed_mm_rev, factor);
+        self.drive(self.approach_feed(here), factor);
         self.end_of_pass();
+    }
+
+    /// Feed towards stock that has not been felt: what may stand there by the record is taken at the set load at once.
+    fn approach_feed(&self, here: f64) -> f64 {
+        let settings = &self.settings;
+        let entry = settings.strategy.entry_feed_mm_rev;
+        if !settings.strategy.preview || self.cautious_to.is_some() {
+            return entry;
+        }
+        let out = self.out.point().position;
+        let bound = self.record.bound_ahead_mm(here, out, BOUND_MM);
+        bound.map_or(entry, |depth| {
+            entry.max(settings.regime.feed_mm_rev(depth / DEPTH_OF_ENTRY))
+        })
     }
 
     /// How far the tool may go in rapid: where it is known that nothing stands in the way.
@@ -198,6 +216,8 @@ impl TurningController {
         if since > KNOWN_REV * self.feed.max(settings.regime.feed_min_mm_rev) || whole {
             let depth_mm = self.view.depth_mm;
             if !self.too_deep(depth_mm, self.deepest(), 0.0) {
+                self.highest_felt = self.highest_felt.max(self.out.point().position + depth_mm);
+                self.settled = (here, depth_mm);
                 self.go(TurningState::Cut, Reason::Settled { depth_mm });
             }
             return;
@@ -249,7 +269,7 @@ impl TurningController {
         let leaves = match settings.strategy.on_thin {
             OnThin::Continue => false,
             OnThin::Return => true,
-            OnThin::ReturnUpTo(most) => self.returned_thin < most,
+            OnThin::ReturnUpTo(most) => self.returned_thin < most && self.may_return(),
             OnThin::ReturnIfSaved => {
                 // What is this thin costs no further pass if it is left.
                 let length = settings.length_mm - here;

@@ -5,9 +5,10 @@ use evolvent_feed::ScalarLimits;
 use evolvent_sheet::{Sheet, SheetError};
 
 use crate::blank::Blank;
-use crate::job_file::{CutFile, CutKind, JobFile, StrategyName};
+use crate::job_file::{CutFile, CutKind, JobFile, SensorKind, StrategyName};
 use crate::law::CutLaw;
 use crate::regime::{BackOff, Regime, RegimeInput};
+use crate::scale::LoadScale;
 use crate::sensor::SensorModel;
 use crate::settings::{Strategy, TurningSettings};
 use crate::tool::Tool;
@@ -86,6 +87,9 @@ impl JobFile {
             ("sensor.lag_ms", self.sensor.lag_ms, 0.0, 1000.0),
             ("sensor.stale_ms", self.sensor.stale_ms, 0.1, 1000.0),
             ("sensor.noise", self.sensor.noise, 0.0, 0.5),
+            ("sensor.idle", self.sensor.idle, 0.0, 1e9),
+            ("sensor.idle_per_rpm", self.sensor.idle_per_rpm, 0.0, 1e6),
+            ("sensor.efficiency", self.sensor.efficiency, 0.05, 1.0),
         ] {
             sheet.number(key, value, least, most)?;
         }
@@ -118,6 +122,7 @@ impl JobFile {
             Regime::new(&input, &tool).map_err(|error| refuse("feed", error.to_string(), "see above"))?;
         let usual = TurningSettings::usual(regime, tool, self.cut.spindle_rpm, self.cut.length_mm);
         let literal = self.strategy.name == StrategyName::Literal;
+        let scale = self.scale(sheet)?;
         let settings = TurningSettings {
             strategy: match self.strategy.name {
                 StrategyName::Literal => Strategy::literal(&regime),
@@ -132,6 +137,7 @@ impl JobFile {
                 .unwrap_or(if literal { 2.5 } else { 1.5 } * regime.set_load),
             overload_s: self.load.overload_ms.map_or(usual.overload_s, |ms| ms * 1e-3),
             contact_load: self.load.contact_n.unwrap_or(usual.contact_load),
+            scale,
             sensor_lag_s: self.sensor.lag_ms * 1e-3,
             sensor_stale_s: self.sensor.stale_ms * 1e-3,
             ..usual
@@ -144,11 +150,56 @@ impl JobFile {
             sensor: SensorModel {
                 lag_s: self.sensor.lag_ms * 1e-3,
                 noise: self.sensor.noise,
-                range_max: self.sensor.range_n.unwrap_or(4.0 * regime.set_load),
+                range_max: scale.reading(self.sensor.range_n.unwrap_or(4.0 * regime.set_load), 0.0, 0.0),
                 seed: self.sensor.seed,
             },
             law_misfit,
             source: (sheet.file().to_owned(), sheet.text().to_owned()),
+        })
+    }
+
+    /// What the sensor shows of the force.
+    fn scale(&self, sheet: &Sheet<'_>) -> Result<LoadScale, SheetError> {
+        let sensor = &self.sensor;
+        let idle = sensor.idle + sensor.idle_per_rpm * self.cut.spindle_rpm;
+        if sensor.kind == SensorKind::Force {
+            return Ok(LoadScale {
+                idle,
+                ..LoadScale::FORCE
+            });
+        }
+        if self.cut.kind == CutKind::Facing {
+            return Err(sheet.error(
+                "sensor.kind",
+                "a sensor in the spindle's drive tells the force of one diameter, and facing goes through all of them".into(),
+                "measure the force at the tool, or turn longitudinally",
+            ));
+        }
+        // Torque in N m of 1 N at a diameter of 1 mm.
+        let torque = 0.5e-3;
+        let per_n = match sensor.kind {
+            SensorKind::Force | SensorKind::Torque => torque,
+            SensorKind::Power => {
+                torque * std::f64::consts::TAU * self.cut.spindle_rpm / 60.0 / sensor.efficiency
+            }
+            SensorKind::Current => match sensor.amps_per_nm {
+                Some(amps) => {
+                    sheet.number("sensor.amps_per_nm", amps, 1e-6, 1e6)?;
+                    torque * amps
+                }
+                None => {
+                    return Err(sheet.error(
+                        "sensor.amps_per_nm",
+                        "is missing: a current tells nothing without it".into(),
+                        "give the A for 1 N m at the spindle, from the drive's data or two known cuts",
+                    ));
+                }
+            },
+        };
+        Ok(LoadScale {
+            idle,
+            per_n,
+            diameter_mm: Some(self.cut.diameter_mm),
         })
     }
 

@@ -179,10 +179,36 @@ pub struct StockFile {
     pub slots_turn: Vec<[f64; 2]>,
 }
 
+/// What a sensor shows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum SensorKind {
+    /// The cutting force at the tool, N.
+    #[default]
+    Force,
+    /// The torque of the spindle, N m.
+    Torque,
+    /// The power of the spindle's drive, W.
+    Power,
+    /// The current of the spindle's drive, A.
+    Current,
+}
+
 /// Sensor for trials, and what the controller reckons with.
 #[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct SensorFile {
+    /// What it shows: the cutting force in N, or of the spindle's drive the torque in N m, the power in W or the current in A.
+    pub kind: SensorKind,
+    /// What it shows in air at the speed of the job, in its unit.
+    pub idle: f64,
+    /// What that grows by with each rev/min, in its unit.
+    pub idle_per_rpm: f64,
+    /// Power: share of what is measured that reaches the tool.
+    #[schemars(range(min = 0.05, max = 1.0))]
+    pub efficiency: f64,
+    /// Current: A for 1 N m at the spindle.
+    pub amps_per_nm: Option<f64>,
     /// Lag.
     #[schemars(range(min = 0.0, max = 1000.0))]
     pub lag_ms: f64,
@@ -192,7 +218,7 @@ pub struct SensorFile {
     /// Noise as a share of the reading.
     #[schemars(range(min = 0.0, max = 0.5))]
     pub noise: f64,
-    /// End of its range; four times the set load if left out.
+    /// End of its range, as a force; four times the set load if left out.
     pub range_n: Option<f64>,
     /// Seed of the noise.
     pub seed: u64,
@@ -201,6 +227,11 @@ pub struct SensorFile {
 impl Default for SensorFile {
     fn default() -> Self {
         Self {
+            kind: SensorKind::Force,
+            idle: 0.0,
+            idle_per_rpm: 0.0,
+            efficiency: 1.0,
+            amps_per_nm: None,
             lag_ms: 10.0,
             stale_ms: 10.0,
             noise: 0.02,

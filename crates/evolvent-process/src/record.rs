@@ -2,6 +2,10 @@
 
 /// Most cells of a record.
 const CELLS: usize = 4096;
+/// Of the highest place, what counts as level with it.
+const ABOUT: f64 = 0.75;
+/// Share of the places that must be, for stock to be level.
+const MOST: f64 = 0.8;
 /// Narrowest cell, mm.
 const CELL_MM: f64 = 0.1;
 
@@ -27,8 +31,10 @@ pub struct Cell {
     pub known: bool,
     /// The tip has passed, and a load was felt.
     pub felt: bool,
-    /// The tip has passed and was cutting over its whole depth: as much as `top_mm` does stand here.
+    /// The tip has passed and was cutting over its whole depth: as much as `least_mm` does stand here.
     pub sure: bool,
+    /// What stands at least where that is sure, mm. Below `top_mm` where the edge has been, but not for a whole turn.
+    pub least_mm: f64,
 }
 
 impl SizeRecord {
@@ -41,6 +47,7 @@ impl SizeRecord {
             known: false,
             felt: false,
             sure: false,
+            least_mm: 0.0,
         };
         Self {
             cells: vec![nothing; cells as usize],
@@ -66,8 +73,10 @@ impl SizeRecord {
         for (i, cell) in self.cells.iter_mut().enumerate().take(last).skip(first) {
             let lead = ((i + 1) as f64 * self.cell_mm - along_mm).max(0.0);
             cell.top_mm = cell.top_mm.min(out_mm + lead * self.slope);
+            cell.least_mm = cell.least_mm.min(cell.top_mm);
             if i < tip {
                 (cell.known, cell.felt, cell.sure) = (true, felt, sure);
+                cell.least_mm = cell.top_mm;
             }
         }
     }
@@ -76,13 +85,16 @@ impl SizeRecord {
         ((along_mm + 1e-9) / self.cell_mm).floor().max(0.0) as usize
     }
 
-    /// The next sweep starts somewhere else. Up to `along_mm` the tip has been, but not for a whole turn: what stands
-    /// there is not sure.
-    pub fn lift(&mut self, along_mm: f64) {
+    /// The next sweep starts somewhere else. Up to `along_mm` the tip has been, at a height, but not for a whole turn: what
+    /// stands there, and under the edge, is not sure.
+    pub fn lift(&mut self, along_mm: f64, out_mm: f64) {
         if self.swept_to.is_finite() {
-            let (first, last) = (self.ends_before(self.swept_to), self.ends_before(along_mm) + 1);
-            for cell in self.cells.iter_mut().take(last).skip(first) {
-                cell.sure = false;
+            let (first, tip) = (self.ends_before(self.swept_to), self.ends_before(along_mm) + 1);
+            let last = self.ends_before(along_mm + self.overhang_mm);
+            for (i, cell) in self.cells.iter_mut().enumerate().take(last.max(tip)).skip(first) {
+                cell.sure &= i >= tip;
+                let lead = ((i + 1) as f64 * self.cell_mm - along_mm).max(0.0);
+                cell.least_mm = cell.least_mm.min(out_mm + lead * self.slope);
             }
         }
         self.swept_to = f64::NEG_INFINITY;
@@ -101,6 +113,7 @@ impl SizeRecord {
                 cell.top_mm = cell.top_mm.min(height_mm);
                 cell.felt = true;
                 cell.sure |= sure && i <= sure_to;
+                cell.least_mm = cell.top_mm;
             }
         }
     }
@@ -162,6 +175,7 @@ impl SizeRecord {
             known: true,
             felt: false,
             sure: false,
+            least_mm: 0.0,
         };
         if along_mm < 0.0 {
             return air;
@@ -181,13 +195,44 @@ impl SizeRecord {
         let last = ((at + self.overhang_mm).max(0.0) / self.cell_mm).ceil() as usize;
         let mut deepest = 0.0;
         for (i, cell) in self.cells.iter().enumerate().take(last).skip(first) {
-            let above = cell.top_mm - out_mm;
+            let above = if sure { cell.least_mm } else { cell.top_mm } - out_mm;
             let lead = (i + 1) as f64 * self.cell_mm - at;
             if (cell.sure || (cell.felt && !sure)) && above > lead * self.slope {
                 deepest = f64::max(deepest, above);
             }
         }
         deepest
+    }
+
+    /// The deepest cut that what may stand over the next `ahead_mm` can make for a tip at a height: without end where no
+    /// part of the edge has been. None where a load was felt there, so that the depth is known better.
+    #[must_use]
+    pub fn bound_ahead_mm(&self, along_mm: f64, out_mm: f64, ahead_mm: f64) -> Option<f64> {
+        let first = (along_mm.max(0.0) / self.cell_mm) as usize;
+        let last = ((along_mm + ahead_mm + self.overhang_mm).max(0.0) / self.cell_mm).ceil() as usize;
+        let mut deepest = 0.0;
+        for cell in self.cells.iter().take(last).skip(first) {
+            if cell.felt {
+                return None;
+            }
+            deepest = f64::max(deepest, cell.top_mm - out_mm);
+        }
+        Some(deepest)
+    }
+
+    /// Whether most of what stands above a height stands about as high as the highest of it, as far as it is known.
+    #[must_use]
+    pub fn is_level(&self, height_mm: f64) -> bool {
+        let above = || {
+            self.known()
+                .map(|cell| cell.top_mm - height_mm)
+                .filter(|above| *above > 0.0)
+        };
+        let highest = above().fold(0.0, f64::max);
+        let (all, high) = above().fold((0_usize, 0_usize), |(all, high), above| {
+            (all + 1, high + usize::from(above >= ABOUT * highest))
+        });
+        high as f64 >= MOST * all as f64
     }
 
     /// The last place at which a tip at a height can stand before the stock that starts at `from_mm`, so that the whole
@@ -244,7 +289,7 @@ mod tests {
         for i in -20..=100 {
             record.sweep(f64::from(i) * 0.1, 3.0, true, true);
         }
-        record.lift(0.0);
+        record.lift(0.0, 3.0);
         for i in 40..=60 {
             record.sweep(f64::from(i) * 0.1, 1.0, true, false);
         }

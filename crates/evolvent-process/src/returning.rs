@@ -10,7 +10,8 @@ const MOST_PASSES: u32 = 1000;
 impl TurningController {
     pub(crate) fn begin_return(&mut self, state: TurningState, reason: Reason) {
         self.lose_contact();
-        self.record.lift(self.along.point().position);
+        self.record
+            .lift(self.along.point().position, self.out.point().position);
         self.leg = Leg::Out;
         self.promised = None;
         self.cautious_to = None;
@@ -28,20 +29,17 @@ impl TurningController {
     /// Where the next pass starts and how high it goes.
     pub(crate) fn plan_pass(&mut self) {
         let settings = &self.settings;
-        let (tolerance, regime) = (settings.tolerance_mm, &settings.regime);
+        let tolerance = settings.tolerance_mm;
         let known = self.record.highest_known_mm();
         self.pass_out = match settings.strategy.depth {
             PassDepth::Final => 0.0,
-            PassDepth::KnownFinal => {
-                let first = self.record.first_above(tolerance).unwrap_or(0.0);
-                let there = self.record.at(first + 0.5 * settings.tool.overhang_mm());
-                if there.known && there.top_mm > regime.depth_max_mm {
-                    there.top_mm - regime.depth_back_off_mm
-                } else {
-                    0.0
-                }
+            PassDepth::KnownFinal => self.known_final(),
+            // The pass that is planned has not been counted yet.
+            PassDepth::LeastTime { .. } => self.parts_of(known, u32::MAX),
+            PassDepth::Bounded { .. } if self.record.is_level(tolerance) => {
+                self.parts_of(known, self.passes_left().saturating_sub(1))
             }
-            PassDepth::LeastTime { .. } => self.part_of(known),
+            PassDepth::Bounded { .. } => self.known_final(),
         };
         let from = self.record.first_above(self.pass_out + tolerance).unwrap_or(0.0);
         let end = self
@@ -53,13 +51,28 @@ impl TurningController {
         self.pass_end = end.min(settings.length_mm);
     }
 
-    /// What remains of a height after the first of the equal parts that take the least time.
+    /// The final size, or the depth after backing off below what is known to be too deep.
+    fn known_final(&self) -> f64 {
+        let (settings, regime) = (&self.settings, &self.settings.regime);
+        let first = self.record.first_above(settings.tolerance_mm).unwrap_or(0.0);
+        let there = self.record.at(first + 0.5 * settings.tool.overhang_mm());
+        if there.known && there.top_mm > regime.depth_max_mm {
+            there.top_mm - regime.depth_back_off_mm
+        } else {
+            0.0
+        }
+    }
+
+    /// What remains of a height after the first of the equal parts that take the least time, of those that are left.
     pub(crate) fn part_of(&self, height: f64) -> f64 {
-        let parts = self
-            .settings
-            .regime
-            .fastest_passes(height, self.settings.length_mm, self.overhead_rev);
-        let parts = f64::from(parts.max(1));
+        self.parts_of(height, self.passes_left())
+    }
+
+    /// The same in so many parts at most, or in as many as are needed.
+    fn parts_of(&self, height: f64, most: u32) -> f64 {
+        let regime = &self.settings.regime;
+        let fastest = regime.fastest_passes(height, self.settings.length_mm, self.overhead_rev);
+        let parts = f64::from(fastest.min(most.max(regime.passes(height))).max(1));
         height * (parts - 1.0) / parts
     }
 

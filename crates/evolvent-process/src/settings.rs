@@ -3,11 +3,12 @@
 use evolvent_feed::ScalarLimits;
 
 use crate::regime::Regime;
+use crate::scale::LoadScale;
 use crate::tool::Tool;
 use crate::watch::LoadWatch;
 
-/// Passes that the safe strategy ends on thin places: no more, so that a job takes two passes at most beyond equation (5).
-const SAFE_RETURNS: u32 = 2;
+/// Passes beyond equation (5) that the safe strategy takes, for thin places and for parts that take less time.
+const SAFE_EXTRA: u32 = 2;
 
 /// How passes are chosen and protected against their own transients.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -47,6 +48,11 @@ pub enum PassDepth {
     Final,
     /// The same, but what is known to be too deep is not tried.
     KnownFinal,
+    /// In equal parts that take the least time, in so many passes beyond equation (5) at most.
+    Bounded {
+        /// Passes beyond equation (5), with those that were ended on thin places.
+        extra: u32,
+    },
     /// In equal parts that take the least time, as far as the stock is known.
     LeastTime {
         /// The face stands at place 0, so that the place where it is felt tells the height of the stock.
@@ -76,8 +82,8 @@ impl Strategy {
             resume_feed_mm_rev: regime.feed_min_mm_rev,
             preview: true,
             anticipation_rev: 1.0,
-            on_thin: OnThin::ReturnUpTo(SAFE_RETURNS),
-            depth: PassDepth::KnownFinal,
+            on_thin: OnThin::ReturnUpTo(SAFE_EXTRA),
+            depth: PassDepth::Bounded { extra: SAFE_EXTRA },
         }
     }
 
@@ -120,6 +126,8 @@ pub struct TurningSettings {
     pub overload: f64,
     /// ... if it lasts for this time, s.
     pub overload_s: f64,
+    /// What the sensor shows of the force.
+    pub scale: LoadScale,
     /// Lag of the sensor, s.
     pub sensor_lag_s: f64,
     /// Longest time between two readings, s.
@@ -249,6 +257,7 @@ impl TurningSettings {
             contact_load: 0.05 * regime.set_load,
             overload: 1.5 * regime.set_load,
             overload_s: 0.02,
+            scale: LoadScale::FORCE,
             sensor_lag_s: 0.01,
             sensor_stale_s: 0.01,
             slew_up: 1.0,

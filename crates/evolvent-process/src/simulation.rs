@@ -8,6 +8,11 @@ use crate::state::{Reason, Transition, TurningState};
 use crate::workpiece::{CutNow, Workpiece};
 use crate::{Blank, CutLaw};
 
+/// Times that a feed is lowered to keep a load.
+const MOST_TRIES: u32 = 6;
+/// What a load may be above the set one, as a share: cells of the stock have a width.
+const PEAK_NOISE: f64 = 0.02;
+
 /// Figures of a simulated job.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Figures {
@@ -51,7 +56,8 @@ pub struct Simulation {
     set_load: f64,
     period_s: f64,
     above: f64,
-    load: f64,
+    /// What the sensor is to show.
+    reading: f64,
 }
 
 impl Simulation {
@@ -75,16 +81,17 @@ impl Simulation {
             set_load: settings.regime.set_load,
             period_s: settings.period_s,
             above: 0.0,
-            load: 0.0,
+            reading: settings.scale.idle,
         })
     }
 
     /// One control period: the sensor reads the load of the last one, with a fault if asked for.
     pub fn step(&mut self, mut inputs: TurningInputs, fault: Option<SensorFault>) -> (TurningOutput, CutNow) {
-        inputs.load = self.sensor.read(self.load, fault);
+        inputs.load = self.sensor.read(self.reading, fault);
         let output = self.controller.step(&inputs);
         let cut = self.piece.step(output.along.position, output.out.position);
-        self.load = cut.load;
+        let scale = self.controller.settings().scale;
+        self.reading = scale.reading(cut.load, output.out.position, cut.depth_mm);
         self.figures
             .see(&output, &cut, self.set_load, self.period_s, &mut self.above);
         (output, cut)
@@ -92,7 +99,7 @@ impl Simulation {
 
     /// Lets the sensor see another load than the true one at the next step: a jam, a broken insert.
     pub fn jam(&mut self, load: f64) {
-        self.load = load;
+        self.reading = self.controller.settings().scale.reading(load, 0.0, 0.0);
     }
 
     /// Runs to the end, or for `most_s` seconds; `observe` sees everything.
@@ -182,5 +189,39 @@ pub fn run_fixed(mut passes: FixedPasses, mut piece: Workpiece, set_load: f64) -
     figures.residual_mm = piece.residual_mm();
     figures.undercut_mm = piece.undercut_mm();
     figures.done = true;
+    figures
+}
+
+/// Fixed passes on a blank whose largest load is `set_load`, for a comparison at the same load: at `feed_mm_rev` and
+/// `depth_mm` where these keep it, else at a lower feed. They begin at the highest place of the stock, run-out and all. A
+/// hard spot or a run-out makes passes of the nominal depth and feed overload: these would only look faster.
+///
+/// Where even the smallest feed gives more the passes are shallower as well.
+#[must_use]
+pub fn run_fixed_at_load(
+    settings: &TurningSettings,
+    blank: &Blank,
+    law: CutLaw,
+    (depth_mm, feed_mm_rev): (f64, f64),
+    set_load: f64,
+) -> Figures {
+    let height = blank.highest_mm(settings.length_mm) + blank.runout_mm;
+    let steps = settings.turn_s() / settings.period_s;
+    let least = settings.regime.feed_min_mm_rev;
+    let (mut depth, mut feed) = (depth_mm, feed_mm_rev);
+    let mut figures = Figures::default();
+    for _ in 0..MOST_TRIES {
+        let piece = Workpiece::new(blank.clone(), settings.length_mm, law, settings.tool, steps);
+        figures = run_fixed(FixedPasses::new(settings, height, depth, feed), piece, set_load);
+        let over = figures.peak / set_load;
+        if over <= 1.0 + PEAK_NOISE {
+            break;
+        }
+        let slower = feed * libm::pow(over, -1.0 / law.feed_exponent);
+        if slower < least {
+            depth *= libm::pow(slower / least, law.feed_exponent / law.depth_exponent);
+        }
+        feed = slower.max(least);
+    }
     figures
 }

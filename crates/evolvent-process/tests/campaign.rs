@@ -13,7 +13,7 @@ use common::{
 };
 use evolvent_process::{
     BackOff, Blank, Figures, FixedPasses, OnThin, Reason, Simulation, Strategy, TurningSettings, Workpiece,
-    run_fixed,
+    run_fixed, run_fixed_at_load,
 };
 
 fn turn(settings: TurningSettings, blank: &Blank, seed: u64) -> Figures {
@@ -40,10 +40,37 @@ fn fixed(blank: &Blank, depth: f64, feed: f64) -> Figures {
     )
 }
 
-/// G82 at the same load: the depth and feed of equation (4).
-fn same_load(blank: &Blank) -> Figures {
+/// G82 at the depth and feed of equation (4), as published: whatever load that makes.
+fn nominal(blank: &Blank) -> Figures {
     let regime = regime(BackOff::Balanced);
     fixed(blank, regime.depth_back_off_mm, regime.feed_back_off_mm_rev)
+}
+
+fn at_load(blank: &Blank, depth: f64, feed: f64) -> Figures {
+    let figures = run_fixed_at_load(&safe(), blank, law(), (depth, feed), SET);
+    assert!(
+        figures.peak <= 1.021 * SET && figures.residual_mm <= 0.1,
+        "{figures:?} of {blank:?}"
+    );
+    figures
+}
+
+/// G82 at the same load: no more than the set one anywhere.
+fn same_load(blank: &Blank) -> Figures {
+    let regime = regime(BackOff::Balanced);
+    at_load(blank, regime.depth_back_off_mm, regime.feed_back_off_mm_rev)
+}
+
+/// The same in equal passes, in the number that takes the least time.
+fn known_at_load(blank: &Blank) -> Figures {
+    let regime = regime(BackOff::Balanced);
+    let height = blank.highest_mm(200.0) + blank.runout_mm;
+    (1..=9)
+        .map(|passes| height / f64::from(passes))
+        .filter(|depth| *depth <= regime.depth_max_mm)
+        .map(|depth| at_load(blank, depth, regime.feed_mm_rev(depth)))
+        .min_by(|a, b| a.time_s.total_cmp(&b.time_s))
+        .unwrap()
 }
 
 /// G82 for stock that is known exactly: equal passes in the number that takes the least time.
@@ -75,7 +102,7 @@ fn fixed_passes_take_the_published_times() {
             0.7 * regime.feed_back_off_mm_rev,
         );
         for (what, time, published) in [
-            ("same load", same_load(&blank).time_s, published.0),
+            ("nominal", nominal(&blank).time_s, published.0),
             ("known", known(&blank).time_s, published.1),
             ("70 %", slow.time_s, published.2),
         ] {
@@ -203,8 +230,9 @@ struct Tally {
     extra_passes: i64,
     beyond_two: u32,
     time_s: f64,
-    /// Of the time of G82 at the same load.
+    /// Of the time of G82 at the same load: the least, and the sum over the stocks.
     least_saved: f64,
+    saved: f64,
     slower_than_known: u32,
 }
 
@@ -230,7 +258,7 @@ fn campaign(
     for case in 0..count {
         let blank = blank_of(&mut random);
         let ideal = regime(BackOff::Balanced).passes(blank.highest_mm(200.0));
-        let (same, known) = (same_load(&blank).time_s, known(&blank).time_s);
+        let (same, known) = (same_load(&blank).time_s, known_at_load(&blank).time_s);
         for tally in &mut tallies {
             let Some(settings) = tally.settings else { continue };
             let figures = turn(settings, &blank, case as u64);
@@ -242,6 +270,7 @@ fn campaign(
             tally.beyond_two += u32::from(extra > 2);
             tally.time_s += figures.time_s;
             tally.least_saved = tally.least_saved.min(1.0 - figures.time_s / same);
+            tally.saved += 1.0 - figures.time_s / same;
             tally.slower_than_known += u32::from(figures.time_s > known);
             let what = format!(
                 "case {case}, {}, ideal {ideal}: {figures:?} of {blank:?}",
@@ -254,14 +283,15 @@ fn campaign(
         known_s += known;
     }
     println!(
-        "| {count} stocks | s | saved | least saved | against known | slower than known | peak | s over 1.3 | left, mm | passes over (5) | more than 2 |"
+        "| {count} stocks | s | saved | mean saved | least saved | against known | slower than known | peak | s over 1.3 | left, mm | passes over (5) | more than 2 |"
     );
     for tally in &tallies {
         println!(
-            "| `{}` | {:.0} | {:.1} % | {:.1} % | {:+.1} % | {} | {:.2} | {:.3} | {:.3} | {} | {} |",
+            "| `{}` | {:.0} | {:.1} % | {:.1} % | {:.1} % | {:+.1} % | {} | {:.2} | {:.3} | {:.3} | {} | {} |",
             tally.name,
             tally.time_s,
             100.0 * (1.0 - tally.time_s / same_s),
+            100.0 * tally.saved / count as f64,
             100.0 * tally.least_saved,
             100.0 * (tally.time_s / known_s - 1.0),
             tally.slower_than_known,
@@ -346,4 +376,58 @@ fn the_same_inputs_give_the_same_bits() {
         bits
     };
     assert_eq!(run(), run());
+}
+
+#[test]
+fn fixed_passes_at_a_load_keep_it_on_any_stock() {
+    // At the depth and feed of equation (4) these would peak at 1.35 and above 1.2 of the set load.
+    let eccentric = Blank {
+        runout_mm: 0.8,
+        ..Blank::uniform(4.0)
+    };
+    let hard = Blank {
+        hard_spots: vec![(60.0, 110.0, 1.35)],
+        ..Blank::uniform(7.0)
+    };
+    for blank in [eccentric, hard] {
+        assert!(nominal(&blank).peak > 1.2 * SET, "{blank:?}");
+        // A load of at most 1.02 of the set one is asserted within.
+        let _kept = same_load(&blank);
+        let _kept = known_at_load(&blank);
+    }
+    for (_, blank) in stocks().into_iter().take(3) {
+        assert_eq!(same_load(&blank), nominal(&blank));
+    }
+}
+
+#[test]
+fn the_safe_strategy_saves_a_sixth_on_every_stock_of_the_cases() {
+    // Published: 5, 32, 16 and 11 %; before parts of least time 7, 38, 16 and 17 %.
+    for ((name, blank), least) in stocks().into_iter().zip([0.20, 0.36, 0.165, 0.40]) {
+        let figures = turn(safe(), &blank, 0);
+        let saved = 1.0 - figures.time_s / same_load(&blank).time_s;
+        println!("{name}: {:.1} %", 100.0 * saved);
+        assert!(saved >= least, "{name}: {saved}");
+    }
+}
+
+#[test]
+fn safe_jobs_take_two_passes_more_than_equation_5_at_most() {
+    let mut random = Random::new(7);
+    let count = cases(8);
+    let mut beyond = Vec::new();
+    for case in 0..count {
+        let blank = random_stock(&mut random);
+        let ideal = regime(BackOff::Balanced).passes(blank.highest_mm(200.0));
+        let figures = turn(safe(), &blank, case as u64);
+        if figures.passes > ideal + 2 {
+            beyond.push((case, ideal, figures, blank));
+        }
+    }
+    assert!(
+        beyond.is_empty(),
+        "{} of {count}: {:?}",
+        beyond.len(),
+        beyond.first()
+    );
 }

@@ -352,7 +352,7 @@ mod tests {
         for (pointer, printed, tolerance) in [
             ("/passes/0/base_radius_mm", 0.628_662_025, 5e-10),
             ("/passes/0/visible_turns", 20.0, 1e-12),
-            ("/passes/0/blocks/0/length_mm", 4963.716_39, 5e-6),
+            ("/passes/0/blocks/0/length_mm", 4_963.716_39, 5e-6),
             ("/passes/0/blocks/0/phi0_rad", 0.0, 1e-12),
             ("/passes/0/blocks/0/r_k_mm", 79.0, 1e-9),
             ("/passes/0/blocks/1/length_mm", 496.371_639, 5e-7),

@@ -7,8 +7,8 @@ use evolvent_daemon::{Clock, Controls, Job as Run, Notice, RunObserver, Setup, r
 use evolvent_machine::MachineKind;
 use evolvent_path::AxisLetter;
 use evolvent_process::{
-    Blank, CutKind, CutNow, Figures, FixedPasses, Job, ScalarLimits, Transition, TurningOutput, TurningState,
-    Workpiece, run_fixed,
+    Blank, CutKind, CutNow, Figures, Job, ScalarLimits, Transition, TurningOutput, TurningState,
+    run_fixed_at_load,
 };
 
 use super::passes::cycle_program;
@@ -231,21 +231,12 @@ impl Trial {
             &settings.tool,
         )
         .unwrap_or(regime);
+        // On stock that is hard in places or not round the nominal feed would overload.
         let run = |depth: f64, feed: f64| {
-            let steps = settings.turn_s() / settings.period_s;
-            let piece = Workpiece::new(
-                self.blank.clone(),
-                settings.length_mm,
-                regime.law,
-                settings.tool,
-                steps,
-            );
-            run_fixed(
-                FixedPasses::new(&settings, height, depth, feed),
-                piece,
-                regime.set_load,
-            )
+            let cut = (depth, feed);
+            run_fixed_at_load(&settings, &self.blank, regime.law, cut, regime.set_load)
         };
+        let height = height + self.blank.runout_mm;
         let (depth, feed) = (balanced.depth_back_off_mm, balanced.feed_back_off_mm_rev);
         let known = (1..=12)
             .map(|passes| height / f64::from(passes))
