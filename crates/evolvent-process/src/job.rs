@@ -12,6 +12,7 @@ use crate::scale::LoadScale;
 use crate::sensor::SensorModel;
 use crate::settings::{Strategy, TurningSettings};
 use crate::tool::Tool;
+use crate::wear::Wear;
 
 /// By how much the law may differ from its power law over the feeds and depths of the job.
 const MOST_MISFIT: f64 = 0.1;
@@ -118,8 +119,9 @@ impl JobFile {
                 (None, _) => BackOff::Balanced,
             },
         };
-        let regime =
+        let mut regime =
             Regime::new(&input, &tool).map_err(|error| refuse("feed", error.to_string(), "see above"))?;
+        regime.wear = self.wear(sheet)?;
         let usual = TurningSettings::usual(regime, tool, self.cut.spindle_rpm, self.cut.length_mm);
         let literal = self.strategy.name == StrategyName::Literal;
         let scale = self.scale(sheet)?;
@@ -155,6 +157,31 @@ impl JobFile {
             },
             law_misfit,
             source: (sheet.file().to_owned(), sheet.text().to_owned()),
+        })
+    }
+
+    /// Prices as the cost of wear over that of time.
+    fn wear(&self, sheet: &Sheet<'_>) -> Result<Wear, SheetError> {
+        let Some(cost) = &self.cost else {
+            return Ok(Wear::default());
+        };
+        for (key, value, least, most) in [
+            ("cost.machine_per_h", cost.machine_per_h, 1e-6, 1e9),
+            ("cost.edge", cost.edge, 0.0, 1e9),
+            ("cost.life_min", cost.life_min, 1e-3, 1e6),
+            ("cost.life_feed_mm_rev", cost.life_feed_mm_rev, 1e-3, 10.0),
+            ("cost.life_depth_mm", cost.life_depth_mm, 1e-3, 100.0),
+            ("cost.life_feed_exponent", cost.life_feed_exponent, 0.0, 5.0),
+            ("cost.life_depth_exponent", cost.life_depth_exponent, 0.0, 5.0),
+        ] {
+            sheet.number(key, value, least, most)?;
+        }
+        Ok(Wear {
+            ratio: cost.edge / (cost.machine_per_h / 60.0 * cost.life_min),
+            feed_mm_rev: cost.life_feed_mm_rev,
+            depth_mm: cost.life_depth_mm,
+            feed_exponent: cost.life_feed_exponent,
+            depth_exponent: cost.life_depth_exponent,
         })
     }
 

@@ -27,6 +27,8 @@ pub struct JobFile {
     /// How passes are chosen.
     #[serde(default)]
     pub strategy: StrategyFile,
+    /// Prices, where passes are to cost the least instead of taking the least time.
+    pub cost: Option<CostFile>,
     /// Stock for trials.
     pub stock: Option<StockFile>,
     /// Sensor for trials.
@@ -157,6 +159,28 @@ pub enum StrategyName {
     Safe,
     /// Passes of least time.
     Fast,
+}
+
+/// Prices of machine and edge, in any currency.
+#[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct CostFile {
+    /// An hour of the machine with its operator.
+    pub machine_per_h: f64,
+    /// A new cutting edge, with the time to change it.
+    pub edge: f64,
+    /// How long an edge lasts at the feed and depth below, and the speed of the job, min.
+    pub life_min: f64,
+    /// Feed of that cut.
+    pub life_feed_mm_rev: f64,
+    /// Depth of that cut.
+    pub life_depth_mm: f64,
+    /// Exponent of the feed in the tool life.
+    #[schemars(range(min = 0.0, max = 5.0))]
+    pub life_feed_exponent: f64,
+    /// Exponent of the depth.
+    #[schemars(range(min = 0.0, max = 5.0))]
+    pub life_depth_exponent: f64,
 }
 
 /// Stock for trials.

@@ -47,6 +47,7 @@ mod state;
 mod tool;
 mod trail;
 mod watch;
+mod wear;
 mod workpiece;
 
 pub use adaptive::{AdaptiveError, AdaptiveFeed, AdaptiveOutput, AdaptiveSettings, AdaptiveStop};
@@ -69,4 +70,5 @@ pub use simulation::{Figures, Simulation, run_fixed, run_fixed_at_load};
 pub use state::{Reason, Transition, TurningState};
 pub use tool::{Tool, ToolError};
 pub use watch::{LoadView, LoadWatch, SensorTrouble};
+pub use wear::Wear;
 pub use workpiece::{CutNow, Workpiece};

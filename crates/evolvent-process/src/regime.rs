@@ -3,6 +3,7 @@
 
 use crate::law::CutLaw;
 use crate::tool::Tool;
+use crate::wear::Wear;
 
 /// What the figures are made from.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -51,6 +52,8 @@ pub struct Regime {
     pub depth_back_off_mm: f64,
     /// Depth at the largest feed, mm: below it the set load is not reached any more.
     pub depth_full_feed_mm: f64,
+    /// What cuts cost beside time, for the number of parts; nothing where least time is wanted.
+    pub wear: Wear,
 }
 
 /// Why there is no regime.
@@ -205,6 +208,7 @@ impl Regime {
             depth_max_mm,
             depth_back_off_mm: law.depth_mm(input.set_load, feed_back_off_mm_rev),
             depth_full_feed_mm,
+            wear: Wear::default(),
         })
     }
 
@@ -239,7 +243,7 @@ impl Regime {
         }
     }
 
-    /// The number of equal passes that takes the least time, when a pass costs `overhead_rev` revolutions beside
+    /// The number of equal passes that takes the least time, or with [`Regime::wear`] costs the least, when a pass costs `overhead_rev` revolutions beside
     /// its `length_mm` of cut. Real-time safe.
     ///
     /// At constant load the removal rate goes as `depth^(1 - xz/yz)`: with `xz > yz` shallow passes are faster, until
@@ -252,7 +256,9 @@ impl Regime {
             .clamp(least, least + 64.0);
         let (mut best, mut best_time, mut passes) = (least, f64::INFINITY, least);
         while passes <= most {
-            let time = passes * (length_mm / self.feed_mm_rev(allowance_mm / passes) + overhead_rev);
+            let depth = allowance_mm / passes;
+            let feed = self.feed_mm_rev(depth);
+            let time = passes * (length_mm / feed * self.wear.price(depth, feed) + overhead_rev);
             if time < best_time {
                 (best, best_time) = (passes, time);
             }
@@ -334,6 +340,58 @@ mod tests {
         assert_eq!(regime.fastest_passes(8.0, 200.0, 34.0), 4);
         assert_eq!(regime.fastest_passes(10.0, 200.0, 34.0), 5);
         assert_eq!(regime.fastest_passes(7.0, 200.0, 34.0), 3);
+    }
+
+    #[test]
+    fn least_cost_is_that_of_trying_every_number_of_passes() {
+        let mut regime = Regime::new(&input(), &tool()).unwrap();
+        let mut changed = 0;
+        for ratio in [0.0, 0.2, 1.0, 5.0] {
+            for (feed_exponent, depth_exponent) in [(0.6, 0.15), (1.0, 0.3), (0.2, 0.8)] {
+                regime.wear = Wear {
+                    ratio,
+                    feed_mm_rev: 0.3,
+                    depth_mm: 3.0,
+                    feed_exponent,
+                    depth_exponent,
+                };
+                for tenths in 5..100_u32 {
+                    let height = 0.1 * f64::from(tenths);
+                    // Machine time and edges in money: 60 an hour, an edge of 5 that lasts so long.
+                    let (machine, edge) = (60.0 / 3600.0, 5.0);
+                    let cost = |n: u32| {
+                        let depth = height / f64::from(n);
+                        let feed = (2200.0 / (regime.law.coefficient * depth))
+                            .powf(1.0 / 0.75)
+                            .clamp(0.2, 0.7);
+                        let cut_s = 200.0 / feed * 0.12;
+                        let scale = (feed / 0.3).powf(feed_exponent) * (depth / 3.0).powf(depth_exponent);
+                        let edges = if ratio > 0.0 {
+                            cut_s * scale * ratio * machine / edge
+                        } else {
+                            0.0
+                        };
+                        f64::from(n) * ((cut_s + 34.0 * 0.12) * machine + edges * edge)
+                    };
+                    let best = (1..20)
+                        .filter(|n| height / f64::from(*n) <= regime.depth_max_mm)
+                        .min_by(|a, b| cost(*a).total_cmp(&cost(*b)))
+                        .unwrap();
+                    let chosen = regime.fastest_passes(height, 200.0, 34.0);
+                    assert!(
+                        cost(chosen) <= cost(best) * (1.0 + 1e-9),
+                        "{height}: {chosen} for {best}, {ratio}"
+                    );
+                    let least_time = Regime {
+                        wear: Wear::default(),
+                        ..regime
+                    }
+                    .fastest_passes(height, 200.0, 34.0);
+                    changed += u32::from(chosen != least_time);
+                }
+            }
+        }
+        assert!(changed > 50, "{changed}");
     }
 
     #[test]
