@@ -214,7 +214,7 @@ impl Executor<'_> {
             };
             diameter * self.state.unit_mm()
         } else {
-            let number = line.whole(b'D')?.unwrap_or(self.state.tool);
+            let number = self.tool_number(b'D')?;
             self.tool(number, b'D', Group::CutterCompensation)?.diameter_mm
         };
         // A tool of negative diameter runs on the other side.

@@ -415,7 +415,12 @@ impl Executor<'_> {
         self.state.tool = number;
         let known = self.tools.as_ref().and_then(|tools| tools.get(number)).copied();
         let tool = known.unwrap_or_else(|| Tool::new(number));
-        self.parameters.set_numbered(TOOL, f64::from(number));
+        self.publish_tool(&tool);
+    }
+
+    /// Writes the measures of the tool in the spindle to the parameters #5400 to #5413.
+    pub(crate) fn publish_tool(&mut self, tool: &Tool) {
+        self.parameters.set_numbered(TOOL, f64::from(tool.number));
         self.parameters.set_axes(TOOL + 1, &tool.offset);
         for (place, value) in [
             tool.diameter_mm,

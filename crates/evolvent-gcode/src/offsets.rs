@@ -7,8 +7,9 @@ use crate::Code;
 use crate::codes::{Group, LengthOffset, Once};
 use crate::diagnostic::Fault;
 use crate::execute::Executor;
-use crate::parameters::{G92, G92_ACTIVE, TOOL, WORK_OFFSET_1};
+use crate::parameters::{G92, G92_ACTIVE, WORK_OFFSET_1};
 use crate::statement::Statement;
+use crate::tools::MAX_ORIENTATION;
 use crate::{Tool, WORK_OFFSETS};
 
 impl Executor<'_> {
@@ -31,7 +32,7 @@ impl Executor<'_> {
             code == LengthOffset::Given || code == LengthOffset::Added && line.has_axes() && !line.has(b'H');
         let mut change = Axes::zeros();
         if code != LengthOffset::Off && !by_axes {
-            let number = line.whole(b'H')?.unwrap_or(self.state.tool);
+            let number = self.tool_number(b'H')?;
             change = self.tool(number, b'H', Group::LengthOffset)?.offset;
         }
         match code {
@@ -54,6 +55,12 @@ impl Executor<'_> {
             }
         }
         Ok(())
+    }
+
+    /// The tool that H or D names: without the word, and with 0, the one in the spindle.
+    pub(crate) fn tool_number(&self, letter: u8) -> Result<u32, Fault> {
+        let number = self.line.whole(letter)?.filter(|number| *number != 0);
+        Ok(number.unwrap_or(self.state.tool))
     }
 
     /// A tool of the table, for the word or the group that asks for it.
@@ -183,6 +190,11 @@ impl Executor<'_> {
                 let Some(number) = line.whole(b'P')? else {
                     return missing("G10 L1, L10 and L11 need P, the number of the tool");
                 };
+                if number == 0 {
+                    let message = "P0: the tools of the table have numbers from 1";
+                    return Err(Fault::new(Code::OutOfRange, line.span(b'P'), message)
+                        .help("write the number of the tool in the spindle: #5400"));
+                }
                 self.set_tool(what, number)
             }
             _ => {
@@ -261,7 +273,7 @@ impl Executor<'_> {
             tool.back_angle = angle;
         }
         if let Some(orientation) = line.whole(b'Q')? {
-            if orientation > 9 {
+            if orientation > MAX_ORIENTATION {
                 let message = format!("Q{orientation}: the tip of a tool points to one of 0 to 9");
                 return Err(Fault::new(Code::OutOfRange, line.span(b'Q'), message));
             }
@@ -269,9 +281,7 @@ impl Executor<'_> {
         }
         self.tools.get_or_insert_default().set(tool);
         if number == self.state.tool {
-            self.parameters.set_axes(TOOL + 1, &tool.offset);
-            self.parameters
-                .set_numbered(crate::parameters::TOOL_DIAMETER, tool.diameter_mm);
+            self.publish_tool(&tool);
         }
         Ok(())
     }

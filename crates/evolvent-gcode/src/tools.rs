@@ -24,9 +24,13 @@ pub struct Tool {
     pub front_angle: f64,
     /// Angle of the back edge of a turning tool, degrees.
     pub back_angle: f64,
-    /// Where the tip of a turning tool points, 1 to 9; 0 for a mill.
+    /// Where the tip of a turning tool points, 1 to 9; 0 for a mill. G41 and G42 in G18 count on it: they guide the centre
+    /// of the nose, and the lengths of `offset` belong to the tip.
     pub orientation: u32,
 }
+
+/// Greatest [`Tool::orientation`].
+pub(crate) const MAX_ORIENTATION: u32 = 9;
 
 /// Why a tool table cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -46,6 +50,16 @@ pub enum ToolTableError {
     NoTool {
         /// From 1.
         line: usize,
+    },
+    /// A direction of the tip that there is none.
+    #[error(
+        "line {line} of the tool table: \"{word}\": the tip of a turning tool points to one of Q1 to Q9, a mill has Q0"
+    )]
+    Orientation {
+        /// From 1.
+        line: usize,
+        /// As written.
+        word: String,
     },
     /// One tool twice.
     #[error("line {line} of the tool table names tool {tool} again; keep one of the lines")]
@@ -178,7 +192,13 @@ impl ToolTable {
                     'D' => tool.diameter_mm = value,
                     'I' => tool.front_angle = value,
                     'J' => tool.back_angle = value,
-                    'Q' => tool.orientation = whole(value)?,
+                    'Q' if value <= f64::from(MAX_ORIENTATION) => tool.orientation = whole(value)?,
+                    'Q' => {
+                        return Err(ToolTableError::Orientation {
+                            line,
+                            word: word.to_owned(),
+                        });
+                    }
                     _ => {
                         let axis = "XYZABCUVW".find(letter).filter(|axis| *axis < AXES);
                         tool.offset[axis.ok_or_else(bad)?] = value;
@@ -281,6 +301,10 @@ mod tests {
             ToolTable::parse("T1\nT1 Z2"),
             Err(ToolTableError::Twice { line: 2, tool: 1 })
         );
+        assert!(matches!(
+            ToolTable::parse("T1 Q9\nT2 Q10"),
+            Err(ToolTableError::Orientation { line: 2, .. })
+        ));
         for word in ["T1.5", "T-1", "Tx", "T1 Znan", "T1 Z1e9", "T1 E3", "T1 é"] {
             assert!(
                 matches!(ToolTable::parse(word), Err(ToolTableError::Word { line: 1, .. })),
