@@ -5,34 +5,15 @@
 //! an inner corner both are cut off where the offset paths cross. So the last move waits among the commands, and
 //! whatever follows it waits too, until the next move in the plane has come.
 
-use evolvent_path::{Arc, Axes, Curve, Line, Plane, Sense};
+use evolvent_path::{Arc, Axes, Curve, Line, MIN_RADIUS_MM, Plane, Sense};
 
 use crate::codes::{Compensation, Group};
 use crate::diagnostic::Fault;
 use crate::execute::Executor;
+use crate::offset_path::{Corner, Element, Misfit, Point, ROUNDING_MM, Shape};
+use crate::offset_path::{add, along, dot, left, length, sub};
+use crate::tools::MAX_ORIENTATION;
 use crate::{Action, Code, Command, Move, MoveKind};
-
-/// Corners that turn by less than this, in radians, are none: as in LinuxCNC.
-const STRAIGHT: f64 = 0.05;
-
-type Point = [f64; 2];
-
-/// The path of the tool's centre that a move belongs to, in the plane.
-#[derive(Clone, Copy, Debug)]
-enum Shape {
-    Line { point: Point, direction: Point },
-    Circle { centre: Point, radius: f64, sign: f64 },
-}
-
-/// The last move of the tool's centre, which may still be cut off.
-#[derive(Clone, Copy, Debug)]
-struct Element {
-    shape: Shape,
-    /// Direction at its end.
-    tangent: Point,
-    /// How far it can be cut off: length of a line in mm, angle of an arc.
-    room: f64,
-}
 
 /// A command of an earlier line as it was before this line cut it off.
 #[derive(Clone, Debug)]
@@ -52,6 +33,9 @@ pub(crate) struct CutterState {
     radius: f64,
     /// +1 to the left.
     side: f64,
+    /// From the centre of the tool's nose to the point that the machine moves, in the plane: not zero for turning tools.
+    nose: Point,
+    /// The last move in the plane, which may still be cut off.
     last: Option<Element>,
     /// Where among the commands the last move waits.
     pub(crate) held: Option<usize>,
@@ -64,6 +48,7 @@ impl Default for CutterState {
             programmed: None,
             radius: 0.0,
             side: 1.0,
+            nose: [0.0; 2],
             last: None,
             held: None,
         }
@@ -76,102 +61,22 @@ impl CutterState {
     }
 }
 
-fn sub(a: Point, b: Point) -> Point {
-    [a[0] - b[0], a[1] - b[1]]
-}
-
-fn along(a: Point, direction: Point, distance: f64) -> Point {
-    [a[0] + distance * direction[0], a[1] + distance * direction[1]]
-}
-
-fn dot(a: Point, b: Point) -> f64 {
-    a[0] * b[0] + a[1] * b[1]
-}
-
-fn cross(a: Point, b: Point) -> f64 {
-    a[0] * b[1] - a[1] * b[0]
-}
-
-/// A quarter turn to the left.
-fn left(a: Point) -> Point {
-    [-a[1], a[0]]
-}
-
-fn length(a: Point) -> f64 {
-    libm::hypot(a[0], a[1])
-}
-
-impl Shape {
-    /// Where two paths cross, once or twice.
-    fn crossings(&self, other: &Self) -> [Option<Point>; 2] {
-        let known = |point: Point| point.iter().all(|value| value.is_finite()).then_some(point);
-        // Two points on either side of the middle of a chord.
-        let pair = |middle: Point, direction: Point, square: f64| {
-            if square >= 0.0 {
-                let half = square.sqrt();
-                [
-                    known(along(middle, direction, half)),
-                    known(along(middle, direction, -half)),
-                ]
-            } else {
-                [None; 2]
-            }
-        };
-        match (*self, *other) {
-            (
-                Self::Line { point, direction },
-                Self::Line {
-                    point: second,
-                    direction: way,
-                },
-            ) => {
-                let distance = cross(sub(second, point), way) / cross(direction, way);
-                [known(along(point, direction, distance)), None]
-            }
-            (Self::Line { point, direction }, Self::Circle { centre, radius, .. })
-            | (Self::Circle { centre, radius, .. }, Self::Line { point, direction }) => {
-                let foot = along(point, direction, dot(sub(centre, point), direction));
-                let apart = length(sub(foot, centre));
-                pair(foot, direction, (radius - apart) * (radius + apart))
-            }
-            (
-                Self::Circle { centre, radius, .. },
-                Self::Circle {
-                    centre: second,
-                    radius: other,
-                    ..
-                },
-            ) => {
-                let between = sub(second, centre);
-                let apart = length(between);
-                let unit = [between[0] / apart, between[1] / apart];
-                let foot = (apart * apart + (radius - other) * (radius + other)) / (2.0 * apart);
-                pair(
-                    along(centre, unit, foot),
-                    left(unit),
-                    (radius - foot) * (radius + foot),
-                )
-            }
-        }
-    }
-
-    /// The crossing nearest to a point.
-    fn crossing(&self, other: &Self, near: Point) -> Option<Point> {
-        let distance = |point: &Point| length(sub(*point, near));
-        let points = self.crossings(other).into_iter().flatten();
-        points.min_by(|a, b| distance(a).total_cmp(&distance(b)))
-    }
-
-    /// How much of the path is lost between two of its points, `to` farther on.
-    fn lost(&self, from: Point, to: Point) -> f64 {
-        match *self {
-            Self::Line { direction, .. } => dot(sub(to, from), direction),
-            Self::Circle { centre, sign, .. } => {
-                let (a, b) = (sub(from, centre), sub(to, centre));
-                sign * libm::atan2(cross(a, b), dot(a, b))
-            }
-        }
-    }
+/// From the centre of a nose to the point of a turning tool whose place the program tells, in Z and X: the tip that
+/// lines along Z and X through the nose's ends have in common, or the end of the nose itself.
+///
+/// Directions are those of LinuxCNC's tool table, 1 to 9; 0 is a mill and, like 9, has its point at the centre.
+fn nose(orientation: u32, radius: f64) -> Point {
+    let z = match orientation {
+        2 | 3 | 7 => -radius,
+        1 | 4 | 5 => radius,
+        _ => 0.0,
+    };
+    let x = match orientation {
+        1 | 2 | 6 => -radius,
+        3 | 4 | 8 => radius,
+        _ => 0.0,
+    };
+    [z, x]
 }
 
 /// Length in XYZ.
@@ -180,14 +85,32 @@ fn curve_length(from: &Axes, to: &Axes) -> f64 {
     libm::sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2])
 }
 
-/// A move of the programmed path, ready to be offset.
-struct Wanted {
-    element: Element,
-    /// Direction at its beginning.
-    begin_tangent: Point,
-    /// Beginning and end of the offset path.
-    begin: Point,
-    end: Point,
+/// An arc with about this swept angle; `None` where nothing is left of it.
+///
+/// The angle tells a full turn from none, which start and end alone do not.
+fn arc(
+    plane: Plane,
+    (start, end): (Axes, Axes),
+    centre: Point,
+    sense: Sense,
+    sweep_rad: f64,
+) -> Result<Option<Curve>, evolvent_path::CurveError> {
+    let arc = Arc::new(plane, start, end, centre, sense, 0)?;
+    let turns = ((sweep_rad - arc.sweep_rad().abs()) / std::f64::consts::TAU).round();
+    Ok(if turns < 0.0 {
+        None
+    } else if turns == 0.0 {
+        Some(Curve::Arc(arc))
+    } else {
+        Some(Curve::Arc(Arc::new(
+            plane,
+            start,
+            end,
+            centre,
+            sense,
+            turns as u32,
+        )?))
+    })
 }
 
 impl Executor<'_> {
@@ -207,27 +130,68 @@ impl Executor<'_> {
             let message = "cutter compensation is available in G17 and G18 only";
             return Err(Fault::new(Code::WrongPlane, span, message));
         }
-        let diameter = if given {
-            let Some(diameter) = line.word(b'D') else {
-                let message = "G41.1 and G42.1 need D, the diameter of the tool";
-                return Err(Fault::new(Code::WordMissing, span, message));
-            };
-            diameter * self.state.unit_mm()
+        let (diameter, orientation) = if given {
+            self.given_cutter()?
         } else {
-            let number = self.tool_number(b'D')?;
-            self.tool(number, b'D', Group::CutterCompensation)?.diameter_mm
+            self.cutter_of_table()?
         };
         // A tool of negative diameter runs on the other side.
         let side = if left { 1.0 } else { -1.0 };
+        let radius = 0.5 * diameter.abs();
         self.state.cutter = CutterState {
             code,
             programmed: None,
-            radius: 0.5 * diameter.abs(),
+            radius,
             side: if diameter < 0.0 { -side } else { side },
+            nose: nose(orientation, radius),
             last: None,
             held: None,
         };
         Ok(())
+    }
+
+    /// Diameter in mm and orientation from D and L of G41.1 and G42.1.
+    fn given_cutter(&self) -> Result<(f64, u32), Fault> {
+        let line = self.line;
+        let Some(diameter) = line.word(b'D') else {
+            let span = line.group_span(Group::CutterCompensation);
+            let message = "G41.1 and G42.1 need D, the diameter of the tool";
+            return Err(Fault::new(Code::WordMissing, span, message));
+        };
+        let orientation = line.whole(b'L')?;
+        if let Some(orientation) = orientation {
+            let span = line.span(b'L');
+            if orientation > MAX_ORIENTATION {
+                let message = format!("L{orientation}: the tip of a turning tool points to one of 0 to 9");
+                return Err(Fault::new(Code::OutOfRange, span, message).help(
+                    "the directions are those of Q in the tool table; 0 and 9 are the centre of the nose",
+                ));
+            }
+            if self.state.plane() != Some(Plane::Zx) {
+                let message = "L, the orientation of a turning tool, with cutter compensation outside of G18";
+                return Err(
+                    Fault::new(Code::WrongPlane, span, message).help("write G18, or leave out L for a mill")
+                );
+            }
+        }
+        Ok((diameter * self.state.unit_mm(), orientation.unwrap_or(0)))
+    }
+
+    /// Diameter in mm and orientation of the tool that D names, or of the one in the spindle.
+    fn cutter_of_table(&mut self) -> Result<(f64, u32), Fault> {
+        let number = self.tool_number(b'D')?;
+        let tool = self.tool(number, b'D', Group::CutterCompensation)?;
+        let turning = !matches!(tool.orientation, 0 | 9);
+        if turning && self.state.plane() != Some(Plane::Zx) {
+            let span = self.line.group_span(Group::CutterCompensation);
+            let message = format!(
+                "tool {} is a turning tool (orientation {} in the tool table), and the plane is not G18",
+                tool.number, tool.orientation
+            );
+            return Err(Fault::new(Code::WrongPlane, span, message)
+                .help("write G18; the Q of a mill in the tool table is 0, or left out"));
+        }
+        Ok((tool.diameter_mm, tool.orientation))
     }
 
     /// G40: the last move stays as it is, the next one leads to where the program is.
@@ -266,45 +230,50 @@ impl Executor<'_> {
         }
         let direction = [path[0] / size, path[1] / size];
         let aside = cutter.side * cutter.radius;
-        let wanted = Wanted {
-            element: Element {
-                shape: Shape::Line {
-                    point: along(start, left(direction), aside),
-                    direction,
-                },
-                tangent: direction,
-                room: size,
+        let begin = along(start, left(direction), aside);
+        let mut next = Element {
+            shape: Shape::Line {
+                point: begin,
+                direction,
             },
+            begin,
             begin_tangent: direction,
-            begin: along(start, left(direction), aside),
             end: along(end, left(direction), aside),
+            end_tangent: direction,
+            room: size,
+            entry: cutter.last.is_none().then_some(start),
         };
-        if cutter.last.is_none() {
-            if size <= cutter.radius {
-                let message = format!(
-                    "the first move with cutter compensation is {:.4} long, not longer than the radius of {:.4}",
-                    size / self.state.unit_mm(),
-                    cutter.radius / self.state.unit_mm()
-                );
-                return Err(
-                    Fault::new(Code::CompensationEntry, self.line.motion_span(), message)
-                        .help("begin farther away from the contour"),
-                );
-            }
-        } else {
-            self.join(&wanted, start, self.speed(curve_length(&from, &target), false))?;
+        let length_mm = curve_length(&from, &target);
+        if let Some(last) = cutter.last {
+            let corner_feed = self.speed(length_mm, false);
+            next.room -= self.join(&last, &next, start, corner_feed)?;
+        } else if size <= cutter.radius {
+            let message = format!(
+                "the first move with cutter compensation is {:.4} long, not longer than the radius of {:.4}",
+                size / self.state.unit_mm(),
+                cutter.radius / self.state.unit_mm()
+            );
+            return Err(
+                Fault::new(Code::CompensationEntry, self.line.motion_span(), message)
+                    .help("begin farther away from the contour"),
+            );
         }
         let mut place = target;
-        (place[first], place[second]) = (wanted.end[0], wanted.end[1]);
-        self.hold(wanted.element);
+        // What rounding alone would leave, or run backwards, is none.
+        let stop = if next.room > ROUNDING_MM || cutter.last.is_none() {
+            add(next.end, cutter.nose)
+        } else {
+            [self.state.position[first], self.state.position[second]]
+        };
+        (place[first], place[second]) = (stop[0], stop[1]);
+        self.hold(next);
         if place == self.state.position {
             self.state.cutter.held = None;
         } else {
             // In inverse time the programmed path counts.
-            let lifted = curve_length(&from, &target);
             let feed = match kind {
                 MoveKind::Rapid => f64::INFINITY,
-                MoveKind::Feed => self.speed(lifted, false),
+                MoveKind::Feed => self.speed(length_mm, false),
             };
             let moved = self.line_to(place)?;
             let path_mode = self.state.modes.path_mode;
@@ -317,20 +286,59 @@ impl Executor<'_> {
     /// G2 and G3; `curve` is the programmed arc.
     pub(crate) fn compensated_arc(&mut self, curve: Curve) -> Result<(), Fault> {
         let (plane, first, second) = self.cutter_axes()?;
-        let Curve::Arc(arc) = curve else { return Ok(()) };
-        if arc.plane() != plane {
+        let Curve::Arc(programmed) = curve else {
+            return Ok(());
+        };
+        if programmed.plane() != plane {
             return Err(self.wrong_plane("cutter compensation"));
         }
         let cutter = self.state.cutter;
-        let target = curve.end();
-        let from = curve.start();
-        let (start, end) = ([from[first], from[second]], [target[first], target[second]]);
+        let (from, target) = (curve.start(), curve.end());
+        let start = [from[first], from[second]];
+        let mut next = self.beside_arc(&programmed, start, [target[first], target[second]])?;
+        let feed = self.speed(curve.length(), false);
+        let path_mode = self.state.modes.path_mode;
+        if let Some(last) = cutter.last {
+            next.room -= self.join(&last, &next, start, feed)?;
+        } else {
+            next = self.entry_arc(&next, [target[first], target[second]])?;
+            // The arc begins where the nose's centre stands: the tool's point goes there first.
+            let mut there = self.state.position;
+            (there[first], there[second]) = (there[first] + cutter.nose[0], there[second] + cutter.nose[1]);
+            self.put_line(there, MoveKind::Feed)?;
+        }
+        let Shape::Circle { centre, radius, .. } = next.shape else {
+            return Ok(());
+        };
+        let stop = add(next.end, cutter.nose);
+        let mut place = target;
+        (place[first], place[second]) = (stop[0], stop[1]);
+        let moved = if next.room > ROUNDING_MM {
+            let ends = (self.state.position, place);
+            let sweep = next.room / radius;
+            arc(plane, ends, add(centre, cutter.nose), curve.sense(), sweep)
+                .map_err(|error| Fault::new(Code::ArcRefused, self.line.motion_span(), error.to_string()))?
+        } else {
+            // The corner has taken all of it in the plane.
+            (place[first], place[second]) = (self.state.position[first], self.state.position[second]);
+            Line::new(self.state.position, place).ok().map(Curve::Line)
+        };
+        self.hold(next);
+        match moved {
+            Some(moved) => self.put_curve(moved, MoveKind::Feed, feed, path_mode)?,
+            None => self.state.cutter.held = None,
+        }
+        self.state.cutter.programmed = Some(target);
+        Ok(())
+    }
+
+    /// The path of the tool's centre beside an arc.
+    fn beside_arc(&self, arc: &Arc, start: Point, end: Point) -> Result<Element, Fault> {
+        let cutter = self.state.cutter;
         let centre = arc.centre_mm();
-        let sense = curve.sense();
-        let sign = sense.sign();
+        let sign = arc.sweep_rad().signum();
         let inside = sign * cutter.side > 0.0;
-        let unit = self.state.unit_mm();
-        let offset = |point: Point| -> Option<(Point, Point, f64)> {
+        let offset = |point: Point| {
             let ray = sub(point, centre);
             let size = length(ray);
             let outward = [ray[0] / size, ray[1] / size];
@@ -340,10 +348,12 @@ impl Executor<'_> {
                 size + cutter.radius
             };
             let tangent = left(outward).map(|value| sign * value);
-            (radius > 1e-9).then(|| (along(centre, outward, radius), tangent, radius))
+            (radius >= MIN_RADIUS_MM).then(|| (along(centre, outward, radius), tangent, radius))
         };
-        let (Some((begin, begin_tangent, _)), Some((stop, tangent, radius))) = (offset(start), offset(end))
+        let (Some((begin, begin_tangent, _)), Some((end, end_tangent, radius))) =
+            (offset(start), offset(end))
         else {
+            let unit = self.state.unit_mm();
             let message = format!(
                 "the tool of radius {:.4} does not fit into the arc of radius {:.4}",
                 cutter.radius / unit,
@@ -354,50 +364,59 @@ impl Executor<'_> {
                     .help("take a smaller tool or a larger radius"),
             );
         };
-        let wanted = Wanted {
-            element: Element {
-                shape: Shape::Circle { centre, radius, sign },
-                tangent,
-                room: arc.sweep_rad().abs(),
-            },
-            begin_tangent,
+        Ok(Element {
+            shape: Shape::Circle { centre, radius, sign },
             begin,
-            end: stop,
+            begin_tangent,
+            end,
+            end_tangent,
+            room: arc.sweep_rad().abs() * radius,
+            entry: None,
+        })
+    }
+
+    /// An arc as the first move: from where the tool stands, to end as the offset arc does.
+    fn entry_arc(&self, offset: &Element, target: Point) -> Result<Element, Fault> {
+        let cutter = self.state.cutter;
+        let (_, first, second) = self.cutter_axes()?;
+        let Shape::Circle { centre, sign, .. } = offset.shape else {
+            return Ok(*offset);
         };
-        let mut about = centre;
-        if cutter.last.is_none() {
-            // The first move: an arc from where the tool stands that ends as the offset one does.
-            let here = [self.state.position[first], self.state.position[second]];
-            let ray = sub(centre, stop);
-            let size = length(ray);
-            let inward = [ray[0] / size, ray[1] / size];
-            let chord = sub(here, stop);
-            let distance = dot(chord, chord) / (2.0 * dot(chord, inward));
-            if !(distance.is_finite() && length(chord) > cutter.radius) {
-                let message = "the first move with cutter compensation is too short for the tool";
-                return Err(
-                    Fault::new(Code::CompensationEntry, self.line.motion_span(), message)
-                        .help("begin farther away from the contour, or with a straight move"),
-                );
-            }
-            about = along(stop, inward, distance);
-        } else {
-            self.join(&wanted, start, self.speed(curve.length(), false))?;
+        let here = [self.state.position[first], self.state.position[second]];
+        let refuse = |message: &str| {
+            Fault::new(Code::CompensationEntry, self.line.motion_span(), message)
+                .help("begin farther away from the contour, or with a straight move")
+        };
+        if length(sub(here, target)) <= cutter.radius {
+            return Err(refuse(
+                "the first move with cutter compensation is too short for the tool",
+            ));
         }
-        let mut place = target;
-        (place[first], place[second]) = (stop[0], stop[1]);
-        let turns = (arc.sweep_rad().abs() / std::f64::consts::TAU - 1e-9)
-            .floor()
-            .max(0.0) as u32;
-        let moved = Arc::new(plane, self.state.position, place, about, sense, turns)
-            .map(Curve::Arc)
-            .map_err(|error| Fault::new(Code::ArcRefused, self.line.motion_span(), error.to_string()))?;
-        let feed = self.speed(curve.length(), false);
-        let path_mode = self.state.modes.path_mode;
-        self.hold(wanted.element);
-        self.put_curve(moved, MoveKind::Feed, feed, path_mode)?;
-        self.state.cutter.programmed = Some(target);
-        Ok(())
+        // Where a square of the angle at the end opens, the arc would arrive from the other side.
+        let ray = sub(centre, offset.end);
+        let size = length(ray);
+        let inward = [ray[0] / size, ray[1] / size];
+        let chord = sub(here, offset.end);
+        let radius = dot(chord, chord) / (2.0 * dot(chord, inward));
+        if !(radius.is_finite() && radius >= MIN_RADIUS_MM) {
+            return Err(refuse(
+                "no arc from where the tool stands ends in the direction of the programmed one",
+            ));
+        }
+        let centre = along(offset.end, inward, radius);
+        let (a, b) = (sub(here, centre), sub(offset.end, centre));
+        let turned = sign * libm::atan2(a[0] * b[1] - a[1] * b[0], dot(a, b));
+        let sweep = if turned > 0.0 {
+            turned
+        } else {
+            turned + std::f64::consts::TAU
+        };
+        Ok(Element {
+            shape: Shape::Circle { centre, radius, sign },
+            begin: here,
+            room: sweep * radius,
+            ..*offset
+        })
     }
 
     /// The next command waits for the move after it.
@@ -406,83 +425,78 @@ impl Executor<'_> {
         self.state.cutter.held = Some(self.out.len());
     }
 
-    /// Joins the move that waits and the next one at a corner of the programmed path.
-    fn join(&mut self, next: &Wanted, corner: Point, feed: f64) -> Result<(), Fault> {
-        let Some(last) = self.state.cutter.last else {
-            return Ok(());
-        };
+    /// Joins the move that waits and the next one at a corner of the programmed path. Returns how much of the next one
+    /// is lost, in mm.
+    fn join(&mut self, last: &Element, next: &Element, corner: Point, feed: f64) -> Result<f64, Fault> {
         let cutter = self.state.cutter;
-        let turn = cutter.side
-            * libm::atan2(
-                cross(last.tangent, next.begin_tangent),
-                dot(last.tangent, next.begin_tangent),
-            );
-        if turn.abs() <= STRAIGHT || cutter.radius < 1e-6 {
-            return Ok(());
-        }
         let (plane, first, second) = self.cutter_axes()?;
-        let end = [self.state.position[first], self.state.position[second]];
-        // How much of either move is lost if the tool turns where the paths of its centre cross.
-        let lost = |point: Point| {
-            (
-                last.shape.lost(point, end),
-                next.element.shape.lost(next.begin, point),
-            )
-        };
-        if turn.abs() >= std::f64::consts::PI - STRAIGHT {
-            // Straight back: an inner corner only where an arc bends so that the paths cross in what is run.
-            let both = last.shape.crossings(&next.element.shape).into_iter().flatten();
-            let inside = both
-                .map(|point| (lost(point), point))
-                .filter(|((before, after), _)| {
-                    (0.0..=last.room).contains(before) && (0.0..=next.element.room).contains(after)
-                });
-            if let Some((_, point)) = inside.min_by(|a, b| a.0.0.total_cmp(&b.0.0)) {
-                return self.cut_off(plane, point);
+        match last.meet(next, cutter.radius, cutter.side) {
+            Err(misfit) => Err(self.misfit(misfit)),
+            Ok(Corner::Straight { after }) => Ok(after),
+            Ok(Corner::Inner { point, before, after }) => {
+                let left_mm = if last.entry.is_some() {
+                    f64::INFINITY
+                } else {
+                    last.room - before
+                };
+                self.cut_off(plane, point, left_mm)?;
+                Ok(after)
             }
-        } else if turn > 0.0 {
-            let gouge = |message: &str| {
-                let fault = Fault::new(
-                    Code::CompensationGouge,
-                    self.line.motion_span(),
-                    message.to_owned(),
-                );
-                Err(fault
-                    .help("the tool does not fit into the inner corner: take a smaller tool or longer moves"))
-            };
-            let Some(point) = last.shape.crossing(&next.element.shape, corner) else {
-                return gouge("at this inner corner the tool cannot follow both moves");
-            };
-            let (before, after) = lost(point);
-            if before > last.room {
-                return gouge("the move before this inner corner is too short for the tool");
+            Ok(Corner::Outer) => {
+                let mut place = self.state.position;
+                let begin = add(next.begin, cutter.nose);
+                (place[first], place[second]) = (begin[0], begin[1]);
+                self.check_feed("the arc about an outer corner")?;
+                let sense = if cutter.side > 0.0 {
+                    Sense::Clockwise
+                } else {
+                    Sense::CounterClockwise
+                };
+                let about = add(corner, cutter.nose);
+                let arc = Arc::new(plane, self.state.position, place, about, sense, 0)
+                    .map(Curve::Arc)
+                    .map_err(|error| {
+                        Fault::new(Code::ArcRefused, self.line.motion_span(), error.to_string())
+                    })?;
+                let path_mode = self.state.modes.path_mode;
+                self.put_curve(arc, MoveKind::Feed, feed, path_mode)?;
+                Ok(0.0)
             }
-            if after > next.element.room {
-                return gouge("the move after this inner corner is too short for the tool");
-            }
-            return self.cut_off(plane, point);
         }
-        let mut place = self.state.position;
-        (place[first], place[second]) = (next.begin[0], next.begin[1]);
-        self.check_feed("the arc about an outer corner")?;
-        let sense = if cutter.side > 0.0 {
-            Sense::Clockwise
-        } else {
-            Sense::CounterClockwise
-        };
-        let arc = Arc::new(plane, self.state.position, place, corner, sense, 0)
-            .map(Curve::Arc)
-            .map_err(|error| Fault::new(Code::ArcRefused, self.line.motion_span(), error.to_string()))?;
-        let path_mode = self.state.modes.path_mode;
-        self.put_curve(arc, MoveKind::Feed, feed, path_mode)
     }
 
-    /// Makes the waiting move end at a point of the plane, and what follows it begin there.
-    fn cut_off(&mut self, plane: Plane, point: Point) -> Result<(), Fault> {
+    fn misfit(&self, misfit: Misfit) -> Fault {
+        let unit = self.state.unit_mm();
+        let radius = self.state.cutter.radius / unit;
+        let short = |which: &str, needed: f64, left: f64| {
+            let (needed, left) = (needed / unit, left.max(0.0) / unit);
+            format!(
+                "the move {which} this inner corner is too short for the tool of radius {radius:.4}: the corner takes {needed:.4} of the {left:.4} left of it"
+            )
+        };
+        let message = match misfit {
+            Misfit::Apart => {
+                format!("at this inner corner the tool of radius {radius:.4} cannot follow both moves")
+            }
+            Misfit::Before { needed, left } => short("before", needed, left),
+            Misfit::After { needed, left } => short("after", needed, left),
+        };
+        Fault::new(Code::CompensationGouge, self.line.motion_span(), message)
+            .help("the tool does not fit into the inner corner: take a smaller tool or longer moves")
+    }
+
+    /// Makes the waiting move end at a point of the plane, and what follows it begin there. `left_mm` of its path is
+    /// left then.
+    fn cut_off(&mut self, plane: Plane, point: Point, left_mm: f64) -> Result<(), Fault> {
         let (first, second, _) = plane.axes();
         let Some(held) = self.state.cutter.held else {
             // The last move had no length: there is nothing to cut off, and the next begins where it does.
             return Ok(());
+        };
+        let nothing = left_mm <= ROUNDING_MM;
+        let point = match self.out.get(held).map(|command| &command.action) {
+            Some(Action::Move(step)) if nothing => plane.project(&step.curve.start()),
+            _ => add(point, self.state.cutter.nose),
         };
         let place = |mut axes: Axes| {
             (axes[first], axes[second]) = (point[0], point[1]);
@@ -496,16 +510,15 @@ impl Executor<'_> {
             let (start, end) = (step.curve.start(), place(step.curve.end()));
             let start = if index == held { start } else { place(start) };
             let curve = match step.curve {
-                Curve::Arc(arc) => {
-                    let turns = (arc.sweep_rad().abs() / std::f64::consts::TAU - 1e-9)
-                        .floor()
-                        .max(0.0) as u32;
-                    let sense = step.curve.sense();
-                    Arc::new(plane, start, end, arc.centre_mm(), sense, turns).map(Curve::Arc)
+                Curve::Arc(round) if !nothing => {
+                    let sweep = left_mm / round.radius_mm();
+                    arc(plane, (start, end), round.centre_mm(), step.curve.sense(), sweep).map_err(
+                        |error| Fault::new(Code::ArcRefused, self.line.motion_span(), error.to_string()),
+                    )?
                 }
-                _ => Line::new(start, end).map(Curve::Line),
+                _ => Line::new(start, end).ok().map(Curve::Line),
             };
-            changed.push((index, curve.ok().map(|curve| Move { curve, ..*step })));
+            changed.push((index, curve.map(|curve| Move { curve, ..*step })));
         }
         for (index, step) in changed.into_iter().rev() {
             let before = match step {

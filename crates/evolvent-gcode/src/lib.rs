@@ -45,6 +45,7 @@ mod lines;
 mod modal;
 mod motion;
 mod names;
+mod offset_path;
 mod offsets;
 mod parameters;
 mod parser;

@@ -1,10 +1,11 @@
-//! Which tool H and D mean, and what is known of it.
+//! Which tool is compensated, where its tip is, and contours that it does not fit into.
 
 #![expect(clippy::panic, reason = "a test may fail")]
 
 use evolvent_gcode::{Action, Code, Diagnostic, Interpreter, Move, Settings, ToolTable};
+use evolvent_path::Curve;
 
-/// Tool 3 is a mill.
+/// Tool 3 is a mill; tool 1 has a nose of 0.8 mm whose tip points towards -X and -Z.
 const TOOLS: &str = "T1 P1 D1.6 I95 J155 Q2\nT3 P3 Z50 D12\nT4 P4 Z20 D4";
 
 fn run(program: &str) -> Result<Vec<Action>, Diagnostic> {
@@ -40,6 +41,134 @@ fn messages(program: &str) -> Vec<String> {
         _ => None,
     });
     texts.collect()
+}
+
+#[test]
+fn a_slot_narrower_than_the_tool_is_refused() {
+    let slot = |width: f64| {
+        format!("G21 G90 F300\nG0 X-20 Y0\nG41.1 D10\nG1 X0 Y0\nX30\nY{width}\nX0\nG40 X-20\nM2\n")
+    };
+    for (width, line) in [(0.5, 6), (8.0, 7), (9.99, 7), (9.9999, 7)] {
+        assert_eq!(fault(&slot(width)), (Code::CompensationGouge, line), "{width}");
+    }
+    // As wide as the tool is wide enough: the tool goes in and out on one line.
+    let fitting = moves(&slot(10.0));
+    let ends: Vec<_> = fitting
+        .iter()
+        .map(|step| (step.curve.end()[0], step.curve.end()[1]))
+        .collect();
+    assert_eq!(
+        ends,
+        [(-20.0, 0.0), (0.0, 5.0), (25.0, 5.0), (0.0, 5.0), (-20.0, 10.0)]
+    );
+    assert_eq!(moves(&slot(10.01)).len(), 6);
+}
+
+#[test]
+fn an_arc_too_short_for_both_its_corners_is_refused() {
+    let program = "G21 G90 F300\nG0 X-60 Y0\nG41.1 D10\nG1 X-40 Y0\nG1 X0 Y0\nG2 X2.232 Y2.660 I8.660 J-5\nG1 X-3 Y32.2\nG40 X-30 Y32.2\nM2\n";
+    assert_eq!(fault(program), (Code::CompensationGouge, 7));
+}
+
+#[test]
+fn a_move_that_its_first_corner_takes_up_is_refused() {
+    let program = "G21 G90 F300\nG0 X-20 Y60\nG41.1 D10\nG1 X-20 Y40\nG1 X-20 Y20\nG3 X0 Y0 I20\nG1 X1.7 Y4.7\nG1 X-10 Y14.5\nG40 X-10 Y40\nM2\n";
+    assert_eq!(fault(program), (Code::CompensationGouge, 8));
+}
+
+#[test]
+fn a_fine_hollow_narrower_than_the_tool_is_refused() {
+    // Half a circle of radius 4 in steps of two degrees: no corner is sharp, and the tool's path would run backwards.
+    let hollow = |radius: f64| {
+        let mut text = format!("G21 F600\nG0 X{radius} Y-30\nG41.1 D10\nG1 Y-12\nY0\n");
+        for step in 1..=90 {
+            let angle = f64::from(2 * step).to_radians();
+            let (x, y) = (radius * angle.cos(), radius * angle.sin());
+            text.push_str(&format!("X{x:.6} Y{y:.6}\n"));
+        }
+        text.push_str("Y-12\nG40 Y-30\nM2\n");
+        text
+    };
+    assert_eq!(fault(&hollow(4.0)).0, Code::CompensationGouge);
+    assert!(moves(&hollow(5.2)).len() > 90);
+}
+
+#[test]
+fn a_full_circle_stays_one_beside_a_joint_that_is_not_smooth() {
+    // The tool comes 0.03 rad off the circle's tangent, from outside or inside.
+    for angle in [-0.03_f64, 0.03] {
+        let (x, y) = (-40.0 * angle.cos(), -40.0 * angle.sin());
+        let found = moves(&format!(
+            "F600\nG0 X{:.6} Y{:.6}\nG42.1 D10\nG1 X{x:.6} Y{y:.6}\nX0 Y0\nG3 J20\nG1 X30\nG40 Y-30",
+            2.0 * x,
+            2.0 * y
+        ));
+        let sweeps = found.iter().filter_map(|step| match step.curve {
+            Curve::Arc(arc) => Some(arc.sweep_rad()),
+            _ => None,
+        });
+        let whole = sweeps.fold(0.0, f64::max);
+        assert!((whole - std::f64::consts::TAU).abs() < 0.04, "{whole}");
+    }
+}
+
+#[test]
+fn the_nose_of_a_turning_tool_cuts_the_programmed_diameter() {
+    let program =
+        "G21 G18 G94 F100\nT1 M6 G43\nG0 X40 Z50\nG42\nG1 X20 Z45\nX20 Z20\nX30 Z10\nG40 G0 X60\nM2\n";
+    let found = moves(program);
+    let at = |index: usize| (found[index].curve.end()[0], found[index].curve.end()[2]);
+    // Along Z the tip runs at the radius itself; the nose, its centre 0.8 above, touches it from outside.
+    assert_eq!((at(1).0, at(2).0), (20.0, 20.0));
+    // On the cone of 45 degrees the nose's centre is 0.8 off the line, the tip 0.8 lower in both.
+    let (x, z) = (at(3).0 + 0.8, at(3).1 + 0.8);
+    let off = ((x - 20.0) + (z - 20.0)) / std::f64::consts::SQRT_2;
+    assert!((off.abs() - 0.8).abs() < 1e-12, "{off}");
+    // G40 brings the tip back to the program.
+    assert_eq!(at(4), (60.0, 10.0));
+}
+
+#[test]
+fn each_orientation_has_its_tip_where_the_nose_ends() {
+    // Along Z, up a shoulder, and on along Z: the centre's path is that of a mill.
+    for (tip, z, x) in [
+        (0, 0.0, 0.0),
+        (1, 1.0, -1.0),
+        (2, -1.0, -1.0),
+        (3, -1.0, 1.0),
+        (4, 1.0, 1.0),
+        (5, 1.0, 0.0),
+        (6, 0.0, -1.0),
+        (7, -1.0, 0.0),
+        (8, 0.0, 1.0),
+        (9, 0.0, 0.0),
+    ] {
+        let found = moves(&format!(
+            "G18 F100\nG0 X10 Z30\nG42.1 D2 L{tip}\nG1 X10 Z20\nZ0\nX30\nZ-20\nG40 Z-29"
+        ));
+        let place = |index: usize| (found[index].curve.end()[2], found[index].curve.end()[0]);
+        assert_eq!(place(1), (20.0 + z, 11.0 + x), "tip {tip}");
+        assert_eq!(place(2), (1.0 + z, 11.0 + x), "tip {tip}");
+        assert_eq!(place(3), (1.0 + z, 30.0 + x), "tip {tip}");
+        let Curve::Arc(corner) = found[4].curve else {
+            panic!("tip {tip}: {:?}", found[4]);
+        };
+        assert_eq!(corner.centre_mm(), [z, 30.0 + x], "tip {tip}");
+        assert_eq!(place(5), (-20.0 + z, 31.0 + x), "tip {tip}");
+        assert_eq!(place(6), (-29.0, 30.0), "tip {tip}");
+    }
+}
+
+#[test]
+fn orientations_are_refused_outside_of_g18_and_above_9() {
+    for (program, code) in [
+        ("G17\nG41.1 D2 L2", Code::WrongPlane),
+        ("T1 M6\nG41", Code::WrongPlane),
+        ("G17\nG42 D1", Code::WrongPlane),
+        ("G18\nG42.1 D2 L10", Code::OutOfRange),
+    ] {
+        assert_eq!(fault(program), (code, 2), "{program}");
+    }
 }
 
 #[test]

@@ -1,0 +1,411 @@
+//! Cutter compensation on random contours, against what it is for: no point of the tool's path comes nearer to the
+//! contour than the radius, no move is run backwards or all the way round, and nothing is refused that fits.
+//!
+//! The generator and the checks know nothing of how the path is found: they sample it.
+
+use std::f64::consts::{FRAC_PI_2, PI, TAU};
+use std::fmt::Write as _;
+
+use evolvent_gcode::{Action, Code, Diagnostic, Interpreter, Move, Settings};
+use evolvent_path::{Axes, Curve};
+
+/// What a corner below 0.05 rad costs, as a fraction of the radius: it is passed straight.
+const STRAIGHT_LOSS: f64 = 0.00125;
+
+/// Programs are written with six decimals.
+const WRITTEN_MM: f64 = 5e-6;
+
+type Point = [f64; 2];
+
+/// The next of a row of numbers from 0 to 1 (Steele and Vigna's mix).
+fn random(state: &mut u64) -> f64 {
+    *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+    let mut mixed = *state;
+    mixed = (mixed ^ mixed >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    mixed = (mixed ^ mixed >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+    ((mixed ^ mixed >> 31) >> 11) as f64 / (1_u64 << 53) as f64
+}
+
+fn between(state: &mut u64, low: f64, high: f64) -> f64 {
+    low + (high - low) * random(state)
+}
+
+fn number(name: &str) -> Option<u64> {
+    std::env::var(name).ok()?.parse().ok()
+}
+
+fn seed() -> u64 {
+    number("EVOLVENT_SEED").unwrap_or_else(|| {
+        let time = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
+        time.map_or(1, |time| time.as_nanos() as u64)
+    })
+}
+
+fn distance(a: Point, b: Point) -> f64 {
+    (a[0] - b[0]).hypot(a[1] - b[1])
+}
+
+/// A programmed line (sweep 0) or arc.
+#[derive(Clone, Copy, Debug)]
+struct Piece {
+    start: Point,
+    end: Point,
+    centre: Point,
+    /// Above 0 counter-clockwise, rad.
+    sweep: f64,
+}
+
+impl Piece {
+    fn line(start: Point, angle: f64, length: f64) -> Self {
+        let end = [start[0] + length * angle.cos(), start[1] + length * angle.sin()];
+        Self {
+            start,
+            end,
+            centre: [0.0; 2],
+            sweep: 0.0,
+        }
+    }
+
+    /// An arc that begins in a direction.
+    fn arc(start: Point, angle: f64, radius: f64, sweep: f64) -> Self {
+        let sign = sweep.signum();
+        let centre = [
+            start[0] - sign * radius * angle.sin(),
+            start[1] + sign * radius * angle.cos(),
+        ];
+        let last = angle + sweep;
+        let end = [
+            centre[0] + sign * radius * last.sin(),
+            centre[1] - sign * radius * last.cos(),
+        ];
+        Self {
+            start,
+            end,
+            centre,
+            sweep,
+        }
+    }
+
+    fn radius(&self) -> f64 {
+        distance(self.start, self.centre)
+    }
+
+    fn direction(&self, fraction: f64) -> f64 {
+        if self.sweep == 0.0 {
+            return (self.end[1] - self.start[1]).atan2(self.end[0] - self.start[0]);
+        }
+        let first = (self.start[1] - self.centre[1]).atan2(self.start[0] - self.centre[0]);
+        first + self.sweep.signum() * FRAC_PI_2 + fraction * self.sweep
+    }
+
+    fn at(&self, fraction: f64) -> Point {
+        if self.sweep == 0.0 {
+            return [0, 1].map(|axis| self.start[axis] + fraction * (self.end[axis] - self.start[axis]));
+        }
+        let angle = self.direction(fraction) - self.sweep.signum() * FRAC_PI_2;
+        let radius = self.radius();
+        [
+            self.centre[0] + radius * angle.cos(),
+            self.centre[1] + radius * angle.sin(),
+        ]
+    }
+
+    /// How far a point is from the piece.
+    fn distance(&self, point: Point) -> f64 {
+        let ends = distance(point, self.start).min(distance(point, self.end));
+        if self.sweep == 0.0 {
+            let way = [self.end[0] - self.start[0], self.end[1] - self.start[1]];
+            let from = [point[0] - self.start[0], point[1] - self.start[1]];
+            let square = way[0] * way[0] + way[1] * way[1];
+            let foot = (from[0] * way[0] + from[1] * way[1]) / square;
+            let aside = (way[0] * from[1] - way[1] * from[0]).abs() / square.sqrt();
+            return if (0.0..=1.0).contains(&foot) { aside } else { ends };
+        }
+        let angle = |of: Point| (of[1] - self.centre[1]).atan2(of[0] - self.centre[0]);
+        let turned = (self.sweep.signum() * (angle(point) - angle(self.start))).rem_euclid(TAU);
+        if turned <= self.sweep.abs() {
+            (distance(point, self.centre) - self.radius()).abs()
+        } else {
+            ends
+        }
+    }
+
+    fn word(&self) -> String {
+        let [x, y] = self.end;
+        if self.sweep == 0.0 {
+            return format!("G1 X{x:.6} Y{y:.6}");
+        }
+        let code = if self.sweep > 0.0 { 3 } else { 2 };
+        let [i, j] = [self.centre[0] - self.start[0], self.centre[1] - self.start[1]];
+        format!("G{code} X{x:.6} Y{y:.6} I{i:.6} J{j:.6}")
+    }
+}
+
+/// A contour and the tool that follows it.
+struct Case {
+    pieces: Vec<Piece>,
+    radius: f64,
+    left: bool,
+    program: String,
+}
+
+/// The first line of the program that belongs to the contour; each piece has a line.
+const FIRST_LINE: usize = 5;
+
+impl Case {
+    /// The program: a straight move leads to the contour in the direction of its first piece.
+    fn new(pieces: Vec<Piece>, radius: f64, left: bool) -> Self {
+        let angle = pieces[0].direction(0.0);
+        let entry = Piece::line(pieces[0].start, angle + PI, 3.0 * radius);
+        let last = pieces[pieces.len() - 1];
+        let exit = Piece::line(last.end, last.direction(1.0), 3.0 * radius);
+        let side = if left { "G41.1" } else { "G42.1" };
+        let mut program = format!(
+            "G21 G17 G90 F600\nG0 X{:.6} Y{:.6}\n{side} D{:.6}\nG1 X{:.6} Y{:.6}\n",
+            entry.end[0],
+            entry.end[1],
+            2.0 * radius,
+            entry.start[0],
+            entry.start[1]
+        );
+        for piece in &pieces {
+            let _ = writeln!(program, "{}", piece.word());
+        }
+        let _ = write!(program, "G40 {}\nM2\n", exit.word());
+        Self {
+            pieces,
+            radius,
+            left,
+            program,
+        }
+    }
+
+    fn side(&self) -> f64 {
+        if self.left { 1.0 } else { -1.0 }
+    }
+
+    /// The moves beside each piece.
+    fn run(&self) -> Result<Vec<Vec<Move>>, Diagnostic> {
+        let mut moves = vec![Vec::new(); self.pieces.len()];
+        for item in Interpreter::new(self.program.as_bytes(), Settings::default()) {
+            let command = item?;
+            let place = (command.line as usize).wrapping_sub(FIRST_LINE);
+            if let (Action::Move(step), Some(list)) = (command.action, moves.get_mut(place)) {
+                list.push(step);
+            }
+        }
+        Ok(moves)
+    }
+
+    /// The tool's centre where it touches a piece.
+    fn touching(&self, piece: &Piece, fraction: f64) -> Point {
+        let angle = piece.direction(fraction) + self.side() * FRAC_PI_2;
+        let [x, y] = piece.at(fraction);
+        [x + self.radius * angle.cos(), y + self.radius * angle.sin()]
+    }
+
+    fn clearance(&self, point: Point) -> f64 {
+        self.pieces
+            .iter()
+            .map(|piece| piece.distance(point))
+            .fold(f64::INFINITY, f64::min)
+    }
+
+    /// The moves beside one piece: perhaps an arc about the corner before it, then the piece's own, which leads the
+    /// piece's way at the piece's side.
+    fn check_moves(&self, piece: &Piece, moves: &[Move]) -> Result<(), String> {
+        let allowed = STRAIGHT_LOSS * self.radius + 3.0 * WRITTEN_MM;
+        let Some((own, corner)) = moves.split_last() else {
+            return Ok(());
+        };
+        if corner.len() > 1 {
+            return Err(format!("{} moves", moves.len()));
+        }
+        for step in corner {
+            let Curve::Arc(arc) = step.curve else {
+                return Err("a corner that is no arc".to_owned());
+            };
+            if distance(arc.centre_mm(), piece.start) > WRITTEN_MM || arc.sweep_rad().abs() > PI + 1e-6 {
+                return Err(format!("an arc of {} about the corner", arc.sweep_rad()));
+            }
+        }
+        // A tool alone about the corner: a piece that vanishes has no move of its own.
+        if let (Curve::Arc(arc), 0.0) = (own.curve, piece.sweep)
+            && distance(arc.centre_mm(), piece.start) <= WRITTEN_MM
+        {
+            return Err("a line became an arc".to_owned());
+        }
+        let (start, end) = (plane(own.curve.start()), plane(own.curve.end()));
+        if piece.sweep == 0.0 {
+            let angle = piece.direction(0.0);
+            let forward = (end[0] - start[0]) * angle.cos() + (end[1] - start[1]) * angle.sin();
+            if forward <= 0.0 {
+                return Err(format!("a line goes back by {} mm", -forward));
+            }
+        } else {
+            let Curve::Arc(arc) = own.curve else {
+                return Err("an arc became a line".to_owned());
+            };
+            // A corner passed straight may let it begin a little before.
+            let more = 0.06 * (1.0 + self.radius / arc.radius_mm());
+            if arc.sweep_rad() * piece.sweep <= 0.0 || arc.sweep_rad().abs() > piece.sweep.abs() + more {
+                let (is, was) = (arc.sweep_rad(), piece.sweep);
+                return Err(format!("an arc of {was} rad turns by {is}"));
+            }
+        }
+        for point in samples(own) {
+            let off = (piece.distance(point) - self.radius).abs();
+            if off > allowed {
+                return Err(format!("{off} mm off the piece that it runs along, at {point:?}"));
+            }
+        }
+        Ok(())
+    }
+}
+
+fn plane(point: Axes) -> Point {
+    [point[0], point[1]]
+}
+
+fn samples(step: &Move) -> impl Iterator<Item = Point> {
+    let curve = step.curve;
+    let length = curve.length();
+    (0..=60).map(move |index| plane(curve.position(f64::from(index) / 60.0 * length)))
+}
+
+/// A landscape: the contour goes on in X, whatever it does in Y, so it never meets itself. Turned by any angle; seen
+/// from below where the tool is on the right.
+fn landscape(state: &mut u64) -> Case {
+    let radius = between(state, 0.5, 8.0);
+    let left = random(state) < 0.5;
+    let size = |state: &mut u64| radius * between(state, -1.5, 3.0).exp();
+    let mut at = [0.0, 0.0];
+    let mut chain: Vec<Piece> = vec![Piece::line(at, 0.0, 4.0 * radius)];
+    at = chain[0].end;
+    for _ in 0..3 + (5.0 * random(state)) as usize {
+        let piece = if random(state) < 0.6 {
+            let angle = between(state, -1.5, 1.5);
+            Piece::line(at, angle, size(state))
+        } else {
+            let (first, last) = (between(state, -1.5, 1.5), between(state, -1.5, 1.5));
+            Piece::arc(at, first, size(state), last - first)
+        };
+        at = piece.end;
+        chain.push(piece);
+    }
+    chain.push(Piece::line(at, 0.0, 4.0 * radius));
+    let turn = between(state, -PI, PI);
+    let place = |[x, y]: Point| {
+        let y = if left { y } else { -y };
+        [turn.cos() * x - turn.sin() * y, turn.sin() * x + turn.cos() * y]
+    };
+    let pieces = chain.iter().map(|piece| Piece {
+        start: place(piece.start),
+        end: place(piece.end),
+        centre: place(piece.centre),
+        sweep: if left { piece.sweep } else { -piece.sweep },
+    });
+    Case::new(pieces.collect(), radius, left)
+}
+
+#[test]
+fn landscapes_are_never_cut_and_refused_only_if_too_narrow() {
+    let mut state = seed();
+    println!("EVOLVENT_SEED={state}");
+    let (mut accepted, mut refused) = (0, 0);
+    for _ in 0..number("EVOLVENT_CASES").unwrap_or(3000) {
+        let case = landscape(&mut state);
+        let text = &case.program;
+        match case.run() {
+            Ok(moves) => {
+                accepted += 1;
+                let least = case.radius * (1.0 - STRAIGHT_LOSS) - 3.0 * WRITTEN_MM;
+                for (piece, moves) in case.pieces.iter().zip(&moves) {
+                    if let Err(fault) = case.check_moves(piece, moves) {
+                        panic!("{fault}\n{text}");
+                    }
+                    for point in moves.iter().flat_map(samples) {
+                        let clear = case.clearance(point);
+                        assert!(clear >= least, "{clear} of {} at {point:?}\n{text}", case.radius);
+                    }
+                }
+            }
+            Err(error) => {
+                refused += 1;
+                assert_eq!(
+                    error.code,
+                    Code::CompensationGouge,
+                    "{}\n{text}",
+                    error.render("x")
+                );
+                // A corner that is passed straight takes up to a fortieth of the radius more than it must.
+                let straight = case.pieces.windows(2).any(|pair| {
+                    let turn = pair[1].direction(0.0) - pair[0].direction(1.0);
+                    (turn.rem_euclid(TAU) + 0.051).rem_euclid(TAU) < 0.102
+                });
+                if straight {
+                    continue;
+                }
+                // Somewhere there is a piece that the tool cannot touch at all.
+                let hidden = case.pieces.iter().any(|piece| {
+                    (0..=2000).all(|index| {
+                        let centre = case.touching(piece, f64::from(index) / 2000.0);
+                        let inside = piece.sweep * case.side() > 0.0 && piece.radius() <= case.radius;
+                        inside || case.clearance(centre) < case.radius - 1e-9
+                    })
+                });
+                assert!(
+                    hidden,
+                    "refused, but every piece can be reached: {}\n{text}",
+                    error.render("x")
+                );
+            }
+        }
+    }
+    println!("{accepted} accepted, {refused} refused");
+    assert!(accepted > 200 && refused > 200 || accepted + refused < 3000);
+}
+
+#[test]
+fn no_move_of_any_contour_is_reversed_or_runs_round() {
+    let mut state = seed();
+    println!("EVOLVENT_SEED={state}");
+    let mut accepted = 0;
+    for _ in 0..number("EVOLVENT_CASES").unwrap_or(3000) {
+        let radius = between(&mut state, 0.5, 8.0);
+        let left = random(&mut state) < 0.5;
+        let (mut at, mut angle) = ([0.0, 0.0], between(&mut state, -PI, PI));
+        let mut pieces = vec![Piece::line(at, angle, 4.0 * radius)];
+        at = pieces[0].end;
+        for _ in 0..3 + (4.0 * random(&mut state)) as usize {
+            angle += match (10.0 * random(&mut state)) as u32 {
+                0 => 0.0,
+                1 => between(&mut state, -0.1, 0.1),
+                2 => FRAC_PI_2,
+                3 => -FRAC_PI_2,
+                _ => between(&mut state, -3.05, 3.05),
+            };
+            let size = radius * between(&mut state, -2.0, 2.5).exp();
+            let piece = if random(&mut state) < 0.55 {
+                Piece::line(at, angle, size)
+            } else {
+                let sweep = between(&mut state, 0.05, 6.2);
+                let sweep = if random(&mut state) < 0.5 { sweep } else { -sweep };
+                angle += sweep;
+                Piece::arc(at, angle - sweep, size, sweep)
+            };
+            at = piece.end;
+            pieces.push(piece);
+        }
+        let case = Case::new(pieces, radius, left);
+        let Ok(moves) = case.run() else { continue };
+        accepted += 1;
+        for (piece, moves) in case.pieces.iter().zip(&moves) {
+            if let Err(fault) = case.check_moves(piece, moves) {
+                panic!("{fault}\n{piece:?}\n{}", case.program);
+            }
+        }
+    }
+    println!("{accepted} accepted");
+    assert!(accepted > 300 || number("EVOLVENT_CASES").is_some());
+}
