@@ -12,6 +12,10 @@ pub(crate) const STRAIGHT: f64 = 0.05;
 /// What a length on the path may be short by, in mm: roundings of coordinates in double precision, with margin.
 pub(crate) const ROUNDING_MM: f64 = 1e-6;
 
+/// Where a path leads back beside itself: how deep between the two ways the tool may cut, in mm. Programs round to
+/// 0.01 mm, so two ways that are meant as one may lie that far apart.
+const FOLD_MM: f64 = 0.005;
+
 pub(crate) type Point = [f64; 2];
 
 /// A path of the tool's centre without its ends.
@@ -165,14 +169,6 @@ impl Shape {
         }
     }
 
-    /// How far a point is off the path.
-    fn distance(&self, place: Point) -> f64 {
-        match *self {
-            Self::Line { point, direction } => cross(direction, sub(place, point)).abs(),
-            Self::Circle { centre, radius, .. } => (length(sub(place, centre)) - radius).abs(),
-        }
-    }
-
     /// Direction of motion at one of its points.
     fn tangent(&self, point: Point) -> Point {
         match *self {
@@ -225,12 +221,9 @@ impl Element {
             );
         // Onto a hollow arc little wider than the tool even a small corner would lead the tool far beside its path.
         let gives = radius * (1.0 - libm::cos(STRAIGHT)) + ROUNDING_MM;
-        let straight = turn.abs() <= STRAIGHT && next.shape.distance(self.end) <= gives;
-        if straight || radius < ROUNDING_MM {
-            let after = next.shape.between(next.begin, self.end);
-            return next
-                .fits_after(after.max(0.0))
-                .map(|()| Corner::Straight { after });
+        let small = turn.abs() <= STRAIGHT;
+        if small && next.aside(self.end) <= gives || radius < ROUNDING_MM {
+            return next.straight_from(self.end);
         }
         if std::f64::consts::PI - turn.abs() <= STRAIGHT {
             return self.turn_back(next, turn, radius, side, gives);
@@ -246,7 +239,12 @@ impl Element {
         let Some(((before, after), point)) =
             nearest.min_by(|a, b| (a.0.0.abs() + a.0.1.abs()).total_cmp(&(b.0.0.abs() + b.0.1.abs())))
         else {
-            return Err(Misfit::Apart);
+            // Arcs whose ends are rounded may miss each other by as much.
+            return if small {
+                next.straight_from(self.end)
+            } else {
+                Err(Misfit::Apart)
+            };
         };
         let enters = |from: Point| before >= 0.0 && next.shape.is_clear(from, point, side);
         if !self.entry.is_some_and(enters) {
@@ -284,10 +282,28 @@ impl Element {
             far
         };
         let wide = angle.max(0.0) * far - 0.5 * bend * far * far;
-        if wide > gives || bend < -f64::EPSILON {
+        if wide > gives.max(FOLD_MM) || bend < -f64::EPSILON {
             return Err(Misfit::Apart);
         }
         Ok(Corner::Outer)
+    }
+
+    /// How far a point is beside the path where it begins. The radius of an arc is that of its beginning, since that of
+    /// its end may differ by what programs round.
+    fn aside(&self, place: Point) -> f64 {
+        match self.shape {
+            Shape::Line { point, direction } => cross(direction, sub(place, point)).abs(),
+            Shape::Circle { centre, .. } => {
+                (length(sub(place, centre)) - length(sub(self.begin, centre))).abs()
+            }
+        }
+    }
+
+    /// This element begun where the one before it ends.
+    fn straight_from(&self, place: Point) -> Result<Corner, Misfit> {
+        let after = self.shape.between(self.begin, place);
+        self.fits_after(after.max(0.0))
+            .map(|()| Corner::Straight { after })
     }
 
     /// How much of this element and of the next is lost where the tool changes over at a point.

@@ -94,6 +94,28 @@ fn a_fine_hollow_narrower_than_the_tool_is_refused() {
 }
 
 #[test]
+fn arcs_with_rounded_ends_are_followed() {
+    // Along a line onto a half circle whose radii at start and end are 0.01 mm apart, on either side.
+    for (side, y) in [("G41.1", 1.0), ("G42.1", -1.0)] {
+        let found = moves(&format!(
+            "F600\nG0 X0 Y-30\n{side} D2\nG1 X10 Y-20\nY0\nG3 X-9.99 Y0 I-10 J0\nG1 Y-20\nG40 Y-30"
+        ));
+        let arc = found.iter().find_map(|step| match step.curve {
+            Curve::Arc(arc) if arc.sweep_rad() > 3.0 => Some(arc),
+            _ => None,
+        });
+        let radius = arc.map(|arc| arc.radius_mm());
+        assert!(
+            radius.is_some_and(|radius| (radius - 10.0 + y).abs() < 0.011),
+            "{radius:?}"
+        );
+    }
+    // A line that folds back onto an arc as nearly as programs can write it.
+    let fold = "F100\nG0 X-29.5409 Y-111.2971\nG42.1 D0.5\nG1 X-42.0209 Y-102.9771\nX-54.5009 Y-94.6571\nG2 I-1.576 J-2.5527 X-57.8722 Y-99.6133\nG40\nG1 X-62.9 Y-114.6";
+    assert!(moves(fold).len() == 6);
+}
+
+#[test]
 fn a_full_circle_stays_one_beside_a_joint_that_is_not_smooth() {
     // The tool comes 0.03 rad off the circle's tangent, from outside or inside.
     for angle in [-0.03_f64, 0.03] {
