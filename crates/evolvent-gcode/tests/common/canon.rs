@@ -1,10 +1,12 @@
-//! Commands as lines of text that can be held against another interpreter's: places in machine coordinates in mm
-//! and degrees (X Y Z A B C), speeds in mm/min, only what changes.
+//! Commands as lines of text that can be compared with another interpreter's: positions in machine coordinates in mm
+//! and degrees (X Y Z A B C), speeds in mm/min, the path mode with every move, only what changes.
 
 use std::fmt::Write as _;
 use std::io::BufRead;
 
-use evolvent_gcode::{Action, Command, Interpreter, MoveKind, Settings, SpindleDirection};
+use evolvent_gcode::{
+    Action, Command, Interpreter, LogAction, MoveKind, PathMode, Settings, SpindleDirection,
+};
 use evolvent_path::{Axes, Curve};
 
 /// Runs a program to its end or its first error; a line of text per event.
@@ -15,7 +17,9 @@ pub(crate) fn canon(program: impl BufRead, settings: Settings) -> Vec<String> {
             Ok(command) => printer.command(&command),
             Err(error) => {
                 printer.flush();
-                printer.lines.push(format!("error {error}"));
+                // The line of another file is none of the program's.
+                let line = if error.file.is_some() { 0 } else { error.line };
+                printer.lines.push(format!("error {line} {error}"));
                 return printer.lines;
             }
         }
@@ -51,6 +55,21 @@ fn direction(direction: SpindleDirection) -> &'static str {
     }
 }
 
+/// As rs274 has it: no tolerance is 0, and lines are merged within the tolerance where Q does not say.
+fn path(mode: PathMode) -> String {
+    match mode {
+        PathMode::ExactPath => " exact".to_owned(),
+        PathMode::ExactStop => " stop".to_owned(),
+        PathMode::Blend {
+            tolerance_mm,
+            merge_mm,
+        } => {
+            let tolerance = tolerance_mm.unwrap_or(0.0);
+            format!(" blend {tolerance:.6} {:.6}", merge_mm.unwrap_or(tolerance))
+        }
+    }
+}
+
 impl Printer {
     /// States of spindle and coolant, once for several commands in a row.
     fn flush(&mut self) {
@@ -82,10 +101,11 @@ impl Printer {
             Action::Move(step) => {
                 let feed = step.feed * 60.0;
                 let end = place(&step.curve.end());
+                let mode = path(step.path_mode);
                 match (&step.curve, step.kind) {
-                    (_, MoveKind::Rapid) => self.put(format!("rapid{end}")),
+                    (_, MoveKind::Rapid) => self.put(format!("rapid{end}{mode}")),
                     (Curve::Line(_), _) if self.spline_line != command.line => {
-                        self.put(format!("feed{end} F{feed:.4}"));
+                        self.put(format!("feed{end} F{feed:.4}{mode}"));
                     }
                     (Curve::Arc(arc), _) => {
                         let [c1, c2] = arc.centre_mm();
@@ -94,7 +114,7 @@ impl Printer {
                             .max(1.0);
                         let turns = turns.copysign(arc.sweep_rad());
                         self.put(format!(
-                            "arc{end} C {:.6} {:.6} {turns} F{feed:.4}",
+                            "arc{end} C {:.6} {:.6} {turns} F{feed:.4}{mode}",
                             c1 + 0.0,
                             c2 + 0.0
                         ));
@@ -102,7 +122,7 @@ impl Printer {
                     (Curve::Involute(_), _) => self.put(format!("involute{end} F{feed:.4}")),
                     _ => {
                         if self.spline_line != command.line {
-                            self.put("spline".to_owned());
+                            self.put(format!("spline{mode}"));
                         }
                         self.spline_line = command.line;
                     }
@@ -135,9 +155,16 @@ impl Printer {
                 self.put(format!("stop {kind}"));
             }
             Action::ProgramEnd => self.put("end".to_owned()),
-            Action::Message(text) => self.put(format!("message {text}")),
-            Action::Thread { curve, pitch_mm, .. } => {
-                self.put(format!("thread{} K{pitch_mm:.5}", place(&curve.end())));
+            Action::Message(text) => self.put(format!("message {}", text.trim())),
+            Action::Print(text) => self.put(format!("print {}", text.trim())),
+            Action::Log(LogAction::Line(text)) => self.put(format!("log {}", text.trim())),
+            Action::Thread {
+                curve,
+                pitch_mm,
+                path_mode,
+            } => {
+                let mode = path(*path_mode);
+                self.put(format!("thread{} K{pitch_mm:.5}{mode}", place(&curve.end())));
             }
             Action::RigidTap { curve, pitch_mm, .. } => {
                 self.put(format!("tap{} K{pitch_mm:.5}", place(&curve.end())));
