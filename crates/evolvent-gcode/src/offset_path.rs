@@ -246,8 +246,7 @@ impl Element {
                 Err(Misfit::Apart)
             };
         };
-        let enters = |from: Point| before >= 0.0 && next.shape.is_clear(from, point, side);
-        if !self.entry.is_some_and(enters) {
+        if !self.enters(next, before, point, side) {
             self.fits_before(before)?;
         }
         next.fits_after(after)?;
@@ -266,8 +265,9 @@ impl Element {
     ) -> Result<Corner, Misfit> {
         let crossings = self.shape.crossings(&next.shape);
         let cuts = crossings.map(|point| (self.lost(next, point), point));
-        let fitting = cuts.filter(|((before, after), _)| {
-            self.fits_before(*before).is_ok() && next.fits_after(*after).is_ok()
+        let fitting = cuts.filter(|((before, after), point)| {
+            let first = self.fits_before(*before).is_ok() || self.enters(next, *before, *point, side);
+            first && next.fits_after(*after).is_ok()
         });
         if let Some(((before, after), point)) = fitting.min_by(|a, b| a.0.0.total_cmp(&b.0.0)) {
             return Ok(Corner::Inner { point, before, after });
@@ -312,6 +312,12 @@ impl Element {
             self.shape.between(point, self.end),
             next.shape.between(next.begin, point),
         )
+    }
+
+    /// Whether this is the move to the contour, and leads to a point of the next element without touching that one.
+    fn enters(&self, next: &Self, before: f64, point: Point, side: f64) -> bool {
+        let clear = |from: Point| before >= 0.0 && next.shape.is_clear(from, point, side);
+        self.entry.is_some_and(clear)
     }
 
     fn fits_before(&self, needed: f64) -> Result<(), Misfit> {
