@@ -572,7 +572,12 @@ mod tests {
                 path_mode: PathMode::ExactPath,
             };
             let action = Action::Move(motion);
-            assert!(feeder.execute(&Command { line: k, action }).unwrap());
+            let command = Command {
+                line: k,
+                action,
+                origin: None,
+            };
+            assert!(feeder.execute(&command).unwrap());
         }
         let Stages::One(planner) = &feeder.planner else {
             unreachable!("one thread was asked for")

@@ -33,10 +33,25 @@ impl<R: BufRead> Interpreter<R> {
         }
         match word {
             Some(word) if word.keyword == Keyword::EndSub && label == Some(definition.name) => {
-                if let Some(Definition { name, lines }) = self.definition.take() {
+                if let Some(Definition { name, lines, .. }) = self.definition.take() {
                     let lines = Shared::new(lines);
                     self.library.insert(name, Subroutine { lines, first: 0 });
                 }
+            }
+            Some(word) if word.keyword == Keyword::EndSub => {
+                let (begun, text) = (definition.line, definition.text.clone());
+                // It ends here all the same, so that one mistake is one error.
+                if let Some(Definition { name, lines, .. }) = self.definition.take() {
+                    let lines = Shared::new(lines);
+                    self.library.insert(name, Subroutine { lines, first: 0 });
+                }
+                let message = format!(
+                    "O<{}> endsub, but O<{text}> sub of line {begun} is what ends here",
+                    word.name.as_str()
+                );
+                return Err(Fault::new(Code::OWordOrder, word.span, message).help(format!(
+                    "write the same name twice: O<{text}> sub ... O<{text}> endsub"
+                )));
             }
             Some(word) if word.keyword == Keyword::Sub => {
                 return Err(order(word, "begins inside another subroutine"));
@@ -128,6 +143,7 @@ impl<R: BufRead> Interpreter<R> {
             at: found.first,
             name,
             first: found.first,
+            called_in: self.line,
             again: times - 1,
             own_parameters: own,
             ..Frame::default()

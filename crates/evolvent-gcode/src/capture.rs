@@ -137,7 +137,7 @@ impl<R: BufRead> Interpreter<R> {
     }
 
     /// After each line: what it has given, and the cycle itself when the subroutine is over.
-    pub(crate) fn captured(&mut self) -> Result<(), Diagnostic> {
+    pub(crate) fn captured(&mut self) -> Result<(), Box<Diagnostic>> {
         let inside = self.frames.len();
         let Some(capture) = &mut self.capture else {
             return Ok(());
@@ -149,7 +149,7 @@ impl<R: BufRead> Interpreter<R> {
                 "the program ends inside the profile of this cycle",
             )
             .help("a profile ends with O.. endsub");
-            let diagnostic = fault.locate(capture.line, &capture.text);
+            let diagnostic = Box::new(fault.locate(capture.line, &capture.text));
             self.pending.truncate(capture.first);
             self.capture = None;
             return Err(diagnostic);
@@ -163,7 +163,7 @@ impl<R: BufRead> Interpreter<R> {
         self.end_profile(&capture)
     }
 
-    fn end_profile(&mut self, capture: &Capture) -> Result<(), Diagnostic> {
+    fn end_profile(&mut self, capture: &Capture) -> Result<(), Box<Diagnostic>> {
         let commands: Vec<_> = self
             .pending
             .drain(capture.first.min(self.pending.len())..)
@@ -182,7 +182,7 @@ impl<R: BufRead> Interpreter<R> {
             Err(fault) => {
                 self.pending.truncate(capture.first);
                 self.parameters.roll_back();
-                Err(fault.locate(capture.line, &capture.text))
+                Err(Box::new(fault.locate(capture.line, &capture.text)))
             }
         }
     }

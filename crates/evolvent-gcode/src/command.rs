@@ -1,5 +1,7 @@
 //! What the interpreter hands on: canonical commands in machine coordinates.
 
+use std::sync::Arc;
+
 use evolvent_path::Curve;
 
 use crate::TurningCycle;
@@ -11,6 +13,17 @@ pub struct Command {
     pub line: u32,
     /// What is to be done.
     pub action: Action,
+    /// Where the line stands, if it is in a file of a subroutine; `line` is that of the call in the program then.
+    pub origin: Option<Origin>,
+}
+
+/// A line of a file of a subroutine.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Origin {
+    /// Path of the file.
+    pub file: Arc<str>,
+    /// Physical line, from 1.
+    pub line: u32,
 }
 
 /// What a machine can be asked to do. Commands of one line come in the order of execution of RS274/NGC
@@ -137,6 +150,8 @@ pub enum Action {
         adaptive: bool,
         /// Feed stop counts.
         feed_stop: bool,
+        /// The cycle that switches them, not the program: `G84` or `G74`.
+        cycle: Option<&'static str>,
     },
     /// The machine's own command (M100 to M199).
     UserCommand {
@@ -162,6 +177,8 @@ pub enum Action {
     ProgramEnd,
     /// Show this text to the operator: `(MSG, text)`. Control characters have been taken out.
     Message(String),
+    /// The line is right but probably not what was meant: tell the operator.
+    Warning(String),
 }
 
 /// What log comments ask for.
@@ -195,7 +212,12 @@ impl Action {
                 spindle: true,
                 adaptive: false,
                 feed_stop: true,
+                ..
             } => return None,
+            Self::Overrides {
+                cycle: Some("G74"), ..
+            } => "tapping left-hand threads (G74)",
+            Self::Overrides { cycle: Some(_), .. } => "tapping (G84)",
             Self::Overrides { .. } => "switching overrides (M49 to M53)",
             Self::Log(_) => "log files (LOG, PROBEOPEN)",
             _ => return None,

@@ -304,7 +304,7 @@ impl Executor<'_> {
             Cycle::Tap | Cycle::TapLeft => {
                 let modes = self.state.modes;
                 (self.state.modes.feed_override, self.state.modes.spindle_override) = (false, false);
-                self.put_overrides();
+                self.put_overrides(Some(Motion::Cycle(cycle).name()));
                 to(self, hole.bottom, feed)?;
                 self.turn_spindle(SpindleDirection::Stopped);
                 self.turn_spindle(match turning {
@@ -317,7 +317,7 @@ impl Executor<'_> {
                 self.turn_spindle(turning);
                 self.state.modes.feed_override = modes.feed_override;
                 self.state.modes.spindle_override = modes.spindle_override;
-                self.put_overrides();
+                self.put_overrides(Some(Motion::Cycle(cycle).name()));
                 return Ok(());
             }
             Cycle::BackBore => return self.back_bore(at, hole, turning),

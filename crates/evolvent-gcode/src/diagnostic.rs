@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 use std::ops::Range;
 
-use annotate_snippets::{AnnotationKind, Level, Origin, Renderer, Snippet};
+use annotate_snippets::{AnnotationKind, Level, Renderer, Snippet};
 
 use crate::Code;
 
@@ -27,11 +27,22 @@ pub struct Diagnostic {
     /// One sentence with the figures in it.
     pub message: String,
     /// What is expected, or what to write instead.
-    pub help: Option<String>,
+    pub help: Option<Box<str>>,
     /// The source line, or the part of a long one around the place.
-    pub source: String,
+    pub source: Box<str>,
     /// Bytes of `source` concerned.
     pub span: Range<usize>,
+    /// The calls that have led to the line, the innermost first; empty in the program itself.
+    pub calls: Box<[Call]>,
+}
+
+/// A line that calls a subroutine.
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
+pub struct Call {
+    /// The file, where it is not the program itself.
+    pub file: Option<Box<str>>,
+    /// Physical line, from 1.
+    pub line: u32,
 }
 
 impl serde::Serialize for Code {
@@ -75,22 +86,39 @@ impl Diagnostic {
     }
 
     fn render_with(&self, file_name: &str, renderer: &Renderer) -> String {
-        // The place is told, not counted in what is shown: of a long line that is only a part.
-        let origin = Origin::path(self.file.as_deref().unwrap_or(file_name))
-            .line(self.line as usize)
-            .char_column(self.column as usize);
-        let snippet = Snippet::source(self.source.as_str())
+        // Of a long line only a part is kept. Blanks take the place of what was before it, so that columns count as in the
+        // file; the renderer leaves out what does not fit, on both sides.
+        let before = self.source[..self.span.start].chars().count();
+        let missing = (self.column as usize).saturating_sub(1 + before);
+        let source = format!("{}{}", " ".repeat(missing), self.source);
+        let span = self.span.start + missing..self.span.end + missing;
+        let path = self.file.as_deref().unwrap_or(file_name);
+        let snippet = Snippet::source(source.as_str())
+            .path(path)
             .line_start(self.line as usize)
-            .annotation(AnnotationKind::Primary.span(self.span.clone()));
+            .annotation(AnnotationKind::Primary.span(span));
         let mut group = Level::ERROR
             .primary_title(self.message.as_str())
             .id(self.code.as_str())
-            .element(origin)
             .element(snippet);
+        let calls: Vec<String> = self.calls.iter().map(|call| call.told(file_name)).collect();
+        for call in &calls {
+            group = group.element(Level::NOTE.message(call.as_str()));
+        }
         if let Some(help) = &self.help {
-            group = group.element(Level::HELP.message(help.as_str()));
+            group = group.element(Level::HELP.message(&**help));
         }
         renderer.render(&[group])
+    }
+}
+
+impl Call {
+    fn told(&self, program: &str) -> String {
+        format!(
+            "called from {}:{}",
+            self.file.as_deref().unwrap_or(program),
+            self.line
+        )
     }
 }
 
@@ -206,10 +234,11 @@ impl Body {
             message: self.message,
             help: Some(
                 self.help
-                    .map_or_else(|| self.code.hint().to_owned(), Cow::into_owned),
+                    .map_or_else(|| self.code.hint().into(), |help| help.into_owned().into()),
             ),
-            source,
+            source: source.into(),
             span,
+            calls: Box::default(),
         }
     }
 }
@@ -254,7 +283,7 @@ mod tests {
         let place = text.len() - 1;
         let found = Fault::new(Code::UnexpectedCharacter, Span::at(place), "what").locate(3, text);
         assert_eq!((found.line, found.column, found.length), (3, 10, 1));
-        assert_eq!(&found.source[found.span.clone()], "?");
+        assert_eq!(&found.source[found.span], "?");
     }
 
     #[test]
@@ -262,7 +291,7 @@ mod tests {
         let text = b"(\xff\xfe) G1 X?";
         let found = Fault::new(Code::UnexpectedCharacter, Span::at(text.len() - 1), "what").locate(1, text);
         assert_eq!(found.column, 10);
-        assert_eq!(&found.source[found.span.clone()], "?");
+        assert_eq!(&found.source[found.span], "?");
     }
 
     #[test]
@@ -277,7 +306,7 @@ mod tests {
             "{}",
             found.render("a.ngc")
         );
-        assert_eq!(&found.source[found.span.clone()], "?");
+        assert_eq!(&found.source[found.span], "?");
     }
 
     #[test]

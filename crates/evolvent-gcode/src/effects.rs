@@ -32,6 +32,7 @@ impl<R: BufRead> Interpreter<R> {
             return false;
         }
         self.state.position = *at;
+        self.state.is_probed = false;
         for axis in 0..AXES {
             let value = self.state.program_position(axis);
             self.parameters.set_numbered(PROBED + axis, value);
@@ -119,7 +120,8 @@ impl<R: BufRead> Interpreter<R> {
                     ));
                 }
             };
-            self.pending.push_back(Command { line, action });
+            let origin = self.origin();
+            self.pending.push_back(Command { line, action, origin });
         }
         Ok(())
     }

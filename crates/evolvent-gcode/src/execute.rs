@@ -11,7 +11,11 @@ use crate::parameters::{INPUT_RESULT, Parameters, TOOL, TOOL_DIAMETER, WORK_OFFS
 use crate::roughing::RoughCall;
 use crate::state::{ProgrammedFeed, State};
 use crate::statement::Statement;
-use crate::{Action, Code, Command, PathMode, Settings, SpindleDirection, Tool, ToolTable};
+use crate::{Action, Code, Command, Origin, PathMode, Settings, SpindleDirection, Tool, ToolTable};
+
+/// A dwell of a whole number of seconds from this on is probably meant in milliseconds (tuned: spindles reach their speed
+/// within a minute, and dialects with milliseconds rarely dwell less than 100 of them).
+const LONG_DWELL_S: f64 = 100.0;
 
 /// Everything that a line can change.
 pub(crate) struct Executor<'a> {
@@ -27,6 +31,8 @@ pub(crate) struct Executor<'a> {
     pub(crate) changed: &'a mut Vec<Changed>,
     /// Number of the line for commands.
     pub(crate) number: u32,
+    /// Where the line stands, if not in the program itself.
+    pub(crate) origin: Option<Origin>,
 }
 
 /// What a line asks of the flow of control.
@@ -48,6 +54,7 @@ impl Executor<'_> {
         self.out.push_back(Command {
             line: self.number,
             action,
+            origin: self.origin.clone(),
         });
     }
 
@@ -69,6 +76,13 @@ impl Executor<'_> {
             request = self.periphery()?;
         }
         if let (Some(Once::Dwell), Some(seconds)) = (line.once(), line.word(b'P')) {
+            if seconds >= LONG_DWELL_S && seconds.fract() == 0.0 {
+                self.out(Action::Warning(format!(
+                    "G4 P{seconds} waits {seconds} seconds, because P is in seconds in this dialect; {} milliseconds are G4 P{}",
+                    seconds,
+                    seconds / 1000.0
+                )));
+            }
             self.out(Action::Dwell { seconds });
         }
         self.modes()?;
@@ -133,6 +147,13 @@ impl Executor<'_> {
             Some(MCode::PalletStop) => self.out(stop(false, true)),
             Some(_) => self.end(),
         }
+    }
+
+    /// The end of a block of MDI: spindle and coolant stay as they are.
+    pub(crate) fn end_block(&mut self) {
+        self.leave_compensation();
+        self.state.ended = true;
+        self.out(Action::ProgramEnd);
     }
 
     /// What M2 does: spindle and coolant off, then the end.
@@ -449,17 +470,18 @@ impl Executor<'_> {
             MCode::AdaptiveFeed => modes.adaptive = on,
             _ => modes.feed_stop = on,
         }
-        self.put_overrides();
+        self.put_overrides(None);
         Ok(())
     }
 
-    pub(crate) fn put_overrides(&mut self) {
+    pub(crate) fn put_overrides(&mut self, cycle: Option<&'static str>) {
         let modes = self.state.modes;
         self.out(Action::Overrides {
             feed: modes.feed_override,
             spindle: modes.spindle_override,
             adaptive: modes.adaptive,
             feed_stop: modes.feed_stop,
+            cycle,
         });
     }
 
@@ -552,7 +574,7 @@ impl Executor<'_> {
             )
         };
         if switches(&saved) != switches(&before) {
-            self.put_overrides();
+            self.put_overrides(None);
         }
     }
 

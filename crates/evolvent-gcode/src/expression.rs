@@ -327,6 +327,15 @@ impl<'line, 'text> Evaluator<'line, 'text> {
             Target::Named(inside) => {
                 let name = self.normal(inside)?;
                 self.scope.named(&name).ok_or_else(|| {
+                    for (prefix, what) in [("_ini[", "an INI file"), ("_hal[", "HAL pins")] {
+                        if name.as_str().starts_with(prefix) {
+                            let message = format!("#<{}> reads {what} of LinuxCNC, and there is none here", name.as_str());
+                            let place = Span::new(start, self.lexer.place());
+                            return Fault::new(Code::UndefinedParameter, place, message).help(
+                                "write the number itself, or keep it in a parameter: #<_limit> = 400 once, then #<_limit>",
+                            );
+                        }
+                    }
                     let message = format!("#<{}> has not been set", name.as_str());
                     let place = Span::new(start, self.lexer.place());
                     Fault::new(Code::UndefinedParameter, place, message).help(if name.as_str().starts_with('_') {

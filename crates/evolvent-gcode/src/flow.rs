@@ -27,6 +27,8 @@ pub(crate) struct Frame {
     /// The subroutine, and where it begins.
     pub(crate) name: NameId,
     pub(crate) first: usize,
+    /// The line that calls it, in its own file.
+    pub(crate) called_in: u32,
     /// How often it is still to be run after this time (M98 L).
     pub(crate) again: u32,
     /// Whether it has parameters of its own.
@@ -85,6 +87,9 @@ pub(crate) enum Skip {
 #[derive(Debug)]
 pub(crate) struct Definition {
     pub(crate) name: NameId,
+    /// The name as written, and the line with `sub`.
+    pub(crate) text: String,
+    pub(crate) line: u32,
     pub(crate) lines: Lines,
 }
 
@@ -146,12 +151,24 @@ impl<R: BufRead> Interpreter<R> {
                 let file = self.frame().lines.as_ref().and_then(|lines| lines.file.clone());
                 self.definition = Some(Definition {
                     name,
+                    text: word.name.as_str().to_owned(),
+                    line: self.line,
                     lines: Lines::of_file(file),
                 });
             }
             Keyword::EndSub => {
-                if self.frames.len() == 1 || self.frame().name != name {
-                    return Err(order(word, "is not the end of the subroutine that runs"));
+                if self.frames.len() == 1 {
+                    return Err(order(
+                        word,
+                        "ends a subroutine that has not begun: there is no sub of this name before it",
+                    ));
+                }
+                if self.frame().name != name {
+                    let fault = order(word, "is not the end of the subroutine that runs")
+                        .help("write the same name or number at sub and endsub");
+                    // It ends here all the same, so that one mistake is one error.
+                    self.return_from(None);
+                    return Err(fault);
                 }
                 let value = self.optional_value(word)?;
                 self.return_from(value);
@@ -431,9 +448,17 @@ impl<R: BufRead> Interpreter<R> {
 
     /// What is still open where the lines of a frame end.
     pub(crate) fn unfinished(&mut self) -> Option<Fault> {
-        let what = if self.definition.is_some() {
-            "endsub"
-        } else {
+        if let Some(Definition { text, line, .. }) = &self.definition {
+            let message = format!(
+                "the text ends, but O<{text}> endsub is missing: O<{text}> sub begins in line {line}"
+            );
+            return Some(
+                Fault::new(Code::OWordOpen, Span::new(0, self.text.len()), message).help(format!(
+                    "write O<{text}> endsub behind the last line of the subroutine"
+                )),
+            );
+        }
+        let what = {
             let called = self.frames.len() > 1;
             match (self.skip, self.frame().open.last()) {
                 (Some(Skip::Branch(_)), _) | (None, Some(Open::If { .. })) => "endif",

@@ -22,10 +22,16 @@ use crate::reader::LineReader;
 use crate::scope::Scope;
 use crate::state::{Modes, State};
 use crate::statement::Statement;
-use crate::{Code, Command, Diagnostic, Settings, ToolTable};
+use crate::{Call, Code, Command, Diagnostic, Origin, Settings, ToolTable};
 
 /// After so many errors a program is given up.
 const MOST_ERRORS: usize = 1000;
+
+/// Errors of lines that were told already, after which a program is given up: loops repeat them. Some 50 ms.
+const MOST_REPEATED_ERRORS: u32 = 10_000;
+
+/// Calls that a diagnostic names at most, the innermost first.
+const MOST_CALLS_TOLD: usize = 10;
 
 /// Most commands that wait for cutter compensation or that one line gives: some hundred megabytes.
 pub(crate) const MOST_WAITING: usize = 1_000_000;
@@ -81,6 +87,10 @@ pub struct Interpreter<R> {
     pub(crate) changed: Vec<Changed>,
     /// The profile that is being read for a cycle.
     pub(crate) capture: Option<Box<Capture>>,
+    /// Errors that were told before.
+    repeated_errors: u32,
+    /// Lines that begin with `/`: skipped, executed.
+    block_delete_lines: (u64, u64),
     /// Line of the program that the subroutine files in use were called from.
     calling_line: u32,
     /// Whether the program began with `%`; unknown before the first line that is not blank.
@@ -129,6 +139,8 @@ impl<R: BufRead> Interpreter<R> {
             pending: VecDeque::new(),
             changed: Vec::new(),
             capture: None,
+            repeated_errors: 0,
+            block_delete_lines: (0, 0),
             calling_line: 0,
             percent: None,
             silent: 0,
@@ -153,6 +165,12 @@ impl<R: BufRead> Interpreter<R> {
     /// Leaves out lines that begin with `/`, or not, from the next line on that is read.
     pub fn set_block_delete(&mut self, on: bool) {
         self.settings.block_delete = on;
+    }
+
+    /// Lines that begin with `/` so far: skipped because block delete is on, executed because it is off.
+    #[must_use]
+    pub fn block_delete_lines(&self) -> (u64, u64) {
+        self.block_delete_lines
     }
 
     /// Stops soon after the flag has been set from another thread: the next item is the error
@@ -233,7 +251,9 @@ impl<R: BufRead> Interpreter<R> {
         state: &'a mut State,
         number: u32,
     ) -> Executor<'a> {
+        let origin = self.origin();
         Executor {
+            origin,
             state,
             line: statement,
             settings: &self.settings,
@@ -266,12 +286,23 @@ impl<R: BufRead> Interpreter<R> {
         if mine { self.line } else { self.calling_line }
     }
 
+    /// Where the line in hand stands, if it is not in the program itself.
+    #[inline]
+    pub(crate) fn origin(&self) -> Option<Origin> {
+        let lines = self.frames.last()?.lines.as_ref()?;
+        let file = lines.file.clone()?;
+        Some(Origin {
+            file,
+            line: self.line,
+        })
+    }
+
     fn file_of(&self, frame: &Frame) -> Option<Shared<str>> {
         frame.lines.as_ref().and_then(|lines| lines.file.clone())
     }
 
     /// Reads and executes a line; its commands go to `pending`.
-    fn advance(&mut self) -> Result<(), Diagnostic> {
+    fn advance(&mut self) -> Result<(), Box<Diagnostic>> {
         let result = self.line_of_program();
         if self.capture.is_some() {
             result.and(self.captured())
@@ -280,7 +311,7 @@ impl<R: BufRead> Interpreter<R> {
         }
     }
 
-    fn line_of_program(&mut self) -> Result<(), Diagnostic> {
+    fn line_of_program(&mut self) -> Result<(), Box<Diagnostic>> {
         self.silent += 1;
         if let Some(fault) = self.silence() {
             self.finished = true;
@@ -291,12 +322,13 @@ impl<R: BufRead> Interpreter<R> {
             Ok(false) => return self.end_of_lines(),
             Err(fault) => {
                 self.finished = fault.code == Code::ReadFailed;
-                return Err(fault.locate(self.reader.line(), &self.text));
+                return Err(Box::new(fault.locate(self.reader.line(), &self.text)));
             }
         }
         let before = self.pending.len();
         self.changed.clear();
         self.interpret().map_err(|fault| {
+            let fault = crate::foreign::explain(&self.text, fault);
             let removed = self.changed.iter().filter(|changed| changed.removed).count();
             self.pending.truncate(before - removed);
             while let Some(changed) = self.changed.pop() {
@@ -311,10 +343,17 @@ impl<R: BufRead> Interpreter<R> {
         })
     }
 
-    fn locate(&self, fault: Fault) -> Diagnostic {
-        let mut diagnostic = fault.locate(self.line, &self.text);
+    fn locate(&self, fault: Fault) -> Box<Diagnostic> {
+        let mut diagnostic = Box::new(fault.locate(self.line, &self.text));
         let file = self.frames.last().and_then(|frame| self.file_of(frame));
         diagnostic.file = file.map(|file| Box::from(&*file));
+        let calls = self.frames.windows(2).rev().take(MOST_CALLS_TOLD);
+        diagnostic.calls = calls
+            .map(|pair| Call {
+                file: self.file_of(&pair[0]).map(|file| Box::from(&*file)),
+                line: pair[1].called_in,
+            })
+            .collect();
         diagnostic
     }
 
@@ -342,6 +381,16 @@ impl<R: BufRead> Interpreter<R> {
                 .as_ref()
                 .is_some_and(|flag| flag.load(Ordering::Relaxed));
         interrupted.then(|| Fault::new(Code::Interrupted, place, "the interpreter was told to stop"))
+    }
+
+    /// A loop goes round in lines with errors.
+    fn too_many_repeats(&self) -> Fault {
+        let place = Span::new(0, self.text.len());
+        let message = format!(
+            "lines with errors were executed {MOST_REPEATED_ERRORS} times more in loops; lines after this one were not looked at"
+        );
+        Fault::new(Code::TooManySteps, place, message)
+            .help("correct the errors that were told before this one")
     }
 
     /// Fetches the next line; `false` where there is none in this frame.
@@ -387,7 +436,7 @@ impl<R: BufRead> Interpreter<R> {
     }
 
     /// The lines of a frame are over.
-    fn end_of_lines(&mut self) -> Result<(), Diagnostic> {
+    fn end_of_lines(&mut self) -> Result<(), Box<Diagnostic>> {
         let open = self.unfinished();
         if self.frames.len() > 1 {
             let whole_file = self.frames.last().is_some_and(Frame::is_whole_file);
@@ -428,8 +477,13 @@ impl<R: BufRead> Interpreter<R> {
                 self.calling_line = self.line;
             }
         }
-        if self.settings.block_delete && is_block_delete(&self.text) {
-            return Ok(());
+        if is_block_delete(&self.text) {
+            let (skipped, executed) = &mut self.block_delete_lines;
+            if self.settings.block_delete {
+                *skipped += 1;
+                return Ok(());
+            }
+            *executed += 1;
         }
         if self.flow()? {
             return Ok(());
@@ -466,7 +520,9 @@ impl<R: BufRead> Interpreter<R> {
         if !small {
             self.before = self.state;
         }
+        let origin = self.origin();
         let request = Executor {
+            origin,
             state: &mut self.state,
             line: &self.statement,
             settings: &self.settings,
@@ -503,7 +559,13 @@ impl<R: BufRead> Interpreter<R> {
         let mut state = self.state;
         let statement = Statement::new();
         let number = self.reader.line();
-        self.executor(&statement, &mut state, number).end();
+        let is_block = self.settings.is_block;
+        let mut executor = self.executor(&statement, &mut state, number);
+        if is_block {
+            executor.end_block();
+        } else {
+            executor.end();
+        }
         self.state = state;
         self.finished = true;
     }
@@ -532,7 +594,12 @@ impl<R: BufRead> Iterator for Interpreter<R> {
                 let fresh = self.reported.insert((file, diagnostic.line));
                 self.finished |= self.reported.len() >= MOST_ERRORS;
                 if fresh || self.finished {
-                    return Some(Err(diagnostic));
+                    return Some(Err(*diagnostic));
+                }
+                self.repeated_errors += 1;
+                if self.repeated_errors >= MOST_REPEATED_ERRORS {
+                    self.finished = true;
+                    return Some(Err(*self.locate(self.too_many_repeats())));
                 }
             }
         }

@@ -181,6 +181,7 @@ impl Executor<'_> {
                 feed,
                 path_mode,
             }),
+            origin: self.origin.clone(),
         });
         Ok(())
     }
@@ -401,12 +402,17 @@ impl Executor<'_> {
         self.check_feed("G38")?;
         let target = self.target()?;
         if target == self.state.position {
+            if self.state.is_probed {
+                // Where the probe before has stopped is not known: without contact it stands here, and there is no way.
+                return Ok(());
+            }
             let message = "G38 ends where it begins";
             return Err(Fault::new(Code::OutOfRange, line.motion_span(), message));
         }
         let curve = self.line_to(target)?;
         let feed = self.speed(curve.length(), self.only_rotary(&target));
         self.state.position = target;
+        self.state.is_probed = true;
         self.out(Action::Probe {
             curve,
             feed,

@@ -82,11 +82,24 @@ impl Executor<'_> {
                     char::from(letter)
                 )))
             }
-            None => {
-                self.out(Action::Message(format!(
-                    "warning: there is no tool table, so the measures of tool {number} count as 0"
+            None if self.settings.tools_without_table => {
+                self.out(Action::Warning(format!(
+                    "there is no tool table, so offsets and diameter of tool {number} are taken as 0"
                 )));
                 Ok(Tool::new(number))
+            }
+            None => {
+                let line = self.line;
+                let message = format!("tool {number} has no offsets and no diameter: there is no tool table");
+                let span = if line.has(letter) {
+                    line.span(letter)
+                } else {
+                    line.group_span(group)
+                };
+                Err(Fault::new(Code::UnknownTool, span, message).help(
+                    "name a tool table with --tools or program.tool_table of the machine file; program.without_tool_table = \
+                     \"zero\" there takes them as 0",
+                ))
             }
         }
     }

@@ -57,6 +57,7 @@ impl Restart {
             commands.push(Command {
                 line: self.line,
                 action: action.clone(),
+                origin: None,
             });
         }
         let mut out = *from;
@@ -107,6 +108,7 @@ impl Restart {
                     },
                     path_mode: PathMode::ExactStop,
                 }),
+                origin: None,
             });
             at = to;
         }
@@ -153,7 +155,10 @@ impl<R: BufRead> Interpreter<R> {
         if state.tool != tool {
             actions.push(Action::ChangeTool(state.tool));
         }
-        if state.modes.spindle != SpindleDirection::Stopped {
+        // What was on before the program and is off now is switched off.
+        let before = self.settings.outputs;
+        let is_off = |direction| direction == SpindleDirection::Stopped;
+        if !is_off(state.modes.spindle) || !is_off(before.direction) {
             actions.push(match state.modes.surface {
                 Some(max_rpm) => Action::SurfaceSpeed {
                     direction: state.modes.spindle,
@@ -166,7 +171,7 @@ impl<R: BufRead> Interpreter<R> {
                 },
             });
         }
-        if state.modes.mist || state.modes.flood {
+        if state.modes.mist || state.modes.flood || before.mist || before.flood {
             actions.push(Action::Coolant {
                 mist: state.modes.mist,
                 flood: state.modes.flood,

@@ -93,6 +93,17 @@ impl Executor<'_> {
         let line = self.line;
         let name = Motion::Rough(rough).name();
         let fault = |code, message: String| Err(Fault::new(code, line.motion_span(), message));
+        let units = match name {
+            "G70" => Some(("inches", "G20")),
+            "G71" => Some(("millimetres", "G21")),
+            _ => None,
+        };
+        if let Some((unit, instead)) = units.filter(|_| !line.has(b'Q') && !line.has_axes()) {
+            let message = format!("{name} is a turning cycle in this dialect, not a switch to {unit}");
+            return Err(Fault::new(Code::WordMissing, line.motion_span(), message).help(format!(
+                "write {instead} for {unit}; the cycle needs G18 and Q, the number of the subroutine with the profile"
+            )));
+        }
         if self.state.plane() != Some(Plane::Zx) || self.state.rotation[0] != 0.0 {
             return Err(self.wrong_plane(&format!("{name} outside of G18, or in rotated coordinates,")));
         }

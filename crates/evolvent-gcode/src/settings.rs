@@ -2,7 +2,7 @@
 
 use evolvent_path::{AXES, Axes};
 
-use crate::{PathMode, ToolTable};
+use crate::{Outputs, PathMode, ToolTable};
 
 /// Set-up at the start of a program. [`Settings::default`] is a machine of nine axes standing at zero.
 #[derive(Clone, Debug, PartialEq)]
@@ -31,9 +31,14 @@ pub struct Settings {
     pub max_line_bytes: usize,
     /// Tool in the spindle at the start; 0 for none.
     pub tool: u32,
-    /// What is known of the tools. Without a table every tool has no length and no diameter, and a program that
-    /// asks for them is warned by a message.
+    /// Spindle and coolant at the start.
+    pub outputs: Outputs,
+    /// The text is a block of MDI: where it ends without M2 or M30, spindle and coolant stay as they are.
+    pub is_block: bool,
+    /// The tool table. Without one, an offset or diameter of any tool but 0 is an error ([`crate::Code::UnknownTool`]).
     pub tools: Option<ToolTable>,
+    /// Without a tool table, offsets and diameters of all tools are 0, and the program says so in a message.
+    pub tools_without_table: bool,
     /// Values of numbered parameters that earlier runs left. Those that the fields above tell (offsets, tool) are
     /// overwritten by them.
     pub parameters: Vec<(u32, f64)>,
@@ -116,7 +121,10 @@ impl Default for Settings {
             involute_tolerance_mm: 0.001,
             max_line_bytes: 64 * 1024,
             tool: 0,
+            outputs: Outputs::default(),
+            is_block: false,
             tools: None,
+            tools_without_table: false,
             parameters: Vec::new(),
             user_codes: Vec::new(),
             lathe: false,

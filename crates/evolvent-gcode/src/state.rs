@@ -85,6 +85,8 @@ pub(crate) struct State {
     /// The order of the NURBS that G5.2 collects.
     pub(crate) nurbs_order: Option<usize>,
     pub(crate) cutter: CutterState,
+    /// The last motion was a probe, and nobody has told where it stopped.
+    pub(crate) is_probed: bool,
     /// M2 or M30 has been executed.
     pub(crate) ended: bool,
 }
@@ -115,11 +117,11 @@ impl State {
                 work_index: settings.active_offset.min(settings.work_offsets.len() - 1),
                 retract_to_old: false,
                 diameter: false,
-                spindle: SpindleDirection::Stopped,
-                speed: 0.0,
+                spindle: settings.outputs.direction,
+                speed: settings.outputs.speed_rpm,
                 surface: None,
-                mist: false,
-                flood: false,
+                mist: settings.outputs.mist,
+                flood: settings.outputs.flood,
                 feed_override: true,
                 spindle_override: true,
                 adaptive: false,
@@ -135,6 +137,7 @@ impl State {
             spline_end: None,
             nurbs_order: None,
             cutter: CutterState::default(),
+            is_probed: false,
             ended: false,
         };
         state.work = settings.work_offsets[state.modes.work_index];

@@ -287,6 +287,9 @@ impl Statement {
                 )
                 .help("machines of kind = \"lathe\" have it"));
             }
+            if let Some((message, help)) = crate::foreign::g_code(tenths).filter(|_| whole) {
+                return Err(Fault::new(Code::UnknownG, span, message).help(help));
+            }
             let message = format!("there is no G{value}");
             return Err(Fault::new(Code::UnknownG, span, message));
         };
@@ -404,6 +407,15 @@ impl Statement {
         let motion = code
             .or(wanted.then_some(modal))
             .filter(|motion| *motion != Motion::None);
+        if self.once() == Some(Once::Dwell) && self.has_axes() && !self.has(b'P') && code.is_none() {
+            let message = "G4 with an axis word: a dwell takes its time from P";
+            return Err(Fault::new(
+                Code::DwellTimeMissing,
+                self.first_span(self.present & AXIS_BITS),
+                message,
+            )
+            .help("write G4 P1.5 for 1.5 seconds"));
+        }
         if motion.is_none() && self.has_axes() {
             let message = "axis words, but no motion mode is active";
             let fault = Fault::new(

@@ -3,7 +3,7 @@
 use evolvent_path::{AXES, AxisLetter};
 
 use crate::Code;
-use crate::codes::Group;
+use crate::codes::{Group, Motion};
 use crate::diagnostic::{Fault, Span};
 use crate::statement::{Statement, WORDS, bit, letter_of};
 
@@ -18,6 +18,11 @@ impl Statement {
         let name = char::from(first);
         let message = format!("nothing on this line uses {name}");
         let fault = Fault::new(Code::UnusedWord, self.span(first), message);
+        if first == b'Q' && self.motion_code() == Some(Motion::QuadraticSpline) {
+            let message = "G5.1 Q: G5.1 is a quadratic spline in this dialect, not a switch for look-ahead";
+            return Fault::new(Code::UnusedWord, self.motion_span(), message)
+                .help("leave the line out: look-ahead is always on; G64 P.. sets the tolerance at corners");
+        }
         match first {
             b'E' => fault.help(
                 "numbers have no exponent: write all digits; the word E belongs to G76, M66, M67 and M68",

@@ -126,7 +126,7 @@ pub(crate) fn warnings(program: &Path, setup: &Setup, case_file: &Path) -> Resul
     let mut spindle = Spindle::Still;
     let commands = Commands::open(program, setup).map_err(|error| CommandError::Failed(error.to_string()))?;
     for command in commands.map_while(Result::ok) {
-        let Command { line, action } = command;
+        let Command { line, action, .. } = command;
         match action {
             Action::Spindle { direction, speed_rpm } => {
                 spindle = match direction {

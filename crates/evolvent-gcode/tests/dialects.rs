@@ -1,0 +1,352 @@
+//! Errors that help: other dialects, subroutines in files, loops of errors, what is cut of long lines.
+
+use std::time::{Duration, Instant};
+
+use evolvent_gcode::{
+    Action, Code, Command, Diagnostic, Interpreter, Outputs, Settings, SpindleDirection, ToolTable,
+};
+
+fn interpret(program: &str, settings: Settings) -> (Vec<Command>, Vec<Diagnostic>) {
+    let (mut commands, mut errors) = (Vec::new(), Vec::new());
+    for command in Interpreter::new(program.as_bytes(), settings) {
+        match command {
+            Ok(command) => commands.push(command),
+            Err(error) => errors.push(error),
+        }
+    }
+    (commands, errors)
+}
+
+fn errors(program: &str) -> Vec<Diagnostic> {
+    interpret(program, Settings::default()).1
+}
+
+#[test]
+fn other_dialects_are_told_what_to_write_here() {
+    // Program, line with the error, what it means here, what to write. One error each: nothing follows from it.
+    for (program, line, means, write) in [
+        (
+            "G21\nG05.1 Q1\nG0 X1\n",
+            2,
+            "quadratic spline",
+            "leave the line out",
+        ),
+        (
+            "IF [#1 EQ 1] GOTO 10\nG0 X1\n",
+            1,
+            "conditions are O-words",
+            "O1 if [#1 EQ 1]",
+        ),
+        (
+            "N10 if[#1EQ1]then #2=3\nG0 X1\n",
+            1,
+            "conditions are O-words",
+            "O1 endif",
+        ),
+        (
+            "#1=0\nWHILE [#1 LT 3] DO1\n#1=[#1+1]\n",
+            2,
+            "loops are O-words",
+            "O1 while [#1 LT 3]",
+        ),
+        ("G0 X1\nEND1\n", 2, "loops end with an O-word", "O1 endwhile"),
+        ("GOTO 10\nN10 G0 X1\n", 1, "no jumps", "O1 if"),
+        (
+            "G71\nG0 X1\n",
+            1,
+            "turning cycle in this dialect, not a switch to millimetres",
+            "write G21",
+        ),
+        ("G70\nG0 X1\n", 1, "not a switch to inches", "write G20"),
+        (
+            "G68 X0 Y0 R30\nG0 X1\n",
+            1,
+            "rotated with a work offset",
+            "G10 L2 P0 R30",
+        ),
+        ("G0 X1\nG69\n", 2, "rotation", "G10 L2 P0 R0"),
+        ("G65 P1000 A1\nG0 X1\n", 1, "macro calls", "O1000 call [1] [2]"),
+        ("G54.1 P3\nG0 X1\n", 1, "nine work offsets", "G59.3"),
+        ("G4 X1.5\nG0 X1\n", 1, "takes its time from P", "G4 P1.5"),
+        (
+            "G0 X#<_ini[AXIS_X]MAX_LIMIT>\n",
+            1,
+            "an INI file",
+            "#<_limit> = 400",
+        ),
+        (
+            "G0 X#<_hal[spindle.0.speed]>\n",
+            1,
+            "HAL pins",
+            "write the number",
+        ),
+    ] {
+        let found = errors(program);
+        assert_eq!(found.len(), 1, "{program}: {found:?}");
+        let text = format!(
+            "{} {}",
+            found[0].message,
+            found[0].help.clone().unwrap_or_default()
+        );
+        assert_eq!(found[0].line, line, "{program}");
+        assert!(text.contains(means) && text.contains(write), "{program}: {text}");
+    }
+}
+
+#[test]
+fn words_of_other_dialects_are_no_error_where_they_mean_something() {
+    for program in [
+        "O1 if [1 EQ 1]\nG0 X1\nO1 endif\n",
+        "#1=0\nO1 while [#1 LT 3]\n#1=[#1+1]\nO1 endwhile\n",
+        "G5.1 X1 Y1 I0.5 J1 F100\n",
+        "G18 F100\nO1 sub\nG1 X1 Z-1\nO1 endsub\nG0 X2 Z1\nG71 Q1 X2 Z1\n",
+        "G4 P1.5\n",
+        "#<_limit>=4\nG0 X#<_limit>\n",
+    ] {
+        let found: Vec<_> = errors(program)
+            .into_iter()
+            .filter(|error| error.code != Code::ProfileRefused)
+            .collect();
+        assert!(
+            found
+                .iter()
+                .all(|error| !format!("{error:?}").contains("dialect")),
+            "{program}: {found:?}"
+        );
+    }
+}
+
+#[test]
+fn a_dwell_of_a_thousand_seconds_is_warned_of() {
+    let warnings = |program: &str| {
+        let (commands, errors) = interpret(program, Settings::default());
+        assert!(errors.is_empty(), "{errors:?}");
+        let is_warning = |command: &&Command| matches!(command.action, Action::Warning(_));
+        commands.iter().filter(is_warning).cloned().collect::<Vec<_>>()
+    };
+    let found = warnings("G0 X1\nG4 P1000\n");
+    assert_eq!((found.len(), found[0].line), (1, 2));
+    let Action::Warning(text) = &found[0].action else {
+        unreachable!("a warning")
+    };
+    assert!(text.contains("1000 seconds") && text.contains("G4 P1"), "{text}");
+    for short in ["G4 P99\n", "G4 P0.5\n", "G4 P120.5\n"] {
+        assert!(warnings(short).is_empty(), "{short}");
+    }
+}
+
+#[test]
+fn an_endsub_of_another_name_is_one_error_in_its_line() {
+    let found = errors("o<a> sub\nG0 X1\no<b> endsub\nG0 X2\nM2\n");
+    assert_eq!(found.len(), 1, "{found:?}");
+    assert_eq!((found[0].line, found[0].code), (3, Code::OWordOrder));
+    assert!(
+        found[0].message.contains("O<a> sub of line 1"),
+        "{}",
+        found[0].message
+    );
+    // Called from before it: the same.
+    let found = errors("o<a> call\nG0 X2\nM2\no<a> sub\nG0 X1\no<b> endsub\n");
+    assert_eq!(found.len(), 1, "{found:?}");
+    let found = errors("o<a> sub\nG0 X1\n");
+    assert!(
+        found[0].message.contains("O<a> sub begins in line 1"),
+        "{}",
+        found[0].message
+    );
+}
+
+#[test]
+fn errors_in_files_of_subroutines_name_the_calls() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
+    write(
+        "outer.ngc",
+        "o<outer> sub\n(a line)\no<inner> call\no<outer> endsub\nM2\n",
+    );
+    write("inner.ngc", "o<inner> sub\nG0 X1\nG1 Y?\no<inner> endsub\nM2\n");
+    let settings = Settings {
+        subroutine_folders: vec![folder.path().to_path_buf()],
+        ..Settings::default()
+    };
+    let (commands, found) = interpret("(main)\n\no<outer> call\nM2\n", settings);
+    assert_eq!(found.len(), 1, "{found:?}");
+    let file = |name: &str| folder.path().join(name).display().to_string();
+    assert_eq!(found[0].file.as_deref(), Some(file("inner.ngc").as_str()));
+    let calls: Vec<_> = found[0]
+        .calls
+        .iter()
+        .map(|call| (call.file.as_deref(), call.line))
+        .collect();
+    assert_eq!(calls, [(Some(file("outer.ngc").as_str()), 3), (None, 3)]);
+    let shown = found[0].render("main.ngc");
+    for place in ["inner.ngc:3:5", "outer.ngc:3", "called from main.ngc:3"] {
+        assert!(shown.contains(place), "{place} is not in\n{shown}");
+    }
+    // The move says where it stands as well, for whoever refuses it.
+    let origin = commands[0].origin.as_ref().unwrap();
+    assert_eq!(
+        (commands[0].line, origin.line, &*origin.file),
+        (3, 2, file("inner.ngc").as_str())
+    );
+}
+
+#[test]
+fn loops_of_errors_end_soon_and_say_so() {
+    for body in ["G1 X?\n", "G1 X?\nG0 X1\nG0 X2\n", "#1=[1/0]\n"] {
+        let begin = Instant::now();
+        let found = errors(&format!("o1 repeat [100000000]\n{body}o1 endrepeat\nG0 X?\nM2\n"));
+        assert!(
+            begin.elapsed() < Duration::from_secs(10),
+            "{body}: {:?}",
+            begin.elapsed()
+        );
+        assert_eq!(found.len(), 2, "{body}: {found:?}");
+        assert_eq!((found[0].line, found[1].code), (2, Code::TooManySteps), "{body}");
+        assert!(found[1].message.contains("not looked at"), "{}", found[1].message);
+    }
+    // A short loop is gone through, and what comes then is found.
+    let found = errors("o1 repeat [50]\nG1 X?\no1 endrepeat\nG0 Y?\nM2\n");
+    assert_eq!(found.iter().map(|error| error.line).collect::<Vec<_>>(), [2, 4]);
+}
+
+#[test]
+fn rendered_errors_have_no_stray_line_and_true_columns() {
+    for blanks in [0, 3, 90, 150, 400, 5000] {
+        let program = format!(
+            "G0{}X1 Q7 Y2{}\n",
+            " ".repeat(blanks),
+            "(a comment behind)".repeat(blanks / 10)
+        );
+        let found = errors(&program);
+        let shown = found[0].render("part.ngc");
+        assert!(!shown.contains(":::"), "{shown}");
+        assert!(shown.contains(&format!("part.ngc:1:{}", blanks + 6)), "{shown}");
+        // The mark stands below the word.
+        let lines: Vec<&str> = shown.lines().collect();
+        let source = lines.iter().position(|line| line.contains("Q7")).unwrap();
+        assert_eq!(lines[source].find("Q7"), lines[source + 1].find("^^"), "{shown}");
+    }
+}
+
+#[test]
+fn offsets_without_a_tool_table_are_errors() {
+    for (program, line, column) in [
+        ("T1 M6\nG43 H1\n", 2, 5),
+        ("T1 M6\nG43\n", 2, 1),
+        ("G43.2 H2\n", 1, 7),
+        ("F100\nG41 D3\nG1 X20\n", 2, 5),
+        ("T4 M6\nG42\n", 2, 1),
+    ] {
+        let found = errors(program);
+        assert_eq!(found.len(), 1, "{program}: {found:?}");
+        assert_eq!(
+            (found[0].code, found[0].line, found[0].column),
+            (Code::UnknownTool, line, column),
+            "{program}"
+        );
+        assert!(found[0].help.as_ref().unwrap().contains("--tools"), "{found:?}");
+    }
+    // Nothing is needed of no tool, of numbers that are given, and where the machine says so.
+    for program in ["G43\n", "G43.1 Z5\n", "G41.1 D4\n", "G49\n"] {
+        assert!(errors(program).is_empty(), "{program}");
+    }
+    let lenient = Settings {
+        tools_without_table: true,
+        ..Settings::default()
+    };
+    let (commands, found) = interpret("T1 M6\nG43 H1\n", lenient);
+    assert!(found.is_empty(), "{found:?}");
+    let is_told =
+        |command: &Command| matches!(&command.action, Action::Warning(text) if text.contains("tool 1"));
+    assert!(commands.iter().any(is_told), "{commands:?}");
+    let with_table = Settings {
+        tools: Some(ToolTable::parse("T2 P2 Z3\n").unwrap()),
+        ..Settings::default()
+    };
+    assert!(interpret("G43 H2\n", with_table).1.is_empty());
+}
+
+#[test]
+fn a_probe_to_where_an_unanswered_one_ends_is_no_error() {
+    let found = errors("F100 G90\nG38.3 Z-5\nG38.5 Z-5\nG38.3 X2\nG38.5 X2\n");
+    assert!(found.is_empty(), "{found:?}");
+    // Where nothing was probed it is one.
+    assert_eq!(errors("F100 G90\nG0 Z-5\nG38.5 Z-5\n").len(), 1);
+}
+
+#[test]
+fn tapping_is_refused_by_its_name() {
+    for (program, name) in [
+        ("G21 F100 S500 M3\nG0 Z5\nG84 X1 Z-1 R1\nM2\n", "tapping (G84)"),
+        ("G21 F100 S500 M4\nG0 Z5\nG74 X1 Z-1 R1\nM2\n", "(G74)"),
+    ] {
+        let (commands, found) = interpret(program, Settings::default());
+        assert!(found.is_empty(), "{found:?}");
+        let missing: Vec<_> = commands
+            .iter()
+            .filter_map(|command| command.action.missing_ability())
+            .collect();
+        assert!(!missing.is_empty() && missing[0].contains(name), "{missing:?}");
+    }
+    let (commands, _) = interpret("M49\n", Settings::default());
+    assert!(commands[0].action.missing_ability().unwrap().contains("M49"));
+}
+
+#[test]
+fn a_block_of_mdi_leaves_spindle_and_coolant_as_they_are() {
+    let outputs = |program: &str, before: Outputs, is_block: bool| {
+        let settings = Settings {
+            outputs: before,
+            is_block,
+            ..Settings::default()
+        };
+        let (commands, found) = interpret(program, settings);
+        assert!(found.is_empty(), "{found:?}");
+        let mut after = before;
+        for command in &commands {
+            after.apply(&command.action);
+        }
+        (after.signed_rpm(), after.mist, after.flood)
+    };
+    let on = Outputs {
+        direction: SpindleDirection::Clockwise,
+        speed_rpm: 600.0,
+        mist: false,
+        flood: true,
+    };
+    let off = Outputs::default();
+    assert_eq!(outputs("M3 S500 M7\n", off, true), (500.0, true, false));
+    assert_eq!(outputs("G0 X1\n", on, true), (600.0, false, true));
+    assert_eq!(
+        outputs("S900\n", on, true),
+        (900.0, false, true),
+        "a running spindle takes the speed"
+    );
+    assert_eq!(outputs("M9\n", on, true), (600.0, false, false));
+    assert_eq!(
+        outputs("M5\nM2\n", on, true),
+        (0.0, false, false),
+        "M2 says so itself"
+    );
+    // A program ends with all off, whoever has switched it on.
+    assert_eq!(outputs("G0 X1\n", on, false), (0.0, false, false));
+    assert_eq!(outputs("G0 X1\nM2\n", on, false), (0.0, false, false));
+}
+
+#[test]
+fn lines_of_block_delete_are_counted() {
+    for (block_delete, counted) in [(true, (2, 0)), (false, (0, 2))] {
+        let settings = Settings {
+            block_delete,
+            ..Settings::default()
+        };
+        let mut interpreter = Interpreter::new(&b"G0 X1\n/G0 X2\n / G0 X3\n(/)\nM2\n"[..], settings);
+        let moves = interpreter
+            .by_ref()
+            .filter(|command| matches!(command.as_ref().unwrap().action, Action::Move(_)))
+            .count();
+        assert_eq!(interpreter.block_delete_lines(), counted);
+        assert_eq!(moves as u64, 1 + counted.1);
+    }
+}
