@@ -37,6 +37,8 @@ fn offsets_and_tools_outlive_a_restart_and_a_kill() {
         operator.brings_up();
         operator.says_number("MODE", 2);
         let job = operator.says_text("MDI", "T7 M6 G43").job;
+        operator.waits("the tool change", |status| status.tool_change == 1);
+        operator.says("RESUME");
         let status = operator.sees_end(job);
         assert_eq!((status.tool, status.tool_offset[2]), (7, 30.0));
         drop(operator);

@@ -255,7 +255,7 @@ typedef struct evolvent_status {
     uint32_t axes_mask;
     /* Bit i set: axis i has been homed. */
     uint32_t homed_mask;
-    /* Selected tool. */
+    /* Tool in the spindle; 0 for none. */
     uint32_t tool;
     /* Selected work coordinate system times ten: 540 is G54, 591 is G59.1. */
     uint32_t work_system;
@@ -353,8 +353,12 @@ typedef struct evolvent_status {
     uint8_t alarm_text[256];
     /* The program's last message to the operator, UTF-8. */
     uint8_t message[256];
+    /* Tool change that the program waits for: 0 none, 1 by the operator (confirmed by RESUME), 2 by the machine's program. */
+    uint32_t tool_change;
+    /* Where `tool_change` is not 0: the tool to put into the spindle; 0 to empty the spindle. */
+    uint32_t tool_wanted;
     /* Zero; for later versions. */
-    uint64_t reserved[16];
+    uint64_t reserved[15];
 } evolvent_status_t;
 
 EVOLVENT_STATIC_ASSERT(sizeof(evolvent_status_t) == 1840, "size of Status");
@@ -420,7 +424,9 @@ EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, alarm_text_length) == 1192, "
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, message_length) == 1196, "offset of Status.message_length");
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, alarm_text) == 1200, "offset of Status.alarm_text");
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, message) == 1456, "offset of Status.message");
-EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, reserved) == 1712, "offset of Status.reserved");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, tool_change) == 1712, "offset of Status.tool_change");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, tool_wanted) == 1716, "offset of Status.tool_wanted");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, reserved) == 1720, "offset of Status.reserved");
 
 /* A drive bridge's answer to one setpoint.
  */

@@ -301,6 +301,8 @@ class Status(ctypes.Structure):
     message_length: int
     alarm_text: ctypes.Array[ctypes.c_uint8]
     message: ctypes.Array[ctypes.c_uint8]
+    tool_change: int
+    tool_wanted: int
     reserved: ctypes.Array[ctypes.c_uint64]
 
     _fields_ = [
@@ -330,7 +332,7 @@ class Status(ctypes.Structure):
         ("axes_mask", ctypes.c_uint32),
         # Bit i set: axis i has been homed.
         ("homed_mask", ctypes.c_uint32),
-        # Selected tool.
+        # Tool in the spindle; 0 for none.
         ("tool", ctypes.c_uint32),
         # Selected work coordinate system times ten: 540 is G54, 591 is G59.1.
         ("work_system", ctypes.c_uint32),
@@ -428,8 +430,12 @@ class Status(ctypes.Structure):
         ("alarm_text", ctypes.c_uint8 * 256),
         # The program's last message to the operator, UTF-8.
         ("message", ctypes.c_uint8 * 256),
+        # Tool change that the program waits for: 0 none, 1 by the operator (confirmed by RESUME), 2 by the machine's program.
+        ("tool_change", ctypes.c_uint32),
+        # Where `tool_change` is not 0: the tool to put into the spindle; 0 to empty the spindle.
+        ("tool_wanted", ctypes.c_uint32),
         # Zero; for later versions.
-        ("reserved", ctypes.c_uint64 * 16),
+        ("reserved", ctypes.c_uint64 * 15),
     ]
 
     def __init__(self, **values: Any) -> None:

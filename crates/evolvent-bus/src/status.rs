@@ -43,7 +43,7 @@ payload! {
         axes_mask: u32,
         /// Bit i set: axis i has been homed.
         homed_mask: u32,
-        /// Selected tool.
+        /// Tool in the spindle; 0 for none.
         tool: u32,
         /// Selected work coordinate system times ten: 540 is G54, 591 is G59.1.
         work_system: u32,
@@ -141,8 +141,12 @@ payload! {
         alarm_text: [u8; SENTENCE_BYTES],
         /// The program's last message to the operator, UTF-8.
         message: [u8; SENTENCE_BYTES],
+        /// Tool change that the program waits for: 0 none, 1 by the operator (confirmed by RESUME), 2 by the machine's program.
+        tool_change: u32,
+        /// Where `tool_change` is not 0: the tool to put into the spindle; 0 to empty the spindle.
+        tool_wanted: u32,
         /// Zero; for later versions.
-        reserved: [u64; 16],
+        reserved: [u64; 15],
     }
 }
 

@@ -1,12 +1,12 @@
 //! The planner's thread: program text in, plan out.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::mpsc::Sender;
 use std::time::Duration;
 
-use evolvent_gcode::{Action, Command, Modal, Move, MoveKind};
+use evolvent_gcode::{Action, Command, Diagnostic, Modal, Move, MoveKind};
 use evolvent_motion::{QueueClosed, Turning, TurningSender};
 use evolvent_path::Curve;
 use evolvent_plan::{PlanError, PlanSink, Step};
@@ -16,7 +16,10 @@ use rtrb::Producer;
 use crate::job::Setup;
 use crate::memory::ProgramMemory;
 use crate::news::{BlockPlan, FeederNews, Moment, Notice, QueuedBlock, StopKind, UserCall, describe};
-use crate::refusal::{ProgramError, about_line, cannot_turn, explain, refuse};
+use crate::periphery::{
+    Changer, Periphery, TOOL_CHANGE_CODE, nobody_changes, tool_change_call, tool_request, waits_for,
+};
+use crate::refusal::{ProgramError, about_line, about_line_with, at_origin, cannot_turn, explain, refuse};
 use crate::shared::Controls;
 use crate::source::Commands;
 use crate::stages::Stages;
@@ -41,6 +44,10 @@ pub(crate) struct FeedReport {
     pub moves: u64,
     /// Commands of the machine's own (M100 to M199) planned.
     pub user_commands: u64,
+    /// Tool changes (M6 with another tool) planned.
+    pub tool_changes: u64,
+    /// Lines that begin with `/`: skipped, executed.
+    pub block_delete_lines: (u64, u64),
     /// Numbers of the next block and action.
     pub next_block: u32,
     pub next_action: u32,
@@ -77,6 +84,14 @@ pub(crate) struct Feeder<'a, S> {
     path_mm: f64,
     modal: Option<Modal>,
     user_commands: u64,
+    tool_changes: u64,
+    block_delete_lines: (u64, u64),
+    /// Spindle, coolant and tool after what has been read.
+    periphery: Periphery,
+    /// Who else is told of them, by the number of the action.
+    periphery_listener: Option<Sender<(u32, Periphery)>>,
+    /// Somebody confirms tool changes, or nobody needs to.
+    confirms_tools: bool,
     /// Where the machine's own commands are carried out.
     codes: Option<UserCodes>,
     carrier: Option<ToCarrier>,
@@ -86,6 +101,8 @@ pub(crate) struct Feeder<'a, S> {
     subroutines: String,
     /// Files of subroutines that have been told of.
     files_told: usize,
+    /// Lines of which warnings were told.
+    warned: BTreeSet<u32>,
 }
 
 /// Tells of the machine's own commands in a run: who carries them out, and the cycle, which waits there.
@@ -129,12 +146,34 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
             path_mm: 0.0,
             modal: None,
             user_commands: 0,
+            tool_changes: 0,
+            block_delete_lines: (0, 0),
+            periphery: Periphery {
+                outputs: setup.outputs,
+                tool: setup.tool,
+                change: None,
+            },
+            periphery_listener: None,
+            confirms_tools: true,
             codes: None,
             carrier: None,
             turnings: None,
             subroutines: "subroutines/".to_owned(),
             files_told: 0,
+            warned: BTreeSet::new(),
         }
+    }
+
+    /// Tells of spindle, coolant and tool.
+    pub(crate) fn periphery_to(mut self, listener: Option<Sender<(u32, Periphery)>>) -> Self {
+        self.periphery_listener = listener;
+        self
+    }
+
+    /// Nobody is there to confirm a tool change: one by the operator is an error of the program.
+    pub(crate) fn unattended(mut self, unattended: bool) -> Self {
+        self.confirms_tools = !unattended;
+        self
     }
 
     /// Hands turning cycles on here.
@@ -201,6 +240,8 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
             planned_s: self.planner.planned_s(),
             moves: self.moves,
             user_commands: self.user_commands,
+            tool_changes: self.tool_changes,
+            block_delete_lines: self.block_delete_lines,
             next_block: self.next_block,
             next_action: self.actions,
         };
@@ -221,7 +262,9 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         let mut line = 0;
         loop {
             self.mind_switches(&mut commands, line);
-            let Some(command) = commands.next() else { break };
+            let next = commands.next();
+            self.block_delete_lines = commands.block_delete_lines();
+            let Some(command) = next else { break };
             self.commands += 1;
             self.tell_files(&commands);
             let command = command.map_err(|diagnostic| ProgramError::Text {
@@ -230,7 +273,9 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
             })?;
             line = command.line;
             if let Some(what) = command.action.missing_ability() {
-                let diagnostic = Box::new(refuse(what, program, command.line));
+                let diagnostic = Box::new(at_origin(&command, program, |file, line| {
+                    refuse(what, file, line)
+                }));
                 return Err(ProgramError::Text {
                     file: self.file.clone(),
                     diagnostic,
@@ -239,17 +284,29 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
             if let (Action::UserCommand { number, .. }, Some(codes)) = (&command.action, &self.codes)
                 && let Some(objection) = codes.objection(*number)
             {
-                let diagnostic = Box::new(about_line(objection, program, command.line));
+                let diagnostic = Box::new(at_origin(&command, program, |file, line| {
+                    about_line(objection, file, line)
+                }));
                 return Err(ProgramError::Text {
                     file: self.file.clone(),
                     diagnostic,
+                });
+            }
+            if let Action::ChangeTool(tool) = command.action
+                && let Some(diagnostic) = self.objection_to_tool(tool, program, &command)
+            {
+                return Err(ProgramError::Text {
+                    file: self.file.clone(),
+                    diagnostic: Box::new(diagnostic),
                 });
             }
             self.tell_modal(&commands);
             if let Action::Turning(cycle) = &command.action {
                 let turning = turning(cycle, self.setup).map_err(|what| ProgramError::Text {
                     file: self.file.clone(),
-                    diagnostic: Box::new(cannot_turn(what, program, command.line)),
+                    diagnostic: Box::new(at_origin(&command, program, |file, line| {
+                        cannot_turn(what, file, line)
+                    })),
                 })?;
                 if self.turn(turning, command.line).is_err() {
                     break;
@@ -261,7 +318,12 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
                 Ok(false) => return Ok(Some(commands.left(&self.setup.memory))),
                 Err(PlanError::Sink(_)) => break,
                 Err(error) => {
-                    let diagnostic = Box::new(explain(&error, program, command.line));
+                    let diagnostic = match error {
+                        // The planner is behind the line that is being read.
+                        PlanError::NoMotion { .. } => explain(&error, program, command.line),
+                        _ => at_origin(&command, program, |file, line| explain(&error, file, line)),
+                    };
+                    let diagnostic = Box::new(diagnostic);
                     return Err(ProgramError::Text {
                         file: self.file.clone(),
                         diagnostic,
@@ -288,6 +350,62 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         }
         self.last_line = 0;
         self.planner.rest(&Step::Turning { line })
+    }
+
+    /// Why the machine cannot change to this tool.
+    fn objection_to_tool(&self, tool: u32, program: &Path, command: &Command) -> Option<Diagnostic> {
+        let present = self.periphery.tool;
+        match waits_for(self.setup.machine.program.tool_change, tool, present)? {
+            Changer::Operator if !self.confirms_tools => {
+                let (message, help) = nobody_changes(tool, present);
+                Some(at_origin(command, program, |file, line| {
+                    about_line_with(message, Some(help), file, line)
+                }))
+            }
+            Changer::Operator => None,
+            Changer::Program => {
+                let objection = self.codes.as_ref()?.objection(TOOL_CHANGE_CODE)?;
+                Some(at_origin(command, program, |file, line| {
+                    about_line(objection, file, line)
+                }))
+            }
+        }
+    }
+
+    /// Waits for another tool, if the machine needs to, and takes it as the one in the spindle.
+    fn change_tool(&mut self, action: &Action, tool: u32, line: u32) -> Result<(), PlanError<QueueClosed>> {
+        let present = self.periphery.tool;
+        self.tool_changes += u64::from(tool != present);
+        let changer = waits_for(self.setup.machine.program.tool_change, tool, present);
+        if let Some(changer) = changer {
+            self.periphery.change = Some((changer, tool));
+            let kind = match changer {
+                Changer::Operator => StopKind::ToolChange(tool),
+                Changer::Program => StopKind::User(tool_change_call(tool, present, line)),
+            };
+            self.stop(line, kind)?;
+        }
+        self.switch(action, line)
+    }
+
+    /// Something of the periphery takes effect at rest.
+    fn switch(&mut self, action: &Action, line: u32) -> Result<(), PlanError<QueueClosed>> {
+        self.periphery.apply(action);
+        self.tell_periphery(self.actions);
+        match describe(action) {
+            Some(text) => self.act(line, &text),
+            None => Ok(()),
+        }
+    }
+
+    /// Tells what the periphery is from the action of this number on.
+    fn tell_periphery(&self, action: u32) {
+        if let Some(listener) = &self.periphery_listener {
+            let _gone = listener.send((action, self.periphery));
+        }
+        if let Some(onlooker) = &self.onlooker {
+            let _gone = onlooker.send(FeederNews::Periphery(action, self.periphery));
+        }
     }
 
     /// `false` at the program's end.
@@ -318,18 +436,19 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
                 self.stop(line, StopKind::User(call))?;
             }
             Action::ProgramEnd => return Ok(false),
+            Action::ChangeTool(tool) => self.change_tool(&command.action, *tool, line)?,
+            Action::Spindle { .. } | Action::Coolant { .. } | Action::ToolNumber(_) => {
+                self.switch(&command.action, line)?;
+            }
             other => {
                 if let Some(text) = describe(other) {
                     // Neither a message nor the next tool's number is a reason to stop.
-                    if matches!(
-                        other,
-                        Action::Message(_) | Action::Print(_) | Action::SelectTool(_)
-                    ) {
-                        let is_message = matches!(other, Action::Message(_) | Action::Print(_));
-                        self.announce(Moment::Block(self.next_block), line, is_message, &text);
-                    } else {
-                        self.act(line, &text)?;
+                    // Loops would say it again and again.
+                    if matches!(other, Action::Warning(_)) && !self.warned.insert(line) {
+                        return Ok(true);
                     }
+                    let is_message = !matches!(other, Action::SelectTool(_));
+                    self.announce(Moment::Block(self.next_block), line, is_message, &text);
                 }
             }
         }
@@ -343,9 +462,18 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         if let Some(onlooker) = &self.onlooker {
             let _gone = onlooker.send(FeederNews::Stop(action, kind));
         }
-        if let StopKind::User(call) = kind {
-            self.announce(Moment::Rest(action), line, false, &call.text());
-            self.hand_to_carrier(action, call)?;
+        match kind {
+            StopKind::User(call) => {
+                self.tell_periphery(action);
+                self.announce(Moment::Rest(action), line, false, &call.text());
+                self.hand_to_carrier(action, call)?;
+            }
+            StopKind::ToolChange(tool) => {
+                self.tell_periphery(action);
+                let text = tool_request(tool, self.periphery.tool);
+                self.announce(Moment::Rest(action), line, true, &text);
+            }
+            StopKind::Program | StopKind::Step => {}
         }
         self.last_line = 0;
         self.planner

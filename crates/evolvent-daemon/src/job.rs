@@ -4,7 +4,9 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use evolvent_gcode as gcode;
-use evolvent_machine::{ControlRate, Machine, MachineKind, PathMode, PeriodError, TurningWords};
+use evolvent_machine::{
+    ControlRate, Machine, MachineKind, PathMode, PeriodError, TurningWords, WithoutToolTable,
+};
 use evolvent_path::{AXES, Axes};
 use evolvent_plan::{PathLimits, PathRules};
 use evolvent_process::Job as TurningJob;
@@ -50,6 +52,10 @@ pub struct Setup {
     pub place: Option<Axes>,
     /// The tool in the spindle; 0 for none.
     pub tool: u32,
+    /// Spindle and coolant as they stand.
+    pub outputs: gcode::Outputs,
+    /// The program is a block of MDI, which leaves spindle and coolant as they are at its end.
+    pub is_mdi: bool,
     /// Whether lines that begin with `/` are left out.
     pub block_delete: bool,
     /// Share of the axes' speed that rapids may use, 0 to 1.
@@ -79,7 +85,9 @@ impl Setup {
             start_line: None,
             place: None,
             tool: 0,
-            block_delete: true,
+            outputs: gcode::Outputs::default(),
+            is_mdi: false,
+            block_delete: false,
             rapid_override: 1.0,
             process: None,
         })
@@ -149,6 +157,9 @@ impl Setup {
             subroutine_folders: self.memory.folders.clone(),
             start: self.start(),
             tool: self.tool,
+            outputs: self.outputs,
+            is_block: self.is_mdi,
+            tools_without_table: program.without_tool_table == WithoutToolTable::Zero,
             block_delete: self.block_delete,
             axes,
             path_mode: match path.mode {

@@ -5,6 +5,7 @@
 
 use std::fmt;
 
+use evolvent_gcode::{Outputs, SpindleDirection};
 use evolvent_machine::Limits;
 use evolvent_path::{AXES, Axes};
 use evolvent_transfer::AxesState;
@@ -28,6 +29,8 @@ pub struct ProgramStart {
     pub place: Axes,
     /// The tool in the spindle.
     pub tool: u32,
+    /// Spindle and coolant as they stood; none in traces of versions that began with all off.
+    pub outputs: Option<Outputs>,
     /// The line it began at; 0 for the first.
     pub start_line: u32,
     /// How the switches stood as its first line was read.
@@ -100,7 +103,20 @@ impl fmt::Display for JobStart {
                     start.start_line,
                     start.switches,
                     start.feed_override,
-                )
+                )?;
+                if let Some(outputs) = &start.outputs {
+                    let direction = match outputs.direction {
+                        SpindleDirection::Stopped => 5,
+                        SpindleDirection::Clockwise => 3,
+                        SpindleDirection::CounterClockwise => 4,
+                    };
+                    write!(
+                        out,
+                        "; spindle=M{direction}; speed_rpm={}; mist={}; flood={}",
+                        outputs.speed_rpm, outputs.mist, outputs.flood
+                    )?;
+                }
+                Ok(())
             }
             Self::Steered(start) => {
                 let what = if start.is_turn { "turn" } else { "steered" };
@@ -165,6 +181,20 @@ impl JobStart {
                 subroutines: get("subroutines")?.to_owned(),
                 place: nine("place")?,
                 tool: whole("tool")?,
+                outputs: match get("spindle") {
+                    None => None,
+                    Some(code) => Some(Outputs {
+                        direction: match code {
+                            "M3" => SpindleDirection::Clockwise,
+                            "M4" => SpindleDirection::CounterClockwise,
+                            "M5" => SpindleDirection::Stopped,
+                            _ => return None,
+                        },
+                        speed_rpm: number("speed_rpm")?,
+                        mist: get("mist")?.parse().ok()?,
+                        flood: get("flood")?.parse().ok()?,
+                    }),
+                },
                 start_line: whole("line")?,
                 switches: SwitchState::of(&pairs)?,
                 feed_override: number("feed_override")?,
@@ -220,6 +250,12 @@ mod tests {
             subroutines: "job-7/subroutines/".to_owned(),
             place: odd,
             tool: 12,
+            outputs: Some(Outputs {
+                direction: SpindleDirection::CounterClockwise,
+                speed_rpm: 0.1 + 0.2,
+                mist: true,
+                flood: false,
+            }),
             start_line: 0,
             switches: SwitchState {
                 block_delete: true,

@@ -26,6 +26,7 @@ mod load_cell;
 mod memory;
 mod news;
 mod observer;
+mod periphery;
 mod publisher;
 mod recompute;
 mod recompute_served;
@@ -45,7 +46,7 @@ mod turning;
 mod turning_tally;
 mod user_code;
 
-pub use check::{CheckBounds, Checked, check};
+pub use check::{CheckBounds, Checked, Warning, check};
 pub use cycle::Seen;
 pub use doctor::{BareLoopError, DoctorReport, Finding, LatenessReport, Verdict, bare_loop, examine};
 pub use drives::{phase_settings, watch_settings};

@@ -1,11 +1,13 @@
 //! What the feeder tells: blocks, notices, modes and stops, for recorder, screen and operator.
 
+use std::collections::VecDeque;
 use std::path::PathBuf;
 
 use evolvent_gcode::{Action, Modal, SpindleDirection};
 use evolvent_path::Axes;
 use evolvent_trace::BlockKind;
 
+use crate::periphery::{Periphery, TOOL_CHANGE_CODE};
 use crate::switches::Switched;
 
 /// A planned block, for the trace.
@@ -49,6 +51,20 @@ pub struct Notice {
     pub text: String,
 }
 
+/// Notices behind the first that are looked at: what is announced between two actions at most.
+const NOTICES_AHEAD: usize = 16;
+
+/// How many notices from the front have come. They are in the order of the program: where a later one has come, so have those
+/// before it, although the block that they wait for begins only after a stop (T and M6 on one line).
+pub(crate) fn notices_due(notices: &VecDeque<Notice>, actions: u32, blocks: u32, ended: bool) -> usize {
+    let has_come = |notice: &Notice| notice.moment.has_come(actions, blocks, ended);
+    let looked_at = notices.len().min(NOTICES_AHEAD);
+    (0..looked_at)
+        .rev()
+        .find(|&index| has_come(&notices[index]))
+        .map_or(0, |last| last + 1)
+}
+
 /// What the feeder tells the recorder and the person at the screen.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum FeederNews {
@@ -58,6 +74,8 @@ pub(crate) enum FeederNews {
     Queued(QueuedBlock),
     /// From this block on these modes are in force. Only for those who asked for it.
     Modal(u32, Modal),
+    /// What the machine's periphery is after the action of this number. Only for those who asked for it.
+    Periphery(u32, Periphery),
     /// A program stop in the plan, by the number of the action before it; only for those who asked for it.
     Stop(u32, StopKind),
     /// From this block on blocks are of this file.
@@ -100,18 +118,20 @@ pub(crate) enum OutsideKind {
 pub(crate) enum StopKind {
     /// M0, M1, M60, or the look at the way to a line in the middle.
     Program,
+    /// The operator changes to this tool; 0 empties the spindle.
+    ToolChange(u32),
     /// A block has ended in single step.
     Step,
-    /// One of M100 to M199: it goes on when its program has ended.
+    /// One of M100 to M199, or M6 of an automatic changer: it goes on when its program has ended.
     User(UserCall),
 }
 
-/// One of M100 to M199 in a program.
+/// One of M100 to M199 in a program, or M6 of an automatic changer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct UserCall {
     /// The number after M.
     pub number: u32,
-    /// P and Q words.
+    /// P and Q words; of M6 the new tool and the present one.
     pub words: [Option<f64>; 2],
     /// Program line.
     pub line: u32,
@@ -120,6 +140,9 @@ pub(crate) struct UserCall {
 impl UserCall {
     /// As it is written in programs.
     pub(crate) fn text(&self) -> String {
+        if let (TOOL_CHANGE_CODE, [Some(tool), Some(present)]) = (self.number, self.words) {
+            return format!("M6, tool {tool} for tool {present},");
+        }
         let word = |letter: char, value: Option<f64>| value.map(|value| format!(" {letter}{value}"));
         let [p, q] = [word('P', self.words[0]), word('Q', self.words[1])].map(Option::unwrap_or_default);
         format!("M{}{p}{q}", self.number)
@@ -154,6 +177,7 @@ pub(crate) fn describe(action: &Action) -> Option<String> {
         }
         Action::ToolNumber(tool) => format!("tool {tool} is in the spindle"),
         Action::Message(text) | Action::Print(text) => text.clone(),
+        Action::Warning(text) => format!("warning: {text}"),
         _ => return None,
     })
 }

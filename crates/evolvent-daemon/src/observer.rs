@@ -9,7 +9,7 @@ use evolvent_machine::FeedbackWish;
 use evolvent_trace::RecordError;
 
 use crate::job::{Clock, Job};
-use crate::news::{FeederNews, Moment, Notice, OutsideKind};
+use crate::news::{FeederNews, Moment, Notice, OutsideKind, notices_due};
 use crate::shared::Controls;
 
 /// What is told where drives answer.
@@ -90,14 +90,12 @@ impl<'a> LookingOn<'a> {
                 }
             }
             let progress = self.controls.progress();
-            while ahead.front().is_some_and(|notice| {
-                notice
-                    .moment
-                    .has_come(progress.actions, progress.blocks, progress.has_ended)
-            }) {
-                if let Some(notice) = ahead.pop_front() {
-                    observer.notice(&notice);
+            loop {
+                let due = notices_due(&ahead, progress.actions, progress.blocks, progress.has_ended);
+                if due == 0 {
+                    break;
                 }
+                ahead.drain(..due).for_each(|notice| observer.notice(&notice));
             }
             for error in self.failures.try_iter() {
                 observer.note(&error.to_string());

@@ -1,17 +1,19 @@
 //! The publisher's thread: owns the ports of the bus.
 
+use std::collections::VecDeque;
 use std::sync::Arc;
-use std::sync::mpsc::Sender;
+use std::sync::mpsc::{Receiver, Sender};
 use std::time::{Duration, Instant};
 
 use evolvent_bus::{BusConfig, BusError, CoreBus, EventKind, Status};
 use evolvent_drive::BridgeState;
-use evolvent_motion::State;
+use evolvent_motion::{Setpoint, State};
 use evolvent_path::{AXES, Axes};
 use rtrb::Consumer;
 
 use crate::cycle::DueSetpoint;
 use crate::job::Clock;
+use crate::periphery::Periphery;
 use crate::rt::MonotonicClock;
 use crate::shared::Controls;
 
@@ -37,6 +39,48 @@ pub(crate) struct Publishing {
     pub controls: Arc<Controls>,
 }
 
+/// Spindle, coolant and tool with the setpoints that have left.
+pub(crate) struct PeripheryTrack {
+    now: Periphery,
+    /// What they are from the action of a number on.
+    ahead: VecDeque<(u32, Periphery)>,
+    news: Receiver<(u32, Periphery)>,
+}
+
+impl PeripheryTrack {
+    /// With this tool in the spindle; `news` tells what they are from the action of a number on, as planned.
+    pub(crate) fn new(tool: u32, news: Receiver<(u32, Periphery)>) -> Self {
+        Self {
+            now: Periphery {
+                tool,
+                ..Periphery::default()
+            },
+            ahead: VecDeque::new(),
+            news,
+        }
+    }
+
+    /// Goes on to a setpoint; whether anything has changed.
+    fn follow(&mut self, setpoint: &Setpoint) -> bool {
+        // An action is told of before it goes into the plan.
+        self.ahead.extend(self.news.try_iter());
+        let before = self.now;
+        while self
+            .ahead
+            .front()
+            .is_some_and(|(action, _)| *action < setpoint.actions)
+        {
+            if let Some((_, periphery)) = self.ahead.pop_front() {
+                self.now = periphery;
+            }
+        }
+        if matches!(setpoint.state, State::Stopped | State::Fault) {
+            self.now.switch_off();
+        }
+        self.now != before
+    }
+}
+
 /// What the publisher counted.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct PublishReport {
@@ -51,6 +95,7 @@ impl Publishing {
     pub(crate) fn run(
         self,
         mut queue: Consumer<DueSetpoint>,
+        mut track: PeripheryTrack,
         ready: &Sender<Result<usize, BusError>>,
     ) -> PublishReport {
         let mut report = PublishReport::default();
@@ -66,6 +111,7 @@ impl Publishing {
         let nap = (self.config.period_ns / 2).min(LONGEST_SLEEP_NS);
         let mut status = Status::default();
         status.set_program(&self.program);
+        status.tool = track.now.tool;
         let mut last = evolvent_bus::Setpoint {
             period_ns: self.config.period_ns,
             position: self.home.into(),
@@ -94,7 +140,14 @@ impl Publishing {
                     report.failed += 1;
                 }
                 last = message;
-                if due.setpoint.state != state {
+                let switched = track.follow(&due.setpoint);
+                if switched {
+                    status.spindle_rpm = track.now.outputs.signed_rpm();
+                    status.coolant = track.now.coolant_bits();
+                    status.tool = track.now.tool;
+                    (status.tool_change, status.tool_wanted) = track.now.change_numbers();
+                }
+                if due.setpoint.state != state || switched {
                     let event = event_of(state, due.setpoint.state);
                     state = due.setpoint.state;
                     // Whoever is woken finds the reason in the status.

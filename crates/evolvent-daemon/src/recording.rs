@@ -14,7 +14,7 @@ use evolvent_trace::{BlockRecord, CycleRecord, EventKind, EventRecord, LogLevel,
 use rtrb::Consumer;
 
 use crate::cycle::CycleSample;
-use crate::news::{BlockPlan, FeederNews, Notice, Outside, OutsideKind};
+use crate::news::{BlockPlan, FeederNews, Notice, Outside, OutsideKind, notices_due};
 use crate::shared::Controls;
 use crate::switches::Switched;
 use evolvent_control::Alarm;
@@ -192,7 +192,10 @@ impl Tracks {
             FeederNews::Attach(name, text) => self.attachments.push_back((name, Content::Text(text))),
             FeederNews::AttachFile(name, file) => self.attachments.push_back((name, Content::File(file))),
             // Nobody has asked for them here.
-            FeederNews::Queued(_) | FeederNews::Modal(..) | FeederNews::Stop(..) => {}
+            FeederNews::Queued(_)
+            | FeederNews::Modal(..)
+            | FeederNews::Stop(..)
+            | FeederNews::Periphery(..) => {}
         }
     }
 
@@ -260,17 +263,20 @@ impl Tracks {
         self.actions = sample.actions;
         self.blocks = self.blocks.max(sample.blocks_begun());
         let ended = cycle.state == State::Done as u8;
-        while let Some(notice) = self.notices.front()
-            && notice.moment.has_come(self.actions, self.blocks, ended)
-        {
-            let kind = if notice.is_message {
-                EventKind::Message
-            } else {
-                EventKind::Command
-            };
-            // Messages and commands are marked with their line.
-            recorder.event(&event(kind, notice.line, notice.text.clone(), None))?;
-            self.notices.pop_front();
+        loop {
+            let due = notices_due(&self.notices, self.actions, self.blocks, ended);
+            if due == 0 {
+                break;
+            }
+            for notice in self.notices.drain(..due) {
+                let kind = if notice.is_message {
+                    EventKind::Message
+                } else {
+                    EventKind::Command
+                };
+                // Messages and commands are marked with their line.
+                recorder.event(&event(kind, notice.line, notice.text, None))?;
+            }
         }
         self.follow_block(recorder, sample)
     }

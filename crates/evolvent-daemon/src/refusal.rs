@@ -5,7 +5,7 @@ use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 
-use evolvent_gcode::{Code, Diagnostic};
+use evolvent_gcode::{Call, Code, Command, Diagnostic};
 use evolvent_plan::PlanError;
 
 /// Why a program cannot be run to its end.
@@ -29,15 +29,57 @@ pub enum ProgramError {
     },
 }
 
+/// A diagnostic about a command's line: `build` gets the file and the line in it, which are those of a subroutine where the
+/// command comes from one. The call is named then.
+pub(crate) fn at_origin(
+    command: &Command,
+    program: &Path,
+    build: impl FnOnce(&Path, u32) -> Diagnostic,
+) -> Diagnostic {
+    let Some(origin) = &command.origin else {
+        return build(program, command.line);
+    };
+    let mut diagnostic = build(Path::new(&*origin.file), origin.line);
+    diagnostic.file = Some(Box::from(&*origin.file));
+    diagnostic.calls = Box::new([Call {
+        file: None,
+        line: command.line,
+    }]);
+    diagnostic
+}
+
 /// Something that the core cannot do yet, with its place.
 pub(crate) fn refuse(what: &str, program: &Path, line: u32) -> Diagnostic {
-    about_line(format!("{what}: not possible on this machine yet"), program, line)
+    // Its cycles switch the overrides off, which the core cannot do.
+    let help = what.starts_with("tapping").then(|| {
+        "write the moves, with feed and spindle override at 100 %: G1 in at F = S times the pitch, the spindle reversed, G1 out; \
+         the tool needs length compensation in its holder"
+            .to_owned()
+    });
+    about_line_with(
+        format!("{what}: not possible on this machine yet"),
+        help,
+        program,
+        line,
+    )
 }
 
 /// Something that cannot be done in this line.
 pub(crate) fn about_line(message: String, program: &Path, line: u32) -> Diagnostic {
     let text = line_text(program, line).unwrap_or_default();
     Diagnostic::about_line(Code::MissingAbility, line, &text, None, message)
+}
+
+/// The same with what to do about it.
+pub(crate) fn about_line_with(
+    message: String,
+    help: Option<String>,
+    program: &Path,
+    line: u32,
+) -> Diagnostic {
+    let mut diagnostic = about_line(message, program, line);
+    diagnostic.help = help.map(String::into).or(diagnostic.help);
+    diagnostic
 }
 
 /// A turning cycle that does not fit, with its place.

@@ -8,7 +8,7 @@ use std::thread;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use evolvent_bus::{BusConfig, BusError};
-use evolvent_machine::{CycleRecording, FeedbackWish};
+use evolvent_machine::{CycleRecording, FeedbackWish, ToolChange};
 use evolvent_motion::{Motion, Setpoint, plan_queue};
 use evolvent_process::{AdaptiveStop, SimulatedProcess};
 use evolvent_trace::{ProgramSource, RecordError, Recorder, RunInfo, configuration_hash, recover_leftovers};
@@ -20,7 +20,7 @@ use crate::feeder::{FeedReport, Feeder, ToCarrier};
 use crate::job::{Clock, Job, Setup};
 use crate::memory::ProgramMemory;
 use crate::observer::{DRIVES_UNWATCHED, LookingOn, RunObserver};
-use crate::publisher::Publishing;
+use crate::publisher::{PeripheryTrack, Publishing};
 use crate::recording::{Closing, Recording};
 use crate::refusal::ProgramError;
 use crate::rt::{RealtimeRequest, apply_to_this_thread};
@@ -127,12 +127,15 @@ pub fn run_seen(
         let (trace_producer, trace_consumer) = optional_ring(job.trace.is_some(), length);
         let (bus_producer, bus_consumer) = optional_ring(job.bus, length);
 
+        let (periphery, outputs) = mpsc::channel();
+        let periphery = job.bus.then_some(periphery);
         // The bus first: what fails should fail before anything is planned.
         let publisher = match bus_consumer {
             None => None,
             Some(queue) => {
                 let (ready_sender, ready) = mpsc::channel();
                 let publishing = publishing(job, controls);
+                let track = PeripheryTrack::new(setup.tool, outputs);
                 let request = realtime_request(job, 1);
                 let handle =
                     thread::Builder::new()
@@ -142,7 +145,7 @@ pub fn run_seen(
                                 // The cycle's thread asks for the same and more, and reports.
                                 let _granted = apply_to_this_thread(&request);
                             }
-                            publishing.run(queue, &ready_sender)
+                            publishing.run(queue, track, &ready_sender)
                         })?;
                 match ready.recv_timeout(BUS_TIMEOUT) {
                     Ok(Ok(subscribers)) if subscribers < job.wait_for_subscribers => {
@@ -224,6 +227,7 @@ pub fn run_seen(
             }
         };
         let feeding = Arc::clone(controls);
+        let is_unattended = job.clock == Clock::Realtime && !job.stop_at_program_stops;
         let feeder = thread::Builder::new()
             .name("planner".into())
             .spawn_scoped(scope, move || {
@@ -236,7 +240,9 @@ pub fn run_seen(
                     with_blocks,
                     optional_stop,
                 )
-                .turning_by(turnings);
+                .turning_by(turnings)
+                .periphery_to(periphery)
+                .unattended(is_unattended);
                 let feeder = match codes {
                     None => feeder,
                     Some(codes) => feeder.executing(codes).carried_out_by(ToCarrier {
@@ -342,6 +348,20 @@ pub fn run_seen(
             observer.note(&text);
             notes.push(text);
         }
+        let (skipped, executed) = feed.block_delete_lines;
+        for text in [
+            (skipped > 0).then(|| format!("{skipped} lines that begin with / were skipped (--block-delete)")),
+            (executed > 0).then(|| {
+                format!("{executed} lines that begin with / were executed; --block-delete skips them")
+            }),
+            tool_change_note(job, feed.tool_changes),
+        ]
+        .into_iter()
+        .flatten()
+        {
+            observer.note(&text);
+            notes.push(text);
+        }
         let mut summary = summarise(job, &report, &feed, late, notes);
         summary.dropped_setpoints += published.failed;
         if matches!(alarm, Some((Alarm::UserCommand, _))) {
@@ -374,6 +394,22 @@ pub fn run_seen(
             left,
         })
     })
+}
+
+/// What became of tool changes that nobody has carried out.
+fn tool_change_note(job: &Job, changes: u64) -> Option<String> {
+    let (many, verb) = match changes {
+        0 => return None,
+        1 => ("1 tool change (M6)".to_owned(), "was"),
+        changes => (format!("{changes} tool changes (M6)"), "were"),
+    };
+    match (job.clock, job.setup.machine.program.tool_change) {
+        (_, ToolChange::None) => Some(format!(
+            "{many} {verb} counted as done and nothing was changed: program.tool_change is \"none\" in the machine file"
+        )),
+        (Clock::Virtual, _) => Some(format!("{many} {verb} not carried out: time was not real")),
+        (Clock::Realtime, _) => None,
+    }
 }
 
 /// A panic of a thread is a bug; it is passed on rather than turned into a wrong summary.
@@ -469,6 +505,7 @@ pub(crate) fn run_info(setup: &Setup, source: &RunSource<'_>, start_time_ns: u64
                 ("planner".to_owned(), setup.machine.path.planner.name().to_owned()),
                 ("platform".to_owned(), crate::platform()),
                 ("block_delete".to_owned(), setup.block_delete.to_string()),
+                ("tool".to_owned(), setup.tool.to_string()),
                 ("start_line".to_owned(), setup.start_line.unwrap_or(0).to_string()),
             ]),
         ),

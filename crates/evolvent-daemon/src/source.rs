@@ -96,6 +96,11 @@ impl Commands {
         self.interpreter.set_block_delete(on);
     }
 
+    /// Lines that begin with `/`, as far as they were read: skipped, executed.
+    pub(crate) fn block_delete_lines(&self) -> (u64, u64) {
+        self.interpreter.block_delete_lines()
+    }
+
     /// How many files of subroutines have been read.
     pub(crate) fn file_count(&self) -> usize {
         self.interpreter.subroutine_file_count()
@@ -180,7 +185,8 @@ mod tests {
         std::fs::write(&program, "G0 X1\n/G0 X2\nG0 X3\n/G0 X4\nG0 X5\n/G0 X6\nM2\n").unwrap();
         let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/machines/mill-3axis.toml");
         let machine = Machine::load(&file).unwrap();
-        let setup = Setup::new(machine, file, String::new(), None).unwrap();
+        let mut setup = Setup::new(machine, file, String::new(), None).unwrap();
+        setup.block_delete = true;
         let mut commands = Commands::open(&program, &setup).unwrap();
         let mut places = Vec::new();
         while let Some(command) = commands.next() {

@@ -4,8 +4,8 @@ use std::path::Path;
 use std::sync::Arc;
 
 use evolvent_daemon::{ProgramMemory, Setup};
-use evolvent_gcode::{KeptParameters, ToolTable};
-use evolvent_machine::{Machine, PlannerKind};
+use evolvent_gcode::{KeptParameters, Outputs, ToolTable};
+use evolvent_machine::{Machine, PlannerKind, ToolChange, WithoutToolTable};
 use evolvent_process::Job as TurningJob;
 use evolvent_trace::{ReadError, RunInfo, TraceFile};
 
@@ -148,21 +148,29 @@ impl Opened {
             }
             None => None,
         };
+        let mut machine = self.machine.clone();
+        let tool = self.run.extra.get("tool").and_then(|tool| tool.parse().ok());
+        // Jobs of a served machine say themselves what they began with.
+        if tool.is_none() && !self.run.extra.contains_key("served") {
+            before_tool_changes(&mut machine);
+        }
         let start_line = self
             .run
             .extra
             .get("start_line")
             .and_then(|line| line.parse().ok());
         Ok(Setup {
-            machine: self.machine.clone(),
+            machine,
             machine_file: self.run.machine_file_name.clone().into(),
             machine_text: self.machine_text.clone(),
             period_ns: self.run.period_ns,
             memory,
             start_line: start_line.filter(|&line| line > 0),
-            // A program that is run by itself begins at home, with no tool.
+            // A program that is run by itself begins at home, with spindle and coolant off.
             place: None,
-            tool: 0,
+            tool: tool.unwrap_or(0),
+            outputs: Outputs::default(),
+            is_mdi: false,
             block_delete: self
                 .run
                 .extra
@@ -172,4 +180,10 @@ impl Opened {
             process,
         })
     }
+}
+
+/// The machine as versions took it that neither waited for tool changes nor missed a tool table.
+pub(crate) fn before_tool_changes(machine: &mut Machine) {
+    machine.program.tool_change = ToolChange::None;
+    machine.program.without_tool_table = WithoutToolTable::Zero;
 }

@@ -13,7 +13,7 @@ use serde_json::json;
 use crate::homing::HomingFile;
 use crate::machine::{
     ControlRate, CycleRecording, FeedbackWish, Kinematics, MAX_RATE_HZ, MIN_RATE_HZ, MachineKind, OnFull,
-    PathMode, PlannerKind, TurningWords,
+    PathMode, PlannerKind, ToolChange, TurningWords, WithoutToolTable,
 };
 
 /// A machine as Evolvent controls it: axes, limits, and how the control loop runs.
@@ -230,6 +230,14 @@ pub(crate) struct PathFile {
 pub(crate) struct ProgramFile {
     /// Tool table in LinuxCNC's format, lengths in mm; none where it is not given.
     pub(crate) tool_table: Option<String>,
+    /// What G43 H, G41 and G42 find where there is no tool table: "error", or "zero" for offsets and diameters of 0; "error"
+    /// where it is not given.
+    #[serde(default)]
+    pub(crate) without_tool_table: WithoutToolTable,
+    /// How M6 puts another tool into the spindle: "operator" stops and asks, "program" runs the executable M6 of
+    /// user_code_folder, "none" changes nothing and goes on; "operator" where it is not given.
+    #[serde(default)]
+    pub(crate) tool_change: ToolChange,
     /// File of the parameters that are kept from run to run, in LinuxCNC's format; nothing is kept where it is not given.
     pub(crate) parameters: Option<String>,
     /// Folders in which subroutines NAME.ngc are looked for, after the program's own.
@@ -238,7 +246,7 @@ pub(crate) struct ProgramFile {
     /// Which of M100 to M199 this machine knows, for example [101, 150]; none where it is not given.
     #[serde(default)]
     pub(crate) user_codes: Vec<i64>,
-    /// Folder of their programs, called M100 to M199; the machine file's own where it is not given.
+    /// Folder of their programs, called M100 to M199, and of M6; the machine file's own where it is not given.
     pub(crate) user_code_folder: Option<String>,
     /// How long one of them may take, s; 10 where it is not given.
     #[schemars(range(min = 0.1, max = 86400))]

@@ -220,11 +220,39 @@ pub enum TurningWords {
     Mode,
 }
 
+/// How M6 puts another tool into the spindle.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum ToolChange {
+    /// The program stops and asks the operator, who confirms the change.
+    #[default]
+    Operator,
+    /// An automatic changer: the executable M6 of the folder of user-defined M codes changes the tool.
+    Program,
+    /// Nothing is changed: a bench or simulation without a spindle.
+    None,
+}
+
+/// What offsets and diameters of tools are where there is no tool table.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum WithoutToolTable {
+    /// A program that uses them has an error.
+    #[default]
+    Error,
+    /// 0, with a message of the program.
+    Zero,
+}
+
 /// What programs find on the machine.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ProgramSettings {
     /// Tool table, as written in the file: relative to its folder.
     pub tool_table: Option<PathBuf>,
+    /// What offsets and diameters of tools are without one.
+    pub without_tool_table: WithoutToolTable,
+    /// How M6 puts another tool into the spindle.
+    pub tool_change: ToolChange,
     /// File of the kept parameters, likewise.
     pub parameters: Option<PathBuf>,
     /// Folders of subroutines, likewise.
@@ -245,6 +273,8 @@ impl Default for ProgramSettings {
     fn default() -> Self {
         Self {
             tool_table: None,
+            without_tool_table: WithoutToolTable::default(),
+            tool_change: ToolChange::default(),
             parameters: None,
             subroutines: Vec::new(),
             user_codes: Vec::new(),

@@ -82,6 +82,10 @@ pub(crate) fn write_text(
         };
         writeln!(out, "{shown}\n")?;
     }
+    for warning in &found.warnings {
+        let file = warning.file.as_deref().unwrap_or(file_name);
+        writeln!(out, "warning: {file}:{}: {}\n", warning.line, warning.message)?;
+    }
     let count = match found.errors.len() {
         0 => "no errors".to_owned(),
         1 => "1 error".to_owned(),
@@ -97,9 +101,15 @@ pub(crate) fn write_text(
 }
 
 /// The errors as one JSON value for editors: `{"file", "errors": [{"code", "line", "column", "length", "message",
-/// "help", "source", "span"}], "up_to": line or null, "chatter": [...]}`.
+/// "help", "source", "span", "calls"}], "warnings": [{"file", "line", "message"}], "up_to": line or null, "chatter": [...]}`.
 fn to_json(file_name: &str, found: &Checked, chatter: &[Warning]) -> serde_json::Value {
-    serde_json::json!({ "file": file_name, "errors": found.errors, "up_to": found.up_to, "chatter": chatter })
+    serde_json::json!({
+        "file": file_name,
+        "errors": found.errors,
+        "warnings": found.warnings,
+        "up_to": found.up_to,
+        "chatter": chatter,
+    })
 }
 
 #[cfg(test)]
@@ -112,6 +122,7 @@ mod tests {
         let errors = Interpreter::new(program.as_bytes(), Settings::default()).filter_map(Result::err);
         Checked {
             errors: errors.collect(),
+            warnings: Vec::new(),
             up_to: None,
         }
     }

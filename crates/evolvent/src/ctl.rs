@@ -347,7 +347,7 @@ impl Session {
             writeln!(out, "{text}").map_err(|error| CommandError::Failed(error.to_string()))?;
         }
         let result = match wait {
-            Some(waiting) if answer.verdict == 0 => Some(self.await_job(answer.job, waiting)?),
+            Some(waiting) if answer.verdict == 0 => Some(self.await_job(answer.job, waiting, err)?),
             _ => None,
         };
         tell(&answer, result.as_ref(), self.json, out)
@@ -449,10 +449,11 @@ impl Session {
             .map_err(|error| CommandError::Failed(error.to_string()))
     }
 
-    /// The status at the end of a job.
-    fn await_job(&mut self, job: u64, waiting: Waiting) -> Result<Status, CommandError> {
+    /// The status at the end of a job. A tool change that the job waits for is told meanwhile.
+    fn await_job(&mut self, job: u64, waiting: Waiting, err: &mut dyn Write) -> Result<Status, CommandError> {
         let (mut sequence, mut looks) = (0, 0);
         let (mut stopped_since, mut is_stopped): (Option<Instant>, bool) = (None, false);
+        let mut told = None;
         loop {
             looks += 1;
             if self.interrupted.load(Ordering::Relaxed) && !is_stopped {
@@ -473,8 +474,19 @@ impl Session {
                     }
                     return Ok(status);
                 }
+                let wanted = (status.tool_change == 1).then_some(status.tool_wanted);
+                if wanted.is_some() && wanted != told && !self.json {
+                    // With standard error gone there is nobody left to tell.
+                    drop(writeln!(
+                        err,
+                        "{}; `evolvent ctl resume` resumes",
+                        status.operator_message()
+                    ));
+                }
+                told = wanted;
                 let is_at_stop = status.job == job
                     && status.state == AT_PROGRAM_STOP
+                    && wanted.is_none()
                     && !status.operator_message().ends_with(AT_WORK);
                 if !is_at_stop {
                     stopped_since = None;
@@ -534,7 +546,7 @@ impl Session {
         self.send(&request(CommandCode::JogStop))?;
         // That signal has done its work.
         self.interrupted.store(false, Ordering::Relaxed);
-        let status = self.await_job(answer.job, Waiting::stopped_by(CommandCode::JogStop))?;
+        let status = self.await_job(answer.job, Waiting::stopped_by(CommandCode::JogStop), err)?;
         tell(&answer, Some(&status), self.json, out)
     }
 }

@@ -34,6 +34,15 @@ fn homed(status: &Status, axes: &str) -> String {
         .collect()
 }
 
+/// Who changes the tool that the program waits for.
+fn tool_change(status: &Status) -> &'static str {
+    match status.tool_change {
+        0 => "none",
+        1 => "operator",
+        _ => "program",
+    }
+}
+
 /// Everything, by axis where it is of axes.
 pub(crate) fn status_to_json(status: &Status, axes: &str) -> Value {
     let by_axis = |values: &[f64]| {
@@ -78,6 +87,8 @@ pub(crate) fn status_to_json(status: &Status, axes: &str) -> Value {
         "spindle_rpm": status.spindle_rpm,
         "coolant": status.coolant,
         "tool": status.tool,
+        "tool_change": tool_change(status),
+        "tool_wanted": (status.tool_change != 0).then_some(status.tool_wanted),
         "work_system": format!("G{}", f64::from(status.work_system) / 10.0),
         "modal": modal_codes(status),
         "single_step": status.switches & 1 != 0,
@@ -170,6 +181,18 @@ pub(crate) fn write_status(
         status.spindle_rpm,
         modal_codes(status).join(" ")
     )?;
+    match (status.tool_change, status.tool_wanted) {
+        (0, _) => {}
+        (1, 0) => writeln!(
+            out,
+            "  waits for the operator: take the tool out of the spindle, then `evolvent ctl resume`"
+        )?,
+        (1, tool) => writeln!(
+            out,
+            "  waits for the operator: put tool {tool} into the spindle, then `evolvent ctl resume`"
+        )?,
+        (_, tool) => writeln!(out, "  the changer puts tool {tool} into the spindle")?,
+    }
     if status.feedback_age_ns != u64::MAX {
         writeln!(
             out,
@@ -215,6 +238,7 @@ mod tests {
             ..Status::default()
         };
         status.position_machine[2] = -7.5;
+        (status.tool_change, status.tool_wanted) = (1, 4);
         status.modal[..2].copy_from_slice(&[170, 591]);
         status.feedback_age_ns = u64::MAX;
         status.push_alarm(406);
@@ -226,6 +250,10 @@ mod tests {
         assert_eq!(value["position_machine"], json!({"X": 0.0, "Z": -7.5}));
         assert_eq!(value["modal"], json!(["G17", "G59.1"]));
         assert_eq!(value["work_system"], "G59.1");
+        assert_eq!(
+            (&value["tool_change"], &value["tool_wanted"]),
+            (&json!("operator"), &json!(4))
+        );
         assert_eq!(value["feedback_age_ns"], Value::Null);
         let mut page = Vec::new();
         write_status(&mut page, &status, "XZ", "mill").unwrap();
@@ -234,5 +262,6 @@ mod tests {
             page.contains("-7.5000") && page.contains("alarm 406: axis X"),
             "{page}"
         );
+        assert!(page.contains("put tool 4 into the spindle"), "{page}");
     }
 }

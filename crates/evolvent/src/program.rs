@@ -35,6 +35,12 @@ pub(crate) struct ProgramArgs {
     /// Parameters and offsets that are kept from run to run, in LinuxCNC's format. Default: the machine file's.
     #[arg(long, value_name = "FILE.var")]
     pub(crate) parameters: Option<PathBuf>,
+    /// The tool that is in the spindle at the start: M6 with another one waits for a tool change.
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=99_999))]
+    pub(crate) tool: u32,
+    /// Skip lines that begin with `/` (block delete); without this they are executed.
+    #[arg(long)]
+    pub(crate) block_delete: bool,
     /// Look for subroutines NAME.ngc in this folder too, after the program's own and before the machine file's.
     #[arg(long, value_name = "FOLDER")]
     pub(crate) subroutines: Vec<PathBuf>,
@@ -79,6 +85,8 @@ impl ProgramArgs {
             .map_err(|error| usage(error.to_string()))?;
         setup.memory = self.memory(&setup.machine)?;
         setup.start_line = self.start_line;
+        setup.tool = self.tool;
+        setup.block_delete = self.block_delete;
         Ok(setup)
     }
 

@@ -95,6 +95,7 @@ pub(crate) fn run(args: &RunArgs, out: &mut dyn Write, err: &mut dyn Write) -> R
     if let Some(file) = &args.process {
         crate::process::install_file(&mut setup, file, clock)?;
     }
+    let stop_at_program_stops = clock == Clock::Realtime && io::stdin().is_terminal();
     if !args.unchecked {
         refuse_wrong_program(args, &setup, clock, out, err)?;
     }
@@ -121,7 +122,6 @@ pub(crate) fn run(args: &RunArgs, out: &mut dyn Write, err: &mut dyn Write) -> R
         })?;
     }
     args.program.tell_start(&setup, err)?;
-    let stop_at_program_stops = clock == Clock::Realtime && io::stdin().is_terminal();
     let job = Job {
         program: args.program.program.clone(),
         setup,
@@ -173,6 +173,7 @@ fn refuse_wrong_program(
     let mut bounds = CheckBounds::while_one_waits(ERRORS_SHOWN);
     // Where time is not real, nothing of the machine is there to be commanded.
     bounds.user_codes = clock == Clock::Realtime;
+    bounds.confirms_tools = clock == Clock::Virtual || io::stdin().is_terminal();
     let found = evolvent_daemon::check(file, setup, bounds)
         .map_err(|error| CommandError::Usage(format!("{name}: {error}; name a readable part program")))?;
     let Some(first) = found.errors.first() else {

@@ -27,6 +27,7 @@ use crate::cycle::turning_alarm;
 use crate::drives::watch_settings;
 use crate::job::Setup;
 use crate::news::{FeederNews, Outside, OutsideKind};
+use crate::periphery::Periphery;
 use crate::switches::{SwitchState, Switches};
 
 /// By how much later than the cycle's watch the desk finds that drives do not come into operation, ns.
@@ -90,6 +91,10 @@ pub(crate) struct Operator {
     inbox: VecDeque<CycleEvent>,
     /// The check of a long program.
     pub(super) checking: Option<Checking>,
+    /// Spindle, coolant and tool as they are now.
+    pub(super) periphery: Periphery,
+    /// The job was stopped by an emergency stop: what its program switches counts no more.
+    pub(super) is_emergency: bool,
     /// The datum that the last renaming has led to.
     pub(super) datum: u64,
     /// The way to the middle of the program, on its way.
@@ -170,7 +175,10 @@ impl Operator {
             datum: 0,
             way: None,
             checking: None,
+            periphery: Periphery::default(),
+            is_emergency: false,
         };
+        operator.periphery.tool = operator.keep.tool;
         operator.refresh_modes();
         operator.relocate(operator.view.setpoint.position, false);
         Ok(operator)
@@ -182,6 +190,7 @@ impl Operator {
         setup.memory = self.keep.memory.clone();
         setup.place = Some(self.view.setpoint.position);
         setup.tool = self.keep.tool;
+        setup.outputs = self.periphery.outputs;
         setup.block_delete = self.desk.is_block_delete();
         setup.rapid_override = self.desk.overrides()[1];
         setup
@@ -276,6 +285,8 @@ impl Operator {
                 self.give_up_waiting(JobResult::Stopped);
                 self.cancel_command();
                 self.cancel_homing();
+                self.is_emergency = true;
+                self.switch_periphery_off();
                 self.send(What::Emergency, command);
                 return Ok(0);
             }
@@ -285,6 +296,7 @@ impl Operator {
                 return Ok(0);
             }
             Command::Off => {
+                self.switch_periphery_off();
                 self.send(What::Power(PowerRequest::Off), command);
                 return Ok(0);
             }
@@ -362,6 +374,7 @@ impl Operator {
                 self.refresh_modes();
             }
             Command::Reset => {
+                self.switch_periphery_off();
                 let settings = self.setup_here().interpreter_settings();
                 if let Ok(modes) = Modes::at_start(&settings) {
                     self.modes = modes;
@@ -477,6 +490,7 @@ impl Operator {
     pub(crate) fn end(&mut self) {
         if !self.ending {
             self.ending = true;
+            self.switch_off_at_rest();
             self.give_up_waiting(JobResult::Stopped);
             self.cancel_command();
             self.cancel_homing();
@@ -599,6 +613,7 @@ impl Operator {
                 let known = Alarm::from_number(alarm.number()).unwrap_or(Alarm::DriveFault);
                 self.raise(sequence, known, alarm.to_string());
                 self.desk.drop_power();
+                self.switch_off_at_rest();
                 self.give_up_waiting(JobResult::Fault);
                 self.cancel_homing();
             }
@@ -664,6 +679,11 @@ impl Operator {
             self.order(What::ExpectSwitches(0));
             // Back to the travel as it is.
             self.relocate(self.view.setpoint.position, false);
+        }
+        // A program that did not come to its end has not switched off what it had on.
+        let is_broken_off = matches!(self.job, Job::Program(_)) && result != JobResult::Done;
+        if is_broken_off || result == JobResult::Fault {
+            self.switch_periphery_off();
         }
         self.job = Job::None;
         (self.hold, self.stopping) = (false, false);

@@ -20,6 +20,7 @@ use crate::check::CheckBounds;
 use crate::job::Setup;
 use crate::job_start::ProgramStart;
 use crate::news::{FeederNews, OutsideKind, StopKind, UserCall};
+use crate::periphery::Periphery;
 use crate::refusal::ProgramError;
 use crate::rt::{take_turns, unhurried};
 use crate::source::{Commands, Start};
@@ -171,7 +172,8 @@ impl Operator {
         let preamble = self.modes.preamble();
         let lines = preamble.lines().count() as u32;
         let whole = format!("{preamble}{text}\n");
-        let setup = self.setup_here();
+        let mut setup = self.setup_here();
+        setup.is_mdi = true;
         let settings = Settings {
             max_lines_before_start: MOST_LINES_OF_MDI,
             ..setup.interpreter_settings()
@@ -218,6 +220,7 @@ impl Operator {
                 subroutines: String::new(),
                 place: setup.start(),
                 tool: setup.tool,
+                outputs: Some(setup.outputs),
                 start_line: setup.start_line.unwrap_or(0),
                 switches,
                 feed_override: self.desk.overrides()[0],
@@ -240,6 +243,7 @@ impl Operator {
         })
         .map_err(|error| Refusal::new(Alarm::Planner, format!("no thread for the planner: {error}")))?;
         self.track = Track::default();
+        self.is_emergency = false;
         (self.hold, self.stopping) = (false, false);
         self.job = Job::Program(Box::new(ProgramRun {
             planning,
@@ -299,6 +303,7 @@ impl Operator {
         self.cancel_command();
         self.stopping = !matches!(self.job, Job::None);
         self.hold = false;
+        self.switch_off_at_rest();
         self.send(What::Stop, command);
     }
 
@@ -323,7 +328,11 @@ impl Operator {
             }
         }) {
             self.modes.modal = modal;
-            self.keep.tool = modal.tool;
+        }
+        if let Some(periphery) = self.track.take_periphery(&setpoint)
+            && !self.is_emergency
+        {
+            self.take_periphery(periphery);
         }
         if let Some(stop) = self.track.take_stop(&setpoint) {
             self.stands_at(stop);
@@ -380,6 +389,24 @@ impl Operator {
         }
     }
 
+    /// Spindle, coolant and tool as the program has them now.
+    fn take_periphery(&mut self, periphery: Periphery) {
+        self.periphery = periphery;
+        self.keep.tool = periphery.tool;
+    }
+
+    /// Spindle and coolant go off, whatever has switched them on.
+    pub(super) fn switch_periphery_off(&mut self) {
+        self.periphery.switch_off();
+    }
+
+    /// The same where no program runs; one that runs and is being stopped has them off where it comes to rest.
+    pub(super) fn switch_off_at_rest(&mut self) {
+        if !matches!(self.job, Job::Program(_)) {
+            self.switch_periphery_off();
+        }
+    }
+
     /// The program waits at this stop.
     fn stands_at(&mut self, (action, kind): (u32, StopKind)) {
         let Job::Program(run) = &mut self.job else { return };
@@ -388,7 +415,7 @@ impl Operator {
             run.step = None;
         }
         match kind {
-            StopKind::Program => {}
+            StopKind::Program | StopKind::ToolChange(_) => {}
             StopKind::Step => {
                 if !self.switches.is_single_step() {
                     self.order(What::GoOn(action + 1));
@@ -463,11 +490,9 @@ impl Operator {
             && result == JobResult::Done
         {
             self.modes.modal = modal;
-            self.keep.tool = modal.tool;
         }
         match (result, planned, after) {
             (JobResult::Done, _, Some(after)) => {
-                self.keep.tool = after.modes.modal.tool;
                 self.keep.memory.kept = Some(after.kept);
                 self.keep.memory.tools = after.tools.or_else(|| self.keep.memory.tools.take());
                 self.modes = after.modes;

@@ -8,6 +8,7 @@ use evolvent_trace::Histogram;
 
 use super::operator::Operator;
 use super::orders::CycleView;
+use crate::periphery::Periphery;
 use crate::publisher::{PublishReport, event_of};
 
 /// What the cycles so far were like.
@@ -38,6 +39,7 @@ pub(crate) struct Mark {
     switches: u32,
     homed: u32,
     accepted: u64,
+    periphery: Periphery,
 }
 
 impl Mark {
@@ -55,6 +57,8 @@ impl Mark {
             switches: switches(operator),
             homed: desk.homed(),
             accepted: desk.counts().0,
+            // The status is all that switches spindle and coolant: what it says of them may not wait.
+            periphery: operator.periphery,
         }
     }
 
@@ -97,6 +101,8 @@ pub(crate) fn snapshot(
 ) -> Status {
     let (desk, view, modal) = (&operator.desk, &operator.view, &operator.modes.modal);
     let setpoint = &view.setpoint;
+    let periphery = &operator.periphery;
+    let (tool_change, tool_wanted) = periphery.change_numbers();
     let mut status = Status {
         sequence,
         time_ns: now_ns,
@@ -109,7 +115,7 @@ pub(crate) fn snapshot(
         line: setpoint.line,
         axes_mask: operator.present(),
         homed_mask: desk.homed(),
-        tool: operator.keep.tool,
+        tool: periphery.tool,
         work_system: modal.work_system,
         setpoint_subscribers: published.1 as u32,
         position_machine: setpoint.position.into(),
@@ -122,7 +128,7 @@ pub(crate) fn snapshot(
         override_ratio: desk.overrides()[0],
         rapid_override_ratio: desk.overrides()[1],
         spindle_override_ratio: desk.overrides()[2],
-        spindle_rpm: modal.spindle_rpm,
+        spindle_rpm: periphery.outputs.signed_rpm(),
         late_cycles: view.late_cycles.max(published.0.late),
         dropped_records: view.dropped_records,
         dropped_setpoints: view.dropped_setpoints + published.0.failed,
@@ -138,7 +144,9 @@ pub(crate) fn snapshot(
         job: desk.job(),
         switches: switches(operator),
         power: view.power.number(),
-        coolant: u32::from(modal.mist) | u32::from(modal.flood) << 1,
+        coolant: periphery.coolant_bits(),
+        tool_change,
+        tool_wanted,
         modal: modal.codes,
         home_offset: operator.home_offset.into(),
         feedback_age_ns: u64::MAX,

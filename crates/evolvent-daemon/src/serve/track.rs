@@ -6,7 +6,8 @@ use std::sync::mpsc::Receiver;
 use evolvent_gcode::Modal;
 use evolvent_motion::{Setpoint, State};
 
-use crate::news::{FeederNews, Notice, QueuedBlock, StopKind};
+use crate::news::{FeederNews, Notice, QueuedBlock, StopKind, notices_due};
+use crate::periphery::Periphery;
 
 /// What is known of the blocks ahead.
 #[derive(Debug, Default)]
@@ -14,6 +15,7 @@ pub(crate) struct Track {
     blocks: VecDeque<QueuedBlock>,
     modals: VecDeque<(u32, Modal)>,
     stops: VecDeque<(u32, StopKind)>,
+    peripheries: VecDeque<(u32, Periphery)>,
     notices: VecDeque<Notice>,
     planned_mm: f64,
 }
@@ -29,6 +31,7 @@ impl Track {
                 }
                 FeederNews::Modal(block, modal) => self.modals.push_back((block, modal)),
                 FeederNews::Stop(action, kind) => self.stops.push_back((action, kind)),
+                FeederNews::Periphery(action, periphery) => self.peripheries.push_back((action, periphery)),
                 FeederNews::Notice(notice) => self.notices.push_back(notice),
                 FeederNews::Block(_)
                 | FeederNews::File(..)
@@ -50,14 +53,12 @@ impl Track {
             setpoint.block + 1
         };
         let ended = setpoint.state == State::Done;
-        while self
-            .notices
-            .front()
-            .is_some_and(|notice| notice.moment.has_come(setpoint.actions, begun, ended))
-        {
-            if let Some(notice) = self.notices.pop_front() {
-                message(&notice);
+        loop {
+            let due = notices_due(&self.notices, setpoint.actions, begun, ended);
+            if due == 0 {
+                break;
             }
+            self.notices.drain(..due).for_each(|notice| message(&notice));
         }
         while self.blocks.len() > 1 && self.blocks[0].block < setpoint.block {
             self.blocks.pop_front();
@@ -71,6 +72,16 @@ impl Track {
             modal = self.modals.pop_front().map(|(_, modal)| modal);
         }
         modal
+    }
+
+    /// Spindle, coolant and tool with this setpoint, if an action has changed them since the last time. Actions take effect
+    /// at rest, between the motion before and whatever follows, be it a dwell or a stop.
+    pub(crate) fn take_periphery(&mut self, setpoint: &Setpoint) -> Option<Periphery> {
+        let mut newest = None;
+        while (self.peripheries.front()).is_some_and(|(action, _)| *action < setpoint.actions) {
+            newest = self.peripheries.pop_front().map(|(_, periphery)| periphery);
+        }
+        newest
     }
 
     /// The block at work.

@@ -17,6 +17,7 @@ use super::one::recorded_inputs;
 use super::watch::{End, STATE_DONE, Watch, judged};
 use super::*;
 use crate::jobs::{Start, starts, travel_of};
+use crate::opened::before_tool_changes;
 
 /// The bits that say what moved the axes.
 const WHAT_MOVED: u32 = bits::FOLLOWS | bits::STEERS;
@@ -321,6 +322,11 @@ impl Served<'_> {
         setup.memory = memory;
         setup.place = Some(start.place);
         setup.tool = start.tool;
+        setup.outputs = start.outputs.unwrap_or_default();
+        setup.is_mdi = start.is_mdi && start.outputs.is_some();
+        if start.outputs.is_none() {
+            before_tool_changes(&mut setup.machine);
+        }
         setup.block_delete = start.switches.block_delete;
         setup.rapid_override = start.switches.rapid_override;
         setup.start_line = (start.start_line > 1).then_some(start.start_line);

@@ -201,6 +201,8 @@ impl Check<'_> {
         let folders = program.subroutines.iter().enumerate();
         Ok(ProgramSettings {
             tool_table: optional("tool_table", &program.tool_table)?,
+            without_tool_table: program.without_tool_table,
+            tool_change: program.tool_change,
             parameters: optional("parameters", &program.parameters)?,
             subroutines: folders
                 .map(|(index, text)| path(&format!("subroutines[{index}]"), text))

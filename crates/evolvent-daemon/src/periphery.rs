@@ -1,0 +1,104 @@
+//! Spindle, coolant and tool: what a program switches at rest, and the tool changes it waits for.
+
+use evolvent_gcode::{Action, Outputs, SpindleDirection};
+use evolvent_machine::ToolChange;
+
+use crate::news::UserCall;
+
+/// Number of M6 where its executable is run like a user-defined M code.
+pub(crate) const TOOL_CHANGE_CODE: u32 = 6;
+
+/// Who carries out the tool change that the program waits for. The numbers are those of the status.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Changer {
+    /// The operator, who confirms it.
+    Operator = 1,
+    /// The machine's own program.
+    Program = 2,
+}
+
+/// State of spindle, coolant and tool.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Periphery {
+    pub outputs: Outputs,
+    /// Tool in the spindle; 0 for none.
+    pub tool: u32,
+    /// The tool change that the program waits for: by whom, and the tool; 0 empties the spindle.
+    pub change: Option<(Changer, u32)>,
+}
+
+impl Periphery {
+    /// Takes over what an action changes. Returns whether it changes anything of the kind.
+    pub(crate) fn apply(&mut self, action: &Action) -> bool {
+        match *action {
+            Action::ChangeTool(tool) | Action::ToolNumber(tool) => {
+                (self.tool, self.change) = (tool, None);
+                true
+            }
+            _ => self.outputs.apply(action),
+        }
+    }
+
+    /// Spindle and coolant off, no tool change pending: after a stop, a fault or an emergency stop.
+    pub(crate) fn switch_off(&mut self) {
+        self.outputs = Outputs {
+            direction: SpindleDirection::Stopped,
+            mist: false,
+            flood: false,
+            ..self.outputs
+        };
+        self.change = None;
+    }
+
+    /// Coolant as the bus encodes it: bit 0 mist, bit 1 flood.
+    pub(crate) fn coolant_bits(&self) -> u32 {
+        u32::from(self.outputs.mist) | u32::from(self.outputs.flood) << 1
+    }
+
+    /// The pending tool change as the bus encodes it: by whom (0 none), and the tool.
+    pub(crate) fn change_numbers(&self) -> (u32, u32) {
+        self.change
+            .map_or((0, 0), |(changer, tool)| (changer as u32, tool))
+    }
+}
+
+/// The call of the machine's own program for a tool change: new tool and present tool are its arguments.
+pub(crate) fn tool_change_call(tool: u32, present: u32, line: u32) -> UserCall {
+    UserCall {
+        number: TOOL_CHANGE_CODE,
+        words: [Some(f64::from(tool)), Some(f64::from(present))],
+        line,
+    }
+}
+
+/// What the operator is told to do.
+pub(crate) fn tool_request(tool: u32, present: u32) -> String {
+    match tool {
+        0 => format!("tool change (M6): take tool {present} out of the spindle, then resume"),
+        _ => format!("tool change (M6): put tool {tool} into the spindle, then resume"),
+    }
+}
+
+/// Why a tool change cannot be carried out where nobody is there to confirm it.
+pub(crate) fn nobody_changes(tool: u32, present: u32) -> (String, String) {
+    let what = match present {
+        0 => "the spindle is empty".to_owned(),
+        present => format!("tool {present} is in the spindle"),
+    };
+    let message = format!("M6 needs tool {tool}, but {what}, and nobody can confirm a tool change here");
+    let help = format!(
+        "run in a terminal, where Enter confirms it, or use `evolvent serve`; --tool {tool} says that the tool is in the \
+         spindle already; program.tool_change in the machine file declares an automatic changer"
+    );
+    (message, help)
+}
+
+/// Whether a program that asks for this tool has to wait for it.
+pub(crate) fn waits_for(policy: ToolChange, tool: u32, present: u32) -> Option<Changer> {
+    match policy {
+        _ if tool == present => None,
+        ToolChange::Operator => Some(Changer::Operator),
+        ToolChange::Program => Some(Changer::Program),
+        ToolChange::None => None,
+    }
+}
