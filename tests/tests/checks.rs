@@ -1,0 +1,163 @@
+//! What `check`, `plan` and `run` say of a program before anything moves.
+#![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
+
+use std::path::Path;
+
+use evolvent_tests::{Workshop, repository, run};
+use serde_json::Value;
+
+fn check(program: &Path, options: &[&str]) -> Value {
+    let machine = repository().join("config/machines/mill-3axis.toml");
+    command("check", program, &machine, options, &[0, 1])
+}
+
+fn command(name: &str, program: &Path, machine: &Path, options: &[&str], codes: &[i32]) -> Value {
+    let (program, machine) = (program.to_str().expect("UTF-8"), machine.to_str().expect("UTF-8"));
+    let words = [name, program, "--machine", machine, "--json"];
+    run(words.iter().chain(options)).expect_code(codes).json()
+}
+
+/// Code and line of every error.
+fn errors(found: &Value) -> Vec<(String, u64)> {
+    let list = found["errors"].as_array().expect("a list");
+    list.iter()
+        .map(|error| {
+            (
+                error["code"].as_str().expect("a code").to_owned(),
+                error["line"].as_u64().expect("a line"),
+            )
+        })
+        .collect()
+}
+
+fn found(list: &[(&str, u64)]) -> Vec<(String, u64)> {
+    list.iter()
+        .map(|(code, line)| ((*code).to_owned(), *line))
+        .collect()
+}
+
+#[test]
+fn one_mistake_is_one_error_and_nothing_follows_from_it() {
+    let workshop = Workshop::new();
+    for (text, expected) in [
+        // G96 stays in force: M5 and M2 come by it again.
+        ("G96 S100 M3\nG0 X1\nM5\nM3\nM2\n", &[("G0803", 1)][..]),
+        (
+            "G96 S100 M3\nG97 S100\nG0 X1\nG96 S50\nM2\n",
+            &[("G0803", 1), ("G0803", 4)],
+        ),
+        (
+            "G21 F100 S500 M3\nG0 Z5\nG84 X1 Z-1 R1\nX2\nG80\nM2\n",
+            &[("G0803", 3), ("G0803", 4)],
+        ),
+        // Back from where a refused move was to lead.
+        (
+            "G0 X5000\nG0 X1\nG0 X5000\nX6000\nM2\n",
+            &[("G0801", 1), ("G0801", 3), ("G0801", 4)],
+        ),
+        (
+            "o1 repeat [100]\nG0 X5000\nG0 X1\no1 endrepeat\nM2\n",
+            &[("G0801", 2)],
+        ),
+    ] {
+        let program = workshop.write("one.ngc", text);
+        assert_eq!(errors(&check(&program, &[])), found(expected), "{text}");
+    }
+}
+
+#[test]
+fn what_the_machine_refuses_in_a_subroutine_file_is_told_there() {
+    let workshop = Workshop::new();
+    let _file = workshop.write(
+        "far.ngc",
+        "o<far> sub\nG0 X1\nG0 X5000\nG0 X0\no<far> endsub\nM2\n",
+    );
+    let program = workshop.write("main.ngc", "G21\no<far> call\no<far> call\nM2\n");
+    let all = check(&program, &[]);
+    assert_eq!(errors(&all), found(&[("G0801", 3)]), "{all}");
+    let error = &all["errors"][0];
+    assert!(
+        error["file"]
+            .as_str()
+            .is_some_and(|file| file.ends_with("far.ngc")),
+        "{error}"
+    );
+    assert_eq!(error["source"], "G0 X5000");
+    assert_eq!(error["calls"], serde_json::json!([{"file": null, "line": 2}]));
+}
+
+#[test]
+fn a_tool_without_a_table_is_an_error_unless_the_machine_says_zero() {
+    let workshop = Workshop::new();
+    let program = workshop.write("length.ngc", "G21 F100\nT1 M6\nG43 H1\nG0 Z5\nM2\n");
+    let strict = check(&program, &[]);
+    assert_eq!(errors(&strict), found(&[("G0410", 3)]));
+    let shipped =
+        std::fs::read_to_string(repository().join("config/machines/mill-3axis.toml")).expect("a mill");
+    let text = format!("{shipped}\n[program]\nwithout_tool_table = \"zero\"\n");
+    let machine = workshop.write("lenient.toml", text);
+    let lenient = command("check", &program, &machine, &[], &[0]);
+    assert_eq!(errors(&lenient), []);
+    let warning = &lenient["warnings"][0];
+    assert_eq!(warning["line"], 3, "{lenient}");
+    assert!(
+        warning["message"].to_string().contains("no tool table"),
+        "{warning}"
+    );
+    let table = workshop.write("tools.tbl", "T1 P1 Z12 D6\n");
+    let with_table = check(&program, &["--tools", table.to_str().expect("UTF-8")]);
+    assert_eq!(
+        (errors(&with_table), &with_table["warnings"]),
+        (vec![], &serde_json::json!([]))
+    );
+}
+
+#[test]
+fn lines_with_a_slash_run_unless_they_are_switched_off() {
+    let workshop = Workshop::new();
+    let program = workshop.write("slash.ngc", "G21 G90 F6000\nG1 X1\n/G1 X4\nG1 Y1\n/X?\nM2\n");
+    let machine = repository().join("config/machines/mill-3axis.toml");
+    assert_eq!(errors(&check(&program, &[])), found(&[("G0101", 5)]));
+    assert_eq!(errors(&check(&program, &["--block-delete"])), []);
+    let program = workshop.write("slash.ngc", "G21 G90 F6000\nG1 X1\n/G1 X4\nG1 Y1\nM2\n");
+    for (name, options) in [
+        ("plan", &[][..]),
+        ("run", &["--clock", "virtual", "--no-trace", "--no-bus"]),
+    ] {
+        for (switch, x, said) in [
+            (&[][..], 4.0, "1 lines that begin with / were executed"),
+            (&["--block-delete"], 1.0, "1 lines that begin with / were skipped"),
+        ] {
+            let options: Vec<&str> = options.iter().chain(switch).copied().collect();
+            let summary = command(name, &program, &machine, &options, &[0]);
+            assert_eq!(summary["end_position"][0], x, "{name} {switch:?}");
+            assert!(
+                summary["notes"].to_string().contains(said),
+                "{name}: {}",
+                summary["notes"]
+            );
+        }
+    }
+}
+
+#[test]
+fn a_dwell_that_is_meant_in_milliseconds_is_a_warning() {
+    let workshop = Workshop::new();
+    let program = workshop.write("dwell.ngc", "G21\no1 repeat [5]\nG4 P500\no1 endrepeat\nM2\n");
+    let all = check(&program, &[]);
+    assert_eq!(errors(&all), []);
+    assert_eq!(all["warnings"].as_array().map(Vec::len), Some(1), "{all}");
+    assert_eq!(all["warnings"][0]["line"], 3);
+    let machine = repository().join("config/machines/mill-3axis.toml");
+    let words = [
+        "check",
+        program.to_str().expect("UTF-8"),
+        "--machine",
+        machine.to_str().expect("UTF-8"),
+    ];
+    let shown = run(words).expect_code(&[0]).err;
+    assert!(
+        shown.contains("dwell.ngc:3: G4 P500 waits 500 seconds"),
+        "{shown}"
+    );
+}

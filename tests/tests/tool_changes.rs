@@ -1,0 +1,326 @@
+//! M6, spindle and coolant: who is asked, and what the bus says while the program waits.
+#![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
+
+use std::os::unix::fs::PermissionsExt;
+use std::path::PathBuf;
+
+use evolvent_bus::Status;
+use evolvent_tests::{Domain, Launch, Operator, Scene, Workshop, command, unless_disturbed};
+
+const DONE: u32 = 1;
+const STOPPED: u32 = 2;
+
+/// A mill whose machine file says more of programs.
+fn mill(workshop: &Workshop, name: &str, program: &str) -> PathBuf {
+    let text = std::fs::read_to_string(workshop.mill(name, &[])).expect("a machine file");
+    workshop.write(
+        &format!("{name}-program.toml"),
+        format!("{text}\n[program]\n{program}\n"),
+    )
+}
+
+#[track_caller]
+fn stands_at(operator: &mut Operator, line: u32) -> Status {
+    operator.waits("a stop", |status| status.state == 7 && status.line == line)
+}
+
+#[test]
+fn m6_waits_for_the_operator_and_names_the_tool() {
+    unless_disturbed(|| {
+        let scene = Scene::new("tc-serve");
+        let program = scene.workshop.write(
+            "change.ngc",
+            "G21 G90 F6000\nG1 X5\nT4 M6\nG1 X10\nT4 M6\nT0 M6\nG1 X0\nM2\n",
+        );
+        let mut operator = scene.operator();
+        operator.brings_up();
+        operator.says_number("MODE", 0);
+        operator.says_text("LOAD", program.to_str().expect("UTF-8"));
+        let job = operator.says("START").job;
+        let status = stands_at(&mut operator, 3);
+        assert_eq!((status.tool_change, status.tool_wanted, status.tool), (1, 4, 0));
+        assert!(
+            status.operator_message().contains("put tool 4 into the spindle"),
+            "{}",
+            status.operator_message()
+        );
+        assert_eq!(status.position_machine[0], 5.0);
+        // It stays until it is confirmed.
+        std::thread::sleep(std::time::Duration::from_millis(300));
+        assert_eq!(operator.now().line, 3);
+        operator.says("RESUME");
+        // The tool is in the spindle: the second M6 asks nobody, the third empties the spindle.
+        let status = stands_at(&mut operator, 6);
+        assert_eq!((status.tool_change, status.tool_wanted, status.tool), (1, 0, 4));
+        assert!(
+            status.operator_message().contains("take tool 4 out"),
+            "{}",
+            status.operator_message()
+        );
+        operator.says("RESUME");
+        let status = operator.sees_end(job);
+        assert_eq!((status.job_result, status.tool_change, status.tool), (DONE, 0, 0));
+        // In a block of MDI; a stop leaves the tool as it was.
+        operator.says_number("MODE", 2);
+        let job = operator.says_text("MDI", "T9 M6").job;
+        let status = operator.waits("the change", |status| status.tool_change == 1);
+        assert_eq!((status.tool_wanted, status.tool), (9, 0));
+        operator.says("STOP");
+        let status = operator.sees_end(job);
+        assert_eq!(
+            (status.job_result, status.tool_change, status.tool),
+            (STOPPED, 0, 0)
+        );
+        drop(operator);
+        scene.end();
+    });
+}
+
+#[test]
+fn an_automatic_changer_is_run_and_its_failure_stops() {
+    unless_disturbed(|| {
+        let (workshop, domain) = (Workshop::new(), Domain::new());
+        let machine = mill(
+            &workshop,
+            "tc-auto",
+            "tool_change = \"program\"\nuser_code_folder = \"codes\"",
+        );
+        std::fs::create_dir(workshop.path("codes")).expect("a folder");
+        let said = workshop.path("said");
+        let script = format!(
+            "#!/bin/sh\necho \"$1 $2\" >> {}\n[ \"$1\" = 8 ] && exit 5\nexit 0\n",
+            said.display()
+        );
+        let changer = workshop.write("codes/M6", script);
+        std::fs::set_permissions(&changer, PermissionsExt::from_mode(0o755)).expect("permissions");
+        let program = workshop.write(
+            "two.ngc",
+            "G21 G90 F6000\nT3 M6\nG1 X5\nT3 M6\nT8 M6\nG1 X9\nM2\n",
+        );
+        let run = || {
+            Launch::in_real_time(&program, &machine, &domain)
+                .no_trace()
+                .finish()
+        };
+        let summary = run().expect_code(&[1]).json();
+        assert_eq!(std::fs::read_to_string(&said).expect("its words"), "3 0\n8 3\n");
+        assert_eq!(
+            (&summary["alarm"], &summary["end_position"][0]),
+            (&102.into(), &5.0.into())
+        );
+        assert!(summary["error"].to_string().contains("exit code 5"), "{summary}");
+        // A changer that is missing is found before anything moves.
+        std::fs::remove_file(&changer).expect("removed");
+        let summary = run().expect_code(&[1]).json();
+        assert_eq!(summary["cycles"], 0);
+        assert!(summary["error"].to_string().contains("codes/M6"), "{summary}");
+    });
+}
+
+#[test]
+fn a_run_without_operator_refuses_m6_before_it_moves() {
+    let (workshop, domain) = (Workshop::new(), Domain::new());
+    let program = workshop.write("one.ngc", "G21 G90 F6000\nG1 X5\nT3 M6\nG1 X9\nM2\n");
+    let machine = workshop.mill("tc-run", &[]);
+    let run = |options: &[&str]| {
+        Launch::in_real_time(&program, &machine, &domain)
+            .no_trace()
+            .with(&["--no-bus"])
+            .with(options)
+            .finish()
+    };
+    let refused = run(&[]).expect_code(&[1]).json();
+    let error = refused["error"].to_string();
+    assert!(
+        error.contains("needs tool 3") && error.contains("one.ngc:3"),
+        "{error}"
+    );
+    assert_eq!(refused["cycles"], 0);
+    // Unchecked, it stops there.
+    let stopped = run(&["--unchecked"]).expect_code(&[1]).json();
+    assert_eq!(stopped["end_position"][0], 5.0, "{stopped}");
+    // With the tool in the spindle there is nothing to change.
+    let done = run(&["--tool", "3"]).expect_code(&[0, 3]).json();
+    assert_eq!(done["end_position"][0], 9.0);
+    // A machine without a spindle goes on, and says so.
+    let bench = mill(&workshop, "tc-none", "tool_change = \"none\"");
+    let done = Launch::in_real_time(&program, &bench, &domain)
+        .no_trace()
+        .with(&["--no-bus"])
+        .finish();
+    let done = done.expect_code(&[0, 3]).json();
+    assert!(
+        done["notes"]
+            .to_string()
+            .contains("1 tool change (M6) was counted as done"),
+        "{done}"
+    );
+}
+
+/// Spindle, coolant and tool at each stop or dwell of the program below.
+const SWITCHES: &str = "G21 G90 F6000 S800
+G1 X2
+M3
+G4 P0.4
+M8
+M0
+G1 X4
+M5
+M0
+M9
+G4 P0.4
+G1 X6
+M4 S300
+M0
+M2
+";
+
+#[test]
+fn outputs_change_between_the_motion_before_and_the_next() {
+    unless_disturbed(|| {
+        let scene = Scene::new("tc-outputs");
+        let program = scene.workshop.write("switches.ngc", SWITCHES);
+        let mut operator = scene.operator();
+        operator.brings_up();
+        operator.says_number("MODE", 0);
+        operator.says_text("LOAD", program.to_str().expect("UTF-8"));
+        let job = operator.says("START").job;
+        let dwell = |line: u32| move |status: &Status| status.state == 6 && status.line == line;
+        let outputs = |status: &Status| (status.spindle_rpm, status.coolant);
+        let status = operator.waits("the first dwell", dwell(4));
+        assert_eq!(outputs(&status), (800.0, 0), "in the dwell after M3");
+        let status = stands_at(&mut operator, 6);
+        assert_eq!(outputs(&status), (800.0, 2), "at M0 after M8");
+        operator.says("RESUME");
+        let status = stands_at(&mut operator, 9);
+        assert_eq!(outputs(&status), (0.0, 2), "at M0 after M5");
+        operator.says("RESUME");
+        let status = operator.waits("the second dwell", dwell(11));
+        assert_eq!(outputs(&status), (0.0, 0), "in the dwell after M9");
+        let status = stands_at(&mut operator, 14);
+        assert_eq!(outputs(&status), (-300.0, 0), "at M0 after M4");
+        // A stop switches the spindle off, at rest.
+        operator.says("STOP");
+        let status = operator.sees_end(job);
+        assert_eq!(outputs(&status), (0.0, 0), "after a stop");
+        drop(operator);
+        scene.end();
+    });
+}
+
+#[test]
+fn no_status_in_motion_has_the_outputs_of_before() {
+    unless_disturbed(|| {
+        let scene = Scene::new("tc-order");
+        let lines: String = (1..=20)
+            .map(|k| format!("M3 S{}\nG1 X{}\n", 100 * k, if k % 2 == 1 { 3 } else { 0 }))
+            .collect();
+        let program = scene
+            .workshop
+            .write("order.ngc", format!("G21 G90 F3000\n{lines}M2\n"));
+        let mut operator = scene.operator();
+        operator.brings_up();
+        operator.says_number("MODE", 0);
+        operator.says_text("LOAD", program.to_str().expect("UTF-8"));
+        let job = operator.says("START").job;
+        let mut seen = 0;
+        operator.waits("the end", |status| {
+            // Line 3 moves at 100 rpm, line 5 at 200 ...
+            if status.job == job && status.feed_mm_s > 1.0 && status.line >= 3 {
+                assert_eq!(
+                    status.spindle_rpm,
+                    f64::from(100 * (status.line / 2)),
+                    "line {}",
+                    status.line
+                );
+                seen += 1;
+            }
+            status.job == job && status.job_result == DONE
+        });
+        assert!(seen > 10, "{seen} looks");
+        drop(operator);
+        scene.end();
+    });
+}
+
+#[test]
+fn mdi_leaves_spindle_and_coolant_until_told_otherwise() {
+    unless_disturbed(|| {
+        let scene = Scene::new("tc-mdi");
+        let mut operator = scene.operator();
+        operator.brings_up();
+        operator.says_number("MODE", 2);
+        let mdi = |operator: &mut Operator, text: &str| {
+            let job = operator.says_text("MDI", text).job;
+            let status = operator.sees_end(job);
+            assert_eq!(status.job_result, DONE, "{text}");
+            (status.spindle_rpm, status.coolant)
+        };
+        assert_eq!(mdi(&mut operator, "M3 S700"), (700.0, 0));
+        assert_eq!(mdi(&mut operator, "M8"), (700.0, 2));
+        assert_eq!(mdi(&mut operator, "G0 X3"), (700.0, 2));
+        assert_eq!(
+            mdi(&mut operator, "S900"),
+            (900.0, 2),
+            "a new speed while it turns"
+        );
+        // Jogs leave them alone, even where they are stopped.
+        operator.says_number("MODE", 1);
+        let mut jog = command("JOG");
+        (jog.axes_mask, jog.index, jog.values[0]) = (1, 1, 1.0);
+        let job = operator.does(&jog).job;
+        operator.sees_end(job);
+        assert_eq!(operator.now().spindle_rpm, 900.0);
+        operator.says_number("MODE", 2);
+        // A program ends with them off.
+        let program = scene.workshop.write("end.ngc", "G21 G90 F6000\nG1 X0\nM2\n");
+        operator.says_number("MODE", 0);
+        operator.says_text("LOAD", program.to_str().expect("UTF-8"));
+        let job = operator.says("START").job;
+        let status = operator.sees_end(job);
+        assert_eq!((status.spindle_rpm, status.coolant), (0.0, 0), "after M2");
+        operator.says_number("MODE", 2);
+        assert_eq!(mdi(&mut operator, "M4 S50"), (-50.0, 0));
+        assert_eq!(mdi(&mut operator, "M5"), (0.0, 0));
+        assert_eq!(mdi(&mut operator, "M3 S60 M7"), (60.0, 1));
+        operator.says("ESTOP");
+        let status = operator.waits("an emergency stop", |status| status.machine_state == 0);
+        assert_eq!((status.spindle_rpm, status.coolant), (0.0, 0));
+        drop(operator);
+        scene.end();
+    });
+}
+
+#[test]
+fn a_run_says_on_the_bus_what_spindle_and_coolant_do() {
+    unless_disturbed(|| {
+        let (workshop, domain) = (Workshop::new(), Domain::new());
+        let program = workshop.write(
+            "outputs.ngc",
+            "G21 G90 F6000\nG4 P1\nM3 S400\nM8\nG4 P1\nG1 X2\nM5\nG4 P1\nM2\n",
+        );
+        let machine = workshop.mill("tc-bus", &[]);
+        let child = Launch::in_real_time(&program, &machine, &domain)
+            .no_trace()
+            .with(&["--tool", "12"])
+            .start();
+        let bus = domain.client("tc-bus");
+        let mut reader = bus.status().expect("the status");
+        let mut seen: Vec<(u32, f64, u32, u32)> = Vec::new();
+        let begin = std::time::Instant::now();
+        while begin.elapsed().as_secs() < 60 && !seen.iter().any(|(line, ..)| *line == 8) {
+            if let Some(status) = reader.latest().expect("a status")
+                && status.state == 6
+            {
+                let found = (status.line, status.spindle_rpm, status.coolant, status.tool);
+                if seen.last() != Some(&found) {
+                    seen.push(found);
+                }
+            }
+            std::thread::sleep(std::time::Duration::from_millis(5));
+        }
+        assert_eq!(seen, [(2, 0.0, 0, 12), (5, 400.0, 2, 12), (8, 0.0, 2, 12)]);
+        drop((reader, bus));
+        evolvent_tests::wait(child).expect_code(&[0, 3]);
+    });
+}
