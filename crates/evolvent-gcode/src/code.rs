@@ -100,7 +100,7 @@ codes! {
     OWordOpen = "G0215",
     /// The body of a loop or subroutine is too long to be kept, or a line gives too many commands.
     BodyTooLong = "G0216",
-    /// Too many lines without anything to do for the machine.
+    /// Too many lines without anything to do for the machine, or lines with errors that loops repeat without end.
     TooManySteps = "G0217",
     /// The interpreter was told to stop.
     Interrupted = "G0218",

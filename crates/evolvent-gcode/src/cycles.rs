@@ -72,6 +72,13 @@ impl Executor<'_> {
             };
         }
         let mut hole = self.hole_of_line(cycle, along)?;
+        let dwells = !matches!(
+            cycle,
+            Cycle::Drill | Cycle::ChipBreak | Cycle::Peck | Cycle::BoreFeed
+        );
+        if dwells && line.has(b'P') {
+            self.warn_of_dwell(name, hole.p);
+        }
         if needs_spindle(cycle) {
             self.check_spindle(cycle, name)?;
         }

@@ -76,13 +76,7 @@ impl Executor<'_> {
             request = self.periphery()?;
         }
         if let (Some(Once::Dwell), Some(seconds)) = (line.once(), line.word(b'P')) {
-            if seconds >= LONG_DWELL_S && seconds.fract() == 0.0 {
-                self.out(Action::Warning(format!(
-                    "G4 P{seconds} waits {seconds} seconds, because P is in seconds in this dialect; {} milliseconds are G4 P{}",
-                    seconds,
-                    seconds / 1000.0
-                )));
-            }
+            self.warn_of_dwell("G4", seconds);
             self.out(Action::Dwell { seconds });
         }
         self.modes()?;
@@ -115,6 +109,17 @@ impl Executor<'_> {
         }
         self.stop();
         Ok(called.or(request))
+    }
+
+    /// A dwell that is probably meant in milliseconds.
+    pub(crate) fn warn_of_dwell(&mut self, code: &str, seconds: f64) {
+        if seconds >= LONG_DWELL_S && seconds.fract() == 0.0 {
+            self.out(Action::Warning(format!(
+                "{code} P{seconds} waits {seconds} seconds, because P is in seconds in this dialect; {seconds} milliseconds are \
+                 P{}",
+                seconds / 1000.0
+            )));
+        }
     }
 
     /// M98, M99.

@@ -129,7 +129,10 @@ fn a_dwell_of_a_thousand_seconds_is_warned_of() {
     let Action::Warning(text) = &found[0].action else {
         unreachable!("a warning")
     };
-    assert!(text.contains("1000 seconds") && text.contains("G4 P1"), "{text}");
+    assert!(text.contains("1000 seconds") && text.ends_with("P1"), "{text}");
+    // Once for the line that says it, not for every hole.
+    let found = warnings("F100 G0 Z5\nG82 X1 Z-1 R1 P500\nX2\nX3\nG80\n");
+    assert_eq!((found.len(), found[0].line), (1, 2));
     for short in ["G4 P99\n", "G4 P0.5\n", "G4 P120.5\n"] {
         assert!(warnings(short).is_empty(), "{short}");
     }
