@@ -1,7 +1,6 @@
 //! Lines that are kept to be read again: bodies of loops and subroutines, files of subroutines.
 
 use std::collections::BTreeMap;
-use std::io::Read;
 use std::path::PathBuf;
 use std::sync::Arc as Shared;
 
@@ -131,16 +130,11 @@ pub(crate) fn find_file(name: &str, folders: &[PathBuf], most: usize) -> Result<
     }
     for folder in folders {
         let path = folder.join(format!("{name}.ngc"));
-        let file = match std::fs::File::open(&path) {
-            Ok(file) => file,
+        let bytes = match evolvent_sheet::read_regular(&path, most as u64) {
+            Ok(bytes) => bytes,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => continue,
             Err(error) => return Err(FileFault::Io(path, error)),
         };
-        let mut bytes = Vec::new();
-        let limit = most as u64 + 1;
-        if let Err(error) = file.take(limit).read_to_end(&mut bytes) {
-            return Err(FileFault::Io(path, error));
-        }
         if bytes.len() > most {
             return Err(FileFault::TooLong(path));
         }

@@ -2,7 +2,7 @@
 
 use std::ffi::OsString;
 use std::fs::File;
-use std::io::{Error, Read as _, Write as _};
+use std::io::{Error, Write as _};
 use std::path::Path;
 
 use crate::{ParameterFileError, ToolTableError};
@@ -67,16 +67,11 @@ pub enum StoreError {
 pub(crate) fn read_text(path: &Path) -> Result<Option<String>, StoreError> {
     let file = || path.display().to_string();
     let failed = |source| StoreError::Read { file: file(), source };
-    let opened = match File::open(path) {
-        Ok(opened) => opened,
+    let bytes = match evolvent_sheet::read_regular(path, MOST_BYTES) {
+        Ok(bytes) => bytes,
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
         Err(error) => return Err(failed(error)),
     };
-    let mut bytes = Vec::new();
-    opened
-        .take(MOST_BYTES + 1)
-        .read_to_end(&mut bytes)
-        .map_err(failed)?;
     if bytes.len() as u64 > MOST_BYTES {
         return Err(StoreError::TooLong {
             file: file(),

@@ -1,7 +1,6 @@
 //! A machine as the file describes it, checked and in one system of units.
 
 use std::fmt::Write as _;
-use std::io::Read as _;
 use std::path::{Path, PathBuf};
 
 use evolvent_path::{Axes, AxisLetter};
@@ -337,11 +336,7 @@ impl Machine {
             file: file.clone(),
             source,
         };
-        let mut bytes = Vec::new();
-        let mut reader = std::fs::File::open(path)
-            .map_err(read_error)?
-            .take(MAX_FILE_BYTES + 1);
-        reader.read_to_end(&mut bytes).map_err(read_error)?;
+        let bytes = evolvent_sheet::read_regular(path, MAX_FILE_BYTES).map_err(read_error)?;
         if bytes.len() as u64 > MAX_FILE_BYTES {
             return Err(MachineError::TooLong {
                 file,

@@ -19,13 +19,17 @@
 //! # Ok::<(), evolvent_sheet::SheetError>(())
 //! ```
 //!
+//! Files are opened by [`open_regular`] and [`read_regular`]: regular ones only, with a time limit.
+//!
 //! All of it allocates: for start-up, not for the cycle.
 
 mod error;
+mod file;
 mod place;
 mod sheet;
 mod words;
 
 pub use error::SheetError;
+pub use file::{FILE_TIMEOUT, no_reply, open_regular, read_regular, within};
 pub use sheet::Sheet;
 pub use words::{plain, shortened};
