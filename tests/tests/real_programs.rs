@@ -1,6 +1,6 @@
 //! The shipped programs on the shipped mill: golden summaries, and what must hold whatever the summary says.
 //!
-//! After a change of the planner: `EVOLVENT_REGENERATE=1 cargo test -p evolvent-tests --test real_programs`, and look at
+//! After a change of the planner: `EVOLVENT_REGENERATE=1 cargo test -p evolvent-tests real_programs::`, and look at
 //! the difference before it is committed.
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 

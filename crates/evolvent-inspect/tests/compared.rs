@@ -1,9 +1,7 @@
 //! Two runs, aligned by place: which was slower, where, and why.
 #![allow(clippy::expect_used, reason = "tests fail as tests do")]
 
-mod common;
-
-use common::{PROGRAM, altered, record};
+use crate::common::{PROGRAM, altered, record};
 use evolvent_daemon::Clock;
 use evolvent_inspect::compare;
 

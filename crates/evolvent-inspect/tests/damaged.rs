@@ -5,11 +5,9 @@
     reason = "tests fail and talk as tests do"
 )]
 
-mod common;
-
 use std::path::Path;
 
-use common::{PROGRAM, cycles, record};
+use crate::common::{PROGRAM, cycles, record};
 use evolvent_daemon::Clock;
 use evolvent_inspect::{ExportChannel, ExportFormat, Selection, compare, export, verify, write_report};
 use evolvent_trace::{CycleRecord, TraceFile, recover};

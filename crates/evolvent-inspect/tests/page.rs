@@ -8,12 +8,10 @@
     reason = "tests fail and talk as tests do"
 )]
 
-mod common;
-
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use common::{PROGRAM, altered, record};
+use crate::common::{PROGRAM, altered, record};
 use evolvent_daemon::Clock;
 use evolvent_inspect::write_report;
 use evolvent_trace::{Recorder, TraceFile};

@@ -5,15 +5,13 @@
     reason = "tests fail and talk as tests do"
 )]
 
-mod common;
-
 use std::cell::Cell;
 use std::ops::ControlFlow;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-use common::{PROGRAM, cycles, record};
+use crate::common::{PROGRAM, cycles, record};
 use evolvent_bus::{BusConfig, ClientBus, ClientConfig, CoreBus, Feedback, Setpoint, remove_private_domain};
 use evolvent_daemon::Clock;
 use evolvent_inspect::{Pace, Replay, ReplayError, Replayed, Selection, replay};

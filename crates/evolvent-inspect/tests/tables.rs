@@ -5,11 +5,9 @@
     reason = "tests fail and talk as tests do"
 )]
 
-mod common;
-
 use std::process::Command;
 
-use common::{PROGRAM, cycles, record};
+use crate::common::{PROGRAM, cycles, record};
 use evolvent_daemon::Clock;
 use evolvent_inspect::{ExportChannel, ExportFormat, Selection, export};
 use evolvent_trace::TraceFile;

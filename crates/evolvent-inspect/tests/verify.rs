@@ -5,11 +5,9 @@
     reason = "tests fail and talk as tests do"
 )]
 
-mod common;
-
 use std::time::{Duration, Instant};
 
-use common::{PROGRAM, altered, cycles, long_program, record};
+use crate::common::{PROGRAM, altered, cycles, long_program, record};
 use evolvent_daemon::Clock;
 use evolvent_inspect::verify;
 use evolvent_trace::inputs;

@@ -5,13 +5,11 @@
     reason = "tests fail and talk as tests do"
 )]
 
-mod common;
-
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use common::{PROGRAM, record};
+use crate::common::{PROGRAM, record};
 use evolvent_daemon::Clock;
 use evolvent_trace::TraceFile;
 

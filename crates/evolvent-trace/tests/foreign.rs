@@ -7,12 +7,10 @@
     reason = "helpers of tests fail as tests do"
 )]
 
-mod common;
-
 use std::path::Path;
 use std::process::Command;
 
-use common::{cycle, record};
+use crate::common::{self, cycle, record};
 
 #[test]
 fn python_finds_every_cycle_with_the_same_bits() {

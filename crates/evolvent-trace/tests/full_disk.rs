@@ -7,12 +7,10 @@
     reason = "helpers of tests fail as tests do"
 )]
 
-mod common;
-
 use std::fs::{self, File};
 use std::path::Path;
 
-use common::{Manners, SmallDisk, assert_same, cycle, info};
+use crate::common::{self, Manners, SmallDisk, assert_same, cycle, info};
 use evolvent_trace::{FileSink, RecordError, Recorder, Remains, TraceFile, recover};
 
 /// Records until it fails; gives the cycles that had been flushed by then and the error.

@@ -7,12 +7,10 @@
     reason = "helpers of tests fail as tests do"
 )]
 
-mod common;
-
 use std::collections::BTreeMap;
 use std::fs;
 
-use common::{PROGRAM, assert_same, block, cycle, event, info, record};
+use crate::common::{self, PROGRAM, assert_same, block, cycle, event, info, record};
 use evolvent_trace::{
     CycleRecord, EventKind, EventRecord, ProgramSource, ReadError, RecordError, Recorder, TraceFile,
     TraceMessage, part_path,

@@ -1,6 +1,6 @@
 //! The checked-in code and descriptors are what the `.proto` files say.
 //!
-//! After an edit of a `.proto` file: `EVOLVENT_REGENERATE=1 cargo test -p evolvent-trace --test schema`.
+//! After an edit of a `.proto` file: `EVOLVENT_REGENERATE=1 cargo test -p evolvent-trace schema::`.
 //! Generated code is checked in so that a build needs no protobuf compiler, not even one written in Rust.
 
 #![allow(
@@ -27,7 +27,7 @@ fn check(path: &Path, wanted: &[u8]) {
     assert!(
         found == wanted,
         "{} is not what the .proto file says; regenerate it with \
-         EVOLVENT_REGENERATE=1 cargo test -p evolvent-trace --test schema",
+         EVOLVENT_REGENERATE=1 cargo test -p evolvent-trace schema::",
         path.display()
     );
 }

@@ -7,12 +7,10 @@
     reason = "helpers of tests fail as tests do"
 )]
 
-mod common;
-
 use std::fs;
 use std::path::Path;
 
-use common::{Random, assert_same, cycle, info, record, record_into};
+use crate::common::{self, Random, assert_same, cycle, info, record, record_into};
 use evolvent_trace::{Recorder, RecoverError, Recovered, TraceFile, part_path, recover, recover_leftovers};
 
 const AXES: &str = "XYZ";

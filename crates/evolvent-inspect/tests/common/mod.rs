@@ -1,5 +1,14 @@
 //! Runs to look into: real ones, and copies with something changed.
-#![allow(dead_code, unreachable_pub, reason = "each test binary uses its part")]
+#![allow(
+    clippy::expect_used,
+    clippy::print_stdout,
+    reason = "tests fail and talk as tests do"
+)]
+#![allow(
+    dead_code,
+    unreachable_pub,
+    reason = "not every helper has a user at all times"
+)]
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

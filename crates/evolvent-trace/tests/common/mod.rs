@@ -1,5 +1,14 @@
 //! A run made up by formula: what a reader must find is computed anew, never stored.
-#![allow(dead_code, unreachable_pub, reason = "each test binary uses its part")]
+#![allow(
+    clippy::expect_used,
+    clippy::print_stdout,
+    reason = "tests fail and talk as tests do"
+)]
+#![allow(
+    dead_code,
+    unreachable_pub,
+    reason = "not every helper has a user at all times"
+)]
 
 use std::io;
 use std::path::Path;

@@ -1,0 +1,40 @@
+//! Tests across crates and with foreign clients, all in one executable.
+
+mod bad_input;
+mod bridges;
+mod command_line;
+mod drive_faults;
+mod exact_path;
+mod foreign_clients;
+mod full_disks;
+mod killed_runs;
+mod killed_service;
+mod long_programs;
+mod machines_by_name;
+mod operate_commands;
+mod operate_jogs;
+mod operate_programs;
+mod operate_service;
+mod real_programs;
+mod same_bits;
+mod served_drives;
+mod served_traces;
+mod top;
+mod turning;
+mod user_codes;
+
+#[test]
+fn every_file_of_this_folder_is_a_module() {
+    let folder = evolvent_tests::repository().join("tests/tests");
+    let own = std::fs::read_to_string(folder.join("main.rs")).unwrap();
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let name = entry.unwrap().file_name().into_string().unwrap();
+        let Some(module) = name.strip_suffix(".rs").filter(|module| *module != "main") else {
+            continue;
+        };
+        assert!(
+            own.contains(&format!("\nmod {module};\n")),
+            "{name} is not compiled"
+        );
+    }
+}
