@@ -116,6 +116,11 @@ impl LineTimes {
         }
     }
 
+    /// Path that was travelled before the first cycle is of no line, mm.
+    pub(crate) fn begin_at(&mut self, path_mm: f64) {
+        self.last_path_mm = path_mm;
+    }
+
     /// The limit that this cycle is at.
     #[must_use]
     pub fn limit_of(&self, record: &CycleRecord) -> Limit {

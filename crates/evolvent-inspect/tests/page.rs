@@ -200,3 +200,51 @@ fn a_spike_of_one_cycle_in_a_long_run_is_in_the_picture() {
         "the run is long enough to be thinned out: {found}"
     );
 }
+
+/// The data within a page.
+fn data(page: &Path) -> serde_json::Value {
+    let text = std::fs::read_to_string(page).expect("a page");
+    let rest = text.split("id=\"data\">").nth(1).expect("the data");
+    serde_json::from_str(rest.split("</script>").next().expect("its end")).expect("JSON")
+}
+
+#[test]
+fn colours_of_the_path_are_scaled_by_the_cut() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let program = "G21 G90 G0 X60 Y20\nG1 X40 Y40 F600\nX0\nG0 X0 Y0 Z5\nM2\n";
+    let (trace, _) = record(folder.path(), "run", program, Clock::Virtual, 1.0, |_| {});
+    let page = folder.path().join("run.html");
+    write_report(&trace, &page).expect("a page");
+    let data = data(&page);
+    let fastest = data["fastest_cut"].as_f64().expect("a number");
+    assert!((fastest - 10.0).abs() < 0.01, "{fastest} mm/s");
+    let feed = data["series"][0]["greatest"].as_f64().expect("a number");
+    assert!(feed > 100.0, "rapids are {feed} mm/s");
+}
+
+#[test]
+fn the_path_in_space_fills_its_picture() {
+    let Some(browser) = browser() else { return };
+    let folder = tempfile::tempdir().expect("a folder");
+    let program = "G21 G90 G1 X80 Y0 F3000\nY20\nX0\nY0 Z-4\nM2\n";
+    let (trace, _) = record(folder.path(), "run", program, Clock::Virtual, 1.0, |_| {});
+    let page = folder.path().join("run.html");
+    write_report(&trace, &page).expect("a page");
+    let script = "document.querySelector('[data-view=\"3d\"]').click(); evolvent.refreshNow(); \
+        const canvas = document.getElementById('path-canvas'), w = canvas.width, h = canvas.height; \
+        const pixels = canvas.getContext('2d').getImageData(0, 0, w, h).data; \
+        let l = w, r = 0, t = h, b = 0; \
+        /* The scale of colours is in a corner of its own. */ \
+        for (let y = 0; y < h; y++) for (let x = 0; x < w; x++) if (pixels[4 * (y * w + x) + 3] && !(y < 40 && x > w - 200)) { \
+          l = Math.min(l, x); r = Math.max(r, x); t = Math.min(t, y); b = Math.max(b, y); } \
+        return [(r - l) / w, (b - t) / h].join(' ');";
+    let document = opened(&browser, &page, script);
+    let shares: Vec<f64> = probed(&document)
+        .split(' ')
+        .map(|share| share.parse().expect("two numbers"))
+        .collect();
+    assert!(
+        shares[0] > 0.8 || shares[1] > 0.8,
+        "{shares:?} of width and height"
+    );
+}

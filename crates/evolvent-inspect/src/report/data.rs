@@ -6,11 +6,13 @@ use serde_json::{Value, json};
 
 use crate::lines::LineTime;
 use crate::opened::Opened;
-use crate::report::gather::{Gathered, LogBars, Span};
+use crate::report::gather::{Gathered, JobPart, LogBars, Span};
 use crate::report::verdict::{letters, time};
 
 /// Lines in a table.
 const MOST_ROWS: usize = 40;
+/// Rows of all jobs of a session together, about.
+const ALL_ROWS: usize = 2000;
 /// A program up to here is shown whole, of a longer one the surroundings of the lines in the tables.
 const WHOLE_LINES: usize = 3000;
 const SURROUNDINGS: usize = 4;
@@ -100,7 +102,32 @@ fn utc(time_ns: u64) -> String {
     )
 }
 
-fn row(line: u32, time: &LineTime, g: &Gathered) -> Value {
+/// Lines of all jobs by a measure: the greatest of all, and of each job those that its own table shows.
+fn top(g: &Gathered, measure: impl Fn(&LineTime) -> f64) -> Vec<(&JobPart, u32, &LineTime)> {
+    let per_job = (ALL_ROWS / g.jobs.len().max(1)).clamp(1, MOST_ROWS);
+    let mut list: Vec<_> = g
+        .jobs
+        .iter()
+        .flat_map(|job| {
+            let lines = job.times.top(MOST_ROWS, &measure);
+            lines
+                .into_iter()
+                .enumerate()
+                .map(move |(rank, (line, time))| (rank, job, line, time))
+        })
+        .collect();
+    list.sort_by(|a, b| measure(b.3).total_cmp(&measure(a.3)));
+    let mut at = 0;
+    list.retain(|(rank, ..)| {
+        at += 1;
+        at <= MOST_ROWS || *rank < per_job
+    });
+    list.into_iter()
+        .map(|(_, job, line, time)| (job, line, time))
+        .collect()
+}
+
+fn row(job: &JobPart, line: u32, time: &LineTime) -> Value {
     let limits: Vec<String> = {
         let mut list: Vec<_> = time.by_limit.iter().collect();
         list.sort_by(|a, b| b.1.total_cmp(a.1));
@@ -112,10 +139,11 @@ fn row(line: u32, time: &LineTime, g: &Gathered) -> Value {
             .collect()
     };
     json!({
+        "job": job.number,
         "line": line,
-        "text": g.texts.get(&line).and_then(Option::as_deref).map(cut),
+        "text": job.texts.get(&line).map(|text| cut(text)),
         "time": time.time_s,
-        "planned": g.planned.get(&line),
+        "planned": job.planned.get(&line),
         "limited": time.limited_s,
         "held": time.held_s,
         "path": time.path_mm,
@@ -140,12 +168,21 @@ fn spans(list: &[Span]) -> Value {
 
 /// The data, safe within a script element.
 pub(crate) fn json(opened: &Opened, g: &Gathered) -> String {
-    let slowest = g.times.top(MOST_ROWS, |time| time.time_s);
-    let limited = g.times.top(MOST_ROWS, |time| time.limited_s);
-    let shown: Vec<u32> = slowest.iter().chain(&limited).map(|(line, _)| *line).collect();
-    let rows = |list: &[(u32, &LineTime)]| -> Vec<Value> {
-        list.iter().map(|(line, time)| row(*line, time, g)).collect()
+    let slowest = top(g, |time| time.time_s);
+    let limited = top(g, |time| time.limited_s);
+    let shown: Vec<u32> = slowest.iter().chain(&limited).map(|(_, line, _)| *line).collect();
+    let rows = |list: &[(&JobPart, u32, &LineTime)]| -> Vec<Value> {
+        list.iter()
+            .map(|(job, line, time)| row(job, *line, time))
+            .collect()
     };
+    let rapids: Vec<u8> = g.trail.iter().map(|spot| u8::from(spot.is_rapid)).collect();
+    let jobs: Vec<Value> = g
+        .jobs
+        .iter()
+        .filter(|job| job.number > 0)
+        .map(|job| json!([job.number, job.name, job.start, job.end]))
+        .collect();
     let series: Vec<Value> = g
         .series
         .iter()
@@ -209,7 +246,10 @@ pub(crate) fn json(opened: &Opened, g: &Gathered) -> String {
             "feed": floats(&|spot| spot.feed_mm_s),
             "error": if g.has_errors { Value::from(floats(&|spot| spot.error)) } else { Value::Null },
             "sequence": base64(&sequences),
+            "rapid": base64(&rapids),
         },
+        "fastest_cut": g.fastest_cut,
+        "jobs": jobs,
         "max_error": g.max_error,
         "lateness": bars(&g.lateness),
         "work": bars(&g.work),

@@ -4,10 +4,10 @@ use std::collections::{BTreeMap, VecDeque};
 
 use evolvent_daemon::JobStart;
 use evolvent_path::AxisLetter;
-use evolvent_trace::{CycleRecord, EventKind, EventRecord};
+use evolvent_trace::{CycleRecord, EventKind, EventRecord, inputs};
 
 use crate::check::LimitCheck;
-use crate::jobs::{Travel, starts, travel_of};
+use crate::jobs::{Start, Travel, starts, travel_of};
 use crate::lines::LineTimes;
 use crate::opened::{InspectError, Opened};
 use crate::pyramid::{Level, Pyramid};
@@ -20,6 +20,9 @@ const MANY_AXES: usize = 4;
 /// Spans of states and overrides, and events, that a page carries.
 const MOST_SPANS: usize = 20_000;
 const MOST_EVENTS: usize = 5000;
+/// Jobs of a served machine that are told apart.
+const MOST_JOBS: usize = 2000;
+const FLAG_RAPID: u32 = evolvent_motion::flags::RAPID;
 /// As the command is recorded.
 const EMERGENCY_STOP: &str = "emergency stop";
 /// Bars of a histogram for each power of ten of nanoseconds.
@@ -67,6 +70,22 @@ pub(crate) struct Span {
     pub(crate) value: f64,
 }
 
+/// A job of a served machine; a run of one program is one job.
+#[derive(Debug)]
+pub(crate) struct JobPart {
+    /// Its number; 0 for a run of one program.
+    pub(crate) number: u32,
+    /// What it was.
+    pub(crate) name: String,
+    /// Its first cycle, and the last that a job moved.
+    pub(crate) start: u64,
+    pub(crate) end: u64,
+    pub(crate) times: LineTimes,
+    /// Planned seconds and texts of lines, as the blocks have them.
+    pub(crate) planned: BTreeMap<u32, f64>,
+    pub(crate) texts: BTreeMap<u32, String>,
+}
+
 /// All of it.
 #[derive(Debug)]
 pub(crate) struct Gathered {
@@ -98,9 +117,12 @@ pub(crate) struct Gathered {
     /// Programs and blocks of MDI of a served machine.
     pub(crate) programs: usize,
     travels: VecDeque<Travel>,
-    pub(crate) planned: BTreeMap<u32, f64>,
-    /// Texts of lines as the blocks have them; none where several programs share a number.
-    pub(crate) texts: BTreeMap<u32, Option<String>>,
+    /// In order of their beginnings.
+    pub(crate) jobs: Vec<JobPart>,
+    /// Jobs that have begun.
+    begun: usize,
+    /// Greatest feed of a cut, mm/s; 0 where nothing was cut.
+    pub(crate) fastest_cut: f64,
 }
 
 struct Curves {
@@ -211,8 +233,9 @@ pub(crate) fn gather(opened: &mut Opened) -> Result<Gathered, InspectError> {
             .iter()
             .map(|start| travel_of(start, &opened.machine))
             .collect(),
-        planned: BTreeMap::new(),
-        texts: BTreeMap::new(),
+        jobs: jobs(&starts, &LineTimes::new(&opened.machine, opened.run.period_ns)),
+        begun: 0,
+        fastest_cut: 0.0,
         emergency_stops: Vec::new(),
     };
     opened
@@ -237,17 +260,14 @@ pub(crate) fn gather(opened: &mut Opened) -> Result<Gathered, InspectError> {
     }
     for block in opened.trace.blocks() {
         let block = block?;
-        *g.planned.entry(block.line).or_default() += block.planned_duration_s;
-        if g.programs == 0 {
-            // The one program is attached.
+        let at = g.jobs.partition_point(|job| job.start <= block.start_sequence);
+        let Some(job) = at.checked_sub(1).and_then(|at| g.jobs.get_mut(at)) else {
             continue;
-        }
-        let known = g
-            .texts
-            .entry(block.line)
-            .or_insert_with(|| Some(block.text.clone()));
-        if known.as_ref().is_some_and(|known| *known != block.text) {
-            *known = None;
+        };
+        *job.planned.entry(block.line).or_default() += block.planned_duration_s;
+        if g.programs > 0 {
+            // A run's one program is attached.
+            job.texts.entry(block.line).or_insert(block.text);
         }
     }
     g.trail = trail.finish();
@@ -255,7 +275,64 @@ pub(crate) fn gather(opened: &mut Opened) -> Result<Gathered, InspectError> {
     Ok(g)
 }
 
+/// The jobs of a served machine, those of one number as one; a run of one program is a single job.
+fn jobs(starts: &VecDeque<Start>, times: &LineTimes) -> Vec<JobPart> {
+    let part = |number: u32, name: String, start: u64| JobPart {
+        number,
+        name,
+        start,
+        end: start,
+        times: times.clone(),
+        planned: BTreeMap::new(),
+        texts: BTreeMap::new(),
+    };
+    if starts.is_empty() {
+        return vec![part(0, String::new(), 0)];
+    }
+    let mut jobs: Vec<JobPart> = Vec::new();
+    for start in starts {
+        if jobs.last().is_some_and(|job| job.number == start.job) || jobs.len() >= MOST_JOBS {
+            continue;
+        }
+        let name = match &start.start {
+            Some(JobStart::Program(program)) if program.is_mdi => "MDI".to_owned(),
+            Some(JobStart::Program(program)) => {
+                let name = program.program.rsplit('/').next().unwrap_or_default();
+                format!("program {name}")
+            }
+            Some(JobStart::Steered(_)) => "jog or homing".to_owned(),
+            None => "of another version".to_owned(),
+        };
+        jobs.push(part(start.job, name, start.sequence));
+    }
+    jobs
+}
+
 impl Gathered {
+    /// Adds a cycle to the job that moved the axes.
+    fn note_job(&mut self, record: &CycleRecord) {
+        while self
+            .jobs
+            .get(self.begun)
+            .is_some_and(|job| job.start <= record.sequence)
+        {
+            let job = &mut self.jobs[self.begun];
+            self.begun += 1;
+            // The path of a program counts from its beginning, and stays what it was in a jog.
+            if record.inputs & inputs::STEERS != 0 {
+                job.times.begin_at(record.path_mm);
+            }
+        }
+        let is_served = self.jobs.first().is_some_and(|job| job.number > 0);
+        let is_moved = record.inputs & (inputs::FOLLOWS | inputs::STEERS) != 0;
+        if let Some(job) = self.begun.checked_sub(1).and_then(|at| self.jobs.get_mut(at))
+            && (is_moved || !is_served)
+        {
+            job.end = record.sequence;
+            job.times.cycle(record);
+        }
+    }
+
     fn cycle(&mut self, record: &CycleRecord, curves: &mut Curves, trail: &mut Trail, axes: &[AxisLetter]) {
         if self.cycles == 0 {
             self.first_sequence = record.sequence;
@@ -283,6 +360,11 @@ impl Gathered {
         }
         self.check.cycle(record);
         self.times.cycle(record);
+        self.note_job(record);
+        let is_rapid = record.flags & FLAG_RAPID != 0 || record.inputs & inputs::STEERS != 0;
+        if !is_rapid {
+            self.fastest_cut = self.fastest_cut.max(record.feed_mm_s);
+        }
         self.lateness.see(record.wake_lateness_ns);
         self.work.see(i64::from(record.work_ns));
         // Each job of a served machine counts from zero.
@@ -325,6 +407,7 @@ impl Gathered {
             feed_mm_s: record.feed_mm_s,
             error,
             sequence: record.sequence,
+            is_rapid,
         });
     }
 }

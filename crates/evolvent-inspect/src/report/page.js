@@ -312,7 +312,11 @@ const trail = {
   x: new Float32Array(bytes(data.trail.x)), y: new Float32Array(bytes(data.trail.y)), z: new Float32Array(bytes(data.trail.z)),
   feed: new Float32Array(bytes(data.trail.feed)), error: data.trail.error ? new Float32Array(bytes(data.trail.error)) : null,
   sequence: new Float64Array(bytes(data.trail.sequence)),
+  rapid: new Uint8Array(bytes(data.trail.rapid)),
 };
+// The job of a served machine that is looked at: first and last cycle; all of them at first.
+let job = null;
+const inJob = sequence => !job || sequence >= job[2] && sequence <= job[3];
 const canvas = byId('path-canvas');
 const look = { view: 'xy', scale: 1, x: 0, y: 0, turn: -0.6, tilt: 1.0, by: 'feed' };
 const SCALE = [[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]];
@@ -339,21 +343,49 @@ function project(x, y, z) {
   return [a, b * Math.cos(look.tilt) + z * Math.sin(look.tilt)];
 }
 paint(canvas, (pen, width, height) => {
-  const count = trail.x.length;
-  if (count < 2) { pen.fillStyle = colour('--faint'); pen.fillText('nothing moved', 20, 30); return; }
+  // What the job that is looked at has drawn: the trail is in order of time.
+  let begin = 0, count = trail.x.length;
+  if (job) {
+    while (begin < count && trail.sequence[begin] < job[2]) begin++;
+    // The point before is where it begins.
+    begin = Math.max(0, begin - 1);
+    let end = begin;
+    while (end < count && trail.sequence[end] <= job[3]) end++;
+    count = Math.max(begin, end);
+  }
+  if (count - begin < 2) { pen.fillStyle = colour('--faint'); pen.fillText('nothing moved', 20, 30); return; }
   const flat = new Float32Array(2 * count);
   let left = Infinity, right = -Infinity, low = Infinity, high = -Infinity;
-  for (let i = 0; i < count; i++) {
+  for (let i = begin; i < count; i++) {
     const [a, b] = project(trail.x[i], trail.y[i], trail.z[i]);
     flat[2 * i] = a; flat[2 * i + 1] = b;
     if (a < left) left = a; if (a > right) right = a; if (b < low) low = b; if (b > high) high = b;
   }
-  const fit = look.view === '3d' ? Math.min(width, height) * 0.8 / size
-    : Math.min((width - 90) / Math.max(right - left, 1e-9), (height - 60) / Math.max(high - low, 1e-9));
+  // In space the tripod belongs to the picture.
+  const tripod = [];
+  if (look.view === '3d') {
+    const corner = [bounds[0][0], bounds[1][0], bounds[2][0]];
+    const from = project(...corner);
+    ['X', 'Y', 'Z'].forEach((name, n) => {
+      const end = corner.slice();
+      end[n] += Math.max(bounds[n][1] - bounds[n][0], size / 8);
+      tripod.push([name, n, end[n], from, project(...end)]);
+    });
+    if (!job) for (const [, , , from, to] of tripod) for (const [a, b] of [from, to]) {
+      left = Math.min(left, a); right = Math.max(right, a); low = Math.min(low, b); high = Math.max(high, b);
+    }
+  }
+  const wide = Math.max(right - left, 1e-9), tall = Math.max(high - low, 1e-9);
+  const fit = Math.min((width - 120) / wide, (height - 84) / tall);
   const scale = fit * look.scale;
-  const cx = width / 2 + look.x - (look.view === '3d' ? 0 : scale * (left + right) / 2);
-  const cy = height / 2 + look.y + (look.view === '3d' ? 0 : scale * (low + high) / 2);
+  const cx = width / 2 + look.x - scale * (left + right) / 2;
+  const cy = height / 2 + 8 + look.y + scale * (low + high) / 2;
   look.fit = scale;
+  // A text about here, within the picture.
+  const label = (text, x, y) => {
+    const half = pen.measureText(text).width / 2 + 3;
+    pen.fillText(text, Math.max(half, Math.min(width - half, x)), Math.max(9, Math.min(height - 9, y)));
+  };
   const X = i => cx + scale * flat[2 * i], Y = i => cy - scale * flat[2 * i + 1];
   // Scales along the edges of a plane, a tripod in space.
   pen.fillStyle = colour('--faint'); pen.strokeStyle = colour('--line'); pen.lineWidth = 1;
@@ -364,52 +396,81 @@ paint(canvas, (pen, width, height) => {
       const at = cx + scale * (tick - middle[h]);
       pen.beginPath(); pen.moveTo(at, 0); pen.lineTo(at, height); pen.stroke();
       const half = pen.measureText(short(tick)).width / 2;
-      if (at > half && at < width - half) pen.fillText(short(tick), at, height - 4);
+      if (at > half + 2 && at < width - half - 46) pen.fillText(short(tick), at, height - 4);
     }
     pen.textBaseline = 'middle'; pen.textAlign = 'left';
     for (const tick of ticks((cy - height) / scale + middle[v], cy / scale + middle[v], 6)) {
       const at = cy - scale * (tick - middle[v]);
       pen.beginPath(); pen.moveTo(0, at); pen.lineTo(width, at); pen.stroke();
-      pen.fillText(short(tick), 6, at - 7);
+      // The corners are for the names of the axes.
+      if (at > 34 && at < height - 22) pen.fillText(short(tick), 6, at - 7);
     }
     pen.fillStyle = colour('--ink');
     pen.textAlign = 'right'; pen.textBaseline = 'bottom';
-    pen.fillText(look.view[0].toUpperCase() + ', mm', width - 8, height - 18);
+    pen.fillText(look.view[0].toUpperCase() + ', mm', width - 6, height - 4);
     pen.textAlign = 'left'; pen.textBaseline = 'top';
     pen.fillText(look.view[1].toUpperCase() + ', mm', 6, 4);
   } else {
-    const corner = [bounds[0][0], bounds[1][0], bounds[2][0]];
-    const [ox, oy] = project(...corner);
-    [['X', 0], ['Y', 1], ['Z', 2]].forEach(([name, n]) => {
-      const end = corner.slice();
-      end[n] += Math.max(bounds[n][1] - bounds[n][0], size / 8);
-      const [ex, ey] = project(...end);
+    tripod.forEach(([name, n, value, [ox, oy], [ex, ey]]) => {
       pen.strokeStyle = colour(inks[n]); pen.fillStyle = colour(inks[n]);
       pen.beginPath(); pen.moveTo(cx + scale * ox, cy - scale * oy); pen.lineTo(cx + scale * ex, cy - scale * ey); pen.stroke();
       pen.textAlign = 'center'; pen.textBaseline = 'middle';
-      pen.fillText(`${name} ${short(end[n])}`, cx + scale * ex + 10, cy - scale * ey - 8);
+      label(`${name} ${short(value)}`, cx + scale * ex + 10, cy - scale * ey - 8);
     });
   }
   const values = look.by === 'error' && trail.error ? trail.error : trail.feed;
-  const most = look.by === 'error' ? data.max_error || 1 : Math.max(curves[0].greatest, 1e-9);
-  const paths = Array.from({ length: TONES }, () => new Path2D());
-  for (let i = 1; i < count; i++) {
+  // Rapids are many times as fast as a cut: they have a look of their own and no part in the scale.
+  const hasCuts = data.fastest_cut > 0;
+  let cut = 0;
+  if (job) for (let i = begin + 1; i < count; i++) if (!trail.rapid[i]) cut = Math.max(cut, trail.feed[i]);
+  const most = look.by === 'error' ? data.max_error || 1 : cut || (hasCuts ? data.fastest_cut : Math.max(curves[0].greatest, 1e-9));
+  const paths = Array.from({ length: TONES }, () => new Path2D()), rapids = new Path2D();
+  let drawn = -1;
+  for (let i = begin + 1; i < count; i++) {
+    if (trail.rapid[i] && look.by === 'feed' && hasCuts) {
+      // In one stroke, so that the dashes go on.
+      if (drawn !== i - 1) rapids.moveTo(X(i - 1), Y(i - 1));
+      rapids.lineTo(X(i), Y(i));
+      drawn = i;
+      continue;
+    }
     const value = (values[i] + values[i - 1]) / 2;
     const tone = Math.max(0, Math.min(TONES - 1, Math.floor(value / most * TONES))) || 0;
     paths[tone].moveTo(X(i - 1), Y(i - 1));
     paths[tone].lineTo(X(i), Y(i));
   }
+  pen.lineWidth = 1;
+  pen.strokeStyle = colour('--s7');
+  pen.setLineDash([4, 3]);
+  pen.stroke(rapids);
+  pen.setLineDash([]);
   pen.lineWidth = 1.6;
   pen.lineCap = 'round';
   paths.forEach((path, tone) => { pen.strokeStyle = shade((tone + 0.5) / TONES); pen.stroke(path); });
+  // Start and end, with their names where these do not lie on each other.
+  const [sx, sy, ex, ey] = [X(begin), Y(begin), X(count - 1), Y(count - 1)];
+  const isSame = Math.hypot(ex - sx, ey - sy) < 26;
+  pen.lineWidth = 1.8; pen.textBaseline = 'middle'; pen.textAlign = 'center';
+  pen.fillStyle = colour('--paper'); pen.strokeStyle = colour('--good');
+  pen.beginPath(); pen.arc(sx, sy, 5, 0, 7); pen.fill(); pen.stroke();
+  pen.strokeStyle = colour('--bad');
+  pen.beginPath(); pen.rect(ex - 3, ey - 3, 6, 6); pen.fill(); pen.stroke();
+  for (const [text, x, y] of isSame ? [['start, end', sx, sy]] : [['start', sx, sy], ['end', ex, ey]]) {
+    // On paper of their own: they lie on the path.
+    const half = pen.measureText(text).width / 2 + 3;
+    const at = Math.max(half, Math.min(width - half, x)), up = y > 30 ? y - 15 : y + 15;
+    pen.globalAlpha = .8; pen.fillStyle = colour('--paper'); pen.fillRect(at - half, up - 8, 2 * half, 16);
+    pen.globalAlpha = 1; pen.fillStyle = colour('--ink'); label(text, x, up);
+  }
   if (marked !== null) {
-    let low = 0, high = count - 1;
+    let low = begin, high = count - 1;
     while (low < high) { const middle = (low + high) >> 1; if (trail.sequence[middle] < data.first + marked) low = middle + 1; else high = middle; }
     pen.strokeStyle = colour('--ink'); pen.lineWidth = 2;
     pen.beginPath(); pen.arc(X(low), Y(low), 5, 0, 7); pen.stroke();
   }
   const unit = look.by === 'error' ? 'mm of following error' : 'mm/s';
-  byId('path-legend').textContent = `from dark (0) to bright (${short(most)} ${unit}); ${count} points show ${data.cycles} cycles`;
+  const dashed = look.by === 'feed' && hasCuts ? '; rapids, jogs and homing dashed grey' : '';
+  byId('path-legend').textContent = `from dark (0) to bright (${short(most)} ${unit})${dashed}; circle: start, square: end; ${count - begin} points show ${job ? job[3] - job[2] + 1 : data.cycles} cycles`;
   const bar = 140;
   for (let i = 0; i < bar; i++) { pen.fillStyle = shade(i / bar); pen.fillRect(width - bar - 14 + i, 10, 1.5, 9); }
   pen.fillStyle = colour('--faint'); pen.textBaseline = 'top';
@@ -440,6 +501,7 @@ paint(canvas, (pen, width, height) => {
     refreshAll();
   });
 }
+let shownTable = 'slowest';
 const resetPath = () => { look.scale = 1; look.x = look.y = 0; refreshAll(); };
 byId('path-reset').onclick = resetPath;
 const setPathView = name => {
@@ -448,6 +510,22 @@ const setPathView = name => {
   resetPath();
 };
 document.querySelectorAll('[data-view]').forEach(button => { button.onclick = () => setPathView(button.dataset.view); });
+if (data.jobs.length) {
+  data.jobs.forEach(([number, name], n) => {
+    const option = document.createElement('option');
+    option.value = n;
+    option.textContent = `${number}: ${name}`;
+    byId('job').append(option);
+  });
+} else byId('job-choice').hidden = true;
+const setJob = n => {
+  job = n === '' ? null : data.jobs[n];
+  byId('job').value = n;
+  if (job) setView(job[2] - data.first, job[3] - data.first + 1); else setView(0, samples);
+  resetPath();
+  table(shownTable);
+};
+byId('job').onchange = event => setJob(event.target.value);
 byId('colour').onchange = event => { look.by = event.target.value; refreshAll(); };
 if (!trail.error) {
   const option = byId('colour').querySelector('[value=error]');
@@ -487,14 +565,18 @@ histogram('work-canvas', data.work, 'own work of a cycle');
 
 // --- tables and program
 const texts = new Map(data.program.lines);
+const jobNames = new Map(data.jobs.map(([number, name]) => [number, `${number}: ${name}`]));
 const cell = (row, text, name) => { const td = document.createElement('td'); if (name) td.className = name; td.append(text); row.append(td); return td; };
 function table(name) {
+  shownTable = name;
   const head = byId('lines').tHead, body = byId('lines').tBodies[0];
-  head.innerHTML = '<tr><th>line</th><th class="text">text</th><th>time, s</th><th>share</th><th>planned, s</th><th>at a limit, s</th><th>held, s</th><th>path, mm</th><th>mean, mm/s</th><th>greatest</th><th class="text">what set the pace</th></tr>';
+  const isSession = data.jobs.length > 0;
+  head.innerHTML = '<tr>' + (isSession ? '<th class="text">job</th>' : '') + '<th>line</th><th class="text">text</th><th>time, s</th><th>share</th><th>planned, s</th><th>at a limit, s</th><th>held, s</th><th>path, mm</th><th>mean, mm/s</th><th>greatest</th><th class="text">what set the pace</th></tr>';
   body.textContent = '';
-  const whole = data.cycles * data.period_s;
-  for (const line of data[name]) {
+  const whole = (job ? job[3] - job[2] + 1 : data.cycles) * data.period_s;
+  for (const line of data[name].filter(line => !job || line.job === job[0]).slice(0, 40)) {
     const row = document.createElement('tr');
+    if (isSession) cell(row, jobNames.get(line.job) || '', 'text');
     const link = document.createElement('a');
     // Without the program's text there is still where it was in time.
     link.href = texts.has(line.line) ? `#line-${line.line}` : '#time';
@@ -565,10 +647,11 @@ window.addEventListener('beforeprint', () => { document.documentElement.classLis
 window.addEventListener('afterprint', () => { document.documentElement.classList.remove('print'); refreshNow(); });
 const wish = new URLSearchParams(location.hash.slice(1));
 if (wish.get('view')) setPathView(wish.get('view'));
+if (wish.get('job')) setJob(String(data.jobs.findIndex(([number]) => number === +wish.get('job'))));
 if (wish.get('table')) table(wish.get('table'));
 if (wish.get('from')) setView(+wish.get('from') / data.period_s - data.first, +wish.get('to') / data.period_s - data.first);
 refreshNow();
 // What a test may ask for: what a curve shows of a stretch of samples.
-window.evolvent = { data, curves, view, setView, samples };
+window.evolvent = { data, curves, view, setView, samples, trail, setJob, refreshNow };
 document.documentElement.dataset.ready = 'yes';
 })();

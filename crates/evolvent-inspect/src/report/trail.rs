@@ -14,6 +14,8 @@ pub(crate) struct Spot {
     pub(crate) feed_mm_s: f64,
     pub(crate) error: f64,
     pub(crate) sequence: u64,
+    /// No cut: a rapid, a jog, homing.
+    pub(crate) is_rapid: bool,
 }
 
 /// Gathers a path. Where it would take too many points, the tolerance doubles.
@@ -51,6 +53,7 @@ impl Trail {
             return;
         }
         let fits = self.skipped.len() < self.skips
+            && spot.is_rapid == anchor.is_rapid
             && (spot.feed_mm_s - anchor.feed_mm_s).abs() < self.feed_step_mm_s
             && self
                 .skipped
@@ -122,6 +125,7 @@ mod tests {
                     feed_mm_s: 20.0,
                     error: 0.0,
                     sequence: n,
+                    is_rapid: false,
                 }
             })
             .collect();

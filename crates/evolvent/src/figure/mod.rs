@@ -353,7 +353,9 @@ impl PlanFigure {
             .collect::<Vec<_>>();
         if !beyond.is_empty() {
             let text = format!("beyond the picture: {}", beyond.join(", "));
-            svg.text((RIGHT, top - 8.0), Anchor::End, "small", &text);
+            // Below: above the frame is the heading with its units.
+            let below = top + FEED_HEIGHT + 14.0;
+            svg.text((RIGHT, below), Anchor::End, "small", &text);
         }
         svg.frame((LEFT, top), (RIGHT - LEFT, FEED_HEIGHT));
         top + FEED_HEIGHT
