@@ -314,3 +314,30 @@ fn the_readme_names_the_two_commands() {
         ".ci/run runs both"
     );
 }
+
+#[test]
+fn a_reader_that_goes_is_no_error_of_any_command() {
+    let workshop = Workshop::new();
+    let (program, machine) = (workshop.short_program(), workshop.mill("gone", &[]));
+    let (program, machine) = (program.to_str().expect("UTF-8"), machine.to_str().expect("UTF-8"));
+    let commands: [&[&str]; 4] = [
+        &["bore", "--hole", "40", "--tool", "16", "--pitch", "2"],
+        &["rate", "--machine", machine],
+        &["check", program, "--machine", machine, "--json"],
+        &["plan", program, "--machine", machine],
+    ];
+    for arguments in commands {
+        let binary = evolvent_tests::evolvent();
+        // The reader has gone before the first word comes.
+        let script = "{ sleep 0.3; \"$0\" \"$@\"; } | true; exit ${PIPESTATUS[0]}";
+        let output = std::process::Command::new("bash")
+            .args(["-c", script])
+            .arg(binary.get_program())
+            .args(arguments)
+            .output()
+            .expect("bash");
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(0), "{arguments:?}: {said}");
+        assert!(!said.contains("pipe"), "{arguments:?}: {said}");
+    }
+}

@@ -16,6 +16,7 @@ mod feeds;
 mod figure;
 mod limiting;
 mod operator;
+mod output;
 mod plan;
 mod process;
 mod program;
@@ -105,7 +106,7 @@ pub(crate) enum Ending {
 
 fn main() -> ExitCode {
     let cli = Cli::parse();
-    let (mut out, mut err) = (io::stdout(), io::stderr());
+    let (mut out, mut err) = (output::Output::new(io::stdout()), io::stderr());
     let result = match &cli.command {
         Command::Run(args) => run::run(args, &mut out, &mut err),
         Command::Plan(args) => plan::run(args, &mut out, &mut err),

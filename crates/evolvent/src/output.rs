@@ -1,0 +1,77 @@
+//! Standard output that may be closed by its reader, as `| head` does.
+
+use std::io::{ErrorKind, Result, Write};
+
+/// Passes on what is written. Once the reader has gone the rest is dropped: it was no error of the command, which goes on to its
+/// end and has its own exit code.
+#[derive(Debug)]
+pub(crate) struct Output<W> {
+    inner: W,
+    is_closed: bool,
+}
+
+impl<W: Write> Output<W> {
+    pub(crate) fn new(inner: W) -> Self {
+        Self {
+            inner,
+            is_closed: false,
+        }
+    }
+
+    fn pass<T>(&mut self, dropped: T, write: impl FnOnce(&mut W) -> Result<T>) -> Result<T> {
+        if self.is_closed {
+            return Ok(dropped);
+        }
+        match write(&mut self.inner) {
+            Err(error) if error.kind() == ErrorKind::BrokenPipe => {
+                self.is_closed = true;
+                Ok(dropped)
+            }
+            result => result,
+        }
+    }
+}
+
+impl<W: Write> Write for Output<W> {
+    fn write(&mut self, bytes: &[u8]) -> Result<usize> {
+        self.pass(bytes.len(), |inner| inner.write(bytes))
+    }
+
+    fn flush(&mut self) -> Result<()> {
+        self.pass((), Write::flush)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Takes so many bytes.
+    struct Head(usize, ErrorKind);
+
+    impl Write for Head {
+        fn write(&mut self, bytes: &[u8]) -> Result<usize> {
+            if self.0 < bytes.len() {
+                return Err(self.1.into());
+            }
+            self.0 -= bytes.len();
+            Ok(bytes.len())
+        }
+
+        fn flush(&mut self) -> Result<()> {
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn a_reader_that_goes_is_no_error_and_a_full_disk_is_one() {
+        let mut output = Output::new(Head(4, ErrorKind::BrokenPipe));
+        for _ in 0..3 {
+            assert!(writeln!(output, "abc").is_ok());
+        }
+        assert!(output.is_closed && output.flush().is_ok());
+        let mut output = Output::new(Head(4, ErrorKind::StorageFull));
+        assert!(writeln!(output, "abc").is_ok());
+        assert!(writeln!(output, "abc").is_err());
+    }
+}
