@@ -9,6 +9,7 @@ mod foreign_clients;
 mod full_disks;
 mod killed_runs;
 mod killed_service;
+mod late_for_nobody;
 mod long_programs;
 mod machines_by_name;
 mod operate_commands;

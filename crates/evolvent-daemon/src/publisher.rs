@@ -88,6 +88,14 @@ pub(crate) struct PublishReport {
     pub late: u64,
     /// Setpoints that did not leave.
     pub failed: u64,
+    /// Readers of setpoints and bridges that were connected at the same time, at most.
+    pub listeners: usize,
+}
+
+impl PublishReport {
+    pub(crate) fn see_listeners(&mut self, bus: &CoreBus) {
+        self.listeners = self.listeners.max(bus.setpoint_subscribers());
+    }
 }
 
 impl Publishing {
@@ -107,6 +115,7 @@ impl Publishing {
             }
         };
         let subscribers = self.await_subscribers(&bus);
+        report.see_listeners(&bus);
         let _gone = ready.send(Ok(subscribers));
         let nap = (self.config.period_ns / 2).min(LONGEST_SLEEP_NS);
         let mut status = Status::default();
@@ -164,10 +173,12 @@ impl Publishing {
             while let Ok(Some(feedback)) = bus.unchecked_feedback() {
                 let follow = feedback.bridge_state == BridgeState::Following.number();
                 self.controls.see_drives(follow);
+                report.listeners = report.listeners.max(1);
             }
             let now = MonotonicClock::now_ns();
             if now >= next_status || over {
                 next_status = now + STATUS_EVERY_NS;
+                report.see_listeners(&bus);
                 self.fill(&mut status, &last, now, &bus, &report);
                 let _lost = bus.publish_status(&status);
                 bus.admit_readers();

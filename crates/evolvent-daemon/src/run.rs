@@ -27,7 +27,7 @@ use crate::rt::{RealtimeRequest, apply_to_this_thread};
 use crate::shared::Controls;
 use crate::stages::Stages;
 use crate::standby::Standby;
-use crate::summary::{Summary, TimingSummary, axis_summaries, outcome_of};
+use crate::summary::{Summary, TimingSummary, axis_summaries, late_for_nobody, outcome_of};
 use crate::turning_tally::TurningTally;
 use crate::user_code::UserCodes;
 use evolvent_control::Alarm;
@@ -364,6 +364,12 @@ pub fn run_seen(
         }
         let mut summary = summarise(job, &report, &feed, late, notes);
         summary.dropped_setpoints += published.failed;
+        summary.listeners = published.listeners as u64;
+        if summary.late_cycles > 0 && summary.listeners == 0 {
+            let text = late_for_nobody(summary.late_cycles);
+            observer.note(&text);
+            summary.notes.push(text);
+        }
         if matches!(alarm, Some((Alarm::UserCommand, _))) {
             summary.outcome = "failed";
         }
@@ -614,6 +620,7 @@ fn summarise(job: &Job, report: &CycleReport, feed: &FeedReport, late: u64, note
         moves: feed.moves,
         path_length_mm: report.last.map_or(0.0, |last| last.path_mm),
         late_cycles: late,
+        listeners: 0,
         dropped_records: report.dropped_records,
         dropped_setpoints: report.dropped_setpoints,
         starved_cycles: report.starved_cycles,

@@ -82,6 +82,9 @@ pub struct Summary {
     pub path_length_mm: f64,
     /// Setpoints that left after they were due.
     pub late_cycles: u64,
+    /// Readers of setpoints and bridges that were connected at the same time, at most. Late setpoints count for the exit code only
+    /// where there was one.
+    pub listeners: u64,
     /// Trace records lost for want of room.
     pub dropped_records: u64,
     /// Setpoints lost on the way to the bus.
@@ -124,6 +127,23 @@ pub struct Summary {
     pub error: Option<String>,
     /// What the user should know.
     pub notes: Vec<String>,
+}
+
+impl Summary {
+    /// Whether something of the run was lost to somebody: setpoints that left late for a bridge or client that was connected,
+    /// records, or setpoints.
+    #[must_use]
+    pub fn is_lossy(&self) -> bool {
+        (self.late_cycles > 0 && self.listeners > 0) || self.dropped_records > 0 || self.dropped_setpoints > 0
+    }
+}
+
+/// What is said of setpoints that left late while nobody was connected.
+pub(crate) fn late_for_nobody(late: u64) -> String {
+    format!(
+        "{late} setpoints left late, but no bridge or client was connected, so nobody missed them; before drives follow, see \
+         `evolvent doctor`"
+    )
 }
 
 pub(crate) fn outcome_of(state: State) -> &'static str {

@@ -252,9 +252,6 @@ pub(crate) fn report(
             "the run was stopped before the program's end".to_owned(),
         ));
     }
-    let lossy = outcome.trace_error.is_some()
-        || summary.late_cycles > 0
-        || summary.dropped_records > 0
-        || summary.dropped_setpoints > 0;
+    let lossy = outcome.trace_error.is_some() || summary.is_lossy();
     Ok(if lossy { Ending::Lossy } else { Ending::Clean })
 }

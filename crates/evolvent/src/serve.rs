@@ -92,7 +92,8 @@ fn report(json: bool, summary: &ServeSummary, out: &mut dyn Write) -> Result<End
         write_summary(summary, out)
     };
     written.map_err(|error| CommandError::Failed(format!("the summary cannot be written: {error}")))?;
-    let lossy = summary.late_cycles > 0 || summary.dropped_records > 0 || summary.dropped_setpoints > 0;
+    let missed = summary.late_cycles > 0 && summary.listeners > 0;
+    let lossy = missed || summary.dropped_records > 0 || summary.dropped_setpoints > 0;
     Ok(if lossy { Ending::Lossy } else { Ending::Clean })
 }
 

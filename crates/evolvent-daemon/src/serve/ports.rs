@@ -63,6 +63,7 @@ impl Ports {
             }
             // A bridge of another version is as good as none.
             while let Ok(Some(feedback)) = bus.unchecked_feedback() {
+                report.listeners = report.listeners.max(1);
                 // What the cycle does not take in time is older than what it has. Its watch names what is no number;
                 // nobody else sees it.
                 let _full = self.feedback.push(feedback);
@@ -84,6 +85,7 @@ impl Ports {
             if now >= next_admission {
                 next_admission = now + ADMIT_EVERY_NS;
                 bus.admit_readers();
+                report.see_listeners(&bus);
                 let _full = self.counts.push((report, bus.setpoint_subscribers()));
             }
             if over && self.setpoints.is_empty() && self.snapshots.is_empty() {

@@ -75,6 +75,9 @@ pub struct ServeSummary {
     pub commands_rejected: u64,
     /// Setpoints that left after they were due.
     pub late_cycles: u64,
+    /// Readers of setpoints and bridges that were connected at the same time, at most. Late setpoints count for the exit code only
+    /// where there was one.
+    pub listeners: u64,
     /// Trace records lost.
     pub dropped_records: u64,
     /// Setpoints lost on the way to the bus.
@@ -274,6 +277,7 @@ pub fn serve(
         commands_accepted: accepted,
         commands_rejected: rejected + operator.malformed(),
         late_cycles: view.late_cycles.max(published.0.late),
+        listeners: published.0.listeners as u64,
         dropped_records: view.dropped_records,
         dropped_setpoints: view.dropped_setpoints + published.0.failed,
         alarms: operator.desk.alarms().map(|(alarm, _)| alarm.number()).collect(),

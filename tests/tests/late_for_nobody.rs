@@ -1,0 +1,62 @@
+//! Setpoints that leave late are an error only where somebody waits for them.
+#![expect(clippy::expect_used, reason = "tests fail as tests do")]
+
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use evolvent_tests::{Domain, Finished, Launch, Workshop, wait};
+use rustix::process::{Pid, Signal, kill_process};
+
+/// Runs a program and keeps the process from running for a third of a second in the middle of it.
+fn interrupted(domain: &Domain, name: &str, with_client: bool) -> Finished {
+    let workshop = Workshop::new();
+    let machine = workshop.mill(name, &[]);
+    let trace = workshop.path("run.mcap");
+    let child = Launch::in_real_time(&workshop.long_program(6), &machine, domain)
+        .trace(&trace)
+        .start();
+    let reader = with_client.then(|| domain.client(name).setpoints().expect("setpoints"));
+    let part = workshop.path("run.mcap.part");
+    until_it_grows(&part);
+    let process = Pid::from_raw(child.id().cast_signed()).expect("a process");
+    kill_process(process, Signal::STOP).expect("stopped");
+    std::thread::sleep(Duration::from_millis(350));
+    kill_process(process, Signal::CONT).expect("going on");
+    let finished = wait(child);
+    drop(reader);
+    finished
+}
+
+/// Cycles are written: the file grows behind what it begins with.
+fn until_it_grows(part: &Path) {
+    let begin = Instant::now();
+    let mut sizes = Vec::new();
+    while sizes.len() < 3 {
+        assert!(begin.elapsed() < Duration::from_secs(120), "no cycles");
+        std::thread::sleep(Duration::from_millis(20));
+        if let Ok(facts) = part.metadata()
+            && sizes.last() != Some(&facts.len())
+        {
+            sizes.push(facts.len());
+        }
+    }
+}
+
+#[test]
+fn late_setpoints_that_nobody_waits_for_are_a_note() {
+    let domain = Domain::new();
+    let finished = interrupted(&domain, "late-alone", false).expect_code(&[0]);
+    let summary = finished.json();
+    assert!(summary["late_cycles"].as_u64() > Some(50), "{summary}");
+    assert_eq!(summary["listeners"], 0);
+    let notes = summary["notes"].to_string();
+    assert!(notes.contains("left late") && notes.contains("doctor"), "{notes}");
+}
+
+#[test]
+fn late_setpoints_for_a_client_end_with_code_3() {
+    let domain = Domain::new();
+    let summary = interrupted(&domain, "late-read", true).expect_code(&[3]).json();
+    assert!(summary["late_cycles"].as_u64() > Some(50), "{summary}");
+    assert_eq!(summary["listeners"], 1);
+}
