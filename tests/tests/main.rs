@@ -21,6 +21,7 @@ mod same_bits;
 mod served_drives;
 mod served_traces;
 mod top;
+mod travel_ends;
 mod turning;
 mod user_codes;
 

@@ -104,6 +104,14 @@ impl ServedAgain {
         self.station.relocate(limits, position);
     }
 
+    /// The next job has this travel. Where the axes do not rest, nothing changes.
+    pub fn begin_within(&mut self, travel: (Axes, Axes)) {
+        if self.is_at_rest() {
+            let limits = self.within(travel);
+            self.station.relocate(limits, self.station.position());
+        }
+    }
+
     /// Goes on at rest elsewhere: what was before is not known.
     pub fn place_at(&mut self, travel: (Axes, Axes), sequence: u64, position: Axes, path_mm: f64) {
         self.end_work();

@@ -174,7 +174,7 @@ impl Operator {
         let solved = steering(&limits, &from, &target, 1 << i, Some(speed));
         match solved {
             Ok(solved) => {
-                let begun = self.steer(solved, target, FOR_EVER, None);
+                let begun = self.steer(&limits, solved, target, FOR_EVER, None);
                 let start = slowed(&limits, &from, 1 << i, Some(speed));
                 let start = steered_start(&start, &from, &target, false);
                 self.notes.sends(begun.order, self.desk.job(), start);

@@ -181,7 +181,7 @@ impl Operator {
         let to = target(jog, &here, &limits)?;
         let from = AxesState::at_rest(here);
         let steering = steering(&limits, &from, &to, jog.axes_mask, jog.speed)?;
-        let steered = self.steer(steering, to, until, Some(command));
+        let steered = self.steer(&limits, steering, to, until, Some(command));
         let start = slowed(&limits, &from, jog.axes_mask, jog.speed);
         let start = steered_start(&start, &from, &to, false);
         self.notes.sends(steered.order, self.desk.job() + 1, start);
@@ -189,14 +189,22 @@ impl Operator {
         Ok(self.desk.job_begins(Activity::Jog))
     }
 
+    /// The guard minds the travel for which the next job is planned: the trace has it, so that a stop at its end comes out the
+    /// same when it is computed again.
+    pub(super) fn begin_within(&mut self, limits: &Limits) {
+        self.order(What::Within(*limits));
+    }
+
     /// Begins a steered motion at rest.
     pub(super) fn steer(
         &mut self,
+        limits: &Limits,
         steering: Steering,
         target: Axes,
         until_ns: u64,
         command: Option<&Command>,
     ) -> Box<Steered> {
+        self.begin_within(limits);
         self.order(What::Keep(until_ns));
         let what = What::Steer(Box::new(steering));
         let order = match command {

@@ -339,6 +339,12 @@ impl Live {
                     now.drive.datum += u64::from(renames);
                 }
             }
+            What::Within(limits) => {
+                if matches!(now.work, Work::None) && self.station.is_at_rest() {
+                    self.limits = limits;
+                    self.station.relocate(limits, self.station.position());
+                }
+            }
             What::Keep(until_ns) => now.keep_until_ns = until_ns,
             What::ExpectSwitches(mask) => now.switches_expected = mask,
             What::End => {
@@ -369,6 +375,9 @@ impl Live {
         for i in 0..position.len() {
             if feedback.axes_mask >> i & 1 == 1 && feedback.position[i] != position[i] {
                 position[i] = feedback.position[i];
+                // Beyond the travel it may stand, and come back.
+                self.limits.travel_min[i] = self.limits.travel_min[i].min(position[i]);
+                self.limits.travel_max[i] = self.limits.travel_max[i].max(position[i]);
                 moved = true;
             }
         }

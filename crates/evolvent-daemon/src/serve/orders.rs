@@ -45,10 +45,7 @@ pub(crate) struct Order {
     pub what: What,
 }
 
-#[expect(
-    clippy::large_enum_variant,
-    reason = "a box would have to be freed in the cycle"
-)]
+// Limits are no box: that would have to be freed in the cycle.
 pub(crate) enum What {
     /// Begin a job along a plan.
     Follow(Box<Following>),
@@ -79,6 +76,8 @@ pub(crate) enum What {
     },
     /// The steered motion may go on until this time, ns of CLOCK_MONOTONIC.
     Keep(u64),
+    /// The next job has this travel: the guard minds it from now on, at rest.
+    Within(Limits),
     /// Limit switches of these axes are looked at by the homing sequence.
     ExpectSwitches(u32),
     /// The process ends once the axes rest.

@@ -11,6 +11,7 @@ use evolvent_motion::State;
 
 use super::checking::{Checking, is_short, judge};
 use super::jobs::{Planning, ProgramJob};
+use super::jog::limits_here;
 use super::modes::{After, foresee};
 use super::operator::{Job, Operator};
 use super::orders::What;
@@ -361,6 +362,8 @@ impl Operator {
             return;
         }
         if let Some(job) = run.planning.take_if_ready() {
+            let limits = limits_here(&self.limits, &setpoint.position, self.desk.homed());
+            self.begin_within(&limits);
             let order = self.order(What::Follow(job));
             self.notes.sends_plan(order, self.desk.job());
             if self.hold {

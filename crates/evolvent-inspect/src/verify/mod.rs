@@ -77,7 +77,7 @@ impl Verified {
     /// Whether the trace lacks something of the run: cycles, or the program to compute it again from.
     #[must_use]
     pub fn lacks_data(&self) -> bool {
-        self.missing > 0 || !self.recomputed || self.uncompared > 0
+        self.cycles == 0 || self.missing > 0 || !self.recomputed || self.uncompared > 0
     }
 }
 

@@ -157,9 +157,12 @@ impl Served<'_> {
                 self.one(records, None);
             }
             Some(JobStart::Steered(steered)) => {
-                if self.find_place(records)
-                    && let Err(error) = self.again.steer(steered)
-                {
+                let is_known = self.find_place(records);
+                if is_known && !steered.is_turn {
+                    self.travel = (steered.travel_min, steered.travel_max);
+                    self.again.begin_within(self.travel);
+                }
+                if is_known && let Err(error) = self.again.steer(steered) {
                     self.give_up(start.job, &error.to_string());
                 }
                 self.one(records, None);
@@ -221,7 +224,14 @@ impl Served<'_> {
                     .split(|&byte| byte == b'\n')
                     .map(|line| String::from_utf8_lossy(line).trim_end().to_owned())
                     .collect();
-                if self.find_place(records)
+                let is_known = self.find_place(records);
+                if is_known {
+                    let limits = self.setup.machine.limits();
+                    let place = &start.place;
+                    self.travel = (limits.travel_min.inf(place), limits.travel_max.sup(place));
+                    self.again.begin_within(self.travel);
+                }
+                if is_known
                     && let Err(error) =
                         self.again
                             .follow(start, begun.switched.clone(), setup.clone(), file.clone())

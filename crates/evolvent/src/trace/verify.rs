@@ -29,6 +29,11 @@ pub(super) fn run(file: &Path, json: bool, out: &mut dyn Write) -> Result<Ending
 
 fn write_verified(out: &mut dyn Write, verified: &Verified) -> io::Result<()> {
     match &verified.first_difference {
+        None if verified.compared == 0 => writeln!(
+            out,
+            "nothing was compared: the trace holds {} cycles, none of which could be computed again",
+            verified.cycles
+        )?,
         None if verified.recomputed => writeln!(
             out,
             "the same: {} setpoints computed again, every bit of position, velocity, acceleration, jerk, path, feed, line, \
@@ -63,7 +68,9 @@ fn write_verified(out: &mut dyn Write, verified: &Verified) -> io::Result<()> {
     for text in &verified.explanations {
         writeln!(out, "  {text}")?;
     }
-    if verified.violations.is_empty() {
+    if verified.cycles == 0 {
+        // Nothing was checked either.
+    } else if verified.violations.is_empty() {
         write!(out, "every sample keeps travel, velocity, acceleration and jerk")?;
         match verified.max_path_error_mm {
             Some(error) => writeln!(out, ", and the path within its tolerance ({error:.6} mm at most)")?,
