@@ -23,6 +23,7 @@ mod served_traces;
 mod top;
 mod travel_ends;
 mod turning;
+mod unreadable_files;
 mod user_codes;
 
 #[test]

@@ -1,6 +1,7 @@
 //! The control service: commands in, answers out.
 
 use core::time::Duration;
+use iceoryx2::active_request::ActiveRequest;
 use iceoryx2::port::client::Client;
 use iceoryx2::port::server::Server;
 use iceoryx2::prelude::*;
@@ -16,10 +17,33 @@ use crate::layout::Payload;
 use crate::name::Channel;
 
 type ServerPort = Server<Ipc, ControlRequest, (), ControlAnswer, ()>;
+type Active = ActiveRequest<Ipc, ControlRequest, (), ControlAnswer, ()>;
 type ClientPort = Client<Ipc, ControlRequest, (), ControlAnswer, ()>;
 
 /// How often an answer is looked for.
 const POLL: Duration = Duration::from_micros(500);
+
+/// A request that is to be answered, now or later.
+///
+/// One that is dropped without an answer leaves its client waiting until its time limit.
+#[derive(Debug)]
+pub struct ControlCall {
+    request: ControlRequest,
+    active: Active,
+}
+
+impl ControlCall {
+    /// The request: a copy, so that what a client does to its memory afterwards has no effect.
+    #[must_use]
+    pub const fn request(&self) -> &ControlRequest {
+        &self.request
+    }
+
+    /// Sends the answer. A client that has gone meanwhile misses it.
+    pub fn answer(self, answer: ControlAnswer) {
+        let _gone = self.active.send_copy(answer);
+    }
+}
 
 /// The core's end of the control service. It cannot leave the thread that opened it.
 ///
@@ -75,6 +99,28 @@ impl ControlServer {
         })
     }
 
+    /// Takes the oldest waiting request; `None` where none waits. One of another version is given too, and is to be rejected. Of
+    /// one client at most four can be unanswered at a time.
+    ///
+    /// # Errors
+    /// The connection is damaged.
+    pub fn receive(&mut self) -> Result<Option<ControlCall>, ReceiveError> {
+        use iceoryx2::port::ReceiveError as Cause;
+        let request = self.server.receive().map_err(|cause| ReceiveError::Broken {
+            channel: Channel::Control.name(),
+            cause: match cause {
+                Cause::ExceedsMaxBorrows => "ExceedsMaxBorrows",
+                Cause::ConnectionFailure(_) => "ConnectionFailure",
+            },
+        })?;
+        let Some(active) = request else { return Ok(None) };
+        let request = *active.payload();
+        if !request.is_compatible() {
+            self.foreign += 1;
+        }
+        Ok(Some(ControlCall { request, active }))
+    }
+
     /// Has the oldest waiting request answered by `judge`; `false` where none waits. A request of another version
     /// gets to `judge` too, which is to reject it. A client that has gone meanwhile misses its answer.
     ///
@@ -84,21 +130,11 @@ impl ControlServer {
         &mut self,
         judge: impl FnOnce(&ControlRequest) -> ControlAnswer,
     ) -> Result<bool, ReceiveError> {
-        use iceoryx2::port::ReceiveError as Cause;
-        let request = self.server.receive().map_err(|cause| ReceiveError::Broken {
-            channel: Channel::Control.name(),
-            cause: match cause {
-                Cause::ExceedsMaxBorrows => "ExceedsMaxBorrows",
-                Cause::ConnectionFailure(_) => "ConnectionFailure",
-            },
-        })?;
-        let Some(request) = request else { return Ok(false) };
-        let copy = *request.payload();
-        if !copy.is_compatible() {
-            self.foreign += 1;
-        }
-        let answer = judge(&copy);
-        let _gone = request.send_copy(answer);
+        let Some(call) = self.receive()? else {
+            return Ok(false);
+        };
+        let answer = judge(call.request());
+        call.answer(answer);
         Ok(true)
     }
 

@@ -51,7 +51,7 @@ pub use control::{
     ACTIVITIES, ANSWER_TEXT_BYTES, COMMAND_TEXT_BYTES, COMMANDS, ControlAnswer, ControlRequest, JOB_RESULTS,
     MACHINE_STATES, MODES, SWITCHES, VERDICTS,
 };
-pub use control_bus::{CommandError, ControlClient, ControlServer};
+pub use control_bus::{CommandError, ControlCall, ControlClient, ControlServer};
 pub use core_bus::CoreBus;
 pub use domain::{
     ATTRIBUTE_AXES, ATTRIBUTE_INTERFACE, ATTRIBUTE_PERIOD, cores_of_other_users, list_machines,

@@ -148,13 +148,7 @@ impl Desk {
             Ok(decoded) => decoded,
             Err(refusal) => return Err(self.refuse(refusal)),
         };
-        if let Err(alarm) = judge(code, &self.situation(facts)) {
-            let mut refusal = Refusal::by_rule(alarm, code);
-            if alarm == Alarm::Latched
-                && let Some(first) = self.alarms.iter().find(|raised| raised.alarm.is_latched())
-            {
-                refusal.text = format!("alarm {} is latched: {}", first.alarm.number(), first.text);
-            }
+        if let Err(refusal) = self.permit(code, facts) {
             return Err(self.refuse(refusal));
         }
         let starts =
@@ -162,11 +156,31 @@ impl Desk {
         if starts && let Some(objection) = self.other_program(raw.text.unwrap_or_default()) {
             return Err(self.refuse(Refusal::new(Alarm::OtherProgram, objection)));
         }
+        Ok(command)
+    }
+
+    /// What the interlocks say to a command now. [`Desk::consider`] has asked before; who carries it out later asks again.
+    ///
+    /// # Errors
+    /// Why it is not permitted; it is not counted.
+    pub fn permit(&self, code: CommandCode, facts: &Facts) -> Result<(), Refusal> {
+        if facts.is_ending {
+            return Err(Alarm::Ending.into());
+        }
+        if let Err(alarm) = judge(code, &self.situation(facts)) {
+            let mut refusal = Refusal::by_rule(alarm, code);
+            if alarm == Alarm::Latched
+                && let Some(first) = self.alarms.iter().find(|raised| raised.alarm.is_latched())
+            {
+                refusal.text = format!("alarm {} is latched: {}", first.alarm.number(), first.text);
+            }
+            return Err(refusal);
+        }
         // A step of a running program makes sense only where it waits.
         if code == CommandCode::Step && self.activity == Activity::Program && !facts.is_held {
-            return Err(self.refuse(Alarm::NotHeld.into()));
+            return Err(Alarm::NotHeld.into());
         }
-        Ok(command)
+        Ok(())
     }
 
     /// Why the program that is loaded may not be the one that is meant by who starts it, naming `meant` or nothing.

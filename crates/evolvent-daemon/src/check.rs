@@ -2,11 +2,11 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::convert::Infallible;
-use std::fs::File;
 use std::path::Path;
 
 use evolvent_gcode::{Action, Code, Command, Diagnostic, Interpreter, Move};
 use evolvent_plan::{Admission, PlanError};
+use evolvent_sheet::open_regular;
 
 use crate::job::Setup;
 use crate::periphery::{Changer, TOOL_CHANGE_CODE, nobody_changes, waits_for};
@@ -106,7 +106,7 @@ pub(crate) fn check_while(
     bounds: CheckBounds,
     mut go_on: impl FnMut() -> bool,
 ) -> std::io::Result<Checked> {
-    let reader = reader_of(File::open(program)?);
+    let reader = reader_of(open_regular(program)?);
     let limits = *setup.path_limits().axes();
     let mut admission = Admission::new(&limits);
     let mut checked = Checked::default();

@@ -11,6 +11,7 @@ use std::time::{Duration, Instant};
 use evolvent_machine::OnFull;
 use evolvent_motion::{State, flags};
 use evolvent_trace::{BlockRecord, CycleRecord, EventKind, EventRecord, LogLevel, RecordError, Recorder};
+use evolvent_sheet::open_regular;
 use rtrb::Consumer;
 
 use crate::cycle::CycleSample;
@@ -23,6 +24,8 @@ use evolvent_control::Alarm;
 const FLUSH_EVERY: Duration = Duration::from_millis(250);
 /// Codes of the events of a turning cycle's states begin behind this.
 const TURNING_STATES: u32 = 100;
+/// How long the last news of a feeder are waited for.
+const LAST_NEWS: Duration = Duration::from_secs(10);
 /// Time between two looks at an empty queue.
 const NAP: Duration = Duration::from_millis(1);
 
@@ -163,8 +166,8 @@ impl Recording {
                 std::thread::sleep(NAP);
             }
         }
-        // The feeder ends soon after the cycle, and with it the news.
-        while let Ok(news) = self.news.recv() {
+        // The feeder ends soon after the cycle, and with it the news; one that hangs in a file system is not waited for.
+        while let Ok(news) = self.news.recv_timeout(LAST_NEWS) {
             tracks.hear(news);
         }
         let ended = closing.recv().ok();
@@ -496,7 +499,7 @@ impl Lines {
 
     fn text(&mut self, line: u32) -> String {
         if self.reader.is_none() || line < self.line {
-            self.reader = File::open(&self.path).ok().map(BufReader::new);
+            self.reader = open_regular(&self.path).ok().map(BufReader::new);
             self.line = 0;
         }
         let Some(reader) = &mut self.reader else {

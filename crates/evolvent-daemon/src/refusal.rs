@@ -1,12 +1,12 @@
 //! What the machine has against a line of a program, as a diagnostic with its place.
 
 use std::fmt::Display;
-use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 
 use evolvent_gcode::{Call, Code, Command, Diagnostic};
 use evolvent_plan::PlanError;
+use evolvent_sheet::open_regular;
 
 /// Why a program cannot be run to its end.
 #[derive(Debug, thiserror::Error)]
@@ -105,7 +105,7 @@ pub(crate) fn explain<E: Display>(error: &PlanError<E>, program: &Path, line: u3
 
 /// The text of one line of a file; empty where there is none.
 fn line_text(program: &Path, line: u32) -> std::io::Result<Vec<u8>> {
-    let mut reader = BufReader::new(File::open(program)?);
+    let mut reader = BufReader::new(open_regular(program)?);
     let mut bytes = Vec::new();
     for _ in 0..line {
         bytes.clear();

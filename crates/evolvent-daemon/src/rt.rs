@@ -167,21 +167,11 @@ fn set_class(class: libc::c_int, priority: u8) -> std::io::Result<()> {
 const PROMPT: u8 = 1;
 
 /// Lets the calling thread run before all threads of the normal scheduler, where that is permitted; else sooner than others of
-/// it. What takes long belongs in [`unhurried`].
+/// it. What takes long belongs to another thread.
 pub(crate) fn be_prompt() {
     if set_class(libc::SCHED_FIFO, PROMPT).is_err() {
         hurry();
     }
-}
-
-/// Does something long as a thread of the normal scheduler: drives that are no real-time process would have to wait for it.
-pub(crate) fn unhurried<T>(work: impl FnOnce() -> T) -> T {
-    let was_prompt = set_class(libc::SCHED_OTHER, 0).is_ok();
-    let result = work();
-    if was_prompt {
-        be_prompt();
-    }
-    result
 }
 
 /// How much sooner than others a thread of the normal scheduler that people wait for is let run.

@@ -8,6 +8,7 @@ use std::path::Path;
 use evolvent_gcode::{Command, Diagnostic, Interpreter, Modal, Restart};
 use evolvent_machine::MachineKind;
 use evolvent_path::AxisLetter;
+use evolvent_sheet::open_regular;
 
 use crate::job::Setup;
 use crate::memory::ProgramMemory;
@@ -48,7 +49,7 @@ impl Commands {
     /// The file cannot be read, or the program cannot begin at that line.
     pub fn open(program: &Path, setup: &Setup) -> Result<Self, ProgramError> {
         let file = program.display().to_string();
-        let opened = File::open(program).map_err(|source| ProgramError::Read {
+        let opened = open_regular(program).map_err(|source| ProgramError::Read {
             file: file.clone(),
             source,
         })?;

@@ -1,41 +1,19 @@
 //! Long programs are checked beside, while the machine stands or is jogged; no program starts before it is checked.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{self, Receiver, TryRecvError};
 use std::thread;
-use std::time::SystemTime;
 
 use evolvent_control::{Alarm, Refusal};
 
+use super::files::Look;
 use super::programs::sentence;
 use crate::check::{CheckBounds, check_while};
 use crate::job::Setup;
 use crate::memory::ProgramMemory;
 use crate::rt::take_turns;
-
-/// Programs up to this length are checked as a whole while somebody waits, bytes.
-const SHORT: u64 = 64 * 1024;
-
-/// What a program looks like from outside: another look means another program.
-#[derive(Clone, Debug, PartialEq)]
-struct Look {
-    file: PathBuf,
-    bytes: u64,
-    changed: Option<SystemTime>,
-}
-
-impl Look {
-    fn at(file: &Path) -> Option<Self> {
-        let facts = file.metadata().ok()?;
-        Some(Self {
-            file: file.to_path_buf(),
-            bytes: facts.len(),
-            changed: facts.modified().ok(),
-        })
-    }
-}
 
 /// A check under way, or what it came to.
 #[derive(Debug)]
@@ -52,14 +30,10 @@ pub(super) struct Checking {
 
 impl Checking {
     /// Begins to check a program on a thread of its own.
-    pub(super) fn begin(file: &Path, setup: &Setup) -> Result<Self, Refusal> {
-        let look = Look::at(file).ok_or_else(|| {
-            let text = format!("{}: cannot be read; name a readable part program", file.display());
-            Refusal::new(Alarm::File, text)
-        })?;
+    pub(super) fn begin(look: Look, setup: &Setup) -> Result<Self, Refusal> {
         let (sender, result) = mpsc::channel();
         let superseded = Arc::new(AtomicBool::new(false));
-        let (told, file, of_thread) = (Arc::clone(&superseded), file.to_path_buf(), setup.clone());
+        let (told, file, of_thread) = (Arc::clone(&superseded), look.file.clone(), setup.clone());
         let spawned = thread::Builder::new().name("checker".into()).spawn(move || {
             take_turns();
             let verdict = judge(&file, &of_thread, 0, CheckBounds::whole(1), || {
@@ -79,8 +53,8 @@ impl Checking {
     }
 
     /// Whether it is about this program as it is now, with the offsets and tools of now.
-    pub(super) fn is_about(&self, file: &Path, setup: &Setup) -> bool {
-        Look::at(file).as_ref() == Some(&self.look) && self.memory == setup.memory
+    pub(super) fn is_about(&self, look: &Look, setup: &Setup) -> bool {
+        *look == self.look && self.memory == setup.memory
     }
 
     /// What is wrong with the program, once, whoever has asked for the verdict before.
@@ -116,11 +90,6 @@ impl Drop for Checking {
     }
 }
 
-/// Whether a program is short enough to be checked as a whole while somebody waits.
-pub(super) fn is_short(file: &Path) -> bool {
-    file.metadata().is_ok_and(|facts| facts.len() <= SHORT)
-}
-
 /// What program text and machine have against a program, whose lines are counted from behind so many.
 pub(super) fn judge(
     file: &Path,
@@ -152,8 +121,8 @@ mod tests {
     fn checking() -> (mpsc::Sender<Result<(), Refusal>>, Checking) {
         let (sender, result) = mpsc::channel();
         let look = Look {
-            file: PathBuf::from("long.ngc"),
-            bytes: SHORT + 1,
+            file: "long.ngc".into(),
+            bytes: 1_000_000,
             changed: None,
         };
         let checking = Checking {

@@ -1,6 +1,9 @@
 //! What outlives the process: offsets, tools, parameters, in files that are replaced whole.
 
 use std::path::{Path, PathBuf};
+use std::sync::mpsc::{self, Receiver, Sender};
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
 
 use evolvent_control::ToolEntry;
 use evolvent_gcode::{KeptParameters, StoreError, Tool, ToolTable};
@@ -11,6 +14,31 @@ use crate::memory::ProgramMemory;
 /// Parameter that keeps which tool is in the spindle.
 const TOOL_PARAMETER: u32 = 5400;
 
+/// What was written, or why it was not.
+pub(crate) type Saved = Result<ProgramMemory, StoreError>;
+
+struct SaveOrder {
+    memory: ProgramMemory,
+    before: ProgramMemory,
+    sender: Sender<Saved>,
+}
+
+/// Starts the thread that writes. It ends with the sender. Without it every save fails, and says so.
+fn saver() -> Option<(Sender<SaveOrder>, JoinHandle<()>)> {
+    let (sender, orders) = mpsc::channel::<SaveOrder>();
+    let started = thread::Builder::new().name("saver".into()).spawn(move || {
+        for order in orders {
+            if let Some(folder) = order.memory.kept_file.as_ref().and_then(|file| file.parent()) {
+                // Where this fails, writing fails too, and says why.
+                let _ = std::fs::create_dir_all(folder);
+            }
+            let written = order.memory.save(&order.before);
+            let _gone = order.sender.send(written.map(|_files| order.memory));
+        }
+    });
+    started.ok().map(|thread| (sender, thread))
+}
+
 /// The memory of a machine, and its files.
 #[derive(Debug)]
 pub(crate) struct Keep {
@@ -20,6 +48,8 @@ pub(crate) struct Keep {
     pub tool: u32,
     /// What could not be read, and was set aside.
     pub complaints: Vec<String>,
+    /// The thread that writes, and the way to it.
+    saver: Option<(Sender<SaveOrder>, JoinHandle<()>)>,
 }
 
 /// The folder of a machine's state: `$XDG_STATE_HOME/evolvent/NAME`, or that under `~/.local/state`.
@@ -75,40 +105,60 @@ impl Keep {
             memory,
             tool,
             complaints,
+            saver: saver(),
         }
     }
 
-    /// Writes what has changed.
-    pub(crate) fn save(&mut self) -> Result<(), StoreError> {
-        if let Some(kept) = &mut self.memory.kept {
+    /// Has `memory` written where it differs from what was written last; what comes of it is received. Nobody waits here: a disk
+    /// may take long, or for ever. Of several, each is written after the one before.
+    pub(crate) fn save(&self, mut memory: ProgramMemory) -> Receiver<Saved> {
+        if let Some(kept) = &mut memory.kept {
             let known = kept.get(TOOL_PARAMETER).unwrap_or(0.0);
             if known != f64::from(self.tool) {
                 kept.set(TOOL_PARAMETER, f64::from(self.tool));
             }
         }
-        if let Some(folder) = self.memory.kept_file.as_ref().and_then(|file| file.parent()) {
-            // Where this fails, writing fails too, and says why.
-            let _ = std::fs::create_dir_all(folder);
+        let (sender, result) = mpsc::channel();
+        let order = SaveOrder {
+            memory,
+            before: self.saved.clone(),
+            sender,
+        };
+        // Without its thread the sender is dropped, which is an answer too.
+        if let Some((saver, _)) = &self.saver {
+            let _gone = saver.send(order);
         }
-        self.memory.save(&self.saved)?;
-        self.saved = self.memory.clone();
-        Ok(())
+        result
     }
 
-    /// Reads the tool table again.
-    pub(crate) fn reload_tools(&mut self) -> Result<(), StoreError> {
-        if let Some(file) = self.memory.tools_file.clone()
-            && file.exists()
-        {
-            self.memory.load_tools(file)?;
-            self.saved.tools = self.memory.tools.clone();
+    /// Waits, at most so long, until all is written that was to be.
+    pub(crate) fn close(&mut self, timeout: Duration) {
+        let Some((saver, thread)) = self.saver.take() else {
+            return;
+        };
+        drop(saver);
+        let begin = Instant::now();
+        while !thread.is_finished() && begin.elapsed() < timeout {
+            thread::sleep(Duration::from_millis(1));
         }
-        Ok(())
     }
 
-    /// Changes or adds a tool.
-    pub(crate) fn set_tool(&mut self, entry: &ToolEntry) {
-        let tools = self.memory.tools.get_or_insert_with(ToolTable::default);
+    /// What was written counts from now on.
+    pub(crate) fn take_saved(&mut self, memory: ProgramMemory) {
+        self.saved.clone_from(&memory);
+        self.memory = memory;
+    }
+
+    /// Takes over the tool table of the file.
+    pub(crate) fn take_tools(&mut self, tools: ToolTable) {
+        self.memory.tools = Some(tools);
+        self.saved.tools.clone_from(&self.memory.tools);
+    }
+
+    /// The memory with a tool changed or added.
+    pub(crate) fn with_tool(&self, entry: &ToolEntry) -> ProgramMemory {
+        let mut memory = self.memory.clone();
+        let tools = memory.tools.get_or_insert_with(ToolTable::default);
         let mut tool = tools
             .get(entry.number)
             .copied()
@@ -120,6 +170,7 @@ impl Keep {
         }
         tool.diameter_mm = entry.diameter_mm.unwrap_or(tool.diameter_mm);
         tools.set(tool);
+        memory
     }
 }
 
@@ -139,14 +190,15 @@ mod tests {
         let mut keep = Keep::open(ProgramMemory::default(), &inner);
         let offset = Axes::from_fn(|i, _| i as f64 + 0.1);
         assert!(keep.memory.kept.as_mut().unwrap().set_work_offset(3, &offset));
-        keep.set_tool(&ToolEntry {
+        keep.memory = keep.with_tool(&ToolEntry {
             number: 7,
             axes_mask: 0b100,
             offset: Axes::repeat(12.5),
             diameter_mm: Some(6.0),
         });
         keep.tool = 7;
-        keep.save().unwrap();
+        let saved = keep.save(keep.memory.clone()).recv().unwrap().unwrap();
+        keep.take_saved(saved);
         let again = Keep::open(ProgramMemory::default(), &inner);
         assert_eq!(again.memory.kept.as_ref().unwrap().work_offset(3), offset);
         let tool = again.memory.tools.as_ref().unwrap().get(7).copied().unwrap();

@@ -1,6 +1,8 @@
 //! A machine that is served: one long-lived cycle, and jobs that come and go.
 
+mod calls;
 mod checking;
+mod files;
 mod homing;
 mod jobs;
 mod jog;
@@ -12,6 +14,7 @@ mod operator;
 mod orders;
 mod ports;
 mod programs;
+mod reading;
 mod recorded;
 mod server;
 mod snapshot;

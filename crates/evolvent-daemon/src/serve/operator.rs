@@ -1,13 +1,13 @@
 //! The control thread's side of a served machine: commands carried out, jobs followed, faults told.
 
 use std::collections::VecDeque;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender};
 
 use evolvent_bus::{ControlAnswer, ControlRequest, Feedback, Payload};
 use evolvent_control::{
-    Alarm, Command, DeadMan, Desk, Facts, Homing, HomingSample, JobResult, RawCommand, Refusal, Verdict,
+    Alarm, Command, CommandCode, DeadMan, Desk, Facts, Homing, HomingSample, JobResult, RawCommand, Refusal, Verdict,
 };
 use evolvent_drive::{FeedbackBounds, PowerRequest, Presence};
 use evolvent_machine::{Limits, OnFull};
@@ -16,6 +16,7 @@ use evolvent_path::Axes;
 use rtrb::{Consumer, Producer};
 
 use super::checking::Checking;
+use super::files::{Readers, Reading};
 use super::jog::Steered;
 use super::keep::Keep;
 use super::modes::{Modes, foresee};
@@ -95,6 +96,9 @@ pub(crate) struct Operator {
     pub(super) periphery: Periphery,
     /// The job was stopped by an emergency stop: what its program switches counts no more.
     pub(super) is_emergency: bool,
+    pub(super) readers: Readers,
+    /// The command whose files are being read.
+    pub(super) reading: Option<Reading>,
     /// The datum that the last renaming has led to.
     pub(super) datum: u64,
     /// The way to the middle of the program, on its way.
@@ -177,6 +181,8 @@ impl Operator {
             checking: None,
             periphery: Periphery::default(),
             is_emergency: false,
+            readers: Readers::default(),
+            reading: None,
         };
         operator.periphery.tool = operator.keep.tool;
         operator.refresh_modes();
@@ -209,23 +215,11 @@ impl Operator {
     }
 
     /// Judges a request and carries it out.
-    pub(crate) fn answer(&mut self, request: &ControlRequest, now_ns: u64) -> ControlAnswer {
-        let mut answer = ControlAnswer {
-            client: request.client,
-            serial: request.serial,
-            command: request.command,
-            sequence: self.view.setpoint.sequence,
-            ..ControlAnswer::default()
-        };
-        let refuse = |answer: &mut ControlAnswer, verdict: Verdict, refusal: &Refusal| {
-            answer.verdict = verdict as u32;
-            answer.alarm = refusal.alarm.number();
-            answer.set_text(&refusal.text);
-        };
+    /// The answer; `None` while files are being read for it, until [`Operator::finish_reading`] gives it.
+    pub(crate) fn answer(&mut self, request: &ControlRequest, now_ns: u64) -> Option<ControlAnswer> {
         if !request.is_compatible() {
             self.malformed += 1;
-            refuse(&mut answer, Verdict::Rejected, &Alarm::Malformed.into());
-            return answer;
+            return Some(self.composed(request, Err((Verdict::Rejected, Alarm::Malformed.into()))));
         }
         let raw = RawCommand {
             command: request.command,
@@ -235,28 +229,70 @@ impl Operator {
             values: request.values,
             text: request.text(),
         };
-        let facts = Facts {
+        let facts = self.facts();
+        let considered = self.desk.consider(request.client, request.serial, &raw, &facts);
+        let carried_out = match considered {
+            Err(refused) => Err(refused),
+            Ok(command) => match self.begin_reading(request, &command) {
+                Some(Ok(reading)) => {
+                    self.reading = Some(reading);
+                    return None;
+                }
+                Some(Err(refusal)) => Err(self.desk.refuse(refusal)),
+                None => self
+                    .carry_out(&command, request.client, now_ns)
+                    .map_err(|refusal| self.desk.refuse(refusal))
+                    .inspect(|_| self.desk.commit(&command, now_ns, true)),
+            },
+        };
+        Some(self.composed(request, carried_out))
+    }
+
+    pub(super) fn facts(&self) -> Facts {
+        Facts {
             present: self.present,
             is_held: self.is_held(),
             is_ending: self.ending,
+        }
+    }
+
+    /// The answer to a request: the job that it begins, or why it is refused.
+    pub(super) fn composed(
+        &self,
+        request: &ControlRequest,
+        result: Result<u64, (Verdict, Refusal)>,
+    ) -> ControlAnswer {
+        let mut answer = ControlAnswer {
+            client: request.client,
+            serial: request.serial,
+            command: request.command,
+            sequence: self.view.setpoint.sequence,
+            ..ControlAnswer::default()
         };
-        let considered = self.desk.consider(request.client, request.serial, &raw, &facts);
-        let carried_out = considered.and_then(|command| {
-            self.carry_out(&command, request.client, now_ns)
-                .map_err(|refusal| self.desk.refuse(refusal))
-                .map(|job| (command, job))
-        });
-        match carried_out {
-            Ok((command, job)) => {
-                self.desk.commit(&command, now_ns, true);
+        match result {
+            Ok(job) => {
                 answer.job = job;
-                if job > 0 && matches!(command, Command::Start(_) | Command::Step) {
+                let starts = [CommandCode::Start as u32, CommandCode::Step as u32].contains(&request.command);
+                if job > 0 && starts {
                     answer.set_text(&self.started());
                 }
             }
-            Err((verdict, refusal)) => refuse(&mut answer, verdict, &refusal),
+            Err((verdict, refusal)) => {
+                answer.verdict = verdict as u32;
+                answer.alarm = refusal.alarm.number();
+                answer.set_text(&refusal.text);
+            }
         }
         answer
+    }
+
+    pub(super) fn note_command(&mut self, command: &Command) {
+        self.record(
+            OutsideKind::Command,
+            command.code() as u32,
+            command.to_string(),
+            command.value(),
+        );
     }
 
     /// Requests of another version or size so far.
@@ -282,6 +318,7 @@ impl Operator {
         let mut job = 0;
         match command {
             Command::Estop => {
+                self.cancel_reading();
                 self.give_up_waiting(JobResult::Stopped);
                 self.cancel_command();
                 self.cancel_homing();
@@ -297,11 +334,10 @@ impl Operator {
             }
             Command::Off => {
                 self.switch_periphery_off();
+                self.cancel_reading();
                 self.send(What::Power(PowerRequest::Off), command);
                 return Ok(0);
             }
-            Command::Load(file) => self.load(Path::new(file))?,
-            Command::Start(line) => job = self.start(*line)?,
             Command::Hold => {
                 self.hold = !self.stopping;
                 self.send(What::Hold, command);
@@ -313,17 +349,15 @@ impl Operator {
             }
             Command::Step => {
                 self.switches.set_single_step(true);
-                if matches!(self.job, Job::Program(_)) {
-                    self.resume(command);
-                    return Ok(0);
-                }
-                job = self.start(0)?;
+                self.resume(command);
+                return Ok(0);
             }
             Command::SingleStep(on) => {
                 self.switches.set_single_step(*on);
                 self.step_on(*on);
             }
             Command::Stop => {
+                self.cancel_reading();
                 self.stop(command);
                 return Ok(0);
             }
@@ -331,7 +365,6 @@ impl Operator {
                 self.send(What::Override(*ratio), command);
                 return Ok(0);
             }
-            Command::Mdi(text) => job = self.mdi(text)?,
             Command::Jog(jog) => job = self.jog(jog, client, now_ns, command)?,
             Command::JogKeep => {
                 self.keep_jogging(client, now_ns);
@@ -345,34 +378,6 @@ impl Operator {
                 }
             }
             Command::Home(mask) => job = self.home(*mask)?,
-            Command::WorkOffset {
-                system,
-                axes_mask,
-                values,
-            } => self.set_offset(*system, |index, kept| {
-                merged(&kept.work_offset(index), values, *axes_mask)
-            })?,
-            Command::TouchOff {
-                system,
-                axes_mask,
-                values,
-            } => {
-                let place = self.view.setpoint.position - self.modes.modal.tool_offset - self.g92();
-                self.set_offset(*system, |index, kept| {
-                    merged(&kept.work_offset(index), &(place - values), *axes_mask)
-                })?;
-            }
-            Command::Tool(entry) => {
-                self.keep.set_tool(entry);
-                self.save()?;
-                self.refresh_modes();
-            }
-            Command::ReloadTools => {
-                self.keep
-                    .reload_tools()
-                    .map_err(|error| Refusal::new(Alarm::File, error.to_string()))?;
-                self.refresh_modes();
-            }
             Command::Reset => {
                 self.switch_periphery_off();
                 let settings = self.setup_here().interpreter_settings();
@@ -391,14 +396,17 @@ impl Operator {
             Command::OptionalStop(on) => self.switches.set_optional_stop(*on),
             Command::BlockDelete(on) => self.switches.set_block_delete(*on),
             Command::RapidOverride(ratio) => self.switches.set_rapid_override(*ratio),
+            // Those with files are carried out when they have been read.
+            Command::Load(_)
+            | Command::Start(_)
+            | Command::Mdi(_)
+            | Command::WorkOffset { .. }
+            | Command::TouchOff { .. }
+            | Command::Tool(_)
+            | Command::ReloadTools => {}
             Command::EstopReset | Command::SetMode(_) | Command::SpindleOverride(_) => {}
         }
-        self.record(
-            OutsideKind::Command,
-            command.code() as u32,
-            command.to_string(),
-            command.value(),
-        );
+        self.note_command(command);
         Ok(job)
     }
 
@@ -462,35 +470,12 @@ impl Operator {
         self.modes.modal.work_offset - kept.work_offset(kept.active_offset())
     }
 
-    pub(super) fn set_offset(
-        &mut self,
-        system: u32,
-        offset: impl FnOnce(usize, &evolvent_gcode::KeptParameters) -> Axes,
-    ) -> Result<(), Refusal> {
-        let mut kept = self.kept();
-        let index = match system {
-            0 => kept.active_offset(),
-            system => system as usize - 1,
-        };
-        let offset = offset(index, &kept);
-        kept.set_work_offset(index, &offset);
-        self.keep.memory.kept = Some(kept);
-        self.save()?;
-        self.refresh_modes();
-        Ok(())
-    }
-
-    pub(super) fn save(&mut self) -> Result<(), Refusal> {
-        self.keep
-            .save()
-            .map_err(|error| Refusal::new(Alarm::File, error.to_string()))
-    }
-
     /// The process is to end: everything comes to rest, and then the cycle ends.
     pub(crate) fn end(&mut self) {
         if !self.ending {
             self.ending = true;
             self.switch_off_at_rest();
+            self.cancel_reading();
             self.give_up_waiting(JobResult::Stopped);
             self.cancel_command();
             self.cancel_homing();
@@ -693,8 +678,4 @@ impl Operator {
     pub(crate) fn present(&self) -> u32 {
         self.present
     }
-}
-
-fn merged(old: &Axes, new: &Axes, mask: u32) -> Axes {
-    Axes::from_fn(|i, _| if mask >> i & 1 == 1 { new[i] } else { old[i] })
 }

@@ -1,29 +1,31 @@
 //! Programs and blocks of MDI, from the operator's side.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::mpsc::{self, Receiver};
+use std::sync::mpsc::{self, Receiver, TryRecvError};
 use std::thread;
+use std::time::{Duration, Instant};
 
 use evolvent_control::{Activity, Alarm, Command, JobResult, Refusal};
-use evolvent_gcode::Settings;
 use evolvent_motion::State;
+use evolvent_sheet::no_reply;
 
-use super::checking::{Checking, is_short, judge};
+use super::checking::Checking;
+use super::files::{ProgramFile, READING_TIMEOUT};
 use super::jobs::{Planning, ProgramJob};
 use super::jog::limits_here;
-use super::modes::{After, foresee};
+use super::keep::Saved;
+use super::modes::After;
 use super::operator::{Job, Operator};
 use super::orders::What;
 use super::recorded::job_number;
 use super::track::Track;
-use crate::check::CheckBounds;
 use crate::job::Setup;
 use crate::job_start::ProgramStart;
 use crate::news::{FeederNews, OutsideKind, StopKind, UserCall};
 use crate::periphery::Periphery;
 use crate::refusal::ProgramError;
-use crate::rt::{take_turns, unhurried};
+use crate::rt::take_turns;
 use crate::source::{Commands, Start};
 use crate::switches::{SwitchState, Switches, Switching};
 use crate::user_code::{UserCodes, UserNews, UserProgram};
@@ -31,8 +33,12 @@ use crate::user_code::{UserCodes, UserNews, UserProgram};
 /// What the message says of a command of the machine's own.
 const AT_WORK: &str = " is being carried out";
 
-/// Lines that a block of MDI may execute, loops and subroutines among them, before it is refused: somebody waits.
-const MOST_LINES_OF_MDI: u64 = 1_000_000;
+/// How long the planner's thread may take to end after the machine is through with a job. It ends in milliseconds unless a read of
+/// the program or of a subroutine hangs.
+const PLANNER_TIMEOUT: Duration = Duration::from_secs(10);
+
+/// Blocks and actions that a planner which has not ended may have numbered, at most: more than its queues hold.
+const NUMBERS_LEFT: u32 = 1 << 20;
 
 /// A program or a block of MDI.
 pub(super) struct ProgramRun {
@@ -49,6 +55,10 @@ pub(super) struct ProgramRun {
     pub(super) command: Option<UserCommand>,
     /// Such a command has failed.
     pub(super) has_failed: bool,
+    /// When the machine was found to be through with it.
+    pub(super) ended_at: Option<Instant>,
+    /// What it has left is being written; how it has ended, and since when.
+    pub(super) saving: Option<(JobResult, Receiver<Saved>, Instant)>,
 }
 
 /// Behind what the feed is to be held.
@@ -100,20 +110,7 @@ fn way_there(start: &Start) -> String {
 }
 
 impl Operator {
-    pub(super) fn load(&mut self, file: &Path) -> Result<(), Refusal> {
-        let is_file = file.metadata().map(|facts| facts.is_file());
-        let readable = is_file.and_then(|is_file| std::fs::File::open(file).map(|_| is_file));
-        match readable {
-            Ok(true) => {}
-            Ok(false) => {
-                let text = format!("{}: is no file; name a part program", file.display());
-                return Err(Refusal::new(Alarm::File, text));
-            }
-            Err(error) => {
-                let text = format!("{}: {error}; name a readable part program", file.display());
-                return Err(Refusal::new(Alarm::File, text));
-            }
-        }
+    pub(super) fn load(&mut self, file: &ProgramFile) -> Result<(), Refusal> {
         self.checking = None;
         self.check_loaded(file).or_else(|refusal| match refusal.alarm {
             // A long one is checked while nobody waits.
@@ -123,13 +120,13 @@ impl Operator {
     }
 
     /// What program text and machine have against a program, with the offsets and tools of now.
-    fn check_loaded(&mut self, file: &Path) -> Result<(), Refusal> {
-        let setup = self.setup_here();
-        if is_short(file) {
-            return unhurried(|| judge(file, &setup, 0, CheckBounds::while_one_waits(1), || true));
+    fn check_loaded(&mut self, file: &ProgramFile) -> Result<(), Refusal> {
+        if let Some(verdict) = &file.verdict {
+            return verdict.clone();
         }
-        if !(self.checking.as_ref()).is_some_and(|checking| checking.is_about(file, &setup)) {
-            self.checking = Some(Checking::begin(file, &setup)?);
+        let setup = self.setup_here();
+        if !(self.checking.as_ref()).is_some_and(|checking| checking.is_about(&file.look, &setup)) {
+            self.checking = Some(Checking::begin(file.look.clone(), &setup)?);
         }
         match self.checking.as_mut().and_then(Checking::verdict) {
             Some(verdict) => verdict.clone(),
@@ -137,17 +134,14 @@ impl Operator {
         }
     }
 
-    pub(super) fn start(&mut self, line: u32) -> Result<u64, Refusal> {
-        let Some(file) = self.desk.program().map(PathBuf::from) else {
-            return Err(Alarm::NoProgram.into());
-        };
-        self.check_loaded(&file)?;
+    pub(super) fn start(&mut self, line: u32, file: &ProgramFile) -> Result<u64, Refusal> {
+        self.check_loaded(file)?;
         let mut setup = self.setup_here();
         setup.start_line = (line > 1).then_some(line);
         // Nothing knows what stands in the way there: the plan begins with a program stop, and somebody has to look.
         let way = match setup.start_line {
             None => None,
-            Some(_) => Some(show_way(file.clone(), setup.clone())?),
+            Some(_) => Some(show_way(file.look.file.clone(), setup.clone())?),
         };
         let steps = self.desk.is_single_step() || self.switches.is_single_step();
         self.switch_anew(steps);
@@ -169,23 +163,9 @@ impl Operator {
         }
     }
 
-    pub(super) fn mdi(&mut self, text: &str) -> Result<u64, Refusal> {
-        let preamble = self.modes.preamble();
-        let lines = preamble.lines().count() as u32;
-        let whole = format!("{preamble}{text}\n");
+    pub(super) fn mdi(&mut self, after: After, file: &ProgramFile) -> Result<u64, Refusal> {
         let mut setup = self.setup_here();
         setup.is_mdi = true;
-        let settings = Settings {
-            max_lines_before_start: MOST_LINES_OF_MDI,
-            ..setup.interpreter_settings()
-        };
-        let after = unhurried(|| foresee(&whole, &settings, &self.kept()))
-            .map_err(|error| Refusal::new(Alarm::BadProgram, sentence(&error, lines)))?;
-        let file = self.folder.join("mdi.ngc");
-        std::fs::create_dir_all(&self.folder)
-            .and_then(|()| std::fs::write(&file, &whole))
-            .map_err(|error| Refusal::new(Alarm::File, format!("{}: {error}", file.display())))?;
-        unhurried(|| judge(&file, &setup, lines, CheckBounds::while_one_waits(1), || true))?;
         self.switch_anew(false);
         self.plan(file, setup, Some(after), Activity::Mdi)
     }
@@ -203,7 +183,7 @@ impl Operator {
 
     pub(super) fn plan(
         &mut self,
-        file: PathBuf,
+        file: &ProgramFile,
         setup: Setup,
         after: Option<After>,
         activity: Activity,
@@ -212,7 +192,7 @@ impl Operator {
         let switches = self.switches.state();
         let job = self.desk.job() + 1;
         if let Some(recorder) = &self.recorder {
-            let _gone = recorder.send(FeederNews::File(self.numbers.0, file.clone()));
+            let _gone = recorder.send(FeederNews::File(self.numbers.0, file.look.file.clone()));
             let start = ProgramStart {
                 is_mdi: activity == Activity::Mdi,
                 program: String::new(),
@@ -227,10 +207,10 @@ impl Operator {
                 feed_override: self.desk.overrides()[0],
                 numbered_from: self.numbers,
             };
-            subroutines = self.notes.plans(recorder, job, &file, &setup, start);
+            subroutines = self.notes.plans(recorder, job, file, &setup, start);
         }
         let planning = Planning::start(ProgramJob {
-            file,
+            file: file.look.file.clone(),
             setup,
             feed_override: self.desk.overrides()[0],
             job: job_number(job),
@@ -254,6 +234,8 @@ impl Operator {
             first_block: self.numbers.0,
             command: None,
             has_failed: false,
+            ended_at: None,
+            saving: None,
         }));
         Ok(self.desk.job_begins(activity))
     }
@@ -340,6 +322,10 @@ impl Operator {
         }
         self.follow_command();
         let Job::Program(run) = &mut self.job else { return };
+        if run.saving.is_some() {
+            self.follow_saving();
+            return;
+        }
         if let Some(result) = run.ended {
             // Nothing else begins before it is over.
             if run
@@ -354,10 +340,13 @@ impl Operator {
             } else {
                 result
             };
+            let ended_at = *run.ended_at.get_or_insert_with(Instant::now);
             if let Some((report, planned)) = run.planning.take_result() {
                 let after = run.after.take();
                 self.numbers = (report.next_block, report.next_action);
                 self.finish_program(result, planned, after);
+            } else if ended_at.elapsed() > PLANNER_TIMEOUT {
+                self.leave_planner(result);
             }
             return;
         }
@@ -408,6 +397,22 @@ impl Operator {
         if !matches!(self.job, Job::Program(_)) {
             self.switch_periphery_off();
         }
+    }
+
+    /// The planner's thread hangs, in a file system that does not reply: the job ends without it.
+    fn leave_planner(&mut self, result: JobResult) {
+        let setpoint = self.view.setpoint;
+        // Numbers that the thread has given are not known, and are not given twice.
+        let (block, action) = self.numbers;
+        self.numbers = (
+            block.max(setpoint.block).saturating_add(NUMBERS_LEFT),
+            action.max(setpoint.actions).saturating_add(NUMBERS_LEFT),
+        );
+        let file = self.desk.program().unwrap_or("the program").to_owned();
+        let text = format!("{file}: {}", no_reply(PLANNER_TIMEOUT));
+        self.raise(setpoint.sequence, Alarm::Program, text);
+        self.refresh_modes();
+        self.end_job(result);
     }
 
     /// The program waits at this stop.
@@ -512,10 +517,33 @@ impl Operator {
             }
             _ => {}
         }
-        if let Err(error) = self.keep.save() {
-            self.raise(sequence, Alarm::NotKept, error.to_string());
-        }
         self.refresh_modes();
+        let saving = self.keep.save(self.keep.memory.clone());
+        if let Job::Program(run) = &mut self.job {
+            run.saving = Some((result, saving, Instant::now()));
+        }
+    }
+
+    /// Ends the job once what it has left is written.
+    fn follow_saving(&mut self) {
+        let Job::Program(run) = &self.job else { return };
+        let Some((result, saving, begun)) = &run.saving else {
+            return;
+        };
+        let result = *result;
+        let failure = match saving.try_recv() {
+            Ok(Ok(memory)) => {
+                self.keep.take_saved(memory);
+                None
+            }
+            Ok(Err(error)) => Some(error.to_string()),
+            Err(TryRecvError::Empty) if begun.elapsed() < READING_TIMEOUT => return,
+            Err(TryRecvError::Empty) => Some(no_reply(READING_TIMEOUT).to_string()),
+            Err(TryRecvError::Disconnected) => Some("no thread to write with; restart the core".to_owned()),
+        };
+        if let Some(text) = failure {
+            self.raise(self.view.setpoint.sequence, Alarm::NotKept, text);
+        }
         self.end_job(result);
     }
 }

@@ -1,21 +1,17 @@
 //! What the trace of a served machine is told of its jobs, so that each can be computed again.
 
 use std::collections::VecDeque;
-use std::path::{Path, PathBuf};
 use std::sync::mpsc::Sender;
-use std::time::SystemTime;
 
 use evolvent_gcode::{KeptParameters, ToolTable};
 use evolvent_machine::Limits;
 use evolvent_path::Axes;
 use evolvent_transfer::AxesState;
 
+use super::files::{Look, ProgramFile};
 use crate::job::Setup;
 use crate::job_start::{JobStart, ProgramStart, SteeredStart, plain_name};
 use crate::news::{FeederNews, Outside, OutsideKind};
-
-/// What tells whether a file is the one that was attached.
-type Stamp = (PathBuf, u64, Option<SystemTime>);
 
 /// Jobs on their way to the cycle that are remembered.
 const MOST_SENT: usize = 64;
@@ -32,7 +28,7 @@ pub(super) struct JobNotes {
     /// What was attached last, and under which name.
     tools: Option<(ToolTable, String)>,
     parameters: Option<(KeptParameters, String)>,
-    program: Option<(Stamp, String)>,
+    program: Option<(Look, String)>,
 }
 
 impl JobNotes {
@@ -48,28 +44,28 @@ impl JobNotes {
         &mut self,
         recorder: &Sender<FeederNews>,
         job: u64,
-        file: &Path,
+        file: &ProgramFile,
         setup: &Setup,
         mut start: ProgramStart,
     ) -> String {
         let attach = |name: &str, text: String| {
             let _gone = recorder.send(FeederNews::Attach(name.to_owned(), text.into_bytes()));
         };
-        start.program = match (self.known(file), start.is_mdi) {
+        start.program = match (self.known(&file.look), start.is_mdi) {
             (Some(name), false) => name,
             _ => {
-                let name = file
+                let path = &file.look.file;
+                let name = path
                     .file_name()
                     .map_or_else(String::new, |name| plain_name(&name.to_string_lossy()));
                 let name = format!("job-{job}/{name}");
                 // What is short may be gone before the recorder comes to it: a block of MDI is.
-                let text = is_short(file).then(|| std::fs::read(file).ok()).flatten();
-                let news = match text {
-                    Some(text) => FeederNews::Attach(name.clone(), text),
-                    None => FeederNews::AttachFile(name.clone(), file.to_owned()),
+                let news = match &file.text {
+                    Some(text) => FeederNews::Attach(name.clone(), text.clone()),
+                    None => FeederNews::AttachFile(name.clone(), path.clone()),
                 };
                 let _gone = recorder.send(news);
-                self.program = stamp(file).map(|stamp| (stamp, name.clone()));
+                self.program = Some((file.look.clone(), name.clone()));
                 name
             }
         };
@@ -95,9 +91,9 @@ impl JobNotes {
         folder
     }
 
-    fn known(&self, file: &Path) -> Option<String> {
+    fn known(&self, look: &Look) -> Option<String> {
         let (known, name) = self.program.as_ref()?;
-        (stamp(file)? == *known).then(|| name.clone())
+        (look == known).then(|| name.clone())
     }
 
     /// What was planned goes to the cycle with this order.
@@ -157,14 +153,4 @@ pub(super) fn steered_start(limits: &Limits, from: &AxesState, to: &Axes, is_tur
         from: *from,
         to: *to,
     }
-}
-
-/// Whether a file is so short that the control thread may read it.
-fn is_short(file: &Path) -> bool {
-    file.metadata().is_ok_and(|facts| facts.len() <= 64 * 1024)
-}
-
-fn stamp(file: &Path) -> Option<Stamp> {
-    let facts = file.metadata().ok()?;
-    Some((file.to_owned(), facts.len(), facts.modified().ok()))
 }

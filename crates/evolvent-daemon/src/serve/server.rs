@@ -14,6 +14,8 @@ use evolvent_motion::Station;
 use evolvent_trace::{RecordError, Recorder};
 use rtrb::{Consumer, Producer, RingBuffer};
 
+use super::calls::Calls;
+use super::files::READING_TIMEOUT;
 use super::keep::Keep;
 use super::live::{Live, LiveReport};
 use super::notify::Manager;
@@ -203,6 +205,7 @@ pub fn serve(
     be_prompt();
 
     let every = Duration::from_nanos(setup.period_ns / 4).clamp(CONTROL_EVERY_AT_LEAST, CONTROL_EVERY);
+    let mut calls = Calls::default();
     let mut pulse = Pulse::default();
     let mut published = (PublishReport::default(), 0);
     let mut sequence = 0;
@@ -218,15 +221,16 @@ pub fn serve(
             pulse.count(view);
         });
         for _ in 0..MOST_REQUESTS {
-            match server.serve(|request| operator.answer(request, now_ns)) {
-                Ok(true) => {}
-                Ok(false) => break,
+            match server.receive() {
+                Ok(Some(call)) => calls.take(call, &mut operator, now_ns),
+                Ok(None) => break,
                 Err(error) => {
                     note(&error.to_string());
                     break;
                 }
             }
         }
+        calls.go_on(&mut operator, now_ns);
         while let Ok(count) = counts.pop() {
             published = count;
         }
@@ -284,6 +288,7 @@ pub fn serve(
         trace: None,
         notes,
     };
+    operator.keep.close(READING_TIMEOUT);
     // The recorder ends when nobody can send it news any more, the publisher when nobody sends setpoints.
     drop(operator);
     drop(snapshots);

@@ -1,0 +1,66 @@
+//! Requests in the order in which they are answered: what cannot wait overtakes a command whose files are being read.
+
+use std::collections::VecDeque;
+
+use evolvent_bus::{ControlCall, ControlRequest};
+
+use super::operator::Operator;
+
+/// Requests that wait behind a command whose files are being read, of all clients.
+const MAX_WAITING: usize = 32;
+
+/// Requests that have no answer yet.
+#[derive(Debug, Default)]
+pub(super) struct Calls {
+    /// Its files are being read.
+    reading: Option<ControlCall>,
+    waiting: VecDeque<ControlCall>,
+}
+
+impl Calls {
+    /// Answers a request, or keeps it.
+    pub(super) fn take(&mut self, call: ControlCall, operator: &mut Operator, now_ns: u64) {
+        if self.reading.is_none() || Operator::is_urgent(call.request()) {
+            self.ask(call, operator, now_ns);
+            return;
+        }
+        // Each client waits for its answer before it sends the next command; one that does not gets an answer at once, so that it
+        // cannot take the place of others.
+        let is_same = |other: &ControlCall| other.request().client == call.request().client;
+        let is_crowded = self.waiting.len() >= MAX_WAITING
+            || self.waiting.iter().any(is_same)
+            || self.reading.as_ref().is_some_and(is_same);
+        if is_crowded {
+            let answer = operator.refuse_while_reading(call.request());
+            call.answer(answer);
+        } else {
+            self.waiting.push_back(call);
+        }
+    }
+
+    /// Answers what has become ready since the last time.
+    pub(super) fn go_on(&mut self, operator: &mut Operator, now_ns: u64) {
+        loop {
+            if self.reading.is_some() {
+                let Some(answer) = operator.finish_reading(now_ns) else {
+                    return;
+                };
+                if let Some(call) = self.reading.take() {
+                    call.answer(answer);
+                }
+            }
+            let Some(call) = self.waiting.pop_front() else {
+                return;
+            };
+            self.ask(call, operator, now_ns);
+        }
+    }
+
+    fn ask(&mut self, call: ControlCall, operator: &mut Operator, now_ns: u64) {
+        let request: &ControlRequest = call.request();
+        match operator.answer(request, now_ns) {
+            Some(answer) => call.answer(answer),
+            None => self.reading = Some(call),
+        }
+    }
+}

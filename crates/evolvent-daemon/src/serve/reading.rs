@@ -1,0 +1,210 @@
+//! Commands that need files: what is read for them, and what they do once it has been read.
+
+use std::path::PathBuf;
+
+use evolvent_bus::{ControlAnswer, ControlRequest, Payload};
+use evolvent_control::{Alarm, Command, CommandCode, Refusal};
+use evolvent_gcode::Settings;
+use evolvent_path::Axes;
+
+use super::files::{Found, MdiBlock, Reading, read_program, read_tools, written};
+use super::operator::{Job, Operator};
+use crate::memory::ProgramMemory;
+
+/// Lines that a block of MDI may execute, loops and subroutines among them, before it is refused: somebody waits.
+const MOST_LINES_OF_MDI: u64 = 1_000_000;
+
+impl Operator {
+    /// Whether a request is answered although files are being read for another one: all that stops or slows the axes, and what is
+    /// not of this version and is rejected anyway.
+    pub(crate) fn is_urgent(request: &ControlRequest) -> bool {
+        const URGENT: [CommandCode; 9] = [
+            CommandCode::Estop,
+            CommandCode::Off,
+            CommandCode::Stop,
+            CommandCode::Hold,
+            CommandCode::JogStop,
+            CommandCode::JogKeep,
+            CommandCode::FeedOverride,
+            CommandCode::RapidOverride,
+            CommandCode::SpindleOverride,
+        ];
+        !request.is_compatible() || URGENT.iter().any(|code| *code as u32 == request.command)
+    }
+
+    /// The answer to a client that sends the next command before it has the answer to the one whose files are being read.
+    pub(crate) fn refuse_while_reading(&mut self, request: &ControlRequest) -> ControlAnswer {
+        let text = "the files of an earlier command are still being read; wait for its answer";
+        let refused = self.desk.refuse(Refusal::new(Alarm::Checking, text));
+        self.composed(request, Err(refused))
+    }
+
+    /// The answer to the command whose files were being read, once they are.
+    pub(crate) fn finish_reading(&mut self, now_ns: u64) -> Option<ControlAnswer> {
+        let result = self.reading.as_ref()?.poll()?;
+        let reading = self.reading.take()?;
+        let facts = self.facts();
+        let done = result.and_then(|found| {
+            // A drive may have failed meanwhile.
+            self.desk.permit(reading.command.code(), &facts)?;
+            self.carry_out_read(&reading.command, found)
+        });
+        let result = match done {
+            Ok(job) => {
+                self.desk.commit(&reading.command, now_ns, true);
+                Ok(job)
+            }
+            Err(refusal) => Err(self.desk.refuse(refusal)),
+        };
+        Some(self.composed(&reading.request, result))
+    }
+
+    /// A job whose files are still being read does not begin any more.
+    pub(super) fn cancel_reading(&mut self) {
+        if let Some(reading) = &mut self.reading
+            && matches!(
+                reading.command,
+                Command::Start(_) | Command::Step | Command::Mdi(_)
+            )
+        {
+            reading.is_cancelled = true;
+        }
+    }
+
+    /// Does what a command says whose files have been read.
+    fn carry_out_read(&mut self, command: &Command, found: Found) -> Result<u64, Refusal> {
+        let mut job = 0;
+        match (command, found) {
+            (Command::Load(_), Found::Program(file)) => self.load(&file)?,
+            (Command::Start(line), Found::Program(file)) => job = self.start(*line, &file)?,
+            (Command::Step, Found::Program(file)) => {
+                self.switches.set_single_step(true);
+                job = self.start(0, &file)?;
+            }
+            (Command::Mdi(_), Found::Mdi { after, file }) => job = self.mdi(*after, &file)?,
+            (Command::ReloadTools, Found::Tools(tools)) => {
+                if let Some(tools) = tools {
+                    self.keep.take_tools(tools);
+                }
+                self.refresh_modes();
+            }
+            (_, Found::Saved(memory)) => {
+                self.keep.take_saved(*memory);
+                self.refresh_modes();
+            }
+            // What is read belongs to the command that it is read for.
+            _ => {}
+        }
+        self.note_command(command);
+        Ok(job)
+    }
+
+    /// Begins to read the files that a command needs; `None` where it needs none.
+    pub(super) fn begin_reading(
+        &self,
+        request: &ControlRequest,
+        command: &Command,
+    ) -> Option<Result<Reading, Refusal>> {
+        let is_step_of_running = matches!(self.job, Job::Program(_));
+        match command {
+            Command::Load(file) => {
+                let (file, setup) = (PathBuf::from(file), self.setup_here());
+                let about = file.display().to_string();
+                let work = move || read_program(&file, &setup);
+                Some(self.readers.begin(request, command, about, work))
+            }
+            Command::Step if is_step_of_running => None,
+            Command::Start(_) | Command::Step => {
+                // The interlocks have asked whether there is one.
+                let file = PathBuf::from(self.desk.program().unwrap_or_default());
+                let (about, setup) = (file.display().to_string(), self.setup_here());
+                let work = move || read_program(&file, &setup);
+                Some(self.readers.begin(request, command, about, work))
+            }
+            Command::Mdi(text) => {
+                let block = self.mdi_block(text);
+                let work = move || block.read();
+                Some(self.readers.begin(request, command, "the block".to_owned(), work))
+            }
+            Command::ReloadTools => {
+                let file = self.keep.memory.tools_file.clone();
+                let work = move || read_tools(file.as_deref());
+                Some(
+                    self.readers
+                        .begin(request, command, "the tool table".to_owned(), work),
+                )
+            }
+            _ => {
+                let saving = self.keep.save(self.memory_after(command)?);
+                let about = "offsets and tools".to_owned();
+                Some(
+                    self.readers
+                        .begin(request, command, about, move || written(&saving)),
+                )
+            }
+        }
+    }
+
+    /// A block of MDI as it is to be read.
+    fn mdi_block(&self, text: &str) -> MdiBlock {
+        let mut setup = self.setup_here();
+        setup.is_mdi = true;
+        MdiBlock {
+            preamble: self.modes.preamble(),
+            text: text.to_owned(),
+            settings: Settings {
+                max_lines_before_start: MOST_LINES_OF_MDI,
+                ..setup.interpreter_settings()
+            },
+            kept: self.kept(),
+            folder: self.folder.clone(),
+            setup,
+        }
+    }
+
+    fn with_offset(
+        &self,
+        system: u32,
+        offset: impl FnOnce(usize, &evolvent_gcode::KeptParameters) -> Axes,
+    ) -> ProgramMemory {
+        let mut kept = self.kept();
+        let index = match system {
+            0 => kept.active_offset(),
+            system => system as usize - 1,
+        };
+        let offset = offset(index, &kept);
+        kept.set_work_offset(index, &offset);
+        let mut memory = self.keep.memory.clone();
+        memory.kept = Some(kept);
+        memory
+    }
+
+    /// What is kept once an offset or a tool has been changed; none for other commands.
+    pub(super) fn memory_after(&self, command: &Command) -> Option<ProgramMemory> {
+        match command {
+            Command::WorkOffset {
+                system,
+                axes_mask,
+                values,
+            } => Some(self.with_offset(*system, |index, kept| {
+                merged(&kept.work_offset(index), values, *axes_mask)
+            })),
+            Command::TouchOff {
+                system,
+                axes_mask,
+                values,
+            } => {
+                let place = self.view.setpoint.position - self.modes.modal.tool_offset - self.g92();
+                Some(self.with_offset(*system, |index, kept| {
+                    merged(&kept.work_offset(index), &(place - values), *axes_mask)
+                }))
+            }
+            Command::Tool(entry) => Some(self.keep.with_tool(entry)),
+            _ => None,
+        }
+    }
+}
+
+fn merged(old: &Axes, new: &Axes, mask: u32) -> Axes {
+    Axes::from_fn(|i, _| if mask >> i & 1 == 1 { new[i] } else { old[i] })
+}
