@@ -29,12 +29,14 @@ pub struct Served {
 }
 
 impl Served {
-    /// Starts it; its state is kept in `state`.
+    /// Starts it; its state is kept in `state`. It records nothing unless an option says where to.
     ///
     /// # Panics
     /// It cannot be started.
     #[must_use]
     pub fn start(machine: &Path, name: &str, domain: &Domain, state: &Path, options: &[&str]) -> Self {
+        let records = options.iter().any(|option| option.starts_with("--trace"));
+        let quiet: &[&str] = if records { &[] } else { &["--no-trace"] };
         let child = evolvent()
             .arg("serve")
             .arg("--machine")
@@ -42,6 +44,7 @@ impl Served {
             .args(["--bus-prefix", &domain.prefix, "--json", "--state"])
             .arg(state)
             .args(options)
+            .args(quiet)
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
             .spawn()

@@ -61,7 +61,7 @@ pub use recompute_served::{Moved, ServedAgain, ServedError};
 pub use refusal::ProgramError;
 pub use rt::{LowLatencyHold, MonotonicClock, RealtimeGranted, RealtimeRequest, apply_to_this_thread};
 pub use run::{RunOutcome, StartError, run, run_seen};
-pub use serve::{ServeConfig, ServeSummary, serve, state_folder};
+pub use serve::{ServeConfig, ServeNews, ServeSummary, TraceTo, serve, state_folder};
 pub use shared::{Controls, Progress};
 pub use source::{Commands, Start};
 pub use summary::{AxisSummary, Summary, TimingSummary};

@@ -5,17 +5,22 @@ use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, Sender};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use evolvent_machine::OnFull;
 use evolvent_motion::{State, flags};
-use evolvent_trace::{BlockRecord, CycleRecord, EventKind, EventRecord, LogLevel, RecordError, Recorder};
 use evolvent_sheet::open_regular;
+use evolvent_trace::{
+    BlockRecord, CycleRecord, EventKind, EventRecord, LogLevel, RecordError, Recorder, RunInfo,
+};
 use rtrb::Consumer;
 
 use crate::cycle::CycleSample;
 use crate::news::{BlockPlan, FeederNews, Notice, Outside, OutsideKind, notices_due};
+use crate::serve::{FileProgress, TraceSeries};
 use crate::shared::Controls;
 use crate::switches::Switched;
 use evolvent_control::Alarm;
@@ -37,7 +42,52 @@ pub(crate) struct Recording {
     pub on_full: OnFull,
     pub controls: Arc<Controls>,
     pub program: PathBuf,
+    /// How the trace goes on in further files; none for a single one.
+    pub further: Option<Further>,
 }
+
+/// The files of a trace behind the first.
+pub(crate) struct Further {
+    pub series: TraceSeries,
+    /// What each says of itself.
+    pub info: RunInfo,
+    /// For whoever decides when the next one begins.
+    pub progress: Arc<FileProgress>,
+    /// Files that are being finished.
+    pub finishing: Vec<JoinHandle<Result<PathBuf, RecordError>>>,
+}
+
+impl Further {
+    /// Goes on in the next file; the present one is finished by a thread of its own, because its index and the disk take time.
+    fn go_on(&mut self, recorder: &mut Recorder, sequence: u64) -> Result<(), RecordError> {
+        let path = self.series.file_of_now();
+        self.info.extra.insert(CONTINUES.to_owned(), sequence.to_string());
+        let next = Recorder::create(&path, &self.info)?;
+        let old = std::mem::replace(recorder, next);
+        self.progress.bytes.store(0, Ordering::Relaxed);
+        self.progress.files.fetch_add(1, Ordering::Release);
+        let series = self.series.clone();
+        let finished = std::thread::Builder::new()
+            .name("finisher".into())
+            .spawn(move || {
+                let summary = BTreeMap::from([
+                    ("outcome".to_owned(), "served".to_owned()),
+                    ("continued_in".to_owned(), path.display().to_string()),
+                ]);
+                let result = old.finish(&summary);
+                // A folder that cannot be read is told by the next file.
+                let _left = series.trim(&path);
+                result
+            });
+        // Without a thread it stays a part file, which the next start recovers.
+        self.finishing.extend(finished.ok());
+        self.finishing.retain(|thread| !thread.is_finished());
+        Ok(())
+    }
+}
+
+/// Metadata of a file that goes on where another one ends: its first setpoint.
+pub(crate) const CONTINUES: &str = "continues_at";
 
 /// What the trace says of the run as a whole, at its end.
 pub(crate) struct Closing {
@@ -123,6 +173,8 @@ impl Recording {
         let mut lost = 0;
         let mut flushed = Instant::now();
         let mut last_ns = 0;
+        // Behind this setpoint the next file begins.
+        let mut next_file: Option<u64> = None;
         loop {
             let over = self.queue.is_abandoned();
             let mut count = 0;
@@ -133,11 +185,28 @@ impl Recording {
                     lost += 1;
                     continue;
                 }
+                if next_file.is_some_and(|last| sample.record.sequence > last)
+                    && let Some(further) = &mut self.further
+                {
+                    next_file = None;
+                    if let Err(error) = further.go_on(&mut self.recorder, sample.record.sequence) {
+                        lost += 1;
+                        let _gone = failed.send(error.clone());
+                        failure = Some(error);
+                        continue;
+                    }
+                }
                 // What an action is called was told before the action went into the plan.
                 let news = sample.actions > tracks.actions || sample.blocks_begun() > tracks.blocks;
                 if count % 256 == 1 || news {
-                    while let Ok(news) = self.news.try_recv() {
-                        tracks.hear(news);
+                    // What is told behind the order for a new file is for that one.
+                    while next_file.is_none()
+                        && let Ok(news) = self.news.try_recv()
+                    {
+                        match news {
+                            FeederNews::NextFile(last) => next_file = self.further.is_some().then_some(last),
+                            news => tracks.hear(news),
+                        }
                     }
                 }
                 if let Err(error) = tracks.record(&mut self.recorder, &sample) {
@@ -151,6 +220,12 @@ impl Recording {
             }
             if failure.is_none() && flushed.elapsed() >= FLUSH_EVERY {
                 flushed = Instant::now();
+                if let Some(further) = &self.further {
+                    further
+                        .progress
+                        .bytes
+                        .store(self.recorder.bytes(), Ordering::Relaxed);
+                }
                 failure = self.recorder.flush().err();
                 if let Some(error) = &failure {
                     if self.on_full == OnFull::Stop {
@@ -180,6 +255,10 @@ impl Recording {
             None => self.recorder.finish(&summary),
             Some(error) => Err(error),
         };
+        for thread in self.further.into_iter().flat_map(|further| further.finishing) {
+            // What failed there is a part file, which the next start recovers.
+            let _result = thread.join();
+        }
         RecordReport { result, lost }
     }
 }
@@ -195,7 +274,8 @@ impl Tracks {
             FeederNews::Attach(name, text) => self.attachments.push_back((name, Content::Text(text))),
             FeederNews::AttachFile(name, file) => self.attachments.push_back((name, Content::File(file))),
             // Nobody has asked for them here.
-            FeederNews::Queued(_)
+            FeederNews::NextFile(_)
+            | FeederNews::Queued(_)
             | FeederNews::Modal(..)
             | FeederNews::Stop(..)
             | FeederNews::Periphery(..) => {}

@@ -191,6 +191,7 @@ pub fn run_seen(
                     on_full: setup.machine.trace.on_full,
                     controls: Arc::clone(controls),
                     program: job.program.clone(),
+                    further: None,
                 };
                 let period_ns = setup.period_ns;
                 Some(

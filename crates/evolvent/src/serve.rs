@@ -1,13 +1,14 @@
 //! `evolvent serve`.
 
-use std::io::{IsTerminal, Write};
-use std::path::PathBuf;
+use std::io::Write;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use clap::Args;
 use evolvent_daemon::{
-    Clock, ProgramMemory, ServeConfig, ServeSummary, Setup, StartError, serve, state_folder,
+    Clock, ProgramMemory, ServeConfig, ServeNews, ServeSummary, Setup, StartError, TraceTo, serve,
+    state_folder,
 };
 use evolvent_machine::ControlRate;
 
@@ -23,9 +24,18 @@ pub(crate) struct ServeArgs {
     /// Control rate: Hz, or `rational`. Default: the machine file's.
     #[arg(long, value_name = "HZ|rational", value_parser = parse_rate)]
     rate: Option<ControlRate>,
-    /// Trace of the whole session. Default: none.
-    #[arg(long, value_name = "FILE.mcap")]
+    /// Trace of the whole session in one file, without a bound. Default: a file every hour in --trace-folder.
+    #[arg(long, value_name = "FILE.mcap", conflicts_with_all = ["no_trace", "trace_folder", "trace_limit"])]
     trace: Option<PathBuf>,
+    /// Do not write a trace.
+    #[arg(long, conflicts_with_all = ["trace_folder", "trace_limit"])]
+    no_trace: bool,
+    /// Folder for traces: a new file every hour in which nothing moves. Default: traces in the state folder.
+    #[arg(long, value_name = "FOLDER")]
+    trace_folder: Option<PathBuf>,
+    /// What this machine's traces in that folder may take together: the oldest are removed.
+    #[arg(long, value_name = "GIB", value_parser = parse_gib, default_value = "10")]
+    trace_limit: u64,
     /// Prefix of the bus's files: cores and clients of different prefixes do not see each other.
     #[arg(long, value_name = "PREFIX")]
     bus_prefix: Option<String>,
@@ -52,35 +62,90 @@ pub(crate) fn run(
     if let Some(file) = &args.process {
         crate::process::install_file(&mut setup, file, Clock::Realtime)?;
     }
+    let state = args
+        .state
+        .clone()
+        .unwrap_or_else(|| state_folder(&setup.machine.name));
     let config = ServeConfig {
         bus_prefix: args.bus_prefix.clone(),
-        trace: args.trace.clone(),
-        state_folder: args
-            .state
-            .clone()
-            .unwrap_or_else(|| state_folder(&setup.machine.name)),
+        trace: match &args.trace {
+            Some(file) => TraceTo::File(file.clone()),
+            None if args.no_trace => TraceTo::Nowhere,
+            None => TraceTo::Folder {
+                folder: args.trace_folder.clone().unwrap_or_else(|| state.join("traces")),
+                limit_bytes: args.trace_limit,
+            },
+        },
+        state_folder: state,
         setup,
     };
     let stop = Arc::new(AtomicBool::new(false));
     watch_signals(&stop)?;
-    let name = config.setup.machine.name.clone();
-    if std::io::stderr().is_terminal() {
-        drop(writeln!(
-            err,
-            "serving {name}; Ctrl-C stops within the limits and ends"
-        ));
-    }
-    let summary = serve(&config, &stop, |text| {
-        drop(writeln!(err, "note: {text}"));
+    let summary = serve(&config, &stop, |news| {
+        // With standard error gone there is nobody left to tell.
+        drop(match news {
+            ServeNews::Note(text) => writeln!(err, "note: {text}"),
+            ServeNews::Ready(trace) => write_ready(err, &config, trace),
+        });
     })
     .map_err(|error| match error {
         StartError::Bus(_)
         | StartError::BusTimeout
         | StartError::DrivesRequired
         | StartError::Trace(_)
-        | StartError::Thread(_) => CommandError::Failed(error.to_string()),
+        | StartError::Thread(_) => match (&error, &config.trace) {
+            (StartError::Trace(_), TraceTo::Folder { .. }) => CommandError::Failed(format!(
+                "{error}; choose another place with --trace-folder, or none with --no-trace"
+            )),
+            _ => CommandError::Failed(error.to_string()),
+        },
     })?;
     report(args.json, &summary, out)
+}
+
+/// A bound of the traces in GiB, as bytes.
+fn parse_gib(text: &str) -> Result<u64, String> {
+    match text.parse::<f64>() {
+        // A quarter of it is one file.
+        Ok(gib) if (0.01..=1e6).contains(&gib) => Ok((gib * f64::from(1 << 30)) as u64),
+        _ => Err("give a size in GiB from 0.01 to 1000000".to_owned()),
+    }
+}
+
+/// What is served, and how to go on.
+fn write_ready(err: &mut dyn Write, config: &ServeConfig, trace: Option<&Path>) -> std::io::Result<()> {
+    let machine = &config.setup.machine;
+    let axes: String = machine.axes.iter().map(|axis| axis.letter.letter()).collect();
+    writeln!(
+        err,
+        "serving {}: axes {axes}, {:.2} Hz, state in {}",
+        machine.name,
+        config.setup.rate_hz(),
+        config.state_folder.display()
+    )?;
+    match (&config.trace, trace) {
+        (TraceTo::Folder { limit_bytes, .. }, Some(file)) => writeln!(
+            err,
+            "recording to {}; a new file every hour, {:.2} GiB of them are kept",
+            file.display(),
+            *limit_bytes as f64 / f64::from(1 << 30)
+        )?,
+        (_, Some(file)) => writeln!(err, "recording to {}", file.display())?,
+        (_, None) => writeln!(err, "not recording")?,
+    }
+    let mut bus = String::new();
+    if let Some(prefix) = &config.bus_prefix {
+        bus = format!(" --bus-prefix {prefix}");
+    }
+    let name = &machine.name;
+    writeln!(
+        err,
+        "next: `evolvent ctl --machine-name {name}{bus} up` leaves the emergency stop and switches on; `evolvent top {name}{bus}` looks on;"
+    )?;
+    writeln!(
+        err,
+        "      `evolvent bridge sim --machine-name {name}{bus}` simulates drives; Ctrl-C stops within the limits and ends"
+    )
 }
 
 fn report(json: bool, summary: &ServeSummary, out: &mut dyn Write) -> Result<Ending, CommandError> {

@@ -16,6 +16,7 @@ mod ports;
 mod programs;
 mod reading;
 mod recorded;
+mod series;
 mod server;
 mod snapshot;
 mod track;
@@ -23,7 +24,8 @@ mod track;
 pub(crate) use jobs::{Planning, ProgramJob};
 pub use keep::state_folder;
 pub(crate) use orders::Following;
-pub use server::{ServeConfig, ServeSummary, serve};
+pub(crate) use series::{FileProgress, TraceSeries};
+pub use server::{ServeConfig, ServeNews, ServeSummary, TraceTo, serve};
 
 #[cfg(test)]
 mod tests {

@@ -489,6 +489,19 @@ impl Operator {
         }
     }
 
+    /// The trace goes on in another file behind the present setpoint.
+    pub(crate) fn begin_trace_file(&mut self) {
+        if let Some(recorder) = &self.recorder {
+            self.notes.begin_file();
+            let _gone = recorder.send(FeederNews::NextFile(self.view.setpoint.sequence));
+        }
+    }
+
+    /// Whether nothing moves and nothing is about to.
+    pub(crate) fn is_idle(&self) -> bool {
+        matches!(self.job, Job::None) && self.reading.is_none() && self.view.at_rest
+    }
+
     /// The trace cannot be written any more. Whether the machine goes on, its file says.
     pub(crate) fn trace_failed(&mut self, text: &str) {
         self.desk.raise(Alarm::Trace, text);

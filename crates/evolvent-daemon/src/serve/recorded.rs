@@ -39,6 +39,11 @@ impl JobNotes {
         }
     }
 
+    /// The trace goes on in another file: what jobs begin with is attached again.
+    pub(super) fn begin_file(&mut self) {
+        (self.tools, self.parameters, self.program) = (None, None, None);
+    }
+
     /// A program or a block of MDI is going to be planned. Gives the name under which its subroutines are attached.
     pub(super) fn plans(
         &mut self,

@@ -22,11 +22,12 @@ use super::notify::Manager;
 use super::operator::{Beginning, Operator};
 use super::orders::CycleView;
 use super::ports::{Ports, Snapshot};
+use super::series::{FileProgress, TraceSeries};
 use super::snapshot::{Mark, Pulse, snapshot};
 use crate::drives::{phase_settings, watch_settings};
 use crate::job::{Clock, Setup};
 use crate::publisher::{PublishReport, Publishing};
-use crate::recording::{Closing, RecordReport, Recording};
+use crate::recording::{Closing, Further, RecordReport, Recording};
 use crate::rt::{MonotonicClock, RealtimeRequest, apply_to_this_thread, be_prompt, separate_large_blocks};
 use crate::run::{RunSource, StartError, rescue_leftovers, run_info};
 use crate::shared::Controls;
@@ -54,10 +55,36 @@ pub struct ServeConfig {
     pub setup: Setup,
     /// iceoryx2's prefix; none for iceoryx2's own.
     pub bus_prefix: Option<String>,
-    /// Where to write the trace; none for no trace.
-    pub trace: Option<PathBuf>,
+    /// Where the trace goes.
+    pub trace: TraceTo,
     /// Where offsets, tools and parameters are kept: see [`crate::state_folder`].
     pub state_folder: PathBuf,
+}
+
+/// Where the trace of a served machine goes.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum TraceTo {
+    /// Nothing is recorded.
+    Nowhere,
+    /// The whole session in one file, without a bound.
+    File(PathBuf),
+    /// `NAME-TIME.mcap` in this folder: a new file every hour, where nothing moves. The oldest files of this machine are
+    /// removed before all of them together take more than the bound.
+    Folder {
+        /// The folder; it is made.
+        folder: PathBuf,
+        /// The bound, bytes.
+        limit_bytes: u64,
+    },
+}
+
+/// What is told while a machine is served.
+#[derive(Clone, Copy, Debug)]
+pub enum ServeNews<'a> {
+    /// It takes commands from now on; the first trace file, if there is one.
+    Ready(Option<&'a Path>),
+    /// What the user should know.
+    Note(&'a str),
 }
 
 /// What serving came to.
@@ -92,7 +119,7 @@ pub struct ServeSummary {
     pub notes: Vec<String>,
 }
 
-/// Serves a machine until `stop` is set; comes to rest within the limits then. `note` hears what people should know at
+/// Serves a machine until `stop` is set; comes to rest within the limits then. `tell` hears what people should know at
 /// once.
 ///
 /// # Errors
@@ -100,7 +127,7 @@ pub struct ServeSummary {
 pub fn serve(
     config: &ServeConfig,
     stop: &AtomicBool,
-    mut note: impl FnMut(&str),
+    mut tell: impl FnMut(ServeNews<'_>),
 ) -> Result<ServeSummary, StartError> {
     separate_large_blocks();
     let setup = &config.setup;
@@ -142,9 +169,27 @@ pub fn serve(
     }
     let mut server = ControlServer::open(&publishing_config)?;
 
-    let recording = match &config.trace {
+    let series = match &config.trace {
+        TraceTo::Folder { folder, limit_bytes } => {
+            Some(TraceSeries::new(folder.clone(), &machine.name, *limit_bytes))
+        }
+        TraceTo::Nowhere | TraceTo::File(_) => None,
+    };
+    let progress = Arc::new(FileProgress::default());
+    let first_file = match &config.trace {
+        TraceTo::Nowhere => None,
+        TraceTo::File(path) => Some(path.clone()),
+        TraceTo::Folder { .. } => series.as_ref().map(TraceSeries::file_of_now),
+    };
+    let recording = match &first_file {
         None => None,
-        Some(path) => Some(start_recording(config, path, length, start_unix_ns, &mut note)?),
+        Some(path) => {
+            let further = series.clone().map(|series| (series, Arc::clone(&progress)));
+            let started = start_recording(config, path, further, length, start_unix_ns, &mut |text: &str| {
+                tell(ServeNews::Note(text));
+            });
+            Some(started?)
+        }
     };
     let (trace, recorder, recording) = match recording {
         None => (None, None, None),
@@ -178,7 +223,7 @@ pub fn serve(
         live.run()
     })?;
     for text in granted.recv().unwrap_or_default() {
-        note(&text);
+        tell(ServeNews::Note(&text));
         notes.push(text);
     }
 
@@ -189,7 +234,7 @@ pub fn serve(
     };
     let keep = Keep::open(setup.memory.clone(), &config.state_folder);
     for complaint in &keep.complaints {
-        note(complaint);
+        tell(ServeNews::Note(complaint));
     }
     let mut operator = Operator::new(Beginning {
         setup: setup.clone(),
@@ -201,10 +246,13 @@ pub fn serve(
     })
     .map_err(|text| StartError::Thread(std::io::Error::other(text)))?;
     manager.tell("READY=1");
+    tell(ServeNews::Ready(first_file.as_deref()));
     // A hold is not to wait until a busy host has time. What it starts itself is of the normal scheduler.
     be_prompt();
 
     let every = Duration::from_nanos(setup.period_ns / 4).clamp(CONTROL_EVERY_AT_LEAST, CONTROL_EVERY);
+    let mut file_begun = Instant::now();
+    let mut files_ordered = 0;
     let mut calls = Calls::default();
     let mut pulse = Pulse::default();
     let mut published = (PublishReport::default(), 0);
@@ -225,7 +273,7 @@ pub fn serve(
                 Ok(Some(call)) => calls.take(call, &mut operator, now_ns),
                 Ok(None) => break,
                 Err(error) => {
-                    note(&error.to_string());
+                    tell(ServeNews::Note(&error.to_string()));
                     break;
                 }
             }
@@ -238,6 +286,15 @@ pub fn serve(
             for error in recording.failures.try_iter() {
                 operator.trace_failed(&error.to_string());
             }
+        }
+        if let Some(series) = &series
+            // One after the other.
+            && progress.files.load(Ordering::Acquire) == files_ordered
+            && series.is_due(file_begun, progress.bytes.load(Ordering::Relaxed), operator.is_idle())
+        {
+            file_begun = Instant::now();
+            files_ordered += 1;
+            operator.begin_trace_file();
         }
         if stop.load(Ordering::Relaxed) && ending.is_none() {
             ending = Some(Instant::now());
@@ -397,6 +454,7 @@ type Started = (
 fn start_recording(
     config: &ServeConfig,
     path: &Path,
+    further: Option<(TraceSeries, Arc<FileProgress>)>,
     length: usize,
     start_unix_ns: u64,
     note: &mut impl FnMut(&str),
@@ -406,6 +464,10 @@ fn start_recording(
     }
     let info = run_info(&config.setup, &RunSource::Served, start_unix_ns);
     let recorder = Recorder::create(path, &info)?;
+    if let Some((series, _)) = &further {
+        // A folder that cannot be read would have failed before.
+        let _left = series.trim(path);
+    }
     let (producer, queue) = RingBuffer::new(length);
     let (news, heard) = mpsc::channel();
     let (closing, closes) = mpsc::channel();
@@ -417,6 +479,12 @@ fn start_recording(
         on_full: config.setup.machine.trace.on_full,
         controls: Arc::new(Controls::new(1.0)),
         program: PathBuf::new(),
+        further: further.map(|(series, progress)| Further {
+            series,
+            info,
+            progress,
+            finishing: Vec::new(),
+        }),
     };
     let period_ns = config.setup.period_ns;
     let thread = thread::Builder::new()

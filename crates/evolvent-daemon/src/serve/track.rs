@@ -38,6 +38,7 @@ impl Track {
                 | FeederNews::Attach(..)
                 | FeederNews::AttachFile(..)
                 | FeederNews::Switched(..)
+                | FeederNews::NextFile(_)
                 | FeederNews::Outside(_) => {}
             }
         }

@@ -59,7 +59,15 @@ pub(super) fn verify(
         .map(|start| travel_of(start, &setup.machine))
         .collect();
     let check = LimitCheck::new(&opened.machine, opened.run.period_ns, &limits.home.into());
-    let watch = Watch::new(check, None, travels);
+    let mut watch = Watch::new(check, None, travels);
+    let continues_at: Option<u64> = (opened.run.extra.get("continues_at")).and_then(|text| text.parse().ok());
+    if let Some(before) = continues_at.and_then(|first| first.checked_sub(1)) {
+        watch.last_sequence = Some(before);
+        verified.notes.push(format!(
+            "the trace goes on from an earlier file: it begins at cycle {}",
+            before + 1
+        ));
+    }
     let folder = folder()?;
     let mut served = Served {
         again: ServedAgain::new(limits, opened.run.period_ns),
@@ -108,6 +116,8 @@ pub(super) fn verify(
 
 impl Served<'_> {
     fn all(&mut self, records: &mut Records) -> Result<(), InspectError> {
+        // A file that goes on where another one ends begins at an unknown place, which is known again at rest.
+        self.lost = records.peek().is_some_and(|record| record.sequence > 0);
         while let Some(record) = records.peek() {
             let sequence = record.sequence;
             while self.starts.front().is_some_and(|start| start.sequence < sequence) {
