@@ -134,7 +134,7 @@ pub(crate) fn verdict(opened: &Opened, g: &Gathered) -> Vec<Sentence> {
         say(
             Gravity::Note,
             format!(
-                "{} programs and blocks of MDI were run: lines of the same number share a row below.",
+                "{} programs and blocks of MDI were run: `job` below shows one of them.",
                 g.programs
             ),
         );
