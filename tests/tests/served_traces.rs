@@ -229,7 +229,8 @@ fn every_job_of_a_session_comes_out_the_same_and_one_bit_in_any_of_them_is_found
             // Texts come from the blocks: there is no one program. Its fifth line is no other's.
             assert!(
                 page.contains(r#""text":"G1 X-20 Y10""#),
-                "lines without their text"
+                "lines without their text: {}",
+                page.split("\"slowest\":").nth(1).unwrap_or_default()
             );
             let verified = verify(&trace).expect("a readable trace");
             println!("{verified:?}");

@@ -14,7 +14,7 @@ use evolvent_machine::OnFull;
 use evolvent_motion::{State, flags};
 use evolvent_sheet::open_regular;
 use evolvent_trace::{
-    BlockRecord, CycleRecord, EventKind, EventRecord, LogLevel, RecordError, Recorder, RunInfo,
+    BlockRecord, CycleRecord, EventKind, EventRecord, LogLevel, RecordError, Recorder, RunInfo, inputs,
 };
 use rtrb::Consumer;
 
@@ -432,7 +432,9 @@ impl Tracks {
     /// A block begins with the first setpoint that moves along it, and ends with that of a later one, a dwell or a program stop.
     fn follow_block(&mut self, recorder: &mut Recorder, sample: &CycleSample) -> Result<(), RecordError> {
         let between = [State::Idle, State::Dwell, State::ProgramStop].map(|state| state as u8);
-        if between.contains(&sample.record.state) {
+        // A jog or homing shows the block of the job before, or that of the next where there was none.
+        let is_steered = sample.record.inputs & inputs::STEERS != 0;
+        if is_steered || between.contains(&sample.record.state) {
             self.close_block(sample.record.due_time_ns, sample.record.sequence);
             return self.write_blocks(recorder);
         }
