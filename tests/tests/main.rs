@@ -2,6 +2,7 @@
 
 mod bad_input;
 mod bridges;
+mod checks;
 mod command_line;
 mod drive_faults;
 mod exact_path;
@@ -12,6 +13,7 @@ mod killed_service;
 mod late_for_nobody;
 mod long_programs;
 mod machines_by_name;
+mod operate_by_ctl;
 mod operate_commands;
 mod operate_jogs;
 mod operate_programs;
@@ -22,6 +24,7 @@ mod served_drives;
 mod served_recording;
 mod served_traces;
 mod systemd_units;
+mod tool_changes;
 mod top;
 mod travel_ends;
 mod turning;

@@ -7,7 +7,8 @@ use std::sync::mpsc::{Receiver, Sender};
 
 use evolvent_bus::{ControlAnswer, ControlRequest, Feedback, Payload};
 use evolvent_control::{
-    Alarm, Command, CommandCode, DeadMan, Desk, Facts, Homing, HomingSample, JobResult, RawCommand, Refusal, Verdict,
+    Alarm, Command, CommandCode, DeadMan, Desk, Facts, Homing, HomingSample, JobResult, RawCommand, Refusal,
+    Verdict,
 };
 use evolvent_drive::{FeedbackBounds, PowerRequest, Presence};
 use evolvent_machine::{Limits, OnFull};
