@@ -280,25 +280,29 @@ def find_core(machine_name: str, prefix: Optional[str] = None, timeout_s: float 
 
     Fails with TimeoutError where there is no core.
     """
-    wanted = f"evolvent/{machine_name}/setpoint".encode()
+    # A single name may be a prefix too, as `open_node` took it up to version 0.1.
+    searches = [(f"evolvent/{machine_name}/setpoint".encode(), prefix)]
+    if prefix is None:
+        searches.append((b"/setpoint", machine_name))
     deadline = time.monotonic() + timeout_s
     while True:
         for folder in filter(os.path.isdir, bus_folders()):
-            full = full_prefix(folder, prefix)
-            for service in glob.glob(f"{glob.escape(folder)}/services/{full}*.service"):
-                try:
-                    with open(service, "rb") as file:
-                        if wanted in file.read():
-                            return folder, full
-                except OSError:
-                    pass  # It is just being made or removed.
+            for wanted, of_prefix in searches:
+                full = full_prefix(folder, of_prefix)
+                for service in glob.glob(f"{glob.escape(folder)}/services/{full}*.service"):
+                    try:
+                        with open(service, "rb") as file:
+                            if wanted in file.read():
+                                return folder, full
+                    except OSError:
+                        pass  # It is just being made or removed.
         if time.monotonic() >= deadline:
             raise TimeoutError(f"no core of machine {machine_name} of this user within {timeout_s} s")
         time.sleep(0.005)
 
 
 def open_node(machine_name: str, prefix: Optional[str] = None, timeout_s: float = 10.0) -> Any:
-    """An iceoryx2 node where a machine's core has its bus, waiting for it."""
+    """An iceoryx2 node where a machine's core has its bus, waiting for it. `open_node(PREFIX)` takes the only core of a prefix."""
     import iceoryx2 as iox2
 
     folder, full = find_core(machine_name, prefix, timeout_s)

@@ -8,7 +8,7 @@ use common::{BLEND, Pair, Random, Scenario, campaign, check, equal_axes, run};
 use evolvent_gcode::{Move, MoveKind};
 use evolvent_machine::{Limits, PlannerKind};
 use evolvent_motion::{Inputs, Setpoint, State};
-use evolvent_path::{Axes, Curve, Line};
+use evolvent_path::{AXES, Axes, Curve, Line};
 
 /// A contour in chords of 0.01 to 0.2 mm in three axes, with plunges, as CAM writes it.
 fn dense(random: &mut Random, chords: usize, limits: Limits) -> Scenario {
@@ -50,17 +50,29 @@ fn dense(random: &mut Random, chords: usize, limits: Limits) -> Scenario {
     }
 }
 
-/// Jerk-limited minimum on a straight line from speed `v` and acceleration `a`, s.
-fn least_stop(v: f64, a: f64, limits: &Limits) -> f64 {
-    let least = |of: &Axes| (0..3).map(|i| of[i]).fold(f64::INFINITY, f64::min);
-    let (most, jerk) = (least(&limits.acceleration), least(&limits.jerk));
-    let top = (v + 0.5 * a * a.abs() / jerk).max(0.0);
-    let stop = if top > most * most / jerk {
-        top / most + most / jerk
+/// The least time in which an axis comes to rest from velocity `v` and acceleration `a`, wherever: `J` to `-a_p`, `a_p` at most
+/// `A`, and `J` back to zero.
+fn axis_to_rest(v: f64, a: f64, most: f64, jerk: f64) -> f64 {
+    // The velocity that letting go of the acceleration leads to is to fall.
+    let falls = v + a * a.abs() / (2.0 * jerk) >= 0.0;
+    let (v, a) = if falls { (v, a) } else { (-v, -a) };
+    let peak = (jerk * v + 0.5 * a * a).max(0.0).sqrt();
+    if peak <= most {
+        (a + 2.0 * peak) / jerk
     } else {
-        2.0 * (top / jerk).sqrt()
-    };
-    (stop + a / jerk).max((v / jerk).sqrt())
+        (a + 2.0 * most) / jerk + (v + 0.5 * a * a / jerk - most * most / jerk) / most
+    }
+}
+
+/// No stop on any path is shorter: every axis has to come to rest.
+fn least_stop(from: &Setpoint, limits: &Limits) -> f64 {
+    (0..AXES)
+        .filter(|&i| limits.present[i])
+        .map(|i| {
+            let (v, a) = (from.velocity[i], from.acceleration[i]);
+            axis_to_rest(v, a, limits.acceleration[i], limits.jerk[i])
+        })
+        .fold(0.0, f64::max)
 }
 
 /// Drives the scenario with a hold from setpoint `moment` on until `Held`, then to the end. From the hold to rest nobody plans
@@ -88,12 +100,10 @@ fn hold_at(scenario: &Scenario, moment: usize, frozen: bool, what: &str) -> (Vec
     (out, rest.unwrap_or(moment))
 }
 
-/// On strong curvature the true minimum is up to twice that of a straight line: a solver that knows the whole path (which
-/// planned stops until version 0.1) took 2.4 times as long at worst.
 #[test]
 fn holds_on_dense_contours_stop_soon_whether_planned_or_not() {
     let (mut random, cases) = campaign(0x1401_0001, 9);
-    let mut worst: f64 = 0.0;
+    let mut ratios: Vec<f64> = Vec::new();
     for case in 0..cases {
         let limits = match case % 3 {
             0 => equal_axes(200.0, 2000.0, 50_000.0),
@@ -116,23 +126,14 @@ fn holds_on_dense_contours_stop_soon_whether_planned_or_not() {
                 plain.len()
             );
             let (held, rest) = hold_at(&scenario, moment, frozen, &what);
-            let (before, at) = (&plain[moment - 1], &plain[moment]);
-            // Deceleration along the path may belong to a corner: it is no head start for the stop.
-            let (v, a) = (
-                before.feed_mm_s,
-                ((at.feed_mm_s - before.feed_mm_s) / period).max(0.0),
-            );
             let took = (rest - moment) as f64 * period;
-            let least = least_stop(v, a, &scenario.limits);
-            worst = worst.max((took - 0.015) / least);
+            let least = least_stop(&plain[moment - 1], &scenario.limits);
+            ratios.push((took - 0.015) / least);
             println!(
-                "{what}: {v:.1} mm/s, {:.1} ms, on a line {:.1} ms",
+                "{what}: {:.1} mm/s, {:.1} ms, no axis sooner than {:.1} ms",
+                plain[moment - 1].feed_mm_s,
                 took * 1e3,
                 least * 1e3
-            );
-            assert!(
-                took <= 2.6 * least + 0.015,
-                "{what}: {took} s from {v} mm/s, on a line {least} s"
             );
             // Never faster than the undisturbed plan at the same place.
             let mut k = moment - 1;
@@ -150,7 +151,12 @@ fn holds_on_dense_contours_stop_soon_whether_planned_or_not() {
             }
         }
     }
-    println!("worst {worst:.2} times a straight line's");
+    ratios.sort_by(f64::total_cmp);
+    let (median, worst) = (ratios[ratios.len() / 2], ratios[ratios.len() - 1]);
+    println!("but for 15 ms: median {median:.2}, worst {worst:.2} times the least of any path");
+    // The least of an axis by itself is out of reach where the path couples them: measured 1.2 to 1.4 and 2.4 to 2.9 in three campaigns
+    // of 108 holds. Stops planned with the whole path known took 1.1 times as long, the worst 26 times.
+    assert!(median <= 1.5 && worst <= 3.2, "{median}, {worst}");
 }
 
 #[test]
