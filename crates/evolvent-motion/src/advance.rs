@@ -87,7 +87,11 @@ impl Motion {
                     cursor.leave(&flow);
                     let (next, is_final) = queue.claim_successor(cursor.step);
                     cursor.step = next;
-                    if let Some(Step::Flow(flow)) = queue.step(next) {
+                    // A rest of the plan ends a slowdown, and what has not been final is entered from rest like any other.
+                    let stays = (cursor.slowdown.is_some() || !is_final) && flow.rests_at_end();
+                    if let Some(Step::Flow(flow)) = queue.step(next)
+                        && !stays
+                    {
                         cursor.starved |= !is_final;
                         cursor.start(flow);
                     } else {

@@ -51,6 +51,8 @@ pub(crate) struct Asking {
     /// append a window that is never driven, so an input that does not rest must not make one every few cycles.
     wasted: u32,
     waste_until: u64,
+    /// One of them may have been answered by now: then the planner goes on from there, and not on the plan that is driven.
+    may_have_left: bool,
     pub(crate) lead: u64,
 }
 
@@ -64,6 +66,7 @@ impl Asking {
             not_before: 0,
             wasted: 0,
             waste_until: 0,
+            may_have_left: false,
             lead: ((LEAD_S / period).ceil() as u64).max(LEAST_LEAD),
         }
     }
@@ -86,6 +89,7 @@ impl Asking {
     }
 
     fn waste(&mut self, sequence: u64) {
+        self.may_have_left = true;
         self.wasted = (self.wasted + 1).min(MOST_DOUBLINGS);
         self.waste_until = sequence + (self.lead << self.wasted) / 2;
     }
@@ -93,6 +97,11 @@ impl Asking {
     /// The pieces to come are planned for this override.
     pub(crate) fn planned_for(&mut self, factor: f64) {
         self.factor = factor;
+    }
+
+    /// A plan has been taken over.
+    fn is_met(&mut self) {
+        (self.unanswered, self.wasted, self.may_have_left) = (0, 0, false);
     }
 
     fn miss(&mut self) {
@@ -103,7 +112,8 @@ impl Asking {
 impl Motion {
     /// Whether a plan ahead may be driven as it is.
     pub(crate) fn plan_fits(&self, brake: bool) -> bool {
-        self.asking.open.is_none() && !brake && self.asking.factor == self.feed_override
+        let asking = &self.asking;
+        asking.open.is_none() && !brake && asking.factor == self.feed_override && !asking.may_have_left
     }
 
     /// Takes over an answer that is due.
@@ -130,7 +140,7 @@ impl Motion {
                         cursor.slowdown = None;
                         cursor.start(flow);
                         self.asking.factor = open.factor;
-                        (self.asking.unanswered, self.asking.wasted) = (0, 0);
+                        self.asking.is_met();
                         queue.took_answer(open.id);
                     }
                     // Taking it over frees the queue of what lies before, which the planner may need to hand on the new plan: so
@@ -141,13 +151,16 @@ impl Motion {
                         cursor.starved = false;
                         cursor.slowdown = None;
                         self.asking.factor = open.factor;
-                        (self.asking.unanswered, self.asking.wasted) = (0, 0);
+                        self.asking.is_met();
                         queue.took_answer(open.id);
                     }
                     _ => {
                         self.refused = true;
                         self.asking.not_before = self.sequence + self.asking.lead;
                         self.asking.miss();
+                        if open.after.is_some() {
+                            self.asking.waste(self.sequence);
+                        }
                     }
                 }
             }
@@ -174,7 +187,7 @@ impl Motion {
         if self.is_told_to_stand(&cursor, inputs) || self.feed_override == 0.0 {
             return;
         }
-        let has_other_factor = self.feed_override != self.asking.factor;
+        let needs_other = self.feed_override != self.asking.factor || self.asking.may_have_left;
         if self.sequence < self.asking.not_before {
             return;
         }
@@ -185,7 +198,7 @@ impl Motion {
                     None => Some(1.0),
                     Some(slowdown) => slowdown.steady_rate().filter(|rate| *rate > 0.0),
                 };
-                let fits = !has_other_factor && !cursor.starved && cursor.slowdown.is_none();
+                let fits = !needs_other && !cursor.starved && cursor.slowdown.is_none();
                 let may_ask = self.sequence >= self.asking.waste_until && !queue.has_no_planner();
                 let Some(rate) = rate.filter(|_| !fits && may_ask) else {
                     return;
@@ -213,7 +226,7 @@ impl Motion {
                 Some(Step::Flow(flow)) if cursor.slowdown.is_some() => {
                     self.send(None, place(&flow, cursor.rest_x, 0.0, 0.0), queue);
                 }
-                Some(Step::Flow(flow)) if has_other_factor => {
+                Some(Step::Flow(flow)) if needs_other => {
                     self.send(None, place(&flow, 0.0, 0.0, 0.0), queue);
                 }
                 Some(Step::Wait) => {

@@ -130,9 +130,15 @@ impl PlanPreview {
         }
         let duration = frontier.flow.piece.duration;
         if !first && frontier.at >= duration {
+            let ends = frontier.starts + duration;
+            // What follows a rest is not looked at: a plan that is slowed down stays there.
+            if frontier.flow.rests_at_end() {
+                self.rests_at = Some(ends);
+                self.frontier = None;
+                return None;
+            }
             let (step, met_tail) = queue.settle_successor(frontier.step, tail);
             self.met_tail |= met_tail;
-            let ends = frontier.starts + duration;
             let Some(Step::Flow(flow)) = queue.step(step) else {
                 self.rests_at = Some(ends);
                 self.frontier = None;

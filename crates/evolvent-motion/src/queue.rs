@@ -320,15 +320,23 @@ impl PlanConsumer {
     /// The same, and settles it: after this the planner cannot link step `index` elsewhere.
     pub fn claim_successor(&mut self, index: u64) -> (u64, bool) {
         let (next, is_final) = self.successor(index);
-        if is_final || next != index + 1 {
+        if next != index + 1 {
             return (next, is_final);
         }
+        // A final step that is not linked goes on with the next one. That is settled by linking them: a plan that had been cut
+        // short may be taken up again, and its last committed step linked elsewhere.
+        let (settled, is_final) = if is_final {
+            (index + 2, true)
+        } else {
+            (CLAIMED, false)
+        };
         match self
             .table
             .link(index)
-            .compare_exchange(0, CLAIMED, Ordering::AcqRel, Ordering::Acquire)
+            .compare_exchange(0, settled, Ordering::AcqRel, Ordering::Acquire)
         {
-            Ok(_) | Err(CLAIMED) => (index + 1, false),
+            Ok(_) => (index + 1, is_final),
+            Err(CLAIMED) => (index + 1, false),
             Err(link) => (link - 1, true),
         }
     }
@@ -379,6 +387,8 @@ impl PlanConsumer {
 
     /// Sends a request to the planner; `false` if there is no room, which only a dead planner leaves.
     pub fn ask(&mut self, request: Request) -> bool {
+        // Answers to requests that were withdrawn are not read, and must not take the room of this one's.
+        while self.answers.pop().is_ok() {}
         self.requests.push(request).is_ok()
     }
 

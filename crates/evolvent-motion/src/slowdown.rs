@@ -316,10 +316,11 @@ impl Bounds {
     /// The value that brings `s'` to zero as soon as possible.
     fn recovery(&self, from: Motion) -> f64 {
         let needed = (-from.first / STEP_S).clamp(-MAX_SECOND, MAX_SECOND);
+        // Where nothing is allowed the bounds are infinite.
         if from.first > 0.0 {
-            needed.max(self.lower)
+            needed.max(self.lower.min(MAX_SECOND))
         } else {
-            needed.min(self.upper)
+            needed.min(self.upper.max(-MAX_SECOND))
         }
     }
 
@@ -357,12 +358,20 @@ impl Follower<'_, '_> {
             index = next;
             // Before it has turned round it cannot have passed it on this side.
             let towards = falls == (now.first < 0.0);
-            if towards && (now.rate < self.target) == falls && now.rate != self.target {
+            let beyond = if falls {
+                self.target - now.rate
+            } else {
+                now.rate - self.target
+            };
+            if towards && beyond > AT_TARGET {
                 return Outlook::Past;
             }
             if now.first.abs() <= STILL {
-                let past = (now.rate < self.target) == falls && now.rate != self.target;
-                return if past { Outlook::Past } else { Outlook::Safe };
+                return if beyond > AT_TARGET {
+                    Outlook::Past
+                } else {
+                    Outlook::Safe
+                };
             }
         }
         Outlook::Unsafe

@@ -359,6 +359,8 @@ impl<S: PlanSink> Horizon<S> {
                 break;
             }
             slow_down(&mut self.pieces, remedy);
+            // The next window starts from a state of what is driven.
+            self.optimizer.slow_down(remedy);
         }
         self.pieces.clear();
         Err(FeedError::NoMotion {
@@ -468,7 +470,14 @@ impl<S: PlanSink> Horizon<S> {
             None => true,
         };
         if !follows {
-            // The cycle drives the tail already, and will ask.
+            // The cycle drives the tail already, and will ask: for plans from there this window is none.
+            self.spare.extend(self.planned.pop_back());
+            if let Some(fork) = &mut self.fork {
+                fork.windows = fork.windows.saturating_sub(1);
+            }
+            if let Some(planned) = self.planned.back() {
+                self.optimizer.recall(&planned.memory);
+            }
             return self.give_up();
         }
         self.account(committed);
