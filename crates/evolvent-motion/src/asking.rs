@@ -126,8 +126,8 @@ impl Motion {
         };
         match answer {
             // The plan is being slowed down by now: the place that the answer was made for is not met.
-            Some(_) if open.after.is_some() && cursor.state == State::Fault => {
-                self.asking.open = None;
+            Some(_) if open.after.is_some() && (cursor.state == State::Fault || cursor.is_still()) => {
+                self.asking.withdraw(self.sequence);
             }
             Some(answer) => {
                 self.asking.open = None;
@@ -380,6 +380,10 @@ fn foresee(step: u64, flow: Flow, time: f64, queue: &mut PlanConsumer) -> Option
             return Some((flow, time));
         }
         time -= flow.piece.duration;
+        // What happens at a rest is not foreseen: the next request is made from there, or after it.
+        if flow.rests_at_end() {
+            return None;
+        }
         (step, _) = queue.claim_successor(step);
         flow = match queue.step(step) {
             Some(Step::Flow(next)) => next,

@@ -320,22 +320,20 @@ impl PlanConsumer {
     /// The same, and settles it: after this the planner cannot link step `index` elsewhere.
     pub fn claim_successor(&mut self, index: u64) -> (u64, bool) {
         let (next, is_final) = self.successor(index);
-        if next != index + 1 {
+        if is_final || next != index + 1 {
             return (next, is_final);
         }
-        // A final step that is not linked goes on with the next one. That is settled by linking them: a plan that had been cut
-        // short may be taken up again, and its last committed step linked elsewhere.
-        let (settled, is_final) = if is_final {
-            (index + 2, true)
-        } else {
-            (CLAIMED, false)
-        };
+        self.settle(index, CLAIMED)
+    }
+
+    /// Sets the link of a step that goes on with the next one, unless the planner has linked it by now.
+    fn settle(&mut self, index: u64, to: u64) -> (u64, bool) {
         match self
             .table
             .link(index)
-            .compare_exchange(0, settled, Ordering::AcqRel, Ordering::Acquire)
+            .compare_exchange(0, to, Ordering::AcqRel, Ordering::Acquire)
         {
-            Ok(_) => (index + 1, is_final),
+            Ok(_) => (index + 1, to != CLAIMED),
             Err(CLAIMED) => (index + 1, false),
             Err(link) => (link - 1, true),
         }
@@ -347,7 +345,12 @@ impl PlanConsumer {
         if tail && self.successor(index).0 != index + 1 {
             self.table.link(index).store(CLAIMED, Ordering::Release);
         }
-        let (next, is_final) = self.claim_successor(index);
+        let (next, is_final) = match self.successor(index) {
+            // A plan that had been cut short may be taken up again, and its last committed step linked elsewhere: what was looked
+            // at is what will be driven.
+            (next, true) if next == index + 1 => self.settle(index, index + 2),
+            _ => self.claim_successor(index),
+        };
         (next, !is_final)
     }
 
