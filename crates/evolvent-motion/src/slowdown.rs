@@ -204,7 +204,8 @@ impl Slowdown {
         if self.phase == Phase::Landing && self.left <= NO_TIME_S {
             self.settle(self.target);
         }
-        self.now.rate = self.now.rate.clamp(0.0, 1.0);
+        // A hold that comes while the rate goes back to 1 turns it round within a hair of that; cutting it off there would be a step.
+        self.now.rate = self.now.rate.max(0.0);
         self.now.time - before
     }
 
