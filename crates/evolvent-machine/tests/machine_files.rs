@@ -525,21 +525,30 @@ fn unreadable_files_are_named() {
     let missing = Machine::load(Path::new("no/such/machine.toml")).unwrap_err();
     assert!(matches!(missing, MachineError::Read { .. }));
     assert!(missing.to_string().contains("no/such/machine.toml"));
-    assert!(matches!(
-        Machine::load(&config()).unwrap_err(),
-        MachineError::Read { .. }
-    ));
+    let folder = Machine::load(&config()).unwrap_err();
+    assert!(matches!(folder, MachineError::Read { .. }));
+    assert!(folder.to_string().contains("it is a folder"), "{folder}");
     let long = "#".repeat((1 << 20) + 1);
     assert!(matches!(
         Machine::parse(&long, "m").unwrap_err(),
         MachineError::TooLong { .. }
     ));
+    let file = Path::new(env!("CARGO_TARGET_TMPDIR")).join("long-machine.toml");
+    std::fs::write(&file, &long).unwrap();
+    assert!(matches!(
+        Machine::load(&file).unwrap_err(),
+        MachineError::TooLong { .. }
+    ));
+    // Refused before it is read: its length says nothing.
     let zero = Path::new("/dev/zero");
     if zero.exists() {
-        assert!(matches!(
-            Machine::load(zero).unwrap_err(),
-            MachineError::TooLong { .. }
-        ));
+        let device = Machine::load(zero).unwrap_err();
+        assert!(matches!(device, MachineError::Read { .. }));
+        let message = device.to_string();
+        assert!(
+            message.contains("/dev/zero") && message.contains("it is a pipe or a device"),
+            "{message}"
+        );
     }
 }
 
