@@ -141,7 +141,7 @@ impl Domain {
         node_counter::check(&folder.prefix)?;
         node.blocking_cleanup_dead_nodes(Duration::from_secs(1));
         remains::clear_dead_nodes(node.config());
-        remains::clear_unborn_nodes(node.config(), Duration::from_secs(60));
+        remains::clear_unborn_nodes(node.config(), remains::LEFT_AFTER);
         Ok(Self {
             node,
             machine_name: machine_name.to_owned(),

@@ -18,6 +18,7 @@ use core::time::Duration;
 use iceoryx2::node::NodeView;
 use iceoryx2::prelude::*;
 use iceoryx2::service::service_hash::ServiceHash;
+use std::collections::BTreeSet;
 use std::fs::{File, Metadata, TryLockError, read_dir, remove_dir, remove_file};
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path as StdPath, PathBuf};
@@ -130,8 +131,14 @@ pub(crate) fn clear_dead_nodes(config: &Config) {
     }
 }
 
-/// Removes the folders of nodes that died before they could be seen: described, but without a monitor that tells whether they
+/// Nobody makes a node this slowly: what is older and still not whole was left.
+pub(crate) const LEFT_AFTER: Duration = Duration::from_secs(60);
+
+/// Removes what is left of nodes that died before they could be seen: described, but without a monitor that tells whether they
 /// live. A living node is in that state for less than a millisecond; only what is at least this old is taken for left.
+///
+/// Folders bear no prefix, and domains share the folder they lie in. One in which nothing lies may be anybody's: it goes
+/// with its monitor, and where it has none, once it is so old that nobody can be making it.
 pub(crate) fn clear_unborn_nodes(config: &Config, at_least: Duration) {
     let nodes = path(&config.global.node_dir());
     let prefix = config.global.prefix.to_string();
@@ -143,44 +150,74 @@ pub(crate) fn clear_unborn_nodes(config: &Config, at_least: Duration) {
         }
         CallbackProgression::Continue
     });
-    for folder in read_dir(&nodes)
-        .into_iter()
-        .flatten()
-        .flatten()
-        .map(|entry| entry.path())
-    {
-        let is_old = folder
-            .metadata()
-            .and_then(|facts| facts.modified())
-            .is_ok_and(|made| {
-                // A clock that was set back makes it look younger: it is taken later.
-                made.elapsed().is_ok_and(|age| age >= at_least)
-            });
-        let id = folder
-            .file_name()
-            .unwrap_or_default()
-            .to_string_lossy()
-            .into_owned();
+    let suffix = config.global.node.monitor_suffix.to_string();
+    for id in node_numbers(&nodes, &prefix, &suffix) {
+        let folder = nodes.join(&id);
+        let monitor = format!("{prefix}{id}{suffix}");
+        let monitors: Vec<PathBuf> = files(&nodes).filter(|file| begins_with(file, &monitor)).collect();
+        let content: Vec<PathBuf> = files(&folder).collect();
+        let age_that_counts = match (content.is_empty(), monitors.is_empty()) {
+            (false, _) if !content.iter().all(|file| begins_with(file, &prefix)) => continue,
+            (true, true) if is_monitored(&nodes, &id, &suffix) => continue,
+            (true, true) => at_least.max(LEFT_AFTER),
+            _ => at_least,
+        };
+        let is_old = |file: &StdPath| {
+            let made = file.metadata().and_then(|facts| facts.modified());
+            // A clock that was set back makes it look younger: it is taken later.
+            made.is_ok_and(|made| made.elapsed().is_ok_and(|age| age >= age_that_counts))
+        };
+        // Of some, the folder is gone and the monitor is not.
+        let is_left = if folder.is_dir() {
+            is_old(&folder)
+        } else {
+            monitors.iter().all(|file| is_old(file))
+        };
         // Its owner may not read a monitor that is being made.
         let is_complete = |file: PathBuf| {
             file.metadata()
                 .is_ok_and(|facts| facts.permissions().mode() & 0o400 != 0)
         };
-        let monitor = format!("{prefix}{id}{}", config.global.node.monitor_suffix);
         let is_born = || is_complete(nodes.join(&monitor)) && (listed.is_err() || told.contains(&id));
-        let is_ours = || files(&folder).all(|file| begins_with(&file, &prefix));
-        if !folder.is_dir() || !is_old || !is_ours() || is_born() {
+        if !is_left || is_born() {
             continue;
         }
-        for file in files(&folder) {
+        for file in content {
             let _ = remove_file(file);
         }
-        if remove_dir(&folder).is_ok() {
-            for file in files(&nodes).filter(|file| begins_with(file, &monitor)) {
+        // The monitor goes last: without it nobody would know whose the folder is.
+        if remove_dir(&folder).is_ok() || !folder.exists() {
+            for file in monitors {
                 let _ = remove_file(file);
             }
         }
     }
+}
+
+/// Numbers of nodes that have a folder, or a monitor with this prefix.
+fn node_numbers(nodes: &StdPath, prefix: &str, suffix: &str) -> BTreeSet<String> {
+    read_dir(nodes)
+        .into_iter()
+        .flatten()
+        .flatten()
+        .filter_map(|entry| {
+            let name = entry.file_name().to_str()?.to_owned();
+            if entry.path().is_dir() {
+                return Some(name);
+            }
+            let (id, _) = name.strip_prefix(prefix)?.split_once(suffix)?;
+            (!id.is_empty() && id.bytes().all(|byte| byte.is_ascii_digit())).then(|| id.to_owned())
+        })
+        .collect()
+}
+
+/// Whether any domain has a monitor of this node.
+fn is_monitored(nodes: &StdPath, id: &str, suffix: &str) -> bool {
+    let monitor = format!("{id}{suffix}");
+    files(nodes).any(|file| {
+        file.file_name()
+            .is_some_and(|name| name.to_string_lossy().contains(&monitor))
+    })
 }
 
 fn is_tag(file: &StdPath, config: &Config) -> bool {

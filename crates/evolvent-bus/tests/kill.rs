@@ -138,8 +138,28 @@ fn nodes_whose_monitor_is_not_whole_are_cleared_away_with_their_domain() {
         }
     }
     kill(child);
+    // Another domain that ends shares the folder of nodes and must not take what it could not clear away whole.
+    let empty = std::fs::read_dir(folder.parent().expect("the nodes"))
+        .expect("a list")
+        .flatten()
+        .map(|entry| entry.path())
+        .filter(|node| std::fs::read_dir(node).is_ok_and(|files| files.count() == 0))
+        .filter(|node| node.to_string_lossy().contains(&id[..id.len() - 2]))
+        .collect::<Vec<_>>();
+    assert!(empty.len() >= parts.len(), "{empty:?}");
+    let neighbour = PrivateDomain::new();
+    drop(CoreBus::open(&neighbour.core("mill")).expect("a core"));
+    drop(neighbour);
+    for node in &empty {
+        assert!(node.exists(), "{} was another domain's", node.display());
+    }
+    // Somebody who removed the folder alone has left a monitor that nobody looks for.
+    std::fs::remove_dir(&empty[0]).expect("removed");
     // The end of the domain asserts that nothing is left of any.
     drop(domain);
+    for node in &empty {
+        assert!(!node.exists(), "{} is left", node.display());
+    }
 }
 
 #[test]
