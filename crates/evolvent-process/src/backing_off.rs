@@ -77,6 +77,9 @@ impl TurningController {
             let depth = self.shoulder_mm - self.pass_out;
             self.lose_contact();
             self.expect(shoulder, depth);
+            // A cut that was not felt for a whole revolution, or had slots, does not tell how high the shoulder is. What was
+            // felt stands all the same, and is felt again before the job ends.
+            self.unproven.get_or_insert(here.max(0.0));
             self.cautious_to = Some(shoulder + CAUTION_MM);
             self.feed = 0.0;
             let out_mm = self.pass_out;
@@ -104,11 +107,11 @@ impl TurningController {
         }
     }
 
-    /// The same for what was felt, for parts of a height: what reads higher may only be harder, and stock that was thin in
-    /// places is not level.
+    /// The same for what was felt, for parts of a height: what reads higher may only be harder, and stock that was lower in
+    /// places is not level. A gap tells nothing of what stands beside it.
     pub(crate) fn passes_left(&self) -> u32 {
         self.passes_left_for(self.highest_felt / HARDEST)
-            .saturating_sub(self.returned_thin)
+            .saturating_sub(self.returned_low)
     }
 
     /// Whether a pass may be ended on a thin place: what is ahead may be as high as what was felt.

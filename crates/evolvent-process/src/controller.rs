@@ -118,7 +118,8 @@ pub struct TurningController {
     pub(crate) interrupted_s: f64,
     /// The longest way of such an interruption, mm.
     pub(crate) interruption_mm: f64,
-    /// The load has gone in a way that may be a gap, at this place; none once it is back.
+    /// The load has gone at this place in a way that may be a gap, or a shoulder was backed off from; none once a depth is
+    /// felt again. A touch alone proves nothing: off the axis the highest point comes first.
     pub(crate) unproven: Option<f64>,
     /// The present pass goes over places that no pass has been over before.
     pub(crate) meets_unknown: bool,
@@ -136,6 +137,8 @@ pub struct TurningController {
     pub(crate) highest_felt: f64,
     /// Passes of the job that were ended on a thin place.
     pub(crate) returned_thin: u32,
+    /// Of these, those where stock was cut: not at a gap.
+    pub(crate) returned_low: u32,
     pub(crate) air_s: f64,
     pub(crate) loss_s: f64,
     pub(crate) load_before: f64,
@@ -262,6 +265,7 @@ impl TurningController {
             settled: (0.0, 0.0),
             highest_felt: 0.0,
             returned_thin: 0,
+            returned_low: 0,
             air_s: 0.0,
             loss_s: 0.0,
             load_before: 0.0,

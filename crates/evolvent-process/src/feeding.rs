@@ -83,7 +83,7 @@ impl TurningController {
             }
             self.touched = true;
             self.loss_s = 0.0;
-            (self.expected, self.unproven) = (None, None);
+            self.expected = None;
             (self.air, self.thin_from) = (false, None);
             self.go(TurningState::Engage, Reason::Contact { load });
             return;
@@ -198,6 +198,9 @@ impl TurningController {
         if self.has_lost_load() {
             return;
         }
+        if self.engagement.depth_mm() > SURE_MM {
+            self.unproven = None;
+        }
         let depth = self.view.depth_now_mm.max(self.view.depth_mm);
         if depth > self.grown.0 * (1.0 + GROWTH) {
             self.grown = (depth, here);
@@ -218,6 +221,7 @@ impl TurningController {
             if !self.too_deep(depth_mm, self.deepest(), 0.0) {
                 self.highest_felt = self.highest_felt.max(self.out.point().position + depth_mm);
                 self.settled = (here, depth_mm);
+                self.unproven = None;
                 self.go(TurningState::Cut, Reason::Settled { depth_mm });
             }
             return;
@@ -283,6 +287,7 @@ impl TurningController {
         };
         if leaves {
             self.returned_thin = self.returned_thin.saturating_add(1);
+            self.returned_low = self.returned_low.saturating_add(u32::from(!self.air));
             self.record.leave_shoulder(here, out + depth_mm, false);
             self.begin_return(TurningState::ReEnter, Reason::TooThin { depth_mm });
         }

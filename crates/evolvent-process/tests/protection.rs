@@ -481,6 +481,36 @@ fn a_load_that_goes_away_after_a_shoulder_is_a_fault() {
 }
 
 #[test]
+fn a_load_that_goes_away_after_a_shoulder_with_slots_does_not_end_as_done() {
+    // The mean of a revolution is far below the cut between the slots, so how high the shoulder is is not sure.
+    let blank = Blank {
+        runout_mm: 0.3,
+        slots: vec![(0.02, 0.18), (0.39, 0.50), (0.71, 0.75)],
+        ..Blank::outline(&[(0.0, 9.1), (113.0, 2.7), (200.0, 2.7)])
+    };
+    for (case, settings) in [safe(), fast(), literal()].into_iter().enumerate() {
+        let mut sim = simulation(settings, blank.clone(), 5);
+        let mut limits = Limits::new(&settings);
+        let mut before = TurningState::Idle;
+        let mut shoulders = 0;
+        while !sim.controller.is_over() {
+            let (output, _) = sim.step(RUN, None);
+            limits.see(&output);
+            let leaves = before == TurningState::BackOff && output.state == TurningState::Approach;
+            before = output.state;
+            if leaves {
+                let (reason, _, done) = lose_load(sim.clone(), limits.clone());
+                let what = format!("settings {case}, shoulder {shoulders}: {reason:?}");
+                assert!(!done && reason.is_some(), "{what}");
+                shoulders += 1;
+            }
+        }
+        assert_eq!(sim.controller.state(), TurningState::Done, "settings {case}");
+        assert!(shoulders > 0, "settings {case}");
+    }
+}
+
+#[test]
 fn a_load_that_goes_away_in_a_cut_is_a_fault_in_a_turn() {
     let mut random = Random::new(11);
     let (mut told, mut most, mut silent) = (0, 0.0_f64, 0);
