@@ -34,8 +34,9 @@ pub enum Law {
 }
 
 impl Law {
-    /// The same law driven `rate` times as fast.
-    pub(crate) fn slowed_down(self, rate: f64) -> Self {
+    /// The same law driven `rate` times as fast, over the same length. Real-time safe.
+    #[must_use]
+    pub fn slowed_down(self, rate: f64) -> Self {
         let square = rate * rate;
         match self {
             Self::Jerk { v, a, j } => Self::Jerk {

@@ -9,7 +9,7 @@
 //! A near-optimal plan is a chain of pieces of a time law. Behind the committed pieces lies a *tail* that ends at
 //! rest. When more has been planned, it is appended behind the tail, and the last committed step is *linked* to it:
 //! the tail is skipped. A cycle that comes to the end of what is committed before that claims the link, drives the
-//! tail, and the planner's late link fails. Holds and overrides come as a [`Request`] for a new plan from a place a
+//! tail, and the planner's late link fails. Overrides come as a [`Request`] for a new plan from a place a
 //! few cycles ahead; the [`Answer`] names the step to go on with there.
 
 use std::sync::Arc;

@@ -50,7 +50,7 @@ pub struct Setpoint {
     pub path_mm: f64,
     /// Speed along the path in the feed metric, mm/s (degrees/s while only rotary axes move).
     pub feed_mm_s: f64,
-    /// Feed override that is wanted: a near-optimal plan follows it a lead time later, or as soon as it can.
+    /// Feed override that is wanted: a time-optimal plan follows a lower one at once, a higher one a lead time later.
     pub feed_override: f64,
     /// Program line.
     pub line: u32,

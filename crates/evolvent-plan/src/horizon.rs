@@ -5,8 +5,8 @@
 //! path itself comes to rest, a window ends there and all of it is committed. Windows are cut by what is on the
 //! path, never by time, so the same program gives the same plan.
 //!
-//! The cycle may ask for another plan from a place ahead of it: for a hold, for another override, or because it has
-//! had to drive a tail. Everything behind that place is planned anew; what had been planned is dropped.
+//! The cycle may request another plan from a position ahead of it: for another override, or because it has had to drive a
+//! tail. Holds need none. Everything behind that place is planned anew; what had been planned is dropped.
 
 use std::collections::VecDeque;
 

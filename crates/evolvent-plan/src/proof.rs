@@ -3,7 +3,7 @@
 //! The guard stops the machine at a setpoint that breaks a limit. A plan that would bring it there is found here
 //! first, by a computation that shares nothing with the solver, while there is still time for another.
 
-use evolvent_feed::{Law, Piece};
+use evolvent_feed::Piece;
 use evolvent_machine::Limits;
 use evolvent_path::AXES;
 
@@ -131,21 +131,9 @@ fn meet<'a>(before: &Piece, piece: &Piece, segment: &impl Fn(u64) -> Option<&'a 
 
 /// The same path at `factor` times the speed: only from rest.
 pub(crate) fn slow_down(pieces: &mut [Piece], factor: f64) {
-    let (f, ff, fff) = (factor, factor * factor, factor * factor * factor);
     for piece in pieces {
-        piece.duration /= f;
-        piece.law = match piece.law {
-            Law::Flow { v, b, c } => Law::Flow {
-                v: v * f,
-                b: b * ff,
-                c: c * ff,
-            },
-            Law::Jerk { v, a, j } => Law::Jerk {
-                v: v * f,
-                a: a * ff,
-                j: j * fff,
-            },
-        };
+        piece.duration /= factor;
+        piece.law = piece.law.slowed_down(factor);
     }
 }
 
@@ -153,6 +141,7 @@ pub(crate) fn slow_down(pieces: &mut [Piece], factor: f64) {
 mod tests {
     #![allow(clippy::expect_used, reason = "a test may fail")]
 
+    use evolvent_feed::Law;
     use evolvent_path::{Curve, Line};
 
     use super::*;

@@ -1,4 +1,4 @@
-//! What the cycle asks for: a plan from a place ahead of it, for a hold, for another override, or from rest.
+//! What the cycle requests: a plan from a position ahead of it for another override, or from rest.
 
 use evolvent_feed::{Entry, Place};
 
