@@ -512,6 +512,36 @@ mod tests {
     }
 
     #[test]
+    fn what_a_look_ahead_has_passed_is_not_linked_elsewhere() {
+        let (mut producer, mut consumer) = four();
+        assert_eq!(consumer.settle_successor(0, false), (1, false), "final");
+        assert!(!producer.link(0, 2), "what was looked at is what is driven");
+        assert_eq!(consumer.successor(0), (1, true));
+        assert_eq!(consumer.settle_successor(1, false), (2, true), "a tail");
+        assert!(!producer.link(1, 3));
+    }
+
+    #[test]
+    fn a_recorded_look_ahead_meets_its_tail_again() {
+        let (mut producer, mut consumer) = four();
+        assert!(producer.link(1, 3));
+        assert_eq!(consumer.settle_successor(1, true), (2, true));
+        assert_eq!(consumer.claim_successor(1), (2, false));
+    }
+
+    #[test]
+    fn answers_that_nobody_read_leave_room_for_the_next() {
+        let (mut producer, mut consumer) = four();
+        for id in 1..=2 * REQUESTS as u64 {
+            assert!(consumer.ask(request(id)));
+            assert!(producer.request().is_some());
+            producer.answer(Answer { id, step: Some(3) });
+        }
+        let last = 2 * REQUESTS as u64;
+        assert!(consumer.answer(last).is_some());
+    }
+
+    #[test]
     fn a_claim_of_a_step_whose_successor_is_final_settles_nothing() {
         let (mut producer, mut consumer) = four();
         assert_eq!(consumer.claim_successor(0), (1, true));

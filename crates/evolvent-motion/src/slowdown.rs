@@ -75,13 +75,13 @@ pub(crate) enum Lead {
 
 /// A rate of plan time, its derivative, and the plan time that has passed.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Motion {
+struct RateState {
     time: f64,
     rate: f64,
     first: f64,
 }
 
-impl Motion {
+impl RateState {
     fn after(self, seconds: f64, second: f64) -> Self {
         let t = seconds;
         Self {
@@ -104,7 +104,7 @@ pub(crate) struct Ahead<'a> {
 /// A slowdown. `Copy`: the samples that it looks at are in a [`PlanPreview`] beside it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Slowdown {
-    now: Motion,
+    now: RateState,
     second: f64,
     /// Seconds for which `second` still holds.
     left: f64,
@@ -116,7 +116,7 @@ impl Slowdown {
     /// From the plan's own speed towards the rate `target`. The preview begins where the plan is now.
     pub(crate) fn new(target: f64) -> Self {
         Self {
-            now: Motion {
+            now: RateState {
                 time: 0.0,
                 rate: 1.0,
                 first: 0.0,
@@ -315,7 +315,7 @@ struct Bounds {
 
 impl Bounds {
     /// The value that brings `s'` to zero as soon as possible.
-    fn recovery(&self, from: Motion) -> f64 {
+    fn recovery(&self, from: RateState) -> f64 {
         let needed = (-from.first / STEP_S).clamp(-MAX_SECOND, MAX_SECOND);
         // Where nothing is allowed the bounds are infinite.
         if from.first > 0.0 {
@@ -338,7 +338,7 @@ struct Follower<'a, 'b> {
 
 impl Follower<'_, '_> {
     /// Whether the slowdown can go over to a constant rate after a step with this `s''`.
-    fn outlook(&mut self, from: Motion, begin: usize, second: f64) -> Outlook {
+    fn outlook(&mut self, from: RateState, begin: usize, second: f64) -> Outlook {
         let falls = self.target < from.rate;
         let (mut now, mut index, mut second) = (from, begin, second);
         for step in 0..LONGEST_RECOVERY {
@@ -379,7 +379,7 @@ impl Follower<'_, '_> {
     }
 
     /// The constant `s''` that leads to the target, and how long it takes, where the limits are kept all the way.
-    fn landing(&mut self, from: Motion, begin: usize) -> Option<(f64, f64)> {
+    fn landing(&mut self, from: RateState, begin: usize) -> Option<(f64, f64)> {
         let fall = from.rate - self.target;
         if fall * from.first >= 0.0 {
             return None;
@@ -406,7 +406,7 @@ impl Follower<'_, '_> {
     }
 
     /// Whether the plan comes to rest within the next step.
-    fn rests(&self, now: Motion) -> bool {
+    fn rests(&self, now: RateState) -> bool {
         let end = now.time + STEP_S * now.rate;
         self.ahead.preview.rests_at().is_some_and(|rest| rest <= end)
     }
@@ -418,7 +418,7 @@ impl Follower<'_, '_> {
 
     /// What a step of `span` seconds allows, from the plan at its start, at its end and at the samples between; and the last
     /// sample before its end. None where the plan ends before the step.
-    fn bounds(&mut self, from: Motion, begin: usize, span: f64) -> Option<(Bounds, usize)> {
+    fn bounds(&mut self, from: RateState, begin: usize, span: f64) -> Option<(Bounds, usize)> {
         let end = from.time + span * (from.rate + 0.5 * span * from.first).max(0.0);
         let limits = self.ahead.limits;
         let mut gathered = Gathered::new(limits, from, span);
@@ -462,7 +462,7 @@ fn between(left: &Sample, right: &Sample, time: f64) -> Sample {
 /// Bounds of `s''` as they are gathered, instant by instant.
 struct Gathered<'a> {
     limits: &'a Limits,
-    from: Motion,
+    from: RateState,
     span: f64,
     lower: f64,
     upper: f64,
@@ -470,7 +470,7 @@ struct Gathered<'a> {
 }
 
 impl<'a> Gathered<'a> {
-    fn new(limits: &'a Limits, from: Motion, span: f64) -> Self {
+    fn new(limits: &'a Limits, from: RateState, span: f64) -> Self {
         Self {
             limits,
             from,
@@ -530,6 +530,164 @@ impl<'a> Gathered<'a> {
             lower: self.lower,
             upper: self.upper,
             slack: if self.slack.is_finite() { self.slack } else { 0.0 },
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::expect_used, reason = "a test may fail")]
+
+    use evolvent_feed::{Law, Piece};
+    use evolvent_path::{Axes, Curve, Line};
+    use evolvent_plan::{Flow, PlanSink, Segment, SegmentMarks, Step};
+
+    use super::*;
+    use crate::queue::plan_queue;
+
+    const A: f64 = 2000.0;
+    const J: f64 = 50_000.0;
+    const PERIOD_S: f64 = 0.0005;
+
+    fn limits() -> Limits {
+        let mut present = [false; AXES];
+        present[0] = true;
+        Limits {
+            present,
+            velocity: Axes::repeat(300.0),
+            acceleration: Axes::repeat(A),
+            jerk: Axes::repeat(J),
+            travel_min: Axes::repeat(-1e4),
+            travel_max: Axes::repeat(1e4),
+            home: Axes::zeros(),
+        }
+    }
+
+    /// A line driven at `v` for `seconds`, in pieces of 10 ms, and no more.
+    fn cruise(v: f64, seconds: f64) -> (PlanConsumer, PlanPreview) {
+        let (mut producer, queue) = plan_queue(|| false);
+        let mut end = Axes::zeros();
+        end[0] = v * seconds;
+        let line = Line::new(Axes::zeros(), end).expect("line");
+        let segment = Segment {
+            curve: Curve::Line(line),
+            from: 0.0,
+            length: v * seconds,
+            line: 1,
+            block: 0,
+            marks: SegmentMarks::default(),
+        };
+        producer.segment(&segment).expect("room");
+        let flow = |k: f64| Flow {
+            piece: Piece {
+                law: Law::Flow { v, b: 0.0, c: 0.0 },
+                length: 0.01 * v,
+                duration: 0.01,
+                stretch: 0,
+                from: 0.01 * v * k,
+                interval: 0,
+            },
+            path: 0.01 * v * k,
+        };
+        for k in 0..(100.0 * seconds) as u32 {
+            producer.step(&Step::Flow(flow(f64::from(k)))).expect("room");
+        }
+        producer.finalise(u64::from((100.0 * seconds) as u32));
+        let mut preview = PlanPreview::new();
+        preview.begin(0, flow(0.0), 0.0);
+        (queue, preview)
+    }
+
+    /// Advances until `done`, and returns seconds and plan time; every sample keeps acceleration and jerk.
+    fn drive(
+        slowdown: &mut Slowdown,
+        v: f64,
+        (queue, preview): &mut (PlanConsumer, PlanPreview),
+        done: impl Fn(&Slowdown) -> bool,
+    ) -> (f64, f64) {
+        let (limits, mut seconds, mut time) = (limits(), 0.0, 0.0);
+        while !done(slowdown) {
+            let mut ahead = Ahead {
+                preview,
+                queue,
+                limits: &limits,
+                tail: false,
+            };
+            time += slowdown.advance(PERIOD_S, &mut ahead);
+            seconds += PERIOD_S;
+            let Scale { rate, first, second } = slowdown.scale();
+            assert!((0.0..=1.001).contains(&rate), "{rate}");
+            assert!((first * v).abs() <= 1.001 * A && (second * v).abs() <= 1.01 * J);
+            assert!(seconds < 2.0, "never done: {slowdown:?}");
+        }
+        (seconds, time)
+    }
+
+    #[test]
+    fn a_stop_from_a_cruise_takes_the_jerk_limited_minimum() {
+        for v in [250.0_f64, 100.0, 40.0, 5.0, 0.5] {
+            let mut plan = cruise(v, 2.0);
+            let mut slowdown = Slowdown::new(0.0);
+            let (seconds, time) = drive(&mut slowdown, v, &mut plan, Slowdown::is_at_rest);
+            let least = if v > A * A / J {
+                v / A + A / J
+            } else {
+                2.0 * (v / J).sqrt()
+            };
+            // Where the axis is slow the step bounds the second derivative: eleven of them and some.
+            let most = (1.03 * least + 2.0 * STEP_S).max(0.014);
+            assert!(
+                seconds >= least - PERIOD_S && seconds <= most,
+                "{v}: {seconds} of {least}"
+            );
+            // From a constant speed down to rest, mirror images: half of it on the way.
+            assert!((time / seconds - 0.5).abs() < 0.05, "{v}: {time} in {seconds}");
+        }
+    }
+
+    #[test]
+    fn a_rate_is_landed_on_exactly_and_leads_back_to_one() {
+        let (v, mut plan) = (100.0, cruise(100.0, 3.0));
+        let mut slowdown = Slowdown::new(0.37);
+        let is_steady = |slowdown: &Slowdown| slowdown.steady_rate().is_some();
+        drive(&mut slowdown, v, &mut plan, is_steady);
+        assert_eq!(slowdown.steady_rate(), Some(0.37));
+        assert_eq!(slowdown.lead_to(0.37), Lead::Same);
+        assert_eq!(slowdown.lead_to(1.0), Lead::FromSteady);
+        let again = plan.0.step(40).and_then(|step| match step {
+            Step::Flow(flow) => Some(flow),
+            _ => None,
+        });
+        plan.1.begin(40, again.expect("a piece"), 0.0);
+        drive(&mut slowdown, v, &mut plan, is_steady);
+        assert_eq!(slowdown.steady_rate(), Some(1.0));
+    }
+
+    #[test]
+    fn a_stop_that_is_called_off_and_called_again_comes_to_rest() {
+        for turns in [3, 17, 60, 110] {
+            let (v, mut plan) = (150.0, cruise(150.0, 4.0));
+            let mut slowdown = Slowdown::new(0.0);
+            let limits = limits();
+            for k in 0..400 {
+                let target = if k / turns % 2 == 0 { 0.0 } else { 1.0 };
+                if slowdown.is_at_rest() || slowdown.steady_rate().is_some() {
+                    break;
+                }
+                let _led = slowdown.lead_to(target);
+                let (queue, preview) = &mut plan;
+                let mut ahead = Ahead {
+                    preview,
+                    queue,
+                    limits: &limits,
+                    tail: false,
+                };
+                slowdown.advance(PERIOD_S, &mut ahead);
+            }
+            if slowdown.steady_rate().is_none() {
+                let _led = slowdown.lead_to(0.0);
+                drive(&mut slowdown, v, &mut plan, Slowdown::is_at_rest);
+            }
         }
     }
 }
