@@ -13,7 +13,7 @@ const STOPPED: u32 = 2;
 const X_ONLY: u32 = 1;
 /// How often a jog is tried that a slow host may end early.
 const TRIALS: usize = 20;
-/// So many stops in time show that the dead-man works.
+/// Stops in time, in a row, that show that the dead-man works.
 const IN_A_ROW: u32 = 5;
 const PATIENCE: Duration = Duration::from_secs(120);
 

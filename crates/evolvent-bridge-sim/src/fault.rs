@@ -41,7 +41,7 @@ pub enum FaultKind {
     LoadFrozen,
     /// The load sensor sends what is no number.
     LoadNan,
-    /// The load sensor stands at the end of its range.
+    /// The load sensor reads the end of its range.
     LoadSaturated,
     /// The load sensor reads far below zero, as with a broken wire.
     LoadNegative,

@@ -11,7 +11,7 @@ pub(crate) const OF_A_CORE: usize = 64;
 /// The same of a client.
 pub(crate) const OF_A_CLIENT: usize = 16;
 
-/// Checks that so many more files may be opened.
+/// Checks that this many more files may be opened.
 pub(crate) fn check(needed: usize) -> Result<(), BusError> {
     let limit = rustix::process::getrlimit(rustix::process::Resource::Nofile).current;
     let Some(limit) = limit else { return Ok(()) };

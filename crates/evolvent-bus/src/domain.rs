@@ -469,7 +469,7 @@ fn pattern(channel: Channel) -> MessagingPattern {
 
 /// iceoryx2's configuration in a folder. The user's own configuration file of iceoryx2 counts for the rest.
 fn configuration(folder: &BusFolder) -> Result<Config, BusError> {
-    // iceoryx2 reports on standard error what is told by our errors already.
+    // iceoryx2 reports on standard error what our errors say already.
     set_log_level_from_env_or(LogLevel::Fatal);
     let mut config = Config::global_config().clone();
     let bad = |cause: &dyn Debug| BusError::Folder {

@@ -71,7 +71,7 @@ struct Node {
 type Survey = Vec<(Cycle, bool)>;
 
 impl Mapper {
-    /// Cycles are found with so many harmonics (5 for amplitudes to 1e-4).
+    /// Cycles are found with this many harmonics (5 for amplitudes to 1e-4).
     #[must_use]
     pub fn new(harmonics: usize) -> Self {
         Self {

@@ -177,7 +177,7 @@ impl<'a> Follower<'a> {
         all
     }
 
-    /// So many steps of a motion; None where the force law ends.
+    /// This many steps of a motion; None where the force law ends.
     fn window(&self, start: &State, steps: usize) -> Option<Window> {
         let mut window = Window {
             state: *start,

@@ -142,7 +142,7 @@ impl Desk {
         if facts.is_ending {
             return Err(self.refuse(Alarm::Ending.into()));
         }
-        // Until it is carried out: whatever stands in its way, the program that is loaded is not the one that was wanted.
+        // Until it is carried out: whatever prevents it, the program that is loaded is not the one that was wanted.
         self.load_failed |= raw.command == CommandCode::Load as u32;
         let (code, command) = match Command::decode(raw, facts.present) {
             Ok(decoded) => decoded,

@@ -88,7 +88,7 @@ pub(crate) struct Feeder<'a, S> {
     block_delete_lines: (u64, u64),
     /// Spindle, coolant and tool after what has been read.
     periphery: Periphery,
-    /// Who else is told of them, by the number of the action.
+    /// Who else receives them, by the number of the action.
     periphery_listener: Option<Sender<(u32, Periphery)>>,
     /// Somebody confirms tool changes, or nobody needs to.
     confirms_tools: bool,

@@ -86,7 +86,7 @@ pub(crate) enum FeederNews {
     AttachFile(String, PathBuf),
     /// Something that is to be recorded at its setpoint.
     Outside(Outside),
-    /// The trace goes on in a new file behind this setpoint; what is told after this belongs to that one.
+    /// The trace goes on in a new file behind this setpoint; what follows belongs to that file.
     NextFile(u64),
     /// The planner of the job of this number reads on with other switches.
     Switched(u32, Switched),

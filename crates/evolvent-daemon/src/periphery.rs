@@ -71,7 +71,7 @@ pub(crate) fn tool_change_call(tool: u32, present: u32, line: u32) -> UserCall {
     }
 }
 
-/// What the operator is told to do.
+/// The request to the operator.
 pub(crate) fn tool_request(tool: u32, present: u32) -> String {
     match tool {
         0 => format!("tool change (M6): take tool {present} out of the spindle, then resume"),

@@ -62,7 +62,7 @@ impl PeripheryTrack {
 
     /// Goes on to a setpoint; whether anything has changed.
     fn follow(&mut self, setpoint: &Setpoint) -> bool {
-        // An action is told of before it goes into the plan.
+        // An action is announced before it goes into the plan.
         self.ahead.extend(self.news.try_iter());
         let before = self.now;
         while self

@@ -75,7 +75,7 @@ impl Further {
                     ("continued_in".to_owned(), path.display().to_string()),
                 ]);
                 let result = old.finish(&summary);
-                // A folder that cannot be read is told by the next file.
+                // The next file reports a folder that cannot be read.
                 let _left = series.trim(&path);
                 result
             });
@@ -199,7 +199,7 @@ impl Recording {
                 // What an action is called was told before the action went into the plan.
                 let news = sample.actions > tracks.actions || sample.blocks_begun() > tracks.blocks;
                 if count % 256 == 1 || news {
-                    // What is told behind the order for a new file is for that one.
+                    // What follows the order for a new file is for that file.
                     while next_file.is_none()
                         && let Ok(news) = self.news.try_recv()
                     {

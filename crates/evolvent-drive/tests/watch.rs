@@ -586,7 +586,7 @@ fn a_clock_that_goes_backwards_is_frozen_feedback() {
     assert!(matches!(found, Some(DriveAlarm::Frozen { .. })), "{found:?}");
 }
 
-/// The mask of references lost in so many good cycles.
+/// The mask of references lost in this many good cycles.
 fn lost(bench: &mut Bench, cycles: u64) -> u32 {
     for _ in 0..cycles {
         let _alarm = bench.cycle(Some);

@@ -222,7 +222,7 @@ impl Motion {
                 }
             }
             Drive::Still => match queue.step(cursor.step) {
-                // A stop has come to rest within a piece.
+                // A stop has ended within a piece.
                 Some(Step::Flow(flow)) if cursor.slowdown.is_some() => {
                     self.send(None, place(&flow, cursor.rest_x, 0.0, 0.0), queue);
                 }

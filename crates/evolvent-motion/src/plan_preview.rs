@@ -48,7 +48,7 @@ pub(crate) struct PlanPreview {
     oldest: usize,
     next: usize,
     frontier: Option<Frontier>,
-    /// Plan time at which the plan comes to rest, once that has been met.
+    /// Plan time at which the plan rests, once that has been met.
     rests_at: Option<f64>,
     /// Whether the planner had not finished what was looked at.
     met_tail: bool,
@@ -86,7 +86,7 @@ impl PlanPreview {
         });
     }
 
-    /// Plan time at which the plan comes to rest, as far as that is known by now.
+    /// Plan time at which the plan rests, as far as that is known by now.
     pub(crate) fn rests_at(&self) -> Option<f64> {
         self.rests_at
     }

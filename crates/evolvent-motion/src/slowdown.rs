@@ -56,7 +56,7 @@ enum Phase {
     Changing,
     /// To the target with the present `s''`, for the seconds left.
     Landing,
-    /// The same, and the target is another one by now. What is certain is the landing alone, for so many seconds more.
+    /// The same, and the target is another one by now. What is certain is the landing alone, for this many seconds more.
     Diverted(f64),
     /// At a constant rate.
     Steady,
@@ -245,7 +245,7 @@ impl Slowdown {
             target: self.target,
         };
         let Some((bounds, _)) = follower.bounds(from, begin, STEP_S) else {
-            // The plan comes to rest within the step, as it is driven now.
+            // The plan stops within the step, as it is driven now.
             self.second = (-from.first / STEP_S).clamp(-MAX_SECOND, MAX_SECOND);
             return;
         };
@@ -405,7 +405,7 @@ impl Follower<'_, '_> {
         None
     }
 
-    /// Whether the plan comes to rest within the next step.
+    /// Whether the plan stops within the next step.
     fn rests(&self, now: RateState) -> bool {
         let end = now.time + STEP_S * now.rate;
         self.ahead.preview.rests_at().is_some_and(|rest| rest <= end)

@@ -50,7 +50,7 @@ fn dense(random: &mut Random, chords: usize, limits: Limits) -> Scenario {
     }
 }
 
-/// The least time in which an axis comes to rest from velocity `v` and acceleration `a`, wherever: `J` to `-a_p`, `a_p` at most
+/// The least time in which an axis stops from velocity `v` and acceleration `a`, wherever: `J` to `-a_p`, `a_p` at most
 /// `A`, and `J` back to zero.
 fn axis_to_rest(v: f64, a: f64, most: f64, jerk: f64) -> f64 {
     // The velocity that letting go of the acceleration leads to is to fall.
@@ -64,7 +64,7 @@ fn axis_to_rest(v: f64, a: f64, most: f64, jerk: f64) -> f64 {
     }
 }
 
-/// No stop on any path is shorter: every axis has to come to rest.
+/// No stop on any path is shorter: every axis has to stop.
 fn least_stop(from: &Setpoint, limits: &Limits) -> f64 {
     (0..AXES)
         .filter(|&i| limits.present[i])

@@ -60,7 +60,7 @@ impl Archimedean {
     }
 }
 
-/// Radii of the half circles of growing radius that fill a circle of `radius_mm` in so many turns, in mm, in order. Two
+/// Radii of the half circles of growing radius that fill a circle of `radius_mm` in this many turns, in mm, in order. Two
 /// centres take turns; each joint has one tangent and two curvatures.
 #[must_use]
 pub fn half_circle_radii_mm(radius_mm: f64, turns: u32) -> Vec<f64> {
@@ -76,7 +76,7 @@ pub fn half_circles_length_mm(radius_mm: f64, turns: u32) -> f64 {
     PI * half_circle_radii_mm(radius_mm, turns).iter().sum::<f64>()
 }
 
-/// Length of a helix on a radius down a depth in mm, at so many mm a turn, in whole turns.
+/// Length of a helix on a radius down a depth in mm, at this many mm a turn, in whole turns.
 #[must_use]
 pub fn helix_length_mm(radius_mm: f64, depth_mm: f64, pitch_mm: f64) -> f64 {
     let turns = (depth_mm / pitch_mm - 1e-9).ceil().max(1.0);

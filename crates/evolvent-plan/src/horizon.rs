@@ -6,7 +6,7 @@
 //! path, never by time, so the same program gives the same plan.
 //!
 //! The cycle may request another plan from a position ahead of it: for another override, or because it has had to drive a
-//! tail. Holds need none. Everything behind that place is planned anew; what had been planned is dropped.
+//! tail. Holds need none. Everything after that position is planned again; what had been planned is dropped.
 
 use std::collections::VecDeque;
 

@@ -9,7 +9,7 @@ use evolvent_path::AXES;
 
 use crate::step::Segment;
 
-/// Places looked at in a piece: at least so many, at most so many, and otherwise one for so long a time, s.
+/// Positions checked in a piece, minimum and maximum, and the time for which there is one, s.
 const PLACES: (u32, u32) = (4, 24);
 const PLACE_S: f64 = 0.0015;
 /// What is let pass: less than the guard does.

@@ -109,7 +109,7 @@ impl Flow {
     /// Speed of the path parameter, per s, below which a piece ends at rest: rounding leaves far less, and no plan drives so slowly.
     const AT_REST: f64 = 1e-6;
 
-    /// Whether the motion comes to rest at the piece's end. Real-time safe.
+    /// Whether the motion stops at the piece's end. Real-time safe.
     #[must_use]
     pub fn rests_at_end(&self) -> bool {
         self.piece.law.at(self.piece.duration).0.v <= Self::AT_REST

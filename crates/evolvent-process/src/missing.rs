@@ -20,7 +20,7 @@ const DEPTH_NOISE: f64 = 0.06;
 const INTERRUPTED_REV: f64 = 3.0;
 /// What the sensor's lag may make of the way of an interruption.
 const INTERRUPTION_NOISE: f64 = 1.3;
-/// A chip must make so many loads of contact to be missed.
+/// Loads of contact that a chip must make to be missed.
 const CLEAR_LOADS: f64 = 2.0;
 
 impl TurningController {

@@ -68,7 +68,7 @@ impl TurningController {
         self.parts_of(height, self.passes_left())
     }
 
-    /// The same in so many parts at most, or in as many as are needed.
+    /// The same in at most N parts, or in as many as are needed.
     fn parts_of(&self, height: f64, most: u32) -> f64 {
         let regime = &self.settings.regime;
         let fastest = regime.fastest_passes(height, self.settings.length_mm, self.overhead_rev);

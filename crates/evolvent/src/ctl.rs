@@ -449,7 +449,7 @@ impl Session {
             .map_err(|error| CommandError::Failed(error.to_string()))
     }
 
-    /// The status at the end of a job. A tool change that the job waits for is told meanwhile.
+    /// The status at the end of a job. A tool change that the job waits for is printed meanwhile.
     fn await_job(&mut self, job: u64, waiting: Waiting, err: &mut dyn Write) -> Result<Status, CommandError> {
         let (mut sequence, mut looks) = (0, 0);
         let (mut stopped_since, mut is_stopped): (Option<Instant>, bool) = (None, false);

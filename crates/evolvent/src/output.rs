@@ -46,7 +46,7 @@ impl<W: Write> Write for Output<W> {
 mod tests {
     use super::*;
 
-    /// Takes so many bytes.
+    /// Takes this many bytes.
     struct Head(usize, ErrorKind);
 
     impl Write for Head {

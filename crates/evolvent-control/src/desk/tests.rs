@@ -85,7 +85,7 @@ fn drives_have_the_time_that_was_set_and_no_more() {
     }
 }
 
-/// A client that says what it means; what it is told.
+/// Sends a command that names what it means; its answer.
 fn says(desk: &mut Desk, serial: u64, code: CommandCode, text: &str, is_good: bool) -> Result<(), Refusal> {
     let raw = RawCommand {
         command: code as u32,

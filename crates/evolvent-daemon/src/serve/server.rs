@@ -78,7 +78,7 @@ pub enum TraceTo {
     },
 }
 
-/// What is told while a machine is served.
+/// Messages while a machine is served.
 #[derive(Clone, Copy, Debug)]
 pub enum ServeNews<'a> {
     /// It takes commands from now on; the first trace file, if there is one.

@@ -55,7 +55,7 @@ impl<S: PlanSink> Horizon<S> {
         self.cut.extend(self.planned.drain(known..));
         let (steps, segments, marks) = (self.pieces.len() + 3, self.segments_needed(), self.marks_needed());
         while !self.sink.has_room(steps, segments, marks) {
-            // The cycle may have come to rest and ask from there: then it takes nothing before that is answered.
+            // The cycle may have stopped and request from there: then it takes nothing before that is answered.
             if let Some(newer) = self.sink.request() {
                 self.planned.append(&mut self.cut);
                 if let Some(planned) = self.planned.back() {
