@@ -12,7 +12,7 @@
 
 use std::time::Duration;
 
-use evolvent_daemon::{MonotonicClock, RealtimeRequest, apply_to_this_thread};
+use evolvent_runtime::{MonotonicClock, RealtimeRequest, apply_to_this_thread};
 use evolvent_tests::{Domain, Operator, Random, Served, Workshop};
 
 fn main() {

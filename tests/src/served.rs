@@ -8,7 +8,7 @@ use evolvent_bus::{
     COMMANDS, ClientBus, ControlAnswer, ControlClient, ControlRequest, Setpoint, SetpointReader, Status,
     StatusReader,
 };
-use evolvent_daemon::MonotonicClock;
+use evolvent_runtime::MonotonicClock;
 use rustix::process::{Pid, Signal, kill_process};
 
 use crate::host::tell_pause;

@@ -5,9 +5,9 @@ use std::fs;
 use std::path::Path;
 use std::sync::Arc;
 
-use evolvent_daemon::{CheckBounds, Clock, Controls, Job, Notice, RunObserver, Setup, check};
 use evolvent_gcode::Diagnostic;
 use evolvent_machine::Machine;
+use evolvent_runtime::{CheckBounds, Clock, Controls, Job, Notice, RunObserver, Setup, check};
 use evolvent_tests::{Random, Workshop, repository, run};
 
 const PROGRAMS: [&str; 6] = [
@@ -178,7 +178,7 @@ fn assert_runs_within_limits(file: &Path, setup: &Setup) -> &'static str {
     };
     let controls = Arc::new(Controls::new(1.0));
     let stop = Arc::clone(&controls);
-    let outcome = evolvent_daemon::run(&job, &controls, &mut Silent, |setpoint| {
+    let outcome = evolvent_runtime::run(&job, &controls, &mut Silent, |setpoint| {
         if setpoint.sequence == MOST_CYCLES {
             stop.stop();
         }

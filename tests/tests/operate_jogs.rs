@@ -5,7 +5,7 @@ use std::process::Stdio;
 use std::time::{Duration, Instant};
 
 use evolvent_bus::ControlRequest;
-use evolvent_daemon::MonotonicClock;
+use evolvent_runtime::MonotonicClock;
 use evolvent_tests::{Operator, Scene, command, evolvent, unless_disturbed};
 
 const DONE: u32 = 1;

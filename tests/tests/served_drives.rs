@@ -4,7 +4,7 @@
 use std::path::PathBuf;
 
 use evolvent_bus::ControlRequest;
-use evolvent_daemon::MonotonicClock;
+use evolvent_runtime::MonotonicClock;
 use evolvent_tests::{Domain, Drives, HOMING, Operator, Served, Workshop, command, unless_disturbed};
 
 const DONE: u32 = 1;

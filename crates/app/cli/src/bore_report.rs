@@ -1,0 +1,422 @@
+//! `evolvent bore --json` and `--compare`: the numbers of the blocks, and the involute beside other paths.
+
+use std::fmt::Write as _;
+use std::path::Path;
+use std::sync::Arc;
+
+use evolvent_path::{
+    Archimedean, Curve, HoleBlock, HolePass, Role, half_circle_radii_mm, half_circles_length_mm,
+    helix_length_mm,
+};
+use evolvent_runtime::{Clock, Controls, Job, Notice, RunObserver, Setup};
+use serde_json::{Value, json};
+
+use crate::CommandError;
+use crate::program::load_setup;
+use crate::scratch::Folder;
+
+/// By how much the polyline of the Archimedean spiral may leave it, mm.
+const POLYLINE_MM: f64 = 0.001;
+/// Tolerance within which every path of the comparison is blended, mm, where none is asked for.
+const BLEND_MM: f64 = 0.01;
+
+/// The six numbers of a block (12), (13), and what they follow from.
+pub(crate) fn block_json(block: &HoleBlock) -> Value {
+    let figures = &block.figures;
+    let involute = matches!(block.curve, Curve::Involute(_));
+    let kind = if involute { "involute" } else { "circle" };
+    let end = block.curve.end();
+    let end_roll = involute.then(|| figures.end_radius_mm / block.radius_mm);
+    json!({
+        "role": match block.role {
+            Role::Rough => "rough",
+            Role::RoughCircle => "rough_circle",
+            Role::Approach => "approach",
+            Role::FinishCircle => "finish_circle",
+            Role::Departure => "departure",
+        },
+        "kind": kind,
+        "length_mm": figures.length_mm,
+        "start_mm": figures.start_mm,
+        "end_machine_mm": [end[0], end[1]],
+        "psi_rad": figures.turn_rad,
+        "phi0_rad": involute.then_some(figures.start_roll_rad),
+        "phi_end_rad": end_roll,
+        "r_n_mm": figures.start_radius_mm,
+        "r_k_mm": figures.end_radius_mm,
+        "base_radius_mm": involute.then_some(block.radius_mm),
+        "centre_mm": block.centre_mm,
+    })
+}
+
+/// A pass at one depth.
+pub(crate) fn pass_json(title: &str, z_mm: f64, feed_mm_min: f64, pass: &HolePass) -> Value {
+    json!({
+        "pass": title,
+        "z_mm": z_mm,
+        "feed_mm_min": feed_mm_min,
+        "radius_mm": pass.radius_mm,
+        "turns": pass.turns,
+        "visible_turns": pass.visible_turns(),
+        "pitch_mm": pass.pitch_mm,
+        "base_radius_mm": pass.base_radius_mm,
+        "length_mm": pass.length_mm(),
+        "time_at_feed_s": 60.0 * pass.length_mm() / feed_mm_min,
+        "blocks": pass.blocks.iter().map(block_json).collect::<Vec<_>>(),
+    })
+}
+
+/// A path that clears the hole at one depth.
+pub(crate) struct Alternative {
+    pub(crate) name: &'static str,
+    pub(crate) length_mm: Option<f64>,
+    /// What keeps it from being used, or what it costs.
+    pub(crate) remark: String,
+    /// Time under the machine's limits, s.
+    pub(crate) time_s: Option<f64>,
+    program: Option<String>,
+}
+
+/// What is compared.
+pub(crate) struct Comparison<'a> {
+    pub(crate) pass: &'a HolePass,
+    pub(crate) hole_mm: f64,
+    pub(crate) tool_mm: f64,
+    pub(crate) depth_mm: f64,
+    pub(crate) feed_mm_min: f64,
+    pub(crate) tolerance_mm: Option<f64>,
+}
+
+impl Comparison<'_> {
+    /// The involute and three other paths from the same start to the same circle, once round at the end; with a machine
+    /// also the time of each, planned under its limits.
+    ///
+    /// # Errors
+    /// A machine file that is wrong, or a path that the machine cannot go.
+    pub(crate) fn alternatives(&self, machine: Option<&Path>) -> Result<Vec<Alternative>, CommandError> {
+        let pass = self.pass;
+        let (radius, turns) = (pass.radius_mm, pass.turns);
+        let round = std::f64::consts::TAU * radius;
+        let start = pass
+            .blocks
+            .first()
+            .map_or([0.0; 2], |block| block.figures.start_mm);
+        let from_mm = f64::hypot(start[0], start[1]);
+        let involute: Vec<_> = pass.blocks.iter().map(|block| self.line(block)).collect();
+        let spiral = Archimedean {
+            pitch_mm: pass.pitch_mm,
+            from_mm,
+            to_mm: radius,
+        };
+        let angle = pass.pitch_mm.atan2(round).to_degrees();
+        let centred = from_mm < 1e-9;
+        let largest = radius / f64::from(turns) * 0.5;
+        let mut list = vec![
+            Alternative {
+                name: "involute",
+                length_mm: Some(pass.length_mm()),
+                remark: "joins the circle with its tangent and curvature".to_owned(),
+                time_s: None,
+                program: self
+                    .first_point(pass)
+                    .map(|at| self.text(at, &involute.join("\n"))),
+            },
+            Alternative {
+                name: "half circles",
+                length_mm: centred.then(|| half_circles_length_mm(radius, turns) + round),
+                remark: if centred {
+                    format!(
+                        "curvature steps {} times, by 1/{largest:.3} mm at most",
+                        2 * turns
+                    )
+                } else {
+                    "start in the centre only".to_owned()
+                },
+                time_s: None,
+                program: centred.then(|| self.half_circles(radius, turns)),
+            },
+            Alternative {
+                name: "Archimedean spiral",
+                length_mm: Some(spiral.length_mm() + round),
+                remark: format!("meets the circle at an angle of {angle:.3} degrees"),
+                time_s: None,
+                program: Some(self.archimedean(&spiral, radius)),
+            },
+            self.helix(radius),
+        ];
+        if let Some(file) = machine {
+            let setup = load_setup(file, None)?;
+            for path in &mut list {
+                if let Some(program) = &path.program {
+                    path.time_s = Some(planned_s(&setup, path.name, program)?);
+                }
+            }
+        }
+        Ok(list)
+    }
+
+    /// A helix clears a hole in one go where the tool covers its middle; its turns go down, not out.
+    fn helix(&self, radius: f64) -> Alternative {
+        let covers = self.tool_mm >= 0.5 * self.hole_mm;
+        let fits = covers && self.depth_mm > 0.0;
+        let pitch = self.pass.pitch_mm;
+        let turns = (self.depth_mm / pitch - 1e-9).ceil().max(1.0);
+        let round = std::f64::consts::TAU * radius;
+        let program = fits.then(|| {
+            let mut text = String::new();
+            for turn in 1..=turns as u64 {
+                let z = -self.depth_mm * turn as f64 / turns;
+                // Writing to a string cannot fail.
+                let _ = writeln!(text, "G3 X{radius} Y0 I{} J0 Z{z:.6}", -radius);
+            }
+            let _ = write!(text, "G3 X{radius} Y0 I{} J0", -radius);
+            self.text([radius, 0.0], &text)
+        });
+        Alternative {
+            name: "helix",
+            length_mm: fits.then(|| helix_length_mm(radius, self.depth_mm, pitch) + round),
+            remark: if !covers {
+                format!(
+                    "needs a tool of {:.3} mm at least: this one leaves a core",
+                    0.5 * self.hole_mm
+                )
+            } else if fits {
+                format!("{turns} turns of the pitch down the whole depth")
+            } else {
+                "needs a depth".to_owned()
+            },
+            time_s: None,
+            program,
+        }
+    }
+
+    fn first_point(&self, pass: &HolePass) -> Option<[f64; 2]> {
+        let start = pass.blocks.first()?.curve.start();
+        Some([start[0], start[1]])
+    }
+
+    fn line(&self, block: &HoleBlock) -> String {
+        crate::bore::line(block, self.feed_mm_min)
+    }
+
+    fn half_circles(&self, radius: f64, turns: u32) -> String {
+        let mut text = String::new();
+        let mut x = 0.0;
+        for (k, half) in half_circle_radii_mm(radius, turns).into_iter().enumerate() {
+            let way = if k % 2 == 0 { 1.0 } else { -1.0 };
+            // Writing to a string cannot fail.
+            let to = x + way * 2.0 * half;
+            let _ = writeln!(text, "G3 X{to:.9} Y0 I{:.9} J0", way * half);
+            x = to;
+        }
+        let way = if x > 0.0 { -1.0 } else { 1.0 };
+        let _ = write!(text, "G3 X{x:.9} Y0 I{:.9} J0", way * radius);
+        self.text([0.0, 0.0], &text)
+    }
+
+    fn archimedean(&self, spiral: &Archimedean, radius: f64) -> String {
+        let mut text = String::new();
+        let angles = spiral.polyline_rad(POLYLINE_MM);
+        for angle in angles.iter().skip(1) {
+            let [x, y] = spiral.at(*angle);
+            // Writing to a string cannot fail.
+            let _ = writeln!(text, "G1 X{x:.6} Y{y:.6}");
+        }
+        let end = angles.last().map_or([radius, 0.0], |angle| spiral.at(*angle));
+        let _ = write!(
+            text,
+            "G3 X{:.6} Y{:.6} I{:.6} J{:.6}",
+            end[0], end[1], -end[0], -end[1]
+        );
+        let from = angles.first().map_or([0.0; 2], |angle| spiral.at(*angle));
+        self.text(from, &text)
+    }
+
+    /// The machine stands at the start already: only the path itself is timed. The others are about the
+    /// machine's zero, wherever the hole is.
+    fn text(&self, from: [f64; 2], path: &str) -> String {
+        let tolerance = self.tolerance_mm.unwrap_or(BLEND_MM);
+        format!(
+            "G17 G21 G40 G49 G90 G94 G64 P{tolerance}\nG0 X{} Y{}\nG4 P0\nF{}\n{path}\nM2\n",
+            from[0], from[1], self.feed_mm_min
+        )
+    }
+}
+
+struct Silent;
+
+impl RunObserver for Silent {
+    fn progress(&mut self, _: &Controls) {}
+    fn notice(&mut self, _: &Notice) {}
+    fn note(&mut self, _: &str) {}
+}
+
+/// Time that a path takes under the limits of a machine, s: without the way to its start.
+fn planned_s(setup: &Setup, name: &str, text: &str) -> Result<f64, CommandError> {
+    let failed = |error: &dyn std::fmt::Display| CommandError::Failed(format!("{name}: {error}"));
+    let folder = Folder::new("evolvent-bore").map_err(|error| failed(&error))?;
+    let program = folder.path().join("path.ngc");
+    std::fs::write(&program, text).map_err(|error| failed(&error))?;
+    let job = Job {
+        program,
+        setup: setup.clone(),
+        clock: Clock::Virtual,
+        feed_override: 1.0,
+        trace: None,
+        bus: false,
+        bus_prefix: None,
+        wait_for_subscribers: 0,
+        optional_stop: false,
+        stop_at_program_stops: false,
+    };
+    // The path begins behind the dwell, in line 4.
+    let mut cycles = 0_u64;
+    let outcome = evolvent_runtime::run(&job, &Arc::new(Controls::new(1.0)), &mut Silent, |setpoint| {
+        cycles += u64::from(setpoint.line > 3);
+    })
+    .map_err(|error| failed(&error))?;
+    outcome.program.map_err(|error| failed(&error))?;
+    if let Some(fault) = outcome.fault {
+        return Err(failed(&fault));
+    }
+    Ok(cycles as f64 * setup.period_ns as f64 * 1e-9)
+}
+
+/// The comparison as a table.
+pub(crate) fn comparison_text(list: &[Alternative], feed_mm_min: f64) -> String {
+    let mut text = String::from("  path                  length mm   at feed s   planned s   \n");
+    let cell = |value: Option<f64>, digits: usize| {
+        value.map_or_else(|| "-".to_owned(), |value| format!("{value:.digits$}"))
+    };
+    for path in list {
+        let at_feed = path.length_mm.map(|length| 60.0 * length / feed_mm_min);
+        // Writing to a string cannot fail.
+        let _ = writeln!(
+            text,
+            "  {:<20}{:>11}{:>12}{:>12}   {}",
+            path.name,
+            cell(path.length_mm, 3),
+            cell(at_feed, 3),
+            cell(path.time_s, 3),
+            path.remark
+        );
+    }
+    text
+}
+
+/// The comparison for programs that read it.
+pub(crate) fn comparison_json(list: &[Alternative], feed_mm_min: f64) -> Value {
+    list.iter()
+        .map(|path| {
+            json!({
+                "path": path.name,
+                "length_mm": path.length_mm,
+                "time_at_feed_s": path.length_mm.map(|length| 60.0 * length / feed_mm_min),
+                "planned_s": path.time_s,
+                "remark": path.remark,
+            })
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use crate::bore::{BoreArgs, run};
+
+    use super::*;
+
+    #[derive(Parser)]
+    struct Command {
+        #[command(flatten)]
+        bore: BoreArgs,
+    }
+
+    fn output(options: &str) -> String {
+        let words = std::iter::once("bore").chain(options.split_whitespace());
+        let args = Command::try_parse_from(words)
+            .unwrap_or_else(|error| panic!("{error}"))
+            .bore;
+        let mut out = Vec::new();
+        run(&args, &mut out).unwrap();
+        String::from_utf8(out).unwrap()
+    }
+
+    const BORE_200: &str = "--hole 200 --tool 40 --pitch 4 --allowance 1 --finish --start -40,40 --feed 9000";
+
+    #[test]
+    fn json_holds_the_six_numbers_of_tables_2_and_3() {
+        let object: Value = serde_json::from_str(&output(&format!("{BORE_200} --json"))).unwrap();
+        let number = |pointer: &str| object.pointer(pointer).and_then(Value::as_f64).unwrap();
+        for (pointer, printed, tolerance) in [
+            ("/passes/0/base_radius_mm", 0.628_662_025, 5e-10),
+            ("/passes/0/visible_turns", 20.0, 1e-12),
+            ("/passes/0/blocks/0/length_mm", 4_963.716_39, 5e-6),
+            ("/passes/0/blocks/0/phi0_rad", 0.0, 1e-12),
+            ("/passes/0/blocks/0/r_k_mm", 79.0, 1e-9),
+            ("/passes/0/blocks/1/length_mm", 496.371_639, 5e-7),
+            ("/passes/1/blocks/0/length_mm", 242.249_73, 5e-6),
+            ("/passes/1/blocks/0/phi0_rad", 9.044_814_77, 5e-9),
+            ("/passes/1/blocks/0/psi_rad", 0.946_567_32, 5e-9),
+            ("/passes/1/blocks/0/r_n_mm", 57.5811, 5e-5),
+            ("/passes/1/blocks/0/r_k_mm", 80.0, 1e-9),
+            // From phi0 to 4 pi.
+            (
+                "/passes/1/visible_turns",
+                2.0 - 9.044_814_77 / std::f64::consts::TAU,
+                1e-8,
+            ),
+            ("/passes/1/blocks/1/start_mm/0", 64.913_119, 5e-7),
+            ("/passes/1/blocks/1/start_mm/1", -46.757_748, 5e-7),
+        ] {
+            assert!(
+                (number(pointer) - printed).abs() <= tolerance,
+                "{pointer}: {}",
+                number(pointer)
+            );
+        }
+        // The paper's estimate of visible turns is near.
+        let estimate = 2.0 * (1.0 - 40.0 * 2.0_f64.sqrt() / 80.0);
+        assert!((number("/passes/1/visible_turns") - estimate).abs() < 0.05);
+    }
+
+    #[test]
+    fn planned_times_keep_the_feed_and_rank_the_paths() {
+        let machine = concat!(
+            env!("CARGO_MANIFEST_DIR"),
+            "/../../../config/machines/mill-3axis.toml"
+        );
+        let options = "--hole 60 --tool 20 --pitch 4 --feed 6000 --compare --json --machine";
+        let object: Value = serde_json::from_str(&output(&format!("{options} {machine}"))).unwrap();
+        let list = object["comparison"].as_array().unwrap();
+        let of = |name: &str| list.iter().find(|path| path["path"] == name).unwrap();
+        for path in list.iter().filter(|path| path["path"] != "helix") {
+            let (at_feed, planned) = (
+                path["time_at_feed_s"].as_f64().unwrap(),
+                path["planned_s"].as_f64().unwrap(),
+            );
+            assert!(planned > at_feed && planned < 1.6 * at_feed, "{path}");
+        }
+        // By hand: half circles of R/10, 2R/10, .. R, and once round; all of them about as long as their turns' circles.
+        let half = of("half circles")["length_mm"].as_f64().unwrap();
+        assert!(
+            (half - std::f64::consts::PI * (2.0 * 55.0 + 40.0)).abs() < 1e-9,
+            "{half}"
+        );
+        let involute = of("involute")["length_mm"].as_f64().unwrap();
+        assert!(
+            (involute - std::f64::consts::PI * 20.0 * 7.0).abs() < 1e-6,
+            "{involute}"
+        );
+        assert!(
+            of("helix")["length_mm"].is_null()
+                && of("helix")["remark"].as_str().unwrap().contains("30.000 mm")
+        );
+        let wide = output("--hole 60 --tool 32 --pitch 4 --depth 10 --compare");
+        assert!(
+            wide.contains("turns of the pitch down") && !wide.contains("NaN"),
+            "{wide}"
+        );
+    }
+}

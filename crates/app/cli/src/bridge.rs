@@ -1,0 +1,384 @@
+//! `evolvent bridge`: simulated drives, and a test for drive bridges.
+
+use std::io::{self, Write};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::time::{Duration, Instant};
+
+use clap::{Args, Subcommand};
+use evolvent_bridge_sim::{
+    Cutting, Fault, RunError, RunSettings, ServoSettings, SimAxis, SimSettings, run_cutting,
+};
+use evolvent_bridge_test::{CASES, ProcessBridge, Stage, ThreadBridge, run_case, run_core};
+use evolvent_bus::{AXES, BusError};
+use evolvent_machine::Machine;
+use evolvent_turning::{Job as TurningJob, SimulatedProcess};
+use serde_json::{Value, json};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+
+use crate::{CommandError, Ending};
+
+/// Options of `evolvent bridge`.
+#[derive(Args, Debug)]
+pub(crate) struct BridgeArgs {
+    #[command(subcommand)]
+    command: BridgeCommand,
+}
+
+#[derive(Debug, Subcommand)]
+enum BridgeCommand {
+    /// Simulated drives: they follow the setpoints of a core, answer, and fail on demand.
+    Sim(SimArgs),
+    /// Hold a drive bridge to what every bridge must do.
+    ///
+    /// The command after `--` starts the bridge; `{name}` and `{prefix}` in it stand for the machine's name and the bus's
+    /// prefix, which are also in EVOLVENT_MACHINE_NAME and EVOLVENT_BUS_PREFIX. Without a command the simulated bridge is
+    /// tested. The first of three axes X Y Z moves by some millimetres, slowly.
+    Test(TestArgs),
+    /// A core that only moves to and fro: the one that `test` kills.
+    #[command(hide = true)]
+    Core(CoreArgs),
+}
+
+#[derive(Args, Debug)]
+struct SimArgs {
+    /// The machine's name, where no machine file is given.
+    #[arg(long, value_name = "NAME", required_unless_present = "machine")]
+    machine_name: Option<String>,
+    /// Machine file: axes, limits and grid of the drives. Without it they are usual ones.
+    #[arg(long, value_name = "FILE")]
+    machine: Option<PathBuf>,
+    /// Prefix of the bus's files, as of the core.
+    #[arg(long, value_name = "PREFIX")]
+    bus_prefix: Option<String>,
+    /// A fault: late, silent, frozen, stuck, fault, off, jump, blocked, nan, wild or ahead, so many seconds after the drives
+    /// came into operation; of the load sensor (--process): load-zero, load-lost, load-frozen, load-nan, load-saturated or
+    /// load-negative. May be given several times.
+    #[arg(long = "fault", value_name = "KIND@SECONDS[+DURATION][:AXIS]")]
+    faults: Vec<Fault>,
+    /// End after so many seconds; without it, at Ctrl-C.
+    #[arg(long, value_name = "N")]
+    seconds: Option<f64>,
+    /// By how much the drives' clock is slower than the core's, in millionths.
+    #[arg(
+        long,
+        value_name = "PPM",
+        default_value_t = 0.0,
+        allow_negative_numbers = true
+    )]
+    drift_ppm: f64,
+    /// Natural frequency of the position loops, Hz.
+    #[arg(long, value_name = "HZ", default_value_t = 40.0)]
+    frequency: f64,
+    /// Damping ratio of the position loops.
+    #[arg(long, value_name = "RATIO", default_value_t = 0.9)]
+    damping: f64,
+    /// For how many periods motion goes on where setpoints are missing.
+    #[arg(long, value_name = "N", default_value_t = 10)]
+    bridge_cycles: u32,
+    /// How wrong the encoders' positions are until the axes are homed, mm or degrees.
+    #[arg(long, value_name = "MM", default_value_t = 0.0, allow_negative_numbers = true)]
+    reference_offset: f64,
+    /// The encoders are absolute: a homed machine stays homed when the bridge is restarted.
+    #[arg(long, requires = "machine")]
+    absolute: bool,
+    /// The axes X and Z cut the stock of this file, as of `evolvent turn`; its load sensor speaks on the bus every period.
+    #[arg(long, value_name = "FILE.toml")]
+    process: Option<PathBuf>,
+    /// Print one JSON object at the end.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Args, Debug)]
+struct TestArgs {
+    /// Only the cases whose name contains this.
+    #[arg(long, value_name = "WORD")]
+    only: Option<String>,
+    /// Random moments for each case that has some.
+    #[arg(long, value_name = "N", default_value_t = 3)]
+    moments: u32,
+    /// Seed of the random moments.
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// The simulated bridge in this process instead of a command.
+    #[arg(long, conflicts_with = "command")]
+    in_process: bool,
+    /// List the cases and what they demand.
+    #[arg(long)]
+    list: bool,
+    /// Print one JSON object.
+    #[arg(long)]
+    json: bool,
+    /// The bridge's command.
+    #[arg(last = true, value_name = "COMMAND")]
+    command: Vec<String>,
+}
+
+#[derive(Args, Debug)]
+struct CoreArgs {
+    #[arg(long)]
+    machine_name: String,
+    #[arg(long)]
+    bus_prefix: String,
+    #[arg(long, default_value_t = 60.0)]
+    seconds: f64,
+}
+
+pub(crate) fn run(
+    args: &BridgeArgs,
+    out: &mut dyn Write,
+    err: &mut dyn Write,
+) -> Result<Ending, CommandError> {
+    match &args.command {
+        BridgeCommand::Sim(args) => sim(args, out, err),
+        BridgeCommand::Test(args) => test(args, out, err),
+        BridgeCommand::Core(args) => run_core(&args.machine_name, &args.bus_prefix, args.seconds)
+            .map(|()| Ending::Clean)
+            .map_err(|error| CommandError::Failed(error.to_string())),
+    }
+}
+
+fn written(result: io::Result<()>) -> Result<(), CommandError> {
+    result.map_err(|error| CommandError::Failed(format!("the report cannot be written: {error}")))
+}
+
+fn sim(args: &SimArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Ending, CommandError> {
+    let usage = |text: String| CommandError::Usage(text);
+    let within = |name: &str, value: f64, least: f64, most: f64| {
+        if (least..=most).contains(&value) {
+            return Ok(());
+        }
+        Err(usage(format!(
+            "--{name} {value} is out of range: choose {least} to {most}"
+        )))
+    };
+    within("frequency", args.frequency, 0.1, 10_000.0)?;
+    within("damping", args.damping, 0.01, 100.0)?;
+    within("drift-ppm", args.drift_ppm, -10_000.0, 10_000.0)?;
+    within("reference-offset", args.reference_offset, -1e6, 1e6)?;
+    let duration = match args.seconds {
+        Some(seconds) => {
+            within("seconds", seconds, 0.0, 1e9)?;
+            Some(Duration::from_secs_f64(seconds))
+        }
+        None => None,
+    };
+    let machine = match &args.machine {
+        Some(file) => Some(Machine::load(file).map_err(|error| usage(error.to_string()))?),
+        None => None,
+    };
+    let drives = match &machine {
+        Some(machine) => Some(drives_of(machine, args).map_err(usage)?),
+        None => None,
+    };
+    let name = args
+        .machine_name
+        .clone()
+        .or_else(|| machine.map(|machine| machine.name))
+        .unwrap_or_default();
+    let settings = RunSettings {
+        machine_name: name.clone(),
+        prefix: args.bus_prefix.clone(),
+        drives,
+        faults: args.faults.clone(),
+        drift_ppm: args.drift_ppm,
+        duration,
+    };
+    let process = args.process.as_deref().map(crate::process::read).transpose()?;
+    if let (Some(file), Some(job)) = (&args.process, &process)
+        && job.blank.is_none()
+    {
+        return Err(usage(format!(
+            "{}: has no [stock]: there is nothing to cut",
+            file.display()
+        )));
+    }
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM, SIGHUP] {
+        signal_hook::flag::register(signal, Arc::clone(&stop))
+            .map_err(|error| CommandError::Failed(format!("signals cannot be caught: {error}")))?;
+    }
+    written(writeln!(err, "simulated drives of {name}: waiting for its core"))?;
+    let found = |letters: &str, period_ns: u64| {
+        // With standard error gone there is nobody left to tell.
+        let _told = writeln!(err, "core found: axes {letters}, {period_ns} ns");
+    };
+    let report = run_cutting(&settings, &stop, found, |period_ns| {
+        process.and_then(|job| cutting(&job, period_ns))
+    });
+    let report = report.map_err(|error| match error {
+        RunError::Bus(BusError::Name(_) | BusError::Prefix { .. }) | RunError::Settings(_) => {
+            usage(error.to_string())
+        }
+        RunError::Bus(_) => CommandError::Failed(error.to_string()),
+    })?;
+    if args.json {
+        let object = json!({
+            "machine": name,
+            "periods": report.periods,
+            "setpoints": report.setpoints,
+            "missed": report.missed,
+            "answers": report.answers,
+            "loads": report.loads,
+            "connections": report.connections,
+        });
+        written(writeln!(out, "{object}"))?;
+    } else {
+        written(writeln!(
+            err,
+            "{} setpoints in {} periods, {} missed, {} answers",
+            report.setpoints, report.periods, report.missed, report.answers
+        ))?;
+    }
+    Ok(Ending::Clean)
+}
+
+/// The stock of a job under the axes.
+fn cutting(job: &TurningJob, period_ns: u64) -> Option<Cutting> {
+    let mut process = SimulatedProcess::new(job, period_ns as f64 * 1e-9)?;
+    Some(Box::new(move |position: &[f64; AXES]| {
+        let (_, sample) = process.step(position[0], position[2]);
+        sample.map(|sample| (sample.value, sample.range_max))
+    }))
+}
+
+/// Drives with the limits of a machine file, and a little more: its guard allows what rounding makes of them.
+fn drives_of(machine: &Machine, args: &SimArgs) -> Result<SimSettings, String> {
+    let period_ns = machine
+        .period_ns(machine.rate)
+        .map_err(|error| error.to_string())?;
+    let increments = machine.increments();
+    let mut settings = SimSettings::usual("", period_ns);
+    settings.bridge_cycles = args.bridge_cycles;
+    settings.absolute = args.absolute;
+    for axis in &machine.axes {
+        let index = axis.letter.index();
+        let range = axis.travel_max - axis.travel_min;
+        let homing = machine.homing.iter().find(|homing| homing.axis == axis.letter);
+        settings.axes.push(SimAxis {
+            axis: index,
+            max_velocity: axis.max_velocity,
+            max_acceleration: axis.max_acceleration,
+            max_jerk: axis.max_jerk,
+            travel_min: axis.travel_min,
+            travel_max: axis.travel_max,
+            start: axis.home,
+            reference_offset: args.reference_offset,
+            home_switch: homing.map_or(axis.travel_min + 0.02 * range, |homing| homing.switch_position),
+            home_switch_is_below: homing.is_none_or(|homing| homing.negative),
+            encoder_step: 0.1 / increments[index].max(1e-3),
+            servo: ServoSettings {
+                natural_frequency_hz: args.frequency,
+                damping: args.damping,
+                feed_forward: 0.9,
+                strongest: 2.0 * axis.max_acceleration,
+            },
+        });
+        settings.sync_tolerance = settings.sync_tolerance.min(axis.following_error);
+    }
+    Ok(settings)
+}
+
+fn test(args: &TestArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Ending, CommandError> {
+    let wanted = |name: &str| args.only.as_deref().is_none_or(|word| name.contains(word));
+    let cases: Vec<_> = CASES.iter().filter(|case| wanted(case.name)).collect();
+    if cases.is_empty() {
+        return Err(CommandError::Usage(
+            "no case has such a name: see --list".to_owned(),
+        ));
+    }
+    if args.list {
+        for case in cases {
+            written(writeln!(out, "{:<16} {}", case.name, case.demand))?;
+        }
+        return Ok(Ending::Clean);
+    }
+    let program = std::env::current_exe().ok();
+    let mut process;
+    let mut thread;
+    let mut command = args.command.clone();
+    if command.is_empty()
+        && let Some(program) = &program
+    {
+        command = [
+            "bridge",
+            "sim",
+            "--machine-name",
+            "{name}",
+            "--bus-prefix",
+            "{prefix}",
+        ]
+        .map(str::to_owned)
+        .to_vec();
+        command.insert(0, program.display().to_string());
+    }
+    let bridge: &mut dyn evolvent_bridge_test::BridgeUnderTest = if args.in_process {
+        thread = ThreadBridge::default();
+        &mut thread
+    } else {
+        process = ProcessBridge::new(command);
+        &mut process
+    };
+    let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
+    let seed = args
+        .seed
+        .unwrap_or_else(|| now.map_or(1, |since| since.as_nanos() as u64));
+    let mut stage = Stage {
+        bridge,
+        machine_name: "bridge-test".to_owned(),
+        prefix: format!("bt{}_", std::process::id()),
+        core_program: program,
+        seed: seed | 1,
+        moments: args.moments,
+    };
+    let mut results: Vec<Value> = Vec::new();
+    let mut failed = 0;
+    for case in cases {
+        let begin = Instant::now();
+        let result = run_case(case, &mut stage);
+        let (verdict, why) = match &result {
+            Ok(true) => ("passed", None),
+            Ok(false) => ("left out", None),
+            Err(error) => ("FAILED", Some(error.to_string())),
+        };
+        failed += u32::from(why.is_some());
+        let seconds = begin.elapsed().as_secs_f64();
+        if args.json {
+            results.push(json!({
+                "case": case.name,
+                "demand": case.demand,
+                "verdict": verdict.to_lowercase(),
+                "why": why,
+                "seconds": seconds,
+            }));
+        } else {
+            written(writeln!(
+                out,
+                "{verdict:<8}  {:<16} {} ({seconds:.1} s)",
+                case.name, case.demand
+            ))?;
+            if let Some(why) = why {
+                written(writeln!(out, "          {why}"))?;
+            }
+        }
+    }
+    if args.json {
+        written(writeln!(
+            out,
+            "{}",
+            json!({ "seed": seed, "failed": failed, "cases": results })
+        ))?;
+    } else if failed > 0 {
+        written(writeln!(
+            err,
+            "{failed} failed; --seed {seed} repeats the random moments"
+        ))?;
+    }
+    Ok(if failed == 0 {
+        Ending::Clean
+    } else {
+        Ending::Negative
+    })
+}

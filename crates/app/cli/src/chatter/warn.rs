@@ -1,0 +1,350 @@
+//! Warnings about cuts of a turning program that are predicted to vibrate.
+
+use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
+use std::io::{BufRead as _, BufReader, Write};
+use std::path::Path;
+
+use evolvent_chatter::{CuttingTool, MapCell, Mapper, OscillationCase, Verdict, nearest_stable};
+use evolvent_gcode::{Action, Command, Move, MoveKind, SpindleDirection};
+use evolvent_machine::MachineKind;
+use evolvent_path::AxisLetter;
+use evolvent_runtime::{Commands, Setup};
+use serde::Serialize;
+
+use super::{CaseLaws, laws, read_case};
+use crate::CommandError;
+
+/// Places along a move at which it is looked at: facing changes the speed.
+const PLACES: usize = 5;
+/// Different cuts that are computed; a program with more is looked at up to there.
+const MOST_CUTS: usize = 20_000;
+/// Different cuts that are warned of.
+const MOST_WARNINGS: usize = 1000;
+
+/// A cut that is predicted not to be stable.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(crate) struct Warning {
+    /// Line of the program.
+    pub(crate) line: u32,
+    /// `bistable`, `self-excited` or `out-of-model`.
+    pub(crate) verdict: &'static str,
+    /// Cutting speed, m/min.
+    pub(crate) speed_m_min: f64,
+    /// Spindle speed, rpm.
+    pub(crate) speed_rpm: f64,
+    /// Diameter that is cut, mm.
+    pub(crate) diameter_mm: f64,
+    /// Feed, mm/rev.
+    pub(crate) feed_mm_rev: f64,
+    /// Depth of cut, mm.
+    pub(crate) depth_mm: f64,
+    /// Where the depth is from.
+    pub(crate) depth_from: &'static str,
+    /// Amplitude of V2 on the largest stable cycle, mm; 0 where there is none within the model.
+    pub(crate) amplitude_mm: f64,
+    /// Nearest stable spindle speeds, slower and faster, rpm.
+    pub(crate) stable_rpm: [Option<f64>; 2],
+}
+
+impl Warning {
+    /// As one line of text.
+    pub(crate) fn text(&self, file_name: &str) -> String {
+        let what = match self.verdict {
+            "bistable" => "may be set vibrating by a blow",
+            "self-excited" => "is predicted to vibrate by itself",
+            _ => "is predicted to vibrate, beyond what the model can tell",
+        };
+        let stable: Vec<String> = self
+            .stable_rpm
+            .into_iter()
+            .flatten()
+            .map(|rpm| format!("{rpm:.0}"))
+            .collect();
+        let advice = if stable.is_empty() {
+            "no stable speed was found: change depth, feed or tool".to_owned()
+        } else {
+            format!("nearest stable spindle speeds: {} rpm", stable.join(" and "))
+        };
+        format!(
+            "{file_name}:{}: warning: this cut {what} at {:.0} rpm ({:.1} m/min on a diameter of {:.2} mm), {:.3} mm deep \
+             ({}), {:.3} mm/rev; {advice}",
+            self.line,
+            self.speed_rpm,
+            self.speed_m_min,
+            self.diameter_mm,
+            self.depth_mm,
+            self.depth_from,
+            self.feed_mm_rev
+        )
+    }
+}
+
+/// What was found, and what it rests on.
+pub(crate) struct Warnings {
+    pub(crate) found: Vec<Warning>,
+    assumptions: String,
+}
+
+impl Warnings {
+    /// Writes all to `err`, with what is assumed behind.
+    pub(crate) fn write(&self, err: &mut dyn Write, file_name: &str) {
+        // With standard error gone there is nobody left to tell.
+        for warning in &self.found {
+            let _ = writeln!(err, "{}", warning.text(file_name));
+        }
+        let _ = writeln!(err, "{file_name}: {}", self.assumptions);
+    }
+}
+
+/// Looks at every cut of a turning program. Errors of the program are left to who reports them.
+///
+/// # Errors
+/// `Usage` for a machine that is no lathe, or a case file that has no self-oscillation.
+pub(crate) fn warnings(program: &Path, setup: &Setup, case_file: &Path) -> Result<Warnings, CommandError> {
+    let usage = |what: &str| CommandError::Usage(format!("{}: {what}", case_file.display()));
+    if setup.machine.kind != MachineKind::Lathe {
+        return Err(usage(
+            "predictions of --process are for turning, and this machine is no lathe",
+        ));
+    }
+    let case = read_case(case_file)?;
+    let Some(asked) = &case.oscillation else {
+        return Err(usage(
+            "has no [cut], [force] and [tool], so nothing can be predicted with it",
+        ));
+    };
+    let case_laws = laws(case_file, asked)?;
+    let depths = cycle_depths(program);
+    let mut look = Look {
+        asked,
+        laws: &case_laws,
+        mapper: Mapper::new(asked.harmonics),
+        known: BTreeMap::new(),
+        found: BTreeMap::new(),
+    };
+    let mut spindle = Spindle::Still;
+    let commands = Commands::open(program, setup).map_err(|error| CommandError::Failed(error.to_string()))?;
+    for command in commands.map_while(Result::ok) {
+        let Command { line, action, .. } = command;
+        match action {
+            Action::Spindle { direction, speed_rpm } => {
+                spindle = match direction {
+                    SpindleDirection::Stopped => Spindle::Still,
+                    _ => Spindle::Turns(speed_rpm),
+                };
+            }
+            Action::SurfaceSpeed {
+                direction,
+                metres_per_minute,
+                max_rpm,
+            } => {
+                spindle = match direction {
+                    SpindleDirection::Stopped => Spindle::Still,
+                    _ => Spindle::Surface(metres_per_minute, max_rpm),
+                };
+            }
+            Action::Move(motion) if motion.kind == MoveKind::Feed => {
+                look.at(line, &motion, spindle, depths.get(&line).copied());
+            }
+            _ => {}
+        }
+    }
+    let found: Vec<Warning> = look.found.into_values().collect();
+    Ok(Warnings {
+        assumptions: format!(
+            "{} lines with cuts that are predicted to vibrate; assumed: force law {} ({}), {}, no regeneration, depth from G82 D \
+             or G75 K where there is one and else {} mm, diameter {}",
+            found.len(),
+            case_laws.definition.name,
+            case_laws.definition.description,
+            case_laws.radial_text(asked),
+            asked.tool.depth_mm,
+            match asked.diameter_mm {
+                Some(diameter) => format!("{diameter} mm everywhere (process file)"),
+                None => "twice X in machine coordinates".to_owned(),
+            }
+        ),
+        found,
+    })
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Spindle {
+    Still,
+    Turns(f64),
+    /// m/min, most rpm.
+    Surface(f64, f64),
+}
+
+struct Look<'a> {
+    asked: &'a OscillationCase,
+    laws: &'a CaseLaws,
+    mapper: Mapper,
+    /// Cuts that were computed: speed, depth and feed, in parts of a thousand.
+    known: BTreeMap<[i64; 3], MapCell>,
+    /// The worst of each line.
+    found: BTreeMap<u32, Warning>,
+}
+
+impl Look<'_> {
+    fn at(&mut self, line: u32, motion: &Move, spindle: Spindle, cycle_depth: Option<f64>) {
+        let (from, to) = (motion.curve.start(), motion.curve.end());
+        let x = AxisLetter::X.index();
+        for k in 0..PLACES {
+            let radius = from[x] + (to[x] - from[x]) * k as f64 / (PLACES - 1) as f64;
+            let diameter_mm = self.asked.diameter_mm.unwrap_or(2.0 * radius.abs());
+            let around = std::f64::consts::PI * diameter_mm / 1000.0;
+            let speed_rpm = match spindle {
+                Spindle::Turns(rpm) => rpm,
+                Spindle::Surface(speed, most) => (speed / around.max(1e-9)).min(most),
+                Spindle::Still => return,
+            };
+            // A drill on the axis, a crawl: no cut that this model knows.
+            let speed_m_min = around * speed_rpm;
+            let feed_mm_rev = 60.0 * motion.feed / speed_rpm;
+            if !(speed_m_min > self.asked.tool.floor_m_min && feed_mm_rev.is_finite() && feed_mm_rev > 1e-4) {
+                continue;
+            }
+            let depth_mm = cycle_depth.unwrap_or(self.asked.tool.depth_mm);
+            let tool = CuttingTool {
+                speed_m_min,
+                depth_mm,
+                feed_mm_rev,
+                radial_ratio: self
+                    .asked
+                    .radial_ratio
+                    .unwrap_or_else(|| self.laws.law.radial_ratio()),
+                ..self.asked.tool
+            };
+            let Some(cell) = self.cell(tool) else { return };
+            let verdict = match cell.verdict {
+                Some(Verdict::Stable) | None => continue,
+                Some(verdict) => verdict,
+            };
+            let worse = self
+                .found
+                .get(&line)
+                .is_none_or(|known| 1e3 * cell.amplitude_m > known.amplitude_mm * 1.001 + 1e-9);
+            if !worse || (self.found.len() >= MOST_WARNINGS && !self.found.contains_key(&line)) {
+                continue;
+            }
+            let range = [1.01 * tool.floor_m_min, 10.0 * tool.speed_m_min];
+            let stable = nearest_stable(&mut self.mapper, tool, self.laws.laws(), range);
+            self.found.insert(
+                line,
+                Warning {
+                    line,
+                    verdict: verdict.as_str(),
+                    speed_m_min,
+                    speed_rpm,
+                    diameter_mm,
+                    feed_mm_rev,
+                    depth_mm,
+                    depth_from: if cycle_depth.is_some() {
+                        "of the cycle"
+                    } else {
+                        "of the process file"
+                    },
+                    amplitude_mm: 1e3 * cell.amplitude_m,
+                    // Rounded away from the border.
+                    stable_rpm: [
+                        stable[0].map(|speed| (speed / around).floor()),
+                        stable[1].map(|speed| (speed / around).ceil()),
+                    ],
+                },
+            );
+        }
+    }
+
+    /// The prediction of a cut, computed once for cuts that are alike to a thousandth.
+    fn cell(&mut self, tool: CuttingTool) -> Option<MapCell> {
+        let part = |value: f64| (1000.0 * value.ln()).round() as i64;
+        let key = [
+            part(tool.speed_m_min),
+            part(tool.depth_mm),
+            part(tool.feed_mm_rev),
+        ];
+        let room = self.known.len() < MOST_CUTS;
+        match self.known.entry(key) {
+            Entry::Occupied(known) => Some(*known.get()),
+            Entry::Vacant(place) if room => Some(*place.insert(self.mapper.cell(tool, self.laws.laws()))),
+            Entry::Vacant(_) => None,
+        }
+    }
+}
+
+/// Depths of a pass, mm, that lines with G82 D or G75 K give as plain numbers; none in a program that speaks of inches.
+fn cycle_depths(program: &Path) -> BTreeMap<u32, f64> {
+    let mut depths = BTreeMap::new();
+    let Ok(file) = std::fs::File::open(program) else {
+        return depths;
+    };
+    let mut reader = BufReader::new(file);
+    let mut line = Vec::new();
+    for number in 1.. {
+        line.clear();
+        if !matches!(reader.read_until(b'\n', &mut line), Ok(read) if read > 0) {
+            break;
+        }
+        let words = words_of(&line);
+        let has = |letter: char, value: f64| words.contains(&(letter, value));
+        if has('G', 20.0) {
+            return BTreeMap::new();
+        }
+        let letter = if has('G', 82.0) {
+            'D'
+        } else if has('G', 75.0) {
+            'K'
+        } else {
+            continue;
+        };
+        let depth = words.iter().find(|word| word.0 == letter).map(|word| word.1);
+        if let Some(depth) = depth.filter(|depth| (1e-4..1e3).contains(depth)) {
+            depths.insert(number, depth);
+        }
+    }
+    depths
+}
+
+/// Words of a line with plain numbers; comments and formulas are passed over.
+fn words_of(line: &[u8]) -> Vec<(char, f64)> {
+    let mut words = Vec::new();
+    let mut in_comment = false;
+    let mut at = 0;
+    while let Some(&byte) = line.get(at) {
+        at += 1;
+        match byte {
+            b';' if !in_comment => break,
+            b'(' => in_comment = true,
+            b')' => in_comment = false,
+            _ if in_comment || !byte.is_ascii_alphabetic() => {}
+            _ => {
+                let digits: String = line[at..]
+                    .iter()
+                    .map(|byte| char::from(*byte))
+                    .filter(|c| !c.is_whitespace())
+                    .take_while(|c| c.is_ascii_digit() || matches!(c, '.' | '-' | '+'))
+                    .collect();
+                if let Ok(value) = digits.parse() {
+                    words.push((char::from(byte.to_ascii_uppercase()), value));
+                }
+            }
+        }
+    }
+    words
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_are_read_without_comments_and_formulas() {
+        assert_eq!(
+            words_of(b"n10 g82 X40 (D9) z-.5 D 2.5 K[1+1] ; G20"),
+            [('N', 10.0), ('G', 82.0), ('X', 40.0), ('Z', -0.5), ('D', 2.5)]
+        );
+        assert!(words_of(b"(unfinished G20").is_empty());
+    }
+}

@@ -1,0 +1,166 @@
+//! `evolvent check`: what is wrong with a program, without moving anything.
+
+use std::io::{self, IsTerminal, Write};
+use std::path::PathBuf;
+
+use clap::Args;
+use evolvent_runtime::{CheckBounds, Checked, Clock};
+
+use crate::chatter::{Warning, warnings};
+use crate::process;
+use crate::program::ProgramArgs;
+use crate::{CommandError, Ending};
+
+/// Options of `evolvent check`.
+#[derive(Debug, Args)]
+pub(crate) struct CheckArgs {
+    #[command(flatten)]
+    program: ProgramArgs,
+    /// Stop after so many errors.
+    #[arg(long, value_name = "N", default_value_t = 50)]
+    limit: usize,
+    /// What the cut is like: a case file as of `evolvent chatter` warns of turning cuts that are predicted to vibrate; a file
+    /// as of `evolvent turn` lets cycles with Q1 find their passes. Once each.
+    #[arg(long, value_name = "FILE.toml")]
+    process: Vec<PathBuf>,
+    /// Print the errors as one JSON object, for editors.
+    #[arg(long)]
+    json: bool,
+}
+
+pub(crate) fn run(
+    args: &CheckArgs,
+    out: &mut dyn Write,
+    err: &mut dyn Write,
+) -> Result<Ending, CommandError> {
+    let mut setup = args.program.setup()?;
+    let case = process::sort_out(&mut setup, &args.process, Clock::Realtime)?;
+    let start = args.program.tell_start(&setup, err);
+    let file_name = args.program.program.display().to_string();
+    let limit = args.limit.max(1);
+    let found = evolvent_runtime::check(&args.program.program, &setup, CheckBounds::whole(limit)).map_err(
+        |error| CommandError::Usage(format!("{file_name}: {error}; name a readable part program")),
+    )?;
+    let chatter = match case {
+        Some(case) => Some(warnings(&args.program.program, &setup, case)?),
+        None => None,
+    };
+    if let Some(chatter) = chatter.as_ref().filter(|_| !args.json) {
+        chatter.write(err, &file_name);
+    }
+    let written = if args.json {
+        let chatter = chatter.as_ref().map_or(&[][..], |chatter| &chatter.found);
+        writeln!(out, "{}", to_json(&file_name, &found, chatter))
+    } else {
+        write_text(err, &file_name, &found, io::stderr().is_terminal())
+    };
+    written.map_err(|error| CommandError::Failed(format!("the errors cannot be written: {error}")))?;
+    Ok(if found.errors.is_empty() {
+        // A wrong program cannot begin in its middle either; that would say the same again.
+        start?;
+        Ending::Clean
+    } else {
+        Ending::Negative
+    })
+}
+
+/// Writes errors as a compiler would, each with its source line, and a last line that counts them.
+///
+/// # Errors
+/// `out` cannot be written.
+pub(crate) fn write_text(
+    out: &mut dyn Write,
+    file_name: &str,
+    found: &Checked,
+    colours: bool,
+) -> io::Result<()> {
+    for diagnostic in &found.errors {
+        let shown = if colours {
+            diagnostic.render_styled(file_name)
+        } else {
+            diagnostic.render(file_name)
+        };
+        writeln!(out, "{shown}\n")?;
+    }
+    for warning in &found.warnings {
+        let file = warning.file.as_deref().unwrap_or(file_name);
+        writeln!(out, "warning: {file}:{}: {}\n", warning.line, warning.message)?;
+    }
+    let count = match found.errors.len() {
+        0 => "no errors".to_owned(),
+        1 => "1 error".to_owned(),
+        count => format!("{count} errors"),
+    };
+    match found.up_to {
+        None => writeln!(out, "{file_name}: {count}"),
+        Some(line) => writeln!(
+            out,
+            "{file_name}: {count} up to line {line}; what comes then was not looked at"
+        ),
+    }
+}
+
+/// The errors as one JSON value for editors: `{"file", "errors": [{"code", "line", "column", "length", "message",
+/// "help", "source", "span", "calls"}], "warnings": [{"file", "line", "message"}], "up_to": line or null, "chatter": [...]}`.
+fn to_json(file_name: &str, found: &Checked, chatter: &[Warning]) -> serde_json::Value {
+    serde_json::json!({
+        "file": file_name,
+        "errors": found.errors,
+        "warnings": found.warnings,
+        "up_to": found.up_to,
+        "chatter": chatter,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use evolvent_gcode::{Interpreter, Settings};
+
+    use super::*;
+
+    fn errors(program: &str) -> Checked {
+        let errors = Interpreter::new(program.as_bytes(), Settings::default()).filter_map(Result::err);
+        Checked {
+            errors: errors.collect(),
+            warnings: Vec::new(),
+            up_to: None,
+        }
+    }
+
+    fn text(found: &Checked) -> String {
+        let mut out = Vec::new();
+        write_text(&mut out, "part.ngc", found, false).unwrap();
+        String::from_utf8(out).unwrap()
+    }
+
+    #[test]
+    fn text_shows_place_and_count() {
+        assert_eq!(text(&errors("G0 X1\nM2\n")), "part.ngc: no errors\n");
+        let one = text(&errors("G0 X1\nG6\n"));
+        assert!(
+            one.contains("part.ngc:2:1") && one.ends_with("part.ngc: 1 error\n"),
+            "{one}"
+        );
+        let two = text(&errors("G0 X1\nG6\nX?\nM2\n"));
+        assert!(two.ends_with("part.ngc: 2 errors\n"), "{two}");
+    }
+
+    #[test]
+    fn text_says_what_was_not_looked_at() {
+        let bounded = Checked {
+            up_to: Some(7),
+            ..errors("G0 X1\nM2\n")
+        };
+        let shown = text(&bounded);
+        assert!(shown.contains("no errors up to line 7; "), "{shown}");
+    }
+
+    #[test]
+    fn json_has_the_place_in_numbers() {
+        let json = to_json("part.ngc", &errors("G0 X1 Q2\n"), &[]);
+        assert_eq!(json["errors"][0]["code"], "G0307");
+        assert_eq!(json["errors"][0]["line"], 1);
+        assert_eq!(json["errors"][0]["column"], 7);
+        assert!(json["up_to"].is_null());
+    }
+}

@@ -1,0 +1,229 @@
+//! `evolvent doctor`: what can this host do, and what should be changed?
+
+use std::io::{self, Write};
+use std::time::Duration;
+
+use clap::Args;
+use evolvent_runtime::{BareLoopError, DoctorReport, Verdict, examine};
+use serde_json::{Value, json};
+
+use crate::CommandError;
+
+/// What this host can do for a real-time loop: scheduler, locked memory, timers, isolated cores, the bus; the lateness of
+/// wake-ups, measured; and what to change.
+///
+/// Run it as the user who runs the machine, on an otherwise idle host and again under the load that it will have.
+#[derive(Args, Debug)]
+pub(crate) struct DoctorArgs {
+    /// Rate of the measured loop, in Hz
+    #[arg(long, value_name = "HZ", default_value_t = 1000.0)]
+    pub(crate) rate: f64,
+    /// How long to measure, in seconds
+    #[arg(long, value_name = "N", default_value_t = 5.0)]
+    pub(crate) seconds: f64,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+/// Examines the host and writes the report to `out`, as a table or as one JSON object; what else there is to say goes to
+/// `err`. Takes as long as it measures.
+///
+/// # Errors
+/// `Usage` for a bad rate or duration, `Failed` where there is no thread to measure with or the output cannot be written.
+pub(crate) fn run(args: &DoctorArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<(), CommandError> {
+    let duration = Duration::try_from_secs_f64(args.seconds).map_err(|_| {
+        CommandError::Usage(
+            BareLoopError::Duration {
+                seconds: args.seconds,
+            }
+            .to_string(),
+        )
+    })?;
+    let written = |result: io::Result<()>| {
+        result.map_err(|error| CommandError::Failed(format!("the report cannot be written: {error}")))
+    };
+    written(writeln!(
+        err,
+        "measuring for {} s at {} Hz ...",
+        args.seconds, args.rate
+    ))?;
+    let report = examine(args.rate, duration).map_err(|error| match error {
+        BareLoopError::Rate { .. } | BareLoopError::Duration { .. } => CommandError::Usage(error.to_string()),
+        BareLoopError::Thread { .. } => CommandError::Failed(error.to_string()),
+    })?;
+    written(if args.json {
+        writeln!(out, "{}", to_json(&report))
+    } else {
+        write_table(&report, out)
+    })
+}
+
+fn to_json(report: &DoctorReport) -> Value {
+    let findings: Vec<Value> = report
+        .findings
+        .iter()
+        .map(|finding| {
+            json!({
+                "name": finding.name,
+                "value": finding.value,
+                "verdict": word(finding.verdict),
+                "advice": finding.advice,
+            })
+        })
+        .collect();
+    let lateness = &report.lateness;
+    json!({
+        "findings": findings,
+        "lateness": {
+            "rate_hz": lateness.rate_hz,
+            "period_ns": lateness.period_ns,
+            "cycles": lateness.cycles,
+            "p50_ns": lateness.p50_ns,
+            "p99_ns": lateness.p99_ns,
+            "p999_ns": lateness.p999_ns,
+            "max_ns": lateness.max_ns,
+            "over_period": lateness.over_period,
+            "fifo_priority": lateness.granted.priority,
+            "core": lateness.granted.core,
+            "memory_locked": lateness.granted.memory_locked,
+            "notes": lateness.granted.notes,
+        },
+    })
+}
+
+fn write_table(report: &DoctorReport, out: &mut dyn Write) -> io::Result<()> {
+    let width = report
+        .findings
+        .iter()
+        .map(|finding| finding.name.len())
+        .max()
+        .unwrap_or(0);
+    for finding in &report.findings {
+        writeln!(
+            out,
+            "{:<4}  {:<width$}  {}",
+            word(finding.verdict),
+            finding.name,
+            finding.value
+        )?;
+    }
+    let lateness = &report.lateness;
+    let us = |ns: u64| ns as f64 / 1e3;
+    writeln!(
+        out,
+        "\nwake-ups late by (us): half up to {:.1}, 99 % up to {:.1}, 99.9 % up to {:.1}, the latest {:.1}",
+        us(lateness.p50_ns),
+        us(lateness.p99_ns),
+        us(lateness.p999_ns),
+        us(lateness.max_ns)
+    )?;
+    for note in &lateness.granted.notes {
+        writeln!(out, "note: {note}")?;
+    }
+    let advised: Vec<_> = report
+        .findings
+        .iter()
+        .filter_map(|finding| Some((finding.name, finding.advice.as_deref()?)))
+        .collect();
+    if !advised.is_empty() {
+        writeln!(out, "\nwhat to change:")?;
+    }
+    for (name, advice) in advised {
+        writeln!(out, "  {name}: {advice}")?;
+    }
+    Ok(())
+}
+
+const fn word(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::Good => "good",
+        Verdict::Fair => "fair",
+        Verdict::Bad => "bad",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ran(args: &DoctorArgs) -> (Result<(), CommandError>, String) {
+        let mut out = Vec::new();
+        let result = run(args, &mut out, &mut io::sink());
+        (result, String::from_utf8(out).expect("UTF-8"))
+    }
+
+    #[test]
+    fn the_json_holds_every_finding_and_ordered_quantiles() {
+        let (result, text) = ran(&DoctorArgs {
+            rate: 1000.0,
+            seconds: 0.05,
+            json: true,
+        });
+        assert!(result.is_ok());
+        let report: Value = serde_json::from_str(&text).expect("one JSON object");
+        let names: Vec<&str> = report["findings"]
+            .as_array()
+            .expect("a list")
+            .iter()
+            .filter_map(|f| f["name"].as_str())
+            .collect();
+        for name in [
+            "kernel",
+            "preemption",
+            "isolated_cores",
+            "scheduler",
+            "locked_memory",
+            "bus",
+            "lateness",
+        ] {
+            assert!(names.contains(&name), "{name} is not among {names:?}");
+        }
+        let lateness = &report["lateness"];
+        assert_eq!(lateness["cycles"], 50);
+        let quantiles: Vec<u64> = ["p50_ns", "p99_ns", "p999_ns", "max_ns"]
+            .iter()
+            .filter_map(|key| lateness[key].as_u64())
+            .collect();
+        assert!(quantiles.len() == 4 && quantiles.is_sorted(), "{quantiles:?}");
+    }
+
+    #[test]
+    fn the_table_advises_on_all_that_is_not_good() {
+        let (result, text) = ran(&DoctorArgs {
+            rate: 500.0,
+            seconds: 0.05,
+            json: false,
+        });
+        assert!(result.is_ok());
+        let bad = text
+            .lines()
+            .filter(|line| line.starts_with("bad ") || line.starts_with("fair "))
+            .count();
+        let advised = text.lines().filter(|line| line.starts_with("  ")).count();
+        assert_eq!(advised, bad, "{text}");
+    }
+
+    #[test]
+    fn absurd_rates_and_durations_are_wrong_usage() {
+        for (rate, seconds) in [
+            (0.0, 1.0),
+            (f64::NAN, 1.0),
+            (1e9, 1.0),
+            (1e3, 0.0),
+            (1e3, -1.0),
+            (1e3, f64::NAN),
+            (1e3, 1e300),
+        ] {
+            let (result, _) = ran(&DoctorArgs {
+                rate,
+                seconds,
+                json: true,
+            });
+            assert!(
+                matches!(result, Err(CommandError::Usage(_))),
+                "{rate} Hz, {seconds} s"
+            );
+        }
+    }
+}

@@ -1,0 +1,248 @@
+//! What the program says on a line and around it.
+
+use std::collections::VecDeque;
+use std::fs::File;
+use std::io::{self, BufRead, BufReader};
+use std::path::Path;
+
+use evolvent_gcode::{Action, Move, MoveKind, PathMode};
+use evolvent_path::Curve;
+use evolvent_runtime::{Commands, ProgramError, Setup};
+use serde::Serialize;
+
+use crate::feeds::feed_word;
+
+/// Moves on each side whose lengths are looked at.
+const CHAIN: usize = 20;
+/// Longest source line that is shown, characters.
+const SHOWN: usize = 120;
+
+/// How a corner is taken.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum Corner {
+    /// G61: the exact path.
+    Exact,
+    /// G61.1: a stop after every move.
+    Stop,
+    /// G64 P, from the program.
+    Within(f64),
+    /// G64 without P: the machine file's tolerance.
+    WithinDefault(f64),
+}
+
+/// One move of the program.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(crate) struct Block {
+    pub(crate) line: u32,
+    /// "rapid", "line", "arc" ...
+    pub(crate) kind: &'static str,
+    pub(crate) length_mm: f64,
+    /// Programmed feed, at most the machine's; none on rapids.
+    pub(crate) feed_mm_min: Option<f64>,
+    pub(crate) corner_after: Corner,
+}
+
+/// The move before or after.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub(crate) struct Neighbour {
+    #[serde(flatten)]
+    pub(crate) block: Block,
+    /// Angle between the two moves; none where X, Y and Z do not move.
+    pub(crate) corner_degrees: Option<f64>,
+    /// What is done at rest in between, and on which line.
+    pub(crate) rest: Option<(u32, String)>,
+    /// Mean length of the moves on that side, up to 20 of them.
+    pub(crate) mean_length_mm: f64,
+}
+
+/// A line and what surrounds it.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub(crate) struct Surroundings {
+    /// The source text.
+    pub(crate) text: String,
+    /// Lines of the program.
+    pub(crate) lines: u32,
+    /// The moves of the line in its first pass.
+    pub(crate) moves: Vec<Block>,
+    pub(crate) before: Option<Neighbour>,
+    pub(crate) after: Option<Neighbour>,
+    /// Nearest lines with motion.
+    pub(crate) nearest: (Option<u32>, Option<u32>),
+}
+
+impl Surroundings {
+    pub(crate) fn read(program: &Path, setup: &Setup, line: u32) -> Result<Self, ProgramError> {
+        let mut found = Self::default();
+        (found.text, found.lines) = source(program, line).map_err(|source| ProgramError::Read {
+            file: program.display().to_string(),
+            source,
+        })?;
+        let mut walk = Walk {
+            line,
+            default_mm: setup.machine.path.blend_tolerance_mm,
+            most: setup.machine.max_feed_mm_s,
+            ..Walk::default()
+        };
+        for command in Commands::open(program, setup)? {
+            // What is wrong with the program is reported by the run.
+            let Ok(command) = command else {
+                break;
+            };
+            match &command.action {
+                Action::Move(motion) => walk.step(&mut found, command.line, motion),
+                other => {
+                    if let Some(text) = at_rest(other) {
+                        walk.rest.get_or_insert((command.line, text));
+                    }
+                }
+            }
+        }
+        walk.end(&mut found);
+        Ok(found)
+    }
+}
+
+#[derive(Default)]
+struct Walk {
+    line: u32,
+    default_mm: f64,
+    most: Option<f64>,
+    before: VecDeque<f64>,
+    last: Option<(Block, Curve)>,
+    rest: Option<(u32, String)>,
+    after: Vec<f64>,
+    /// The first pass of the line is over.
+    over: bool,
+}
+
+impl Walk {
+    fn step(&mut self, found: &mut Surroundings, line: u32, motion: &Move) {
+        let (below, above) = &mut found.nearest;
+        if line < self.line {
+            *below = Some(below.map_or(line, |known| known.max(line)));
+        } else if line > self.line {
+            *above = Some(above.map_or(line, |known| known.min(line)));
+        }
+        let block = self.block(line, motion);
+        let rest = self.rest.take();
+        let length = block.length_mm;
+        if line == self.line && !self.over {
+            if found.moves.is_empty() {
+                found.before = self.last.take().map(|(before, curve)| Neighbour {
+                    block: before,
+                    corner_degrees: corner(&curve, &motion.curve),
+                    rest,
+                    mean_length_mm: mean(self.before.iter()),
+                });
+            }
+            found.moves.push(block.clone());
+        } else if !found.moves.is_empty() {
+            if !self.over {
+                found.after = self.last.as_ref().map(|(_, curve)| Neighbour {
+                    block: block.clone(),
+                    corner_degrees: corner(curve, &motion.curve),
+                    rest,
+                    mean_length_mm: 0.0,
+                });
+            }
+            self.over = true;
+            if self.after.len() < CHAIN {
+                self.after.push(length);
+            }
+        }
+        if self.before.len() == CHAIN {
+            self.before.pop_front();
+        }
+        self.before.push_back(length);
+        self.last = Some((block, motion.curve));
+    }
+
+    fn end(self, found: &mut Surroundings) {
+        if let Some(after) = &mut found.after {
+            after.mean_length_mm = mean(self.after.iter());
+        }
+    }
+
+    fn block(&self, line: u32, motion: &Move) -> Block {
+        Block {
+            line,
+            kind: match (motion.kind, &motion.curve) {
+                (MoveKind::Rapid, _) => "rapid",
+                (_, Curve::Line(_)) => "line",
+                (_, Curve::Arc(_)) => "arc",
+                (_, Curve::Involute(_)) => "involute",
+                _ => "curve",
+            },
+            length_mm: motion.curve.length(),
+            feed_mm_min: feed_word(motion, self.most).map(|feed| 60.0 * feed),
+            corner_after: match motion.path_mode {
+                PathMode::ExactPath => Corner::Exact,
+                PathMode::ExactStop => Corner::Stop,
+                PathMode::Blend { tolerance_mm, .. } => {
+                    tolerance_mm.map_or(Corner::WithinDefault(self.default_mm), Corner::Within)
+                }
+            },
+        }
+    }
+}
+
+fn mean<'a>(values: impl Iterator<Item = &'a f64>) -> f64 {
+    let (sum, count) = values.fold((0.0, 0.0), |(sum, count), value| (sum + value, count + 1.0));
+    if count > 0.0 { sum / count } else { 0.0 }
+}
+
+/// Angle between the end of one curve and the start of the next, degrees.
+fn corner(left: &Curve, right: &Curve) -> Option<f64> {
+    let (a, b) = (left.tangent(left.length()), right.tangent(0.0));
+    if !(a.norm() > 0.5 && b.norm() > 0.5) {
+        return None;
+    }
+    Some(a.cross(&b).norm().atan2(a.dot(&b)).to_degrees())
+}
+
+/// What the axes must stand still for.
+fn at_rest(action: &Action) -> Option<String> {
+    Some(match action {
+        Action::Dwell { seconds } => format!("a dwell of {seconds} s"),
+        Action::ChangeTool(tool) => format!("the change to tool {tool}"),
+        Action::Spindle { .. } => "a spindle command".to_owned(),
+        Action::Coolant { .. } => "a coolant command".to_owned(),
+        Action::ProgramStop { optional: false, .. } => "a program stop".to_owned(),
+        _ => return None,
+    })
+}
+
+/// The text of a line, and how many lines there are.
+fn source(program: &Path, line: u32) -> io::Result<(String, u32)> {
+    let mut reader = BufReader::with_capacity(256 * 1024, File::open(program)?);
+    let (mut text, mut lines, mut fresh) = (Vec::new(), 0_u32, true);
+    loop {
+        let chunk = reader.fill_buf()?;
+        if chunk.is_empty() {
+            break;
+        }
+        // A line may be as long as the file: only its beginning is kept.
+        let end = chunk.iter().position(|byte| *byte == b'\n');
+        let used = end.map_or(chunk.len(), |end| end + 1);
+        if fresh {
+            lines = lines.saturating_add(1);
+        }
+        if lines == line && text.len() < 4 * SHOWN {
+            text.extend(chunk.iter().take(used).take(4 * SHOWN));
+        }
+        fresh = end.is_some();
+        reader.consume(used);
+    }
+    let text = String::from_utf8_lossy(&text);
+    let mut shown: String = text
+        .trim()
+        .chars()
+        .filter(|c| !c.is_control())
+        .take(SHOWN)
+        .collect();
+    if text.trim().chars().count() > SHOWN {
+        shown.push('\u{2026}');
+    }
+    Ok((shown, lines))
+}

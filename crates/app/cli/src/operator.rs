@@ -1,0 +1,80 @@
+//! The person at the terminal: answers at program stops, and signals.
+
+use std::io;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::Duration;
+
+use evolvent_runtime::Controls;
+use rustix::process::getpgrp;
+use rustix::termios::{QueueSelector, tcflush, tcgetpgrp};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGTSTP};
+
+use crate::CommandError;
+
+/// How often signals are looked at.
+const SIGNAL_POLL: Duration = Duration::from_millis(5);
+/// Signals that follow the first within this are the same wish: `timeout` sends its own to the process and to its group.
+const SAME_WISH: Duration = Duration::from_millis(500);
+/// How often program stops are looked for.
+const ANSWER_POLL: Duration = Duration::from_millis(20);
+
+/// SIGINT, SIGTERM and a terminal that goes away stop within the limits; a second SIGINT or SIGTERM, [`SAME_WISH`] later or more,
+/// ends the process at once. Ctrl-Z does nothing, because it would freeze the axes wherever they are.
+pub(crate) fn watch_signals(controls: &Arc<Controls>) -> Result<(), CommandError> {
+    let (signalled, ends) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicBool::new(false)));
+    let register = || {
+        for signal in [SIGINT, SIGTERM] {
+            signal_hook::flag::register_conditional_shutdown(signal, 1, Arc::clone(&ends))?;
+            signal_hook::flag::register(signal, Arc::clone(&signalled))?;
+        }
+        // Shells and kernels may both send it: a second one is no second wish.
+        signal_hook::flag::register(SIGHUP, Arc::clone(&signalled))?;
+        signal_hook::flag::register(SIGTSTP, Arc::new(AtomicBool::new(false)))
+    };
+    register().map_err(|error| CommandError::Failed(format!("signals cannot be caught: {error}")))?;
+    let controls = Arc::clone(controls);
+    thread::spawn(move || {
+        while !signalled.load(Ordering::Relaxed) {
+            thread::sleep(SIGNAL_POLL);
+        }
+        controls.stop();
+        thread::sleep(SAME_WISH);
+        ends.store(true, Ordering::Relaxed);
+    });
+    Ok(())
+}
+
+/// Goes on after a program stop when Enter is pressed.
+///
+/// The terminal is read at program stops only, and only in the foreground: the system halts a background process
+/// that reads its terminal, and the axes with it. What was typed before the stop is no answer to it.
+pub(crate) fn resume_on_enter(controls: &Arc<Controls>) {
+    let controls = Arc::clone(controls);
+    thread::spawn(move || {
+        let mut answered = None;
+        loop {
+            thread::sleep(ANSWER_POLL);
+            let progress = controls.progress();
+            let is_new = answered != Some(progress.resumes);
+            if !(progress.at_program_stop && is_new && is_in_foreground()) {
+                continue;
+            }
+            // Without this an answer typed too early counts; nothing worse.
+            let _kept = tcflush(io::stdin(), QueueSelector::IFlush);
+            match io::stdin().read_line(&mut String::new()) {
+                Ok(bytes) if bytes > 0 => {
+                    answered = Some(progress.resumes);
+                    controls.resume();
+                }
+                // The terminal has gone.
+                _ => return,
+            }
+        }
+    });
+}
+
+fn is_in_foreground() -> bool {
+    tcgetpgrp(io::stdin()).is_ok_and(|group| group == getpgrp())
+}

@@ -1,0 +1,339 @@
+//! `evolvent plan`: the same code as a run, with the virtual clock and nobody listening.
+
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use clap::Args;
+use evolvent_machine::{Machine, rate_for};
+use evolvent_motion::Setpoint;
+use evolvent_runtime::{Clock, Controls, Job, RunOutcome};
+use serde::Serialize;
+
+use crate::chatter::{Warning, warnings};
+use crate::explain::{Explanation, Surroundings, Watch, remedies};
+use crate::feeds::Feeds;
+use crate::figure::PlanFigure;
+use crate::limiting::{Classifier, bend};
+use crate::process;
+use crate::program::{ProgramArgs, check_output, parse_override};
+use crate::rate::write_whole;
+use crate::run::report;
+use crate::screen::Screen;
+use crate::{CommandError, Ending};
+
+/// Options of `evolvent plan`.
+#[derive(Debug, Args)]
+pub(crate) struct PlanArgs {
+    #[command(flatten)]
+    program: ProgramArgs,
+    /// Write every setpoint as CSV: time, position, velocity, acceleration and jerk of every axis.
+    #[arg(long, value_name = "FILE.csv")]
+    setpoints: Option<PathBuf>,
+    /// Draw the path coloured by feed and by what limits it, and feed, velocity, acceleration and jerk over time.
+    #[arg(long, value_name = "FILE.svg")]
+    plot: Option<PathBuf>,
+    /// Say why the machine is slow on this line of the program, and what would help (plans again to find out).
+    #[arg(long, value_name = "LINE", value_parser = clap::value_parser!(u32).range(1..))]
+    explain: Option<u32>,
+    /// Feed override in percent, 1 to 200.
+    #[arg(long = "override", value_name = "PCT", value_parser = parse_override, default_value = "100")]
+    feed_override: f64,
+    /// What the cut is like: a case file as of `evolvent chatter` warns of turning cuts that are predicted to vibrate; a file
+    /// as of `evolvent turn` lets cycles with Q1 find their passes, on its stock. Once each.
+    #[arg(long, value_name = "FILE.toml")]
+    process: Vec<PathBuf>,
+    /// Print the plan as one JSON object.
+    #[arg(long)]
+    json: bool,
+}
+
+/// What the plan of a program needs of the control rate, equation (4) over the planned feed and the true curvature.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+struct NeededRate {
+    /// The rate that keeps the permitted chord error along this plan.
+    needed_rate_hz: f64,
+    /// Where the plan needs it: program line.
+    needed_at_line: u32,
+    /// Radius of curvature there; 0 where nothing curves.
+    needed_at_radius_mm: f64,
+    /// Feed there.
+    needed_at_feed_mm_min: f64,
+}
+
+pub(crate) fn run(args: &PlanArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Ending, CommandError> {
+    let mut setup = args.program.setup()?;
+    let case = process::sort_out(&mut setup, &args.process, Clock::Virtual)?;
+    check_outputs(args)?;
+    args.program.tell_start(&setup, err)?;
+    let machine = setup.machine.clone();
+    let period_s = setup.period_ns as f64 * 1e-9;
+    let chatter = match case {
+        Some(case) => Some(warnings(&args.program.program, &setup, case)?),
+        None => None,
+    };
+    if let Some(chatter) = chatter.as_ref().filter(|_| !args.json) {
+        chatter.write(err, &args.program.program.display().to_string());
+    }
+    let job = Job {
+        program: args.program.program.clone(),
+        setup,
+        clock: Clock::Virtual,
+        feed_override: args.feed_override,
+        trace: None,
+        bus: false,
+        bus_prefix: None,
+        wait_for_subscribers: 0,
+        optional_stop: false,
+        stop_at_program_stops: false,
+    };
+    let mut table = match &args.setpoints {
+        Some(path) => Some(Table::create(path, &machine)?),
+        None => None,
+    };
+    let mut figure = args.plot.as_ref().map(|_| PlanFigure::new(&machine, period_s));
+    let mut watch = match args.explain {
+        Some(line) => Some(start_watch(line, &job, &machine, period_s)?),
+        None => None,
+    };
+    let mut feeds = match (&args.plot, args.explain) {
+        (None, None) => None,
+        _ => Some(open_feeds(&job)?),
+    };
+    let classifier = Classifier::new(&machine, period_s);
+    let mut needed = NeededRate::default();
+    let mut failure: Option<io::Error> = None;
+    let controls = Arc::new(Controls::new(args.feed_override));
+    let mut screen = Screen::new(&job.program, args.json, false);
+    let result = evolvent_runtime::run(&job, &controls, &mut screen, |setpoint| {
+        needed.see(setpoint, &machine);
+        let word = feeds.as_mut().and_then(|feeds| feeds.of_block(setpoint.block));
+        if let Some(figure) = &mut figure {
+            figure.see(setpoint, word, classifier.classify(setpoint, word));
+        }
+        if let Some((watch, _)) = &mut watch {
+            watch.see(setpoint, word);
+        }
+        if let Some(table) = &mut table
+            && failure.is_none()
+        {
+            failure = table.write(setpoint, period_s).err();
+        }
+    });
+    screen.finish();
+    let outcome = result.map_err(|error| CommandError::Failed(error.to_string()))?;
+    if let Some(table) = table {
+        table.finish(failure)?;
+    }
+    if let (Some(figure), Some(path)) = (&figure, &args.plot) {
+        let summary = &outcome.summary;
+        let svg = figure.svg(&format!("{} on {}", summary.program, summary.machine));
+        write_whole(path, svg.as_bytes())
+            .map_err(|error| CommandError::Failed(format!("{}: {error}", path.display())))?;
+    }
+    let explanation = match (args.explain, watch) {
+        (Some(line), Some((watch, program))) => Some(explain(line, program, watch, &job, &outcome)),
+        _ => None,
+    };
+    let lost = |error: io::Error| CommandError::Failed(format!("the plan cannot be written: {error}"));
+    if args.json {
+        let text = merge(
+            &outcome.summary,
+            &needed,
+            explanation.as_ref(),
+            chatter.as_ref().map_or(&[][..], |chatter| &chatter.found),
+        )
+        .map_err(io::Error::from);
+        text.and_then(|text| writeln!(out, "{text}")).map_err(lost)?;
+        return report(true, &outcome, &mut io::sink(), err);
+    }
+    if let Some(explanation) = explanation {
+        write!(out, "{explanation}").map_err(lost)?;
+        return report(true, &outcome, &mut io::sink(), err);
+    }
+    let ending = report(false, &outcome, out, err)?;
+    needed.write(out).map_err(lost)?;
+    Ok(ending)
+}
+
+/// Reads what the program says around the line.
+fn start_watch(
+    line: u32,
+    job: &Job,
+    machine: &Machine,
+    period_s: f64,
+) -> Result<(Watch, Surroundings), CommandError> {
+    let program = Surroundings::read(&job.program, &job.setup, line)
+        .map_err(|error| CommandError::Failed(error.to_string()))?;
+    if line > program.lines {
+        return Err(CommandError::Usage(format!(
+            "{} has {} lines; there is no line {line} to explain",
+            job.program.display(),
+            program.lines
+        )));
+    }
+    Ok((Watch::new(line, machine, period_s), program))
+}
+
+fn explain(line: u32, program: Surroundings, watch: Watch, job: &Job, outcome: &RunOutcome) -> Explanation {
+    // Nothing can be compared with a plan that failed.
+    let whole = outcome.program.is_ok() && outcome.fault.is_none() && !watch.is_empty();
+    let seen = watch.finish();
+    let measured = if whole {
+        remedies(job, line, &program, &seen)
+    } else {
+        Vec::new()
+    };
+    Explanation::new(line, program, seen, measured)
+}
+
+/// Neither output may be an input, nor the other output, nor may the table while it is unfinished.
+fn check_outputs(args: &PlanArgs) -> Result<(), CommandError> {
+    let part = args.setpoints.as_deref().map(part_of);
+    for output in args.setpoints.iter().chain(&args.plot).chain(&part) {
+        check_output(output, &args.program)?;
+    }
+    match (&args.setpoints, &args.plot) {
+        (Some(table), Some(plot)) if table == plot => Err(CommandError::Usage(format!(
+            "{} is to hold the setpoints and the picture; name two files",
+            plot.display()
+        ))),
+        _ => Ok(()),
+    }
+}
+
+/// Where a table is written until it is complete.
+fn part_of(path: &Path) -> PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    name.push(".part");
+    PathBuf::from(name)
+}
+
+/// The feed words of the job's program.
+fn open_feeds(job: &Job) -> Result<Feeds, CommandError> {
+    Feeds::open(&job.program, &job.setup).map_err(|error| CommandError::Failed(error.to_string()))
+}
+
+/// The summary's JSON with the rate's fields, the warnings and the explanation.
+fn merge(
+    summary: &evolvent_runtime::Summary,
+    needed: &NeededRate,
+    explanation: Option<&Explanation>,
+    chatter: &[Warning],
+) -> serde_json::Result<String> {
+    let mut object = serde_json::to_value(summary)?;
+    if let (Some(object), serde_json::Value::Object(more)) =
+        (object.as_object_mut(), serde_json::to_value(needed)?)
+    {
+        object.extend(more);
+        object.insert("warnings".to_owned(), serde_json::to_value(&summary.notes)?);
+        object.insert("chatter".to_owned(), serde_json::to_value(chatter)?);
+        if let Some(explanation) = explanation {
+            object.insert("explanation".to_owned(), serde_json::to_value(explanation)?);
+        }
+    }
+    serde_json::to_string(&object)
+}
+
+impl NeededRate {
+    fn see(&mut self, setpoint: &Setpoint, machine: &Machine) {
+        let (speed, curvature) = bend(setpoint);
+        if curvature <= 0.0 {
+            return;
+        }
+        let radius = 1.0 / curvature;
+        let rate = rate_for(
+            speed,
+            radius,
+            machine.increments_per_mm,
+            machine.path.chord_error_increments,
+        );
+        if rate > self.needed_rate_hz && rate.is_finite() {
+            *self = Self {
+                needed_rate_hz: rate,
+                needed_at_line: setpoint.line,
+                needed_at_radius_mm: radius,
+                needed_at_feed_mm_min: 60.0 * speed,
+            };
+        }
+    }
+
+    fn write(&self, out: &mut dyn Write) -> io::Result<()> {
+        if self.needed_rate_hz <= 0.0 {
+            return writeln!(out, "  any control rate will do: nothing in this program curves");
+        }
+        writeln!(
+            out,
+            "  this plan needs a control rate of {:.2} Hz: line {}, radius {:.4} mm at {:.1} mm/min",
+            self.needed_rate_hz, self.needed_at_line, self.needed_at_radius_mm, self.needed_at_feed_mm_min
+        )
+    }
+}
+
+/// Setpoints as CSV; the file gets its name only when it is complete.
+struct Table {
+    out: BufWriter<File>,
+    part: PathBuf,
+    path: PathBuf,
+    axes: Vec<usize>,
+}
+
+impl Table {
+    fn create(path: &Path, machine: &Machine) -> Result<Self, CommandError> {
+        let part = part_of(path);
+        let fail = |error: io::Error| CommandError::Failed(format!("{}: {error}", part.display()));
+        let mut out = BufWriter::with_capacity(1 << 20, File::create(&part).map_err(fail)?);
+        let mut head = "sequence,time_s,line,path_mm,feed_mm_s".to_owned();
+        for order in ["", "'", "''", "'''"] {
+            for axis in &machine.axes {
+                let unit = if axis.letter.is_rotary() { "deg" } else { "mm" };
+                let per = ["", "_s", "_s2", "_s3"][order.len()];
+                head.push_str(&format!(",{}{order}_{unit}{per}", axis.letter.letter()));
+            }
+        }
+        writeln!(out, "{head}").map_err(fail)?;
+        let axes = machine.axes.iter().map(|axis| axis.letter.index()).collect();
+        Ok(Self {
+            out,
+            part: part.clone(),
+            path: path.to_owned(),
+            axes,
+        })
+    }
+
+    fn write(&mut self, setpoint: &Setpoint, period_s: f64) -> io::Result<()> {
+        let time = (setpoint.sequence + 1) as f64 * period_s;
+        write!(
+            self.out,
+            "{},{time},{},{},{}",
+            setpoint.sequence, setpoint.line, setpoint.path_mm, setpoint.feed_mm_s
+        )?;
+        for values in [
+            &setpoint.position,
+            &setpoint.velocity,
+            &setpoint.acceleration,
+            &setpoint.jerk,
+        ] {
+            for &axis in &self.axes {
+                write!(self.out, ",{}", values[axis])?;
+            }
+        }
+        writeln!(self.out)
+    }
+
+    fn finish(mut self, failure: Option<io::Error>) -> Result<(), CommandError> {
+        let done = match failure {
+            Some(error) => Err(error),
+            None => self
+                .out
+                .flush()
+                .and_then(|()| std::fs::rename(&self.part, &self.path)),
+        };
+        done.map_err(|error| {
+            // Half a table would be read as a whole one.
+            drop(std::fs::remove_file(&self.part));
+            CommandError::Failed(format!("{}: {error}", self.path.display()))
+        })
+    }
+}

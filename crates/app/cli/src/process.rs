@@ -1,0 +1,104 @@
+//! Process files: what a cut is like, for turning cycles that find their passes.
+
+use std::io::Read as _;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use evolvent_runtime::{Clock, Setup};
+use evolvent_turning::Job;
+
+use crate::CommandError;
+
+/// Longest process file, bytes.
+const MAX_FILE_BYTES: u64 = 1 << 20;
+
+/// Reads and checks a process file.
+///
+/// # Errors
+/// A file that cannot be read, or does not make sense.
+pub(crate) fn read(file: &Path) -> Result<Job, CommandError> {
+    let text = text_of(file)?;
+    Job::parse(&text, &file.display().to_string()).map_err(|error| CommandError::Usage(error.to_string()))
+}
+
+fn text_of(file: &Path) -> Result<String, CommandError> {
+    let usage = |what: String| CommandError::Usage(format!("{}: {what}", file.display()));
+    let mut bytes = Vec::new();
+    std::fs::File::open(file)
+        .and_then(|opened| opened.take(MAX_FILE_BYTES + 1).read_to_end(&mut bytes))
+        .map_err(|error| usage(format!("cannot be read: {error}")))?;
+    if bytes.len() as u64 > MAX_FILE_BYTES {
+        return Err(usage(format!(
+            "longer than {MAX_FILE_BYTES} bytes: this is no process file"
+        )));
+    }
+    String::from_utf8(bytes).map_err(|_| usage("is not UTF-8".into()))
+}
+
+/// Puts a process file in, for a machine that moves.
+///
+/// # Errors
+/// As [`read`]; a machine whose load nobody measures, or with the virtual clock a file without stock.
+pub(crate) fn install_file(setup: &mut Setup, file: &Path, clock: Clock) -> Result<(), CommandError> {
+    let job = read(file)?;
+    install(setup, job, &file.display().to_string(), clock)
+}
+
+/// Puts a process in; `name` names it in errors.
+///
+/// # Errors
+/// A machine whose load nobody measures, or with the virtual clock a process without stock.
+pub(crate) fn install(setup: &mut Setup, job: Job, name: &str, clock: Clock) -> Result<(), CommandError> {
+    let usage = |what: &str| Err(CommandError::Usage(format!("{name}: {what}")));
+    if !setup.machine.program.load_channel {
+        return usage(
+            "passes are found from the cutting load, and nothing measures it on this machine: where something does, let its \
+             machine file say load_channel = true under [program]",
+        );
+    }
+    if clock == Clock::Virtual && job.blank.is_none() {
+        return usage(
+            "with the virtual clock the load is that of a simulated stock, and there is no [stock]: add one, or run in real \
+             time",
+        );
+    }
+    setup.process = Some(Arc::new(job));
+    Ok(())
+}
+
+/// Tells the files of `--process` apart, for commands that move nothing: a process file of turning cycles goes into the
+/// set-up, a case file of `evolvent chatter` is returned.
+///
+/// # Errors
+/// As [`read`]; two of a kind.
+pub(crate) fn sort_out<'a>(
+    setup: &mut Setup,
+    files: &'a [PathBuf],
+    clock: Clock,
+) -> Result<Option<&'a Path>, CommandError> {
+    let mut case = None;
+    for file in files {
+        // Only a process file of turning has feeds.
+        let is_turning = text_of(file)?
+            .lines()
+            .any(|line| line.trim_start().starts_with("[feed]"));
+        let is_second = if is_turning {
+            setup.process.is_some()
+        } else {
+            case.is_some()
+        };
+        if is_second {
+            return Err(CommandError::Usage(format!(
+                "{}: a second file of its kind; give --process once with a file as of `evolvent turn`, and once with a \
+                 case file as of `evolvent chatter`",
+                file.display()
+            )));
+        }
+        if is_turning {
+            install_file(setup, file, clock)?;
+        } else {
+            case = Some(file.as_path());
+        }
+    }
+    Ok(case)
+}

@@ -1,0 +1,264 @@
+//! Options that every command about a program shares.
+
+use std::io::Write;
+use std::os::unix::fs::MetadataExt as _;
+use std::path::{Path, PathBuf};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use clap::Args;
+use evolvent_gcode::StoreError;
+use evolvent_machine::{ControlRate, Machine, PlannerKind};
+use evolvent_runtime::{Commands, ProgramMemory, Setup};
+
+use crate::CommandError;
+
+/// A program on a machine.
+#[derive(Clone, Debug, Args)]
+pub(crate) struct ProgramArgs {
+    /// The part program (RS274/NGC).
+    pub(crate) program: PathBuf,
+    /// The machine file (TOML).
+    #[arg(long, value_name = "FILE")]
+    pub(crate) machine: PathBuf,
+    /// Control rate in Hz, or `rational`: what the machine's limits need. Default: the machine file's.
+    #[arg(long, value_name = "HZ", value_parser = parse_rate)]
+    pub(crate) rate: Option<ControlRate>,
+    /// Planner: `optimal` or `classic`. Default: the machine file's.
+    #[arg(long, value_name = "NAME", value_parser = parse_planner)]
+    pub(crate) planner: Option<PlannerKind>,
+    /// Begin at this line: what the lines before leave is worked out and shown, and the way there.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub(crate) start_line: Option<u32>,
+    /// Tool table in LinuxCNC's format, lengths in mm. Default: the machine file's.
+    #[arg(long, value_name = "FILE.tbl")]
+    pub(crate) tools: Option<PathBuf>,
+    /// Parameters and offsets that are kept from run to run, in LinuxCNC's format. Default: the machine file's.
+    #[arg(long, value_name = "FILE.var")]
+    pub(crate) parameters: Option<PathBuf>,
+    /// The tool that is in the spindle at the start: M6 with another one waits for a tool change.
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=99_999))]
+    pub(crate) tool: u32,
+    /// Skip lines that begin with `/` (block delete); without this they are executed.
+    #[arg(long)]
+    pub(crate) block_delete: bool,
+    /// Look for subroutines NAME.ngc in this folder too, after the program's own and before the machine file's.
+    #[arg(long, value_name = "FOLDER")]
+    pub(crate) subroutines: Vec<PathBuf>,
+}
+
+impl ProgramArgs {
+    /// Reads and checks the machine file; makes sure that the program is there.
+    pub(crate) fn setup(&self) -> Result<Setup, CommandError> {
+        let usage = |text: String| CommandError::Usage(text);
+        let mut machine = Machine::load(&self.machine).map_err(|error| usage(error.to_string()))?;
+        if let Some(planner) = self.planner {
+            machine.path.planner = planner;
+        }
+        let text = std::fs::read_to_string(&self.machine)
+            .map_err(|error| usage(format!("{}: {error}", self.machine.display())))?;
+        let readable = std::fs::metadata(&self.program).map_err(|error| {
+            usage(format!(
+                "{}: {error}; name a part program",
+                self.program.display()
+            ))
+        })?;
+        if readable.is_dir() {
+            return Err(usage(format!(
+                "{} is a folder; name a part program",
+                self.program.display()
+            )));
+        }
+        if !readable.is_file() {
+            return Err(usage(format!(
+                "{} is no ordinary file; a program is read more than once (for the trace, for messages), so save it to \
+                 a file first",
+                self.program.display()
+            )));
+        }
+        std::fs::File::open(&self.program).map_err(|error| {
+            usage(format!(
+                "{}: {error}; name a readable part program",
+                self.program.display()
+            ))
+        })?;
+        let mut setup = Setup::new(machine, self.machine.clone(), text, self.rate)
+            .map_err(|error| usage(error.to_string()))?;
+        setup.memory = self.memory(&setup.machine)?;
+        setup.start_line = self.start_line;
+        setup.tool = self.tool;
+        setup.block_delete = self.block_delete;
+        Ok(setup)
+    }
+
+    /// What programs find: as the machine file says, unless the command line does.
+    fn memory(&self, machine: &Machine) -> Result<ProgramMemory, CommandError> {
+        let usage = |error: StoreError| CommandError::Usage(error.to_string());
+        let mut machine = machine.clone();
+        if self.tools.is_some() {
+            machine.program.tool_table = None;
+        }
+        if self.parameters.is_some() {
+            machine.program.parameters = None;
+        }
+        let mut memory = ProgramMemory::of_machine(&machine, &self.machine).map_err(usage)?;
+        if let Some(file) = &self.tools {
+            memory.load_tools(file.clone()).map_err(usage)?;
+        }
+        if let Some(file) = &self.parameters {
+            memory.load_parameters(file.clone()).map_err(usage)?;
+        }
+        for folder in &self.subroutines {
+            if !folder.is_dir() {
+                return Err(CommandError::Usage(format!(
+                    "{} is no folder; name one with subroutines NAME.ngc",
+                    folder.display()
+                )));
+            }
+        }
+        memory.folders.splice(0..0, self.subroutines.iter().cloned());
+        Ok(memory)
+    }
+
+    /// Shows how a program begins in the middle, before anything moves.
+    pub(crate) fn tell_start(&self, setup: &Setup, err: &mut dyn Write) -> Result<(), CommandError> {
+        if self.start_line.is_none() {
+            return Ok(());
+        }
+        let commands =
+            Commands::open(&self.program, setup).map_err(|error| CommandError::Failed(error.to_string()))?;
+        if let Some(start) = commands.start() {
+            // With standard error gone there is nobody left to tell.
+            drop(writeln!(err, "{}", start.told()));
+        }
+        Ok(())
+    }
+}
+
+/// A machine without a program.
+pub(crate) fn load_setup(file: &Path, rate: Option<ControlRate>) -> Result<Setup, CommandError> {
+    let usage = |text: String| CommandError::Usage(text);
+    let machine = Machine::load(file).map_err(|error| usage(error.to_string()))?;
+    let text =
+        std::fs::read_to_string(file).map_err(|error| usage(format!("{}: {error}", file.display())))?;
+    Setup::new(machine, file.to_path_buf(), text, rate).map_err(|error| usage(error.to_string()))
+}
+
+pub(crate) fn parse_rate(text: &str) -> Result<ControlRate, String> {
+    if text.eq_ignore_ascii_case("rational") {
+        return Ok(ControlRate::Rational);
+    }
+    match text.parse::<f64>() {
+        Ok(hz) if hz.is_finite() && hz > 0.0 => Ok(ControlRate::Hz(hz)),
+        _ => Err("give a rate in Hz above 0, or `rational`".to_owned()),
+    }
+}
+
+fn parse_planner(text: &str) -> Result<PlannerKind, String> {
+    match text {
+        "optimal" => Ok(PlannerKind::Optimal),
+        "classic" => Ok(PlannerKind::Classic),
+        _ => Err("name `optimal` or `classic`".to_owned()),
+    }
+}
+
+/// Checks an override in percent and gives the factor.
+pub(crate) fn parse_override(text: &str) -> Result<f64, String> {
+    match text.trim_end_matches('%').parse::<f64>() {
+        // A run that starts at 0 would stand for ever: nobody could raise it.
+        Ok(percent) if (1.0..=200.0).contains(&percent) => Ok(percent / 100.0),
+        _ => Err("give a percentage from 1 to 200".to_owned()),
+    }
+}
+
+/// Refuses to write over a folder, the program or the machine file.
+pub(crate) fn check_output(output: &Path, inputs: &ProgramArgs) -> Result<(), CommandError> {
+    // What cannot be looked at does not exist yet. Links of both kinds lead to the same file.
+    let same = |input: &Path| match (std::fs::metadata(output), std::fs::metadata(input)) {
+        (Ok(output), Ok(input)) => output.dev() == input.dev() && output.ino() == input.ino(),
+        _ => false,
+    };
+    let what = if output.is_dir() {
+        "a folder"
+    } else if same(&inputs.program) {
+        "the program itself"
+    } else if same(&inputs.machine) {
+        "the machine file itself"
+    } else {
+        return Ok(());
+    };
+    Err(CommandError::Usage(format!(
+        "{} is {what}; name another file to write to",
+        output.display()
+    )))
+}
+
+/// Where a trace goes by default: `traces/NAME-TIME.mcap`, time in UTC.
+pub(crate) fn default_trace(program: &Path) -> PathBuf {
+    let name = program
+        .file_stem()
+        .map_or_else(|| "run".into(), |stem| stem.to_string_lossy());
+    let seconds = SystemTime::now()
+        .duration_since(UNIX_EPOCH)
+        .map_or(0, |since| since.as_secs());
+    let millis = SystemTime::now()
+        .duration_since(UNIX_EPOCH)
+        .map_or(0, |since| since.subsec_millis());
+    let (days, rest) = (seconds / 86_400, seconds % 86_400);
+    let (year, month, day) = civil_date(days);
+    let (hour, minute, second) = (rest / 3600, rest / 60 % 60, rest % 60);
+    PathBuf::from("traces").join(format!(
+        "{name}-{year:04}{month:02}{day:02}T{hour:02}{minute:02}{second:02}.{millis:03}Z.mcap"
+    ))
+}
+
+/// Date of the proleptic Gregorian calendar, days since 1970-01-01, by counting: called once a run.
+fn civil_date(mut days: u64) -> (u64, u64, u64) {
+    let leap = |year: u64| year.is_multiple_of(4) && (!year.is_multiple_of(100) || year.is_multiple_of(400));
+    let mut year = 1970;
+    while days >= 365 + u64::from(leap(year)) {
+        days -= 365 + u64::from(leap(year));
+        year += 1;
+    }
+    let february = 28 + u64::from(leap(year));
+    let mut month = 1;
+    for length in [31, february, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31] {
+        if days < length {
+            break;
+        }
+        days -= length;
+        month += 1;
+    }
+    (year, month, days + 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn dates_are_those_of_the_calendar() {
+        // `date -u -d @N`
+        assert_eq!(civil_date(0), (1970, 1, 1));
+        assert_eq!(civil_date(951_782_400 / 86_400), (2000, 2, 29));
+        assert_eq!(civil_date(1_795_219_200 / 86_400), (2026, 11, 21));
+        assert_eq!(civil_date(4_107_542_400 / 86_400), (2100, 3, 1));
+    }
+
+    #[test]
+    fn overrides_outside_1_to_200_percent_are_refused() {
+        assert_eq!(parse_override("150"), Ok(1.5));
+        assert_eq!(parse_override("1%"), Ok(0.01));
+        for bad in ["-1", "0", "0.9", "200.1", "nan", "inf", "fast", ""] {
+            assert!(parse_override(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn rates_are_positive_numbers_or_rational() {
+        assert_eq!(parse_rate("Rational"), Ok(ControlRate::Rational));
+        assert_eq!(parse_rate("1000"), Ok(ControlRate::Hz(1000.0)));
+        for bad in ["0", "-5", "nan", "inf", "quick"] {
+            assert!(parse_rate(bad).is_err(), "{bad}");
+        }
+    }
+}

@@ -1,0 +1,502 @@
+//! `evolvent rate`: how fast must the control loop run on this machine?
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use evolvent_machine::{
+    DEFAULT_MIN_RADIUS_MM, GRAVITY_MM_S2, MAX_RATE_HZ, MIN_RATE_HZ, Machine, RateInput, RationalRate,
+    figures_svg_of_axes, period_ns_of, rational_rate,
+};
+use serde_json::{Value, json};
+
+use crate::CommandError;
+use crate::rate_point::PointArgs;
+
+/// The rational control rate: what the machine's own limits need so that no chord between two setpoints misses a curve by
+/// more than the permitted error.
+///
+/// Give a machine file, or at least one of --acceleration-g, --jerk and --feed; what is not given does not limit. With
+/// --at-rate, --at-feed and --at-radius: step and chord error of one point, or the one of the three that is left out.
+#[derive(Args, Debug, Default)]
+pub(crate) struct RateArgs {
+    /// Machine file; the largest limits over its linear axes count
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["acceleration_g", "jerk", "feed"])]
+    pub(crate) machine: Option<PathBuf>,
+    /// Largest acceleration of an axis, in g (9.81 m/s2)
+    #[arg(long, value_name = "N")]
+    pub(crate) acceleration_g: Option<f64>,
+    /// Largest jerk of an axis, in m/s3
+    #[arg(long, value_name = "M_S3")]
+    pub(crate) jerk: Option<f64>,
+    /// Largest feed, in mm/min
+    #[arg(long, value_name = "MM_MIN")]
+    pub(crate) feed: Option<f64>,
+    /// Increments per millimetre (1000 is a grid of 1 um); default: the machine file's
+    #[arg(long, value_name = "K", required_unless_present = "machine")]
+    pub(crate) increments_per_mm: Option<f64>,
+    /// Permitted chord error, in increments; default: the machine file's, or 1
+    #[arg(long, value_name = "INCREMENTS")]
+    pub(crate) permitted_error: Option<f64>,
+    /// Smallest radius of curvature to allow for, in mm; default: the machine file's, or 0.25
+    #[arg(long, value_name = "MM")]
+    pub(crate) min_radius: Option<f64>,
+    #[command(flatten)]
+    pub(crate) point: PointArgs,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    pub(crate) json: bool,
+    /// Write permitted feed over radius (for each axis), rate over feed and rate over acceleration into one SVG file
+    #[arg(long, value_name = "FILE.svg")]
+    pub(crate) plot: Option<PathBuf>,
+}
+
+/// Computes the rate and writes it to `out`, as a table or as one JSON object; what else there is to say goes to `err`.
+///
+/// # Errors
+/// `Usage` for a bad machine file or bad numbers, `Failed` where output or picture cannot be written.
+pub(crate) fn run(args: &RateArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<(), CommandError> {
+    let machine = match &args.machine {
+        Some(file) => Some(Machine::load(file).map_err(|error| CommandError::Usage(error.to_string()))?),
+        None => None,
+    };
+    let input = input(args, machine.as_ref())?;
+    let point = if args.point.is_given() {
+        Some(args.point.point(&input)?)
+    } else {
+        None
+    };
+    let limits = [args.acceleration_g, args.jerk, args.feed];
+    if let Some(point) = point
+        && machine.is_none()
+        && limits.iter().all(Option::is_none)
+    {
+        let report = if args.json {
+            format!("{:#}\n", json!({ "point": point.json() }))
+        } else {
+            point.text()
+        };
+        return written(out, &report);
+    }
+    let rate = rational_rate(&input).map_err(|error| CommandError::Usage(error.to_string()))?;
+    let axes = machine
+        .as_ref()
+        .map(|machine| axis_rates(machine, &input))
+        .unwrap_or_default();
+    let name = machine
+        .as_ref()
+        .map_or("given limits", |machine| machine.name.as_str());
+    if let Some(file) = &args.plot {
+        check_svg_name(file)?;
+        let own = machine.as_ref().map(|machine| axis_inputs(machine, &input));
+        let svg = figures_svg_of_axes(&input, &own.unwrap_or_default(), name)
+            .map_err(|error| CommandError::Failed(error.to_string()))?;
+        write_whole(file, svg.as_bytes())
+            .map_err(|error| CommandError::Failed(format!("{}: cannot write: {error}", file.display())))?;
+        let _ = writeln!(err, "figures written to {}", file.display());
+    }
+    let report = if args.json {
+        let mut object = report_json(machine.as_ref(), &input, &rate, &axes);
+        if let Some(point) = point {
+            object["point"] = point.json();
+        }
+        format!("{object:#}\n")
+    } else {
+        let one = point.map_or_else(String::new, |point| point.text());
+        report_text(name, &input, &rate, &axes) + &one
+    };
+    written(out, &report)
+}
+
+fn written(out: &mut dyn Write, report: &str) -> Result<(), CommandError> {
+    out.write_all(report.as_bytes())
+        .and_then(|()| out.flush())
+        .map_err(|error| CommandError::Failed(format!("cannot write the result: {error}")))
+}
+
+fn input(args: &RateArgs, machine: Option<&Machine>) -> Result<RateInput, CommandError> {
+    let mut input = match machine {
+        Some(machine) => machine.rate_input(),
+        None => RateInput {
+            max_feed_mm_s: args.feed.map_or(f64::INFINITY, |feed| feed / 60.0),
+            acceleration_mm_s2: args.acceleration_g.map_or(f64::INFINITY, |n| n * GRAVITY_MM_S2),
+            jerk_mm_s3: args.jerk.map_or(f64::INFINITY, |jerk| jerk * 1000.0),
+            increments_per_mm: args.increments_per_mm.ok_or_else(|| {
+                CommandError::Usage("give --increments-per-mm, or a machine file with --machine".to_owned())
+            })?,
+            permitted_error_increments: 1.0,
+            min_radius_mm: DEFAULT_MIN_RADIUS_MM,
+        },
+    };
+    input.increments_per_mm = args.increments_per_mm.unwrap_or(input.increments_per_mm);
+    input.permitted_error_increments = args.permitted_error.unwrap_or(input.permitted_error_increments);
+    input.min_radius_mm = args.min_radius.unwrap_or(input.min_radius_mm);
+    Ok(input)
+}
+
+/// The limits of each linear axis alone.
+fn axis_inputs(machine: &Machine, input: &RateInput) -> Vec<(char, RateInput)> {
+    let linear = machine.axes.iter().filter(|axis| !axis.letter.is_rotary());
+    let alone = linear.map(|axis| {
+        let input = RateInput {
+            max_feed_mm_s: machine
+                .max_feed_mm_s
+                .unwrap_or(f64::INFINITY)
+                .min(axis.max_velocity),
+            acceleration_mm_s2: axis.max_acceleration,
+            jerk_mm_s3: axis.max_jerk,
+            ..*input
+        };
+        (axis.letter.letter(), input)
+    });
+    alone.collect()
+}
+
+/// What each linear axis alone would need.
+fn axis_rates(machine: &Machine, input: &RateInput) -> Vec<(char, RationalRate)> {
+    axis_inputs(machine, input)
+        .into_iter()
+        .filter_map(|(letter, input)| Some((letter, rational_rate(&input).ok()?)))
+        .collect()
+}
+
+/// The rate and period that the loop would run at: fitted into its bounds.
+fn fitted(rate: &RationalRate) -> (f64, u64) {
+    let hz = rate.rate_hz.clamp(MIN_RATE_HZ, MAX_RATE_HZ);
+    (hz, period_ns_of(hz))
+}
+
+fn report_json(
+    machine: Option<&Machine>,
+    input: &RateInput,
+    rate: &RationalRate,
+    axes: &[(char, RationalRate)],
+) -> Value {
+    // Numbers that are not limited are null.
+    let limit = |value: f64| {
+        if value.is_finite() {
+            json!(value)
+        } else {
+            Value::Null
+        }
+    };
+    let axes: Vec<_> = axes
+        .iter()
+        .map(|(letter, rate)| {
+            json!({
+                "axis": letter.to_string(),
+                "rate_hz": rate.rate_hz,
+                "radius_mm": rate.radius_mm,
+                "feed_mm_min": rate.feed_mm_min,
+                "limited_by": rate.limited_by.as_str(),
+            })
+        })
+        .collect();
+    json!({
+        "machine": machine.map(|machine| machine.name.as_str()),
+        "rate_hz": rate.rate_hz,
+        "period_ns": rate.period_ns,
+        "radius_mm": rate.radius_mm,
+        "feed_mm_min": rate.feed_mm_min,
+        "limited_by": rate.limited_by.as_str(),
+        "and_by": rate.and_by.map(|limit| limit.as_str()),
+        "loop_rate_hz": fitted(rate).0,
+        "loop_period_ns": fitted(rate).1,
+        "max_feed_mm_min": limit(input.max_feed_mm_s * 60.0),
+        "acceleration_mm_s2": limit(input.acceleration_mm_s2),
+        "jerk_mm_s3": limit(input.jerk_mm_s3),
+        "increments_per_mm": input.increments_per_mm,
+        "permitted_error_increments": input.permitted_error_increments,
+        "min_radius_mm": input.min_radius_mm,
+        "axes": axes,
+    })
+}
+
+fn report_text(name: &str, input: &RateInput, rate: &RationalRate, axes: &[(char, RationalRate)]) -> String {
+    let limit = |value: f64, unit: &str| {
+        if value.is_finite() {
+            let digits = format!("{value:.6}");
+            format!("{} {unit}", digits.trim_end_matches('0').trim_end_matches('.'))
+        } else {
+            "not limited".to_owned()
+        }
+    };
+    let by = match rate.and_by {
+        Some(below) => format!(
+            "{}, and {} at smaller radii",
+            rate.limited_by.as_str(),
+            below.as_str()
+        ),
+        None => rate.limited_by.as_str().to_owned(),
+    };
+    let mut lines = vec![
+        format!(
+            "{name}: rational control rate {:.2} Hz, period {} ns",
+            rate.rate_hz, rate.period_ns
+        ),
+        format!("  needed at radius     {:.3} mm", rate.radius_mm),
+        format!(
+            "  with a feed of       {:.1} mm/min, limited by {by}",
+            rate.feed_mm_min
+        ),
+        format!(
+            "  largest feed         {}",
+            limit(input.max_feed_mm_s * 60.0, "mm/min")
+        ),
+        format!(
+            "  largest acceleration {}",
+            limit(input.acceleration_mm_s2 / 1000.0, "m/s2")
+        ),
+        format!(
+            "  largest jerk         {}",
+            limit(input.jerk_mm_s3 / 1000.0, "m/s3")
+        ),
+        format!("  grid                 {} increments/mm", input.increments_per_mm),
+        format!(
+            "  permitted error      {} increments",
+            input.permitted_error_increments
+        ),
+        format!("  smallest radius      {} mm", input.min_radius_mm),
+    ];
+    for (letter, rate) in axes {
+        lines.push(format!(
+            "  axis {letter} alone         {:.2} Hz, at {:.3} mm and {:.1} mm/min, limited by {}",
+            rate.rate_hz,
+            rate.radius_mm,
+            rate.feed_mm_min,
+            rate.limited_by.as_str()
+        ));
+    }
+    if rate.rate_hz < MIN_RATE_HZ {
+        lines.push(format!(
+            "  the loop runs at no less than {MIN_RATE_HZ} Hz, so it would run at that"
+        ));
+    } else if rate.rate_hz > MAX_RATE_HZ {
+        lines.push(format!(
+            "  the loop runs at no more than {MAX_RATE_HZ} Hz: there the feed in curves is reduced to keep the error"
+        ));
+    }
+    lines.push(String::new());
+    lines.join("\n")
+}
+
+pub(crate) fn check_svg_name(file: &Path) -> Result<(), CommandError> {
+    if file
+        .extension()
+        .is_some_and(|extension| extension.eq_ignore_ascii_case("svg"))
+    {
+        return Ok(());
+    }
+    Err(CommandError::Usage(format!(
+        "{}: figures are SVG: let the name end in .svg",
+        file.display()
+    )))
+}
+
+/// Writes a file so that there is the old one or the whole new one, never a part: beside it, then renamed.
+pub(crate) fn write_whole(file: &Path, bytes: &[u8]) -> std::io::Result<()> {
+    let mut name = std::ffi::OsString::from(".");
+    name.push(file.file_name().unwrap_or_default());
+    name.push(format!(".{}.part", std::process::id()));
+    let beside = file.with_file_name(name);
+    let written = std::fs::File::create(&beside).and_then(|mut part| {
+        part.write_all(bytes)?;
+        part.sync_all()?;
+        std::fs::rename(&beside, file)
+    });
+    if written.is_err() {
+        // Nothing to add if this fails too: the first error says why.
+        let _ = std::fs::remove_file(&beside);
+    }
+    written
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ran(args: &RateArgs) -> (Result<(), CommandError>, String, String) {
+        let (mut out, mut err) = (Vec::new(), Vec::new());
+        let result = run(args, &mut out, &mut err);
+        (
+            result,
+            String::from_utf8(out).unwrap(),
+            String::from_utf8(err).unwrap(),
+        )
+    }
+
+    fn usage(args: &RateArgs) -> String {
+        match ran(args).0 {
+            Err(CommandError::Usage(message)) => message,
+            _ => panic!("accepted: {args:?}"),
+        }
+    }
+
+    fn paper() -> RateArgs {
+        RateArgs {
+            acceleration_g: Some(1.0),
+            jerk: Some(50.0),
+            feed: Some(100_000.0),
+            increments_per_mm: Some(1000.0),
+            json: true,
+            ..RateArgs::default()
+        }
+    }
+
+    fn shipped(stem: &str) -> PathBuf {
+        Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../../../config/machines/{stem}.toml"))
+    }
+
+    #[test]
+    fn json_is_one_object_with_the_papers_figures() {
+        let (result, out, err) = ran(&paper());
+        assert!(result.is_ok() && err.is_empty());
+        let value: Value = serde_json::from_str(&out).unwrap();
+        let number = |key: &str| value[key].as_f64().unwrap();
+        assert!((number("rate_hz") - 1068.2).abs() < 0.05);
+        assert!((number("radius_mm") - 304.3).abs() < 0.05);
+        assert!((number("feed_mm_min") - 100_000.0).abs() < 1e-6);
+        assert_eq!(number("period_ns"), (1e9 / number("rate_hz")).floor());
+        assert_eq!(value["limited_by"], "feed");
+        assert_eq!(value["and_by"], "jerk");
+    }
+
+    #[test]
+    fn what_is_not_given_does_not_limit() {
+        let (_, out, _) = ran(&RateArgs {
+            feed: None,
+            ..paper()
+        });
+        let value: Value = serde_json::from_str(&out).unwrap();
+        assert!((value["rate_hz"].as_f64().unwrap() - 1107.36).abs() < 0.01);
+        assert!(value["max_feed_mm_min"].is_null());
+    }
+
+    #[test]
+    fn options_override_the_machine_file() {
+        let args = RateArgs {
+            machine: Some(shipped("6r13gn1")),
+            json: true,
+            ..RateArgs::default()
+        };
+        let rate = |args: &RateArgs| {
+            let value: Value = serde_json::from_str(&ran(args).1).unwrap();
+            value["rate_hz"].as_f64().unwrap()
+        };
+        assert!((rate(&args) - 110.85).abs() < 0.01);
+        assert!(
+            (rate(&RateArgs {
+                increments_per_mm: Some(1e5),
+                ..args
+            }) - 1107.37)
+                .abs()
+                < 0.01
+        );
+    }
+
+    #[test]
+    fn text_names_the_axes_and_the_bounds_of_the_loop() {
+        let (_, out, _) = ran(&RateArgs {
+            machine: Some(shipped("ucp-710")),
+            ..RateArgs::default()
+        });
+        // Axis rates of X and Z from the paper's table.
+        assert!(out.contains("axis X alone         444.57 Hz"), "{out}");
+        assert!(out.contains("axis Z alone         512.38 Hz"), "{out}");
+        let (_, out, _) = ran(&RateArgs {
+            machine: Some(shipped("fp7m")),
+            ..RateArgs::default()
+        });
+        assert!(
+            out.contains("121.43 Hz") && out.contains("no less than 250 Hz"),
+            "{out}"
+        );
+    }
+
+    #[test]
+    fn bad_numbers_and_files_are_usage_errors() {
+        for bad in [f64::NAN, -1.0, 0.0, f64::INFINITY, 1e300] {
+            assert!(
+                usage(&RateArgs {
+                    increments_per_mm: Some(bad),
+                    ..paper()
+                })
+                .contains("increments")
+            );
+            assert!(
+                usage(&RateArgs {
+                    permitted_error: Some(bad),
+                    ..paper()
+                })
+                .contains("permitted")
+            );
+            assert!(
+                usage(&RateArgs {
+                    min_radius: Some(bad),
+                    ..paper()
+                })
+                .contains("radius")
+            );
+        }
+        assert!(
+            usage(&RateArgs {
+                jerk: Some(-1.0),
+                ..paper()
+            })
+            .contains("jerk")
+        );
+        assert!(
+            usage(&RateArgs {
+                increments_per_mm: None,
+                ..paper()
+            })
+            .contains("--increments-per-mm")
+        );
+        let missing = RateArgs {
+            machine: Some("no/such.toml".into()),
+            ..RateArgs::default()
+        };
+        assert!(usage(&missing).contains("no/such.toml"));
+        let nothing = RateArgs {
+            increments_per_mm: Some(1000.0),
+            ..RateArgs::default()
+        };
+        assert!(usage(&nothing).contains("at least one"));
+        assert!(
+            usage(&RateArgs {
+                plot: Some("figures.png".into()),
+                ..paper()
+            })
+            .contains(".svg")
+        );
+    }
+
+    #[test]
+    fn a_picture_is_written_whole_or_not_at_all() {
+        let folder = std::env::temp_dir().join(format!("evolvent-rate-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let file = folder.join("rate.svg");
+        let (result, _, err) = ran(&RateArgs {
+            plot: Some(file.clone()),
+            ..paper()
+        });
+        assert!(result.is_ok() && err.contains("rate.svg"));
+        assert!(
+            std::fs::read_to_string(&file)
+                .unwrap()
+                .trim_end()
+                .ends_with("</svg>")
+        );
+        assert_eq!(
+            std::fs::read_dir(&folder).unwrap().count(),
+            1,
+            "nothing else is left behind"
+        );
+        let nowhere = RateArgs {
+            plot: Some(folder.join("no/such/rate.svg")),
+            ..paper()
+        };
+        assert!(matches!(ran(&nowhere).0, Err(CommandError::Failed(_))));
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+}

@@ -1,0 +1,257 @@
+//! `evolvent run`.
+
+use std::io::{self, IsTerminal, Write};
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use clap::{Args, ValueEnum};
+use evolvent_machine::PlannerKind;
+use evolvent_runtime::{Alarm, CheckBounds, Clock, Controls, Job, RunOutcome, Setup, StartError};
+
+use crate::check::write_text;
+use crate::operator::{resume_on_enter, watch_signals};
+use crate::program::{ProgramArgs, check_output, default_trace, parse_override};
+use crate::screen::{Screen, write_summary};
+use crate::{CommandError, Ending};
+
+/// Options of `evolvent run`.
+#[derive(Debug, Args)]
+pub(crate) struct RunArgs {
+    #[command(flatten)]
+    program: ProgramArgs,
+    /// Real time, or as fast as it computes with the same bits.
+    #[arg(long, value_enum, default_value_t = ClockArg::Realtime)]
+    clock: ClockArg,
+    /// Trace file. Default: traces/NAME-TIME.mcap.
+    #[arg(long, value_name = "FILE.mcap", conflicts_with = "no_trace")]
+    trace: Option<PathBuf>,
+    /// Do not write a trace.
+    #[arg(long)]
+    no_trace: bool,
+    /// Do not open the bus (iceoryx2).
+    #[arg(long)]
+    no_bus: bool,
+    /// Prefix of the bus's files: cores and clients of different prefixes do not see each other.
+    #[arg(long, value_name = "PREFIX")]
+    bus_prefix: Option<String>,
+    /// Wait, 10 s at the most, until so many clients listen to setpoints.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    wait_for_clients: usize,
+    /// Feed override in percent, 1 to 200.
+    #[arg(long = "override", value_name = "PCT", value_parser = parse_override, default_value = "100")]
+    feed_override: f64,
+    /// Stop at M1.
+    #[arg(long)]
+    optional_stop: bool,
+    /// Hold a cutting load by the feed: settings of the tool. In real time the load comes over the bus; with the virtual
+    /// clock the stock of --process is cut. Plans with the classic planner, which answers in the same cycle.
+    #[arg(long, value_name = "FILE.toml", conflicts_with_all = ["no_bus", "planner"])]
+    adaptive: Option<PathBuf>,
+    /// What the cut is like, for turning cycles with Q1, which find their passes from the cutting load: a file as of
+    /// `evolvent turn`. In real time the load comes over the bus; with the virtual clock the file's stock is cut.
+    #[arg(long, value_name = "FILE.toml")]
+    process: Option<PathBuf>,
+    /// Do not look through the program first; one with an error is then run up to the line before it.
+    #[arg(long)]
+    unchecked: bool,
+    /// Print the summary as one JSON object.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum ClockArg {
+    Realtime,
+    Virtual,
+}
+
+pub(crate) fn run(args: &RunArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Ending, CommandError> {
+    let mut setup = args.program.setup()?;
+    let adaptive = match &args.adaptive {
+        None => None,
+        Some(file) if args.clock == ClockArg::Virtual && args.process.is_none() => {
+            return Err(CommandError::Usage(format!(
+                "{}: with the virtual clock no sensor measures a load: name a process file with a [stock] to cut \
+                 (--process), or leave out --clock virtual",
+                file.display()
+            )));
+        }
+        Some(file) if args.clock == ClockArg::Realtime && args.process.is_some() => {
+            return Err(CommandError::Usage(format!(
+                "{}: in real time adaptive feed and passes that find themselves do not go together: leave out --process or \
+                 --adaptive",
+                file.display()
+            )));
+        }
+        Some(file) => {
+            setup.machine.path.planner = PlannerKind::Classic;
+            Some(crate::adaptive::read(file, setup.period_ns)?)
+        }
+    };
+    let clock = match args.clock {
+        ClockArg::Realtime => Clock::Realtime,
+        ClockArg::Virtual => Clock::Virtual,
+    };
+    if let Some(file) = &args.process {
+        crate::process::install_file(&mut setup, file, clock)?;
+    }
+    let stop_at_program_stops = clock == Clock::Realtime && io::stdin().is_terminal();
+    if !args.unchecked {
+        refuse_wrong_program(args, &setup, clock, out, err)?;
+    }
+    let trace = if args.no_trace {
+        None
+    } else {
+        Some(
+            args.trace
+                .clone()
+                .unwrap_or_else(|| default_trace(&args.program.program)),
+        )
+    };
+    if let Some(path) = &trace {
+        check_output(path, &args.program)?;
+    }
+    if let Some(folder) = trace.as_ref().and_then(|path| path.parent())
+        && !folder.as_os_str().is_empty()
+    {
+        std::fs::create_dir_all(folder).map_err(|error| {
+            CommandError::Failed(format!(
+                "{}: {error}; choose another place with --trace",
+                folder.display()
+            ))
+        })?;
+    }
+    args.program.tell_start(&setup, err)?;
+    let job = Job {
+        program: args.program.program.clone(),
+        setup,
+        clock,
+        feed_override: args.feed_override,
+        trace,
+        bus: !args.no_bus,
+        bus_prefix: args.bus_prefix.clone(),
+        wait_for_subscribers: args.wait_for_clients,
+        optional_stop: args.optional_stop,
+        stop_at_program_stops,
+    };
+    let controls = Controls::new(args.feed_override);
+    let controls = Arc::new(match adaptive {
+        Some(settings) => controls.with_adaptive_feed(settings),
+        None => controls,
+    });
+    watch_signals(&controls)?;
+    if stop_at_program_stops {
+        resume_on_enter(&controls);
+    }
+    let mut screen = Screen::new(&job.program, args.json, stop_at_program_stops);
+    let result = evolvent_runtime::run(&job, &controls, &mut screen, |_| {});
+    screen.finish();
+    let kept = result.as_ref().map_or(Ok(()), |outcome| keep(&job, outcome));
+    let outcome = result.map_err(|error| match error {
+        StartError::Bus(_) | StartError::BusTimeout => {
+            CommandError::Failed(format!("{error} (or run without a bus: --no-bus)"))
+        }
+        other => CommandError::Failed(other.to_string()),
+    })?;
+    let ending = report(args.json, &outcome, out, err)?;
+    kept.map(|()| ending)
+}
+
+/// How many errors are worth showing to somebody who wanted to run the program.
+const ERRORS_SHOWN: usize = 10;
+
+/// Nothing moves for a program that is known to be wrong farther down.
+fn refuse_wrong_program(
+    args: &RunArgs,
+    setup: &Setup,
+    clock: Clock,
+    out: &mut dyn Write,
+    err: &mut dyn Write,
+) -> Result<(), CommandError> {
+    let file = &args.program.program;
+    let name = file.display().to_string();
+    let mut bounds = CheckBounds::while_one_waits(ERRORS_SHOWN);
+    // Where time is not real, nothing of the machine is there to be commanded.
+    bounds.user_codes = clock == Clock::Realtime;
+    bounds.confirms_tools = clock == Clock::Virtual || io::stdin().is_terminal();
+    let found = evolvent_runtime::check(file, setup, bounds)
+        .map_err(|error| CommandError::Usage(format!("{name}: {error}; name a readable part program")))?;
+    let Some(first) = found.errors.first() else {
+        return Ok(());
+    };
+    let written = if args.json {
+        let refused = serde_json::json!({
+            "program": name,
+            "outcome": "failed",
+            "alarm": Alarm::Program.number(),
+            "error": first.render(&name),
+            "errors": found.errors,
+            "cycles": 0,
+        });
+        writeln!(out, "{refused}")
+    } else {
+        write_text(err, &name, &found, io::stderr().is_terminal())
+    };
+    written.map_err(|error| CommandError::Failed(format!("the errors cannot be written: {error}")))?;
+    Err(CommandError::Failed(format!(
+        "{name} is wrong, so nothing was moved; --unchecked runs it up to line {}",
+        first.line
+    )))
+}
+
+/// Writes tools and parameters that a program has changed. Of a program that did not come to its end nothing is kept: it
+/// was interpreted ahead of the machine.
+fn keep(job: &Job, outcome: &RunOutcome) -> Result<(), CommandError> {
+    let Some(left) = outcome
+        .left
+        .as_ref()
+        .filter(|_| outcome.summary.outcome == "done")
+    else {
+        return Ok(());
+    };
+    let saved = left.save(&job.setup.memory);
+    saved
+        .map(drop)
+        .map_err(|error| CommandError::Failed(error.to_string()))
+}
+
+/// Summary, errors, and the exit code that they call for.
+pub(crate) fn report(
+    json: bool,
+    outcome: &RunOutcome,
+    out: &mut dyn Write,
+    err: &mut dyn Write,
+) -> Result<Ending, CommandError> {
+    let summary = &outcome.summary;
+    let written = if json {
+        serde_json::to_string(summary)
+            .map_err(io::Error::from)
+            .and_then(|text| writeln!(out, "{text}"))
+    } else {
+        write_summary(out, summary)
+    };
+    written.map_err(|error| CommandError::Failed(format!("the summary cannot be written: {error}")))?;
+    if let Some(error) = &outcome.trace_error {
+        // The run itself went on; the exit code says that data was lost.
+        drop(writeln!(err, "warning: {error}"));
+    }
+    if let Some(fault) = &outcome.fault {
+        return Err(CommandError::Failed(fault.clone()));
+    }
+    if let Err(error) = &outcome.program {
+        if summary.outcome == "stopped" {
+            drop(writeln!(
+                err,
+                "the run was stopped; further on the program has an error"
+            ));
+        }
+        return Err(CommandError::Failed(error.to_string()));
+    }
+    if summary.outcome != "done" {
+        return Err(CommandError::Failed(
+            "the run was stopped before the program's end".to_owned(),
+        ));
+    }
+    let lossy = outcome.trace_error.is_some() || summary.is_lossy();
+    Ok(if lossy { Ending::Lossy } else { Ending::Clean })
+}

@@ -1,0 +1,200 @@
+//! `evolvent serve`.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use clap::Args;
+use evolvent_machine::ControlRate;
+use evolvent_runtime::{
+    Clock, ProgramMemory, ServeConfig, ServeNews, ServeSummary, Setup, StartError, TraceTo, serve,
+    state_folder,
+};
+
+use crate::program::{load_setup, parse_rate};
+use crate::{CommandError, Ending};
+
+/// Options of `evolvent serve`.
+#[derive(Debug, Args)]
+pub(crate) struct ServeArgs {
+    /// Machine file.
+    #[arg(long, value_name = "FILE")]
+    machine: PathBuf,
+    /// Control rate: Hz, or `rational`. Default: the machine file's.
+    #[arg(long, value_name = "HZ|rational", value_parser = parse_rate)]
+    rate: Option<ControlRate>,
+    /// Trace of the whole session in one file, without a bound. Default: a file every hour in --trace-folder.
+    #[arg(long, value_name = "FILE.mcap", conflicts_with_all = ["no_trace", "trace_folder", "trace_limit"])]
+    trace: Option<PathBuf>,
+    /// Do not write a trace.
+    #[arg(long, conflicts_with_all = ["trace_folder", "trace_limit"])]
+    no_trace: bool,
+    /// Folder for traces: a new file every hour in which nothing moves. Default: traces in the state folder.
+    #[arg(long, value_name = "FOLDER")]
+    trace_folder: Option<PathBuf>,
+    /// What this machine's traces in that folder may take together: the oldest are removed.
+    #[arg(long, value_name = "GIB", value_parser = parse_gib, default_value = "10")]
+    trace_limit: u64,
+    /// Prefix of the bus's files: cores and clients of different prefixes do not see each other.
+    #[arg(long, value_name = "PREFIX")]
+    bus_prefix: Option<String>,
+    /// Folder for offsets, tools and parameters. Default: $XDG_STATE_HOME/evolvent/NAME.
+    #[arg(long, value_name = "FOLDER")]
+    state: Option<PathBuf>,
+    /// What the cut is like, for turning cycles with Q1, which find their passes from the cutting load on the bus: a file
+    /// as of `evolvent turn`.
+    #[arg(long, value_name = "FILE.toml")]
+    process: Option<PathBuf>,
+    /// Print the summary as one JSON object.
+    #[arg(long)]
+    json: bool,
+}
+
+pub(crate) fn run(
+    args: &ServeArgs,
+    out: &mut dyn Write,
+    err: &mut dyn Write,
+) -> Result<Ending, CommandError> {
+    let mut setup: Setup = load_setup(&args.machine, args.rate)?;
+    setup.memory = ProgramMemory::of_machine(&setup.machine, &args.machine)
+        .map_err(|error| CommandError::Usage(error.to_string()))?;
+    if let Some(file) = &args.process {
+        crate::process::install_file(&mut setup, file, Clock::Realtime)?;
+    }
+    let state = args
+        .state
+        .clone()
+        .unwrap_or_else(|| state_folder(&setup.machine.name));
+    let config = ServeConfig {
+        bus_prefix: args.bus_prefix.clone(),
+        trace: match &args.trace {
+            Some(file) => TraceTo::File(file.clone()),
+            None if args.no_trace => TraceTo::Nowhere,
+            None => TraceTo::Folder {
+                folder: args.trace_folder.clone().unwrap_or_else(|| state.join("traces")),
+                limit_bytes: args.trace_limit,
+            },
+        },
+        state_folder: state,
+        setup,
+    };
+    let stop = Arc::new(AtomicBool::new(false));
+    watch_signals(&stop)?;
+    let summary = serve(&config, &stop, |news| {
+        // With standard error gone there is nobody left to tell.
+        drop(match news {
+            ServeNews::Note(text) => writeln!(err, "note: {text}"),
+            ServeNews::Ready(trace) => write_ready(err, &config, trace),
+        });
+    })
+    .map_err(|error| match error {
+        StartError::Bus(_)
+        | StartError::BusTimeout
+        | StartError::DrivesRequired
+        | StartError::Trace(_)
+        | StartError::Thread(_) => match (&error, &config.trace) {
+            (StartError::Trace(_), TraceTo::Folder { .. }) => CommandError::Failed(format!(
+                "{error}; choose another place with --trace-folder, or none with --no-trace"
+            )),
+            _ => CommandError::Failed(error.to_string()),
+        },
+    })?;
+    report(args.json, &summary, out)
+}
+
+/// A bound of the traces in GiB, as bytes.
+fn parse_gib(text: &str) -> Result<u64, String> {
+    match text.parse::<f64>() {
+        // A quarter of it is one file.
+        Ok(gib) if (0.01..=1e6).contains(&gib) => Ok((gib * f64::from(1 << 30)) as u64),
+        _ => Err("give a size in GiB from 0.01 to 1000000".to_owned()),
+    }
+}
+
+/// What is served, and how to go on.
+fn write_ready(err: &mut dyn Write, config: &ServeConfig, trace: Option<&Path>) -> std::io::Result<()> {
+    let machine = &config.setup.machine;
+    let axes: String = machine.axes.iter().map(|axis| axis.letter.letter()).collect();
+    writeln!(
+        err,
+        "serving {}: axes {axes}, {:.2} Hz, state in {}",
+        machine.name,
+        config.setup.rate_hz(),
+        config.state_folder.display()
+    )?;
+    match (&config.trace, trace) {
+        (TraceTo::Folder { limit_bytes, .. }, Some(file)) => writeln!(
+            err,
+            "recording to {}; a new file every hour, {:.2} GiB of them are kept",
+            file.display(),
+            *limit_bytes as f64 / f64::from(1 << 30)
+        )?,
+        (_, Some(file)) => writeln!(err, "recording to {}", file.display())?,
+        (_, None) => writeln!(err, "not recording")?,
+    }
+    let mut bus = String::new();
+    if let Some(prefix) = &config.bus_prefix {
+        bus = format!(" --bus-prefix {prefix}");
+    }
+    let name = &machine.name;
+    writeln!(
+        err,
+        "next: `evolvent ctl --machine-name {name}{bus} up` leaves the emergency stop and switches on; `evolvent top {name}{bus}` looks on;"
+    )?;
+    writeln!(
+        err,
+        "      `evolvent bridge sim --machine-name {name}{bus}` simulates drives; Ctrl-C stops within the limits and ends"
+    )
+}
+
+fn report(json: bool, summary: &ServeSummary, out: &mut dyn Write) -> Result<Ending, CommandError> {
+    let written = if json {
+        serde_json::to_string(summary)
+            .map_err(std::io::Error::from)
+            .and_then(|text| writeln!(out, "{text}"))
+    } else {
+        write_summary(summary, out)
+    };
+    written.map_err(|error| CommandError::Failed(format!("the summary cannot be written: {error}")))?;
+    let missed = summary.late_cycles > 0 && summary.listeners > 0;
+    let lossy = missed || summary.dropped_records > 0 || summary.dropped_setpoints > 0;
+    Ok(if lossy { Ending::Lossy } else { Ending::Clean })
+}
+
+fn write_summary(summary: &ServeSummary, out: &mut dyn Write) -> std::io::Result<()> {
+    writeln!(
+        out,
+        "{}: {} setpoints at {:.2} Hz, {} jobs, {} commands accepted, {} rejected",
+        summary.machine,
+        summary.cycles,
+        summary.rate_hz,
+        summary.jobs,
+        summary.commands_accepted,
+        summary.commands_rejected
+    )?;
+    writeln!(
+        out,
+        "  late setpoints {}, lost records {}, lost setpoints {}",
+        summary.late_cycles, summary.dropped_records, summary.dropped_setpoints
+    )?;
+    if let Some(trace) = &summary.trace {
+        writeln!(out, "  trace {trace}")?;
+    }
+    Ok(())
+}
+
+/// The first signal stops within the limits and ends; the second ends at once.
+fn watch_signals(stop: &Arc<AtomicBool>) -> Result<(), CommandError> {
+    use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGTSTP};
+    let failed = |error: std::io::Error| CommandError::Failed(format!("signals cannot be caught: {error}"));
+    for signal in [SIGINT, SIGTERM] {
+        // In this order: the first signal finds the flag unset.
+        signal_hook::flag::register_conditional_shutdown(signal, 1, Arc::clone(stop)).map_err(failed)?;
+        signal_hook::flag::register(signal, Arc::clone(stop)).map_err(failed)?;
+    }
+    // A terminal that goes away ends it too; Ctrl-Z does nothing, because it would freeze the axes wherever they are.
+    signal_hook::flag::register(SIGHUP, Arc::clone(stop)).map_err(failed)?;
+    signal_hook::flag::register(SIGTSTP, Arc::new(AtomicBool::new(false))).map_err(failed)?;
+    Ok(())
+}

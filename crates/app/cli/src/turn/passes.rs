@@ -1,0 +1,118 @@
+//! The passes that were found, as a part program.
+
+use std::fmt::Write as _;
+
+use evolvent_machine::TurningWords;
+use evolvent_turning::{CutKind, Job};
+
+use super::trial::{Stretch, Trial};
+
+/// A feed stretch shorter than this is joined to its neighbour, mm.
+const SHORT_MM: f64 = 0.5;
+/// The same in rapid.
+const TINY_MM: f64 = 0.06;
+
+/// RS274/NGC with X as the radius. It fits this stock only: no load is looked at.
+pub(crate) fn program(trial: &Trial) -> String {
+    let (cut, settings) = (&trial.job.cut, &trial.job.settings);
+    let mut text = String::new();
+    let place = |along: f64, out: f64| cut.position_mm(along, out);
+    let (x, z) = place(trial.start.0, trial.start.1);
+    // Writing to a string cannot fail.
+    let _ = writeln!(
+        text,
+        "(passes of {}, found by self-programmed turning on a simulated stock)\n(they fit that stock only: nothing \
+         watches the load)\nG21 G18 G90 G94 G8 G61\nS{:.0} M3\nG0 X{x:.4}\nG0 Z{z:.4}",
+        plain(&trial.job.name),
+        settings.spindle_rpm
+    );
+    let mut from = trial.start;
+    for stretch in joined(&trial.stretches, trial.start) {
+        let to = (stretch.to_along_mm, stretch.to_out_mm);
+        let (x, z) = place(to.0, to.1);
+        let _ = match stretch.turns {
+            Some(turns) => {
+                let feed = length(from, to) / turns * settings.spindle_rpm;
+                writeln!(text, "G1 X{x:.4} Z{z:.4} F{feed:.2}")
+            }
+            None => writeln!(text, "G0 X{x:.4} Z{z:.4}"),
+        };
+        from = to;
+    }
+    text.push_str("M5\nM2\n");
+    text
+}
+
+/// The job as a program of one cycle that finds its passes: the tool comes in from outside, and goes back there.
+pub(crate) fn cycle_program(job: &Job, words: TurningWords) -> String {
+    let (cut, settings) = (&job.cut, &job.settings);
+    let (x, z) = cut.position_mm(0.0, settings.allowance_max_mm);
+    let (end_x, end_z) = cut.position_mm(settings.length_mm, 0.0);
+    let (code, first, second) = match cut.kind {
+        // Before the face, then down to the stock, then up to the face; or straight to the stock's outside.
+        CutKind::Longitudinal => {
+            let before = z + settings.tool.overhang_mm() + settings.clear_along_mm;
+            ("G82", format!("G0 Z{before}\nG0 X{x}"), format!("G0 Z{z}"))
+        }
+        CutKind::Facing => {
+            let before = x + settings.tool.overhang_mm() + settings.clear_along_mm;
+            ("G75", format!("G0 X{before}\nG0 Z{z}"), format!("G0 X{x}"))
+        }
+    };
+    // In G8 X is a radius, but for turning cycles of machines where it never is one there.
+    let end_x = match words {
+        TurningWords::Diameter => 2.0 * end_x,
+        TurningWords::Radius | TurningWords::Mode => end_x,
+    };
+    format!(
+        "({}: passes that the cutting load finds)\nG21 G18 G90 G94 G8 G61 G97\nS{} M3\n{first}\n{second}\nF100\n{code} X{end_x} \
+         Z{end_z} Q1\nM5\nM2\n",
+        plain(&job.name),
+        cut.spindle_rpm
+    )
+}
+
+/// Text that a comment can hold.
+fn plain(name: &str) -> String {
+    let shown = |c: char| {
+        if c.is_ascii_graphic() && !matches!(c, '(' | ')') {
+            c
+        } else {
+            ' '
+        }
+    };
+    name.chars().take(60).map(shown).collect()
+}
+
+fn length(from: (f64, f64), to: (f64, f64)) -> f64 {
+    (to.0 - from.0).hypot(to.1 - from.1)
+}
+
+/// Joins what is short: feeding starts and ends with many changes of feed, moves across with the end of braking.
+fn joined(stretches: &[Stretch], start: (f64, f64)) -> Vec<Stretch> {
+    let mut list: Vec<(Stretch, f64)> = Vec::new();
+    let mut from = start;
+    for stretch in stretches {
+        let to = (stretch.to_along_mm, stretch.to_out_mm);
+        let own = length(from, to);
+        from = to;
+        if let Some((last, before)) = list.last_mut() {
+            let short = own.min(*before);
+            let joins = match (last.turns, stretch.turns) {
+                (Some(turns), Some(more)) if short < SHORT_MM && last.to_out_mm == to.1 => {
+                    last.turns = Some(turns + more);
+                    true
+                }
+                (None, None) => short < TINY_MM,
+                _ => false,
+            };
+            if joins {
+                (last.to_along_mm, last.to_out_mm) = to;
+                *before += own;
+                continue;
+            }
+        }
+        list.push((*stretch, own));
+    }
+    list.into_iter().map(|(stretch, _)| stretch).collect()
+}

@@ -1,0 +1,351 @@
+//! The job driven as a program of one cycle, by the road of every run, and fixed passes beside it.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use evolvent_machine::MachineKind;
+use evolvent_path::AxisLetter;
+use evolvent_runtime::{Clock, Controls, Job as Run, Notice, RunObserver, Setup, run_seen};
+use evolvent_turning::{
+    Blank, CutKind, CutNow, Figures, Job, ScalarLimits, Transition, TurningOutput, TurningState,
+    run_fixed_at_load,
+};
+
+use super::passes::cycle_program;
+use crate::CommandError;
+use crate::operator::watch_signals;
+use crate::process::install;
+use crate::program::load_setup;
+use crate::scratch::Folder;
+
+/// Samples of the report, one in so many seconds.
+const SAMPLE_S: f64 = 0.01;
+
+/// One instant of the report.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Sample {
+    pub(crate) time_s: f64,
+    pub(crate) along_mm: f64,
+    pub(crate) out_mm: f64,
+    pub(crate) feed_mm_rev: f64,
+    /// Largest true load since the sample before.
+    pub(crate) load: f64,
+    pub(crate) feeds: bool,
+    pub(crate) pass: u32,
+}
+
+/// A straight part of the tool's way.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Stretch {
+    pub(crate) to_along_mm: f64,
+    pub(crate) to_out_mm: f64,
+    /// Revolutions that it takes; none in rapid.
+    pub(crate) turns: Option<f64>,
+}
+
+/// What came out.
+pub(crate) struct Trial {
+    pub(crate) job: Job,
+    pub(crate) blank: Blank,
+    pub(crate) highest_mm: f64,
+    pub(crate) figures: Figures,
+    pub(crate) changes: Vec<Transition>,
+    pub(crate) samples: Vec<Sample>,
+    pub(crate) stretches: Vec<Stretch>,
+    pub(crate) start: (f64, f64),
+    pub(crate) fixed: Vec<(&'static str, Figures)>,
+    pub(crate) notes: Vec<String>,
+    /// The machine's name.
+    pub(crate) machine: String,
+    /// The stock is simulated, and so is the load.
+    pub(crate) is_simulated: bool,
+    /// Why it was stopped.
+    pub(crate) fault: Option<String>,
+}
+
+/// How a trial is run.
+pub(crate) struct Road<'a> {
+    pub(crate) clock: Clock,
+    pub(crate) trace: Option<PathBuf>,
+    pub(crate) bus: bool,
+    pub(crate) bus_prefix: Option<&'a str>,
+}
+
+impl Trial {
+    /// Runs the job as a program of one turning cycle, as `evolvent run` would.
+    pub(crate) fn run(mut job: Job, machine: &Path, road: &Road<'_>) -> Result<Self, CommandError> {
+        let usage = |text: String| CommandError::Usage(text);
+        let mut setup = load_setup(machine, None)?;
+        let limits = setup.machine.limits();
+        let (along, out) = match job.cut.kind {
+            CutKind::Longitudinal => (AxisLetter::Z, AxisLetter::X),
+            CutKind::Facing => (AxisLetter::X, AxisLetter::Z),
+        };
+        if setup.machine.kind != MachineKind::Lathe
+            || !limits.present[along.index()]
+            || !limits.present[out.index()]
+        {
+            return Err(usage(format!(
+                "{}: turning needs a lathe with the axes X and Z",
+                setup.machine.name
+            )));
+        }
+        let of = |axis: AxisLetter| ScalarLimits {
+            velocity: limits.velocity[axis.index()],
+            acceleration: limits.acceleration[axis.index()],
+            jerk: limits.jerk[axis.index()],
+        };
+        job.drive_with(of(along), of(out), setup.period_ns as f64 * 1e-9);
+        job.settings.check().map_err(|error| usage(error.to_string()))?;
+        install(&mut setup, job.clone(), &job.name, road.clock)?;
+        let blank = job.blank.clone();
+        let mut trial = Self {
+            highest_mm: blank
+                .as_ref()
+                .map_or(0.0, |blank| blank.highest_mm(job.settings.length_mm)),
+            machine: setup.machine.name.clone(),
+            is_simulated: road.clock == Clock::Virtual,
+            blank: blank.unwrap_or_else(|| Blank::uniform(0.0)),
+            figures: Figures::default(),
+            changes: Vec::new(),
+            samples: Vec::new(),
+            stretches: Vec::new(),
+            start: (0.0, 0.0),
+            fixed: Vec::new(),
+            notes: Vec::new(),
+            fault: None,
+            job,
+        };
+        trial.drive(setup, road)?;
+        if trial.is_simulated {
+            trial.compare();
+        }
+        trial.note();
+        Ok(trial)
+    }
+
+    fn drive(&mut self, setup: Setup, road: &Road<'_>) -> Result<(), CommandError> {
+        let failed = |error: &dyn std::fmt::Display| CommandError::Failed(error.to_string());
+        let settings = self.job.settings;
+        let folder = Folder::new("evolvent-turn").map_err(|error| failed(&error))?;
+        let program = folder.path().join("turn.ngc");
+        let text = cycle_program(&self.job, setup.machine.program.turning_cycles);
+        std::fs::write(&program, text).map_err(|error| failed(&error))?;
+        let job = Run {
+            program,
+            setup,
+            clock: road.clock,
+            feed_override: 1.0,
+            trace: road.trace.clone(),
+            bus: road.bus,
+            bus_prefix: road.bus_prefix.map(str::to_owned),
+            wait_for_subscribers: 0,
+            optional_stop: false,
+            stop_at_program_stops: false,
+        };
+        let controls = Arc::new(Controls::new(1.0));
+        if road.clock == Clock::Realtime {
+            watch_signals(&controls)?;
+        }
+        let every = (SAMPLE_S / settings.period_s).round().max(1.0) as u64;
+        let (mut cycle, mut peak, mut above) = (0_u64, 0.0, 0.0);
+        let mut writer = StretchWriter::default();
+        let mut is_done = false;
+        let outcome = run_seen(&job, &controls, &mut Silent(&mut self.notes), |seen| {
+            let Some(output) = seen.turning else { return };
+            // Where no stock is simulated the load is the measured one.
+            let now = seen.cut.unwrap_or(CutNow {
+                load: output.load,
+                ..CutNow::default()
+            });
+            self.figures.see(
+                output,
+                &now,
+                settings.regime.set_load,
+                settings.period_s,
+                &mut above,
+            );
+            let feeds = matches!(
+                output.state,
+                TurningState::Approach | TurningState::Engage | TurningState::Cut
+            );
+            if let Some(change) = output.transition {
+                self.changes.push(change);
+            }
+            is_done = output.state == TurningState::Done;
+            if cycle == 0 {
+                self.start = (output.along.position, output.out.position);
+            }
+            peak = f64::max(peak, now.load);
+            writer.see(output, feeds, &settings, &mut self.stretches);
+            if cycle.is_multiple_of(every) {
+                self.samples.push(Sample {
+                    time_s: self.figures.time_s,
+                    along_mm: output.along.position,
+                    out_mm: output.out.position,
+                    feed_mm_rev: output.along.velocity * settings.turn_s(),
+                    load: peak,
+                    feeds,
+                    pass: output.pass,
+                });
+                peak = 0.0;
+            }
+            cycle += 1;
+        })
+        .map_err(|error| failed(&error))?;
+        writer.finish(&mut self.stretches);
+        outcome
+            .program
+            .map_err(|error| CommandError::Usage(error.to_string()))?;
+        self.figures.done = is_done && outcome.fault.is_none();
+        self.fault = outcome.fault;
+        if let Some(process) = outcome.process {
+            self.figures.residual_mm = process.workpiece().residual_mm();
+            self.figures.undercut_mm = process.workpiece().undercut_mm();
+        }
+        if let Some(error) = outcome.trace_error {
+            self.notes.push(error.to_string());
+        }
+        if let Some(trace) = outcome.summary.trace {
+            self.notes.push(format!("trace {trace}"));
+        }
+        Ok(())
+    }
+
+    /// Fixed passes on the same stock.
+    fn compare(&mut self) {
+        let (settings, regime) = (self.job.settings, self.job.settings.regime);
+        let height = self.highest_mm;
+        if height <= 0.0 {
+            return;
+        }
+        let balanced = evolvent_turning::Regime::new(
+            &evolvent_turning::RegimeInput {
+                law: regime.law,
+                set_load: regime.set_load,
+                permitted_load: regime.set_load,
+                feed_min_mm_rev: regime.feed_min_mm_rev,
+                feed_max_mm_rev: regime.feed_max_mm_rev,
+                back_off: evolvent_turning::BackOff::Balanced,
+            },
+            &settings.tool,
+        )
+        .unwrap_or(regime);
+        // On stock that is hard in places or not round the nominal feed would overload.
+        let run = |depth: f64, feed: f64| {
+            let cut = (depth, feed);
+            run_fixed_at_load(&settings, &self.blank, regime.law, cut, regime.set_load)
+        };
+        let height = height + self.blank.runout_mm;
+        let (depth, feed) = (balanced.depth_back_off_mm, balanced.feed_back_off_mm_rev);
+        let known = (1..=12)
+            .map(|passes| height / f64::from(passes))
+            .filter(|depth| *depth <= regime.depth_max_mm)
+            .map(|depth| run(depth, regime.feed_mm_rev(depth)))
+            .min_by(|a, b| a.time_s.total_cmp(&b.time_s));
+        let same = run(depth, feed);
+        let slow = run(depth, 0.7 * feed);
+        self.fixed.push(("stock not known, same load", same));
+        self.fixed
+            .extend(known.map(|figures| ("stock known exactly", figures)));
+        self.fixed.push(("stock not known, 70 % of the feed", slow));
+    }
+
+    fn note(&mut self) {
+        if self.is_simulated {
+            self.notes.push(format!(
+            "workpiece and sensor are simulated: a height field cut with a lag of one revolution, a sensor with {:.0} ms \
+             of lag and {:.1} % of noise; the force law is taken to hold exactly",
+            1e3 * self.job.sensor.lag_s,
+            100.0 * self.job.sensor.noise
+        ));
+        } else {
+            self.notes
+                .push("loads are those of the sensor; what is left standing is not measured".into());
+        }
+        if self.job.law_misfit > 0.0 {
+            self.notes.push(format!(
+                "the controller uses a power law that differs from the force law by up to {:.1} % over these feeds",
+                100.0 * self.job.law_misfit
+            ));
+        }
+        if self.is_simulated && !self.blank.is_round() {
+            self.notes
+                .push("the stock is not round: its deepest part is what is held at the set load".into());
+        }
+    }
+
+    /// In a word.
+    pub(crate) fn outcome(&self) -> String {
+        if self.figures.done {
+            return "done".into();
+        }
+        let why = self.fault.clone();
+        format!("stopped: {}", why.unwrap_or_else(|| "before it was done".into()))
+    }
+}
+
+/// Keeps what the user should know.
+struct Silent<'a>(&'a mut Vec<String>);
+
+impl RunObserver for Silent<'_> {
+    fn progress(&mut self, _: &Controls) {}
+    fn notice(&mut self, _: &Notice) {}
+    fn note(&mut self, text: &str) {
+        self.0.push(text.to_owned());
+    }
+}
+
+/// Makes straight stretches of the cycles.
+#[derive(Default)]
+struct StretchWriter {
+    kind: Option<(u8, bool, bool)>,
+    at: (f64, f64),
+    from: (f64, f64),
+    turns: f64,
+    feed: f64,
+}
+
+impl StretchWriter {
+    fn see(
+        &mut self,
+        output: &TurningOutput,
+        feeds: bool,
+        settings: &evolvent_turning::TurningSettings,
+        stretches: &mut Vec<Stretch>,
+    ) {
+        let (v, w) = (output.along.velocity, output.out.velocity);
+        let axis = u8::from(v != 0.0) + 2 * u8::from(w != 0.0);
+        let here = (output.along.position, output.out.position);
+        let rapid = !feeds || v > 2.0 * settings.speed_mm_s(settings.regime.feed_max_mm_rev);
+        let kind = (axis, rapid, v + w > 0.0);
+        let feed = v * settings.turn_s();
+        let changed = self.kind != Some(kind) && axis != 0;
+        let drifted = !rapid && (feed - self.feed).abs() > 0.1 * self.feed;
+        if changed || drifted {
+            self.finish(stretches);
+            (self.kind, self.from, self.turns, self.feed) = (Some(kind), self.at, 0.0, feed);
+        }
+        if axis != 0 {
+            self.turns += settings.period_s / settings.turn_s();
+            self.at = here;
+        } else if self.kind.is_none() {
+            self.at = here;
+        }
+    }
+
+    fn finish(&mut self, stretches: &mut Vec<Stretch>) {
+        let Some((_, rapid, _)) = self.kind.take() else {
+            return;
+        };
+        let length = (self.at.0 - self.from.0).abs() + (self.at.1 - self.from.1).abs();
+        if length < 1e-6 {
+            return;
+        }
+        stretches.push(Stretch {
+            to_along_mm: self.at.0,
+            to_out_mm: self.at.1,
+            turns: (!rapid && self.turns > 0.0).then_some(self.turns),
+        });
+    }
+}

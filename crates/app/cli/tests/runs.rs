@@ -1,0 +1,410 @@
+//! What runs say of themselves: in JSON, in their exit code, in their trace.
+
+#![expect(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    reason = "a test may fail"
+)]
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+use evolvent_trace::{EventKind, TraceFile};
+use serde_json::Value;
+use tempfile::TempDir;
+
+/// Far beyond what any run here takes.
+const TOO_LONG: Duration = Duration::from_secs(60);
+const MACHINE: &str = concat!(
+    env!("CARGO_MANIFEST_DIR"),
+    "/../../../config/machines/mill-3axis.toml"
+);
+const STATE_STOPPED: u8 = 5;
+
+/// Runs the command to its end, or fails if it does not come to one.
+fn evolvent(arguments: &[&str]) -> Output {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_evolvent"))
+        .args(arguments)
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let start = Instant::now();
+    while child.try_wait().unwrap().is_none() {
+        if start.elapsed() > TOO_LONG {
+            child.kill().unwrap();
+            panic!("{arguments:?} does not end");
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    child.wait_with_output().unwrap()
+}
+
+struct Bench {
+    folder: TempDir,
+}
+
+impl Bench {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        Self { folder }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn program(&self, text: &str) -> PathBuf {
+        let path = self.path("program.ngc");
+        fs::write(&path, text).unwrap();
+        path
+    }
+
+    fn plan(&self, text: &str) -> Output {
+        let program = self.program(text);
+        evolvent(&["plan", as_str(&program), "--machine", MACHINE, "--json"])
+    }
+
+    /// Runs with the virtual clock into `run.mcap`, without a look at the whole program first.
+    fn run(&self, text: &str) -> (Output, PathBuf) {
+        let (program, trace) = (self.program(text), self.path("run.mcap"));
+        let output = evolvent(&[
+            "run",
+            as_str(&program),
+            "--machine",
+            MACHINE,
+            "--clock",
+            "virtual",
+            "--no-bus",
+            "--trace",
+            as_str(&trace),
+            "--json",
+            "--unchecked",
+        ]);
+        (output, trace)
+    }
+}
+
+fn as_str(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+/// Standard output as exactly one JSON object.
+fn json(output: &Output) -> Value {
+    let value: Value = serde_json::from_slice(&output.stdout).expect("one JSON value");
+    assert!(value.is_object());
+    value
+}
+
+#[test]
+fn program_stops_in_a_row_are_passed_in_the_same_cycles_each_time() {
+    let bench = Bench::new();
+    let text = "G1 X1 F600\nM0\nM0\nM60\nG1 X2\nM0\nM2\n";
+    let (first, second) = (bench.plan(text), bench.plan(text));
+    assert_eq!(first.status.code(), Some(0));
+    assert_eq!(json(&first), json(&second));
+    // The moves alone take all but a handful of cycles.
+    let none = json(&bench.plan("G1 X1 F600\nG4 P0\nG1 X2\nM2\n"));
+    let extra = json(&first)["cycles"].as_u64().unwrap() - none["cycles"].as_u64().unwrap();
+    assert!(extra <= 10, "{extra} cycles");
+}
+
+#[test]
+fn a_program_with_an_error_is_run_up_to_it_and_has_failed() {
+    let bench = Bench::new();
+    let (output, trace) = bench.run("G61\nG1 X5 F600\nG1 Y5\nG6 X1\nG1 X0\nM2\n");
+    assert_eq!(output.status.code(), Some(1));
+    let summary = json(&output);
+    assert_eq!(summary["outcome"], "failed");
+    assert_eq!(summary["alarm"], 100);
+    assert!(
+        summary["error"].as_str().unwrap().contains("program.ngc:4:1"),
+        "{summary}"
+    );
+    assert_eq!(summary["end_position"], serde_json::json!([5.0, 5.0, 0.0]));
+
+    let mut trace = TraceFile::open(&trace).unwrap();
+    let last = trace.cycles().last().unwrap().unwrap();
+    assert_eq!(last.state, STATE_STOPPED, "not done");
+    let alarms: Vec<_> = trace
+        .events()
+        .map(Result::unwrap)
+        .filter(|event| event.kind == EventKind::Alarm)
+        .collect();
+    assert_eq!(alarms.len(), 1, "{alarms:?}");
+    assert_eq!((alarms[0].code, alarms[0].sequence), (100, last.sequence));
+    assert!(alarms[0].text.contains("program.ngc:4:1"), "{alarms:?}");
+}
+
+#[test]
+fn nothing_moves_and_nothing_is_written_for_a_program_that_is_wrong_farther_down() {
+    let bench = Bench::new();
+    // Not the text's fault but the machine's: it has no probe, and its travel ends.
+    let program = bench.program("G61\nG1 X5 F600\nG38.2 Z-1\nG1 X9000\nM2\n");
+    let trace = bench.path("run.mcap");
+    let run = |extra: &str| {
+        let output = evolvent(&[
+            "run",
+            as_str(&program),
+            "--machine",
+            MACHINE,
+            "--clock",
+            "virtual",
+            "--no-bus",
+            "--trace",
+            as_str(&trace),
+            extra,
+        ]);
+        assert_eq!(output.status.code(), Some(1));
+        assert!(!trace.exists());
+        output
+    };
+    let text = String::from_utf8(run("--override=100").stderr).unwrap();
+    for part in [
+        "program.ngc:3:1",
+        "program.ngc:4:4",
+        "2 errors",
+        "nothing was moved",
+        "--unchecked",
+    ] {
+        assert!(text.contains(part), "{part} is missing in {text}");
+    }
+    let refused = json(&run("--json"));
+    assert_eq!(refused["outcome"], "failed");
+    assert_eq!(refused["alarm"], 100);
+    assert_eq!(refused["errors"][1]["line"], 4);
+}
+
+#[test]
+fn a_program_that_makes_parts_until_it_is_stopped_can_be_checked() {
+    let bench = Bench::new();
+    let program = bench.program("G61 F60000\nG1 X1\nO1 while [1]\nG1 X0\nG1 X1\nO1 endwhile\nG6\nM2\n");
+    let output = evolvent(&["check", as_str(&program), "--machine", MACHINE, "--json"]);
+    assert_eq!(output.status.code(), Some(0));
+    let found = json(&output);
+    assert_eq!(found["errors"], serde_json::json!([]));
+    assert_eq!(found["up_to"], 5, "what stands behind the loop was not looked at");
+}
+
+#[test]
+fn blocks_last_as_long_as_planned_whatever_dwells_lie_between() {
+    let bench = Bench::new();
+    let (output, trace) = bench.run("G61.1\nG4 P0.5\nG1 X5 F600\nG4 P2\nM0\nG1 Y5\nG1 X0\nG4 P1\nM2\n");
+    let summary = json(&output);
+    let period_s = summary["period_ns"].as_f64().unwrap() * 1e-9;
+    let mut trace = TraceFile::open(&trace).unwrap();
+    let blocks: Vec<_> = trace.blocks().map(Result::unwrap).collect();
+    assert_eq!(
+        blocks.iter().map(|block| block.line).collect::<Vec<_>>(),
+        [3, 6, 7]
+    );
+    let mut total = 0.0;
+    for block in &blocks {
+        let off = (block.true_duration_s - block.planned_duration_s).abs();
+        assert!(off <= 2.0 * period_s, "{block:?}");
+        total += block.true_duration_s;
+    }
+    let whole = summary["duration_s"].as_f64().unwrap();
+    assert!((whole - total - 3.5).abs() <= 12.0 * period_s, "{whole} {total}");
+}
+
+#[test]
+fn every_message_is_in_the_trace_where_it_was_shown() {
+    let bench = Bench::new();
+    let mut text = String::new();
+    for k in 0..500 {
+        text.push_str(&format!("G0 X{}\n(MSG, number {k})\n", 0.001 * f64::from(k % 7)));
+    }
+    let (output, trace) = bench.run(&text);
+    assert_eq!(output.status.code(), Some(0));
+    let mut trace = TraceFile::open(&trace).unwrap();
+    let shown: Vec<_> = trace
+        .events()
+        .map(Result::unwrap)
+        .filter(|event| event.kind == EventKind::Message)
+        .collect();
+    let texts: Vec<_> = shown.iter().map(|event| event.text.clone()).collect();
+    let expected: Vec<_> = (0..500).map(|k| format!("number {k}")).collect();
+    assert_eq!(texts, expected);
+    assert!(shown.is_sorted_by_key(|event| event.sequence));
+}
+
+#[test]
+fn the_next_run_recovers_what_a_killed_run_has_left() {
+    let bench = Bench::new();
+    let (_, trace) = bench.run("G1 X5 F600\nG1 X0\nM2\n");
+    let whole = fs::read(&trace).unwrap();
+    fs::remove_file(&trace).unwrap();
+    fs::write(bench.path("killed.mcap.part"), &whole[..whole.len() * 9 / 10]).unwrap();
+    let (output, _) = bench.run("M2\n");
+    assert_eq!(output.status.code(), Some(0));
+    assert!(!bench.path("killed.mcap.part").exists());
+    let mut recovered = TraceFile::open(&bench.path("killed.mcap")).unwrap();
+    assert!(recovered.cycles().all(|cycle| cycle.is_ok()));
+    let told = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(told.contains("killed.mcap.part"), "{told}");
+}
+
+#[test]
+fn a_run_finds_tools_parameters_and_subroutines_and_keeps_what_it_leaves() {
+    let bench = Bench::new();
+    let text = "G43 H1\n#31 = [#31 + 1]\nG10 L2 P2 X7\nG10 L1 P1 R2\nO<lift> call [5]\nG1 X[#31] F600\n(PRINT, %d#31)\nM2\n";
+    let program = bench.program(text);
+    fs::create_dir(bench.path("subs")).unwrap();
+    fs::write(
+        bench.path("subs/lift.ngc"),
+        "O<lift> sub\nG0 Z[#1]\nO<lift> endsub\n",
+    )
+    .unwrap();
+    fs::write(bench.path("mill.tbl"), "T1 P1 Z-20 D6 ;the mill\n").unwrap();
+    fs::write(bench.path("mill.var"), "31 4\n").unwrap();
+    // All three named by the machine file, relative to it.
+    let machine = fs::read_to_string(MACHINE).unwrap();
+    let keys = "[program]\ntool_table = \"mill.tbl\"\nparameters = \"mill.var\"\nsubroutines = [\"subs\"]\n";
+    fs::write(bench.path("mill.toml"), format!("{machine}\n{keys}")).unwrap();
+    let run = |more: &[&str]| {
+        let machine = bench.path("mill.toml");
+        let mut arguments = vec!["run", as_str(&program), "--machine", as_str(&machine)];
+        arguments.extend(["--clock", "virtual", "--no-bus", "--no-trace", "--json"]);
+        arguments.extend(more);
+        evolvent(&arguments)
+    };
+    let output = run(&[]);
+    assert_eq!(
+        output.status.code(),
+        Some(0),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    assert_eq!(
+        json(&output)["end_position"],
+        serde_json::json!([5.0, 0.0, -15.0])
+    );
+    let kept = fs::read_to_string(bench.path("mill.var")).unwrap();
+    assert!(
+        kept.contains("31\t5.0\n") && kept.contains("5241\t7.0\n"),
+        "{kept}"
+    );
+    let tools = fs::read_to_string(bench.path("mill.tbl")).unwrap();
+    assert_eq!(tools, "T1 P1 Z-20 D4 ;the mill\n");
+    // The command line goes before the machine file; a plan keeps nothing.
+    fs::write(bench.path("other.var"), "31 9\n").unwrap();
+    assert_eq!(
+        json(&run(&["--parameters", as_str(&bench.path("other.var"))]))["end_position"][0],
+        10.0
+    );
+    let machine = bench.path("mill.toml");
+    let plan = evolvent(&["plan", as_str(&program), "--machine", as_str(&machine), "--json"]);
+    assert_eq!(json(&plan)["end_position"][0], 6.0);
+    assert_eq!(fs::read_to_string(bench.path("mill.var")).unwrap(), kept);
+    // Nor does a run that fails.
+    let broken = text.replace("M2", "G6");
+    bench.program(&broken);
+    assert_eq!(run(&[]).status.code(), Some(1));
+    assert_eq!(fs::read_to_string(bench.path("mill.var")).unwrap(), kept);
+    fs::write(bench.path("mill.var"), "nonsense\n").unwrap();
+    let output = run(&[]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("mill.var: line 1"));
+}
+
+#[test]
+fn a_start_in_the_middle_is_shown_and_goes_on_as_the_whole_program() {
+    let bench = Bench::new();
+    let program = bench.program("G61 F1200\nG0 X10 Z5\nG1 Z-1\nG1 X20\nG1 Y7\nM2\n");
+    let plan = |more: &[&str]| {
+        let mut arguments = vec!["plan", as_str(&program), "--machine", MACHINE, "--json"];
+        arguments.extend(more);
+        evolvent(&arguments)
+    };
+    let (whole, rest) = (plan(&[]), plan(&["--start-line", "5"]));
+    assert_eq!(json(&rest)["end_position"], json(&whole)["end_position"]);
+    // Up, over, down, creep, and the one line that is left.
+    assert_eq!(json(&rest)["moves"], 5);
+    let told = String::from_utf8_lossy(&rest.stderr).into_owned();
+    for part in [
+        "starting at line 5",
+        "G61",
+        "F1200",
+        "X20.0000",
+        "Z to -1.000, at 1200.0 mm/min",
+    ] {
+        assert!(told.contains(part), "{part}: {told}");
+    }
+    let beyond = plan(&["--start-line", "50"]);
+    assert_eq!(beyond.status.code(), Some(1));
+    assert!(String::from_utf8_lossy(&beyond.stderr).contains("G0219"));
+}
+
+#[test]
+fn a_trace_never_replaces_what_is_run() {
+    let bench = Bench::new();
+    let program = bench.program("G1 X1 F600\nM2\n");
+    for place in [as_str(&program), as_str(bench.folder.path())] {
+        let output = evolvent(&[
+            "run",
+            as_str(&program),
+            "--machine",
+            MACHINE,
+            "--no-bus",
+            "--clock",
+            "virtual",
+            "--trace",
+            place,
+        ]);
+        assert_eq!(output.status.code(), Some(2), "{place}");
+    }
+    assert_eq!(fs::read_to_string(&program).unwrap(), "G1 X1 F600\nM2\n");
+}
+
+#[test]
+fn negative_numbers_are_judged_as_numbers() {
+    let output = evolvent(&["bore", "--hole", "20", "--tool", "8", "--pitch", "-1"]);
+    let told = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2));
+    assert!(told.contains("a pitch of -1 mm is impossible"), "{told}");
+}
+
+#[test]
+fn a_run_that_could_never_move_is_refused() {
+    let bench = Bench::new();
+    let program = bench.program("G1 X1 F600\nM2\n");
+    let output = evolvent(&["plan", as_str(&program), "--machine", MACHINE, "--override", "0"]);
+    assert_eq!(output.status.code(), Some(2));
+}
+
+#[test]
+fn a_message_or_the_next_tool_does_not_stop_the_path() {
+    let bench = Bench::new();
+    let plain = "G21 G61 F3000\nG1 X20\nX40\nX60\nM2\n";
+    let with_words = "G21 G61 F3000\nG1 X20\n(MSG, half way)\nX40\nT2\nX60\nM2\n";
+    let [plain, with_words] = [plain, with_words].map(|text| json(&bench.plan(text))["cycles"].clone());
+    assert_eq!(plain, with_words);
+    // 60 mm at 50 mm/s, and little more than one start and one stop.
+    let cycles = plain.as_f64().unwrap() * 0.001_264_809;
+    assert!((1.2..1.3).contains(&cycles), "{cycles} s");
+}
+
+#[test]
+fn the_machine_file_says_how_far_an_arc_may_be_off() {
+    let bench = Bench::new();
+    // Radius 10 at the start, 10.02 at the end.
+    let program = bench.program("G21 F600\nG2 X10 Y10.02 I10 J0\nM2\n");
+    let text = fs::read_to_string(MACHINE).unwrap();
+    for (tolerance, code) in [("0.05", 0), ("0.001", 1)] {
+        let machine = bench.path("machine.toml");
+        let key = format!("[path]\narc_radius_tolerance_mm = {tolerance}");
+        fs::write(&machine, text.replace("[path]", &key)).unwrap();
+        let output = evolvent(&["check", as_str(&program), "--machine", as_str(&machine)]);
+        assert_eq!(
+            output.status.code(),
+            Some(code),
+            "{}",
+            String::from_utf8_lossy(&output.stderr)
+        );
+    }
+}

@@ -1,0 +1,62 @@
+//! The jobs of a served machine, as its trace tells of them.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use evolvent_machine::Machine;
+use evolvent_path::Axes;
+use evolvent_runtime::{JobStart, Switched};
+use evolvent_trace::{EventKind, ReadError, TraceFile};
+
+/// A job, and the cycle with which it begins.
+#[derive(Clone, Debug)]
+pub(crate) struct Start {
+    pub(crate) sequence: u64,
+    pub(crate) job: u32,
+    /// `None` where this version does not understand it.
+    pub(crate) start: Option<JobStart>,
+    /// What was switched while its program was read, in order.
+    pub(crate) switched: VecDeque<Switched>,
+}
+
+/// Another travel, and the cycle from which it counts.
+pub(crate) type Travel = (u64, Axes, Axes);
+
+/// Every job in order; none for a run of one program.
+pub(crate) fn starts(trace: &mut TraceFile) -> Result<VecDeque<Start>, ReadError> {
+    let mut starts = VecDeque::new();
+    let mut switched: BTreeMap<u32, VecDeque<Switched>> = BTreeMap::new();
+    for event in trace.events() {
+        let event = event?;
+        match event.kind {
+            EventKind::Job => starts.push_back(Start {
+                sequence: event.sequence,
+                job: event.code,
+                start: JobStart::parse(&event.text),
+                switched: VecDeque::new(),
+            }),
+            // A planner reads ahead: this may stand before the job begins.
+            EventKind::Switched => {
+                let list = switched.entry(event.code).or_default();
+                list.extend(Switched::parse(&event.text));
+            }
+            _ => {}
+        }
+    }
+    for start in &mut starts {
+        start.switched = switched.remove(&start.job).unwrap_or_default();
+    }
+    Ok(starts)
+}
+
+/// The travel that a job may use, from its first cycle on: an axis that is not homed may be jogged its travel's length.
+pub(crate) fn travel_of(start: &Start, machine: &Machine) -> Travel {
+    let limits = machine.limits();
+    match &start.start {
+        Some(JobStart::Steered(steered)) => (
+            start.sequence,
+            limits.travel_min.inf(&steered.travel_min),
+            limits.travel_max.sup(&steered.travel_max),
+        ),
+        _ => (start.sequence, limits.travel_min, limits.travel_max),
+    }
+}

@@ -1,0 +1,289 @@
+//! Recorded setpoints on the bus again.
+
+use std::ops::ControlFlow;
+use std::path::Path;
+use std::time::Duration;
+
+use evolvent_bus::{BusConfig, BusError, CoreBus, ReceiveError, SendError, Setpoint, Status};
+use evolvent_runtime::MonotonicClock;
+use evolvent_trace::CycleRecord;
+
+use crate::opened::{InspectError, Opened};
+use crate::selection::Selection;
+
+/// Status snapshots go out this often.
+const STATUS_EVERY_NS: u64 = 50_000_000;
+/// How often drives are listened for before the first setpoint, and the pause before each time: half a second. Times are
+/// counted, because a process that was kept from running that long has not listened.
+const LISTEN_TIMES: u32 = 100;
+const LISTEN_EVERY: Duration = Duration::from_millis(5);
+/// Longest sleep, so that a wish to end is heard.
+const NAP_NS: u64 = 20_000_000;
+/// Of a CiA 402 status word: the bits that tell the state, and what they are in "operation enabled".
+const STATE_BITS: u32 = 0x6F;
+const OPERATION_ENABLED: u32 = 0x27;
+/// The flag of the last setpoint of a run.
+const FLAG_LAST: u32 = 128;
+
+/// How fast recorded time goes by.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Pace {
+    /// Times real time; 1 is as recorded.
+    Factor(f64),
+    /// So many setpoints each time that the caller says so.
+    Step,
+}
+
+/// What to publish, and where.
+#[derive(Clone, Debug)]
+pub struct Replay {
+    /// Which part of the trace.
+    pub selection: Selection,
+    /// How fast.
+    pub pace: Pace,
+    /// The name on the bus; the recorded machine's if none.
+    pub machine_name: Option<String>,
+    /// iceoryx2's prefix; none for iceoryx2's own.
+    pub bus_prefix: Option<String>,
+    /// Wait until so many clients listen to setpoints.
+    pub wait_for_subscribers: usize,
+    /// Publish although drives are on. Both this and `machine_is_on` have to be said.
+    pub force: bool,
+    /// See `force`.
+    pub machine_is_on: bool,
+}
+
+/// Why nothing, or not all, was replayed.
+#[derive(Debug, thiserror::Error)]
+pub enum ReplayError {
+    /// The trace.
+    #[error(transparent)]
+    Inspect(#[from] InspectError),
+    /// The bus, for example a core of that name that lives.
+    #[error("{0}; a replay takes a core's place: end that core, or give the replay another name with --as")]
+    Bus(#[from] BusError),
+    /// Drives that are on listen under this name.
+    #[error(
+        "drives of {name} are on (a bridge answers with status word {status_word:#06x} on axis {axis}): a replay would \
+         move them. Switch them off, or choose another name with --as. Only if it is meant: --force --yes-machine-is-on"
+    )]
+    MachineIsOn {
+        /// The machine's name.
+        name: String,
+        /// Index of the axis, XYZABCUVW.
+        axis: usize,
+        /// What its drive says.
+        status_word: u32,
+    },
+    /// Nothing of the trace is selected.
+    #[error("no cycle of the trace is in that time and those lines")]
+    Nothing,
+    /// A pace that is none.
+    #[error("a speed factor of {0} is none; give one from 0.001 to 1000")]
+    Pace(f64),
+    /// Feedback could not be read.
+    #[error("drives could not be listened for: {0}")]
+    Listen(#[from] ReceiveError),
+    /// A setpoint did not leave.
+    #[error("a setpoint did not leave: {0}")]
+    Send(#[from] SendError),
+}
+
+/// What was replayed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
+pub struct Replayed {
+    /// Setpoints published.
+    pub setpoints: u64,
+    /// First and last cycle.
+    pub first_sequence: u64,
+    /// See `first_sequence`.
+    pub last_sequence: u64,
+    /// Time that it took, s.
+    pub seconds: f64,
+    /// Most clients that listened.
+    pub subscribers: u64,
+}
+
+/// Publishes recorded setpoints under the recorded machine's name, as its core did. `steps` is asked before each setpoint
+/// of a stepped replay how many to publish, and `stop` often whether to end.
+///
+/// Drives that are on are never moved, unless told so twice: before the first setpoint it listens whether a bridge
+/// answers with a drive in "operation enabled". Setpoints carry no power request, so drives that are off stay off.
+///
+/// # Errors
+/// [`ReplayError`].
+pub fn replay(
+    path: &Path,
+    options: &Replay,
+    mut steps: impl FnMut(&CycleRecord) -> ControlFlow<(), u64>,
+    stop: impl Fn() -> bool,
+) -> Result<Replayed, ReplayError> {
+    if let Pace::Factor(factor) = options.pace
+        && !(0.001..=1000.0).contains(&factor)
+    {
+        return Err(ReplayError::Pace(factor));
+    }
+    let mut opened = Opened::open(path)?;
+    let name = options
+        .machine_name
+        .clone()
+        .unwrap_or_else(|| opened.run.machine_name.clone());
+    let mut config = BusConfig::new(&name, &opened.machine.axis_letters(), opened.run.period_ns);
+    config.prefix.clone_from(&options.bus_prefix);
+    let mut bus = CoreBus::open(&config)?;
+    let axes_mask = opened
+        .run
+        .axes
+        .iter()
+        .fold(0_u32, |mask, axis| mask | 1 << axis.index());
+    let mut status = Status::default();
+    status.set_program(&format!("replay of {}", opened.run.program_name));
+    status.period_ns = opened.run.period_ns;
+    status.axes_mask = axes_mask;
+    // Off: what a screen shows of it is a picture, not a machine.
+    status.machine_state = 1;
+    publish_status(&mut bus, &mut status, None)?;
+    if !(options.force && options.machine_is_on) {
+        refuse_live_drives(&mut bus, &name, &stop)?;
+    }
+    let subscribers =
+        bus.wait_for_setpoint_subscribers(options.wait_for_subscribers, Duration::from_secs(10));
+    let mut done = Replayed {
+        subscribers: subscribers as u64,
+        ..Replayed::default()
+    };
+    let increments = opened.machine.increments();
+    let (first_ns, last_ns) = options.selection.span_ns(opened.run.start_time_ns);
+    let selection = options.selection.clone();
+    let mut begun: Option<(u64, u64)> = None;
+    let mut next_status = 0;
+    let mut allowed = 0;
+    let mut last: Option<Setpoint> = None;
+    let mut cycles = opened
+        .trace
+        .cycles_between(first_ns, last_ns)
+        .filter(|record| {
+            record
+                .as_ref()
+                .map_or(true, |record| selection.has_line(record.line))
+        })
+        .peekable();
+    while let Some(record) = cycles.next() {
+        let record = record.map_err(InspectError::from)?;
+        if stop() {
+            break;
+        }
+        let (start, start_due) = *begun.get_or_insert_with(|| (MonotonicClock::now_ns(), record.due_time_ns));
+        let due = match options.pace {
+            Pace::Factor(factor) => {
+                let since = record.due_time_ns.saturating_sub(start_due) as f64 / factor;
+                let due = start + since as u64;
+                while MonotonicClock::now_ns() < due && !stop() {
+                    let _late = MonotonicClock::sleep_until(due.min(MonotonicClock::now_ns() + NAP_NS));
+                }
+                due
+            }
+            Pace::Step => {
+                if allowed == 0 {
+                    match steps(&record) {
+                        ControlFlow::Continue(count) => allowed = count.max(1),
+                        ControlFlow::Break(()) => break,
+                    }
+                }
+                allowed -= 1;
+                MonotonicClock::now_ns()
+            }
+        };
+        let is_last = cycles.peek().is_none();
+        let setpoint = message(
+            &record,
+            due,
+            opened.run.period_ns,
+            axes_mask,
+            &increments,
+            is_last,
+        );
+        bus.publish_setpoint(&setpoint)?;
+        last = Some(setpoint);
+        if done.setpoints == 0 {
+            done.first_sequence = record.sequence;
+        }
+        done.setpoints += 1;
+        done.last_sequence = record.sequence;
+        let now = MonotonicClock::now_ns();
+        if now >= next_status {
+            next_status = now + STATUS_EVERY_NS;
+            bus.admit_readers();
+            done.subscribers = done.subscribers.max(bus.setpoint_subscribers() as u64);
+            publish_status(&mut bus, &mut status, last.as_ref())?;
+        }
+    }
+    publish_status(&mut bus, &mut status, last.as_ref())?;
+    let Some((start, _)) = begun else {
+        return Err(ReplayError::Nothing);
+    };
+    done.seconds = MonotonicClock::now_ns().saturating_sub(start) as f64 * 1e-9;
+    Ok(done)
+}
+
+/// Listens whether somebody with drives that are on answers.
+fn refuse_live_drives(bus: &mut CoreBus, name: &str, stop: &impl Fn() -> bool) -> Result<(), ReplayError> {
+    for _ in 0..LISTEN_TIMES {
+        if stop() {
+            break;
+        }
+        bus.admit_readers();
+        std::thread::sleep(LISTEN_EVERY);
+        while let Some(feedback) = bus.feedback()? {
+            let is_on = |word: u32| word & STATE_BITS == OPERATION_ENABLED;
+            if let Some(axis) = feedback.status_word.iter().position(|&word| is_on(word)) {
+                return Err(ReplayError::MachineIsOn {
+                    name: name.to_owned(),
+                    axis,
+                    status_word: feedback.status_word[axis],
+                });
+            }
+        }
+    }
+    Ok(())
+}
+
+fn publish_status(bus: &mut CoreBus, status: &mut Status, last: Option<&Setpoint>) -> Result<(), SendError> {
+    status.sequence += 1;
+    status.time_ns = MonotonicClock::now_ns();
+    status.setpoint_subscribers = bus.setpoint_subscribers() as u32;
+    if let Some(last) = last {
+        status.cycles = last.sequence + 1;
+        status.follow(last);
+    }
+    bus.publish_status(status).map(|_| ())
+}
+
+fn message(
+    record: &CycleRecord,
+    due_time_ns: u64,
+    period_ns: u64,
+    axes_mask: u32,
+    increments: &evolvent_path::Axes,
+    is_last: bool,
+) -> Setpoint {
+    // A position of a damaged trace could be anything; `as` takes what does not fit to the nearest end.
+    let grid = std::array::from_fn(|i| (record.position[i] * increments[i]).round() as i64);
+    Setpoint {
+        sequence: record.sequence,
+        due_time_ns,
+        period_ns,
+        position: record.position,
+        velocity: record.velocity,
+        acceleration: record.acceleration,
+        position_increments: grid,
+        state: u32::from(record.state),
+        flags: record.flags | if is_last { FLAG_LAST } else { 0 },
+        line: record.line,
+        axes_mask,
+        feed_mm_s: record.feed_mm_s,
+        override_ratio: record.override_,
+        path_mm: record.path_mm,
+        ..Setpoint::default()
+    }
+}

@@ -1,0 +1,347 @@
+//! What the page's script draws, as JSON.
+
+use evolvent_runtime::{JobStart, Switched};
+use evolvent_trace::{EventKind, EventRecord};
+use serde_json::{Value, json};
+
+use crate::lines::LineTime;
+use crate::opened::Opened;
+use crate::report::gather::{Gathered, JobPart, LogBars, Span};
+use crate::report::verdict::{letters, time};
+
+/// Lines in a table.
+const MOST_ROWS: usize = 40;
+/// Rows of all jobs of a session together, about.
+const ALL_ROWS: usize = 2000;
+/// A program up to here is shown whole, of a longer one the surroundings of the lines in the tables.
+const WHOLE_LINES: usize = 3000;
+const SURROUNDINGS: usize = 4;
+/// Longer lines are cut in the page.
+const LINE_CHARACTERS: usize = 200;
+
+/// Text that may hold anything, for HTML.
+pub(crate) fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;")
+        .replace('<', "&lt;")
+        .replace('>', "&gt;")
+        .replace('"', "&quot;")
+}
+
+/// Bytes as text (RFC 4648).
+pub(crate) fn base64(bytes: &[u8]) -> String {
+    const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
+    for three in bytes.chunks(3) {
+        let byte = |at: usize| u32::from(three.get(at).copied().unwrap_or(0));
+        let bits = byte(0) << 16 | byte(1) << 8 | byte(2);
+        for place in 0..4 {
+            if place > three.len() {
+                text.push('=');
+            } else {
+                text.push(char::from(DIGITS[(bits >> (18 - 6 * place) & 63) as usize]));
+            }
+        }
+    }
+    text
+}
+
+/// Rows of the table of the run.
+pub(crate) fn run_rows(opened: &Opened, g: &Gathered) -> String {
+    let run = &opened.run;
+    let info = opened.trace.info();
+    let rate_hz = 1e9 / run.period_ns.max(1) as f64;
+    let mut rows = vec![
+        ("trace", info.path.display().to_string()),
+        ("program", run.program_name.clone()),
+        (
+            "machine",
+            format!("{}, axes {}", run.machine_name, letters(&run.axes)),
+        ),
+        ("started", utc(run.start_time_ns)),
+        ("duration", time(g.cycles as f64 * opened.period_s())),
+        ("period", format!("{} ns, {rate_hz:.2} Hz", run.period_ns)),
+        ("clock", run.clock.clone()),
+        ("real time", run.real_time.clone()),
+        ("configuration", run.configuration_hash.clone()),
+    ];
+    for (name, version) in &run.versions {
+        rows.push(("version", format!("{name} {version}")));
+    }
+    for key in ["planner", "feed_override", "start_line", "platform"] {
+        if let Some(value) = run.extra.get(key) {
+            rows.push((key, value.clone()));
+        }
+    }
+    if let Some(notes) = info.summary.get("notes") {
+        rows.push(("notes", notes.clone()));
+    }
+    rows.iter()
+        .map(|(name, value)| format!("<tr><th>{name}</th><td>{}</td></tr>\n", escaped(value)))
+        .collect()
+}
+
+/// Unix time for people, without a library: days by the civil calendar (H. Hinnant, "chrono-compatible low-level date
+/// algorithms").
+fn utc(time_ns: u64) -> String {
+    let seconds = time_ns / 1_000_000_000;
+    let (days, rest) = ((seconds / 86_400) as i64, seconds % 86_400);
+    let z = days + 719_468;
+    let era = z.div_euclid(146_097);
+    let day_of_era = z.rem_euclid(146_097);
+    let year_of_era = (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
+    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
+    let shifted = (5 * day_of_year + 2) / 153;
+    let day = day_of_year - (153 * shifted + 2) / 5 + 1;
+    let month = if shifted < 10 { shifted + 3 } else { shifted - 9 };
+    let year = year_of_era + era * 400 + i64::from(month <= 2);
+    format!(
+        "{year:04}-{month:02}-{day:02} {:02}:{:02}:{:02} UTC",
+        rest / 3600,
+        rest / 60 % 60,
+        rest % 60
+    )
+}
+
+/// Lines of all jobs by a measure: the greatest of all, and of each job those that its own table shows.
+fn top(g: &Gathered, measure: impl Fn(&LineTime) -> f64) -> Vec<(&JobPart, u32, &LineTime)> {
+    let per_job = (ALL_ROWS / g.jobs.len().max(1)).clamp(1, MOST_ROWS);
+    let mut list: Vec<_> = g
+        .jobs
+        .iter()
+        .flat_map(|job| {
+            let lines = job.times.top(MOST_ROWS, &measure);
+            lines
+                .into_iter()
+                .enumerate()
+                .map(move |(rank, (line, time))| (rank, job, line, time))
+        })
+        .collect();
+    list.sort_by(|a, b| measure(b.3).total_cmp(&measure(a.3)));
+    let mut at = 0;
+    list.retain(|(rank, ..)| {
+        at += 1;
+        at <= MOST_ROWS || *rank < per_job
+    });
+    list.into_iter()
+        .map(|(_, job, line, time)| (job, line, time))
+        .collect()
+}
+
+fn row(job: &JobPart, line: u32, time: &LineTime) -> Value {
+    let limits: Vec<String> = {
+        let mut list: Vec<_> = time.by_limit.iter().collect();
+        list.sort_by(|a, b| b.1.total_cmp(a.1));
+        list.iter()
+            .take(3)
+            // What rounds to nothing says nothing.
+            .filter(|(_, seconds)| **seconds >= 0.005 * time.time_s)
+            .map(|(limit, seconds)| format!("{} {:.0} %", limit.name(), 100.0 * **seconds / time.time_s))
+            .collect()
+    };
+    json!({
+        "job": job.number,
+        "line": line,
+        "text": job.texts.get(&line).map(|text| cut(text)),
+        "time": time.time_s,
+        "planned": job.planned.get(&line),
+        "limited": time.limited_s,
+        "held": time.held_s,
+        "path": time.path_mm,
+        "mean": time.mean_feed_mm_s(),
+        "max": time.max_feed_mm_s,
+        "limits": limits.join(", "),
+        "start": time.start_sequence,
+    })
+}
+
+fn bars(bars: &LogBars) -> Value {
+    let list: Vec<_> = bars.bars.iter().collect();
+    json!({ "none": bars.none, "bars": list, "total": bars.total, "max_ns": bars.max_ns })
+}
+
+fn spans(list: &[Span]) -> Value {
+    list.iter()
+        .map(|span| json!([span.start, span.value]))
+        .collect::<Vec<_>>()
+        .into()
+}
+
+/// The data, safe within a script element.
+pub(crate) fn json(opened: &Opened, g: &Gathered) -> String {
+    let slowest = top(g, |time| time.time_s);
+    let limited = top(g, |time| time.limited_s);
+    let shown: Vec<u32> = slowest.iter().chain(&limited).map(|(_, line, _)| *line).collect();
+    let rows = |list: &[(&JobPart, u32, &LineTime)]| -> Vec<Value> {
+        list.iter()
+            .map(|(job, line, time)| row(job, *line, time))
+            .collect()
+    };
+    let rapids: Vec<u8> = g.trail.iter().map(|spot| u8::from(spot.is_rapid)).collect();
+    let jobs: Vec<Value> = g
+        .jobs
+        .iter()
+        .filter(|job| job.number > 0)
+        .map(|job| json!([job.number, job.name, job.start, job.end]))
+        .collect();
+    let series: Vec<Value> = g
+        .series
+        .iter()
+        .map(|series| {
+            let bytes: Vec<u8> = series
+                .level
+                .values
+                .iter()
+                .flat_map(|value| value.to_le_bytes())
+                .collect();
+            json!({
+                "group": series.group,
+                "label": series.label,
+                "unit": series.unit,
+                "axis": series.axis,
+                "limit": series.limit.filter(|limit| limit.is_finite()),
+                "width": series.level.width,
+                "offset": series.level.offset,
+                "scale": series.level.scale,
+                "least": series.level.least,
+                "greatest": series.level.greatest,
+                "values": base64(&bytes),
+            })
+        })
+        .collect();
+    let floats = |get: &dyn Fn(&crate::report::trail::Spot) -> f64| {
+        let bytes: Vec<u8> = g
+            .trail
+            .iter()
+            .flat_map(|spot| (get(spot) as f32).to_le_bytes())
+            .collect();
+        base64(&bytes)
+    };
+    let sequences: Vec<u8> = g
+        .trail
+        .iter()
+        .flat_map(|spot| (spot.sequence as f64).to_le_bytes())
+        .collect();
+    let events: Vec<Value> = g
+        .events
+        .iter()
+        .map(|event| json!([event.sequence, event.kind as u8, event.code, said(event)]))
+        .collect();
+    let value = json!({
+        "period_s": opened.period_s(),
+        "first": g.first_sequence,
+        "last": g.last_sequence,
+        "cycles": g.cycles,
+        "axes": letters(&opened.run.axes),
+        "series": series,
+        "states": spans(&g.states),
+        "overrides": spans(&g.overrides),
+        "spans_cut": g.spans_cut,
+        "events": events,
+        "events_left_out": g.events_left_out,
+        "gaps": g.gaps,
+        "trail": {
+            "x": floats(&|spot| spot.place[0]),
+            "y": floats(&|spot| spot.place[1]),
+            "z": floats(&|spot| spot.place[2]),
+            "feed": floats(&|spot| spot.feed_mm_s),
+            "error": if g.has_errors { Value::from(floats(&|spot| spot.error)) } else { Value::Null },
+            "sequence": base64(&sequences),
+            "rapid": base64(&rapids),
+        },
+        "fastest_cut": g.fastest_cut,
+        "jobs": jobs,
+        "max_error": g.max_error,
+        "lateness": bars(&g.lateness),
+        "work": bars(&g.work),
+        "realtime": opened.run.clock == "realtime",
+        "slowest": rows(&slowest),
+        "limited": rows(&limited),
+        "program": program(opened, &shown),
+    });
+    // So that nothing in it can end the script element.
+    value.to_string().replace('<', "\\u003c")
+}
+
+/// Lines of the program with their numbers.
+fn program(opened: &Opened, shown: &[u32]) -> Value {
+    let lines = opened.program_lines();
+    let is_whole = lines.len() <= WHOLE_LINES;
+    let mut wanted = vec![is_whole; lines.len()];
+    for &line in shown {
+        let line = line as usize;
+        let from = line.saturating_sub(SURROUNDINGS + 1).min(lines.len());
+        let to = (line + SURROUNDINGS).min(lines.len());
+        wanted[from..to].fill(true);
+    }
+    let list: Vec<Value> = lines
+        .iter()
+        .zip(&wanted)
+        .enumerate()
+        .filter(|(_, (_, wanted))| **wanted)
+        .map(|(at, (text, _))| json!([at + 1, cut(text)]))
+        .collect();
+    json!({ "whole": is_whole, "count": lines.len(), "lines": list })
+}
+
+fn cut(text: &str) -> String {
+    text.chars().take(LINE_CHARACTERS).collect()
+}
+
+/// What people are told of an event. A job's beginning is a line for computing it again: its head will do.
+fn said(event: &EventRecord) -> String {
+    if event.kind == EventKind::Switched {
+        return Switched::parse(&event.text)
+            .map_or_else(|| event.text.clone(), |switched| read_with(&switched));
+    }
+    if event.kind != EventKind::Job {
+        return event.text.clone();
+    }
+    match JobStart::parse(&event.text) {
+        Some(JobStart::Program(start)) if start.is_mdi => format!("MDI, {}", start.program),
+        Some(JobStart::Program(start)) => format!("program, {}", start.program),
+        Some(JobStart::Steered(start)) if start.is_turn => "jog turned over".to_owned(),
+        Some(JobStart::Steered(_)) => "jog or homing".to_owned(),
+        None => event.text.clone(),
+    }
+}
+
+fn read_with(switched: &Switched) -> String {
+    let state = &switched.state;
+    let words = |on: bool| if on { "on" } else { "off" };
+    format!(
+        "read ahead behind line {}: single step {}, optional stop {}, block delete {}, rapid override {:.0} %",
+        switched.line,
+        words(state.single_step),
+        words(state.optional_stop),
+        words(state.block_delete),
+        100.0 * state.rapid_override
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn base64_is_that_of_the_standard() {
+        // RFC 4648, section 10.
+        for (plain, coded) in [
+            ("", ""),
+            ("f", "Zg=="),
+            ("fo", "Zm8="),
+            ("foo", "Zm9v"),
+            ("foob", "Zm9vYg=="),
+            ("fooba", "Zm9vYmE="),
+            ("foobar", "Zm9vYmFy"),
+        ] {
+            assert_eq!(base64(plain.as_bytes()), coded);
+        }
+    }
+
+    #[test]
+    fn unix_time_is_a_date() {
+        assert_eq!(utc(0), "1970-01-01 00:00:00 UTC");
+        assert_eq!(utc(951_827_696_000_000_000), "2000-02-29 12:34:56 UTC");
+        assert_eq!(utc(1_700_000_000_000_000_000), "2023-11-14 22:13:20 UTC");
+    }
+}

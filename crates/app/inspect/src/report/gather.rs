@@ -1,0 +1,470 @@
+//! Everything that a page shows, gathered in one pass.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use evolvent_path::AxisLetter;
+use evolvent_runtime::JobStart;
+use evolvent_trace::{CycleRecord, EventKind, EventRecord, inputs};
+
+use crate::check::LimitCheck;
+use crate::jobs::{Start, Travel, starts, travel_of};
+use crate::lines::LineTimes;
+use crate::opened::{InspectError, Opened};
+use crate::pyramid::{Level, Pyramid};
+use crate::report::trail::{Spot, Trail};
+
+/// Stretches of a curve that a page carries at most; for machines of many axes fewer, so that the page stays small.
+const STRETCHES: usize = 65_536;
+const STRETCHES_OF_MANY: usize = 16_384;
+const MANY_AXES: usize = 4;
+/// Spans of states and overrides, and events, that a page carries.
+const MOST_SPANS: usize = 20_000;
+const MOST_EVENTS: usize = 5000;
+/// Jobs of a served machine that are told apart.
+const MOST_JOBS: usize = 2000;
+const FLAG_RAPID: u32 = evolvent_motion::flags::RAPID;
+/// As the command is recorded.
+const EMERGENCY_STOP: &str = "emergency stop";
+/// Bars of a histogram for each power of ten of nanoseconds.
+const BARS: f64 = 10.0;
+
+/// A curve and what belongs to it.
+#[derive(Debug)]
+pub(crate) struct Series {
+    pub(crate) group: &'static str,
+    pub(crate) label: String,
+    pub(crate) unit: &'static str,
+    pub(crate) axis: Option<usize>,
+    pub(crate) limit: Option<f64>,
+    pub(crate) level: Level,
+}
+
+/// Counts of times, by tenths of powers of ten.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct LogBars {
+    /// Early or at once.
+    pub(crate) none: u64,
+    /// By tenth of a power of ten of ns.
+    pub(crate) bars: BTreeMap<u32, u64>,
+    pub(crate) total: u64,
+    pub(crate) max_ns: i64,
+}
+
+impl LogBars {
+    fn see(&mut self, ns: i64) {
+        self.total += 1;
+        self.max_ns = self.max_ns.max(ns);
+        if ns < 1 {
+            self.none += 1;
+        } else {
+            let bar = (BARS * (ns as f64).log10()) as u32;
+            *self.bars.entry(bar).or_default() += 1;
+        }
+    }
+}
+
+/// A stretch of time in which something held.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Span {
+    pub(crate) start: u64,
+    pub(crate) value: f64,
+}
+
+/// A job of a served machine; a run of one program is one job.
+#[derive(Debug)]
+pub(crate) struct JobPart {
+    /// Its number; 0 for a run of one program.
+    pub(crate) number: u32,
+    /// What it was.
+    pub(crate) name: String,
+    /// Its first cycle, and the last that a job moved.
+    pub(crate) start: u64,
+    pub(crate) end: u64,
+    pub(crate) times: LineTimes,
+    /// Planned seconds and texts of lines, as the blocks have them.
+    pub(crate) planned: BTreeMap<u32, f64>,
+    pub(crate) texts: BTreeMap<u32, String>,
+}
+
+/// All of it.
+#[derive(Debug)]
+pub(crate) struct Gathered {
+    pub(crate) cycles: u64,
+    pub(crate) first_sequence: u64,
+    pub(crate) last_sequence: u64,
+    pub(crate) gaps: Vec<(u64, u64)>,
+    pub(crate) missing: u64,
+    pub(crate) late: u64,
+    pub(crate) starved: u64,
+    pub(crate) series: Vec<Series>,
+    pub(crate) states: Vec<Span>,
+    pub(crate) overrides: Vec<Span>,
+    pub(crate) spans_cut: bool,
+    pub(crate) events: Vec<EventRecord>,
+    pub(crate) events_left_out: u64,
+    pub(crate) alarms: Vec<EventRecord>,
+    /// Cycles with which somebody pressed emergency stop.
+    pub(crate) emergency_stops: Vec<u64>,
+    pub(crate) trail: Vec<Spot>,
+    pub(crate) lateness: LogBars,
+    pub(crate) work: LogBars,
+    pub(crate) times: LineTimes,
+    pub(crate) check: LimitCheck,
+    pub(crate) has_errors: bool,
+    pub(crate) max_error: f64,
+    pub(crate) path_mm: f64,
+    last_path_mm: f64,
+    /// Programs and blocks of MDI of a served machine.
+    pub(crate) programs: usize,
+    travels: VecDeque<Travel>,
+    /// In order of their beginnings.
+    pub(crate) jobs: Vec<JobPart>,
+    /// Jobs that have begun.
+    begun: usize,
+    /// Greatest feed of a cut, mm/s; 0 where nothing was cut.
+    pub(crate) fastest_cut: f64,
+}
+
+struct Curves {
+    feed: Pyramid,
+    override_: Pyramid,
+    load: Pyramid,
+    /// Velocity, acceleration, jerk, following error, position by axis.
+    axes: Vec<[Pyramid; 5]>,
+    lateness: Pyramid,
+    work: Pyramid,
+}
+
+impl Curves {
+    fn skip(&mut self, samples: u64) {
+        let plain = [
+            &mut self.feed,
+            &mut self.override_,
+            &mut self.load,
+            &mut self.lateness,
+            &mut self.work,
+        ];
+        plain
+            .into_iter()
+            .chain(self.axes.iter_mut().flatten())
+            .for_each(|curve| curve.skip(samples));
+    }
+
+    fn push(&mut self, record: &CycleRecord, axes: &[AxisLetter]) {
+        self.feed.push(record.feed_mm_s);
+        self.override_.push(100.0 * record.override_);
+        self.load.push(record.load);
+        self.lateness.push(record.wake_lateness_ns as f64 * 1e-3);
+        self.work.push(f64::from(record.work_ns) * 1e-3);
+        for (curves, axis) in self.axes.iter_mut().zip(axes) {
+            let i = axis.index();
+            let values = [
+                record.velocity[i],
+                record.acceleration[i],
+                record.jerk[i],
+                record.following_error[i],
+                record.position[i],
+            ];
+            for (curve, value) in curves.iter_mut().zip(values) {
+                curve.push(value);
+            }
+        }
+    }
+}
+
+/// Reads the trace once.
+pub(crate) fn gather(opened: &mut Opened) -> Result<Gathered, InspectError> {
+    let axes = opened.run.axes.clone();
+    let room = if axes.len() > MANY_AXES {
+        STRETCHES_OF_MANY
+    } else {
+        STRETCHES
+    };
+    let curve = || Pyramid::new(room);
+    let mut curves = Curves {
+        feed: curve(),
+        override_: curve(),
+        load: curve(),
+        axes: axes
+            .iter()
+            .map(|_| [curve(), curve(), curve(), curve(), curve()])
+            .collect(),
+        lateness: curve(),
+        work: curve(),
+    };
+    let starts = starts(&mut opened.trace)?;
+    let home = opened.machine.limits().home;
+    let fastest = opened
+        .machine
+        .axes
+        .iter()
+        .map(|axis| axis.max_velocity)
+        .fold(1.0, f64::max);
+    let mut trail = Trail::new(fastest / 40.0);
+    let mut g = Gathered {
+        cycles: 0,
+        first_sequence: 0,
+        last_sequence: 0,
+        gaps: Vec::new(),
+        missing: 0,
+        late: 0,
+        starved: 0,
+        series: Vec::new(),
+        states: Vec::new(),
+        overrides: Vec::new(),
+        spans_cut: false,
+        events: Vec::new(),
+        events_left_out: 0,
+        alarms: Vec::new(),
+        trail: Vec::new(),
+        lateness: LogBars::default(),
+        work: LogBars::default(),
+        times: LineTimes::new(&opened.machine, opened.run.period_ns),
+        check: LimitCheck::new(&opened.machine, opened.run.period_ns, &home.into()),
+        has_errors: false,
+        max_error: 0.0,
+        path_mm: 0.0,
+        last_path_mm: 0.0,
+        programs: starts
+            .iter()
+            .filter(|start| matches!(start.start, Some(JobStart::Program(_))))
+            .count(),
+        travels: starts
+            .iter()
+            .map(|start| travel_of(start, &opened.machine))
+            .collect(),
+        jobs: jobs(&starts, &LineTimes::new(&opened.machine, opened.run.period_ns)),
+        begun: 0,
+        fastest_cut: 0.0,
+        emergency_stops: Vec::new(),
+    };
+    opened
+        .trace
+        .each_cycle(0, u64::MAX, |record| -> Result<_, evolvent_trace::ReadError> {
+            g.cycle(record, &mut curves, &mut trail, &axes);
+            Ok(std::ops::ControlFlow::Continue(()))
+        })?;
+    for event in opened.trace.events() {
+        let event = event?;
+        if event.kind == EventKind::Command && event.text == EMERGENCY_STOP {
+            g.emergency_stops.push(event.sequence);
+        }
+        if event.kind == EventKind::Alarm && g.alarms.len() < MOST_EVENTS {
+            g.alarms.push(event.clone());
+        }
+        if g.events.len() < MOST_EVENTS {
+            g.events.push(event);
+        } else {
+            g.events_left_out += 1;
+        }
+    }
+    for block in opened.trace.blocks() {
+        let block = block?;
+        let at = g.jobs.partition_point(|job| job.start <= block.start_sequence);
+        let Some(job) = at.checked_sub(1).and_then(|at| g.jobs.get_mut(at)) else {
+            continue;
+        };
+        *job.planned.entry(block.line).or_default() += block.planned_duration_s;
+        if g.programs > 0 {
+            // A run's one program is attached.
+            job.texts.entry(block.line).or_insert(block.text);
+        }
+    }
+    g.trail = trail.finish();
+    g.series = series(opened, &curves, &axes, g.has_errors);
+    Ok(g)
+}
+
+/// The jobs of a served machine, those of one number as one; a run of one program is a single job.
+fn jobs(starts: &VecDeque<Start>, times: &LineTimes) -> Vec<JobPart> {
+    let part = |number: u32, name: String, start: u64| JobPart {
+        number,
+        name,
+        start,
+        end: start,
+        times: times.clone(),
+        planned: BTreeMap::new(),
+        texts: BTreeMap::new(),
+    };
+    if starts.is_empty() {
+        return vec![part(0, String::new(), 0)];
+    }
+    let mut jobs: Vec<JobPart> = Vec::new();
+    for start in starts {
+        if jobs.last().is_some_and(|job| job.number == start.job) || jobs.len() >= MOST_JOBS {
+            continue;
+        }
+        let name = match &start.start {
+            Some(JobStart::Program(program)) if program.is_mdi => "MDI".to_owned(),
+            Some(JobStart::Program(program)) => {
+                let name = program.program.rsplit('/').next().unwrap_or_default();
+                format!("program {name}")
+            }
+            Some(JobStart::Steered(_)) => "jog or homing".to_owned(),
+            None => "of another version".to_owned(),
+        };
+        jobs.push(part(start.job, name, start.sequence));
+    }
+    jobs
+}
+
+impl Gathered {
+    /// Adds a cycle to the job that moved the axes.
+    fn note_job(&mut self, record: &CycleRecord) {
+        while self
+            .jobs
+            .get(self.begun)
+            .is_some_and(|job| job.start <= record.sequence)
+        {
+            let job = &mut self.jobs[self.begun];
+            self.begun += 1;
+            // The path of a program counts from its beginning, and stays what it was in a jog.
+            if record.inputs & inputs::STEERS != 0 {
+                job.times.begin_at(record.path_mm);
+            }
+        }
+        let is_served = self.jobs.first().is_some_and(|job| job.number > 0);
+        let is_moved = record.inputs & (inputs::FOLLOWS | inputs::STEERS) != 0;
+        if let Some(job) = self.begun.checked_sub(1).and_then(|at| self.jobs.get_mut(at))
+            && (is_moved || !is_served)
+        {
+            job.end = record.sequence;
+            job.times.cycle(record);
+        }
+    }
+
+    fn cycle(&mut self, record: &CycleRecord, curves: &mut Curves, trail: &mut Trail, axes: &[AxisLetter]) {
+        if self.cycles == 0 {
+            self.first_sequence = record.sequence;
+        } else if record.sequence > self.last_sequence + 1 {
+            let missing = record.sequence - self.last_sequence - 1;
+            self.missing += missing;
+            if self.gaps.len() < MOST_EVENTS {
+                self.gaps.push((self.last_sequence + 1, missing));
+            }
+            curves.skip(missing);
+        }
+        self.last_sequence = record.sequence;
+        self.cycles += 1;
+        self.late += u64::from(record.flags & 1 != 0);
+        self.starved += u64::from(record.flags & 32 != 0);
+        curves.push(record, axes);
+        while self
+            .travels
+            .front()
+            .is_some_and(|(from, ..)| *from <= record.sequence)
+        {
+            if let Some((_, low, high)) = self.travels.pop_front() {
+                self.check.set_travel(&low, &high);
+            }
+        }
+        self.check.cycle(record);
+        self.times.cycle(record);
+        self.note_job(record);
+        let is_rapid = record.flags & FLAG_RAPID != 0 || record.inputs & inputs::STEERS != 0;
+        if !is_rapid {
+            self.fastest_cut = self.fastest_cut.max(record.feed_mm_s);
+        }
+        self.lateness.see(record.wake_lateness_ns);
+        self.work.see(i64::from(record.work_ns));
+        // Each job of a served machine counts from zero.
+        let further = record.path_mm - self.last_path_mm;
+        self.path_mm += if further < 0.0 { record.path_mm } else { further };
+        self.last_path_mm = record.path_mm;
+        let error = axes
+            .iter()
+            .take(3)
+            .map(|axis| record.following_error[axis.index()])
+            .filter(|error| !error.is_nan())
+            .fold(f64::NAN, |sum: f64, error| {
+                if sum.is_nan() {
+                    error.abs()
+                } else {
+                    sum.hypot(error)
+                }
+            });
+        if !error.is_nan() {
+            self.has_errors = true;
+            self.max_error = self.max_error.max(error);
+        }
+        for (list, value) in [
+            (&mut self.states, f64::from(record.state)),
+            (&mut self.overrides, record.override_),
+        ] {
+            if list.last().is_none_or(|last| last.value != value) {
+                if list.len() < MOST_SPANS {
+                    list.push(Span {
+                        start: record.sequence,
+                        value,
+                    });
+                } else {
+                    self.spans_cut = true;
+                }
+            }
+        }
+        trail.push(Spot {
+            place: [record.position[0], record.position[1], record.position[2]],
+            feed_mm_s: record.feed_mm_s,
+            error,
+            sequence: record.sequence,
+            is_rapid,
+        });
+    }
+}
+
+fn series(opened: &Opened, curves: &Curves, axes: &[AxisLetter], has_errors: bool) -> Vec<Series> {
+    let plain = |group, label: &str, unit, limit, curve: &Pyramid| Series {
+        group,
+        label: label.to_owned(),
+        unit,
+        axis: None,
+        limit,
+        level: curve.level(),
+    };
+    let mut list = vec![plain(
+        "feed",
+        "feed along the path",
+        "mm/s",
+        opened.machine.max_feed_mm_s,
+        &curves.feed,
+    )];
+    let groups: [(&str, [&str; 2]); 5] = [
+        ("velocity", ["mm/s", "deg/s"]),
+        ("acceleration", ["mm/s2", "deg/s2"]),
+        ("jerk", ["mm/s3", "deg/s3"]),
+        ("following error", ["mm", "deg"]),
+        ("position", ["mm", "deg"]),
+    ];
+    for (order, (group, units)) in groups.into_iter().enumerate() {
+        if order == 3 && !has_errors {
+            continue;
+        }
+        for (curves, letter) in curves.axes.iter().zip(axes) {
+            let axis = opened.machine.axis(*letter);
+            let limit = axis.and_then(|axis| match order {
+                0 => Some(axis.max_velocity),
+                1 => Some(axis.max_acceleration),
+                2 => Some(axis.max_jerk),
+                _ => None,
+            });
+            list.push(Series {
+                group,
+                label: letter.letter().to_string(),
+                unit: units[usize::from(letter.is_rotary())],
+                axis: Some(letter.index()),
+                limit,
+                level: curves[order].level(),
+            });
+        }
+    }
+    list.push(plain("override", "feed override", "%", None, &curves.override_));
+    if opened.run.clock == "realtime" {
+        list.push(plain("lateness", "woken late by", "us", None, &curves.lateness));
+        list.push(plain("work", "own work", "us", None, &curves.work));
+    }
+    let load = curves.load.level();
+    if load.values.chunks_exact(2).any(|pair| pair[0] <= pair[1]) {
+        list.push(plain("load", "cutting load", "as measured", None, &curves.load));
+    }
+    list
+}

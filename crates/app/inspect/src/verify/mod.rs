@@ -1,0 +1,185 @@
+//! Proof that a run would come out the same again.
+
+mod comparing;
+mod lots;
+mod one;
+mod served;
+mod watch;
+
+use std::collections::VecDeque;
+use std::path::Path;
+use std::thread;
+
+use evolvent_trace::TraceFile;
+
+use crate::check::LimitCheck;
+use crate::opened::{InspectError, Opened};
+
+/// The first place where recorded and recomputed setpoint are not the same.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Difference {
+    /// The cycle.
+    pub sequence: u64,
+    /// Its path time, s.
+    pub time_s: f64,
+    /// The program's line there, as recorded.
+    pub line: u32,
+    /// The text of that line.
+    pub text: String,
+    /// What differs, for example `position X`.
+    pub quantity: String,
+    /// As recorded.
+    pub recorded: f64,
+    /// As computed now.
+    pub recomputed: f64,
+}
+
+/// What checking a trace came to.
+#[derive(Clone, Debug, Default, serde::Serialize)]
+pub struct Verified {
+    /// Cycles recorded.
+    pub cycles: u64,
+    /// Cycles computed again and compared.
+    pub compared: u64,
+    /// Cycles that are missing in the trace.
+    pub missing: u64,
+    /// Whether the run was computed again at all; if not, `notes` say why.
+    pub recomputed: bool,
+    /// How many compared setpoints differ.
+    pub differing: u64,
+    /// The first of them.
+    pub first_difference: Option<Difference>,
+    /// Greatest difference of a position, mm or degrees.
+    pub greatest_difference: f64,
+    /// What explains a difference: another version, another kind of processor, a starved planner.
+    pub explanations: Vec<String>,
+    /// Samples that break a limit, by differences of the recorded positions alone.
+    pub limit_violations: u64,
+    /// Everything that the independent checks object to, in words.
+    pub violations: Vec<String>,
+    /// Greatest distance from the programmed path, mm; `None` if the path was not checked.
+    pub max_path_error_mm: Option<f64>,
+    /// Jobs of a served machine: programs, blocks of MDI, jogs and moves of homing.
+    pub jobs: u64,
+    /// Recorded cycles of which it is not known what moved the axes, so that they were not compared; `notes` say why.
+    pub uncompared: u64,
+    /// What else is to be known.
+    pub notes: Vec<String>,
+}
+
+impl Verified {
+    /// Whether nothing differs, as far as the run was computed again, and nothing is objected to.
+    #[must_use]
+    pub fn holds(&self) -> bool {
+        self.differing == 0 && self.first_difference.is_none() && self.violations.is_empty()
+    }
+
+    /// Whether the trace lacks something of the run: cycles, or the program to compute it again from.
+    #[must_use]
+    pub fn lacks_data(&self) -> bool {
+        self.cycles == 0 || self.missing > 0 || !self.recomputed || self.uncompared > 0
+    }
+}
+
+/// Computes what a trace recorded again, from what is attached and the recorded inputs, and compares every setpoint bit for
+/// bit: one run, or every job of a served machine. And checks every recorded position against limits and path, without a
+/// planner.
+///
+/// # Errors
+/// [`InspectError`]: a damaged trace, or one that cannot be understood.
+pub fn verify(path: &Path) -> Result<Verified, InspectError> {
+    let opened = Opened::open(path)?;
+    let mut verified = Verified::default();
+    explain_surroundings(&opened, &mut verified);
+    if opened.run.extra.contains_key("served") {
+        served::verify(opened, path, verified)
+    } else {
+        one::verify(opened, verified)
+    }
+}
+
+fn text_of(lines: &[String], line: u32) -> String {
+    (line as usize)
+        .checked_sub(1)
+        .and_then(|at| lines.get(at))
+        .cloned()
+        .unwrap_or_default()
+}
+
+/// Another version or another kind of processor may compute other bits.
+fn explain_surroundings(opened: &Opened, verified: &mut Verified) {
+    let own = env!("CARGO_PKG_VERSION");
+    let recorded = opened
+        .run
+        .versions
+        .get("evolvent")
+        .map_or("unknown", String::as_str);
+    if recorded != own {
+        verified.explanations.push(format!(
+            "the trace was recorded by version {recorded}, this is {own}: planners of two versions may differ"
+        ));
+    }
+    let platform = evolvent_runtime::platform();
+    let recorded = opened.run.extra.get("platform").map_or("unknown", String::as_str);
+    if recorded != platform {
+        verified.explanations.push(format!(
+            "the trace was recorded on {recorded}, this is {platform}: floating point is the same by the standard, \
+             compilers may not be"
+        ));
+    }
+    let hash = evolvent_trace::configuration_hash(&[opened.machine_text.as_bytes()]);
+    if hash != opened.run.configuration_hash {
+        verified
+            .explanations
+            .push("the attached machine file is not the one whose hash was recorded".to_owned());
+    }
+    let info = opened.trace.info();
+    if !info.recovery.is_empty() {
+        verified
+            .notes
+            .push("the trace was recovered; its end may be missing".to_owned());
+    }
+}
+
+/// A temporary folder for what is attached.
+fn folder() -> Result<tempfile::TempDir, InspectError> {
+    tempfile::tempdir().map_err(|source| InspectError::Io {
+        what: "a temporary folder for the attached program".to_owned(),
+        source,
+    })
+}
+
+/// The name of a recorded file without any folder: it came from outside.
+fn file_name(recorded: &str) -> &str {
+    Path::new(recorded)
+        .file_name()
+        .and_then(|name| name.to_str())
+        .unwrap_or("program.ngc")
+}
+
+fn write(file: &Path, text: &[u8]) -> Result<(), InspectError> {
+    std::fs::write(file, text).map_err(|source| InspectError::Io {
+        what: "the attached program".to_owned(),
+        source,
+    })
+}
+
+/// Puts the attached files of subroutines, whose names begin with `prefix`, beside the program.
+fn write_subroutines(trace: &mut TraceFile, prefix: &str, folder: &Path) -> Result<(), InspectError> {
+    let names: Vec<String> = trace
+        .info()
+        .attachments
+        .iter()
+        .filter_map(|(name, _)| name.strip_prefix(prefix).map(str::to_owned))
+        .collect();
+    for name in names {
+        let file = folder.join(file_name(&name));
+        // A program that calls a file of its own name calls itself.
+        if !file.exists()
+            && let Some(text) = trace.attachment(&format!("{prefix}{name}"))?
+        {
+            write(&file, &text)?;
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,480 @@
+//! A served machine: every job computed again from what it began with.
+
+use std::io::{BufRead, BufReader};
+use std::path::PathBuf;
+
+use evolvent_gcode::{Command, Diagnostic, Interpreter, KeptParameters, ToolTable};
+use evolvent_motion::{State, flags};
+use evolvent_path::Axes;
+use evolvent_runtime::{JobStart, Moved, ProgramMemory, ProgramStart, ServedAgain, Setup, Switched};
+use evolvent_trace::{CycleRecord, inputs as bits};
+use evolvent_turning::LoadSample;
+use evolvent_verifier::{Judge, Route};
+
+use super::comparing::Comparing;
+use super::lots::{Records, read};
+use super::one::recorded_inputs;
+use super::watch::{End, STATE_DONE, Watch, judged};
+use super::*;
+use crate::jobs::{Start, starts, travel_of};
+use crate::opened::before_tool_changes;
+
+/// The bits that say what moved the axes.
+const WHAT_MOVED: u32 = bits::FOLLOWS | bits::STEERS;
+/// More cycles than this that are missing in a row are not computed.
+const MOST_MISSING: u64 = 100_000;
+/// Reasons that are told one by one.
+const MOST_REASONS: usize = 10;
+
+struct Served<'a> {
+    again: ServedAgain,
+    setup: Setup,
+    /// A second hand in the file, for the attachments.
+    trace: TraceFile,
+    starts: VecDeque<Start>,
+    travel: (Axes, Axes),
+    comparing: Comparing,
+    verified: &'a mut Verified,
+    folder: PathBuf,
+    lines: Vec<String>,
+    /// What moves the axes is not known.
+    lost: bool,
+    /// The last cycle before a gap.
+    last: Option<CycleRecord>,
+    /// The last reading of the cutting load.
+    load: Option<LoadSample>,
+    reasons: usize,
+}
+
+pub(super) fn verify(
+    mut opened: Opened,
+    path: &Path,
+    mut verified: Verified,
+) -> Result<Verified, InspectError> {
+    let setup = opened.setup()?;
+    let limits = setup.machine.limits();
+    let starts = starts(&mut opened.trace)?;
+    let travels = starts
+        .iter()
+        .map(|start| travel_of(start, &setup.machine))
+        .collect();
+    let check = LimitCheck::new(&opened.machine, opened.run.period_ns, &limits.home.into());
+    let mut watch = Watch::new(check, None, travels);
+    let continues_at: Option<u64> = (opened.run.extra.get("continues_at")).and_then(|text| text.parse().ok());
+    if let Some(before) = continues_at.and_then(|first| first.checked_sub(1)) {
+        watch.last_sequence = Some(before);
+        verified.notes.push(format!(
+            "the trace goes on from an earlier file: it begins at cycle {}",
+            before + 1
+        ));
+    }
+    let folder = folder()?;
+    let mut served = Served {
+        again: ServedAgain::new(limits, opened.run.period_ns),
+        trace: TraceFile::open(path)?,
+        starts,
+        travel: (limits.travel_min, limits.travel_max),
+        comparing: Comparing {
+            axes: opened.run.axes.clone(),
+            period_s: opened.period_s(),
+            columns: opened.run.columns,
+        },
+        setup,
+        verified: &mut verified,
+        folder: folder.path().to_owned(),
+        lines: Vec::new(),
+        lost: false,
+        last: None,
+        load: None,
+        reasons: 0,
+    };
+    let trace = &mut opened.trace;
+    let watch = thread::scope(|scope| -> Result<Watch<'_>, InspectError> {
+        let (mut records, lots) = read(scope, trace);
+        let checker = scope.spawn(move || watch.run(&lots));
+        served.all(&mut records)?;
+        // A panic of a thread is a bug; it is passed on.
+        let watch = checker
+            .join()
+            .unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+        match records.failure() {
+            Some(error) => Err(error.into()),
+            None => Ok(watch),
+        }
+    })?;
+    let reasons = served.reasons;
+    if reasons > MOST_REASONS {
+        let more = reasons - MOST_REASONS;
+        verified
+            .notes
+            .push(format!("and {more} more jobs were not computed again"));
+    }
+    verified.recomputed = true;
+    watch.conclude(&mut verified);
+    Ok(verified)
+}
+
+impl Served<'_> {
+    fn all(&mut self, records: &mut Records) -> Result<(), InspectError> {
+        // A file that goes on where another one ends begins at an unknown place, which is known again at rest.
+        self.lost = records.peek().is_some_and(|record| record.sequence > 0);
+        while let Some(record) = records.peek() {
+            let sequence = record.sequence;
+            while self.starts.front().is_some_and(|start| start.sequence < sequence) {
+                // Its first cycle is missing.
+                self.starts.pop_front();
+                self.lost = true;
+            }
+            self.cross_gap(sequence);
+            match self.starts.pop_front_if_at(sequence) {
+                None => self.one(records, None),
+                Some(start) => self.begin(&start, records)?,
+            }
+        }
+        Ok(())
+    }
+
+    /// Cycles that are missing are computed where what moved the axes is the same on both sides.
+    fn cross_gap(&mut self, sequence: u64) {
+        let missing = sequence.saturating_sub(self.again.sequence());
+        let Some(last) = self.last.filter(|_| missing > 0 && !self.lost) else {
+            return;
+        };
+        if missing > MOST_MISSING {
+            self.lost = true;
+            return;
+        }
+        for _ in 0..missing {
+            let moved = moved_by(&last, self.load);
+            if self.again.step(&moved, last.override_).is_none() {
+                self.lost = true;
+                return;
+            }
+        }
+    }
+
+    fn begin(&mut self, start: &Start, records: &mut Records) -> Result<(), InspectError> {
+        self.verified.jobs += 1;
+        let (_, low, high) = travel_of(start, &self.setup.machine);
+        self.travel = (low, high);
+        // What happened between jobs at the same cycle comes first.
+        if let Some(record) = records.peek().copied() {
+            self.relocate(&record);
+        }
+        match &start.start {
+            None => {
+                self.give_up(start.job, "what it began with is not understood by this version");
+                self.one(records, None);
+            }
+            Some(JobStart::Steered(steered)) => {
+                let is_known = self.find_place(records);
+                if is_known && !steered.is_turn {
+                    self.travel = (steered.travel_min, steered.travel_max);
+                    self.again.begin_within(self.travel);
+                }
+                if is_known && let Err(error) = self.again.steer(steered) {
+                    self.give_up(start.job, &error.to_string());
+                }
+                self.one(records, None);
+            }
+            Some(JobStart::Program(program)) => return self.program(start, program, records),
+        }
+        Ok(())
+    }
+
+    /// Where the axes stood is known from the cycle before, if it is not known from computing.
+    fn find_place(&mut self, records: &mut Records) -> bool {
+        if !self.lost {
+            return true;
+        }
+        let (Some(last), Some(next)) = (self.last, records.peek()) else {
+            return false;
+        };
+        let rests = is_at_rest(&last) && last.sequence + 1 == next.sequence;
+        if rests {
+            self.again
+                .place_at(self.travel, next.sequence, last.position.into(), last.path_mm);
+            self.lost = false;
+        }
+        rests
+    }
+
+    fn give_up(&mut self, job: u32, why: &str) {
+        self.lost = true;
+        self.reasons += 1;
+        if self.reasons <= MOST_REASONS {
+            self.verified
+                .notes
+                .push(format!("job {job} was not computed again: {why}"));
+        }
+    }
+
+    fn program(
+        &mut self,
+        begun: &Start,
+        start: &ProgramStart,
+        records: &mut Records,
+    ) -> Result<(), InspectError> {
+        let job = begun.job;
+        let folder = self.folder.join(format!("job-{job}"));
+        let wrong = |source| InspectError::Io {
+            what: "a temporary folder for an attached program".to_owned(),
+            source,
+        };
+        std::fs::create_dir_all(&folder).map_err(wrong)?;
+        let file = folder.join(file_name(&start.program));
+        let mut setup = self.setup.clone();
+        let route = match self.prepare(start, &file, &mut setup)? {
+            Err(why) => {
+                self.give_up(job, &why);
+                None
+            }
+            Ok(text) => {
+                self.lines = text
+                    .split(|&byte| byte == b'\n')
+                    .map(|line| String::from_utf8_lossy(line).trim_end().to_owned())
+                    .collect();
+                let is_known = self.find_place(records);
+                if is_known {
+                    let limits = self.setup.machine.limits();
+                    let place = &start.place;
+                    self.travel = (limits.travel_min.inf(place), limits.travel_max.sup(place));
+                    self.again.begin_within(self.travel);
+                }
+                if is_known
+                    && let Err(error) =
+                        self.again
+                            .follow(start, begun.switched.clone(), setup.clone(), file.clone())
+                {
+                    self.give_up(job, &error.to_string());
+                }
+                if start.start_line > 1 {
+                    None
+                } else {
+                    let settings = setup.interpreter_settings_for(&file);
+                    // A program with an error has a path up to there, but nothing to judge it by.
+                    let start = settings.start;
+                    let commands = AsRead {
+                        interpreter: Interpreter::new(BufReader::new(text.as_slice()), settings),
+                        switched: &begun.switched,
+                        commands: 0,
+                    };
+                    Route::of(commands, start, &self.setup.machine).ok()
+                }
+            }
+        };
+        let mut judge = route
+            .as_ref()
+            .map(|route| Judge::new(&self.setup.machine.clone(), self.again.period_ns(), route));
+        let (mut most_override, mut end, mut next) = (0.0_f64, End::Stopped, None);
+        while let Some(record) = records.peek() {
+            let goes_on = next.is_none_or(|next| record.sequence == next);
+            if record.inputs & bits::FOLLOWS == 0 || !goes_on {
+                if !goes_on {
+                    judge = None;
+                }
+                break;
+            }
+            if next.is_some()
+                && self
+                    .starts
+                    .front()
+                    .is_some_and(|start| start.sequence <= record.sequence)
+            {
+                break;
+            }
+            next = Some(record.sequence + 1);
+            most_override = most_override.max(record.override_);
+            end = if record.state == STATE_DONE {
+                End::Done
+            } else if record.velocity.iter().all(|value| *value == 0.0) {
+                End::Stopped
+            } else {
+                End::BrokenOff
+            };
+            self.one(records, judge.as_mut());
+        }
+        if let Some(judge) = judge.filter(|_| next.is_some()) {
+            let whose = format!("job {job}: ");
+            judged(&judge.finish(), end, most_override, &whose, self.verified);
+        }
+        if !self.again.is_at_work() {
+            // It is not needed any more, and there may be many.
+            let _left = std::fs::remove_dir_all(&folder);
+        }
+        Ok(())
+    }
+
+    /// The text and what else a program found, put where it is looked for; or why that cannot be done.
+    fn prepare(
+        &mut self,
+        start: &ProgramStart,
+        file: &Path,
+        setup: &mut Setup,
+    ) -> Result<Result<Vec<u8>, String>, InspectError> {
+        let Some(text) = self.trace.attachment(&start.program)? else {
+            return Ok(Err(format!("its text, {}, is not attached", start.program)));
+        };
+        write(file, &text)?;
+        if let Some(folder) = file.parent() {
+            write_subroutines(&mut self.trace, &start.subroutines, folder)?;
+        }
+        let mut memory = ProgramMemory::default();
+        for (name, is_tools) in [(&start.tools, true), (&start.parameters, false)] {
+            let Some(name) = name else { continue };
+            let Some(bytes) = self.trace.attachment(name)? else {
+                return Ok(Err(format!("{name} is not attached")));
+            };
+            let found = String::from_utf8_lossy(&bytes);
+            let parsed = if is_tools {
+                ToolTable::parse(&found)
+                    .map(|tools| memory.tools = Some(tools))
+                    .map_err(|error| error.to_string())
+            } else {
+                KeptParameters::parse(&found)
+                    .map(|kept| memory.kept = Some(kept))
+                    .map_err(|error| error.to_string())
+            };
+            if let Err(error) = parsed {
+                return Ok(Err(format!("{name}: {error}")));
+            }
+        }
+        setup.memory = memory;
+        setup.place = Some(start.place);
+        setup.tool = start.tool;
+        setup.outputs = start.outputs.unwrap_or_default();
+        setup.is_mdi = start.is_mdi && start.outputs.is_some();
+        if start.outputs.is_none() {
+            before_tool_changes(&mut setup.machine);
+        }
+        setup.block_delete = start.switches.block_delete;
+        setup.rapid_override = start.switches.rapid_override;
+        setup.start_line = (start.start_line > 1).then_some(start.start_line);
+        Ok(Ok(text))
+    }
+
+    fn relocate(&mut self, record: &CycleRecord) {
+        if record.inputs & bits::RELOCATED == 0 || self.lost {
+            return;
+        }
+        let position: Axes = record.position.into();
+        self.travel = (self.travel.0.inf(&position), self.travel.1.sup(&position));
+        if self.again.is_at_rest() {
+            self.again.relocate(self.travel, position);
+        }
+    }
+
+    /// Takes the next cycle, computes it again and compares.
+    fn one(&mut self, records: &mut Records, judge: Option<&mut Judge<'_>>) {
+        let Some(record) = records.next() else { return };
+        if let Some(judge) = judge {
+            judge.sample(&record.position.into());
+        }
+        let moved = moved_by(&record, self.load);
+        if let Moved::ByPlan(recorded) = &moved {
+            self.load = recorded.inputs.load;
+        }
+        let by_nothing = matches!(moved, Moved::ByNothing(_));
+        if by_nothing && self.lost && is_at_rest(&record) && record.state != State::Stopping as u8 {
+            let position = record.position.into();
+            self.again
+                .place_at(self.travel, record.sequence, position, record.path_mm);
+            self.lost = false;
+        }
+        self.relocate(&record);
+        self.last = Some(record);
+        let computed = if self.lost {
+            None
+        } else {
+            self.again.step(&moved, record.override_)
+        };
+        let Some(mut setpoint) = computed else {
+            if !self.lost {
+                let cycle = record.sequence;
+                self.give_up_at(cycle);
+            }
+            self.verified.uncompared += 1;
+            return;
+        };
+        if record.state == State::Fault as u8 && matches!(setpoint.state, State::Stopping | State::Stopped) {
+            // The drives or the planner had failed, which is no input.
+            setpoint.state = State::Fault;
+        }
+        if by_nothing {
+            setpoint.flags |= record.flags & flags::LAST;
+        }
+        let same = self
+            .comparing
+            .compare(&record, &setpoint, self.verified, &self.lines);
+        if !same && by_nothing && is_at_rest(&record) {
+            // The next job is looked at by itself.
+            let position = record.position.into();
+            self.again
+                .place_at(self.travel, record.sequence + 1, position, record.path_mm);
+        }
+    }
+
+    fn give_up_at(&mut self, cycle: u64) {
+        self.lost = true;
+        self.reasons += 1;
+        if self.reasons <= MOST_REASONS {
+            self.verified.notes.push(format!(
+                "from cycle {cycle} on it is not known what moved the axes: the job's beginning is not in the trace"
+            ));
+        }
+    }
+}
+
+/// The commands of a program as its planner read them, with lines left out as was switched meanwhile.
+struct AsRead<'a, R> {
+    interpreter: Interpreter<R>,
+    switched: &'a VecDeque<Switched>,
+    commands: u64,
+}
+
+impl<R: BufRead> Iterator for AsRead<'_, R> {
+    type Item = Result<Command, Diagnostic>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        for switched in self.switched {
+            if switched.command == self.commands {
+                self.interpreter.set_block_delete(switched.state.block_delete);
+            }
+        }
+        self.commands += 1;
+        self.interpreter.next()
+    }
+}
+
+/// Takes the first job if it begins at this cycle.
+trait AtCycle {
+    fn pop_front_if_at(&mut self, sequence: u64) -> Option<Start>;
+}
+
+impl AtCycle for VecDeque<Start> {
+    fn pop_front_if_at(&mut self, sequence: u64) -> Option<Start> {
+        if self.front()?.sequence == sequence {
+            self.pop_front()
+        } else {
+            None
+        }
+    }
+}
+
+fn is_at_rest(record: &CycleRecord) -> bool {
+    let still = |values: &[f64; 9]| values.iter().all(|value| *value == 0.0);
+    record.inputs & WHAT_MOVED == 0 && still(&record.velocity) && still(&record.acceleration)
+}
+
+fn moved_by(record: &CycleRecord, load: Option<LoadSample>) -> Moved {
+    if record.inputs & bits::FOLLOWS != 0 {
+        Moved::ByPlan(recorded_inputs(record, load))
+    } else if record.inputs & bits::STEERS != 0 {
+        Moved::BySteering {
+            stop: record.inputs & bits::STOP != 0,
+        }
+    } else {
+        let fault = record.state == State::Fault as u8;
+        Moved::ByNothing(if fault { State::Fault } else { State::Idle })
+    }
+}

@@ -1,0 +1,169 @@
+//! Independent checks of what was recorded: limits, travel, path.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+use std::sync::mpsc::Receiver;
+
+use evolvent_trace::{CycleRecord, inputs as bits};
+use evolvent_verifier::{Allowances, Judge, Kind, Verdict};
+
+use super::Verified;
+use crate::check::LimitCheck;
+use crate::jobs::Travel;
+
+/// What a feed may have: on the way down from a rapid a period lies on both sides of the joint.
+const FEED: f64 = 1.002;
+const FLAG_STARVED: u32 = 32;
+pub(super) const STATE_DONE: u8 = 9;
+
+/// Independent checks of what was recorded.
+pub(super) struct Watch<'a> {
+    pub(super) check: LimitCheck,
+    pub(super) judge: Option<Judge<'a>>,
+    /// Travels of jogs and homing on axes that are not homed.
+    pub(super) travels: VecDeque<Travel>,
+    pub(super) most_override: f64,
+    pub(super) last_state: u8,
+    pub(super) last_sequence: Option<u64>,
+    pub(super) cycles: u64,
+    pub(super) missing: u64,
+    pub(super) first_starved: Option<u64>,
+    pub(super) first_missed: Option<u64>,
+}
+
+impl<'a> Watch<'a> {
+    pub(super) fn new(check: LimitCheck, judge: Option<Judge<'a>>, travels: VecDeque<Travel>) -> Self {
+        Self {
+            check,
+            judge,
+            travels,
+            most_override: 0.0,
+            last_state: 0,
+            last_sequence: None,
+            cycles: 0,
+            missing: 0,
+            first_starved: None,
+            first_missed: None,
+        }
+    }
+
+    /// Sees every cycle that comes.
+    pub(super) fn run(mut self, lots: &Receiver<Arc<Vec<CycleRecord>>>) -> Self {
+        while let Ok(lot) = lots.recv() {
+            lot.iter().for_each(|record| self.see(record));
+        }
+        self
+    }
+
+    fn see(&mut self, record: &CycleRecord) {
+        while self
+            .travels
+            .front()
+            .is_some_and(|(from, ..)| *from <= record.sequence)
+        {
+            if let Some((_, low, high)) = self.travels.pop_front() {
+                self.check.set_travel(&low, &high);
+            }
+        }
+        let next = self.last_sequence.map_or(0, |last| last + 1);
+        self.missing += record.sequence.saturating_sub(next);
+        if record.sequence != next {
+            // Differences over a gap are none; the judge knows nothing of gaps.
+            self.judge = None;
+        }
+        self.last_sequence = Some(record.sequence);
+        self.cycles += 1;
+        self.check.cycle(record);
+        if let Some(judge) = &mut self.judge {
+            judge.sample(&record.position.into());
+        }
+        self.most_override = self.most_override.max(record.override_);
+        self.last_state = record.state;
+        if record.flags & FLAG_STARVED != 0 {
+            self.first_starved.get_or_insert(record.sequence);
+        }
+        if record.inputs & (bits::WAITED | bits::REFUSED) != 0 && record.feed_mm_s > 0.0 {
+            self.first_missed.get_or_insert(record.sequence);
+        }
+    }
+
+    /// What may explain a difference.
+    fn explain(&self, verified: &mut Verified) {
+        let Some(first) = verified
+            .first_difference
+            .as_ref()
+            .map(|difference| difference.sequence)
+        else {
+            return;
+        };
+        if let Some(starved) = self.first_starved.filter(|starved| first >= *starved) {
+            verified.explanations.push(format!(
+                "the planner of the recorded run had not finished in time at cycle {starved} (flag STARVED): how far it was \
+                 is not recorded, so the run can be computed again up to there only"
+            ));
+        }
+        if let Some(missed) = self.first_missed.filter(|missed| first >= *missed) {
+            verified.explanations.push(format!(
+                "at cycle {missed} the planner of the recorded run had no answer, or none in time, to a hold or another \
+                 override: what it had planned by then is not recorded, so the run can be computed again up to there only"
+            ));
+        }
+    }
+
+    pub(super) fn conclude(self, verified: &mut Verified) {
+        self.explain(verified);
+        verified.cycles = self.cycles;
+        verified.missing = self.missing;
+        verified.limit_violations = self.check.broken();
+        if let Some((sequence, line, text)) = self.check.first_broken() {
+            verified
+                .violations
+                .push(format!("{text} (cycle {sequence}, line {line})"));
+        }
+        let Some(judge) = self.judge else {
+            if self.missing > 0 {
+                verified
+                    .notes
+                    .push("the path was not checked: cycles are missing".to_owned());
+            }
+            return;
+        };
+        let end = if self.last_state == STATE_DONE {
+            End::Done
+        } else {
+            End::Stopped
+        };
+        judged(&judge.finish(), end, self.most_override, "", verified);
+    }
+}
+
+/// How a program came to its end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum End {
+    Done,
+    Stopped,
+    /// In motion: each axis stopped by itself behind it, which to the judge is a motion that stops dead.
+    BrokenOff,
+}
+
+/// Takes in what the judge says of the path. A run that was stopped has no end; braking after a fault may leave the path.
+pub(super) fn judged(verdict: &Verdict, end: End, most_override: f64, whose: &str, verified: &mut Verified) {
+    let most = verified.max_path_error_mm.unwrap_or(0.0);
+    verified.max_path_error_mm = Some(verdict.deviation_mm.value.max(most));
+    let allowances = Allowances {
+        feed: FEED * most_override.max(1.0),
+        ..Allowances::default()
+    };
+    let unfinished = [Kind::Missed, Kind::Rest, Kind::End];
+    // Velocity, acceleration and jerk are said by the check of limits; joints have the guard's rule there.
+    let said = [Kind::Velocity, Kind::Acceleration, Kind::Jerk, Kind::Travel];
+    for violation in verdict.violations(&allowances) {
+        let is_meant = !said.contains(&violation.kind)
+            && (end == End::Done || !unfinished.contains(&violation.kind))
+            && (end != End::BrokenOff || violation.kind != Kind::Chord);
+        // In blending mode a rounded corner is what the tolerance is for; the chord error is the planner's promise.
+        if is_meant {
+            verified.violations.push(format!("{whose}{violation}"));
+        }
+    }
+}

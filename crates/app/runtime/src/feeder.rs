@@ -1,0 +1,718 @@
+//! The planner's thread: program text in, plan out.
+
+use std::collections::{BTreeSet, VecDeque};
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::mpsc::Sender;
+use std::time::Duration;
+
+use evolvent_gcode::{Action, Command, Diagnostic, Modal, Move, MoveKind};
+use evolvent_motion::{QueueClosed, Turning, TurningSender};
+use evolvent_path::Curve;
+use evolvent_planner::{PlanError, PlanSink, Step};
+use evolvent_trace::BlockKind;
+use rtrb::Producer;
+
+use crate::job::Setup;
+use crate::memory::ProgramMemory;
+use crate::news::{BlockPlan, FeederNews, Moment, Notice, QueuedBlock, StopKind, UserCall, describe};
+use crate::periphery::{
+    Changer, Periphery, TOOL_CHANGE_CODE, nobody_changes, tool_change_call, tool_request, waits_for,
+};
+use crate::refusal::{ProgramError, about_line, about_line_with, at_origin, cannot_turn, explain, refuse};
+use crate::shared::Controls;
+use crate::source::Commands;
+use crate::stages::Stages;
+use crate::switches::{SwitchState, Switched, Switching};
+use crate::turning::turning;
+use crate::user_code::UserCodes;
+
+/// How long the planner sleeps where too many commands lie ahead.
+const CARRIER_NAP: Duration = Duration::from_millis(5);
+
+/// The same while the turning cycles before are driven.
+const TURNING_NAP: Duration = Duration::from_millis(1);
+
+/// What the feeder knows at the end.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct FeedReport {
+    /// Largest distance of blends from the programmed path.
+    pub deviation_mm: f64,
+    /// Seconds at the programmed feed, without dwells.
+    pub planned_s: f64,
+    /// Moves planned.
+    pub moves: u64,
+    /// Commands of the machine's own (M100 to M199) planned.
+    pub user_commands: u64,
+    /// Tool changes (M6 with another tool) planned.
+    pub tool_changes: u64,
+    /// Lines that begin with `/`: skipped, executed.
+    pub block_delete_lines: (u64, u64),
+    /// Numbers of the next block and action.
+    pub next_block: u32,
+    pub next_action: u32,
+}
+
+/// Blocks that have been handed to the planner and not yet reported.
+struct Open {
+    block: u32,
+    line: u32,
+    kind: BlockKind,
+    length_mm: f64,
+}
+
+/// Feeds one program.
+pub(crate) struct Feeder<'a, S> {
+    file: String,
+    setup: &'a Setup,
+    planner: Stages<S>,
+    news: Vec<Sender<FeederNews>>,
+    with_blocks: bool,
+    blocks: VecDeque<Open>,
+    next_block: u32,
+    actions: u32,
+    moves: u64,
+    /// For somebody who looks on block by block.
+    onlooker: Option<Sender<FeederNews>>,
+    switches: SwitchState,
+    switching: Switching,
+    /// Number of the job that is told of where somebody switches.
+    job: u32,
+    /// Commands that have been read.
+    commands: u64,
+    last_line: u32,
+    path_mm: f64,
+    modal: Option<Modal>,
+    user_commands: u64,
+    tool_changes: u64,
+    block_delete_lines: (u64, u64),
+    /// Spindle, coolant and tool after what has been read.
+    periphery: Periphery,
+    /// Who else receives them, by the number of the action.
+    periphery_listener: Option<Sender<(u32, Periphery)>>,
+    /// Somebody confirms tool changes, or nobody needs to.
+    confirms_tools: bool,
+    /// Where the machine's own commands are carried out.
+    codes: Option<UserCodes>,
+    carrier: Option<ToCarrier>,
+    /// The way of turning cycles to the cycle; none where nothing is driven.
+    turnings: Option<TurningSender>,
+    /// Names of attached subroutines begin with this.
+    subroutines: String,
+    /// Files of subroutines that have been told of.
+    files_told: usize,
+    /// Lines of which warnings were told.
+    warned: BTreeSet<u32>,
+}
+
+/// Tells of the machine's own commands in a run: who carries them out, and the cycle, which waits there.
+pub(crate) struct ToCarrier {
+    pub calls: Sender<(u32, UserCall)>,
+    pub stops: Producer<u32>,
+    pub controls: Arc<Controls>,
+}
+
+impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
+    /// `with_blocks`: whether anyone wants to hear of blocks.
+    pub(crate) fn new(
+        file: &Path,
+        setup: &'a Setup,
+        planner: Stages<S>,
+        news: Vec<Sender<FeederNews>>,
+        with_blocks: bool,
+        optional_stop: bool,
+    ) -> Self {
+        Self {
+            file: file.display().to_string(),
+            setup,
+            planner,
+            news,
+            with_blocks,
+            blocks: VecDeque::new(),
+            next_block: 0,
+            actions: 0,
+            moves: 0,
+            onlooker: None,
+            switches: SwitchState {
+                single_step: false,
+                optional_stop,
+                block_delete: setup.block_delete,
+                rapid_override: setup.rapid_override,
+            },
+            switching: Switching::Fixed,
+            job: 0,
+            commands: 0,
+            last_line: 0,
+            path_mm: 0.0,
+            modal: None,
+            user_commands: 0,
+            tool_changes: 0,
+            block_delete_lines: (0, 0),
+            periphery: Periphery {
+                outputs: setup.outputs,
+                tool: setup.tool,
+                change: None,
+            },
+            periphery_listener: None,
+            confirms_tools: true,
+            codes: None,
+            carrier: None,
+            turnings: None,
+            subroutines: "subroutines/".to_owned(),
+            files_told: 0,
+            warned: BTreeSet::new(),
+        }
+    }
+
+    /// Tells of spindle, coolant and tool.
+    pub(crate) fn periphery_to(mut self, listener: Option<Sender<(u32, Periphery)>>) -> Self {
+        self.periphery_listener = listener;
+        self
+    }
+
+    /// Nobody is there to confirm a tool change: one by the operator is an error of the program.
+    pub(crate) fn unattended(mut self, unattended: bool) -> Self {
+        self.confirms_tools = !unattended;
+        self
+    }
+
+    /// Hands turning cycles on here.
+    pub(crate) fn turning_by(mut self, turnings: Option<TurningSender>) -> Self {
+        self.turnings = turnings;
+        self
+    }
+
+    /// Numbers blocks and actions from these on, so that they go on from job to job.
+    pub(crate) fn numbered_from(mut self, block: u32, action: u32) -> Self {
+        (self.next_block, self.actions) = (block, action);
+        self
+    }
+
+    /// Attaches subroutines under names that begin so.
+    pub(crate) fn attaching_to(mut self, folder: String) -> Self {
+        self.subroutines = folder;
+        self
+    }
+
+    /// Tells somebody of every block, of modes and of program stops.
+    pub(crate) fn watched_by(mut self, onlooker: Sender<FeederNews>) -> Self {
+        self.onlooker = Some(onlooker);
+        self
+    }
+
+    /// Begins with these switches, and minds what is switched in this job meanwhile.
+    pub(crate) fn switched_by(mut self, switches: SwitchState, switching: Switching, job: u32) -> Self {
+        (self.switches, self.switching, self.job) = (switches, switching, job);
+        self
+    }
+
+    /// Commands of the machine's own are carried out; those that cannot be are errors of the program.
+    pub(crate) fn executing(mut self, codes: UserCodes) -> Self {
+        self.codes = Some(codes);
+        self
+    }
+
+    /// Tells who carries them out.
+    pub(crate) fn carried_out_by(mut self, carrier: ToCarrier) -> Self {
+        self.carrier = Some(carrier);
+        self
+    }
+
+    /// Plans the program to its end, or to its first error: the plan then ends at rest before it, and `failed` is
+    /// called before its end is handed on.
+    pub(crate) fn feed(
+        mut self,
+        program: &Path,
+        failed: impl FnOnce(),
+    ) -> (FeedReport, Result<Option<ProgramMemory>, ProgramError>) {
+        let result = self.feed_lines(program);
+        if result.is_err() {
+            failed();
+        }
+        let line = self.blocks.back().map_or(0, |open| open.line);
+        // A consumer that has gone needs no end.
+        let _gone = self.planner.finish(line);
+        self.report_blocks(true);
+        // Holds and overrides are answered as long as the program runs.
+        self.planner.attend();
+        let report = FeedReport {
+            deviation_mm: self.planner.deviation_mm(),
+            planned_s: self.planner.planned_s(),
+            moves: self.moves,
+            user_commands: self.user_commands,
+            tool_changes: self.tool_changes,
+            block_delete_lines: self.block_delete_lines,
+            next_block: self.next_block,
+            next_action: self.actions,
+        };
+        (report, result)
+    }
+
+    /// What a program that was read to its end leaves.
+    fn feed_lines(&mut self, program: &Path) -> Result<Option<ProgramMemory>, ProgramError> {
+        let mut commands = Commands::open(program, self.setup)?;
+        if let Some(start) = commands.start() {
+            let line = start.restart.line;
+            let text = start.told();
+            // Somebody who is there looks at the way before the machine takes it.
+            if self.act(line, &text).is_err() || self.stop(line, StopKind::Program).is_err() {
+                return Ok(None);
+            }
+        }
+        let mut line = 0;
+        loop {
+            self.mind_switches(&mut commands, line);
+            let next = commands.next();
+            self.block_delete_lines = commands.block_delete_lines();
+            let Some(command) = next else { break };
+            self.commands += 1;
+            self.tell_files(&commands);
+            let command = command.map_err(|diagnostic| ProgramError::Text {
+                file: self.file.clone(),
+                diagnostic: Box::new(diagnostic),
+            })?;
+            line = command.line;
+            if let Some(what) = command.action.missing_ability() {
+                let diagnostic = Box::new(at_origin(&command, program, |file, line| {
+                    refuse(what, file, line)
+                }));
+                return Err(ProgramError::Text {
+                    file: self.file.clone(),
+                    diagnostic,
+                });
+            }
+            if let (Action::UserCommand { number, .. }, Some(codes)) = (&command.action, &self.codes)
+                && let Some(objection) = codes.objection(*number)
+            {
+                let diagnostic = Box::new(at_origin(&command, program, |file, line| {
+                    about_line(objection, file, line)
+                }));
+                return Err(ProgramError::Text {
+                    file: self.file.clone(),
+                    diagnostic,
+                });
+            }
+            if let Action::ChangeTool(tool) = command.action
+                && let Some(diagnostic) = self.objection_to_tool(tool, program, &command)
+            {
+                return Err(ProgramError::Text {
+                    file: self.file.clone(),
+                    diagnostic: Box::new(diagnostic),
+                });
+            }
+            self.tell_modal(&commands);
+            if let Action::Turning(cycle) = &command.action {
+                let turning = turning(cycle, self.setup).map_err(|what| ProgramError::Text {
+                    file: self.file.clone(),
+                    diagnostic: Box::new(at_origin(&command, program, |file, line| {
+                        cannot_turn(what, file, line)
+                    })),
+                })?;
+                if self.turn(turning, command.line).is_err() {
+                    break;
+                }
+                continue;
+            }
+            match self.execute(&command) {
+                Ok(true) => {}
+                Ok(false) => return Ok(Some(commands.left(&self.setup.memory))),
+                Err(PlanError::Sink(_)) => break,
+                Err(error) => {
+                    let diagnostic = match error {
+                        // The planner is behind the line that is being read.
+                        PlanError::NoMotion { .. } => explain(&error, program, command.line),
+                        _ => at_origin(&command, program, |file, line| explain(&error, file, line)),
+                    };
+                    let diagnostic = Box::new(diagnostic);
+                    return Err(ProgramError::Text {
+                        file: self.file.clone(),
+                        diagnostic,
+                    });
+                }
+            }
+            self.report_blocks(false);
+        }
+        Ok(None)
+    }
+
+    /// Comes to rest and hands over to a turning cycle.
+    fn turn(&mut self, turning: Turning, line: u32) -> Result<(), QueueClosed> {
+        let mut turning = Box::new(turning);
+        while let Some(turnings) = &mut self.turnings {
+            match turnings.send(turning) {
+                Ok(()) => break,
+                Err(_) if turnings.is_abandoned() => return Err(QueueClosed),
+                Err(back) => turning = back,
+            }
+            // Holds and overrides are answered meanwhile.
+            self.planner.poll()?;
+            std::thread::sleep(TURNING_NAP);
+        }
+        self.last_line = 0;
+        self.planner.rest(&Step::Turning { line })
+    }
+
+    /// Why the machine cannot change to this tool.
+    fn objection_to_tool(&self, tool: u32, program: &Path, command: &Command) -> Option<Diagnostic> {
+        let present = self.periphery.tool;
+        match waits_for(self.setup.machine.program.tool_change, tool, present)? {
+            Changer::Operator if !self.confirms_tools => {
+                let (message, help) = nobody_changes(tool, present);
+                Some(at_origin(command, program, |file, line| {
+                    about_line_with(message, Some(help), file, line)
+                }))
+            }
+            Changer::Operator => None,
+            Changer::Program => {
+                let objection = self.codes.as_ref()?.objection(TOOL_CHANGE_CODE)?;
+                Some(at_origin(command, program, |file, line| {
+                    about_line(objection, file, line)
+                }))
+            }
+        }
+    }
+
+    /// Waits for another tool, if the machine needs to, and takes it as the one in the spindle.
+    fn change_tool(&mut self, action: &Action, tool: u32, line: u32) -> Result<(), PlanError<QueueClosed>> {
+        let present = self.periphery.tool;
+        self.tool_changes += u64::from(tool != present);
+        let changer = waits_for(self.setup.machine.program.tool_change, tool, present);
+        if let Some(changer) = changer {
+            self.periphery.change = Some((changer, tool));
+            let kind = match changer {
+                Changer::Operator => StopKind::ToolChange(tool),
+                Changer::Program => StopKind::User(tool_change_call(tool, present, line)),
+            };
+            self.stop(line, kind)?;
+        }
+        self.switch(action, line)
+    }
+
+    /// Something of the periphery takes effect at rest.
+    fn switch(&mut self, action: &Action, line: u32) -> Result<(), PlanError<QueueClosed>> {
+        self.periphery.apply(action);
+        self.tell_periphery(self.actions);
+        match describe(action) {
+            Some(text) => self.act(line, &text),
+            None => Ok(()),
+        }
+    }
+
+    /// Tells what the periphery is from the action of this number on.
+    fn tell_periphery(&self, action: u32) {
+        if let Some(listener) = &self.periphery_listener {
+            let _gone = listener.send((action, self.periphery));
+        }
+        if let Some(onlooker) = &self.onlooker {
+            let _gone = onlooker.send(FeederNews::Periphery(action, self.periphery));
+        }
+    }
+
+    /// `false` at the program's end.
+    fn execute(&mut self, command: &Command) -> Result<bool, PlanError<QueueClosed>> {
+        let line = command.line;
+        match &command.action {
+            Action::Move(motion) => self.push_move(motion, line)?,
+            Action::Dwell { seconds } => {
+                self.planner
+                    .rest(&Step::Dwell {
+                        seconds: *seconds,
+                        line,
+                    })
+                    .map_err(PlanError::Sink)?;
+            }
+            Action::ProgramStop { optional, .. } => {
+                if !optional || self.switches.optional_stop {
+                    self.stop(line, StopKind::Program)?;
+                }
+            }
+            Action::UserCommand { number, p, q } => {
+                let call = UserCall {
+                    number: *number,
+                    words: [*p, *q],
+                    line,
+                };
+                self.user_commands += 1;
+                self.stop(line, StopKind::User(call))?;
+            }
+            Action::ProgramEnd => return Ok(false),
+            Action::ChangeTool(tool) => self.change_tool(&command.action, *tool, line)?,
+            Action::Spindle { .. } | Action::Coolant { .. } | Action::ToolNumber(_) => {
+                self.switch(&command.action, line)?;
+            }
+            other => {
+                if let Some(text) = describe(other) {
+                    // Neither a message nor the next tool's number is a reason to stop.
+                    // Loops would say it again and again.
+                    if matches!(other, Action::Warning(_)) && !self.warned.insert(line) {
+                        return Ok(true);
+                    }
+                    let is_message = !matches!(other, Action::SelectTool(_));
+                    self.announce(Moment::Block(self.next_block), line, is_message, &text);
+                }
+            }
+        }
+        Ok(true)
+    }
+
+    /// Comes to rest and waits to be told to go on. An action before it makes it known by its number.
+    fn stop(&mut self, line: u32, kind: StopKind) -> Result<(), PlanError<QueueClosed>> {
+        let action = self.actions;
+        self.actions += 1;
+        if let Some(onlooker) = &self.onlooker {
+            let _gone = onlooker.send(FeederNews::Stop(action, kind));
+        }
+        match kind {
+            StopKind::User(call) => {
+                self.tell_periphery(action);
+                self.announce(Moment::Rest(action), line, false, &call.text());
+                self.hand_to_carrier(action, call)?;
+            }
+            StopKind::ToolChange(tool) => {
+                self.tell_periphery(action);
+                let text = tool_request(tool, self.periphery.tool);
+                self.announce(Moment::Rest(action), line, true, &text);
+            }
+            StopKind::Program | StopKind::Step => {}
+        }
+        self.last_line = 0;
+        self.planner
+            .rest(&Step::Action { action, line })
+            .map_err(PlanError::Sink)?;
+        self.planner
+            .rest(&Step::ProgramStop { line })
+            .map_err(PlanError::Sink)
+    }
+
+    fn hand_to_carrier(&mut self, action: u32, call: UserCall) -> Result<(), PlanError<QueueClosed>> {
+        let Some(carrier) = &mut self.carrier else {
+            return Ok(());
+        };
+        while carrier.stops.is_full() {
+            if carrier.controls.is_abandoned() || carrier.stops.is_abandoned() {
+                return Err(PlanError::Sink(QueueClosed));
+            }
+            std::thread::sleep(CARRIER_NAP);
+        }
+        let _gone = carrier.stops.push(action);
+        let _gone = carrier.calls.send((action, call));
+        Ok(())
+    }
+
+    /// Looks how the switches stand for the next command. Once for each, so that a number says what they counted for.
+    fn mind_switches(&mut self, commands: &mut Commands, line: u32) {
+        let state = self.switching.at(self.commands, self.switches);
+        if state == self.switches {
+            return;
+        }
+        self.switches = state;
+        commands.set_block_delete(state.block_delete);
+        let switched = Switched {
+            command: self.commands,
+            line,
+            state,
+        };
+        for news in &self.news {
+            let _gone = news.send(FeederNews::Switched(self.job, switched));
+        }
+    }
+
+    /// Attaches what the program has called from other files.
+    fn tell_files(&mut self, commands: &Commands) {
+        if commands.file_count() == self.files_told {
+            return;
+        }
+        for (name, text) in commands.files().skip(self.files_told) {
+            for news in &self.news {
+                let name = format!("{}{name}", self.subroutines);
+                let _gone = news.send(FeederNews::Attach(name, text.clone()));
+            }
+        }
+        self.files_told = commands.file_count();
+    }
+
+    fn tell_modal(&mut self, commands: &Commands) {
+        let Some(onlooker) = &self.onlooker else { return };
+        let modal = commands.modal();
+        if self.modal != Some(modal) {
+            self.modal = Some(modal);
+            let _gone = onlooker.send(FeederNews::Modal(self.next_block, modal));
+        }
+    }
+
+    fn push_move(&mut self, motion: &Move, line: u32) -> Result<(), PlanError<QueueClosed>> {
+        let mut motion = *motion;
+        let SwitchState {
+            single_step,
+            rapid_override,
+            ..
+        } = self.switches;
+        // Behind another stop, and before the first move, there is nothing to stop behind.
+        if single_step && self.last_line != line && self.last_line > 0 {
+            self.stop(self.last_line, StopKind::Step)?;
+        }
+        if motion.kind == MoveKind::Rapid && rapid_override < 1.0 {
+            motion.feed = rapid_override * self.rapid_speed(&motion.curve);
+        }
+        if let (MoveKind::Feed, Some(most)) = (motion.kind, self.setup.machine.max_feed_mm_s) {
+            motion.feed = motion.feed.min(most);
+        }
+        let block = self.next_block;
+        self.planner.push(&motion, line, block)?;
+        self.next_block += 1;
+        self.moves += 1;
+        self.last_line = line;
+        self.path_mm += motion.curve.length();
+        if let Some(onlooker) = &self.onlooker {
+            let queued = QueuedBlock {
+                block,
+                end: motion.curve.end(),
+                feed_mm_s: motion.feed,
+                path_mm: self.path_mm,
+            };
+            let _gone = onlooker.send(FeederNews::Queued(queued));
+        }
+        if self.with_blocks {
+            let kind = match (motion.kind, &motion.curve) {
+                (MoveKind::Rapid, _) => BlockKind::Rapid,
+                (_, Curve::Line(_)) => BlockKind::Line,
+                (_, Curve::Arc(_)) => BlockKind::Arc,
+                (_, Curve::Involute(_)) => BlockKind::Involute,
+                (_, Curve::Blend(_) | Curve::Spline(_)) => BlockKind::Other,
+            };
+            self.blocks.push_back(Open {
+                block,
+                line,
+                kind,
+                length_mm: motion.curve.length(),
+            });
+        }
+        Ok(())
+    }
+
+    /// The speed in the feed metric at which the first axis is at its limit, along the chord of a rapid. Never 0.
+    fn rapid_speed(&self, curve: &Curve) -> f64 {
+        let limits = self.setup.machine.limits();
+        let way = curve.end() - curve.start();
+        let length = curve.length();
+        let mut speed = f64::INFINITY;
+        for axis in 0..way.len() {
+            if limits.present[axis] && way[axis] != 0.0 {
+                speed = speed.min(limits.velocity[axis] * length / way[axis].abs());
+            }
+        }
+        if speed.is_finite() { speed.max(1e-3) } else { 1.0 }
+    }
+
+    /// Something of the periphery's that takes effect at rest.
+    fn act(&mut self, line: u32, text: &str) -> Result<(), PlanError<QueueClosed>> {
+        let action = self.actions;
+        self.actions += 1;
+        self.announce(Moment::Rest(action), line, false, text);
+        self.planner
+            .rest(&Step::Action { action, line })
+            .map_err(PlanError::Sink)
+    }
+
+    fn announce(&self, moment: Moment, line: u32, is_message: bool, text: &str) {
+        for news in self.news.iter().chain(&self.onlooker) {
+            let notice = Notice {
+                moment,
+                line,
+                is_message,
+                text: text.to_owned(),
+            };
+            // Whoever does not listen any more misses nothing.
+            let _gone = news.send(FeederNews::Notice(notice));
+        }
+    }
+
+    /// Reports blocks whose plan is final.
+    fn report_blocks(&mut self, all: bool) {
+        let finished = self.planner.finished();
+        let keep = usize::from(!all);
+        while finished.len() > keep {
+            let Some((block, planned_s)) = finished.pop_front() else {
+                break;
+            };
+            while let Some(open) = self.blocks.front() {
+                if open.block > block {
+                    break;
+                }
+                let plan = BlockPlan {
+                    block: open.block,
+                    line: open.line,
+                    kind: open.kind,
+                    length_mm: open.length_mm,
+                    planned_s: if open.block == block { planned_s } else { 0.0 },
+                };
+                self.blocks.pop_front();
+                for news in &self.news {
+                    let _gone = news.send(FeederNews::Block(plan));
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use evolvent_gcode::PathMode;
+    use evolvent_machine::{Machine, PlannerKind};
+    use evolvent_path::{Axes, Line};
+
+    use super::*;
+
+    /// Takes a plan and forgets it.
+    struct Nowhere;
+
+    impl PlanSink for Nowhere {
+        type Error = QueueClosed;
+        fn segment(&mut self, _: &evolvent_planner::Segment) -> Result<(), QueueClosed> {
+            Ok(())
+        }
+        fn step(&mut self, _: &Step) -> Result<(), QueueClosed> {
+            Ok(())
+        }
+        fn exit(&mut self, _: u64, _: evolvent_planner::ExitSpeeds) {}
+        fn finalise(&mut self, _: u64) {}
+    }
+
+    #[test]
+    fn the_tally_of_a_long_near_optimal_plan_does_not_grow() {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../config/machines/mill-3axis.toml");
+        let mut machine = Machine::load(&file).unwrap();
+        machine.path.planner = PlannerKind::Optimal;
+        let setup = Setup::new(machine, file, String::new(), None).unwrap();
+        let program = Path::new("none.ngc");
+        let planner = Stages::one(&setup, 1.0, Nowhere);
+        let mut feeder = Feeder::new(program, &setup, planner, Vec::new(), false, false);
+        let at = |k: u32| {
+            let mut point = Axes::zeros();
+            (point[0], point[1]) = (f64::from(k % 7), f64::from(k % 5));
+            point
+        };
+        for k in 0..500 {
+            let motion = Move {
+                curve: Curve::Line(Line::new(at(k), at(k + 1)).unwrap()),
+                kind: MoveKind::Feed,
+                feed: 50.0,
+                path_mode: PathMode::ExactPath,
+            };
+            let action = Action::Move(motion);
+            let command = Command {
+                line: k,
+                action,
+                origin: None,
+            };
+            assert!(feeder.execute(&command).unwrap());
+        }
+        let Stages::One(planner) = &feeder.planner else {
+            unreachable!("one thread was asked for")
+        };
+        let tally = planner.sink();
+        assert!(tally.planned_s > 10.0, "{} s", tally.planned_s);
+        let (parts, steps) = tally.lengths();
+        assert!(parts < 100 && steps < 100, "{parts} parts, {steps} steps");
+    }
+}

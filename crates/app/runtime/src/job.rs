@@ -1,0 +1,212 @@
+//! What a run is asked to do.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use evolvent_gcode as gcode;
+use evolvent_machine::{
+    ControlRate, Machine, MachineKind, PathMode, PeriodError, TurningWords, WithoutToolTable,
+};
+use evolvent_path::{AXES, Axes};
+use evolvent_planner::{PathLimits, PathRules};
+use evolvent_turning::Job as TurningJob;
+
+use crate::memory::ProgramMemory;
+
+/// Which clock drives the cycle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Clock {
+    /// Absolute deadlines of `CLOCK_MONOTONIC`.
+    Realtime,
+    /// As fast as it computes: the same code, the same bits.
+    Virtual,
+}
+
+impl Clock {
+    /// The name on the command line and in traces.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Realtime => "realtime",
+            Self::Virtual => "virtual",
+        }
+    }
+}
+
+/// A machine at a control rate: what every room needs to know of it.
+#[derive(Clone, Debug)]
+pub struct Setup {
+    /// The machine.
+    pub machine: Machine,
+    /// Path of its file, and its text.
+    pub machine_file: PathBuf,
+    /// The file's text, attached to traces.
+    pub machine_text: String,
+    /// The control period.
+    pub period_ns: u64,
+    /// What programs find.
+    pub memory: ProgramMemory,
+    /// The line at which programs begin, where it is not the first.
+    pub start_line: Option<u32>,
+    /// Where the machine stands, machine coordinates; at home where this is none.
+    pub place: Option<Axes>,
+    /// The tool in the spindle; 0 for none.
+    pub tool: u32,
+    /// Spindle and coolant as they stand.
+    pub outputs: gcode::Outputs,
+    /// The program is a block of MDI, which leaves spindle and coolant as they are at its end.
+    pub is_mdi: bool,
+    /// Whether lines that begin with `/` are left out.
+    pub block_delete: bool,
+    /// Share of the axes' speed that rapids may use, 0 to 1.
+    pub rapid_override: f64,
+    /// Tool, force law, load and feeds of turning cycles that find their passes; none where no file tells them.
+    pub process: Option<Arc<TurningJob>>,
+}
+
+impl Setup {
+    /// The machine at a rate, or at the rate of its file.
+    ///
+    /// # Errors
+    /// The rate is outside what a loop can run.
+    pub fn new(
+        machine: Machine,
+        machine_file: PathBuf,
+        machine_text: String,
+        rate: Option<ControlRate>,
+    ) -> Result<Self, PeriodError> {
+        let period_ns = machine.period_ns(rate.unwrap_or(machine.rate))?;
+        Ok(Self {
+            machine,
+            machine_file,
+            machine_text,
+            period_ns,
+            memory: ProgramMemory::default(),
+            start_line: None,
+            place: None,
+            tool: 0,
+            outputs: gcode::Outputs::default(),
+            is_mdi: false,
+            block_delete: false,
+            rapid_override: 1.0,
+            process: None,
+        })
+    }
+
+    /// Where programs begin.
+    #[must_use]
+    pub fn start(&self) -> Axes {
+        self.place.unwrap_or(self.machine.limits().home)
+    }
+
+    /// The control rate.
+    #[must_use]
+    pub fn rate_hz(&self) -> f64 {
+        1e9 / self.period_ns as f64
+    }
+
+    /// Limits along the path.
+    #[must_use]
+    pub fn path_limits(&self) -> PathLimits {
+        let chord_error_mm = self.machine.path.chord_error_increments / self.machine.increments_per_mm;
+        PathLimits::new(self.machine.limits(), self.rate_hz(), chord_error_mm)
+    }
+
+    /// Rules of following the path, to be planned for this feed override at first.
+    #[must_use]
+    pub fn path_rules(&self, feed_override: f64) -> PathRules {
+        PathRules {
+            blend_tolerance_mm: self.machine.path.blend_tolerance_mm,
+            joint_time_s: self.machine.path.joint_time_s,
+            planner: self.machine.path.planner,
+            feed_override,
+        }
+    }
+
+    /// The same for a program in a file: subroutines are looked for beside it.
+    #[must_use]
+    pub fn interpreter_settings_for(&self, program: &Path) -> gcode::Settings {
+        let folder = program.parent().map(Path::to_path_buf);
+        gcode::Settings {
+            subroutine_folders: folder
+                .into_iter()
+                .chain(self.memory.folders.iter().cloned())
+                .collect(),
+            ..self.interpreter_settings()
+        }
+    }
+
+    /// What the interpreter needs to know before the first line.
+    #[must_use]
+    pub fn interpreter_settings(&self) -> gcode::Settings {
+        let limits = self.machine.limits();
+        let path = &self.machine.path;
+        let mut axes = [false; AXES];
+        axes.copy_from_slice(&limits.present);
+        let program = &self.machine.program;
+        let mut settings = gcode::Settings {
+            tools: self.memory.tools.clone(),
+            user_codes: program.user_codes.clone(),
+            lathe: self.machine.kind == MachineKind::Lathe,
+            turning_words: match program.turning_cycles {
+                TurningWords::Diameter => gcode::TurningWords::Diameter,
+                TurningWords::Radius => gcode::TurningWords::Radius,
+                TurningWords::Mode => gcode::TurningWords::Mode,
+            },
+            load_channel: program.load_channel,
+            subroutine_folders: self.memory.folders.clone(),
+            start: self.start(),
+            tool: self.tool,
+            outputs: self.outputs,
+            is_block: self.is_mdi,
+            tools_without_table: program.without_tool_table == WithoutToolTable::Zero,
+            block_delete: self.block_delete,
+            axes,
+            path_mode: match path.mode {
+                PathMode::Exact => gcode::PathMode::ExactPath,
+                PathMode::Blend => gcode::PathMode::Blend {
+                    tolerance_mm: None,
+                    merge_mm: None,
+                },
+            },
+            arc: gcode::ArcTolerance {
+                metric_mm: path.arc_radius_tolerance_mm,
+                // An inch program is rounded to a thousandth of an inch rather than a hundredth of a millimetre.
+                inch_mm: 2.54 * path.arc_radius_tolerance_mm,
+                relative: path.arc_radius_tolerance_ratio,
+                ..gcode::ArcTolerance::default()
+            },
+            involute_tolerance_mm: path.involute_end_tolerance_mm,
+            ..gcode::Settings::default()
+        };
+        if let Some(kept) = &self.memory.kept {
+            kept.apply(&mut settings);
+        }
+        settings
+    }
+}
+
+/// One run of one program.
+#[derive(Clone, Debug)]
+pub struct Job {
+    /// The program's file.
+    pub program: PathBuf,
+    /// The machine at its rate.
+    pub setup: Setup,
+    /// Which clock.
+    pub clock: Clock,
+    /// Feed override at the start, 1 at 100 %.
+    pub feed_override: f64,
+    /// Where to write the trace; none for no trace.
+    pub trace: Option<PathBuf>,
+    /// Whether setpoints go out on the bus.
+    pub bus: bool,
+    /// iceoryx2's prefix; none for iceoryx2's own.
+    pub bus_prefix: Option<String>,
+    /// How many setpoint subscribers to wait for before the start, 10 s at the most.
+    pub wait_for_subscribers: usize,
+    /// Stop at M1.
+    pub optional_stop: bool,
+    /// Wait at M0, M1 and M60 until told to go on; otherwise go on at once.
+    pub stop_at_program_stops: bool,
+}

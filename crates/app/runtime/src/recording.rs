@@ -1,0 +1,599 @@
+//! The recorder's thread: cycles, events and blocks into the trace.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::fs::File;
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::sync::mpsc::{Receiver, Sender};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use evolvent_config::open_regular;
+use evolvent_machine::OnFull;
+use evolvent_motion::{State, flags};
+use evolvent_trace::{
+    BlockRecord, CycleRecord, EventKind, EventRecord, LogLevel, RecordError, Recorder, RunInfo, inputs,
+};
+use rtrb::Consumer;
+
+use crate::cycle::CycleSample;
+use crate::news::{BlockPlan, FeederNews, Notice, Outside, OutsideKind, notices_due};
+use crate::serve::{FileProgress, TraceSeries};
+use crate::shared::Controls;
+use crate::switches::Switched;
+use evolvent_control::Alarm;
+
+/// Nothing older than this is lost by a crash.
+const FLUSH_EVERY: Duration = Duration::from_millis(250);
+/// Codes of the events of a turning cycle's states begin behind this.
+const TURNING_STATES: u32 = 100;
+/// How long the last news of a feeder are waited for.
+const LAST_NEWS: Duration = Duration::from_secs(10);
+/// Time between two looks at an empty queue.
+const NAP: Duration = Duration::from_millis(1);
+
+/// Records one run.
+pub(crate) struct Recording {
+    pub recorder: Recorder,
+    pub queue: Consumer<CycleSample>,
+    pub news: Receiver<FeederNews>,
+    pub on_full: OnFull,
+    pub controls: Arc<Controls>,
+    pub program: PathBuf,
+    /// How the trace goes on in further files; none for a single one.
+    pub further: Option<Further>,
+}
+
+/// The files of a trace behind the first.
+pub(crate) struct Further {
+    pub series: TraceSeries,
+    /// What each says of itself.
+    pub info: RunInfo,
+    /// For whoever decides when the next one begins.
+    pub progress: Arc<FileProgress>,
+    /// Files that are being finished.
+    pub finishing: Vec<JoinHandle<Result<PathBuf, RecordError>>>,
+}
+
+impl Further {
+    /// Goes on in the next file; the present one is finished by a thread of its own, because its index and the disk take time.
+    fn go_on(&mut self, recorder: &mut Recorder, sequence: u64) -> Result<(), RecordError> {
+        let path = self.series.file_of_now();
+        self.info.extra.insert(CONTINUES.to_owned(), sequence.to_string());
+        let next = Recorder::create(&path, &self.info)?;
+        let old = std::mem::replace(recorder, next);
+        self.progress.bytes.store(0, Ordering::Relaxed);
+        self.progress.files.fetch_add(1, Ordering::Release);
+        let series = self.series.clone();
+        let finished = std::thread::Builder::new()
+            .name("finisher".into())
+            .spawn(move || {
+                let summary = BTreeMap::from([
+                    ("outcome".to_owned(), "served".to_owned()),
+                    ("continued_in".to_owned(), path.display().to_string()),
+                ]);
+                let result = old.finish(&summary);
+                // The next file reports a folder that cannot be read.
+                let _left = series.trim(&path);
+                result
+            });
+        // Without a thread it stays a part file, which the next start recovers.
+        self.finishing.extend(finished.ok());
+        self.finishing.retain(|thread| !thread.is_finished());
+        Ok(())
+    }
+}
+
+/// Metadata of a file that goes on where another one ends: its first setpoint.
+pub(crate) const CONTINUES: &str = "continues_at";
+
+/// What the trace says of the run as a whole, at its end.
+pub(crate) struct Closing {
+    /// Names and values of the metadata.
+    pub summary: BTreeMap<String, String>,
+    /// Why the run ended early: number and text.
+    pub alarm: Option<(Alarm, String)>,
+}
+
+/// What became of the trace.
+pub(crate) struct RecordReport {
+    pub result: Result<PathBuf, RecordError>,
+    /// Records that came after the trace had failed.
+    pub lost: u64,
+}
+
+/// What is attached.
+enum Content {
+    Text(Vec<u8>),
+    File(PathBuf),
+}
+
+/// The cycles of one block.
+#[derive(Clone, Copy)]
+struct Span {
+    block: u32,
+    start: u64,
+    end: u64,
+    time_ns: u64,
+}
+
+struct Tracks {
+    plans: VecDeque<BlockPlan>,
+    notices: VecDeque<Notice>,
+    /// Files of later jobs, and the block with which each begins.
+    files: VecDeque<(u32, PathBuf)>,
+    outside: VecDeque<Outside>,
+    /// Switches that planners have read on with, and their jobs.
+    switched: VecDeque<(u32, Switched)>,
+    /// Texts and files to attach, by name.
+    attachments: VecDeque<(String, Content)>,
+    lines: Lines,
+    period_s: f64,
+    block: Option<Span>,
+    closed: VecDeque<Span>,
+    last_closed: Option<u32>,
+    state: u8,
+    feed_override: f64,
+    starved: bool,
+    late: bool,
+    actions: u32,
+    blocks: u32,
+}
+
+impl Recording {
+    /// Records until the cycle has gone and the queue is empty, then finishes the file with what `closing` brings.
+    pub(crate) fn run(
+        mut self,
+        period_ns: u64,
+        closing: &Receiver<Closing>,
+        failed: &Sender<RecordError>,
+    ) -> RecordReport {
+        let mut tracks = Tracks {
+            plans: VecDeque::new(),
+            notices: VecDeque::new(),
+            files: VecDeque::new(),
+            outside: VecDeque::new(),
+            switched: VecDeque::new(),
+            attachments: VecDeque::new(),
+            lines: Lines::new(&self.program),
+            period_s: period_ns as f64 * 1e-9,
+            block: None,
+            closed: VecDeque::new(),
+            last_closed: None,
+            state: State::Idle as u8,
+            feed_override: 1.0,
+            starved: false,
+            late: false,
+            actions: 0,
+            blocks: 0,
+        };
+        let mut failure: Option<RecordError> = None;
+        let mut lost = 0;
+        let mut flushed = Instant::now();
+        let mut last_ns = 0;
+        // Behind this setpoint the next file begins.
+        let mut next_file: Option<u64> = None;
+        loop {
+            let over = self.queue.is_abandoned();
+            let mut count = 0;
+            while let Ok(sample) = self.queue.pop() {
+                count += 1;
+                last_ns = sample.record.due_time_ns;
+                if failure.is_some() {
+                    lost += 1;
+                    continue;
+                }
+                if next_file.is_some_and(|last| sample.record.sequence > last)
+                    && let Some(further) = &mut self.further
+                {
+                    next_file = None;
+                    if let Err(error) = further.go_on(&mut self.recorder, sample.record.sequence) {
+                        lost += 1;
+                        let _gone = failed.send(error.clone());
+                        failure = Some(error);
+                        continue;
+                    }
+                }
+                // What an action is called was told before the action went into the plan.
+                let news = sample.actions > tracks.actions || sample.blocks_begun() > tracks.blocks;
+                if count % 256 == 1 || news {
+                    // What follows the order for a new file is for that file.
+                    while next_file.is_none()
+                        && let Ok(news) = self.news.try_recv()
+                    {
+                        match news {
+                            FeederNews::NextFile(last) => next_file = self.further.is_some().then_some(last),
+                            news => tracks.hear(news),
+                        }
+                    }
+                }
+                if let Err(error) = tracks.record(&mut self.recorder, &sample) {
+                    lost += 1;
+                    if self.on_full == OnFull::Stop {
+                        self.controls.stop();
+                    }
+                    let _gone = failed.send(error.clone());
+                    failure = Some(error);
+                }
+            }
+            if failure.is_none() && flushed.elapsed() >= FLUSH_EVERY {
+                flushed = Instant::now();
+                if let Some(further) = &self.further {
+                    further
+                        .progress
+                        .bytes
+                        .store(self.recorder.bytes(), Ordering::Relaxed);
+                }
+                failure = self.recorder.flush().err();
+                if let Some(error) = &failure {
+                    if self.on_full == OnFull::Stop {
+                        self.controls.stop();
+                    }
+                    let _gone = failed.send(error.clone());
+                }
+            }
+            if over && self.queue.is_empty() {
+                break;
+            }
+            if count == 0 {
+                std::thread::sleep(NAP);
+            }
+        }
+        // The feeder ends soon after the cycle, and with it the news; one that hangs in a file system is not waited for.
+        while let Ok(news) = self.news.recv_timeout(LAST_NEWS) {
+            tracks.hear(news);
+        }
+        let ended = closing.recv().ok();
+        if failure.is_none() {
+            let alarm = ended.as_ref().and_then(|closing| closing.alarm.as_ref());
+            failure = tracks.end(&mut self.recorder, last_ns, alarm).err();
+        }
+        let summary = ended.map(|closing| closing.summary).unwrap_or_default();
+        let result = match failure {
+            None => self.recorder.finish(&summary),
+            Some(error) => Err(error),
+        };
+        for thread in self.further.into_iter().flat_map(|further| further.finishing) {
+            // What failed there is a part file, which the next start recovers.
+            let _result = thread.join();
+        }
+        RecordReport { result, lost }
+    }
+}
+
+impl Tracks {
+    fn hear(&mut self, news: FeederNews) {
+        match news {
+            FeederNews::Block(plan) => self.plans.push_back(plan),
+            FeederNews::Notice(notice) => self.notices.push_back(notice),
+            FeederNews::File(block, file) => self.files.push_back((block, file)),
+            FeederNews::Outside(outside) => self.outside.push_back(outside),
+            FeederNews::Switched(job, switched) => self.switched.push_back((job, switched)),
+            FeederNews::Attach(name, text) => self.attachments.push_back((name, Content::Text(text))),
+            FeederNews::AttachFile(name, file) => self.attachments.push_back((name, Content::File(file))),
+            // Nobody has asked for them here.
+            FeederNews::NextFile(_)
+            | FeederNews::Queued(_)
+            | FeederNews::Modal(..)
+            | FeederNews::Stop(..)
+            | FeederNews::Periphery(..) => {}
+        }
+    }
+
+    fn record(&mut self, recorder: &mut Recorder, sample: &CycleSample) -> Result<(), RecordError> {
+        let cycle = &sample.record;
+        recorder.cycle(cycle)?;
+        let event = |kind, code, text: String, value| EventRecord {
+            time_ns: cycle.due_time_ns,
+            sequence: cycle.sequence,
+            kind,
+            code,
+            text,
+            value,
+        };
+        if cycle.override_ != self.feed_override {
+            self.feed_override = cycle.override_;
+            let text = format!("feed override {:.0} %", 100.0 * cycle.override_);
+            recorder.event(&event(EventKind::Override, 0, text, Some(cycle.override_)))?;
+        }
+        if cycle.state != self.state {
+            let (kind, text) = describe(self.state, cycle);
+            let is_guard = kind == EventKind::Alarm;
+            let code = if is_guard {
+                Alarm::Guard.number()
+            } else {
+                u32::from(cycle.state)
+            };
+            recorder.event(&event(kind, code, text.to_owned(), None))?;
+            self.state = cycle.state;
+        }
+        let starved = cycle.flags & flags::STARVED != 0;
+        if starved && !self.starved {
+            let text = "the planner had not finished the next run".to_owned();
+            recorder.event(&event(EventKind::Starvation, 0, text, None))?;
+        }
+        self.starved = starved;
+        let late = cycle.flags & flags::LATE != 0;
+        if late && !self.late {
+            let text = "setpoints leave after they are due".to_owned();
+            recorder.event(&event(
+                EventKind::Late,
+                0,
+                text,
+                Some(cycle.wake_lateness_ns as f64),
+            ))?;
+        }
+        self.late = late;
+        if let Some(change) = &sample.turning {
+            let text = format!(
+                "turning, pass {}: {} to {} at {:.2} mm along and {:.3} mm out: {}",
+                change.pass,
+                change.from.name(),
+                change.to.name(),
+                change.along_mm,
+                change.out_mm,
+                change.reason.text()
+            );
+            // States of turning are told apart from those of the cycle by what their numbers begin with.
+            let code = TURNING_STATES + change.to as u32;
+            recorder.event(&event(EventKind::State, code, text, Some(change.load)))?;
+        }
+        self.attach(recorder, cycle.due_time_ns)?;
+        self.record_switched(recorder, cycle.due_time_ns, cycle.sequence)?;
+        self.record_outside(recorder, cycle)?;
+        self.actions = sample.actions;
+        self.blocks = self.blocks.max(sample.blocks_begun());
+        let ended = cycle.state == State::Done as u8;
+        loop {
+            let due = notices_due(&self.notices, self.actions, self.blocks, ended);
+            if due == 0 {
+                break;
+            }
+            for notice in self.notices.drain(..due) {
+                let kind = if notice.is_message {
+                    EventKind::Message
+                } else {
+                    EventKind::Command
+                };
+                // Messages and commands are marked with their line.
+                recorder.event(&event(kind, notice.line, notice.text, None))?;
+            }
+        }
+        self.follow_block(recorder, sample)
+    }
+
+    /// What came from outside, once its cycle has been recorded.
+    fn record_outside(&mut self, recorder: &mut Recorder, cycle: &CycleRecord) -> Result<(), RecordError> {
+        while self
+            .outside
+            .front()
+            .is_some_and(|outside| outside.sequence <= cycle.sequence)
+        {
+            let Some(outside) = self.outside.pop_front() else {
+                break;
+            };
+            let ago = (cycle.sequence - outside.sequence) as f64 * self.period_s * 1e9;
+            recorder.event(&EventRecord {
+                time_ns: cycle.due_time_ns.saturating_sub(ago as u64),
+                sequence: outside.sequence,
+                kind: match outside.kind {
+                    OutsideKind::Command => EventKind::Command,
+                    OutsideKind::Alarm => EventKind::Alarm,
+                    OutsideKind::Warning => EventKind::Warning,
+                    OutsideKind::Output => EventKind::Message,
+                    OutsideKind::Job => EventKind::Job,
+                },
+                code: outside.code,
+                text: outside.text,
+                value: outside.value,
+            })?;
+        }
+        Ok(())
+    }
+
+    /// What planners have read on with. It is ahead of the machine, so it stands where it was heard.
+    fn record_switched(
+        &mut self,
+        recorder: &mut Recorder,
+        time_ns: u64,
+        sequence: u64,
+    ) -> Result<(), RecordError> {
+        while let Some((job, switched)) = self.switched.pop_front() {
+            recorder.event(&EventRecord {
+                time_ns,
+                sequence,
+                kind: EventKind::Switched,
+                code: job,
+                text: switched.to_string(),
+                value: None,
+            })?;
+        }
+        Ok(())
+    }
+
+    /// Attaches what jobs have begun with. It has to be there before the job's event is.
+    fn attach(&mut self, recorder: &mut Recorder, time_ns: u64) -> Result<(), RecordError> {
+        while let Some((name, content)) = self.attachments.pop_front() {
+            match content {
+                Content::Text(text) => recorder.attach_text(&name, time_ns, &text)?,
+                Content::File(file) => {
+                    if !recorder.attach_program(&name, time_ns, &file)? {
+                        let text = format!("{} cannot be read and is not attached", file.display());
+                        recorder.log(time_ns, LogLevel::Warning, &text)?;
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// A block begins with the first setpoint that moves along it, and ends with that of a later one, a dwell or a program stop.
+    fn follow_block(&mut self, recorder: &mut Recorder, sample: &CycleSample) -> Result<(), RecordError> {
+        let between = [State::Idle, State::Dwell, State::ProgramStop].map(|state| state as u8);
+        // A jog or homing shows the block of the job before, or that of the next where there was none.
+        let is_steered = sample.record.inputs & inputs::STEERS != 0;
+        if is_steered || between.contains(&sample.record.state) {
+            self.close_block(sample.record.due_time_ns, sample.record.sequence);
+            return self.write_blocks(recorder);
+        }
+        let open = self.block.map(|open| open.block).or(self.last_closed);
+        // At rest between two steps the next block is named already.
+        let moves = sample.record.feed_mm_s > 0.0;
+        if !moves || open.is_some_and(|open| open >= sample.block) {
+            return Ok(());
+        }
+        self.close_block(sample.record.due_time_ns, sample.record.sequence);
+        self.block = Some(Span {
+            block: sample.block,
+            start: sample.record.sequence,
+            end: 0,
+            time_ns: 0,
+        });
+        self.write_blocks(recorder)
+    }
+
+    fn close_block(&mut self, time_ns: u64, end: u64) {
+        if let Some(open) = self.block.take() {
+            self.last_closed = Some(open.block);
+            self.closed.push_back(Span { end, time_ns, ..open });
+        }
+    }
+
+    /// Writes the blocks that are closed and whose plans have come; those shorter than a cycle, which have no
+    /// setpoint of their own, with no duration.
+    fn write_blocks(&mut self, recorder: &mut Recorder) -> Result<(), RecordError> {
+        while let (Some(plan), Some(span)) = (self.plans.front().copied(), self.closed.front().copied()) {
+            if plan.block > span.block {
+                self.closed.pop_front();
+                continue;
+            }
+            self.plans.pop_front();
+            while self.files.front().is_some_and(|(first, _)| *first <= plan.block) {
+                if let Some((_, file)) = self.files.pop_front() {
+                    self.lines = Lines::new(&file);
+                }
+            }
+            let mut cycles = 0;
+            if plan.block == span.block {
+                self.closed.pop_front();
+                cycles = span.end.saturating_sub(span.start);
+            }
+            recorder.block(&BlockRecord {
+                time_ns: span.time_ns,
+                line: plan.line,
+                text: self.lines.text(plan.line),
+                kind: plan.kind,
+                length_mm: plan.length_mm,
+                planned_duration_s: plan.planned_s,
+                true_duration_s: cycles as f64 * self.period_s,
+                start_sequence: span.start,
+            })?;
+        }
+        Ok(())
+    }
+
+    fn end(
+        &mut self,
+        recorder: &mut Recorder,
+        time_ns: u64,
+        alarm: Option<&(Alarm, String)>,
+    ) -> Result<(), RecordError> {
+        let end = recorder.statistics().cycles;
+        self.close_block(time_ns, end);
+        self.write_blocks(recorder)?;
+        self.attach(recorder, time_ns)?;
+        self.record_switched(recorder, time_ns, end.saturating_sub(1))?;
+        // What took effect with the last setpoints.
+        while let Some(sequence) = self.outside.front().map(|outside| outside.sequence) {
+            let last = CycleRecord {
+                sequence,
+                due_time_ns: time_ns,
+                ..CycleRecord::default()
+            };
+            self.record_outside(recorder, &last)?;
+        }
+        let Some((alarm, text)) = alarm else {
+            return Ok(());
+        };
+        recorder.log(time_ns, LogLevel::Error, text)?;
+        if *alarm == Alarm::Guard {
+            // Recorded at the cycle that was refused.
+            return Ok(());
+        }
+        recorder.event(&EventRecord {
+            time_ns,
+            sequence: end.saturating_sub(1),
+            kind: EventKind::Alarm,
+            code: alarm.number(),
+            text: text.clone(),
+            value: None,
+        })
+    }
+}
+
+fn describe(before: u8, cycle: &CycleRecord) -> (EventKind, &'static str) {
+    let now = cycle.state;
+    let is = |state: State| now == state as u8;
+    let was_held = before == State::Holding as u8 || before == State::Held as u8;
+    if is(State::Holding) {
+        (EventKind::Hold, "feed hold")
+    } else if is(State::Stopping) {
+        (EventKind::Stop, "stop")
+    } else if is(State::Fault) && cycle.flags & flags::GUARD != 0 {
+        (EventKind::Alarm, "the guard refused a setpoint")
+    } else if is(State::Running) && was_held {
+        (EventKind::Resume, "resume")
+    } else {
+        let name = match now {
+            0 => "idle",
+            1 => "running",
+            3 => "held",
+            5 => "stopped",
+            6 => "dwell",
+            7 => "program stop",
+            8 => "fault",
+            9 => "done",
+            _ => "unknown",
+        };
+        (EventKind::State, name)
+    }
+}
+
+/// Lines of the program by number, mostly in order.
+struct Lines {
+    path: PathBuf,
+    reader: Option<BufReader<File>>,
+    line: u32,
+    text: Vec<u8>,
+}
+
+impl Lines {
+    fn new(path: &Path) -> Self {
+        Self {
+            path: path.to_owned(),
+            reader: None,
+            line: 0,
+            text: Vec::new(),
+        }
+    }
+
+    fn text(&mut self, line: u32) -> String {
+        if self.reader.is_none() || line < self.line {
+            self.reader = open_regular(&self.path).ok().map(BufReader::new);
+            self.line = 0;
+        }
+        let Some(reader) = &mut self.reader else {
+            return String::new();
+        };
+        while self.line < line {
+            self.text.clear();
+            if reader.read_until(b'\n', &mut self.text).unwrap_or(0) == 0 {
+                return String::new();
+            }
+            self.line += 1;
+        }
+        String::from_utf8_lossy(&self.text).trim_end().to_owned()
+    }
+}

@@ -1,0 +1,117 @@
+//! What the machine has against a line of a program, as a diagnostic with its place.
+
+use std::fmt::Display;
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+
+use evolvent_config::open_regular;
+use evolvent_gcode::{Call, Code, Command, Diagnostic};
+use evolvent_planner::PlanError;
+
+/// Why a program cannot be run to its end.
+#[derive(Debug, thiserror::Error)]
+pub enum ProgramError {
+    /// The file cannot be read.
+    #[error("{file}: {source}; name a readable part program")]
+    Read {
+        /// The file.
+        file: String,
+        /// Why not.
+        source: std::io::Error,
+    },
+    /// The text is wrong.
+    #[error("{}", .diagnostic.render(.file))]
+    Text {
+        /// The file.
+        file: String,
+        /// What and where.
+        diagnostic: Box<Diagnostic>,
+    },
+}
+
+/// A diagnostic about a command's line: `build` gets the file and the line in it, which are those of a subroutine where the
+/// command comes from one. The call is named then.
+pub(crate) fn at_origin(
+    command: &Command,
+    program: &Path,
+    build: impl FnOnce(&Path, u32) -> Diagnostic,
+) -> Diagnostic {
+    let Some(origin) = &command.origin else {
+        return build(program, command.line);
+    };
+    let mut diagnostic = build(Path::new(&*origin.file), origin.line);
+    diagnostic.file = Some(Box::from(&*origin.file));
+    diagnostic.calls = Box::new([Call {
+        file: None,
+        line: command.line,
+    }]);
+    diagnostic
+}
+
+/// Something that the core cannot do yet, with its place.
+pub(crate) fn refuse(what: &str, program: &Path, line: u32) -> Diagnostic {
+    // Its cycles switch the overrides off, which the core cannot do.
+    let help = what.starts_with("tapping").then(|| {
+        "write the moves, with feed and spindle override at 100 %: G1 in at F = S times the pitch, the spindle reversed, G1 out; \
+         the tool needs length compensation in its holder"
+            .to_owned()
+    });
+    about_line_with(
+        format!("{what}: not possible on this machine yet"),
+        help,
+        program,
+        line,
+    )
+}
+
+/// Something that cannot be done in this line.
+pub(crate) fn about_line(message: String, program: &Path, line: u32) -> Diagnostic {
+    let text = line_text(program, line).unwrap_or_default();
+    Diagnostic::about_line(Code::MissingAbility, line, &text, None, message)
+}
+
+/// The same with what to do about it.
+pub(crate) fn about_line_with(
+    message: String,
+    help: Option<String>,
+    program: &Path,
+    line: u32,
+) -> Diagnostic {
+    let mut diagnostic = about_line(message, program, line);
+    diagnostic.help = help.map(String::into).or(diagnostic.help);
+    diagnostic
+}
+
+/// A turning cycle that does not fit, with its place.
+pub(crate) fn cannot_turn(what: String, program: &Path, line: u32) -> Diagnostic {
+    let text = line_text(program, line).unwrap_or_default();
+    Diagnostic::about_line(Code::MoveRefused, line, &text, Some('Q'), what)
+}
+
+/// A refused move with its place.
+pub(crate) fn explain<E: Display>(error: &PlanError<E>, program: &Path, line: u32) -> Diagnostic {
+    let (code, letter) = match error {
+        PlanError::Travel { axis, .. } => (Code::BeyondTravel, Some(axis.letter())),
+        _ => (Code::MoveRefused, None),
+    };
+    // The planner is behind the line that is being read.
+    let line = match error {
+        PlanError::NoMotion { line } if *line > 0 => *line,
+        _ => line,
+    };
+    let text = line_text(program, line).unwrap_or_default();
+    Diagnostic::about_line(code, line, &text, letter, error.to_string())
+}
+
+/// The text of one line of a file; empty where there is none.
+fn line_text(program: &Path, line: u32) -> std::io::Result<Vec<u8>> {
+    let mut reader = BufReader::new(open_regular(program)?);
+    let mut bytes = Vec::new();
+    for _ in 0..line {
+        bytes.clear();
+        if reader.read_until(b'\n', &mut bytes)? == 0 {
+            break;
+        }
+    }
+    Ok(bytes)
+}

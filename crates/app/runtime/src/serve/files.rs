@@ -1,0 +1,297 @@
+//! Files behind commands: another thread opens, reads and checks them, so that the control thread never waits for a disk.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::mpsc::{self, Receiver, TryRecvError};
+use std::thread;
+use std::time::{Duration, Instant, SystemTime};
+
+use evolvent_bus::ControlRequest;
+use evolvent_config::{no_reply, open_regular, read_regular};
+use evolvent_control::{Alarm, Command, Refusal};
+use evolvent_gcode::{KeptParameters, Settings, ToolTable};
+
+use super::checking::judge;
+use super::keep::Saved;
+use super::modes::{After, foresee};
+use super::programs::sentence;
+use crate::check::CheckBounds;
+use crate::job::Setup;
+use crate::memory::ProgramMemory;
+use crate::rt::take_turns;
+
+/// Programs up to this length are checked as a whole while the client waits, bytes.
+const SHORT: u64 = 64 * 1024;
+
+/// How long the files of one command may take. A single file has 5 s ([`evolvent_config::FILE_TIMEOUT`]), and its error names it;
+/// this bounds a folder that does not reply and a check on a busy host.
+pub(super) const READING_TIMEOUT: Duration = Duration::from_secs(8);
+
+/// Threads that hang in a file system at the same time. Each keeps a stack and a file until the file system replies.
+const MAX_HUNG: usize = 8;
+
+/// What a program file looks like from outside: another look means another program.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Look {
+    pub(super) file: PathBuf,
+    pub(super) bytes: u64,
+    pub(super) changed: Option<SystemTime>,
+}
+
+/// A program file as the reading thread has found it.
+#[derive(Debug)]
+pub(super) struct ProgramFile {
+    pub(super) look: Look,
+    /// The text of a short one, for the trace.
+    pub(super) text: Option<Vec<u8>>,
+    /// What a short one came to; a long one is checked while nobody waits.
+    pub(super) verdict: Option<Result<(), Refusal>>,
+}
+
+impl ProgramFile {
+    fn open(file: &Path) -> Result<Self, Refusal> {
+        let wrong = |error| {
+            let text = format!("{}: {error}; name a readable part program", file.display());
+            Refusal::new(Alarm::File, text)
+        };
+        let facts = open_regular(file)
+            .and_then(|opened| opened.metadata())
+            .map_err(wrong)?;
+        let look = Look {
+            file: file.to_path_buf(),
+            bytes: facts.len(),
+            changed: facts.modified().ok(),
+        };
+        let text = if look.bytes <= SHORT {
+            Some(read_regular(file, SHORT).map_err(wrong)?)
+        } else {
+            None
+        };
+        Ok(Self {
+            look,
+            text,
+            verdict: None,
+        })
+    }
+
+    fn judged(mut self, setup: &Setup, lines_before: u32) -> Self {
+        if self.text.is_some() {
+            let bounds = CheckBounds::while_one_waits(1);
+            self.verdict = Some(judge(&self.look.file, setup, lines_before, bounds, || true));
+        }
+        self
+    }
+}
+
+/// What the reading thread brings.
+#[derive(Debug)]
+pub(super) enum Found {
+    Program(ProgramFile),
+    Mdi {
+        after: Box<After>,
+        file: ProgramFile,
+    },
+    /// No table where there is no file.
+    Tools(Option<ToolTable>),
+    /// What was written.
+    Saved(Box<ProgramMemory>),
+}
+
+/// Opens a program and checks a short one.
+pub(super) fn read_program(file: &Path, setup: &Setup) -> Result<Found, Refusal> {
+    Ok(Found::Program(ProgramFile::open(file)?.judged(setup, 0)))
+}
+
+/// A block of MDI: what it leaves, and the file from which it is planned.
+pub(super) struct MdiBlock {
+    /// Lines that bring an interpreter into the modes of now.
+    pub(super) preamble: String,
+    pub(super) text: String,
+    pub(super) settings: Settings,
+    pub(super) kept: KeptParameters,
+    pub(super) folder: PathBuf,
+    pub(super) setup: Setup,
+}
+
+impl MdiBlock {
+    pub(super) fn read(self) -> Result<Found, Refusal> {
+        let lines = self.preamble.lines().count() as u32;
+        let whole = format!("{}{}\n", self.preamble, self.text);
+        let after = foresee(&whole, &self.settings, &self.kept)
+            .map_err(|error| Refusal::new(Alarm::BadProgram, sentence(&error, lines)))?;
+        let path = self.folder.join("mdi.ngc");
+        std::fs::create_dir_all(&self.folder)
+            .and_then(|()| std::fs::write(&path, &whole))
+            .map_err(|error| Refusal::new(Alarm::File, format!("{}: {error}", path.display())))?;
+        let file = ProgramFile::open(&path)?.judged(&self.setup, lines);
+        if let Some(Err(refusal)) = file.verdict {
+            return Err(refusal);
+        }
+        Ok(Found::Mdi {
+            after: Box::new(after),
+            file,
+        })
+    }
+}
+
+/// Reads the tool table again.
+pub(super) fn read_tools(file: Option<&Path>) -> Result<Found, Refusal> {
+    let Some(file) = file else {
+        return Ok(Found::Tools(None));
+    };
+    if let Err(error) = open_regular(file)
+        && error.kind() == std::io::ErrorKind::NotFound
+    {
+        return Ok(Found::Tools(None));
+    }
+    ToolTable::load(file)
+        .map(|table| Found::Tools(Some(table)))
+        .map_err(|error| Refusal::new(Alarm::File, error.to_string()))
+}
+
+/// Waits until offsets or tools are written.
+pub(super) fn written(saving: &Receiver<Saved>) -> Result<Found, Refusal> {
+    match saving.recv() {
+        Ok(Ok(memory)) => Ok(Found::Saved(Box::new(memory))),
+        Ok(Err(error)) => Err(Refusal::new(Alarm::File, error.to_string())),
+        Err(_) => Err(Refusal::new(
+            Alarm::File,
+            "no thread to write with; restart the core",
+        )),
+    }
+}
+
+/// A command whose files are being read.
+#[derive(Debug)]
+pub(super) struct Reading {
+    /// The request as it came.
+    pub(super) request: ControlRequest,
+    pub(super) command: Command,
+    /// What to say of it where it does not reply.
+    about: String,
+    begun: Instant,
+    /// A stop came meanwhile.
+    pub(super) is_cancelled: bool,
+    result: Receiver<Result<Found, Refusal>>,
+}
+
+/// Starts reading threads, and counts those that do not come back.
+#[derive(Debug, Default)]
+pub(super) struct Readers {
+    /// Each thread holds one of these.
+    alive: Arc<()>,
+}
+
+impl Readers {
+    /// Begins to read.
+    pub(super) fn begin(
+        &self,
+        request: &ControlRequest,
+        command: &Command,
+        about: String,
+        work: impl FnOnce() -> Result<Found, Refusal> + Send + 'static,
+    ) -> Result<Reading, Refusal> {
+        if Arc::strong_count(&self.alive) > MAX_HUNG {
+            let text = format!(
+                "{MAX_HUNG} files are still waited for; mend or unmount the file system that does not reply, or restart the core"
+            );
+            return Err(Refusal::new(Alarm::File, text));
+        }
+        let (sender, result) = mpsc::channel();
+        let alive = Arc::clone(&self.alive);
+        let spawned = thread::Builder::new().name("files".into()).spawn(move || {
+            take_turns();
+            let _too_late = sender.send(work());
+            drop(alive);
+        });
+        spawned.map_err(|error| Refusal::new(Alarm::File, format!("no thread to read with: {error}")))?;
+        Ok(Reading {
+            request: *request,
+            command: command.clone(),
+            about,
+            begun: Instant::now(),
+            is_cancelled: false,
+            result,
+        })
+    }
+}
+
+impl Reading {
+    /// What it has come to; none while there is time left.
+    pub(super) fn poll(&self) -> Option<Result<Found, Refusal>> {
+        if self.is_cancelled {
+            let text = format!(
+                "{}: a stop came while it was read; the command has no effect",
+                self.about
+            );
+            return Some(Err(Refusal::new(Alarm::File, text)));
+        }
+        match self.result.try_recv() {
+            Ok(found) => Some(found),
+            Err(TryRecvError::Empty) if self.begun.elapsed() < READING_TIMEOUT => None,
+            Err(TryRecvError::Empty) => {
+                let text = format!("{}: {}", self.about, no_reply(READING_TIMEOUT));
+                Some(Err(Refusal::new(Alarm::File, text)))
+            }
+            Err(TryRecvError::Disconnected) => {
+                let text = format!("{}: its check has died; please report this", self.about);
+                Some(Err(Refusal::new(Alarm::BadProgram, text)))
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn reading(work: impl FnOnce() -> Result<Found, Refusal> + Send + 'static) -> Reading {
+        Readers::default()
+            .begin(
+                &ControlRequest::default(),
+                &Command::Stop,
+                "a file".to_owned(),
+                work,
+            )
+            .unwrap()
+    }
+
+    #[test]
+    fn a_cancelled_reading_has_no_effect_although_it_hangs() {
+        let mut reading = reading(|| {
+            loop {
+                thread::park();
+            }
+        });
+        assert!(reading.poll().is_none());
+        reading.is_cancelled = true;
+        let refusal = reading.poll().unwrap().unwrap_err();
+        assert_eq!(refusal.alarm, Alarm::File);
+    }
+
+    #[test]
+    fn a_reading_that_hangs_is_refused_when_its_time_is_over() {
+        let mut reading = reading(|| {
+            loop {
+                thread::park();
+            }
+        });
+        reading.begun = Instant::now().checked_sub(READING_TIMEOUT).unwrap();
+        let refusal = reading.poll().unwrap().unwrap_err();
+        assert!(refusal.text.contains("no reply within 8 s"), "{refusal}");
+    }
+
+    #[test]
+    fn readers_that_hang_are_not_joined_by_more_and_more() {
+        let readers = Readers::default();
+        let begin = || {
+            let hangs = || loop {
+                thread::park();
+            };
+            readers.begin(&ControlRequest::default(), &Command::Stop, String::new(), hangs)
+        };
+        let hung: Vec<_> = (0..MAX_HUNG).map(|_| begin().unwrap()).collect();
+        assert_eq!(begin().unwrap_err().alarm, Alarm::File);
+        drop(hung);
+    }
+}

@@ -1,0 +1,694 @@
+//! The cycle of a machine that is served: it never ends before the process does.
+
+use std::sync::Arc;
+
+use evolvent_bus::Feedback;
+use evolvent_control::JobResult;
+use evolvent_drive::{Command, DriveAlarm, FeedbackWatch, PhaseLock, PowerRequest, Presence};
+use evolvent_machine::Limits;
+use evolvent_motion::{Inputs, Setpoint, State, Station, Steering, flags};
+use evolvent_path::{AXES, Axes};
+use evolvent_trace::{CycleRecord, Histogram, inputs as recorded};
+use evolvent_turning::Transition;
+use rtrb::{Consumer, Producer};
+
+use super::orders::{CycleEvent, CycleView, Following, Order, What, Work};
+use crate::cycle::{CycleSample, DriveRequest, DueSetpoint, came_in, sample};
+use crate::rt::MonotonicClock;
+use crate::shared::Controls;
+
+/// Orders that one cycle takes at the most; there are never so many.
+const MOST_ORDERS: usize = 32;
+/// A cutting load that is older than this is none any more.
+const LOAD_AGE_NS: u64 = 1_000_000_000;
+/// Feedback that one cycle looks through for the newest.
+const MOST_FEEDBACK: usize = 256;
+
+/// Everything the loop owns.
+pub(crate) struct Live {
+    pub station: Station,
+    pub limits: Limits,
+    pub period_ns: u64,
+    pub lead_cycles: u32,
+    pub max_late_cycles: u32,
+    pub start_unix_ns: u64,
+    pub orders: Consumer<Order>,
+    pub events: Producer<CycleEvent>,
+    pub views: Producer<CycleView>,
+    pub feedback: Consumer<Feedback>,
+    pub bus: Producer<DueSetpoint>,
+    pub trace: Option<Producer<CycleSample>>,
+    pub watch: FeedbackWatch,
+    /// None where the drives' clock is not followed.
+    pub phase: Option<PhaseLock>,
+    /// The newest cutting load.
+    pub controls: Arc<Controls>,
+}
+
+struct Turn {
+    after: u64,
+    id: u64,
+    steering: Box<Steering>,
+}
+
+/// What changes from cycle to cycle.
+struct Now {
+    work: Work,
+    /// A change of the steered motion: behind which setpoint, number of the order.
+    turn: Option<Turn>,
+    inputs: Inputs,
+    /// The program stop at which the machine may go on, and the one at which it stands, by the actions before them.
+    go_on: Option<u32>,
+    at_stop: Option<u32>,
+    /// What the step depended on, as bits of the trace.
+    came_in: u32,
+    /// The axes got other coordinates since the last step.
+    relocated: bool,
+    drive: DriveRequest,
+    /// A stop that ends in a fault.
+    faulted: bool,
+    /// Where it comes to rest the drives lose power.
+    power_off_at_rest: bool,
+    keep_until_ns: u64,
+    switches_expected: u32,
+    presence: Presence,
+    ending: bool,
+    late_in_a_row: u32,
+    late_cycles: u64,
+    dropped_records: u64,
+    dropped_setpoints: u64,
+    /// As the drives told it last; not a number where none answers.
+    following_error: [f64; AXES],
+    /// Number of the newest cutting load, and the setpoint with which it was seen first.
+    load_seen: (u64, u64),
+    /// The change of state of a turning cycle.
+    turned: Option<Transition>,
+}
+
+impl Now {
+    /// The cutting load that this cycle went by, for the trace; not a number where a sensor has been silent for long.
+    fn note_load(&mut self, record: &mut CycleRecord, period_ns: u64) {
+        let Some(newest) = self.inputs.load else { return };
+        if newest.sequence != self.load_seen.0 {
+            self.load_seen = (newest.sequence, record.sequence);
+            record.inputs |= recorded::LOAD;
+        }
+        if newest.value >= newest.range_max {
+            record.inputs |= recorded::LOAD_AT_END;
+        }
+        let is_old = (record.sequence - self.load_seen.1).saturating_mul(period_ns) > LOAD_AGE_NS;
+        record.load = if is_old { f64::NAN } else { newest.value };
+    }
+
+    /// What the drives measured, for the trace.
+    fn note_following_error(&mut self, feedback: Option<&Feedback>) {
+        if self.presence == Presence::Absent {
+            self.following_error = [f64::NAN; AXES];
+        }
+        let Some(feedback) = feedback.filter(|feedback| feedback.is_finite()) else {
+            return;
+        };
+        for (i, error) in self.following_error.iter_mut().enumerate() {
+            let is_there = feedback.axes_mask >> i & 1 == 1;
+            *error = if is_there {
+                feedback.following_error[i]
+            } else {
+                f64::NAN
+            };
+        }
+    }
+}
+
+/// What the loop counted.
+#[derive(Default)]
+pub(crate) struct LiveReport {
+    pub cycles: u64,
+    pub lateness: Histogram,
+    pub work: Histogram,
+}
+
+impl Live {
+    /// Runs until told to end and at rest.
+    pub(crate) fn run(mut self) -> LiveReport {
+        let mut report = LiveReport::default();
+        let mut now = Now {
+            work: Work::None,
+            turn: None,
+            inputs: Inputs::default(),
+            go_on: None,
+            at_stop: None,
+            came_in: 0,
+            relocated: false,
+            drive: DriveRequest {
+                power: PowerRequest::Off,
+                fault_reset: 0,
+                datum: 0,
+            },
+            faulted: false,
+            power_off_at_rest: false,
+            keep_until_ns: 0,
+            switches_expected: 0,
+            presence: Presence::Absent,
+            ending: false,
+            late_in_a_row: 0,
+            late_cycles: 0,
+            dropped_records: 0,
+            dropped_setpoints: 0,
+            following_error: [f64::NAN; AXES],
+            load_seen: (0, 0),
+            turned: None,
+        };
+        let mut deadline = MonotonicClock::now_ns() + 2 * self.period_ns;
+        loop {
+            let lateness = MonotonicClock::sleep_until(deadline);
+            let woken = deadline + lateness;
+            let feedback = self.newest_feedback();
+            // Read behind the feedback, which so is never of the future by this thread's own doing.
+            let taken = MonotonicClock::now_ns();
+            self.take_orders(&mut now);
+            now.inputs.load = self.controls.load();
+            if let Some(feedback) = &feedback {
+                self.stand_where_the_drives_are(&mut now, feedback, taken);
+            }
+            let mut setpoint = self.step(&mut now, deadline);
+            self.check_drives(&mut now, &setpoint, taken, feedback.as_ref());
+            now.note_following_error(feedback.as_ref());
+            let is_last = now.ending && matches!(now.work, Work::None) && self.station.is_at_rest();
+            if is_last {
+                setpoint.flags |= flags::LAST;
+                now.drive.power = PowerRequest::Off;
+            }
+            let lead = u64::from(self.lead_cycles) * self.period_ns;
+            let done = MonotonicClock::now_ns();
+            let work = done.saturating_sub(woken);
+            if done > deadline + lead {
+                setpoint.flags |= flags::LATE;
+                now.late_cycles += 1;
+                now.late_in_a_row += 1;
+                self.stop_for_lateness(&mut now, setpoint.sequence);
+            } else {
+                now.late_in_a_row = 0;
+            }
+            let due = DueSetpoint {
+                setpoint,
+                due_time_ns: deadline + lead,
+                drive: now.drive,
+            };
+            if self.bus.push(due).is_err() {
+                now.dropped_setpoints += 1;
+            }
+            if let Some(trace) = &mut self.trace {
+                let unix = self.start_unix_ns + setpoint.sequence * self.period_ns;
+                let mut cycle = sample(&setpoint, unix, lateness, work, now.came_in);
+                cycle.record.following_error = now.following_error;
+                now.note_load(&mut cycle.record, self.period_ns);
+                cycle.turning = now.turned;
+                if trace.push(cycle).is_err() {
+                    now.dropped_records += 1;
+                }
+            }
+            // A view that finds no room is followed by another.
+            let _full = self.views.push(CycleView {
+                setpoint,
+                lateness_ns: lateness,
+                work_ns: work,
+                presence: now.presence,
+                power: now.drive.power,
+                datum: now.drive.datum,
+                late_cycles: now.late_cycles,
+                dropped_records: now.dropped_records,
+                dropped_setpoints: now.dropped_setpoints,
+                at_rest: self.station.is_at_rest() && matches!(now.work, Work::None),
+            });
+            report.cycles += 1;
+            report.lateness.record(lateness as i64);
+            report
+                .work
+                .record(MonotonicClock::now_ns().saturating_sub(woken) as i64);
+            if is_last {
+                return report;
+            }
+            let phase_error = feedback
+                .filter(|_| now.presence == Presence::Operational)
+                .map(|feedback| feedback.phase_error_ns);
+            let correction = self.phase.as_mut().map_or(0, |phase| phase.step(phase_error));
+            deadline = (deadline + self.period_ns).saturating_add_signed(correction);
+        }
+    }
+
+    fn newest_feedback(&mut self) -> Option<Feedback> {
+        let mut newest = None;
+        for _ in 0..MOST_FEEDBACK {
+            match self.feedback.pop() {
+                Ok(feedback) => newest = Some(feedback),
+                Err(_) => break,
+            }
+        }
+        newest
+    }
+
+    fn tell(&mut self, event: CycleEvent) {
+        // The queue is as long as all orders and jobs together: it is never full while control lives. What finds no
+        // room anyway must not be dropped here, since dropping frees memory.
+        if let Err(rtrb::PushError::Full(event)) = self.events.push(event) {
+            std::mem::forget(event);
+        }
+    }
+
+    fn take_orders(&mut self, now: &mut Now) {
+        for _ in 0..MOST_ORDERS {
+            let Ok(order) = self.orders.pop() else { break };
+            let reported = !matches!(order.what, What::Turn { .. });
+            self.take(now, order.id, order.what);
+            if reported && order.id > 0 {
+                let sequence = self.station.sequence();
+                self.tell(CycleEvent::Applied {
+                    id: order.id,
+                    sequence,
+                });
+            }
+        }
+    }
+
+    fn take(&mut self, now: &mut Now, id: u64, what: What) {
+        match what {
+            What::Follow(mut job) => {
+                let free = matches!(now.work, Work::None) && !now.faulted;
+                if free && self.station.hand_to(&mut job.motion) {
+                    now.inputs = Inputs {
+                        feed_override: now.inputs.feed_override,
+                        ..Inputs::default()
+                    };
+                    (now.go_on, now.at_stop) = (None, None);
+                    now.work = Work::Follow(job);
+                } else {
+                    let sequence = self.station.sequence();
+                    let work = Work::Follow(job);
+                    self.tell(CycleEvent::Misplaced { sequence, work });
+                }
+            }
+            What::Steer(steering) => {
+                let free = matches!(now.work, Work::None) && !now.faulted;
+                if free && self.station.can_steer(&steering) {
+                    now.work = Work::Steer(steering);
+                } else {
+                    let sequence = self.station.sequence();
+                    let work = Work::Steer(steering);
+                    self.tell(CycleEvent::Misplaced { sequence, work });
+                }
+            }
+            What::Turn { after, steering } => {
+                let turn = Turn { after, id, steering };
+                if let Some(old) = now.turn.replace(turn) {
+                    self.tell(CycleEvent::Returned(Work::Steer(old.steering)));
+                }
+            }
+            What::Hold => now.inputs.hold = true,
+            What::Resume(stop) => {
+                now.inputs.hold = false;
+                now.go_on = stop.or(now.go_on);
+            }
+            What::GoOn(stop) => now.go_on = Some(stop),
+            What::Stop => match &mut now.work {
+                Work::None => {}
+                Work::Follow(_) => now.inputs.stop = true,
+                Work::Steer(steering) => steering.stop(),
+            },
+            What::Override(factor) => {
+                now.inputs.feed_override = factor;
+                self.station.set_override(factor);
+            }
+            What::Emergency => self.emergency(now),
+            What::Power(request) => {
+                now.drive.power = request;
+                now.power_off_at_rest = false;
+            }
+            What::Clear => {
+                now.faulted = false;
+                now.drive.fault_reset = now.drive.fault_reset.wrapping_add(1);
+            }
+            What::Relocate {
+                position,
+                limits,
+                renames,
+            } => {
+                if matches!(now.work, Work::None) && self.station.is_at_rest() {
+                    now.relocated |= self.station.position() != position;
+                    self.limits = limits;
+                    self.station.relocate(limits, position);
+                    now.drive.datum += u64::from(renames);
+                }
+            }
+            What::Within(limits) => {
+                if matches!(now.work, Work::None) && self.station.is_at_rest() {
+                    self.limits = limits;
+                    self.station.relocate(limits, self.station.position());
+                }
+            }
+            What::Keep(until_ns) => now.keep_until_ns = until_ns,
+            What::ExpectSwitches(mask) => now.switches_expected = mask,
+            What::End => {
+                now.ending = true;
+                match &mut now.work {
+                    Work::None => {}
+                    Work::Follow(_) => now.inputs.stop = true,
+                    Work::Steer(steering) => steering.stop(),
+                }
+            }
+        }
+    }
+
+    /// Drives without power may be moved by hand: the core stands where they are.
+    fn stand_where_the_drives_are(&mut self, now: &mut Now, feedback: &Feedback, time_ns: u64) {
+        let is_off = now.drive.power == PowerRequest::Off && matches!(now.work, Work::None);
+        let is_believed = self.watch.believes(time_ns, feedback);
+        if !is_off || !self.station.is_at_rest() || !is_believed {
+            return;
+        }
+        // A core that was restarted does not know by which names the bridge goes on.
+        now.drive.datum = now.drive.datum.max(feedback.datum);
+        if feedback.datum != now.drive.datum {
+            return;
+        }
+        let mut position = self.station.position();
+        let mut moved = false;
+        for i in 0..position.len() {
+            if feedback.axes_mask >> i & 1 == 1 && feedback.position[i] != position[i] {
+                position[i] = feedback.position[i];
+                // Beyond the travel it may stand, and come back.
+                self.limits.travel_min[i] = self.limits.travel_min[i].min(position[i]);
+                self.limits.travel_max[i] = self.limits.travel_max[i].max(position[i]);
+                moved = true;
+            }
+        }
+        if moved {
+            now.relocated = true;
+            self.station.relocate(self.limits, position);
+        }
+    }
+
+    /// Every axis stops by itself; whatever moved them is over.
+    fn emergency(&mut self, now: &mut Now) {
+        self.station.emergency();
+        now.drive.power = PowerRequest::QuickStop;
+        now.power_off_at_rest = true;
+        self.drop_turn(now);
+        let work = std::mem::replace(&mut now.work, Work::None);
+        if !matches!(work, Work::None) {
+            let sequence = self.station.sequence();
+            self.tell(CycleEvent::Ended {
+                sequence,
+                result: JobResult::Fault,
+                work,
+            });
+        }
+    }
+
+    fn drop_turn(&mut self, now: &mut Now) {
+        if let Some(turn) = now.turn.take() {
+            self.tell(CycleEvent::Returned(Work::Steer(turn.steering)));
+        }
+    }
+
+    /// One setpoint of whatever moves the axes.
+    fn step(&mut self, now: &mut Now, deadline: u64) -> Setpoint {
+        now.turned = None;
+        now.came_in = if std::mem::take(&mut now.relocated) {
+            recorded::RELOCATED
+        } else {
+            0
+        };
+        let mut work = std::mem::replace(&mut now.work, Work::None);
+        let (mut setpoint, result) = match &mut work {
+            Work::None => {
+                let state = if now.faulted { State::Fault } else { State::Idle };
+                (self.station.rest(state), None)
+            }
+            Work::Follow(job) => self.follow(now, job),
+            Work::Steer(steering) => self.steer(now, steering, deadline),
+        };
+        now.work = work;
+        if let Some(violation) = self.station.take_fault()
+            && !now.faulted
+        {
+            now.faulted = true;
+            let sequence = setpoint.sequence;
+            self.tell(CycleEvent::Guard { sequence, violation });
+        }
+        if let Some(result) = result {
+            let sequence = setpoint.sequence;
+            self.drop_turn(now);
+            let work = std::mem::replace(&mut now.work, Work::None);
+            if !self.station.is_quick_stopping() {
+                self.station.end();
+            }
+            now.inputs.hold = false;
+            now.inputs.stop = false;
+            self.tell(CycleEvent::Ended {
+                sequence,
+                result,
+                work,
+            });
+        }
+        if now.faulted && matches!(setpoint.state, State::Stopped | State::Stopping) {
+            setpoint.state = State::Fault;
+        }
+        if now.power_off_at_rest && matches!(now.work, Work::None) && self.station.is_at_rest() {
+            now.power_off_at_rest = false;
+            now.drive.power = PowerRequest::Off;
+        }
+        setpoint
+    }
+
+    fn follow(&mut self, now: &mut Now, job: &mut Following) -> (Setpoint, Option<JobResult>) {
+        // It counts for the stop that was meant, and for none behind it.
+        let is_meant = now.go_on.is_some() && now.go_on == now.at_stop;
+        now.inputs.resume = is_meant && !now.inputs.resume;
+        let mut setpoint = job.motion.step(&now.inputs, &mut job.queue);
+        if let (Some(reason), false) = (job.motion.turning_fault(), now.faulted) {
+            let sequence = setpoint.sequence;
+            self.tell_once(now, CycleEvent::Turning { sequence, reason });
+        }
+        now.turned = job.motion.turning().and_then(|output| output.transition);
+        now.came_in |= recorded::FOLLOWS | came_in(&now.inputs, &job.motion);
+        now.at_stop = (setpoint.state == State::ProgramStop).then_some(setpoint.actions);
+        self.station.follow(&job.motion, &setpoint);
+        if setpoint.state == State::Done && job.signals.has_failed() {
+            setpoint.state = State::Stopped;
+        }
+        if job.motion.is_stuck(&mut job.queue) {
+            let sequence = setpoint.sequence;
+            self.tell_once(now, CycleEvent::PlannerGone { sequence });
+            return (setpoint, Some(JobResult::Fault));
+        }
+        let result = job.motion.is_over().then(|| match setpoint.state {
+            State::Fault => JobResult::Fault,
+            _ if now.faulted => JobResult::Fault,
+            State::Done => JobResult::Done,
+            _ if job.signals.has_failed() => JobResult::Failed,
+            _ => JobResult::Stopped,
+        });
+        (setpoint, result)
+    }
+
+    fn steer(
+        &mut self,
+        now: &mut Now,
+        steering: &mut Steering,
+        deadline: u64,
+    ) -> (Setpoint, Option<JobResult>) {
+        if deadline > now.keep_until_ns {
+            steering.stop();
+        }
+        let sequence = self.station.sequence();
+        if let Some(turn) = now.turn.take_if(|turn| turn.after < sequence) {
+            // Too late for it, the old motion goes on to its own end.
+            if turn.after + 1 == sequence && self.station.turn(steering, &turn.steering) {
+                self.tell(CycleEvent::Applied {
+                    id: turn.id,
+                    sequence,
+                });
+            }
+            self.tell(CycleEvent::Returned(Work::Steer(turn.steering)));
+        }
+        now.came_in |= recorded::STEERS;
+        if steering.is_stopping() {
+            now.came_in |= recorded::STOP;
+        }
+        let setpoint = self.station.steer(steering);
+        let result = match setpoint.state {
+            State::Done => Some(JobResult::Done),
+            State::Stopped if now.faulted => Some(JobResult::Fault),
+            State::Stopped => Some(JobResult::Stopped),
+            _ if self.station.is_quick_stopping() => Some(JobResult::Fault),
+            _ => None,
+        };
+        (setpoint, result)
+    }
+
+    fn tell_once(&mut self, now: &mut Now, event: CycleEvent) {
+        if !now.faulted {
+            now.faulted = true;
+            self.tell(event);
+        }
+    }
+
+    fn check_drives(
+        &mut self,
+        now: &mut Now,
+        setpoint: &Setpoint,
+        time_ns: u64,
+        feedback: Option<&Feedback>,
+    ) {
+        let command = Command {
+            sequence: setpoint.sequence,
+            position: Axes::into(setpoint.position),
+            velocity: Axes::into(setpoint.velocity),
+            datum: now.drive.datum,
+            power: now.drive.power,
+            fault_reset: now.drive.fault_reset,
+            switches_expected_mask: now.switches_expected,
+        };
+        match self.watch.step(time_ns, &command, feedback) {
+            Ok(presence) => now.presence = presence,
+            Err(alarm) => self.stop_for_drives(now, setpoint.sequence, alarm),
+        }
+        let axes_mask = self.watch.take_reference_lost();
+        if axes_mask != 0 {
+            let sequence = setpoint.sequence;
+            self.tell(CycleEvent::ReferenceLost { sequence, axes_mask });
+        }
+    }
+
+    fn stop_for_drives(&mut self, now: &mut Now, sequence: u64, alarm: DriveAlarm) {
+        if now.drive.power != PowerRequest::On {
+            return;
+        }
+        let known = now.faulted;
+        self.tell_once(now, CycleEvent::Drive { sequence, alarm });
+        if !alarm.drives_follow() {
+            self.emergency(now);
+        } else if !known {
+            now.power_off_at_rest = true;
+            match &mut now.work {
+                Work::None => {}
+                Work::Follow(_) => now.inputs.stop = true,
+                Work::Steer(steering) => steering.stop(),
+            }
+        }
+    }
+
+    fn stop_for_lateness(&mut self, now: &mut Now, sequence: u64) {
+        let too_late = self.max_late_cycles > 0 && now.late_in_a_row >= self.max_late_cycles;
+        if !too_late || matches!(now.work, Work::None) {
+            return;
+        }
+        self.tell_once(now, CycleEvent::Late { sequence });
+        match &mut now.work {
+            Work::None => {}
+            Work::Follow(_) => now.inputs.stop = true,
+            Work::Steer(steering) => steering.stop(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use evolvent_counting::{Counting, calls};
+    use evolvent_drive::WatchSettings;
+    use evolvent_machine::Machine;
+    use evolvent_transfer::{AxesState, Sync, Transfer};
+    use rtrb::RingBuffer;
+
+    use super::*;
+
+    #[global_allocator]
+    static ALLOCATOR: Counting = Counting;
+
+    /// Calls of the allocator by a cycle that drives so many jogs, each with a turn that comes too late, renamings, an
+    /// override and feedback of every cycle.
+    fn calls_during(jogs: u64) -> (u64, u64) {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../config/machines/mill-3axis.toml");
+        let limits = Machine::load(&file).unwrap().limits();
+        let period_ns = 250_000;
+        let (mut orders, cycle_orders) = RingBuffer::new(64);
+        let (cycle_events, mut events) = RingBuffer::new(4096);
+        let (cycle_views, mut views) = RingBuffer::new(4096);
+        let (mut to_cycle, feedback) = RingBuffer::new(256);
+        let (bus, _setpoints) = RingBuffer::new(64);
+        let (trace, _records) = RingBuffer::new(64);
+        let live = Live {
+            station: Station::new(limits, period_ns, limits.home),
+            limits,
+            period_ns,
+            lead_cycles: 2,
+            max_late_cycles: 0,
+            start_unix_ns: 0,
+            orders: cycle_orders,
+            events: cycle_events,
+            views: cycle_views,
+            feedback,
+            bus,
+            trace: Some(trace),
+            watch: FeedbackWatch::new(WatchSettings::new(period_ns, 0)),
+            phase: None,
+            controls: Arc::new(Controls::new(1.0)),
+        };
+        let cycle = std::thread::spawn(move || {
+            let before = calls();
+            let report = live.run();
+            (calls() - before, report.cycles)
+        });
+        let mut give = |what| assert!(orders.push(Order { id: 1, what }).is_ok(), "no room");
+        give(What::Keep(u64::MAX));
+        let mut at = limits.home;
+        let (mut ended, mut begun) = (0, 0);
+        while ended < jogs {
+            while let Ok(view) = views.pop() {
+                at = view.setpoint.position;
+                // Feedback that nobody needs is read all the same.
+                let _full = to_cycle.push(Feedback::default());
+            }
+            while let Ok(event) = events.pop() {
+                match event {
+                    CycleEvent::Ended { .. } => ended += 1,
+                    // The view was older than the event: once more.
+                    CycleEvent::Misplaced { .. } => begun = ended,
+                    _ => {}
+                }
+            }
+            if begun == ended && begun < jogs && views.is_empty() {
+                begun += 1;
+                let mut to = at;
+                to[0] = if begun % 2 == 1 { 2.0 } else { 0.0 };
+                let from = AxesState::at_rest(at);
+                let solved = Transfer::solve(&limits, &from, &AxesState::at_rest(to), Sync::Time).unwrap();
+                let steering = Steering::new(solved);
+                give(What::Override(0.5));
+                give(What::Relocate {
+                    position: at,
+                    limits,
+                    renames: false,
+                });
+                give(What::Steer(Box::new(steering)));
+                give(What::Turn {
+                    after: 0,
+                    steering: Box::new(steering),
+                });
+            }
+            std::thread::sleep(std::time::Duration::from_millis(1));
+        }
+        give(What::End);
+        cycle.join().unwrap()
+    }
+
+    #[test]
+    fn the_cycle_allocates_and_frees_nothing_however_long_it_runs_and_whatever_it_drives() {
+        let (few, _) = calls_during(1);
+        let (many, cycles) = calls_during(12);
+        assert!(cycles > 500, "{cycles} cycles prove nothing");
+        assert_eq!(few, many, "calls of the allocator");
+    }
+}

@@ -1,0 +1,165 @@
+//! What control and cycle tell one another, over wait-free queues.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use evolvent_control::JobResult;
+use evolvent_drive::{DriveAlarm, PowerRequest, Presence};
+use evolvent_machine::Limits;
+use evolvent_motion::{Motion, PlanConsumer, Setpoint, Steering, Violation};
+use evolvent_path::Axes;
+use evolvent_turning::Reason;
+
+/// A job along a plan, from the control thread to the cycle and back to be dropped.
+pub(crate) struct Following {
+    pub motion: Motion,
+    pub queue: PlanConsumer,
+    pub signals: Arc<Signals>,
+}
+
+/// What planner and control of one job tell each other.
+#[derive(Debug, Default)]
+pub(crate) struct Signals {
+    /// The planner need not go on.
+    pub abandoned: AtomicBool,
+    /// The plan ends before the program does. Set before the plan's end is handed on.
+    pub failed: AtomicBool,
+}
+
+impl Signals {
+    pub(crate) fn has_failed(&self) -> bool {
+        self.failed.load(Ordering::Acquire)
+    }
+}
+
+/// What moves the axes.
+pub(crate) enum Work {
+    None,
+    Follow(Box<Following>),
+    Steer(Box<Steering>),
+}
+
+/// One order to the cycle. Those with an `id` above 0 are reported with the setpoint from which they count.
+pub(crate) struct Order {
+    pub id: u64,
+    pub what: What,
+}
+
+// Limits are no box: that would have to be freed in the cycle.
+pub(crate) enum What {
+    /// Begin a job along a plan.
+    Follow(Box<Following>),
+    /// Begin a steered motion.
+    Steer(Box<Steering>),
+    /// Change to this steering right behind setpoint `after`. Reported where that has been done.
+    Turn {
+        after: u64,
+        steering: Box<Steering>,
+    },
+    Hold,
+    /// Ends a hold, and lets the machine go on at the program stop with so many actions before it, if it stands there.
+    Resume(Option<u32>),
+    /// The same without ending a hold.
+    GoOn(u32),
+    Stop,
+    Override(f64),
+    /// Every axis stops by itself, and the drives stop by themselves.
+    Emergency,
+    Power(PowerRequest),
+    /// Faults of core and drives are over.
+    Clear,
+    /// The axes stand; this place has these coordinates and limits. `renames`: the drives must take over the new names.
+    Relocate {
+        position: Axes,
+        limits: Limits,
+        renames: bool,
+    },
+    /// The steered motion may go on until this time, ns of CLOCK_MONOTONIC.
+    Keep(u64),
+    /// The next job has this travel: the guard minds it from now on, at rest.
+    Within(Limits),
+    /// Limit switches of these axes are looked at by the homing sequence.
+    ExpectSwitches(u32),
+    /// The process ends once the axes rest.
+    End,
+}
+
+/// What has happened in the cycle.
+pub(crate) enum CycleEvent {
+    /// The order counts from this setpoint on.
+    Applied {
+        id: u64,
+        sequence: u64,
+    },
+    /// The job has ended with this setpoint; what moved the axes is handed back.
+    Ended {
+        sequence: u64,
+        result: JobResult,
+        work: Work,
+    },
+    /// Something to be dropped.
+    Returned(Work),
+    /// The job did not begin where the axes stand.
+    Misplaced {
+        sequence: u64,
+        work: Work,
+    },
+    Guard {
+        sequence: u64,
+        violation: Violation,
+    },
+    PlannerGone {
+        sequence: u64,
+    },
+    /// A turning cycle has given up.
+    Turning {
+        sequence: u64,
+        reason: Reason,
+    },
+    Late {
+        sequence: u64,
+    },
+    Drive {
+        sequence: u64,
+        alarm: DriveAlarm,
+    },
+    /// The drives' positions may count from another zero: the link was lost, or an encoder jumped.
+    ReferenceLost {
+        sequence: u64,
+        axes_mask: u32,
+    },
+}
+
+/// The last cycle, for control and status.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct CycleView {
+    pub setpoint: Setpoint,
+    pub lateness_ns: u64,
+    pub work_ns: u64,
+    pub presence: Presence,
+    pub power: PowerRequest,
+    pub datum: u64,
+    pub late_cycles: u64,
+    pub dropped_records: u64,
+    pub dropped_setpoints: u64,
+    pub at_rest: bool,
+}
+
+impl CycleEvent {
+    /// The setpoint that it belongs to; 0 where that does not matter.
+    pub(crate) fn sequence(&self) -> u64 {
+        match self {
+            Self::Returned(_) => 0,
+            // Counts from a setpoint on that may not have been computed yet.
+            Self::Applied { sequence, .. } => sequence.saturating_sub(1),
+            Self::Ended { sequence, .. }
+            | Self::Misplaced { sequence, .. }
+            | Self::Guard { sequence, .. }
+            | Self::PlannerGone { sequence }
+            | Self::Turning { sequence, .. }
+            | Self::Late { sequence }
+            | Self::Drive { sequence, .. }
+            | Self::ReferenceLost { sequence, .. } => *sequence,
+        }
+    }
+}

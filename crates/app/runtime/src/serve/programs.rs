@@ -1,0 +1,564 @@
+//! Programs and blocks of MDI, from the operator's side.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::mpsc::{self, Receiver, TryRecvError};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use evolvent_config::no_reply;
+use evolvent_control::{Activity, Alarm, Command, JobResult, Refusal};
+use evolvent_motion::State;
+
+use super::checking::Checking;
+use super::files::{ProgramFile, READING_TIMEOUT};
+use super::jobs::{Planning, ProgramJob};
+use super::jog::limits_here;
+use super::keep::Saved;
+use super::modes::After;
+use super::operator::{Job, Operator};
+use super::orders::What;
+use super::recorded::job_number;
+use super::track::Track;
+use crate::job::Setup;
+use crate::job_start::ProgramStart;
+use crate::news::{FeederNews, OutsideKind, StopKind, UserCall};
+use crate::periphery::Periphery;
+use crate::refusal::ProgramError;
+use crate::rt::take_turns;
+use crate::source::{Commands, Start};
+use crate::switches::{SwitchState, Switches, Switching};
+use crate::user_code::{UserCodes, UserNews, UserProgram};
+
+/// What the message says of a command of the machine's own.
+const AT_WORK: &str = " is being carried out";
+
+/// How long the planner's thread may take to end after the machine is through with a job. It ends in milliseconds unless a read of
+/// the program or of a subroutine hangs.
+const PLANNER_TIMEOUT: Duration = Duration::from_secs(10);
+
+/// Blocks and actions that a planner which has not ended may have numbered, at most: more than its queues hold.
+const NUMBERS_LEFT: u32 = 1 << 20;
+
+/// A program or a block of MDI.
+pub(super) struct ProgramRun {
+    pub(super) planning: Planning,
+    /// How the cycle has ended it.
+    pub(super) ended: Option<JobResult>,
+    /// What a block of MDI leaves when it is done.
+    pub(super) after: Option<After>,
+    /// Single step of a plan that was made without it.
+    pub(super) step: Option<StepBehind>,
+    /// The number of its first block.
+    pub(super) first_block: u32,
+    /// A command of the machine's own, carried out while the program waits.
+    pub(super) command: Option<UserCommand>,
+    /// Such a command has failed.
+    pub(super) has_failed: bool,
+    /// When the machine was found to be through with it.
+    pub(super) ended_at: Option<Instant>,
+    /// What it has left is being written; how it has ended, and since when.
+    pub(super) saving: Option<(JobResult, Receiver<Saved>, Instant)>,
+}
+
+/// Behind what the feed is to be held.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum StepBehind {
+    /// The line of this block.
+    Line { block: u32, line: u32 },
+    /// The line that begins behind this block, where the machine stands.
+    LineAfter(u32),
+}
+
+/// One of M100 to M199 at work, or done where the program still waits.
+pub(super) struct UserCommand {
+    call: UserCall,
+    /// Actions before the stop at which the program waits.
+    stop: u32,
+    program: UserProgram,
+    is_done: bool,
+    is_cancelled: bool,
+}
+
+/// Works out the way to the middle of a program beside: the lines before may be many. It comes as one line.
+fn show_way(file: PathBuf, setup: Setup) -> Result<Receiver<String>, Refusal> {
+    let (sender, way) = mpsc::channel();
+    let spawned = thread::Builder::new().name("way".into()).spawn(move || {
+        take_turns();
+        let text = match Commands::open(&file, &setup) {
+            Ok(commands) => commands.start().map(way_there).unwrap_or_default(),
+            // The planner finds it too and ends the job.
+            Err(error) => error.to_string(),
+        };
+        let _gone = sender.send(text);
+    });
+    spawned.map_err(|error| Refusal::new(Alarm::Planner, format!("no thread for the way there: {error}")))?;
+    Ok(way)
+}
+
+fn way_there(start: &Start) -> String {
+    let steps = if start.approach.is_empty() {
+        "none, the tool is there".to_owned()
+    } else {
+        start.approach.join("; ")
+    };
+    let line = start.restart.line;
+    format!(
+        "stopped before line {line}; the way there: {steps}. RESUME goes, STOP ends. As after: {}",
+        start.restart.modes
+    )
+}
+
+impl Operator {
+    pub(super) fn load(&mut self, file: &ProgramFile) -> Result<(), Refusal> {
+        self.checking = None;
+        self.check_loaded(file).or_else(|refusal| match refusal.alarm {
+            // A long one is checked while nobody waits.
+            Alarm::Checking => Ok(()),
+            _ => Err(refusal),
+        })
+    }
+
+    /// What program text and machine have against a program, with the offsets and tools of now.
+    fn check_loaded(&mut self, file: &ProgramFile) -> Result<(), Refusal> {
+        if let Some(verdict) = &file.verdict {
+            return verdict.clone();
+        }
+        let setup = self.setup_here();
+        if !(self.checking.as_ref()).is_some_and(|checking| checking.is_about(&file.look, &setup)) {
+            self.checking = Some(Checking::begin(file.look.clone(), &setup)?);
+        }
+        match self.checking.as_mut().and_then(Checking::verdict) {
+            Some(verdict) => verdict.clone(),
+            None => Err(Alarm::Checking.into()),
+        }
+    }
+
+    pub(super) fn start(&mut self, line: u32, file: &ProgramFile) -> Result<u64, Refusal> {
+        self.check_loaded(file)?;
+        let mut setup = self.setup_here();
+        setup.start_line = (line > 1).then_some(line);
+        // Nothing knows what stands in the way there: the plan begins with a program stop, and somebody has to look.
+        let way = match setup.start_line {
+            None => None,
+            Some(_) => Some(show_way(file.look.file.clone(), setup.clone())?),
+        };
+        let steps = self.desk.is_single_step() || self.switches.is_single_step();
+        self.switch_anew(steps);
+        let job = self.plan(file, setup, None, Activity::Program)?;
+        if way.is_some() {
+            self.message = format!("stopped before line {line}; the way there is being worked out");
+        }
+        self.way = way;
+        Ok(job)
+    }
+
+    /// What the job that was just begun runs, and the way there where that is not its beginning.
+    pub(super) fn started(&self) -> String {
+        let program = self.desk.program().unwrap_or_default();
+        if self.way.is_some() {
+            format!("{program}: {}, and told by the status's message", self.message)
+        } else {
+            program.to_owned()
+        }
+    }
+
+    pub(super) fn mdi(&mut self, after: After, file: &ProgramFile) -> Result<u64, Refusal> {
+        let mut setup = self.setup_here();
+        setup.is_mdi = true;
+        self.switch_anew(false);
+        self.plan(file, setup, Some(after), Activity::Mdi)
+    }
+
+    /// The switches of the next job, as they stand at the desk.
+    fn switch_anew(&mut self, single_step: bool) {
+        let [_, rapid_override, _] = self.desk.overrides();
+        self.switches = Arc::new(Switches::new(&SwitchState {
+            single_step,
+            optional_stop: self.desk.is_optional_stop(),
+            block_delete: self.desk.is_block_delete(),
+            rapid_override,
+        }));
+    }
+
+    pub(super) fn plan(
+        &mut self,
+        file: &ProgramFile,
+        setup: Setup,
+        after: Option<After>,
+        activity: Activity,
+    ) -> Result<u64, Refusal> {
+        let mut subroutines = String::new();
+        let switches = self.switches.state();
+        let job = self.desk.job() + 1;
+        if let Some(recorder) = &self.recorder {
+            let _gone = recorder.send(FeederNews::File(self.numbers.0, file.look.file.clone()));
+            let start = ProgramStart {
+                is_mdi: activity == Activity::Mdi,
+                program: String::new(),
+                tools: None,
+                parameters: None,
+                subroutines: String::new(),
+                place: setup.start(),
+                tool: setup.tool,
+                outputs: Some(setup.outputs),
+                start_line: setup.start_line.unwrap_or(0),
+                switches,
+                feed_override: self.desk.overrides()[0],
+                numbered_from: self.numbers,
+            };
+            subroutines = self.notes.plans(recorder, job, file, &setup, start);
+        }
+        let planning = Planning::start(ProgramJob {
+            file: file.look.file.clone(),
+            setup,
+            feed_override: self.desk.overrides()[0],
+            job: job_number(job),
+            switches,
+            switching: Switching::Operated(Arc::clone(&self.switches)),
+            numbered_from: self.numbers,
+            recorder: self.recorder.clone(),
+            subroutines,
+            carries_out: true,
+            in_two_threads: false,
+        })
+        .map_err(|error| Refusal::new(Alarm::Planner, format!("no thread for the planner: {error}")))?;
+        self.track = Track::default();
+        self.is_emergency = false;
+        (self.hold, self.stopping) = (false, false);
+        self.job = Job::Program(Box::new(ProgramRun {
+            planning,
+            ended: None,
+            after,
+            step: None,
+            first_block: self.numbers.0,
+            command: None,
+            has_failed: false,
+            ended_at: None,
+            saving: None,
+        }));
+        Ok(self.desk.job_begins(activity))
+    }
+
+    pub(super) fn resume(&mut self, command: &Command) {
+        self.hold = false;
+        let setpoint = &self.view.setpoint;
+        let at_stop = setpoint.state == State::ProgramStop && !self.is_at_command();
+        let stop = at_stop.then_some(setpoint.actions);
+        self.send(What::Resume(stop), command);
+        self.step_on(self.switches.is_single_step());
+    }
+
+    /// Single step counts for the program under way, or no longer does.
+    pub(super) fn step_on(&mut self, steps: bool) {
+        let setpoint = self.view.setpoint;
+        let at_stop = setpoint.state == State::ProgramStop && !self.is_at_command();
+        let Job::Program(run) = &mut self.job else { return };
+        let has_begun = setpoint.block >= run.first_block;
+        run.step = steps.then_some(if at_stop || !has_begun {
+            StepBehind::LineAfter(setpoint.block)
+        } else {
+            StepBehind::Line {
+                block: setpoint.block,
+                line: setpoint.line,
+            }
+        });
+    }
+
+    /// Whether the program waits for a command of the machine's own.
+    pub(super) fn is_at_command(&self) -> bool {
+        matches!(&self.job, Job::Program(run) if run.command.is_some())
+    }
+
+    /// Ends a command of the machine's own that is at work.
+    pub(super) fn cancel_command(&mut self) {
+        if let Job::Program(run) = &mut self.job
+            && let Some(command) = &mut run.command
+        {
+            command.is_cancelled = true;
+            command.program.cancel();
+        }
+    }
+
+    pub(super) fn stop(&mut self, command: &Command) {
+        self.give_up_waiting(JobResult::Stopped);
+        self.cancel_homing();
+        self.cancel_command();
+        self.stopping = !matches!(self.job, Job::None);
+        self.hold = false;
+        self.switch_off_at_rest();
+        self.send(What::Stop, command);
+    }
+
+    /// A job that the cycle has not taken up yet is over at once.
+    pub(super) fn give_up_waiting(&mut self, result: JobResult) {
+        if let Job::Program(run) = &mut self.job
+            && run.planning.is_waiting()
+        {
+            run.planning.abandon();
+            run.ended = Some(result);
+        }
+    }
+
+    pub(super) fn follow_program(&mut self) {
+        let setpoint = self.view.setpoint;
+        let Job::Program(run) = &mut self.job else { return };
+        self.track.hear(&run.planning.news);
+        let message = &mut self.message;
+        if let Some(modal) = self.track.reach(&setpoint, |notice| {
+            if notice.is_message {
+                message.clone_from(&notice.text);
+            }
+        }) {
+            self.modes.modal = modal;
+        }
+        if let Some(periphery) = self.track.take_periphery(&setpoint)
+            && !self.is_emergency
+        {
+            self.take_periphery(periphery);
+        }
+        if let Some(stop) = self.track.take_stop(&setpoint) {
+            self.stands_at(stop);
+        }
+        self.follow_command();
+        let Job::Program(run) = &mut self.job else { return };
+        if run.saving.is_some() {
+            self.follow_saving();
+            return;
+        }
+        if let Some(result) = run.ended {
+            // Nothing else begins before it is over.
+            if run
+                .command
+                .as_ref()
+                .is_some_and(|command| !command.program.is_over())
+            {
+                return;
+            }
+            let result = if run.has_failed && result == JobResult::Stopped {
+                JobResult::Failed
+            } else {
+                result
+            };
+            let ended_at = *run.ended_at.get_or_insert_with(Instant::now);
+            if let Some((report, planned)) = run.planning.take_result() {
+                let after = run.after.take();
+                self.numbers = (report.next_block, report.next_action);
+                self.finish_program(result, planned, after);
+            } else if ended_at.elapsed() > PLANNER_TIMEOUT {
+                self.leave_planner(result);
+            }
+            return;
+        }
+        if let Some(job) = run.planning.take_if_ready() {
+            let limits = limits_here(&self.limits, &setpoint.position, self.desk.homed());
+            self.begin_within(&limits);
+            let order = self.order(What::Follow(job));
+            self.notes.sends_plan(order, self.desk.job());
+            if self.hold {
+                // A hold that came before: with the job the cycle has got inputs of its own.
+                self.order(What::Hold);
+            }
+            return;
+        }
+        if setpoint.state != State::Running {
+            return;
+        }
+        match run.step {
+            Some(StepBehind::LineAfter(block)) if setpoint.block > block => {
+                run.step = Some(StepBehind::Line {
+                    block: setpoint.block,
+                    line: setpoint.line,
+                });
+            }
+            // A line may have several blocks: cycles do.
+            Some(StepBehind::Line { block, line }) if setpoint.block > block && setpoint.line != line => {
+                run.step = None;
+                self.hold = true;
+                self.order(What::Hold);
+            }
+            _ => {}
+        }
+    }
+
+    /// Spindle, coolant and tool as the program has them now.
+    fn take_periphery(&mut self, periphery: Periphery) {
+        self.periphery = periphery;
+        self.keep.tool = periphery.tool;
+    }
+
+    /// Spindle and coolant go off, whatever has switched them on.
+    pub(super) fn switch_periphery_off(&mut self) {
+        self.periphery.switch_off();
+    }
+
+    /// The same where no program runs; one that runs and is being stopped has them off where it comes to rest.
+    pub(super) fn switch_off_at_rest(&mut self) {
+        if !matches!(self.job, Job::Program(_)) {
+            self.switch_periphery_off();
+        }
+    }
+
+    /// The planner's thread hangs, in a file system that does not reply: the job ends without it.
+    fn leave_planner(&mut self, result: JobResult) {
+        let setpoint = self.view.setpoint;
+        // Numbers that the thread has given are not known, and are not given twice.
+        let (block, action) = self.numbers;
+        self.numbers = (
+            block.max(setpoint.block).saturating_add(NUMBERS_LEFT),
+            action.max(setpoint.actions).saturating_add(NUMBERS_LEFT),
+        );
+        let file = self.desk.program().unwrap_or("the program").to_owned();
+        let text = format!("{file}: {}", no_reply(PLANNER_TIMEOUT));
+        self.raise(setpoint.sequence, Alarm::Program, text);
+        self.refresh_modes();
+        self.end_job(result);
+    }
+
+    /// The program waits at this stop.
+    fn stands_at(&mut self, (action, kind): (u32, StopKind)) {
+        let Job::Program(run) = &mut self.job else { return };
+        if !matches!(kind, StopKind::User(_)) {
+            // It waits here anyway.
+            run.step = None;
+        }
+        match kind {
+            StopKind::Program | StopKind::ToolChange(_) => {}
+            StopKind::Step => {
+                if !self.switches.is_single_step() {
+                    self.order(What::GoOn(action + 1));
+                }
+            }
+            StopKind::User(call) => {
+                run.command = Some(UserCommand {
+                    call,
+                    stop: action + 1,
+                    program: UserCodes::of(&self.setup).start(call),
+                    is_done: false,
+                    is_cancelled: false,
+                });
+                self.message = format!("{}{AT_WORK}", call.text());
+            }
+        }
+    }
+
+    /// Hears a command of the machine's own, and goes on when it is done.
+    fn follow_command(&mut self) {
+        let (mut lines, mut failure, mut done) = (Vec::new(), None, None);
+        let Job::Program(run) = &mut self.job else { return };
+        let Some(command) = &mut run.command else { return };
+        while let Some(news) = command.program.poll() {
+            match news {
+                UserNews::Line(line) => lines.push(format!("M{}: {line}", command.call.number)),
+                UserNews::Ended(Ok(())) => {
+                    command.is_done = true;
+                    done = Some(command.stop);
+                }
+                // One that was told to end has not failed.
+                UserNews::Ended(Err(_)) if command.is_cancelled => {}
+                UserNews::Ended(Err(text)) => {
+                    run.has_failed = true;
+                    failure = Some(text);
+                }
+            }
+        }
+        let line = command.call.line;
+        // Behind the stop it is forgotten.
+        let setpoint = &self.view.setpoint;
+        let is_behind = command.is_done && setpoint.actions > command.stop;
+        if is_behind || setpoint.state == State::Running {
+            run.command = None;
+        }
+        for text in lines {
+            self.message.clone_from(&text);
+            self.record(OutsideKind::Output, line, text, None);
+        }
+        if let Some(stop) = done {
+            if self.message.ends_with(AT_WORK) {
+                self.message.clear();
+            }
+            self.order(What::GoOn(stop));
+        }
+        if let Some(text) = failure {
+            let sequence = self.view.setpoint.sequence;
+            self.raise(sequence, Alarm::UserCommand, text);
+            self.stopping = true;
+            self.order(What::Stop);
+        }
+    }
+
+    pub(super) fn finish_program(
+        &mut self,
+        result: JobResult,
+        planned: Result<Option<crate::memory::ProgramMemory>, ProgramError>,
+        after: Option<After>,
+    ) {
+        let sequence = self.view.setpoint.sequence;
+        if let Some(modal) = self.track.finish()
+            && result == JobResult::Done
+        {
+            self.modes.modal = modal;
+        }
+        match (result, planned, after) {
+            (JobResult::Done, _, Some(after)) => {
+                self.keep.memory.kept = Some(after.kept);
+                self.keep.memory.tools = after.tools.or_else(|| self.keep.memory.tools.take());
+                self.modes = after.modes;
+            }
+            // A copy: what the planner's thread has allocated is to be free as a whole when it ends, so that the next one finds
+            // its part of the heap as this one has found it.
+            (JobResult::Done, Ok(Some(left)), None) => self.keep.memory.clone_from(&left),
+            (JobResult::Failed, Err(error), _) => {
+                let text = match &error {
+                    ProgramError::Text { diagnostic, .. } => sentence(diagnostic, 0),
+                    ProgramError::Read { .. } => error.to_string(),
+                };
+                self.raise(sequence, Alarm::Program, text);
+            }
+            _ => {}
+        }
+        self.refresh_modes();
+        let saving = self.keep.save(self.keep.memory.clone());
+        if let Job::Program(run) = &mut self.job {
+            run.saving = Some((result, saving, Instant::now()));
+        }
+    }
+
+    /// Ends the job once what it has left is written.
+    fn follow_saving(&mut self) {
+        let Job::Program(run) = &self.job else { return };
+        let Some((result, saving, begun)) = &run.saving else {
+            return;
+        };
+        let result = *result;
+        let failure = match saving.try_recv() {
+            Ok(Ok(memory)) => {
+                self.keep.take_saved(memory);
+                None
+            }
+            Ok(Err(error)) => Some(error.to_string()),
+            Err(TryRecvError::Empty) if begun.elapsed() < READING_TIMEOUT => return,
+            Err(TryRecvError::Empty) => Some(no_reply(READING_TIMEOUT).to_string()),
+            Err(TryRecvError::Disconnected) => Some("no thread to write with; restart the core".to_owned()),
+        };
+        if let Some(text) = failure {
+            self.raise(self.view.setpoint.sequence, Alarm::NotKept, text);
+        }
+        self.end_job(result);
+    }
+}
+
+/// A diagnostic as one sentence with its line.
+pub(super) fn sentence(diagnostic: &evolvent_gcode::Diagnostic, lines_before: u32) -> String {
+    let line = diagnostic.line.saturating_sub(lines_before);
+    let mut text = format!(
+        "line {line}: {}: {}",
+        diagnostic.code.as_str(),
+        diagnostic.message
+    );
+    if let Some(help) = &diagnostic.help {
+        text.push_str("; ");
+        text.push_str(help);
+    }
+    text
+}

@@ -1,0 +1,288 @@
+//! What the threads of a run tell one another without waiting.
+
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
+
+use evolvent_motion::{Inputs, Setpoint, State};
+use evolvent_turning::{AdaptiveSettings, LoadSample};
+
+use crate::load_cell::LoadCell;
+use evolvent_control::Alarm;
+
+/// Switches and gauges of a run. The cycle reads the switches once a cycle and sets the gauges; nobody waits.
+#[derive(Debug)]
+pub struct Controls {
+    feed_override: AtomicU64,
+    hold: AtomicBool,
+    stop: AtomicBool,
+    resume: AtomicBool,
+    abandon: AtomicBool,
+    program_failed: AtomicBool,
+    alarm: AtomicU32,
+    sequence: AtomicU64,
+    /// Adaptive feed is asked for.
+    adaptive: Option<AdaptiveSettings>,
+    load: LoadCell,
+    path_mm: AtomicU64,
+    feed_mm_s: AtomicU64,
+    line: AtomicU32,
+    state: AtomicU32,
+    actions: AtomicU32,
+    blocks: AtomicU32,
+    resumes: AtomicU32,
+    /// At rest until a command of the machine's own has been carried out.
+    at_command: AtomicBool,
+    /// The action before the command that has been carried out last, + 1.
+    commands_done: AtomicU32,
+    /// Drives have answered.
+    drives_seen: AtomicBool,
+    /// They follow the setpoints.
+    drives_follow: AtomicBool,
+}
+
+impl Controls {
+    /// Nothing held, nothing stopped.
+    #[must_use]
+    pub fn new(feed_override: f64) -> Self {
+        Self {
+            feed_override: AtomicU64::new(feed_override.to_bits()),
+            hold: AtomicBool::new(false),
+            stop: AtomicBool::new(false),
+            resume: AtomicBool::new(false),
+            abandon: AtomicBool::new(false),
+            program_failed: AtomicBool::new(false),
+            alarm: AtomicU32::new(0),
+            sequence: AtomicU64::new(0),
+            adaptive: None,
+            load: LoadCell::default(),
+            path_mm: AtomicU64::new(0),
+            feed_mm_s: AtomicU64::new(0),
+            line: AtomicU32::new(0),
+            state: AtomicU32::new(State::Idle as u32),
+            actions: AtomicU32::new(0),
+            blocks: AtomicU32::new(0),
+            resumes: AtomicU32::new(0),
+            at_command: AtomicBool::new(false),
+            commands_done: AtomicU32::new(0),
+            drives_seen: AtomicBool::new(false),
+            drives_follow: AtomicBool::new(false),
+        }
+    }
+
+    /// Whether the machine stands where a command of its own is to be carried out. Called by the cycle.
+    pub(crate) fn set_at_command(&self, at_command: bool) {
+        self.at_command.store(at_command, Ordering::Relaxed);
+    }
+
+    /// The command behind this action has been carried out.
+    pub(crate) fn command_done(&self, action: u32) {
+        self.commands_done.store(action + 1, Ordering::Release);
+    }
+
+    pub(crate) fn is_command_done(&self, action: u32) -> bool {
+        self.commands_done.load(Ordering::Acquire) == action + 1
+    }
+
+    /// Drives have answered on the bus, and follow or do not.
+    pub(crate) fn see_drives(&self, follow: bool) {
+        self.drives_follow.store(follow, Ordering::Relaxed);
+        self.drives_seen.store(true, Ordering::Relaxed);
+    }
+
+    pub(crate) fn drives_follow(&self) -> bool {
+        self.drives_follow.load(Ordering::Relaxed)
+    }
+
+    pub(crate) fn has_seen_drives(&self) -> bool {
+        self.drives_seen.load(Ordering::Relaxed)
+    }
+
+    /// Holds a cutting load by the feed. Settings that make no sense are as none: check them with
+    /// [`evolvent_turning::AdaptiveFeed::new`].
+    #[must_use]
+    pub fn with_adaptive_feed(mut self, settings: AdaptiveSettings) -> Self {
+        self.adaptive = Some(settings);
+        self
+    }
+
+    pub(crate) fn adaptive(&self) -> Option<AdaptiveSettings> {
+        self.adaptive
+    }
+
+    /// A cutting load has come in, with the highest value that its sensor can show. From one thread only: the bus's, or
+    /// where there is no bus, that of whoever simulates a sensor.
+    pub fn see_load(&self, value: f64, range_max: f64) {
+        self.load.see(value, range_max);
+    }
+
+    /// The newest cutting load, none before the first.
+    pub(crate) fn load(&self) -> Option<LoadSample> {
+        self.load.newest()
+    }
+
+    /// Sets the feed override, 1 at 100 %.
+    pub fn set_override(&self, factor: f64) {
+        self.feed_override.store(factor.to_bits(), Ordering::Relaxed);
+    }
+
+    /// Holds the feed, or lets it go on.
+    pub fn set_hold(&self, hold: bool) {
+        self.hold.store(hold, Ordering::Relaxed);
+    }
+
+    /// Stops within the limits and ends the run.
+    pub fn stop(&self) {
+        self.stop.store(true, Ordering::Relaxed);
+    }
+
+    /// Whether a stop was asked for.
+    #[must_use]
+    pub fn is_stopping(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+
+    /// Goes on after a program stop.
+    pub fn resume(&self) {
+        self.resume.store(true, Ordering::Relaxed);
+    }
+
+    /// The cycle has ended: the planner need not go on.
+    pub(crate) fn abandon(&self) {
+        self.abandon.store(true, Ordering::Release);
+    }
+
+    pub(crate) fn is_abandoned(&self) -> bool {
+        self.abandon.load(Ordering::Acquire)
+    }
+
+    /// The plan ends before the program does. Called before the plan's end is handed on.
+    pub(crate) fn fail_program(&self) {
+        self.program_failed.store(true, Ordering::Release);
+    }
+
+    pub(crate) fn has_program_failed(&self) -> bool {
+        self.program_failed.load(Ordering::Acquire)
+    }
+
+    /// Latches an alarm; the first stays.
+    pub(crate) fn raise(&self, alarm: Alarm) {
+        let _latched = self
+            .alarm
+            .compare_exchange(0, alarm.number(), Ordering::Relaxed, Ordering::Relaxed);
+    }
+
+    /// Number of the alarm in force; 0 for none.
+    pub(crate) fn alarm(&self) -> u32 {
+        self.alarm.load(Ordering::Relaxed)
+    }
+
+    /// The cycle's inputs of this moment.
+    pub(crate) fn inputs(&self) -> Inputs {
+        // Taken once: it counts for the program stop that the machine stands at, and for none after it.
+        let resume = self.resume.load(Ordering::Relaxed) && self.resume.swap(false, Ordering::Relaxed);
+        let at_stop = self.is_at_program_stop();
+        if resume && at_stop {
+            self.resumes.fetch_add(1, Ordering::Relaxed);
+        }
+        Inputs {
+            feed_override: self.feed_override(),
+            hold: self.hold.load(Ordering::Relaxed),
+            stop: self.stop.load(Ordering::Relaxed),
+            resume: resume && at_stop,
+            load: self.load(),
+        }
+    }
+
+    fn is_at_program_stop(&self) -> bool {
+        self.state.load(Ordering::Relaxed) == State::ProgramStop as u32
+            && !self.at_command.load(Ordering::Relaxed)
+    }
+
+    /// The feed override asked for.
+    pub(crate) fn feed_override(&self) -> f64 {
+        f64::from_bits(self.feed_override.load(Ordering::Relaxed))
+    }
+
+    pub(crate) fn publish(&self, setpoint: &Setpoint) {
+        self.sequence.store(setpoint.sequence + 1, Ordering::Relaxed);
+        self.path_mm.store(setpoint.path_mm.to_bits(), Ordering::Relaxed);
+        self.feed_mm_s
+            .store(setpoint.feed_mm_s.to_bits(), Ordering::Relaxed);
+        self.line.store(setpoint.line, Ordering::Relaxed);
+        self.state.store(setpoint.state as u32, Ordering::Relaxed);
+        self.actions.store(setpoint.actions, Ordering::Relaxed);
+        if !matches!(setpoint.state, State::Idle | State::Dwell | State::ProgramStop) {
+            self.blocks.store(setpoint.block + 1, Ordering::Relaxed);
+        }
+    }
+
+    /// Where the run is.
+    #[must_use]
+    pub fn progress(&self) -> Progress {
+        Progress {
+            cycles: self.sequence.load(Ordering::Relaxed),
+            path_mm: f64::from_bits(self.path_mm.load(Ordering::Relaxed)),
+            feed_mm_s: f64::from_bits(self.feed_mm_s.load(Ordering::Relaxed)),
+            line: self.line.load(Ordering::Relaxed),
+            at_program_stop: self.is_at_program_stop(),
+            at_command: self.at_command.load(Ordering::Relaxed),
+            actions: self.actions.load(Ordering::Relaxed),
+            blocks: self.blocks.load(Ordering::Relaxed),
+            has_ended: self.state.load(Ordering::Relaxed) == State::Done as u32,
+            resumes: self.resumes.load(Ordering::Relaxed),
+        }
+    }
+}
+
+/// Where a run is, for people.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Progress {
+    /// Setpoints computed.
+    pub cycles: u64,
+    /// Path travelled.
+    pub path_mm: f64,
+    /// Speed along the path.
+    pub feed_mm_s: f64,
+    /// Program line.
+    pub line: u32,
+    /// Waiting at M0, M1 or M60.
+    pub at_program_stop: bool,
+    /// Waiting until one of M100 to M199 has been carried out.
+    pub at_command: bool,
+    /// Actions for the periphery that have taken effect.
+    pub actions: u32,
+    /// Blocks begun.
+    pub blocks: u32,
+    /// The program has come to its end.
+    pub has_ended: bool,
+    /// Program stops after which somebody has let the machine go on.
+    pub resumes: u32,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_wish_to_go_on_counts_for_one_program_stop_and_none_before_it() {
+        let controls = Controls::new(1.0);
+        controls.resume();
+        assert!(!controls.inputs().resume, "asked before there was a stop");
+        controls.state.store(State::ProgramStop as u32, Ordering::Relaxed);
+        assert!(!controls.inputs().resume, "the wish from before is forgotten");
+        controls.resume();
+        assert!(controls.inputs().resume);
+        assert!(
+            !controls.inputs().resume,
+            "a second stop in a row waits for its own wish"
+        );
+        assert_eq!(controls.progress().resumes, 1);
+    }
+
+    #[test]
+    fn the_first_alarm_stays() {
+        let controls = Controls::new(1.0);
+        controls.raise(Alarm::Guard);
+        controls.raise(Alarm::Lateness);
+        assert_eq!(controls.alarm(), Alarm::Guard.number());
+    }
+}

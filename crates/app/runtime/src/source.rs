@@ -1,0 +1,201 @@
+//! The commands of a program file, from its beginning or from a line on.
+
+use std::collections::VecDeque;
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
+
+use evolvent_config::open_regular;
+use evolvent_gcode::{Command, Diagnostic, Interpreter, Modal, Restart};
+use evolvent_machine::MachineKind;
+use evolvent_path::AxisLetter;
+
+use crate::job::Setup;
+use crate::memory::ProgramMemory;
+use crate::refusal::ProgramError;
+
+/// Bytes that are read at once, at the most.
+const MOST_READ_AHEAD: u64 = 128 * 1024;
+
+/// How a program goes on in the middle: to be shown before anything moves.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Start {
+    /// What the lines before have left.
+    pub restart: Restart,
+    /// The moves to the place where it goes on, one a line for people.
+    pub approach: Vec<String>,
+}
+
+/// Interprets a program file as commands are asked for. Everything that needs the commands of a program gets them here, so
+/// that blocks have the same numbers everywhere.
+#[derive(Debug)]
+pub struct Commands {
+    interpreter: Interpreter<BufReader<File>>,
+    first: VecDeque<Command>,
+    start: Option<Start>,
+}
+
+/// Reads a program, with no more room than it needs: blocks of MDI are many and short.
+pub(crate) fn reader_of(file: File) -> BufReader<File> {
+    let bytes = file.metadata().map_or(MOST_READ_AHEAD, |facts| facts.len() + 1);
+    BufReader::with_capacity(bytes.min(MOST_READ_AHEAD) as usize, file)
+}
+
+impl Commands {
+    /// Opens a program. Where the set-up names a line to begin at, the lines before are interpreted now, and the commands
+    /// begin with the way there.
+    ///
+    /// # Errors
+    /// The file cannot be read, or the program cannot begin at that line.
+    pub fn open(program: &Path, setup: &Setup) -> Result<Self, ProgramError> {
+        let file = program.display().to_string();
+        let opened = open_regular(program).map_err(|source| ProgramError::Read {
+            file: file.clone(),
+            source,
+        })?;
+        let mut interpreter = Interpreter::new(reader_of(opened), setup.interpreter_settings_for(program));
+        let mut first = VecDeque::new();
+        let mut start = None;
+        if let Some(line) = setup.start_line {
+            let wrong = |diagnostic| ProgramError::Text {
+                file: file.clone(),
+                diagnostic,
+            };
+            let restart = interpreter.start_at(line).map_err(wrong)?;
+            let axis = match setup.machine.kind {
+                MachineKind::Lathe => AxisLetter::X,
+                MachineKind::Mill => AxisLetter::Z,
+            };
+            let from = setup.start();
+            // At the end of its travel the tool is as far from the work as it can be.
+            let clear = setup
+                .machine
+                .axis(axis)
+                .map_or(from[axis.index()], |axis| axis.travel_max);
+            let approach = restart.approach(&from, axis, clear).map_err(wrong)?;
+            first.extend(approach.commands);
+            start = Some(Start {
+                restart,
+                approach: approach.told,
+            });
+        }
+        Ok(Self {
+            interpreter,
+            first,
+            start,
+        })
+    }
+
+    /// How the program goes on in the middle, if it does.
+    #[must_use]
+    pub fn start(&self) -> Option<&Start> {
+        self.start.as_ref()
+    }
+
+    /// Leaves out lines that begin with `/`, or not, from the next line on that is read.
+    pub(crate) fn set_block_delete(&mut self, on: bool) {
+        self.interpreter.set_block_delete(on);
+    }
+
+    /// Lines that begin with `/`, as far as they were read: skipped, executed.
+    pub(crate) fn block_delete_lines(&self) -> (u64, u64) {
+        self.interpreter.block_delete_lines()
+    }
+
+    /// How many files of subroutines have been read.
+    pub(crate) fn file_count(&self) -> usize {
+        self.interpreter.subroutine_file_count()
+    }
+
+    /// Name and text of each.
+    pub(crate) fn files(&self) -> impl Iterator<Item = (&str, Vec<u8>)> {
+        self.interpreter.subroutine_files()
+    }
+
+    /// The modes after the line that was read last.
+    #[must_use]
+    pub fn modal(&self) -> Modal {
+        self.interpreter.modal()
+    }
+
+    /// What the program has changed in `memory` up to the line that was read last.
+    #[must_use]
+    pub fn left(&self, memory: &ProgramMemory) -> ProgramMemory {
+        let mut left = memory.clone();
+        if let Some(kept) = &mut left.kept {
+            kept.update(&self.interpreter);
+        }
+        if let Some(tools) = self.interpreter.tools() {
+            left.tools = Some(tools.clone());
+        }
+        left
+    }
+}
+
+impl Iterator for Commands {
+    type Item = Result<Command, Diagnostic>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        match self.first.pop_front() {
+            Some(command) => Some(Ok(command)),
+            None => self.interpreter.next(),
+        }
+    }
+}
+
+impl Start {
+    /// What somebody has to know before the machine moves, several lines.
+    #[must_use]
+    pub fn told(&self) -> String {
+        use std::fmt::Write as _;
+        let restart = &self.restart;
+        let mut text = format!("starting at line {}, as after: {}", restart.line, restart.modes);
+        let place = AxisLetter::ALL
+            .iter()
+            .filter(|axis| restart.position[axis.index()] != 0.0)
+            .map(|axis| format!("{}{:.4}", axis.letter(), restart.position[axis.index()]))
+            .collect::<Vec<_>>();
+        // Writing to a string cannot fail.
+        let _ = write!(
+            text,
+            "\n  the tool is supposed at {} (machine coordinates)",
+            if place.is_empty() {
+                "zero".to_owned()
+            } else {
+                place.join(" ")
+            }
+        );
+        for step in &self.approach {
+            let _ = write!(text, "\n  approach: {step}");
+        }
+        text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use evolvent_gcode::Action;
+    use evolvent_machine::Machine;
+
+    use super::*;
+
+    #[test]
+    fn block_delete_counts_from_the_next_line_that_is_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let program = folder.path().join("part.ngc");
+        std::fs::write(&program, "G0 X1\n/G0 X2\nG0 X3\n/G0 X4\nG0 X5\n/G0 X6\nM2\n").unwrap();
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../config/machines/mill-3axis.toml");
+        let machine = Machine::load(&file).unwrap();
+        let mut setup = Setup::new(machine, file, String::new(), None).unwrap();
+        setup.block_delete = true;
+        let mut commands = Commands::open(&program, &setup).unwrap();
+        let mut places = Vec::new();
+        while let Some(command) = commands.next() {
+            if let Action::Move(motion) = command.unwrap().action {
+                places.push(motion.curve.end()[0]);
+                commands.set_block_delete(places.len() != 2);
+            }
+        }
+        assert_eq!(places, [1.0, 3.0, 4.0, 5.0]);
+    }
+}

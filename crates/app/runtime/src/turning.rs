@@ -1,0 +1,111 @@
+//! From a turning cycle of a program to a controller that finds its passes.
+
+use evolvent_gcode::{TurningCycle, TurningKind};
+use evolvent_motion::{Turning, TurningFrame};
+use evolvent_path::AxisLetter;
+use evolvent_turning::{CutFile, CutKind, ScalarLimits, TurningController};
+
+use crate::job::Setup;
+
+/// The controller of a cycle, with tool, law and feeds of the process file, and what the program says: where, how far,
+/// how fast the spindle turns. The tool stands at the stock's surface: higher nothing may stand.
+///
+/// # Errors
+/// A sentence that says what does not fit.
+pub(crate) fn turning(cycle: &TurningCycle, setup: &Setup) -> Result<Turning, String> {
+    let Some(process) = &setup.process else {
+        return Err(
+            "passes that the load finds need to know tool, force law, load and feeds: name a process file with --process, \
+             or leave out Q1"
+                .into(),
+        );
+    };
+    if cycle.cone_mm.is_some() {
+        return Err(
+            "a cone (R and L) is not found from the load: leave out Q1, or turn the cylinder with Q1 and the cone after it"
+                .into(),
+        );
+    }
+    if cycle.spindle_rpm <= 0.0 {
+        return Err(
+            "passes that the load finds need a spindle that turns at a known speed: write S and M3 before, and G97 where \
+             G96 is in force"
+                .into(),
+        );
+    }
+    let limits = setup.machine.limits();
+    let (x, z) = (AxisLetter::X, AxisLetter::Z);
+    let start = (cycle.start[x.index()], cycle.start[z.index()]);
+    let (to_x, to_z) = (cycle.x_mm, cycle.z_mm);
+    let signs = ((start.0 - to_x).signum(), (start.1 - to_z).signum());
+    // The finishing pass takes the allowance off both walls.
+    let size = (
+        to_x + signs.0 * cycle.allowance_mm,
+        to_z + signs.1 * cycle.allowance_mm,
+    );
+    let (kind, frame) = match cycle.kind {
+        TurningKind::Longitudinal => (
+            CutKind::Longitudinal,
+            TurningFrame {
+                start: cycle.start,
+                along: (z, start.1, -signs.1),
+                out: (x, size.0, signs.0),
+            },
+        ),
+        TurningKind::Facing => (
+            CutKind::Facing,
+            TurningFrame {
+                start: cycle.start,
+                along: (x, start.0, -signs.0),
+                out: (z, size.1, signs.1),
+            },
+        ),
+    };
+    let (length_mm, allowance_max_mm) = match kind {
+        CutKind::Longitudinal => ((start.1 - size.1).abs(), (start.0 - size.0).abs()),
+        CutKind::Facing => ((start.0 - size.0).abs(), (start.1 - size.1).abs()),
+    };
+    let diameter_mm = match kind {
+        CutKind::Longitudinal => cycle.diameter_mm,
+        CutKind::Facing => cycle.diameter_mm + 2.0 * length_mm,
+    };
+    let cut = CutFile {
+        kind,
+        diameter_mm: diameter_mm.max(0.1),
+        z_mm: start.1,
+        length_mm,
+        allowance_max_mm,
+        spindle_rpm: cycle.spindle_rpm,
+        speed_diameter_mm: process.cut.speed_diameter_mm,
+    };
+    let mut job = process.for_cut(cut).map_err(|error| error.to_string())?;
+    let of = |axis: AxisLetter| ScalarLimits {
+        velocity: limits.velocity[axis.index()],
+        acceleration: limits.acceleration[axis.index()],
+        jerk: limits.jerk[axis.index()],
+    };
+    job.drive_with(of(frame.along.0), of(frame.out.0), setup.period_ns as f64 * 1e-9);
+    let settings = job.settings;
+    // Everywhere that the tool may come to, drawn out from the greatest height.
+    let before = -settings.tool.overhang_mm() - settings.clear_along_mm;
+    let above = allowance_max_mm + settings.clear_out_mm + settings.regime.depth_max_mm;
+    for (along, out) in [(before, 0.0), (length_mm, above)] {
+        let place = frame.position(along, out);
+        for axis in [x, z] {
+            let (value, i) = (place[axis.index()], axis.index());
+            if !(limits.travel_min[i]..=limits.travel_max[i]).contains(&value) {
+                return Err(format!(
+                    "the tool has to have room to {}{value:.3} (machine coordinates) to come in from outside and to be drawn \
+                     out, and the travel is {} to {}",
+                    axis.letter(),
+                    limits.travel_min[i],
+                    limits.travel_max[i]
+                ));
+            }
+        }
+    }
+    let (along, out) = frame.start_mm();
+    let controller =
+        TurningController::starting_at(settings, along, out).map_err(|error| error.to_string())?;
+    Ok(Turning::new(controller, frame))
+}

@@ -1,0 +1,125 @@
+//! A run whose feed holds a cutting load: in virtual time, with a load that is made from the setpoints.
+#![expect(clippy::unwrap_used, reason = "a test may fail")]
+
+use std::path::Path;
+use std::sync::{Arc, Mutex};
+
+use evolvent_machine::{Machine, PlannerKind};
+use evolvent_runtime::{Clock, Controls, Job, Notice, RunObserver, RunOutcome, Setup, run};
+use evolvent_turning::AdaptiveSettings;
+
+const SET: f64 = 1000.0;
+const TURN_S: f64 = 0.1;
+/// 300 mm/min.
+const FEED_MM_S: f64 = 5.0;
+const PROGRAM: &str = "G21 G90 G94\nG0 X0 Y0 Z0\nG1 X60 F300\nG1 X120\nG0 X0\nM2\n";
+
+struct Silent;
+
+impl RunObserver for Silent {
+    fn progress(&mut self, _: &Controls) {}
+    fn notice(&mut self, _: &Notice) {}
+    fn note(&mut self, _: &str) {}
+}
+
+/// (path, feed, load, override) of each setpoint, and what became of the run. The sensor sends up to a place.
+fn run_with(sends_to_mm: f64) -> (Vec<[f64; 4]>, RunOutcome, f64) {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../config/machines/mill-3axis.toml");
+    let mut machine = Machine::load(&file).unwrap();
+    machine.path.planner = PlannerKind::Classic;
+    let setup = Setup::new(machine, file, String::new(), None).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let program = folder.path().join("cut.ngc");
+    std::fs::write(&program, PROGRAM).unwrap();
+    let period_s = setup.period_ns as f64 * 1e-9;
+    let settings = AdaptiveSettings {
+        overload: 1.6 * SET,
+        lag_s: 0.0,
+        ..AdaptiveSettings::usual(SET, TURN_S, period_s)
+    };
+    let job = Job {
+        program,
+        setup,
+        clock: Clock::Virtual,
+        feed_override: 1.0,
+        trace: None,
+        bus: false,
+        bus_prefix: None,
+        wait_for_subscribers: 0,
+        optional_stop: false,
+        stop_at_program_stops: false,
+    };
+    let controls = Arc::new(Controls::new(1.0).with_adaptive_feed(settings));
+    let sensor = Arc::clone(&controls);
+    let seen: Mutex<Vec<[f64; 4]>> = Mutex::new(Vec::new());
+    let turn = (TURN_S / period_s).round() as usize;
+    let outcome = run(&job, &controls, &mut Silent, |setpoint| {
+        let x = setpoint.position[0];
+        // From 20 mm on the load at the programmed feed rises from half to twice the set one.
+        let engaged = if x < 20.0 {
+            0.0
+        } else {
+            0.5 + 1.5 * (x - 20.0) / 100.0
+        };
+        let ripple = 1.0 + 0.01 * (setpoint.sequence as f64).sin();
+        let mut seen = seen.lock().unwrap();
+        // The chip is what the axis went in the last revolution.
+        let before = seen
+            .len()
+            .checked_sub(turn)
+            .map_or(0.0, |turn_ago| seen[turn_ago][0]);
+        let chip = (x - before).max(0.0) / TURN_S / FEED_MM_S;
+        let load = SET * engaged * chip.powf(0.75) * ripple;
+        if x <= sends_to_mm {
+            sensor.see_load(load, 10.0 * SET);
+        }
+        seen.push([x, setpoint.feed_mm_s, load, setpoint.feed_override]);
+    })
+    .unwrap();
+    (seen.into_inner().unwrap(), outcome, period_s)
+}
+
+#[test]
+fn the_load_is_held_the_limits_too_and_rapids_are_left_alone() {
+    let (seen, outcome, _) = run_with(1e9);
+    assert_eq!(outcome.fault, None);
+    let summary = &outcome.summary;
+    assert_eq!(summary.outcome, "done");
+    assert!(
+        summary.jerk_ratio.iter().all(|ratio| *ratio <= 1.02),
+        "{summary:?}"
+    );
+    let there: Vec<_> = seen.iter().take_while(|s| s[0] < 119.0).collect();
+    // In air the idle factor, then the factor that belongs to the load: (set / engaged)^(1/0.75).
+    assert!(
+        there
+            .iter()
+            .any(|s| s[0] < 19.0 && (s[1] - 1.5 * FEED_MM_S).abs() < 1e-3)
+    );
+    for s in there.iter().filter(|s| s[0] > 65.0) {
+        assert!((s[2] / SET - 1.0).abs() < 0.06, "{s:?}");
+    }
+    let slowest = there
+        .iter()
+        .filter(|s| s[0] > 65.0)
+        .map(|s| s[1])
+        .fold(f64::INFINITY, f64::min);
+    let expected = FEED_MM_S * (1.0 / 1.985_f64).powf(1.0 / 0.75);
+    assert!(
+        (slowest / expected - 1.0).abs() < 0.05,
+        "{slowest} for {expected}"
+    );
+    let rapid = seen.iter().map(|s| s[1]).fold(0.0, f64::max);
+    assert!(rapid > 20.0 * FEED_MM_S, "{rapid}");
+}
+
+#[test]
+fn a_sensor_that_falls_silent_stops_the_run_within_a_turn_with_its_alarm() {
+    let (seen, outcome, period_s) = run_with(70.0);
+    assert_eq!(outcome.summary.alarm, Some(501));
+    assert!(outcome.fault.is_some_and(|text| text.contains("load sensor")));
+    let silent = seen.iter().position(|s| s[0] > 70.0).unwrap();
+    let stands = seen.iter().skip(silent).position(|s| s[1] == 0.0).unwrap();
+    assert!(stands as f64 * period_s <= 0.1, "{} s", stands as f64 * period_s);
+    assert!(seen.iter().all(|s| s[0] < 72.0), "it stops where the sensor does");
+}

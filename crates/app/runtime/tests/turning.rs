@@ -1,0 +1,226 @@
+//! Turning cycles of a program that find their passes: in virtual time, on a simulated stock.
+#![expect(clippy::unwrap_used, reason = "a test may fail")]
+
+use std::path::Path;
+use std::sync::{Arc, Mutex};
+
+use evolvent_machine::{Machine, PlannerKind};
+use evolvent_motion::State;
+use evolvent_runtime::{
+    CheckBounds, Clock, Controls, Job, Notice, ProgramError, RunObserver, RunOutcome, Seen, Setup, check,
+    run_seen,
+};
+use evolvent_turning::{Job as TurningJob, TurningState};
+
+/// Turns 40 mm to a radius of 30 mm, then goes on with an ordinary move.
+const PROGRAM: &str =
+    "G21 G18 G90 G94 G8\nS500 M3\nG0 Z308\nG0 X35\nG0 Z300\nF200\nG82 X60 Z260 H0.3 Q1\nG0 X60\nM2\n";
+const FINAL_X: f64 = 30.0;
+
+struct Silent;
+
+impl RunObserver for Silent {
+    fn progress(&mut self, _: &Controls) {}
+    fn notice(&mut self, _: &Notice) {}
+    fn note(&mut self, _: &str) {}
+}
+
+fn process() -> TurningJob {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../config/processes/turn-shaft.toml");
+    let text = std::fs::read_to_string(file).unwrap();
+    let shorter = text
+        .replace("length_mm = 200.0", "length_mm = 40.0")
+        .replace("[[0.0, 10.0], [200.0, 5.0]]", "[[0.0, 4.8], [40.0, 3.0]]");
+    TurningJob::parse(&shorter, "process").unwrap()
+}
+
+fn setup(process: Option<TurningJob>) -> Setup {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../config/machines/lathe-2axis.toml");
+    let machine = Machine::load(&file).unwrap();
+    let mut setup = Setup::new(machine, file, String::new(), None).unwrap();
+    setup.process = process.map(Arc::new);
+    setup
+}
+
+/// What of each cycle is looked at.
+struct Look {
+    position: [f64; 2],
+    state: State,
+    turning: Option<TurningState>,
+    line: u32,
+}
+
+fn drive(
+    program: &str,
+    setup: Setup,
+    act: impl Fn(u64, &Seen<'_>, &Controls) + Sync,
+) -> (Vec<Look>, RunOutcome) {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("turn.ngc");
+    std::fs::write(&file, program).unwrap();
+    let job = Job {
+        program: file,
+        setup,
+        clock: Clock::Virtual,
+        feed_override: 1.0,
+        trace: None,
+        bus: false,
+        bus_prefix: None,
+        wait_for_subscribers: 0,
+        optional_stop: false,
+        stop_at_program_stops: false,
+    };
+    let controls = Arc::new(Controls::new(1.0));
+    let seen = Mutex::new(Vec::new());
+    let outcome = run_seen(&job, &controls, &mut Silent, |cycle| {
+        let setpoint = cycle.setpoint;
+        act(setpoint.sequence, cycle, &controls);
+        seen.lock().unwrap().push(Look {
+            position: [setpoint.position[0], setpoint.position[2]],
+            state: setpoint.state,
+            turning: cycle.turning.map(|output| output.state),
+            line: setpoint.line,
+        });
+    })
+    .unwrap();
+    (seen.into_inner().unwrap(), outcome)
+}
+
+/// Differences of positions against the machine's limits, without the guard.
+fn keeps_limits(looks: &[Look], setup: &Setup) {
+    let (limits, rate) = (setup.machine.limits(), setup.rate_hz());
+    for (k, axis) in [(0, 0), (1, 2)] {
+        for four in looks.windows(4) {
+            let p: Vec<f64> = four.iter().map(|look| look.position[k]).collect();
+            let first = (p[3] - p[2]) * rate;
+            let second = (p[3] - 2.0 * p[2] + p[1]) * rate * rate;
+            let third = (p[3] - 3.0 * p[2] + 3.0 * p[1] - p[0]) * rate.powi(3);
+            assert!(first.abs() <= 1.001 * limits.velocity[axis], "{first}");
+            assert!(
+                second.abs() <= 1.001 * limits.acceleration[axis] + 1.0,
+                "{second}"
+            );
+            assert!(third.abs() <= 1.02 * limits.jerk[axis] + 20.0, "{third}");
+        }
+    }
+}
+
+#[test]
+fn the_program_goes_on_behind_a_cycle_that_has_found_its_passes_and_the_same_bits_come_twice() {
+    for planner in [PlannerKind::Optimal, PlannerKind::Classic] {
+        let mut here = setup(Some(process()));
+        here.machine.path.planner = planner;
+        let (looks, outcome) = drive(PROGRAM, here.clone(), |_, _, _| {});
+        assert!(outcome.program.is_ok(), "{:?}", outcome.program);
+        assert_eq!((outcome.summary.outcome, outcome.fault), ("done", None));
+        keeps_limits(&looks, &here);
+        // The allowance is left by the cycle, and taken off by the pass behind it.
+        let lowest = |of: &dyn Fn(&&Look) -> bool| {
+            looks
+                .iter()
+                .filter(of)
+                .map(|look| look.position[0])
+                .fold(f64::INFINITY, f64::min)
+        };
+        assert!((lowest(&|look| look.turning.is_some()) - (FINAL_X + 0.3)).abs() < 1e-9);
+        assert!((lowest(&|look| look.turning.is_none()) - FINAL_X).abs() < 1e-9);
+        let cut = outcome.process.unwrap();
+        assert!(
+            cut.workpiece().height_mm(20.0).abs() < 0.02,
+            "{}",
+            cut.workpiece().height_mm(20.0)
+        );
+        // It begins and ends at the place of its line, to the last bit.
+        let first = looks.iter().position(|look| look.turning.is_some()).unwrap();
+        let last = looks.iter().rposition(|look| look.turning.is_some()).unwrap();
+        assert_eq!(looks[first - 1].position, [35.0, 300.0]);
+        assert_eq!(looks[last].position, [35.0, 300.0]);
+        assert_eq!(looks[last].turning, Some(TurningState::Done));
+        assert!(looks[first..=last].iter().all(|look| look.line == 7));
+        let again = drive(PROGRAM, here, |_, _, _| {}).0;
+        assert_eq!(looks.len(), again.len());
+        let same = |(a, b): (&Look, &Look)| a.position.map(f64::to_bits) == b.position.map(f64::to_bits);
+        assert!(looks.iter().zip(&again).all(same));
+    }
+}
+
+#[test]
+fn hold_override_and_stop_reach_the_cycle_wherever_it_is() {
+    let (whole, _) = drive(PROGRAM, setup(Some(process())), |_, _, _| {});
+    let first = whole.iter().position(|look| look.turning.is_some()).unwrap() as u64;
+    let last = whole.iter().rposition(|look| look.turning.is_some()).unwrap() as u64;
+    for share in [0.02, 0.31, 0.77, 0.98] {
+        let at = first + (share * (last - first) as f64) as u64;
+        let here = setup(Some(process()));
+        let (looks, outcome) = drive(PROGRAM, here.clone(), |k, _, controls| {
+            if k == at {
+                controls.set_hold(true);
+            } else if k == at + 2000 {
+                controls.set_hold(false);
+                controls.set_override(0.5);
+            }
+        });
+        assert_eq!(outcome.summary.outcome, "done", "held at {at}");
+        assert!(
+            looks
+                .iter()
+                .any(|look| look.state == State::Held && look.turning == Some(TurningState::Held))
+        );
+        assert!(looks.len() > whole.len() + 2000);
+        assert!(outcome.process.unwrap().workpiece().height_mm(20.0).abs() < 0.02);
+        keeps_limits(&looks, &here);
+        let (looks, outcome) = drive(PROGRAM, here.clone(), |k, _, controls| {
+            if k == at {
+                controls.stop();
+            }
+        });
+        assert_eq!(outcome.summary.outcome, "stopped", "stopped at {at}");
+        assert!((looks.len() as u64) < at + 2000);
+        assert_eq!(looks.last().map(|look| look.state), Some(State::Stopped));
+        keeps_limits(&looks, &here);
+    }
+}
+
+#[test]
+fn what_does_not_fit_is_refused_at_its_line_before_anything_moves() {
+    let refused = |program: &str, process: Option<TurningJob>| {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("turn.ngc");
+        std::fs::write(&file, program).unwrap();
+        let setup = setup(process);
+        let found = check(&file, &setup, CheckBounds::whole(5)).unwrap().errors;
+        let (looks, outcome) = drive(program, setup, |_, _, _| {});
+        assert!(looks.iter().all(|look| look.turning.is_none()));
+        let Err(ProgramError::Text { diagnostic, .. }) = outcome.program else {
+            panic!("it was run");
+        };
+        assert_eq!(found.first(), Some(&*diagnostic));
+        (diagnostic.line, diagnostic.message.clone())
+    };
+    for (from, to, expected) in [
+        ("S500 M3", "M3", "speed"),
+        ("S500 M3", "G96 S80 M3", "G96"),
+        ("S500 M3", "S20000 M3", "revolution"),
+        ("G0 X35", "G0 X60", "edge reaches"),
+        ("H0.3", "R80 L250", "cone"),
+        ("G0 Z300\n", "G0 Z598\n", "room"),
+    ] {
+        assert!(PROGRAM.contains(from), "{from}");
+        let (line, text) = refused(&PROGRAM.replace(from, to), Some(process()));
+        // Constant surface speed is refused by itself already.
+        assert_eq!(line, if to.contains("G96") { 2 } else { 7 }, "{to}: {text}");
+        assert!(text.contains(expected), "{to}: {text}");
+    }
+    let (line, text) = refused(PROGRAM, None);
+    assert!(line == 7 && text.contains("--process"), "{text}");
+}
+
+#[test]
+fn a_load_that_does_not_come_stops_the_run_with_the_alarm_of_the_sensor() {
+    let mut silent = process();
+    silent.blank = None;
+    let (looks, outcome) = drive(PROGRAM, setup(Some(silent)), |_, _, _| {});
+    assert_eq!(outcome.summary.alarm, Some(501));
+    assert!(outcome.fault.is_some_and(|text| text.contains("load sensor")));
+    assert_eq!(looks.last().map(|look| look.state), Some(State::Fault));
+}

@@ -1,0 +1,274 @@
+//! The axes of a machine file, and how they are homed.
+
+use evolvent_config::shortened;
+use evolvent_path::AxisLetter;
+
+use super::{ABSURD, Check};
+use crate::error::MachineError;
+use crate::file::{AxisFile, AxisKind, MachineFile};
+use crate::homing::{EndFile, HomingFile, HomingSettings};
+use crate::machine::{Axis, MachineKind};
+use crate::rate::GRAVITY_MM_S2;
+
+impl Check<'_> {
+    pub(super) fn homing(
+        &self,
+        raw: &[HomingFile],
+        axes: &[Axis],
+    ) -> Result<Vec<HomingSettings>, MachineError> {
+        let mut homing: Vec<HomingSettings> = Vec::new();
+        for (index, one) in raw.iter().enumerate() {
+            let at = format!("homing[{index}]");
+            let mut letters = one.axis.chars();
+            let letter = letters.next().and_then(AxisLetter::from_letter);
+            let axis = axes
+                .iter()
+                .find(|axis| Some(axis.letter) == letter && letters.as_str().is_empty());
+            let Some(axis) = axis else {
+                return Err(self.error(
+                    &format!("{at}.axis"),
+                    format!("{:?} is no axis of this machine", shortened(&one.axis)),
+                    "name an axis that has an [[axis]] table",
+                ));
+            };
+            if homing.iter().any(|known| known.axis == axis.letter) {
+                return Err(self.error(
+                    &format!("{at}.axis"),
+                    format!("axis {} is homed twice", axis.letter.letter()),
+                    "keep one of the tables",
+                ));
+            }
+            let rotary = axis.letter.is_rotary();
+            let unit = if rotary { "deg" } else { "mm" };
+            let value = |key: &str, mm: Option<f64>, deg: Option<f64>, suffix: &str| {
+                let (mine, other) = if rotary { (deg, mm) } else { (mm, deg) };
+                let name = format!("{key}_{unit}{suffix}");
+                if other.is_some() {
+                    return Err(self.error(
+                        &at,
+                        format!("axis {} takes {key} in {unit}", axis.letter.letter()),
+                        format!("write {name}"),
+                    ));
+                }
+                let value = self.required(&at, &name, mine)?;
+                Ok((format!("{at}.{name}"), value))
+            };
+            let (search_key, search_speed) = value("search", one.search_mm_s, one.search_deg_s, "_s")?;
+            let (latch_key, latch_speed) = value("latch", one.latch_mm_s, one.latch_deg_s, "_s")?;
+            let (switch_key, switch_position) = value("switch", one.switch_mm, one.switch_deg, "")?;
+            self.number(&search_key, search_speed, 1e-6, axis.max_velocity)?;
+            self.number(&latch_key, latch_speed, 1e-6, search_speed)?;
+            self.number(&switch_key, switch_position, -ABSURD, ABSURD)?;
+            let order = self.whole_number(&format!("{at}.order"), one.order, 0, 100)?;
+            homing.push(HomingSettings {
+                axis: axis.letter,
+                order,
+                negative: matches!(one.towards, EndFile::Negative),
+                search_speed,
+                latch_speed,
+                switch_position,
+            });
+        }
+        Ok(homing)
+    }
+
+    pub(super) fn axes(&self, raw: &MachineFile) -> Result<Vec<Axis>, MachineError> {
+        let mut axes: Vec<Axis> = Vec::new();
+        for (index, axis) in raw.axis.iter().enumerate() {
+            let axis = self.axis(&format!("axis[{index}]"), axis)?;
+            let letter = axis.letter.letter();
+            if let Some(first) = axes.iter().position(|other| other.letter == axis.letter) {
+                return Err(self.error(
+                    &format!("axis[{index}].letter"),
+                    format!("axis {letter} is there twice: axis[{first}] has that letter already"),
+                    "give each axis a letter of its own",
+                ));
+            }
+            if axis.letter.is_rotary() && raw.increments_per_degree.is_none() {
+                return Err(self.error(
+                    "increments_per_degree",
+                    format!("missing, but axis {letter} is rotary"),
+                    "add increments_per_degree at the top of the file, for example 1000",
+                ));
+            }
+            axes.push(axis);
+        }
+        if !axes.iter().any(|axis| !axis.letter.is_rotary()) {
+            return Err(self.error(
+                "axis",
+                format!("{} axes, none of them linear", axes.len()),
+                "add an [[axis]] with letter \"X\", \"Y\", \"Z\", \"U\", \"V\" or \"W\"",
+            ));
+        }
+        for letter in [AxisLetter::X, AxisLetter::Z] {
+            if raw.kind == MachineKind::Lathe && !axes.iter().any(|axis| axis.letter == letter) {
+                return Err(self.error(
+                    "axis",
+                    format!(
+                        "a lathe needs the axes X and Z, but {} is missing",
+                        letter.letter()
+                    ),
+                    "add that axis, or write kind = \"mill\"",
+                ));
+            }
+        }
+        Ok(axes)
+    }
+
+    fn axis(&self, at: &str, raw: &AxisFile) -> Result<Axis, MachineError> {
+        let mut letters = raw.letter.chars();
+        let letter = match (letters.next().and_then(AxisLetter::from_letter), letters.next()) {
+            (Some(letter), None) => letter,
+            _ => {
+                return Err(self.error(
+                    &format!("{at}.letter"),
+                    format!("{:?} is no axis", shortened(&raw.letter)),
+                    "use one of X, Y, Z, A, B, C, U, V, W",
+                ));
+            }
+        };
+        let rotary = letter.is_rotary();
+        if let Some(kind) = raw.kind
+            && (kind == AxisKind::Rotary) != rotary
+        {
+            let is = if rotary { "rotary" } else { "linear" };
+            return Err(self.error(
+                &format!("{at}.kind"),
+                format!("axis {} is {is}", letter.letter()),
+                format!(
+                    "write kind = \"{is}\", or use another letter: A, B, C are rotary, the others linear"
+                ),
+            ));
+        }
+        self.refuse_other_unit(at, letter, raw)?;
+        let (travel_min, travel_max, home) = if rotary {
+            (
+                self.required(at, "travel_min_deg", raw.travel_min_deg)?,
+                self.required(at, "travel_max_deg", raw.travel_max_deg)?,
+                ("home_deg", raw.home_deg),
+            )
+        } else {
+            (
+                self.required(at, "travel_min_mm", raw.travel_min_mm)?,
+                self.required(at, "travel_max_mm", raw.travel_max_mm)?,
+                ("home_mm", raw.home_mm),
+            )
+        };
+        let unit = if rotary { "deg" } else { "mm" };
+        if travel_min >= travel_max {
+            return Err(self.error(
+                &format!("{at}.travel_min_{unit}"),
+                format!("the travel begins at {travel_min} {unit} and ends at {travel_max} {unit}"),
+                "let the minimum be below the maximum",
+            ));
+        }
+        let home_key = format!("{at}.{}", home.0);
+        let home = home.1.unwrap_or(0.0);
+        if !(travel_min..=travel_max).contains(&home) {
+            return Err(self.error(
+                &home_key,
+                format!("home is {home} {unit}, outside the travel of {travel_min} to {travel_max} {unit}"),
+                "let home lie within the travel (it is 0 where it is not given)",
+            ));
+        }
+        let (velocity, acceleration, jerk) = if rotary {
+            (
+                vec![
+                    ("deg_min", raw.max_velocity_deg_min, 1.0 / 60.0),
+                    ("deg_s", raw.max_velocity_deg_s, 1.0),
+                ],
+                vec![("deg_s2", raw.max_acceleration_deg_s2, 1.0)],
+                vec![("deg_s3", raw.max_jerk_deg_s3, 1.0)],
+            )
+        } else {
+            (
+                vec![
+                    ("mm_min", raw.max_velocity_mm_min, 1.0 / 60.0),
+                    ("mm_s", raw.max_velocity_mm_s, 1.0),
+                ],
+                vec![
+                    ("mm_s2", raw.max_acceleration_mm_s2, 1.0),
+                    ("m_s2", raw.max_acceleration_m_s2, 1000.0),
+                    ("g", raw.max_acceleration_g, GRAVITY_MM_S2),
+                ],
+                vec![
+                    ("mm_s3", raw.max_jerk_mm_s3, 1.0),
+                    ("m_s3", raw.max_jerk_m_s3, 1000.0),
+                ],
+            )
+        };
+        Ok(Axis {
+            letter,
+            travel_min,
+            travel_max,
+            max_velocity: self.exactly_one_of(at, "max_velocity", &velocity)?,
+            max_acceleration: self.exactly_one_of(at, "max_acceleration", &acceleration)?,
+            max_jerk: self.exactly_one_of(at, "max_jerk", &jerk)?,
+            home,
+            following_error: self
+                .at_most_one_of(
+                    at,
+                    "following_error",
+                    &[
+                        ("mm", raw.following_error_mm, 1.0),
+                        ("deg", raw.following_error_deg, 1.0),
+                    ],
+                )?
+                .unwrap_or(0.5),
+            following_time_s: self.or_default(
+                &format!("{at}.following_time_ms"),
+                raw.following_time_ms,
+                20.0,
+                [0.0, 10_000.0],
+            )? / 1000.0,
+        })
+    }
+
+    /// A linear axis with keys in degrees, or a rotary one with keys in millimetres.
+    fn refuse_other_unit(&self, at: &str, letter: AxisLetter, raw: &AxisFile) -> Result<(), MachineError> {
+        let linear = [
+            ("travel_min_mm", raw.travel_min_mm),
+            ("travel_max_mm", raw.travel_max_mm),
+            ("home_mm", raw.home_mm),
+            ("following_error_mm", raw.following_error_mm),
+            ("max_velocity_mm_min", raw.max_velocity_mm_min),
+            ("max_velocity_mm_s", raw.max_velocity_mm_s),
+            ("max_acceleration_mm_s2", raw.max_acceleration_mm_s2),
+            ("max_acceleration_m_s2", raw.max_acceleration_m_s2),
+            ("max_acceleration_g", raw.max_acceleration_g),
+            ("max_jerk_mm_s3", raw.max_jerk_mm_s3),
+            ("max_jerk_m_s3", raw.max_jerk_m_s3),
+        ];
+        let rotary = [
+            ("travel_min_deg", raw.travel_min_deg),
+            ("travel_max_deg", raw.travel_max_deg),
+            ("home_deg", raw.home_deg),
+            ("following_error_deg", raw.following_error_deg),
+            ("max_velocity_deg_min", raw.max_velocity_deg_min),
+            ("max_velocity_deg_s", raw.max_velocity_deg_s),
+            ("max_acceleration_deg_s2", raw.max_acceleration_deg_s2),
+            ("max_jerk_deg_s3", raw.max_jerk_deg_s3),
+        ];
+        let (wrong, is, unit) = if letter.is_rotary() {
+            (
+                &linear[..],
+                "rotary",
+                "degrees (_deg, _deg_min or _deg_s, _deg_s2, _deg_s3)",
+            )
+        } else {
+            (
+                &rotary[..],
+                "linear",
+                "millimetres (_mm, _mm_min or _mm_s, _mm_s2, _mm_s3)",
+            )
+        };
+        match wrong.iter().find(|(_, value)| value.is_some()) {
+            None => Ok(()),
+            Some((key, _)) => Err(self.error(
+                &format!("{at}.{key}"),
+                format!("axis {} is {is} and has no such key", letter.letter()),
+                format!("give its travel and limits in {unit}"),
+            )),
+        }
+    }
+}

@@ -1,0 +1,253 @@
+//! From text to a checked machine, with the place of everything that is wrong.
+//!
+//! The text is parsed once into a table that knows the place of every key. Serde reads that table into the types of
+//! `file.rs` (unknown keys, missing keys, wrong kinds); then the numbers are checked here, and a bad one is looked up in
+//! the table by its dotted key.
+
+mod axes;
+mod numbers;
+
+use std::path::PathBuf;
+
+use evolvent_config::{Sheet, shortened};
+
+use crate::error::MachineError;
+use crate::file::{DrivesFile, MachineFile};
+use crate::machine::{
+    ControlRate, DriveSettings, MAX_RATE_HZ, MIN_RATE_HZ, Machine, PathMode, PathSettings, ProgramSettings,
+    RealtimeSettings, TraceSettings,
+};
+use crate::rate::DEFAULT_MIN_RADIUS_MM;
+
+/// No machine has a number beyond this, in mm, degrees and seconds; positions in increments fit into 63 bits.
+const ABSURD: f64 = 1e9;
+/// No limit or grid is finer than this, in mm, degrees and seconds.
+const TINY: f64 = 1e-6;
+
+pub(crate) fn machine(text: &str, file: &str) -> Result<Machine, MachineError> {
+    let sheet = Sheet::toml(text, file)?;
+    let raw: MachineFile = sheet.read_advised(|key| Some(advice_on_unknown(key)))?;
+    Check { sheet }.machine(raw)
+}
+
+struct Check<'a> {
+    sheet: Sheet<'a>,
+}
+
+impl Check<'_> {
+    fn error(&self, key: &str, what: String, advice: impl Into<String>) -> MachineError {
+        self.sheet.error(key, what, advice).into()
+    }
+
+    fn machine(&self, raw: MachineFile) -> Result<Machine, MachineError> {
+        self.name(&raw.name)?;
+        self.number("increments_per_mm", raw.increments_per_mm, 1e-3, ABSURD)?;
+        if let Some(increments) = raw.increments_per_degree {
+            self.number("increments_per_degree", increments, 1e-3, ABSURD)?;
+        }
+        if let ControlRate::Hz(hz) = raw.rate.0 {
+            self.number("rate", hz, MIN_RATE_HZ, MAX_RATE_HZ)?;
+        }
+        let lead_cycles = self.whole_number("lead_cycles", raw.lead_cycles, 1, 1000)?;
+        let axes = self.axes(&raw)?;
+        let max_feed_mm_s = self.at_most_one_of(
+            "limits",
+            "max_feed",
+            &[
+                ("mm_min", raw.limits.max_feed_mm_min, 1.0 / 60.0),
+                ("mm_s", raw.limits.max_feed_mm_s, 1.0),
+            ],
+        )?;
+        let machine = Machine {
+            homing: self.homing(&raw.homing, &axes)?,
+            path: self.path(&raw)?,
+            realtime: self.realtime(&raw)?,
+            program: self.program(&raw)?,
+            name: raw.name,
+            description: raw.description,
+            kind: raw.kind,
+            kinematics: raw.kinematics,
+            increments_per_mm: raw.increments_per_mm,
+            increments_per_degree: raw.increments_per_degree,
+            rate: raw.rate.0,
+            lead_cycles,
+            axes,
+            max_feed_mm_s,
+            trace: TraceSettings {
+                on_full: raw.trace.on_full,
+                cycles: raw.trace.cycles,
+            },
+            drives: self.drives(&raw.drives)?,
+        };
+        if let Err(error) = machine.rate_input().check() {
+            return Err(self.error(
+                "path.min_radius_mm",
+                error.to_string(),
+                "a larger radius, or more increments per mm",
+            ));
+        }
+        Ok(machine)
+    }
+
+    fn name(&self, name: &str) -> Result<(), MachineError> {
+        let good = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
+        let starts = name.starts_with(|c: char| c.is_ascii_alphanumeric());
+        if starts && name.len() <= 64 && name.chars().all(good) {
+            return Ok(());
+        }
+        Err(self.error(
+            "name",
+            format!("{:?} cannot be used in service and file names", shortened(name)),
+            "use 1 to 64 letters, digits, '-' and '_', beginning with a letter or digit",
+        ))
+    }
+
+    fn path(&self, raw: &MachineFile) -> Result<PathSettings, MachineError> {
+        let path = &raw.path;
+        let number = |key: &str, value: Option<f64>, default: f64, least: f64, most: f64| {
+            let value = value.unwrap_or(default);
+            self.number(&format!("path.{key}"), value, least, most)
+                .map(|()| value)
+        };
+        let blend_tolerance_mm = number("blend_tolerance_mm", path.blend_tolerance_mm, 0.01, 0.0, 100.0)?;
+        if path.mode == PathMode::Blend && blend_tolerance_mm < TINY {
+            return Err(self.error(
+                "path.blend_tolerance_mm",
+                format!("{blend_tolerance_mm} mm leaves no room for a blend"),
+                "give a tolerance of at least 0.000001 mm, or write mode = \"exact\"",
+            ));
+        }
+        let one_increment_mm = (1.0 / raw.increments_per_mm).max(1e-3);
+        Ok(PathSettings {
+            planner: path.planner,
+            mode: path.mode,
+            blend_tolerance_mm,
+            joint_time_s: number("joint_time_ms", path.joint_time_ms, 1.0, 1e-3, 1000.0)? / 1000.0,
+            chord_error_increments: number(
+                "chord_error_increments",
+                path.chord_error_increments,
+                1.0,
+                1e-3,
+                1e6,
+            )?,
+            min_radius_mm: number(
+                "min_radius_mm",
+                path.min_radius_mm,
+                DEFAULT_MIN_RADIUS_MM,
+                TINY,
+                1e6,
+            )?,
+            arc_radius_tolerance_mm: number(
+                "arc_radius_tolerance_mm",
+                path.arc_radius_tolerance_mm,
+                // Both ends and the centre rounded to 0.01 mm, as LinuxCNC allows.
+                0.02 * std::f64::consts::SQRT_2,
+                TINY,
+                100.0,
+            )?,
+            arc_radius_tolerance_ratio: number(
+                "arc_radius_tolerance_ratio",
+                path.arc_radius_tolerance_ratio,
+                0.001,
+                0.0,
+                1.0,
+            )?,
+            involute_end_tolerance_mm: number(
+                "involute_end_tolerance_mm",
+                path.involute_end_tolerance_mm,
+                one_increment_mm,
+                TINY,
+                1000.0,
+            )?,
+        })
+    }
+
+    fn realtime(&self, raw: &MachineFile) -> Result<RealtimeSettings, MachineError> {
+        let realtime = &raw.realtime;
+        let core = match realtime.core {
+            Some(core) => Some(self.whole_number::<usize>("realtime.core", core, 0, 4095)?),
+            None => None,
+        };
+        Ok(RealtimeSettings {
+            priority: self.whole_number("realtime.priority", realtime.priority.unwrap_or(80), 2, 98)?,
+            core,
+            lock_memory: realtime.lock_memory.unwrap_or(true),
+            max_late_cycles: self.whole_number(
+                "realtime.max_late_cycles",
+                realtime.max_late_cycles.unwrap_or(1000),
+                0,
+                1_000_000,
+            )?,
+        })
+    }
+
+    fn program(&self, raw: &MachineFile) -> Result<ProgramSettings, MachineError> {
+        let program = &raw.program;
+        let path = |key: &str, text: &str| {
+            if text.is_empty() || text.contains('\0') {
+                let advice = "name a file or folder, or leave the key out";
+                return Err(self.error(&format!("program.{key}"), "this is no path".to_owned(), advice));
+            }
+            Ok(PathBuf::from(text))
+        };
+        let optional =
+            |key: &str, text: &Option<String>| text.as_deref().map(|text| path(key, text)).transpose();
+        let mut user_codes = Vec::new();
+        for (index, code) in program.user_codes.iter().enumerate() {
+            user_codes.push(self.whole_number(&format!("program.user_codes[{index}]"), *code, 100, 199)?);
+        }
+        let user_code_timeout_s = program.user_code_timeout_s.unwrap_or(10.0);
+        self.number("program.user_code_timeout_s", user_code_timeout_s, 0.1, 86_400.0)?;
+        let folders = program.subroutines.iter().enumerate();
+        Ok(ProgramSettings {
+            tool_table: optional("tool_table", &program.tool_table)?,
+            without_tool_table: program.without_tool_table,
+            tool_change: program.tool_change,
+            parameters: optional("parameters", &program.parameters)?,
+            subroutines: folders
+                .map(|(index, text)| path(&format!("subroutines[{index}]"), text))
+                .collect::<Result<_, _>>()?,
+            user_codes,
+            user_code_folder: optional("user_code_folder", &program.user_code_folder)?,
+            user_code_timeout_s,
+            turning_cycles: program.turning_cycles,
+            load_channel: program.load_channel,
+        })
+    }
+
+    fn drives(&self, raw: &DrivesFile) -> Result<DriveSettings, MachineError> {
+        let timeout = raw.feedback_timeout_ms;
+        let timeout_ms = self.or_default("drives.feedback_timeout_ms", timeout, 20.0, [1.0, 1000.0])?;
+        let enable = raw.enable_timeout_ms;
+        let enable_ms = self.or_default("drives.enable_timeout_ms", enable, 2000.0, [10.0, 60_000.0])?;
+        Ok(DriveSettings {
+            feedback: raw.feedback,
+            feedback_timeout_s: timeout_ms / 1000.0,
+            enable_timeout_s: enable_ms / 1000.0,
+            follow_clock: raw.follow_clock.unwrap_or(true),
+        })
+    }
+}
+
+/// What to do about a key that there is not: most often its unit is missing.
+fn advice_on_unknown(key: &str) -> String {
+    let unit = match key {
+        "max_velocity" => "max_velocity_mm_min or max_velocity_mm_s (rotary: _deg_min or _deg_s)",
+        "max_acceleration" => {
+            "max_acceleration_mm_s2, max_acceleration_m_s2 or max_acceleration_g (rotary: _deg_s2)"
+        }
+        "max_jerk" => "max_jerk_mm_s3 or max_jerk_m_s3 (rotary: _deg_s3)",
+        "travel_min" => "travel_min_mm (rotary: travel_min_deg)",
+        "travel_max" => "travel_max_mm (rotary: travel_max_deg)",
+        "home" => "home_mm (rotary: home_deg)",
+        "following_error" => "following_error_mm (rotary: following_error_deg)",
+        "following_time" => "following_time_ms",
+        "feedback_timeout" => "feedback_timeout_ms",
+        "enable_timeout" => "enable_timeout_ms",
+        "blend_tolerance" => "blend_tolerance_mm",
+        "joint_time" => "joint_time_ms",
+        "max_feed" => "max_feed_mm_min or max_feed_mm_s",
+        _ => return "correct the spelling, or remove the key".to_owned(),
+    };
+    format!("the unit is missing: write {unit}")
+}

@@ -1,0 +1,419 @@
+//! One period along the plan.
+
+use evolvent_path::{Axes, Jet};
+use evolvent_planner::{Flow, Outcome, Profile, Run, ScalarLimits, ScalarState, Segment, Step};
+
+use crate::cursor::{Cursor, Drive, RunDrive};
+use crate::motion::Motion;
+use crate::queue::PlanConsumer;
+use crate::setpoint::Inputs;
+use crate::slowdown::Ahead;
+use crate::state::State;
+
+/// Steps, segments and marks passed in one cycle at the most. Pieces are as short as the path's shortest blocks
+/// make them, so only a broken plan comes near it.
+const MOST_PER_CYCLE: usize = 4096;
+/// Steps at rest that take no time and are passed in one cycle at the most: a program may have thousands in a row, more
+/// than the queue holds.
+pub(crate) const MOST_RESTS_PER_CYCLE: u64 = 32;
+/// What rounding leaves between a rest at the end of a move and its end, parameter units.
+const END_ROUNDING: f64 = 1e-11;
+/// A block that starts within this of a piece's end starts with the next piece, parameter units: path lengths and the
+/// places of blocks are sums of their own.
+const NEXT_PIECE: f64 = 1e-6;
+
+impl Motion {
+    /// Advances the cursor by one period.
+    pub(crate) fn advance(
+        &mut self,
+        cursor: &mut Cursor,
+        inputs: &Inputs,
+        changed: bool,
+        queue: &mut PlanConsumer,
+    ) {
+        let standing = self.is_told_to_stand(cursor, inputs);
+        let brake = standing || self.feed_override == 0.0;
+        // A profile is solved once, and again only when something that it was solved for has changed.
+        if let Drive::Run(run) = &mut cursor.drive
+            && (brake != run.braking || (changed && !brake))
+        {
+            let (now, _) = run.profile.at(run.time);
+            run.solve(now, brake, self.feed_override, cursor.step, queue);
+        }
+        let mut left = match &mut cursor.slowdown {
+            Some(slowdown) => {
+                let mut ahead = Ahead {
+                    preview: &mut self.preview,
+                    queue,
+                    limits: &self.limits,
+                    tail: self.withhold,
+                };
+                let left = slowdown.advance(self.period, &mut ahead);
+                self.waited |= self.preview.take_met_tail();
+                left
+            }
+            None => self.period,
+        };
+        let rests = cursor.rests;
+        for _ in 0..MOST_PER_CYCLE {
+            match &mut cursor.drive {
+                Drive::Run(run) => {
+                    let rest = run.profile.duration() - run.time;
+                    if left < rest || run.profile.outcome() == Outcome::Rests {
+                        run.time = (run.time + left).min(run.profile.duration());
+                        break;
+                    }
+                    left -= rest.max(0.0);
+                    let (end, length) = (run.profile.end(), run.length);
+                    cursor.step += 1;
+                    cursor.travelled += length;
+                    cursor.segment_start -= length;
+                    cursor.drive = Drive::Still;
+                    cursor.rest_x = end.x - length;
+                    let carried = ScalarState {
+                        x: cursor.rest_x,
+                        ..end
+                    };
+                    self.enter(cursor, carried, brake, inputs, queue);
+                }
+                Drive::Flow { flow, time } => {
+                    let rest = flow.piece.duration - *time;
+                    if left < rest {
+                        *time += left;
+                        break;
+                    }
+                    left -= rest.max(0.0);
+                    let flow = *flow;
+                    cursor.leave(&flow);
+                    let (next, is_final) = queue.claim_successor(cursor.step);
+                    cursor.step = next;
+                    // A rest of the plan ends a slowdown, and what has not been final is entered from rest like any other.
+                    let stays = (cursor.slowdown.is_some() || !is_final) && flow.rests_at_end();
+                    if let Some(Step::Flow(flow)) = queue.step(next)
+                        && !stays
+                    {
+                        cursor.starved |= !is_final;
+                        cursor.start(flow);
+                    } else {
+                        // Rest steps take effect in the cycle after. At rest as planned, nothing is left to be slowed.
+                        cursor.slowdown = None;
+                        break;
+                    }
+                }
+                Drive::Still => {
+                    if std::mem::take(&mut cursor.stays) {
+                        break;
+                    }
+                    if cursor.dwell > 0.0 {
+                        if !standing {
+                            cursor.dwell -= left;
+                        }
+                        if cursor.dwell > 0.0 {
+                            break;
+                        }
+                        cursor.dwell = 0.0;
+                        cursor.step += 1;
+                        cursor.rests += 1;
+                        break;
+                    }
+                    if cursor.rests - rests >= MOST_RESTS_PER_CYCLE {
+                        break;
+                    }
+                    let from = ScalarState {
+                        x: cursor.rest_x,
+                        v: 0.0,
+                        a: 0.0,
+                    };
+                    if !self.enter(cursor, from, brake, inputs, queue) {
+                        break;
+                    }
+                }
+            }
+        }
+        if cursor.slowdown.is_some_and(|slowdown| slowdown.is_at_rest())
+            && let Drive::Flow { flow, .. } = cursor.drive
+        {
+            // Within a piece: that the slowdown stays tells that it goes on from there with a new plan only.
+            let x = cursor.now().0.x;
+            cursor.leave(&flow);
+            cursor.rest_x = x;
+            cursor.travelled = flow.path + x;
+        }
+        self.settle(cursor, standing, inputs);
+    }
+
+    /// Enters the next step; `false` where it has to be waited for.
+    fn enter(
+        &mut self,
+        cursor: &mut Cursor,
+        from: ScalarState,
+        brake: bool,
+        inputs: &Inputs,
+        queue: &mut PlanConsumer,
+    ) -> bool {
+        let Some(step) = queue.step(cursor.step) else {
+            self.waited = true;
+            return false;
+        };
+        let moving = from.v > 0.0;
+        if !moving && brake {
+            return false;
+        }
+        match step {
+            Step::Run(run) => {
+                let is_final = queue.is_final(cursor.step);
+                if !moving && (!is_final || self.withhold) {
+                    self.waited = true;
+                    return false;
+                }
+                cursor.starved = !is_final;
+                cursor.drive = Drive::Run(RunDrive::new(
+                    &run,
+                    from,
+                    brake,
+                    self.feed_override,
+                    cursor.step,
+                    queue,
+                ));
+            }
+            Step::Flow(flow) => {
+                // A plan for another override is replaced before it is driven.
+                let is_known = queue.is_final(cursor.step) && !self.withhold;
+                if cursor.slowdown.is_some() || !self.plan_fits(brake) || !is_known {
+                    self.waited = true;
+                    return false;
+                }
+                cursor.starved = false;
+                cursor.start(flow);
+            }
+            Step::Wait => {
+                self.waited = true;
+                return false;
+            }
+            Step::Dwell { seconds, line } => {
+                cursor.line = line;
+                cursor.dwell = seconds;
+                if seconds <= 0.0 {
+                    cursor.pass_rest();
+                }
+            }
+            Step::ProgramStop { line } => {
+                cursor.line = line;
+                // A wish to go on that came before the machine stood here is none: nobody can have meant this stop.
+                let stood_here = cursor.state == State::ProgramStop;
+                if !inputs.resume || self.resume_seen || !stood_here {
+                    cursor.state = State::ProgramStop;
+                    return false;
+                }
+                self.resume_seen = true;
+                cursor.state = State::Running;
+                cursor.pass_rest();
+            }
+            Step::Action { action, line } => {
+                cursor.line = line;
+                cursor.actions = action + 1;
+                cursor.pass_rest();
+            }
+            Step::Turning { line } => {
+                cursor.line = line;
+                if queue.is_final(cursor.step) && !self.withhold {
+                    cursor.state = State::Running;
+                    cursor.turns = true;
+                } else {
+                    self.waited = true;
+                }
+                return false;
+            }
+            Step::End { line } => {
+                if line > 0 {
+                    cursor.line = line;
+                }
+                cursor.state = State::Done;
+                return false;
+            }
+        }
+        true
+    }
+
+    /// The state after the step.
+    fn settle(&mut self, cursor: &mut Cursor, standing: bool, inputs: &Inputs) {
+        if !inputs.resume {
+            self.resume_seen = false;
+        }
+        if matches!(cursor.state, State::Done | State::Fault) {
+            return;
+        }
+        let still = match &cursor.drive {
+            Drive::Still => true,
+            Drive::Run(run) => run.profile.at(run.time).0.v == 0.0 && run.profile.outcome() == Outcome::Rests,
+            Drive::Flow { .. } => false,
+        };
+        cursor.state = if self.stop {
+            if still { State::Stopped } else { State::Stopping }
+        } else if standing {
+            if still { State::Held } else { State::Holding }
+        } else if cursor.dwell > 0.0 {
+            State::Dwell
+        } else if cursor.is_still() && cursor.state == State::ProgramStop {
+            State::ProgramStop
+        } else if cursor.is_still() && cursor.state == State::Idle {
+            State::Idle
+        } else {
+            State::Running
+        };
+    }
+
+    /// Position and time derivatives at the cursor; passes segments and blocks that lie behind.
+    pub(crate) fn evaluate(&self, cursor: &mut Cursor, queue: &mut PlanConsumer) -> (Jet, Option<Segment>) {
+        let (now, jerk) = cursor.now();
+        cursor.joint = false;
+        if let Some((stretch, from)) = cursor.piece_at {
+            for _ in 0..MOST_PER_CYCLE {
+                if cursor.segment >= stretch {
+                    break;
+                }
+                cursor.segment += 1;
+                cursor.joint |= queue
+                    .segment(cursor.segment)
+                    .is_some_and(|segment| segment.marks.joint);
+            }
+            cursor.segment_start = -from;
+        }
+        let Some(mut segment) = queue.segment(cursor.segment) else {
+            return (at_rest(self.last), None);
+        };
+        if matches!(cursor.drive, Drive::Run(_)) {
+            for _ in 0..MOST_PER_CYCLE {
+                if now.x < cursor.segment_start + segment.length {
+                    break;
+                }
+                let Some(next) = queue.segment(cursor.segment + 1) else {
+                    break;
+                };
+                cursor.segment_start += segment.length;
+                cursor.segment += 1;
+                cursor.joint |= next.marks.joint;
+                segment = next;
+            }
+        }
+        let path = cursor.path();
+        // Where the path rests at the piece's end, it is a matter of the planner's speed whether the block behind is
+        // known yet.
+        let next_piece = match &cursor.drive {
+            Drive::Flow { flow, .. } => {
+                let length = flow.piece.length;
+                flow.path + (length - NEXT_PIECE).max(0.5 * length)
+            }
+            _ => f64::INFINITY,
+        };
+        for _ in 0..MOST_PER_CYCLE {
+            match queue.mark(cursor.mark) {
+                Some(mark)
+                    if path + END_ROUNDING >= mark.start && mark.start < next_piece && !cursor.is_still() =>
+                {
+                    cursor.mark += 1;
+                    (cursor.line, cursor.block) = (mark.line, mark.block);
+                }
+                _ => break,
+            }
+        }
+        let x = (now.x - cursor.segment_start).min(segment.length);
+        let mut place = segment.jet(x);
+        // At rest at the end of a move the place is the programmed one to the last bit.
+        let last = segment.from + segment.length >= segment.curve.domain() - END_ROUNDING;
+        if cursor.is_still() && last && segment.length - x <= END_ROUNDING {
+            place.position = segment.curve.end();
+        }
+        if cursor.is_still() {
+            // Zero times a derivative may be -0.0, and whether there is a segment yet is a matter of the planner's speed.
+            return (at_rest(place), Some(segment));
+        }
+        (by_time(&place, now.v, now.a, jerk), Some(segment))
+    }
+}
+
+/// The same place without motion.
+fn at_rest(place: Jet) -> Jet {
+    Jet {
+        position: place.position,
+        first: Axes::zeros(),
+        second: Axes::zeros(),
+        third: Axes::zeros(),
+    }
+}
+
+/// Position and derivatives by time, of those by the path parameter, which has this speed, acceleration and jerk.
+pub(crate) fn by_time(place: &Jet, v: f64, a: f64, jerk: f64) -> Jet {
+    Jet {
+        position: place.position,
+        first: place.first * v,
+        second: place.second * (v * v) + place.first * a,
+        third: place.third * (v * v * v) + place.second * (3.0 * v * a) + place.first * jerk,
+    }
+}
+
+impl Cursor {
+    /// The step at rest is over.
+    pub(crate) fn pass_rest(&mut self) {
+        self.step += 1;
+        self.rests += 1;
+    }
+
+    /// Drives a piece from its start.
+    pub(crate) fn start(&mut self, flow: Flow) {
+        self.drive = Drive::Flow { flow, time: 0.0 };
+        self.interval = flow.piece.interval;
+        self.piece_at = Some((flow.piece.stretch, flow.piece.from));
+        self.travelled = flow.path;
+    }
+
+    /// At rest at the end of a piece.
+    fn leave(&mut self, flow: &Flow) {
+        self.drive = Drive::Still;
+        self.rest_x = flow.piece.length;
+        self.travelled = flow.path + flow.piece.length;
+    }
+}
+
+impl RunDrive {
+    fn new(
+        run: &Run,
+        from: ScalarState,
+        brake: bool,
+        feed_override: f64,
+        step: u64,
+        queue: &PlanConsumer,
+    ) -> Self {
+        let mut drive = Self {
+            length: run.length,
+            limits: run.limits,
+            feed: run.feed,
+            profile: Profile::at_rest(from.x),
+            time: 0.0,
+            braking: brake,
+        };
+        drive.solve(from, brake, feed_override, step, queue);
+        drive
+    }
+
+    fn solve(&mut self, from: ScalarState, brake: bool, feed_override: f64, step: u64, queue: &PlanConsumer) {
+        let exits = queue.exit(step);
+        self.profile = if brake {
+            Profile::brake(from, self.length, exits.doubled, &self.limits)
+        } else {
+            let limits = ScalarLimits {
+                velocity: self.limits.velocity.min(self.feed * feed_override),
+                ..self.limits
+            };
+            Profile::solve(
+                from,
+                self.length,
+                exits.at_override(feed_override),
+                exits.doubled,
+                &limits,
+            )
+        };
+        self.braking = brake;
+        self.time = 0.0;
+    }
+}

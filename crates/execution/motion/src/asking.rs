@@ -1,0 +1,394 @@
+//! Requesting another plan from the planner, and taking it over.
+//!
+//! A plan of pieces is made for one override. When another is wanted the cycle requests a plan from the position where it will
+//! be a lead time later, and goes on until then; the answer takes over at just that setpoint. A lower override slows the plan
+//! down meanwhile ([`Slowdown`]), and the request is made once that is at a constant rate. At rest there is no hurry: the
+//! cycle waits until the answer comes. Holds and stops need no planner.
+//!
+//! [`Slowdown`]: crate::slowdown::Slowdown
+
+use evolvent_planner::{Flow, Request, Step};
+
+use crate::advance::MOST_RESTS_PER_CYCLE;
+use crate::cursor::{Cursor, Drive};
+use crate::motion::Motion;
+use crate::plan_preview::LONGEST_PREVIEW_S;
+use crate::queue::PlanConsumer;
+use crate::scale::Scale;
+use crate::setpoint::Inputs;
+use crate::state::State;
+
+/// Time from a request to where its answer takes over, s: a re-plan takes half of it at the most.
+const LEAD_S: f64 = 0.010;
+/// Cycles of lead at the least.
+const LEAST_LEAD: u64 = 2;
+/// How often the time between requests in motion that come to nothing doubles at most: 0.3 s then.
+const MOST_DOUBLINGS: u32 = 6;
+/// Pieces that a place ahead is looked for in.
+const MOST_AHEAD: usize = 1 << 15;
+
+/// A request that is open.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Asked {
+    id: u64,
+    factor: f64,
+    /// Its answer follows the setpoint of this number; none at rest.
+    after: Option<u64>,
+}
+
+/// What the cycle has asked for, and how that went.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Asking {
+    /// The override that the pieces ahead were planned for.
+    pub(crate) factor: f64,
+    open: Option<Asked>,
+    asked: u64,
+    /// Requests in a row that were not met.
+    unanswered: u32,
+    /// No further request before this setpoint: the last one could not be met.
+    not_before: u64,
+    /// Requests in motion in a row that came to nothing, and the setpoint before which there is no other. Each has the planner
+    /// append a window that is never driven, so an input that does not rest must not make one every few cycles.
+    wasted: u32,
+    waste_until: u64,
+    /// One of them may have been answered by now: then the planner goes on from there, and not on the plan that is driven.
+    may_have_left: bool,
+    pub(crate) lead: u64,
+}
+
+impl Asking {
+    pub(crate) fn new(period: f64) -> Self {
+        Self {
+            factor: 1.0,
+            open: None,
+            asked: 0,
+            unanswered: 0,
+            not_before: 0,
+            wasted: 0,
+            waste_until: 0,
+            may_have_left: false,
+            lead: ((LEAD_S / period).ceil() as u64).max(LEAST_LEAD),
+        }
+    }
+
+    /// Whether a request is open.
+    pub(crate) fn has_open(&self) -> bool {
+        self.open.is_some()
+    }
+
+    /// Whether a plan for this override has been requested, and the planner has not failed to give one in time.
+    pub(crate) fn is_waiting_for(&self, factor: f64) -> bool {
+        self.unanswered == 0 && self.open.is_some_and(|open| open.factor == factor)
+    }
+
+    /// What was asked for is met no more; the next setpoint is number `sequence`.
+    pub(crate) fn withdraw(&mut self, sequence: u64) {
+        if let Some(Asked { after: Some(_), .. }) = self.open.take() {
+            self.waste(sequence);
+        }
+    }
+
+    fn waste(&mut self, sequence: u64) {
+        self.may_have_left = true;
+        self.wasted = (self.wasted + 1).min(MOST_DOUBLINGS);
+        self.waste_until = sequence + (self.lead << self.wasted) / 2;
+    }
+
+    /// The pieces to come are planned for this override.
+    pub(crate) fn planned_for(&mut self, factor: f64) {
+        self.factor = factor;
+    }
+
+    /// A plan has been taken over.
+    fn is_met(&mut self) {
+        (self.unanswered, self.wasted, self.may_have_left) = (0, 0, false);
+    }
+
+    fn miss(&mut self) {
+        self.unanswered = self.unanswered.saturating_add(1);
+    }
+}
+
+impl Motion {
+    /// Whether a plan ahead may be driven as it is.
+    pub(crate) fn plan_fits(&self, brake: bool) -> bool {
+        let asking = &self.asking;
+        asking.open.is_none() && !brake && asking.factor == self.feed_override && !asking.may_have_left
+    }
+
+    /// Takes over an answer that is due.
+    pub(crate) fn take_answer(&mut self, cursor: &mut Cursor, queue: &mut PlanConsumer) {
+        let Some(open) = self.asking.open else { return };
+        let answer = match open.after {
+            Some(after) if self.sequence <= after => return,
+            _ if self.withhold => None,
+            _ => queue.answer(open.id),
+        };
+        match answer {
+            // The plan is being slowed down by now: the place that the answer was made for is not met.
+            Some(_) if open.after.is_some() && (cursor.state == State::Fault || cursor.is_still()) => {
+                self.asking.withdraw(self.sequence);
+            }
+            Some(answer) => {
+                self.asking.open = None;
+                let step = answer.step.filter(|_| !self.refuse);
+                match step.map(|step| (step, queue.step(step))) {
+                    // In motion the next piece must be there; at rest it may still come.
+                    Some((step, Some(Step::Flow(flow)))) if open.after.is_some() => {
+                        cursor.step = step;
+                        cursor.starved = false;
+                        cursor.slowdown = None;
+                        cursor.start(flow);
+                        self.asking.factor = open.factor;
+                        self.asking.is_met();
+                        queue.took_answer(open.id);
+                    }
+                    // Taking it over frees the queue of what lies before, which the planner may need to hand on the new plan: so
+                    // that is entered in a later cycle, whether it has come already or not.
+                    Some((step, _)) if open.after.is_none() => {
+                        cursor.step = step;
+                        cursor.stays = true;
+                        cursor.starved = false;
+                        cursor.slowdown = None;
+                        self.asking.factor = open.factor;
+                        self.asking.is_met();
+                        queue.took_answer(open.id);
+                    }
+                    _ => {
+                        self.refused = true;
+                        self.asking.not_before = self.sequence + self.asking.lead;
+                        self.asking.miss();
+                        if open.after.is_some() {
+                            self.asking.waste(self.sequence);
+                        }
+                    }
+                }
+            }
+            // At rest there is time.
+            None if open.after.is_none() => self.waited = true,
+            None => {
+                self.waited = true;
+                self.asking.open = None;
+                self.asking.miss();
+                self.asking.waste(self.sequence);
+            }
+        }
+    }
+
+    /// Asks where something else is wanted than the pieces ahead were planned for.
+    pub(crate) fn ask(&mut self, inputs: &Inputs, queue: &mut PlanConsumer) {
+        let cursor = self.cursor;
+        if self.asking.open.is_some()
+            || self.quick_stop.is_some()
+            || matches!(cursor.state, State::Done | State::Fault | State::Stopped)
+        {
+            return;
+        }
+        if self.is_told_to_stand(&cursor, inputs) || self.feed_override == 0.0 {
+            return;
+        }
+        let needs_other = self.feed_override != self.asking.factor || self.asking.may_have_left;
+        if self.sequence < self.asking.not_before {
+            return;
+        }
+        match cursor.drive {
+            Drive::Run(_) => {}
+            Drive::Flow { flow, time } => {
+                let rate = match cursor.slowdown {
+                    None => Some(1.0),
+                    Some(slowdown) => slowdown.steady_rate().filter(|rate| *rate > 0.0),
+                };
+                let fits = !needs_other && !cursor.starved && cursor.slowdown.is_none();
+                let may_ask = self.sequence >= self.asking.waste_until && !queue.has_no_planner();
+                let Some(rate) = rate.filter(|_| !fits && may_ask) else {
+                    return;
+                };
+                let seconds = self.period * self.asking.lead as f64;
+                if let Some((flow, time)) = foresee(cursor.step, flow, time + rate * seconds, queue) {
+                    let (state, jerk) = flow.piece.law.at(time);
+                    let steady = Scale {
+                        rate,
+                        first: 0.0,
+                        second: 0.0,
+                    };
+                    let (state, _) = steady.apply(state, jerk);
+                    // The last setpoint is number `sequence - 1`.
+                    let after = self.sequence - 1 + self.asking.lead;
+                    let request = Request {
+                        rate,
+                        ..place(&flow, state.x, state.v, state.a)
+                    };
+                    self.send(Some(after), request, queue);
+                }
+            }
+            Drive::Still => match queue.step(cursor.step) {
+                // A stop has ended within a piece.
+                Some(Step::Flow(flow)) if cursor.slowdown.is_some() => {
+                    self.send(None, place(&flow, cursor.rest_x, 0.0, 0.0), queue);
+                }
+                Some(Step::Flow(flow)) if needs_other => {
+                    self.send(None, place(&flow, 0.0, 0.0, 0.0), queue);
+                }
+                Some(Step::Wait) => {
+                    let rest = Request {
+                        segment: cursor.segment,
+                        offset: cursor.rest_x - cursor.segment_start,
+                        interval: cursor.interval,
+                        ..EMPTY
+                    };
+                    self.send(None, rest, queue);
+                }
+                _ => {}
+            },
+        }
+    }
+
+    fn send(&mut self, after: Option<u64>, place: Request, queue: &mut PlanConsumer) {
+        self.asking.asked += 1;
+        let request = Request {
+            id: self.asking.asked,
+            rests: self.cursor.rests,
+            feed_factor: self.feed_override,
+            ..place
+        };
+        if queue.ask(request) {
+            self.asking.open = Some(Asked {
+                id: request.id,
+                factor: request.feed_factor,
+                after,
+            });
+        } else {
+            self.asking.miss();
+        }
+    }
+
+    /// Whether the axes stand, not at the plan's end, and nobody is left to plan on.
+    pub fn is_stuck(&self, queue: &mut PlanConsumer) -> bool {
+        if !queue.has_no_planner() || !self.is_at_rest() || self.is_over() || self.turning.is_some() {
+            return false;
+        }
+        let step = self.cursor.step;
+        let goes_on = match queue.step(step) {
+            None | Some(Step::Wait) => false,
+            Some(_) => queue.is_final(step),
+        };
+        self.asking.open.is_some() || !goes_on
+    }
+
+    /// Whether the next step meets nothing that the planner may still change, so that it does not depend on how
+    /// fast the planner is. The virtual clock waits for this.
+    pub fn is_ready(&self, queue: &mut PlanConsumer) -> bool {
+        let cursor = &self.cursor;
+        if self.is_over() || self.quick_stop.is_some() || self.turning.is_some() || queue.is_abandoned() {
+            return true;
+        }
+        // With the virtual clock a request that finds no room is made in the next step: the planner takes the older ones.
+        if !queue.can_ask() && !queue.has_no_planner() {
+            return false;
+        }
+        let mut step = cursor.step;
+        if let Some(open) = self.asking.open {
+            let due = open.after.is_none_or(|after| self.sequence > after);
+            let answer = if due { queue.answer(open.id) } else { None };
+            if due && answer.is_none() && !queue.has_no_planner() {
+                return false;
+            }
+            // The step after this goes on where the answer says: that must be known as well.
+            if due && open.after.is_none() {
+                return true;
+            }
+            if let Some(next) = answer.and_then(|answer| answer.step)
+                && queue.step(next).is_none()
+            {
+                return queue.has_no_planner();
+            }
+        }
+        let first = step;
+        let (flow, time) = match cursor.drive {
+            Drive::Flow { flow, time } => (flow, time),
+            Drive::Run(_) => return queue.has_final_ahead(step),
+            // Steps at rest that take no time are passed in one cycle: what follows them must be known, if it gets there.
+            Drive::Still => loop {
+                if step >= first + MOST_RESTS_PER_CYCLE {
+                    return true;
+                }
+                match queue.step(step) {
+                    None => return false,
+                    Some(Step::Run(_)) => return queue.has_final_ahead(cursor.step),
+                    Some(Step::Flow(flow)) if queue.is_final(step) => break (flow, 0.0),
+                    Some(Step::Flow(_)) => return false,
+                    Some(Step::Wait | Step::End { .. }) => return true,
+                    Some(Step::Turning { .. }) => return queue.is_final(step),
+                    Some(Step::Dwell { seconds, .. }) if seconds > 0.0 => return queue.is_final(step),
+                    Some(Step::Dwell { .. } | Step::Action { .. } | Step::ProgramStop { .. }) => step += 1,
+                }
+            },
+        };
+        // Everything that the step, or a request that it makes, can see.
+        let mut left = time + self.period * (2 * self.asking.lead + 4) as f64 - flow.piece.duration;
+        if cursor.slowdown.is_some() {
+            left += LONGEST_PREVIEW_S;
+        }
+        // A tail that was claimed is driven to its end.
+        let mut tail = cursor.starved;
+        for _ in 0..MOST_AHEAD {
+            if left < 0.0 {
+                return true;
+            }
+            let (next, is_final) = queue.successor(step);
+            tail |= queue.is_claimed(step);
+            match queue.step(next) {
+                Some(Step::Flow(flow)) if is_final || tail => left -= flow.piece.duration,
+                Some(Step::Flow(_)) | None => return false,
+                Some(_) => return true,
+            }
+            step = next;
+        }
+        true
+    }
+}
+
+const EMPTY: Request = Request {
+    id: 0,
+    segment: 0,
+    offset: 0.0,
+    interval: 0,
+    v: 0.0,
+    a: 0.0,
+    rests: 0,
+    rate: 1.0,
+    feed_factor: 1.0,
+};
+
+fn place(flow: &Flow, x: f64, v: f64, a: f64) -> Request {
+    Request {
+        segment: flow.piece.stretch,
+        offset: flow.piece.from + x,
+        interval: flow.piece.interval,
+        v,
+        a,
+        ..EMPTY
+    }
+}
+
+/// The piece, and the time in it, `time` seconds after the start of `flow`; none if the axes come to rest before.
+/// Settles the way to there.
+fn foresee(step: u64, flow: Flow, time: f64, queue: &mut PlanConsumer) -> Option<(Flow, f64)> {
+    let (mut step, mut flow, mut time) = (step, flow, time);
+    for _ in 0..MOST_AHEAD {
+        if time < flow.piece.duration {
+            return Some((flow, time));
+        }
+        time -= flow.piece.duration;
+        // What happens at a rest is not foreseen: the next request is made from there, or after it.
+        if flow.rests_at_end() {
+            return None;
+        }
+        (step, _) = queue.claim_successor(step);
+        flow = match queue.step(step) {
+            Some(Step::Flow(next)) => next,
+            _ => return None,
+        };
+    }
+    None
+}

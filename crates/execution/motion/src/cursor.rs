@@ -1,0 +1,127 @@
+//! Where the cycle is in the plan.
+
+use evolvent_planner::{Flow, Profile, ScalarLimits, ScalarState};
+
+use crate::slowdown::Slowdown;
+use crate::state::State;
+
+/// What moves the axes at the moment.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Drive {
+    /// Nothing: at rest at this parameter of the present segment's stretch.
+    Still,
+    /// A run of the classic planner, solved here.
+    Run(RunDrive),
+    /// A piece of the near-optimal planner's law, `time` seconds after its start.
+    Flow { flow: Flow, time: f64 },
+}
+
+/// A run and the profile that was solved for it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct RunDrive {
+    pub(crate) length: f64,
+    pub(crate) limits: ScalarLimits,
+    pub(crate) feed: f64,
+    pub(crate) profile: Profile,
+    /// Seconds since the profile's start.
+    pub(crate) time: f64,
+    /// The profile was solved for braking.
+    pub(crate) braking: bool,
+}
+
+/// Where the cycle is in the plan. `Copy`: a step is computed on a copy and kept only if the guard agrees.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Cursor {
+    pub(crate) drive: Drive,
+    /// The step that drives, or at rest the next one.
+    pub(crate) step: u64,
+    /// Segment in which the axes are.
+    pub(crate) segment: u64,
+    /// Parameter of the drive (0 where it starts) at which that segment starts.
+    pub(crate) segment_start: f64,
+    /// Segment of the present or last piece, and the piece's start in it.
+    pub(crate) piece_at: Option<(u64, f64)>,
+    /// Parameter of the drive at rest.
+    pub(crate) rest_x: f64,
+    /// The first mark of a block's start that lies ahead.
+    pub(crate) mark: u64,
+    /// Grid interval of the plan that has been reached.
+    pub(crate) interval: u64,
+    /// Parameter length of all runs passed, or of the path to the present piece.
+    pub(crate) travelled: f64,
+    /// Seconds of dwell left.
+    pub(crate) dwell: f64,
+    pub(crate) state: State,
+    pub(crate) actions: u32,
+    /// Steps at rest passed.
+    pub(crate) rests: u64,
+    pub(crate) line: u32,
+    pub(crate) block: u32,
+    pub(crate) starved: bool,
+    /// A step of curvature was passed in this cycle.
+    pub(crate) joint: bool,
+    /// The plan is driven more slowly than it was made: for a hold or a lower override.
+    pub(crate) slowdown: Option<Slowdown>,
+    /// At rest for this cycle, whatever comes next.
+    pub(crate) stays: bool,
+    /// At rest where a turning cycle begins.
+    pub(crate) turns: bool,
+}
+
+impl Cursor {
+    pub(crate) fn at_start() -> Self {
+        Self {
+            drive: Drive::Still,
+            step: 0,
+            segment: 0,
+            segment_start: 0.0,
+            piece_at: None,
+            rest_x: 0.0,
+            mark: 0,
+            interval: 0,
+            travelled: 0.0,
+            dwell: 0.0,
+            state: State::Idle,
+            actions: 0,
+            rests: 0,
+            line: 0,
+            block: 0,
+            starved: false,
+            joint: false,
+            slowdown: None,
+            stays: false,
+            turns: false,
+        }
+    }
+
+    pub(crate) fn is_still(&self) -> bool {
+        matches!(self.drive, Drive::Still)
+    }
+
+    /// The path parameter since the drive's start and its derivatives by time: speed, acceleration, jerk.
+    pub(crate) fn now(&self) -> (ScalarState, f64) {
+        match &self.drive {
+            Drive::Still => {
+                let x = self.rest_x;
+                (ScalarState { x, v: 0.0, a: 0.0 }, 0.0)
+            }
+            Drive::Run(run) => run.profile.at(run.time),
+            Drive::Flow { flow, time } => {
+                let (now, jerk) = flow.piece.law.at(*time);
+                match &self.slowdown {
+                    None => (now, jerk),
+                    Some(slowdown) => slowdown.scale().apply(now, jerk),
+                }
+            }
+        }
+    }
+
+    /// Programmed path travelled, by the path parameter.
+    pub(crate) fn path(&self) -> f64 {
+        match &self.drive {
+            Drive::Still => self.travelled,
+            Drive::Run(_) => self.travelled + self.now().0.x,
+            Drive::Flow { flow, .. } => flow.path + self.now().0.x,
+        }
+    }
+}

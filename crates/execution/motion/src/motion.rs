@@ -1,0 +1,396 @@
+//! One step of the cycle.
+
+use evolvent_machine::Limits;
+use evolvent_path::{Axes, Jet};
+use evolvent_planner::Segment;
+use evolvent_turning::{Reason, TurningOutput};
+
+use crate::asking::Asking;
+use crate::cursor::{Cursor, Drive};
+use crate::guard::{Extremes, Guard, Violation};
+use crate::plan_preview::PlanPreview;
+use crate::queue::PlanConsumer;
+use crate::quick_stop::QuickStop;
+use crate::setpoint::{Inputs, Setpoint};
+use crate::slowdown::{Lead, Slowdown};
+use crate::state::{State, flags};
+use crate::turning::Turning;
+
+/// The least feed override that a plan is made for.
+const LEAST_OVERRIDE: f64 = 0.001;
+
+/// Motion of one machine along one plan.
+///
+/// `step` is pure: it looks at no clock and touches nothing but itself and the queue. It does not allocate, lock
+/// or wait, and its work is bounded.
+#[derive(Debug)]
+pub struct Motion {
+    pub(crate) period: f64,
+    pub(crate) limits: Limits,
+    pub(crate) guard: Guard,
+    pub(crate) cursor: Cursor,
+    pub(crate) sequence: u64,
+    pub(crate) feed_override: f64,
+    pub(crate) stop: bool,
+    pub(crate) resume_seen: bool,
+    pub(crate) fault: Option<Violation>,
+    /// Set where even braking on the path breaks a limit: every axis stops by itself.
+    pub(crate) quick_stop: Option<QuickStop>,
+    pub(crate) last: Jet,
+    pub(crate) asking: Asking,
+    /// What a slowdown looks at.
+    pub(crate) preview: PlanPreview,
+    /// Whether the planner had not finished what the last step looked for.
+    pub(crate) waited: bool,
+    /// The next step acts as if the planner had not finished.
+    pub(crate) withhold: bool,
+    /// Whether the last step met an answer that came to nothing.
+    pub(crate) refused: bool,
+    /// The next step acts as if the answer came to nothing.
+    pub(crate) refuse: bool,
+    /// A turning cycle that moves the axes, or that has ended the run.
+    pub(crate) turning: Option<Box<Turning>>,
+    /// What it gave out in the last step.
+    pub(crate) turned: Option<TurningOutput>,
+    /// Why it has ended the run.
+    pub(crate) turning_fault: Option<Reason>,
+}
+
+impl Motion {
+    /// At rest at `position`, the first setpoint still to come; the plan is made for 100 % feed.
+    #[must_use]
+    pub fn new(limits: Limits, period_ns: u64, position: Axes) -> Self {
+        let period = period_ns as f64 * 1e-9;
+        let still = Jet {
+            position,
+            first: Axes::zeros(),
+            second: Axes::zeros(),
+            third: Axes::zeros(),
+        };
+        Self {
+            period,
+            limits,
+            guard: Guard::new(limits, period, position),
+            cursor: Cursor::at_start(),
+            sequence: 0,
+            feed_override: 1.0,
+            stop: false,
+            resume_seen: false,
+            fault: None,
+            quick_stop: None,
+            last: still,
+            asking: Asking::new(period),
+            preview: PlanPreview::new(),
+            waited: false,
+            withhold: false,
+            refused: false,
+            refuse: false,
+            turning: None,
+            turned: None,
+            turning_fault: None,
+        }
+    }
+
+    /// Says which feed override the plan is made for at first.
+    #[must_use]
+    pub fn planned_for(mut self, feed_override: f64) -> Self {
+        self.feed_override = checked_override(feed_override);
+        self.asking.planned_for(self.feed_override);
+        self
+    }
+
+    /// Goes on where another job has left the machine.
+    pub(crate) fn begin_at(&mut self, guard: Guard, sequence: u64, actions: u32, block: u32) {
+        self.guard = guard;
+        self.sequence = sequence;
+        self.cursor.actions = actions;
+        self.cursor.block = block;
+    }
+
+    pub(crate) fn guard(&self) -> &Guard {
+        &self.guard
+    }
+
+    /// What the guard measured in the published positions.
+    #[must_use]
+    pub fn extremes(&self) -> &Extremes {
+        self.guard.extremes()
+    }
+
+    /// The limit that the plan would have broken, if it came to that.
+    #[must_use]
+    pub fn fault(&self) -> Option<Violation> {
+        self.fault
+    }
+
+    /// What the cycle is doing.
+    #[must_use]
+    pub fn state(&self) -> State {
+        self.cursor.state
+    }
+
+    /// Whether the axes are at rest at a place where the plan may be waited for.
+    #[must_use]
+    pub fn is_at_rest(&self) -> bool {
+        let state = self.cursor.now().0;
+        let turns = self.turning.as_ref().is_some_and(|turning| !turning.is_at_rest());
+        self.quick_stop.is_none() && state.v == 0.0 && state.a == 0.0 && !turns
+    }
+
+    /// The feed that the axes are driven at after the last step, as a factor of the programmed one: less than the override
+    /// where corners or an axis slow the machine down, and 0 at rest and in rapids. None where a near-optimal plan drives,
+    /// which keeps no programmed feed.
+    #[must_use]
+    pub fn feed_factor(&self) -> Option<f64> {
+        match &self.cursor.drive {
+            Drive::Still => Some(0.0),
+            Drive::Run(run) => Some(self.cursor.now().0.v / run.feed),
+            Drive::Flow { .. } => None,
+        }
+    }
+
+    /// What the turning cycle gave out in the last step, if one moves the axes.
+    #[must_use]
+    pub fn turning(&self) -> Option<&TurningOutput> {
+        self.turned.as_ref()
+    }
+
+    /// Why a turning cycle has ended the run.
+    #[must_use]
+    pub fn turning_fault(&self) -> Option<Reason> {
+        self.turning_fault
+    }
+
+    /// Whether the last step looked for something that the planner had not finished: the axes stood, or drove on as
+    /// planned before. In real time this depends on how fast the planner was, so it is recorded like an input.
+    #[must_use]
+    pub fn has_waited(&self) -> bool {
+        self.waited
+    }
+
+    /// Whether the last step met an answer that came to nothing: the planner found no plan, or was too late with it.
+    #[must_use]
+    pub fn was_refused(&self) -> bool {
+        self.refused
+    }
+
+    /// Lets the next steps act, or not, as if an answer that is due came to nothing.
+    pub fn refuse_plan(&mut self, refuse: bool) {
+        self.refuse = refuse;
+    }
+
+    /// Lets the next steps act, or not, as if the planner had not finished: where a recorded run has waited, it
+    /// waits again when it is computed anew.
+    pub fn withhold_plan(&mut self, withhold: bool) {
+        self.withhold = withhold;
+    }
+
+    /// Whether nothing will move any more.
+    #[must_use]
+    pub fn is_over(&self) -> bool {
+        match self.cursor.state {
+            State::Done | State::Stopped => true,
+            State::Fault => match &self.quick_stop {
+                None => self.is_at_rest(),
+                Some(stop) => stop.is_over(),
+            },
+            _ => false,
+        }
+    }
+
+    /// Computes the next setpoint, one period after the last.
+    pub fn step(&mut self, inputs: &Inputs, queue: &mut PlanConsumer) -> Setpoint {
+        self.waited = false;
+        self.refused = false;
+        let wanted = checked_override(inputs.feed_override);
+        let changed = wanted != self.feed_override;
+        self.feed_override = wanted;
+        self.stop |= inputs.stop;
+
+        self.turned = None;
+        if self.quick_stop.is_none() && self.turning.is_some() {
+            return self.turn(inputs, queue);
+        }
+        if self.quick_stop.is_none() {
+            let mut cursor = self.cursor;
+            self.slow_down(&mut cursor, inputs, queue);
+            self.take_answer(&mut cursor, queue);
+            self.advance(&mut cursor, inputs, changed, queue);
+            let (mut jet, mut segment) = self.evaluate(&mut cursor, queue);
+            if let Err(violation) = self
+                .guard
+                .check(&jet.position, cursor.joint, self.fault.is_some())
+            {
+                self.fault.get_or_insert(violation);
+                cursor = self.cursor;
+                cursor.state = State::Fault;
+                self.slow_down(&mut cursor, inputs, queue);
+                self.advance(&mut cursor, inputs, false, queue);
+                (jet, segment) = self.evaluate(&mut cursor, queue);
+                if self.guard.check(&jet.position, cursor.joint, true).is_err() {
+                    self.start_quick_stop();
+                }
+            }
+            if self.quick_stop.is_none() {
+                let setpoint = self.publish(cursor, jet, segment.as_ref(), queue);
+                self.ask(inputs, queue);
+                if cursor.turns {
+                    self.turning = queue.take_turning();
+                }
+                return setpoint;
+            }
+        }
+        self.step_quick_stop()
+    }
+
+    fn publish(
+        &mut self,
+        mut cursor: Cursor,
+        jet: Jet,
+        segment: Option<&Segment>,
+        queue: &mut PlanConsumer,
+    ) -> Setpoint {
+        self.guard.publish(&jet.position, cursor.joint);
+        let marks = segment.map(|segment| segment.marks).unwrap_or_default();
+        let mut bits = 0;
+        for (set, bit) in [
+            (marks.blend, flags::BLEND),
+            (marks.rapid, flags::RAPID),
+            (cursor.joint, flags::JOINT),
+            (cursor.starved, flags::STARVED),
+            (matches!(cursor.state, State::Holding | State::Held), flags::HOLD),
+            (self.fault.is_some(), flags::GUARD),
+        ] {
+            if set {
+                bits |= bit;
+            }
+        }
+        // At rest the front segment is that of the next move, not of the step that is waited for.
+        if let (Some(segment), Drive::Run(_)) = (segment, &cursor.drive) {
+            (cursor.line, cursor.block) = (segment.line, segment.block);
+        }
+        queue.take(cursor.step, cursor.segment, cursor.mark, cursor.interval);
+        let path_mm = cursor.path();
+        self.cursor = cursor;
+        self.last = jet;
+        if self.is_over() {
+            bits |= flags::LAST;
+        }
+        self.setpoint(jet, path_mm, bits)
+    }
+
+    /// Begins to slow the plan down, or changes what it is slowed down to, as hold, stop, fault and override ask for it.
+    ///
+    /// A slowdown to a part of the speed ends when a plan for the override takes over. Rapids do not heed the override: where
+    /// one is driven, the request alone is made.
+    fn slow_down(&mut self, cursor: &mut Cursor, inputs: &Inputs, queue: &mut PlanConsumer) {
+        let Drive::Flow { flow, time } = cursor.drive else {
+            return;
+        };
+        let brake = self.is_told_to_stand(cursor, inputs) || self.feed_override == 0.0;
+        let target = if brake {
+            0.0
+        } else {
+            (self.feed_override / self.asking.factor).min(1.0)
+        };
+        match &mut cursor.slowdown {
+            Some(slowdown) => {
+                if self.asking.has_open() && target > 0.0 && slowdown.is_nearly(target) {
+                    return;
+                }
+                if slowdown.lead_to(target) == Lead::FromSteady {
+                    self.preview.begin(cursor.step, flow, time);
+                }
+                match slowdown.steady_rate() {
+                    None => self.asking.withdraw(self.sequence),
+                    // Back at the plan's own speed.
+                    Some(rate) if rate >= 1.0 => cursor.slowdown = None,
+                    Some(_) => {}
+                }
+            }
+            None if target < 1.0 => {
+                let rapid = queue
+                    .segment(flow.piece.stretch)
+                    .is_some_and(|segment| segment.marks.rapid);
+                if !brake && (rapid || self.asking.is_waiting_for(self.feed_override)) {
+                    return;
+                }
+                self.asking.withdraw(self.sequence);
+                self.preview.begin(cursor.step, flow, time);
+                cursor.slowdown = Some(Slowdown::new(target));
+            }
+            None => {}
+        }
+    }
+
+    /// Whether the axes are to come to rest on the path and stay there.
+    pub(crate) fn is_told_to_stand(&self, cursor: &Cursor, inputs: &Inputs) -> bool {
+        self.stop || inputs.hold || cursor.state == State::Fault
+    }
+
+    pub(crate) fn setpoint(&mut self, jet: Jet, path_mm: f64, flags: u32) -> Setpoint {
+        let sequence = self.sequence;
+        self.sequence += 1;
+        Setpoint {
+            sequence,
+            position: jet.position,
+            velocity: jet.first,
+            acceleration: jet.second,
+            jerk: jet.third,
+            path_mm,
+            feed_mm_s: feed_metric(&jet.first),
+            feed_override: self.feed_override,
+            line: self.cursor.line,
+            block: self.cursor.block,
+            state: self.cursor.state,
+            flags,
+            actions: self.cursor.actions,
+        }
+    }
+
+    /// Every axis comes to rest by itself from its last published state: the path is left.
+    pub(crate) fn start_quick_stop(&mut self) {
+        let from = self.guard.past()[0];
+        self.quick_stop = Some(QuickStop::new(&self.limits, from, &self.last));
+        self.cursor.state = State::Fault;
+    }
+
+    pub(crate) fn step_quick_stop(&mut self) -> Setpoint {
+        let mut jet = match &mut self.quick_stop {
+            Some(stop) => stop.advance(self.period),
+            None => self.last,
+        };
+        // The travel is the last line; standing still is all that is left beyond it.
+        if self.guard.check_place(&jet.position).is_err() {
+            jet.position = self.guard.past()[0];
+        }
+        self.guard.publish(&jet.position, false);
+        let mut bits = flags::GUARD;
+        if self.is_over() {
+            bits |= flags::LAST;
+        }
+        let path_mm = self.cursor.travelled;
+        self.setpoint(jet, path_mm, bits)
+    }
+}
+
+fn checked_override(factor: f64) -> f64 {
+    // Not a number fails the comparison.
+    if factor >= LEAST_OVERRIDE {
+        factor.min(2.0)
+    } else {
+        0.0
+    }
+}
+
+pub(crate) fn feed_metric(v: &Axes) -> f64 {
+    let norm = |i: usize| (v[i] * v[i] + v[i + 1] * v[i + 1] + v[i + 2] * v[i + 2]).sqrt();
+    let (xyz, uvw) = (norm(0), norm(6));
+    if xyz > 0.0 {
+        xyz
+    } else if uvw > 0.0 {
+        uvw
+    } else {
+        norm(3)
+    }
+}

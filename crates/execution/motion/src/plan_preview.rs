@@ -1,0 +1,188 @@
+//! Samples of the plan ahead, by its own time.
+//!
+//! Slowing down acts on the time of a plan, so what it needs to know of the plan are the derivatives of every axis by plan
+//! time. They are sampled where the law changes and at most [`SPACING_S`] apart, once each, and only as far ahead as somebody
+//! looks: a sample costs one evaluation of the path.
+
+use evolvent_path::{AXES, Axes};
+use evolvent_planner::{Flow, Step};
+
+use crate::advance::by_time;
+use crate::queue::PlanConsumer;
+
+/// Largest distance of two samples, s of plan time. Tuned: with 0.25 ms holds are as short and keep the limits as well.
+const SPACING_S: f64 = 0.0005;
+/// Samples that are held at a time. A power of two.
+const CAPACITY: usize = 2048;
+/// How far ahead the plan is looked at, s of plan time: several times what an axis takes from its largest acceleration
+/// in one direction to that in the other.
+pub(crate) const LONGEST_PREVIEW_S: f64 = 0.4;
+
+/// The derivatives of the axes by plan time at one instant of the plan.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Sample {
+    /// Plan time since the preview began, s.
+    pub(crate) time: f64,
+    pub(crate) first: Axes,
+    pub(crate) second: Axes,
+    pub(crate) third: Axes,
+}
+
+/// The piece that is sampled next, and how far it has been.
+#[derive(Clone, Copy, Debug)]
+struct Frontier {
+    step: u64,
+    flow: Flow,
+    /// Plan time at which the piece starts; negative where the preview begins inside it.
+    starts: f64,
+    /// Time in the piece of the last sample, and the distance to the next one.
+    at: f64,
+    spacing: f64,
+}
+
+/// The samples. Real-time safe but for [`PlanPreview::new`], which allocates.
+#[derive(Debug)]
+pub(crate) struct PlanPreview {
+    samples: Box<[Sample]>,
+    /// Indices of the oldest sample held and of the next one, counted from the beginning of the preview.
+    oldest: usize,
+    next: usize,
+    frontier: Option<Frontier>,
+    /// Plan time at which the plan rests, once that has been met.
+    rests_at: Option<f64>,
+    /// Whether the planner had not finished what was looked at.
+    met_tail: bool,
+}
+
+impl PlanPreview {
+    pub(crate) fn new() -> Self {
+        let sample = Sample {
+            time: 0.0,
+            first: Axes::zeros(),
+            second: Axes::zeros(),
+            third: Axes::zeros(),
+        };
+        Self {
+            samples: vec![sample; CAPACITY].into_boxed_slice(),
+            oldest: 0,
+            next: 0,
+            frontier: None,
+            rests_at: None,
+            met_tail: false,
+        }
+    }
+
+    /// Begins `time` seconds after the start of `flow`, which is step number `step`.
+    pub(crate) fn begin(&mut self, step: u64, flow: Flow, time: f64) {
+        (self.oldest, self.next) = (0, 0);
+        self.rests_at = None;
+        let rest = (flow.piece.duration - time).max(0.0);
+        self.frontier = Some(Frontier {
+            step,
+            flow,
+            starts: -time,
+            at: time,
+            spacing: spacing(rest),
+        });
+    }
+
+    /// Plan time at which the plan rests, as far as that is known by now.
+    pub(crate) fn rests_at(&self) -> Option<f64> {
+        self.rests_at
+    }
+
+    /// Whether a look ahead has met the end of what the planner had finished since this was asked last.
+    pub(crate) fn take_met_tail(&mut self) -> bool {
+        std::mem::take(&mut self.met_tail)
+    }
+
+    /// Index of the oldest sample that is held.
+    pub(crate) fn oldest(&self) -> usize {
+        self.oldest
+    }
+
+    /// Lets go of samples that lie before plan time `time`, but for the last of them.
+    pub(crate) fn release(&mut self, time: f64) {
+        while self.oldest + 1 < self.next && self.held(self.oldest + 1).time <= time {
+            self.oldest += 1;
+        }
+    }
+
+    fn held(&self, index: usize) -> &Sample {
+        &self.samples[index % CAPACITY]
+    }
+
+    /// Sample number `index`; none behind the plan's end, and where that is farther ahead than is looked. `tail` has the look
+    /// ahead end at the tail of the window in force, whether there is more by now or not.
+    pub(crate) fn sample(&mut self, index: usize, tail: bool, queue: &mut PlanConsumer) -> Option<&Sample> {
+        while index >= self.next {
+            self.extend(tail, queue)?;
+        }
+        (index >= self.oldest).then(|| self.held(index))
+    }
+
+    /// Takes one more sample.
+    fn extend(&mut self, tail: bool, queue: &mut PlanConsumer) -> Option<()> {
+        let mut frontier = self.frontier?;
+        let first = self.next == 0;
+        if self.next - self.oldest >= CAPACITY {
+            return None;
+        }
+        let duration = frontier.flow.piece.duration;
+        if !first && frontier.at >= duration {
+            let ends = frontier.starts + duration;
+            // What follows a rest is not looked at: a plan that is slowed down stays there.
+            if frontier.flow.rests_at_end() {
+                self.rests_at = Some(ends);
+                self.frontier = None;
+                return None;
+            }
+            let (step, met_tail) = queue.settle_successor(frontier.step, tail);
+            self.met_tail |= met_tail;
+            let Some(Step::Flow(flow)) = queue.step(step) else {
+                self.rests_at = Some(ends);
+                self.frontier = None;
+                return None;
+            };
+            frontier = Frontier {
+                step,
+                flow,
+                starts: ends,
+                at: 0.0,
+                spacing: spacing(flow.piece.duration),
+            };
+        } else if !first {
+            if frontier.starts + frontier.at - self.held(self.oldest).time > LONGEST_PREVIEW_S {
+                return None;
+            }
+            let next = frontier.at + frontier.spacing;
+            // Rounding leaves no sliver at the end.
+            frontier.at = if next > duration - 0.5 * frontier.spacing {
+                duration
+            } else {
+                next
+            };
+        }
+        let piece = &frontier.flow.piece;
+        let segment = queue.segment(piece.stretch)?;
+        let (state, jerk) = piece.law.at(frontier.at);
+        let x = (piece.from + state.x).min(segment.length);
+        let jet = by_time(&segment.jet(x), state.v, state.a, jerk);
+        self.samples[self.next % CAPACITY] = Sample {
+            time: frontier.starts + frontier.at,
+            first: jet.first,
+            second: jet.second,
+            third: jet.third,
+        };
+        self.next += 1;
+        self.frontier = Some(frontier);
+        Some(())
+    }
+}
+
+/// The distance of samples that divide `duration` evenly.
+fn spacing(duration: f64) -> f64 {
+    duration / (duration / SPACING_S).ceil().max(1.0)
+}
+
+const _: () = assert!(CAPACITY.is_power_of_two() && AXES == 9);

@@ -1,0 +1,693 @@
+//! Driving a plan more slowly than it was made, without a planner: down to rest, to a part of its speed, and back.
+//!
+//! Plan time `tau` passes at the rate `s = dtau/dt`, `0 <= s <= 1`. With the plan's derivatives by its own time `q', q'', q'''`
+//! an axis has
+//!
+//! ```text
+//!   acceleration  s^2 q'' + s' q'
+//!   jerk          s^3 q''' + 3 s s' q'' + s'' q'
+//! ```
+//!
+//! A plan at a constant rate up to 1 keeps every limit, so a change of the rate that can go over to a constant one is safe.
+//! Every [`STEP_S`] the cycle chooses the `s''` that changes the rate most towards the target and for which that is certain: it
+//! follows the motion over the plan ahead, with the step's `s''` first and then with what brings `s'` to zero soonest within the
+//! limits (the *recovery*), and takes the step only if no axis exceeds a limit on the way and the rate does not pass the
+//! target. The recovery of the step before always remains, so there is a next step at every moment. Where the recovery would pass
+//! the target, `s'' = s'^2/(2 (s - target))` reaches it with `s' = 0`.
+//!
+//! On a straight line this is the time-optimal jerk-limited stop but for the length of a step. Where the plan brakes with all
+//! that an axis has the slowdown leaves it as it is: nothing is faster there.
+//!
+//! Cost: at most [`TRIALS`] + 3 recoveries a step, each over as much of the plan as the axes take from one acceleration to
+//! another. No allocation.
+
+use evolvent_machine::Limits;
+use evolvent_path::AXES;
+
+use crate::plan_preview::{PlanPreview, Sample};
+use crate::queue::PlanConsumer;
+use crate::scale::Scale;
+
+/// Time for which `s''` is constant. Tuned: 0.5 ms stops 0.3 ms sooner for twice the work.
+pub(crate) const STEP_S: f64 = 0.001;
+/// Steps of a recovery that are followed at most.
+const LONGEST_RECOVERY: u32 = 256;
+/// Values of `s''` between the recovery's and the lowest that are tried in a step.
+const TRIALS: u32 = 4;
+/// Largest `|s''|`, 1/s2. A stop takes eleven steps at least, however slow the axes are; and `1.5 s''^2 t^3 q''`, which the
+/// bounds of a step leave out, stays below a hundredth of the jerk limit where the plan has just begun to move.
+const MAX_SECOND: f64 = 1.0 / (32.0 * STEP_S * STEP_S);
+/// What an axis may have of its limits: acceleration, jerk. Where the plan itself has more, as much as the plan.
+const ALLOWED: (f64, f64) = (1.0, 1.002);
+/// By how much a step may exceed that between the instants that its bounds were taken at.
+const ROUNDING: (f64, f64) = (1.0002, 1.004);
+/// Share of the target by which another one does not count while a plan is on its way: overrides from a sensor never rest.
+const NEARLY: f64 = 0.01;
+/// What rounding leaves of a step, s.
+const NO_TIME_S: f64 = 1e-9 * STEP_S;
+/// A rate this close to the target has reached it, and `|s'|` below which the rate is constant, 1/s.
+const AT_TARGET: f64 = 1e-9;
+const STILL: f64 = 1e-9;
+
+/// How a slowdown goes on.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Phase {
+    /// Towards the target, with another `s''` every step.
+    Changing,
+    /// To the target with the present `s''`, for the seconds left.
+    Landing,
+    /// The same, and the target is another one by now. What is certain is the landing alone, for this many seconds more.
+    Diverted(f64),
+    /// At a constant rate.
+    Steady,
+}
+
+/// What became of a change of the target.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Lead {
+    /// It is the same, or reached.
+    Same,
+    /// A change of the rate is led elsewhere.
+    Other,
+    /// The rate was constant: the preview begins again.
+    FromSteady,
+}
+
+/// A rate of plan time, its derivative, and the plan time that has passed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct RateState {
+    time: f64,
+    rate: f64,
+    first: f64,
+}
+
+impl RateState {
+    fn after(self, seconds: f64, second: f64) -> Self {
+        let t = seconds;
+        Self {
+            time: self.time + t * (self.rate + t * (0.5 * self.first + t * second / 6.0)),
+            rate: self.rate + t * (self.first + 0.5 * t * second),
+            first: self.first + t * second,
+        }
+    }
+}
+
+/// What a slowdown looks at: the plan ahead, and the limits that it keeps.
+pub(crate) struct Ahead<'a> {
+    pub(crate) preview: &'a mut PlanPreview,
+    pub(crate) queue: &'a mut PlanConsumer,
+    pub(crate) limits: &'a Limits,
+    /// The look ahead ends at the tail in force, whether there is more by now or not.
+    pub(crate) tail: bool,
+}
+
+/// A slowdown. `Copy`: the samples that it looks at are in a [`PlanPreview`] beside it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Slowdown {
+    now: RateState,
+    second: f64,
+    /// Seconds for which `second` still holds.
+    left: f64,
+    target: f64,
+    phase: Phase,
+}
+
+impl Slowdown {
+    /// From the plan's own speed towards the rate `target`. The preview begins where the plan is now.
+    pub(crate) fn new(target: f64) -> Self {
+        Self {
+            now: RateState {
+                time: 0.0,
+                rate: 1.0,
+                first: 0.0,
+            },
+            second: 0.0,
+            left: 0.0,
+            target,
+            phase: Phase::Changing,
+        }
+    }
+
+    /// The scale now. Real-time safe.
+    pub(crate) fn scale(&self) -> Scale {
+        Scale {
+            rate: self.now.rate,
+            first: self.now.first,
+            second: self.second,
+        }
+    }
+
+    /// Changes the rate that it leads to. Where that ends a constant rate the preview has to begin again where the plan is now:
+    /// what it had looked at lies behind.
+    #[must_use]
+    pub(crate) fn lead_to(&mut self, target: f64) -> Lead {
+        if target == self.target {
+            return Lead::Same;
+        }
+        self.target = target;
+        let was_steady = self.phase == Phase::Steady;
+        if was_steady && (self.now.rate - target).abs() <= AT_TARGET {
+            return Lead::Same;
+        }
+        self.phase = match self.phase {
+            Phase::Landing => Phase::Diverted(self.left),
+            Phase::Diverted(left) => Phase::Diverted(left),
+            Phase::Changing | Phase::Steady => Phase::Changing,
+        };
+        if was_steady {
+            (self.now.time, self.left) = (0.0, 0.0);
+            return Lead::FromSteady;
+        }
+        if let Phase::Diverted(_) = self.phase {
+            self.left = 0.0;
+        }
+        Lead::Other
+    }
+
+    /// Whether it leads so close to a rate that a plan on its way is worth more.
+    pub(crate) fn is_nearly(&self, target: f64) -> bool {
+        (target - self.target).abs() <= NEARLY * self.target
+    }
+
+    /// Whether plan time stands still.
+    pub(crate) fn is_at_rest(&self) -> bool {
+        self.phase == Phase::Steady && self.now.rate == 0.0
+    }
+
+    /// The rate, once that does not change any more unless it is led elsewhere.
+    pub(crate) fn steady_rate(&self) -> Option<f64> {
+        (self.phase == Phase::Steady).then_some(self.now.rate)
+    }
+
+    /// Advances by `period`; returns how far plan time advances. Real-time safe.
+    pub(crate) fn advance(&mut self, period: f64, ahead: &mut Ahead<'_>) -> f64 {
+        let before = self.now.time;
+        let mut rest = period;
+        while rest > 0.0 {
+            if self.phase == Phase::Steady {
+                self.now.time += rest * self.now.rate;
+                break;
+            }
+            // A period that is a whole number of steps has no sliver of one more.
+            if self.left <= NO_TIME_S {
+                self.end_step(ahead);
+                continue;
+            }
+            let part = rest.min(self.left);
+            self.now = self.now.after(part, self.second);
+            self.left -= part;
+            if let Phase::Diverted(left) = &mut self.phase {
+                *left -= part;
+            }
+            rest -= part;
+        }
+        if self.phase == Phase::Landing && self.left <= NO_TIME_S {
+            self.settle(self.target);
+        }
+        // A hold that comes while the rate goes back to 1 turns it round within a hair of that; cutting it off there would be a step.
+        self.now.rate = self.now.rate.max(0.0);
+        self.now.time - before
+    }
+
+    /// A constant rate from here on.
+    fn settle(&mut self, rate: f64) {
+        (self.now.rate, self.now.first, self.second) = (rate, 0.0, 0.0);
+        self.left = f64::INFINITY;
+        self.phase = Phase::Steady;
+    }
+
+    /// What comes after a step.
+    fn end_step(&mut self, ahead: &mut Ahead<'_>) {
+        let off = (self.now.rate - self.target).abs();
+        if let Phase::Diverted(left) = self.phase
+            && left <= NO_TIME_S
+        {
+            // The landing has ended where it was meant to.
+            self.settle(self.now.rate);
+            self.phase = Phase::Changing;
+            self.left = 0.0;
+        }
+        if self.phase == Phase::Landing || (self.now.first.abs() <= STILL && off <= AT_TARGET) {
+            self.settle(self.target);
+        } else {
+            self.next_step(ahead);
+        }
+    }
+
+    /// Chooses `s''` for the next step.
+    fn next_step(&mut self, ahead: &mut Ahead<'_>) {
+        let from = self.now;
+        ahead.preview.release(from.time);
+        let begin = ahead.preview.oldest();
+        self.left = STEP_S;
+        let mut follower = Follower {
+            ahead,
+            target: self.target,
+        };
+        let Some((bounds, _)) = follower.bounds(from, begin, STEP_S) else {
+            // The plan stops within the step, as it is driven now.
+            self.second = (-from.first / STEP_S).clamp(-MAX_SECOND, MAX_SECOND);
+            return;
+        };
+        let recovery = bounds.recovery(from);
+        if let Phase::Diverted(left) = self.phase {
+            if follower.outlook(from, begin, recovery) == Outlook::Unsafe {
+                self.left = left.min(STEP_S);
+                return;
+            }
+            self.phase = Phase::Changing;
+        }
+        let most = if self.target < from.rate {
+            bounds.lower.max(-MAX_SECOND).min(recovery)
+        } else {
+            bounds.upper.min(MAX_SECOND).max(recovery)
+        };
+        let outlook = follower.outlook(from, begin, most);
+        if outlook == Outlook::Safe {
+            self.second = most;
+            return;
+        }
+        let mut safe = recovery;
+        if outlook == Outlook::Past {
+            if let Some((second, seconds)) = follower.landing(from, begin) {
+                (self.second, self.left, self.phase) = (second, seconds, Phase::Landing);
+                return;
+            }
+            // What leaves as much as a landing of one step takes.
+            let half = (self.target - from.rate) / (STEP_S * STEP_S) - 1.5 * from.first / STEP_S;
+            let between = (half - most) * (half - recovery) < 0.0;
+            if between && follower.outlook(from, begin, half) == Outlook::Safe {
+                safe = half;
+            }
+        }
+        let mut unsafe_second = most;
+        for _ in 0..TRIALS {
+            let middle = 0.5 * (safe + unsafe_second);
+            if follower.outlook(from, begin, middle) == Outlook::Safe {
+                safe = middle;
+            } else {
+                unsafe_second = middle;
+            }
+        }
+        self.second = safe;
+    }
+}
+
+/// Where a step with a certain `s''` leads.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Outlook {
+    /// It can go over to a constant rate that does not lie past the target.
+    Safe,
+    /// It cannot before the rate has passed the target.
+    Past,
+    /// An axis would exceed a limit, or the plan is not known far enough.
+    Unsafe,
+}
+
+/// What the limits leave for `s''` in one step.
+#[derive(Clone, Copy, Debug)]
+struct Bounds {
+    lower: f64,
+    upper: f64,
+    /// By how much a bound may be passed because of what lies between instants.
+    slack: f64,
+}
+
+impl Bounds {
+    /// The value that brings `s'` to zero as soon as possible.
+    fn recovery(&self, from: RateState) -> f64 {
+        let needed = (-from.first / STEP_S).clamp(-MAX_SECOND, MAX_SECOND);
+        // Where nothing is allowed the bounds are infinite.
+        if from.first > 0.0 {
+            needed.max(self.lower.min(MAX_SECOND))
+        } else {
+            needed.min(self.upper.max(-MAX_SECOND))
+        }
+    }
+
+    fn allow(&self, second: f64) -> bool {
+        (self.lower - self.slack..=self.upper + self.slack).contains(&second)
+    }
+}
+
+/// Follows a slowdown over the plan ahead.
+struct Follower<'a, 'b> {
+    ahead: &'a mut Ahead<'b>,
+    target: f64,
+}
+
+impl Follower<'_, '_> {
+    /// Whether the slowdown can go over to a constant rate after a step with this `s''`.
+    fn outlook(&mut self, from: RateState, begin: usize, second: f64) -> Outlook {
+        let falls = self.target < from.rate;
+        let (mut now, mut index, mut second) = (from, begin, second);
+        for step in 0..LONGEST_RECOVERY {
+            let Some((bounds, next)) = self.bounds(now, index, STEP_S) else {
+                return if self.rests(now) {
+                    Outlook::Safe
+                } else {
+                    Outlook::Unsafe
+                };
+            };
+            if step > 0 {
+                second = bounds.recovery(now);
+            }
+            if !bounds.allow(second) {
+                return Outlook::Unsafe;
+            }
+            now = now.after(STEP_S, second);
+            index = next;
+            // Before it has turned round it cannot have passed it on this side.
+            let towards = falls == (now.first < 0.0);
+            let beyond = if falls {
+                self.target - now.rate
+            } else {
+                now.rate - self.target
+            };
+            if towards && beyond > AT_TARGET {
+                return Outlook::Past;
+            }
+            if now.first.abs() <= STILL {
+                return if beyond > AT_TARGET {
+                    Outlook::Past
+                } else {
+                    Outlook::Safe
+                };
+            }
+        }
+        Outlook::Unsafe
+    }
+
+    /// The constant `s''` that leads to the target, and how long it takes, where the limits are kept all the way.
+    fn landing(&mut self, from: RateState, begin: usize) -> Option<(f64, f64)> {
+        let fall = from.rate - self.target;
+        if fall * from.first >= 0.0 {
+            return None;
+        }
+        let second = 0.5 * from.first * from.first / fall;
+        let seconds = -2.0 * fall / from.first;
+        let (mut now, mut index, mut left) = (from, begin, seconds);
+        for _ in 0..LONGEST_RECOVERY {
+            let span = left.min(STEP_S);
+            let Some((bounds, next)) = self.bounds(now, index, span) else {
+                return self.rests(now).then_some((second, seconds));
+            };
+            if !bounds.allow(second) {
+                return None;
+            }
+            now = now.after(span, second);
+            index = next;
+            left -= span;
+            if left <= NO_TIME_S {
+                return Some((second, seconds));
+            }
+        }
+        None
+    }
+
+    /// Whether the plan stops within the next step.
+    fn rests(&self, now: RateState) -> bool {
+        let end = now.time + STEP_S * now.rate;
+        self.ahead.preview.rests_at().is_some_and(|rest| rest <= end)
+    }
+
+    fn sample(&mut self, index: usize) -> Option<&Sample> {
+        let tail = self.ahead.tail;
+        self.ahead.preview.sample(index, tail, self.ahead.queue)
+    }
+
+    /// What a step of `span` seconds allows, from the plan at its start, at its end and at the samples between; and the last
+    /// sample before its end. None where the plan ends before the step.
+    fn bounds(&mut self, from: RateState, begin: usize, span: f64) -> Option<(Bounds, usize)> {
+        let end = from.time + span * (from.rate + 0.5 * span * from.first).max(0.0);
+        let limits = self.ahead.limits;
+        let mut gathered = Gathered::new(limits, from, span);
+        let (mut index, mut left) = (begin, *self.sample(begin)?);
+        let mut right = *self.sample(index + 1)?;
+        while right.time <= from.time {
+            index += 1;
+            (left, right) = (right, *self.sample(index + 1)?);
+        }
+        gathered.include(0.0, &between(&left, &right, from.time));
+        while right.time <= end {
+            let share = (right.time - from.time) / (end - from.time);
+            gathered.include(span * share, &right);
+            index += 1;
+            (left, right) = (right, *self.sample(index + 1)?);
+        }
+        gathered.include(span, &between(&left, &right, end));
+        Some((gathered.bounds(), index))
+    }
+}
+
+/// The plan between two samples: cubic in velocity and acceleration, whose derivatives are known too, linear in jerk.
+fn between(left: &Sample, right: &Sample, time: f64) -> Sample {
+    let length = right.time - left.time;
+    let t = ((time - left.time) / length).clamp(0.0, 1.0);
+    let (u, tt) = (1.0 - t, t * t);
+    let (to, out_of, into) = (tt * (3.0 - 2.0 * t), length * t * u * u, -length * tt * u);
+    let cubic = |from: f64, end: f64, slope: f64, end_slope: f64| {
+        from + to * (end - from) + out_of * slope + into * end_slope
+    };
+    let mut plan = *left;
+    for i in 0..AXES {
+        plan.first[i] = cubic(left.first[i], right.first[i], left.second[i], right.second[i]);
+        plan.second[i] = cubic(left.second[i], right.second[i], left.third[i], right.third[i]);
+        plan.third[i] += t * (right.third[i] - left.third[i]);
+    }
+    plan.time = time;
+    plan
+}
+
+/// Bounds of `s''` as they are gathered, instant by instant.
+struct Gathered<'a> {
+    limits: &'a Limits,
+    from: RateState,
+    span: f64,
+    lower: f64,
+    upper: f64,
+    slack: f64,
+}
+
+impl<'a> Gathered<'a> {
+    fn new(limits: &'a Limits, from: RateState, span: f64) -> Self {
+        Self {
+            limits,
+            from,
+            span,
+            lower: f64::NEG_INFINITY,
+            upper: f64::INFINITY,
+            slack: f64::INFINITY,
+        }
+    }
+
+    /// Takes in the plan `seconds` after the start of the step.
+    fn include(&mut self, seconds: f64, plan: &Sample) {
+        let limits = self.limits;
+        let (r, s) = (
+            self.from.first,
+            (self.from.rate + seconds * self.from.first).max(0.0),
+        );
+        for i in (0..AXES).filter(|&i| limits.present[i]) {
+            let (v, a, j) = (plan.first[i], plan.second[i], plan.third[i]);
+            let most_j = (limits.jerk[i] * ALLOWED.1).max(j.abs());
+            let base = s * (s * s * j + 3.0 * r * a);
+            // `s''` changes `s` and `s'` within the step as well.
+            let slope = v + 3.0 * seconds * (s * a + 0.5 * seconds * (s * s * j + r * a));
+            self.bound(base, slope, most_j, (ROUNDING.1 - ALLOWED.1) * most_j);
+            // Before that the step cannot have changed much.
+            if seconds >= 0.3 * self.span {
+                let most_a = (limits.acceleration[i] * ALLOWED.0).max(a.abs());
+                let slope = seconds * (v + s * seconds * a);
+                self.bound(
+                    s * s * a + r * v,
+                    slope,
+                    most_a,
+                    (ROUNDING.0 - ALLOWED.0) * most_a,
+                );
+            }
+        }
+    }
+
+    /// Keeps `|base + s'' slope| <= most`.
+    fn bound(&mut self, base: f64, slope: f64, most: f64, slack: f64) {
+        let size = slope.abs();
+        if size * MAX_SECOND < 1e-3 * most {
+            // No choice of this changes it.
+            if base.abs() > most + slack + 1e-3 * most {
+                self.lower = f64::INFINITY;
+            }
+            return;
+        }
+        let toward = if slope > 0.0 { base } else { -base };
+        self.lower = self.lower.max((-most - toward) / size);
+        self.upper = self.upper.min((most - toward) / size);
+        self.slack = self.slack.min(slack / size);
+    }
+
+    fn bounds(&self) -> Bounds {
+        Bounds {
+            lower: self.lower,
+            upper: self.upper,
+            slack: if self.slack.is_finite() { self.slack } else { 0.0 },
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::expect_used, reason = "a test may fail")]
+
+    use evolvent_path::{Axes, Curve, Line};
+    use evolvent_planner::{Flow, PlanSink, Segment, SegmentMarks, Step};
+    use evolvent_timing::{Law, Piece};
+
+    use super::*;
+    use crate::queue::plan_queue;
+
+    const A: f64 = 2000.0;
+    const J: f64 = 50_000.0;
+    const PERIOD_S: f64 = 0.0005;
+
+    fn limits() -> Limits {
+        let mut present = [false; AXES];
+        present[0] = true;
+        Limits {
+            present,
+            velocity: Axes::repeat(300.0),
+            acceleration: Axes::repeat(A),
+            jerk: Axes::repeat(J),
+            travel_min: Axes::repeat(-1e4),
+            travel_max: Axes::repeat(1e4),
+            home: Axes::zeros(),
+        }
+    }
+
+    /// A line driven at `v` for `seconds`, in pieces of 10 ms, and no more.
+    fn cruise(v: f64, seconds: f64) -> (PlanConsumer, PlanPreview) {
+        let (mut producer, queue) = plan_queue(|| false);
+        let mut end = Axes::zeros();
+        end[0] = v * seconds;
+        let line = Line::new(Axes::zeros(), end).expect("line");
+        let segment = Segment {
+            curve: Curve::Line(line),
+            from: 0.0,
+            length: v * seconds,
+            line: 1,
+            block: 0,
+            marks: SegmentMarks::default(),
+        };
+        producer.segment(&segment).expect("room");
+        let flow = |k: f64| Flow {
+            piece: Piece {
+                law: Law::Flow { v, b: 0.0, c: 0.0 },
+                length: 0.01 * v,
+                duration: 0.01,
+                stretch: 0,
+                from: 0.01 * v * k,
+                interval: 0,
+            },
+            path: 0.01 * v * k,
+        };
+        for k in 0..(100.0 * seconds) as u32 {
+            producer.step(&Step::Flow(flow(f64::from(k)))).expect("room");
+        }
+        producer.finalise(u64::from((100.0 * seconds) as u32));
+        let mut preview = PlanPreview::new();
+        preview.begin(0, flow(0.0), 0.0);
+        (queue, preview)
+    }
+
+    /// Advances until `done`, and returns seconds and plan time; every sample keeps acceleration and jerk.
+    fn drive(
+        slowdown: &mut Slowdown,
+        v: f64,
+        (queue, preview): &mut (PlanConsumer, PlanPreview),
+        done: impl Fn(&Slowdown) -> bool,
+    ) -> (f64, f64) {
+        let (limits, mut seconds, mut time) = (limits(), 0.0, 0.0);
+        while !done(slowdown) {
+            let mut ahead = Ahead {
+                preview,
+                queue,
+                limits: &limits,
+                tail: false,
+            };
+            time += slowdown.advance(PERIOD_S, &mut ahead);
+            seconds += PERIOD_S;
+            let Scale { rate, first, second } = slowdown.scale();
+            assert!((0.0..=1.001).contains(&rate), "{rate}");
+            assert!((first * v).abs() <= 1.001 * A && (second * v).abs() <= 1.01 * J);
+            assert!(seconds < 2.0, "never done: {slowdown:?}");
+        }
+        (seconds, time)
+    }
+
+    #[test]
+    fn a_stop_from_a_cruise_takes_the_jerk_limited_minimum() {
+        for v in [250.0_f64, 100.0, 40.0, 5.0, 0.5] {
+            let mut plan = cruise(v, 2.0);
+            let mut slowdown = Slowdown::new(0.0);
+            let (seconds, time) = drive(&mut slowdown, v, &mut plan, Slowdown::is_at_rest);
+            let least = if v > A * A / J {
+                v / A + A / J
+            } else {
+                2.0 * (v / J).sqrt()
+            };
+            // Where the axis is slow the step bounds the second derivative: eleven of them and some.
+            let most = (1.03 * least + 2.0 * STEP_S).max(0.014);
+            assert!(
+                seconds >= least - PERIOD_S && seconds <= most,
+                "{v}: {seconds} of {least}"
+            );
+            // From a constant speed down to rest, mirror images: half of it on the way.
+            assert!((time / seconds - 0.5).abs() < 0.05, "{v}: {time} in {seconds}");
+        }
+    }
+
+    #[test]
+    fn a_rate_is_landed_on_exactly_and_leads_back_to_one() {
+        let (v, mut plan) = (100.0, cruise(100.0, 3.0));
+        let mut slowdown = Slowdown::new(0.37);
+        let is_steady = |slowdown: &Slowdown| slowdown.steady_rate().is_some();
+        drive(&mut slowdown, v, &mut plan, is_steady);
+        assert_eq!(slowdown.steady_rate(), Some(0.37));
+        assert_eq!(slowdown.lead_to(0.37), Lead::Same);
+        assert_eq!(slowdown.lead_to(1.0), Lead::FromSteady);
+        let again = plan.0.step(40).and_then(|step| match step {
+            Step::Flow(flow) => Some(flow),
+            _ => None,
+        });
+        plan.1.begin(40, again.expect("a piece"), 0.0);
+        drive(&mut slowdown, v, &mut plan, is_steady);
+        assert_eq!(slowdown.steady_rate(), Some(1.0));
+    }
+
+    #[test]
+    fn a_stop_that_is_called_off_and_called_again_comes_to_rest() {
+        for turns in [3, 17, 60, 110] {
+            let (v, mut plan) = (150.0, cruise(150.0, 4.0));
+            let mut slowdown = Slowdown::new(0.0);
+            let limits = limits();
+            for k in 0..400 {
+                let target = if k / turns % 2 == 0 { 0.0 } else { 1.0 };
+                if slowdown.is_at_rest() || slowdown.steady_rate().is_some() {
+                    break;
+                }
+                let _led = slowdown.lead_to(target);
+                let (queue, preview) = &mut plan;
+                let mut ahead = Ahead {
+                    preview,
+                    queue,
+                    limits: &limits,
+                    tail: false,
+                };
+                slowdown.advance(PERIOD_S, &mut ahead);
+            }
+            if slowdown.steady_rate().is_none() {
+                let _led = slowdown.lead_to(0.0);
+                drive(&mut slowdown, v, &mut plan, Slowdown::is_at_rest);
+            }
+        }
+    }
+}

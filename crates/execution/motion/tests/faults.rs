@@ -1,0 +1,357 @@
+//! What happens when the plan stops coming, or is wrong.
+
+#![allow(clippy::expect_used, reason = "a test may fail")]
+
+mod common;
+
+use common::{BLEND, Random, campaign, check, scenario};
+use evolvent_gcode::{Move, MoveKind, PathMode};
+use evolvent_machine::{Limits, PlannerKind};
+use evolvent_motion::{Inputs, Motion, QueueClosed, State, flags, plan_queue};
+use evolvent_path::{AXES, Axes, Curve, Line};
+use evolvent_planner::{
+    ExitSpeeds, PathLimits, PathRules, PlanSink, Planner, Run, ScalarLimits, Segment, SegmentMarks, Step,
+};
+
+const RULES: PathRules = PathRules {
+    blend_tolerance_mm: 0.01,
+    joint_time_s: 0.001,
+    planner: PlannerKind::Classic,
+    feed_override: 1.0,
+};
+
+#[test]
+fn a_planner_that_dies_at_any_moment_leaves_a_machine_that_stops_on_the_path() {
+    let (mut random, cases) = campaign(0xdead_0001, 60);
+    for case in 0..cases {
+        let scenario = scenario(&mut random, BLEND, false);
+        let rate = 1e9 / scenario.period_ns as f64;
+        let (producer, mut queue) = plan_queue(|| false);
+        let limits = PathLimits::new(scenario.limits, rate, scenario.chord_error_mm);
+        let mut planner = Some(Planner::new(limits, RULES, producer));
+        let mut motion = Motion::new(
+            scenario.limits,
+            scenario.period_ns,
+            scenario.moves[0].curve.start(),
+        );
+        // Moves trickle in while the machine runs, and cease at a random one.
+        let last = random.pick(scenario.moves.len());
+        let every = random.log(1.0, 300.0) as usize;
+        let mut setpoints = Vec::new();
+        let mut fed = 0;
+        let mut still = 0;
+        while still < 3 {
+            if setpoints.len() % every == 0 && fed <= last {
+                if let Some(planner) = &mut planner {
+                    planner
+                        .push(&scenario.moves[fed], fed as u32 + 1, fed as u32)
+                        .expect("plan");
+                }
+                fed += 1;
+            }
+            if fed > last {
+                planner = None;
+            }
+            setpoints.push(motion.step(&Inputs::default(), &mut queue));
+            let over = planner.is_none() && motion.is_at_rest() && queue.step(0).is_none();
+            still = if over { still + 1 } else { 0 };
+            if planner.is_none() && motion.is_at_rest() {
+                // Steps that never became final are not entered from rest.
+                break;
+            }
+            assert!(setpoints.len() < 4_000_000, "case {case} does not come to rest");
+        }
+        check(&scenario, &setpoints, &motion, 0.02, &format!("case {case}"));
+    }
+}
+
+/// What the cycle enters still changes behind it.
+#[test]
+fn overrides_while_the_planner_is_close_behind_keep_every_limit() {
+    let (mut random, cases) = campaign(0xdead_0002, 5);
+    let mut starved = 0;
+    for case in 0..cases {
+        let mut scenario = scenario(&mut random, PathMode::ExactPath, false);
+        // Straight blocks of a few milliseconds each: the plan changes with every look at it.
+        let mut at = Axes::zeros();
+        scenario.moves = (0..400)
+            .map(|_| {
+                let (start, feed) = (at, random.log(20.0, 200.0));
+                at[0] += feed * random.log(0.004, 0.03);
+                let curve = Curve::Line(Line::new(start, at).expect("line"));
+                Move {
+                    curve,
+                    kind: MoveKind::Feed,
+                    feed,
+                    path_mode: PathMode::ExactPath,
+                }
+            })
+            .collect();
+        scenario.period_ns = 500_000;
+        let (producer, mut queue) = plan_queue(|| false);
+        let limits = PathLimits::new(scenario.limits, 2000.0, scenario.chord_error_mm);
+        let mut planner = Planner::new(limits, RULES, producer);
+        let mut motion = Motion::new(scenario.limits, scenario.period_ns, Axes::zeros());
+        let (mut setpoints, mut fed) = (Vec::new(), 0);
+        let every = 20 + random.pick(60);
+        let mut inputs = Inputs::default();
+        while !motion.is_over() {
+            let cycle = setpoints.len();
+            if cycle > every * fed {
+                if let Some(one) = scenario.moves.get(fed) {
+                    planner.push(one, fed as u32 + 1, fed as u32).expect("plan");
+                } else if fed == scenario.moves.len() {
+                    planner.finish(999).expect("finish");
+                }
+                fed += 1;
+            }
+            if random.unit() < 0.1 {
+                inputs.feed_override = random.between(0.2, 2.0);
+                inputs.hold = random.unit() < 0.05;
+            }
+            let setpoint = motion.step(&inputs, &mut queue);
+            starved += u32::from(setpoint.flags & flags::STARVED != 0);
+            setpoints.push(setpoint);
+            assert!(cycle < 1_000_000, "case {case} does not end");
+        }
+        check(&scenario, &setpoints, &motion, 1e-6, &format!("case {case}"));
+    }
+    assert!(starved > 0, "the planner was never close behind");
+}
+
+#[test]
+fn a_queue_that_is_full_gives_up_when_told_to() {
+    let (mut producer, _queue) = plan_queue(|| false);
+    let step = Step::Dwell {
+        seconds: 0.0,
+        line: 1,
+    };
+    let mut result = Ok(());
+    for _ in 0..100_000 {
+        result = producer.step(&step);
+        if result.is_err() {
+            break;
+        }
+    }
+    assert_eq!(result, Err(QueueClosed));
+}
+
+fn one_axis(velocity: f64, acceleration: f64, jerk: f64) -> Limits {
+    Limits {
+        present: [true; AXES],
+        velocity: Axes::repeat(velocity),
+        acceleration: Axes::repeat(acceleration),
+        jerk: Axes::repeat(jerk),
+        travel_min: Axes::repeat(-500.0),
+        travel_max: Axes::repeat(500.0),
+        home: Axes::zeros(),
+    }
+}
+
+fn line(from: f64, to: f64) -> Segment {
+    let (mut start, mut end) = (Axes::zeros(), Axes::zeros());
+    (start[0], end[0]) = (from, to);
+    let curve = Curve::Line(Line::new(start, end).expect("line"));
+    Segment {
+        curve,
+        from: 0.0,
+        length: to - from,
+        line: 1,
+        block: 0,
+        marks: SegmentMarks::default(),
+    }
+}
+
+fn lie(segments: &[Segment], limits: ScalarLimits, exits: &[f64]) -> evolvent_motion::PlanConsumer {
+    let (mut producer, queue) = plan_queue(|| false);
+    for (k, segment) in segments.iter().enumerate() {
+        producer.segment(segment).expect("room");
+        let run = Run {
+            length: segment.length,
+            segments: 1,
+            limits,
+            feed: f64::INFINITY,
+        };
+        producer.step(&Step::Run(run)).expect("room");
+        producer.exit(
+            k as u64,
+            ExitSpeeds {
+                nominal: exits[k],
+                doubled: exits[k],
+            },
+        );
+    }
+    producer.step(&Step::End { line: 2 }).expect("room");
+    producer.finalise(segments.len() as u64 + 1);
+    queue
+}
+
+/// Runs until nothing moves and returns the largest |velocity|, |acceleration|, |jerk| of X as published.
+fn published(motion: &mut Motion, queue: &mut evolvent_motion::PlanConsumer, rate: f64) -> [f64; 3] {
+    let mut past = [0.0; 4];
+    let mut most = [0.0_f64; 3];
+    for _ in 0..100_000 {
+        let setpoint = motion.step(&Inputs::default(), queue);
+        past = [setpoint.position[0], past[0], past[1], past[2]];
+        let d = [
+            (past[0] - past[1]) * rate,
+            (past[0] - 2.0 * past[1] + past[2]) * rate.powi(2),
+            (past[0] - 3.0 * past[1] + 3.0 * past[2] - past[3]) * rate.powi(3),
+        ];
+        for k in 0..3 {
+            most[k] = most[k].max(d[k].abs());
+        }
+        if motion.is_over() {
+            break;
+        }
+    }
+    most
+}
+
+#[test]
+fn the_guard_stops_a_plan_that_would_break_the_velocity_limit() {
+    let limits = one_axis(100.0, 2000.0, 50_000.0);
+    // A plan for a machine twice as fast, but no stronger.
+    let scalar = ScalarLimits {
+        velocity: 200.0,
+        acceleration: 2000.0,
+        jerk: 50_000.0,
+    };
+    let mut queue = lie(&[line(0.0, 200.0)], scalar, &[0.0]);
+    let mut motion = Motion::new(limits, 1_000_000, Axes::zeros());
+    let [v, a, j] = published(&mut motion, &mut queue, 1000.0);
+    let fault = motion.fault().expect("the guard has to see it");
+    assert_eq!(fault.quantity, evolvent_motion::Quantity::Velocity);
+    assert_eq!(motion.state(), State::Fault);
+    assert!(motion.is_over());
+    // It may only pass the velocity limit while acceleration is brought down: a^2 / (2 J) at the most.
+    assert!(v <= 100.0 + 2000.0 * 2000.0 / 100_000.0 + 1.0, "{v}");
+    assert!(a <= 2000.0 * 1.001 && j <= 50_000.0 * 1.02, "{a} {j}");
+}
+
+#[test]
+fn the_guard_stops_each_axis_where_even_braking_on_the_path_breaks_a_limit() {
+    let limits = one_axis(200.0, 2000.0, 50_000.0);
+    // Jerk ten times too high: refused at the first setpoint, and no profile of this run is any better.
+    let scalar = ScalarLimits {
+        velocity: 200.0,
+        acceleration: 2000.0,
+        jerk: 500_000.0,
+    };
+    let mut queue = lie(&[line(0.0, 200.0)], scalar, &[0.0]);
+    let mut motion = Motion::new(limits, 1_000_000, Axes::zeros());
+    let [v, a, j] = published(&mut motion, &mut queue, 1000.0);
+    assert_eq!(
+        motion.fault().expect("fault").quantity,
+        evolvent_motion::Quantity::Jerk
+    );
+    assert!(motion.is_over());
+    assert!(
+        v <= 200.0 && a <= 2000.0 * 1.001 && j <= 50_000.0 * 1.02,
+        "{v} {a} {j}"
+    );
+}
+
+#[test]
+fn the_guard_keeps_a_jump_of_the_path_from_the_drives() {
+    let limits = one_axis(200.0, 2000.0, 50_000.0);
+    let scalar = ScalarLimits {
+        velocity: 200.0,
+        acceleration: 2000.0,
+        jerk: 50_000.0,
+    };
+    // The second segment starts 5 mm beyond the end of the first.
+    let mut queue = lie(&[line(0.0, 100.0), line(105.0, 200.0)], scalar, &[200.0, 0.0]);
+    let mut motion = Motion::new(limits, 1_000_000, Axes::zeros());
+    let [v, a, j] = published(&mut motion, &mut queue, 1000.0);
+    assert!(motion.fault().is_some() && motion.is_over());
+    assert!(v <= 200.0 * 1.001 && a <= 2000.0 * 1.001, "{v} {a}");
+    // The plan knew nothing of it, so the axis stops by itself, from its present acceleration: zero.
+    assert!(j <= 50_000.0 * 1.02, "{j}");
+}
+
+#[test]
+fn a_position_that_is_no_number_never_leaves() {
+    let limits = one_axis(200.0, 2000.0, 50_000.0);
+    let scalar = ScalarLimits {
+        velocity: 200.0,
+        acceleration: 2000.0,
+        jerk: f64::NAN,
+    };
+    let mut queue = lie(&[line(0.0, 100.0)], scalar, &[0.0]);
+    let mut motion = Motion::new(limits, 1_000_000, Axes::zeros());
+    for _ in 0..1000 {
+        let setpoint = motion.step(&Inputs::default(), &mut queue);
+        assert!(setpoint.position.iter().all(|value| value.is_finite()));
+    }
+}
+
+#[test]
+fn an_override_that_is_no_number_stands_still() {
+    let mut random = Random(7);
+    let scenario = scenario(&mut random, PathMode::ExactPath, false);
+    let mut queue = common::plan(&scenario);
+    let mut motion = Motion::new(
+        scenario.limits,
+        scenario.period_ns,
+        scenario.moves[0].curve.start(),
+    );
+    let inputs = Inputs {
+        feed_override: f64::NAN,
+        ..Inputs::default()
+    };
+    for _ in 0..100 {
+        let setpoint = motion.step(&inputs, &mut queue);
+        assert_eq!(setpoint.position, scenario.moves[0].curve.start());
+        assert_eq!(setpoint.flags & flags::GUARD, 0);
+    }
+}
+
+#[test]
+fn at_rest_the_line_is_that_of_the_step_that_is_waited_for() {
+    let scalar = ScalarLimits {
+        velocity: 200.0,
+        acceleration: 2000.0,
+        jerk: 50_000.0,
+    };
+    let (mut producer, mut queue) = plan_queue(|| false);
+    let mut second = line(10.0, 20.0);
+    (second.line, second.block) = (5, 1);
+    let run = Step::Run(Run {
+        length: 10.0,
+        segments: 1,
+        limits: scalar,
+        feed: f64::INFINITY,
+    });
+    for (segment, step) in [
+        (Some(line(0.0, 10.0)), run),
+        (None, Step::ProgramStop { line: 2 }),
+        (Some(second), run),
+    ] {
+        if let Some(segment) = segment {
+            producer.segment(&segment).expect("room");
+        }
+        producer.step(&step).expect("room");
+    }
+    producer.step(&Step::End { line: 6 }).expect("room");
+    producer.finalise(4);
+    let mut motion = Motion::new(one_axis(200.0, 2000.0, 50_000.0), 1_000_000, Axes::zeros());
+    let mut seen = Vec::new();
+    for cycle in 0..1000 {
+        let inputs = Inputs {
+            resume: cycle > 500,
+            ..Inputs::default()
+        };
+        let setpoint = motion.step(&inputs, &mut queue);
+        if seen.last() != Some(&(setpoint.state, setpoint.line, setpoint.block)) {
+            seen.push((setpoint.state, setpoint.line, setpoint.block));
+        }
+    }
+    let expected = [
+        (State::Running, 1, 0),
+        (State::ProgramStop, 2, 0),
+        (State::Running, 5, 1),
+        (State::Done, 6, 1),
+    ];
+    assert_eq!(seen, expected);
+}

@@ -1,0 +1,151 @@
+//! A planner so far ahead that the queue is full still answers.
+
+#![allow(clippy::expect_used, reason = "a test may fail")]
+
+mod common;
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+use common::{BLEND, Scenario, check, equal_axes};
+use evolvent_gcode::{Move, MoveKind};
+use evolvent_machine::PlannerKind;
+use evolvent_motion::{Inputs, Setpoint, State, plan_queue};
+use evolvent_path::{Axes, Curve, Line};
+use evolvent_planner::Step;
+
+/// How long the planner may keep the cycle waiting before the test gives up.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+fn scenario(moves: Vec<Move>, planner: PlannerKind) -> Scenario {
+    Scenario {
+        limits: equal_axes(200.0, 2000.0, 50_000.0),
+        period_ns: 1_000_000,
+        moves,
+        chord_error_mm: 1e-3,
+        planner,
+    }
+}
+
+fn drive(moves: Vec<Move>, wishes: &[Inputs]) {
+    let scenario = scenario(moves, PlannerKind::Optimal);
+    let (waits, over) = (Arc::new(AtomicU64::new(0)), Arc::new(AtomicBool::new(false)));
+    let (counted, ended) = (Arc::clone(&waits), Arc::clone(&over));
+    let (producer, mut queue) = plan_queue(move || {
+        counted.fetch_add(1, Ordering::Relaxed);
+        std::thread::sleep(Duration::from_micros(200));
+        !ended.load(Ordering::Relaxed)
+    });
+    let mut motion = scenario.motion();
+    std::thread::scope(|scope| {
+        let planner = scope.spawn(|| {
+            let mut planner = scenario.planner(1.0, producer);
+            for (i, one) in scenario.moves.iter().enumerate() {
+                if planner.push(one, i as u32 + 1, i as u32).is_err() {
+                    return;
+                }
+            }
+        });
+        let mut setpoints: Vec<Setpoint> = Vec::new();
+        let mut stuck = false;
+        for wish in wishes {
+            // However many waits it takes: the planner has come to the end of the room.
+            let (start, before) = (Instant::now(), waits.load(Ordering::Relaxed));
+            while waits.load(Ordering::Relaxed) < before + 50 && start.elapsed() < PATIENCE {
+                std::thread::sleep(Duration::from_millis(1));
+            }
+            assert!(start.elapsed() < PATIENCE, "the queue was never full");
+            for _ in 0..200 {
+                let since = Instant::now();
+                while !motion.is_ready(&mut queue) && !stuck {
+                    std::thread::yield_now();
+                    stuck = since.elapsed() > PATIENCE;
+                }
+                if !stuck {
+                    setpoints.push(motion.step(wish, &mut queue));
+                }
+            }
+        }
+        over.store(true, Ordering::Relaxed);
+        planner.join().expect("planner");
+        assert!(
+            !stuck,
+            "cycle and planner wait for each other at cycle {}",
+            setpoints.len()
+        );
+        check(&scenario, &setpoints, &motion, 0.02, "full queue");
+    });
+}
+
+fn line(from: Axes, to: Axes, feed: f64) -> Move {
+    Move {
+        curve: Curve::Line(Line::new(from, to).expect("line")),
+        kind: MoveKind::Feed,
+        feed,
+        path_mode: BLEND,
+    }
+}
+
+#[test]
+fn overrides_are_answered_when_the_queue_is_full_of_steps() {
+    let at = |k: usize| {
+        let mut point = Axes::zeros();
+        (point[0], point[1]) = (k as f64, f64::from(u8::from(k % 2 == 1)));
+        point
+    };
+    let moves = (0..6000).map(|k| line(at(k), at(k + 1), 50.0)).collect();
+    let wishes: Vec<_> = (0..5)
+        .map(|k| Inputs {
+            feed_override: [1.0, 0.5][k % 2],
+            ..Inputs::default()
+        })
+        .collect();
+    drive(moves, &wishes);
+}
+
+#[test]
+fn more_stops_in_a_row_than_the_queue_holds_are_passed() {
+    const STOPS: usize = 40_000;
+    let there = Axes::from_fn(|i, _| if i == 0 { 1.0 } else { 0.0 });
+    for kind in [PlannerKind::Optimal, PlannerKind::Classic] {
+        let moves = vec![line(Axes::zeros(), there, 50.0), line(there, Axes::zeros(), 50.0)];
+        let scenario = scenario(moves, kind);
+        let over = Arc::new(AtomicBool::new(false));
+        let ended = Arc::clone(&over);
+        let (producer, mut queue) = plan_queue(move || {
+            std::thread::sleep(Duration::from_micros(200));
+            !ended.load(Ordering::Relaxed)
+        });
+        let mut motion = scenario.motion();
+        std::thread::scope(|scope| {
+            let planner = scope.spawn(|| {
+                let mut planner = scenario.planner(1.0, producer);
+                planner.push(&scenario.moves[0], 1, 0).ok()?;
+                for _ in 0..STOPS {
+                    let (seconds, line) = (0.0, 2);
+                    planner.rest(&Step::Dwell { seconds, line }).ok()?;
+                }
+                planner.push(&scenario.moves[1], 3, 1).ok()?;
+                planner.finish(4).ok()
+            });
+            let (mut setpoints, start) = (Vec::new(), Instant::now());
+            while !motion.is_over() && start.elapsed() < PATIENCE {
+                if motion.is_ready(&mut queue) {
+                    setpoints.push(motion.step(&Inputs::default(), &mut queue));
+                } else {
+                    std::thread::yield_now();
+                }
+            }
+            over.store(true, Ordering::Relaxed);
+            planner.join().expect("planner");
+            assert_eq!(
+                motion.state(),
+                State::Done,
+                "{kind:?}: {} cycles",
+                setpoints.len()
+            );
+            check(&scenario, &setpoints, &motion, 1e-6, "stops");
+        });
+    }
+}

@@ -1,0 +1,345 @@
+//! Answers that come too late: the cycle has dropped them, and the planner has to notice.
+
+#![allow(clippy::expect_used, reason = "a test may fail")]
+
+mod common;
+
+use std::cell::Cell;
+use std::rc::Rc;
+
+use common::{BLEND, Scenario, campaign, check, equal_axes, scenario};
+use evolvent_gcode::{Move, MoveKind};
+use evolvent_machine::PlannerKind;
+use evolvent_motion::{Inputs, PlanConsumer, PlanProducer, QueueClosed, Setpoint, State, plan_queue};
+use evolvent_path::{Axes, Curve, Line};
+use evolvent_planner::{
+    Answer, BlockMark, ExitSpeeds, PathLimits, PathRules, PlanSink, Planner, Request, Segment, Step,
+};
+
+/// Loses so many answers: the same to the cycle as if they came too late.
+struct Losing<S> {
+    sink: S,
+    left: Rc<Cell<u32>>,
+}
+
+impl<S: PlanSink<Error = QueueClosed>> PlanSink for Losing<S> {
+    type Error = QueueClosed;
+
+    fn segment(&mut self, segment: &Segment) -> Result<(), QueueClosed> {
+        self.sink.segment(segment)
+    }
+
+    fn step(&mut self, step: &Step) -> Result<(), QueueClosed> {
+        self.sink.step(step)
+    }
+
+    fn exit(&mut self, index: u64, speeds: ExitSpeeds) {
+        self.sink.exit(index, speeds);
+    }
+
+    fn finalise(&mut self, count: u64) {
+        self.sink.finalise(count);
+    }
+
+    fn mark(&mut self, mark: &BlockMark) -> Result<(), QueueClosed> {
+        self.sink.mark(mark)
+    }
+
+    fn link(&mut self, from: u64, to: u64) -> bool {
+        self.sink.link(from, to)
+    }
+
+    fn has_room(&self, steps: usize, segments: usize, marks: usize) -> bool {
+        self.sink.has_room(steps, segments, marks)
+    }
+
+    fn wait(&mut self) -> Result<(), QueueClosed> {
+        self.sink.wait()
+    }
+
+    fn request(&mut self) -> Option<Request> {
+        self.sink.request()
+    }
+
+    fn answer(&mut self, answer: Answer) {
+        match self.left.get().checked_sub(1) {
+            Some(left) => self.left.set(left),
+            None => self.sink.answer(answer),
+        }
+    }
+
+    fn taken(&self) -> u64 {
+        self.sink.taken()
+    }
+
+    fn reached(&self) -> u64 {
+        self.sink.reached()
+    }
+}
+
+/// A wave in chords of 0.1 mm.
+fn wave(blocks: usize) -> Scenario {
+    let at = |k: usize| {
+        let s = 0.1 * k as f64;
+        let mut point = Axes::zeros();
+        (point[0], point[1]) = (s, 4.0 * (0.2 * s).sin() + (0.9 * s).cos());
+        point
+    };
+    let moves = (0..blocks)
+        .map(|k| Move {
+            curve: Curve::Line(Line::new(at(k), at(k + 1)).expect("line")),
+            kind: MoveKind::Feed,
+            feed: 20.0,
+            path_mode: BLEND,
+        })
+        .collect();
+    Scenario {
+        limits: equal_axes(250.0, 2000.0, 50_000.0),
+        period_ns: 1_000_000,
+        moves,
+        chord_error_mm: 1e-3,
+        planner: PlannerKind::Optimal,
+    }
+}
+
+/// Drives the wave while the first `lost` answers get lost.
+fn drive(lost: u32, inputs: impl Fn(u64) -> Inputs) -> Vec<Setpoint> {
+    drive_along(&wave(700), lost, 0.02, "wave", inputs)
+}
+
+type LosingPlanner = Planner<Losing<PlanProducer<fn() -> bool>>>;
+
+/// A planner whose first `lost` answers get lost, its queue, and how many more will.
+fn planner_and_queue(scenario: &Scenario, lost: u32) -> (LosingPlanner, PlanConsumer, Rc<Cell<u32>>) {
+    let (producer, queue): (PlanProducer<fn() -> bool>, _) = plan_queue(|| false);
+    let rules = PathRules {
+        blend_tolerance_mm: 0.01,
+        joint_time_s: 0.001,
+        planner: PlannerKind::Optimal,
+        feed_override: 1.0,
+    };
+    let left = Rc::new(Cell::new(lost));
+    let sink = Losing {
+        sink: producer,
+        left: Rc::clone(&left),
+    };
+    let rate = 1e9 / scenario.period_ns as f64;
+    let limits = PathLimits::new(scenario.limits, rate, scenario.chord_error_mm);
+    (Planner::new(limits, rules, sink), queue, left)
+}
+
+fn drive_along(
+    scenario: &Scenario,
+    lost: u32,
+    tolerance: f64,
+    what: &str,
+    inputs: impl Fn(u64) -> Inputs,
+) -> Vec<Setpoint> {
+    let (mut planner, mut queue, left) = planner_and_queue(scenario, lost);
+    for (i, one) in scenario.moves.iter().enumerate() {
+        planner.push(one, i as u32 + 1, i as u32).expect("plan");
+    }
+    planner.finish(9999).expect("plan");
+    let mut motion = scenario.motion();
+    let mut setpoints: Vec<Setpoint> = Vec::new();
+    let mut was_held = false;
+    while !motion.is_over() {
+        planner.poll().expect("plan");
+        let now = inputs(setpoints.len() as u64);
+        // At rest none comes too late.
+        if was_held && !now.hold {
+            left.set(0);
+        }
+        was_held = now.hold;
+        setpoints.push(motion.step(&now, &mut queue));
+        assert!(setpoints.len() < 1_000_000, "{what}: does not end");
+    }
+    check(scenario, &setpoints, &motion, tolerance, what);
+    assert_eq!(motion.state(), State::Done);
+    setpoints
+}
+
+#[test]
+fn a_wish_whose_first_answers_come_too_late_is_met_by_a_later_one() {
+    for lost in [1, 2] {
+        for factor in [0.5, 1.5] {
+            let setpoints = drive(lost, |cycle| Inputs {
+                feed_override: if cycle >= 700 { factor } else { 1.0 },
+                ..Inputs::default()
+            });
+            let feed = setpoints[1000].feed_mm_s;
+            let wanted = 20.0 * factor;
+            assert!(
+                (feed - wanted).abs() < 0.05 * wanted,
+                "{lost} lost, {factor}: {feed} mm/s"
+            );
+        }
+        let setpoints = drive(lost, |cycle| Inputs {
+            hold: (700..1000).contains(&cycle),
+            ..Inputs::default()
+        });
+        assert_eq!(setpoints[900].state, State::Held);
+    }
+}
+
+#[test]
+fn a_wish_withdrawn_before_its_late_answer_leaves_a_planner_that_meets_the_next() {
+    let setpoints = drive(1, |cycle| Inputs {
+        feed_override: if (700..705).contains(&cycle) || cycle >= 1500 {
+            0.5
+        } else {
+            1.0
+        },
+        ..Inputs::default()
+    });
+    for (cycle, wanted) in [(1400, 20.0), (1800, 10.0)] {
+        let feed = setpoints[cycle].feed_mm_s;
+        assert!((feed - wanted).abs() < 0.05 * wanted, "{feed} mm/s at {cycle}");
+    }
+}
+
+#[test]
+fn overrides_that_were_not_met_make_no_hold_slower() {
+    let hold = 745;
+    let cycles_to_rest = |lost: u32| {
+        let setpoints = drive(lost, |cycle| Inputs {
+            feed_override: if cycle >= 700 { 0.9 } else { 1.0 },
+            hold: (hold..2500).contains(&cycle),
+            ..Inputs::default()
+        });
+        let rest = (hold as usize..setpoints.len()).find(|&k| setpoints[k].state == State::Held);
+        rest.expect("comes to rest") - hold as usize
+    };
+    // Two leads at most: the override's request is still open when the hold comes.
+    let (met, lost) = (cycles_to_rest(0), cycles_to_rest(4));
+    assert!(lost <= met + 20, "{lost} cycles, {met} where overrides were met");
+}
+
+/// Cycles from a hold at this cycle to rest.
+fn cycles_to_rest(setpoints: &[Setpoint], hold: usize) -> usize {
+    let rest = (hold..setpoints.len()).find(|&k| setpoints[k].state == State::Held);
+    rest.expect("comes to rest") - hold
+}
+
+/// A hold begins to brake at once, and after two requests of 10 ms each that nobody has met it brakes on by itself. That
+/// takes twice the longer of `v/A` and `sqrt(v/J)`, of which a tenth of the limits is left: about 1.2 times the least.
+#[test]
+fn a_hold_without_answers_takes_little_longer_than_the_least_time_and_the_program_goes_on_behind_it() {
+    let holds = |cycle: u64| Inputs {
+        hold: (745..2500).contains(&cycle),
+        ..Inputs::default()
+    };
+    let setpoints = drive(9, holds);
+    let least_ms = 2e3 * (20.0_f64 / 50_000.0).sqrt();
+    let took = cycles_to_rest(&setpoints, 745);
+    assert!(took as f64 <= 24.0 + 1.8 * least_ms, "{took} ms on the wave");
+
+    let mut line = wave(1);
+    line.moves[0].curve = Curve::Line(
+        Line::new(
+            Axes::zeros(),
+            Axes::from_fn(|i, _| if i == 0 { 400.0 } else { 0.0 }),
+        )
+        .expect("line"),
+    );
+    line.moves[0].feed = 80.0;
+    let setpoints = drive_along(&line, 9, 1e-6, "line", holds);
+    let took = cycles_to_rest(&setpoints, 745);
+    // 2 sqrt(v/J), where that keeps the acceleration.
+    let least_ms = 2e3 * (80.0_f64 / 50_000.0).sqrt();
+    assert!(
+        took as f64 <= 24.0 + 1.2 * least_ms,
+        "{took} ms on a line, {least_ms} at the least"
+    );
+    assert!(took as f64 >= least_ms, "{took} ms is less than the limits allow");
+}
+
+#[test]
+fn holds_without_answers_keep_the_limits_and_the_path_wherever_they_come() {
+    let (mut random, cases) = campaign(0x9E37_79B9_7F4A_7C15, 40);
+    let (mut tried, mut held) = (0, 0);
+    while tried < cases {
+        let mut one = scenario(&mut random, BLEND, true);
+        one.planner = PlannerKind::Optimal;
+        one.period_ns = one.period_ns.max(250_000);
+        let what = format!("case {tried}");
+        // Without holds, to know when it moves.
+        let plain = drive_along(&one, 0, 0.02, &what, |_| Inputs::default());
+        if plain.len() > 60_000 {
+            continue;
+        }
+        tried += 1;
+        let moment = random.pick(plain.len()) as u64;
+        let length = 2 + random.pick(1500) as u64;
+        let setpoints = drive_along(&one, 1_000, 0.02, &what, |cycle| Inputs {
+            hold: (moment..moment + length).contains(&cycle),
+            ..Inputs::default()
+        });
+        held += u32::from(setpoints.iter().any(|setpoint| setpoint.state == State::Held));
+    }
+    assert!(held > cases as u32 / 4, "only {held} of {cases} came to rest");
+}
+
+/// What is planned behind a stop that was reached before an answer got lost follows the stop, not the lost plan.
+#[test]
+fn a_lost_answer_stands_between_no_stop_and_what_is_read_behind_it() {
+    let line = |from: f64, to: f64| Move {
+        curve: Curve::Line(
+            Line::new(
+                Axes::from_fn(|i, _| if i == 0 { from } else { 0.0 }),
+                Axes::from_fn(|i, _| if i == 0 { to } else { 0.0 }),
+            )
+            .expect("line"),
+        ),
+        feed: 80.0,
+        ..wave(1).moves[0]
+    };
+    let mut scenario = wave(0);
+    scenario.moves = vec![line(0.0, 50.0)];
+    for (lost, hold, factor) in [(1, true, 1.0), (2, true, 1.0), (1, false, 0.5), (2, false, 0.5)] {
+        for (dwell, until) in [None, Some(0.0), Some(0.05)]
+            .into_iter()
+            .flat_map(|dwell| [(dwell, 303), (dwell, 500)])
+        {
+            let what = format!("{lost} lost, hold {hold}, dwell {dwell:?}, withdrawn at {until}");
+            let (mut planner, mut queue, left) = planner_and_queue(&scenario, lost);
+            let step = |seconds: f64| Step::Dwell { seconds, line: 2 };
+            planner.push(&scenario.moves[0], 1, 0).expect("plan");
+            planner.rest(&step(dwell.unwrap_or_default())).expect("plan");
+            let mut motion = scenario.motion();
+            let mut setpoints: Vec<Setpoint> = Vec::new();
+            while !motion.is_over() {
+                let cycle = setpoints.len();
+                planner.poll().expect("plan");
+                if cycle == 330 {
+                    left.set(0);
+                    if dwell.is_some() {
+                        planner.rest(&step(0.1)).expect("plan");
+                    }
+                    let back = Move {
+                        curve: Curve::Line(
+                            Line::new(scenario.moves[0].curve.end(), Axes::zeros()).expect("line"),
+                        ),
+                        ..scenario.moves[0]
+                    };
+                    planner.push(&back, 3, 1).expect("plan");
+                    planner.finish(9999).expect("plan");
+                }
+                let inputs = Inputs {
+                    hold: hold && (300..until).contains(&cycle),
+                    feed_override: if (300..until).contains(&cycle) {
+                        factor
+                    } else {
+                        1.0
+                    },
+                    ..Inputs::default()
+                };
+                setpoints.push(motion.step(&inputs, &mut queue));
+                assert!(cycle < 10_000, "{what}: does not end");
+            }
+            assert_eq!(motion.state(), State::Done, "{what}");
+            let last = setpoints.last().expect("setpoints");
+            assert_eq!(last.position, Axes::zeros(), "{what}");
+        }
+    }
+}

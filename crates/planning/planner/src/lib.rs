@@ -1,0 +1,45 @@
+//! Blending, look-ahead and feed profile: path segments in, runs for the cycle out.
+//!
+//! The path is a chain of [`Segment`]s in one path parameter `u`: the programmed length, along which every
+//! curve has finite derivatives. Where two moves meet, [`Planner`] replaces the corner by a blend within the
+//! tolerance, or bounds the speed there so that the exact path can be kept.
+//!
+//! The limits of the axes become limits along the path ([`PathLimits`]): constants for `u'`, `u''` and `u'''`
+//! on every [`Run`], a stretch of segments with like limits. On a run the motion is a jerk-limited [`Profile`],
+//! solved in closed form; between runs acceleration is zero. The [`LookAhead`] gives every boundary the highest
+//! speed from which all that follows can be obeyed, ending at rest at the end of what is known.
+//!
+//! The cycle solves the profile of the run that it enters, and of the present run again when a hold or an
+//! override comes in: everything that it needs for that is in the run and in its exit speed, so it answers within
+//! one cycle and asks nobody. A planner that dies leaves a plan that ends at rest on the path.
+//!
+//! That is the classic planner: safe, simple, and the fallback. The near-optimal one, the default, has the path from
+//! `evolvent-smooth` and the time law from `evolvent-timing`, in windows whose tail always ends at rest, and hands on
+//! [`Flow`]s, which the cycle only evaluates. Holds and overrides reach it as [`Request`]s. [`Planner`] is both of it;
+//! [`Shaper`] and [`Pacer`] are its halves, for those who have a thread for each.
+
+mod admission;
+mod classic;
+mod corner;
+mod horizon;
+mod lookahead;
+mod pacer;
+mod planner;
+mod proof;
+#[cfg(test)]
+mod recorder;
+mod shaper;
+mod step;
+mod straight;
+
+pub use evolvent_timing::{
+    DerivativeBounds, Outcome, PathLimits, Profile, ScalarLimits, ScalarState, lasting_speed, reachable_speed,
+};
+
+pub use admission::Admission;
+pub use corner::{Rounding, exact_joint_speed, round_corner};
+pub use lookahead::{LookAhead, PENDING_SEGMENTS, PENDING_STEPS};
+pub use pacer::Pacer;
+pub use planner::{PathRules, PlanError, Planner};
+pub use shaper::{PathItem, PathSink, Shaper};
+pub use step::{Answer, BlockMark, ExitSpeeds, Flow, PlanSink, Request, Run, Segment, SegmentMarks, Step};

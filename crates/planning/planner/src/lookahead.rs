@@ -1,0 +1,618 @@
+//! Look-ahead: from segments to runs with exit speeds that are final.
+//!
+//! Short segments with like limits are gathered into runs, because acceleration is zero at every boundary
+//! between runs and a chain of tiny ones would crawl. A backward pass from rest at the end of the known path
+//! gives each boundary the highest speed from which everything behind it can be obeyed. A boundary whose speed
+//! is its own cap cannot gain from path that is not known yet: it and all before it are final. So the plan does
+//! not depend on how the program's text happened to arrive.
+
+use std::collections::VecDeque;
+
+use evolvent_path::Curve;
+
+use crate::step::{ExitSpeeds, PlanSink, Run, Segment, Step};
+use evolvent_timing::{
+    DerivativeBounds, PathLimits, Profile, ScalarLimits, ScalarState, append_cells, lasting_speed,
+    reachable_speed,
+};
+
+/// Steps without final exit speed after which the older half is made final all the same.
+const MOST_PENDING: usize = 4096;
+/// The same for segments.
+const MOST_PENDING_SEGMENTS: usize = 8192;
+/// New steps between two backward passes.
+const PASS_EVERY: usize = 64;
+/// Cells of one run, which bounds the work of closing it.
+const MOST_CELLS: usize = 512;
+/// Segments of one run.
+const MOST_SEGMENTS: u32 = 128;
+/// A segment joins a run while the slowest of both has at least this share of the fastest's speed.
+const LIKE_SPEED: f64 = 0.8;
+/// A curve is cut in two where the speeds that its halves allow differ by more than this share.
+const SPLIT_SPEED: f64 = 0.12;
+/// No cut below this duration, s: there is no time to change speed in it.
+const SPLIT_TIME: f64 = 0.01;
+/// A run lasts at least this long, s, so that even the slowest loop passes few of them in a cycle.
+const SHORTEST_RUN: f64 = 0.002;
+/// Depth of the bisection of one segment.
+const MOST_SPLITS: u32 = 12;
+
+/// Most unconsumed steps a plan can hold at once before any of them is final.
+pub const PENDING_STEPS: usize = MOST_PENDING + PASS_EVERY;
+/// Most unconsumed segments a plan can hold at once before any of them is final.
+pub const PENDING_SEGMENTS: usize = MOST_PENDING_SEGMENTS + MOST_SEGMENTS as usize + 64;
+
+#[derive(Clone, Copy, Debug)]
+struct Pending {
+    /// `None`: a step at rest.
+    motion: Option<Run>,
+    segments: usize,
+    /// Caps of the exit speed at the programmed and at the doubled feed.
+    cap: ExitSpeeds,
+    exit: ExitSpeeds,
+}
+
+#[derive(Debug, Default)]
+struct Gathering {
+    cells: Vec<DerivativeBounds>,
+    segments: u32,
+    length: f64,
+    feed: f64,
+    /// Lowest speed that any cell allows, the feed word aside.
+    cap: f64,
+    /// Slowest and fastest segment, the feed word included.
+    slowest: f64,
+    fastest: f64,
+    /// Distance in which the slowest speed can be stopped, about.
+    stop: f64,
+}
+
+/// The look-ahead over one program.
+#[derive(Debug)]
+pub struct LookAhead<S> {
+    limits: PathLimits,
+    sink: S,
+    pending: VecDeque<Pending>,
+    pending_segments: usize,
+    since_pass: usize,
+    /// Steps handed on and final.
+    final_steps: u64,
+    gathering: Gathering,
+    /// Speed at the end of the last final step, at the programmed feed.
+    nominal_speed: f64,
+    scratch: Vec<DerivativeBounds>,
+}
+
+impl<S: PlanSink> LookAhead<S> {
+    /// At rest, nothing known.
+    #[must_use]
+    pub fn new(limits: PathLimits, sink: S) -> Self {
+        Self {
+            limits,
+            sink,
+            pending: VecDeque::with_capacity(PENDING_STEPS),
+            pending_segments: 0,
+            since_pass: 0,
+            final_steps: 0,
+            gathering: Gathering::default(),
+            nominal_speed: 0.0,
+            scratch: Vec::new(),
+        }
+    }
+
+    /// The limits planned for.
+    #[must_use]
+    pub fn limits(&self) -> &PathLimits {
+        &self.limits
+    }
+
+    /// Where the plan goes.
+    #[must_use]
+    pub fn sink(&self) -> &S {
+        &self.sink
+    }
+
+    /// Where the plan goes.
+    pub fn sink_mut(&mut self) -> &mut S {
+        &mut self.sink
+    }
+
+    /// Appends a stretch of path. `feed` is the programmed speed along the curve, infinite for rapids.
+    ///
+    /// # Errors
+    /// As the sink's.
+    pub fn segment(&mut self, segment: Segment, feed: f64) -> Result<(), S::Error> {
+        self.split(segment, feed, MOST_SPLITS)
+    }
+
+    /// Bounds the speed at the present end of the path; 0 is a stop.
+    ///
+    /// # Errors
+    /// As the sink's.
+    pub fn boundary(&mut self, cap: f64) -> Result<(), S::Error> {
+        self.close_run(cap)
+    }
+
+    /// Appends a step at rest.
+    ///
+    /// # Errors
+    /// As the sink's.
+    pub fn rest(&mut self, step: &Step) -> Result<(), S::Error> {
+        self.close_run(0.0)?;
+        self.sink.step(step)?;
+        self.append(Pending {
+            motion: None,
+            segments: 0,
+            cap: ExitSpeeds::REST,
+            exit: ExitSpeeds::REST,
+        });
+        Ok(())
+    }
+
+    /// Ends the path at rest and makes everything final.
+    ///
+    /// # Errors
+    /// As the sink's.
+    pub fn finish(&mut self, line: u32) -> Result<(), S::Error> {
+        self.rest(&Step::End { line })?;
+        self.pass();
+        self.finalise(self.pending.len());
+        Ok(())
+    }
+
+    fn split(&mut self, segment: Segment, feed: f64, depth: u32) -> Result<(), S::Error> {
+        let (from, to) = (segment.from, segment.from + segment.length);
+        if depth > 0 && !segment.marks.blend && !matches!(segment.curve, Curve::Line(_)) {
+            let middle = 0.5 * (from + to);
+            let (left, right) = (
+                self.speed_over(&segment.curve, from, middle),
+                self.speed_over(&segment.curve, middle, to),
+            );
+            let differ = (left - right).abs() > SPLIT_SPEED * left.max(right);
+            let lasts = segment.length > SPLIT_TIME * left.min(right).min(2.0 * feed);
+            // Where the feed word rules both halves there is nothing to gain.
+            if differ && lasts && left.min(right) < 2.0 * feed {
+                let first = Segment {
+                    length: middle - from,
+                    ..segment
+                };
+                let mut second = Segment {
+                    from: middle,
+                    length: to - middle,
+                    ..segment
+                };
+                second.marks.joint = false;
+                self.split(first, feed, depth - 1)?;
+                return self.split(second, feed, depth - 1);
+            }
+        }
+        self.gather(segment, feed)
+    }
+
+    fn speed_over(&mut self, curve: &Curve, from: f64, to: f64) -> f64 {
+        self.scratch.clear();
+        append_cells(curve, from, to, &mut self.scratch);
+        self.scratch
+            .iter()
+            .map(|cell| self.limits.speed(cell))
+            .fold(f64::INFINITY, f64::min)
+    }
+
+    fn gather(&mut self, segment: Segment, feed: f64) -> Result<(), S::Error> {
+        let (from, to) = (segment.from, segment.from + segment.length);
+        let feed = feed / metric_speed(&segment.curve, from, to);
+        let cap = self.speed_over(&segment.curve, from, to);
+        let speed = cap.min(feed);
+        let run = &self.gathering;
+        let like = speed.min(run.slowest) >= LIKE_SPEED * speed.max(run.fastest) && feed == run.feed;
+        let full = run.segments >= MOST_SEGMENTS || run.cells.len() + self.scratch.len() > MOST_CELLS;
+        // Too short for a run of its own, and taking the slower speed for both costs no time to speak of.
+        let slower = speed.min(run.slowest);
+        let extra =
+            run.length * (1.0 / slower - 1.0 / run.slowest) + segment.length * (1.0 / slower - 1.0 / speed);
+        let short = run.length.min(segment.length) < SHORTEST_RUN * slower && extra < SHORTEST_RUN;
+        if run.segments > 0 && (full || !(short || like && run.length < 2.0 * run.stop)) {
+            self.close_run(f64::INFINITY)?;
+        }
+        let own = self
+            .scratch
+            .iter()
+            .map(|cell| self.limits.tangential(cell, cap.min(2.0 * feed)))
+            .map(|(a, j)| (0.5 * speed * (speed / a + a / j)).min(speed * (speed / j).sqrt()))
+            .fold(0.0, f64::max);
+        let run = &mut self.gathering;
+        if run.segments == 0 {
+            (run.length, run.stop, run.feed) = (0.0, 0.0, feed);
+            (run.cap, run.slowest, run.fastest) = (cap, speed, speed);
+        }
+        run.cells.append(&mut self.scratch);
+        run.segments += 1;
+        run.length += segment.length;
+        run.feed = run.feed.min(feed);
+        run.cap = run.cap.min(cap);
+        run.slowest = run.slowest.min(speed);
+        run.fastest = run.fastest.max(speed);
+        run.stop = run.stop.max(own);
+        self.sink.segment(&segment)
+    }
+
+    fn close_run(&mut self, joint_cap: f64) -> Result<(), S::Error> {
+        let run = &mut self.gathering;
+        if run.segments == 0 {
+            if let Some(last) = self.pending.back_mut() {
+                last.cap.nominal = last.cap.nominal.min(joint_cap);
+                last.cap.doubled = last.cap.doubled.min(joint_cap);
+            }
+            return Ok(());
+        }
+        // The shortest duration holds even where a run could not be gathered longer.
+        let cap = run
+            .cap
+            .min(2.0 * run.feed)
+            .min(run.length / (0.25 * SHORTEST_RUN));
+        let limits = self.limits.over(&run.cells, cap);
+        let nominal = limits.velocity.min(run.feed);
+        let motion = Run {
+            length: run.length,
+            segments: run.segments,
+            limits,
+            feed: run.feed,
+        };
+        // The boundary into this run may be no faster than the run itself.
+        if let Some(before) = self.pending.back_mut() {
+            before.cap.nominal = before.cap.nominal.min(nominal);
+            before.cap.doubled = before.cap.doubled.min(limits.velocity);
+        }
+        let pending = Pending {
+            motion: Some(motion),
+            segments: run.segments as usize,
+            cap: ExitSpeeds {
+                nominal: nominal.min(joint_cap),
+                doubled: limits.velocity.min(joint_cap),
+            },
+            exit: ExitSpeeds::REST,
+        };
+        run.segments = 0;
+        run.cells.clear();
+        self.sink.step(&Step::Run(motion))?;
+        self.append(pending);
+        Ok(())
+    }
+
+    fn append(&mut self, pending: Pending) {
+        self.pending_segments += pending.segments;
+        self.pending.push_back(pending);
+        self.since_pass += 1;
+        let full = self.pending.len() >= MOST_PENDING || self.pending_segments >= MOST_PENDING_SEGMENTS;
+        if self.since_pass >= PASS_EVERY || full {
+            let count = self.pass();
+            self.finalise(count);
+            if self.pending.len() >= MOST_PENDING || self.pending_segments >= MOST_PENDING_SEGMENTS {
+                self.finalise(self.pending.len() / 2);
+            }
+        }
+    }
+
+    /// Backward pass; returns how many steps from the front are final.
+    fn pass(&mut self) -> usize {
+        self.since_pass = 0;
+        let (mut nominal_final, mut doubled_final) = (0, 0);
+        let mut speed = ExitSpeeds::REST;
+        for k in (0..self.pending.len()).rev() {
+            let before_cap = if k > 0 {
+                self.pending[k - 1].cap
+            } else {
+                ExitSpeeds::REST
+            };
+            let step = &mut self.pending[k];
+            // The last step's cap is not known before its successor is, unless it is at rest anyway.
+            let exit = speed;
+            if exit.nominal >= step.cap.nominal {
+                nominal_final = nominal_final.max(k + 1);
+            }
+            if exit.doubled >= step.cap.doubled {
+                doubled_final = doubled_final.max(k + 1);
+            }
+            step.exit = exit;
+            self.sink.exit(self.final_steps + k as u64, exit);
+            speed = match step.motion {
+                None => ExitSpeeds::REST,
+                Some(run) => {
+                    // What may still grow must not take back what it is built upon.
+                    let entry = |exit: f64, cap: f64, settled: bool| {
+                        if settled {
+                            reachable_speed(exit, run.length, &run.limits)
+                        } else {
+                            lasting_speed(exit, cap, run.length, &run.limits)
+                        }
+                    };
+                    let nominal = entry(exit.nominal, step.cap.nominal, nominal_final > k);
+                    let doubled = entry(exit.doubled, step.cap.doubled, doubled_final > k);
+                    ExitSpeeds {
+                        nominal: nominal.min(before_cap.nominal),
+                        doubled: doubled.min(before_cap.doubled),
+                    }
+                }
+            };
+        }
+        nominal_final.min(doubled_final)
+    }
+
+    fn finalise(&mut self, count: usize) {
+        for _ in 0..count {
+            let Some(step) = self.pending.pop_front() else {
+                break;
+            };
+            self.final_steps += 1;
+            self.pending_segments -= step.segments;
+            let mut duration = 0.0;
+            if let Some(run) = step.motion {
+                let from = ScalarState {
+                    x: 0.0,
+                    v: self.nominal_speed,
+                    a: 0.0,
+                };
+                let limits = ScalarLimits {
+                    velocity: run.limits.velocity.min(run.feed),
+                    ..run.limits
+                };
+                let profile = Profile::solve(from, run.length, step.exit.nominal, step.exit.nominal, &limits);
+                self.nominal_speed = profile.exit_speed();
+                duration = profile.duration();
+            }
+            self.sink.planned(self.final_steps - 1, duration);
+        }
+        self.sink.finalise(self.final_steps);
+    }
+}
+
+/// Largest speed of the feed metric per unit of parameter speed. It differs from 1 near an involute's base
+/// circle, where the parameter runs ahead of the path, and on blends.
+fn metric_speed(curve: &Curve, from: f64, to: f64) -> f64 {
+    let at = |u: f64| {
+        let first = curve.jet(u).first;
+        (first[0] * first[0] + first[1] * first[1] + first[2] * first[2]).sqrt()
+    };
+    match curve {
+        Curve::Line(_) | Curve::Arc(_) => 1.0,
+        // Monotone over the stretch in which it is not 1.
+        Curve::Involute(_) => at(from).max(at(to)).clamp(1e-6, 1.0),
+        Curve::Blend(_) | Curve::Spline(_) => {
+            let most = (0..=16)
+                .map(|k| at(from + (to - from) * f64::from(k) / 16.0))
+                .fold(1.0, f64::max);
+            if most > 1.0 { most * (1.0 + 1e-4) } else { 1.0 }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::expect_used, reason = "a test may fail")]
+
+    use evolvent_path::{Arc, Line, Plane, Sense};
+
+    use super::*;
+    use crate::SegmentMarks;
+    use crate::recorder::{Recorder, equal_axes, point};
+
+    fn ahead() -> LookAhead<Recorder> {
+        let limits = PathLimits::new(equal_axes(500.0, 2000.0, 50_000.0), 1000.0, 1e-3);
+        LookAhead::new(limits, Recorder::default())
+    }
+
+    fn straight(from: f64, to: f64) -> Segment {
+        let curve = Curve::Line(Line::new(point(from, 0.0), point(to, 0.0)).expect("line"));
+        whole(curve)
+    }
+
+    fn whole(curve: Curve) -> Segment {
+        Segment {
+            curve,
+            from: 0.0,
+            length: curve.domain(),
+            line: 1,
+            block: 0,
+            marks: SegmentMarks::default(),
+        }
+    }
+
+    /// Length that a change of speed takes, acceleration zero at both ends: `(v0 + v1)/2 T`.
+    fn distance(v0: f64, v1: f64, limits: &ScalarLimits) -> f64 {
+        let (dv, a, j) = ((v0 - v1).abs(), limits.acceleration, limits.jerk);
+        let time = if dv <= a * a / j {
+            2.0 * (dv / j).sqrt()
+        } else {
+            a / j + dv / a
+        };
+        0.5 * (v0 + v1) * time
+    }
+
+    #[test]
+    fn a_line_takes_the_time_that_its_limits_give() {
+        let mut ahead = ahead();
+        ahead.segment(straight(0.0, 100.0), 50.0).expect("plan");
+        ahead.finish(2).expect("finish");
+        // Each change takes 2 sqrt(V/J), the way is the same as at V for half of both; 1 % of the jerk is kept.
+        let expected = 100.0 / 50.0 + 2.0 * (50.0_f64 / 49_500.0).sqrt();
+        let took: f64 = ahead.sink().durations.iter().sum();
+        assert!((took - expected).abs() < 1e-9, "{took} {expected}");
+    }
+
+    #[test]
+    fn durations_follow_the_speed_from_run_to_run() {
+        let mut ahead = ahead();
+        ahead.segment(straight(0.0, 200.0), 100.0).expect("plan");
+        ahead.segment(straight(200.0, 400.0), 30.0).expect("plan");
+        ahead.finish(2).expect("finish");
+        let limits = ScalarLimits {
+            velocity: 500.0,
+            acceleration: 2000.0,
+            jerk: 49_500.0,
+        };
+        // Up to 100, down to 30 at the boundary, and down to rest at the end; constant speed between.
+        let way = |v0: f64, v1: f64| distance(v0, v1, &limits);
+        let time = |v0: f64, v1: f64| 2.0 * way(v0, v1) / (v0 + v1);
+        let first =
+            time(0.0, 100.0) + time(100.0, 30.0) + (200.0 - way(0.0, 100.0) - way(100.0, 30.0)) / 100.0;
+        let second = time(30.0, 0.0) + (200.0 - way(30.0, 0.0)) / 30.0;
+        let took = &ahead.sink().durations;
+        assert!(
+            (took[0] - first).abs() < 1e-9 && (took[1] - second).abs() < 1e-9,
+            "{took:?} {first} {second}"
+        );
+    }
+
+    #[test]
+    fn a_boundary_is_as_fast_as_the_slower_feed_and_twice_that_at_the_doubled() {
+        let mut ahead = ahead();
+        ahead.segment(straight(0.0, 200.0), 100.0).expect("plan");
+        ahead.segment(straight(200.0, 400.0), 30.0).expect("plan");
+        ahead.segment(straight(400.0, 600.0), 300.0).expect("plan");
+        ahead.finish(2).expect("finish");
+        let exits = &ahead.sink().exits;
+        assert_eq!(exits.len(), 4);
+        for exit in &exits[..2] {
+            assert!(
+                (exit.nominal - 30.0).abs() < 1e-9 && (exit.doubled - 60.0).abs() < 1e-9,
+                "{exit:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_bounded_boundary_keeps_its_bound_whichever_side_it_is_told_from() {
+        let mut ahead = ahead();
+        ahead.segment(straight(0.0, 200.0), 100.0).expect("plan");
+        ahead.boundary(7.0).expect("plan");
+        ahead.boundary(5.0).expect("plan");
+        ahead.boundary(6.0).expect("plan");
+        ahead.segment(straight(200.0, 400.0), 100.0).expect("plan");
+        ahead.finish(2).expect("finish");
+        let exit = ahead.sink().exits[0];
+        assert!(
+            (exit.nominal - 5.0).abs() < 1e-12 && (exit.doubled - 5.0).abs() < 1e-12,
+            "{exit:?}"
+        );
+    }
+
+    #[test]
+    fn short_blocks_of_one_feed_are_one_run_and_slow_ones_are_not_made_fast() {
+        let mut ahead = ahead();
+        for k in 0..100 {
+            let x = f64::from(k) * 0.01;
+            ahead.segment(straight(x, x + 0.01), 20.0).expect("plan");
+        }
+        ahead.finish(2).expect("finish");
+        let runs = ahead.sink().runs();
+        assert_eq!(runs.len(), 1);
+        assert_eq!(runs[0].0.segments, 100);
+        assert!((runs[0].0.length - 1.0).abs() < 1e-12 && (runs[0].0.feed - 20.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn every_boundary_can_be_reached_and_none_could_be_faster() {
+        // Blocks of random length and feed; the limits of a straight line are those of the axis.
+        let seed = 0x100c_0001_u64;
+        println!("seed {seed:#x}");
+        let mut state = seed;
+        let mut unit = || {
+            state ^= state >> 12;
+            state ^= state << 25;
+            state ^= state >> 27;
+            (state.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 11) as f64 / (1_u64 << 53) as f64
+        };
+        let mut ahead = ahead();
+        let mut at = 0.0;
+        for _ in 0..1500 {
+            let length = 0.5 * 20.0_f64.powf(unit());
+            ahead
+                .segment(straight(at, at + length), 5.0 * 60.0_f64.powf(unit()))
+                .expect("plan");
+            at += length;
+        }
+        ahead.finish(2).expect("finish");
+        let runs = ahead.sink().runs();
+        assert!(runs.len() > 1000, "{}", runs.len());
+        for (k, (run, entry, exit)) in runs.iter().enumerate() {
+            let limits = &run.limits;
+            assert!((limits.acceleration - 2000.0).abs() < 1e-9 && (limits.jerk - 49_500.0).abs() < 1e-6);
+            let top = limits.velocity.min(run.feed) * (1.0 + 1e-12);
+            assert!(
+                *entry <= top && *exit <= top,
+                "run {k}: {entry} {exit} above {top}"
+            );
+            if entry > exit {
+                let needs = distance(*entry, *exit, limits);
+                assert!(
+                    needs <= run.length * (1.0 + 1e-9),
+                    "run {k}: {needs} of {}",
+                    run.length
+                );
+            }
+            // The entry is at one of its bounds: this run's, the last one's, or the way to brake.
+            if k > 0 {
+                let before = &runs[k - 1].0;
+                let bound = top.min(before.limits.velocity.min(before.feed) * (1.0 + 1e-12));
+                let faster = entry * (1.0 + 1e-6) + 1e-9;
+                let could = faster <= bound && distance(faster, *exit, limits) <= run.length;
+                assert!(!could, "run {k}: {entry} could be faster, bound {bound}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_curve_is_cut_where_its_halves_differ_and_loses_nothing() {
+        // A narrow involute: the speed that it allows grows with the radius of curvature.
+        let radius = 2.0;
+        let place = |phi: f64| {
+            let (sin, cos) = phi.sin_cos();
+            point(radius * (cos + phi * sin), radius * (sin - phi * cos))
+        };
+        let involute = evolvent_path::Involute::new(
+            Plane::Xy,
+            place(0.5),
+            place(9.0),
+            [0.0, 0.0],
+            radius,
+            Sense::CounterClockwise,
+            1e-9,
+        );
+        let curve = Curve::Involute(involute.expect("involute"));
+        let mut ahead = ahead();
+        let mut one = whole(curve);
+        one.marks.joint = true;
+        ahead.segment(one, 400.0).expect("plan");
+        ahead.finish(2).expect("finish");
+        let segments = &ahead.sink().segments;
+        assert!(segments.len() > 3, "{}", segments.len());
+        let mut at = 0.0;
+        for (k, segment) in segments.iter().enumerate() {
+            assert!((segment.from - at).abs() < 1e-12 * curve.domain());
+            assert_eq!(
+                segment.marks.joint,
+                k == 0,
+                "only the first piece starts at the joint"
+            );
+            at += segment.length;
+        }
+        assert!((at - curve.domain()).abs() < 1e-12 * at);
+        let counted: u32 = ahead.sink().runs().iter().map(|run| run.0.segments).sum();
+        assert_eq!(counted as usize, segments.len());
+        // A full circle is the same all round, and a feed that rules everywhere leaves nothing to gain.
+        let circle = Arc::new(
+            Plane::Xy,
+            point(0.0, 0.0),
+            point(0.0, 0.0),
+            [5.0, 0.0],
+            Sense::Clockwise,
+            0,
+        );
+        for (curve, feed) in [(Curve::Arc(circle.expect("arc")), 400.0), (curve, 2.0)] {
+            let mut ahead = self::ahead();
+            ahead.segment(whole(curve), feed).expect("plan");
+            ahead.finish(2).expect("finish");
+            assert_eq!(ahead.sink().segments.len(), 1);
+        }
+    }
+}

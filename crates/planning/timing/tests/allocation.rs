@@ -1,0 +1,50 @@
+//! A planner that has warmed up allocates nothing, so that its time does not depend on the allocator.
+#![allow(clippy::expect_used, reason = "a test may fail")]
+
+mod common;
+
+use common::{axes, loose, square};
+use evolvent_counting::{Counting, allocations};
+use evolvent_timing::{Entry, Exit, Grid, Optimizer, Piece, Place};
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+/// A plan from rest, its continuation at a lower feed, and a stop.
+fn round(grid: &Grid, optimizer: &mut Optimizer, out: &mut Vec<Piece>) {
+    let start = Place { interval: 0, x: 0.0 };
+    optimizer
+        .plan(grid, start, Entry::Rest, 40, Exit::Open, 1.0, out)
+        .expect("plan");
+    for share in [2, 3] {
+        let piece = out[out.len() / share];
+        let state = piece.law.at(0.0).0;
+        let (_, begin) = grid.stretch_of(piece.interval).expect("known");
+        let place = Place {
+            interval: piece.interval,
+            x: piece.from - begin,
+        };
+        let (v, a) = (state.v, state.a);
+        if share == 2 {
+            let entry = Entry::Moving { v, a };
+            optimizer
+                .plan(grid, place, entry, 60, Exit::Open, 0.7, out)
+                .expect("plan");
+        } else {
+            optimizer.stop(grid, place, v, a, 60, out).expect("stop");
+        }
+    }
+}
+
+#[test]
+fn plans_and_stops_allocate_nothing_after_the_first() {
+    let limits = loose(axes(3, 200.0, 2000.0, 5e4));
+    let mut grid = Grid::new(&limits);
+    square(10.0, 0.02, 30.0).push_to(&mut grid);
+    let (mut optimizer, mut out) = (Optimizer::new(&limits), Vec::with_capacity(2000));
+    round(&grid, &mut optimizer, &mut out);
+    let before = allocations();
+    round(&grid, &mut optimizer, &mut out);
+    assert!(before > 0, "nothing is counted");
+    assert_eq!(allocations() - before, 0);
+}

@@ -1,0 +1,78 @@
+//! The same question has the same answer, to the bit.
+#![allow(clippy::expect_used, reason = "a test may fail")]
+
+mod common;
+
+use common::{Path, axes, loose, square};
+use evolvent_timing::{Entry, Exit, FeedError, Grid, Optimizer, Piece, Place};
+
+const START: Place = Place { interval: 0, x: 0.0 };
+
+fn grid(path: &Path) -> (Grid, Optimizer) {
+    let limits = loose(axes(3, 200.0, 2000.0, 5e4));
+    let mut grid = Grid::new(&limits);
+    path.push_to(&mut grid);
+    (grid, Optimizer::new(&limits))
+}
+
+/// A plan from rest over 40 intervals, and its continuation from the middle over 30 more.
+fn two(grid: &Grid, optimizer: &mut Optimizer) -> (Vec<Piece>, Vec<Piece>) {
+    let (mut first, mut second) = (Vec::new(), Vec::new());
+    optimizer
+        .plan(grid, START, Entry::Rest, 40, Exit::Open, 1.0, &mut first)
+        .expect("plan");
+    let (place, entry) = middle(grid, &first);
+    optimizer
+        .plan(grid, place, entry, 60, Exit::Open, 0.8, &mut second)
+        .expect("plan");
+    (first, second)
+}
+
+fn middle(grid: &Grid, plan: &[Piece]) -> (Place, Entry) {
+    let piece = plan[plan.len() / 2];
+    let state = piece.law.at(0.0).0;
+    let (_, begin) = grid.stretch_of(piece.interval).expect("known");
+    let place = Place {
+        interval: piece.interval,
+        x: piece.from - begin,
+    };
+    (
+        place,
+        Entry::Moving {
+            v: state.v,
+            a: state.a,
+        },
+    )
+}
+
+#[test]
+fn a_plan_does_not_depend_on_what_was_planned_before() {
+    let (grid, mut fresh) = grid(&square(10.0, 0.02, 30.0));
+    let expected = two(&grid, &mut fresh);
+    let mut used = fresh.clone();
+    assert!(two(&grid, &mut used) == expected, "after other plans");
+    used.forget();
+    assert!(two(&grid, &mut used) == expected, "after forgetting");
+}
+
+#[test]
+fn what_is_forgotten_serves_neither_a_plan_nor_a_stop() {
+    let (grid, mut optimizer) = grid(&square(10.0, 0.02, 30.0));
+    let (first, _) = two(&grid, &mut optimizer);
+    let (place, entry) = middle(&grid, &first);
+    let Entry::Moving { v, a } = entry else {
+        return;
+    };
+    let stops = |optimizer: &mut Optimizer| {
+        let mut out = Vec::new();
+        let found = optimizer.stop(&grid, place, v, a, 60, &mut out).is_ok();
+        (found, out)
+    };
+    optimizer.forget();
+    let used = stops(&mut optimizer);
+    let limits = loose(axes(3, 200.0, 2000.0, 5e4));
+    assert!(used == stops(&mut Optimizer::new(&limits)), "a stop");
+    let mut out = Vec::new();
+    let plan = optimizer.plan(&grid, place, entry, 60, Exit::Open, 1.0, &mut out);
+    assert!(matches!(plan, Err(FeedError::NoMotion { .. })) && out.is_empty());
+}

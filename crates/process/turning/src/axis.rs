@@ -1,0 +1,234 @@
+//! One axis under jerk-limited motion, told where to go and how fast, and told anew at any moment.
+
+use evolvent_timing::{Outcome, Profile, ScalarLimits, ScalarState};
+
+/// Share of the jerk that is planned: third differences of positions are noisy.
+const JERK_SHARE: f64 = 0.99;
+/// Room that is as good as endless, mm.
+const FAR_MM: f64 = 1e6;
+
+/// Place and derivatives of an axis.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct AxisPoint {
+    /// mm.
+    pub position: f64,
+    /// mm/s.
+    pub velocity: f64,
+    /// mm/s2.
+    pub acceleration: f64,
+    /// mm/s3.
+    pub jerk: f64,
+}
+
+/// An axis that goes where it is told, within velocity, acceleration and jerk limits.
+///
+/// A target that lies behind, or that is too near to stop at, is reached by stopping first. Closed form or a bisection
+/// of fixed length at each change, no allocation: real-time safe.
+#[derive(Clone, Copy, Debug)]
+pub struct AxisDrive {
+    limits: ScalarLimits,
+    /// Where the profile starts, and which way it goes.
+    origin: f64,
+    sign: f64,
+    profile: Profile,
+    time: f64,
+    target: f64,
+    speed: f64,
+    /// The profile only brakes: the target lies elsewhere.
+    turns_back: bool,
+}
+
+impl AxisDrive {
+    /// At rest at a position. The limits are those of the axis.
+    #[must_use]
+    pub fn new(position: f64, limits: &ScalarLimits) -> Self {
+        Self {
+            limits: ScalarLimits {
+                jerk: limits.jerk * JERK_SHARE,
+                ..*limits
+            },
+            origin: position,
+            sign: 1.0,
+            profile: Profile::at_rest(0.0),
+            time: 0.0,
+            target: position,
+            speed: 0.0,
+            turns_back: false,
+        }
+    }
+
+    /// Goes to `target` at `speed` mm/s at the most; a speed of 0 stops on the way.
+    pub fn aim(&mut self, target: f64, speed: f64) {
+        let speed = if speed > 0.0 {
+            speed.min(self.limits.velocity)
+        } else {
+            0.0
+        };
+        if target.is_nan() || (target == self.target && speed == self.speed) {
+            return;
+        }
+        let now = self.point();
+        (self.target, self.speed) = (target, speed);
+        self.solve(now);
+    }
+
+    /// Stops as soon as the limits allow.
+    pub fn stop(&mut self) {
+        self.aim(self.target, 0.0);
+    }
+
+    fn solve(&mut self, now: AxisPoint) {
+        let moving = now.velocity != 0.0 || now.acceleration != 0.0;
+        let room = self.target - now.position;
+        if !moving {
+            self.sign = if room < 0.0 { -1.0 } else { 1.0 };
+        }
+        let from = ScalarState {
+            x: 0.0,
+            v: (self.sign * now.velocity).max(0.0),
+            a: self.sign * now.acceleration,
+        };
+        (self.origin, self.time, self.turns_back) = (now.position, 0.0, false);
+        let room = self.sign * room;
+        let limits = ScalarLimits {
+            velocity: self.speed,
+            ..self.limits
+        };
+        if self.speed <= 0.0 || room <= 0.0 {
+            self.turns_back = room != 0.0;
+            self.profile = if moving {
+                Profile::brake(from, FAR_MM, 0.0, &self.limits)
+            } else {
+                Profile::at_rest(0.0)
+            };
+            return;
+        }
+        let profile = Profile::solve(from, room, 0.0, 0.0, &limits);
+        if profile.outcome() == Outcome::Overruns {
+            self.turns_back = true;
+            self.profile = Profile::brake(from, FAR_MM, 0.0, &self.limits);
+        } else {
+            self.profile = profile;
+        }
+    }
+
+    /// Advances by a period and says where the axis is.
+    pub fn advance(&mut self, period_s: f64) -> AxisPoint {
+        self.time += period_s;
+        if self.time >= self.profile.duration() && self.turns_back && self.speed > 0.0 {
+            // The rest of the period is lost, no more.
+            let point = self.point();
+            self.origin = point.position;
+            self.profile = Profile::at_rest(0.0);
+            self.time = 0.0;
+            self.solve(point);
+            return point;
+        }
+        self.point()
+    }
+
+    /// Where the axis is.
+    #[must_use]
+    pub fn point(&self) -> AxisPoint {
+        if self.time >= self.profile.duration() {
+            let end = if self.turns_back || self.speed <= 0.0 {
+                self.origin + self.sign * self.profile.end().x
+            } else {
+                self.target
+            };
+            return AxisPoint {
+                position: end,
+                ..AxisPoint::default()
+            };
+        }
+        let (state, jerk) = self.profile.at(self.time);
+        AxisPoint {
+            position: self.origin + self.sign * state.x,
+            velocity: self.sign * state.v,
+            acceleration: self.sign * state.a,
+            jerk: self.sign * jerk,
+        }
+    }
+
+    /// Whether the axis stands at its target.
+    #[must_use]
+    pub fn has_arrived(&self) -> bool {
+        self.time >= self.profile.duration() && self.point().position == self.target
+    }
+
+    /// Whether the axis stands.
+    #[must_use]
+    pub fn is_at_rest(&self) -> bool {
+        self.time >= self.profile.duration() && !(self.turns_back && self.speed > 0.0)
+    }
+
+    /// Where it is told to go.
+    #[must_use]
+    pub fn target(&self) -> f64 {
+        self.target
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LIMITS: ScalarLimits = ScalarLimits {
+        velocity: 200.0,
+        acceleration: 3000.0,
+        jerk: 100_000.0,
+    };
+
+    #[test]
+    fn whatever_it_is_told_and_when_the_limits_hold_in_its_positions() {
+        let seed = 0x5eed_0101_u64;
+        println!("seed {seed:#x}");
+        let mut random = seed;
+        let mut unit = || {
+            random ^= random >> 12;
+            random ^= random << 25;
+            random ^= random >> 27;
+            (random.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 11) as f64 / (1_u64 << 53) as f64
+        };
+        for period in [0.001, 0.000_25] {
+            let mut axis = AxisDrive::new(3.0, &LIMITS);
+            let mut past = [3.0; 4];
+            let mut arrivals = 0;
+            for _ in 0..200_000 {
+                if unit() < 0.01 {
+                    let target = 40.0 * unit() - 20.0;
+                    let speed = if unit() < 0.2 { 0.0 } else { 250.0 * unit().powi(3) };
+                    axis.aim(target, speed);
+                } else if unit() < 0.05 {
+                    axis.aim(axis.target(), 5.0 * unit());
+                }
+                past.rotate_right(1);
+                past[0] = axis.advance(period).position;
+                arrivals += u32::from(axis.has_arrived());
+                let v = (past[0] - past[1]) / period;
+                let a = (past[0] - 2.0 * past[1] + past[2]) / period.powi(2);
+                let j = (past[0] - 3.0 * past[1] + 3.0 * past[2] - past[3]) / period.powi(3);
+                assert!(v.abs() <= 200.0 * 1.000_001, "{v}");
+                assert!(a.abs() <= 3000.0 * 1.001, "{a}");
+                assert!(j.abs() <= 100_000.0 * 1.02, "{j}");
+            }
+            assert!(arrivals > 1000, "{arrivals}");
+        }
+    }
+
+    #[test]
+    fn it_ends_where_it_is_told_to_the_last_bit() {
+        let mut axis = AxisDrive::new(0.1, &LIMITS);
+        axis.aim(17.3, 50.0);
+        for _ in 0..50 {
+            axis.advance(0.001);
+        }
+        axis.aim(-4.7, 80.0);
+        assert!(!axis.has_arrived());
+        for _ in 0..2000 {
+            axis.advance(0.001);
+        }
+        assert!(axis.has_arrived() && axis.is_at_rest());
+        assert_eq!(axis.point().position, -4.7);
+    }
+}

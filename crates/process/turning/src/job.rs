@@ -1,0 +1,393 @@
+//! A job of self-programmed turning: what its file says, checked.
+
+use evolvent_config::{Sheet, SheetError};
+use evolvent_cutting::{Cut, ForceLaw, LawDefinition};
+use evolvent_timing::ScalarLimits;
+
+use crate::blank::Blank;
+use crate::job_file::{CutFile, CutKind, JobFile, SensorKind, StrategyName};
+use crate::law::CutLaw;
+use crate::regime::{BackOff, Regime, RegimeInput};
+use crate::scale::LoadScale;
+use crate::sensor::SensorModel;
+use crate::settings::{Strategy, TurningSettings};
+use crate::tool::Tool;
+use crate::wear::Wear;
+
+/// By how much the law may differ from its power law over the feeds and depths of the job.
+const MOST_MISFIT: f64 = 0.1;
+
+/// A job that can be run.
+#[derive(Clone, Debug)]
+pub struct Job {
+    /// Its name.
+    pub name: String,
+    /// The cut.
+    pub cut: CutFile,
+    /// Settings, with the usual motion limits: the machine's have to be put in.
+    pub settings: TurningSettings,
+    /// Stock for trials.
+    pub blank: Option<Blank>,
+    /// Sensor for trials.
+    pub sensor: SensorModel,
+    /// Largest difference between the force law and the power law that the controller uses, as a share.
+    pub law_misfit: f64,
+    /// The file's name and text.
+    source: (String, String),
+}
+
+impl Job {
+    /// Reads a job file; `file` names it in errors.
+    ///
+    /// # Errors
+    /// Keys that are unknown, missing or make no sense, and regimes that do not hold, with place and key.
+    pub fn parse(text: &str, file: &str) -> Result<Self, SheetError> {
+        let sheet = Sheet::parse(text, file)?;
+        let job: JobFile = sheet.read()?;
+        job.job(&sheet)
+    }
+
+    /// The same tool, law, load, feed and strategy for another cut.
+    ///
+    /// # Errors
+    /// What does not fit that cut, with the file's place and key.
+    pub fn for_cut(&self, cut: CutFile) -> Result<Self, SheetError> {
+        let (file, text) = &self.source;
+        let sheet = Sheet::parse(text, file)?;
+        let mut job: JobFile = sheet.read()?;
+        job.cut = cut;
+        job.job(&sheet)
+    }
+
+    /// The file's text.
+    #[must_use]
+    pub fn text(&self) -> &str {
+        &self.source.1
+    }
+
+    /// Puts a machine's limits in, and its control period. Moves that do not cut go as fast as the axes allow.
+    pub fn drive_with(&mut self, along: ScalarLimits, out: ScalarLimits, period_s: f64) {
+        let settings = &mut self.settings;
+        (settings.along_limits, settings.out_limits) = (along, out);
+        settings.rapid_mm_s = along.velocity;
+        settings.out_speed_mm_s = out.velocity;
+        settings.period_s = period_s;
+    }
+}
+
+impl JobFile {
+    fn job(&self, sheet: &Sheet<'_>) -> Result<Job, SheetError> {
+        let refuse = |key: &str, what: String, advice: &str| sheet.error(key, what, advice);
+        for (key, value, least, most) in [
+            ("cut.diameter_mm", self.cut.diameter_mm, 0.1, 1e4),
+            ("cut.z_mm", self.cut.z_mm, -1e4, 1e4),
+            ("cut.length_mm", self.cut.length_mm, 0.1, 1e4),
+            ("cut.allowance_max_mm", self.cut.allowance_max_mm, 0.01, 1e3),
+            ("cut.spindle_rpm", self.cut.spindle_rpm, 0.1, 1e5),
+            ("tool.rake_deg", self.tool.rake_deg, -45.0, 45.0),
+            ("sensor.lag_ms", self.sensor.lag_ms, 0.0, 1000.0),
+            ("sensor.stale_ms", self.sensor.stale_ms, 0.1, 1000.0),
+            ("sensor.noise", self.sensor.noise, 0.0, 0.5),
+            ("sensor.idle", self.sensor.idle, 0.0, 1e9),
+            ("sensor.idle_per_rpm", self.sensor.idle_per_rpm, 0.0, 1e6),
+            ("sensor.efficiency", self.sensor.efficiency, 0.05, 1.0),
+        ] {
+            sheet.number(key, value, least, most)?;
+        }
+        if let Some(diameter) = self.cut.speed_diameter_mm {
+            sheet.number("cut.speed_diameter_mm", diameter, 0.1, 1e4)?;
+        }
+        if self.cut.kind == CutKind::Facing && self.cut.length_mm > 0.5 * self.cut.diameter_mm {
+            return Err(refuse(
+                "cut.length_mm",
+                "goes beyond the axis".into(),
+                "give at most half of the diameter",
+            ));
+        }
+        let tool = Tool::new(self.tool.lead_deg, self.tool.edge_mm)
+            .map_err(|error| refuse("tool", error.to_string(), "correct the tool"))?;
+        let (law, law_misfit) = self.law(sheet)?;
+        let input = RegimeInput {
+            law,
+            set_load: self.load.set_n,
+            permitted_load: self.load.permitted_n,
+            feed_min_mm_rev: self.feed.min_mm_rev,
+            feed_max_mm_rev: self.feed.max_mm_rev,
+            back_off: match (self.feed.back_off_mm_rev, self.strategy.name) {
+                (Some(feed), _) => BackOff::Feed(feed),
+                (None, StrategyName::Fast) => BackOff::LeastTime,
+                (None, _) => BackOff::Balanced,
+            },
+        };
+        let mut regime =
+            Regime::new(&input, &tool).map_err(|error| refuse("feed", error.to_string(), "see above"))?;
+        regime.wear = self.wear(sheet)?;
+        let usual = TurningSettings::usual(regime, tool, self.cut.spindle_rpm, self.cut.length_mm);
+        let literal = self.strategy.name == StrategyName::Literal;
+        let scale = self.scale(sheet)?;
+        let settings = TurningSettings {
+            strategy: match self.strategy.name {
+                StrategyName::Literal => Strategy::literal(&regime),
+                StrategyName::Safe => Strategy::safe(&regime),
+                StrategyName::Fast => Strategy::fast(&regime, self.strategy.face_is_known),
+            },
+            allowance_max_mm: self.cut.allowance_max_mm,
+            // The literal strategy overloads by itself.
+            overload: self
+                .load
+                .overload_n
+                .unwrap_or(if literal { 2.5 } else { 1.5 } * regime.set_load),
+            overload_s: self.load.overload_ms.map_or(usual.overload_s, |ms| ms * 1e-3),
+            contact_load: self.load.contact_n.unwrap_or(usual.contact_load),
+            scale,
+            sensor_lag_s: self.sensor.lag_ms * 1e-3,
+            sensor_stale_s: self.sensor.stale_ms * 1e-3,
+            ..usual
+        };
+        Ok(Job {
+            name: self.name.clone(),
+            cut: self.cut,
+            settings,
+            blank: self.blank(sheet)?,
+            sensor: SensorModel {
+                lag_s: self.sensor.lag_ms * 1e-3,
+                noise: self.sensor.noise,
+                range_max: scale.reading(self.sensor.range_n.unwrap_or(4.0 * regime.set_load), 0.0, 0.0),
+                seed: self.sensor.seed,
+            },
+            law_misfit,
+            source: (sheet.file().to_owned(), sheet.text().to_owned()),
+        })
+    }
+
+    /// Prices as the cost of wear over that of time.
+    fn wear(&self, sheet: &Sheet<'_>) -> Result<Wear, SheetError> {
+        let Some(cost) = &self.cost else {
+            return Ok(Wear::default());
+        };
+        for (key, value, least, most) in [
+            ("cost.machine_per_h", cost.machine_per_h, 1e-6, 1e9),
+            ("cost.edge", cost.edge, 0.0, 1e9),
+            ("cost.life_min", cost.life_min, 1e-3, 1e6),
+            ("cost.life_feed_mm_rev", cost.life_feed_mm_rev, 1e-3, 10.0),
+            ("cost.life_depth_mm", cost.life_depth_mm, 1e-3, 100.0),
+            ("cost.life_feed_exponent", cost.life_feed_exponent, 0.0, 5.0),
+            ("cost.life_depth_exponent", cost.life_depth_exponent, 0.0, 5.0),
+        ] {
+            sheet.number(key, value, least, most)?;
+        }
+        Ok(Wear {
+            ratio: cost.edge / (cost.machine_per_h / 60.0 * cost.life_min),
+            feed_mm_rev: cost.life_feed_mm_rev,
+            depth_mm: cost.life_depth_mm,
+            feed_exponent: cost.life_feed_exponent,
+            depth_exponent: cost.life_depth_exponent,
+        })
+    }
+
+    /// What the sensor shows of the force.
+    fn scale(&self, sheet: &Sheet<'_>) -> Result<LoadScale, SheetError> {
+        let sensor = &self.sensor;
+        let idle = sensor.idle + sensor.idle_per_rpm * self.cut.spindle_rpm;
+        if sensor.kind == SensorKind::Force {
+            return Ok(LoadScale {
+                idle,
+                ..LoadScale::FORCE
+            });
+        }
+        if self.cut.kind == CutKind::Facing {
+            return Err(sheet.error(
+                "sensor.kind",
+                "a sensor in the spindle's drive tells the force of one diameter, and facing goes through all of them".into(),
+                "measure the force at the tool, or turn longitudinally",
+            ));
+        }
+        // Torque in N m of 1 N at a diameter of 1 mm.
+        let torque = 0.5e-3;
+        let per_n = match sensor.kind {
+            SensorKind::Force | SensorKind::Torque => torque,
+            SensorKind::Power => {
+                torque * std::f64::consts::TAU * self.cut.spindle_rpm / 60.0 / sensor.efficiency
+            }
+            SensorKind::Current => match sensor.amps_per_nm {
+                Some(amps) => {
+                    sheet.number("sensor.amps_per_nm", amps, 1e-6, 1e6)?;
+                    torque * amps
+                }
+                None => {
+                    return Err(sheet.error(
+                        "sensor.amps_per_nm",
+                        "is missing: a current tells nothing without it".into(),
+                        "give the A for 1 N m at the spindle, from the drive's data or two known cuts",
+                    ));
+                }
+            },
+        };
+        Ok(LoadScale {
+            idle,
+            per_n,
+            diameter_mm: Some(self.cut.diameter_mm),
+        })
+    }
+
+    fn blank(&self, sheet: &Sheet<'_>) -> Result<Option<Blank>, SheetError> {
+        let Some(stock) = &self.stock else {
+            return Ok(None);
+        };
+        let triples = |list: &[[f64; 3]]| list.iter().map(|[a, b, c]| (*a, *b, *c)).collect();
+        let blank = Blank {
+            outline_mm: stock.outline_mm.iter().map(|[u, h]| (*u, *h)).collect(),
+            grooves_mm: triples(&stock.grooves_mm),
+            hard_spots: triples(&stock.hard_spots),
+            runout_mm: stock.runout_mm,
+            slots: stock.slots_turn.iter().map(|[a, b]| (*a, *b)).collect(),
+        };
+        match blank.check() {
+            Ok(()) => Ok(Some(blank)),
+            Err(error) => Err(sheet.error("stock", error.to_string(), "correct the stock")),
+        }
+    }
+
+    /// The law at the cutting speed of the job as a power law, and how far that is off.
+    fn law(&self, sheet: &Sheet<'_>) -> Result<(CutLaw, f64), SheetError> {
+        let law = &self.law;
+        let diameter = self.cut.speed_diameter_mm.unwrap_or(self.cut.diameter_mm);
+        let speed_m_min = std::f64::consts::PI * diameter * self.cut.spindle_rpm / 1000.0;
+        let numbers = (
+            law.coefficient_n,
+            law.speed_exponent,
+            law.depth_exponent,
+            law.feed_exponent,
+        );
+        match (&law.name, numbers) {
+            (None, (Some(coefficient), Some(speed), Some(depth), Some(feed))) => {
+                sheet.number("law.coefficient_n", coefficient, 1e-3, 1e9)?;
+                sheet.number("law.speed_exponent", speed, -3.0, 3.0)?;
+                sheet.number("law.depth_exponent", depth, 0.05, 3.0)?;
+                sheet.number("law.feed_exponent", feed, 0.05, 3.0)?;
+                let law = CutLaw {
+                    coefficient: coefficient * libm::pow(speed_m_min, speed),
+                    depth_exponent: depth,
+                    feed_exponent: feed,
+                };
+                Ok((law, 0.0))
+            }
+            (Some(name), (None, None, None, None)) => {
+                let Some(definition) = LawDefinition::built_in(name) else {
+                    let names = LawDefinition::built_in_names().join(", ");
+                    return Err(sheet.error(
+                        "law.name",
+                        format!("\"{name}\" is no law"),
+                        format!("there is {names}"),
+                    ));
+                };
+                let tool = evolvent_cutting::Tool {
+                    rake_deg: self.tool.rake_deg,
+                    lead_deg: self.tool.lead_deg,
+                };
+                let built = definition.law(tool).map_err(|error| {
+                    sheet.error("law.name", error.to_string(), "choose another tool or law")
+                })?;
+                self.fit(sheet, &built, speed_m_min)
+            }
+            _ => Err(sheet.error(
+                "law",
+                "needs either a name, or coefficient_n and the exponents of speed, depth and feed".into(),
+                "give one of the two",
+            )),
+        }
+    }
+
+    /// A power law with the slopes of any law in the middle of the feeds, at the set load.
+    fn fit(&self, sheet: &Sheet<'_>, law: &ForceLaw, speed_m_min: f64) -> Result<(CutLaw, f64), SheetError> {
+        sheet.number("feed.min_mm_rev", self.feed.min_mm_rev, 1e-4, 10.0)?;
+        sheet.number(
+            "feed.max_mm_rev",
+            self.feed.max_mm_rev,
+            self.feed.min_mm_rev,
+            10.0,
+        )?;
+        let refuse = |error: &dyn std::fmt::Display| {
+            sheet.error(
+                "law",
+                error.to_string(),
+                "change speed or feeds, or choose another law",
+            )
+        };
+        let feeds = [
+            self.feed.min_mm_rev,
+            (self.feed.min_mm_rev * self.feed.max_mm_rev).sqrt(),
+            self.feed.max_mm_rev,
+        ];
+        let force = |depth_mm: f64, feed_mm_rev: f64| {
+            law.force(Cut {
+                speed_m_min,
+                depth_mm,
+                feed_mm_rev,
+            })
+            .map_err(|error| refuse(&error))
+        };
+        // The depth at the set load in the middle, by bisection.
+        let depth_at = |feed: f64| {
+            let (mut low, mut high) = (1e-3, 100.0);
+            for _ in 0..60 {
+                let middle = 0.5 * (low + high);
+                if force(middle, feed)?.tangential_n < self.load.set_n {
+                    low = middle;
+                } else {
+                    high = middle;
+                }
+            }
+            Ok::<f64, SheetError>(high)
+        };
+        let depth = depth_at(feeds[1])?;
+        let at = force(depth, feeds[1])?;
+        let fitted = CutLaw {
+            coefficient: 1.0,
+            depth_exponent: depth * at.per_depth / at.tangential_n,
+            feed_exponent: feeds[1] * at.per_feed / at.tangential_n,
+        };
+        let fitted = CutLaw {
+            coefficient: at.tangential_n / fitted.load(depth, feeds[1]),
+            ..fitted
+        };
+        if !fitted.is_sound() {
+            return Err(refuse(&format!(
+                "is no rising power of depth ({:.3}) and feed ({:.3}) at {speed_m_min:.1} m/min",
+                fitted.depth_exponent, fitted.feed_exponent
+            )));
+        }
+        let mut misfit: f64 = 0.0;
+        for feed in feeds {
+            let depth = depth_at(feed)?;
+            misfit = misfit.max((fitted.load(depth, feed) / self.load.set_n - 1.0).abs());
+        }
+        if misfit > MOST_MISFIT {
+            return Err(refuse(&format!(
+                "differs by {:.0} % from a power law over these feeds",
+                100.0 * misfit
+            )));
+        }
+        Ok((fitted, misfit))
+    }
+}
+
+impl CutFile {
+    /// Radius (X of the axis) and Z in mm of a place along the cut and a height.
+    #[must_use]
+    pub fn position_mm(&self, along_mm: f64, out_mm: f64) -> (f64, f64) {
+        match self.kind {
+            CutKind::Longitudinal => (0.5 * self.diameter_mm + out_mm, self.z_mm - along_mm),
+            CutKind::Facing => (0.5 * self.diameter_mm - along_mm, self.z_mm + out_mm),
+        }
+    }
+
+    /// Place along the cut and height of a radius and a Z, all in mm.
+    #[must_use]
+    pub fn place_mm(&self, x_mm: f64, z_mm: f64) -> (f64, f64) {
+        match self.kind {
+            CutKind::Longitudinal => (self.z_mm - z_mm, x_mm - 0.5 * self.diameter_mm),
+            CutKind::Facing => (0.5 * self.diameter_mm - x_mm, z_mm - self.z_mm),
+        }
+    }
+}

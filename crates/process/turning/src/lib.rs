@@ -1,0 +1,74 @@
+//! The cutting process: turning passes that find themselves from the cutting load, and a workpiece to try them on.
+//!
+//! ```text
+//! load sample ─► LoadWatch ─► depth of cut ─► TurningController ─► feed, height ─► two AxisDrives ─► setpoint
+//!                                              │        ▲                                              │
+//!                                              └► SizeRecord (what still stands)                       ▼
+//!                 Sensor ◄───────────────────────────────────────────────────────────────────── Workpiece
+//! ```
+//!
+//! A [`CutLaw`] says which load a depth and a feed make. Held at the set load, the feed tells the depth; a [`Regime`]
+//! holds the depths at which the feed meets its limits. The [`TurningController`] feeds at the final size, backs off
+//! where the cut is too deep, and comes back for what is left. It knows nothing of the stock but what it has felt.
+//!
+//! Places are measured along the cut from the face at which the tool comes in, heights outwards from the final size:
+//! mm, in longitudinal turning and in facing alike. Who calls turns them into X and Z.
+//!
+//! [`TurningController::step`], [`LoadWatch`], [`SizeRecord`], [`AxisDrive`] and [`CutLaw`] are for the real-time cycle:
+//! they allocate nothing after set-up, look at no clock, and give the same bits for the same inputs. [`Workpiece`],
+//! [`Sensor`], [`SimulatedProcess`] and [`Simulation`] are the process that closes the loop in tests and trials.
+//!
+//! The idea and equations (1) to (5) are from V. A. Timiryazev, A. V. Mukhin, A. A. Ivanov, "Adaptable control in
+//! autoprogramming of cutting tool path on a numerical control lathe".
+
+mod adaptive;
+mod adaptive_file;
+mod axis;
+mod backing_off;
+mod blank;
+mod chip;
+mod controller;
+mod cutting;
+mod engagement;
+mod feeding;
+mod fixed;
+mod job;
+mod job_file;
+mod law;
+mod missing;
+mod record;
+mod regime;
+mod returning;
+mod scale;
+mod sensor;
+mod settings;
+mod simulation;
+mod state;
+mod tool;
+mod trail;
+mod watch;
+mod wear;
+mod workpiece;
+
+pub use adaptive::{AdaptiveError, AdaptiveFeed, AdaptiveOutput, AdaptiveSettings, AdaptiveStop};
+pub use adaptive_file::adaptive_schema;
+pub use axis::{AxisDrive, AxisPoint};
+pub use blank::{Blank, BlankError};
+pub use controller::{TurningController, TurningInputs, TurningOutput};
+pub use cutting::SimulatedProcess;
+pub use evolvent_timing::ScalarLimits;
+pub use fixed::FixedPasses;
+pub use job::Job;
+pub use job_file::{CutFile, CutKind, JobFile, SensorKind, process_schema};
+pub use law::CutLaw;
+pub use record::SizeRecord;
+pub use regime::{BackOff, Regime, RegimeError, RegimeInput};
+pub use scale::LoadScale;
+pub use sensor::{LoadSample, Sensor, SensorFault, SensorModel};
+pub use settings::{OnThin, PassDepth, SettingsError, Strategy, TurningSettings};
+pub use simulation::{Figures, Simulation, run_fixed, run_fixed_at_load};
+pub use state::{Reason, Transition, TurningState};
+pub use tool::{Tool, ToolError};
+pub use watch::{LoadView, LoadWatch, SensorTrouble};
+pub use wear::Wear;
+pub use workpiece::{CutNow, Workpiece};

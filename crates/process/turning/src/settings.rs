@@ -1,0 +1,459 @@
+//! What self-programmed turning is set up with, and what is refused.
+
+use evolvent_timing::ScalarLimits;
+
+use crate::regime::Regime;
+use crate::scale::LoadScale;
+use crate::tool::Tool;
+use crate::watch::LoadWatch;
+
+/// Passes beyond equation (5) that the safe strategy takes, for thin places and for parts that take less time.
+const SAFE_EXTRA: u32 = 2;
+
+/// How passes are chosen and protected against their own transients.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Strategy {
+    /// Feed towards stock that has not been felt, mm/rev.
+    pub entry_feed_mm_rev: f64,
+    /// Feed after backing off, until the cut is known again, mm/rev.
+    pub resume_feed_mm_rev: f64,
+    /// Shoulders that earlier passes have left are slowed down for.
+    pub preview: bool,
+    /// While the depth grows, reckon with this many revolutions of growth ahead.
+    pub anticipation_rev: f64,
+    /// What to do where the set load is not reached at the largest feed.
+    pub on_thin: OnThin,
+    /// To which height a pass goes.
+    pub depth: PassDepth,
+}
+
+/// What to do on a thin place.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum OnThin {
+    /// End the pass; the next one starts at the first place that is not at size.
+    Return,
+    /// The same, so many times in a job; then as [`OnThin::Continue`]. A pass that was ended can cost one more where the
+    /// stock behind rises again, one that goes on costs none.
+    ReturnUpTo(u32),
+    /// The same, where what is left there costs no further pass.
+    ReturnIfSaved,
+    /// Go on at the largest feed, and take the rest in a later pass.
+    Continue,
+}
+
+/// To which height a pass goes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PassDepth {
+    /// Always to the final size first; what is too deep is backed off from.
+    Final,
+    /// The same, but what is known to be too deep is not tried.
+    KnownFinal,
+    /// In equal parts that take the least time, in so many passes beyond equation (5) at most.
+    Bounded {
+        /// Passes beyond equation (5), with those that were ended on thin places.
+        extra: u32,
+    },
+    /// In equal parts that take the least time, as far as the stock is known.
+    LeastTime {
+        /// The face stands at place 0, so that the place where it is felt tells the height of the stock.
+        face_is_known: bool,
+    },
+}
+
+impl Strategy {
+    /// The paper taken literally.
+    #[must_use]
+    pub fn literal(regime: &Regime) -> Self {
+        Self {
+            entry_feed_mm_rev: regime.feed_max_mm_rev,
+            resume_feed_mm_rev: regime.feed_back_off_mm_rev,
+            preview: false,
+            anticipation_rev: 0.0,
+            on_thin: OnThin::Return,
+            depth: PassDepth::Final,
+        }
+    }
+
+    /// With what simulation has taught: enters with `s_o`, resumes with `s_min`, sees its own shoulders coming.
+    #[must_use]
+    pub fn safe(regime: &Regime) -> Self {
+        Self {
+            entry_feed_mm_rev: regime.feed_back_off_mm_rev,
+            resume_feed_mm_rev: regime.feed_min_mm_rev,
+            preview: true,
+            anticipation_rev: 1.0,
+            on_thin: OnThin::ReturnUpTo(SAFE_EXTRA),
+            depth: PassDepth::Bounded { extra: SAFE_EXTRA },
+        }
+    }
+
+    /// Safe, with depths that take the least time.
+    #[must_use]
+    pub fn fast(regime: &Regime, face_is_known: bool) -> Self {
+        Self {
+            entry_feed_mm_rev: regime.feed_max_mm_rev,
+            resume_feed_mm_rev: regime.feed_min_mm_rev,
+            preview: true,
+            anticipation_rev: 1.0,
+            on_thin: OnThin::ReturnIfSaved,
+            depth: PassDepth::LeastTime { face_is_known },
+        }
+    }
+}
+
+/// Everything that the controller needs.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TurningSettings {
+    /// Depths and feeds.
+    pub regime: Regime,
+    /// The cutting edge.
+    pub tool: Tool,
+    /// How passes are chosen.
+    pub strategy: Strategy,
+    /// Speed of the spindle, rev/min.
+    pub spindle_rpm: f64,
+    /// Length of the cut, mm.
+    pub length_mm: f64,
+    /// The most that the stock can stand above the final size, mm: beyond it the tool moves freely.
+    pub allowance_max_mm: f64,
+    /// Clearance outwards, mm.
+    pub clear_out_mm: f64,
+    /// Clearance before the stock along the cut, mm.
+    pub clear_along_mm: f64,
+    /// Load above which there is contact.
+    pub contact_load: f64,
+    /// Load above which the tool is drawn out, ...
+    pub overload: f64,
+    /// ... if it lasts for this time, s.
+    pub overload_s: f64,
+    /// What the sensor shows of the force.
+    pub scale: LoadScale,
+    /// Lag of the sensor, s.
+    pub sensor_lag_s: f64,
+    /// Longest time between two readings, s.
+    pub sensor_stale_s: f64,
+    /// Fastest rise of the feed, mm/rev per s.
+    pub slew_up: f64,
+    /// Fastest fall of the feed, mm/rev per s.
+    pub slew_down: f64,
+    /// Way over which a place must be thin before something is done about it, mm.
+    pub thin_mm: f64,
+    /// Time for which a cut must be too deep before it is backed off from, s.
+    pub confirm_s: f64,
+    /// What may be left standing, mm.
+    pub tolerance_mm: f64,
+    /// Speed of moves out and in, mm/s.
+    pub out_speed_mm_s: f64,
+    /// Speed of moves along where no stock is, mm/s.
+    pub rapid_mm_s: f64,
+    /// Limits of the axis along the cut.
+    pub along_limits: ScalarLimits,
+    /// Limits of the axis across it.
+    pub out_limits: ScalarLimits,
+    /// Control period, s.
+    pub period_s: f64,
+}
+
+/// Why the settings are refused.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum SettingsError {
+    /// A number outside what makes sense.
+    #[error("{name} is {value}; it must lie from {least} to {most}")]
+    Number {
+        /// Which.
+        name: &'static str,
+        /// Its value.
+        value: f64,
+        /// Lowest.
+        least: f64,
+        /// Highest.
+        most: f64,
+    },
+    /// A revolution has too few periods.
+    #[error(
+        "at {spindle_rpm} rev/min a revolution has {cycles:.1} control periods; it needs from 8 to 2000000: change \
+         the speed or the control rate"
+    )]
+    Turn {
+        /// Spindle.
+        spindle_rpm: f64,
+        /// Periods a revolution.
+        cycles: f64,
+    },
+    /// The largest feed is faster than the axis.
+    #[error(
+        "the largest feed at {spindle_rpm} rev/min is {needed_mm_s:.2} mm/s, and the axis moves at {limit_mm_s:.2} mm/s \
+         at the most: lower one of them"
+    )]
+    AxisSpeed {
+        /// Spindle.
+        spindle_rpm: f64,
+        /// Needed.
+        needed_mm_s: f64,
+        /// There.
+        limit_mm_s: f64,
+    },
+    /// Feeds of the strategy outside the regime.
+    #[error(
+        "{name} is {value} mm/rev; it must lie from the smallest to the largest feed, {least} to {most} mm/rev"
+    )]
+    StrategyFeed {
+        /// Which.
+        name: &'static str,
+        /// Its value.
+        value: f64,
+        /// Smallest.
+        least: f64,
+        /// Largest.
+        most: f64,
+    },
+    /// Stock may stand higher than the edge.
+    #[error(
+        "the stock may stand {allowance_mm:.3} mm above the final size, and the edge reaches {reach_mm:.2} mm: rough it \
+         down first, or take a longer edge"
+    )]
+    Allowance {
+        /// Stock.
+        allowance_mm: f64,
+        /// Edge.
+        reach_mm: f64,
+    },
+    /// Without readings the feed could not be stopped within a revolution.
+    #[error(
+        "at {spindle_rpm} rev/min a revolution takes {turn_s:.4} s, and to notice a dead sensor and stop takes \
+         {stop_s:.4} s: read the sensor more often, allow for fewer missing readings, or turn slower"
+    )]
+    SensorLoss {
+        /// Spindle.
+        spindle_rpm: f64,
+        /// A revolution.
+        turn_s: f64,
+        /// To notice and stop.
+        stop_s: f64,
+    },
+    /// Protection below what is normal.
+    #[error("the overload limit {overload} must lie above the set load {set_load}")]
+    Overload {
+        /// Limit.
+        overload: f64,
+        /// Set.
+        set_load: f64,
+    },
+}
+
+impl TurningSettings {
+    /// Settings with usual values for everything that need not be chosen.
+    #[must_use]
+    pub fn usual(regime: Regime, tool: Tool, spindle_rpm: f64, length_mm: f64) -> Self {
+        Self {
+            regime,
+            tool,
+            strategy: Strategy::safe(&regime),
+            spindle_rpm,
+            length_mm,
+            allowance_max_mm: tool.reach_mm(),
+            clear_out_mm: 1.0,
+            clear_along_mm: 1.0,
+            contact_load: 0.05 * regime.set_load,
+            overload: 1.5 * regime.set_load,
+            overload_s: 0.02,
+            scale: LoadScale::FORCE,
+            sensor_lag_s: 0.01,
+            sensor_stale_s: 0.01,
+            slew_up: 1.0,
+            slew_down: 40.0,
+            thin_mm: 3.0,
+            confirm_s: 0.06,
+            tolerance_mm: 0.02,
+            out_speed_mm_s: 8.0,
+            rapid_mm_s: 166.0,
+            along_limits: ScalarLimits {
+                velocity: 200.0,
+                acceleration: 2000.0,
+                jerk: 50_000.0,
+            },
+            out_limits: ScalarLimits {
+                velocity: 100.0,
+                acceleration: 2000.0,
+                jerk: 50_000.0,
+            },
+            period_s: 0.001,
+        }
+    }
+
+    /// Duration of a revolution, s.
+    #[must_use]
+    pub fn turn_s(&self) -> f64 {
+        60.0 / self.spindle_rpm
+    }
+
+    /// Speed of a feed, mm/s.
+    #[must_use]
+    pub fn speed_mm_s(&self, feed_mm_rev: f64) -> f64 {
+        feed_mm_rev * self.spindle_rpm / 60.0
+    }
+
+    /// How long the feed may go on at its smallest without readings that can be believed, so that it stands within a
+    /// revolution after the last good one, s; below 0 where that cannot be.
+    #[must_use]
+    pub fn blind_s(&self) -> f64 {
+        let (limits, speed) = (&self.along_limits, self.speed_mm_s(self.regime.feed_max_mm_rev));
+        let braking = speed / limits.acceleration + 2.0 * (speed / limits.jerk).sqrt();
+        0.95 * self.turn_s() - braking - LoadWatch::notice_s(self.sensor_stale_s, self.period_s)
+    }
+
+    /// Checks everything.
+    ///
+    /// # Errors
+    /// The first setting that makes no sense, with the numbers.
+    pub fn check(&self) -> Result<(), SettingsError> {
+        let regime = &self.regime;
+        let most_load = 1e9;
+        for (name, value, least, most) in [
+            ("the spindle's speed in rev/min", self.spindle_rpm, 0.1, 1e5),
+            ("the control period in s", self.period_s, 1e-5, 0.02),
+            ("the length of the cut in mm", self.length_mm, 0.1, 1e4),
+            ("the largest allowance in mm", self.allowance_max_mm, 0.0, 1e3),
+            ("the clearance outwards in mm", self.clear_out_mm, 0.01, 100.0),
+            ("the clearance along in mm", self.clear_along_mm, 0.01, 100.0),
+            (
+                "the load of contact",
+                self.contact_load,
+                1e-9,
+                0.5 * regime.set_load,
+            ),
+            ("the overload limit", self.overload, 1e-9, most_load),
+            ("the duration of an overload in s", self.overload_s, 0.0, 1.0),
+            ("the sensor's lag in s", self.sensor_lag_s, 0.0, 1.0),
+            (
+                "the longest time between readings in s",
+                self.sensor_stale_s,
+                0.0,
+                1.0,
+            ),
+            (
+                "the fastest rise of the feed in mm/rev per s",
+                self.slew_up,
+                1e-3,
+                1e4,
+            ),
+            (
+                "the fastest fall of the feed in mm/rev per s",
+                self.slew_down,
+                1e-1,
+                1e5,
+            ),
+            ("the way of a thin place in mm", self.thin_mm, 0.0, 1e3),
+            ("the time of a deep place in s", self.confirm_s, 0.0, 10.0),
+            ("the tolerance in mm", self.tolerance_mm, 0.0, 10.0),
+            (
+                "the speed of moves across in mm/s",
+                self.out_speed_mm_s,
+                0.01,
+                1e4,
+            ),
+            ("the rapid speed in mm/s", self.rapid_mm_s, 0.01, 1e4),
+            (
+                "the anticipation in revolutions",
+                self.strategy.anticipation_rev,
+                0.0,
+                5.0,
+            ),
+            (
+                "the axis's velocity along in mm/s",
+                self.along_limits.velocity,
+                1e-3,
+                1e5,
+            ),
+            (
+                "the axis's acceleration along in mm/s2",
+                self.along_limits.acceleration,
+                1e-2,
+                1e7,
+            ),
+            (
+                "the axis's jerk along in mm/s3",
+                self.along_limits.jerk,
+                1e-1,
+                1e10,
+            ),
+            (
+                "the axis's velocity across in mm/s",
+                self.out_limits.velocity,
+                1e-3,
+                1e5,
+            ),
+            (
+                "the axis's acceleration across in mm/s2",
+                self.out_limits.acceleration,
+                1e-2,
+                1e7,
+            ),
+            (
+                "the axis's jerk across in mm/s3",
+                self.out_limits.jerk,
+                1e-1,
+                1e10,
+            ),
+        ] {
+            if !(least..=most).contains(&value) {
+                return Err(SettingsError::Number {
+                    name,
+                    value,
+                    least,
+                    most,
+                });
+            }
+        }
+        let cycles = self.turn_s() / self.period_s;
+        if !(8.0..=2e6).contains(&cycles) {
+            return Err(SettingsError::Turn {
+                spindle_rpm: self.spindle_rpm,
+                cycles,
+            });
+        }
+        let needed_mm_s = self.speed_mm_s(regime.feed_max_mm_rev);
+        if needed_mm_s > self.along_limits.velocity {
+            return Err(SettingsError::AxisSpeed {
+                spindle_rpm: self.spindle_rpm,
+                needed_mm_s,
+                limit_mm_s: self.along_limits.velocity,
+            });
+        }
+        for (name, value) in [
+            ("the entry feed", self.strategy.entry_feed_mm_rev),
+            ("the feed after backing off", self.strategy.resume_feed_mm_rev),
+        ] {
+            let (least, most) = (regime.feed_min_mm_rev, regime.feed_max_mm_rev);
+            if !(least..=most).contains(&value) {
+                return Err(SettingsError::StrategyFeed {
+                    name,
+                    value,
+                    least,
+                    most,
+                });
+            }
+        }
+        let reach_mm = self.tool.reach_mm();
+        if self.allowance_max_mm > reach_mm + 1e-9 {
+            return Err(SettingsError::Allowance {
+                allowance_mm: self.allowance_max_mm,
+                reach_mm,
+            });
+        }
+        if self.blind_s() < 0.0 {
+            return Err(SettingsError::SensorLoss {
+                spindle_rpm: self.spindle_rpm,
+                turn_s: self.turn_s(),
+                stop_s: self.turn_s() - self.blind_s(),
+            });
+        }
+        if self.overload <= regime.set_load {
+            return Err(SettingsError::Overload {
+                overload: self.overload,
+                set_load: regime.set_load,
+            });
+        }
+        Ok(())
+    }
+}

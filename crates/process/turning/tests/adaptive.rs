@@ -1,0 +1,222 @@
+//! Adaptive feed on the simulated process: fast and slow sensors, sensors that only come late, noise.
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a test may fail")]
+
+mod common;
+
+use std::collections::VecDeque;
+
+use common::{PERIOD_S, SET, TURN_S, law, tool};
+use evolvent_turning::{AdaptiveFeed, AdaptiveSettings, Blank, Sensor, SensorModel, Workpiece};
+
+/// The programmed feed, mm/rev.
+const FEED: f64 = 0.4;
+/// Lag of first order and dead time of sensors, s.
+const SENSORS: [(f64, f64); 8] = [
+    (0.005, 0.0),
+    (0.01, 0.0),
+    (0.03, 0.0),
+    (0.1, 0.0),
+    (0.3, 0.0),
+    (0.0, 0.03),
+    (0.0, 0.1),
+    (0.05, 0.05),
+];
+
+fn settings(lag_s: f64) -> AdaptiveSettings {
+    AdaptiveSettings {
+        overload: 4.0 * SET,
+        lag_s,
+        ..AdaptiveSettings::usual(SET, TURN_S, PERIOD_S)
+    }
+}
+
+/// Loads over the set one.
+#[derive(Clone, Copy, Debug, Default)]
+struct Seen {
+    peak: f64,
+    /// Longest time above 1.3, s.
+    over_130_s: f64,
+    /// Least, largest and mean of the last 30 mm, where the cut is even or almost so.
+    least: f64,
+    most: f64,
+    mean: f64,
+}
+
+/// A moment of a pass.
+#[derive(Clone, Copy, Debug)]
+struct Moment {
+    place: f64,
+    load: f64,
+    factor: f64,
+}
+
+/// A pass at the final size over a stock of 120 mm, up to 117: with the feed that is programmed, or held by the load.
+fn drive(
+    blank: Blank,
+    adaptive: Option<AdaptiveSettings>,
+    (lag_s, dead_s): (f64, f64),
+    noise: f64,
+    mut see: impl FnMut(Moment),
+) {
+    let mut piece = Workpiece::new(blank, 120.0, law(), tool(), TURN_S / PERIOD_S);
+    let model = SensorModel {
+        lag_s,
+        noise,
+        range_max: 20_000.0,
+        seed: 1,
+    };
+    let mut sensor = Sensor::new(model, PERIOD_S);
+    let mut feed = adaptive.map(|settings| AdaptiveFeed::new(settings).unwrap());
+    let mut late: VecDeque<f64> = vec![0.0; (dead_s / PERIOD_S).round() as usize].into();
+    let mut now = Moment {
+        place: -4.0,
+        load: 0.0,
+        factor: 1.0,
+    };
+    for _ in 0..300_000 {
+        late.push_back(now.load);
+        let sample = sensor.read(late.pop_front().unwrap(), None);
+        if let Some(feed) = &mut feed {
+            let output = feed.step(sample, now.factor, true);
+            assert_eq!(output.stop, None);
+            now.factor = output.factor;
+        }
+        now.place += now.factor * FEED / TURN_S * PERIOD_S;
+        now.load = piece.step(now.place, 0.0).load;
+        see(now);
+        if now.place > 117.0 {
+            return;
+        }
+    }
+    panic!("it does not end: {now:?}");
+}
+
+/// What the load came to.
+fn pass(blank: Blank, settings: AdaptiveSettings, sensor: (f64, f64), noise: f64) -> Seen {
+    let (mut above, mut sum, mut count) = (0.0, 0.0, 0.0);
+    let mut seen = Seen {
+        least: f64::INFINITY,
+        ..Seen::default()
+    };
+    drive(blank, Some(settings), sensor, noise, |now| {
+        let share = now.load / SET;
+        seen.peak = seen.peak.max(share);
+        above = if share > 1.3 { above + PERIOD_S } else { 0.0 };
+        seen.over_130_s = seen.over_130_s.max(above);
+        if now.place > 90.0 {
+            (seen.least, seen.most) = (seen.least.min(share), seen.most.max(share));
+            (sum, count) = (sum + share, count + 1.0);
+        }
+    });
+    seen.mean = sum / count;
+    seen
+}
+
+fn blanks() -> [(&'static str, Blank); 5] {
+    let outline = Blank::outline;
+    [
+        ("taper", outline(&[(0.0, 1.5), (120.0, 5.0)])),
+        ("even", Blank::uniform(4.5)),
+        (
+            "step",
+            outline(&[(0.0, 2.0), (60.0, 2.0), (60.0, 4.5), (120.0, 4.5)]),
+        ),
+        (
+            "steps",
+            outline(&[
+                (0.0, 3.0),
+                (30.0, 3.0),
+                (30.0, 4.0),
+                (60.0, 4.0),
+                (60.0, 2.0),
+                (80.0, 2.0),
+                (80.0, 4.5),
+                (120.0, 4.5),
+            ]),
+        ),
+        (
+            "groove",
+            Blank {
+                grooves_mm: vec![(30.0, 50.0, 0.0)],
+                ..Blank::uniform(4.0)
+            },
+        ),
+    ]
+}
+
+#[test]
+fn the_load_is_held_however_slow_late_or_noisy_the_sensor_is() {
+    for (lag_s, dead_s) in SENSORS {
+        for noise in [0.0, 0.02, 0.05] {
+            for (name, blank) in blanks() {
+                let seen = pass(blank, settings(lag_s + dead_s), (lag_s, dead_s), noise);
+                let what = format!("{name}, lag {lag_s}, late by {dead_s}, noise {noise}: {seen:?}");
+                // The feed must not hunt: a sensor that lags shows the load of the feed of before. Noise that looks like
+                // growth makes it lower, the more the farther ahead it has to look.
+                let dips = noise * (1.0 + (lag_s + dead_s) / TURN_S);
+                assert!(seen.least > 0.97 - dips && seen.most < 1.02 + noise, "{what}");
+                assert!((seen.mean - 1.0).abs() < 0.01 + 0.5 * noise, "{what}");
+                // What steps up is seen late by a sensor that is slow against a revolution.
+                let most = if lag_s + dead_s > 0.25 * TURN_S {
+                    TURN_S
+                } else {
+                    0.0
+                };
+                assert!(seen.over_130_s <= most, "{what}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_lag_that_is_half_or_twice_what_was_said_leaves_the_load_within_its_bound() {
+    for (true_s, said_s) in [(0.1, 0.05), (0.05, 0.1), (0.02, 0.01), (0.01, 0.02)] {
+        for (name, blank) in blanks() {
+            let seen = pass(blank, settings(said_s), (true_s, 0.0), 0.02);
+            let what = format!("{name}, {true_s} for {said_s}: {seen:?}");
+            assert!(seen.over_130_s <= TURN_S, "{what}");
+            assert!(seen.least > 0.9 && seen.most < 1.1, "{what}");
+        }
+    }
+}
+
+#[test]
+fn the_programmed_feed_does_not_hold_the_load_on_a_taper() {
+    let mut peak = 0.0;
+    let blank = Blank::outline(&[(0.0, 1.5), (120.0, 5.0)]);
+    drive(blank, None, (0.01, 0.0), 0.02, |now| {
+        peak = f64::max(peak, now.load);
+    });
+    assert!(peak > 1.6 * SET, "{peak}");
+}
+
+#[test]
+fn factors_stay_within_their_limits_and_slew_rates() {
+    let blank = Blank {
+        grooves_mm: vec![(30.0, 50.0, 0.0)],
+        ..Blank::outline(&[(0.0, 2.0), (70.0, 2.0), (70.0, 4.5), (120.0, 0.4)])
+    };
+    let (mut before, mut idle) = (None, false);
+    drive(blank, Some(settings(0.01)), (0.01, 0.0), 0.02, |now| {
+        let change = (now.factor - before.unwrap_or(now.factor)) / PERIOD_S;
+        assert!((-100.0 - 1e-9..=2.0 + 1e-9).contains(&change), "{change} per s");
+        assert!((0.2..=1.5).contains(&now.factor));
+        before = Some(now.factor);
+        // In the groove nothing is cut.
+        idle |= now.place > 40.0 && now.place < 48.0 && now.factor == 1.5;
+    });
+    assert!(idle);
+}
+
+#[test]
+fn a_lag_or_a_number_of_edges_that_cannot_be_is_refused() {
+    assert!(AdaptiveFeed::new(settings(-0.1)).is_err());
+    assert!(AdaptiveFeed::new(settings(f64::NAN)).is_err());
+    let error = AdaptiveFeed::new(settings(1.5)).unwrap_err();
+    assert!(error.to_string().contains("lag of the sensor"), "{error}");
+    let none = AdaptiveSettings {
+        edges: 0,
+        ..settings(0.01)
+    };
+    assert!(AdaptiveFeed::new(none).is_err());
+}

@@ -1,0 +1,624 @@
+//! Everything that can go wrong has its reaction, at whatever moment it comes.
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    clippy::print_stdout,
+    reason = "a test may fail, and prints its figures"
+)]
+
+mod common;
+
+use common::{
+    Limits, PERIOD_S, Random, SET, TURN_S, cases, fast, literal, random_rough_stock, random_stock, safe,
+    sensor, stocks,
+};
+use evolvent_turning::{
+    Blank, Reason, SensorFault, SensorTrouble, Simulation, TurningInputs, TurningSettings, TurningState,
+};
+
+const RUN: TurningInputs = TurningInputs {
+    load: None,
+    start: true,
+    hold: false,
+    feed_override: 1.0,
+};
+
+fn simulation(settings: TurningSettings, blank: Blank, seed: u64) -> Simulation {
+    Simulation::new(settings, blank, common::law(), sensor(seed)).unwrap()
+}
+
+/// Runs for a time; tells whether the job still runs.
+fn run_for(simulation: &mut Simulation, time_s: f64, limits: &mut Limits) -> bool {
+    for _ in 0..(time_s / PERIOD_S) as u64 {
+        let (output, _) = simulation.step(RUN, None);
+        limits.see(&output);
+        if simulation.controller.is_over() {
+            return false;
+        }
+    }
+    true
+}
+
+/// Runs until the job ends; the reason of the last change.
+fn run_out(simulation: &mut Simulation, limits: &mut Limits) -> Option<Reason> {
+    let mut last = None;
+    for _ in 0..600_000 {
+        let (output, _) = simulation.step(RUN, None);
+        limits.see(&output);
+        if let Some(transition) = output.transition {
+            last = Some(transition.reason);
+        }
+        if simulation.controller.is_over() {
+            break;
+        }
+    }
+    last
+}
+
+fn feeds(state: TurningState) -> bool {
+    use TurningState::{Approach, BackOff, Cut, Engage};
+    matches!(state, Approach | Engage | Cut | BackOff)
+}
+
+/// Settings of many kinds that are not refused.
+fn random_settings(random: &mut Random, case: usize) -> TurningSettings {
+    let mut settings = [safe(), fast(), literal()][case % 3];
+    settings.spindle_rpm = random.within(150.0, 550.0);
+    settings.sensor_stale_s = random.within(0.002, 0.02);
+    if settings.check().is_err() {
+        (settings.spindle_rpm, settings.sensor_stale_s) = (500.0, 0.01);
+    }
+    settings
+}
+
+fn trouble_of(fault: SensorFault) -> SensorTrouble {
+    match fault {
+        SensorFault::Stale | SensorFault::Lost => SensorTrouble::Silent,
+        SensorFault::NotANumber => SensorTrouble::NotANumber,
+        SensorFault::Saturated => SensorTrouble::Saturated,
+        SensorFault::Frozen => SensorTrouble::Frozen,
+        SensorFault::Negative => SensorTrouble::Negative,
+        SensorFault::Zero => panic!("readings of zero are no trouble of the sensor"),
+    }
+}
+
+/// A fault that shows in the readings themselves.
+fn distrusted(random: &mut Random) -> SensorFault {
+    let kinds: Vec<_> = SensorFault::ALL
+        .into_iter()
+        .filter(|fault| *fault != SensorFault::Zero)
+        .collect();
+    kinds[(kinds.len() as f64 * random.unit()) as usize]
+}
+
+/// The sensor fails for ever. The feed must stand within a revolution of the last good reading, of a fault outside the
+/// stock within one of where the tool feeds again. Tells whether there was anything left to stop.
+fn fail(mut sim: Simulation, mut limits: Limits, fault: SensorFault, what: &str) -> bool {
+    let turn_s = sim.controller.settings().turn_s();
+    let (mut reason, mut blind_s) = (None, 0.0);
+    loop {
+        let (output, _) = sim.step(RUN, Some(fault));
+        limits.see(&output);
+        if let Some(transition) = output.transition
+            && transition.to == TurningState::Fault
+        {
+            reason = Some(transition.reason);
+        }
+        blind_s = if feeds(output.state) || output.state == TurningState::Fault {
+            blind_s + PERIOD_S
+        } else {
+            0.0
+        };
+        if output.state == TurningState::Fault && output.along.velocity == 0.0 {
+            break;
+        }
+        if output.state == TurningState::Done {
+            return false;
+        }
+        assert!(
+            blind_s <= turn_s,
+            "{what}, {fault:?}: feeds on for {blind_s} s in {:?}",
+            output.state
+        );
+    }
+    assert_eq!(
+        reason,
+        Some(Reason::Sensor(trouble_of(fault))),
+        "{what}, {fault:?}"
+    );
+    true
+}
+
+#[test]
+fn a_sensor_that_fails_at_any_tick_on_any_stock_stops_the_axial_feed_within_a_revolution() {
+    let mut random = Random::new(1);
+    let (mut stopped, mut states) = (0, [0_u32; 10]);
+    let count = cases(6);
+    for case in 0..count {
+        let settings = random_settings(&mut random, case);
+        let blank = if case % 2 == 0 {
+            random_stock(&mut random)
+        } else {
+            random_rough_stock(&mut random)
+        };
+        let what = format!(
+            "case {case}, {} rev/min, stale after {} s, {blank:?}",
+            settings.spindle_rpm, settings.sensor_stale_s
+        );
+        let mut sim = simulation(settings, blank, case as u64);
+        let mut limits = Limits::new(&settings);
+        let mut next_s = random.within(0.0, 10.0);
+        // From the same run at many of its ticks.
+        while !sim.controller.is_over() {
+            let (output, _) = sim.step(RUN, None);
+            limits.see(&output);
+            if sim.figures.time_s < next_s {
+                continue;
+            }
+            let fault = distrusted(&mut random);
+            // A frozen reading is told from a quiet one where it reads a load.
+            if fault == SensorFault::Frozen && output.load < settings.contact_load {
+                continue;
+            }
+            next_s += random.within(0.0, 20.0);
+            if fail(sim.clone(), limits.clone(), fault, &what) {
+                stopped += 1;
+                states[output.state as usize] += 1;
+            }
+        }
+    }
+    println!("{count} stocks: stopped {stopped} times, by state {states:?}");
+    assert!(stopped > 5 * count, "{stopped}");
+}
+
+#[test]
+fn a_sensor_that_is_away_for_moments_slows_the_job_and_for_longer_ends_it_without_overload() {
+    let mut random = Random::new(6);
+    let (mut done, mut faults, mut gaps) = (0, 0, 0);
+    let count = cases(4);
+    for case in 0..count {
+        let settings = [safe(), fast()][case % 2];
+        // A quarter of a revolution is bridged at the smallest feed, more may be too much.
+        let bridged = case / 2 % 2 == 0;
+        let longest_s = if bridged { 0.25 * TURN_S } else { 0.08 };
+        let blank = random_stock(&mut random);
+        let mut sim = simulation(settings, blank.clone(), case as u64);
+        let mut limits = Limits::new(&settings);
+        let (mut fault, mut until_s) = (None, random.within(0.0, 5.0));
+        let mut reason = None;
+        while !sim.controller.is_over() {
+            if sim.figures.time_s >= until_s {
+                fault = if fault.is_some() {
+                    None
+                } else {
+                    gaps += 1;
+                    Some(distrusted(&mut random))
+                };
+                let least_s = if fault.is_some() { 0.0 } else { 0.5 };
+                until_s += least_s + random.within(0.0, if fault.is_some() { longest_s } else { 10.0 });
+            }
+            let (output, _) = sim.step(RUN, fault);
+            limits.see(&output);
+            reason = output.transition.map(|transition| transition.reason).or(reason);
+        }
+        let (figures, _) = sim.run(0.0, |_, _| {});
+        let what = format!("case {case}: {reason:?}, {figures:?} of {blank:?}");
+        assert!(
+            figures.over_130_s <= TURN_S && figures.undercut_mm < 1e-9,
+            "{what}"
+        );
+        match reason {
+            Some(Reason::AtSize) => {
+                done += 1;
+                assert!(figures.residual_mm <= 0.1, "{what}");
+            }
+            Some(Reason::Sensor(_)) if !bridged => faults += 1,
+            _ => panic!("{what}"),
+        }
+    }
+    println!("{count} stocks, {gaps} gaps: {done} ended at size, {faults} in a fault");
+    assert!(faults > 0 || count < 4);
+}
+
+#[test]
+fn an_overload_at_any_moment_draws_the_tool_out() {
+    let mut random = Random::new(2);
+    for case in 0..cases(12) {
+        let settings = safe();
+        let mut sim = simulation(settings, stocks()[case % 4].1.clone(), case as u64);
+        let mut limits = Limits::new(&settings);
+        if !run_for(&mut sim, random.within(0.0, 100.0), &mut limits) {
+            continue;
+        }
+        while sim.controller.state() != TurningState::Cut && run_for(&mut sim, PERIOD_S, &mut limits) {}
+        if sim.controller.is_over() {
+            continue;
+        }
+        let (output, _) = sim.step(RUN, None);
+        limits.see(&output);
+        let height = output.out.position;
+        // Something jams: the load is three times the set one, whatever is cut.
+        let (mut cycles, mut reason) = (0, None);
+        while !sim.controller.is_over() {
+            sim.jam(3.0 * SET);
+            let (output, _) = sim.step(RUN, None);
+            limits.see(&output);
+            reason = output.transition.map(|transition| transition.reason).or(reason);
+            cycles += 1;
+            assert!(cycles < 2000);
+        }
+        assert!(matches!(reason, Some(Reason::Overload { .. })), "{reason:?}");
+        let out = sim.step(RUN, None).0.out.position;
+        assert!(out > height + 1.0, "drawn out from {height} to {out}");
+        // Noticed after the time that was set, the filter's and the sensor's lag.
+        assert!(cycles < 500, "{cycles} cycles until everything stands");
+    }
+}
+
+#[test]
+fn a_load_that_goes_away_in_known_stock_is_a_broken_insert() {
+    for case in 0..8 {
+        let settings = [safe(), fast()][case % 2];
+        let mut sim = simulation(settings, Blank::uniform(8.0), case as u64);
+        let mut limits = Limits::new(&settings);
+        // The second pass cuts what the first has left.
+        loop {
+            let (output, _) = sim.step(RUN, None);
+            limits.see(&output);
+            let started = output.along.position > 20.0 + 15.0 * case as f64;
+            if output.pass == 2 && output.state == TurningState::Cut && started {
+                break;
+            }
+        }
+        let (mut reason, mut time) = (None, 0.0);
+        while reason.is_none() {
+            sim.jam(0.0);
+            let (output, _) = sim.step(RUN, None);
+            limits.see(&output);
+            reason = output.transition.map(|transition| transition.reason);
+            time += PERIOD_S;
+            assert!(time < 2.0 * TURN_S, "not noticed");
+        }
+        assert!(matches!(reason, Some(Reason::BrokenInsert { .. })), "{reason:?}");
+        run_out(&mut sim, &mut limits);
+        assert_eq!(sim.controller.state(), TurningState::Fault);
+    }
+}
+
+#[test]
+fn stock_that_is_higher_than_the_edge_is_refused_at_its_face() {
+    for settings in [safe(), fast(), literal()] {
+        for height in [10.5, 11.0, 15.0] {
+            let mut sim = simulation(settings, Blank::uniform(height), 3);
+            let reason = run_out(&mut sim, &mut Limits::new(&settings));
+            assert!(
+                matches!(reason, Some(Reason::StockTooThick { .. })),
+                "{height}: {reason:?}"
+            );
+            assert!(sim.figures.peak < 1.3 * SET);
+        }
+    }
+}
+
+#[test]
+fn missing_stock_is_told_and_not_taken_for_a_finished_part() {
+    let settings = safe();
+    let mut sim = simulation(settings, Blank::uniform(0.0), 3);
+    let reason = run_out(&mut sim, &mut Limits::new(&settings));
+    assert_eq!(reason, Some(Reason::NoStock));
+    // A sensor that shows nothing looks the same.
+    let mut sim = simulation(settings, Blank::uniform(2.0), 3);
+    let mut reason = None;
+    while !sim.controller.is_over() {
+        sim.jam(0.0);
+        let (output, _) = sim.step(RUN, None);
+        reason = output.transition.map(|transition| transition.reason).or(reason);
+    }
+    assert_eq!(reason, Some(Reason::NoStock));
+}
+
+#[test]
+fn cuts_that_are_not_round_are_held_at_their_deepest() {
+    let eccentric = |runout| Blank {
+        runout_mm: runout,
+        ..Blank::uniform(4.0)
+    };
+    let slotted = Blank {
+        slots: vec![(0.0, 0.2), (0.5, 0.6)],
+        ..Blank::uniform(4.0)
+    };
+    let hexagon = Blank {
+        runout_mm: 0.4,
+        slots: vec![(0.4, 0.7)],
+        ..Blank::outline(&[(0.0, 3.0), (200.0, 6.0)])
+    };
+    for (what, blank) in [
+        ("0.3 mm off", eccentric(0.3)),
+        ("0.8 mm off", eccentric(0.8)),
+        ("slotted", slotted),
+        ("slotted and off", hexagon),
+    ] {
+        let settings = safe();
+        let mut sim = simulation(settings, blank, 5);
+        let mut limits = Limits::new(&settings);
+        let reason = run_out(&mut sim, &mut limits);
+        let (figures, _) = sim.run(0.0, |_, _| {});
+        assert_eq!(reason, Some(Reason::AtSize), "{what}");
+        assert!(figures.residual_mm <= 0.1, "{what}: {figures:?}");
+        assert!(figures.over_130_s <= TURN_S, "{what}: {figures:?}");
+    }
+}
+
+#[test]
+fn holds_and_overrides_at_random_moments_end_at_size_without_overload() {
+    let mut random = Random::new(4);
+    for case in 0..cases(6) {
+        let settings = [safe(), fast()][case % 2];
+        let mut sim = simulation(settings, stocks()[case % 4].1.clone(), case as u64);
+        let mut limits = Limits::new(&settings);
+        let mut inputs = RUN;
+        let (mut holds, mut time) = (0, 0.0);
+        let mut reason = None;
+        while !sim.controller.is_over() {
+            if random.unit() < 0.000_3 {
+                inputs.hold = true;
+                holds += 1;
+            } else if inputs.hold && random.unit() < 0.01 {
+                inputs.hold = false;
+            }
+            if random.unit() < 0.001 {
+                inputs.feed_override = if random.unit() < 0.1 {
+                    0.0
+                } else {
+                    random.within(0.4, 2.0)
+                };
+            }
+            let (output, _) = sim.step(inputs, None);
+            limits.see(&output);
+            reason = output.transition.map(|transition| transition.reason).or(reason);
+            time += PERIOD_S;
+            assert!(time < 3000.0);
+        }
+        let (figures, _) = sim.run(0.0, |_, _| {});
+        assert_eq!(
+            reason,
+            Some(Reason::AtSize),
+            "case {case}: {}",
+            reason.unwrap().text()
+        );
+        assert!(holds > 5, "{holds}");
+        assert!(figures.residual_mm <= 0.1, "case {case}: {figures:?}");
+        assert!(figures.over_130_s <= TURN_S, "case {case}: {figures:?}");
+    }
+}
+
+#[test]
+fn a_held_tool_stands_and_goes_on_only_when_told() {
+    let settings = safe();
+    let mut sim = simulation(settings, Blank::uniform(6.0), 1);
+    let mut limits = Limits::new(&settings);
+    run_for(&mut sim, 30.0, &mut limits);
+    let held = TurningInputs { hold: true, ..RUN };
+    for _ in 0..200 {
+        limits.see(&sim.step(held, None).0);
+    }
+    let before = sim.step(held, None).0;
+    for _ in 0..5000 {
+        sim.step(held, None);
+    }
+    let after = sim.step(held, None).0;
+    assert_eq!(after.state, TurningState::Held);
+    assert_eq!(before.along.position, after.along.position);
+    assert_eq!(before.out.position, after.out.position);
+    assert_eq!(
+        run_out(&mut sim, &mut Limits::new(&settings)),
+        Some(Reason::AtSize)
+    );
+}
+
+#[test]
+fn after_a_fault_the_job_goes_on_from_what_is_known_when_it_is_started_again() {
+    let settings = safe();
+    let mut sim = simulation(settings, Blank::uniform(8.0), 1);
+    let mut limits = Limits::new(&settings);
+    run_for(&mut sim, 120.0, &mut limits);
+    while !sim.controller.is_over() {
+        sim.step(RUN, Some(SensorFault::Lost));
+    }
+    for _ in 0..1000 {
+        let (output, _) = sim.step(RUN, None);
+        assert_eq!(output.state, TurningState::Fault, "nobody has let the start go");
+    }
+    sim.step(TurningInputs { start: false, ..RUN }, None);
+    let reason = run_out(&mut sim, &mut Limits::new(&settings));
+    let (figures, _) = sim.run(0.0, |_, _| {});
+    assert_eq!(reason, Some(Reason::AtSize));
+    assert!(
+        figures.residual_mm <= 0.1 && figures.over_130_s <= TURN_S,
+        "{figures:?}"
+    );
+}
+
+/// Runs on with a load of zero for ever. Returns the reason of the fault, the longest time for which the tool was fed into
+/// stock before it without being drawn back, in revolutions, and whether the job was called done.
+fn lose_load(mut sim: Simulation, mut limits: Limits) -> (Option<Reason>, f64, bool) {
+    let turn_s = sim.controller.settings().turn_s();
+    let (mut reason, mut turns, mut most) = (None, 0.0, 0.0_f64);
+    while !sim.controller.is_over() && sim.figures.time_s < 3000.0 {
+        let (output, cut) = sim.step(RUN, Some(SensorFault::Zero));
+        limits.see(&output);
+        let cuts = cut.depth_mm > 0.5 && output.along.velocity > 0.0 && reason.is_none();
+        turns += f64::from(u8::from(cuts)) * PERIOD_S / turn_s;
+        // What has gone back comes in again, and is told by then.
+        if matches!(output.state, TurningState::Return | TurningState::ReEnter) {
+            turns = 0.0;
+        }
+        most = most.max(turns);
+        if let Some(transition) = output.transition
+            && transition.to == TurningState::Fault
+        {
+            reason = Some(transition.reason);
+        }
+    }
+    (reason, most, sim.controller.state() == TurningState::Done)
+}
+
+#[test]
+fn a_load_that_goes_away_after_a_shoulder_is_a_fault() {
+    for (case, settings) in [safe(), fast(), literal()].into_iter().enumerate() {
+        for height in [5.5, 8.0, 10.0] {
+            let mut sim = simulation(settings, Blank::uniform(height), case as u64);
+            let mut limits = Limits::new(&settings);
+            while sim.controller.state() != TurningState::BackOff {
+                limits.see(&sim.step(RUN, None).0);
+            }
+            let (reason, turns, _) = lose_load(sim, limits);
+            let what = format!("{height} mm, settings {case}: {reason:?} after {turns} revolutions");
+            assert!(matches!(reason, Some(Reason::BrokenInsert { .. })), "{what}");
+            assert!(turns < 1.5, "{what}");
+        }
+    }
+}
+
+#[test]
+fn a_load_that_goes_away_after_a_shoulder_with_slots_does_not_end_as_done() {
+    // The mean of a revolution is far below the cut between the slots, so how high the shoulder is is not sure.
+    let blank = Blank {
+        runout_mm: 0.3,
+        slots: vec![(0.02, 0.18), (0.39, 0.50), (0.71, 0.75)],
+        ..Blank::outline(&[(0.0, 9.1), (113.0, 2.7), (200.0, 2.7)])
+    };
+    for (case, settings) in [safe(), fast(), literal()].into_iter().enumerate() {
+        let mut sim = simulation(settings, blank.clone(), 5);
+        let mut limits = Limits::new(&settings);
+        let mut before = TurningState::Idle;
+        let mut shoulders = 0;
+        while !sim.controller.is_over() {
+            let (output, _) = sim.step(RUN, None);
+            limits.see(&output);
+            let leaves = before == TurningState::BackOff && output.state == TurningState::Approach;
+            before = output.state;
+            if leaves {
+                let (reason, _, done) = lose_load(sim.clone(), limits.clone());
+                let what = format!("settings {case}, shoulder {shoulders}: {reason:?}");
+                assert!(!done && reason.is_some(), "{what}");
+                shoulders += 1;
+            }
+        }
+        assert_eq!(sim.controller.state(), TurningState::Done, "settings {case}");
+        assert!(shoulders > 0, "settings {case}");
+    }
+}
+
+#[test]
+fn a_load_that_goes_away_in_a_cut_is_a_fault_in_a_turn() {
+    let mut random = Random::new(11);
+    let (mut told, mut most, mut silent) = (0, 0.0_f64, 0);
+    let count = cases(6);
+    for case in 0..count {
+        let settings = [safe(), fast(), literal()][case % 3];
+        let blank = random_stock(&mut random);
+        let mut sim = simulation(settings, blank.clone(), case as u64);
+        let mut limits = Limits::new(&settings);
+        let mut next_s = random.within(0.0, 6.0);
+        // Depths of the last revolution.
+        let mut depths = vec![0.0; (TURN_S / PERIOD_S) as usize];
+        while !sim.controller.is_over() {
+            let (output, cut) = sim.step(RUN, None);
+            limits.see(&output);
+            depths.rotate_left(1);
+            *depths.last_mut().unwrap() = cut.depth_mm;
+            if sim.figures.time_s < next_s {
+                continue;
+            }
+            let cutting = matches!(output.state, TurningState::Cut | TurningState::Engage);
+            // A depth that an edge does not leave within a revolution, and stock that goes on before it.
+            let ahead = sim.piece.height_mm((output.along.position + 8.0).min(199.9));
+            if !cutting || depths.iter().any(|depth| *depth < 1.5) || ahead < output.out.position + 1.5 {
+                continue;
+            }
+            next_s += random.within(2.0, 25.0);
+            let before = sim.clone();
+            let (reason, turns, done) = lose_load(sim.clone(), limits.clone());
+            let what = format!(
+                "case {case} at {:.3} s, {:?}, {:.2} mm deep at {:.3} mm/rev, {:.2} mm along, {blank:?}: {reason:?} \
+                 after {turns:.2} revolutions",
+                before.figures.time_s, output.state, cut.depth_mm, output.feed_mm_rev, output.along.position
+            );
+            assert!(!done, "{what}");
+            assert!(matches!(reason, Some(Reason::BrokenInsert { .. })), "{what}");
+            assert!(turns < 1.6, "{what}");
+            most = most.max(turns);
+            told += 1;
+        }
+        silent += usize::from(sim.controller.state() != TurningState::Done);
+    }
+    println!(
+        "{count} stocks: told {told} times, after {most:.2} revolutions at most, {silent} jobs not done without a loss"
+    );
+    assert!(told > 2 * count && silent == 0, "{told} {silent}");
+}
+
+#[test]
+fn no_job_is_done_without_load_while_stock_stands() {
+    let mut random = Random::new(12);
+    let (mut told, mut states) = (0, [0_u32; 10]);
+    let count = cases(6);
+    for case in 0..count {
+        let settings = [safe(), fast(), literal()][case % 3];
+        let mut blank = if case % 2 == 0 {
+            random_stock(&mut random)
+        } else {
+            random_rough_stock(&mut random)
+        };
+        // In a gap a dead sensor looks like the gap.
+        blank.grooves_mm.clear();
+        let mut sim = simulation(settings, blank.clone(), case as u64);
+        let mut limits = Limits::new(&settings);
+        let mut next_s = random.within(0.0, 6.0);
+        while !sim.controller.is_over() {
+            let (output, _) = sim.step(RUN, None);
+            limits.see(&output);
+            if sim.figures.time_s < next_s {
+                continue;
+            }
+            next_s += random.within(1.0, 15.0);
+            let stands = sim.piece.residual_mm();
+            if stands < 1.0 {
+                continue;
+            }
+            let (reason, _, done) = lose_load(sim.clone(), limits.clone());
+            let what = format!(
+                "case {case} at {:.3} s, {:?} of pass {}, {:.2} mm along, {:.2} mm out, {stands:.2} mm stand, {blank:?}: {reason:?}",
+                sim.figures.time_s, output.state, output.pass, output.along.position, output.out.position
+            );
+            assert!(!done && reason.is_some(), "{what}");
+            told += 1;
+            states[output.state as usize] += 1;
+        }
+    }
+    println!("{count} stocks: told {told} times, by state {states:?}");
+    assert!(told > 5 * count, "{told}");
+}
+
+#[test]
+fn a_job_that_is_started_again_without_load_fails_again() {
+    let settings = safe();
+    for (fault, reading) in [(SensorFault::Zero, "zero"), (SensorFault::Lost, "nothing")] {
+        let mut sim = simulation(settings, Blank::uniform(8.0), 3);
+        run_for(&mut sim, 40.0, &mut Limits::new(&settings));
+        while !sim.controller.is_over() {
+            sim.step(RUN, Some(fault));
+        }
+        for _ in 0..3 {
+            sim.step(TurningInputs { start: false, ..RUN }, Some(SensorFault::Zero));
+            let (_, turns, done) = lose_load(sim.clone(), Limits::new(&settings));
+            assert!(!done && turns < 6.0, "{reading}: {turns} revolutions");
+        }
+        // With a sensor that works the job comes to size.
+        sim.step(TurningInputs { start: false, ..RUN }, None);
+        let reason = run_out(&mut sim, &mut Limits::new(&settings));
+        assert_eq!(reason, Some(Reason::AtSize), "{reading}");
+        assert!(sim.piece.residual_mm() <= 0.1, "{reading}");
+    }
+}
