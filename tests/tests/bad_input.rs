@@ -22,7 +22,7 @@ const PROGRAMS: [&str; 6] = [
 const MUTANTS: usize = 1500;
 const RUNS: usize = 150;
 /// A run is stopped here: a mutated feed may make it last for days.
-const MOST_CYCLES: u64 = 100_000;
+const MAX_CYCLES: u64 = 100_000;
 
 fn setup() -> Setup {
     let file = repository().join("config/machines/mill-3axis.toml");
@@ -179,7 +179,7 @@ fn assert_runs_within_limits(file: &Path, setup: &Setup) -> &'static str {
     let controls = Arc::new(Controls::new(1.0));
     let stop = Arc::clone(&controls);
     let outcome = evolvent_runtime::run(&job, &controls, &mut Silent, |setpoint| {
-        if setpoint.sequence == MOST_CYCLES {
+        if setpoint.sequence == MAX_CYCLES {
             stop.stop();
         }
     })

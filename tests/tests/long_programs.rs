@@ -11,7 +11,7 @@ use evolvent_tests::{Launch, Workshop, unless_disturbed, wait};
 /// Lines of the shorter and the longer program.
 const LINES: [u64; 2] = [20_000, 200_000];
 /// Resident memory that a run may take, kB.
-const MOST_KB: u64 = 200_000;
+const MAX_KB: u64 = 200_000;
 /// What ten times the lines may add, kB: what the allocator leaves unused, nothing that grows.
 const GROWTH_KB: u64 = 20_000;
 
@@ -62,7 +62,7 @@ fn memory_does_not_grow_with_the_length_of_a_program() {
             peak
         });
         assert!(peaks[0] > 1000, "measured: {peaks:?}");
-        assert!(peaks[1] <= MOST_KB, "{} kB", peaks[1]);
+        assert!(peaks[1] <= MAX_KB, "{} kB", peaks[1]);
         assert!(
             peaks[1] <= peaks[0] + GROWTH_KB,
             "{peaks:?} kB: memory grows with the program"

@@ -9,7 +9,7 @@ use evolvent_bus::{
     ClientBus, ClientConfig, ControlAnswer, ControlClient, ControlRequest, Status, StatusReader, bus_folders,
     cores_of_other_users, list_machines,
 };
-use evolvent_control::{Alarm, CommandCode, DeadMan, JobResult, Mode};
+use evolvent_control::{Alarm, CommandCode, JobResult, JogEnable, Mode};
 use serde_json::json;
 
 use crate::ctl_args::{Action, CtlArgs, ModeArg, Switch};
@@ -36,7 +36,7 @@ const CHECKED: Duration = Duration::from_secs(600);
 const POLL: Duration = Duration::from_millis(5);
 /// Looks in vain, of two seconds, after which the core has gone. Looks are counted, because a process that was kept from running
 /// that long has not looked.
-const MOST_LOOKS: u32 = 400;
+const MAX_LOOKS: u32 = 400;
 
 /// How long the bus may take to open besides `--patience`. iceoryx2 waits without end for some kinds of damage.
 const OPENING: Duration = Duration::from_secs(15);
@@ -154,7 +154,7 @@ fn only_machine(args: &CtlArgs) -> Result<String, CommandError> {
 /// A status that is not older than its publisher.
 fn fresh_status(reader: &mut StatusReader) -> Result<Status, CommandError> {
     let mut first: Option<u64> = None;
-    for _ in 0..MOST_LOOKS {
+    for _ in 0..MAX_LOOKS {
         let latest = reader
             .latest()
             .map_err(|error| CommandError::Failed(error.to_string()))?;
@@ -436,7 +436,7 @@ impl Session {
                     ));
                 }
             }
-            if looks > MOST_LOOKS {
+            if looks > MAX_LOOKS {
                 return Err(CommandError::Failed("the core has gone".to_owned()));
             }
             std::thread::sleep(POLL);
@@ -502,7 +502,7 @@ impl Session {
                     (sequence, looks) = (status.sequence, 0);
                 }
             }
-            if looks > MOST_LOOKS {
+            if looks > MAX_LOOKS {
                 return Err(CommandError::Failed("the core has gone".to_owned()));
             }
             std::thread::sleep(POLL);
@@ -527,7 +527,7 @@ impl Session {
             drop(writeln!(err, "jogging; Ctrl-C stops"));
         }
         let begin = Instant::now();
-        let every = Duration::from_nanos(DeadMan::PATIENCE_NS / 3);
+        let every = Duration::from_nanos(JogEnable::PATIENCE_NS / 3);
         let over = |begin: Instant| seconds.is_some_and(|seconds| begin.elapsed().as_secs_f64() >= seconds);
         let mut renewed = Instant::now();
         while !stop.load(Ordering::Relaxed) && !over(begin) {

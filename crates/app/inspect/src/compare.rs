@@ -8,11 +8,11 @@ use crate::lines::LineTimes;
 use crate::opened::{InspectError, Opened};
 
 /// Lines that are named at most.
-const MOST_LINES: usize = 40;
+const MAX_LINES: usize = 40;
 /// Points of the curve of the difference.
 const POINTS: usize = 200;
 /// A difference in time below this is none, s.
-const LEAST_S: f64 = 1e-9;
+const MIN_S: f64 = 1e-9;
 
 /// A line in both runs.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
@@ -188,7 +188,7 @@ fn by_line(times: &[LineTimes; 2], lines: &[String]) -> Vec<LineDifference> {
                     .map_or_else(|| "not driven".to_owned(), crate::Limit::name)
             };
             let (a_s, b_s) = (seconds(a), seconds(b));
-            if (a_s - b_s).abs() < LEAST_S {
+            if (a_s - b_s).abs() < MIN_S {
                 return None;
             }
             let text = (line as usize).checked_sub(1).and_then(|at| lines.get(at));
@@ -206,7 +206,7 @@ fn by_line(times: &[LineTimes; 2], lines: &[String]) -> Vec<LineDifference> {
         })
         .collect();
     list.sort_by(|a, b| (b.a_s - b.b_s).abs().total_cmp(&(a.a_s - a.b_s).abs()));
-    list.truncate(MOST_LINES);
+    list.truncate(MAX_LINES);
     list
 }
 

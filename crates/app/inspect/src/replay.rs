@@ -18,7 +18,7 @@ const STATUS_EVERY_NS: u64 = 50_000_000;
 const LISTEN_TIMES: u32 = 100;
 const LISTEN_EVERY: Duration = Duration::from_millis(5);
 /// Longest sleep, so that a wish to end is heard.
-const NAP_NS: u64 = 20_000_000;
+const POLL_INTERVAL_NS: u64 = 20_000_000;
 /// Of a CiA 402 status word: the bits that tell the state, and what they are in "operation enabled".
 const STATE_BITS: u32 = 0x6F;
 const OPERATION_ENABLED: u32 = 0x27;
@@ -179,7 +179,8 @@ pub fn replay(
                 let since = record.due_time_ns.saturating_sub(start_due) as f64 / factor;
                 let due = start + since as u64;
                 while MonotonicClock::now_ns() < due && !stop() {
-                    let _late = MonotonicClock::sleep_until(due.min(MonotonicClock::now_ns() + NAP_NS));
+                    let _late =
+                        MonotonicClock::sleep_until(due.min(MonotonicClock::now_ns() + POLL_INTERVAL_NS));
                 }
                 due
             }

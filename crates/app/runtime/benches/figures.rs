@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 
 use evolvent_gcode::{Action, Command, Interpreter};
 use evolvent_machine::{ControlRate, Machine, PlannerKind};
-use evolvent_motion::{Inputs, Motion, PlanConsumer, PlanProducer, plan_queue};
+use evolvent_motion::{Inputs, PathExecutor, PlanConsumer, PlanProducer, plan_queue};
 use evolvent_planner::Planner;
 use evolvent_runtime::{
     Clock, Controls, Job, LatenessReport, Notice, RealtimeRequest, RunObserver, Setup, Summary, bare_loop,
@@ -90,7 +90,7 @@ fn own_work(program: &str, rate_hz: f64, planner: PlannerKind) -> (Histogram, u6
     let mut histogram = Histogram::default();
     let (mut ahead, mut queue) = Ahead::new(&root().join("tests/programs").join(program), &setup);
     let limits = setup.machine.limits();
-    let mut motion = Motion::new(limits, setup.period_ns, limits.home);
+    let mut motion = PathExecutor::new(limits, setup.period_ns, limits.home);
     let (mut to_bus, mut bus) = rtrb::RingBuffer::new(1024);
     let (mut to_trace, mut trace) = rtrb::RingBuffer::new(1024);
     let inputs = Inputs::default();

@@ -6,7 +6,7 @@ use std::path::Path;
 
 use evolvent_config::open_regular;
 use evolvent_gcode::{Action, Code, Command, Diagnostic, Interpreter, Move};
-use evolvent_planner::{Admission, PlanError};
+use evolvent_planner::{MoveValidator, PlanError};
 
 use crate::job::Setup;
 use crate::periphery::{Changer, TOOL_CHANGE_CODE, nobody_changes, waits_for};
@@ -108,7 +108,7 @@ pub(crate) fn check_while(
 ) -> std::io::Result<Checked> {
     let reader = reader_of(open_regular(program)?);
     let limits = *setup.path_limits().axes();
-    let mut admission = Admission::new(&limits);
+    let mut admission = MoveValidator::new(&limits);
     let mut checked = Checked::default();
     let mut machine = MachineCheck::new(setup, bounds);
     // Places that the machine has refused or that were warned of: loops come by again and again.
@@ -150,14 +150,14 @@ pub(crate) fn check_while(
             }
             continue;
         }
-        let objection = match (&command.action, command.action.missing_ability()) {
+        let objection = match (&command.action, command.action.unsupported_feature()) {
             (action, Some(what)) if machine.refuses_anew(action) => Some(Objection::Ability(what)),
             (_, Some(_)) => None,
             (Action::Move(motion), None) => {
                 let refused = match admission.admit::<Infallible>(motion) {
                     // A move after one that was refused starts elsewhere: nothing new.
                     Err(PlanError::Gap { .. }) => {
-                        admission = Admission::new(&limits);
+                        admission = MoveValidator::new(&limits);
                         admission.admit::<Infallible>(motion).err()
                     }
                     other => other.err(),

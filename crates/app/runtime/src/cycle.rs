@@ -5,7 +5,7 @@
 
 use std::sync::Arc;
 
-use evolvent_motion::{Inputs, Motion, PlanConsumer, Setpoint, State, flags};
+use evolvent_motion::{Inputs, PathExecutor, PlanConsumer, Setpoint, State, flags};
 use evolvent_path::AXES;
 use evolvent_trace::{CycleRecord, Histogram, inputs as recorded};
 use evolvent_turning::{
@@ -111,7 +111,7 @@ pub struct Seen<'a> {
 
 /// What the loop counted.
 pub(crate) struct CycleReport {
-    pub motion: Motion,
+    pub motion: PathExecutor,
     pub last: Option<Setpoint>,
     pub cycles: u64,
     pub late_cycles: u64,
@@ -138,7 +138,7 @@ pub(crate) struct CycleReport {
 
 impl CycleLoop {
     /// Runs to the end of the plan, a stop or a fault. `observe` sees every setpoint (offline planning).
-    pub(crate) fn run(mut self, motion: Motion, mut observe: impl FnMut(&Seen<'_>)) -> CycleReport {
+    pub(crate) fn run(mut self, motion: PathExecutor, mut observe: impl FnMut(&Seen<'_>)) -> CycleReport {
         let mut report = CycleReport {
             motion,
             last: None,
@@ -262,7 +262,7 @@ impl CycleLoop {
                     due_unix_ns,
                     lateness,
                     work,
-                    came_in(&inputs, &report.motion),
+                    input_bits(&inputs, &report.motion),
                 );
                 if self.records_load || adaptive.is_some() {
                     let turning = report.motion.turning().and_then(|output| output.transition);
@@ -359,7 +359,7 @@ pub(crate) fn wait_until(mut ready: impl FnMut() -> bool) {
 }
 
 /// What the step depended on beside plan and override, as bits of the trace.
-pub(crate) fn came_in(inputs: &Inputs, motion: &Motion) -> u32 {
+pub(crate) fn input_bits(inputs: &Inputs, motion: &PathExecutor) -> u32 {
     let bits = [
         (inputs.hold, recorded::HOLD),
         (inputs.stop, recorded::STOP),
@@ -486,7 +486,7 @@ mod tests {
         };
         let (sender, receiver) = mpsc::channel();
         std::thread::spawn(move || {
-            let report = cycle.run(Motion::new(limits, 1_000_000, Axes::zeros()), |_| {});
+            let report = cycle.run(PathExecutor::new(limits, 1_000_000, Axes::zeros()), |_| {});
             sender.send((report.planner_died, report.last.unwrap())).unwrap();
         });
         let (planner_died, last) = receiver.recv_timeout(Duration::from_secs(60)).unwrap();

@@ -15,7 +15,7 @@ use rtrb::Producer;
 
 use crate::job::Setup;
 use crate::memory::ProgramMemory;
-use crate::news::{BlockPlan, FeederNews, Moment, Notice, QueuedBlock, StopKind, UserCall, describe};
+use crate::news::{BlockPlan, FeederEvent, Moment, Notice, QueuedBlock, StopKind, UserCall, describe};
 use crate::periphery::{
     Changer, Periphery, TOOL_CHANGE_CODE, nobody_changes, tool_change_call, tool_request, waits_for,
 };
@@ -66,14 +66,14 @@ pub(crate) struct Feeder<'a, S> {
     file: String,
     setup: &'a Setup,
     planner: Stages<S>,
-    news: Vec<Sender<FeederNews>>,
+    news: Vec<Sender<FeederEvent>>,
     with_blocks: bool,
     blocks: VecDeque<Open>,
     next_block: u32,
     actions: u32,
     moves: u64,
     /// For somebody who looks on block by block.
-    onlooker: Option<Sender<FeederNews>>,
+    onlooker: Option<Sender<FeederEvent>>,
     switches: SwitchState,
     switching: Switching,
     /// Number of the job that is told of where somebody switches.
@@ -118,7 +118,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         file: &Path,
         setup: &'a Setup,
         planner: Stages<S>,
-        news: Vec<Sender<FeederNews>>,
+        news: Vec<Sender<FeederEvent>>,
         with_blocks: bool,
         optional_stop: bool,
     ) -> Self {
@@ -195,7 +195,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
     }
 
     /// Tells somebody of every block, of modes and of program stops.
-    pub(crate) fn watched_by(mut self, onlooker: Sender<FeederNews>) -> Self {
+    pub(crate) fn watched_by(mut self, onlooker: Sender<FeederEvent>) -> Self {
         self.onlooker = Some(onlooker);
         self
     }
@@ -261,7 +261,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         }
         let mut line = 0;
         loop {
-            self.mind_switches(&mut commands, line);
+            self.follow_switches(&mut commands, line);
             let next = commands.next();
             self.block_delete_lines = commands.block_delete_lines();
             let Some(command) = next else { break };
@@ -272,7 +272,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
                 diagnostic: Box::new(diagnostic),
             })?;
             line = command.line;
-            if let Some(what) = command.action.missing_ability() {
+            if let Some(what) = command.action.unsupported_feature() {
                 let diagnostic = Box::new(at_origin(&command, program, |file, line| {
                     refuse(what, file, line)
                 }));
@@ -404,7 +404,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
             let _gone = listener.send((action, self.periphery));
         }
         if let Some(onlooker) = &self.onlooker {
-            let _gone = onlooker.send(FeederNews::Periphery(action, self.periphery));
+            let _gone = onlooker.send(FeederEvent::Periphery(action, self.periphery));
         }
     }
 
@@ -460,7 +460,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         let action = self.actions;
         self.actions += 1;
         if let Some(onlooker) = &self.onlooker {
-            let _gone = onlooker.send(FeederNews::Stop(action, kind));
+            let _gone = onlooker.send(FeederEvent::Stop(action, kind));
         }
         match kind {
             StopKind::User(call) => {
@@ -500,7 +500,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
     }
 
     /// Looks how the switches stand for the next command. Once for each, so that a number says what they counted for.
-    fn mind_switches(&mut self, commands: &mut Commands, line: u32) {
+    fn follow_switches(&mut self, commands: &mut Commands, line: u32) {
         let state = self.switching.at(self.commands, self.switches);
         if state == self.switches {
             return;
@@ -513,7 +513,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
             state,
         };
         for news in &self.news {
-            let _gone = news.send(FeederNews::Switched(self.job, switched));
+            let _gone = news.send(FeederEvent::Switched(self.job, switched));
         }
     }
 
@@ -525,7 +525,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         for (name, text) in commands.files().skip(self.files_told) {
             for news in &self.news {
                 let name = format!("{}{name}", self.subroutines);
-                let _gone = news.send(FeederNews::Attach(name, text.clone()));
+                let _gone = news.send(FeederEvent::Attach(name, text.clone()));
             }
         }
         self.files_told = commands.file_count();
@@ -536,7 +536,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         let modal = commands.modal();
         if self.modal != Some(modal) {
             self.modal = Some(modal);
-            let _gone = onlooker.send(FeederNews::Modal(self.next_block, modal));
+            let _gone = onlooker.send(FeederEvent::Modal(self.next_block, modal));
         }
     }
 
@@ -570,7 +570,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
                 feed_mm_s: motion.feed,
                 path_mm: self.path_mm,
             };
-            let _gone = onlooker.send(FeederNews::Queued(queued));
+            let _gone = onlooker.send(FeederEvent::Queued(queued));
         }
         if self.with_blocks {
             let kind = match (motion.kind, &motion.curve) {
@@ -623,7 +623,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
                 text: text.to_owned(),
             };
             // Whoever does not listen any more misses nothing.
-            let _gone = news.send(FeederNews::Notice(notice));
+            let _gone = news.send(FeederEvent::Notice(notice));
         }
     }
 
@@ -648,7 +648,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
                 };
                 self.blocks.pop_front();
                 for news in &self.news {
-                    let _gone = news.send(FeederNews::Block(plan));
+                    let _gone = news.send(FeederEvent::Block(plan));
                 }
             }
         }

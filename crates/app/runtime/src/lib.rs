@@ -13,7 +13,6 @@
 //!
 //! [`examine`] says what the host can do.
 
-mod carrier;
 mod check;
 mod cycle;
 mod doctor;
@@ -45,6 +44,7 @@ mod tally;
 mod turning;
 mod turning_tally;
 mod user_code;
+mod user_code_runner;
 
 pub use check::{CheckBounds, Checked, Warning, check};
 pub use cycle::Seen;

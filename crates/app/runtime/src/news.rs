@@ -67,7 +67,7 @@ pub(crate) fn notices_due(notices: &VecDeque<Notice>, actions: u32, blocks: u32,
 
 /// What the feeder tells the recorder and the person at the screen.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) enum FeederNews {
+pub(crate) enum FeederEvent {
     Block(BlockPlan),
     Notice(Notice),
     /// A block was handed to the planner. Only for those who asked for it.
@@ -85,7 +85,7 @@ pub(crate) enum FeederNews {
     /// A file to attach to the trace.
     AttachFile(String, PathBuf),
     /// Something that is to be recorded at its setpoint.
-    Outside(Outside),
+    ExternalEvent(ExternalEvent),
     /// The trace goes on in a new file behind this setpoint; what follows belongs to that file.
     NextFile(u64),
     /// The planner of the job of this number reads on with other switches.
@@ -94,9 +94,9 @@ pub(crate) enum FeederNews {
 
 /// A command or an alarm, and the setpoint with which it took effect.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Outside {
+pub(crate) struct ExternalEvent {
     pub sequence: u64,
-    pub kind: OutsideKind,
+    pub kind: ExternalEventKind,
     /// Number of the command or alarm.
     pub code: u32,
     pub text: String,
@@ -105,7 +105,7 @@ pub(crate) struct Outside {
 
 /// What came from outside, or happened to the machine as a whole.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum OutsideKind {
+pub(crate) enum ExternalEventKind {
     Command,
     Alarm,
     Warning,

@@ -9,7 +9,7 @@ use evolvent_machine::FeedbackWish;
 use evolvent_trace::RecordError;
 
 use crate::job::{Clock, Job};
-use crate::news::{FeederNews, Moment, Notice, OutsideKind, notices_due};
+use crate::news::{ExternalEventKind, FeederEvent, Moment, Notice, notices_due};
 use crate::shared::Controls;
 
 /// What is told where drives answer.
@@ -35,7 +35,7 @@ pub trait RunObserver {
 /// Looks on at a run for its observer.
 pub(crate) struct LookingOn<'a> {
     controls: &'a Controls,
-    notices: &'a Receiver<FeederNews>,
+    notices: &'a Receiver<FeederEvent>,
     failures: &'a Receiver<RecordError>,
     every: Duration,
     /// Somebody wants drives to be watched where there are any.
@@ -47,7 +47,7 @@ impl<'a> LookingOn<'a> {
     pub(crate) fn new(
         job: &Job,
         controls: &'a Controls,
-        notices: &'a Receiver<FeederNews>,
+        notices: &'a Receiver<FeederEvent>,
         failures: &'a Receiver<RecordError>,
     ) -> Self {
         Self {
@@ -79,11 +79,11 @@ impl<'a> LookingOn<'a> {
             }
             for news in self.notices.try_iter() {
                 match news {
-                    FeederNews::Notice(notice) => ahead.push_back(notice),
-                    FeederNews::Outside(outside) => observer.notice(&Notice {
+                    FeederEvent::Notice(notice) => ahead.push_back(notice),
+                    FeederEvent::ExternalEvent(outside) => observer.notice(&Notice {
                         moment: Moment::Rest(0),
                         line: outside.code,
-                        is_message: outside.kind == OutsideKind::Output,
+                        is_message: outside.kind == ExternalEventKind::Output,
                         text: outside.text,
                     }),
                     _ => {}

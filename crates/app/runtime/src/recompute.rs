@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::Duration;
 
-use evolvent_motion::{Extremes, Inputs, Motion, Setpoint, State, plan_queue};
+use evolvent_motion::{Extremes, Inputs, PathExecutor, Setpoint, State, plan_queue};
 
 use crate::feeder::Feeder;
 use crate::job::Setup;
@@ -90,7 +90,7 @@ pub fn recompute(
         !waiting.load(Ordering::Acquire)
     });
     let turnings = producer.take_turnings();
-    let mut motion = Motion::new(limits, setup.period_ns, limits.home).planned_for(feed_override);
+    let mut motion = PathExecutor::new(limits, setup.period_ns, limits.home).planned_for(feed_override);
     let planner = Stages::two(setup, feed_override, producer)?;
     thread::scope(|scope| {
         let failing = &failed;
@@ -111,7 +111,7 @@ pub fn recompute(
         }) = inputs(cycles)
         {
             wait_for_planner(|| motion.is_ready(&mut queue) || (inputs.stop && motion.is_at_rest()));
-            motion.withhold_plan(waited);
+            motion.replay_starved(waited);
             motion.refuse_plan(refused);
             let mut setpoint = motion.step(&inputs, &mut queue);
             if setpoint.state == State::Done && failed.load(Ordering::Acquire) {

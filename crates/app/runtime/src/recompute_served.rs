@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use evolvent_machine::Limits;
-use evolvent_motion::{Inputs, Setpoint, State, Station, Steering};
+use evolvent_motion::{Inputs, MachineState, Setpoint, State, TransferExecutor};
 use evolvent_path::Axes;
 use evolvent_transfer::{AxesState, Sync, Transfer, TransferError};
 
@@ -18,7 +18,7 @@ use crate::serve::{Following, Planning, ProgramJob};
 use crate::switches::{Switched, Switching};
 
 /// Time between two looks whether a job's first pieces are planned.
-const NAP: Duration = Duration::from_micros(200);
+const POLL_INTERVAL: Duration = Duration::from_micros(200);
 
 /// Why a job cannot be computed again.
 #[derive(Debug, thiserror::Error)]
@@ -42,27 +42,27 @@ pub enum Moved {
     /// A job along a plan.
     ByPlan(RecordedInputs),
     /// A jog or homing; whether it was told to stop.
-    BySteering {
+    ByTransfer {
         /// It was.
         stop: bool,
     },
 }
 
-enum Work {
+enum ActiveJob {
     None,
     Plan {
         planning: Box<Planning>,
         job: Box<Following>,
     },
-    Steering(Box<Steering>),
+    TransferExecutor(Box<TransferExecutor>),
 }
 
 /// A served machine again, setpoint by setpoint, as its cycle went.
 pub struct ServedAgain {
-    station: Station,
+    station: MachineState,
     limits: Limits,
     period_ns: u64,
-    work: Work,
+    work: ActiveJob,
     /// What was wrong with the text of the last program.
     complaint: Option<ProgramError>,
 }
@@ -72,10 +72,10 @@ impl ServedAgain {
     #[must_use]
     pub fn new(limits: Limits, period_ns: u64) -> Self {
         Self {
-            station: Station::new(limits, period_ns, limits.home),
+            station: MachineState::new(limits, period_ns, limits.home),
             limits,
             period_ns,
-            work: Work::None,
+            work: ActiveJob::None,
             complaint: None,
         }
     }
@@ -89,7 +89,7 @@ impl ServedAgain {
     /// Whether a job is under way.
     #[must_use]
     pub fn is_at_work(&self) -> bool {
-        !matches!(self.work, Work::None)
+        !matches!(self.work, ActiveJob::None)
     }
 
     /// Whether the axes rest.
@@ -157,12 +157,12 @@ impl ServedAgain {
             if let Some(job) = planning.take_if_ready() {
                 break job;
             }
-            std::thread::sleep(NAP);
+            std::thread::sleep(POLL_INTERVAL);
         };
         if !self.station.hand_to(&mut job.motion) {
             return Err(ServedError::Place);
         }
-        self.work = Work::Plan { planning, job };
+        self.work = ActiveJob::Plan { planning, job };
         Ok(())
     }
 
@@ -173,9 +173,9 @@ impl ServedAgain {
     pub fn steer(&mut self, start: &SteeredStart) -> Result<(), ServedError> {
         let limits = start.limits(&self.limits);
         let to = AxesState::at_rest(start.to);
-        let steering = Steering::new(Transfer::solve(&limits, &start.from, &to, Sync::Time)?);
+        let steering = TransferExecutor::new(Transfer::solve(&limits, &start.from, &to, Sync::Time)?);
         match &mut self.work {
-            Work::Steering(present) if start.is_turn => {
+            ActiveJob::TransferExecutor(present) if start.is_turn => {
                 if !self.station.turn(present, &steering) {
                     return Err(ServedError::Place);
                 }
@@ -185,7 +185,7 @@ impl ServedAgain {
                 if start.is_turn || !self.station.can_steer(&steering) {
                     return Err(ServedError::Place);
                 }
-                self.work = Work::Steering(Box::new(steering));
+                self.work = ActiveJob::TransferExecutor(Box::new(steering));
             }
         }
         Ok(())
@@ -196,7 +196,7 @@ impl ServedAgain {
     pub fn step(&mut self, moved: &Moved, feed_override: f64) -> Option<Setpoint> {
         match (moved, &mut self.work) {
             (Moved::ByNothing(state), work) => {
-                if !matches!(work, Work::None) || !self.station.is_at_rest() {
+                if !matches!(work, ActiveJob::None) || !self.station.is_at_rest() {
                     // Does nothing where the axes are stopping by themselves.
                     self.station.emergency();
                     self.end_work();
@@ -204,7 +204,7 @@ impl ServedAgain {
                 self.station.set_override(feed_override);
                 Some(self.station.rest(*state))
             }
-            (Moved::ByPlan(recorded), Work::Plan { job, .. }) => {
+            (Moved::ByPlan(recorded), ActiveJob::Plan { job, .. }) => {
                 let setpoint = follow(job, recorded);
                 self.station.follow(&job.motion, &setpoint);
                 let is_over = job.motion.is_over() || job.motion.is_stuck(&mut job.queue);
@@ -217,7 +217,7 @@ impl ServedAgain {
                 }
                 Some(shown)
             }
-            (Moved::BySteering { stop }, Work::Steering(steering)) => {
+            (Moved::ByTransfer { stop }, ActiveJob::TransferExecutor(steering)) => {
                 if *stop {
                     steering.stop();
                 }
@@ -246,14 +246,14 @@ impl ServedAgain {
     }
 
     fn end_work(&mut self) {
-        if let Work::Plan { mut planning, job } = std::mem::replace(&mut self.work, Work::None) {
+        if let ActiveJob::Plan { mut planning, job } = std::mem::replace(&mut self.work, ActiveJob::None) {
             planning.abandon();
             drop(job);
             let result = loop {
                 if let Some(result) = planning.take_result() {
                     break result;
                 }
-                std::thread::sleep(NAP);
+                std::thread::sleep(POLL_INTERVAL);
             };
             self.complaint = result.1.err();
         }
@@ -270,7 +270,7 @@ fn follow(job: &mut Following, recorded: &RecordedInputs) -> Setpoint {
     let inputs: Inputs = recorded.inputs;
     let (motion, queue) = (&mut job.motion, &mut job.queue);
     wait_for_planner(|| motion.is_ready(queue) || (inputs.stop && motion.is_at_rest()));
-    motion.withhold_plan(recorded.waited);
+    motion.replay_starved(recorded.waited);
     motion.refuse_plan(recorded.refused);
     motion.step(&inputs, queue)
 }

@@ -19,7 +19,7 @@ use evolvent_trace::{
 use rtrb::Consumer;
 
 use crate::cycle::CycleSample;
-use crate::news::{BlockPlan, FeederNews, Notice, Outside, OutsideKind, notices_due};
+use crate::news::{BlockPlan, ExternalEvent, ExternalEventKind, FeederEvent, Notice, notices_due};
 use crate::serve::{FileProgress, TraceSeries};
 use crate::shared::Controls;
 use crate::switches::Switched;
@@ -32,13 +32,13 @@ const TURNING_STATES: u32 = 100;
 /// How long the last news of a feeder are waited for.
 const LAST_NEWS: Duration = Duration::from_secs(10);
 /// Time between two looks at an empty queue.
-const NAP: Duration = Duration::from_millis(1);
+const POLL_INTERVAL: Duration = Duration::from_millis(1);
 
 /// Records one run.
 pub(crate) struct Recording {
     pub recorder: Recorder,
     pub queue: Consumer<CycleSample>,
-    pub news: Receiver<FeederNews>,
+    pub news: Receiver<FeederEvent>,
     pub on_full: OnFull,
     pub controls: Arc<Controls>,
     pub program: PathBuf,
@@ -124,7 +124,7 @@ struct Tracks {
     notices: VecDeque<Notice>,
     /// Files of later jobs, and the block with which each begins.
     files: VecDeque<(u32, PathBuf)>,
-    outside: VecDeque<Outside>,
+    outside: VecDeque<ExternalEvent>,
     /// Switches that planners have read on with, and their jobs.
     switched: VecDeque<(u32, Switched)>,
     /// Texts and files to attach, by name.
@@ -204,7 +204,7 @@ impl Recording {
                         && let Ok(news) = self.news.try_recv()
                     {
                         match news {
-                            FeederNews::NextFile(last) => next_file = self.further.is_some().then_some(last),
+                            FeederEvent::NextFile(last) => next_file = self.further.is_some().then_some(last),
                             news => tracks.hear(news),
                         }
                     }
@@ -238,7 +238,7 @@ impl Recording {
                 break;
             }
             if count == 0 {
-                std::thread::sleep(NAP);
+                std::thread::sleep(POLL_INTERVAL);
             }
         }
         // The feeder ends soon after the cycle, and with it the news; one that hangs in a file system is not waited for.
@@ -264,21 +264,21 @@ impl Recording {
 }
 
 impl Tracks {
-    fn hear(&mut self, news: FeederNews) {
+    fn hear(&mut self, news: FeederEvent) {
         match news {
-            FeederNews::Block(plan) => self.plans.push_back(plan),
-            FeederNews::Notice(notice) => self.notices.push_back(notice),
-            FeederNews::File(block, file) => self.files.push_back((block, file)),
-            FeederNews::Outside(outside) => self.outside.push_back(outside),
-            FeederNews::Switched(job, switched) => self.switched.push_back((job, switched)),
-            FeederNews::Attach(name, text) => self.attachments.push_back((name, Content::Text(text))),
-            FeederNews::AttachFile(name, file) => self.attachments.push_back((name, Content::File(file))),
+            FeederEvent::Block(plan) => self.plans.push_back(plan),
+            FeederEvent::Notice(notice) => self.notices.push_back(notice),
+            FeederEvent::File(block, file) => self.files.push_back((block, file)),
+            FeederEvent::ExternalEvent(outside) => self.outside.push_back(outside),
+            FeederEvent::Switched(job, switched) => self.switched.push_back((job, switched)),
+            FeederEvent::Attach(name, text) => self.attachments.push_back((name, Content::Text(text))),
+            FeederEvent::AttachFile(name, file) => self.attachments.push_back((name, Content::File(file))),
             // Nobody has asked for them here.
-            FeederNews::NextFile(_)
-            | FeederNews::Queued(_)
-            | FeederNews::Modal(..)
-            | FeederNews::Stop(..)
-            | FeederNews::Periphery(..) => {}
+            FeederEvent::NextFile(_)
+            | FeederEvent::Queued(_)
+            | FeederEvent::Modal(..)
+            | FeederEvent::Stop(..)
+            | FeederEvent::Periphery(..) => {}
         }
     }
 
@@ -379,11 +379,11 @@ impl Tracks {
                 time_ns: cycle.due_time_ns.saturating_sub(ago as u64),
                 sequence: outside.sequence,
                 kind: match outside.kind {
-                    OutsideKind::Command => EventKind::Command,
-                    OutsideKind::Alarm => EventKind::Alarm,
-                    OutsideKind::Warning => EventKind::Warning,
-                    OutsideKind::Output => EventKind::Message,
-                    OutsideKind::Job => EventKind::Job,
+                    ExternalEventKind::Command => EventKind::Command,
+                    ExternalEventKind::Alarm => EventKind::Alarm,
+                    ExternalEventKind::Warning => EventKind::Warning,
+                    ExternalEventKind::Output => EventKind::Message,
+                    ExternalEventKind::Job => EventKind::Job,
                 },
                 code: outside.code,
                 text: outside.text,

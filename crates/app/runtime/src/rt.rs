@@ -168,7 +168,7 @@ const PROMPT: u8 = 1;
 
 /// Lets the calling thread run before all threads of the normal scheduler, where that is permitted; else sooner than others of
 /// it. What takes long belongs to another thread.
-pub(crate) fn be_prompt() {
+pub(crate) fn raise_priority() {
     if set_class(libc::SCHED_FIFO, PROMPT).is_err() {
         hurry();
     }

@@ -9,12 +9,11 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use evolvent_bus::{BusConfig, BusError};
 use evolvent_machine::{CycleRecording, FeedbackWish, ToolChange};
-use evolvent_motion::{Motion, Setpoint, plan_queue};
+use evolvent_motion::{PathExecutor, Setpoint, plan_queue};
 use evolvent_trace::{ProgramSource, RecordError, Recorder, RunInfo, configuration_hash, recover_leftovers};
 use evolvent_turning::{AdaptiveStop, SimulatedProcess};
 use rtrb::RingBuffer;
 
-use crate::carrier::Carrier;
 use crate::cycle::{CycleLoop, CycleReport, Seen, turning_alarm};
 use crate::feeder::{FeedReport, Feeder, ToCarrier};
 use crate::job::{Clock, Job, Setup};
@@ -30,6 +29,7 @@ use crate::standby::Standby;
 use crate::summary::{Summary, TimingSummary, axis_summaries, late_for_nobody, outcome_of};
 use crate::turning_tally::TurningTally;
 use crate::user_code::UserCodes;
+use crate::user_code_runner::UserCodeRunner;
 use evolvent_control::Alarm;
 
 /// Names of the attachments with what the program found.
@@ -217,7 +217,7 @@ pub fn run_seen(
         let carrier = match &codes {
             None => None,
             Some(codes) => {
-                let carrier = Carrier {
+                let carrier = UserCodeRunner {
                     codes: codes.clone(),
                     controls: Arc::clone(controls),
                     calls: called,
@@ -285,7 +285,7 @@ pub fn run_seen(
         if needs_load {
             observer.note(AWAITS_LOAD);
         }
-        let motion = Motion::new(limits, setup.period_ns, limits.home).planned_for(job.feed_override);
+        let motion = PathExecutor::new(limits, setup.period_ns, limits.home).planned_for(job.feed_override);
         let request = realtime_request(job, 0);
         let (granted_sender, granted) = mpsc::channel();
         let cycle_thread = thread::Builder::new()

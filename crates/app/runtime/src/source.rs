@@ -15,7 +15,7 @@ use crate::memory::ProgramMemory;
 use crate::refusal::ProgramError;
 
 /// Bytes that are read at once, at the most.
-const MOST_READ_AHEAD: u64 = 128 * 1024;
+const MAX_READ_AHEAD: u64 = 128 * 1024;
 
 /// How a program goes on in the middle: to be shown before anything moves.
 #[derive(Clone, Debug, PartialEq)]
@@ -37,8 +37,8 @@ pub struct Commands {
 
 /// Reads a program, with no more room than it needs: blocks of MDI are many and short.
 pub(crate) fn reader_of(file: File) -> BufReader<File> {
-    let bytes = file.metadata().map_or(MOST_READ_AHEAD, |facts| facts.len() + 1);
-    BufReader::with_capacity(bytes.min(MOST_READ_AHEAD) as usize, file)
+    let bytes = file.metadata().map_or(MAX_READ_AHEAD, |facts| facts.len() + 1);
+    BufReader::with_capacity(bytes.min(MAX_READ_AHEAD) as usize, file)
 }
 
 impl Commands {

@@ -10,7 +10,7 @@ use std::time::Duration;
 use evolvent_gcode::Move;
 use evolvent_machine::PlannerKind;
 use evolvent_motion::QueueClosed;
-use evolvent_planner::{Admission, Pacer, PathItem, PlanError, PlanSink, Planner, Shaper, Step};
+use evolvent_planner::{MoveValidator, PathItem, PathStage, PlanError, PlanSink, Planner, Step, TimingStage};
 
 use crate::job::Setup;
 use crate::tally::Tally;
@@ -18,7 +18,7 @@ use crate::tally::Tally;
 /// Moves whose path waits for its time law.
 const LOTS: usize = 256;
 /// How long the second half waits for path before it looks whether the cycle asks for something.
-const NAP: Duration = Duration::from_micros(100);
+const POLL_INTERVAL: Duration = Duration::from_micros(100);
 
 /// Plans one program. Both ways give the same plan, bit for bit.
 #[expect(clippy::large_enum_variant, reason = "there is one of it")]
@@ -26,7 +26,7 @@ pub(crate) enum Stages<S> {
     /// In the thread that calls.
     One(Planner<Tally<S>>),
     /// The path here, its time law in another thread.
-    Two(Relay),
+    Two(TwoThreadPlanner),
 }
 
 impl<S: PlanSink<Error = QueueClosed>> Stages<S> {
@@ -48,7 +48,7 @@ impl<S: PlanSink<Error = QueueClosed>> Stages<S> {
             return Ok(Self::one(setup, feed_override, sink));
         }
         let limits = setup.path_limits();
-        let pacer = Pacer::new(&limits, &rules, Tally::new(sink));
+        let pacer = TimingStage::new(&limits, &rules, Tally::new(sink));
         let (lots, path) = sync_channel(LOTS);
         let (teller, told) = channel();
         let failed_at = Arc::new(OnceLock::new());
@@ -56,9 +56,9 @@ impl<S: PlanSink<Error = QueueClosed>> Stages<S> {
         let thread = thread::Builder::new()
             .name("time law".into())
             .spawn(move || pace(pacer, &path, &teller, &telling))?;
-        Ok(Self::Two(Relay {
-            admission: Admission::new(limits.axes()),
-            shaper: Shaper::new(&limits, rules),
+        Ok(Self::Two(TwoThreadPlanner {
+            admission: MoveValidator::new(limits.axes()),
+            shaper: PathStage::new(&limits, rules),
             lots: Some(lots),
             told,
             failed_at,
@@ -142,19 +142,19 @@ impl<S: PlanSink<Error = QueueClosed>> Stages<S> {
 }
 
 /// What the second half tells the first.
-enum Told {
+enum TimingStageEvent {
     Block((u32, f64)),
     /// All the path has been planned.
     End,
 }
 
 /// The first half, and the way to the second.
-pub(crate) struct Relay {
-    admission: Admission,
-    shaper: Shaper,
+pub(crate) struct TwoThreadPlanner {
+    admission: MoveValidator,
+    shaper: PathStage,
     /// What one move makes of the path; none once the path has ended.
     lots: Option<SyncSender<Vec<PathItem>>>,
-    told: Receiver<Told>,
+    told: Receiver<TimingStageEvent>,
     /// The line from which no motion was found.
     failed_at: Arc<OnceLock<u32>>,
     /// Ends with the seconds that it has planned.
@@ -163,7 +163,7 @@ pub(crate) struct Relay {
     planned_s: f64,
 }
 
-impl Relay {
+impl TwoThreadPlanner {
     fn push(&mut self, motion: &Move, line: u32, block: u32) -> Result<(), PlanError<QueueClosed>> {
         self.admission.admit(motion)?;
         let mut lot = Vec::new();
@@ -191,14 +191,14 @@ impl Relay {
         let sent = self.rest(Step::End { line });
         // The other thread has planned all, or has gone, when nothing more comes of blocks.
         self.lots = None;
-        while let Ok(Told::Block(block)) = self.told.recv() {
+        while let Ok(TimingStageEvent::Block(block)) = self.told.recv() {
             self.finished.push_back(block);
         }
         sent
     }
 
     fn listen(&mut self) {
-        while let Ok(Told::Block(block)) = self.told.try_recv() {
+        while let Ok(TimingStageEvent::Block(block)) = self.told.try_recv() {
             self.finished.push_back(block);
         }
     }
@@ -216,13 +216,13 @@ impl Relay {
 
 /// The second half: path in, plan out, until the cycle has gone. Gives the seconds that it has planned.
 fn pace<S: PlanSink<Error = QueueClosed>>(
-    mut pacer: Pacer<Tally<S>>,
+    mut pacer: TimingStage<Tally<S>>,
     path: &Receiver<Vec<PathItem>>,
-    teller: &Sender<Told>,
+    teller: &Sender<TimingStageEvent>,
     failed_at: &OnceLock<u32>,
 ) -> f64 {
     loop {
-        match path.recv_timeout(NAP) {
+        match path.recv_timeout(POLL_INTERVAL) {
             Ok(lot) => lot.into_iter().for_each(|item| item.hand_to(&mut pacer)),
             Err(RecvTimeoutError::Timeout) => {}
             Err(RecvTimeoutError::Disconnected) => break,
@@ -238,17 +238,21 @@ fn pace<S: PlanSink<Error = QueueClosed>>(
     }
     tell(&mut pacer, teller, 0);
     // Nobody may be listening any more.
-    let _gone = teller.send(Told::End);
+    let _gone = teller.send(TimingStageEvent::End);
     // Holds and overrides are answered as long as the program runs; the only way out is that nobody asks any more.
     let _gone = pacer.attend();
     pacer.sink().planned_s
 }
 
-fn tell<S: PlanSink<Error = QueueClosed>>(pacer: &mut Pacer<Tally<S>>, teller: &Sender<Told>, keep: usize) {
+fn tell<S: PlanSink<Error = QueueClosed>>(
+    pacer: &mut TimingStage<Tally<S>>,
+    teller: &Sender<TimingStageEvent>,
+    keep: usize,
+) {
     let finished = &mut pacer.sink_mut().finished;
     while finished.len() > keep {
         let Some(block) = finished.pop_front() else { break };
-        let _gone = teller.send(Told::Block(block));
+        let _gone = teller.send(TimingStageEvent::Block(block));
     }
 }
 

@@ -51,7 +51,7 @@ impl<S: PlanSink> PlanSink for Tally<S> {
     }
 
     fn step(&mut self, step: &Step) -> Result<(), S::Error> {
-        if matches!(step, Step::Flow(_) | Step::Wait) {
+        if matches!(step, Step::TimedSegment(_) | Step::Wait) {
             // A near-optimal plan says itself what a block takes.
             self.open.clear();
             self.parts_of_step.clear();

@@ -28,11 +28,11 @@ const GRACE: Duration = Duration::from_secs(1);
 /// How long is waited for what others write in the name of a program that has ended, where they keep the pipe open.
 const LAST_WORDS: Duration = Duration::from_millis(100);
 /// Bytes of output that are told, of a line and in all.
-const MOST_OF_LINE: usize = 500;
-const MOST_BYTES: usize = 64 * 1024;
+const MAX_LINE: usize = 500;
+const MAX_BYTES: usize = 64 * 1024;
 /// Bytes that are read at once, and so often in one look: more than a pipe holds (1 MiB, where it was enlarged).
 const BYTES_AT_ONCE: usize = 8 * 1024;
-const MOST_READS: usize = 160;
+const MAX_READS: usize = 160;
 /// What a program gets for a word that is missing.
 const NO_WORD: f64 = -1.0;
 
@@ -245,21 +245,21 @@ impl<'a> Output<'a> {
         Self {
             pipe,
             told,
-            line: Vec::with_capacity(MOST_OF_LINE),
-            left: MOST_BYTES,
+            line: Vec::with_capacity(MAX_LINE),
+            left: MAX_BYTES,
         }
     }
 
     /// Tells the lines that have come by now. Whether there may be more.
     fn tell(&mut self) -> bool {
         let mut bytes = [0; BYTES_AT_ONCE];
-        for _ in 0..MOST_READS {
+        for _ in 0..MAX_READS {
             match self.pipe.read(&mut bytes) {
                 Ok(0) => return false,
                 Ok(count) => {
                     for &byte in &bytes[..count] {
                         self.line.push(byte);
-                        if byte == b'\n' || self.line.len() == MOST_OF_LINE {
+                        if byte == b'\n' || self.line.len() == MAX_LINE {
                             self.tell_line();
                         }
                     }

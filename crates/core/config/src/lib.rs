@@ -1,6 +1,6 @@
 //! Files that people write, read so that every error names file, line, column and key.
 //!
-//! [`Sheet`] reads a TOML or JSON text as a type, and checks numbers by their dotted keys; [`shortened`] and [`plain`] are for what
+//! [`ConfigDocument`] reads a TOML or JSON text as a type, and checks numbers by their dotted keys; [`shortened`] and [`plain`] are for what
 //! is said of them.
 //!
 //! ```
@@ -23,13 +23,13 @@
 //!
 //! All of it allocates: for start-up, not for the cycle.
 
+mod config_document;
 mod error;
 mod file;
 mod place;
-mod sheet;
 mod words;
 
+pub use config_document::ConfigDocument;
 pub use error::SheetError;
 pub use file::{FILE_TIMEOUT, no_reply, open_regular, read_regular, within};
-pub use sheet::Sheet;
 pub use words::{plain, shortened};

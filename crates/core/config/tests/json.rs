@@ -1,6 +1,6 @@
 //! JSON texts: errors name line, column and key.
 
-use evolvent_config::Sheet;
+use evolvent_config::ConfigDocument;
 
 #[test]
 fn json_says_the_same_with_places() {
@@ -18,7 +18,7 @@ fn json_says_the_same_with_places() {
     }
     let text =
         "{\n \"a\\\"b\": [1, {\"x\": \"}\"}],\n \"mode\": [\n  {\"f_hz\": 1},\n  {\"f_hz\": -2}\n ]\n}";
-    let sheet = Sheet::parse(text, "case.json").unwrap();
+    let sheet = ConfigDocument::parse(text, "case.json").unwrap();
     let error = sheet
         .number("mode[1].f_hz", -2.0, 0.0, 1.0)
         .unwrap_err()
@@ -35,7 +35,7 @@ fn json_says_the_same_with_places() {
             .contains("unknown field")
     );
     let text = "{\n \"mode\": [\n  {\"f_hz\": 1},\n  {}\n ]\n}";
-    let error = Sheet::parse(text, "case.json")
+    let error = ConfigDocument::parse(text, "case.json")
         .unwrap()
         .read::<Case>()
         .unwrap_err()
@@ -44,7 +44,7 @@ fn json_says_the_same_with_places() {
         error.starts_with("case.json:4:") && error.contains("mode[1].f_hz: missing field"),
         "{error}"
     );
-    let error = Sheet::parse("{\n \"mode\": [,\n", "case.json")
+    let error = ConfigDocument::parse("{\n \"mode\": [,\n", "case.json")
         .unwrap_err()
         .to_string();
     assert!(

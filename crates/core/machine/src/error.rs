@@ -34,7 +34,7 @@ pub enum MachineError {
     },
     /// The text is no TOML; or a key is unknown, missing or of the wrong kind, or its value makes no sense.
     #[error(transparent)]
-    Sheet(#[from] SheetError),
+    ConfigDocument(#[from] SheetError),
 }
 
 /// Why a control rate cannot be run.

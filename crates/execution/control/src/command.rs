@@ -3,7 +3,7 @@
 use evolvent_path::{AXES, Axes, AxisLetter};
 
 use crate::code::CommandCode;
-use crate::situation::Mode;
+use crate::interlock_state::Mode;
 
 /// A jog.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -5,13 +5,13 @@ use evolvent_path::{AXES, Axes};
 use crate::alarm::Alarm;
 use crate::code::CommandCode;
 use crate::command::{Command, JogCommand, ToolEntry};
-use crate::refusal::Refusal;
-use crate::situation::Mode;
+use crate::interlock_state::Mode;
+use crate::rejection::Rejection;
 
 /// Largest magnitude of a coordinate, a distance or a speed in a command: mm, degrees, per s.
 const MOST: f64 = 1e6;
 /// Largest feed and spindle override.
-const MOST_OVERRIDE: f64 = 2.0;
+const MAX_OVERRIDE: f64 = 2.0;
 /// Work coordinate systems G54 to G59.3.
 const SYSTEMS: u32 = 9;
 
@@ -37,9 +37,9 @@ impl Command {
     ///
     /// # Errors
     /// The command is unknown, a number is not finite or out of range, an axis is missing, the text is none.
-    pub fn decode(raw: &RawCommand<'_>, present: u32) -> Result<(CommandCode, Self), Refusal> {
+    pub fn decode(raw: &RawCommand<'_>, present: u32) -> Result<(CommandCode, Self), Rejection> {
         let Some(code) = CommandCode::from_number(raw.command) else {
-            return Err(Refusal::new(
+            return Err(Rejection::new(
                 Alarm::UnknownCommand,
                 format!(
                     "no command has the number {}; update the core or the client",
@@ -49,7 +49,7 @@ impl Command {
         };
         // Numbers that the command does not use are checked too: a client that sends rubbish is wrong somewhere.
         if !raw.amount.is_finite() || raw.values.iter().any(|value| !value.is_finite()) {
-            return Err(Refusal::new(
+            return Err(Rejection::new(
                 Alarm::BadNumber,
                 "a number of the command is not finite",
             ));
@@ -73,10 +73,10 @@ impl Command {
             CommandCode::SingleStep => Self::SingleStep(switch(raw)?),
             CommandCode::OptionalStop => Self::OptionalStop(switch(raw)?),
             CommandCode::BlockDelete => Self::BlockDelete(switch(raw)?),
-            CommandCode::FeedOverride => Self::FeedOverride(ratio("the feed override", raw, MOST_OVERRIDE)?),
+            CommandCode::FeedOverride => Self::FeedOverride(ratio("the feed override", raw, MAX_OVERRIDE)?),
             CommandCode::RapidOverride => Self::RapidOverride(ratio("the rapid override", raw, 1.0)?),
             CommandCode::SpindleOverride => {
-                Self::SpindleOverride(ratio("the spindle override", raw, MOST_OVERRIDE)?)
+                Self::SpindleOverride(ratio("the spindle override", raw, MAX_OVERRIDE)?)
             }
             CommandCode::Mdi => Self::Mdi(text(raw)?),
             CommandCode::Jog => Self::Jog(jog(raw, present)?),
@@ -116,22 +116,22 @@ impl Command {
     }
 }
 
-fn range(what: &str, value: f64, low: f64, high: f64) -> Refusal {
-    Refusal::new(
+fn range(what: &str, value: f64, low: f64, high: f64) -> Rejection {
+    Rejection::new(
         Alarm::BadNumber,
         format!("{what} is {value}, it must be {low} to {high}"),
     )
 }
 
-fn text(raw: &RawCommand<'_>) -> Result<String, Refusal> {
+fn text(raw: &RawCommand<'_>) -> Result<String, Rejection> {
     let Some(text) = raw.text else {
-        return Err(Refusal::new(
+        return Err(Rejection::new(
             Alarm::Malformed,
             "the command's text is no UTF-8 or too long",
         ));
     };
     if text.trim().is_empty() || text.chars().any(|c| c.is_control() && c != '\t') {
-        return Err(Refusal::new(
+        return Err(Rejection::new(
             Alarm::Malformed,
             "the command's text is empty or holds control characters",
         ));
@@ -139,7 +139,7 @@ fn text(raw: &RawCommand<'_>) -> Result<String, Refusal> {
     Ok(text.trim().to_owned())
 }
 
-fn switch(raw: &RawCommand<'_>) -> Result<bool, Refusal> {
+fn switch(raw: &RawCommand<'_>) -> Result<bool, Rejection> {
     match raw.index {
         0 => Ok(false),
         1 => Ok(true),
@@ -147,7 +147,7 @@ fn switch(raw: &RawCommand<'_>) -> Result<bool, Refusal> {
     }
 }
 
-fn ratio(what: &str, raw: &RawCommand<'_>, most: f64) -> Result<f64, Refusal> {
+fn ratio(what: &str, raw: &RawCommand<'_>, most: f64) -> Result<f64, Rejection> {
     if (0.0..=most).contains(&raw.amount) {
         Ok(raw.amount)
     } else {
@@ -155,14 +155,14 @@ fn ratio(what: &str, raw: &RawCommand<'_>, most: f64) -> Result<f64, Refusal> {
     }
 }
 
-fn axes(raw: &RawCommand<'_>, present: u32) -> Result<u32, Refusal> {
+fn axes(raw: &RawCommand<'_>, present: u32) -> Result<u32, Rejection> {
     if raw.axes_mask == 0 || raw.axes_mask & !present != 0 {
         return Err(Alarm::NoAxis.into());
     }
     Ok(raw.axes_mask)
 }
 
-fn system(raw: &RawCommand<'_>) -> Result<u32, Refusal> {
+fn system(raw: &RawCommand<'_>) -> Result<u32, Rejection> {
     if raw.index > SYSTEMS {
         return Err(range(
             "the work coordinate system",
@@ -174,21 +174,21 @@ fn system(raw: &RawCommand<'_>) -> Result<u32, Refusal> {
     Ok(raw.index)
 }
 
-fn values(raw: &RawCommand<'_>) -> Result<Axes, Refusal> {
+fn values(raw: &RawCommand<'_>) -> Result<Axes, Rejection> {
     if let Some(value) = raw.values.iter().find(|value| value.abs() > MOST) {
         return Err(range("a coordinate", *value, -MOST, MOST));
     }
     Ok(Axes::from(raw.values))
 }
 
-fn jog(raw: &RawCommand<'_>, present: u32) -> Result<JogCommand, Refusal> {
+fn jog(raw: &RawCommand<'_>, present: u32) -> Result<JogCommand, Rejection> {
     let axes_mask = axes(raw, present)?;
     let mut values = values(raw)?;
     for i in 0..AXES {
         if axes_mask >> i & 1 == 0 {
             values[i] = 0.0;
         } else if values[i] == 0.0 {
-            return Err(Refusal::new(
+            return Err(Rejection::new(
                 Alarm::BadNumber,
                 "an axis to jog has neither direction nor distance",
             ));

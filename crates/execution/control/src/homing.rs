@@ -7,12 +7,12 @@
 use evolvent_path::{AXES, Axes, AxisLetter};
 
 use crate::alarm::Alarm;
-use crate::refusal::Refusal;
+use crate::rejection::Rejection;
 
 /// The search goes so much farther than the travel is long.
-const SEARCH_SHARE: f64 = 1.1;
+const SEARCH_FRACTION: f64 = 1.1;
 /// Backing off takes at most this share of the travel.
-const BACK_SHARE: f64 = 0.5;
+const BACK_FRACTION: f64 = 0.5;
 
 /// How one axis is homed.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -81,7 +81,7 @@ pub enum HomingAction {
     /// All are homed.
     Done,
     /// It cannot be done.
-    Fail(Refusal),
+    Fail(Rejection),
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -141,7 +141,7 @@ impl Homing {
         debug_assert!(i < AXES);
         let closed = sample.switches >> i & 1 == 1;
         let missing = |what: &str| {
-            HomingAction::Fail(Refusal::new(
+            HomingAction::Fail(Rejection::new(
                 Alarm::HomeSwitchMissing,
                 format!(
                     "axis {}: the home switch was not found {what}; see its wiring",
@@ -155,14 +155,14 @@ impl Homing {
             Phase::Begin => self.go(
                 Phase::Search,
                 &axis,
-                axis.direction * axis.travel * SEARCH_SHARE,
+                axis.direction * axis.travel * SEARCH_FRACTION,
                 axis.search_speed,
             ),
             Phase::Search if closed => self.halt(Phase::Found),
             Phase::Search if at_rest && self.moving => missing("within the travel"),
             Phase::Found if at_rest => self.back_off(&axis),
             Phase::BackOff if !closed => self.halt(Phase::Left),
-            Phase::BackOff if at_rest && self.moving => HomingAction::Fail(Refusal::new(
+            Phase::BackOff if at_rest && self.moving => HomingAction::Fail(Rejection::new(
                 Alarm::HomeSwitchStuck,
                 format!(
                     "axis {}: the home switch stays closed; see its wiring",
@@ -172,7 +172,7 @@ impl Homing {
             Phase::Left if at_rest => self.go(
                 Phase::Latch,
                 &axis,
-                axis.direction * axis.travel * BACK_SHARE,
+                axis.direction * axis.travel * BACK_FRACTION,
                 axis.latch_speed,
             ),
             Phase::Latch if closed => self.halt(Phase::Latched(sample.position[i])),
@@ -219,7 +219,7 @@ impl Homing {
     }
 
     fn back_off(&mut self, axis: &HomingAxis) -> HomingAction {
-        let distance = -axis.direction * axis.travel * BACK_SHARE;
+        let distance = -axis.direction * axis.travel * BACK_FRACTION;
         self.go(Phase::BackOff, axis, distance, axis.search_speed)
     }
 

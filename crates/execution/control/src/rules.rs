@@ -2,7 +2,7 @@
 
 use crate::alarm::Alarm;
 use crate::code::CommandCode as Code;
-use crate::situation::{Activity, MachineState, Mode, Situation};
+use crate::interlock_state::{Activity, InterlockState, MachineState, Mode};
 
 /// When a command is accepted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -109,7 +109,7 @@ pub const RULES: [Rule; 27] = [
 ///
 /// # Errors
 /// The first reason why it is not, in the order machine, alarm, mode, activity, program, homing, hold.
-pub fn judge(command: Code, situation: &Situation) -> Result<(), Alarm> {
+pub fn judge(command: Code, situation: &InterlockState) -> Result<(), Alarm> {
     let rule = &RULES[command as usize - 1];
     if !rule.machine[situation.machine as usize] {
         return Err(match situation.machine {
@@ -191,7 +191,7 @@ mod tests {
         TOOL             EFN ami -
         CLEAR_ALARMS     EFN ami -";
 
-    fn situations() -> impl Iterator<Item = Situation> {
+    fn situations() -> impl Iterator<Item = InterlockState> {
         let machines = [MachineState::Estop, MachineState::Off, MachineState::On];
         let modes = [Mode::Auto, Mode::Manual, Mode::Mdi];
         let activities = [
@@ -201,7 +201,7 @@ mod tests {
             Activity::Jog,
             Activity::Homing,
         ];
-        (0..3 * 3 * 5 * 16).map(move |n| Situation {
+        (0..3 * 3 * 5 * 16).map(move |n| InterlockState {
             machine: machines[n % 3],
             mode: modes[n / 3 % 3],
             activity: activities[n / 9 % 5],
@@ -244,7 +244,7 @@ mod tests {
 
     #[test]
     fn the_reason_of_a_refusal_is_the_one_to_do_something_about_first() {
-        let idle = Situation {
+        let idle = InterlockState {
             machine: MachineState::On,
             mode: Mode::Auto,
             activity: Activity::None,
@@ -256,7 +256,7 @@ mod tests {
         let cases = [
             (
                 Code::Start,
-                Situation {
+                InterlockState {
                     machine: MachineState::Estop,
                     has_alarm: true,
                     ..idle
@@ -265,7 +265,7 @@ mod tests {
             ),
             (
                 Code::Start,
-                Situation {
+                InterlockState {
                     machine: MachineState::Off,
                     ..idle
                 },
@@ -274,7 +274,7 @@ mod tests {
             (Code::EstopReset, idle, Alarm::NotInEstop),
             (
                 Code::Start,
-                Situation {
+                InterlockState {
                     has_alarm: true,
                     ..idle
                 },
@@ -282,7 +282,7 @@ mod tests {
             ),
             (
                 Code::Start,
-                Situation {
+                InterlockState {
                     mode: Mode::Mdi,
                     ..idle
                 },
@@ -290,7 +290,7 @@ mod tests {
             ),
             (
                 Code::Start,
-                Situation {
+                InterlockState {
                     activity: Activity::Program,
                     ..idle
                 },
@@ -298,7 +298,7 @@ mod tests {
             ),
             (
                 Code::Start,
-                Situation {
+                InterlockState {
                     is_loaded: false,
                     is_homed: false,
                     ..idle
@@ -307,7 +307,7 @@ mod tests {
             ),
             (
                 Code::Start,
-                Situation {
+                InterlockState {
                     is_homed: false,
                     ..idle
                 },
@@ -316,7 +316,7 @@ mod tests {
             (Code::Hold, idle, Alarm::NothingRuns),
             (
                 Code::Hold,
-                Situation {
+                InterlockState {
                     activity: Activity::Jog,
                     ..idle
                 },
@@ -324,7 +324,7 @@ mod tests {
             ),
             (
                 Code::Resume,
-                Situation {
+                InterlockState {
                     activity: Activity::Program,
                     ..idle
                 },

@@ -1,7 +1,7 @@
 //! Serial numbers of clients: each command takes effect once.
 
 /// Clients that are remembered.
-const MOST_CLIENTS: usize = 256;
+const MAX_CLIENTS: usize = 256;
 
 /// The last serial number of each client.
 #[derive(Clone, Debug, Default)]
@@ -23,7 +23,7 @@ impl Serials {
             Some(index) => {
                 self.last.remove(index);
             }
-            None if self.last.len() >= MOST_CLIENTS => {
+            None if self.last.len() >= MAX_CLIENTS => {
                 self.last.remove(0);
             }
             None => {}
@@ -58,7 +58,7 @@ mod tests {
                 assert!(serials.admit(1, 10 + client));
             }
         }
-        assert!(serials.last.len() <= MOST_CLIENTS);
+        assert!(serials.last.len() <= MAX_CLIENTS);
         assert!(!serials.admit(1, 10), "it has spoken often");
     }
 }

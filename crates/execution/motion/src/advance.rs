@@ -1,10 +1,10 @@
 //! One period along the plan.
 
 use evolvent_path::{Axes, Jet};
-use evolvent_planner::{Flow, Outcome, Profile, Run, ScalarLimits, ScalarState, Segment, Step};
+use evolvent_planner::{Outcome, Profile, Run, ScalarLimits, ScalarState, Segment, Step, TimedSegment};
 
-use crate::cursor::{Cursor, Drive, RunDrive};
-use crate::motion::Motion;
+use crate::cursor::{ActiveMotion, Cursor, RunDrive};
+use crate::path_executor::PathExecutor;
 use crate::queue::PlanConsumer;
 use crate::setpoint::Inputs;
 use crate::slowdown::Ahead;
@@ -12,17 +12,17 @@ use crate::state::State;
 
 /// Steps, segments and marks passed in one cycle at the most. Pieces are as short as the path's shortest blocks
 /// make them, so only a broken plan comes near it.
-const MOST_PER_CYCLE: usize = 4096;
+const MAX_PER_CYCLE: usize = 4096;
 /// Steps at rest that take no time and are passed in one cycle at the most: a program may have thousands in a row, more
 /// than the queue holds.
-pub(crate) const MOST_RESTS_PER_CYCLE: u64 = 32;
+pub(crate) const MAX_RESTS_PER_CYCLE: u64 = 32;
 /// What rounding leaves between a rest at the end of a move and its end, parameter units.
 const END_ROUNDING: f64 = 1e-11;
 /// A block that starts within this of a piece's end starts with the next piece, parameter units: path lengths and the
 /// places of blocks are sums of their own.
 const NEXT_PIECE: f64 = 1e-6;
 
-impl Motion {
+impl PathExecutor {
     /// Advances the cursor by one period.
     pub(crate) fn advance(
         &mut self,
@@ -31,10 +31,10 @@ impl Motion {
         changed: bool,
         queue: &mut PlanConsumer,
     ) {
-        let standing = self.is_told_to_stand(cursor, inputs);
+        let standing = self.stop_requested(cursor, inputs);
         let brake = standing || self.feed_override == 0.0;
         // A profile is solved once, and again only when something that it was solved for has changed.
-        if let Drive::Run(run) = &mut cursor.drive
+        if let ActiveMotion::Run(run) = &mut cursor.drive
             && (brake != run.braking || (changed && !brake))
         {
             let (now, _) = run.profile.at(run.time);
@@ -55,9 +55,9 @@ impl Motion {
             None => self.period,
         };
         let rests = cursor.rests;
-        for _ in 0..MOST_PER_CYCLE {
+        for _ in 0..MAX_PER_CYCLE {
             match &mut cursor.drive {
-                Drive::Run(run) => {
+                ActiveMotion::Run(run) => {
                     let rest = run.profile.duration() - run.time;
                     if left < rest || run.profile.outcome() == Outcome::Rests {
                         run.time = (run.time + left).min(run.profile.duration());
@@ -68,7 +68,7 @@ impl Motion {
                     cursor.step += 1;
                     cursor.travelled += length;
                     cursor.segment_start -= length;
-                    cursor.drive = Drive::Still;
+                    cursor.drive = ActiveMotion::Still;
                     cursor.rest_x = end.x - length;
                     let carried = ScalarState {
                         x: cursor.rest_x,
@@ -76,7 +76,7 @@ impl Motion {
                     };
                     self.enter(cursor, carried, brake, inputs, queue);
                 }
-                Drive::Flow { flow, time } => {
+                ActiveMotion::TimedSegment { flow, time } => {
                     let rest = flow.piece.duration - *time;
                     if left < rest {
                         *time += left;
@@ -89,7 +89,7 @@ impl Motion {
                     cursor.step = next;
                     // A rest of the plan ends a slowdown, and what has not been final is entered from rest like any other.
                     let stays = (cursor.slowdown.is_some() || !is_final) && flow.rests_at_end();
-                    if let Some(Step::Flow(flow)) = queue.step(next)
+                    if let Some(Step::TimedSegment(flow)) = queue.step(next)
                         && !stays
                     {
                         cursor.starved |= !is_final;
@@ -100,7 +100,7 @@ impl Motion {
                         break;
                     }
                 }
-                Drive::Still => {
+                ActiveMotion::Still => {
                     if std::mem::take(&mut cursor.stays) {
                         break;
                     }
@@ -116,7 +116,7 @@ impl Motion {
                         cursor.rests += 1;
                         break;
                     }
-                    if cursor.rests - rests >= MOST_RESTS_PER_CYCLE {
+                    if cursor.rests - rests >= MAX_RESTS_PER_CYCLE {
                         break;
                     }
                     let from = ScalarState {
@@ -131,7 +131,7 @@ impl Motion {
             }
         }
         if cursor.slowdown.is_some_and(|slowdown| slowdown.is_at_rest())
-            && let Drive::Flow { flow, .. } = cursor.drive
+            && let ActiveMotion::TimedSegment { flow, .. } = cursor.drive
         {
             // Within a piece: that the slowdown stays tells that it goes on from there with a new plan only.
             let x = cursor.now().0.x;
@@ -167,7 +167,7 @@ impl Motion {
                     return false;
                 }
                 cursor.starved = !is_final;
-                cursor.drive = Drive::Run(RunDrive::new(
+                cursor.drive = ActiveMotion::Run(RunDrive::new(
                     &run,
                     from,
                     brake,
@@ -176,7 +176,7 @@ impl Motion {
                     queue,
                 ));
             }
-            Step::Flow(flow) => {
+            Step::TimedSegment(flow) => {
                 // A plan for another override is replaced before it is driven.
                 let is_known = queue.is_final(cursor.step) && !self.withhold;
                 if cursor.slowdown.is_some() || !self.plan_fits(brake) || !is_known {
@@ -244,9 +244,11 @@ impl Motion {
             return;
         }
         let still = match &cursor.drive {
-            Drive::Still => true,
-            Drive::Run(run) => run.profile.at(run.time).0.v == 0.0 && run.profile.outcome() == Outcome::Rests,
-            Drive::Flow { .. } => false,
+            ActiveMotion::Still => true,
+            ActiveMotion::Run(run) => {
+                run.profile.at(run.time).0.v == 0.0 && run.profile.outcome() == Outcome::Rests
+            }
+            ActiveMotion::TimedSegment { .. } => false,
         };
         cursor.state = if self.stop {
             if still { State::Stopped } else { State::Stopping }
@@ -268,7 +270,7 @@ impl Motion {
         let (now, jerk) = cursor.now();
         cursor.joint = false;
         if let Some((stretch, from)) = cursor.piece_at {
-            for _ in 0..MOST_PER_CYCLE {
+            for _ in 0..MAX_PER_CYCLE {
                 if cursor.segment >= stretch {
                     break;
                 }
@@ -282,8 +284,8 @@ impl Motion {
         let Some(mut segment) = queue.segment(cursor.segment) else {
             return (at_rest(self.last), None);
         };
-        if matches!(cursor.drive, Drive::Run(_)) {
-            for _ in 0..MOST_PER_CYCLE {
+        if matches!(cursor.drive, ActiveMotion::Run(_)) {
+            for _ in 0..MAX_PER_CYCLE {
                 if now.x < cursor.segment_start + segment.length {
                     break;
                 }
@@ -300,13 +302,13 @@ impl Motion {
         // Where the path rests at the piece's end, it is a matter of the planner's speed whether the block behind is
         // known yet.
         let next_piece = match &cursor.drive {
-            Drive::Flow { flow, .. } => {
+            ActiveMotion::TimedSegment { flow, .. } => {
                 let length = flow.piece.length;
                 flow.path + (length - NEXT_PIECE).max(0.5 * length)
             }
             _ => f64::INFINITY,
         };
-        for _ in 0..MOST_PER_CYCLE {
+        for _ in 0..MAX_PER_CYCLE {
             match queue.mark(cursor.mark) {
                 Some(mark)
                     if path + END_ROUNDING >= mark.start && mark.start < next_piece && !cursor.is_still() =>
@@ -360,16 +362,16 @@ impl Cursor {
     }
 
     /// Drives a piece from its start.
-    pub(crate) fn start(&mut self, flow: Flow) {
-        self.drive = Drive::Flow { flow, time: 0.0 };
+    pub(crate) fn start(&mut self, flow: TimedSegment) {
+        self.drive = ActiveMotion::TimedSegment { flow, time: 0.0 };
         self.interval = flow.piece.interval;
         self.piece_at = Some((flow.piece.stretch, flow.piece.from));
         self.travelled = flow.path;
     }
 
     /// At rest at the end of a piece.
-    fn leave(&mut self, flow: &Flow) {
-        self.drive = Drive::Still;
+    fn leave(&mut self, flow: &TimedSegment) {
+        self.drive = ActiveMotion::Still;
         self.rest_x = flow.piece.length;
         self.travelled = flow.path + flow.piece.length;
     }

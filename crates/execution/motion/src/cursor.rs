@@ -1,19 +1,19 @@
 //! Where the cycle is in the plan.
 
-use evolvent_planner::{Flow, Profile, ScalarLimits, ScalarState};
+use evolvent_planner::{Profile, ScalarLimits, ScalarState, TimedSegment};
 
 use crate::slowdown::Slowdown;
 use crate::state::State;
 
 /// What moves the axes at the moment.
 #[derive(Clone, Copy, Debug)]
-pub(crate) enum Drive {
+pub(crate) enum ActiveMotion {
     /// Nothing: at rest at this parameter of the present segment's stretch.
     Still,
     /// A run of the classic planner, solved here.
     Run(RunDrive),
     /// A piece of the near-optimal planner's law, `time` seconds after its start.
-    Flow { flow: Flow, time: f64 },
+    TimedSegment { flow: TimedSegment, time: f64 },
 }
 
 /// A run and the profile that was solved for it.
@@ -32,7 +32,7 @@ pub(crate) struct RunDrive {
 /// Where the cycle is in the plan. `Copy`: a step is computed on a copy and kept only if the guard agrees.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Cursor {
-    pub(crate) drive: Drive,
+    pub(crate) drive: ActiveMotion,
     /// The step that drives, or at rest the next one.
     pub(crate) step: u64,
     /// Segment in which the axes are.
@@ -71,7 +71,7 @@ pub(crate) struct Cursor {
 impl Cursor {
     pub(crate) fn at_start() -> Self {
         Self {
-            drive: Drive::Still,
+            drive: ActiveMotion::Still,
             step: 0,
             segment: 0,
             segment_start: 0.0,
@@ -95,18 +95,18 @@ impl Cursor {
     }
 
     pub(crate) fn is_still(&self) -> bool {
-        matches!(self.drive, Drive::Still)
+        matches!(self.drive, ActiveMotion::Still)
     }
 
     /// The path parameter since the drive's start and its derivatives by time: speed, acceleration, jerk.
     pub(crate) fn now(&self) -> (ScalarState, f64) {
         match &self.drive {
-            Drive::Still => {
+            ActiveMotion::Still => {
                 let x = self.rest_x;
                 (ScalarState { x, v: 0.0, a: 0.0 }, 0.0)
             }
-            Drive::Run(run) => run.profile.at(run.time),
-            Drive::Flow { flow, time } => {
+            ActiveMotion::Run(run) => run.profile.at(run.time),
+            ActiveMotion::TimedSegment { flow, time } => {
                 let (now, jerk) = flow.piece.law.at(*time);
                 match &self.slowdown {
                     None => (now, jerk),
@@ -119,9 +119,9 @@ impl Cursor {
     /// Programmed path travelled, by the path parameter.
     pub(crate) fn path(&self) -> f64 {
         match &self.drive {
-            Drive::Still => self.travelled,
-            Drive::Run(_) => self.travelled + self.now().0.x,
-            Drive::Flow { flow, .. } => flow.path + self.now().0.x,
+            ActiveMotion::Still => self.travelled,
+            ActiveMotion::Run(_) => self.travelled + self.now().0.x,
+            ActiveMotion::TimedSegment { flow, .. } => flow.path + self.now().0.x,
         }
     }
 }

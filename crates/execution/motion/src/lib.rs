@@ -9,7 +9,7 @@
 //! speed after a lower one, it requests another plan, from the position where it will be 10 ms later. The runs of a classic
 //! plan are solved here in closed form.
 //!
-//! Jog and homing have no path: a [`Steering`] drives a transfer that was solved before. A [`Station`] carries sequence
+//! Jog and homing have no path: a [`TransferExecutor`] drives a transfer that was solved before. A [`MachineState`] carries sequence
 //! numbers and the guard's memory from job to job.
 //!
 //! Where the plan says so, a [`Turning`] cycle takes over at rest, finds its passes from the cutting load in the inputs,
@@ -19,26 +19,26 @@
 //! the setpoint, the machine brakes on the path, and if that breaks a limit as well, each axis stops by itself.
 
 mod advance;
-mod asking;
 mod cursor;
 mod guard;
-mod motion;
+mod machine_state;
+mod path_executor;
 mod plan_preview;
 mod queue;
 mod quick_stop;
+mod replan;
 mod scale;
 mod setpoint;
 mod slowdown;
 mod state;
-mod station;
-mod steering;
+mod transfer_executor;
 mod turning;
 
 pub use guard::{Extremes, Guard, Quantity, Violation};
-pub use motion::Motion;
+pub use machine_state::MachineState;
+pub use path_executor::PathExecutor;
 pub use queue::{PlanConsumer, PlanProducer, QueueClosed, STEPS_AHEAD, TurningSender, plan_queue};
 pub use setpoint::{Inputs, Setpoint};
 pub use state::{State, flags};
-pub use station::Station;
-pub use steering::Steering;
+pub use transfer_executor::TransferExecutor;
 pub use turning::{Turning, TurningFrame};

@@ -5,7 +5,7 @@
 //! looks: a sample costs one evaluation of the path.
 
 use evolvent_path::{AXES, Axes};
-use evolvent_planner::{Flow, Step};
+use evolvent_planner::{Step, TimedSegment};
 
 use crate::advance::by_time;
 use crate::queue::PlanConsumer;
@@ -32,7 +32,7 @@ pub(crate) struct Sample {
 #[derive(Clone, Copy, Debug)]
 struct Frontier {
     step: u64,
-    flow: Flow,
+    flow: TimedSegment,
     /// Plan time at which the piece starts; negative where the preview begins inside it.
     starts: f64,
     /// Time in the piece of the last sample, and the distance to the next one.
@@ -73,7 +73,7 @@ impl PlanPreview {
     }
 
     /// Begins `time` seconds after the start of `flow`, which is step number `step`.
-    pub(crate) fn begin(&mut self, step: u64, flow: Flow, time: f64) {
+    pub(crate) fn begin(&mut self, step: u64, flow: TimedSegment, time: f64) {
         (self.oldest, self.next) = (0, 0);
         self.rests_at = None;
         let rest = (flow.piece.duration - time).max(0.0);
@@ -139,7 +139,7 @@ impl PlanPreview {
             }
             let (step, met_tail) = queue.settle_successor(frontier.step, tail);
             self.met_tail |= met_tail;
-            let Some(Step::Flow(flow)) = queue.step(step) else {
+            let Some(Step::TimedSegment(flow)) = queue.step(step) else {
                 self.rests_at = Some(ends);
                 self.frontier = None;
                 return None;

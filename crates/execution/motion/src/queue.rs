@@ -420,7 +420,7 @@ impl PlanConsumer {
     }
 
     /// Says that the answer to request `id` has been taken over.
-    pub fn took_answer(&mut self, id: u64) {
+    pub fn acknowledge_replan(&mut self, id: u64) {
         self.table.taken.store(id, Ordering::Release);
     }
 
@@ -646,7 +646,7 @@ mod tests {
         assert_eq!(consumer.answer(2).map(|answer| answer.id), Some(2), "it stays");
         assert_eq!(consumer.answer(3), None);
         assert_eq!(producer.taken(), 0);
-        consumer.took_answer(2);
+        consumer.acknowledge_replan(2);
         assert_eq!(producer.taken(), 2);
     }
 

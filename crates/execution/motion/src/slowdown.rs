@@ -539,8 +539,8 @@ mod tests {
     #![allow(clippy::expect_used, reason = "a test may fail")]
 
     use evolvent_path::{Axes, Curve, Line};
-    use evolvent_planner::{Flow, PlanSink, Segment, SegmentMarks, Step};
-    use evolvent_timing::{Law, Piece};
+    use evolvent_planner::{PlanSink, Segment, SegmentMarks, Step, TimedSegment};
+    use evolvent_timing::{Piece, TimeLaw};
 
     use super::*;
     use crate::queue::plan_queue;
@@ -578,9 +578,9 @@ mod tests {
             marks: SegmentMarks::default(),
         };
         producer.segment(&segment).expect("room");
-        let flow = |k: f64| Flow {
+        let flow = |k: f64| TimedSegment {
             piece: Piece {
-                law: Law::Flow { v, b: 0.0, c: 0.0 },
+                law: TimeLaw::Flow { v, b: 0.0, c: 0.0 },
                 length: 0.01 * v,
                 duration: 0.01,
                 stretch: 0,
@@ -590,7 +590,9 @@ mod tests {
             path: 0.01 * v * k,
         };
         for k in 0..(100.0 * seconds) as u32 {
-            producer.step(&Step::Flow(flow(f64::from(k)))).expect("room");
+            producer
+                .step(&Step::TimedSegment(flow(f64::from(k))))
+                .expect("room");
         }
         producer.finalise(u64::from((100.0 * seconds) as u32));
         let mut preview = PlanPreview::new();
@@ -655,7 +657,7 @@ mod tests {
         assert_eq!(slowdown.lead_to(0.37), Lead::Same);
         assert_eq!(slowdown.lead_to(1.0), Lead::FromSteady);
         let again = plan.0.step(40).and_then(|step| match step {
-            Step::Flow(flow) => Some(flow),
+            Step::TimedSegment(flow) => Some(flow),
             _ => None,
         });
         plan.1.begin(40, again.expect("a piece"), 0.0);

@@ -5,7 +5,7 @@
 use evolvent_path::{Axes, AxisLetter, Jet};
 use evolvent_turning::{AxisPoint, TurningController, TurningInputs, TurningOutput, TurningState};
 
-use crate::motion::Motion;
+use crate::path_executor::PathExecutor;
 use crate::queue::PlanConsumer;
 use crate::setpoint::{Inputs, Setpoint};
 use crate::state::{State, flags};
@@ -91,7 +91,7 @@ impl Turning {
     }
 }
 
-impl Motion {
+impl PathExecutor {
     /// One setpoint of the turning cycle.
     pub(crate) fn turn(&mut self, inputs: &Inputs, queue: &mut PlanConsumer) -> Setpoint {
         let Some(turning) = &mut self.turning else {

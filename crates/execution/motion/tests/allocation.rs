@@ -4,9 +4,9 @@
 mod common;
 
 use common::{BLEND, PLANNERS, Pair, Random, scenario};
-use evolvent_counting::{Counting, calls};
+use evolvent_counting::{CountingAllocator, calls};
 use evolvent_machine::Limits;
-use evolvent_motion::{Inputs, Motion, State, Turning, TurningFrame, plan_queue};
+use evolvent_motion::{Inputs, PathExecutor, State, Turning, TurningFrame, plan_queue};
 use evolvent_path::{AXES, Axes, AxisLetter};
 use evolvent_planner::{PlanSink, Step};
 use evolvent_turning::{
@@ -15,7 +15,7 @@ use evolvent_turning::{
 };
 
 #[global_allocator]
-static ALLOCATOR: Counting = Counting;
+static ALLOCATOR: CountingAllocator = CountingAllocator;
 
 #[test]
 fn the_cycle_does_not_allocate() {
@@ -139,7 +139,7 @@ fn turning_cycles_in_the_plan_do_not_allocate_whatever_becomes_of_them() {
         }
         producer.step(&Step::End { line: 3 }).expect("room");
         producer.finalise(3);
-        let mut motion = Motion::new(limits, 1_000_000, frame.start);
+        let mut motion = PathExecutor::new(limits, 1_000_000, frame.start);
         let blank = Blank::outline(&[(0.0, 6.5), (15.0, 6.5), (15.0, 3.0), (30.0, 4.0)]);
         let mut piece = Workpiece::new(blank, 30.0, settings.regime.law, settings.tool, 0.12 / PERIOD_S);
         let (uncut, mut line) = (piece.clone(), 1);

@@ -7,7 +7,7 @@ mod common;
 use common::{BLEND, Pair, Random, Scenario, campaign, check, equal_axes, run, scenario};
 use evolvent_gcode::{Move, MoveKind, PathMode};
 use evolvent_machine::{Limits, PlannerKind};
-use evolvent_motion::{Inputs, Motion, STEPS_AHEAD, Setpoint, flags};
+use evolvent_motion::{Inputs, PathExecutor, STEPS_AHEAD, Setpoint, flags};
 use evolvent_path::{Axes, Curve, Line};
 use evolvent_planner::Step;
 
@@ -20,7 +20,7 @@ fn inputs(cycle: u64) -> Inputs {
 }
 
 /// Feeds the moves in lumps of up to `lump`, and only when the cycle would have to wait.
-fn run_in_lumps(scenario: &Scenario, random: &mut Random, lump: usize) -> (Vec<Setpoint>, Motion) {
+fn run_in_lumps(scenario: &Scenario, random: &mut Random, lump: usize) -> (Vec<Setpoint>, PathExecutor) {
     let mut pair = Pair::new(scenario);
     let mut out = Vec::new();
     while !pair.motion.is_over() {

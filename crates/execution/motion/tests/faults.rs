@@ -7,7 +7,7 @@ mod common;
 use common::{BLEND, Random, campaign, check, scenario};
 use evolvent_gcode::{Move, MoveKind, PathMode};
 use evolvent_machine::{Limits, PlannerKind};
-use evolvent_motion::{Inputs, Motion, QueueClosed, State, flags, plan_queue};
+use evolvent_motion::{Inputs, PathExecutor, QueueClosed, State, flags, plan_queue};
 use evolvent_path::{AXES, Axes, Curve, Line};
 use evolvent_planner::{
     ExitSpeeds, PathLimits, PathRules, PlanSink, Planner, Run, ScalarLimits, Segment, SegmentMarks, Step,
@@ -29,7 +29,7 @@ fn a_planner_that_dies_at_any_moment_leaves_a_machine_that_stops_on_the_path() {
         let (producer, mut queue) = plan_queue(|| false);
         let limits = PathLimits::new(scenario.limits, rate, scenario.chord_error_mm);
         let mut planner = Some(Planner::new(limits, RULES, producer));
-        let mut motion = Motion::new(
+        let mut motion = PathExecutor::new(
             scenario.limits,
             scenario.period_ns,
             scenario.moves[0].curve.start(),
@@ -91,7 +91,7 @@ fn overrides_while_the_planner_is_close_behind_keep_every_limit() {
         let (producer, mut queue) = plan_queue(|| false);
         let limits = PathLimits::new(scenario.limits, 2000.0, scenario.chord_error_mm);
         let mut planner = Planner::new(limits, RULES, producer);
-        let mut motion = Motion::new(scenario.limits, scenario.period_ns, Axes::zeros());
+        let mut motion = PathExecutor::new(scenario.limits, scenario.period_ns, Axes::zeros());
         let (mut setpoints, mut fed) = (Vec::new(), 0);
         let every = 20 + random.pick(60);
         let mut inputs = Inputs::default();
@@ -187,7 +187,7 @@ fn lie(segments: &[Segment], limits: ScalarLimits, exits: &[f64]) -> evolvent_mo
 }
 
 /// Runs until nothing moves and returns the largest |velocity|, |acceleration|, |jerk| of X as published.
-fn published(motion: &mut Motion, queue: &mut evolvent_motion::PlanConsumer, rate: f64) -> [f64; 3] {
+fn published(motion: &mut PathExecutor, queue: &mut evolvent_motion::PlanConsumer, rate: f64) -> [f64; 3] {
     let mut past = [0.0; 4];
     let mut most = [0.0_f64; 3];
     for _ in 0..100_000 {
@@ -218,7 +218,7 @@ fn the_guard_stops_a_plan_that_would_break_the_velocity_limit() {
         jerk: 50_000.0,
     };
     let mut queue = lie(&[line(0.0, 200.0)], scalar, &[0.0]);
-    let mut motion = Motion::new(limits, 1_000_000, Axes::zeros());
+    let mut motion = PathExecutor::new(limits, 1_000_000, Axes::zeros());
     let [v, a, j] = published(&mut motion, &mut queue, 1000.0);
     let fault = motion.fault().expect("the guard has to see it");
     assert_eq!(fault.quantity, evolvent_motion::Quantity::Velocity);
@@ -239,7 +239,7 @@ fn the_guard_stops_each_axis_where_even_braking_on_the_path_breaks_a_limit() {
         jerk: 500_000.0,
     };
     let mut queue = lie(&[line(0.0, 200.0)], scalar, &[0.0]);
-    let mut motion = Motion::new(limits, 1_000_000, Axes::zeros());
+    let mut motion = PathExecutor::new(limits, 1_000_000, Axes::zeros());
     let [v, a, j] = published(&mut motion, &mut queue, 1000.0);
     assert_eq!(
         motion.fault().expect("fault").quantity,
@@ -262,7 +262,7 @@ fn the_guard_keeps_a_jump_of_the_path_from_the_drives() {
     };
     // The second segment starts 5 mm beyond the end of the first.
     let mut queue = lie(&[line(0.0, 100.0), line(105.0, 200.0)], scalar, &[200.0, 0.0]);
-    let mut motion = Motion::new(limits, 1_000_000, Axes::zeros());
+    let mut motion = PathExecutor::new(limits, 1_000_000, Axes::zeros());
     let [v, a, j] = published(&mut motion, &mut queue, 1000.0);
     assert!(motion.fault().is_some() && motion.is_over());
     assert!(v <= 200.0 * 1.001 && a <= 2000.0 * 1.001, "{v} {a}");
@@ -279,7 +279,7 @@ fn a_position_that_is_no_number_never_leaves() {
         jerk: f64::NAN,
     };
     let mut queue = lie(&[line(0.0, 100.0)], scalar, &[0.0]);
-    let mut motion = Motion::new(limits, 1_000_000, Axes::zeros());
+    let mut motion = PathExecutor::new(limits, 1_000_000, Axes::zeros());
     for _ in 0..1000 {
         let setpoint = motion.step(&Inputs::default(), &mut queue);
         assert!(setpoint.position.iter().all(|value| value.is_finite()));
@@ -291,7 +291,7 @@ fn an_override_that_is_no_number_stands_still() {
     let mut random = Random(7);
     let scenario = scenario(&mut random, PathMode::ExactPath, false);
     let mut queue = common::plan(&scenario);
-    let mut motion = Motion::new(
+    let mut motion = PathExecutor::new(
         scenario.limits,
         scenario.period_ns,
         scenario.moves[0].curve.start(),
@@ -335,7 +335,7 @@ fn at_rest_the_line_is_that_of_the_step_that_is_waited_for() {
     }
     producer.step(&Step::End { line: 6 }).expect("room");
     producer.finalise(4);
-    let mut motion = Motion::new(one_axis(200.0, 2000.0, 50_000.0), 1_000_000, Axes::zeros());
+    let mut motion = PathExecutor::new(one_axis(200.0, 2000.0, 50_000.0), 1_000_000, Axes::zeros());
     let mut seen = Vec::new();
     for cycle in 0..1000 {
         let inputs = Inputs {

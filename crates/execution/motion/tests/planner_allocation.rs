@@ -5,14 +5,14 @@
 mod common;
 
 use common::{BLEND, Pair, Scenario, equal_axes};
-use evolvent_counting::{Counting, allocations};
+use evolvent_counting::{CountingAllocator, allocations};
 use evolvent_gcode::{Move, MoveKind};
 use evolvent_machine::PlannerKind;
 use evolvent_motion::Inputs;
 use evolvent_path::{Axes, Curve, Line};
 
 #[global_allocator]
-static ALLOCATOR: Counting = Counting;
+static ALLOCATOR: CountingAllocator = CountingAllocator;
 
 /// A wavy contour in 20 um chords with a corner now and then.
 fn contour(blocks: usize) -> Vec<Move> {

@@ -4,16 +4,16 @@
 mod common;
 
 use common::Random;
-use evolvent_counting::{Counting, calls};
+use evolvent_counting::{CountingAllocator, calls};
 use evolvent_machine::Limits;
-use evolvent_motion::{Setpoint, State, Station, Steering};
+use evolvent_motion::{MachineState, Setpoint, State, TransferExecutor};
 use evolvent_path::{AXES, Axes};
 use evolvent_transfer::{AxesState, Sync, Transfer};
 
 const PERIOD_NS: u64 = 1_000_000;
 
 #[global_allocator]
-static ALLOCATOR: Counting = Counting;
+static ALLOCATOR: CountingAllocator = CountingAllocator;
 
 fn limits() -> Limits {
     let mut present = [false; AXES];
@@ -33,9 +33,9 @@ fn place(random: &mut Random) -> Axes {
     Axes::from_fn(|i, _| if i < 3 { random.between(-100.0, 100.0) } else { 0.0 })
 }
 
-fn to_rest(from: &AxesState, to: Axes) -> Steering {
+fn to_rest(from: &AxesState, to: Axes) -> TransferExecutor {
     let target = AxesState::at_rest(to);
-    Steering::new(Transfer::solve(&limits(), from, &target, Sync::Time).expect("a way"))
+    TransferExecutor::new(Transfer::solve(&limits(), from, &target, Sync::Time).expect("a way"))
 }
 
 fn state_of(setpoint: &Setpoint) -> AxesState {
@@ -102,7 +102,7 @@ fn jogs_that_turn_stop_and_begin_again_keep_every_limit_number_and_place_without
     let seed = 0x57a7_1001;
     println!("seed {seed:#x}");
     let mut random = Random(seed);
-    let mut station = Station::new(limits(), PERIOD_NS, Axes::zeros());
+    let mut station = MachineState::new(limits(), PERIOD_NS, Axes::zeros());
     let mut measure = Measure::default();
     let mut counted = 0;
     let (mut turns, mut stops) = (0, 0);
@@ -157,7 +157,7 @@ fn a_jog_that_stops_comes_to_rest_no_later_than_the_transfer_that_it_leaves() {
     let mut random = Random(seed);
     for _ in 0..200 {
         // To the very edge of the travel: stopping must not lead beyond it.
-        let mut station = Station::new(limits(), PERIOD_NS, Axes::zeros());
+        let mut station = MachineState::new(limits(), PERIOD_NS, Axes::zeros());
         let edge = Axes::from_fn(|i, _| if i == 0 { 100.0 } else { 0.0 });
         let mut steering = to_rest(&AxesState::at_rest(Axes::zeros()), edge);
         let cycles = steering.transfer().duration_s() * 1e9 / PERIOD_NS as f64;
@@ -181,13 +181,13 @@ fn a_jog_that_stops_comes_to_rest_no_later_than_the_transfer_that_it_leaves() {
 
 #[test]
 fn what_begins_elsewhere_is_not_taken_up() {
-    let mut station = Station::new(limits(), PERIOD_NS, Axes::zeros());
+    let mut station = MachineState::new(limits(), PERIOD_NS, Axes::zeros());
     let elsewhere = Axes::from_fn(|i, _| if i == 0 { 0.01 } else { 0.0 });
     let steering = to_rest(&AxesState::at_rest(elsewhere), Axes::zeros());
     assert!(!station.can_steer(&steering));
-    let mut motion = evolvent_motion::Motion::new(limits(), PERIOD_NS, elsewhere);
+    let mut motion = evolvent_motion::PathExecutor::new(limits(), PERIOD_NS, elsewhere);
     assert!(!station.hand_to(&mut motion));
-    let mut motion = evolvent_motion::Motion::new(limits(), PERIOD_NS, Axes::zeros());
+    let mut motion = evolvent_motion::PathExecutor::new(limits(), PERIOD_NS, Axes::zeros());
     assert!(station.hand_to(&mut motion));
     // A turn that does not begin where the axes are leaves the motion as it is.
     let mut steering = to_rest(&AxesState::at_rest(Axes::zeros()), elsewhere);
@@ -204,7 +204,7 @@ fn an_emergency_brings_every_axis_to_rest_by_itself_within_its_limits() {
     println!("seed {seed:#x}");
     let mut random = Random(seed);
     for _ in 0..200 {
-        let mut station = Station::new(limits(), PERIOD_NS, Axes::zeros());
+        let mut station = MachineState::new(limits(), PERIOD_NS, Axes::zeros());
         let mut measure = Measure::default();
         // Differences are measured from rest on.
         for _ in 0..3 {
@@ -229,7 +229,7 @@ fn an_emergency_brings_every_axis_to_rest_by_itself_within_its_limits() {
 
 #[test]
 fn a_new_name_for_a_place_is_no_motion() {
-    let mut station = Station::new(limits(), PERIOD_NS, Axes::zeros());
+    let mut station = MachineState::new(limits(), PERIOD_NS, Axes::zeros());
     station.rest(State::Idle);
     let renamed = Axes::from_fn(|i, _| if i == 1 { -55.0 } else { 0.0 });
     station.relocate(limits(), renamed);

@@ -11,7 +11,7 @@ use crate::state::AxisState;
 pub(crate) type Steps = Vec<(f64, f64)>;
 
 /// Pieces longer than this share of the whole are divided in three: a correction needs three numbers to play with.
-const LONGEST_SHARE: f64 = 1.0 / 3.0;
+const LONGEST_FRACTION: f64 = 1.0 / 3.0;
 /// A second pass mops up the rounding of the first.
 const PASSES: usize = 3;
 
@@ -24,7 +24,7 @@ pub(crate) fn land(steps: &mut Steps, start: AxisState, end: AxisState) {
     }
     let mut divided = Steps::with_capacity(steps.len() + 4);
     for &(duration, jerk) in steps.iter() {
-        let parts = if duration > LONGEST_SHARE * whole { 3 } else { 1 };
+        let parts = if duration > LONGEST_FRACTION * whole { 3 } else { 1 };
         for _ in 0..parts {
             divided.push((duration / f64::from(parts), jerk));
         }

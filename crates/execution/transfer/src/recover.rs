@@ -13,7 +13,7 @@ use crate::state::AxisState;
 /// Halvings of the whole before an interval is taken as one piece whatever it holds.
 const DEEPEST: u32 = 36;
 /// Intervals looked at before giving up: some hundred are usual.
-const MOST_INTERVALS: usize = 2000;
+const MAX_INTERVALS: usize = 2000;
 /// Rounding of a sample, in units of the last place of its largest summand.
 const ROUNDING: f64 = 16.0 * f64::EPSILON;
 /// Where accelerations are compared within an interval.
@@ -98,7 +98,7 @@ pub(crate) fn recover<F: FnMut(f64) -> Vec<AxisState>>(
     let mut looked_at = 0;
     while let Some((left, right, depth)) = open.pop() {
         looked_at += 1;
-        if looked_at > MOST_INTERVALS {
+        if looked_at > MAX_INTERVALS {
             return None;
         }
         let width = right - left;

@@ -8,7 +8,7 @@ use crate::folder::{BusFolder, SHARED_MEMORY, other_users, user_name};
 use crate::layout::Payload;
 use crate::name::Channel;
 use crate::node_counter;
-use crate::remains::{self, OpeningLock};
+use crate::stale_resources::{self, OpeningLock};
 use core::fmt::Debug;
 use core::time::Duration;
 use iceoryx2::node::{NodeCreationFailure, NodeView};
@@ -114,7 +114,7 @@ impl Domain {
 
     fn join_in(machine_name: &str, folder: &BusFolder, role: &str) -> Result<Self, BusError> {
         let config = configuration(folder)?;
-        remains::clear_unborn_segments(&config);
+        stale_resources::clear_unborn_segments(&config);
         node_counter::secure(&folder.prefix)?;
         let failed = |cause: &dyn Debug| BusError::Domain {
             cause: format!("{cause:?}"),
@@ -140,8 +140,8 @@ impl Domain {
         let node = created.map_err(|cause| failed(&cause))?;
         node_counter::check(&folder.prefix)?;
         node.blocking_cleanup_dead_nodes(Duration::from_secs(1));
-        remains::clear_dead_nodes(node.config());
-        remains::clear_unborn_nodes(node.config(), remains::LEFT_AFTER);
+        stale_resources::clear_dead_nodes(node.config());
+        stale_resources::clear_unborn_nodes(node.config(), stale_resources::LEFT_AFTER);
         Ok(Self {
             node,
             machine_name: machine_name.to_owned(),
@@ -161,7 +161,7 @@ impl Domain {
             Channel::Control,
         ] {
             let (_, name) = self.name(channel)?;
-            remains::clear_half_made_service(&lock, self.node.config(), &name, pattern(channel));
+            stale_resources::clear_half_made_service(&lock, self.node.config(), &name, pattern(channel));
         }
         self.lock = Some(lock);
         Ok(())
@@ -389,7 +389,7 @@ impl Domain {
         let (Ok((_, name)), Some(lock)) = (self.name(channel), &self.lock) else {
             return;
         };
-        remains::clear_half_made_service(lock, self.node.config(), &name, pattern(channel));
+        stale_resources::clear_half_made_service(lock, self.node.config(), &name, pattern(channel));
         // SAFETY: nobody uses the service: it cannot be opened, and only cores make one, of which only the holder
         // of the lock, this one, is opening. Where it fails, the next attempt to open fails too, and reports it.
         let _ = unsafe { self.node.force_remove_service(&name, pattern(channel)) };
@@ -491,7 +491,7 @@ fn has_service(folder: &BusFolder, name: &str, channel: Channel) -> bool {
     let (Ok(config), Ok(name)) = (configuration(folder), ServiceName::new(name)) else {
         return false;
     };
-    remains::service_file(&config, &name, pattern(channel)).exists()
+    stale_resources::service_file(&config, &name, pattern(channel)).exists()
 }
 
 /// Nobody was there in time. A core of another user cannot be seen, but that there is one can.
@@ -524,7 +524,7 @@ pub fn list_machines(prefix: Option<&str>) -> Result<Vec<String>, BusError> {
     let mut names = Vec::new();
     for folder in BusFolder::existing(prefix)? {
         let config = configuration(&folder)?;
-        remains::clear_unborn_segments(&config);
+        stale_resources::clear_unborn_segments(&config);
         let listed = Ipc::list(&config, |details| {
             let name = details.static_details.name().as_str();
             let machine = name
@@ -584,7 +584,7 @@ fn remove_domain(folder: &BusFolder) -> Result<(), BusError> {
     let Ok(files) = std::fs::read_dir(SHARED_MEMORY) else {
         return Ok(());
     };
-    remains::clear_unborn_nodes(&config, Duration::ZERO);
+    stale_resources::clear_unborn_nodes(&config, Duration::ZERO);
     for file in files.flatten() {
         let name = file.file_name();
         // PREFIX, a hash of 40 digits, `_node.VERSION.global_mgmt`.

@@ -38,8 +38,8 @@ mod folder;
 mod layout;
 mod name;
 mod node_counter;
-mod remains;
 mod setpoint;
+mod stale_resources;
 mod status;
 
 pub use bindings::{c_header, python_module};

@@ -61,7 +61,7 @@ pub enum SettingsError {
 
 /// Why a setpoint was not taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Refusal {
+pub enum Rejection {
     /// A number is not finite.
     NotFinite,
     /// It came when it was of no use any more, or not after the one before it.
@@ -72,7 +72,7 @@ pub enum Refusal {
     Jump,
 }
 
-impl Refusal {
+impl Rejection {
     const fn note(self) -> Note {
         match self {
             Self::NotFinite => Note::NotFinite,
@@ -216,7 +216,7 @@ impl Follower {
     ///
     /// # Errors
     /// It is of no use; it counts as missing then.
-    pub fn offer(&mut self, now_ns: u64, setpoint: &Setpoint) -> Result<(), Refusal> {
+    pub fn offer(&mut self, now_ns: u64, setpoint: &Setpoint) -> Result<(), Rejection> {
         // Whatever else is wrong with it: a quick stop is one.
         self.quick_stop = PowerRequest::from_number(setpoint.power_request) == PowerRequest::QuickStop;
         let result = self.accept(now_ns, setpoint);
@@ -231,13 +231,13 @@ impl Follower {
         (0..AXES).filter(move |axis| mask >> axis & 1 == 1)
     }
 
-    fn accept(&mut self, now_ns: u64, setpoint: &Setpoint) -> Result<(), Refusal> {
+    fn accept(&mut self, now_ns: u64, setpoint: &Setpoint) -> Result<(), Rejection> {
         for axis in self.axes() {
             let finite = setpoint.position[axis].is_finite()
                 && setpoint.velocity[axis].is_finite()
                 && setpoint.acceleration[axis].is_finite();
             if !finite {
-                return Err(Refusal::NotFinite);
+                return Err(Rejection::NotFinite);
             }
         }
         let mut point = Point {
@@ -259,10 +259,10 @@ impl Follower {
         }
         let patience_ns = self.settings.period_ns * u64::from(self.settings.bridge_cycles.max(1));
         if point.due_ns.saturating_add(patience_ns) < now_ns {
-            return Err(Refusal::Late);
+            return Err(Rejection::Late);
         }
         if point.due_ns > now_ns.saturating_add(FURTHEST_NS) {
-            return Err(Refusal::Future);
+            return Err(Rejection::Future);
         }
         if let Some(tail) = self.queue.back().or(self.current.as_ref()).copied() {
             if point.sequence < tail.sequence {
@@ -274,7 +274,7 @@ impl Follower {
                 return Ok(());
             } else {
                 if point.due_ns <= tail.due_ns {
-                    return Err(Refusal::Late);
+                    return Err(Rejection::Late);
                 }
                 self.check_step(&tail, &point)?;
                 let gap = (point.sequence - tail.sequence - 1).min(u64::from(u32::MAX)) as u32;
@@ -292,7 +292,7 @@ impl Follower {
     }
 
     /// Whether every axis can get from one setpoint to the next, where the first is being followed.
-    fn check_step(&self, tail: &Point, point: &Point) -> Result<(), Refusal> {
+    fn check_step(&self, tail: &Point, point: &Point) -> Result<(), Rejection> {
         if !matches!(self.state, BridgeState::Following | BridgeState::Bridging) {
             return Ok(());
         }
@@ -301,7 +301,7 @@ impl Follower {
             return if point.stands() && tail.stands() {
                 Ok(())
             } else {
-                Err(Refusal::Jump)
+                Err(Rejection::Jump)
             };
         }
         let interval_s = (point.due_ns - tail.due_ns) as f64 * 1e-9;
@@ -310,7 +310,7 @@ impl Follower {
             let step = point.position[axis] - tail.position[axis];
             let way = fastest * interval_s;
             if step.abs() > way || point.velocity[axis].abs() > fastest {
-                return Err(Refusal::Jump);
+                return Err(Rejection::Jump);
             }
         }
         Ok(())

@@ -39,7 +39,7 @@ pub use cia402::{CYCLIC_SYNCHRONOUS_POSITION, Cia402, DriveOrder, control};
 pub use command::Command;
 pub use drive_machine::{DriveEvents, DriveMachine, QuickStopOption};
 pub use entry::FeedbackBounds;
-pub use follower::{Follower, FollowerSettings, Refusal, SettingsError, Target};
+pub use follower::{Follower, FollowerSettings, Rejection, SettingsError, Target};
 pub use interpolation::{InterpolationError, InterpolationTime};
 pub use phase::{MAX_CORRECTION_RATIO, PhaseLock, PhaseSettings};
 pub use power::{BridgeState, Note, PowerRequest};

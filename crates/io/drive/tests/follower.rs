@@ -7,7 +7,7 @@ mod common;
 use common::Random;
 use evolvent_bus::{AXES, Setpoint};
 use evolvent_drive::{
-    BridgeState, Follower, FollowerSettings, Note, PowerRequest, Refusal, SettingsError, Target,
+    BridgeState, Follower, FollowerSettings, Note, PowerRequest, Rejection, SettingsError, Target,
 };
 
 const PERIOD_NS: u64 = 1_000_000;
@@ -255,7 +255,7 @@ fn a_jump_is_refused_and_what_follows_it_too() {
     bench.run(0, 100, |_| false);
     let mut wild = setpoint(100);
     wild.position[0] += 3.0;
-    assert_eq!(bench.follower.offer(bench.now_ns, &wild), Err(Refusal::Jump));
+    assert_eq!(bench.follower.offer(bench.now_ns, &wild), Err(Rejection::Jump));
     assert_eq!(bench.follower.note(), Note::Jump);
     // One wild setpoint among good ones is as one that is missing.
     bench.cycle(None);
@@ -286,7 +286,10 @@ fn numbers_that_are_none_times_long_past_and_far_ahead_and_repetitions_change_no
     let good = setpoint(100);
     let mut bad = good;
     bad.velocity[1] = f64::NAN;
-    assert_eq!(bench.follower.offer(bench.now_ns, &bad), Err(Refusal::NotFinite));
+    assert_eq!(
+        bench.follower.offer(bench.now_ns, &bad),
+        Err(Rejection::NotFinite)
+    );
     // An axis that the machine has not may say anything.
     let mut other = good;
     other.position[5] = f64::INFINITY;
@@ -294,10 +297,10 @@ fn numbers_that_are_none_times_long_past_and_far_ahead_and_repetitions_change_no
     assert_eq!(bench.follower.offer(bench.now_ns, &good), Ok(()), "a repetition");
     let mut late = setpoint(101);
     late.due_time_ns = 17;
-    assert_eq!(bench.follower.offer(bench.now_ns, &late), Err(Refusal::Late));
+    assert_eq!(bench.follower.offer(bench.now_ns, &late), Err(Rejection::Late));
     for due_time_ns in [u64::MAX, 60_000_000_000] {
         let far = Setpoint { due_time_ns, ..late };
-        assert_eq!(bench.follower.offer(bench.now_ns, &far), Err(Refusal::Future));
+        assert_eq!(bench.follower.offer(bench.now_ns, &far), Err(Rejection::Future));
     }
     assert_eq!(bench.follower.missed(), before + 4);
     bench.cycle(None);
@@ -402,7 +405,7 @@ fn a_new_datum_at_rest_shifts_the_names_of_places_and_moves_nothing() {
     bench.run(0, 100, |_| false);
     let mut renamed = setpoint(100);
     renamed.datum = 2;
-    assert_eq!(bench.follower.offer(bench.now_ns, &renamed), Err(Refusal::Jump));
+    assert_eq!(bench.follower.offer(bench.now_ns, &renamed), Err(Rejection::Jump));
 }
 
 #[test]

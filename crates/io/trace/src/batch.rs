@@ -9,7 +9,7 @@ use crate::record::CycleRecord;
 use crate::schema::{evolvent, timestamp};
 
 /// A batch goes out when it has so many cycles.
-pub(crate) const MOST_CYCLES: usize = 2048;
+pub(crate) const MAX_CYCLES: usize = 2048;
 /// A batch that claims to have more is damaged.
 const READ_CYCLES: u32 = 1 << 16;
 
@@ -190,7 +190,7 @@ pub(crate) struct Batch {
 impl Batch {
     pub(crate) fn new(axes: Vec<u8>, period_ns: u64) -> Self {
         Self {
-            records: Vec::with_capacity(MOST_CYCLES),
+            records: Vec::with_capacity(MAX_CYCLES),
             axes,
             period_ns,
         }
@@ -201,7 +201,7 @@ impl Batch {
         let Some(last) = self.records.last() else {
             return false;
         };
-        self.records.len() >= MOST_CYCLES
+        self.records.len() >= MAX_CYCLES
             || last.sequence.checked_add(1) != Some(record.sequence)
             || last.due_time_ns.checked_add(self.period_ns) != Some(record.due_time_ns)
     }

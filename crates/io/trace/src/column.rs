@@ -12,7 +12,7 @@ use crate::bits::{BitReader, BitWriter};
 use crate::varint::{folded, unfolded};
 
 /// The last polynomial order.
-pub(crate) const MOST_ORDER: u32 = 5;
+pub(crate) const MAX_ORDER: u32 = 5;
 /// The prediction by derivatives.
 pub(crate) const BY_DERIVATIVES: u32 = 6;
 
@@ -157,7 +157,7 @@ pub(crate) fn pack(kind: Kind, values: &[u64], derivatives: Option<&Derivatives<
     let orders = match (kind, changes) {
         (_, false) => 1..=1,
         (Kind::Whole, true) => 0..=2,
-        (Kind::Double | Kind::Single, true) => 1..=MOST_ORDER,
+        (Kind::Double | Kind::Single, true) => 1..=MAX_ORDER,
     };
     let by_derivatives = (changes && derivatives.is_some()).then_some(BY_DERIVATIVES);
     let mut best = (u64::MAX, 1, Vec::new());
@@ -203,7 +203,7 @@ pub(crate) fn unpack(
     let most = match kind {
         Kind::Whole => 2,
         Kind::Double if derivatives.is_some() => BY_DERIVATIVES,
-        Kind::Double | Kind::Single => MOST_ORDER,
+        Kind::Double | Kind::Single => MAX_ORDER,
     };
     let coded = packed.coded as usize;
     if packed.predictor > most || coded > count {

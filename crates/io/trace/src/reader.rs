@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use prost::Message as _;
 
-use crate::batch::{self, MOST_CYCLES};
+use crate::batch::{self, MAX_CYCLES};
 use crate::checked_map::without_checksum;
 use crate::chunk::{self, Inner, MAX_CHUNK_BYTES, RawMessage};
 use crate::format::{AttachmentIndex, ChunkHead, ChunkIndex, FOOTER_LENGTH, Fields, MAGIC, RECORD_HEAD, op};
@@ -425,7 +425,7 @@ impl Messages<'_> {
     /// How far the cycles of a batch reach beyond the time of its message.
     fn longest_ns(&self) -> u64 {
         let period_ns = self.trace.info.run.as_ref().map_or(0, |run| run.period_ns);
-        period_ns.saturating_mul(MOST_CYCLES as u64)
+        period_ns.saturating_mul(MAX_CYCLES as u64)
     }
 
     /// Unpacks the next chunk that matters; `false` at the end.

@@ -5,9 +5,9 @@
 use evolvent_gcode::{Move, MoveKind, PathMode};
 use evolvent_path::{Curve, feed_rate};
 
-use crate::admission::check_travel;
 use crate::corner::{exact_joint_speed, round_corner};
 use crate::lookahead::LookAhead;
+use crate::move_validator::check_travel;
 use crate::planner::PathRules;
 use crate::step::{PlanSink, Segment, SegmentMarks, Step};
 use evolvent_timing::PathLimits;

@@ -11,9 +11,9 @@ use evolvent_path::{AXES, Axes, Blend, Curve, Jet, ParamCurve};
 /// Samples along a blend at which its distance from the programmed path is measured.
 const SAMPLES: u32 = 24;
 /// What the distance between samples can add: the tolerance is used to this share.
-const TOLERANCE_SHARE: f64 = 0.98;
+const TOLERANCE_FRACTION: f64 = 0.98;
 /// Largest stretch of a curve, in turns of its tangent (rad), that one blend may replace.
-const MOST_TURN: f64 = 0.5;
+const MAX_TURN: f64 = 0.5;
 /// Shrinking steps of the stretch.
 const SHRINKS: usize = 60;
 /// Below this stretch, in parameter units, a blend is no better than a stop.
@@ -37,13 +37,13 @@ pub struct Rounding {
 /// tolerance either. XYZ and UVW count in mm; a rotary axis counts with its angle in degrees.
 #[must_use]
 pub fn round_corner(left: &Curve, right: &Curve, tolerance: f64, room: f64) -> Option<Rounding> {
-    let goal = TOLERANCE_SHARE * tolerance;
+    let goal = TOLERANCE_FRACTION * tolerance;
     let bend = |jet: &Jet| xyz(&jet.second);
     let (end, start) = (left.jet(left.domain()), right.jet(0.0));
     let turn = distance(&(start.first - end.first)).max(1e-12);
     let sharpest = bend(&end).max(bend(&start)).max(1e-300);
     // Curvature adds to the deviation with h^2 and is handled by measuring.
-    let mut h = room.min(16.0 / 3.0 * goal / turn).min(MOST_TURN / sharpest);
+    let mut h = room.min(16.0 / 3.0 * goal / turn).min(MAX_TURN / sharpest);
     for _ in 0..SHRINKS {
         if h.is_nan() || h < SHORTEST {
             return None;

@@ -13,25 +13,25 @@ use std::collections::VecDeque;
 use evolvent_machine::Limits;
 use evolvent_path::AXES;
 use evolvent_timing::{
-    Entry, Exit, FeedError, Grid, MOST_INTERVALS, Memory, Optimizer, PathLimits, Piece, Place,
+    Entry, Exit, FeedError, Grid, MAX_INTERVALS, Memory, Optimizer, PathLimits, Piece, Place,
 };
 
-use crate::proof::{ratios, slow_down};
-use crate::step::{BlockMark, Flow, PlanSink, Request, Segment, Step};
+use crate::step::{BlockMark, PlanSink, Request, Segment, Step, TimedSegment};
+use crate::validate::{ratios, slow_down};
 
 /// Intervals of path and stops that wait for a plan while none is made (during a hold) before no more is read.
-const MOST_BACKLOG: u64 = 1 << 16;
+const MAX_BACKLOG: u64 = 1 << 16;
 /// Share of a window's intervals that is committed at least, and at most.
 const COMMITTED: (f64, f64) = (0.5, 0.9);
 /// Windows from rest in a row that may fail.
-const MOST_FAILURES: u32 = 3;
+const MAX_FAILURES: u32 = 3;
 /// Intervals that a window is not made shorter than for want of stations.
-const LEAST_WINDOW: u64 = 32;
+const MIN_WINDOW: u64 = 32;
 /// Steps that windows leave free for the answers to two requests: the cycle may be waiting for one, and then nothing
 /// else makes room.
-const KEPT_FOR_ANSWERS: usize = 2 * (2 * MOST_INTERVALS + 3);
+const KEPT_FOR_ANSWERS: usize = 2 * (2 * MAX_INTERVALS + 3);
 /// Marks of one segment at the most. A segment has four intervals at the least, so a window has 80 of them.
-const MOST_MARKS: usize = 1024;
+const MAX_MARKS: usize = 1024;
 /// The tail takes at least so many times as long as stopping does.
 const TAIL_STOPS: f64 = 2.0;
 
@@ -56,7 +56,7 @@ struct Planned {
 
 /// How far the plan has come.
 #[derive(Clone, Copy, Debug)]
-struct Front {
+struct PlanFrontier {
     place: Place,
     entry: Entry,
     /// The committed step that the next window is to follow, where a tail follows it now.
@@ -70,10 +70,10 @@ struct Front {
 
 /// The plan that a request in motion has cut short, until it is known whether the cycle has taken over the answer.
 #[derive(Clone, Copy, Debug)]
-struct Fork {
+struct PendingBranch {
     id: u64,
     /// Where the old plan had come to.
-    front: Front,
+    front: PlanFrontier,
     /// Windows of the new one.
     windows: usize,
 }
@@ -85,14 +85,14 @@ pub(crate) struct Horizon<S> {
     grid: Grid,
     optimizer: Optimizer,
     limits: Limits,
-    front: Front,
+    front: PlanFrontier,
     /// What the cycle has asked for and not been answered.
     request: Option<Request>,
     /// Windows handed on that the cycle has not left, and the space of those that it has.
     planned: VecDeque<Planned>,
     spare: Vec<Planned>,
     /// A plan that may have been cut short, and its windows behind the cut.
-    fork: Option<Fork>,
+    fork: Option<PendingBranch>,
     cut: VecDeque<Planned>,
     rests: VecDeque<Rest>,
     rests_seen: u64,
@@ -128,7 +128,7 @@ impl<S: PlanSink> Horizon<S> {
             grid: Grid::new(limits),
             optimizer: Optimizer::new(limits),
             limits: *axes,
-            front: Front {
+            front: PlanFrontier {
                 place: Place { interval: 0, x: 0.0 },
                 entry: Entry::Rest,
                 link: None,
@@ -152,7 +152,7 @@ impl<S: PlanSink> Horizon<S> {
             accounts: VecDeque::new(),
             accounted: 0.0,
             appended: 0,
-            pieces: Vec::with_capacity(2 * MOST_INTERVALS),
+            pieces: Vec::with_capacity(2 * MAX_INTERVALS),
             stopping: (1.0 / a, a / j),
         }
     }
@@ -185,7 +185,7 @@ impl<S: PlanSink> Horizon<S> {
     /// Leaves out marks of the next segment where it has so many blocks that a window's might not fit into any queue.
     fn thin_marks(&mut self) {
         let first = self.marks.partition_point(|mark| mark.start < self.length);
-        let every = (self.marks.len() - first).div_ceil(MOST_MARKS);
+        let every = (self.marks.len() - first).div_ceil(MAX_MARKS);
         if every > 1 {
             let kept = (first..self.marks.len()).step_by(every);
             let count = first + kept.len();
@@ -228,7 +228,7 @@ impl<S: PlanSink> Horizon<S> {
             self.serve()?;
             if self.front.waits {
                 let stops = (self.rests.len() - self.front.rest) as u64;
-                if self.grid.end() - self.front.place.interval + stops < MOST_BACKLOG {
+                if self.grid.end() - self.front.place.interval + stops < MAX_BACKLOG {
                     return Ok(());
                 }
                 self.sink.wait()?;
@@ -256,7 +256,7 @@ impl<S: PlanSink> Horizon<S> {
 
     /// Whether no motion is found from rest: the machine stands, and nothing more can be planned.
     fn has_failed(&self) -> bool {
-        self.failures > MOST_FAILURES
+        self.failures > MAX_FAILURES
     }
 
     /// The line where that is, if so; 0 where it is not known.
@@ -306,11 +306,11 @@ impl<S: PlanSink> Horizon<S> {
     }
 
     /// The next window's end, once enough path is known.
-    fn window(&self, front: &Front) -> Option<(u64, Exit)> {
+    fn window(&self, front: &PlanFrontier) -> Option<(u64, Exit)> {
         let start = front.place.interval;
         let rest = self.rests.get(front.rest).map(|rest| rest.at);
         let known = rest.unwrap_or_else(|| self.grid.end());
-        let most = start + MOST_INTERVALS as u64;
+        let most = start + MAX_INTERVALS as u64;
         // At the end of what is known the path may yet turn out to rest.
         if known <= start || (rest.is_none() && known <= most) {
             return None;
@@ -321,7 +321,7 @@ impl<S: PlanSink> Horizon<S> {
         Some((most, Exit::Open))
     }
 
-    fn solve(&mut self, front: &Front, until: u64, exit: Exit) -> Result<(), FeedError> {
+    fn solve(&mut self, front: &PlanFrontier, until: u64, exit: Exit) -> Result<(), FeedError> {
         self.pieces.clear();
         self.sink.solving();
         let solved = self.optimizer.plan(
@@ -340,7 +340,7 @@ impl<S: PlanSink> Horizon<S> {
 
     /// Looks at what was solved once more. A plan from rest that exceeds a limit is slowed down; one in motion is
     /// not driven.
-    fn prove(&mut self, front: &Front) -> Result<(), FeedError> {
+    fn prove(&mut self, front: &PlanFrontier) -> Result<(), FeedError> {
         let (v, a) = match front.entry {
             Entry::Rest => (0.0, 0.0),
             Entry::Moving { v, a } => (v, a),
@@ -372,13 +372,13 @@ impl<S: PlanSink> Horizon<S> {
     }
 
     /// Solves a window, or a shorter one where that needs more stations than there is room for.
-    fn solve_some(&mut self, front: &Front, until: u64, exit: Exit) -> Result<(u64, Exit), FeedError> {
+    fn solve_some(&mut self, front: &PlanFrontier, until: u64, exit: Exit) -> Result<(u64, Exit), FeedError> {
         let (mut until, mut exit) = (until, exit);
         loop {
             match self.solve(front, until, exit) {
                 Ok(()) => return Ok((until, exit)),
                 Err(error)
-                    if until - front.place.interval > LEAST_WINDOW
+                    if until - front.place.interval > MIN_WINDOW
                         && (matches!(error, FeedError::Window { .. })
                             || matches!(front.entry, Entry::Rest)) =>
                 {
@@ -442,7 +442,7 @@ impl<S: PlanSink> Horizon<S> {
                 self.sink.step(&Step::Wait)?;
                 self.appended += 1;
                 let (state, _) = piece.law.at(0.0);
-                Front {
+                PlanFrontier {
                     place: Place {
                         interval: piece.interval,
                         x: piece.from - self.interval_start(piece.interval),
@@ -455,7 +455,7 @@ impl<S: PlanSink> Horizon<S> {
                     ..self.front
                 }
             }
-            None => Front {
+            None => PlanFrontier {
                 place: Place {
                     interval: until,
                     x: 0.0,
@@ -482,7 +482,7 @@ impl<S: PlanSink> Horizon<S> {
         }
         self.account(committed);
         self.sink.finalise(first + committed as u64);
-        self.front = Front { feed_factor, ..next };
+        self.front = PlanFrontier { feed_factor, ..next };
         Ok(())
     }
 
@@ -522,7 +522,8 @@ impl<S: PlanSink> Horizon<S> {
                 self.sink.mark(mark)?;
                 self.marks.pop_front();
             }
-            self.sink.step(&Step::Flow(Flow { piece: *piece, path }))?;
+            self.sink
+                .step(&Step::TimedSegment(TimedSegment { piece: *piece, path }))?;
             self.appended += 1;
         }
         Ok(())

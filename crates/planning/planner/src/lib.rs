@@ -15,31 +15,33 @@
 //!
 //! That is the classic planner: safe, simple, and the fallback. The near-optimal one, the default, has the path from
 //! `evolvent-smooth` and the time law from `evolvent-timing`, in windows whose tail always ends at rest, and hands on
-//! [`Flow`]s, which the cycle only evaluates. Holds and overrides reach it as [`Request`]s. [`Planner`] is both of it;
-//! [`Shaper`] and [`Pacer`] are its halves, for those who have a thread for each.
+//! [`TimedSegment`]s, which the cycle only evaluates. Holds and overrides reach it as [`Request`]s. [`Planner`] is both of it;
+//! [`PathStage`] and [`TimingStage`] are its halves, for those who have a thread for each.
 
-mod admission;
 mod classic;
 mod corner;
 mod horizon;
 mod lookahead;
-mod pacer;
+mod move_validator;
+mod path_stage;
 mod planner;
-mod proof;
 #[cfg(test)]
 mod recorder;
-mod shaper;
 mod step;
 mod straight;
+mod timing_stage;
+mod validate;
 
 pub use evolvent_timing::{
     DerivativeBounds, Outcome, PathLimits, Profile, ScalarLimits, ScalarState, lasting_speed, reachable_speed,
 };
 
-pub use admission::Admission;
 pub use corner::{Rounding, exact_joint_speed, round_corner};
 pub use lookahead::{LookAhead, PENDING_SEGMENTS, PENDING_STEPS};
-pub use pacer::Pacer;
+pub use move_validator::MoveValidator;
+pub use path_stage::{PathItem, PathSink, PathStage};
 pub use planner::{PathRules, PlanError, Planner};
-pub use shaper::{PathItem, PathSink, Shaper};
-pub use step::{Answer, BlockMark, ExitSpeeds, Flow, PlanSink, Request, Run, Segment, SegmentMarks, Step};
+pub use step::{
+    Answer, BlockMark, ExitSpeeds, PlanSink, Request, Run, Segment, SegmentMarks, Step, TimedSegment,
+};
+pub use timing_stage::TimingStage;

@@ -17,15 +17,15 @@ use evolvent_timing::{
 };
 
 /// Steps without final exit speed after which the older half is made final all the same.
-const MOST_PENDING: usize = 4096;
+const MAX_PENDING: usize = 4096;
 /// The same for segments.
-const MOST_PENDING_SEGMENTS: usize = 8192;
+const MAX_PENDING_SEGMENTS: usize = 8192;
 /// New steps between two backward passes.
 const PASS_EVERY: usize = 64;
 /// Cells of one run, which bounds the work of closing it.
-const MOST_CELLS: usize = 512;
+const MAX_CELLS: usize = 512;
 /// Segments of one run.
-const MOST_SEGMENTS: u32 = 128;
+const MAX_SEGMENTS: u32 = 128;
 /// A segment joins a run while the slowest of both has at least this share of the fastest's speed.
 const LIKE_SPEED: f64 = 0.8;
 /// A curve is cut in two where the speeds that its halves allow differ by more than this share.
@@ -35,12 +35,12 @@ const SPLIT_TIME: f64 = 0.01;
 /// A run lasts at least this long, s, so that even the slowest loop passes few of them in a cycle.
 const SHORTEST_RUN: f64 = 0.002;
 /// Depth of the bisection of one segment.
-const MOST_SPLITS: u32 = 12;
+const MAX_SPLITS: u32 = 12;
 
 /// Most unconsumed steps a plan can hold at once before any of them is final.
-pub const PENDING_STEPS: usize = MOST_PENDING + PASS_EVERY;
+pub const PENDING_STEPS: usize = MAX_PENDING + PASS_EVERY;
 /// Most unconsumed segments a plan can hold at once before any of them is final.
-pub const PENDING_SEGMENTS: usize = MOST_PENDING_SEGMENTS + MOST_SEGMENTS as usize + 64;
+pub const PENDING_SEGMENTS: usize = MAX_PENDING_SEGMENTS + MAX_SEGMENTS as usize + 64;
 
 #[derive(Clone, Copy, Debug)]
 struct Pending {
@@ -122,7 +122,7 @@ impl<S: PlanSink> LookAhead<S> {
     /// # Errors
     /// As the sink's.
     pub fn segment(&mut self, segment: Segment, feed: f64) -> Result<(), S::Error> {
-        self.split(segment, feed, MOST_SPLITS)
+        self.split(segment, feed, MAX_SPLITS)
     }
 
     /// Bounds the speed at the present end of the path; 0 is a stop.
@@ -205,7 +205,7 @@ impl<S: PlanSink> LookAhead<S> {
         let speed = cap.min(feed);
         let run = &self.gathering;
         let like = speed.min(run.slowest) >= LIKE_SPEED * speed.max(run.fastest) && feed == run.feed;
-        let full = run.segments >= MOST_SEGMENTS || run.cells.len() + self.scratch.len() > MOST_CELLS;
+        let full = run.segments >= MAX_SEGMENTS || run.cells.len() + self.scratch.len() > MAX_CELLS;
         // Too short for a run of its own, and taking the slower speed for both costs no time to speak of.
         let slower = speed.min(run.slowest);
         let extra =
@@ -283,11 +283,11 @@ impl<S: PlanSink> LookAhead<S> {
         self.pending_segments += pending.segments;
         self.pending.push_back(pending);
         self.since_pass += 1;
-        let full = self.pending.len() >= MOST_PENDING || self.pending_segments >= MOST_PENDING_SEGMENTS;
+        let full = self.pending.len() >= MAX_PENDING || self.pending_segments >= MAX_PENDING_SEGMENTS;
         if self.since_pass >= PASS_EVERY || full {
             let count = self.pass();
             self.finalise(count);
-            if self.pending.len() >= MOST_PENDING || self.pending_segments >= MOST_PENDING_SEGMENTS {
+            if self.pending.len() >= MAX_PENDING || self.pending_segments >= MAX_PENDING_SEGMENTS {
                 self.finalise(self.pending.len() / 2);
             }
         }

@@ -6,11 +6,11 @@ use evolvent_path::AxisLetter;
 use evolvent_timing::PathLimits;
 use thiserror::Error;
 
-use crate::admission::Admission;
 use crate::classic::Classic;
-use crate::pacer::Pacer;
-use crate::shaper::Shaper;
+use crate::move_validator::MoveValidator;
+use crate::path_stage::PathStage;
 use crate::step::{PlanSink, Step};
+use crate::timing_stage::TimingStage;
 
 /// How the path is to be followed, the limits of the axes aside.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -74,7 +74,7 @@ pub enum PlanError<E> {
 #[derive(Debug)]
 pub struct Planner<S> {
     kind: Kind<S>,
-    admission: Admission,
+    admission: MoveValidator,
 }
 
 #[derive(Debug)]
@@ -87,20 +87,20 @@ enum Kind<S> {
 /// Path, then time law.
 #[derive(Debug)]
 struct Optimal<S> {
-    shaper: Shaper,
-    pacer: Pacer<S>,
+    shaper: PathStage,
+    pacer: TimingStage<S>,
 }
 
 impl<S: PlanSink> Planner<S> {
     /// At rest at the start of the first move.
     #[must_use]
     pub fn new(limits: PathLimits, rules: PathRules, sink: S) -> Self {
-        let admission = Admission::new(limits.axes());
+        let admission = MoveValidator::new(limits.axes());
         let kind = match rules.planner {
             PlannerKind::Classic => Kind::Classic(Classic::new(limits, rules, sink)),
             PlannerKind::Optimal => Kind::Optimal(Optimal {
-                shaper: Shaper::new(&limits, rules),
-                pacer: Pacer::new(&limits, &rules, sink),
+                shaper: PathStage::new(&limits, rules),
+                pacer: TimingStage::new(&limits, &rules, sink),
             }),
         };
         Self { kind, admission }

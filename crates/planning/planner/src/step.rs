@@ -61,7 +61,7 @@ pub enum Step {
     /// Move as solved by the cycle, which keeps the run's limits (the classic planner).
     Run(Run),
     /// Move by a law that the planner has solved (the near-optimal planner).
-    Flow(Flow),
+    TimedSegment(TimedSegment),
     /// Stand still until a further plan comes: the end of what is known so far, or of a feed hold.
     Wait,
     /// Stand still for so many seconds (G4).
@@ -98,14 +98,14 @@ pub enum Step {
 
 /// One piece of a time law, and where it lies on the path.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Flow {
+pub struct TimedSegment {
     /// The law, over part of one segment; its `stretch` is the segment's index in the order of handing on.
     pub piece: Piece,
     /// Path parameter from the program's start to the piece's start.
     pub path: f64,
 }
 
-impl Flow {
+impl TimedSegment {
     /// Speed of the path parameter, per s, below which a piece ends at rest: rounding leaves far less, and no plan drives so slowly.
     const AT_REST: f64 = 1e-6;
 

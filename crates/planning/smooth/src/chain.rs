@@ -8,7 +8,7 @@ use crate::Block;
 
 /// One block on the path.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Link {
+pub(crate) struct ProgramSegment {
     /// Path parameter at its start and end, counted from the section's start.
     pub(crate) from: f64,
     pub(crate) to: f64,
@@ -22,7 +22,7 @@ pub(crate) struct Link {
     start: Axes,
     slope: Axes,
     /// Whether the joint at its start has to be eased.
-    pub(crate) eased: bool,
+    pub(crate) smoothed: bool,
     /// Whether it is kept as programmed instead, since easing it failed; the speed at which it may then be passed, and
     /// whether that is still to be said.
     pub(crate) kept: bool,
@@ -35,7 +35,7 @@ pub(crate) struct Link {
     pub(crate) inner_spacing: f64,
 }
 
-impl Link {
+impl ProgramSegment {
     pub(crate) fn new(block: &Block, from: f64) -> Self {
         let curve = block.curve;
         let jet = curve.jet(0.0);
@@ -49,7 +49,7 @@ impl Link {
             straight: matches!(curve, Curve::Line(_)),
             start: jet.position,
             slope: jet.first,
-            eased: false,
+            smoothed: false,
             kept: false,
             exact_speed: 0.0,
             unsaid: false,
@@ -74,7 +74,7 @@ impl Link {
 
     /// Whether the path bends at its start.
     pub(crate) fn corner(&self) -> bool {
-        self.eased || self.kept
+        self.smoothed || self.kept
     }
 
     /// First point.
@@ -97,7 +97,7 @@ impl Link {
 /// Links have numbers that stay when links before them are forgotten.
 #[derive(Debug, Default)]
 pub(crate) struct Chain {
-    links: VecDeque<Link>,
+    links: VecDeque<ProgramSegment>,
     first: usize,
     /// Bound of the knot spacing at the end of the last link.
     pub(crate) end_spacing: f64,
@@ -110,7 +110,7 @@ impl Chain {
         self.end_spacing = f64::INFINITY;
     }
 
-    pub(crate) fn push(&mut self, link: Link) {
+    pub(crate) fn push(&mut self, link: ProgramSegment) {
         self.links.push_back(link);
     }
 
@@ -124,11 +124,11 @@ impl Chain {
         self.first + self.links.len()
     }
 
-    pub(crate) fn get(&self, number: usize) -> Option<&Link> {
+    pub(crate) fn get(&self, number: usize) -> Option<&ProgramSegment> {
         self.links.get(number.checked_sub(self.first)?)
     }
 
-    pub(crate) fn get_mut(&mut self, number: usize) -> Option<&mut Link> {
+    pub(crate) fn get_mut(&mut self, number: usize) -> Option<&mut ProgramSegment> {
         self.links.get_mut(number.checked_sub(self.first)?)
     }
 

@@ -13,16 +13,16 @@ use std::ops::Range;
 
 use evolvent_path::Axes;
 
-use crate::chain::{Chain, Link};
+use crate::chain::{Chain, ProgramSegment};
 use crate::tube::{Sample, dot};
 
 /// Links that a point may pass in one go.
-const MOST_LINKS: usize = 64;
+const MAX_LINKS: usize = 64;
 /// Moves shorter than this, in tolerances, are not worth looking for what they break.
-const LEAST_MOVE: f64 = 0.005;
+const MIN_MOVE: f64 = 0.005;
 
 /// Whether a link is one along which samples may move.
-fn passable(link: &Link, tolerance: f64) -> bool {
+fn passable(link: &ProgramSegment, tolerance: f64) -> bool {
     link.straight
         && link.tolerance >= tolerance
         && link.slope().as_slice()[3..].iter().all(|&rate| rate == 0.0)
@@ -66,7 +66,7 @@ pub(crate) fn range(chain: &Chain, number: usize, u: f64, pass: bool) -> (f64, f
 
 /// A point of the programmed path.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Spot {
+pub(crate) struct PathPoint {
     /// Parameter, and the number of a link that it belongs to.
     pub(crate) at: f64,
     pub(crate) link: usize,
@@ -90,8 +90,8 @@ pub(crate) fn nearest(
     middle: usize,
     place: &[f64; 3],
     all: bool,
-) -> Option<Spot> {
-    let on = |number: usize| -> Option<(f64, Spot)> {
+) -> Option<PathPoint> {
+    let on = |number: usize| -> Option<(f64, PathPoint)> {
         let link = chain.get(number)?;
         let (low, high) = (link.from.max(range.0), link.to.min(range.1));
         if !(low <= high) {
@@ -104,7 +104,7 @@ pub(crate) fn nearest(
             .min(high);
         let point = std::array::from_fn(|d| start[d] + slope[d] * (at - link.from));
         let error = minus(place, &point);
-        let spot = Spot {
+        let spot = PathPoint {
             at,
             link: number,
             point,
@@ -114,7 +114,7 @@ pub(crate) fn nearest(
     let mut best = on(middle);
     for step in [1, usize::MAX] {
         let mut number = middle;
-        for _ in 0..MOST_LINKS {
+        for _ in 0..MAX_LINKS {
             number = number.wrapping_add(step);
             let Some(found) = on(number) else {
                 break;
@@ -130,7 +130,7 @@ pub(crate) fn nearest(
 }
 
 /// How far the path strays from the straight between two of its points.
-fn stray(chain: &Chain, a: &Spot, b: &Spot) -> f64 {
+fn chord_deviation(chain: &Chain, a: &PathPoint, b: &PathPoint) -> f64 {
     let (a, b) = if a.at <= b.at { (a, b) } else { (b, a) };
     let chord = minus(&b.point, &a.point);
     let length2 = dot(&chord, &chord);
@@ -163,13 +163,14 @@ pub(crate) fn follow(chain: &Chain, samples: &mut [Sample], which: Range<usize>,
         let error = sample.error(&points[i..i + 4]);
         let place = std::array::from_fn(|d| error[d] + sample.centre[d]);
         let (here, before, after) = (sample.spot(), samples[k - 1].spot(), samples[k + 1].spot());
-        let holds = |spot: &Spot| {
-            stray(chain, &before, spot) <= samples[k - 1].stray && stray(chain, spot, &after) <= sample.stray
+        let holds = |spot: &PathPoint| {
+            chord_deviation(chain, &before, spot) <= samples[k - 1].chord_deviation
+                && chord_deviation(chain, spot, &after) <= sample.chord_deviation
         };
         let Some(best) = nearest(chain, sample.range, here.link, &place, false) else {
             continue;
         };
-        if !((best.at - here.at).abs() > LEAST_MOVE * sample.tolerance) {
+        if !((best.at - here.at).abs() > MIN_MOVE * sample.tolerance) {
             continue;
         }
         let mut to = best;

@@ -4,12 +4,12 @@
 //! (its second difference); it does not ask for angles, so a true corner and a chain of a thousand chords are the
 //! same to it. Away from a joint it may grow by [`GROWTH`] per unit of the path.
 
-use crate::chain::{Chain, Link, distance};
+use crate::chain::{Chain, ProgramSegment, distance};
 
 /// Largest growth of the spacing along the path.
 pub(crate) const GROWTH: f64 = 0.15;
 /// Largest spacing in tolerances.
-const MOST_TOLERANCES: f64 = 100.0;
+const MAX_TOLERANCES: f64 = 100.0;
 /// Largest and smallest spacing, mm.
 const MOST: f64 = 2.0;
 const LEAST: f64 = 1e-7;
@@ -18,7 +18,7 @@ const STEP: f64 = 1.4;
 
 /// Largest spacing at a tolerance.
 pub(crate) fn most(tolerance: f64) -> f64 {
-    (MOST_TOLERANCES * tolerance).min(MOST)
+    (MAX_TOLERANCES * tolerance).min(MOST)
 }
 
 /// The spacing at the start of a link by the bend of the path there; `None` while too little of the path is known.
@@ -65,7 +65,7 @@ pub(crate) fn at_joint(chain: &Chain, number: usize, guess: f64, complete: bool)
 }
 
 /// The spacing inside a curved link: half the distance over which it bends away by twice the tolerance.
-pub(crate) fn inside(link: &Link) -> f64 {
+pub(crate) fn inside(link: &ProgramSegment) -> f64 {
     if link.straight {
         return most(link.tolerance);
     }
@@ -77,7 +77,7 @@ pub(crate) fn inside(link: &Link) -> f64 {
 }
 
 /// The spacing at `u` inside a link, by those at its two ends.
-pub(crate) fn within(link: &Link, at_end: f64, u: f64) -> f64 {
+pub(crate) fn within(link: &ProgramSegment, at_end: f64, u: f64) -> f64 {
     (link.spacing + GROWTH * (u - link.from))
         .min(at_end + GROWTH * (link.to - u))
         .min(link.inner_spacing)

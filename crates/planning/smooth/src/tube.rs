@@ -9,8 +9,8 @@
 use evolvent_path::{Axes, ParamCurve, Spline};
 
 use crate::basis::{Basis, values};
-use crate::chain::{Chain, Link, distance};
-use crate::follow::{Spot, nearest, range};
+use crate::chain::{Chain, ProgramSegment, distance};
+use crate::follow::{PathPoint, nearest, range};
 
 /// Share of the tolerance that samples leave for what lies between them, where an interval has a single part.
 const UNUSED: f64 = 0.04;
@@ -36,7 +36,7 @@ pub(crate) struct Sample {
     /// Direction of the straight, zero for a ball.
     pub(crate) along: [f64; 3],
     /// How far the point may slip to both sides.
-    pub(crate) slip: (f64, f64),
+    pub(crate) tangential_slack: (f64, f64),
     /// Square of the radius.
     pub(crate) radius2: f64,
     /// What the distance must not exceed, also beside the sample.
@@ -47,7 +47,7 @@ pub(crate) struct Sample {
     /// Within which it may follow the spline; an empty range if it may not.
     pub(crate) range: (f64, f64),
     /// How far the path may stray from the straight to the neighbouring samples' points.
-    pub(crate) stray: f64,
+    pub(crate) chord_deviation: f64,
 }
 
 impl Sample {
@@ -67,9 +67,9 @@ impl Sample {
     /// From the nearest point of the straight to the point, and whether that is inside of the straight.
     pub(crate) fn off(&self, error: &[f64; 3]) -> ([f64; 3], bool) {
         let x = dot(error, &self.along);
-        let nearest = x.max(-self.slip.0).min(self.slip.1);
+        let nearest = x.max(-self.tangential_slack.0).min(self.tangential_slack.1);
         let off = std::array::from_fn(|d| error[d] - nearest * self.along[d]);
-        (off, x > -self.slip.0 && x < self.slip.1)
+        (off, x > -self.tangential_slack.0 && x < self.tangential_slack.1)
     }
 
     /// Whether it may follow the spline.
@@ -78,8 +78,8 @@ impl Sample {
     }
 
     /// Its programmed point.
-    pub(crate) fn spot(&self) -> Spot {
-        Spot {
+    pub(crate) fn spot(&self) -> PathPoint {
+        PathPoint {
             at: self.at,
             link: self.link,
             point: self.centre,
@@ -87,7 +87,7 @@ impl Sample {
     }
 
     /// Compares with another programmed point from now on.
-    pub(crate) fn move_to(&mut self, spot: &Spot) {
+    pub(crate) fn move_to(&mut self, spot: &PathPoint) {
         (self.at, self.link, self.centre) = (spot.at, spot.link, spot.point);
     }
 
@@ -111,7 +111,7 @@ struct Straight {
 
 /// How far the straight reaches to both sides, looked for up to `limit`. Whatever lies beyond does not matter, so that
 /// the answer is the same however much more of the path is known.
-fn straight(chain: &Chain, number: usize, link: &Link, u: f64, limit: f64) -> Straight {
+fn straight(chain: &Chain, number: usize, link: &ProgramSegment, u: f64, limit: f64) -> Straight {
     let (mut behind, mut ahead, mut sharp) = (u - link.from, link.to - u, false);
     let mut first = number;
     while behind < limit
@@ -150,17 +150,17 @@ pub(crate) fn sight(tolerance: f64) -> f64 {
 
 /// How the samples of an interval cover it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Cover {
+pub(crate) struct SamplingCoverage {
     /// Equal parts between whose ends there is at most one sample's distance.
     pub(crate) parts: usize,
     /// How far the programmed path strays from a straight between neighbouring samples.
-    pub(crate) stray: f64,
+    pub(crate) chord_deviation: f64,
 }
 
 /// Fewest parts of an interval, and the most that are tried. With fewer than 4 the path found often strays too far
 /// between samples, and finding it again costs more than they.
 pub(crate) const FEWEST_PARTS: usize = 4;
-pub(crate) const MOST_PARTS: usize = 32;
+pub(crate) const MAX_PARTS: usize = 32;
 /// More joints than this in an interval, and not all of them are samples.
 const MANY: usize = 3;
 /// How far the path may stray from a straight between samples then, in tolerances.
@@ -185,7 +185,7 @@ pub(crate) fn sample(
     basis: &Basis,
     active: &[bool; 9],
     samples: &mut Vec<Sample>,
-) -> Cover {
+) -> SamplingCoverage {
     let number = chain.find(from);
     let behind = chain.find(to);
     let before = samples.len();
@@ -208,7 +208,7 @@ pub(crate) fn sample(
         maker.add(number - 1, from);
     }
     maker.add(number, from);
-    let mut stray: f64 = 0.0;
+    let mut chord_deviation: f64 = 0.0;
     let mut left = number;
     for k in 0..parts {
         let cut = |k: usize| from + (to - from) * k as f64 / parts as f64;
@@ -221,7 +221,7 @@ pub(crate) fn sample(
             right += 1;
         }
         if maker.thin {
-            stray = stray.max(maker.joints(left + 1, right, u0, u1, HALVINGS));
+            chord_deviation = chord_deviation.max(maker.joints(left + 1, right, u0, u1, HALVINGS));
         } else {
             for joint in left + 1..=right {
                 maker.joint(joint);
@@ -243,23 +243,26 @@ pub(crate) fn sample(
             .iter()
             .map(|sample| sample.tolerance)
             .fold(f64::INFINITY, f64::min);
-        stray = stray.max(STRAY_MOVED * least);
+        chord_deviation = chord_deviation.max(STRAY_MOVED * least);
     }
-    if stray > 0.0 {
+    if chord_deviation > 0.0 {
         for sample in &mut samples[before..] {
-            let radius = (sample.radius2.sqrt() - stray).max(0.0);
+            let radius = (sample.radius2.sqrt() - chord_deviation).max(0.0);
             sample.radius2 = radius * radius;
-            sample.stray = stray;
+            sample.chord_deviation = chord_deviation;
         }
     }
-    Cover { parts, stray }
+    SamplingCoverage {
+        parts,
+        chord_deviation,
+    }
 }
 
 /// Whether the spline keeps to the tolerance also between the samples of an interval: between two that are `d` apart,
 /// a curve is at most `d^2 / 8` times its greatest second derivative from the straight between them.
 pub(crate) fn covers(
     chain: &Chain,
-    cover: Cover,
+    cover: SamplingCoverage,
     (from, to): (f64, f64),
     basis: &Basis,
     points: &[Axes],
@@ -289,9 +292,9 @@ pub(crate) fn covers(
     }
     let gap = width / cover.parts as f64;
     let between = 0.125 * gap * gap * most;
-    let holds = |sample: &Sample, cover: Cover| {
+    let holds = |sample: &Sample, cover: SamplingCoverage| {
         let used = (sample.ratio(&sample.error(points)) * sample.radius2).sqrt();
-        used + between + cover.stray <= sample.tolerance
+        used + between + cover.chord_deviation <= sample.tolerance
     };
     if !samples.iter().all(|sample| holds(sample, cover)) {
         return false;
@@ -316,10 +319,17 @@ pub(crate) fn covers(
         && (next.group, next.tolerance) == (end.group, end.tolerance)
     {
         // As it is held there: it may have moved, or reach along a straight that is longer than this interval.
-        (end.centre, end.along, end.slip) = (next.centre, next.along, next.slip);
+        (end.centre, end.along, end.tangential_slack) = (next.centre, next.along, next.tangential_slack);
     }
-    last.iter()
-        .all(|sample| holds(sample, Cover { stray: 0.0, ..cover }))
+    last.iter().all(|sample| {
+        holds(
+            sample,
+            SamplingCoverage {
+                chord_deviation: 0.0,
+                ..cover
+            },
+        )
+    })
 }
 
 /// Places at which a piece is compared with the program.
@@ -327,7 +337,7 @@ const PLACES: usize = 8;
 
 /// Whether a piece of the path, from `from` to `to`, is within the tolerance of the program wherever it is looked at: a
 /// last check, of the curve itself and by the distance itself.
-pub(crate) fn keeps(chain: &Chain, (from, to): (f64, f64), piece: &Spline) -> bool {
+pub(crate) fn within_tolerance(chain: &Chain, (from, to): (f64, f64), piece: &Spline) -> bool {
     let mut number = chain.find(from);
     for k in 0..=PLACES {
         let u = from + (to - from) * k as f64 / PLACES as f64;
@@ -407,9 +417,9 @@ impl Maker<'_> {
                 continue;
             };
             let straight = p0 + (p1 - p0) * ((link.from - u0) / (u1 - u0));
-            let stray = distance(&(link.start() - straight));
-            if stray > worst {
-                (worst, at) = (stray, joint);
+            let chord_deviation = distance(&(link.start() - straight));
+            if chord_deviation > worst {
+                (worst, at) = (chord_deviation, joint);
             }
             least = least.min(link.tolerance);
         }
@@ -447,13 +457,13 @@ impl Maker<'_> {
                 weights,
                 centre: [0.0; 3],
                 along: [0.0; 3],
-                slip: (0.0, 0.0),
+                tangential_slack: (0.0, 0.0),
                 radius2: tolerance * tolerance,
                 tolerance: link.tolerance,
                 at: u,
                 link: number,
                 range: (u, u),
-                stray: 0.0,
+                chord_deviation: 0.0,
             };
             made.centre[..count].copy_from_slice(&place.as_slice()[first..first + count]);
             if group == 0 && link.straight && !self.thin {
@@ -467,7 +477,7 @@ impl Maker<'_> {
         }
     }
 
-    fn lengthen(&self, made: &mut Sample, number: usize, link: &Link, u: f64) {
+    fn lengthen(&self, made: &mut Sample, number: usize, link: &ProgramSegment, u: f64) {
         let slope = link.slope();
         // Other axes that move tie the point to its parameter.
         if slope.as_slice()[3..].iter().any(|&rate| rate != 0.0) {
@@ -480,7 +490,7 @@ impl Maker<'_> {
         }
         // At a sharp corner no farther than that its point is missed by twice the tolerance.
         let reach = if straight.sharp { link.tolerance } else { reach };
-        made.slip = (
+        made.tangential_slack = (
             straight.behind.clamp(0.0, reach),
             straight.ahead.clamp(0.0, reach),
         );

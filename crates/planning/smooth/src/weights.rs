@@ -9,7 +9,7 @@ use evolvent_path::{AXES, Axes};
 
 use crate::basis::second_derivatives;
 use crate::newton::Term;
-use crate::zone::Zone;
+use crate::zone::BlendZone;
 
 /// Derivatives below this share of what the highest speed allows are as good as none.
 const FLOOR: f64 = 0.3;
@@ -58,7 +58,7 @@ impl Weights {
     /// Terms and times of the intervals `from..to` by the present control points.
     pub(crate) fn update(
         &mut self,
-        zone: &Zone,
+        zone: &BlendZone,
         from: usize,
         to: usize,
         scales: &Scales,

@@ -8,7 +8,7 @@ use crate::basis::{Basis, basis};
 use crate::chain::Chain;
 use crate::follow::follow;
 use crate::spacing::{self, GROWTH};
-use crate::tube::{Cover, FEWEST_PARTS, MOST_PARTS, Sample, covers, sample};
+use crate::tube::{FEWEST_PARTS, MAX_PARTS, Sample, SamplingCoverage, covers, sample};
 
 /// Intervals that are settled at a time.
 pub(crate) const BATCH: usize = 32;
@@ -27,7 +27,7 @@ const ENDING: usize = 12;
 const RETREATS: usize = 30;
 const RETREAT: f64 = 0.8;
 /// Room, as a share of the squared radius, that samples need for a way on.
-const LEAST_ROOM: f64 = 1e-3;
+const MIN_DISTANCE: f64 = 1e-3;
 
 /// What is kept at an end of a zone.
 #[derive(Clone, Copy, Debug)]
@@ -35,7 +35,7 @@ const LEAST_ROOM: f64 = 1e-3;
     clippy::large_enum_variant,
     reason = "there are two, and they must not allocate"
 )]
-pub(crate) enum Clamp {
+pub(crate) enum EndCondition {
     /// Position and two derivatives.
     Jet(Jet),
     /// The position: the path is at rest there.
@@ -44,7 +44,7 @@ pub(crate) enum Clamp {
 
 /// Progress of laying.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Laid {
+pub(crate) enum ExtendResult {
     /// A batch was settled.
     Batch,
     /// The zone is settled to its end.
@@ -60,14 +60,14 @@ pub(crate) enum Laid {
 
 /// The zone that is being built.
 #[derive(Debug, Default)]
-pub(crate) struct Zone {
+pub(crate) struct BlendZone {
     /// Knots; three more before the first interval, and behind the last.
     pub(crate) knots: Vec<f64>,
     pub(crate) bases: Vec<Basis>,
     pub(crate) points: Vec<Axes>,
     pub(crate) samples: Vec<Sample>,
     /// How the samples cover each interval.
-    covers: Vec<Cover>,
+    covers: Vec<SamplingCoverage>,
     /// Knots that are settled.
     settled: usize,
     /// Control points that do not change any more.
@@ -85,7 +85,7 @@ pub(crate) struct Zone {
     old: Vec<Sample>,
 }
 
-impl Zone {
+impl BlendZone {
     /// Begins at `u`.
     pub(crate) fn begin(&mut self, u: f64) {
         self.knots.clear();
@@ -129,17 +129,17 @@ impl Zone {
     pub(crate) fn lay(
         &mut self,
         chain: &mut Chain,
-        start: &Clamp,
-        end: Option<(f64, Clamp)>,
+        start: &EndCondition,
+        end: Option<(f64, EndCondition)>,
         reach: f64,
         active: &[bool; 9],
-    ) -> Laid {
+    ) -> ExtendResult {
         if self.complete {
-            return Laid::End;
+            return ExtendResult::End;
         }
         let last = self.knots[self.knots.len() - 1];
         if end.is_some_and(|(end, _)| end <= last) {
-            return Laid::Failed { until: last };
+            return ExtendResult::Failed { until: last };
         }
         // Beyond the chain nothing is known, even where no more will come.
         let reach = reach.min(chain.end());
@@ -152,9 +152,9 @@ impl Zone {
             self.bases.truncate(bases);
             self.samples.truncate(samples);
             self.covers.truncate(bases);
-            let Some(complete) = self.march(chain, end.map(|(u, _)| u), reach) else {
+            let Some(complete) = self.place_knots(chain, end.map(|(u, _)| u), reach) else {
                 self.knots.truncate(settled);
-                return Laid::Wait;
+                return ExtendResult::Wait;
             };
             self.start_points(chain, start, end.filter(|_| complete).map(|(_, clamp)| clamp));
             match self.condition(chain, active) {
@@ -167,7 +167,7 @@ impl Zone {
                 None if complete => {
                     self.settled = self.knots.len();
                     self.complete = true;
-                    return Laid::End;
+                    return ExtendResult::End;
                 }
                 None => {
                     // What was laid ahead is laid again next time.
@@ -179,7 +179,7 @@ impl Zone {
                     self.covers.truncate(count);
                     let kept = self.samples.partition_point(|sample| sample.interval < count);
                     self.samples.truncate(kept);
-                    return Laid::Batch;
+                    return ExtendResult::Batch;
                 }
             }
         }
@@ -188,11 +188,11 @@ impl Zone {
         self.bases.truncate(bases);
         self.samples.truncate(samples);
         self.covers.truncate(bases);
-        Laid::Failed { until }
+        ExtendResult::Failed { until }
     }
 
     /// Places knots; whether the end was reached, `None` if the path is not known far enough.
-    fn march(&mut self, chain: &Chain, end: Option<f64>, reach: f64) -> Option<bool> {
+    fn place_knots(&mut self, chain: &Chain, end: Option<f64>, reach: f64) -> Option<bool> {
         let target = self.knots.len() + BATCH + AHEAD;
         let mut near = chain.find(*self.knots.last()?);
         self.trial.clear();
@@ -249,7 +249,7 @@ impl Zone {
 
     /// Control points that the new knots determine: on the programmed path, so that the start is a moving average
     /// of it, but for those that a clamp prescribes.
-    fn start_points(&mut self, chain: &Chain, start: &Clamp, end: Option<Clamp>) {
+    fn start_points(&mut self, chain: &Chain, start: &EndCondition, end: Option<EndCondition>) {
         let first = self.points.len();
         let mut near = chain.find(self.knots[first + 1]);
         for j in first..self.knots.len() - 3 {
@@ -309,7 +309,7 @@ impl Zone {
                     break;
                 }
                 parts *= 2;
-                if parts > MOST_PARTS {
+                if parts > MAX_PARTS {
                     return Some(i);
                 }
             }
@@ -339,13 +339,13 @@ impl Zone {
     }
 
     /// Adds samples to those of the intervals `from..to` that are not covered; whether all were. Those that were not
-    /// stay marked for [`give_way`](Self::give_way).
+    /// stay marked for [`relax_toward`](Self::give_way).
     pub(crate) fn cover(&mut self, chain: &Chain, from: usize, to: usize, active: &[bool; 9]) -> bool {
         self.open.clear();
         for i in from..to {
             if !self.covered(chain, i, active) {
                 self.open.push(i);
-                self.covers[i].parts = (2 * self.covers[i].parts).min(MOST_PARTS);
+                self.covers[i].parts = (2 * self.covers[i].parts).min(MAX_PARTS);
             }
         }
         if !self.open.is_empty() {
@@ -355,7 +355,7 @@ impl Zone {
     }
 
     /// Brings the free control points of the intervals that were not covered back towards `safe`.
-    pub(crate) fn give_way(&mut self, safe: &[Axes], free: (usize, usize), share: f64) {
+    pub(crate) fn relax_toward(&mut self, safe: &[Axes], free: (usize, usize), share: f64) {
         for &i in &self.open {
             for j in i.max(free.0)..(i + 4).min(free.1) {
                 self.points[j] = safe[j] + (self.points[j] - safe[j]) * share;
@@ -402,9 +402,9 @@ impl Zone {
         for sample in &mut self.samples[samples.clone()] {
             // What is safe may use more of the tolerance beside the samples of before than samples may.
             let used = sample.ratio(&sample.error(&safe[sample.interval..sample.interval + 4]));
-            if used > 1.0 - 2.0 * LEAST_ROOM {
+            if used > 1.0 - 2.0 * MIN_DISTANCE {
                 let most = sample.tolerance * sample.tolerance;
-                let wider = sample.radius2 * used / (1.0 - 2.0 * LEAST_ROOM);
+                let wider = sample.radius2 * used / (1.0 - 2.0 * MIN_DISTANCE);
                 sample.radius2 = wider.min(most).max(sample.radius2);
             }
         }
@@ -413,14 +413,14 @@ impl Zone {
             for sample in &self.samples[samples.clone()] {
                 let i = sample.interval;
                 let room = 1.0 - sample.ratio(&sample.error(&self.points[i..i + 4]));
-                if !(room >= LEAST_ROOM) && self.open.last() != Some(&i) {
+                if !(room >= MIN_DISTANCE) && self.open.last() != Some(&i) {
                     self.open.push(i);
                 }
             }
             if self.open.is_empty() {
                 return true;
             }
-            self.give_way(safe, free, RETREAT);
+            self.relax_toward(safe, free, RETREAT);
         }
         false
     }
@@ -510,10 +510,10 @@ pub(crate) fn spread(chain: &mut Chain, number: usize) {
 
 /// The control points that a clamp prescribes, from the end inwards, and their number; `h1`, `h2` are the widths of
 /// the intervals from the end inwards, `sign` -1 at a zone's end.
-fn clamped(clamp: &Clamp, h1: f64, h2: f64, sign: f64) -> ([Axes; 3], usize) {
+fn clamped(clamp: &EndCondition, h1: f64, h2: f64, sign: f64) -> ([Axes; 3], usize) {
     match clamp {
-        Clamp::Place(place) => ([*place; 3], 1),
-        Clamp::Jet(jet) => {
+        EndCondition::Place(place) => ([*place; 3], 1),
+        EndCondition::Jet(jet) => {
             let first = jet.first * sign;
             let second = first + jet.second * (0.5 * h1);
             let c1 = jet.position + first * (h1 / 3.0);

@@ -13,7 +13,7 @@ mod oracle;
 
 use common::{Path, axes, circle, helix, involute, loose, point, square, turned};
 use evolvent_path::{Arc, Axes, Blend, Curve, Line, Plane, Sense};
-use evolvent_timing::{Entry, Exit, Grid, MOST_INTERVALS, Optimizer, Piece, Place};
+use evolvent_timing::{Entry, Exit, Grid, MAX_INTERVALS, Optimizer, Piece, Place};
 use evolvent_verifier::butterfly_point;
 
 /// Least stations of the other method on each stretch.
@@ -207,14 +207,14 @@ fn whole(path: &Path, limits: &evolvent_machine::Limits) -> Option<(f64, usize, 
     Some((report.duration, report.stations, report.iterations, out))
 }
 
-/// Duration in a receding horizon of [`MOST_INTERVALS`] that commits half of it, as the planner of programs does.
+/// Duration in a receding horizon of [`MAX_INTERVALS`] that commits half of it, as the planner of programs does.
 fn receding(path: &Path, limits: &evolvent_machine::Limits) -> Option<(f64, Vec<Piece>)> {
     let limits = loose(*limits);
     let mut grid = Grid::new(&limits);
     path.push_to(&mut grid);
     let (mut optimizer, mut out) = (Optimizer::new(&limits), Vec::<Piece>::new());
     let (mut place, mut entry, mut done) = (Place { interval: 0, x: 0.0 }, Entry::Rest, Vec::new());
-    let window = MOST_INTERVALS as u64;
+    let window = MAX_INTERVALS as u64;
     loop {
         let until = grid.end().min(place.interval + window);
         let exit = if until == grid.end() {

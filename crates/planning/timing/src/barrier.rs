@@ -90,7 +90,7 @@ pub(crate) struct Local {
 type Pair = f64x2;
 
 /// What is known of two neighbouring intervals: their lengths, the values at their starts and ends and in their middles.
-struct Two {
+struct StationPair {
     first: usize,
     second: usize,
     d: Pair,
@@ -105,7 +105,7 @@ struct Two {
     free: Pair,
 }
 
-impl Two {
+impl StationPair {
     /// The pair number `j`. Of an odd count the last interval stands in both places.
     fn new(window: &Window, x: &Iterate, j: usize) -> Self {
         let n = window.n();
@@ -190,7 +190,7 @@ pub(crate) fn value(window: &Window, objective: &Objective, x: &Iterate) -> Opti
     let mut sum = Pair::splat(0.0);
     let mut last = Pair::splat(0.0);
     for j in 0..n.div_ceil(2) {
-        let two = Two::new(window, x, j);
+        let two = StationPair::new(window, x, j);
         let roots = [two.a.sqrt(), two.middle.0.sqrt(), two.end.0.sqrt()];
         // Not a number fails at the end, as it is in every sum and product from here on.
         let low = (two.a.fast_min(two.middle.0)).fast_min(two.end.0.fast_min(two.control));
@@ -367,7 +367,7 @@ pub(crate) fn assemble(window: &Window, objective: &Objective, x: &Iterate, loca
     let (rows, _) = window.rows.as_chunks::<9>();
     // What an interval says of its end is folded into its own (a, b, c): a1 = a + 2 b d + c d^2, b1 = b + c d.
     for j in 0..n.div_ceil(2) {
-        let two = Two::new(window, x, j);
+        let two = StationPair::new(window, x, j);
         let (weight, d) = (two.of(&objective.weight), two.d);
         let caps = two.caps(window);
         let (loose_a, loose_j) = two.loose(window);
@@ -456,7 +456,7 @@ fn add_time(a: f64, scale: f64, g: &mut [f64; 3], h: &mut [f64; 6]) {
 }
 
 /// The largest `|y|` of acceleration and of jerk among the rows of interval `k`.
-pub(crate) fn strain(window: &Window, k: usize, x: &Iterate) -> (f64, f64) {
+pub(crate) fn constraint_ratio(window: &Window, k: usize, x: &Iterate) -> (f64, f64) {
     let (d, a, b, c) = (window.d[k], x.a[k], x.b[k], x.c[k]);
     let (rows, _) = window.rows.as_chunks::<9>();
     let rows = &rows[window.count * (k / 2)..window.count * (k / 2 + 1)];

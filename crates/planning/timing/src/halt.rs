@@ -2,14 +2,14 @@
 
 use crate::error::FeedError;
 use crate::grid::{Grid, Place};
-use crate::optimizer::{Job, Optimizer, check};
+use crate::optimizer::{Optimizer, WindowProblem, check};
 use crate::piece::{Piece, Ratios, StopReport};
 use crate::profile::Profile;
 use crate::solver::FIRST;
 use crate::stop;
 
 /// Share of its speed that a stop comes down to before it is brought to rest in closed form.
-const CRAWL_SHARE: f64 = 0.03;
+const CRAWL_FRACTION: f64 = 0.03;
 /// Places of each interval from which a stop in closed form is tried.
 const STOP_PARTS: u32 = 4;
 
@@ -29,7 +29,7 @@ impl Optimizer {
     ) -> Result<StopReport, FeedError> {
         out.clear();
         check(grid, from, until, v, a, 1.0)?;
-        let job = Job {
+        let job = WindowProblem {
             grid,
             from,
             state: (v, a),
@@ -68,9 +68,9 @@ impl Optimizer {
     }
 
     /// A stop in closed form.
-    fn quick_stop(&mut self, job: &Job<'_>, shares: usize, out: &mut Vec<Piece>) -> Option<Ratios> {
+    fn quick_stop(&mut self, job: &WindowProblem<'_>, shares: usize, out: &mut Vec<Piece>) -> Option<Ratios> {
         out.clear();
-        let Job {
+        let WindowProblem {
             grid, from, until, ..
         } = *job;
         let (profile, worst) = stop::brake(grid, from, job.state.0, job.state.1, until, shares)?;
@@ -79,14 +79,14 @@ impl Optimizer {
 
     /// A stop by the solver: what is left of the last plan, slowed down as much as the limits allow, to where a stop
     /// in closed form does the rest.
-    fn best_stop(&mut self, job: &Job<'_>, out: &mut Vec<Piece>) -> Option<Ratios> {
+    fn best_stop(&mut self, job: &WindowProblem<'_>, out: &mut Vec<Piece>) -> Option<Ratios> {
         out.clear();
         let (grid, state) = (job.grid, job.state);
         if !self.kept.valid {
             return None;
         }
         let until = job.until.min(self.kept.until);
-        let whole = Job {
+        let whole = WindowProblem {
             until: self.kept.until,
             ..*job
         };
@@ -95,15 +95,15 @@ impl Optimizer {
         }
         let n = self.window.n();
         // What it costs to be faster than a crawl, against the duration's gain.
-        let crawl = CRAWL_SHARE * state.0;
-        let scale = 1.5 / (crawl * crawl * crawl);
+        let feasible_start = CRAWL_FRACTION * state.0;
+        let scale = 1.5 / (feasible_start * feasible_start * feasible_start);
         for k in 0..n {
             for at in [k, k + 1] {
                 self.solver.pull[at] += 0.5 * scale * self.window.d[k];
             }
         }
         self.solver.descend(&self.window, FIRST, self.centre_steps());
-        let mut worst = self.polish(grid, job.factor);
+        let mut worst = self.refine(grid, job.factor);
         let head = out.len();
         self.write(out);
         // The quickest change to a stop in closed form, from any of several places of each interval.

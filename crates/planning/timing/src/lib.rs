@@ -10,7 +10,7 @@
 //! and with `c` constant on an interval `b` is linear in `u`, `a` quadratic, and `u(t)` a hyperbolic or circular
 //! function. A [`Grid`] cuts the path into such intervals. The [`Optimizer`] plans a window of them: it minimises the
 //! duration by a barrier method with feasible iterates, so that it may be broken off at any step, and hands out
-//! [`Piece`]s, each a [`Law`] that the cycle evaluates. At rest, where `c` has no bound, pieces have constant jerk.
+//! [`Piece`]s, each a [`TimeLaw`] that the cycle evaluates. At rest, where `c` has no bound, pieces have constant jerk.
 //!
 //! Every plan ends at rest on known path. A window is planned while the one before runs: the new one begins where
 //! the caller says on the old one, which serves as its start. If there is no plan, the old one stays what it is.
@@ -18,19 +18,17 @@
 //! [`PathLimits`] holds the axes' limits, the control rate and the chord error. [`Profile`] is the classic motion
 //! under constant limits along one parameter, exact on lines, and what [`Optimizer::stop`] tries first.
 //!
-//! Only [`Law`], [`Piece`] and [`Profile`] are for the real-time cycle.
+//! Only [`TimeLaw`], [`Piece`] and [`Profile`] are for the real-time cycle.
 
 mod barrier;
 mod cell;
 mod change;
 mod check;
 mod error;
+mod feed_reduction;
 mod grid;
 mod halt;
-mod kept;
-mod law;
 mod limits;
-mod lower;
 mod memory;
 mod optimizer;
 mod piece;
@@ -45,15 +43,17 @@ mod spans;
 mod start;
 mod stop;
 mod stub;
+mod time_law;
+mod warm_start;
 mod window;
 
 pub use change::{ScalarLimits, ScalarState};
 pub use error::FeedError;
 pub use grid::{Grid, Place};
-pub use law::Law;
 pub use limits::{DerivativeBounds, PathLimits, append_cells};
 pub use memory::Memory;
-pub use optimizer::{MOST_INTERVALS, Optimizer};
+pub use optimizer::{MAX_INTERVALS, Optimizer};
 pub use piece::{Entry, Exit, Piece, PlanReport, Ratios, StopReport};
 pub use profile::{Outcome, Profile};
 pub use reach::{lasting_speed, reachable_speed};
+pub use time_law::TimeLaw;

@@ -18,17 +18,17 @@ use evolvent_path::{AXES, Axes, Curve};
 use crate::ScalarLimits;
 
 /// Share of the acceleration limit that curvature may use.
-const ACCELERATION_SHARE: f64 = 0.8;
+const ACCELERATION_FRACTION: f64 = 0.8;
 /// Share of the jerk limit that curvature and its derivative may use.
-const JERK_SHARE: f64 = 0.7;
+const JERK_FRACTION: f64 = 0.7;
 /// Share of what jerk is left that the product of speed, acceleration and curvature may use.
-const CROSS_SHARE: f64 = 0.5;
+const CROSS_FRACTION: f64 = 0.5;
 /// Third differences of doubles are noisy at high rates: plan a little below the limit.
 const JERK_MARGIN: f64 = 0.99;
 /// Largest turn of the tangent over which one set of derivative bounds is taken, rad.
 const CELL_ANGLE: f64 = 0.3;
 /// Most cells of one stretch. More than a turn only repeats the same directions.
-const MOST_CELLS: f64 = 24.0;
+const MAX_CELLS: f64 = 24.0;
 /// Above every meaningful speed, so that a path that moves no limited axis has finite limits.
 const UNLIMITED: f64 = 1e9;
 
@@ -87,8 +87,8 @@ impl PathLimits {
                 let (d1, d2, d3) = (bounds.first[i], bounds.second[i], bounds.third[i]);
                 speed = speed
                     .min(self.axes.velocity[i] / d1)
-                    .min((ACCELERATION_SHARE * self.axes.acceleration[i] / d2).sqrt())
-                    .min(libm::cbrt(JERK_SHARE * JERK_MARGIN * self.axes.jerk[i] / d3));
+                    .min((ACCELERATION_FRACTION * self.axes.acceleration[i] / d2).sqrt())
+                    .min(libm::cbrt(JERK_FRACTION * JERK_MARGIN * self.axes.jerk[i] / d3));
             }
         }
         speed.min(self.chord_speed(&bounds.second))
@@ -124,7 +124,7 @@ impl PathLimits {
                     acceleration = acceleration.min((self.axes.acceleration[i] - d2 * speed * speed) / d1);
                 }
                 if d2 * speed > 0.0 {
-                    acceleration = acceleration.min(CROSS_SHARE * left[i] / (3.0 * d2 * speed));
+                    acceleration = acceleration.min(CROSS_FRACTION * left[i] / (3.0 * d2 * speed));
                 }
             }
         }
@@ -160,7 +160,7 @@ impl PathLimits {
 pub fn append_cells(curve: &Curve, from: f64, to: f64, cells: &mut Vec<DerivativeBounds>) {
     let whole = curve.derivative_bounds(from, to);
     let angle = xyz(&whole.1) * (to - from);
-    let count = (angle / CELL_ANGLE).ceil().clamp(1.0, MOST_CELLS);
+    let count = (angle / CELL_ANGLE).ceil().clamp(1.0, MAX_CELLS);
     if count <= 1.0 {
         let (first, second, third) = whole;
         cells.push(DerivativeBounds { first, second, third });

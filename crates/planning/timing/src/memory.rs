@@ -1,14 +1,14 @@
 //! A plan set aside, so that another can be made from any place on it.
 
-use crate::kept::Kept;
 use crate::optimizer::Optimizer;
+use crate::warm_start::WarmStart;
 
 /// A plan of an [`Optimizer`] as it was when it was remembered.
 ///
 /// A moving plan starts from a state on the last plan. Who has planned on since, and wants to plan anew from an
 /// earlier place, recalls the plan of that place first.
 #[derive(Clone, Debug, Default)]
-pub struct Memory(Kept);
+pub struct Memory(WarmStart);
 
 impl Optimizer {
     /// Sets the last plan aside; what `memory` held is overwritten, its space used again.

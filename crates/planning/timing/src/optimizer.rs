@@ -3,26 +3,26 @@
 use crate::check::{Checked, check as check_between};
 use crate::error::FeedError;
 use crate::grid::{Grid, Place};
-use crate::kept::{Kept, Segment};
-use crate::law::Law;
 use crate::limits::PathLimits;
 use crate::piece::{Entry, Exit, Piece, PlanReport, Ratios};
 use crate::solver::{FIRST, Solver};
 use crate::spans;
 use crate::start;
+use crate::time_law::TimeLaw;
+use crate::warm_start::{Segment, WarmStart};
 use crate::window::{Span, Window};
 
 /// Most intervals of one window, so that a re-plan of three axes stays below 5 ms.
-pub const MOST_INTERVALS: usize = 320;
+pub const MAX_INTERVALS: usize = 320;
 /// Most spans that they are divided into.
-pub(crate) const MOST_SPANS: usize = MOST_INTERVALS + 200;
+pub(crate) const MAX_SPANS: usize = MAX_INTERVALS + 200;
 /// Share of the jerk limit that the last stub of an open window may use.
 const GENTLE: f64 = 0.25;
 /// How many times as many Newton steps a plan from rest has: broken off it would be driven to its end, and no cycle waits.
 const AT_REST: u32 = 5;
 /// Most Newton steps of one plan, and the share of them that is kept from the way to its centre.
-const MOST_STEPS: u32 = 48;
-const CENTRE_SHARE: u32 = 6;
+const MAX_STEPS: u32 = 48;
+const CENTRE_FRACTION: u32 = 6;
 /// Most rounds of checking and correcting, and steps of each.
 const POLISHES: usize = 4;
 const POLISH_STEPS: u32 = 8;
@@ -35,7 +35,7 @@ const SLOWER: f64 = 0.3;
 
 /// What is to be planned: from a place and a state of motion to the end of a window.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Job<'a> {
+pub(crate) struct WindowProblem<'a> {
     pub(crate) grid: &'a Grid,
     pub(crate) from: Place,
     /// Speed and acceleration at the start.
@@ -59,8 +59,8 @@ pub struct Optimizer {
     pub(crate) scratch: Vec<Span>,
     pub(crate) segments: Vec<Segment>,
     pub(crate) goal: Vec<f64>,
-    pub(crate) guide: start::Guide,
-    pub(crate) kept: Kept,
+    pub(crate) guide: start::InitialGuess,
+    pub(crate) kept: WarmStart,
     /// Newton steps that one plan in motion or stop may take.
     most_steps: u32,
     /// Those of the plan or stop at hand.
@@ -71,7 +71,7 @@ impl Optimizer {
     /// Allocates for the largest window.
     #[must_use]
     pub fn new(limits: &PathLimits) -> Self {
-        let stations = MOST_SPANS;
+        let stations = MAX_SPANS;
         Self {
             limits: limits.clone(),
             window: Window::with_capacity(stations),
@@ -79,10 +79,10 @@ impl Optimizer {
             scratch: Vec::with_capacity(stations + 2),
             segments: Vec::with_capacity(stations),
             goal: Vec::with_capacity(2 * stations + 1),
-            guide: start::Guide::with_capacity(stations),
-            kept: Kept::with_capacity(stations),
-            most_steps: MOST_STEPS,
-            steps: MOST_STEPS,
+            guide: start::InitialGuess::with_capacity(stations),
+            kept: WarmStart::with_capacity(stations),
+            most_steps: MAX_STEPS,
+            steps: MAX_STEPS,
         }
     }
 
@@ -138,7 +138,7 @@ impl Optimizer {
             Entry::Rest => AT_REST * self.most_steps,
             Entry::Moving { .. } => self.most_steps,
         };
-        let job = Job {
+        let job = WindowProblem {
             grid,
             from,
             state: (v, a),
@@ -150,7 +150,7 @@ impl Optimizer {
         };
         let found = match entry {
             Entry::Rest => self.begin(&job),
-            Entry::Moving { .. } => self.go_on(&job, out),
+            Entry::Moving { .. } => self.continue_from(&job, out),
         };
         let Some(gap) = found else {
             out.clear();
@@ -164,7 +164,7 @@ impl Optimizer {
         let stations = if gap.is_nan() { 0 } else { self.window.n() + 1 };
         let mut worst = Ratios::default();
         if stations > 0 {
-            worst = self.polish(grid, feed_factor);
+            worst = self.refine(grid, feed_factor);
             let head = out.len();
             self.write(out);
             self.kept
@@ -187,13 +187,13 @@ impl Optimizer {
 
     /// Steps that are left for the way to the centre; some are kept for what a check between stations may find.
     pub(crate) fn centre_steps(&self) -> u32 {
-        let kept = self.steps / CENTRE_SHARE;
+        let kept = self.steps / CENTRE_FRACTION;
         (self.steps - kept).saturating_sub(self.solver.iterations)
     }
 
     /// Checks between stations and keeps away from the limits where that finds them exceeded. If there are no steps left
     /// for that, the plan goes back towards the motion that it began with, which keeps them.
-    pub(crate) fn polish(&mut self, grid: &Grid, factor: f64) -> Ratios {
+    pub(crate) fn refine(&mut self, grid: &Grid, factor: f64) -> Ratios {
         let mut checked = self.check_between(grid, factor);
         for _ in 1..POLISHES {
             let left = self.steps.saturating_sub(self.solver.iterations);
@@ -220,7 +220,7 @@ impl Optimizer {
     }
 
     /// A plan without anything to start from. Returns the barrier parameter reached.
-    fn begin(&mut self, job: &Job<'_>) -> Option<f64> {
+    fn begin(&mut self, job: &WindowProblem<'_>) -> Option<f64> {
         self.window.from_rest = true;
         self.window.spans.clear();
         spans::plain(job.grid, job.from, job.until, &mut self.window.spans);
@@ -235,7 +235,7 @@ impl Optimizer {
         self.solver.begin(self.window.n());
         let mut level = start::crawl_level(&self.window, 0, &self.limits);
         for _ in 0..CRAWLS {
-            start::crawl(&self.window, level, &mut self.solver.x);
+            start::feasible_start(&self.window, level, &mut self.solver.x);
             if self.solver.feasible(&self.window) {
                 self.solver.mark();
                 self.lead();
@@ -257,7 +257,7 @@ impl Optimizer {
         let spans = &mut self.window.spans;
         let (stub, count) = (spans.pop(), spans.len());
         let first = (first && count > 0).then(|| spans.remove(0));
-        spans::balance(spans, MOST_SPANS - 2, &mut self.scratch);
+        spans::balance(spans, MAX_SPANS - 2, &mut self.scratch);
         if let Some(first) = first {
             spans.insert(0, first);
         }
@@ -265,14 +265,8 @@ impl Optimizer {
     }
 
     /// Divides the spans of the end that is at rest.
-    pub(crate) fn grade(&mut self, job: &Job<'_>, reverse: bool) {
-        spans::grade(
-            &mut self.window.spans,
-            job,
-            reverse,
-            MOST_SPANS,
-            &mut self.scratch,
-        );
+    pub(crate) fn grade(&mut self, job: &WindowProblem<'_>, reverse: bool) {
+        spans::grade(&mut self.window.spans, job, reverse, MAX_SPANS, &mut self.scratch);
     }
 
     /// The iterate as pieces.
@@ -286,7 +280,7 @@ impl Optimizer {
                 // v = 3 x / t at the far end.
                 let duration = 3.0 * length / x.a[0].sqrt();
                 (
-                    Law::Jerk {
+                    TimeLaw::Jerk {
                         v: 0.0,
                         a: 0.0,
                         j: 6.0 * length / (duration * duration * duration),
@@ -297,7 +291,7 @@ impl Optimizer {
                 let v = x.a[n].sqrt();
                 let duration = 3.0 * length / v;
                 (
-                    Law::Jerk {
+                    TimeLaw::Jerk {
                         v,
                         a: -2.0 * v / duration,
                         j: 2.0 * v / (duration * duration),
@@ -306,7 +300,7 @@ impl Optimizer {
                 )
             } else {
                 let k = i - lead;
-                let law = Law::Flow {
+                let law = TimeLaw::Flow {
                     v: x.a[k].sqrt(),
                     b: x.b[k],
                     c: x.c[k],
@@ -345,7 +339,7 @@ pub(crate) fn check(
             until: until.min(grid.end()),
         });
     }
-    let (intervals, most) = (until - from.interval, MOST_INTERVALS as u64);
+    let (intervals, most) = (until - from.interval, MAX_INTERVALS as u64);
     if intervals > most {
         return Err(FeedError::Window { intervals, most });
     }
@@ -364,7 +358,7 @@ mod tests {
     use evolvent_path::{AXES, Axes, Line};
 
     use super::*;
-    use crate::barrier::strain;
+    use crate::barrier::constraint_ratio;
 
     /// What the check finds on a small part of the motion is next to nothing beside the weight of the whole, by which
     /// a centre is judged otherwise.
@@ -390,7 +384,7 @@ mod tests {
         let report = optimizer.plan(&grid, start, Entry::Rest, grid.end(), Exit::Rest, 1.0, &mut out);
         let total = report.expect("plan").duration;
         let (window, x) = (&optimizer.window, &optimizer.solver.x);
-        let left = |x: &_, k: usize| 1.0 - strain(window, k, x).1;
+        let left = |x: &_, k: usize| 1.0 - constraint_ratio(window, k, x).1;
         let k = (0..window.n())
             .min_by(|a, b| left(x, *a).total_cmp(&left(x, *b)))
             .expect("an interval");
@@ -401,7 +395,7 @@ mod tests {
         );
         optimizer.solver.stiff[k] *= 125.0;
         optimizer.solver.follow_stiff(&optimizer.window, POLISH_STEPS);
-        let after = 1.0 - strain(&optimizer.window, k, &optimizer.solver.x).1;
+        let after = 1.0 - constraint_ratio(&optimizer.window, k, &optimizer.solver.x).1;
         assert!(after > 5.0 * before, "{before} of the limit left, then {after}");
     }
 }

@@ -1,12 +1,12 @@
 //! What a plan is made of, and what is said of it.
 
-use crate::law::Law;
+use crate::time_law::TimeLaw;
 
 /// A part of the time law: contiguous with its neighbours, the last one ends at rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Piece {
     /// How the parameter runs.
-    pub law: Law,
+    pub law: TimeLaw,
     /// Length in parameter units.
     pub length: f64,
     /// Duration in s.

@@ -1,16 +1,16 @@
 //! Going on from the last plan.
 
-use crate::barrier::{Iterate, strain};
+use crate::barrier::{Iterate, constraint_ratio};
 use crate::check::STIFFER;
 use crate::grid::Place;
-use crate::kept::{Found, Kept};
-use crate::law::Law;
-use crate::optimizer::{Job, MOST_SPANS, Optimizer};
+use crate::optimizer::{MAX_SPANS, Optimizer, WindowProblem};
 use crate::piece::Piece;
 use crate::solver::KNOWN;
 use crate::spans;
 use crate::start;
 use crate::stop;
+use crate::time_law::TimeLaw;
+use crate::warm_start::{Found, WarmStart};
 use crate::window::{Span, Window};
 
 /// Least intervals of the distance of a stop, where one is asked for.
@@ -22,7 +22,7 @@ const LOWERINGS: usize = 25;
 const LOWERING_MU: f64 = 0.01;
 const ABOVE: f64 = 1.03;
 /// By how much a start may lie beyond the rows of acceleration and jerk.
-const MOST_STRAIN: (f64, f64) = (1.001, 1.012);
+const MAX_STRAIN: (f64, f64) = (1.001, 1.012);
 /// Room that a start on a limit is given, as a share of the limit.
 const ROOM: f64 = 1e-4;
 /// Rounding of `u'^2`, as a share of it.
@@ -37,7 +37,7 @@ const SLOWER: f64 = 0.3;
 impl Optimizer {
     /// A plan that goes on from the last one. Returns the barrier parameter reached; NaN where nothing was left to
     /// be planned, and `out` holds all of it.
-    pub(crate) fn go_on(&mut self, job: &Job<'_>, out: &mut Vec<Piece>) -> Option<f64> {
+    pub(crate) fn continue_from(&mut self, job: &WindowProblem<'_>, out: &mut Vec<Piece>) -> Option<f64> {
         if let Some(gap) = self.lower(job, out) {
             return Some(gap);
         }
@@ -50,8 +50,8 @@ impl Optimizer {
 
     /// Sets window and iterate to what is left of the last plan from a place on, and to a crawl on what is new. What
     /// is left of a first stub goes to `out` at once. False where nothing is left to be planned.
-    pub(crate) fn resume(&mut self, job: &Job<'_>, out: &mut Vec<Piece>) -> Option<bool> {
-        let Job {
+    pub(crate) fn resume(&mut self, job: &WindowProblem<'_>, out: &mut Vec<Piece>) -> Option<bool> {
+        let WindowProblem {
             grid,
             from,
             until,
@@ -69,7 +69,7 @@ impl Optimizer {
                 let first = head.first()?;
                 let ((now, jerk), gone) = (first.law.at(t), first.law.at(t).0.x);
                 out.push(Piece {
-                    law: Law::Jerk {
+                    law: TimeLaw::Jerk {
                         v: now.v,
                         a: now.a,
                         j: jerk,
@@ -92,7 +92,7 @@ impl Optimizer {
                 let share = libm::cbrt(x / span.length);
                 let t = share * whole;
                 out.push(Piece {
-                    law: Law::Jerk {
+                    law: TimeLaw::Jerk {
                         v: 0.5 * j * t * t,
                         a: j * t,
                         j,
@@ -123,7 +123,7 @@ impl Optimizer {
                     let j = 6.0 * last.length / (whole * whole * whole);
                     let duration = -a / j;
                     out.push(Piece {
-                        law: Law::Jerk { v, a, j },
+                        law: TimeLaw::Jerk { v, a, j },
                         length: left,
                         duration,
                         stretch: cell.stretch,
@@ -137,7 +137,7 @@ impl Optimizer {
         }
         let old = self.segments.len();
         if more {
-            Kept::release(stub, square, square / 3.0, &mut self.segments);
+            WarmStart::release(stub, square, square / 3.0, &mut self.segments);
         }
         self.window.from_rest = false;
         self.window.spans.clear();
@@ -164,7 +164,7 @@ impl Optimizer {
         {
             let reach = stop::reach(grid, from, v, a, until);
             let stub = self.window.spans.pop()?;
-            let room = MOST_SPANS - 1;
+            let room = MAX_SPANS - 1;
             spans::subdivide(
                 &mut self.window.spans,
                 1.2 * reach,
@@ -192,11 +192,11 @@ impl Optimizer {
             let mut fits = false;
             for _ in 0..CRAWLS {
                 self.segments.truncate(old);
-                Kept::release(stub, square, level, &mut self.segments);
+                WarmStart::release(stub, square, level, &mut self.segments);
                 let fresh = start::fill(&self.window, &self.segments, &mut self.solver.x);
                 start::crawl_to_end(&self.window, fresh, level, start::FADE, &mut self.solver.x);
                 if (released..n).all(|k| {
-                    let (a, j) = strain(&self.window, k, &self.solver.x);
+                    let (a, j) = constraint_ratio(&self.window, k, &self.solver.x);
                     a.max(j) < CRAWL_STRAIN
                 }) && -self.solver.x.b[n] < CRAWL_STRAIN * self.window.end.most
                 {
@@ -215,7 +215,7 @@ impl Optimizer {
             self.window.end.most = self.window.end.most.max(-(1.0 + ROOM) * self.solver.x.b[n]);
         }
         self.loosen()?;
-        let above = self.lift_caps();
+        let above = self.relax_caps();
         self.window.lifted = above;
         if let Some((v, a)) = state {
             let by = (v * v - self.solver.x.a[0], a - self.solver.x.b[0]);
@@ -238,8 +238,8 @@ impl Optimizer {
     fn loosen(&mut self) -> Option<()> {
         let n = self.window.n();
         for k in 0..n {
-            let (a, j) = strain(&self.window, k, &self.solver.x);
-            if a > MOST_STRAIN.0 || j > MOST_STRAIN.1 {
+            let (a, j) = constraint_ratio(&self.window, k, &self.solver.x);
+            if a > MAX_STRAIN.0 || j > MAX_STRAIN.1 {
                 return None;
             }
             let loose = |y: f64| {
@@ -256,7 +256,7 @@ impl Optimizer {
 
     /// Lifts the caps that the start exceeds above it, and pulls the motion down there: an override was lowered, or a
     /// joint's bound came later than the plan. Says whether it exceeds any by more than rounding.
-    fn lift_caps(&mut self) -> bool {
+    fn relax_caps(&mut self) -> bool {
         let (window, x) = (&mut self.window, &self.solver.x);
         let n = window.n();
         self.goal.clear();

@@ -2,7 +2,7 @@
 
 use crate::barrier::{Iterate, Local, Objective, assemble, interval_time, value};
 use crate::riccati::Riccati;
-use crate::start::Guide;
+use crate::start::InitialGuess;
 use crate::window::Window;
 
 /// Barrier parameter at the start, relative to the duration.
@@ -27,7 +27,7 @@ const LEAD_SMOOTH: f64 = 0.2;
 const SMOOTHER: f64 = 5.0;
 const LEADS: usize = 3;
 /// Share of the way to the guide that is gone.
-const LEAD_SHARE: f64 = 0.95;
+const LEAD_FRACTION: f64 = 0.95;
 /// Most shortenings of one step.
 const SHORTENINGS: usize = 30;
 
@@ -95,7 +95,7 @@ impl Solver {
 
     /// Leads a crawl from rest towards a guide, if that stays within the limits: one step of least squares, in which speed
     /// follows the guide and its derivatives are small over the guide's lengths.
-    pub(crate) fn lead(&mut self, window: &Window, guide: &Guide) {
+    pub(crate) fn lead(&mut self, window: &Window, guide: &InitialGuess) {
         let n = window.n();
         self.local.g.clear();
         self.local.h.clear();
@@ -115,7 +115,7 @@ impl Solver {
                 self.local.h.push([h, 0.0, hb, 0.0, 0.0, hc]);
             }
             let _ = self.riccati.step(window, &self.local, (0.0, 0.0), &mut self.step);
-            self.x.along(&self.trial, &self.step, LEAD_SHARE);
+            self.x.along(&self.trial, &self.step, LEAD_FRACTION);
             if self.feasible(window) {
                 return;
             }

@@ -2,7 +2,7 @@
 
 use crate::cell::Cell;
 use crate::grid::{Grid, Place};
-use crate::optimizer::Job;
+use crate::optimizer::WindowProblem;
 use crate::stub::most_jerk;
 use crate::window::Span;
 
@@ -41,7 +41,7 @@ pub(crate) fn plain(grid: &Grid, from: Place, until: u64, spans: &mut Vec<Span>)
 /// stub and the following grow in proportion to their distance from the rest. At most `room` spans in all.
 pub(crate) fn grade(
     spans: &mut Vec<Span>,
-    job: &Job<'_>,
+    job: &WindowProblem<'_>,
     reverse: bool,
     room: usize,
     scratch: &mut Vec<Span>,
@@ -174,7 +174,7 @@ pub(crate) fn subdivide(spans: &mut Vec<Span>, reach: f64, most: f64, room: usiz
 
 /// Over which length from rest constant jerk is as good as anything: well within the first phase of jerk, before
 /// the path has turned.
-fn good_length(job: &Job<'_>, first: Span, reverse: bool) -> f64 {
+fn good_length(job: &WindowProblem<'_>, first: Span, reverse: bool) -> f64 {
     let (grid, limits) = (job.grid, job.grid.limits());
     let (Some(cell), true) = (grid.cell(first.interval), first.length > 0.0) else {
         return 0.0;

@@ -3,9 +3,9 @@
 use evolvent_path::AXES;
 
 use crate::barrier::Iterate;
-use crate::kept::Segment;
 use crate::limits::PathLimits;
 use crate::stub::Stub;
+use crate::warm_start::Segment;
 use crate::window::Window;
 
 /// Over how many lengths of the stub the acceleration fades between it and the crawl.
@@ -72,7 +72,7 @@ pub(crate) fn crawl_to_end(window: &Window, first: usize, level: f64, lengths: f
 }
 
 /// Sets all stations to a crawl from rest to rest at `u'^2 = level`.
-pub(crate) fn crawl(window: &Window, level: f64, x: &mut Iterate) {
+pub(crate) fn feasible_start(window: &Window, level: f64, x: &mut Iterate) {
     let n = window.n();
     let total: f64 = window.d.iter().sum();
     let (mut from_start, mut from_end) = (window.start.length, window.end.length);
@@ -132,12 +132,12 @@ pub(crate) fn crawl_level(window: &Window, first: usize, limits: &PathLimits) ->
 /// What a motion that begins with a crawl is led towards: `u'^2` at the stations, and the length over which speed may
 /// change much there.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Guide {
+pub(crate) struct InitialGuess {
     pub(crate) a: Vec<f64>,
     pub(crate) length: Vec<f64>,
 }
 
-impl Guide {
+impl InitialGuess {
     pub(crate) fn with_capacity(stations: usize) -> Self {
         Self {
             a: Vec::with_capacity(stations + 1),
@@ -147,13 +147,13 @@ impl Guide {
 }
 
 /// Share of what a constant speed may have that the guide has, in `u'^2`.
-const STEADY_SHARE: f64 = 0.6;
+const STEADY_FRACTION: f64 = 0.6;
 /// Growth of `u'^2` along the path: shares of acceleration and of the root of jerk.
 const GUIDE_GROWTH: (f64, f64) = (0.6, 0.7);
 
 /// A speed without jumps that is about half of what the path allows: the least of what each place allows a constant
 /// speed and of what can be reached from its neighbours.
-pub(crate) fn guide(window: &Window, limits: &PathLimits, x: &Iterate, out: &mut Guide) {
+pub(crate) fn guide(window: &Window, limits: &PathLimits, x: &Iterate, out: &mut InitialGuess) {
     let n = window.n();
     let axes = limits.axes();
     out.a.clear();
@@ -179,7 +179,8 @@ pub(crate) fn guide(window: &Window, limits: &PathLimits, x: &Iterate, out: &mut
         } else {
             f64::INFINITY
         };
-        out.a.push(STEADY_SHARE * before.min(behind).min(window.cap[k]));
+        out.a
+            .push(STEADY_FRACTION * before.min(behind).min(window.cap[k]));
     }
     out.a[n] = out.a[n].min(stub(window.end));
     out.a[0] = if window.from_rest {

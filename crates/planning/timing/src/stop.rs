@@ -5,10 +5,10 @@ use evolvent_path::AXES;
 use crate::cell::Point;
 use crate::change::{ScalarLimits, ScalarState};
 use crate::grid::{Grid, Place};
-use crate::law::Law;
 use crate::limits::PathLimits;
 use crate::piece::{Piece, Ratios};
 use crate::profile::{Outcome, Profile};
+use crate::time_law::TimeLaw;
 
 /// Shares of the axes' limits along the tangent that are tried: what curvature takes, nothing on lines.
 const SHARES: [f64; 8] = [1.0, 0.97, 0.93, 0.88, 0.8, 0.7, 0.55, 0.4];
@@ -22,11 +22,11 @@ const ALLOWED: (f64, f64) = (1.0005, 1.004);
 /// Places at which a stretch is looked at for its lowest cap.
 const CAP_SAMPLES: u32 = 32;
 /// Share of a lower speed below which a way down to it may not lead.
-const LEAST_DIP: f64 = 0.95;
+const MIN_DIP: f64 = 0.95;
 /// Share of the path known within which a way down to a lower speed has to end.
 const SLOW_ROOM: f64 = 0.7;
 /// Share of the jerk limit that is used.
-const JERK_SHARE: f64 = 0.999;
+const JERK_FRACTION: f64 = 0.999;
 
 /// A place on the path with its interval's cell: walks forward only.
 pub(crate) struct Walk<'a> {
@@ -161,10 +161,10 @@ pub(crate) fn slow_down(
         let limits = ScalarLimits {
             velocity: v,
             acceleration: (share * acceleration).max(a.abs()),
-            jerk: share * JERK_SHARE * jerk,
+            jerk: share * JERK_FRACTION * jerk,
         };
         // Who brakes so hard that letting go carries far below the speed, or backwards, has another plan already.
-        if a < 0.0 && v - 0.5 * a * a / limits.jerk < LEAST_DIP * speed {
+        if a < 0.0 && v - 0.5 * a * a / limits.jerk < MIN_DIP * speed {
             return None;
         }
         let profile = Profile::change(state, speed, &limits);
@@ -199,7 +199,7 @@ pub(crate) fn brake(
         let limits = ScalarLimits {
             velocity: v,
             acceleration: (share * acceleration).max(a.abs()),
-            jerk: (share * JERK_SHARE * jerk).max(least * (1.0 + 1e-12)),
+            jerk: (share * JERK_FRACTION * jerk).max(least * (1.0 + 1e-12)),
         };
         let profile = Profile::brake(state, room, 0.0, &limits);
         if profile.outcome() != Outcome::Rests {
@@ -271,7 +271,7 @@ fn pieces(
             let Some(cell) = grid.cell(place.interval) else {
                 return false;
             };
-            let law = Law::Jerk {
+            let law = TimeLaw::Jerk {
                 v: state.v,
                 a: state.a,
                 j,

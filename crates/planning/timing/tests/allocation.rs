@@ -4,11 +4,11 @@
 mod common;
 
 use common::{axes, loose, square};
-use evolvent_counting::{Counting, allocations};
+use evolvent_counting::{CountingAllocator, allocations};
 use evolvent_timing::{Entry, Exit, Grid, Optimizer, Piece, Place};
 
 #[global_allocator]
-static ALLOCATOR: Counting = Counting;
+static ALLOCATOR: CountingAllocator = CountingAllocator;
 
 /// A plan from rest, its continuation at a lower feed, and a stop.
 fn round(grid: &Grid, optimizer: &mut Optimizer, out: &mut Vec<Piece>) {

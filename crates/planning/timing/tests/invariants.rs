@@ -12,14 +12,14 @@ mod common;
 
 use common::{Path, Player, Random, assert_chained, axes, loose, measure_all, point};
 use evolvent_machine::Limits;
-use evolvent_timing::{Entry, Exit, FeedError, Grid, MOST_INTERVALS, Optimizer, Piece, Place};
+use evolvent_timing::{Entry, Exit, FeedError, Grid, MAX_INTERVALS, Optimizer, Piece, Place};
 
 /// What the guard of the real-time side allows.
 const VELOCITY: f64 = 1.001;
 const ACCELERATION: f64 = 1.001;
 const JERK: f64 = 1.02;
 /// Most samples of one motion.
-const MOST_SAMPLES: f64 = 1e6;
+const MAX_SAMPLES: f64 = 1e6;
 
 fn from_environment(name: &str, default: u64) -> u64 {
     std::env::var(name)
@@ -177,7 +177,7 @@ fn campaign(seed: u64, cases: std::ops::Range<u64>, most_steps: Option<f64>) -> 
         };
         let what = format!("case {case} of seed {seed:#x}");
         let mut factor = 1.0;
-        let first = window.min(grid.end()).min(MOST_INTERVALS as u64);
+        let first = window.min(grid.end()).min(MAX_INTERVALS as u64);
         let exit = |until: u64| {
             if until == grid.end() {
                 Exit::Rest
@@ -218,7 +218,7 @@ fn campaign(seed: u64, cases: std::ops::Range<u64>, most_steps: Option<f64>) -> 
                 factor = random.log(0.1, 2.0);
             }
             let next = (place.interval + window).min(grid.end()).max(until);
-            let next = next.min(place.interval + MOST_INTERVALS as u64);
+            let next = next.min(place.interval + MAX_INTERVALS as u64);
             replans += 1;
             match run.optimizer.plan(
                 &grid,
@@ -248,7 +248,7 @@ fn campaign(seed: u64, cases: std::ops::Range<u64>, most_steps: Option<f64>) -> 
         };
         let seconds = player.duration();
         // A plan broken off before its first step may crawl for days.
-        let rates = [250.0_f64.min(MOST_SAMPLES / seconds), 1000.0, 10_000.0, 35_000.0];
+        let rates = [250.0_f64.min(MAX_SAMPLES / seconds), 1000.0, 10_000.0, 35_000.0];
         let rates = if seconds > 20.0 {
             &rates[..1]
         } else if seconds > 2.0 {
@@ -278,12 +278,12 @@ fn rest_of(plan: &[Piece], mut time: f64) -> Vec<Piece> {
         if time > 0.0 {
             let (state, jerk) = piece.law.at(time);
             piece.law = match piece.law {
-                evolvent_timing::Law::Flow { c, .. } => evolvent_timing::Law::Flow {
+                evolvent_timing::TimeLaw::Flow { c, .. } => evolvent_timing::TimeLaw::Flow {
                     v: state.v,
                     b: state.a,
                     c,
                 },
-                evolvent_timing::Law::Jerk { .. } => evolvent_timing::Law::Jerk {
+                evolvent_timing::TimeLaw::Jerk { .. } => evolvent_timing::TimeLaw::Jerk {
                     v: state.v,
                     a: state.a,
                     j: jerk,

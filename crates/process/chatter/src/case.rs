@@ -1,6 +1,6 @@
 //! A case: what a user asks, read from a file and checked.
 
-use evolvent_config::{Sheet, SheetError};
+use evolvent_config::{ConfigDocument, SheetError};
 use evolvent_cutting::{LawDefinition, Tool};
 
 use crate::case_file::{
@@ -102,14 +102,14 @@ impl Case {
     /// # Errors
     /// Text that is neither, keys that are unknown, missing or make no sense, with file, line and key.
     pub fn parse(text: &str, file: &str) -> Result<Self, SheetError> {
-        let sheet = Sheet::parse(text, file)?;
+        let sheet = ConfigDocument::parse(text, file)?;
         let raw: CaseFile = sheet.read()?;
         Reader { sheet: &sheet }.case(raw)
     }
 }
 
 struct Reader<'a> {
-    sheet: &'a Sheet<'a>,
+    sheet: &'a ConfigDocument<'a>,
 }
 
 impl Reader<'_> {

@@ -21,7 +21,7 @@ pub struct Accuracy {
 }
 
 /// Steps after which an integration is given up.
-const MOST_STEPS: usize = 5_000_000;
+const MAX_STEPS: usize = 5_000_000;
 
 const A: [[f64; 6]; 6] = [
     [1.0 / 5.0, 0.0, 0.0, 0.0, 0.0, 0.0],
@@ -119,7 +119,7 @@ impl<const N: usize> Integrator<N> {
             };
             let h = until_event.unwrap_or(whole).min(whole);
             self.steps += 1;
-            if self.steps > MOST_STEPS || h < smallest {
+            if self.steps > MAX_STEPS || h < smallest {
                 return Err(ChatterError::Integration {
                     time_s: time,
                     steps: self.steps,

@@ -53,7 +53,7 @@ pub use least_squares::{Fit, Measure, least_squares};
 pub use lobe::{Limit, Lobes, Milling, MillingCut, Mode, Turning, TurningMode};
 pub use map::{MapCell, Mapper};
 pub use model::{CuttingTool, Equilibrium, Laws, Model, PrincipalAxis, SmallMode, State};
-pub use scan::{Branch, MOST_FREE_PART, Prediction, ScanEnd, ScanPoint, Scanner};
+pub use scan::{Branch, MAX_FREE_PART, Prediction, ScanEnd, ScanPoint, Scanner};
 pub use speeds::nearest_stable;
 pub use transient::{Fate, Follower};
 pub use verify::{Verified, verify};

@@ -12,13 +12,13 @@ use crate::error::ChatterError;
 use crate::model::{Equilibrium, Model, SmallMode, State};
 
 /// Part of a period out of contact beyond which the model says nothing: the tool hammers.
-pub const MOST_FREE_PART: f64 = 0.5;
+pub const MAX_FREE_PART: f64 = 0.5;
 /// Steps of the scan up to the amplitude at which the model begins to end.
 const STEPS: f64 = 24.0;
 /// Samples a period where the contact is lost: force over time then has a corner, which must lie between close ones.
 const FINE_SAMPLES: usize = 512;
 /// No scan needs more steps.
-const MOST_STEPS: usize = 400;
+const MAX_STEPS: usize = 400;
 /// Frequency and extra damping that count, along a branch, as much as the whole amplitude or force: part of the
 /// frequency. Tuned: from 0.01 to 0.2 the same cycles are found, with the fewest steps at 0.05.
 const SPEED_PART: f64 = 0.05;
@@ -290,7 +290,7 @@ impl Scanner {
         let mut shortened = 0;
         branch.end = ScanEnd::TooLong;
         let mut end = ScanEnd::NotFound;
-        for _ in 0..MOST_STEPS {
+        for _ in 0..MAX_STEPS {
             let next = self.along(model, walk, &here, step)?;
             let next = match next {
                 Some(next) if valid(model, &next) && walk.is_near(&here, &next) => next,
@@ -508,7 +508,7 @@ impl Walk {
 }
 
 fn valid(model: &Model<'_>, at: &Balanced) -> bool {
-    at.speeds[0] > model.tool().floor_m_min && at.free <= MOST_FREE_PART
+    at.speeds[0] > model.tool().floor_m_min && at.free <= MAX_FREE_PART
 }
 
 fn end_of(model: &Model<'_>, at: &Balanced) -> ScanEnd {

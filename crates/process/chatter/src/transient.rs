@@ -7,7 +7,7 @@
 
 use crate::error::ChatterError;
 use crate::model::{Equilibrium, Model, State};
-use crate::scan::MOST_FREE_PART;
+use crate::scan::MAX_FREE_PART;
 use crate::verify::{Closed, Verified, report, shoot};
 
 /// Steps per period of the faster axis.
@@ -19,7 +19,7 @@ const DEAD_PART: f64 = 0.01;
 /// Windows beyond the model, none smaller than the first, after which a motion has left it.
 const WINDOWS_OUTSIDE: usize = 4;
 /// ... and windows after which it has left however it changes.
-const MOST_WINDOWS_OUTSIDE: usize = 60;
+const MAX_WINDOWS_OUTSIDE: usize = 60;
 
 /// What becomes of a disturbance.
 #[derive(Clone, Debug, PartialEq)]
@@ -196,7 +196,7 @@ impl<'a> Follower<'a> {
             window.least = window.least.min(size);
         }
         let free = free as f64 / steps as f64;
-        window.outside = slowest <= self.model.tool().floor_m_min || free > MOST_FREE_PART;
+        window.outside = slowest <= self.model.tool().floor_m_min || free > MAX_FREE_PART;
         window.peak.is_finite().then_some(window)
     }
 
@@ -233,7 +233,7 @@ impl<'a> Follower<'a> {
                 }
                 run += 1;
                 if (run >= self.windows_outside && window.peak > 0.98 * run_peak)
-                    || run >= MOST_WINDOWS_OUTSIDE
+                    || run >= MAX_WINDOWS_OUTSIDE
                 {
                     return (Fate::Leaves, lingering);
                 }

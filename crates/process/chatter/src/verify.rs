@@ -10,7 +10,7 @@ use crate::cycle::Cycle;
 use crate::error::ChatterError;
 use crate::integrate::{Accuracy, Integrator};
 use crate::model::{Model, State};
-use crate::scan::MOST_FREE_PART;
+use crate::scan::MAX_FREE_PART;
 
 /// Samples over a period for the harmonics: what aliases lies beyond the 100th.
 const SAMPLES: usize = 256;
@@ -60,7 +60,7 @@ impl Verified {
     /// Whether the speed stays above the floor and the tool is in contact for at least half of the period.
     #[must_use]
     pub fn within_model(&self, model: &Model<'_>) -> bool {
-        self.speed_m_min[0] > model.tool().floor_m_min && self.free_part <= MOST_FREE_PART
+        self.speed_m_min[0] > model.tool().floor_m_min && self.free_part <= MAX_FREE_PART
     }
 
     /// Whether both are one cycle: amplitudes and frequencies to 1e-4, which is far above the accuracy of either.

@@ -11,7 +11,7 @@ use crate::state::Reason;
 use crate::watch::{LoadWatch, SensorTrouble};
 
 /// Smallest share of the programmed feed at which a load still tells something.
-const LEAST_FACTOR: f64 = 0.02;
+const MIN_FACTOR: f64 = 0.02;
 /// Turns without load after which the tool is in air.
 const AIR_TURNS: f64 = 1.1;
 /// Turns after the last good reading after which the feed is told to stand.
@@ -172,7 +172,7 @@ impl AdaptiveFeed {
         for (name, value, least, most) in [
             ("the set load", s.set_load, 1e-9, 1e9),
             ("the exponent of the feed", s.feed_exponent, 0.05, 3.0),
-            ("the smallest factor", s.factor_min, LEAST_FACTOR, 1.0),
+            ("the smallest factor", s.factor_min, MIN_FACTOR, 1.0),
             ("the largest factor", s.factor_max, s.factor_min, 2.0),
             ("the entry factor", s.factor_entry, s.factor_min, s.factor_max),
             ("the idle factor", s.factor_idle, s.factor_min, 2.0),
@@ -208,7 +208,7 @@ impl AdaptiveFeed {
                 s.period_s,
                 s.turn_s,
                 (s.lag_s, s.stale_s),
-                LEAST_FACTOR,
+                MIN_FACTOR,
             ),
             chip: ChipTrail::new(s.turn_s / f64::from(s.edges) / s.period_s),
             factor: s.factor_idle,

@@ -3,7 +3,7 @@
 use evolvent_timing::{Outcome, Profile, ScalarLimits, ScalarState};
 
 /// Share of the jerk that is planned: third differences of positions are noisy.
-const JERK_SHARE: f64 = 0.99;
+const JERK_FRACTION: f64 = 0.99;
 /// Room that is as good as endless, mm.
 const FAR_MM: f64 = 1e6;
 
@@ -44,7 +44,7 @@ impl AxisDrive {
     pub fn new(position: f64, limits: &ScalarLimits) -> Self {
         Self {
             limits: ScalarLimits {
-                jerk: limits.jerk * JERK_SHARE,
+                jerk: limits.jerk * JERK_FRACTION,
                 ..*limits
             },
             origin: position,

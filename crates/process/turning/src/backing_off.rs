@@ -9,7 +9,7 @@ const DEEP: f64 = 0.98;
 /// Way of a cut after which it is told whether it is level, mm.
 const LEVEL_MM: f64 = 6.0;
 /// Least part of a depth that is worth backing off by.
-const LEAST_PART: f64 = 0.25;
+const MIN_PART: f64 = 0.25;
 /// Hard spots up to this factor of the load are not taken for higher stock where passes are counted.
 const HARDEST: f64 = 1.35;
 /// Way beyond where contact is expected after which caution ends, mm.
@@ -46,7 +46,7 @@ impl TurningController {
         let out = self.out.point().position;
         self.highest_felt = self.highest_felt.max(out + depth);
         let wanted = if least_time {
-            self.part_of(out + depth).max(out + LEAST_PART * depth)
+            self.part_of(out + depth).max(out + MIN_PART * depth)
         } else {
             out + depth - regime.depth_back_off_mm
         };
@@ -130,7 +130,7 @@ impl TurningController {
         // Half of the rest at the present slope; and the passes that are left must make parts of it.
         self.state == TurningState::Cut
             && way >= LEVEL_MM
-            && self.part_of(out + now) >= out + LEAST_PART * now
+            && self.part_of(out + now) >= out + MIN_PART * now
             && now + 0.5 * rest * (now - depth) / way >= DEEP * self.split_mm
     }
 

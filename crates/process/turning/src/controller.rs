@@ -15,7 +15,7 @@ const CAUTION_MM: f64 = 1.5;
 /// What noise may make of a load that fades.
 const RESIDUE_NOISE: f64 = 1.15;
 /// Share of the smallest feed below which a chip tells nothing.
-pub(crate) const LEAST_CHIP: f64 = 0.4;
+pub(crate) const MIN_CHIP: f64 = 0.4;
 
 /// What comes into a cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -215,7 +215,7 @@ impl TurningController {
                 settings.period_s,
                 turn,
                 (settings.sensor_lag_s, settings.sensor_stale_s),
-                LEAST_CHIP * regime.feed_min_mm_rev,
+                MIN_CHIP * regime.feed_min_mm_rev,
             ),
             record: SizeRecord::new(
                 settings.length_mm,

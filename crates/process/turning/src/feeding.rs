@@ -14,7 +14,7 @@ const GROWTH: f64 = 0.02;
 /// Revolutions of contact after which the cut is known again.
 const KNOWN_REV: f64 = 1.5;
 /// Shortest way that is worth a move in rapid, mm.
-const LEAST_FREE_MM: f64 = 3.0;
+const MIN_FREE_MM: f64 = 3.0;
 /// Time for which the growing depth must be too much before it is backed off from, s.
 const ENGAGE_CONFIRM_S: f64 = 0.005;
 /// Way beyond where contact is expected after which caution ends, mm.
@@ -137,7 +137,7 @@ impl TurningController {
             .unwrap_or(settings.length_mm)
             .min(self.pass_end);
         let clear = self.record.clear_place_mm(stock, out) - settings.clear_along_mm;
-        (clear - here > LEAST_FREE_MM
+        (clear - here > MIN_FREE_MM
             || (self.along.target() == clear && !self.along.has_arrived() && clear > here))
             .then_some(clear)
     }

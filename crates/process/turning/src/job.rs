@@ -1,6 +1,6 @@
 //! A job of self-programmed turning: what its file says, checked.
 
-use evolvent_config::{Sheet, SheetError};
+use evolvent_config::{ConfigDocument, SheetError};
 use evolvent_cutting::{Cut, ForceLaw, LawDefinition};
 use evolvent_timing::ScalarLimits;
 
@@ -15,7 +15,7 @@ use crate::tool::Tool;
 use crate::wear::Wear;
 
 /// By how much the law may differ from its power law over the feeds and depths of the job.
-const MOST_MISFIT: f64 = 0.1;
+const MAX_MISFIT: f64 = 0.1;
 
 /// A job that can be run.
 #[derive(Clone, Debug)]
@@ -42,7 +42,7 @@ impl Job {
     /// # Errors
     /// Keys that are unknown, missing or make no sense, and regimes that do not hold, with place and key.
     pub fn parse(text: &str, file: &str) -> Result<Self, SheetError> {
-        let sheet = Sheet::parse(text, file)?;
+        let sheet = ConfigDocument::parse(text, file)?;
         let job: JobFile = sheet.read()?;
         job.job(&sheet)
     }
@@ -53,7 +53,7 @@ impl Job {
     /// What does not fit that cut, with the file's place and key.
     pub fn for_cut(&self, cut: CutFile) -> Result<Self, SheetError> {
         let (file, text) = &self.source;
-        let sheet = Sheet::parse(text, file)?;
+        let sheet = ConfigDocument::parse(text, file)?;
         let mut job: JobFile = sheet.read()?;
         job.cut = cut;
         job.job(&sheet)
@@ -76,7 +76,7 @@ impl Job {
 }
 
 impl JobFile {
-    fn job(&self, sheet: &Sheet<'_>) -> Result<Job, SheetError> {
+    fn job(&self, sheet: &ConfigDocument<'_>) -> Result<Job, SheetError> {
         let refuse = |key: &str, what: String, advice: &str| sheet.error(key, what, advice);
         for (key, value, least, most) in [
             ("cut.diameter_mm", self.cut.diameter_mm, 0.1, 1e4),
@@ -161,7 +161,7 @@ impl JobFile {
     }
 
     /// Prices as the cost of wear over that of time.
-    fn wear(&self, sheet: &Sheet<'_>) -> Result<Wear, SheetError> {
+    fn wear(&self, sheet: &ConfigDocument<'_>) -> Result<Wear, SheetError> {
         let Some(cost) = &self.cost else {
             return Ok(Wear::default());
         };
@@ -186,7 +186,7 @@ impl JobFile {
     }
 
     /// What the sensor shows of the force.
-    fn scale(&self, sheet: &Sheet<'_>) -> Result<LoadScale, SheetError> {
+    fn scale(&self, sheet: &ConfigDocument<'_>) -> Result<LoadScale, SheetError> {
         let sensor = &self.sensor;
         let idle = sensor.idle + sensor.idle_per_rpm * self.cut.spindle_rpm;
         if sensor.kind == SensorKind::Force {
@@ -230,7 +230,7 @@ impl JobFile {
         })
     }
 
-    fn blank(&self, sheet: &Sheet<'_>) -> Result<Option<Blank>, SheetError> {
+    fn blank(&self, sheet: &ConfigDocument<'_>) -> Result<Option<Blank>, SheetError> {
         let Some(stock) = &self.stock else {
             return Ok(None);
         };
@@ -249,7 +249,7 @@ impl JobFile {
     }
 
     /// The law at the cutting speed of the job as a power law, and how far that is off.
-    fn law(&self, sheet: &Sheet<'_>) -> Result<(CutLaw, f64), SheetError> {
+    fn law(&self, sheet: &ConfigDocument<'_>) -> Result<(CutLaw, f64), SheetError> {
         let law = &self.law;
         let diameter = self.cut.speed_diameter_mm.unwrap_or(self.cut.diameter_mm);
         let speed_m_min = std::f64::consts::PI * diameter * self.cut.spindle_rpm / 1000.0;
@@ -299,7 +299,12 @@ impl JobFile {
     }
 
     /// A power law with the slopes of any law in the middle of the feeds, at the set load.
-    fn fit(&self, sheet: &Sheet<'_>, law: &ForceLaw, speed_m_min: f64) -> Result<(CutLaw, f64), SheetError> {
+    fn fit(
+        &self,
+        sheet: &ConfigDocument<'_>,
+        law: &ForceLaw,
+        speed_m_min: f64,
+    ) -> Result<(CutLaw, f64), SheetError> {
         sheet.number("feed.min_mm_rev", self.feed.min_mm_rev, 1e-4, 10.0)?;
         sheet.number(
             "feed.max_mm_rev",
@@ -362,7 +367,7 @@ impl JobFile {
             let depth = depth_at(feed)?;
             misfit = misfit.max((fitted.load(depth, feed) / self.load.set_n - 1.0).abs());
         }
-        if misfit > MOST_MISFIT {
+        if misfit > MAX_MISFIT {
             return Err(refuse(&format!(
                 "differs by {:.0} % from a power law over these feeds",
                 100.0 * misfit

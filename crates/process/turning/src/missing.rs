@@ -1,6 +1,6 @@
 //! A load that is missing: a gap in the stock, or a cut that nobody feels.
 
-use crate::controller::{LEAST_CHIP, TurningController};
+use crate::controller::{MIN_CHIP, TurningController};
 use crate::state::{Reason, TurningState};
 
 /// Revolutions without load after which it counts as gone.
@@ -75,7 +75,7 @@ impl TurningController {
     pub(crate) fn shows_chips(&self, depth_mm: f64) -> bool {
         let regime = &self.settings.regime;
         let chip = self.trail.chip_mm();
-        chip >= LEAST_CHIP * regime.feed_min_mm_rev
+        chip >= MIN_CHIP * regime.feed_min_mm_rev
             || regime.law.load(depth_mm, chip) >= CLEAR_LOADS * self.settings.contact_load
     }
 

@@ -5,7 +5,7 @@ use crate::settings::PassDepth;
 use crate::state::{Reason, TurningState};
 
 /// More passes than these are a fault.
-const MOST_PASSES: u32 = 1000;
+const MAX_PASSES: u32 = 1000;
 
 impl TurningController {
     pub(crate) fn begin_return(&mut self, state: TurningState, reason: Reason) {
@@ -123,7 +123,7 @@ impl TurningController {
                 self.out.aim(self.pass_out, settings.out_speed_mm_s * slow);
                 if self.out.has_arrived() {
                     self.pass += 1;
-                    if self.pass > MOST_PASSES {
+                    if self.pass > MAX_PASSES {
                         self.go(TurningState::Fault, Reason::TooManyPasses);
                         return;
                     }

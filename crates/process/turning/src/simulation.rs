@@ -9,7 +9,7 @@ use crate::workpiece::{CutNow, Workpiece};
 use crate::{Blank, CutLaw};
 
 /// Times that a feed is lowered to keep a load.
-const MOST_TRIES: u32 = 6;
+const MAX_TRIES: u32 = 6;
 /// What a load may be above the set one, as a share: cells of the stock have a width.
 const PEAK_NOISE: f64 = 0.02;
 
@@ -210,7 +210,7 @@ pub fn run_fixed_at_load(
     let least = settings.regime.feed_min_mm_rev;
     let (mut depth, mut feed) = (depth_mm, feed_mm_rev);
     let mut figures = Figures::default();
-    for _ in 0..MOST_TRIES {
+    for _ in 0..MAX_TRIES {
         let piece = Workpiece::new(blank.clone(), settings.length_mm, law, settings.tool, steps);
         figures = run_fixed(FixedPasses::new(settings, height, depth, feed), piece, set_load);
         let over = figures.peak / set_load;

@@ -14,7 +14,7 @@ const ROUND: f64 = 0.04;
 /// The same of the latest reading.
 const LATEST: f64 = 0.97;
 /// Shortest time after which a missing reading is trouble, s.
-const LEAST_STALE_S: f64 = 0.002;
+const MIN_STALE_S: f64 = 0.002;
 /// Readings below this share of the set load are as good as zero.
 const QUIET: f64 = 1e-6;
 /// The same reading so many times in a row is no reading.
@@ -128,7 +128,7 @@ impl LoadWatch {
     }
 
     fn stale_s(wanted_s: f64, period_s: f64) -> f64 {
-        wanted_s.max(LEAST_STALE_S).max(2.5 * period_s)
+        wanted_s.max(MIN_STALE_S).max(2.5 * period_s)
     }
 
     /// The longest that it takes to notice that readings cannot be believed, s.

@@ -3,11 +3,11 @@
 mod common;
 
 use common::{fast, literal, safe, sensor, stocks};
-use evolvent_counting::{Counting, calls};
+use evolvent_counting::{CountingAllocator, calls};
 use evolvent_turning::{Sensor, TurningController, TurningInputs, TurningState, Workpiece};
 
 #[global_allocator]
-static ALLOCATOR: Counting = Counting;
+static ALLOCATOR: CountingAllocator = CountingAllocator;
 
 #[test]
 fn a_whole_job_allocates_nothing() {

@@ -7,7 +7,7 @@ use evolvent_turning::{LoadSample, LoadView, LoadWatch, SensorTrouble};
 
 const PERIOD_S: f64 = 0.001;
 const STALE_S: f64 = 0.01;
-const LEAST_CHIP_MM: f64 = 0.08;
+const MIN_CHIP_MM: f64 = 0.08;
 const RANGE: f64 = 8000.0;
 const TURN: u64 = 120;
 
@@ -22,7 +22,7 @@ struct Watched {
 impl Watched {
     fn new(lag_s: f64) -> Self {
         Self {
-            watch: LoadWatch::new(law(), SET, PERIOD_S, TURN_S, (lag_s, STALE_S), LEAST_CHIP_MM),
+            watch: LoadWatch::new(law(), SET, PERIOD_S, TURN_S, (lag_s, STALE_S), MIN_CHIP_MM),
             lag_s,
             shown: 0.0,
             sequence: 0,
@@ -150,9 +150,9 @@ fn a_chip_that_is_too_thin_tells_nothing_and_what_is_forgotten_is_gone() {
     let view = watched.cut_for(TURN / 4, 3.0, 0.0);
     assert!((view.depth_now_mm / 3.0 - 1.0).abs() < 0.01, "{view:?}");
     // Just above the least chip it does.
-    let view = Watched::new(0.0).cut_for(5 * TURN, 3.0, 1.01 * LEAST_CHIP_MM);
+    let view = Watched::new(0.0).cut_for(5 * TURN, 3.0, 1.01 * MIN_CHIP_MM);
     assert!((view.depth_now_mm / 3.0 - 1.0).abs() < 0.01, "{view:?}");
-    let view = Watched::new(0.0).cut_for(5 * TURN, 3.0, 0.99 * LEAST_CHIP_MM);
+    let view = Watched::new(0.0).cut_for(5 * TURN, 3.0, 0.99 * MIN_CHIP_MM);
     assert_eq!(view.depth_now_mm, 0.0);
     watched.watch.forget();
     let view = watched.watch.step(None, 0.0);

@@ -172,7 +172,7 @@ impl Motion {
 
 /// Codes of group 0: they act once.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Once {
+pub(crate) enum NonModal {
     /// G4.
     Dwell,
     /// G10.
@@ -195,7 +195,7 @@ pub(crate) enum Once {
     RestoreOffset,
 }
 
-impl Once {
+impl NonModal {
     /// Whether axis words on the line belong to it.
     pub(crate) fn takes_axes(self) -> bool {
         matches!(
@@ -279,7 +279,7 @@ pub(crate) enum PlaneCode {
 /// A G code that can be executed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum GCode {
-    Once(Once),
+    NonModal(NonModal),
     Motion(Motion),
     Plane(PlaneCode),
     /// G90 (`false`), G91 (`true`).
@@ -306,7 +306,7 @@ pub(crate) enum GCode {
 /// Modal groups. A line may hold one code of each.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Group {
-    Once,
+    NonModal,
     /// G92.1, G92.2, G92.3: LinuxCNC lets them stand beside a code of group 0, and executes them after it.
     OffsetSwitch,
     Motion,
@@ -339,7 +339,7 @@ impl Group {
     /// For messages.
     pub(crate) fn name(self) -> &'static str {
         match self {
-            Self::Once => "codes that act once",
+            Self::NonModal => "codes that act once",
             Self::OffsetSwitch => "codes that switch the offset of G92",
             Self::Motion => "motion codes",
             Self::Plane => "plane codes",
@@ -378,14 +378,14 @@ impl GCode {
             22 => Self::Motion(Motion::Involute(Sense::Clockwise)),
             30 => Self::Motion(Motion::Arc(Sense::CounterClockwise)),
             32 => Self::Motion(Motion::Involute(Sense::CounterClockwise)),
-            40 => Self::Once(Once::Dwell),
+            40 => Self::NonModal(NonModal::Dwell),
             50 => Self::Motion(Motion::CubicSpline),
             51 => Self::Motion(Motion::QuadraticSpline),
             52 => Self::Motion(Motion::Nurbs),
             53 => Self::Motion(Motion::NurbsEnd),
             70 => Self::Diameter(true),
             80 => Self::Diameter(false),
-            100 => Self::Once(Once::SetData),
+            100 => Self::NonModal(NonModal::SetData),
             122 => Self::Motion(Motion::Hole(Sense::Clockwise)),
             132 => Self::Motion(Motion::Hole(Sense::CounterClockwise)),
             170 => Self::Plane(PlaneCode::Main(Plane::Xy)),
@@ -396,10 +396,10 @@ impl GCode {
             191 => Self::Plane(PlaneCode::Secondary(Plane::Yz)),
             200 => Self::Inches(true),
             210 => Self::Inches(false),
-            280 => Self::Once(Once::Home(HOME_G28)),
-            281 => Self::Once(Once::SetHome(HOME_G28)),
-            300 => Self::Once(Once::Home(HOME_G30)),
-            301 => Self::Once(Once::SetHome(HOME_G30)),
+            280 => Self::NonModal(NonModal::Home(HOME_G28)),
+            281 => Self::NonModal(NonModal::SetHome(HOME_G28)),
+            300 => Self::NonModal(NonModal::Home(HOME_G30)),
+            301 => Self::NonModal(NonModal::SetHome(HOME_G30)),
             330 => Self::Motion(Motion::Thread),
             331 => Self::Motion(Motion::RigidTap),
             382..=385 => Self::Motion(Motion::Probe {
@@ -415,8 +415,8 @@ impl GCode {
             431 => Self::LengthOffset(LengthOffset::Given),
             432 => Self::LengthOffset(LengthOffset::Added),
             490 => Self::LengthOffset(LengthOffset::Off),
-            520 => Self::Once(Once::LocalOffset),
-            530 => Self::Once(Once::MachineCoordinates),
+            520 => Self::NonModal(NonModal::LocalOffset),
+            530 => Self::NonModal(NonModal::MachineCoordinates),
             540 | 550 | 560 | 570 | 580 | 590 => Self::WorkOffset((tenths / 10 - 54) as usize),
             591..=593 => Self::WorkOffset((tenths - 591 + 6) as usize),
             610 => Self::Path(PathControl::ExactPath),
@@ -444,10 +444,10 @@ impl GCode {
             901 => Self::ArcCentreAbsolute(true),
             910 => Self::Incremental(true),
             911 => Self::ArcCentreAbsolute(false),
-            920 => Self::Once(Once::SetOffset),
-            921 => Self::Once(Once::ClearOffset),
-            922 => Self::Once(Once::SuspendOffset),
-            923 => Self::Once(Once::RestoreOffset),
+            920 => Self::NonModal(NonModal::SetOffset),
+            921 => Self::NonModal(NonModal::ClearOffset),
+            922 => Self::NonModal(NonModal::SuspendOffset),
+            923 => Self::NonModal(NonModal::RestoreOffset),
             930 => Self::FeedMode(FeedMode::InverseTime),
             940 => Self::FeedMode(FeedMode::PerMinute),
             950 => Self::FeedMode(FeedMode::PerRevolution),
@@ -461,8 +461,10 @@ impl GCode {
 
     pub(crate) fn group(self) -> Group {
         match self {
-            Self::Once(Once::ClearOffset | Once::SuspendOffset | Once::RestoreOffset) => Group::OffsetSwitch,
-            Self::Once(_) => Group::Once,
+            Self::NonModal(NonModal::ClearOffset | NonModal::SuspendOffset | NonModal::RestoreOffset) => {
+                Group::OffsetSwitch
+            }
+            Self::NonModal(_) => Group::NonModal,
             Self::Motion(_) => Group::Motion,
             Self::Plane(_) => Group::Plane,
             Self::Incremental(_) => Group::Distance,

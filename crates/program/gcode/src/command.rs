@@ -198,7 +198,7 @@ impl Action {
     /// What the core cannot do of this yet; whoever moves a machine must refuse such an action and say so, never
     /// leave it out. `None` for everything that can be executed.
     #[must_use]
-    pub fn missing_ability(&self) -> Option<&'static str> {
+    pub fn unsupported_feature(&self) -> Option<&'static str> {
         Some(match self {
             Self::OrientSpindle { .. } => "orienting the spindle (M19)",
             Self::SurfaceSpeed { .. } => "constant surface speed (G96)",

@@ -14,10 +14,10 @@ use crate::{Action, Code, MoveKind, PathMode, SpindleDirection};
 const CHIP_MM: f64 = 0.254;
 
 /// Most holes of one line.
-const MOST_REPEATS: u32 = 100_000;
+const MAX_REPEATS: u32 = 100_000;
 
 /// Most pecks of one hole.
-const MOST_PECKS: f64 = 100_000.0;
+const MAX_PECKS: f64 = 100_000.0;
 
 /// A hole in program coordinates, mm, along the axis of the cycle.
 #[derive(Clone, Copy, Debug)]
@@ -65,10 +65,10 @@ impl Executor<'_> {
         self.check_feed(name)?;
         let here = self.state.program_of(self.state.position);
         if self.state.sticky.running != Some(motion) {
-            self.state.sticky = crate::state::Sticky {
+            self.state.sticky = crate::state::CycleModal {
                 old: here[along],
                 running: Some(motion),
-                ..crate::state::Sticky::default()
+                ..crate::state::CycleModal::default()
             };
         }
         let mut hole = self.hole_of_line(cycle, along)?;
@@ -83,16 +83,16 @@ impl Executor<'_> {
             self.check_spindle(cycle, name)?;
         }
         let repeats = line.whole(b'L')?.unwrap_or(1);
-        if repeats == 0 || repeats > MOST_REPEATS {
-            let message = format!("L{repeats}: a cycle is repeated 1 to {MOST_REPEATS} times");
+        if repeats == 0 || repeats > MAX_REPEATS {
+            let message = format!("L{repeats}: a cycle is repeated 1 to {MAX_REPEATS} times");
             return Err(Fault::new(Code::OutOfRange, line.span(b'L'), message));
         }
         let pecks = match cycle {
             Cycle::ChipBreak | Cycle::Peck => (hole.r - hole.bottom) / hole.q,
             _ => 1.0,
         };
-        if f64::from(repeats) * pecks > MOST_PECKS {
-            let message = format!("{name} with more than {MOST_PECKS} pecks, L{repeats} times {pecks:.0}");
+        if f64::from(repeats) * pecks > MAX_PECKS {
+            let message = format!("{name} with more than {MAX_PECKS} pecks, L{repeats} times {pecks:.0}");
             return Err(Fault::new(Code::OutOfRange, line.span(b'L'), message));
         }
         let old = self.state.sticky.old;
@@ -184,8 +184,8 @@ impl Executor<'_> {
             (Cycle::ChipBreak | Cycle::Peck, None) => {
                 return missing(format!("{name} needs Q, the depth of a peck"));
             }
-            (Cycle::ChipBreak | Cycle::Peck, Some(q)) if (r - bottom) / q > MOST_PECKS => {
-                let message = format!("{name} with more than {MOST_PECKS} pecks");
+            (Cycle::ChipBreak | Cycle::Peck, Some(q)) if (r - bottom) / q > MAX_PECKS => {
+                let message = format!("{name} with more than {MAX_PECKS} pecks");
                 return Err(Fault::new(Code::OutOfRange, line.span(b'Q'), message));
             }
             (_, q) => q.unwrap_or(0.0),
@@ -459,7 +459,7 @@ impl Executor<'_> {
             );
         }
         let steps = libm::pow(full / first, degression).ceil();
-        if steps + f64::from(spring) > f64::from(MOST_REPEATS) {
+        if steps + f64::from(spring) > f64::from(MAX_REPEATS) {
             return range(b'J', "G76 with far too many passes");
         }
         let outward = if crest < 0.0 { -1.0 } else { 1.0 };

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use evolvent_path::AxisLetter;
 
-use crate::codes::{Cycle, FeedMode, GCode, Group, MCode, Motion, Once, PathControl};
+use crate::codes::{Cycle, FeedMode, GCode, Group, MCode, Motion, NonModal, PathControl};
 use crate::compensation::Changed;
 use crate::diagnostic::{Fault, Span};
 use crate::parameters::{INPUT_RESULT, Parameters, TOOL, TOOL_DIAMETER, WORK_OFFSET};
@@ -75,7 +75,7 @@ impl Executor<'_> {
         if self.has_periphery() {
             request = self.periphery()?;
         }
-        if let (Some(Once::Dwell), Some(seconds)) = (line.once(), line.word(b'P')) {
+        if let (Some(NonModal::Dwell), Some(seconds)) = (line.once(), line.word(b'P')) {
             self.warn_of_dwell("G4", seconds);
             self.out(Action::Dwell { seconds });
         }
@@ -100,8 +100,8 @@ impl Executor<'_> {
             }
         } else if line.motion_code() == Some(Motion::None) {
             self.state.sticky.running = None;
-        } else if line.once() == Some(Once::MachineCoordinates) {
-            let span = line.group_span(Group::Once);
+        } else if line.once() == Some(NonModal::MachineCoordinates) {
+            let span = line.group_span(Group::NonModal);
             return Err(
                 Fault::new(Code::MachineCoordinatesMotion, span, "G53 needs G0 or G1")
                     .help("write G53 G0 X.. or G53 G1 X.. on one line"),
@@ -593,10 +593,10 @@ impl Executor<'_> {
             return Err(Fault::new(Code::SplineOpen, self.line.motion_span(), message)
                 .help("write G5.3 at the end of the NURBS"));
         }
-        if self.line.once() == Some(Once::MachineCoordinates)
+        if self.line.once() == Some(NonModal::MachineCoordinates)
             && !matches!(motion, Motion::Rapid | Motion::Linear)
         {
-            let span = self.line.group_span(Group::Once);
+            let span = self.line.group_span(Group::NonModal);
             return Err(
                 Fault::new(Code::MachineCoordinatesMotion, span, "G53 needs G0 or G1")
                     .help("write G53 G0 X.. or G53 G1 X.. on one line"),

@@ -25,16 +25,16 @@ use crate::statement::Statement;
 use crate::{Call, Code, Command, Diagnostic, Origin, Settings, ToolTable};
 
 /// After so many errors a program is given up.
-const MOST_ERRORS: usize = 1000;
+const MAX_ERRORS: usize = 1000;
 
 /// Errors of lines that were told already, after which a program is given up: loops repeat them. Some 50 ms.
-const MOST_REPEATED_ERRORS: u32 = 10_000;
+const MAX_REPEATED_ERRORS: u32 = 10_000;
 
 /// Calls that a diagnostic names at most, the innermost first.
-const MOST_CALLS_TOLD: usize = 10;
+const MAX_CALLS_TOLD: usize = 10;
 
 /// Most commands that wait for cutter compensation or that one line gives: some hundred megabytes.
-pub(crate) const MOST_WAITING: usize = 1_000_000;
+pub(crate) const MAX_WAITING: usize = 1_000_000;
 
 /// How often the interrupt is looked at, in lines.
 const INTERRUPT_LINES: u64 = 1024;
@@ -347,7 +347,7 @@ impl<R: BufRead> Interpreter<R> {
         let mut diagnostic = Box::new(fault.locate(self.line, &self.text));
         let file = self.frames.last().and_then(|frame| self.file_of(frame));
         diagnostic.file = file.map(|file| Box::from(&*file));
-        let calls = self.frames.windows(2).rev().take(MOST_CALLS_TOLD);
+        let calls = self.frames.windows(2).rev().take(MAX_CALLS_TOLD);
         diagnostic.calls = calls
             .map(|pair| Call {
                 file: self.file_of(&pair[0]).map(|file| Box::from(&*file)),
@@ -370,9 +370,9 @@ impl<R: BufRead> Interpreter<R> {
                     .help("does the condition of the loop ever change?"),
             );
         }
-        if self.pending.len() > MOST_WAITING {
+        if self.pending.len() > MAX_WAITING {
             let message =
-                format!("more than {MOST_WAITING} commands between two moves with cutter compensation");
+                format!("more than {MAX_WAITING} commands between two moves with cutter compensation");
             return Some(Fault::new(Code::BodyTooLong, place, message).help("write G40 before them"));
         }
         let interrupted = self.silent % INTERRUPT_LINES == 1
@@ -387,7 +387,7 @@ impl<R: BufRead> Interpreter<R> {
     fn too_many_repeats(&self) -> Fault {
         let place = Span::new(0, self.text.len());
         let message = format!(
-            "lines with errors were executed {MOST_REPEATED_ERRORS} times more in loops; lines after this one were not looked at"
+            "lines with errors were executed {MAX_REPEATED_ERRORS} times more in loops; lines after this one were not looked at"
         );
         Fault::new(Code::TooManySteps, place, message)
             .help("correct the errors that were told before this one")
@@ -592,12 +592,12 @@ impl<R: BufRead> Iterator for Interpreter<R> {
             if let Err(diagnostic) = self.advance() {
                 let file: Option<Shared<str>> = diagnostic.file.as_deref().map(Shared::from);
                 let fresh = self.reported.insert((file, diagnostic.line));
-                self.finished |= self.reported.len() >= MOST_ERRORS;
+                self.finished |= self.reported.len() >= MAX_ERRORS;
                 if fresh || self.finished {
                     return Some(Err(*diagnostic));
                 }
                 self.repeated_errors += 1;
-                if self.repeated_errors >= MOST_REPEATED_ERRORS {
+                if self.repeated_errors >= MAX_REPEATED_ERRORS {
                     self.finished = true;
                     return Some(Err(*self.locate(self.too_many_repeats())));
                 }

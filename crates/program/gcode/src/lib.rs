@@ -15,7 +15,7 @@
 //!
 //! What comes out is free of modes: [`Move`]s carry a curve in machine coordinates in mm and degrees, a speed in mm/s
 //! and the path mode; planners need not know about units, planes, offsets, cycles or the cutter's radius. What the
-//! core cannot do yet comes out too, and [`Action::missing_ability`] says so: whoever moves a machine refuses it.
+//! core cannot do yet comes out too, and [`Action::unsupported_feature`] says so: whoever moves a machine refuses it.
 //!
 //! Where the standard is silent, or LinuxCNC does otherwise, `docs/SPECNOTES.md` says what happens here;
 //! `tools/compare-rs274` holds both interpreters against each other.

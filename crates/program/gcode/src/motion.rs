@@ -2,10 +2,10 @@
 
 use evolvent_path::{Axes, AxisLetter, Curve, Line, ParamCurve as _};
 
-use crate::codes::{FeedMode, Group, Motion, Once};
+use crate::codes::{FeedMode, Group, Motion, NonModal};
 use crate::diagnostic::Fault;
 use crate::execute::Executor;
-use crate::interpreter::MOST_WAITING;
+use crate::interpreter::MAX_WAITING;
 use crate::offsets::check_coordinate;
 use crate::{Action, Code, Command, Move, MoveKind, PathMode, SpindleDirection};
 
@@ -15,7 +15,7 @@ impl Executor<'_> {
         let (state, line) = (&*self.state, self.line);
         let from = state.programmed();
         let mut target = from;
-        if line.once() == Some(Once::MachineCoordinates) {
+        if line.once() == Some(NonModal::MachineCoordinates) {
             for index in 0..AxisLetter::ALL.len() {
                 if let Some(value) = line.axis(index) {
                     target[index] = value * state.word_unit(index);
@@ -106,8 +106,8 @@ impl Executor<'_> {
     /// G0, G1.
     pub(crate) fn straight(&mut self, motion: Motion) -> Result<(), Fault> {
         let line = self.line;
-        if line.once() == Some(Once::MachineCoordinates) && self.state.modes.incremental {
-            let span = line.group_span(Group::Once);
+        if line.once() == Some(NonModal::MachineCoordinates) && self.state.modes.incremental {
+            let span = line.group_span(Group::NonModal);
             return Err(Fault::new(
                 Code::MachineCoordinatesIncremental,
                 span,
@@ -226,13 +226,12 @@ impl Executor<'_> {
     /// A path that a double cannot tell from nothing would have no direction and no time; one line may not fill the memory.
     #[inline]
     fn check_move(&self, length: f64, feed: f64) -> Result<(), Fault> {
-        if length > 0.0 && feed > 0.0 && self.out.len() < MOST_WAITING {
+        if length > 0.0 && feed > 0.0 && self.out.len() < MAX_WAITING {
             return Ok(());
         }
-        if self.out.len() >= MOST_WAITING {
-            let message = format!(
-                "more than {MOST_WAITING} commands from one line, or waiting for cutter compensation"
-            );
+        if self.out.len() >= MAX_WAITING {
+            let message =
+                format!("more than {MAX_WAITING} commands from one line, or waiting for cutter compensation");
             return Err(Fault::new(Code::BodyTooLong, self.line.motion_span(), message));
         }
         let message = format!("a move of {length:e} mm at {feed:e} mm/s");

@@ -4,7 +4,7 @@ use evolvent_path::{AXES, Axes, AxisLetter, MAX_COORDINATE};
 
 use crate::Action;
 use crate::Code;
-use crate::codes::{Group, LengthOffset, Once};
+use crate::codes::{Group, LengthOffset, NonModal};
 use crate::diagnostic::Fault;
 use crate::execute::Executor;
 use crate::parameters::{G92, G92_ACTIVE, WORK_OFFSET_1};
@@ -116,28 +116,28 @@ impl Executor<'_> {
         }
     }
 
-    fn data_of(&mut self, once: Once) -> Result<(), Fault> {
+    fn data_of(&mut self, once: NonModal) -> Result<(), Fault> {
         let line = self.line;
-        if self.state.cutter.is_on() && !matches!(once, Once::Dwell) {
-            let span = line.group_span(Group::Once);
+        if self.state.cutter.is_on() && !matches!(once, NonModal::Dwell) {
+            let span = line.group_span(Group::NonModal);
             let message = format!("{} while cutter compensation is on", once.name());
             return Err(Fault::new(Code::CompensationActive, span, message).help("write G40 first"));
         }
         match once {
-            Once::Dwell | Once::MachineCoordinates => {}
-            Once::SetData => return self.set_data(),
-            Once::Home(first) => return self.home(first),
-            Once::SetHome(first) => {
+            NonModal::Dwell | NonModal::MachineCoordinates => {}
+            NonModal::SetData => return self.set_data(),
+            NonModal::Home(first) => return self.home(first),
+            NonModal::SetHome(first) => {
                 let position = self.state.position;
                 self.parameters.set_axes(first, &position);
             }
-            Once::LocalOffset | Once::SetOffset => {
+            NonModal::LocalOffset | NonModal::SetOffset => {
                 let here = self.state.program_of(self.state.position) + self.state.g92;
                 for axis in AxisLetter::ALL {
                     let index = axis.index();
                     if let Some(value) = line.axis(index) {
                         let value = value * self.state.word_unit(index);
-                        self.state.g92[index] = if once == Once::SetOffset {
+                        self.state.g92[index] = if once == NonModal::SetOffset {
                             here[index] - value
                         } else {
                             value
@@ -149,16 +149,16 @@ impl Executor<'_> {
                 let offset = self.state.g92;
                 self.parameters.set_axes(G92, &offset);
             }
-            Once::ClearOffset => {
+            NonModal::ClearOffset => {
                 self.state.g92 = Axes::zeros();
                 self.parameters.set_numbered(G92_ACTIVE, 0.0);
                 self.parameters.set_axes(G92, &Axes::zeros());
             }
-            Once::SuspendOffset => {
+            NonModal::SuspendOffset => {
                 self.state.g92 = Axes::zeros();
                 self.parameters.set_numbered(G92_ACTIVE, 0.0);
             }
-            Once::RestoreOffset => {
+            NonModal::RestoreOffset => {
                 self.state.g92 = self.parameters.axes(G92);
                 for axis in AxisLetter::ALL {
                     check_coordinate(self.state.g92[axis.index()], axis, line)?;
@@ -174,7 +174,7 @@ impl Executor<'_> {
         let missing = |text: &str| {
             Err(Fault::new(
                 Code::WordMissing,
-                line.group_span(Group::Once),
+                line.group_span(Group::NonModal),
                 text.to_owned(),
             ))
         };

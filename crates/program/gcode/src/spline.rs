@@ -14,13 +14,13 @@ use crate::{Code, MoveKind};
 const TOLERANCE_MM: f64 = 1e-4;
 
 /// Most control points of one NURBS.
-const MOST_POINTS: usize = 100_000;
+const MAX_POINTS: usize = 100_000;
 
 /// Greatest order: degree nine.
-const MOST_ORDER: u32 = 10;
+const MAX_ORDER: u32 = 10;
 
 /// How often a span of a NURBS is halved at the most.
-const MOST_HALVINGS: u32 = 16;
+const MAX_HALVINGS: u32 = 16;
 
 type Point = [f64; 2];
 
@@ -138,8 +138,8 @@ impl Executor<'_> {
         let line = self.line;
         if self.state.nurbs_order.is_none() {
             let order = line.whole(b'L')?.unwrap_or(3);
-            if !(2..=MOST_ORDER).contains(&order) {
-                let message = format!("L{order}: the order of a NURBS is 2 to {MOST_ORDER}");
+            if !(2..=MAX_ORDER).contains(&order) {
+                let message = format!("L{order}: the order of a NURBS is 2 to {MAX_ORDER}");
                 return Err(Fault::new(Code::OutOfRange, line.span(b'L'), message));
             }
             self.state.nurbs_order = Some(order as usize);
@@ -170,8 +170,8 @@ impl Executor<'_> {
                     };
                 }
             }
-            if self.control_points.len() >= MOST_POINTS {
-                let message = format!("a NURBS of more than {MOST_POINTS} control points");
+            if self.control_points.len() >= MAX_POINTS {
+                let message = format!("a NURBS of more than {MAX_POINTS} control points");
                 return Err(Fault::new(Code::OutOfRange, line.motion_span(), message));
             }
             self.control_points.push([point[0], point[1], weight]);
@@ -263,7 +263,7 @@ impl Executor<'_> {
             pieces.push(Curve::Blend(blend));
             return Ok(());
         }
-        if halvings >= MOST_HALVINGS || size <= TOLERANCE_MM {
+        if halvings >= MAX_HALVINGS || size <= TOLERANCE_MM {
             // So short that a line is as good.
             let line = Line::new(start, self.lift(right[0], &start));
             pieces.extend(line.ok().map(Curve::Line));
@@ -320,7 +320,7 @@ fn rational(points: &[[f64; 3]], order: usize, knot: &impl Fn(usize) -> f64, u: 
     let spans = points.len() - degree;
     let span = (u.floor().max(0.0) as usize).min(spans - 1) + degree;
     // The control points that count, homogeneous.
-    let mut local = [[0.0; 3]; MOST_ORDER as usize];
+    let mut local = [[0.0; 3]; MAX_ORDER as usize];
     for (slot, point) in local.iter_mut().zip(&points[span - degree..=span]) {
         *slot = [point[0] * point[2], point[1] * point[2], point[2]];
     }

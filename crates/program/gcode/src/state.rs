@@ -51,7 +51,7 @@ pub(crate) struct Modes {
 /// Words of a canned cycle that stay in force while lines of the cycle follow each other; mm in program
 /// coordinates along the axis of the cycle.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Sticky {
+pub(crate) struct CycleModal {
     pub(crate) r: Option<f64>,
     pub(crate) depth: Option<f64>,
     pub(crate) q: Option<f64>,
@@ -79,7 +79,7 @@ pub(crate) struct State {
     pub(crate) tool_offset: Axes,
     pub(crate) tool: u32,
     pub(crate) selected_tool: Option<u32>,
-    pub(crate) sticky: Sticky,
+    pub(crate) sticky: CycleModal,
     /// P and Q of the last G5, mm: it may go on from there.
     pub(crate) spline_end: Option<[f64; 2]>,
     /// The order of the NURBS that G5.2 collects.
@@ -93,7 +93,7 @@ pub(crate) struct State {
 
 /// The part of the state that a plain move changes.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Few {
+pub(crate) struct PlainMoveState {
     position: Axes,
     motion: Motion,
     feed: Option<ProgrammedFeed>,
@@ -133,7 +133,7 @@ impl State {
             tool_offset: Axes::zeros(),
             tool: settings.tool,
             selected_tool: None,
-            sticky: Sticky::default(),
+            sticky: CycleModal::default(),
             spline_end: None,
             nurbs_order: None,
             cutter: CutterState::default(),
@@ -152,8 +152,8 @@ impl State {
 
     /// What a plain move changes before it may fail.
     #[inline]
-    pub(crate) fn few(&self) -> Few {
-        Few {
+    pub(crate) fn few(&self) -> PlainMoveState {
+        PlainMoveState {
             position: self.position,
             motion: self.motion,
             feed: self.modes.feed,
@@ -162,7 +162,7 @@ impl State {
         }
     }
 
-    pub(crate) fn restore_few(&mut self, few: Few) {
+    pub(crate) fn restore_few(&mut self, few: PlainMoveState) {
         self.position = few.position;
         self.motion = few.motion;
         self.modes.feed = few.feed;

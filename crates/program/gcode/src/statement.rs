@@ -7,7 +7,7 @@ use evolvent_path::{AXES, AxisLetter};
 
 use crate::block::Block;
 use crate::codes::{
-    Compensation, Cycle, GCode, GROUPS, Group, LengthOffset, MCode, Motion, Once, PathControl, Turning,
+    Compensation, Cycle, GCode, GROUPS, Group, LengthOffset, MCode, Motion, NonModal, PathControl, Turning,
     lathe_code,
 };
 use crate::diagnostic::{Fault, Span};
@@ -124,17 +124,17 @@ impl Statement {
     }
 
     /// The code of group 0.
-    pub(crate) fn once(&self) -> Option<Once> {
-        match self.g(Group::Once) {
-            Some(GCode::Once(once)) => Some(once),
+    pub(crate) fn once(&self) -> Option<NonModal> {
+        match self.g(Group::NonModal) {
+            Some(GCode::NonModal(once)) => Some(once),
             _ => None,
         }
     }
 
     /// G92.1, G92.2 or G92.3.
-    pub(crate) fn offset_switch(&self) -> Option<Once> {
+    pub(crate) fn offset_switch(&self) -> Option<NonModal> {
         match self.g(Group::OffsetSwitch) {
-            Some(GCode::Once(once)) => Some(once),
+            Some(GCode::NonModal(once)) => Some(once),
             _ => None,
         }
     }
@@ -391,8 +391,8 @@ impl Statement {
                     Fault::new(Code::TwoUsers, self.motion_span(), message).help("write them on two lines")
                 );
             }
-            if !self.has_axes() && matches!(self.once(), Some(Once::SetOffset | Once::LocalOffset)) {
-                let span = self.group_span(Group::Once);
+            if !self.has_axes() && matches!(self.once(), Some(NonModal::SetOffset | NonModal::LocalOffset)) {
+                let span = self.group_span(Group::NonModal);
                 return Err(Fault::new(
                     Code::OffsetAxesMissing,
                     span,
@@ -407,7 +407,7 @@ impl Statement {
         let motion = code
             .or(wanted.then_some(modal))
             .filter(|motion| *motion != Motion::None);
-        if self.once() == Some(Once::Dwell) && self.has_axes() && !self.has(b'P') && code.is_none() {
+        if self.once() == Some(NonModal::Dwell) && self.has_axes() && !self.has(b'P') && code.is_none() {
             let message = "G4 with an axis word: a dwell takes its time from P";
             return Err(Fault::new(
                 Code::DwellTimeMissing,
@@ -443,8 +443,8 @@ impl Statement {
         };
         claim(self.motion_words());
         match self.once() {
-            Some(Once::Dwell) => claim(bit(b'P')),
-            Some(Once::SetData) => claim(bits(b"LPRIJQ")),
+            Some(NonModal::Dwell) => claim(bit(b'P')),
+            Some(NonModal::SetData) => claim(bits(b"LPRIJQ")),
             _ => {}
         }
         if self.g(Group::PathControl) == Some(GCode::Path(PathControl::Blend)) {
@@ -533,12 +533,12 @@ impl Statement {
 
     /// Values that are wrong whatever the state.
     fn check_values(&self) -> Result<(), Fault> {
-        let dwell = self.once() == Some(Once::Dwell);
+        let dwell = self.once() == Some(NonModal::Dwell);
         let blend = self.g(Group::PathControl) == Some(GCode::Path(PathControl::Blend));
         if dwell {
             match self.word(b'P') {
                 None => {
-                    let span = self.group_span(Group::Once);
+                    let span = self.group_span(Group::NonModal);
                     return Err(Fault::new(
                         Code::DwellTimeMissing,
                         span,
@@ -558,7 +558,7 @@ impl Statement {
                 }
             }
         }
-        if let Some(Once::SetHome(_)) = self.once()
+        if let Some(NonModal::SetHome(_)) = self.once()
             && self.has_axes()
             && self.motion_code().is_none()
         {

@@ -8,7 +8,7 @@ use std::path::Path;
 use crate::{ParameterFileError, ToolTableError};
 
 /// Longest file of tools or parameters, in bytes.
-const MOST_BYTES: u64 = 4 << 20;
+const MAX_BYTES: u64 = 4 << 20;
 
 /// Why a file of tools or parameters cannot be read or written.
 #[derive(Debug, thiserror::Error)]
@@ -67,15 +67,15 @@ pub enum StoreError {
 pub(crate) fn read_text(path: &Path) -> Result<Option<String>, StoreError> {
     let file = || path.display().to_string();
     let failed = |source| StoreError::Read { file: file(), source };
-    let bytes = match evolvent_config::read_regular(path, MOST_BYTES) {
+    let bytes = match evolvent_config::read_regular(path, MAX_BYTES) {
         Ok(bytes) => bytes,
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
         Err(error) => return Err(failed(error)),
     };
-    if bytes.len() as u64 > MOST_BYTES {
+    if bytes.len() as u64 > MAX_BYTES {
         return Err(StoreError::TooLong {
             file: file(),
-            limit_bytes: MOST_BYTES,
+            limit_bytes: MAX_BYTES,
         });
     }
     String::from_utf8(bytes)

@@ -23,7 +23,7 @@ use crate::{Action, Code, MoveKind, PathMode, TurningWords};
 const PULL_OFF_MM: f64 = 0.5;
 
 /// Most passes of a cycle.
-const MOST_PASSES: f64 = 100_000.0;
+const MAX_PASSES: f64 = 100_000.0;
 
 /// Which of the two cycles.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -379,8 +379,8 @@ impl Executor<'_> {
     fn passes(&self, total: f64, depth: f64) -> Result<u32, Fault> {
         // A rounding error is no pass.
         let passes = (total / depth - 1e-9).ceil().max(1.0);
-        if passes > MOST_PASSES {
-            let message = format!("{passes:.0} passes; at most {MOST_PASSES:.0} are possible");
+        if passes > MAX_PASSES {
+            let message = format!("{passes:.0} passes; at most {MAX_PASSES:.0} are possible");
             return Err(Fault::new(Code::OutOfRange, self.line.motion_span(), message)
                 .help("is the depth of a pass (D of G82, K of G75) in the right unit?"));
         }

@@ -288,12 +288,12 @@ fn tapping_is_refused_by_its_name() {
         assert!(found.is_empty(), "{found:?}");
         let missing: Vec<_> = commands
             .iter()
-            .filter_map(|command| command.action.missing_ability())
+            .filter_map(|command| command.action.unsupported_feature())
             .collect();
         assert!(!missing.is_empty() && missing[0].contains(name), "{missing:?}");
     }
     let (commands, _) = interpret("M49\n", Settings::default());
-    assert!(commands[0].action.missing_ability().unwrap().contains("M49"));
+    assert!(commands[0].action.unsupported_feature().unwrap().contains("M49"));
 }
 
 #[test]

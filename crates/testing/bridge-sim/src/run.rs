@@ -22,7 +22,7 @@ const CATCH_UP_NS: u64 = 200_000_000;
 /// Number of a load that is a force.
 const FORCE_N: u32 = 1;
 /// Longest nap, ns.
-const NAP_NS: u64 = 1_000_000;
+const POLL_INTERVAL_NS: u64 = 1_000_000;
 
 /// How a bridge is run.
 #[derive(Clone, Debug, PartialEq)]
@@ -184,7 +184,10 @@ pub fn run_cutting(
             heard_ns = now_ns;
             ports = None;
         }
-        let nap_ns = clock.next_ns().saturating_sub(monotonic_ns()).min(NAP_NS);
+        let nap_ns = clock
+            .next_ns()
+            .saturating_sub(monotonic_ns())
+            .min(POLL_INTERVAL_NS);
         std::thread::sleep(Duration::from_nanos(nap_ns));
     }
     Ok(report)

@@ -19,7 +19,7 @@ use std::cell::Cell;
 
 /// The system's allocator, counting.
 #[derive(Debug)]
-pub struct Counting;
+pub struct CountingAllocator;
 
 thread_local! {
     static TAKEN: Cell<u64> = const { Cell::new(0) };
@@ -43,7 +43,7 @@ fn count(calls: &'static std::thread::LocalKey<Cell<u64>>) {
 }
 
 // SAFETY: every call is passed on to the system's allocator unchanged.
-unsafe impl GlobalAlloc for Counting {
+unsafe impl GlobalAlloc for CountingAllocator {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         count(&TAKEN);
         // SAFETY: the caller keeps the contract of `alloc`.

@@ -19,11 +19,11 @@ use crate::measure::{distance, from_stretch, linear, rotary};
 /// both sides, is 2 of them away.
 const NEIGHBOURHOOD: f64 = 4.0;
 /// Most points between two setpoints that are looked at.
-const MOST_POINTS: f64 = 64.0;
+const MAX_POINTS: f64 = 64.0;
 /// Most points of the motion that are remembered about one place.
-const MOST_TRAIL: usize = 1000;
+const MAX_TRAIL: usize = 1000;
 /// Most blocks that are searched after the motion has been lost.
-const MOST_BLOCKS: usize = 4000;
+const MAX_BLOCKS: usize = 4000;
 /// Places at which a curve is tried after the motion has been lost.
 const TRIES: usize = 64;
 
@@ -116,7 +116,7 @@ impl<'a> Follower<'a> {
         } else {
             (step / (2.0 * self.within(self.at.block)))
                 .ceil()
-                .clamp(1.0, MOST_POINTS)
+                .clamp(1.0, MAX_POINTS)
         };
         let mut before = from;
         for i in 1..=points as usize {
@@ -247,7 +247,7 @@ impl<'a> Follower<'a> {
         let here = self.route.blocks[place.block].piece.point(place.u);
         let near = NEIGHBOURHOOD * self.within(place.block);
         while let Some((_, then)) = self.trail.front()
-            && (distance(then, &here) > near || self.trail.len() >= MOST_TRAIL)
+            && (distance(then, &here) > near || self.trail.len() >= MAX_TRAIL)
         {
             self.trail.pop_front();
         }
@@ -269,7 +269,7 @@ impl<'a> Follower<'a> {
         };
         let reach = 4.0 * away + 100.0 * self.within(best.block);
         let mut passed = -self.at.u;
-        for index in (self.at.block..self.route.blocks.len()).take(MOST_BLOCKS) {
+        for index in (self.at.block..self.route.blocks.len()).take(MAX_BLOCKS) {
             let block = &self.route.blocks[index];
             let from = if index == self.at.block { self.at.u } else { 0.0 };
             let most = (reach - passed).min(block.length);

@@ -30,6 +30,7 @@
 mod block;
 mod differences;
 mod follower;
+mod involute_piece;
 mod judge;
 mod measure;
 mod other;
@@ -38,7 +39,6 @@ mod round;
 mod route;
 mod straight;
 mod suite;
-mod unrolled;
 mod verdict;
 
 pub use block::Block;

@@ -2,11 +2,11 @@
 
 use evolvent_path::{Axes, Curve, Sense};
 
+use crate::involute_piece::InvolutePiece;
 use crate::measure::distance;
 use crate::other::Other;
 use crate::round::Round;
 use crate::straight::Straight;
-use crate::unrolled::Unrolled;
 
 /// A curve by a parameter from 0 to [`length`](Self::length), by which no place moves faster than the parameter: the
 /// distance to any fixed place changes by at most as much as the parameter does.
@@ -14,7 +14,7 @@ use crate::unrolled::Unrolled;
 pub(crate) enum Piece {
     Straight(Straight),
     Round(Round),
-    Unrolled(Box<Unrolled>),
+    Involute(Box<InvolutePiece>),
     Other(Box<Other>),
 }
 
@@ -23,8 +23,8 @@ impl Piece {
         match curve {
             Curve::Line(_) => Self::Straight(Straight::of(curve)),
             Curve::Arc(arc) => Self::Round(Round::of(arc, curve.start(), curve.end())),
-            Curve::Involute(involute) if curve.sense() != Sense::Straight => Self::Unrolled(Box::new(
-                Unrolled::of(involute, curve.sense(), curve.start(), curve.end()),
+            Curve::Involute(involute) if curve.sense() != Sense::Straight => Self::Involute(Box::new(
+                InvolutePiece::of(involute, curve.sense(), curve.start(), curve.end()),
             )),
             _ => Self::Other(Box::new(Other::of(curve))),
         }
@@ -38,7 +38,7 @@ impl Piece {
         match self {
             Self::Straight(piece) => piece.length(),
             Self::Round(piece) => piece.length(),
-            Self::Unrolled(piece) => piece.length(),
+            Self::Involute(piece) => piece.length(),
             Self::Other(piece) => piece.length(),
         }
     }
@@ -47,7 +47,7 @@ impl Piece {
         match self {
             Self::Straight(piece) => piece.point(u),
             Self::Round(piece) => piece.point(u),
-            Self::Unrolled(piece) => piece.point(u),
+            Self::Involute(piece) => piece.point(u),
             Self::Other(piece) => piece.point(u),
         }
     }
@@ -57,7 +57,7 @@ impl Piece {
         match self {
             Self::Straight(piece) => piece.tangent(),
             Self::Round(piece) => piece.tangent(u),
-            Self::Unrolled(piece) => piece.tangent(u),
+            Self::Involute(piece) => piece.tangent(u),
             Self::Other(piece) => piece.tangent(u),
         }
     }

@@ -12,7 +12,7 @@ const DEFAULT_PART: f64 = 0.3;
 /// Periods of the slowest vibration that are shown, least and most.
 const PERIODS: [f64; 2] = [30.0, 400.0];
 /// Points of a curve in the picture.
-const MOST_POINTS: usize = 8000;
+const MAX_POINTS: usize = 8000;
 
 /// The motion after a kick along the cutting speed.
 pub(crate) struct Transient {
@@ -97,7 +97,7 @@ pub(crate) fn svg(case: &Case, answer: &Answer, transient: &Transient) -> String
     };
     let [v1, v2] = answer.assessment.equilibrium.deflection_m;
     let (rest_y, rest_z) = model.machine_axes(v1, v2);
-    let step = transient.samples.len().div_ceil(MOST_POINTS).max(1);
+    let step = transient.samples.len().div_ceil(MAX_POINTS).max(1);
     // Time, y, velocity of y, z, velocity of z; mm and m/min.
     let points: Vec<[f64; 5]> = transient
         .samples

@@ -18,9 +18,9 @@ use crate::CommandError;
 /// Places along a move at which it is looked at: facing changes the speed.
 const PLACES: usize = 5;
 /// Different cuts that are computed; a program with more is looked at up to there.
-const MOST_CUTS: usize = 20_000;
+const MAX_CUTS: usize = 20_000;
 /// Different cuts that are warned of.
-const MOST_WARNINGS: usize = 1000;
+const MAX_WARNINGS: usize = 1000;
 
 /// A cut that is predicted not to be stable.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -226,7 +226,7 @@ impl Look<'_> {
                 .found
                 .get(&line)
                 .is_none_or(|known| 1e3 * cell.amplitude_m > known.amplitude_mm * 1.001 + 1e-9);
-            if !worse || (self.found.len() >= MOST_WARNINGS && !self.found.contains_key(&line)) {
+            if !worse || (self.found.len() >= MAX_WARNINGS && !self.found.contains_key(&line)) {
                 continue;
             }
             let range = [1.01 * tool.floor_m_min, 10.0 * tool.speed_m_min];
@@ -265,7 +265,7 @@ impl Look<'_> {
             part(tool.depth_mm),
             part(tool.feed_mm_rev),
         ];
-        let room = self.known.len() < MOST_CUTS;
+        let room = self.known.len() < MAX_CUTS;
         match self.known.entry(key) {
             Entry::Occupied(known) => Some(*known.get()),
             Entry::Vacant(place) if room => Some(*place.insert(self.mapper.cell(tool, self.laws.laws()))),

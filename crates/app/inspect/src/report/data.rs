@@ -10,7 +10,7 @@ use crate::report::gather::{Gathered, JobPart, LogBars, Span};
 use crate::report::verdict::{letters, time};
 
 /// Lines in a table.
-const MOST_ROWS: usize = 40;
+const MAX_ROWS: usize = 40;
 /// Rows of all jobs of a session together, about.
 const ALL_ROWS: usize = 2000;
 /// A program up to here is shown whole, of a longer one the surroundings of the lines in the tables.
@@ -104,12 +104,12 @@ fn utc(time_ns: u64) -> String {
 
 /// Lines of all jobs by a measure: the greatest of all, and of each job those that its own table shows.
 fn top(g: &Gathered, measure: impl Fn(&LineTime) -> f64) -> Vec<(&JobPart, u32, &LineTime)> {
-    let per_job = (ALL_ROWS / g.jobs.len().max(1)).clamp(1, MOST_ROWS);
+    let per_job = (ALL_ROWS / g.jobs.len().max(1)).clamp(1, MAX_ROWS);
     let mut list: Vec<_> = g
         .jobs
         .iter()
         .flat_map(|job| {
-            let lines = job.times.top(MOST_ROWS, &measure);
+            let lines = job.times.top(MAX_ROWS, &measure);
             lines
                 .into_iter()
                 .enumerate()
@@ -120,7 +120,7 @@ fn top(g: &Gathered, measure: impl Fn(&LineTime) -> f64) -> Vec<(&JobPart, u32, 
     let mut at = 0;
     list.retain(|(rank, ..)| {
         at += 1;
-        at <= MOST_ROWS || *rank < per_job
+        at <= MAX_ROWS || *rank < per_job
     });
     list.into_iter()
         .map(|(_, job, line, time)| (job, line, time))

@@ -18,10 +18,10 @@ const STRETCHES: usize = 65_536;
 const STRETCHES_OF_MANY: usize = 16_384;
 const MANY_AXES: usize = 4;
 /// Spans of states and overrides, and events, that a page carries.
-const MOST_SPANS: usize = 20_000;
-const MOST_EVENTS: usize = 5000;
+const MAX_SPANS: usize = 20_000;
+const MAX_EVENTS: usize = 5000;
 /// Jobs of a served machine that are told apart.
-const MOST_JOBS: usize = 2000;
+const MAX_JOBS: usize = 2000;
 const FLAG_RAPID: u32 = evolvent_motion::flags::RAPID;
 /// As the command is recorded.
 const EMERGENCY_STOP: &str = "emergency stop";
@@ -249,10 +249,10 @@ pub(crate) fn gather(opened: &mut Opened) -> Result<Gathered, InspectError> {
         if event.kind == EventKind::Command && event.text == EMERGENCY_STOP {
             g.emergency_stops.push(event.sequence);
         }
-        if event.kind == EventKind::Alarm && g.alarms.len() < MOST_EVENTS {
+        if event.kind == EventKind::Alarm && g.alarms.len() < MAX_EVENTS {
             g.alarms.push(event.clone());
         }
-        if g.events.len() < MOST_EVENTS {
+        if g.events.len() < MAX_EVENTS {
             g.events.push(event);
         } else {
             g.events_left_out += 1;
@@ -291,7 +291,7 @@ fn jobs(starts: &VecDeque<Start>, times: &LineTimes) -> Vec<JobPart> {
     }
     let mut jobs: Vec<JobPart> = Vec::new();
     for start in starts {
-        if jobs.last().is_some_and(|job| job.number == start.job) || jobs.len() >= MOST_JOBS {
+        if jobs.last().is_some_and(|job| job.number == start.job) || jobs.len() >= MAX_JOBS {
             continue;
         }
         let name = match &start.start {
@@ -339,7 +339,7 @@ impl Gathered {
         } else if record.sequence > self.last_sequence + 1 {
             let missing = record.sequence - self.last_sequence - 1;
             self.missing += missing;
-            if self.gaps.len() < MOST_EVENTS {
+            if self.gaps.len() < MAX_EVENTS {
                 self.gaps.push((self.last_sequence + 1, missing));
             }
             curves.skip(missing);
@@ -392,7 +392,7 @@ impl Gathered {
             (&mut self.overrides, record.override_),
         ] {
             if list.last().is_none_or(|last| last.value != value) {
-                if list.len() < MOST_SPANS {
+                if list.len() < MAX_SPANS {
                     list.push(Span {
                         start: record.sequence,
                         value,

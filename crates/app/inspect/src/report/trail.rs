@@ -1,7 +1,7 @@
 //! The path for a picture: as few points as show it.
 
 /// Points that are kept at most.
-const MOST_POINTS: usize = 50_000;
+const MAX_POINTS: usize = 50_000;
 /// How far a point left out may lie off the line of its neighbours at first, mm.
 const FIRST_TOLERANCE_MM: f64 = 2e-4;
 /// Points that a line may leave out at first.
@@ -62,7 +62,7 @@ impl Trail {
         if !fits && let Some(corner) = self.skipped.pop() {
             self.skipped.clear();
             self.kept.push(corner);
-            if self.kept.len() >= MOST_POINTS {
+            if self.kept.len() >= MAX_POINTS {
                 self.thin_out();
             }
         }
@@ -76,7 +76,7 @@ impl Trail {
         let all = std::mem::take(&mut self.kept);
         all.into_iter().for_each(|spot| self.push(spot));
         // What does not get less by tolerance alone gets less by count.
-        if self.kept.len() > MOST_POINTS * 3 / 4 {
+        if self.kept.len() > MAX_POINTS * 3 / 4 {
             let mut at = 0;
             self.kept.retain(|_| {
                 at += 1;
@@ -132,7 +132,7 @@ mod tests {
         spots.iter().for_each(|&spot| trail.push(spot));
         let tolerance = 4.0 * trail.tolerance_mm;
         let kept = trail.finish();
-        assert!(kept.len() < MOST_POINTS, "{} points", kept.len());
+        assert!(kept.len() < MAX_POINTS, "{} points", kept.len());
         let mut at = 0;
         for spot in &spots {
             while kept[at + 1].sequence < spot.sequence {

@@ -22,9 +22,9 @@ use crate::opened::before_tool_changes;
 /// The bits that say what moved the axes.
 const WHAT_MOVED: u32 = bits::FOLLOWS | bits::STEERS;
 /// More cycles than this that are missing in a row are not computed.
-const MOST_MISSING: u64 = 100_000;
+const MAX_MISSING: u64 = 100_000;
 /// Reasons that are told one by one.
-const MOST_REASONS: usize = 10;
+const MAX_REASONS: usize = 10;
 
 struct Served<'a> {
     again: ServedAgain,
@@ -103,8 +103,8 @@ pub(super) fn verify(
         }
     })?;
     let reasons = served.reasons;
-    if reasons > MOST_REASONS {
-        let more = reasons - MOST_REASONS;
+    if reasons > MAX_REASONS {
+        let more = reasons - MAX_REASONS;
         verified
             .notes
             .push(format!("and {more} more jobs were not computed again"));
@@ -140,7 +140,7 @@ impl Served<'_> {
         let Some(last) = self.last.filter(|_| missing > 0 && !self.lost) else {
             return;
         };
-        if missing > MOST_MISSING {
+        if missing > MAX_MISSING {
             self.lost = true;
             return;
         }
@@ -202,7 +202,7 @@ impl Served<'_> {
     fn give_up(&mut self, job: u32, why: &str) {
         self.lost = true;
         self.reasons += 1;
-        if self.reasons <= MOST_REASONS {
+        if self.reasons <= MAX_REASONS {
             self.verified
                 .notes
                 .push(format!("job {job} was not computed again: {why}"));
@@ -417,7 +417,7 @@ impl Served<'_> {
     fn give_up_at(&mut self, cycle: u64) {
         self.lost = true;
         self.reasons += 1;
-        if self.reasons <= MOST_REASONS {
+        if self.reasons <= MAX_REASONS {
             self.verified.notes.push(format!(
                 "from cycle {cycle} on it is not known what moved the axes: the job's beginning is not in the trace"
             ));
@@ -470,7 +470,7 @@ fn moved_by(record: &CycleRecord, load: Option<LoadSample>) -> Moved {
     if record.inputs & bits::FOLLOWS != 0 {
         Moved::ByPlan(recorded_inputs(record, load))
     } else if record.inputs & bits::STEERS != 0 {
-        Moved::BySteering {
+        Moved::ByTransfer {
             stop: record.inputs & bits::STOP != 0,
         }
     } else {

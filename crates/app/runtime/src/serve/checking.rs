@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{self, Receiver, TryRecvError};
 use std::thread;
 
-use evolvent_control::{Alarm, Refusal};
+use evolvent_control::{Alarm, Rejection};
 
 use super::files::Look;
 use super::programs::sentence;
@@ -21,16 +21,16 @@ pub(super) struct Checking {
     look: Look,
     /// What offsets and tools were then.
     memory: ProgramMemory,
-    verdict: Option<Result<(), Refusal>>,
+    verdict: Option<Result<(), Rejection>>,
     /// Whether [`Checking::objection`] has told the verdict.
     is_told: bool,
-    result: Receiver<Result<(), Refusal>>,
+    result: Receiver<Result<(), Rejection>>,
     superseded: Arc<AtomicBool>,
 }
 
 impl Checking {
     /// Begins to check a program on a thread of its own.
-    pub(super) fn begin(look: Look, setup: &Setup) -> Result<Self, Refusal> {
+    pub(super) fn begin(look: Look, setup: &Setup) -> Result<Self, Rejection> {
         let (sender, result) = mpsc::channel();
         let superseded = Arc::new(AtomicBool::new(false));
         let (told, file, of_thread) = (Arc::clone(&superseded), look.file.clone(), setup.clone());
@@ -41,7 +41,8 @@ impl Checking {
             });
             let _gone = sender.send(verdict);
         });
-        spawned.map_err(|error| Refusal::new(Alarm::Planner, format!("no thread to check with: {error}")))?;
+        spawned
+            .map_err(|error| Rejection::new(Alarm::Planner, format!("no thread to check with: {error}")))?;
         Ok(Self {
             look,
             memory: setup.memory.clone(),
@@ -69,14 +70,14 @@ impl Checking {
     }
 
     /// What it came to; none while it is under way.
-    pub(super) fn verdict(&mut self) -> Option<&Result<(), Refusal>> {
+    pub(super) fn verdict(&mut self) -> Option<&Result<(), Rejection>> {
         if self.verdict.is_none() {
             self.verdict = match self.result.try_recv() {
                 Ok(verdict) => Some(verdict),
                 Err(TryRecvError::Empty) => None,
                 Err(TryRecvError::Disconnected) => {
                     let text = "the check of the program has died; load it again, and report this";
-                    Some(Err(Refusal::new(Alarm::BadProgram, text)))
+                    Some(Err(Rejection::new(Alarm::BadProgram, text)))
                 }
             };
         }
@@ -97,9 +98,9 @@ pub(super) fn judge(
     lines_before: u32,
     bounds: CheckBounds,
     go_on: impl FnMut() -> bool,
-) -> Result<(), Refusal> {
+) -> Result<(), Rejection> {
     let found = check_while(file, setup, bounds, go_on)
-        .map_err(|error| Refusal::new(Alarm::File, format!("{}: {error}", file.display())))?;
+        .map_err(|error| Rejection::new(Alarm::File, format!("{}: {error}", file.display())))?;
     match found.errors.first() {
         None => Ok(()),
         Some(first) => {
@@ -108,7 +109,7 @@ pub(super) fn judge(
             } else {
                 Alarm::BadProgram
             };
-            Err(Refusal::new(alarm, sentence(first, lines_before)))
+            Err(Rejection::new(alarm, sentence(first, lines_before)))
         }
     }
 }
@@ -118,7 +119,7 @@ mod tests {
     use super::*;
 
     /// A check of no file, which comes to what is sent.
-    fn checking() -> (mpsc::Sender<Result<(), Refusal>>, Checking) {
+    fn checking() -> (mpsc::Sender<Result<(), Rejection>>, Checking) {
         let (sender, result) = mpsc::channel();
         let look = Look {
             file: "long.ngc".into(),
@@ -141,7 +142,7 @@ mod tests {
         for start_comes_first in [false, true] {
             let (sender, mut checking) = checking();
             assert_eq!(checking.objection(), None, "under way");
-            let refusal = Refusal::new(Alarm::BadProgram, "line 7: no such word");
+            let refusal = Rejection::new(Alarm::BadProgram, "line 7: no such word");
             sender.send(Err(refusal.clone())).unwrap();
             if start_comes_first {
                 assert_eq!(checking.verdict(), Some(&Err(refusal.clone())));

@@ -8,13 +8,13 @@ use std::time::{Duration, Instant, SystemTime};
 
 use evolvent_bus::ControlRequest;
 use evolvent_config::{no_reply, open_regular, read_regular};
-use evolvent_control::{Alarm, Command, Refusal};
+use evolvent_control::{Alarm, Command, Rejection};
 use evolvent_gcode::{KeptParameters, Settings, ToolTable};
 
 use super::checking::judge;
-use super::keep::Saved;
-use super::modes::{After, foresee};
+use super::modes::{After, simulate_modes};
 use super::programs::sentence;
+use super::state_store::Saved;
 use crate::check::CheckBounds;
 use crate::job::Setup;
 use crate::memory::ProgramMemory;
@@ -45,14 +45,14 @@ pub(super) struct ProgramFile {
     /// The text of a short one, for the trace.
     pub(super) text: Option<Vec<u8>>,
     /// What a short one came to; a long one is checked while nobody waits.
-    pub(super) verdict: Option<Result<(), Refusal>>,
+    pub(super) verdict: Option<Result<(), Rejection>>,
 }
 
 impl ProgramFile {
-    fn open(file: &Path) -> Result<Self, Refusal> {
+    fn open(file: &Path) -> Result<Self, Rejection> {
         let wrong = |error| {
             let text = format!("{}: {error}; name a readable part program", file.display());
-            Refusal::new(Alarm::File, text)
+            Rejection::new(Alarm::File, text)
         };
         let facts = open_regular(file)
             .and_then(|opened| opened.metadata())
@@ -98,7 +98,7 @@ pub(super) enum Found {
 }
 
 /// Opens a program and checks a short one.
-pub(super) fn read_program(file: &Path, setup: &Setup) -> Result<Found, Refusal> {
+pub(super) fn read_program(file: &Path, setup: &Setup) -> Result<Found, Rejection> {
     Ok(Found::Program(ProgramFile::open(file)?.judged(setup, 0)))
 }
 
@@ -114,15 +114,15 @@ pub(super) struct MdiBlock {
 }
 
 impl MdiBlock {
-    pub(super) fn read(self) -> Result<Found, Refusal> {
+    pub(super) fn read(self) -> Result<Found, Rejection> {
         let lines = self.preamble.lines().count() as u32;
         let whole = format!("{}{}\n", self.preamble, self.text);
-        let after = foresee(&whole, &self.settings, &self.kept)
-            .map_err(|error| Refusal::new(Alarm::BadProgram, sentence(&error, lines)))?;
+        let after = simulate_modes(&whole, &self.settings, &self.kept)
+            .map_err(|error| Rejection::new(Alarm::BadProgram, sentence(&error, lines)))?;
         let path = self.folder.join("mdi.ngc");
         std::fs::create_dir_all(&self.folder)
             .and_then(|()| std::fs::write(&path, &whole))
-            .map_err(|error| Refusal::new(Alarm::File, format!("{}: {error}", path.display())))?;
+            .map_err(|error| Rejection::new(Alarm::File, format!("{}: {error}", path.display())))?;
         let file = ProgramFile::open(&path)?.judged(&self.setup, lines);
         if let Some(Err(refusal)) = file.verdict {
             return Err(refusal);
@@ -135,7 +135,7 @@ impl MdiBlock {
 }
 
 /// Reads the tool table again.
-pub(super) fn read_tools(file: Option<&Path>) -> Result<Found, Refusal> {
+pub(super) fn read_tools(file: Option<&Path>) -> Result<Found, Rejection> {
     let Some(file) = file else {
         return Ok(Found::Tools(None));
     };
@@ -146,15 +146,15 @@ pub(super) fn read_tools(file: Option<&Path>) -> Result<Found, Refusal> {
     }
     ToolTable::load(file)
         .map(|table| Found::Tools(Some(table)))
-        .map_err(|error| Refusal::new(Alarm::File, error.to_string()))
+        .map_err(|error| Rejection::new(Alarm::File, error.to_string()))
 }
 
 /// Waits until offsets or tools are written.
-pub(super) fn written(saving: &Receiver<Saved>) -> Result<Found, Refusal> {
+pub(super) fn written(saving: &Receiver<Saved>) -> Result<Found, Rejection> {
     match saving.recv() {
         Ok(Ok(memory)) => Ok(Found::Saved(Box::new(memory))),
-        Ok(Err(error)) => Err(Refusal::new(Alarm::File, error.to_string())),
-        Err(_) => Err(Refusal::new(
+        Ok(Err(error)) => Err(Rejection::new(Alarm::File, error.to_string())),
+        Err(_) => Err(Rejection::new(
             Alarm::File,
             "no thread to write with; restart the core",
         )),
@@ -172,7 +172,7 @@ pub(super) struct Reading {
     begun: Instant,
     /// A stop came meanwhile.
     pub(super) is_cancelled: bool,
-    result: Receiver<Result<Found, Refusal>>,
+    result: Receiver<Result<Found, Rejection>>,
 }
 
 /// Starts reading threads, and counts those that do not come back.
@@ -189,13 +189,13 @@ impl Readers {
         request: &ControlRequest,
         command: &Command,
         about: String,
-        work: impl FnOnce() -> Result<Found, Refusal> + Send + 'static,
-    ) -> Result<Reading, Refusal> {
+        work: impl FnOnce() -> Result<Found, Rejection> + Send + 'static,
+    ) -> Result<Reading, Rejection> {
         if Arc::strong_count(&self.alive) > MAX_HUNG {
             let text = format!(
                 "{MAX_HUNG} files are still waited for; mend or unmount the file system that does not reply, or restart the core"
             );
-            return Err(Refusal::new(Alarm::File, text));
+            return Err(Rejection::new(Alarm::File, text));
         }
         let (sender, result) = mpsc::channel();
         let alive = Arc::clone(&self.alive);
@@ -204,7 +204,7 @@ impl Readers {
             let _too_late = sender.send(work());
             drop(alive);
         });
-        spawned.map_err(|error| Refusal::new(Alarm::File, format!("no thread to read with: {error}")))?;
+        spawned.map_err(|error| Rejection::new(Alarm::File, format!("no thread to read with: {error}")))?;
         Ok(Reading {
             request: *request,
             command: command.clone(),
@@ -218,24 +218,24 @@ impl Readers {
 
 impl Reading {
     /// What it has come to; none while there is time left.
-    pub(super) fn poll(&self) -> Option<Result<Found, Refusal>> {
+    pub(super) fn poll(&self) -> Option<Result<Found, Rejection>> {
         if self.is_cancelled {
             let text = format!(
                 "{}: a stop came while it was read; the command has no effect",
                 self.about
             );
-            return Some(Err(Refusal::new(Alarm::File, text)));
+            return Some(Err(Rejection::new(Alarm::File, text)));
         }
         match self.result.try_recv() {
             Ok(found) => Some(found),
             Err(TryRecvError::Empty) if self.begun.elapsed() < READING_TIMEOUT => None,
             Err(TryRecvError::Empty) => {
                 let text = format!("{}: {}", self.about, no_reply(READING_TIMEOUT));
-                Some(Err(Refusal::new(Alarm::File, text)))
+                Some(Err(Rejection::new(Alarm::File, text)))
             }
             Err(TryRecvError::Disconnected) => {
                 let text = format!("{}: its check has died; please report this", self.about);
-                Some(Err(Refusal::new(Alarm::BadProgram, text)))
+                Some(Err(Rejection::new(Alarm::BadProgram, text)))
             }
         }
     }
@@ -245,7 +245,7 @@ impl Reading {
 mod tests {
     use super::*;
 
-    fn reading(work: impl FnOnce() -> Result<Found, Refusal> + Send + 'static) -> Reading {
+    fn reading(work: impl FnOnce() -> Result<Found, Rejection> + Send + 'static) -> Reading {
         Readers::default()
             .begin(
                 &ControlRequest::default(),

@@ -1,7 +1,7 @@
 //! The homing sequence, from the operator's side.
 
 use evolvent_control::{
-    Activity, Alarm, CommandCode, Homing, HomingAction, HomingAxis, HomingSample, JobResult, Refusal,
+    Activity, Alarm, CommandCode, Homing, HomingAction, HomingAxis, HomingSample, JobResult, Rejection,
 };
 use evolvent_drive::Presence;
 use evolvent_path::{Axes, AxisLetter};
@@ -9,12 +9,12 @@ use evolvent_transfer::AxesState;
 
 use super::jog::{FOR_EVER, limits_here, slowed, steering};
 use super::operator::{Job, Operator};
-use super::orders::What;
+use super::orders::CycleCommand;
 use super::recorded::steered_start;
-use crate::news::OutsideKind;
+use crate::news::ExternalEventKind;
 
 impl Operator {
-    pub(super) fn home(&mut self, mask: u32) -> Result<u64, Refusal> {
+    pub(super) fn home(&mut self, mask: u32) -> Result<u64, Rejection> {
         let machine = &self.setup.machine;
         let axes: Vec<HomingAxis> = machine
             .homing
@@ -35,7 +35,7 @@ impl Operator {
             })
             .collect();
         if !axes.is_empty() && self.view.presence != Presence::Operational {
-            return Err(Refusal::new(
+            return Err(Rejection::new(
                 Alarm::NoFeedback,
                 "no bridge answers, so there is no switch to home with; start the bridge, then switch on",
             ));
@@ -46,7 +46,7 @@ impl Operator {
             .fold(0_u32, |mask, axis| mask | 1 << axis.axis.index());
         self.desk.set_homed(self.desk.homed() & !unknown);
         self.relocate(self.view.setpoint.position, false);
-        self.order(What::ExpectSwitches(unknown));
+        self.order(CycleCommand::ExpectSwitches(unknown));
         let number = self.desk.job_begins(Activity::Homing);
         if axes.is_empty() {
             self.desk.job_ends(JobResult::Done);
@@ -104,7 +104,7 @@ impl Operator {
     /// The axes stand at `position`, by names of the present or a new datum.
     pub(super) fn relocate(&mut self, position: Axes, renames: bool) {
         let limits = limits_here(&self.limits, &position, self.desk.homed());
-        self.order(What::Relocate {
+        self.order(CycleCommand::Relocate {
             position,
             limits,
             renames,
@@ -136,7 +136,7 @@ impl Operator {
                 speed,
             } => self.homing_move(axis, position, speed),
             HomingAction::Stop => {
-                self.order(What::Stop);
+                self.order(CycleCommand::Stop);
             }
             HomingAction::SetZero {
                 axis,
@@ -153,7 +153,12 @@ impl Operator {
                 self.desk.set_homed(self.desk.homed() | 1 << i);
                 self.relocate(renamed, true);
                 let text = format!("axis {}: machine zero set, shifted by {shift:.6}", axis.letter());
-                self.record(OutsideKind::Command, CommandCode::Home as u32, text, Some(shift));
+                self.record(
+                    ExternalEventKind::Command,
+                    CommandCode::Home as u32,
+                    text,
+                    Some(shift),
+                );
             }
             HomingAction::Done => self.end_job(JobResult::Done),
             HomingAction::Fail(refusal) => {

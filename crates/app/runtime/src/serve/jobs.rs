@@ -8,13 +8,13 @@ use std::sync::mpsc::{self, Receiver, Sender};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
-use evolvent_motion::{Motion, plan_queue};
+use evolvent_motion::{PathExecutor, plan_queue};
 
 use super::orders::{Following, Signals};
 use crate::feeder::{FeedReport, Feeder};
 use crate::job::Setup;
 use crate::memory::ProgramMemory;
-use crate::news::FeederNews;
+use crate::news::FeederEvent;
 use crate::refusal::ProgramError;
 use crate::rt::take_turns;
 use crate::stages::Stages;
@@ -39,7 +39,7 @@ pub(crate) struct ProgramJob {
     /// Numbers of the first block and the first action, which go on from job to job.
     pub numbered_from: (u32, u32),
     /// The trace's recorder, if there is one.
-    pub recorder: Option<Sender<FeederNews>>,
+    pub recorder: Option<Sender<FeederEvent>>,
     /// Names of attached subroutines begin with this.
     pub subroutines: String,
     /// Whether the machine's own commands are carried out; otherwise nobody asks whether they are there.
@@ -53,7 +53,7 @@ pub(crate) struct Planning {
     /// Waits here until its first pieces are ready.
     waiting: Option<Box<Following>>,
     pub signals: Arc<Signals>,
-    pub news: Receiver<FeederNews>,
+    pub news: Receiver<FeederEvent>,
     thread: Option<JoinHandle<Planned>>,
 }
 
@@ -67,7 +67,7 @@ impl Planning {
             !waiting.abandoned.load(Ordering::Acquire)
         });
         let setup = &job.setup;
-        let motion = Motion::new(setup.machine.limits(), setup.period_ns, setup.start())
+        let motion = PathExecutor::new(setup.machine.limits(), setup.period_ns, setup.start())
             .planned_for(job.feed_override);
         let turnings = producer.take_turnings();
         let (onlooker, news) = mpsc::channel();

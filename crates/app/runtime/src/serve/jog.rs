@@ -1,13 +1,13 @@
 //! Jogs: where to, and how from a motion that goes on.
 
-use evolvent_control::{Activity, Alarm, Command, DeadMan, JogCommand, Refusal};
+use evolvent_control::{Activity, Alarm, Command, JogCommand, JogEnable, Rejection};
 use evolvent_machine::Limits;
-use evolvent_motion::Steering;
+use evolvent_motion::TransferExecutor;
 use evolvent_path::{AXES, Axes, AxisLetter};
 use evolvent_transfer::{AxesState, Sync, Transfer};
 
 use super::operator::{Job, Operator};
-use super::orders::What;
+use super::orders::CycleCommand;
 use super::recorded::steered_start;
 
 /// Time from asking for a turn of a jog to where it counts, ns.
@@ -15,7 +15,7 @@ const TURN_LEAD_NS: u64 = 12_000_000;
 /// A steered motion that needs no dead-man.
 pub(super) const FOR_EVER: u64 = u64::MAX;
 /// Share of an axis's velocity at which it is jogged where no speed is given.
-const USUAL_SHARE: f64 = 0.2;
+const USUAL_FRACTION: f64 = 0.2;
 
 /// Limits for the axes as they are: an axis whose zero is unknown may go its travel's length either way, and one
 /// that stands beyond its travel may come back.
@@ -40,7 +40,7 @@ pub(crate) fn limits_here(machine: &Limits, position: &Axes, homed: u32) -> Limi
 ///
 /// # Errors
 /// An increment would leave the travel: axis, where to, and by how much.
-pub(crate) fn target(jog: &JogCommand, position: &Axes, limits: &Limits) -> Result<Axes, Refusal> {
+pub(crate) fn target(jog: &JogCommand, position: &Axes, limits: &Limits) -> Result<Axes, Rejection> {
     let mut target = *position;
     for i in 0..AXES {
         if jog.axes_mask >> i & 1 == 0 {
@@ -55,7 +55,7 @@ pub(crate) fn target(jog: &JogCommand, position: &Axes, limits: &Limits) -> Resu
                 let beyond = (low - target[i]).max(target[i] - high);
                 if beyond > 0.0 || beyond.is_nan() {
                     let limit = if target[i] > high { high } else { low };
-                    return Err(Refusal::new(
+                    return Err(Rejection::new(
                         Alarm::SoftLimit,
                         format!(
                             "axis {} would go to {:.4}, {beyond:.4} beyond its travel limit of {limit:.4}",
@@ -80,12 +80,12 @@ pub(crate) fn steering(
     target: &Axes,
     mask: u32,
     speed: Option<f64>,
-) -> Result<Steering, Refusal> {
+) -> Result<TransferExecutor, Rejection> {
     let slowed = slowed(limits, from, mask, speed);
     let to = AxesState::at_rest(*target);
     Transfer::solve(&slowed, from, &to, Sync::Time)
-        .map(Steering::new)
-        .map_err(|error| Refusal::new(Alarm::SoftLimit, error.to_string()))
+        .map(TransferExecutor::new)
+        .map_err(|error| Rejection::new(Alarm::SoftLimit, error.to_string()))
 }
 
 /// The limits of a steered motion: the axes of `mask` no faster than `speed` each.
@@ -96,7 +96,7 @@ pub(super) fn slowed(limits: &Limits, from: &AxesState, mask: u32, speed: Option
             continue;
         }
         let wanted = if mask >> i & 1 == 1 {
-            speed.unwrap_or(USUAL_SHARE * limits.velocity[i])
+            speed.unwrap_or(USUAL_FRACTION * limits.velocity[i])
         } else {
             limits.velocity[i]
         };
@@ -110,11 +110,11 @@ pub(super) fn slowed(limits: &Limits, from: &AxesState, mask: u32, speed: Option
 
 /// A steered motion: `t` of setpoint `n` is `(n + 1 - begin)` periods.
 pub(super) struct Steered {
-    pub(super) steering: Steering,
+    pub(super) steering: TransferExecutor,
     pub(super) order: u64,
     pub(super) begin: Option<u64>,
     /// A change that is under way: its order, and how often it was tried.
-    pub(super) turn: Option<(u64, Steering, JogCommand)>,
+    pub(super) turn: Option<(u64, TransferExecutor, JogCommand)>,
     pub(super) stopping: bool,
     pub(super) target: Axes,
 }
@@ -138,15 +138,15 @@ impl Operator {
         client: u64,
         now_ns: u64,
         command: &Command,
-    ) -> Result<u64, Refusal> {
+    ) -> Result<u64, Rejection> {
         let here = self.view.setpoint.position;
         let limits = limits_here(&self.limits, &here, self.desk.homed());
-        let held = jog.distance.is_none().then(|| DeadMan::held(client, now_ns));
-        let until = held.map_or(FOR_EVER, DeadMan::until_ns);
+        let held = jog.distance.is_none().then(|| JogEnable::held(client, now_ns));
+        let until = held.map_or(FOR_EVER, JogEnable::until_ns);
         let after = self.view.setpoint.sequence + TURN_LEAD_NS.div_ceil(self.setup.period_ns).max(4);
         if let Job::Jog { steered, .. } = &self.job {
             let Some(from) = self.foreseen(steered, after).filter(|_| !steered.stopping) else {
-                return Err(Refusal::new(
+                return Err(Rejection::new(
                     Alarm::Busy,
                     "the last jog is coming to rest; jog again then",
                 ));
@@ -161,7 +161,7 @@ impl Operator {
             let turned = steering(&limits, &from, &to, jog.axes_mask, jog.speed)?;
             let boxed = Box::new(turned);
             let id = self.send(
-                What::Turn {
+                CycleCommand::Turn {
                     after,
                     steering: boxed,
                 },
@@ -170,7 +170,7 @@ impl Operator {
             let start = slowed(&limits, &from, jog.axes_mask, jog.speed);
             self.notes
                 .sends(id, self.desk.job(), steered_start(&start, &from, &to, true));
-            self.order(What::Keep(until));
+            self.order(CycleCommand::KeepJogging(until));
             if let Job::Jog { steered, held: old } = &mut self.job {
                 steered.turn = Some((id, turned, *jog));
                 steered.target = to;
@@ -192,21 +192,21 @@ impl Operator {
     /// The guard minds the travel for which the next job is planned: the trace has it, so that a stop at its end comes out the
     /// same when it is computed again.
     pub(super) fn begin_within(&mut self, limits: &Limits) {
-        self.order(What::Within(*limits));
+        self.order(CycleCommand::Within(*limits));
     }
 
     /// Begins a steered motion at rest.
     pub(super) fn steer(
         &mut self,
         limits: &Limits,
-        steering: Steering,
+        steering: TransferExecutor,
         target: Axes,
         until_ns: u64,
         command: Option<&Command>,
     ) -> Box<Steered> {
         self.begin_within(limits);
-        self.order(What::Keep(until_ns));
-        let what = What::Steer(Box::new(steering));
+        self.order(CycleCommand::KeepJogging(until_ns));
+        let what = CycleCommand::Steer(Box::new(steering));
         let order = match command {
             Some(command) => self.send(what, command),
             None => self.order(what),
@@ -227,7 +227,7 @@ impl Operator {
         };
         if held.renew(client, now_ns) {
             let until = held.until_ns();
-            self.order(What::Keep(until));
+            self.order(CycleCommand::KeepJogging(until));
         }
     }
 }

@@ -6,8 +6,6 @@ mod files;
 mod homing;
 mod jobs;
 mod jog;
-mod keep;
-mod live;
 mod modes;
 mod notify;
 mod operator;
@@ -17,15 +15,17 @@ mod programs;
 mod reading;
 mod recorded;
 mod series;
+mod served_cycle;
 mod server;
 mod snapshot;
+mod state_store;
 mod track;
 
 pub(crate) use jobs::{Planning, ProgramJob};
-pub use keep::state_folder;
 pub(crate) use orders::Following;
 pub(crate) use series::{FileProgress, TraceSeries};
 pub use server::{ServeConfig, ServeNews, ServeSummary, TraceTo, serve};
+pub use state_store::state_folder;
 
 #[cfg(test)]
 mod tests {

@@ -22,7 +22,7 @@ pub(crate) struct Modes {
 impl Modes {
     /// Those of a program's beginning.
     pub(crate) fn at_start(settings: &Settings) -> Result<Self, Box<Diagnostic>> {
-        foresee("", settings, &KeptParameters::default()).map(|after| after.modes)
+        simulate_modes("", settings, &KeptParameters::default()).map(|after| after.modes)
     }
 
     /// Lines that bring an interpreter into these modes, apart from spindle, coolant, and motions other than G0 and G1 (arcs
@@ -60,7 +60,7 @@ impl Modes {
 
 /// What a text leaves, found without moving anything; the first error in it otherwise. `kept` says which parameters
 /// count.
-pub(crate) fn foresee(
+pub(crate) fn simulate_modes(
     text: &str,
     settings: &Settings,
     kept: &KeptParameters,
@@ -87,7 +87,7 @@ mod tests {
 
     fn modes_after(text: &str) -> Modes {
         let settings = Settings::default();
-        foresee(text, &settings, &KeptParameters::default())
+        simulate_modes(text, &settings, &KeptParameters::default())
             .unwrap()
             .modes
     }
@@ -120,8 +120,8 @@ mod tests {
     fn an_error_is_found_before_anything_moves_and_offsets_are_foreseen() {
         let settings = Settings::default();
         let kept = KeptParameters::default();
-        assert!(foresee("G1 X1\n", &settings, &kept).is_err(), "no feed");
-        let after = foresee("G10 L2 P2 X7\n", &settings, &kept).unwrap();
+        assert!(simulate_modes("G1 X1\n", &settings, &kept).is_err(), "no feed");
+        let after = simulate_modes("G10 L2 P2 X7\n", &settings, &kept).unwrap();
         assert_eq!(after.kept.work_offset(1)[0], 7.0);
     }
 }

@@ -20,7 +20,7 @@ const OFFER_EVERY: Duration = Duration::from_millis(2);
 
 /// The manager's socket, if there is one.
 #[derive(Debug, Default)]
-pub(crate) struct Manager {
+pub(crate) struct SystemdNotifier {
     socket: Option<(UnixDatagram, SocketAddr)>,
     patience: Duration,
     /// Offers what has found no room. At the end it is waited for.
@@ -29,7 +29,7 @@ pub(crate) struct Manager {
     pub watchdog: Option<Duration>,
 }
 
-impl Manager {
+impl SystemdNotifier {
     /// As the environment says: `NOTIFY_SOCKET`, `WATCHDOG_USEC`, `WATCHDOG_PID`.
     pub(crate) fn of_environment() -> Self {
         let number = |variable: &str| std::env::var(variable).ok()?.parse::<u64>().ok();
@@ -78,7 +78,7 @@ impl Manager {
     }
 }
 
-impl Drop for Manager {
+impl Drop for SystemdNotifier {
     fn drop(&mut self) {
         let _ended = self.late.take().map(JoinHandle::join);
     }
@@ -105,11 +105,11 @@ mod tests {
     use super::*;
 
     /// A manager's ear, and who talks into it.
-    fn listened(folder: &tempfile::TempDir) -> (UnixDatagram, Manager) {
+    fn listened(folder: &tempfile::TempDir) -> (UnixDatagram, SystemdNotifier) {
         let path = folder.path().join("notify");
         let hears = UnixDatagram::bind(&path).unwrap();
         hears.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
-        let manager = Manager {
+        let manager = SystemdNotifier {
             socket: socket(path.as_os_str()),
             patience: Duration::from_secs(60),
             late: RefCell::default(),
@@ -130,7 +130,7 @@ mod tests {
         let (ear, manager) = listened(&folder);
         manager.tell("READY=1");
         assert_eq!(hear(&ear), "READY=1");
-        Manager::default().tell("nobody");
+        SystemdNotifier::default().tell("nobody");
     }
 
     #[test]

@@ -7,8 +7,8 @@ use std::sync::mpsc::{Receiver, Sender};
 
 use evolvent_bus::{ControlAnswer, ControlRequest, Feedback, Payload};
 use evolvent_control::{
-    Alarm, Command, CommandCode, DeadMan, Desk, Facts, Homing, HomingSample, JobResult, RawCommand, Refusal,
-    Verdict,
+    Alarm, Command, CommandCode, Homing, HomingSample, JobResult, JogEnable, OperatorInputs, OperatorState,
+    RawCommand, Rejection, Verdict,
 };
 use evolvent_drive::{FeedbackBounds, PowerRequest, Presence};
 use evolvent_machine::{Limits, OnFull};
@@ -19,16 +19,16 @@ use rtrb::{Consumer, Producer};
 use super::checking::Checking;
 use super::files::{Readers, Reading};
 use super::jog::Steered;
-use super::keep::Keep;
-use super::modes::{Modes, foresee};
-use super::orders::{CycleEvent, CycleView, Order, What, Work};
+use super::modes::{Modes, simulate_modes};
+use super::orders::{ActiveJob, CycleCommand, CycleEvent, CycleView, Order};
 use super::programs::ProgramRun;
 use super::recorded::JobNotes;
+use super::state_store::StateStore;
 use super::track::Track;
 use crate::cycle::turning_alarm;
 use crate::drives::watch_settings;
 use crate::job::Setup;
-use crate::news::{FeederNews, Outside, OutsideKind};
+use crate::news::{ExternalEvent, ExternalEventKind, FeederEvent};
 use crate::periphery::Periphery;
 use crate::switches::{SwitchState, Switches};
 
@@ -40,7 +40,7 @@ pub(super) enum Job {
     Program(Box<ProgramRun>),
     Jog {
         steered: Box<Steered>,
-        held: Option<DeadMan>,
+        held: Option<JogEnable>,
     },
     Homing {
         homing: Homing,
@@ -50,7 +50,7 @@ pub(super) enum Job {
 }
 
 /// A command on its way to the cycle.
-struct Sent {
+struct PendingCommand {
     id: u64,
     code: u32,
     text: String,
@@ -60,8 +60,8 @@ struct Sent {
 /// The operator's side of one machine.
 pub(crate) struct Operator {
     pub(super) setup: Setup,
-    pub(super) desk: Desk,
-    pub(super) keep: Keep,
+    pub(super) desk: OperatorState,
+    pub(super) keep: StateStore,
     pub(super) modes: Modes,
     pub(super) message: String,
     pub(super) track: Track,
@@ -73,8 +73,8 @@ pub(crate) struct Operator {
     pub(super) present: u32,
     pub(super) orders: Producer<Order>,
     pub(super) next_id: u64,
-    sent: VecDeque<Sent>,
-    pub(super) recorder: Option<Sender<FeederNews>>,
+    sent: VecDeque<PendingCommand>,
+    pub(super) recorder: Option<Sender<FeederEvent>>,
     /// Of the job that runs, or of the next one.
     pub(super) switches: Arc<Switches>,
     /// What the trace is told of jobs.
@@ -107,12 +107,12 @@ pub(crate) struct Operator {
 }
 
 /// What the operator begins with.
-pub(crate) struct Beginning {
+pub(crate) struct OperatorConfig {
     pub setup: Setup,
-    pub keep: Keep,
+    pub keep: StateStore,
     pub folder: PathBuf,
     pub orders: Producer<Order>,
-    pub recorder: Option<Sender<FeederNews>>,
+    pub recorder: Option<Sender<FeederEvent>>,
     pub view: CycleView,
 }
 
@@ -121,8 +121,8 @@ impl Operator {
     ///
     /// # Errors
     /// What was kept of parameters does not fit the machine.
-    pub(crate) fn new(beginning: Beginning) -> Result<Self, String> {
-        let Beginning {
+    pub(crate) fn new(beginning: OperatorConfig) -> Result<Self, String> {
+        let OperatorConfig {
             setup,
             keep,
             folder,
@@ -141,7 +141,7 @@ impl Operator {
             .fold(0_u32, |mask, axis| mask | 1 << axis.axis.index());
         let limits = machine.limits();
         let bounds = watch_settings(machine, setup.period_ns).bounds;
-        let mut desk = Desk::default();
+        let mut desk = OperatorState::default();
         // Axes without a switch stand where the machine file says, or where their drives say.
         desk.set_homed(present & !to_home);
         // The cycle's watch has the same time and knows which drive it is: this comes second.
@@ -210,7 +210,7 @@ impl Operator {
     /// Works the modes out again: after offsets or tools were changed from outside.
     pub(super) fn refresh_modes(&mut self) {
         let settings = self.setup_here().interpreter_settings();
-        if let Ok(after) = foresee(&self.modes.preamble(), &settings, &self.kept()) {
+        if let Ok(after) = simulate_modes(&self.modes.preamble(), &settings, &self.kept()) {
             self.modes = after.modes;
         }
     }
@@ -231,7 +231,7 @@ impl Operator {
             text: request.text(),
         };
         let facts = self.facts();
-        let considered = self.desk.consider(request.client, request.serial, &raw, &facts);
+        let considered = self.desk.authorize(request.client, request.serial, &raw, &facts);
         let carried_out = match considered {
             Err(refused) => Err(refused),
             Ok(command) => match self.begin_reading(request, &command) {
@@ -249,8 +249,8 @@ impl Operator {
         Some(self.composed(request, carried_out))
     }
 
-    pub(super) fn facts(&self) -> Facts {
-        Facts {
+    pub(super) fn facts(&self) -> OperatorInputs {
+        OperatorInputs {
             present: self.present,
             is_held: self.is_held(),
             is_ending: self.ending,
@@ -261,7 +261,7 @@ impl Operator {
     pub(super) fn composed(
         &self,
         request: &ControlRequest,
-        result: Result<u64, (Verdict, Refusal)>,
+        result: Result<u64, (Verdict, Rejection)>,
     ) -> ControlAnswer {
         let mut answer = ControlAnswer {
             client: request.client,
@@ -289,7 +289,7 @@ impl Operator {
 
     pub(super) fn note_command(&mut self, command: &Command) {
         self.record(
-            OutsideKind::Command,
+            ExternalEventKind::Command,
             command.code() as u32,
             command.to_string(),
             command.value(),
@@ -315,7 +315,12 @@ impl Operator {
     }
 
     /// Does what a command says; the number of the job that it begins, or 0.
-    pub(super) fn carry_out(&mut self, command: &Command, client: u64, now_ns: u64) -> Result<u64, Refusal> {
+    pub(super) fn carry_out(
+        &mut self,
+        command: &Command,
+        client: u64,
+        now_ns: u64,
+    ) -> Result<u64, Rejection> {
         let mut job = 0;
         match command {
             Command::Estop => {
@@ -325,23 +330,23 @@ impl Operator {
                 self.cancel_homing();
                 self.is_emergency = true;
                 self.switch_periphery_off();
-                self.send(What::Emergency, command);
+                self.send(CycleCommand::Emergency, command);
                 return Ok(0);
             }
             Command::On => {
                 // Where the drives are is where the core stands: the cycle sees to it without power.
-                self.send(What::Power(PowerRequest::On), command);
+                self.send(CycleCommand::Power(PowerRequest::On), command);
                 return Ok(0);
             }
             Command::Off => {
                 self.switch_periphery_off();
                 self.cancel_reading();
-                self.send(What::Power(PowerRequest::Off), command);
+                self.send(CycleCommand::Power(PowerRequest::Off), command);
                 return Ok(0);
             }
             Command::Hold => {
                 self.hold = !self.stopping;
-                self.send(What::Hold, command);
+                self.send(CycleCommand::Hold, command);
                 return Ok(0);
             }
             Command::Resume => {
@@ -363,7 +368,7 @@ impl Operator {
                 return Ok(0);
             }
             Command::FeedOverride(ratio) => {
-                self.send(What::Override(*ratio), command);
+                self.send(CycleCommand::Override(*ratio), command);
                 return Ok(0);
             }
             Command::Jog(jog) => job = self.jog(jog, client, now_ns, command)?,
@@ -374,7 +379,7 @@ impl Operator {
             Command::JogStop => {
                 if let Job::Jog { steered, .. } = &mut self.job {
                     steered.stopping = true;
-                    self.send(What::Stop, command);
+                    self.send(CycleCommand::Stop, command);
                     return Ok(0);
                 }
             }
@@ -386,12 +391,12 @@ impl Operator {
                     self.modes = modes;
                 }
                 self.message.clear();
-                self.send(What::Clear, command);
+                self.send(CycleCommand::Clear, command);
                 return Ok(0);
             }
             Command::ClearAlarms => {
                 self.message.clear();
-                self.send(What::Clear, command);
+                self.send(CycleCommand::Clear, command);
                 return Ok(0);
             }
             Command::OptionalStop(on) => self.switches.set_optional_stop(*on),
@@ -411,7 +416,7 @@ impl Operator {
         Ok(job)
     }
 
-    pub(super) fn order(&mut self, what: What) -> u64 {
+    pub(super) fn order(&mut self, what: CycleCommand) -> u64 {
         self.next_id += 1;
         let id = self.next_id;
         // The queue holds more than can be asked for between two cycles; a cycle that takes none has ended.
@@ -420,9 +425,9 @@ impl Operator {
     }
 
     /// An order that is recorded where it takes effect.
-    pub(super) fn send(&mut self, what: What, command: &Command) -> u64 {
+    pub(super) fn send(&mut self, what: CycleCommand, command: &Command) -> u64 {
         let id = self.order(what);
-        self.sent.push_back(Sent {
+        self.sent.push_back(PendingCommand {
             id,
             code: command.code() as u32,
             text: command.to_string(),
@@ -432,7 +437,7 @@ impl Operator {
     }
 
     /// Records something that took effect now.
-    pub(super) fn record(&mut self, kind: OutsideKind, code: u32, text: String, value: Option<f64>) {
+    pub(super) fn record(&mut self, kind: ExternalEventKind, code: u32, text: String, value: Option<f64>) {
         let sequence = self.view.setpoint.sequence;
         self.record_at(sequence, kind, code, text, value);
     }
@@ -440,27 +445,27 @@ impl Operator {
     pub(super) fn record_at(
         &mut self,
         sequence: u64,
-        kind: OutsideKind,
+        kind: ExternalEventKind,
         code: u32,
         text: String,
         value: Option<f64>,
     ) {
         if let Some(recorder) = &self.recorder {
-            let outside = Outside {
+            let outside = ExternalEvent {
                 sequence,
                 kind,
                 code,
                 text,
                 value,
             };
-            let _gone = recorder.send(FeederNews::Outside(outside));
+            let _gone = recorder.send(FeederEvent::ExternalEvent(outside));
         }
     }
 
     pub(super) fn raise(&mut self, sequence: u64, alarm: Alarm, text: String) {
         let kind = match alarm.kind() {
-            evolvent_control::AlarmKind::Warning => OutsideKind::Warning,
-            _ => OutsideKind::Alarm,
+            evolvent_control::AlarmKind::Warning => ExternalEventKind::Warning,
+            _ => ExternalEventKind::Alarm,
         };
         self.record_at(sequence, kind, alarm.number(), text.clone(), None);
         self.desk.raise(alarm, text);
@@ -480,9 +485,9 @@ impl Operator {
             self.give_up_waiting(JobResult::Stopped);
             self.cancel_command();
             self.cancel_homing();
-            self.order(What::End);
+            self.order(CycleCommand::End);
             self.record(
-                OutsideKind::Command,
+                ExternalEventKind::Command,
                 0,
                 "the core was told to end".to_owned(),
                 None,
@@ -494,7 +499,7 @@ impl Operator {
     pub(crate) fn begin_trace_file(&mut self) {
         if let Some(recorder) = &self.recorder {
             self.notes.begin_file();
-            let _gone = recorder.send(FeederNews::NextFile(self.view.setpoint.sequence));
+            let _gone = recorder.send(FeederEvent::NextFile(self.view.setpoint.sequence));
         }
     }
 
@@ -509,7 +514,7 @@ impl Operator {
         if self.setup.machine.trace.on_full == OnFull::Stop {
             self.give_up_waiting(JobResult::Stopped);
             self.cancel_homing();
-            self.order(What::Stop);
+            self.order(CycleCommand::Stop);
         }
     }
 
@@ -583,7 +588,7 @@ impl Operator {
                 self.motion_ended(result);
             }
             CycleEvent::Misplaced { sequence, work } => {
-                let is_planned = matches!(work, Work::Follow(_));
+                let is_planned = matches!(work, ActiveJob::Follow(_));
                 drop(work);
                 if !self.desk.has_latched_alarm() {
                     self.raise(sequence, Alarm::Handover, Alarm::Handover.sentence().to_owned());
@@ -628,7 +633,13 @@ impl Operator {
             if let Some(sent) = self.sent.pop_front()
                 && sent.id == id
             {
-                self.record_at(sequence, OutsideKind::Command, sent.code, sent.text, sent.value);
+                self.record_at(
+                    sequence,
+                    ExternalEventKind::Command,
+                    sent.code,
+                    sent.text,
+                    sent.value,
+                );
             }
         }
         let steered = match &mut self.job {
@@ -675,7 +686,7 @@ impl Operator {
 
     pub(super) fn end_job(&mut self, result: JobResult) {
         if matches!(self.job, Job::Homing { .. }) {
-            self.order(What::ExpectSwitches(0));
+            self.order(CycleCommand::ExpectSwitches(0));
             // Back to the travel as it is.
             self.relocate(self.view.setpoint.position, false);
         }

@@ -6,13 +6,13 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use evolvent_control::JobResult;
 use evolvent_drive::{DriveAlarm, PowerRequest, Presence};
 use evolvent_machine::Limits;
-use evolvent_motion::{Motion, PlanConsumer, Setpoint, Steering, Violation};
+use evolvent_motion::{PathExecutor, PlanConsumer, Setpoint, TransferExecutor, Violation};
 use evolvent_path::Axes;
 use evolvent_turning::Reason;
 
 /// A job along a plan, from the control thread to the cycle and back to be dropped.
 pub(crate) struct Following {
-    pub motion: Motion,
+    pub motion: PathExecutor,
     pub queue: PlanConsumer,
     pub signals: Arc<Signals>,
 }
@@ -33,28 +33,28 @@ impl Signals {
 }
 
 /// What moves the axes.
-pub(crate) enum Work {
+pub(crate) enum ActiveJob {
     None,
     Follow(Box<Following>),
-    Steer(Box<Steering>),
+    Steer(Box<TransferExecutor>),
 }
 
 /// One order to the cycle. Those with an `id` above 0 are reported with the setpoint from which they count.
 pub(crate) struct Order {
     pub id: u64,
-    pub what: What,
+    pub what: CycleCommand,
 }
 
 // Limits are no box: that would have to be freed in the cycle.
-pub(crate) enum What {
+pub(crate) enum CycleCommand {
     /// Begin a job along a plan.
     Follow(Box<Following>),
     /// Begin a steered motion.
-    Steer(Box<Steering>),
+    Steer(Box<TransferExecutor>),
     /// Change to this steering right behind setpoint `after`. Reported where that has been done.
     Turn {
         after: u64,
-        steering: Box<Steering>,
+        steering: Box<TransferExecutor>,
     },
     Hold,
     /// Ends a hold, and lets the machine go on at the program stop with so many actions before it, if it stands there.
@@ -75,7 +75,7 @@ pub(crate) enum What {
         renames: bool,
     },
     /// The steered motion may go on until this time, ns of CLOCK_MONOTONIC.
-    Keep(u64),
+    KeepJogging(u64),
     /// The next job has this travel: the guard minds it from now on, at rest.
     Within(Limits),
     /// Limit switches of these axes are looked at by the homing sequence.
@@ -95,14 +95,14 @@ pub(crate) enum CycleEvent {
     Ended {
         sequence: u64,
         result: JobResult,
-        work: Work,
+        work: ActiveJob,
     },
     /// Something to be dropped.
-    Returned(Work),
+    Returned(ActiveJob),
     /// The job did not begin where the axes stand.
     Misplaced {
         sequence: u64,
-        work: Work,
+        work: ActiveJob,
     },
     Guard {
         sequence: u64,

@@ -7,22 +7,22 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use evolvent_config::no_reply;
-use evolvent_control::{Activity, Alarm, Command, JobResult, Refusal};
+use evolvent_control::{Activity, Alarm, Command, JobResult, Rejection};
 use evolvent_motion::State;
 
 use super::checking::Checking;
 use super::files::{ProgramFile, READING_TIMEOUT};
 use super::jobs::{Planning, ProgramJob};
 use super::jog::limits_here;
-use super::keep::Saved;
 use super::modes::After;
 use super::operator::{Job, Operator};
-use super::orders::What;
+use super::orders::CycleCommand;
 use super::recorded::job_number;
+use super::state_store::Saved;
 use super::track::Track;
 use crate::job::Setup;
 use crate::job_start::ProgramStart;
-use crate::news::{FeederNews, OutsideKind, StopKind, UserCall};
+use crate::news::{ExternalEventKind, FeederEvent, StopKind, UserCall};
 use crate::periphery::Periphery;
 use crate::refusal::ProgramError;
 use crate::rt::take_turns;
@@ -81,7 +81,7 @@ pub(super) struct UserCommand {
 }
 
 /// Works out the way to the middle of a program beside: the lines before may be many. It comes as one line.
-fn show_way(file: PathBuf, setup: Setup) -> Result<Receiver<String>, Refusal> {
+fn show_way(file: PathBuf, setup: Setup) -> Result<Receiver<String>, Rejection> {
     let (sender, way) = mpsc::channel();
     let spawned = thread::Builder::new().name("way".into()).spawn(move || {
         take_turns();
@@ -92,7 +92,8 @@ fn show_way(file: PathBuf, setup: Setup) -> Result<Receiver<String>, Refusal> {
         };
         let _gone = sender.send(text);
     });
-    spawned.map_err(|error| Refusal::new(Alarm::Planner, format!("no thread for the way there: {error}")))?;
+    spawned
+        .map_err(|error| Rejection::new(Alarm::Planner, format!("no thread for the way there: {error}")))?;
     Ok(way)
 }
 
@@ -110,7 +111,7 @@ fn way_there(start: &Start) -> String {
 }
 
 impl Operator {
-    pub(super) fn load(&mut self, file: &ProgramFile) -> Result<(), Refusal> {
+    pub(super) fn load(&mut self, file: &ProgramFile) -> Result<(), Rejection> {
         self.checking = None;
         self.check_loaded(file).or_else(|refusal| match refusal.alarm {
             // A long one is checked while nobody waits.
@@ -120,7 +121,7 @@ impl Operator {
     }
 
     /// What program text and machine have against a program, with the offsets and tools of now.
-    fn check_loaded(&mut self, file: &ProgramFile) -> Result<(), Refusal> {
+    fn check_loaded(&mut self, file: &ProgramFile) -> Result<(), Rejection> {
         if let Some(verdict) = &file.verdict {
             return verdict.clone();
         }
@@ -134,7 +135,7 @@ impl Operator {
         }
     }
 
-    pub(super) fn start(&mut self, line: u32, file: &ProgramFile) -> Result<u64, Refusal> {
+    pub(super) fn start(&mut self, line: u32, file: &ProgramFile) -> Result<u64, Rejection> {
         self.check_loaded(file)?;
         let mut setup = self.setup_here();
         setup.start_line = (line > 1).then_some(line);
@@ -163,7 +164,7 @@ impl Operator {
         }
     }
 
-    pub(super) fn mdi(&mut self, after: After, file: &ProgramFile) -> Result<u64, Refusal> {
+    pub(super) fn mdi(&mut self, after: After, file: &ProgramFile) -> Result<u64, Rejection> {
         let mut setup = self.setup_here();
         setup.is_mdi = true;
         self.switch_anew(false);
@@ -187,12 +188,12 @@ impl Operator {
         setup: Setup,
         after: Option<After>,
         activity: Activity,
-    ) -> Result<u64, Refusal> {
+    ) -> Result<u64, Rejection> {
         let mut subroutines = String::new();
         let switches = self.switches.state();
         let job = self.desk.job() + 1;
         if let Some(recorder) = &self.recorder {
-            let _gone = recorder.send(FeederNews::File(self.numbers.0, file.look.file.clone()));
+            let _gone = recorder.send(FeederEvent::File(self.numbers.0, file.look.file.clone()));
             let start = ProgramStart {
                 is_mdi: activity == Activity::Mdi,
                 program: String::new(),
@@ -222,7 +223,7 @@ impl Operator {
             carries_out: true,
             in_two_threads: false,
         })
-        .map_err(|error| Refusal::new(Alarm::Planner, format!("no thread for the planner: {error}")))?;
+        .map_err(|error| Rejection::new(Alarm::Planner, format!("no thread for the planner: {error}")))?;
         self.track = Track::default();
         self.is_emergency = false;
         (self.hold, self.stopping) = (false, false);
@@ -245,7 +246,7 @@ impl Operator {
         let setpoint = &self.view.setpoint;
         let at_stop = setpoint.state == State::ProgramStop && !self.is_at_command();
         let stop = at_stop.then_some(setpoint.actions);
-        self.send(What::Resume(stop), command);
+        self.send(CycleCommand::Resume(stop), command);
         self.step_on(self.switches.is_single_step());
     }
 
@@ -287,7 +288,7 @@ impl Operator {
         self.stopping = !matches!(self.job, Job::None);
         self.hold = false;
         self.switch_off_at_rest();
-        self.send(What::Stop, command);
+        self.send(CycleCommand::Stop, command);
     }
 
     /// A job that the cycle has not taken up yet is over at once.
@@ -353,11 +354,11 @@ impl Operator {
         if let Some(job) = run.planning.take_if_ready() {
             let limits = limits_here(&self.limits, &setpoint.position, self.desk.homed());
             self.begin_within(&limits);
-            let order = self.order(What::Follow(job));
+            let order = self.order(CycleCommand::Follow(job));
             self.notes.sends_plan(order, self.desk.job());
             if self.hold {
                 // A hold that came before: with the job the cycle has got inputs of its own.
-                self.order(What::Hold);
+                self.order(CycleCommand::Hold);
             }
             return;
         }
@@ -375,7 +376,7 @@ impl Operator {
             Some(StepBehind::Line { block, line }) if setpoint.block > block && setpoint.line != line => {
                 run.step = None;
                 self.hold = true;
-                self.order(What::Hold);
+                self.order(CycleCommand::Hold);
             }
             _ => {}
         }
@@ -426,7 +427,7 @@ impl Operator {
             StopKind::Program | StopKind::ToolChange(_) => {}
             StopKind::Step => {
                 if !self.switches.is_single_step() {
-                    self.order(What::GoOn(action + 1));
+                    self.order(CycleCommand::GoOn(action + 1));
                 }
             }
             StopKind::User(call) => {
@@ -471,19 +472,19 @@ impl Operator {
         }
         for text in lines {
             self.message.clone_from(&text);
-            self.record(OutsideKind::Output, line, text, None);
+            self.record(ExternalEventKind::Output, line, text, None);
         }
         if let Some(stop) = done {
             if self.message.ends_with(AT_WORK) {
                 self.message.clear();
             }
-            self.order(What::GoOn(stop));
+            self.order(CycleCommand::GoOn(stop));
         }
         if let Some(text) = failure {
             let sequence = self.view.setpoint.sequence;
             self.raise(sequence, Alarm::UserCommand, text);
             self.stopping = true;
-            self.order(What::Stop);
+            self.order(CycleCommand::Stop);
         }
     }
 

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use evolvent_bus::{ControlAnswer, ControlRequest, Payload};
-use evolvent_control::{Alarm, Command, CommandCode, Refusal};
+use evolvent_control::{Alarm, Command, CommandCode, Rejection};
 use evolvent_gcode::Settings;
 use evolvent_path::Axes;
 
@@ -12,7 +12,7 @@ use super::operator::{Job, Operator};
 use crate::memory::ProgramMemory;
 
 /// Lines that a block of MDI may execute, loops and subroutines among them, before it is refused: somebody waits.
-const MOST_LINES_OF_MDI: u64 = 1_000_000;
+const MAX_LINES_OF_MDI: u64 = 1_000_000;
 
 impl Operator {
     /// Whether a request is answered although files are being read for another one: all that stops or slows the axes, and what is
@@ -35,7 +35,7 @@ impl Operator {
     /// The answer to a client that sends the next command before it has the answer to the one whose files are being read.
     pub(crate) fn refuse_while_reading(&mut self, request: &ControlRequest) -> ControlAnswer {
         let text = "the files of an earlier command are still being read; wait for its answer";
-        let refused = self.desk.refuse(Refusal::new(Alarm::Checking, text));
+        let refused = self.desk.refuse(Rejection::new(Alarm::Checking, text));
         self.composed(request, Err(refused))
     }
 
@@ -72,7 +72,7 @@ impl Operator {
     }
 
     /// Does what a command says whose files have been read.
-    fn carry_out_read(&mut self, command: &Command, found: Found) -> Result<u64, Refusal> {
+    fn carry_out_read(&mut self, command: &Command, found: Found) -> Result<u64, Rejection> {
         let mut job = 0;
         match (command, found) {
             (Command::Load(_), Found::Program(file)) => self.load(&file)?,
@@ -104,7 +104,7 @@ impl Operator {
         &self,
         request: &ControlRequest,
         command: &Command,
-    ) -> Option<Result<Reading, Refusal>> {
+    ) -> Option<Result<Reading, Rejection>> {
         let is_step_of_running = matches!(self.job, Job::Program(_));
         match command {
             Command::Load(file) => {
@@ -153,7 +153,7 @@ impl Operator {
             preamble: self.modes.preamble(),
             text: text.to_owned(),
             settings: Settings {
-                max_lines_before_start: MOST_LINES_OF_MDI,
+                max_lines_before_start: MAX_LINES_OF_MDI,
                 ..setup.interpreter_settings()
             },
             kept: self.kept(),

@@ -11,10 +11,10 @@ use evolvent_transfer::AxesState;
 use super::files::{Look, ProgramFile};
 use crate::job::Setup;
 use crate::job_start::{JobStart, ProgramStart, SteeredStart, plain_name};
-use crate::news::{FeederNews, Outside, OutsideKind};
+use crate::news::{ExternalEvent, ExternalEventKind, FeederEvent};
 
 /// Jobs on their way to the cycle that are remembered.
-const MOST_SENT: usize = 64;
+const MAX_SENT: usize = 64;
 
 /// Attaches what jobs begin with, each content once, and notes each job where it begins.
 #[derive(Debug, Default)]
@@ -47,14 +47,14 @@ impl JobNotes {
     /// A program or a block of MDI is going to be planned. Gives the name under which its subroutines are attached.
     pub(super) fn plans(
         &mut self,
-        recorder: &Sender<FeederNews>,
+        recorder: &Sender<FeederEvent>,
         job: u64,
         file: &ProgramFile,
         setup: &Setup,
         mut start: ProgramStart,
     ) -> String {
         let attach = |name: &str, text: String| {
-            let _gone = recorder.send(FeederNews::Attach(name.to_owned(), text.into_bytes()));
+            let _gone = recorder.send(FeederEvent::Attach(name.to_owned(), text.into_bytes()));
         };
         start.program = match (self.known(&file.look), start.is_mdi) {
             (Some(name), false) => name,
@@ -66,8 +66,8 @@ impl JobNotes {
                 let name = format!("job-{job}/{name}");
                 // What is short may be gone before the recorder comes to it: a block of MDI is.
                 let news = match &file.text {
-                    Some(text) => FeederNews::Attach(name.clone(), text.clone()),
-                    None => FeederNews::AttachFile(name.clone(), path.clone()),
+                    Some(text) => FeederEvent::Attach(name.clone(), text.clone()),
+                    None => FeederEvent::AttachFile(name.clone(), path.clone()),
                 };
                 let _gone = recorder.send(news);
                 self.program = Some((file.look.clone(), name.clone()));
@@ -114,7 +114,7 @@ impl JobNotes {
     }
 
     /// An order counts from this setpoint on.
-    pub(super) fn applied(&mut self, recorder: &Sender<FeederNews>, order: u64, sequence: u64) {
+    pub(super) fn applied(&mut self, recorder: &Sender<FeederEvent>, order: u64, sequence: u64) {
         // Orders that came later may count earlier: a turn waits for its setpoint.
         let Some(at) = self.sent.iter().position(|(known, ..)| *known == order) else {
             return;
@@ -122,9 +122,9 @@ impl JobNotes {
         let Some((_, job, start)) = self.sent.remove(at) else {
             return;
         };
-        let _gone = recorder.send(FeederNews::Outside(Outside {
+        let _gone = recorder.send(FeederEvent::ExternalEvent(ExternalEvent {
             sequence,
-            kind: OutsideKind::Job,
+            kind: ExternalEventKind::Job,
             code: job_number(job),
             text: start.to_string(),
             value: None,
@@ -136,7 +136,7 @@ impl JobNotes {
         if !self.is_recorded {
             return;
         }
-        if self.sent.len() >= MOST_SENT {
+        if self.sent.len() >= MAX_SENT {
             self.sent.pop_front();
         }
         self.sent.push_back((order, job, start));

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 const FILE_AGE: Duration = Duration::from_secs(3600);
 /// Share of the bound that the present file may take before it goes on in a new one, although something moves. The other files
 /// keep the rest.
-const FILE_SHARE: u64 = 4;
+const FILE_FRACTION: u64 = 4;
 const ENDINGS: [&str; 3] = [".mcap", ".mcap.part", ".mcap.damaged"];
 
 /// How far the recorder has come.
@@ -47,7 +47,7 @@ impl TraceSeries {
 
     /// Whether the present file should end: it is old and the machine idle, or it takes its share of the bound.
     pub(crate) fn is_due(&self, begun: Instant, bytes: u64, is_idle: bool) -> bool {
-        (is_idle && begun.elapsed() >= FILE_AGE) || bytes >= self.limit_bytes / FILE_SHARE
+        (is_idle && begun.elapsed() >= FILE_AGE) || bytes >= self.limit_bytes / FILE_FRACTION
     }
 
     /// Removes the oldest files of this machine until the others and one more file fit within the bound; says how many.
@@ -57,7 +57,7 @@ impl TraceSeries {
     pub(crate) fn trim(&self, present: &Path) -> io::Result<usize> {
         let mut files = self.files()?;
         files.retain(|(path, _)| !path.starts_with(present) && *path != part_of(present));
-        let keep = self.limit_bytes - self.limit_bytes / FILE_SHARE;
+        let keep = self.limit_bytes - self.limit_bytes / FILE_FRACTION;
         let mut total: u64 = files.iter().map(|(_, bytes)| bytes).sum();
         let mut removed = 0;
         for (path, bytes) in files {

@@ -10,25 +10,27 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use evolvent_bus::{BusConfig, ControlServer};
 use evolvent_drive::{FeedbackWatch, PhaseLock};
-use evolvent_motion::Station;
+use evolvent_motion::MachineState;
 use evolvent_trace::{RecordError, Recorder};
 use rtrb::{Consumer, Producer, RingBuffer};
 
 use super::calls::Calls;
 use super::files::READING_TIMEOUT;
-use super::keep::Keep;
-use super::live::{Live, LiveReport};
-use super::notify::Manager;
-use super::operator::{Beginning, Operator};
+use super::notify::SystemdNotifier;
+use super::operator::{Operator, OperatorConfig};
 use super::orders::CycleView;
 use super::ports::{Ports, Snapshot};
 use super::series::{FileProgress, TraceSeries};
+use super::served_cycle::{LiveReport, ServedCycle};
 use super::snapshot::{Mark, Pulse, snapshot};
+use super::state_store::StateStore;
 use crate::drives::{phase_settings, watch_settings};
 use crate::job::{Clock, Setup};
 use crate::publisher::{PublishReport, Publishing};
 use crate::recording::{Closing, Further, RecordReport, Recording};
-use crate::rt::{MonotonicClock, RealtimeRequest, apply_to_this_thread, be_prompt, separate_large_blocks};
+use crate::rt::{
+    MonotonicClock, RealtimeRequest, apply_to_this_thread, raise_priority, separate_large_blocks,
+};
 use crate::run::{RunSource, StartError, rescue_leftovers, run_info};
 use crate::shared::Controls;
 
@@ -39,7 +41,7 @@ const CONTROL_EVERY_AT_LEAST: Duration = Duration::from_micros(100);
 /// Time between two snapshots where nothing changes.
 const STATUS_EVERY_NS: u64 = 50_000_000;
 /// Requests that are answered in one look at the most.
-const MOST_REQUESTS: usize = 32;
+const MAX_REQUESTS: usize = 32;
 /// How long to wait for the bus.
 const BUS_TIMEOUT: Duration = Duration::from_secs(30);
 /// How long coming to rest may take before the process ends anyway.
@@ -137,7 +139,7 @@ pub fn serve(
     let start_unix_ns = SystemTime::now()
         .duration_since(UNIX_EPOCH)
         .map_or(0, |since| since.as_nanos() as u64);
-    let manager = Manager::of_environment();
+    let manager = SystemdNotifier::of_environment();
     let mut notes = Vec::new();
 
     let publishing = publishing(config);
@@ -199,8 +201,8 @@ pub fn serve(
     let (orders, cycle_orders) = RingBuffer::new(1024);
     let (cycle_events, mut events) = RingBuffer::new(4096);
     let (cycle_views, mut views) = RingBuffer::new(length);
-    let live = Live {
-        station: Station::new(limits, setup.period_ns, limits.home),
+    let live = ServedCycle {
+        station: MachineState::new(limits, setup.period_ns, limits.home),
         limits,
         period_ns: setup.period_ns,
         lead_cycles: machine.lead_cycles,
@@ -232,11 +234,11 @@ pub fn serve(
             "the cycle does not start",
         )));
     };
-    let keep = Keep::open(setup.memory.clone(), &config.state_folder);
+    let keep = StateStore::open(setup.memory.clone(), &config.state_folder);
     for complaint in &keep.complaints {
         tell(ServeNews::Note(complaint));
     }
-    let mut operator = Operator::new(Beginning {
+    let mut operator = Operator::new(OperatorConfig {
         setup: setup.clone(),
         keep,
         folder: config.state_folder.clone(),
@@ -248,7 +250,7 @@ pub fn serve(
     manager.tell("READY=1");
     tell(ServeNews::Ready(first_file.as_deref()));
     // A hold is not to wait until a busy host has time. What it starts itself is of the normal scheduler.
-    be_prompt();
+    raise_priority();
 
     let every = Duration::from_nanos(setup.period_ns / 4).clamp(CONTROL_EVERY_AT_LEAST, CONTROL_EVERY);
     let mut file_begun = Instant::now();
@@ -268,7 +270,7 @@ pub fn serve(
         operator.tick(now_ns, &mut views, &mut events, &mut answers, |view| {
             pulse.count(view);
         });
-        for _ in 0..MOST_REQUESTS {
+        for _ in 0..MAX_REQUESTS {
             match server.receive() {
                 Ok(Some(call)) => calls.take(call, &mut operator, now_ns),
                 Ok(None) => break,
@@ -447,7 +449,7 @@ impl AtWork {
 
 type Started = (
     Producer<crate::cycle::CycleSample>,
-    mpsc::Sender<crate::news::FeederNews>,
+    mpsc::Sender<crate::news::FeederEvent>,
     AtWork,
 );
 

@@ -6,7 +6,7 @@ use std::sync::mpsc::Receiver;
 use evolvent_gcode::Modal;
 use evolvent_motion::{Setpoint, State};
 
-use crate::news::{FeederNews, Notice, QueuedBlock, StopKind, notices_due};
+use crate::news::{FeederEvent, Notice, QueuedBlock, StopKind, notices_due};
 use crate::periphery::Periphery;
 
 /// What is known of the blocks ahead.
@@ -22,24 +22,24 @@ pub(crate) struct Track {
 
 impl Track {
     /// Takes in what planning tells.
-    pub(crate) fn hear(&mut self, news: &Receiver<FeederNews>) {
+    pub(crate) fn hear(&mut self, news: &Receiver<FeederEvent>) {
         for news in news.try_iter() {
             match news {
-                FeederNews::Queued(block) => {
+                FeederEvent::Queued(block) => {
                     self.planned_mm = block.path_mm;
                     self.blocks.push_back(block);
                 }
-                FeederNews::Modal(block, modal) => self.modals.push_back((block, modal)),
-                FeederNews::Stop(action, kind) => self.stops.push_back((action, kind)),
-                FeederNews::Periphery(action, periphery) => self.peripheries.push_back((action, periphery)),
-                FeederNews::Notice(notice) => self.notices.push_back(notice),
-                FeederNews::Block(_)
-                | FeederNews::File(..)
-                | FeederNews::Attach(..)
-                | FeederNews::AttachFile(..)
-                | FeederNews::Switched(..)
-                | FeederNews::NextFile(_)
-                | FeederNews::Outside(_) => {}
+                FeederEvent::Modal(block, modal) => self.modals.push_back((block, modal)),
+                FeederEvent::Stop(action, kind) => self.stops.push_back((action, kind)),
+                FeederEvent::Periphery(action, periphery) => self.peripheries.push_back((action, periphery)),
+                FeederEvent::Notice(notice) => self.notices.push_back(notice),
+                FeederEvent::Block(_)
+                | FeederEvent::File(..)
+                | FeederEvent::Attach(..)
+                | FeederEvent::AttachFile(..)
+                | FeederEvent::Switched(..)
+                | FeederEvent::NextFile(_)
+                | FeederEvent::ExternalEvent(_) => {}
             }
         }
     }

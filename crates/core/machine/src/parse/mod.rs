@@ -9,7 +9,7 @@ mod numbers;
 
 use std::path::PathBuf;
 
-use evolvent_config::{Sheet, shortened};
+use evolvent_config::{ConfigDocument, shortened};
 
 use crate::error::MachineError;
 use crate::file::{DrivesFile, MachineFile};
@@ -25,13 +25,13 @@ const ABSURD: f64 = 1e9;
 const TINY: f64 = 1e-6;
 
 pub(crate) fn machine(text: &str, file: &str) -> Result<Machine, MachineError> {
-    let sheet = Sheet::toml(text, file)?;
+    let sheet = ConfigDocument::toml(text, file)?;
     let raw: MachineFile = sheet.read_advised(|key| Some(advice_on_unknown(key)))?;
     Check { sheet }.machine(raw)
 }
 
 struct Check<'a> {
-    sheet: Sheet<'a>,
+    sheet: ConfigDocument<'a>,
 }
 
 impl Check<'_> {

@@ -10,7 +10,7 @@
 
 use evolvent_gcode::{Move, MoveKind, PathMode};
 use evolvent_machine::{Limits, PlannerKind};
-use evolvent_motion::{Inputs, Motion, PlanConsumer, PlanProducer, Setpoint, flags, plan_queue};
+use evolvent_motion::{Inputs, PathExecutor, PlanConsumer, PlanProducer, Setpoint, flags, plan_queue};
 use evolvent_path::{AXES, Arc, Axes, Curve, Involute, Line, Plane, Sense};
 use evolvent_planner::{PathLimits, PathRules, Planner};
 
@@ -213,8 +213,8 @@ impl Scenario {
         Planner::new(path_limits, rules, sink)
     }
 
-    pub fn motion(&self) -> Motion {
-        Motion::new(self.limits, self.period_ns, self.moves[0].curve.start())
+    pub fn motion(&self) -> PathExecutor {
+        PathExecutor::new(self.limits, self.period_ns, self.moves[0].curve.start())
     }
 }
 
@@ -233,7 +233,7 @@ pub fn plan(scenario: &Scenario) -> PlanConsumer {
 pub struct Pair {
     pub planner: Planner<PlanProducer<fn() -> bool>>,
     pub queue: PlanConsumer,
-    pub motion: Motion,
+    pub motion: PathExecutor,
     pub fed: usize,
     /// Moves pushed at once.
     pub lump: usize,
@@ -291,7 +291,7 @@ impl Pair {
     }
 }
 
-pub fn run(scenario: &Scenario, mut inputs: impl FnMut(u64) -> Inputs) -> (Vec<Setpoint>, Motion) {
+pub fn run(scenario: &Scenario, mut inputs: impl FnMut(u64) -> Inputs) -> (Vec<Setpoint>, PathExecutor) {
     let mut pair = Pair::new(scenario);
     let mut out = Vec::new();
     while !pair.motion.is_over() {
@@ -369,7 +369,7 @@ pub fn path_error(moves: &[Move], block: usize, p: &Axes) -> f64 {
     best
 }
 
-pub fn check(scenario: &Scenario, setpoints: &[Setpoint], motion: &Motion, tolerance: f64, what: &str) {
+pub fn check(scenario: &Scenario, setpoints: &[Setpoint], motion: &PathExecutor, tolerance: f64, what: &str) {
     if motion.fault().is_some() {
         let k = setpoints
             .iter()

@@ -2,7 +2,7 @@
 
 use evolvent_timing::{Entry, Place};
 
-use super::{Fork, Front, Horizon, Rest};
+use super::{Horizon, PendingBranch, PlanFrontier, Rest};
 use crate::step::{Answer, PlanSink, Request};
 
 impl<S: PlanSink> Horizon<S> {
@@ -72,7 +72,7 @@ impl<S: PlanSink> Horizon<S> {
             self.append_wait()?;
             self.front.waits = true;
         }
-        self.fork = Some(Fork {
+        self.fork = Some(PendingBranch {
             id: request.id,
             front: self.front,
             windows: 0,
@@ -109,7 +109,7 @@ impl<S: PlanSink> Horizon<S> {
         self.sink.answer(Answer { id: request.id, step });
     }
 
-    fn front_at(&self, request: &Request) -> Front {
+    fn front_at(&self, request: &Request) -> PlanFrontier {
         let interval = request.interval;
         let length = self.grid.interval_length(interval).unwrap_or(0.0);
         let x = (request.offset - self.interval_start(interval)).clamp(0.0, length);
@@ -131,7 +131,7 @@ impl<S: PlanSink> Horizon<S> {
         } else {
             Place { interval, x }
         };
-        Front {
+        PlanFrontier {
             place,
             entry: if moving {
                 Entry::Moving {

@@ -78,10 +78,10 @@ fn append(horizon: &mut Horizon<Asking>, k: u32) {
 
 #[test]
 fn a_window_is_planned_once_it_is_known_whether_the_path_rests_at_its_end() {
-    let lines = MOST_INTERVALS as u32 / 10;
+    let lines = MAX_INTERVALS as u32 / 10;
     let mut goes_on = horizon(lines);
     goes_on.advance().expect("plan");
-    assert_eq!(goes_on.grid.end(), MOST_INTERVALS as u64);
+    assert_eq!(goes_on.grid.end(), MAX_INTERVALS as u64);
     assert_eq!(goes_on.sink.recorder.finalised, 0, "it may rest there or not");
     append(&mut goes_on, lines);
     goes_on.advance().expect("plan");
@@ -119,7 +119,7 @@ fn a_wish_a_hair_before_a_rest_is_answered() {
 
 #[test]
 fn a_wish_that_cannot_be_met_does_not_cost_the_window_that_waits_to_be_handed_on() {
-    let lines = MOST_INTERVALS as u32 / 10 + 5;
+    let lines = MAX_INTERVALS as u32 / 10 + 5;
     let mut undisturbed = horizon(lines);
     undisturbed.rest(Step::End { line: 1 });
     undisturbed.advance().expect("plan");
@@ -149,7 +149,7 @@ fn a_wish_that_cannot_be_met_does_not_cost_the_window_that_waits_to_be_handed_on
 fn where_nothing_can_be_planned_any_more_the_line_is_told() {
     let mut horizon = horizon(5);
     assert_eq!(horizon.failed_at(), None);
-    horizon.failures = MOST_FAILURES + 1;
+    horizon.failures = MAX_FAILURES + 1;
     horizon.front.place.interval = horizon.grid.end() - 1;
     assert_eq!(horizon.failed_at(), Some(4));
     horizon.front.place.interval = horizon.grid.end();

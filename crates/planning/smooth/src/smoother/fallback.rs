@@ -4,7 +4,7 @@ use evolvent_path::{Axes, Curve, Jet, Spline};
 
 use super::{SHORTEST, Smoother, State};
 use crate::chain::distance;
-use crate::tube::keeps;
+use crate::tube::within_tolerance;
 use crate::{Output, Stretch};
 
 /// Halvings of the straight that leads back to the program.
@@ -29,11 +29,11 @@ impl Smoother {
                 && link.from >= self.cursor - SHORTEST
             {
                 link.kept = link.corner();
-                link.eased = false;
+                link.smoothed = false;
             }
         }
         let mut until = until;
-        if let Some(joint) = self.eased(self.chain.find(self.cursor) + 1)
+        if let Some(joint) = self.smoothed(self.chain.find(self.cursor) + 1)
             && let Some(link) = self.chain.get(joint)
         {
             until = until.max(link.from);
@@ -42,8 +42,8 @@ impl Smoother {
         while let Some(link) = self.chain.get_mut(number)
             && link.from <= until
         {
-            if link.eased {
-                link.eased = false;
+            if link.smoothed {
+                link.smoothed = false;
                 link.kept = true;
                 link.unsaid = true;
                 self.kept = link.from;
@@ -73,8 +73,8 @@ impl Smoother {
             let from = (self.cursor - link.from).max(0.0);
             for _ in 0..HALVINGS {
                 let (_, second, _) = link.curve.derivative_bounds(from, from + length);
-                let stray = 0.5 * distance(&second) * length * length;
-                if stray <= error || error + 0.25 * stray <= link.tolerance {
+                let chord_deviation = 0.5 * distance(&second) * length * length;
+                if chord_deviation <= error || error + 0.25 * chord_deviation <= link.tolerance {
                     break;
                 }
                 length *= 0.5;
@@ -102,7 +102,7 @@ impl Smoother {
                 break;
             };
             found = Some((spline, to));
-            if keeps(&self.chain, (self.cursor, to), &spline) {
+            if within_tolerance(&self.chain, (self.cursor, to), &spline) {
                 break;
             }
             length *= 0.5;

@@ -8,13 +8,13 @@ use std::ops::Range;
 
 use evolvent_path::{AXES, Axes, Jet};
 
-use crate::chain::{Chain, Link};
-use crate::finder::Finder;
+use crate::chain::{Chain, ProgramSegment};
 use crate::joint::{JointKind, judge};
 use crate::spacing::{self, GROWTH};
 use crate::tube::sight;
 use crate::weights::Scales;
-use crate::zone::{Clamp, Zone, spread};
+use crate::zone::{BlendZone, EndCondition, spread};
+use crate::zone_solver::ZoneSolver;
 use crate::{Block, Mark, Output, Settings, Stretch, Tolerance};
 
 /// How far a zone reaches to each side of a joint, in spacings there: where the spacing has grown for 20 knots.
@@ -27,11 +27,11 @@ const SHORTEST: f64 = 1e-12;
 #[expect(clippy::large_enum_variant, reason = "there is one, and it must not allocate")]
 enum State {
     Exact,
-    Zone {
-        start: Clamp,
+    BlendZone {
+        start: EndCondition,
         /// Number of the last joint that is known to belong to it.
         joint: usize,
-        end: Option<(f64, Clamp)>,
+        end: Option<(f64, EndCondition)>,
     },
 }
 
@@ -54,15 +54,15 @@ pub struct Smoother {
     /// The path since the last place at which it is kept: the section.
     chain: Chain,
     state: State,
-    zone: Zone,
-    finder: Finder,
+    zone: BlendZone,
+    finder: ZoneSolver,
     last: Option<Block>,
     marks: VecDeque<Mark>,
     /// Parameter of the section's start since the smoother was made, and what has come out of the section.
     base: f64,
     cursor: f64,
     /// The next joint whose spacing is to be found, the last spacing, and the next joint to be eased.
-    unripe: usize,
+    spacing_pending: usize,
     guess: f64,
     /// Links of which none is to be eased.
     plain: Range<usize>,
@@ -94,13 +94,13 @@ impl Smoother {
             scales: Scales::new(&settings.limits),
             chain,
             state: State::Exact,
-            zone: Zone::default(),
-            finder: Finder::default(),
+            zone: BlendZone::default(),
+            finder: ZoneSolver::default(),
             last: None,
             marks: VecDeque::new(),
             base: 0.0,
             cursor: 0.0,
-            unripe: 1,
+            spacing_pending: 1,
             guess: 0.01,
             plain: 0..0,
             kept: 0.0,
@@ -130,7 +130,7 @@ impl Smoother {
             self.release_marks(out);
             return;
         }
-        let mut link = Link::new(block, self.chain.end());
+        let mut link = ProgramSegment::new(block, self.chain.end());
         if let Some(last) = self.last {
             let (end, start) = (last.curve.jet(last.curve.domain()), block.curve.jet(0.0));
             let (limits, joint_time) = (&self.settings.limits, self.settings.joint_time_s);
@@ -143,7 +143,7 @@ impl Smoother {
                 JointKind::Smooth if either => self.section(Ending::Moving, None, out),
                 JointKind::Smooth => {}
                 JointKind::Step { speed } if free => {
-                    link.eased = true;
+                    link.smoothed = true;
                     link.exact_speed = speed;
                     let turn = end.first.fixed_rows::<3>(0).dot(&start.first.fixed_rows::<3>(0));
                     link.sharp = turn < -0.5;
@@ -165,7 +165,7 @@ impl Smoother {
             for i in 0..AXES {
                 self.active[i] |= first[i] != 0.0;
             }
-            if self.active != before && matches!(self.state, State::Zone { .. }) {
+            if self.active != before && matches!(self.state, State::BlendZone { .. }) {
                 // What is laid but not final may now move in these axes too.
                 self.zone.measure(&self.chain, &self.active);
             }
@@ -213,7 +213,7 @@ impl Smoother {
         self.chain.clear();
         self.state = State::Exact;
         self.cursor = 0.0;
-        self.unripe = 1;
+        self.spacing_pending = 1;
         self.plain = 0..0;
         self.kept = 0.0;
         self.off = None;
@@ -224,11 +224,11 @@ impl Smoother {
     }
 
     fn advance(&mut self, ending: Option<Ending>, out: &mut Vec<Output>) {
-        self.ripen(ending.is_some());
+        self.resolve_spacing(ending.is_some());
         loop {
             let more = match self.state {
                 State::Exact => self.advance_exact(ending, out),
-                State::Zone { start, joint, end } => self.advance_zone(start, joint, end, ending, out),
+                State::BlendZone { start, joint, end } => self.advance_zone(start, joint, end, ending, out),
             };
             if !more {
                 break;
@@ -241,19 +241,23 @@ impl Smoother {
                 .map_or(0.0, |link| spacing::most(link.tolerance));
         // A zone's last joint tells where the zone ends.
         let needed = match self.state {
-            State::Zone { joint, .. } => self.chain.get(joint).map_or(self.cursor, |link| link.from),
+            State::BlendZone { joint, .. } => self.chain.get(joint).map_or(self.cursor, |link| link.from),
             State::Exact => self.cursor,
         };
         self.chain.forget(needed.min(self.cursor) - keep);
     }
 
     /// Finds the spacing at the joints for which enough of the path is known.
-    fn ripen(&mut self, complete: bool) {
-        while let Some(link) = self.chain.get(self.unripe) {
-            let before = self.unripe.checked_sub(1).and_then(|n| self.chain.get(n));
+    fn resolve_spacing(&mut self, complete: bool) {
+        while let Some(link) = self.chain.get(self.spacing_pending) {
+            let before = self
+                .spacing_pending
+                .checked_sub(1)
+                .and_then(|n| self.chain.get(n));
             let inherited = before.map_or(f64::INFINITY, |b| b.spacing + GROWTH * (link.from - b.from));
-            let own = if link.eased {
-                let Some(own) = spacing::at_joint(&self.chain, self.unripe, self.guess, complete) else {
+            let own = if link.smoothed {
+                let Some(own) = spacing::at_joint(&self.chain, self.spacing_pending, self.guess, complete)
+                else {
                     return;
                 };
                 self.guess = 2.0 * own;
@@ -261,17 +265,17 @@ impl Smoother {
             } else {
                 f64::INFINITY
             };
-            if let Some(link) = self.chain.get_mut(self.unripe) {
+            if let Some(link) = self.chain.get_mut(self.spacing_pending) {
                 link.spacing = link.spacing.min(own).min(inherited);
             }
-            spread(&mut self.chain, self.unripe);
-            self.unripe += 1;
+            spread(&mut self.chain, self.spacing_pending);
+            self.spacing_pending += 1;
         }
     }
 
     /// Up to where the spacing is settled.
     fn reach(&self, complete: bool) -> f64 {
-        match self.chain.get(self.unripe) {
+        match self.chain.get(self.spacing_pending) {
             Some(link) => link.from,
             None if complete => return f64::INFINITY,
             None => self.chain.end(),
@@ -280,14 +284,14 @@ impl Smoother {
     }
 
     /// The first joint from `number` on that is eased.
-    fn eased(&mut self, number: usize) -> Option<usize> {
+    fn smoothed(&mut self, number: usize) -> Option<usize> {
         let from = number.max(self.chain.first());
         if !self.plain.contains(&from) {
             self.plain = from..from;
         }
         // Only links to come are ever marked, so what was looked through need not be again.
         while let Some(link) = self.chain.get(self.plain.end) {
-            if link.eased {
+            if link.smoothed {
                 return Some(self.plain.end);
             }
             self.plain.end += 1;
@@ -298,14 +302,14 @@ impl Smoother {
     /// How far a joint's zone reaches, once its spacing is settled.
     fn extent(&self, number: usize, complete: bool) -> Option<f64> {
         let link = self.chain.get(number)?;
-        let settled =
-            number < self.unripe && (complete || link.from + link.spacing / GROWTH <= self.reach(complete));
+        let settled = number < self.spacing_pending
+            && (complete || link.from + link.spacing / GROWTH <= self.reach(complete));
         settled.then_some(EXTENT * link.spacing)
     }
 
     fn advance_exact(&mut self, ending: Option<Ending>, out: &mut Vec<Output>) -> bool {
         let first = self.chain.find(self.cursor) + 1;
-        let Some(joint) = self.eased(first) else {
+        let Some(joint) = self.smoothed(first) else {
             let end = self.chain.end();
             let most = self
                 .chain
@@ -328,7 +332,7 @@ impl Smoother {
         let run = link.from - self.cursor;
         let at_start = self.cursor <= self.kept;
         let start = if at_start && !self.moving && run < 4.0 * link.tolerance {
-            Clamp::Place(self.chain.position(self.cursor))
+            EndCondition::Place(self.chain.position(self.cursor))
         } else {
             if at_start {
                 let number = self.chain.find(self.cursor);
@@ -337,11 +341,11 @@ impl Smoother {
                 }
                 spread(&mut self.chain, number);
             }
-            Clamp::Jet(self.jet(self.cursor))
+            EndCondition::Jet(self.jet(self.cursor))
         };
         self.zone.begin(self.cursor);
         self.spent = (0, joint);
-        self.state = State::Zone {
+        self.state = State::BlendZone {
             start,
             joint,
             end: None,
@@ -444,7 +448,7 @@ mod tests {
             let (mut smoother, mut out) = (Smoother::new(settings(machine)), Vec::new());
             for block in &blocks {
                 smoother.push(block, &mut out);
-                if matches!(smoother.state, State::Zone { .. }) && random.unit() < 0.2 {
+                if matches!(smoother.state, State::BlendZone { .. }) && random.unit() < 0.2 {
                     given_up += u64::from(smoother.off.is_some());
                     let until = smoother.cursor + random.log(1e-3, 10.0) * smallest;
                     smoother.fall_back(until, &mut out);

@@ -5,20 +5,24 @@ use evolvent_path::{AXES, Curve, Jet, ParamCurve, Spline};
 
 use super::{EXTENT, Ending, SHORTEST, Smoother, State, release};
 use crate::chain::Chain;
-use crate::finder::{Scene, WINDOW};
 use crate::spacing::{self, GROWTH};
-use crate::tube::keeps;
-use crate::zone::{BATCH, Clamp, Laid, spread};
+use crate::tube::within_tolerance;
+use crate::zone::{BATCH, EndCondition, ExtendResult, spread};
+use crate::zone_solver::{Scene, WINDOW};
 use crate::{Output, Stretch};
 
 /// Beyond the travel by more than this is outside, mm or degrees.
 const OUTSIDE: f64 = 5e-7;
 /// Intervals that a zone may take from joint to joint; a few hundred are usual.
-const MOST_INTERVALS: usize = 2000;
+const MAX_INTERVALS: usize = 2000;
 
 impl Smoother {
     /// Where the zone ends, as far as that is known by now; also the last joint known to be in it.
-    pub(super) fn zone_end(&mut self, joint: usize, ending: Option<Ending>) -> (usize, Option<(f64, Clamp)>) {
+    pub(super) fn zone_end(
+        &mut self,
+        joint: usize,
+        ending: Option<Ending>,
+    ) -> (usize, Option<(f64, EndCondition)>) {
         let complete = ending.is_some();
         let mut joint = joint;
         loop {
@@ -27,13 +31,13 @@ impl Smoother {
             };
             let leave = link.from + extent;
             let gap = 2.0 * (link.spacing + GROWTH * extent);
-            if let Some(next) = self.eased(joint + 1) {
+            if let Some(next) = self.smoothed(joint + 1) {
                 let (Some(&following), Some(before)) = (self.chain.get(next), self.extent(next, complete))
                 else {
                     return (joint, None);
                 };
                 if following.from - before > leave + gap {
-                    return (joint, Some((leave, Clamp::Jet(self.jet(leave)))));
+                    return (joint, Some((leave, EndCondition::Jet(self.jet(leave)))));
                 }
                 joint = next;
                 continue;
@@ -41,21 +45,21 @@ impl Smoother {
             let end = self.chain.end();
             if let Some(ending) = ending {
                 if end > leave + gap {
-                    return (joint, Some((leave, Clamp::Jet(self.jet(leave)))));
+                    return (joint, Some((leave, EndCondition::Jet(self.jet(leave)))));
                 }
                 let run = end - link.from;
                 let clamp = if ending == Ending::Rest && run < 4.0 * link.tolerance {
-                    Clamp::Place(self.end_jet().position)
+                    EndCondition::Place(self.end_jet().position)
                 } else {
                     self.chain.end_spacing = 0.5 * run;
                     self.spread_from_end();
-                    Clamp::Jet(self.end_jet())
+                    EndCondition::Jet(self.end_jet())
                 };
                 return (joint, Some((end, clamp)));
             }
             let most = EXTENT * spacing::most(link.tolerance);
             if end > leave + gap + most {
-                return (joint, Some((leave, Clamp::Jet(self.jet(leave)))));
+                return (joint, Some((leave, EndCondition::Jet(self.jet(leave)))));
             }
             return (joint, None);
         }
@@ -80,9 +84,9 @@ impl Smoother {
 
     pub(super) fn advance_zone(
         &mut self,
-        start: Clamp,
+        start: EndCondition,
         joint: usize,
-        end: Option<(f64, Clamp)>,
+        end: Option<(f64, EndCondition)>,
         ending: Option<Ending>,
         out: &mut Vec<Output>,
     ) -> bool {
@@ -90,7 +94,7 @@ impl Smoother {
             Some(end) => (joint, Some(end)),
             None => self.zone_end(joint, ending),
         };
-        self.state = State::Zone { start, joint, end };
+        self.state = State::BlendZone { start, joint, end };
         if self.spent.1 != joint {
             self.spent = (0, joint);
         }
@@ -107,16 +111,16 @@ impl Smoother {
                     reach = reach.min(leave);
                 }
                 match self.zone.lay(&mut self.chain, &start, end, reach, &self.active) {
-                    Laid::Batch | Laid::End if self.spent.0 > MOST_INTERVALS => {
+                    ExtendResult::Batch | ExtendResult::End if self.spent.0 > MAX_INTERVALS => {
                         self.fall_back(self.zone.knot(self.zone.intervals()), out);
                         return true;
                     }
-                    Laid::Batch | Laid::End => {
+                    ExtendResult::Batch | ExtendResult::End => {
                         self.spent.0 += BATCH;
                         continue;
                     }
-                    Laid::Wait => return false,
-                    Laid::Failed { until } => {
+                    ExtendResult::Wait => return false,
+                    ExtendResult::Failed { until } => {
                         self.fall_back(until, out);
                         return true;
                     }
@@ -152,7 +156,7 @@ impl Smoother {
 
     /// Brings out the intervals that are final. If one of them is not what it should be, those before it come out, and
     /// it returns where the bad one ends.
-    fn emit(&mut self, end: Option<Clamp>, out: &mut Vec<Output>) -> Option<f64> {
+    fn emit(&mut self, end: Option<EndCondition>, out: &mut Vec<Output>) -> Option<f64> {
         let zone = &self.zone;
         let count = zone.intervals();
         let done = zone.fixed.saturating_sub(3).min(count);
@@ -161,14 +165,14 @@ impl Smoother {
             let jet = zone.jet(i);
             let behind = match end {
                 _ if i + 1 < count => zone.jet(i + 1).position,
-                Some(Clamp::Jet(jet)) => jet.position,
-                Some(Clamp::Place(place)) => place,
+                Some(EndCondition::Jet(jet)) => jet.position,
+                Some(EndCondition::Place(place)) => place,
                 None => break,
             };
             let (from, to) = (zone.knot(i), zone.knot(i + 1));
             let spline = Spline::new(&jet, behind, to - from).ok();
             let Some(spline) = spline.filter(|spline| {
-                keeps(&self.chain, (from, to), spline)
+                within_tolerance(&self.chain, (from, to), spline)
                     && inside(spline, &self.chain, from, &self.settings.limits)
             }) else {
                 bad = Some(to);

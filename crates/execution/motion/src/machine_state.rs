@@ -4,19 +4,19 @@ use evolvent_machine::Limits;
 use evolvent_path::{Axes, Jet};
 
 use crate::guard::{Extremes, Guard, Violation};
-use crate::motion::{Motion, feed_metric};
+use crate::path_executor::{PathExecutor, feed_metric};
 use crate::quick_stop::QuickStop;
 use crate::setpoint::Setpoint;
 use crate::state::{State, flags};
-use crate::steering::{Steering, fits};
+use crate::transfer_executor::{TransferExecutor, fits};
 
 /// The machine between and across its jobs: the number of the next setpoint, the guard's memory, where the axes are.
 ///
-/// A job is a [`Motion`] along a plan, or a [`Steering`]. It begins at rest where the last one ended, so that setpoints
+/// A job is a [`PathExecutor`] along a plan, or a [`TransferExecutor`]. It begins at rest where the last one ended, so that setpoints
 /// and what the guard measures go on without a jump. At rest a setpoint is made every period too. `Copy`; nothing here
 /// allocates.
 #[derive(Clone, Copy, Debug)]
-pub struct Station {
+pub struct MachineState {
     limits: Limits,
     period: f64,
     guard: Guard,
@@ -32,7 +32,7 @@ pub struct Station {
     quick_stop: Option<QuickStop>,
 }
 
-impl Station {
+impl MachineState {
     /// At rest at `position`.
     #[must_use]
     pub fn new(limits: Limits, period_ns: u64, position: Axes) -> Self {
@@ -119,7 +119,7 @@ impl Station {
     }
 
     /// Lets a job along a plan begin here, at rest. `false`, and nothing is changed, where it begins elsewhere.
-    pub fn hand_to(&self, motion: &mut Motion) -> bool {
+    pub fn hand_to(&self, motion: &mut PathExecutor) -> bool {
         let here = self.last.position;
         let there = motion.last.position;
         let near = (0..here.len()).all(|i| !self.limits.present[i] || (here[i] - there[i]).abs() <= 1e-9);
@@ -130,7 +130,7 @@ impl Station {
     }
 
     /// Takes over what a job along a plan has come to, after each of its setpoints.
-    pub fn follow(&mut self, motion: &Motion, setpoint: &Setpoint) {
+    pub fn follow(&mut self, motion: &PathExecutor, setpoint: &Setpoint) {
         self.guard = *motion.guard();
         self.sequence = setpoint.sequence + 1;
         self.last = motion.last;
@@ -147,17 +147,17 @@ impl Station {
 
     /// Whether a transfer begins where the axes are. Asked before it is taken up.
     #[must_use]
-    pub fn can_steer(&self, steering: &Steering) -> bool {
+    pub fn can_steer(&self, steering: &TransferExecutor) -> bool {
         self.quick_stop.is_none() && fits(steering.transfer(), &self.last, &self.limits)
     }
 
     /// Changes to another transfer in motion, if that begins where the axes are in the last setpoint.
-    pub fn turn(&self, steering: &mut Steering, to: &Steering) -> bool {
+    pub fn turn(&self, steering: &mut TransferExecutor, to: &TransferExecutor) -> bool {
         steering.turn_to(to.transfer(), &self.last, &self.limits)
     }
 
     /// One setpoint of a steered motion.
-    pub fn steer(&mut self, steering: &mut Steering) -> Setpoint {
+    pub fn steer(&mut self, steering: &mut TransferExecutor) -> Setpoint {
         let (jet, state) = steering.advance(self.period, &self.last, &self.limits);
         if let Err(violation) = self.guard.check(&jet.position, false, steering.is_stopping()) {
             self.fault.get_or_insert(violation);

@@ -3,26 +3,30 @@
 use evolvent_timing::PathLimits;
 
 use crate::horizon::Horizon;
+use crate::path_stage::PathSink;
 use crate::planner::PathRules;
-use crate::shaper::PathSink;
 use crate::step::{BlockMark, PlanSink, Segment, Step};
 
 /// Share of the permitted chord error that stations of the near-optimal plan may use.
-const CHORD_SHARE: f64 = 0.94;
+const CHORD_FRACTION: f64 = 0.94;
 
 /// Gives the path of one program its time law. The plan depends on the path and on what the cycle asks, not on when the
 /// path arrives.
 #[derive(Debug)]
-pub struct Pacer<S> {
+pub struct TimingStage<S> {
     horizon: Horizon<S>,
 }
 
-impl<S: PlanSink> Pacer<S> {
+impl<S: PlanSink> TimingStage<S> {
     /// At rest at the start of the path.
     #[must_use]
     pub fn new(limits: &PathLimits, rules: &PathRules, sink: S) -> Self {
         Self {
-            horizon: Horizon::new(&limits.with_chord_share(CHORD_SHARE), rules.feed_override, sink),
+            horizon: Horizon::new(
+                &limits.with_chord_share(CHORD_FRACTION),
+                rules.feed_override,
+                sink,
+            ),
         }
     }
 
@@ -61,7 +65,7 @@ impl<S: PlanSink> Pacer<S> {
     }
 }
 
-impl<S: PlanSink> PathSink for Pacer<S> {
+impl<S: PlanSink> PathSink for TimingStage<S> {
     fn segment(&mut self, segment: Segment, feed: f64) {
         self.horizon.segment(segment, feed);
     }

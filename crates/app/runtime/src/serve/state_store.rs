@@ -41,7 +41,7 @@ fn saver() -> Option<(Sender<SaveOrder>, JoinHandle<()>)> {
 
 /// The memory of a machine, and its files.
 #[derive(Debug)]
-pub(crate) struct Keep {
+pub(crate) struct StateStore {
     pub memory: ProgramMemory,
     saved: ProgramMemory,
     /// Which tool is in the spindle.
@@ -66,7 +66,7 @@ pub fn state_folder(machine_name: &str) -> PathBuf {
     base.join("evolvent").join(machine_name)
 }
 
-impl Keep {
+impl StateStore {
     /// Takes what the machine file names, and what that leaves open from `folder`. A file that cannot be read is set
     /// aside as `NAME.damaged`, so that the machine can be started, and told of.
     pub(crate) fn open(mut memory: ProgramMemory, folder: &Path) -> Self {
@@ -187,7 +187,7 @@ mod tests {
     fn offsets_tools_and_the_tool_in_the_spindle_outlive_a_restart() {
         let folder = folder();
         let inner = folder.path().join("made/on/demand");
-        let mut keep = Keep::open(ProgramMemory::default(), &inner);
+        let mut keep = StateStore::open(ProgramMemory::default(), &inner);
         let offset = Axes::from_fn(|i, _| i as f64 + 0.1);
         assert!(keep.memory.kept.as_mut().unwrap().set_work_offset(3, &offset));
         keep.memory = keep.with_tool(&ToolEntry {
@@ -199,7 +199,7 @@ mod tests {
         keep.tool = 7;
         let saved = keep.save(keep.memory.clone()).recv().unwrap().unwrap();
         keep.take_saved(saved);
-        let again = Keep::open(ProgramMemory::default(), &inner);
+        let again = StateStore::open(ProgramMemory::default(), &inner);
         assert_eq!(again.memory.kept.as_ref().unwrap().work_offset(3), offset);
         let tool = again.memory.tools.as_ref().unwrap().get(7).copied().unwrap();
         assert_eq!(
@@ -215,7 +215,7 @@ mod tests {
         let folder = folder();
         std::fs::write(folder.path().join("parameters.var"), "rubbish").unwrap();
         std::fs::write(folder.path().join("tools.tbl"), "rubbish").unwrap();
-        let keep = Keep::open(ProgramMemory::default(), folder.path());
+        let keep = StateStore::open(ProgramMemory::default(), folder.path());
         assert_eq!(keep.complaints.len(), 2, "{:?}", keep.complaints);
         assert!(folder.path().join("parameters.var.damaged").exists());
         assert!(folder.path().join("tools.tbl.damaged").exists());

@@ -4,11 +4,11 @@ use evolvent_machine::Limits;
 use evolvent_path::{AXES, Axes};
 
 use crate::chain::Chain;
+use crate::joint_optimizer::{JointOptimizer, Window};
 use crate::newton::{Problem, Workspace, minimise};
-use crate::together::{Together, Window};
 use crate::tube::Sample;
 use crate::weights::{Scales, Weights};
-use crate::zone::Zone;
+use crate::zone::BlendZone;
 
 /// Control points that are found together, how many of them become final if more follow, and how many more may be
 /// left so that they are found with them.
@@ -26,10 +26,10 @@ const ATTEMPTS: usize = 5;
 
 /// Memory that is kept between windows.
 #[derive(Debug, Default)]
-pub(crate) struct Finder {
+pub(crate) struct ZoneSolver {
     weights: Weights,
     work: Workspace,
-    together: Together,
+    together: JointOptimizer,
     feeds: Vec<f64>,
     better: Vec<Axes>,
     samples: Vec<Sample>,
@@ -56,10 +56,10 @@ struct Range {
     wide: (usize, usize),
 }
 
-impl Finder {
+impl ZoneSolver {
     /// Finds the next control points of the zone and makes the first of them final. Whatever happens, they are such
     /// that the spline is covered by its samples: if nothing better is found they stay what they were.
-    pub(crate) fn find(&mut self, zone: &mut Zone, scene: &Scene<'_>) {
+    pub(crate) fn find(&mut self, zone: &mut BlendZone, scene: &Scene<'_>) {
         let low = zone.fixed;
         let last = if zone.complete {
             zone.points.len() - zone.clamped
@@ -85,7 +85,7 @@ impl Finder {
         };
     }
 
-    fn window(&mut self, zone: &mut Zone, scene: &Scene<'_>, range: &Range) {
+    fn window(&mut self, zone: &mut BlendZone, scene: &Scene<'_>, range: &Range) {
         let Scene {
             chain,
             scales,
@@ -128,7 +128,7 @@ impl Finder {
                 return;
             }
             let share = if attempt < ATTEMPTS { 0.5 } else { 0.0 };
-            zone.give_way(&self.safe, range.free, share);
+            zone.relax_toward(&self.safe, range.free, share);
         }
         if zone.cover(chain, range.from, range.to, measured) {
             return;
@@ -139,7 +139,7 @@ impl Finder {
     /// By the cost that needs no law.
     fn by_weights(
         &mut self,
-        zone: &mut Zone,
+        zone: &mut BlendZone,
         chain: &Chain,
         scales: &Scales,
         active: &[bool; AXES],
@@ -176,7 +176,7 @@ impl Finder {
     }
 
     /// Brings control points back into the travel: the path is in their hull.
-    fn confine(&self, zone: &mut Zone, limits: &Limits, range: &Range) {
+    fn confine(&self, zone: &mut BlendZone, limits: &Limits, range: &Range) {
         for j in range.free.0..range.free.1 {
             let safe = &self.safe[j];
             for i in (0..AXES).filter(|&i| limits.present[i]) {
@@ -192,7 +192,7 @@ impl Finder {
     /// Together with a time law.
     fn with_law(
         &mut self,
-        zone: &mut Zone,
+        zone: &mut BlendZone,
         chain: &Chain,
         scales: &Scales,
         rests: (f64, f64),

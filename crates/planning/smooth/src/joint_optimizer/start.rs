@@ -4,7 +4,7 @@ use evolvent_path::Axes;
 
 use super::cell::{Cell, STATIONS, of4};
 use super::layout::Layout;
-use super::{Together, Window, scale};
+use super::{JointOptimizer, Window, scale};
 use crate::basis::Basis;
 use crate::tube::Sample;
 
@@ -16,7 +16,7 @@ const ROOM: f64 = 0.8;
 /// Least `|q'|` by which the speed of the parameter is bounded, as a share of one.
 const SLOWEST_RATE: f64 = 0.3;
 
-impl Together {
+impl JointOptimizer {
     /// The cells of the window's path, and the weights of its samples.
     pub(super) fn prepare<const D: usize>(
         &mut self,

@@ -9,7 +9,7 @@ use crate::window::{Span, Window};
 const SAME: f64 = 1e-5;
 
 /// Pieces of a head that there is room for without allocating.
-const MOST_HEAD: usize = 512;
+const MAX_HEAD: usize = 512;
 
 /// A span on which `b = u''` is linear: what the solver's intervals are.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -61,7 +61,7 @@ pub(crate) enum Found {
 
 /// The plan that was handed out last.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Kept {
+pub(crate) struct WarmStart {
     pub(crate) valid: bool,
     pub(crate) segments: Vec<Segment>,
     /// Pieces in closed form before the segments: a way down to a lower feed, or what was left of a first stub.
@@ -77,11 +77,11 @@ pub(crate) struct Kept {
     pub(crate) factor: f64,
 }
 
-impl Kept {
+impl WarmStart {
     pub(crate) fn with_capacity(stations: usize) -> Self {
         Self {
             segments: Vec::with_capacity(stations),
-            head: Vec::with_capacity(MOST_HEAD),
+            head: Vec::with_capacity(MAX_HEAD),
             ..Self::default()
         }
     }

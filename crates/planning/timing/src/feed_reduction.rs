@@ -6,7 +6,7 @@
 //! held within a small part of an interval.
 
 use crate::grid::Place;
-use crate::optimizer::{Job, Optimizer};
+use crate::optimizer::{Optimizer, WindowProblem};
 use crate::piece::Piece;
 use crate::solver::FIRST;
 use crate::spans;
@@ -25,8 +25,8 @@ const FADES: [f64; 5] = [20.0, 100.0, 500.0, 2500.0, 12_500.0];
 impl Optimizer {
     /// A plan that first comes down to a feed below the present speed; that part goes to `out` at once. `None` where
     /// speed is not above the feed, or this way is not open. Returns the barrier parameter reached.
-    pub(crate) fn lower(&mut self, job: &Job<'_>, out: &mut Vec<Piece>) -> Option<f64> {
-        let Job {
+    pub(crate) fn lower(&mut self, job: &WindowProblem<'_>, out: &mut Vec<Piece>) -> Option<f64> {
+        let WindowProblem {
             grid,
             from,
             until,
@@ -49,8 +49,8 @@ impl Optimizer {
         })
     }
 
-    fn lower_to(&mut self, job: &Job<'_>, speed: f64, out: &mut Vec<Piece>) -> Option<f64> {
-        let Job {
+    fn lower_to(&mut self, job: &WindowProblem<'_>, speed: f64, out: &mut Vec<Piece>) -> Option<f64> {
+        let WindowProblem {
             grid,
             from,
             until,

@@ -2,12 +2,12 @@
 
 /// A continuous jog goes on only while its client says so.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct DeadMan {
+pub struct JogEnable {
     client: u64,
     until_ns: u64,
 }
 
-impl DeadMan {
+impl JogEnable {
     /// A jog goes on for so long without being renewed, ns.
     pub const PATIENCE_NS: u64 = 90_000_000;
 
@@ -42,11 +42,11 @@ mod tests {
 
     #[test]
     fn only_the_client_that_jogs_keeps_the_jog_going() {
-        let mut held = DeadMan::held(7, 1_000);
-        assert_eq!(held.until_ns(), 1_000 + DeadMan::PATIENCE_NS);
+        let mut held = JogEnable::held(7, 1_000);
+        assert_eq!(held.until_ns(), 1_000 + JogEnable::PATIENCE_NS);
         assert!(!held.renew(8, 50_000_000));
-        assert_eq!(held.until_ns(), 1_000 + DeadMan::PATIENCE_NS);
+        assert_eq!(held.until_ns(), 1_000 + JogEnable::PATIENCE_NS);
         assert!(held.renew(7, 50_000_000));
-        assert_eq!(held.until_ns(), 50_000_000 + DeadMan::PATIENCE_NS);
+        assert_eq!(held.until_ns(), 50_000_000 + JogEnable::PATIENCE_NS);
     }
 }

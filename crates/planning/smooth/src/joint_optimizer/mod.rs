@@ -27,7 +27,7 @@ use crate::chain::Chain;
 use crate::follow::follow;
 use crate::tube::Sample;
 use crate::weights::Scales;
-use crate::zone::Zone;
+use crate::zone::BlendZone;
 
 /// Factor of the law, so that it begins with room.
 const EASE: f64 = 0.8;
@@ -50,7 +50,7 @@ const LAW_ENDS: f64 = 0.02;
 /// A window of the spline and what bounds the speed on it.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Window<'a> {
-    pub(crate) zone: &'a Zone,
+    pub(crate) zone: &'a BlendZone,
     /// Intervals.
     pub(crate) from: usize,
     pub(crate) to: usize,
@@ -66,7 +66,7 @@ pub(crate) struct Window<'a> {
 
 /// Memory that is kept between solutions.
 #[derive(Debug, Default)]
-pub(crate) struct Together {
+pub(crate) struct JointOptimizer {
     cells: Vec<Cell>,
     /// Weight of the samples of each interval.
     weights: Vec<f64>,
@@ -79,7 +79,7 @@ pub(crate) struct Together {
     step: Vec<f64>,
 }
 
-impl Together {
+impl JointOptimizer {
     /// Improves the free control points of `points`; whether it did. They stay strictly inside the tube.
     pub(crate) fn improve(
         &mut self,

@@ -7,14 +7,14 @@ use crate::rules::mode_needed;
 /// Why a command is not accepted: a number for programs, a sentence for people.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{text}")]
-pub struct Refusal {
+pub struct Rejection {
     /// The number.
     pub alarm: Alarm,
     /// What was wrong and what to do.
     pub text: String,
 }
 
-impl Refusal {
+impl Rejection {
     /// With a sentence of its own.
     #[must_use]
     pub fn new(alarm: Alarm, text: impl Into<String>) -> Self {
@@ -37,7 +37,7 @@ impl Refusal {
     }
 }
 
-impl From<Alarm> for Refusal {
+impl From<Alarm> for Rejection {
     fn from(alarm: Alarm) -> Self {
         Self::new(alarm, alarm.sentence())
     }
@@ -49,10 +49,10 @@ mod tests {
 
     #[test]
     fn a_refusal_for_the_mode_names_the_one_that_is_needed() {
-        let refusal = Refusal::by_rule(Alarm::WrongMode, CommandCode::Mdi);
+        let refusal = Rejection::by_rule(Alarm::WrongMode, CommandCode::Mdi);
         assert!(refusal.text.contains("mode mdi"), "{refusal}");
         assert_eq!(
-            Refusal::by_rule(Alarm::IsOff, CommandCode::Mdi).text,
+            Rejection::by_rule(Alarm::IsOff, CommandCode::Mdi).text,
             Alarm::IsOff.sentence()
         );
     }

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use evolvent_control::Alarm;
 
-use crate::news::{FeederNews, Outside, OutsideKind, UserCall};
+use crate::news::{ExternalEvent, ExternalEventKind, FeederEvent, UserCall};
 use crate::shared::Controls;
 use crate::user_code::{UserCodes, UserNews};
 
@@ -15,16 +15,16 @@ use crate::user_code::{UserCodes, UserNews};
 const LOOK_EVERY: Duration = Duration::from_millis(5);
 
 /// What carrying out needs.
-pub(crate) struct Carrier {
+pub(crate) struct UserCodeRunner {
     pub codes: UserCodes,
     pub controls: Arc<Controls>,
     /// The commands ahead, with the numbers of the actions before them.
     pub calls: Receiver<(u32, UserCall)>,
     /// Who hears what they write.
-    pub listeners: Vec<Sender<FeederNews>>,
+    pub listeners: Vec<Sender<FeederEvent>>,
 }
 
-impl Carrier {
+impl UserCodeRunner {
     /// Carries out each command where the machine has come to it, until the feeder has gone and none is left, or the cycle has
     /// ended. What went wrong, if something did: the machine was told to stop then.
     pub(crate) fn run(self) -> Option<String> {
@@ -39,7 +39,7 @@ impl Carrier {
                             return None;
                         }
                         self.controls.raise(Alarm::UserCommand);
-                        self.tell(OutsideKind::Alarm, Alarm::UserCommand.number(), &text);
+                        self.tell(ExternalEventKind::Alarm, Alarm::UserCommand.number(), &text);
                         self.controls.stop();
                         return Some(text);
                     }
@@ -72,7 +72,7 @@ impl Carrier {
             match program.poll() {
                 Some(UserNews::Line(line)) => {
                     let text = format!("M{}: {line}", call.number);
-                    self.tell(OutsideKind::Output, call.line, &text);
+                    self.tell(ExternalEventKind::Output, call.line, &text);
                 }
                 Some(UserNews::Ended(result)) => return result,
                 None => {
@@ -85,8 +85,8 @@ impl Carrier {
         }
     }
 
-    fn tell(&self, kind: OutsideKind, code: u32, text: &str) {
-        let outside = Outside {
+    fn tell(&self, kind: ExternalEventKind, code: u32, text: &str) {
+        let outside = ExternalEvent {
             sequence: self.controls.progress().cycles.saturating_sub(1),
             kind,
             code,
@@ -95,7 +95,7 @@ impl Carrier {
         };
         for listener in &self.listeners {
             // Whoever does not listen any more misses nothing.
-            let _gone = listener.send(FeederNews::Outside(outside.clone()));
+            let _gone = listener.send(FeederEvent::ExternalEvent(outside.clone()));
         }
     }
 }

@@ -11,7 +11,7 @@ const STEPS: usize = 60;
 
 /// How the path parameter runs in time, `x` from the piece's start.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Law {
+pub enum TimeLaw {
     /// `u'' = b + c x`: acceleration linear in the parameter, so jerk `c u'`. With `v` at the start,
     /// `x(t) = v sinh(w t)/w + b (cosh(w t) - 1)/w^2`, `w^2 = c` (sines where `c` is negative).
     Flow {
@@ -33,7 +33,7 @@ pub enum Law {
     },
 }
 
-impl Law {
+impl TimeLaw {
     /// The same law driven `rate` times as fast, over the same length. Real-time safe.
     #[must_use]
     pub fn slowed_down(self, rate: f64) -> Self {
@@ -219,7 +219,7 @@ mod tests {
                 let (v, w) = (0.03, c.sqrt());
                 let length = growth * v / w;
                 let expected = libm::asinh(growth) / w;
-                let found = Law::Flow { v, b: 0.0, c }.duration(length);
+                let found = TimeLaw::Flow { v, b: 0.0, c }.duration(length);
                 assert!(
                     (found / expected - 1.0).abs() < 1e-9,
                     "{growth} {c}: {found} {expected}"
@@ -238,7 +238,7 @@ mod tests {
             let t = random.log(1e-5, 0.1);
             // z of either sign from tiny to beyond the range of the series.
             let c = random.log(1e-6, 6.0) / (t * t) * (random.unit() - 0.5).signum();
-            let law = Law::Flow { v, b, c };
+            let law = TimeLaw::Flow { v, b, c };
             // Runge-Kutta of order four in 2000 steps, independent of any closed form.
             let (mut x, mut speed) = (0.0, v);
             let h = t / 2000.0;
@@ -284,7 +284,7 @@ mod tests {
             // Any law that keeps at least a hundredth of its speed all the way.
             let b = v * v / length * (random.unit() - 0.4);
             let c = v * v / (length * length) * (random.unit() - 0.2);
-            let law = Law::Flow { v, b, c };
+            let law = TimeLaw::Flow { v, b, c };
             if (0..=100).any(|k| {
                 let x = length * f64::from(k) / 100.0;
                 v * v + x * (2.0 * b + c * x) < 1e-4 * v * v
@@ -306,7 +306,7 @@ mod tests {
             }
         }
         // From rest, where the speed is zero: x = j t^3 / 6.
-        let law = Law::Jerk {
+        let law = TimeLaw::Jerk {
             v: 0.0,
             a: 0.0,
             j: 6.0,
@@ -316,7 +316,7 @@ mod tests {
         assert!((law.time_to(1.0, duration) - 1.0).abs() < 1e-13);
         assert!((law.time_to(1e-12, duration) - 1e-4).abs() < 1e-13);
         // And to rest.
-        let law = Law::Jerk {
+        let law = TimeLaw::Jerk {
             v: 12.0,
             a: -12.0,
             j: 6.0,

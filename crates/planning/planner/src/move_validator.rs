@@ -14,12 +14,12 @@ const GAP: f64 = 1e-6;
 /// Says of one move after the other whether a [`Planner`](crate::Planner) takes it, without planning anything: to check a
 /// program as fast as it can be read.
 #[derive(Clone, Debug)]
-pub struct Admission {
+pub struct MoveValidator {
     limits: Limits,
     end: Option<Axes>,
 }
 
-impl Admission {
+impl MoveValidator {
     /// Before the first move.
     #[must_use]
     pub fn new(limits: &Limits) -> Self {

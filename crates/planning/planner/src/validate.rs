@@ -24,7 +24,7 @@ const SEAM: f64 = 1e-6;
 /// third differences.
 const GAP: f64 = 1e-10;
 /// The same as a share of a length.
-const GAP_SHARE: f64 = 1e-9;
+const GAP_FRACTION: f64 = 1e-9;
 /// A plan made slower is made a little slower than it must be.
 const SLOWER: f64 = 0.99;
 
@@ -106,7 +106,7 @@ pub(crate) fn ratios<'a>(
         }
         let end = piece.law.at(piece.duration).0;
         let miss = (end.x - piece.length).abs();
-        if miss.is_nan() || miss > GAP + GAP_SHARE * piece.length {
+        if miss.is_nan() || miss > GAP + GAP_FRACTION * piece.length {
             return broken;
         }
         (v, a) = (end.v, end.a);
@@ -118,7 +118,7 @@ pub(crate) fn ratios<'a>(
 /// of its own. Stretches between them are shorter than rounding.
 fn meet<'a>(before: &Piece, piece: &Piece, segment: &impl Fn(u64) -> Option<&'a Segment>) -> bool {
     let end = before.from + before.length;
-    let near = |one: f64, other: f64| (one - other).abs() <= GAP + GAP_SHARE * other.abs().min(1.0);
+    let near = |one: f64, other: f64| (one - other).abs() <= GAP + GAP_FRACTION * other.abs().min(1.0);
     if piece.stretch == before.stretch {
         return near(piece.from, end);
     }
@@ -142,7 +142,7 @@ mod tests {
     #![allow(clippy::expect_used, reason = "a test may fail")]
 
     use evolvent_path::{Curve, Line};
-    use evolvent_timing::Law;
+    use evolvent_timing::TimeLaw;
 
     use super::*;
     use crate::recorder::{equal_axes, point};
@@ -160,7 +160,7 @@ mod tests {
         }
     }
 
-    fn piece(law: Law, from: f64, duration: f64) -> Piece {
+    fn piece(law: TimeLaw, from: f64, duration: f64) -> Piece {
         Piece {
             law,
             length: law.at(duration).0.x,
@@ -176,7 +176,7 @@ mod tests {
         let limits = equal_axes(100.0, 1000.0, 10_000.0);
         let segment = segment();
         // Jerk 80 000: speed 9, acceleration 1200 after 15 ms.
-        let law = Law::Jerk {
+        let law = TimeLaw::Jerk {
             v: 0.0,
             a: 0.0,
             j: 80_000.0,
@@ -196,7 +196,7 @@ mod tests {
     fn pieces_that_do_not_meet_are_found() {
         let limits = equal_axes(100.0, 1000.0, 10_000.0);
         let segment = segment();
-        let cruise = |v: f64| Law::Flow { v, b: 0.0, c: 0.0 };
+        let cruise = |v: f64| TimeLaw::Flow { v, b: 0.0, c: 0.0 };
         let good = [piece(cruise(5.0), 0.0, 0.1), piece(cruise(5.0), 0.5, 0.1)];
         assert!(ratios(&good, (5.0, 0.0), &limits, |_| Some(&segment)).hold());
         assert!(!ratios(&good, (5.1, 0.0), &limits, |_| Some(&segment)).hold());
@@ -225,7 +225,7 @@ mod tests {
             length: 1e-13,
             ..segment
         };
-        let cruise = Law::Flow {
+        let cruise = TimeLaw::Flow {
             v: 5.0,
             b: 0.0,
             c: 0.0,

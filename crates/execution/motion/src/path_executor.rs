@@ -5,26 +5,26 @@ use evolvent_path::{Axes, Jet};
 use evolvent_planner::Segment;
 use evolvent_turning::{Reason, TurningOutput};
 
-use crate::asking::Asking;
-use crate::cursor::{Cursor, Drive};
+use crate::cursor::{ActiveMotion, Cursor};
 use crate::guard::{Extremes, Guard, Violation};
 use crate::plan_preview::PlanPreview;
 use crate::queue::PlanConsumer;
 use crate::quick_stop::QuickStop;
+use crate::replan::ReplanState;
 use crate::setpoint::{Inputs, Setpoint};
 use crate::slowdown::{Lead, Slowdown};
 use crate::state::{State, flags};
 use crate::turning::Turning;
 
 /// The least feed override that a plan is made for.
-const LEAST_OVERRIDE: f64 = 0.001;
+const MIN_OVERRIDE: f64 = 0.001;
 
 /// Motion of one machine along one plan.
 ///
 /// `step` is pure: it looks at no clock and touches nothing but itself and the queue. It does not allocate, lock
 /// or wait, and its work is bounded.
 #[derive(Debug)]
-pub struct Motion {
+pub struct PathExecutor {
     pub(crate) period: f64,
     pub(crate) limits: Limits,
     pub(crate) guard: Guard,
@@ -37,7 +37,7 @@ pub struct Motion {
     /// Set where even braking on the path breaks a limit: every axis stops by itself.
     pub(crate) quick_stop: Option<QuickStop>,
     pub(crate) last: Jet,
-    pub(crate) asking: Asking,
+    pub(crate) asking: ReplanState,
     /// What a slowdown looks at.
     pub(crate) preview: PlanPreview,
     /// Whether the planner had not finished what the last step looked for.
@@ -56,7 +56,7 @@ pub struct Motion {
     pub(crate) turning_fault: Option<Reason>,
 }
 
-impl Motion {
+impl PathExecutor {
     /// At rest at `position`, the first setpoint still to come; the plan is made for 100 % feed.
     #[must_use]
     pub fn new(limits: Limits, period_ns: u64, position: Axes) -> Self {
@@ -79,7 +79,7 @@ impl Motion {
             fault: None,
             quick_stop: None,
             last: still,
-            asking: Asking::new(period),
+            asking: ReplanState::new(period),
             preview: PlanPreview::new(),
             waited: false,
             withhold: false,
@@ -143,9 +143,9 @@ impl Motion {
     #[must_use]
     pub fn feed_factor(&self) -> Option<f64> {
         match &self.cursor.drive {
-            Drive::Still => Some(0.0),
-            Drive::Run(run) => Some(self.cursor.now().0.v / run.feed),
-            Drive::Flow { .. } => None,
+            ActiveMotion::Still => Some(0.0),
+            ActiveMotion::Run(run) => Some(self.cursor.now().0.v / run.feed),
+            ActiveMotion::TimedSegment { .. } => None,
         }
     }
 
@@ -181,7 +181,7 @@ impl Motion {
 
     /// Lets the next steps act, or not, as if the planner had not finished: where a recorded run has waited, it
     /// waits again when it is computed anew.
-    pub fn withhold_plan(&mut self, withhold: bool) {
+    pub fn replay_starved(&mut self, withhold: bool) {
         self.withhold = withhold;
     }
 
@@ -266,7 +266,7 @@ impl Motion {
             }
         }
         // At rest the front segment is that of the next move, not of the step that is waited for.
-        if let (Some(segment), Drive::Run(_)) = (segment, &cursor.drive) {
+        if let (Some(segment), ActiveMotion::Run(_)) = (segment, &cursor.drive) {
             (cursor.line, cursor.block) = (segment.line, segment.block);
         }
         queue.take(cursor.step, cursor.segment, cursor.mark, cursor.interval);
@@ -284,10 +284,10 @@ impl Motion {
     /// A slowdown to a part of the speed ends when a plan for the override takes over. Rapids do not heed the override: where
     /// one is driven, the request alone is made.
     fn slow_down(&mut self, cursor: &mut Cursor, inputs: &Inputs, queue: &mut PlanConsumer) {
-        let Drive::Flow { flow, time } = cursor.drive else {
+        let ActiveMotion::TimedSegment { flow, time } = cursor.drive else {
             return;
         };
-        let brake = self.is_told_to_stand(cursor, inputs) || self.feed_override == 0.0;
+        let brake = self.stop_requested(cursor, inputs) || self.feed_override == 0.0;
         let target = if brake {
             0.0
         } else {
@@ -324,7 +324,7 @@ impl Motion {
     }
 
     /// Whether the axes are to come to rest on the path and stay there.
-    pub(crate) fn is_told_to_stand(&self, cursor: &Cursor, inputs: &Inputs) -> bool {
+    pub(crate) fn stop_requested(&self, cursor: &Cursor, inputs: &Inputs) -> bool {
         self.stop || inputs.hold || cursor.state == State::Fault
     }
 
@@ -376,7 +376,7 @@ impl Motion {
 
 fn checked_override(factor: f64) -> f64 {
     // Not a number fails the comparison.
-    if factor >= LEAST_OVERRIDE {
+    if factor >= MIN_OVERRIDE {
         factor.min(2.0)
     } else {
         0.0

@@ -71,7 +71,7 @@ impl PathSink for Vec<PathItem> {
 
 /// Makes a path of the moves of one program. Knows no time: what comes out depends on the moves alone.
 #[derive(Debug)]
-pub struct Shaper {
+pub struct PathStage {
     smoother: Smoother,
     straightener: Straightener,
     rules: PathRules,
@@ -82,7 +82,7 @@ pub struct Shaper {
     start: Option<f64>,
 }
 
-impl Shaper {
+impl PathStage {
     /// At rest at the start of the first move.
     #[must_use]
     pub fn new(limits: &PathLimits, rules: PathRules) -> Self {
@@ -106,7 +106,7 @@ impl Shaper {
         self.smoother.deviation_mm()
     }
 
-    /// Appends a move that [`Admission`](crate::Admission) has let pass.
+    /// Appends a move that [`MoveValidator`](crate::Admission) has let pass.
     pub fn push(&mut self, motion: &Move, line: u32, block: u32, sink: &mut impl PathSink) {
         let tolerance = match motion.path_mode {
             PathMode::ExactPath => Tolerance::Exact,

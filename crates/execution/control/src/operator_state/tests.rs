@@ -4,7 +4,7 @@ use evolvent_path::AXES;
 
 use super::*;
 
-const FACTS: Facts = Facts {
+const FACTS: OperatorInputs = OperatorInputs {
     present: 0b111,
     is_held: false,
     is_ending: false,
@@ -14,7 +14,7 @@ const FACTS: Facts = Facts {
 struct Client(u64);
 
 impl Client {
-    fn sends(&mut self, desk: &mut Desk, code: CommandCode, index: u32) -> Result<(), Alarm> {
+    fn sends(&mut self, desk: &mut OperatorState, code: CommandCode, index: u32) -> Result<(), Alarm> {
         self.0 += 1;
         let raw = RawCommand {
             command: code as u32,
@@ -25,7 +25,7 @@ impl Client {
             text: Some("part.ngc"),
         };
         let command = desk
-            .consider(7, self.0, &raw, &FACTS)
+            .authorize(7, self.0, &raw, &FACTS)
             .map_err(|(_, refusal)| refusal.alarm)?;
         desk.commit(&command, 0, false);
         Ok(())
@@ -33,8 +33,8 @@ impl Client {
 }
 
 /// On, and waiting for its drives since 1000 ns.
-fn waiting_for_drives() -> Desk {
-    let mut desk = Desk::default();
+fn waiting_for_drives() -> OperatorState {
+    let mut desk = OperatorState::default();
     desk.commit(&Command::EstopReset, 0, true);
     desk.commit(&Command::On, 1000, true);
     assert!(desk.wants_power() && desk.machine() == MachineState::Off);
@@ -43,14 +43,14 @@ fn waiting_for_drives() -> Desk {
 
 #[test]
 fn drives_that_come_up_after_power_was_taken_back_do_not_switch_the_machine_on() {
-    type Way = fn(&mut Desk);
+    type Way = fn(&mut OperatorState);
     let ways: [(Way, MachineState); 3] = [
         (
             |desk| desk.commit(&Command::Estop, 2000, true),
             MachineState::Estop,
         ),
         (|desk| desk.commit(&Command::Off, 2000, true), MachineState::Off),
-        (Desk::drop_power, MachineState::Off),
+        (OperatorState::drop_power, MachineState::Off),
     ];
     for (takes_back, state) in ways {
         let mut desk = waiting_for_drives();
@@ -74,7 +74,7 @@ fn asking_for_power_again_gives_the_drives_no_more_time() {
 #[test]
 fn drives_have_the_time_that_was_set_and_no_more() {
     for timeout_ns in [1, 300_000_000, 2_000_000_000, 60_000_000_000] {
-        let mut desk = Desk::default();
+        let mut desk = OperatorState::default();
         desk.set_enable_timeout_ns(timeout_ns);
         desk.commit(&Command::EstopReset, 0, true);
         desk.commit(&Command::On, 1000, true);
@@ -86,7 +86,13 @@ fn drives_have_the_time_that_was_set_and_no_more() {
 }
 
 /// Sends a command that names what it means; its answer.
-fn says(desk: &mut Desk, serial: u64, code: CommandCode, text: &str, is_good: bool) -> Result<(), Refusal> {
+fn says(
+    desk: &mut OperatorState,
+    serial: u64,
+    code: CommandCode,
+    text: &str,
+    is_good: bool,
+) -> Result<(), Rejection> {
     let raw = RawCommand {
         command: code as u32,
         axes_mask: 0,
@@ -96,7 +102,7 @@ fn says(desk: &mut Desk, serial: u64, code: CommandCode, text: &str, is_good: bo
         text: Some(text),
     };
     let command = desk
-        .consider(7, serial, &raw, &FACTS)
+        .authorize(7, serial, &raw, &FACTS)
         .map_err(|(_, refusal)| refusal)?;
     if is_good {
         desk.commit(&command, 0, false);
@@ -106,7 +112,7 @@ fn says(desk: &mut Desk, serial: u64, code: CommandCode, text: &str, is_good: bo
 
 #[test]
 fn after_a_rejected_load_nothing_starts_unless_it_is_named() {
-    let mut desk = Desk::default();
+    let mut desk = OperatorState::default();
     desk.set_homed(0b111);
     for command in [Command::EstopReset, Command::On, Command::SetMode(Mode::Auto)] {
         desk.commit(&command, 0, false);
@@ -144,7 +150,7 @@ fn after_a_rejected_load_nothing_starts_unless_it_is_named() {
 
 #[test]
 fn one_axis_that_is_not_homed_keeps_programs_from_starting() {
-    let (mut desk, mut client) = (Desk::default(), Client(0));
+    let (mut desk, mut client) = (OperatorState::default(), Client(0));
     for (code, index) in [
         (CommandCode::EstopReset, 0),
         (CommandCode::On, 0),
@@ -172,24 +178,24 @@ fn a_core_that_ends_takes_no_command() {
         values: [0.0; AXES],
         text: None,
     };
-    let facts = Facts {
+    let facts = OperatorInputs {
         is_ending: true,
         ..FACTS
     };
-    let refused = Desk::default().consider(7, 1, &raw, &facts);
+    let refused = OperatorState::default().authorize(7, 1, &raw, &facts);
     let (verdict, refusal) = refused.expect_err("it ends");
     assert_eq!((verdict, refusal.alarm), (Verdict::Rejected, Alarm::Ending));
 }
 
 #[test]
 fn losing_power_leaves_an_emergency_stop_and_a_machine_that_is_off_as_they_are() {
-    type Way = fn(&mut Desk);
+    type Way = fn(&mut OperatorState);
     let ways: [Way; 2] = [
         |desk| desk.commit(&Command::Off, 0, false),
         |desk| desk.drop_power(),
     ];
     for way in ways {
-        let mut desk = Desk::default();
+        let mut desk = OperatorState::default();
         way(&mut desk);
         assert_eq!(desk.machine(), MachineState::Estop);
         desk.commit(&Command::On, 0, false);
@@ -206,7 +212,7 @@ fn losing_power_leaves_an_emergency_stop_and_a_machine_that_is_off_as_they_are()
 
 #[test]
 fn who_is_refused_for_a_latched_alarm_is_told_which_and_otherwise_what_the_rule_says() {
-    let refusal = |desk: &mut Desk, serial: u64| {
+    let refusal = |desk: &mut OperatorState, serial: u64| {
         let raw = RawCommand {
             command: CommandCode::Home as u32,
             axes_mask: 0,
@@ -215,13 +221,13 @@ fn who_is_refused_for_a_latched_alarm_is_told_which_and_otherwise_what_the_rule_
             values: [0.0; AXES],
             text: None,
         };
-        desk.consider(7, serial, &raw, &FACTS).unwrap_err().1
+        desk.authorize(7, serial, &raw, &FACTS).unwrap_err().1
     };
-    let mut desk = Desk::default();
+    let mut desk = OperatorState::default();
     desk.raise(Alarm::DriveFault, "axis X");
     // In emergency stop that is the reason, whatever is latched.
     let first = refusal(&mut desk, 1);
-    assert_eq!(first, Refusal::by_rule(Alarm::InEstop, CommandCode::Home));
+    assert_eq!(first, Rejection::by_rule(Alarm::InEstop, CommandCode::Home));
     desk.commit(&Command::EstopReset, 0, false);
     desk.commit(&Command::On, 0, false);
     let number = Alarm::DriveFault.number();
@@ -233,8 +239,8 @@ fn who_is_refused_for_a_latched_alarm_is_told_which_and_otherwise_what_the_rule_
 
 #[test]
 fn each_switch_and_override_is_one_of_its_own() {
-    let mut desk = Desk::default();
-    let seen = |desk: &Desk| {
+    let mut desk = OperatorState::default();
+    let seen = |desk: &OperatorState| {
         let switches = [
             desk.is_single_step(),
             desk.is_optional_stop(),
@@ -264,7 +270,7 @@ fn each_switch_and_override_is_one_of_its_own() {
 
 #[test]
 fn a_job_ends_once() {
-    let mut desk = Desk::default();
+    let mut desk = OperatorState::default();
     assert_eq!(
         (desk.job(), desk.job_begins(Activity::Jog), desk.job()),
         (0, 1, 1)
@@ -278,7 +284,7 @@ fn a_job_ends_once() {
 
 #[test]
 fn a_machine_is_brought_up_in_order_and_in_no_other() {
-    let (mut desk, mut client) = (Desk::default(), Client(0));
+    let (mut desk, mut client) = (OperatorState::default(), Client(0));
     assert_eq!(client.sends(&mut desk, CommandCode::On, 0), Err(Alarm::InEstop));
     assert_eq!(client.sends(&mut desk, CommandCode::EstopReset, 0), Ok(()));
     assert_eq!(client.sends(&mut desk, CommandCode::Home, 0), Err(Alarm::IsOff));
@@ -314,7 +320,7 @@ fn a_machine_is_brought_up_in_order_and_in_no_other() {
 
 #[test]
 fn whatever_is_refused_changes_nothing_but_the_counts() {
-    let (mut desk, mut client) = (Desk::default(), Client(0));
+    let (mut desk, mut client) = (OperatorState::default(), Client(0));
     client.sends(&mut desk, CommandCode::EstopReset, 0).unwrap();
     client.sends(&mut desk, CommandCode::FeedOverride, 0).unwrap();
     let before = (
@@ -343,7 +349,7 @@ fn whatever_is_refused_changes_nothing_but_the_counts() {
         (7, 99, nan, Verdict::Rejected),
         (7, 99, good, Verdict::Stale),
     ] {
-        let refused = desk.consider(client, serial, &raw, &FACTS).unwrap_err();
+        let refused = desk.authorize(client, serial, &raw, &FACTS).unwrap_err();
         assert_eq!(refused.0, verdict, "{client} {serial}");
     }
     assert_eq!(
@@ -360,7 +366,7 @@ fn whatever_is_refused_changes_nothing_but_the_counts() {
 
 #[test]
 fn faults_are_latched_and_what_a_job_left_goes_with_the_next_one() {
-    let (mut desk, mut client) = (Desk::default(), Client(0));
+    let (mut desk, mut client) = (OperatorState::default(), Client(0));
     client.sends(&mut desk, CommandCode::EstopReset, 0).unwrap();
     client.sends(&mut desk, CommandCode::On, 0).unwrap();
     desk.raise(Alarm::Program, "line 7 ...");
@@ -387,14 +393,14 @@ fn an_alarm_that_latches_is_listed_however_many_others_are() {
             .copied()
             .filter(move |alarm| alarm.is_latched() == latched)
     };
-    let mut desk = Desk::default();
-    for alarm in kinds(false).take(MOST_ALARMS) {
+    let mut desk = OperatorState::default();
+    for alarm in kinds(false).take(MAX_ALARMS) {
         desk.raise(alarm, "no fault");
     }
     assert!(!desk.has_latched_alarm());
     desk.raise(Alarm::DriveFault, "axis X");
     assert!(desk.has_latched_alarm());
-    assert_eq!((desk.alarms().count(), desk.unlisted_alarms()), (MOST_ALARMS, 1));
+    assert_eq!((desk.alarms().count(), desk.unlisted_alarms()), (MAX_ALARMS, 1));
     assert_eq!(desk.alarms().last(), Some((Alarm::DriveFault, "axis X")));
     // And where all of them are: the newest, whose sentence the status shows.
     for alarm in kinds(true) {
@@ -409,7 +415,7 @@ fn an_alarm_that_latches_is_listed_however_many_others_are() {
 
 #[test]
 fn drives_that_are_not_enabled_in_time_raise_an_alarm_and_the_machine_stays_off() {
-    let mut desk = Desk::default();
+    let mut desk = OperatorState::default();
     desk.commit(&Command::EstopReset, 0, true);
     desk.commit(&Command::On, 1_000, true);
     assert_eq!((desk.machine(), desk.wants_power()), (MachineState::Off, true));

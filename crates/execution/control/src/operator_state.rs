@@ -4,13 +4,13 @@ use crate::alarm::{Alarm, AlarmKind};
 use crate::code::CommandCode;
 use crate::command::Command;
 use crate::decode::RawCommand;
-use crate::refusal::Refusal;
+use crate::interlock_state::{Activity, InterlockState, MachineState, Mode};
+use crate::rejection::Rejection;
 use crate::rules::judge;
 use crate::serials::Serials;
-use crate::situation::{Activity, MachineState, Mode, Situation};
 
 /// Alarms that are listed; of more the newest are only counted.
-const MOST_ALARMS: usize = 16;
+const MAX_ALARMS: usize = 16;
 /// How long drives may take until they are enabled, ns, where nothing else was said.
 const ENABLE_NS: u64 = 2_000_000_000;
 
@@ -45,7 +45,7 @@ pub enum JobResult {
 
 /// What the desk cannot know by itself.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Facts {
+pub struct OperatorInputs {
     /// Bit i set: the machine has axis i.
     pub present: u32,
     /// The feed is held, or a program stop is waited at.
@@ -63,7 +63,7 @@ struct Raised {
 
 /// The desk of one machine.
 #[derive(Clone, Debug)]
-pub struct Desk {
+pub struct OperatorState {
     serials: Serials,
     machine: MachineState,
     mode: Mode,
@@ -89,7 +89,7 @@ pub struct Desk {
     rejected: u64,
 }
 
-impl Default for Desk {
+impl Default for OperatorState {
     /// As after power-up: in emergency stop, manual, nothing homed.
     fn default() -> Self {
         Self {
@@ -118,22 +118,22 @@ impl Default for Desk {
     }
 }
 
-impl Desk {
+impl OperatorState {
     /// Judges a request: its serial number, its numbers, the interlocks. Nothing is changed but the count of serials;
     /// who carries the command out calls [`Desk::commit`] then.
     ///
     /// # Errors
     /// Verdict and refusal for the answer; it is counted.
-    pub fn consider(
+    pub fn authorize(
         &mut self,
         client: u64,
         serial: u64,
         raw: &RawCommand<'_>,
-        facts: &Facts,
-    ) -> Result<Command, (Verdict, Refusal)> {
+        facts: &OperatorInputs,
+    ) -> Result<Command, (Verdict, Rejection)> {
         if client == 0 || serial == 0 {
             let text = "a command needs the number of its client and its own, both above 0";
-            return Err(self.refuse(Refusal::new(Alarm::Malformed, text)));
+            return Err(self.refuse(Rejection::new(Alarm::Malformed, text)));
         }
         if !self.serials.admit(client, serial) {
             self.rejected += 1;
@@ -154,21 +154,21 @@ impl Desk {
         let starts =
             matches!(code, CommandCode::Start | CommandCode::Step) && self.activity == Activity::None;
         if starts && let Some(objection) = self.other_program(raw.text.unwrap_or_default()) {
-            return Err(self.refuse(Refusal::new(Alarm::OtherProgram, objection)));
+            return Err(self.refuse(Rejection::new(Alarm::OtherProgram, objection)));
         }
         Ok(command)
     }
 
-    /// What the interlocks say to a command now. [`Desk::consider`] has asked before; who carries it out later asks again.
+    /// What the interlocks say to a command now. [`Desk::authorize`] has asked before; who carries it out later asks again.
     ///
     /// # Errors
     /// Why it is not permitted; it is not counted.
-    pub fn permit(&self, code: CommandCode, facts: &Facts) -> Result<(), Refusal> {
+    pub fn permit(&self, code: CommandCode, facts: &OperatorInputs) -> Result<(), Rejection> {
         if facts.is_ending {
             return Err(Alarm::Ending.into());
         }
         if let Err(alarm) = judge(code, &self.situation(facts)) {
-            let mut refusal = Refusal::by_rule(alarm, code);
+            let mut refusal = Rejection::by_rule(alarm, code);
             if alarm == Alarm::Latched
                 && let Some(first) = self.alarms.iter().find(|raised| raised.alarm.is_latched())
             {
@@ -196,7 +196,7 @@ impl Desk {
     }
 
     /// Counts a rejection and makes the answer of it.
-    pub fn refuse(&mut self, refusal: Refusal) -> (Verdict, Refusal) {
+    pub fn refuse(&mut self, refusal: Rejection) -> (Verdict, Rejection) {
         self.rejected += 1;
         (Verdict::Rejected, refusal)
     }
@@ -263,14 +263,14 @@ impl Desk {
         if self.alarms.iter().any(|raised| raised.alarm == alarm) {
             return;
         }
-        if self.alarms.len() >= MOST_ALARMS {
+        if self.alarms.len() >= MAX_ALARMS {
             self.more_alarms = self.more_alarms.saturating_add(1);
             if !alarm.is_latched() {
                 return;
             }
             // What keeps the machine from moving is listed rather than what does not, and the newest rather than the last.
             let unlatched = self.alarms.iter().position(|raised| !raised.alarm.is_latched());
-            self.alarms.remove(unlatched.unwrap_or(MOST_ALARMS - 1));
+            self.alarms.remove(unlatched.unwrap_or(MAX_ALARMS - 1));
         }
         let text = text.into();
         self.alarms.push(Raised { alarm, text });
@@ -313,8 +313,8 @@ impl Desk {
         self.homed = mask;
     }
 
-    fn situation(&self, facts: &Facts) -> Situation {
-        Situation {
+    fn situation(&self, facts: &OperatorInputs) -> InterlockState {
+        InterlockState {
             machine: self.machine,
             mode: self.mode,
             activity: self.activity,

@@ -65,7 +65,7 @@ pub enum Activity {
 
 /// All that the interlocks look at.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Situation {
+pub struct InterlockState {
     /// Emergency stop, off or on.
     pub machine: MachineState,
     /// Automatic, manual or MDI.

@@ -14,7 +14,7 @@ use crate::words::{in_plain_words, one_line, plain, shortened};
 /// [`Sheet::read`] makes a type of it (unknown keys, missing keys and wrong kinds are errors where the type says so);
 /// [`Sheet::number`] and [`Sheet::error`] are for the checks that follow, with the dotted key of what is wrong.
 #[derive(Debug)]
-pub struct Sheet<'a> {
+pub struct ConfigDocument<'a> {
     file: &'a str,
     text: &'a str,
     content: Content<'a>,
@@ -26,7 +26,7 @@ enum Content<'a> {
     Json,
 }
 
-impl<'a> Sheet<'a> {
+impl<'a> ConfigDocument<'a> {
     /// Parses `text`; `file` names it in errors, and is JSON where it ends so.
     ///
     /// # Errors

@@ -8,7 +8,7 @@ use crate::measure::{linear, rotary};
 /// p = c + r (cos theta + h phi sin theta, sin theta - h phi cos theta), h = 1 counter-clockwise, -1 clockwise on the
 /// way out; the path from the base circle is r phi^2 / 2 long.
 #[derive(Clone, Debug)]
-pub(crate) struct Unrolled {
+pub(crate) struct InvolutePiece {
     axes: [usize; 2],
     inner: Axes,
     along: Axes,
@@ -26,7 +26,7 @@ pub(crate) struct Unrolled {
     length: f64,
 }
 
-impl Unrolled {
+impl InvolutePiece {
     pub(crate) fn of(involute: &Involute, sense: Sense, start: Axes, end: Axes) -> Self {
         let (first, second, _) = involute.plane().axes();
         let centre = involute.centre_mm();

@@ -6,27 +6,27 @@ use evolvent_bus::Feedback;
 use evolvent_control::JobResult;
 use evolvent_drive::{Command, DriveAlarm, FeedbackWatch, PhaseLock, PowerRequest, Presence};
 use evolvent_machine::Limits;
-use evolvent_motion::{Inputs, Setpoint, State, Station, Steering, flags};
+use evolvent_motion::{Inputs, MachineState, Setpoint, State, TransferExecutor, flags};
 use evolvent_path::{AXES, Axes};
 use evolvent_trace::{CycleRecord, Histogram, inputs as recorded};
 use evolvent_turning::Transition;
 use rtrb::{Consumer, Producer};
 
-use super::orders::{CycleEvent, CycleView, Following, Order, What, Work};
-use crate::cycle::{CycleSample, DriveRequest, DueSetpoint, came_in, sample};
+use super::orders::{ActiveJob, CycleCommand, CycleEvent, CycleView, Following, Order};
+use crate::cycle::{CycleSample, DriveRequest, DueSetpoint, input_bits, sample};
 use crate::rt::MonotonicClock;
 use crate::shared::Controls;
 
 /// Orders that one cycle takes at the most; there are never so many.
-const MOST_ORDERS: usize = 32;
+const MAX_ORDERS: usize = 32;
 /// A cutting load that is older than this is none any more.
 const LOAD_AGE_NS: u64 = 1_000_000_000;
 /// Feedback that one cycle looks through for the newest.
-const MOST_FEEDBACK: usize = 256;
+const MAX_FEEDBACK: usize = 256;
 
 /// Everything the loop owns.
-pub(crate) struct Live {
-    pub station: Station,
+pub(crate) struct ServedCycle {
+    pub station: MachineState,
     pub limits: Limits,
     pub period_ns: u64,
     pub lead_cycles: u32,
@@ -48,12 +48,12 @@ pub(crate) struct Live {
 struct Turn {
     after: u64,
     id: u64,
-    steering: Box<Steering>,
+    steering: Box<TransferExecutor>,
 }
 
 /// What changes from cycle to cycle.
-struct Now {
-    work: Work,
+struct CycleState {
+    work: ActiveJob,
     /// A change of the steered motion: behind which setpoint, number of the order.
     turn: Option<Turn>,
     inputs: Inputs,
@@ -61,7 +61,7 @@ struct Now {
     go_on: Option<u32>,
     at_stop: Option<u32>,
     /// What the step depended on, as bits of the trace.
-    came_in: u32,
+    input_bits: u32,
     /// The axes got other coordinates since the last step.
     relocated: bool,
     drive: DriveRequest,
@@ -85,7 +85,7 @@ struct Now {
     turned: Option<Transition>,
 }
 
-impl Now {
+impl CycleState {
     /// The cutting load that this cycle went by, for the trace; not a number where a sensor has been silent for long.
     fn note_load(&mut self, record: &mut CycleRecord, period_ns: u64) {
         let Some(newest) = self.inputs.load else { return };
@@ -127,17 +127,17 @@ pub(crate) struct LiveReport {
     pub work: Histogram,
 }
 
-impl Live {
+impl ServedCycle {
     /// Runs until told to end and at rest.
     pub(crate) fn run(mut self) -> LiveReport {
         let mut report = LiveReport::default();
-        let mut now = Now {
-            work: Work::None,
+        let mut now = CycleState {
+            work: ActiveJob::None,
             turn: None,
             inputs: Inputs::default(),
             go_on: None,
             at_stop: None,
-            came_in: 0,
+            input_bits: 0,
             relocated: false,
             drive: DriveRequest {
                 power: PowerRequest::Off,
@@ -168,12 +168,12 @@ impl Live {
             self.take_orders(&mut now);
             now.inputs.load = self.controls.load();
             if let Some(feedback) = &feedback {
-                self.stand_where_the_drives_are(&mut now, feedback, taken);
+                self.rebase_to_drives(&mut now, feedback, taken);
             }
             let mut setpoint = self.step(&mut now, deadline);
             self.check_drives(&mut now, &setpoint, taken, feedback.as_ref());
             now.note_following_error(feedback.as_ref());
-            let is_last = now.ending && matches!(now.work, Work::None) && self.station.is_at_rest();
+            let is_last = now.ending && matches!(now.work, ActiveJob::None) && self.station.is_at_rest();
             if is_last {
                 setpoint.flags |= flags::LAST;
                 now.drive.power = PowerRequest::Off;
@@ -199,7 +199,7 @@ impl Live {
             }
             if let Some(trace) = &mut self.trace {
                 let unix = self.start_unix_ns + setpoint.sequence * self.period_ns;
-                let mut cycle = sample(&setpoint, unix, lateness, work, now.came_in);
+                let mut cycle = sample(&setpoint, unix, lateness, work, now.input_bits);
                 cycle.record.following_error = now.following_error;
                 now.note_load(&mut cycle.record, self.period_ns);
                 cycle.turning = now.turned;
@@ -218,7 +218,7 @@ impl Live {
                 late_cycles: now.late_cycles,
                 dropped_records: now.dropped_records,
                 dropped_setpoints: now.dropped_setpoints,
-                at_rest: self.station.is_at_rest() && matches!(now.work, Work::None),
+                at_rest: self.station.is_at_rest() && matches!(now.work, ActiveJob::None),
             });
             report.cycles += 1;
             report.lateness.record(lateness as i64);
@@ -238,7 +238,7 @@ impl Live {
 
     fn newest_feedback(&mut self) -> Option<Feedback> {
         let mut newest = None;
-        for _ in 0..MOST_FEEDBACK {
+        for _ in 0..MAX_FEEDBACK {
             match self.feedback.pop() {
                 Ok(feedback) => newest = Some(feedback),
                 Err(_) => break,
@@ -255,10 +255,10 @@ impl Live {
         }
     }
 
-    fn take_orders(&mut self, now: &mut Now) {
-        for _ in 0..MOST_ORDERS {
+    fn take_orders(&mut self, now: &mut CycleState) {
+        for _ in 0..MAX_ORDERS {
             let Ok(order) = self.orders.pop() else { break };
-            let reported = !matches!(order.what, What::Turn { .. });
+            let reported = !matches!(order.what, CycleCommand::Turn { .. });
             self.take(now, order.id, order.what);
             if reported && order.id > 0 {
                 let sequence = self.station.sequence();
@@ -270,97 +270,97 @@ impl Live {
         }
     }
 
-    fn take(&mut self, now: &mut Now, id: u64, what: What) {
+    fn take(&mut self, now: &mut CycleState, id: u64, what: CycleCommand) {
         match what {
-            What::Follow(mut job) => {
-                let free = matches!(now.work, Work::None) && !now.faulted;
+            CycleCommand::Follow(mut job) => {
+                let free = matches!(now.work, ActiveJob::None) && !now.faulted;
                 if free && self.station.hand_to(&mut job.motion) {
                     now.inputs = Inputs {
                         feed_override: now.inputs.feed_override,
                         ..Inputs::default()
                     };
                     (now.go_on, now.at_stop) = (None, None);
-                    now.work = Work::Follow(job);
+                    now.work = ActiveJob::Follow(job);
                 } else {
                     let sequence = self.station.sequence();
-                    let work = Work::Follow(job);
+                    let work = ActiveJob::Follow(job);
                     self.tell(CycleEvent::Misplaced { sequence, work });
                 }
             }
-            What::Steer(steering) => {
-                let free = matches!(now.work, Work::None) && !now.faulted;
+            CycleCommand::Steer(steering) => {
+                let free = matches!(now.work, ActiveJob::None) && !now.faulted;
                 if free && self.station.can_steer(&steering) {
-                    now.work = Work::Steer(steering);
+                    now.work = ActiveJob::Steer(steering);
                 } else {
                     let sequence = self.station.sequence();
-                    let work = Work::Steer(steering);
+                    let work = ActiveJob::Steer(steering);
                     self.tell(CycleEvent::Misplaced { sequence, work });
                 }
             }
-            What::Turn { after, steering } => {
+            CycleCommand::Turn { after, steering } => {
                 let turn = Turn { after, id, steering };
                 if let Some(old) = now.turn.replace(turn) {
-                    self.tell(CycleEvent::Returned(Work::Steer(old.steering)));
+                    self.tell(CycleEvent::Returned(ActiveJob::Steer(old.steering)));
                 }
             }
-            What::Hold => now.inputs.hold = true,
-            What::Resume(stop) => {
+            CycleCommand::Hold => now.inputs.hold = true,
+            CycleCommand::Resume(stop) => {
                 now.inputs.hold = false;
                 now.go_on = stop.or(now.go_on);
             }
-            What::GoOn(stop) => now.go_on = Some(stop),
-            What::Stop => match &mut now.work {
-                Work::None => {}
-                Work::Follow(_) => now.inputs.stop = true,
-                Work::Steer(steering) => steering.stop(),
+            CycleCommand::GoOn(stop) => now.go_on = Some(stop),
+            CycleCommand::Stop => match &mut now.work {
+                ActiveJob::None => {}
+                ActiveJob::Follow(_) => now.inputs.stop = true,
+                ActiveJob::Steer(steering) => steering.stop(),
             },
-            What::Override(factor) => {
+            CycleCommand::Override(factor) => {
                 now.inputs.feed_override = factor;
                 self.station.set_override(factor);
             }
-            What::Emergency => self.emergency(now),
-            What::Power(request) => {
+            CycleCommand::Emergency => self.emergency(now),
+            CycleCommand::Power(request) => {
                 now.drive.power = request;
                 now.power_off_at_rest = false;
             }
-            What::Clear => {
+            CycleCommand::Clear => {
                 now.faulted = false;
                 now.drive.fault_reset = now.drive.fault_reset.wrapping_add(1);
             }
-            What::Relocate {
+            CycleCommand::Relocate {
                 position,
                 limits,
                 renames,
             } => {
-                if matches!(now.work, Work::None) && self.station.is_at_rest() {
+                if matches!(now.work, ActiveJob::None) && self.station.is_at_rest() {
                     now.relocated |= self.station.position() != position;
                     self.limits = limits;
                     self.station.relocate(limits, position);
                     now.drive.datum += u64::from(renames);
                 }
             }
-            What::Within(limits) => {
-                if matches!(now.work, Work::None) && self.station.is_at_rest() {
+            CycleCommand::Within(limits) => {
+                if matches!(now.work, ActiveJob::None) && self.station.is_at_rest() {
                     self.limits = limits;
                     self.station.relocate(limits, self.station.position());
                 }
             }
-            What::Keep(until_ns) => now.keep_until_ns = until_ns,
-            What::ExpectSwitches(mask) => now.switches_expected = mask,
-            What::End => {
+            CycleCommand::KeepJogging(until_ns) => now.keep_until_ns = until_ns,
+            CycleCommand::ExpectSwitches(mask) => now.switches_expected = mask,
+            CycleCommand::End => {
                 now.ending = true;
                 match &mut now.work {
-                    Work::None => {}
-                    Work::Follow(_) => now.inputs.stop = true,
-                    Work::Steer(steering) => steering.stop(),
+                    ActiveJob::None => {}
+                    ActiveJob::Follow(_) => now.inputs.stop = true,
+                    ActiveJob::Steer(steering) => steering.stop(),
                 }
             }
         }
     }
 
     /// Drives without power may be moved by hand: the core stands where they are.
-    fn stand_where_the_drives_are(&mut self, now: &mut Now, feedback: &Feedback, time_ns: u64) {
-        let is_off = now.drive.power == PowerRequest::Off && matches!(now.work, Work::None);
+    fn rebase_to_drives(&mut self, now: &mut CycleState, feedback: &Feedback, time_ns: u64) {
+        let is_off = now.drive.power == PowerRequest::Off && matches!(now.work, ActiveJob::None);
         let is_believed = self.watch.believes(time_ns, feedback);
         if !is_off || !self.station.is_at_rest() || !is_believed {
             return;
@@ -388,13 +388,13 @@ impl Live {
     }
 
     /// Every axis stops by itself; whatever moved them is over.
-    fn emergency(&mut self, now: &mut Now) {
+    fn emergency(&mut self, now: &mut CycleState) {
         self.station.emergency();
         now.drive.power = PowerRequest::QuickStop;
         now.power_off_at_rest = true;
         self.drop_turn(now);
-        let work = std::mem::replace(&mut now.work, Work::None);
-        if !matches!(work, Work::None) {
+        let work = std::mem::replace(&mut now.work, ActiveJob::None);
+        if !matches!(work, ActiveJob::None) {
             let sequence = self.station.sequence();
             self.tell(CycleEvent::Ended {
                 sequence,
@@ -404,28 +404,28 @@ impl Live {
         }
     }
 
-    fn drop_turn(&mut self, now: &mut Now) {
+    fn drop_turn(&mut self, now: &mut CycleState) {
         if let Some(turn) = now.turn.take() {
-            self.tell(CycleEvent::Returned(Work::Steer(turn.steering)));
+            self.tell(CycleEvent::Returned(ActiveJob::Steer(turn.steering)));
         }
     }
 
     /// One setpoint of whatever moves the axes.
-    fn step(&mut self, now: &mut Now, deadline: u64) -> Setpoint {
+    fn step(&mut self, now: &mut CycleState, deadline: u64) -> Setpoint {
         now.turned = None;
-        now.came_in = if std::mem::take(&mut now.relocated) {
+        now.input_bits = if std::mem::take(&mut now.relocated) {
             recorded::RELOCATED
         } else {
             0
         };
-        let mut work = std::mem::replace(&mut now.work, Work::None);
+        let mut work = std::mem::replace(&mut now.work, ActiveJob::None);
         let (mut setpoint, result) = match &mut work {
-            Work::None => {
+            ActiveJob::None => {
                 let state = if now.faulted { State::Fault } else { State::Idle };
                 (self.station.rest(state), None)
             }
-            Work::Follow(job) => self.follow(now, job),
-            Work::Steer(steering) => self.steer(now, steering, deadline),
+            ActiveJob::Follow(job) => self.follow(now, job),
+            ActiveJob::Steer(steering) => self.steer(now, steering, deadline),
         };
         now.work = work;
         if let Some(violation) = self.station.take_fault()
@@ -438,7 +438,7 @@ impl Live {
         if let Some(result) = result {
             let sequence = setpoint.sequence;
             self.drop_turn(now);
-            let work = std::mem::replace(&mut now.work, Work::None);
+            let work = std::mem::replace(&mut now.work, ActiveJob::None);
             if !self.station.is_quick_stopping() {
                 self.station.end();
             }
@@ -453,14 +453,14 @@ impl Live {
         if now.faulted && matches!(setpoint.state, State::Stopped | State::Stopping) {
             setpoint.state = State::Fault;
         }
-        if now.power_off_at_rest && matches!(now.work, Work::None) && self.station.is_at_rest() {
+        if now.power_off_at_rest && matches!(now.work, ActiveJob::None) && self.station.is_at_rest() {
             now.power_off_at_rest = false;
             now.drive.power = PowerRequest::Off;
         }
         setpoint
     }
 
-    fn follow(&mut self, now: &mut Now, job: &mut Following) -> (Setpoint, Option<JobResult>) {
+    fn follow(&mut self, now: &mut CycleState, job: &mut Following) -> (Setpoint, Option<JobResult>) {
         // It counts for the stop that was meant, and for none behind it.
         let is_meant = now.go_on.is_some() && now.go_on == now.at_stop;
         now.inputs.resume = is_meant && !now.inputs.resume;
@@ -470,7 +470,7 @@ impl Live {
             self.tell_once(now, CycleEvent::Turning { sequence, reason });
         }
         now.turned = job.motion.turning().and_then(|output| output.transition);
-        now.came_in |= recorded::FOLLOWS | came_in(&now.inputs, &job.motion);
+        now.input_bits |= recorded::FOLLOWS | input_bits(&now.inputs, &job.motion);
         now.at_stop = (setpoint.state == State::ProgramStop).then_some(setpoint.actions);
         self.station.follow(&job.motion, &setpoint);
         if setpoint.state == State::Done && job.signals.has_failed() {
@@ -493,8 +493,8 @@ impl Live {
 
     fn steer(
         &mut self,
-        now: &mut Now,
-        steering: &mut Steering,
+        now: &mut CycleState,
+        steering: &mut TransferExecutor,
         deadline: u64,
     ) -> (Setpoint, Option<JobResult>) {
         if deadline > now.keep_until_ns {
@@ -509,11 +509,11 @@ impl Live {
                     sequence,
                 });
             }
-            self.tell(CycleEvent::Returned(Work::Steer(turn.steering)));
+            self.tell(CycleEvent::Returned(ActiveJob::Steer(turn.steering)));
         }
-        now.came_in |= recorded::STEERS;
+        now.input_bits |= recorded::STEERS;
         if steering.is_stopping() {
-            now.came_in |= recorded::STOP;
+            now.input_bits |= recorded::STOP;
         }
         let setpoint = self.station.steer(steering);
         let result = match setpoint.state {
@@ -526,7 +526,7 @@ impl Live {
         (setpoint, result)
     }
 
-    fn tell_once(&mut self, now: &mut Now, event: CycleEvent) {
+    fn tell_once(&mut self, now: &mut CycleState, event: CycleEvent) {
         if !now.faulted {
             now.faulted = true;
             self.tell(event);
@@ -535,7 +535,7 @@ impl Live {
 
     fn check_drives(
         &mut self,
-        now: &mut Now,
+        now: &mut CycleState,
         setpoint: &Setpoint,
         time_ns: u64,
         feedback: Option<&Feedback>,
@@ -560,7 +560,7 @@ impl Live {
         }
     }
 
-    fn stop_for_drives(&mut self, now: &mut Now, sequence: u64, alarm: DriveAlarm) {
+    fn stop_for_drives(&mut self, now: &mut CycleState, sequence: u64, alarm: DriveAlarm) {
         if now.drive.power != PowerRequest::On {
             return;
         }
@@ -571,23 +571,23 @@ impl Live {
         } else if !known {
             now.power_off_at_rest = true;
             match &mut now.work {
-                Work::None => {}
-                Work::Follow(_) => now.inputs.stop = true,
-                Work::Steer(steering) => steering.stop(),
+                ActiveJob::None => {}
+                ActiveJob::Follow(_) => now.inputs.stop = true,
+                ActiveJob::Steer(steering) => steering.stop(),
             }
         }
     }
 
-    fn stop_for_lateness(&mut self, now: &mut Now, sequence: u64) {
+    fn stop_for_lateness(&mut self, now: &mut CycleState, sequence: u64) {
         let too_late = self.max_late_cycles > 0 && now.late_in_a_row >= self.max_late_cycles;
-        if !too_late || matches!(now.work, Work::None) {
+        if !too_late || matches!(now.work, ActiveJob::None) {
             return;
         }
         self.tell_once(now, CycleEvent::Late { sequence });
         match &mut now.work {
-            Work::None => {}
-            Work::Follow(_) => now.inputs.stop = true,
-            Work::Steer(steering) => steering.stop(),
+            ActiveJob::None => {}
+            ActiveJob::Follow(_) => now.inputs.stop = true,
+            ActiveJob::Steer(steering) => steering.stop(),
         }
     }
 }
@@ -596,7 +596,7 @@ impl Live {
 mod tests {
     use std::path::Path;
 
-    use evolvent_counting::{Counting, calls};
+    use evolvent_counting::{CountingAllocator, calls};
     use evolvent_drive::WatchSettings;
     use evolvent_machine::Machine;
     use evolvent_transfer::{AxesState, Sync, Transfer};
@@ -605,7 +605,7 @@ mod tests {
     use super::*;
 
     #[global_allocator]
-    static ALLOCATOR: Counting = Counting;
+    static ALLOCATOR: CountingAllocator = CountingAllocator;
 
     /// Calls of the allocator by a cycle that drives so many jogs, each with a turn that comes too late, renamings, an
     /// override and feedback of every cycle.
@@ -619,8 +619,8 @@ mod tests {
         let (mut to_cycle, feedback) = RingBuffer::new(256);
         let (bus, _setpoints) = RingBuffer::new(64);
         let (trace, _records) = RingBuffer::new(64);
-        let live = Live {
-            station: Station::new(limits, period_ns, limits.home),
+        let live = ServedCycle {
+            station: MachineState::new(limits, period_ns, limits.home),
             limits,
             period_ns,
             lead_cycles: 2,
@@ -642,7 +642,7 @@ mod tests {
             (calls() - before, report.cycles)
         });
         let mut give = |what| assert!(orders.push(Order { id: 1, what }).is_ok(), "no room");
-        give(What::Keep(u64::MAX));
+        give(CycleCommand::KeepJogging(u64::MAX));
         let mut at = limits.home;
         let (mut ended, mut begun) = (0, 0);
         while ended < jogs {
@@ -665,22 +665,22 @@ mod tests {
                 to[0] = if begun % 2 == 1 { 2.0 } else { 0.0 };
                 let from = AxesState::at_rest(at);
                 let solved = Transfer::solve(&limits, &from, &AxesState::at_rest(to), Sync::Time).unwrap();
-                let steering = Steering::new(solved);
-                give(What::Override(0.5));
-                give(What::Relocate {
+                let steering = TransferExecutor::new(solved);
+                give(CycleCommand::Override(0.5));
+                give(CycleCommand::Relocate {
                     position: at,
                     limits,
                     renames: false,
                 });
-                give(What::Steer(Box::new(steering)));
-                give(What::Turn {
+                give(CycleCommand::Steer(Box::new(steering)));
+                give(CycleCommand::Turn {
                     after: 0,
                     steering: Box::new(steering),
                 });
             }
             std::thread::sleep(std::time::Duration::from_millis(1));
         }
-        give(What::End);
+        give(CycleCommand::End);
         cycle.join().unwrap()
     }
 

@@ -7,11 +7,11 @@
 //!
 //! [`Slowdown`]: crate::slowdown::Slowdown
 
-use evolvent_planner::{Flow, Request, Step};
+use evolvent_planner::{Request, Step, TimedSegment};
 
-use crate::advance::MOST_RESTS_PER_CYCLE;
-use crate::cursor::{Cursor, Drive};
-use crate::motion::Motion;
+use crate::advance::MAX_RESTS_PER_CYCLE;
+use crate::cursor::{ActiveMotion, Cursor};
+use crate::path_executor::PathExecutor;
 use crate::plan_preview::LONGEST_PREVIEW_S;
 use crate::queue::PlanConsumer;
 use crate::scale::Scale;
@@ -21,15 +21,15 @@ use crate::state::State;
 /// Time from a request to where its answer takes over, s: a re-plan takes half of it at the most.
 const LEAD_S: f64 = 0.010;
 /// Cycles of lead at the least.
-const LEAST_LEAD: u64 = 2;
+const MIN_LEAD: u64 = 2;
 /// How often the time between requests in motion that come to nothing doubles at most: 0.3 s then.
-const MOST_DOUBLINGS: u32 = 6;
+const MAX_DOUBLINGS: u32 = 6;
 /// Pieces that a place ahead is looked for in.
-const MOST_AHEAD: usize = 1 << 15;
+const MAX_AHEAD: usize = 1 << 15;
 
 /// A request that is open.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Asked {
+pub(crate) struct PendingReplan {
     id: u64,
     factor: f64,
     /// Its answer follows the setpoint of this number; none at rest.
@@ -38,10 +38,10 @@ pub(crate) struct Asked {
 
 /// What the cycle has asked for, and how that went.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Asking {
+pub(crate) struct ReplanState {
     /// The override that the pieces ahead were planned for.
     pub(crate) factor: f64,
-    open: Option<Asked>,
+    open: Option<PendingReplan>,
     asked: u64,
     /// Requests in a row that were not met.
     unanswered: u32,
@@ -56,7 +56,7 @@ pub(crate) struct Asking {
     pub(crate) lead: u64,
 }
 
-impl Asking {
+impl ReplanState {
     pub(crate) fn new(period: f64) -> Self {
         Self {
             factor: 1.0,
@@ -67,7 +67,7 @@ impl Asking {
             wasted: 0,
             waste_until: 0,
             may_have_left: false,
-            lead: ((LEAD_S / period).ceil() as u64).max(LEAST_LEAD),
+            lead: ((LEAD_S / period).ceil() as u64).max(MIN_LEAD),
         }
     }
 
@@ -83,14 +83,14 @@ impl Asking {
 
     /// What was asked for is met no more; the next setpoint is number `sequence`.
     pub(crate) fn withdraw(&mut self, sequence: u64) {
-        if let Some(Asked { after: Some(_), .. }) = self.open.take() {
+        if let Some(PendingReplan { after: Some(_), .. }) = self.open.take() {
             self.waste(sequence);
         }
     }
 
     fn waste(&mut self, sequence: u64) {
         self.may_have_left = true;
-        self.wasted = (self.wasted + 1).min(MOST_DOUBLINGS);
+        self.wasted = (self.wasted + 1).min(MAX_DOUBLINGS);
         self.waste_until = sequence + (self.lead << self.wasted) / 2;
     }
 
@@ -109,7 +109,7 @@ impl Asking {
     }
 }
 
-impl Motion {
+impl PathExecutor {
     /// Whether a plan ahead may be driven as it is.
     pub(crate) fn plan_fits(&self, brake: bool) -> bool {
         let asking = &self.asking;
@@ -134,14 +134,14 @@ impl Motion {
                 let step = answer.step.filter(|_| !self.refuse);
                 match step.map(|step| (step, queue.step(step))) {
                     // In motion the next piece must be there; at rest it may still come.
-                    Some((step, Some(Step::Flow(flow)))) if open.after.is_some() => {
+                    Some((step, Some(Step::TimedSegment(flow)))) if open.after.is_some() => {
                         cursor.step = step;
                         cursor.starved = false;
                         cursor.slowdown = None;
                         cursor.start(flow);
                         self.asking.factor = open.factor;
                         self.asking.is_met();
-                        queue.took_answer(open.id);
+                        queue.acknowledge_replan(open.id);
                     }
                     // Taking it over frees the queue of what lies before, which the planner may need to hand on the new plan: so
                     // that is entered in a later cycle, whether it has come already or not.
@@ -152,7 +152,7 @@ impl Motion {
                         cursor.slowdown = None;
                         self.asking.factor = open.factor;
                         self.asking.is_met();
-                        queue.took_answer(open.id);
+                        queue.acknowledge_replan(open.id);
                     }
                     _ => {
                         self.refused = true;
@@ -184,7 +184,7 @@ impl Motion {
         {
             return;
         }
-        if self.is_told_to_stand(&cursor, inputs) || self.feed_override == 0.0 {
+        if self.stop_requested(&cursor, inputs) || self.feed_override == 0.0 {
             return;
         }
         let needs_other = self.feed_override != self.asking.factor || self.asking.may_have_left;
@@ -192,8 +192,8 @@ impl Motion {
             return;
         }
         match cursor.drive {
-            Drive::Run(_) => {}
-            Drive::Flow { flow, time } => {
+            ActiveMotion::Run(_) => {}
+            ActiveMotion::TimedSegment { flow, time } => {
                 let rate = match cursor.slowdown {
                     None => Some(1.0),
                     Some(slowdown) => slowdown.steady_rate().filter(|rate| *rate > 0.0),
@@ -221,12 +221,12 @@ impl Motion {
                     self.send(Some(after), request, queue);
                 }
             }
-            Drive::Still => match queue.step(cursor.step) {
+            ActiveMotion::Still => match queue.step(cursor.step) {
                 // A stop has ended within a piece.
-                Some(Step::Flow(flow)) if cursor.slowdown.is_some() => {
+                Some(Step::TimedSegment(flow)) if cursor.slowdown.is_some() => {
                     self.send(None, place(&flow, cursor.rest_x, 0.0, 0.0), queue);
                 }
-                Some(Step::Flow(flow)) if needs_other => {
+                Some(Step::TimedSegment(flow)) if needs_other => {
                     self.send(None, place(&flow, 0.0, 0.0, 0.0), queue);
                 }
                 Some(Step::Wait) => {
@@ -252,7 +252,7 @@ impl Motion {
             ..place
         };
         if queue.ask(request) {
-            self.asking.open = Some(Asked {
+            self.asking.open = Some(PendingReplan {
                 id: request.id,
                 factor: request.feed_factor,
                 after,
@@ -305,18 +305,18 @@ impl Motion {
         }
         let first = step;
         let (flow, time) = match cursor.drive {
-            Drive::Flow { flow, time } => (flow, time),
-            Drive::Run(_) => return queue.has_final_ahead(step),
+            ActiveMotion::TimedSegment { flow, time } => (flow, time),
+            ActiveMotion::Run(_) => return queue.has_final_ahead(step),
             // Steps at rest that take no time are passed in one cycle: what follows them must be known, if it gets there.
-            Drive::Still => loop {
-                if step >= first + MOST_RESTS_PER_CYCLE {
+            ActiveMotion::Still => loop {
+                if step >= first + MAX_RESTS_PER_CYCLE {
                     return true;
                 }
                 match queue.step(step) {
                     None => return false,
                     Some(Step::Run(_)) => return queue.has_final_ahead(cursor.step),
-                    Some(Step::Flow(flow)) if queue.is_final(step) => break (flow, 0.0),
-                    Some(Step::Flow(_)) => return false,
+                    Some(Step::TimedSegment(flow)) if queue.is_final(step) => break (flow, 0.0),
+                    Some(Step::TimedSegment(_)) => return false,
                     Some(Step::Wait | Step::End { .. }) => return true,
                     Some(Step::Turning { .. }) => return queue.is_final(step),
                     Some(Step::Dwell { seconds, .. }) if seconds > 0.0 => return queue.is_final(step),
@@ -331,15 +331,15 @@ impl Motion {
         }
         // A tail that was claimed is driven to its end.
         let mut tail = cursor.starved;
-        for _ in 0..MOST_AHEAD {
+        for _ in 0..MAX_AHEAD {
             if left < 0.0 {
                 return true;
             }
             let (next, is_final) = queue.successor(step);
             tail |= queue.is_claimed(step);
             match queue.step(next) {
-                Some(Step::Flow(flow)) if is_final || tail => left -= flow.piece.duration,
-                Some(Step::Flow(_)) | None => return false,
+                Some(Step::TimedSegment(flow)) if is_final || tail => left -= flow.piece.duration,
+                Some(Step::TimedSegment(_)) | None => return false,
                 Some(_) => return true,
             }
             step = next;
@@ -360,7 +360,7 @@ const EMPTY: Request = Request {
     feed_factor: 1.0,
 };
 
-fn place(flow: &Flow, x: f64, v: f64, a: f64) -> Request {
+fn place(flow: &TimedSegment, x: f64, v: f64, a: f64) -> Request {
     Request {
         segment: flow.piece.stretch,
         offset: flow.piece.from + x,
@@ -373,9 +373,14 @@ fn place(flow: &Flow, x: f64, v: f64, a: f64) -> Request {
 
 /// The piece, and the time in it, `time` seconds after the start of `flow`; none if the axes come to rest before.
 /// Settles the way to there.
-fn foresee(step: u64, flow: Flow, time: f64, queue: &mut PlanConsumer) -> Option<(Flow, f64)> {
+fn foresee(
+    step: u64,
+    flow: TimedSegment,
+    time: f64,
+    queue: &mut PlanConsumer,
+) -> Option<(TimedSegment, f64)> {
     let (mut step, mut flow, mut time) = (step, flow, time);
-    for _ in 0..MOST_AHEAD {
+    for _ in 0..MAX_AHEAD {
         if time < flow.piece.duration {
             return Some((flow, time));
         }
@@ -386,7 +391,7 @@ fn foresee(step: u64, flow: Flow, time: f64, queue: &mut PlanConsumer) -> Option
         }
         (step, _) = queue.claim_successor(step);
         flow = match queue.step(step) {
-            Some(Step::Flow(next)) => next,
+            Some(Step::TimedSegment(next)) => next,
             _ => return None,
         };
     }

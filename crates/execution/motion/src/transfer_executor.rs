@@ -15,7 +15,7 @@ const FIT: (f64, f64) = (1e-6, 1e-5);
 ///
 /// A plain value of about 12 kB: build it outside the cycle and hand it over in a box.
 #[derive(Clone, Copy, Debug)]
-pub struct Steering {
+pub struct TransferExecutor {
     transfer: Transfer,
     /// Time of the last setpoint in the transfer, s.
     time: f64,
@@ -23,7 +23,7 @@ pub struct Steering {
     stopping: bool,
 }
 
-impl Steering {
+impl TransferExecutor {
     /// A transfer from its start.
     #[must_use]
     pub fn new(transfer: Transfer) -> Self {
