@@ -1,4 +1,4 @@
-//! The cycle's thread: the loop around `Motion::step`.
+//! The cycle's thread: the loop around `PathExecutor::step`.
 //!
 //! Once it runs it allocates nothing, locks nothing, and waits for nothing but its deadline (the virtual clock
 //! also waits for the planner and for room in the queues, because its time is not real).

@@ -5,14 +5,14 @@ use std::ops::Range;
 use serde::de::DeserializeOwned;
 use toml::de::DeTable;
 
-use crate::error::SheetError;
+use crate::error::ConfigError;
 use crate::place::{Found, byte_of, find_json, find_toml, line_and_column};
 use crate::words::{in_plain_words, one_line, plain, shortened};
 
 /// The text of a case file, parsed once. TOML, or JSON where the file's name ends in `.json`.
 ///
-/// [`Sheet::read`] makes a type of it (unknown keys, missing keys and wrong kinds are errors where the type says so);
-/// [`Sheet::number`] and [`Sheet::error`] are for the checks that follow, with the dotted key of what is wrong.
+/// [`ConfigDocument::read`] makes a type of it (unknown keys, missing keys and wrong kinds are errors where the type says so);
+/// [`ConfigDocument::number`] and [`ConfigDocument::error`] are for the checks that follow, with the dotted key of what is wrong.
 #[derive(Debug)]
 pub struct ConfigDocument<'a> {
     file: &'a str,
@@ -31,14 +31,14 @@ impl<'a> ConfigDocument<'a> {
     ///
     /// # Errors
     /// Text that is not what it should be.
-    pub fn parse(text: &'a str, file: &'a str) -> Result<Self, SheetError> {
+    pub fn parse(text: &'a str, file: &'a str) -> Result<Self, ConfigError> {
         let is_json = std::path::Path::new(file)
             .extension()
             .is_some_and(|extension| extension.eq_ignore_ascii_case("json"));
         if !is_json {
             return Self::toml(text, file);
         }
-        serde_json::from_str::<serde::de::IgnoredAny>(text).map_err(|error| SheetError::Syntax {
+        serde_json::from_str::<serde::de::IgnoredAny>(text).map_err(|error| ConfigError::Syntax {
             file: file.to_owned(),
             format: "JSON",
             line: error.line(),
@@ -53,10 +53,10 @@ impl<'a> ConfigDocument<'a> {
     ///
     /// # Errors
     /// Text that is no TOML.
-    pub fn toml(text: &'a str, file: &'a str) -> Result<Self, SheetError> {
+    pub fn toml(text: &'a str, file: &'a str) -> Result<Self, ConfigError> {
         let table = DeTable::parse(text).map_err(|error| {
             let (line, column) = line_and_column(text, error.span().map_or(0, |span| span.start));
-            SheetError::Syntax {
+            ConfigError::Syntax {
                 file: file.to_owned(),
                 format: "TOML",
                 line,
@@ -85,7 +85,7 @@ impl<'a> ConfigDocument<'a> {
     ///
     /// # Errors
     /// What serde refuses, with place and key.
-    pub fn read<T: DeserializeOwned>(&self) -> Result<T, SheetError> {
+    pub fn read<T: DeserializeOwned>(&self) -> Result<T, ConfigError> {
         self.read_advised(|_| None)
     }
 
@@ -96,7 +96,7 @@ impl<'a> ConfigDocument<'a> {
     pub fn read_advised<T: DeserializeOwned>(
         &self,
         on_unknown: impl Fn(&str) -> Option<String>,
-    ) -> Result<T, SheetError> {
+    ) -> Result<T, ConfigError> {
         match &self.content {
             Content::Toml(table, whole) => {
                 let spanned = toml::Spanned::new(whole.clone(), table.clone());
@@ -129,7 +129,7 @@ impl<'a> ConfigDocument<'a> {
         at: Option<usize>,
         message: &str,
         on_unknown: impl Fn(&str) -> Option<String>,
-    ) -> SheetError {
+    ) -> ConfigError {
         let what = in_plain_words(message);
         let advice = if what.starts_with("unknown field") {
             let last = key.rsplit('.').next().unwrap_or(&key);
@@ -159,7 +159,7 @@ impl<'a> ConfigDocument<'a> {
     ///
     /// # Errors
     /// With the place of `key` (dotted, `mode[1].frequency_hz`).
-    pub fn number(&self, key: &str, value: f64, least: f64, most: f64) -> Result<(), SheetError> {
+    pub fn number(&self, key: &str, value: f64, least: f64, most: f64) -> Result<(), ConfigError> {
         // A NaN is in no range.
         if (least..=most).contains(&value) {
             return Ok(());
@@ -170,11 +170,11 @@ impl<'a> ConfigDocument<'a> {
 
     /// An error at a dotted key, or at the innermost table of it that is there.
     #[must_use]
-    pub fn error(&self, key: &str, what: String, advice: impl Into<String>) -> SheetError {
+    pub fn error(&self, key: &str, what: String, advice: impl Into<String>) -> ConfigError {
         self.error_at(key, None, what, advice.into())
     }
 
-    fn error_at(&self, key: &str, at: Option<usize>, what: String, advice: String) -> SheetError {
+    fn error_at(&self, key: &str, at: Option<usize>, what: String, advice: String) -> ConfigError {
         let (found, whole) = match &self.content {
             Content::Toml(table, whole) => (find_toml(table, whole.start, key), key),
             Content::Json => (find_json(self.text, key), key),
@@ -188,7 +188,7 @@ impl<'a> ConfigDocument<'a> {
         } else {
             shortened(whole)
         };
-        SheetError::Key {
+        ConfigError::Key {
             file: self.file.to_owned(),
             line,
             column,

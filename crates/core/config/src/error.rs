@@ -4,7 +4,7 @@ use thiserror::Error;
 
 /// Why a file was refused. Each message names the place and says what to do.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
-pub enum SheetError {
+pub enum ConfigError {
     /// The text is not TOML, or not JSON.
     #[error("{file}:{line}:{column}: not valid {format}: {what}")]
     Syntax {

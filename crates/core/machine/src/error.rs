@@ -1,6 +1,6 @@
 //! What can be wrong with a machine file, and with a control rate.
 
-use evolvent_config::SheetError;
+use evolvent_config::ConfigError;
 
 use crate::machine::{MAX_RATE_HZ, MIN_RATE_HZ};
 use crate::rate::RateError;
@@ -34,7 +34,7 @@ pub enum MachineError {
     },
     /// The text is no TOML; or a key is unknown, missing or of the wrong kind, or its value makes no sense.
     #[error(transparent)]
-    ConfigDocument(#[from] SheetError),
+    ConfigDocument(#[from] ConfigError),
 }
 
 /// Why a control rate cannot be run.

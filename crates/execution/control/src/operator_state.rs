@@ -120,7 +120,7 @@ impl Default for OperatorState {
 
 impl OperatorState {
     /// Judges a request: its serial number, its numbers, the interlocks. Nothing is changed but the count of serials;
-    /// who carries the command out calls [`Desk::commit`] then.
+    /// who carries the command out calls [`OperatorState::commit`] then.
     ///
     /// # Errors
     /// Verdict and refusal for the answer; it is counted.
@@ -159,7 +159,7 @@ impl OperatorState {
         Ok(command)
     }
 
-    /// What the interlocks say to a command now. [`Desk::authorize`] has asked before; who carries it out later asks again.
+    /// What the interlocks say to a command now. [`OperatorState::authorize`] has asked before; who carries it out later asks again.
     ///
     /// # Errors
     /// Why it is not permitted; it is not counted.

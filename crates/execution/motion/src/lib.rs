@@ -1,6 +1,6 @@
 //! The cycle: a pure, allocation-free step from inputs to one setpoint.
 //!
-//! [`Motion::step`] advances the path parameter by one period along the plan, evaluates the path there, has the
+//! [`PathExecutor::step`] advances the path parameter by one period along the plan, evaluates the path there, has the
 //! [`Guard`] check the result, and returns a [`Setpoint`]. Time enters only as the period. The plan comes through a
 //! wait-free queue ([`plan_queue`]); feed hold, override and stop come as [`Inputs`].
 //!

@@ -106,7 +106,7 @@ impl PathStage {
         self.smoother.deviation_mm()
     }
 
-    /// Appends a move that [`MoveValidator`](crate::Admission) has let pass.
+    /// Appends a move that [`MoveValidator`](crate::MoveValidator) has let pass.
     pub fn push(&mut self, motion: &Move, line: u32, block: u32, sink: &mut impl PathSink) {
         let tolerance = match motion.path_mode {
             PathMode::ExactPath => Tolerance::Exact,

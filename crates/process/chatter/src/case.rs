@@ -1,6 +1,6 @@
 //! A case: what a user asks, read from a file and checked.
 
-use evolvent_config::{ConfigDocument, SheetError};
+use evolvent_config::{ConfigDocument, ConfigError};
 use evolvent_cutting::{LawDefinition, Tool};
 
 use crate::case_file::{
@@ -101,7 +101,7 @@ impl Case {
     ///
     /// # Errors
     /// Text that is neither, keys that are unknown, missing or make no sense, with file, line and key.
-    pub fn parse(text: &str, file: &str) -> Result<Self, SheetError> {
+    pub fn parse(text: &str, file: &str) -> Result<Self, ConfigError> {
         let sheet = ConfigDocument::parse(text, file)?;
         let raw: CaseFile = sheet.read()?;
         Reader { sheet: &sheet }.case(raw)
@@ -113,7 +113,7 @@ struct Reader<'a> {
 }
 
 impl Reader<'_> {
-    fn case(&self, raw: CaseFile) -> Result<Case, SheetError> {
+    fn case(&self, raw: CaseFile) -> Result<Case, ConfigError> {
         let parts = [raw.cut.is_some(), raw.force.is_some(), raw.tool.is_some()];
         let oscillation = if parts.contains(&true) {
             Some(self.oscillation(&raw)?)
@@ -148,7 +148,7 @@ impl Reader<'_> {
         })
     }
 
-    fn missing(&self, table: &str) -> SheetError {
+    fn missing(&self, table: &str) -> ConfigError {
         self.sheet.error(
             table,
             "missing".to_owned(),
@@ -156,7 +156,7 @@ impl Reader<'_> {
         )
     }
 
-    fn oscillation(&self, raw: &CaseFile) -> Result<OscillationCase, SheetError> {
+    fn oscillation(&self, raw: &CaseFile) -> Result<OscillationCase, ConfigError> {
         let cut = raw.cut.as_ref().ok_or_else(|| self.missing("cut"))?;
         let force = raw.force.as_ref().ok_or_else(|| self.missing("force"))?;
         let tool = raw.tool.as_ref().ok_or_else(|| self.missing("tool"))?;
@@ -228,7 +228,7 @@ impl Reader<'_> {
         })
     }
 
-    fn axis(&self, at: &str, axis: &AxisFile) -> Result<PrincipalAxis, SheetError> {
+    fn axis(&self, at: &str, axis: &AxisFile) -> Result<PrincipalAxis, ConfigError> {
         let key = |name: &str| format!("{at}.{name}");
         let number = |name: &str, value: f64, least: f64, most: f64| {
             self.sheet.number(&key(name), value, least, most).map(|()| value)
@@ -286,7 +286,7 @@ impl Reader<'_> {
         Ok(result)
     }
 
-    fn force(&self, force: &ForceFile) -> Result<(LawSource, f64), SheetError> {
+    fn force(&self, force: &ForceFile) -> Result<(LawSource, f64), ConfigError> {
         self.sheet.number("force.rake_deg", force.rake_deg, -45.0, 45.0)?;
         self.sheet.number("force.lead_deg", force.lead_deg, 1.0, 120.0)?;
         if let Some(ratio) = force.radial_ratio {
@@ -298,7 +298,7 @@ impl Reader<'_> {
     }
 
     /// A law that is built in, or a file.
-    fn law_source(&self, key: &str, name: &str) -> Result<LawSource, SheetError> {
+    fn law_source(&self, key: &str, name: &str) -> Result<LawSource, ConfigError> {
         let names_a_file = [".toml", ".json"]
             .iter()
             .any(|end| name.to_lowercase().ends_with(end));
@@ -317,7 +317,7 @@ impl Reader<'_> {
         }
     }
 
-    fn range(&self, key: &str, range: [f64; 2], least: f64, most: f64) -> Result<[f64; 2], SheetError> {
+    fn range(&self, key: &str, range: [f64; 2], least: f64, most: f64) -> Result<[f64; 2], ConfigError> {
         let [from, to] = range;
         if from >= least && to <= most && from < to {
             return Ok(range);
@@ -326,7 +326,7 @@ impl Reader<'_> {
         Err(self.sheet.error(key, format!("from {from} to {to}"), advice))
     }
 
-    fn count(&self, key: &str, value: i64, least: i64, most: i64) -> Result<usize, SheetError> {
+    fn count(&self, key: &str, value: i64, least: i64, most: i64) -> Result<usize, ConfigError> {
         if (least..=most).contains(&value)
             && let Ok(value) = usize::try_from(value)
         {
@@ -336,7 +336,7 @@ impl Reader<'_> {
         Err(self.sheet.error(key, format!("{value} is out of range"), advice))
     }
 
-    fn sweep(&self, sweep: Option<&SweepFile>, tool: &CuttingTool) -> Result<SweepRange, SheetError> {
+    fn sweep(&self, sweep: Option<&SweepFile>, tool: &CuttingTool) -> Result<SweepRange, ConfigError> {
         let Some(sweep) = sweep else {
             return Ok(SweepRange {
                 speed_m_min: around(tool),
@@ -354,7 +354,7 @@ impl Reader<'_> {
         })
     }
 
-    fn map(&self, map: Option<&MapFile>, tool: &CuttingTool) -> Result<MapRange, SheetError> {
+    fn map(&self, map: Option<&MapFile>, tool: &CuttingTool) -> Result<MapRange, ConfigError> {
         let Some(map) = map else {
             return Ok(MapRange {
                 speed_m_min: around(tool),
@@ -378,7 +378,7 @@ impl Reader<'_> {
         })
     }
 
-    fn turning(&self, file: &TurningFile) -> Result<Turning, SheetError> {
+    fn turning(&self, file: &TurningFile) -> Result<Turning, ConfigError> {
         self.sheet
             .number("turning.coefficient_n_mm2", file.coefficient_n_mm2, 1.0, 1e6)?;
         let force = file.force_deg.unwrap_or(0.0);
@@ -401,7 +401,7 @@ impl Reader<'_> {
         })
     }
 
-    fn mode(&self, at: &str, frequency: f64, ratio: f64, stiffness: f64) -> Result<Mode, SheetError> {
+    fn mode(&self, at: &str, frequency: f64, ratio: f64, stiffness: f64) -> Result<Mode, ConfigError> {
         self.sheet
             .number(&format!("{at}.frequency_hz"), frequency, 0.1, 1e5)?;
         self.sheet
@@ -415,7 +415,7 @@ impl Reader<'_> {
         })
     }
 
-    fn milling(&self, file: &MillingFile) -> Result<Milling, SheetError> {
+    fn milling(&self, file: &MillingFile) -> Result<Milling, ConfigError> {
         let teeth = self.count("milling.teeth", file.teeth, 1, 100)?;
         self.sheet
             .number("milling.tangential_n_mm2", file.tangential_n_mm2, 1.0, 1e6)?;
@@ -468,7 +468,7 @@ impl Reader<'_> {
         })
     }
 
-    fn lobes(&self, file: Option<&LobesFile>) -> Result<LobeRange, SheetError> {
+    fn lobes(&self, file: Option<&LobesFile>) -> Result<LobeRange, ConfigError> {
         let Some(file) = file else {
             return Ok(LobeRange {
                 speed_rpm: [1000.0, 20_000.0],

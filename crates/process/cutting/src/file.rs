@@ -3,7 +3,7 @@
 //! The JSON schema is made from these types, so their doc comments are what an editor shows to the person who writes a
 //! law file.
 
-use evolvent_config::{ConfigDocument, SheetError};
+use evolvent_config::{ConfigDocument, ConfigError};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
@@ -177,14 +177,14 @@ impl LawDefinition {
     ///
     /// # Errors
     /// Text that is not TOML (or JSON, where the name ends in .json), keys that are unknown, missing or make no sense.
-    pub fn parse(text: &str, file: &str) -> Result<Self, SheetError> {
+    pub fn parse(text: &str, file: &str) -> Result<Self, ConfigError> {
         let sheet = ConfigDocument::parse(text, file)?;
         let law: Self = sheet.read()?;
         law.check(&sheet)?;
         Ok(law)
     }
 
-    fn check(&self, sheet: &ConfigDocument<'_>) -> Result<(), SheetError> {
+    fn check(&self, sheet: &ConfigDocument<'_>) -> Result<(), ConfigError> {
         if let Some(ratio) = self.radial_ratio {
             sheet.number("radial_ratio", ratio, 0.0, 10.0)?;
         }

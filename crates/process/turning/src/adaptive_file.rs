@@ -2,7 +2,7 @@
 //!
 //! The JSON schema is made from this type, so its doc comments are what an editor shows to the person who writes a file.
 
-use evolvent_config::{ConfigDocument, SheetError};
+use evolvent_config::{ConfigDocument, ConfigError};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
@@ -91,7 +91,7 @@ impl AdaptiveSettings {
     /// # Errors
     /// Text that is not TOML (or JSON, where the name ends in .json), keys that are unknown, missing or make no sense: with
     /// line and column.
-    pub fn parse(text: &str, file: &str, period_s: f64) -> Result<Self, SheetError> {
+    pub fn parse(text: &str, file: &str, period_s: f64) -> Result<Self, ConfigError> {
         let sheet = ConfigDocument::parse(text, file)?;
         let read: AdaptiveFile = sheet.read()?;
         let settings = Self {

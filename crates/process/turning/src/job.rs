@@ -1,6 +1,6 @@
 //! A job of self-programmed turning: what its file says, checked.
 
-use evolvent_config::{ConfigDocument, SheetError};
+use evolvent_config::{ConfigDocument, ConfigError};
 use evolvent_cutting::{Cut, ForceLaw, LawDefinition};
 use evolvent_timing::ScalarLimits;
 
@@ -41,7 +41,7 @@ impl Job {
     ///
     /// # Errors
     /// Keys that are unknown, missing or make no sense, and regimes that do not hold, with place and key.
-    pub fn parse(text: &str, file: &str) -> Result<Self, SheetError> {
+    pub fn parse(text: &str, file: &str) -> Result<Self, ConfigError> {
         let sheet = ConfigDocument::parse(text, file)?;
         let job: JobFile = sheet.read()?;
         job.job(&sheet)
@@ -51,7 +51,7 @@ impl Job {
     ///
     /// # Errors
     /// What does not fit that cut, with the file's place and key.
-    pub fn for_cut(&self, cut: CutFile) -> Result<Self, SheetError> {
+    pub fn for_cut(&self, cut: CutFile) -> Result<Self, ConfigError> {
         let (file, text) = &self.source;
         let sheet = ConfigDocument::parse(text, file)?;
         let mut job: JobFile = sheet.read()?;
@@ -76,7 +76,7 @@ impl Job {
 }
 
 impl JobFile {
-    fn job(&self, sheet: &ConfigDocument<'_>) -> Result<Job, SheetError> {
+    fn job(&self, sheet: &ConfigDocument<'_>) -> Result<Job, ConfigError> {
         let refuse = |key: &str, what: String, advice: &str| sheet.error(key, what, advice);
         for (key, value, least, most) in [
             ("cut.diameter_mm", self.cut.diameter_mm, 0.1, 1e4),
@@ -161,7 +161,7 @@ impl JobFile {
     }
 
     /// Prices as the cost of wear over that of time.
-    fn wear(&self, sheet: &ConfigDocument<'_>) -> Result<Wear, SheetError> {
+    fn wear(&self, sheet: &ConfigDocument<'_>) -> Result<Wear, ConfigError> {
         let Some(cost) = &self.cost else {
             return Ok(Wear::default());
         };
@@ -186,7 +186,7 @@ impl JobFile {
     }
 
     /// What the sensor shows of the force.
-    fn scale(&self, sheet: &ConfigDocument<'_>) -> Result<LoadScale, SheetError> {
+    fn scale(&self, sheet: &ConfigDocument<'_>) -> Result<LoadScale, ConfigError> {
         let sensor = &self.sensor;
         let idle = sensor.idle + sensor.idle_per_rpm * self.cut.spindle_rpm;
         if sensor.kind == SensorKind::Force {
@@ -230,7 +230,7 @@ impl JobFile {
         })
     }
 
-    fn blank(&self, sheet: &ConfigDocument<'_>) -> Result<Option<Blank>, SheetError> {
+    fn blank(&self, sheet: &ConfigDocument<'_>) -> Result<Option<Blank>, ConfigError> {
         let Some(stock) = &self.stock else {
             return Ok(None);
         };
@@ -249,7 +249,7 @@ impl JobFile {
     }
 
     /// The law at the cutting speed of the job as a power law, and how far that is off.
-    fn law(&self, sheet: &ConfigDocument<'_>) -> Result<(CutLaw, f64), SheetError> {
+    fn law(&self, sheet: &ConfigDocument<'_>) -> Result<(CutLaw, f64), ConfigError> {
         let law = &self.law;
         let diameter = self.cut.speed_diameter_mm.unwrap_or(self.cut.diameter_mm);
         let speed_m_min = std::f64::consts::PI * diameter * self.cut.spindle_rpm / 1000.0;
@@ -304,7 +304,7 @@ impl JobFile {
         sheet: &ConfigDocument<'_>,
         law: &ForceLaw,
         speed_m_min: f64,
-    ) -> Result<(CutLaw, f64), SheetError> {
+    ) -> Result<(CutLaw, f64), ConfigError> {
         sheet.number("feed.min_mm_rev", self.feed.min_mm_rev, 1e-4, 10.0)?;
         sheet.number(
             "feed.max_mm_rev",
@@ -343,7 +343,7 @@ impl JobFile {
                     high = middle;
                 }
             }
-            Ok::<f64, SheetError>(high)
+            Ok::<f64, ConfigError>(high)
         };
         let depth = depth_at(feeds[1])?;
         let at = force(depth, feeds[1])?;

@@ -3,9 +3,9 @@
 //! A test makes it the allocator of its program and compares [`calls`] or [`allocations`] before and after:
 //!
 //! ```
-//! use evolvent_counting::{Counting, calls};
+//! use evolvent_counting::{CountingAllocator, calls};
 //! #[global_allocator]
-//! static ALLOCATOR: Counting = Counting;
+//! static ALLOCATOR: CountingAllocator = CountingAllocator;
 //!
 //! let before = calls();
 //! drop(std::hint::black_box(vec![1_u8; 100]));
