@@ -8,6 +8,7 @@ mod drive_faults;
 mod exact_path;
 mod foreign_clients;
 mod full_disks;
+mod imports;
 mod killed_runs;
 mod killed_service;
 mod late_for_nobody;

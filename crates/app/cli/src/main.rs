@@ -14,6 +14,7 @@ mod doctor;
 mod explain;
 mod feeds;
 mod figure;
+mod import;
 mod limiting;
 mod operator;
 mod output;
@@ -73,6 +74,8 @@ enum Command {
     Ctl(ctl_args::CtlArgs),
     /// What this host can do for a real-time loop, measured, and what to change.
     Doctor(doctor::DoctorArgs),
+    /// Write a machine file from the configuration of another control.
+    Import(import::ImportArgs),
     /// Simulated drives, and a test for drive bridges.
     Bridge(bridge::BridgeArgs),
     /// Turn a step in passes that find themselves from the cutting load, on a simulated workpiece.
@@ -117,6 +120,7 @@ fn main() -> ExitCode {
         Command::Serve(args) => serve::run(args, &mut out, &mut err),
         Command::Ctl(args) => ctl::run(args, &mut out, &mut err),
         Command::Doctor(args) => doctor::run(args, &mut out, &mut err).map(|()| Ending::Clean),
+        Command::Import(args) => import::run(args, &mut out),
         Command::Bridge(args) => bridge::run(args, &mut out, &mut err),
         Command::Turn(args) => turn::run(args, &mut out, &mut err),
         Command::Top(args) => top::run(args, &mut out),

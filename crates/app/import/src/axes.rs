@@ -1,0 +1,345 @@
+//! Axes and homing: `[KINS]`, `[TRAJ]`, `[AXIS_L]`, `[JOINT_n]`.
+
+use evolvent_path::AxisLetter;
+
+use crate::error::ImportError;
+use crate::ini::Ini;
+use crate::report::Report;
+
+/// LinuxCNC's limits beyond this mean "none"; its default is 1e99.
+const NO_LIMIT: f64 = 1e8;
+/// Travel of a linear axis without limits, mm, and of a rotary one, degrees.
+const TRAVEL_WITHOUT_LIMITS: (f64, f64) = (10_000.0, 36_000.0);
+/// Full acceleration is reached within this time where no jerk is given, s. Tuned: 0.02 to 0.1 s are usual in data
+/// sheets of machines without a jerk limit of their own.
+const JERK_TIME_S: f64 = 0.05;
+/// LinuxCNC's velocity in units/s and acceleration in units/s^2 where none is given.
+const DEFAULT_LIMIT: f64 = 1.0;
+/// Velocities and accelerations above this are none of a machine, in units and seconds.
+const MAX_LIMIT: f64 = 1e5;
+
+/// One axis, in mm or degrees and seconds.
+#[derive(Debug)]
+pub(crate) struct AxisValues {
+    pub(crate) letter: AxisLetter,
+    pub(crate) travel: (f64, f64),
+    pub(crate) velocity: f64,
+    pub(crate) acceleration: f64,
+    pub(crate) jerk: f64,
+    pub(crate) home: f64,
+    /// At rest, and the time of motion that is permitted, ms.
+    pub(crate) following: (Option<f64>, Option<f64>),
+    pub(crate) homing: Option<HomingValues>,
+}
+
+/// How an axis with a home switch is homed, in mm or degrees and seconds.
+#[derive(Debug)]
+pub(crate) struct HomingValues {
+    pub(crate) is_negative: bool,
+    pub(crate) order: u32,
+    pub(crate) search: f64,
+    pub(crate) latch: f64,
+    pub(crate) switch: f64,
+}
+
+/// Factors to mm and degrees.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Units {
+    pub(crate) linear: f64,
+    pub(crate) angular: f64,
+}
+
+impl Units {
+    pub(crate) fn read(ini: &mut Ini, report: &mut Report) -> Result<Self, ImportError> {
+        let linear = match ini.first("TRAJ", "LINEAR_UNITS") {
+            None => {
+                report.choose("units", "mm: [TRAJ] LINEAR_UNITS is missing");
+                1.0
+            }
+            Some(entry) => match entry.value.to_ascii_lowercase().as_str() {
+                "mm" | "metric" => 1.0,
+                "in" | "inch" | "imperial" => 25.4,
+                _ => match entry.number() {
+                    Ok(units_per_mm) if units_per_mm > 0.0 => 1.0 / units_per_mm,
+                    _ => {
+                        let what = format!("LINEAR_UNITS = {:?} is no unit of length", entry.value);
+                        return Err(entry.error(what, "write mm or inch"));
+                    }
+                },
+            },
+        };
+        let angular = match ini.first("TRAJ", "ANGULAR_UNITS") {
+            None => 1.0,
+            Some(entry) => match entry.value.to_ascii_lowercase().as_str() {
+                "deg" | "degree" | "degrees" => 1.0,
+                "rad" | "radian" => 1.0_f64.to_degrees(),
+                "grad" | "gon" => 0.9,
+                _ => match entry.number() {
+                    Ok(units_per_degree) if units_per_degree > 0.0 => 1.0 / units_per_degree,
+                    _ => {
+                        let what = format!("ANGULAR_UNITS = {:?} is no unit of angle", entry.value);
+                        return Err(entry.error(what, "write degree"));
+                    }
+                },
+            },
+        };
+        Ok(Self { linear, angular })
+    }
+
+    pub(crate) fn of(self, letter: AxisLetter) -> f64 {
+        if letter.is_rotary() {
+            self.angular
+        } else {
+            self.linear
+        }
+    }
+}
+
+/// The axes of the machine in the order XYZABCUVW, each with the joints that drive it.
+fn joints(ini: &mut Ini) -> Result<Vec<(AxisLetter, Vec<usize>)>, ImportError> {
+    let Some(kinematics) = ini.first("KINS", "KINEMATICS") else {
+        if ini.has("AXIS_0") {
+            return Err(ini.missing(
+                "a configuration of LinuxCNC 2.7 or older, without joints",
+                "convert it with LinuxCNC's update_ini first",
+            ));
+        }
+        return Err(ini.missing(
+            "[KINS] KINEMATICS is missing",
+            "give the INI file of a LinuxCNC configuration (2.8 or later)",
+        ));
+    };
+    let mut words = kinematics.value.split_whitespace();
+    let module = words.next().unwrap_or_default();
+    if module != "trivkins" {
+        return Err(kinematics.error(
+            format!("kinematics {module:?}: only trivkins can be carried over"),
+            "Evolvent drives machines in which each letter is an axis of its own",
+        ));
+    }
+    let parse = |text: &str| -> Result<Vec<AxisLetter>, ImportError> {
+        let letters = text.chars().filter(|c| !c.is_whitespace() && *c != '"');
+        letters
+            .map(|c| {
+                AxisLetter::from_letter(c.to_ascii_uppercase())
+                    .ok_or_else(|| kinematics.error(format!("{c:?} is no axis"), "use X Y Z A B C U V W"))
+            })
+            .collect()
+    };
+    let driven = match words.find_map(|word| word.strip_prefix("coordinates=")) {
+        Some(text) => parse(text)?,
+        None => parse("XYZABCUVW")?,
+    };
+    let count = match ini.number("KINS", "JOINTS")? {
+        Some(count) if (1.0..=16.0).contains(&count) => count as usize,
+        Some(_) => return Err(ini.missing("[KINS] JOINTS is not 1 to 16", "correct the number")),
+        None => driven.len(),
+    };
+    let used = match ini.first("TRAJ", "COORDINATES") {
+        Some(entry) => parse(&entry.value)?,
+        None => driven.iter().copied().take(count).collect(),
+    };
+    let mut axes = Vec::new();
+    for letter in parse("XYZABCUVW")? {
+        let of_letter = |(_, other): &(usize, &AxisLetter)| **other == letter;
+        let joints = driven.iter().enumerate().take(count).filter(of_letter);
+        let joints: Vec<usize> = joints.map(|(joint, _)| joint).collect();
+        if used.contains(&letter) {
+            axes.push((letter, joints));
+        }
+    }
+    if axes.is_empty() {
+        return Err(ini.missing(
+            "[TRAJ] COORDINATES names no axis",
+            "name the axes, for example X Y Z",
+        ));
+    }
+    Ok(axes)
+}
+
+pub(crate) fn axes(ini: &mut Ini, units: Units, report: &mut Report) -> Result<Vec<AxisValues>, ImportError> {
+    let axes = joints(ini)?;
+    axes.iter()
+        .map(|(letter, joints)| axis(ini, *letter, joints, units.of(*letter), report))
+        .collect()
+}
+
+/// The values of one key in the sections of an axis and of its joints.
+fn values(ini: &mut Ini, sections: &[String], key: &str) -> Result<Vec<f64>, ImportError> {
+    let mut values = Vec::new();
+    for section in sections {
+        values.extend(ini.number(section, key)?);
+    }
+    Ok(values)
+}
+
+fn axis(
+    ini: &mut Ini,
+    letter: AxisLetter,
+    joints: &[usize],
+    unit: f64,
+    report: &mut Report,
+) -> Result<AxisValues, ImportError> {
+    let name = letter.letter();
+    let mut sections = vec![format!("AXIS_{name}")];
+    sections.extend(joints.iter().map(|joint| format!("JOINT_{joint}")));
+    let low = values(ini, &sections, "MIN_LIMIT")?
+        .into_iter()
+        .fold(-f64::INFINITY, f64::max);
+    let high = values(ini, &sections, "MAX_LIMIT")?
+        .into_iter()
+        .fold(f64::INFINITY, f64::min);
+    let without = if letter.is_rotary() {
+        TRAVEL_WITHOUT_LIMITS.1
+    } else {
+        TRAVEL_WITHOUT_LIMITS.0
+    };
+    let mut end = |limit: f64, key: &str, instead: f64| {
+        if limit.abs() < NO_LIMIT {
+            return limit * unit;
+        }
+        report.choose(
+            format!("{key} of {name}"),
+            format!("{instead}: the configuration has no limit there; enter the machine's travel"),
+        );
+        instead
+    };
+    let travel = (end(low, "travel_min", -without), end(high, "travel_max", without));
+    if travel.0 >= travel.1 {
+        return Err(ini.missing(
+            format!("axis {name}: MIN_LIMIT {low} is not below MAX_LIMIT {high}"),
+            "correct the limits of the axis and of its joints",
+        ));
+    }
+    let velocity = limit(ini, &sections, "MAX_VELOCITY", name, report)? * unit;
+    let acceleration = limit(ini, &sections, "MAX_ACCELERATION", name, report)? * unit;
+    let jerk = values(ini, &sections, "MAX_JERK")?
+        .into_iter()
+        .filter(|jerk| *jerk > 0.0);
+    let jerk = match jerk.reduce(f64::min) {
+        Some(jerk) => jerk * unit,
+        None => {
+            let jerk = acceleration / JERK_TIME_S;
+            report.choose(
+                format!("max_jerk of {name}"),
+                format!(
+                    "{} = max_acceleration / {JERK_TIME_S} s: LinuxCNC has no jerk limit there",
+                    tidy(jerk)
+                ),
+            );
+            jerk
+        }
+    };
+    let joint = sections.get(1).cloned().unwrap_or_default();
+    let programmed_home = ini.number(&joint, "HOME")?.unwrap_or(0.0) * unit;
+    let home = programmed_home.clamp(travel.0, travel.1);
+    if home != programmed_home {
+        report.choose(
+            format!("home of {name}"),
+            format!("{}: HOME lies outside the travel", tidy(home)),
+        );
+    }
+    let at_rest = ini.number(&joint, "MIN_FERROR")?;
+    let in_motion = ini.number(&joint, "FERROR")?;
+    let time_ms = in_motion.map(|error| (error * unit / velocity * 1000.0).clamp(0.0, 10_000.0));
+    Ok(AxisValues {
+        letter,
+        travel,
+        velocity,
+        acceleration,
+        jerk,
+        home,
+        following: (
+            at_rest
+                .or(in_motion)
+                .filter(|error| *error > 0.0)
+                .map(|error| error * unit),
+            time_ms,
+        ),
+        homing: homing(ini, &joint, (name, unit, velocity), report)?,
+    })
+}
+
+fn limit(
+    ini: &mut Ini,
+    sections: &[String],
+    key: &str,
+    name: char,
+    report: &mut Report,
+) -> Result<f64, ImportError> {
+    let Some(value) = values(ini, sections, key)?.into_iter().reduce(f64::min) else {
+        let text =
+            format!("{DEFAULT_LIMIT} unit: the configuration has no {key}, and that is LinuxCNC's default");
+        report.choose(format!("{} of {name}", key.to_ascii_lowercase()), text);
+        return Ok(DEFAULT_LIMIT);
+    };
+    if value > MAX_LIMIT {
+        let text = format!("{MAX_LIMIT} units: {key} has no bound; enter the machine's limit");
+        report.choose(format!("{} of {name}", key.to_ascii_lowercase()), text);
+        return Ok(MAX_LIMIT);
+    }
+    if value > 0.0 {
+        return Ok(value);
+    }
+    Err(ini.missing(
+        format!("axis {name}: {key} is {value}"),
+        "give a limit above 0 in the sections of the axis and of its joints",
+    ))
+}
+
+fn homing(
+    ini: &mut Ini,
+    joint: &str,
+    (name, unit, velocity): (char, f64, f64),
+    report: &mut Report,
+) -> Result<Option<HomingValues>, ImportError> {
+    let search = ini.number(joint, "HOME_SEARCH_VEL")?.unwrap_or(0.0) * unit;
+    let latch = ini.number(joint, "HOME_LATCH_VEL")?.unwrap_or(0.0).abs() * unit;
+    let switch = ini.number(joint, "HOME_OFFSET")?.unwrap_or(0.0) * unit;
+    let sequence = ini.number(joint, "HOME_SEQUENCE")?;
+    // Without a search the joint is homed where it is: a machine file needs no table for that.
+    if search == 0.0 {
+        return Ok(None);
+    }
+    let order = sequence.unwrap_or(0.0).abs();
+    if order > 100.0 || order.fract() != 0.0 {
+        return Err(ini.missing(
+            format!("[{joint}] HOME_SEQUENCE is {order}"),
+            "give a whole number from -100 to 100",
+        ));
+    }
+    let speed = search.abs().min(velocity);
+    if speed < search.abs() {
+        report.choose(
+            format!("search of {name}"),
+            format!("{}: HOME_SEARCH_VEL is above the axis's own limit", tidy(speed)),
+        );
+    }
+    if latch == 0.0 || latch > speed {
+        report.choose(
+            format!("latch of {name}"),
+            format!(
+                "{}: HOME_LATCH_VEL is 0 or above the speed of the search",
+                tidy(speed)
+            ),
+        );
+    }
+    Ok(Some(HomingValues {
+        is_negative: search < 0.0,
+        order: order as u32,
+        search: speed,
+        latch: if latch == 0.0 { speed } else { latch.min(speed) },
+        switch,
+    }))
+}
+
+/// A number without the noise of a conversion of units.
+pub(crate) fn tidy(value: f64) -> String {
+    let text = format!("{value:.9}");
+    let text = text.trim_end_matches('0').trim_end_matches('.');
+    if text == "-0" {
+        "0".to_owned()
+    } else {
+        text.to_owned()
+    }
+}

@@ -1,0 +1,42 @@
+//! What HAL files tell about the hardware.
+
+use std::path::Path;
+
+use evolvent_config::read_regular;
+
+/// Longest HAL file that is looked into.
+const MAX_BYTES: u64 = 4 << 20;
+
+/// Components, and what takes their part.
+const COMPONENTS: &[(&str, &str)] = &[
+    ("hm2_eth", "a Mesa Ethernet board"),
+    ("hm2_pci", "a Mesa PCI board"),
+    ("hm2_rpspi", "a Mesa board on SPI"),
+    ("lcec", "EtherCAT drives"),
+    ("hal_parport", "a parallel port"),
+    ("stepgen", "step pulses made in software"),
+    ("opto_ac5", "an Opto 22 board"),
+    ("mb2hal", "Modbus devices"),
+    (
+        "hal_manualtoolchange",
+        "tool changes by hand: M6 asks the operator here too",
+    ),
+];
+
+/// Components of a HAL file that say what the machine is wired to, with what they are.
+pub(crate) fn hardware(file: &Path) -> Vec<(&'static str, &'static str)> {
+    let Ok(bytes) = read_regular(file, MAX_BYTES) else {
+        return Vec::new();
+    };
+    let text = String::from_utf8_lossy(&bytes);
+    let loads = text
+        .lines()
+        .map(str::trim)
+        .filter(|line| line.starts_with("load"));
+    let names: Vec<&str> = loads.flat_map(|line| line.split_whitespace().skip(1)).collect();
+    COMPONENTS
+        .iter()
+        .copied()
+        .filter(|(name, _)| names.contains(name))
+        .collect()
+}

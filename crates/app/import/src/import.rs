@@ -1,0 +1,230 @@
+//! From an INI file to the files of a machine.
+
+use std::fs::{self, OpenOptions};
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+use evolvent_config::read_regular;
+use evolvent_machine::Machine;
+
+use crate::axes::{Units, axes};
+use crate::error::ImportError;
+use crate::hal::hardware;
+use crate::ini::{Entry, Ini, resolve};
+use crate::reasons::reason;
+use crate::report::{Dropped, Report};
+use crate::settings::{Settings, drop_entry};
+use crate::tables;
+use crate::text::{self, Names};
+
+/// Longest tool table or parameter file.
+const MAX_TABLE_BYTES: u64 = 4 << 20;
+
+/// A machine that has been read from a configuration; nothing is written yet.
+#[derive(Debug)]
+pub struct Import {
+    machine: String,
+    /// Name and text.
+    tables: Vec<(String, String)>,
+    report: Report,
+}
+
+/// Reads a configuration of LinuxCNC: the INI file, what it includes, its tool table, parameters and HAL files. `stem` is
+/// the name of the files that [`Import::write`] makes, without an ending.
+///
+/// # Errors
+/// Files that cannot be read, numbers that are none, kinematics other than `trivkins`, and values that give no valid
+/// machine file. Each names file, line where there is one, and what to do.
+pub fn import(ini: &Path, stem: &str) -> Result<Import, ImportError> {
+    let mut report = Report::default();
+    let mut ini = Ini::read(ini, &mut report)?;
+    let units = Units::read(&mut ini, &mut report)?;
+    let axes = axes(&mut ini, units, &mut report)?;
+    let mut settings = Settings::read(&mut ini, &axes, units.linear, &mut report)?;
+    let mut tables = Vec::new();
+    // LinuxCNC writes this file itself when it ends: a configuration that never ran has none.
+    let is_new = |entry: &Entry| !resolve(Some(ini.folder()), &entry.value).exists();
+    if let Some(entry) = settings.parameters.take_if(|entry| is_new(entry)) {
+        report.choose(
+            "program.parameters",
+            format!("a new file: {} does not exist", entry.value),
+        );
+        tables.push((format!("{stem}.var"), String::new()));
+    }
+    let new_parameters = tables.first().map(|(name, _): &(String, String)| name.clone());
+    let mut table =
+        |entry: &Option<Entry>, ending: &str, convert: &dyn Fn(&str) -> Result<String, String>| {
+            let entry = entry.as_ref()?;
+            match converted(&ini, entry, convert) {
+                Ok(text) => {
+                    let name = format!("{stem}.{ending}");
+                    tables.push((name.clone(), text));
+                    Some(name)
+                }
+                Err(why) => {
+                    drop_entry(&mut report, entry, &why);
+                    None
+                }
+            }
+        };
+    let names = Names {
+        tool_table: table(&settings.tool_table, "tbl", &|text| {
+            let table = tables::tool_table(text, units.linear).map_err(|error| error.to_string())?;
+            Ok(table.0)
+        }),
+        parameters: table(&settings.parameters, "var", &|text| {
+            let fault = |line| format!("line {line} is no number of a parameter with its value");
+            tables::parameters(text, units.linear).map_err(fault)
+        })
+        .or(new_parameters),
+    };
+    leave_out(&mut ini, &mut report);
+    let source = ini
+        .path
+        .file_name()
+        .unwrap_or_default()
+        .to_string_lossy()
+        .into_owned();
+    let machine = text::machine(&source, &settings, &axes, &names);
+    if let Err(error) = Machine::parse(&machine, &format!("{stem}.toml")) {
+        return Err(ImportError::Machine {
+            path: ini.path,
+            reason: error.to_string(),
+        });
+    }
+    Ok(Import {
+        machine,
+        tables,
+        report,
+    })
+}
+
+fn converted(
+    ini: &Ini,
+    entry: &Entry,
+    convert: &dyn Fn(&str) -> Result<String, String>,
+) -> Result<String, String> {
+    let file = resolve(Some(ini.folder()), &entry.value);
+    let bytes =
+        read_regular(&file, MAX_TABLE_BYTES).map_err(|error| format!("{}: {error}", file.display()))?;
+    let text = String::from_utf8_lossy(&bytes);
+    convert(&text).map_err(|why| format!("{}: {why}", file.display()))
+}
+
+/// Reports what has no effect: hardware of HAL files, joints that share an axis, unused entries.
+fn leave_out(ini: &mut Ini, report: &mut Report) {
+    for entry in ini.all("HAL", "HALFILE") {
+        let name = entry.value.split_whitespace().next().unwrap_or_default();
+        let found = hardware(&resolve(Some(ini.folder()), name));
+        let found: Vec<String> = found
+            .iter()
+            .map(|(name, what)| format!("{name} ({what})"))
+            .collect();
+        let reason = if found.is_empty() {
+            "wiring: the bridge to the drives does this".to_owned()
+        } else {
+            format!(
+                "wiring: the bridge to the drives does this; it loads {}",
+                found.join(", ")
+            )
+        };
+        drop_entry(report, &entry, &reason);
+    }
+    if let Some(entry) = ini.first("KINS", "KINEMATICS") {
+        let driven = entry.value.split("coordinates=").nth(1).unwrap_or_default();
+        let driven = driven
+            .split_whitespace()
+            .next()
+            .unwrap_or_default()
+            .to_ascii_uppercase();
+        for letter in "XYZABCUVW".chars() {
+            let joints: Vec<String> = driven
+                .chars()
+                .enumerate()
+                .filter(|(_, c)| *c == letter)
+                .map(|(joint, _)| joint.to_string())
+                .collect();
+            if joints.len() > 1 {
+                drop_entry(
+                    report,
+                    &entry,
+                    &format!(
+                        "joints {} both drive {letter}: one axis here; the bridge drives and squares both motors",
+                        joints.join(" and ")
+                    ),
+                );
+            }
+        }
+    }
+    for entry in ini.unused() {
+        if let Some(reason) = reason(entry) {
+            report.dropped.push(Dropped {
+                file: entry.file.display().to_string(),
+                line: entry.line,
+                section: entry.section.clone(),
+                key: entry.key.clone(),
+                value: entry.value.clone(),
+                reason: reason.to_owned(),
+            });
+        }
+    }
+    report
+        .dropped
+        .sort_by(|a, b| (&a.file, a.line).cmp(&(&b.file, b.line)));
+}
+
+impl Import {
+    /// The machine file.
+    #[must_use]
+    pub fn machine(&self) -> &str {
+        &self.machine
+    }
+
+    /// What was chosen and what was left out.
+    #[must_use]
+    pub fn report(&self) -> &Report {
+        &self.report
+    }
+
+    /// Writes the machine file, and the tables beside it. Returns the names of all files.
+    ///
+    /// # Errors
+    /// A file of one of the names exists and `force` is false: nothing is written then. A file cannot be written: those
+    /// before it are complete, none is half-written.
+    pub fn write(&self, machine: &Path, force: bool) -> Result<Vec<PathBuf>, ImportError> {
+        let folder = machine.parent().unwrap_or(Path::new(""));
+        let mut files: Vec<(PathBuf, &str)> = self
+            .tables
+            .iter()
+            .map(|(name, text)| (folder.join(name), text.as_str()))
+            .collect();
+        files.push((machine.to_owned(), &self.machine));
+        if let Some((path, _)) = files.iter().find(|(path, _)| !force && path.exists()) {
+            return Err(ImportError::Exists { path: path.clone() });
+        }
+        for (path, text) in &files {
+            replace(path, text).map_err(|source| ImportError::Write {
+                path: path.clone(),
+                source,
+            })?;
+        }
+        Ok(files.into_iter().map(|(path, _)| path).collect())
+    }
+}
+
+/// A file with this text: whole, or as it was before.
+fn replace(path: &Path, text: &str) -> std::io::Result<()> {
+    let mut name = path.file_name().unwrap_or_default().to_owned();
+    name.push(format!(".{}.new", std::process::id()));
+    let new = path.with_file_name(name);
+    let written = OpenOptions::new()
+        .write(true)
+        .create_new(true)
+        .open(&new)
+        .and_then(|mut file| file.write_all(text.as_bytes()).and_then(|()| file.sync_all()))
+        .and_then(|()| fs::rename(&new, path));
+    if written.is_err() {
+        let _gone = fs::remove_file(&new);
+    }
+    written
+}

@@ -1,0 +1,165 @@
+//! A machine file as text.
+
+use std::fmt::Write as _;
+
+use crate::axes::{AxisValues, tidy};
+use crate::settings::{PathMode, Settings};
+
+/// The files of an import beside the machine file, by name.
+#[derive(Debug, Default)]
+pub(crate) struct Names {
+    pub(crate) tool_table: Option<String>,
+    pub(crate) parameters: Option<String>,
+}
+
+pub(crate) fn machine(source: &str, settings: &Settings, axes: &[AxisValues], names: &Names) -> String {
+    let mut out = String::new();
+    let mut line = |text: String| {
+        out.push_str(&text);
+        out.push('\n');
+    };
+    let has_rotary = axes.iter().any(|axis| axis.letter.is_rotary());
+    line(format!(
+        "# From {} of LinuxCNC, by evolvent import.",
+        one_line(source)
+    ));
+    line("# Check travels, limits and homing at low speed before the machine works.".to_owned());
+    line(String::new());
+    line(format!("name = {}", quoted(&settings.name)));
+    if !settings.description.is_empty() {
+        line(format!("description = {}", quoted(&settings.description)));
+    }
+    line(format!(
+        "kind = {}",
+        quoted(if settings.is_lathe { "lathe" } else { "mill" })
+    ));
+    line("increments_per_mm = 1000".to_owned());
+    if has_rotary {
+        line("increments_per_degree = 1000".to_owned());
+    }
+    match settings.rate_hz {
+        Some(rate) => line(format!("rate = {}", tidy(rate))),
+        None => line("rate = \"rational\"".to_owned()),
+    }
+    for axis in axes {
+        line(String::new());
+        axis_table(axis).into_iter().for_each(&mut line);
+    }
+    for axis in axes {
+        if let Some(table) = homing_table(axis) {
+            line(String::new());
+            table.into_iter().for_each(&mut line);
+        }
+    }
+    if let Some(feed) = settings.max_feed_mm_s {
+        line("\n[limits]".to_owned());
+        line(format!("max_feed_mm_s = {}", tidy(feed)));
+    }
+    match settings.path {
+        PathMode::Unknown => {}
+        PathMode::Exact => line("\n[path]\nmode = \"exact\"".to_owned()),
+        PathMode::Tolerance(mm) => line(format!(
+            "\n[path]\nblend_tolerance_mm = {}",
+            tidy(mm.clamp(1e-6, 100.0))
+        )),
+    }
+    program_table(settings, names).into_iter().for_each(&mut line);
+    out
+}
+
+fn axis_table(axis: &AxisValues) -> Vec<String> {
+    let unit = if axis.letter.is_rotary() { "deg" } else { "mm" };
+    let mut lines = vec![
+        "[[axis]]".to_owned(),
+        format!("letter = \"{}\"", axis.letter.letter()),
+        format!("travel_min_{unit} = {}", tidy(axis.travel.0)),
+        format!("travel_max_{unit} = {}", tidy(axis.travel.1)),
+        format!("max_velocity_{unit}_s = {}", tidy(axis.velocity)),
+        format!("max_acceleration_{unit}_s2 = {}", tidy(axis.acceleration)),
+        format!("max_jerk_{unit}_s3 = {}", tidy(axis.jerk)),
+        format!("home_{unit} = {}", tidy(axis.home)),
+    ];
+    if let Some(error) = axis.following.0 {
+        lines.push(format!("following_error_{unit} = {}", tidy(error)));
+    }
+    if let Some(time_ms) = axis.following.1 {
+        lines.push(format!("following_time_ms = {}", tidy(time_ms)));
+    }
+    lines
+}
+
+fn homing_table(axis: &AxisValues) -> Option<Vec<String>> {
+    let homing = axis.homing.as_ref()?;
+    let unit = if axis.letter.is_rotary() { "deg" } else { "mm" };
+    Some(vec![
+        "[[homing]]".to_owned(),
+        format!("axis = \"{}\"", axis.letter.letter()),
+        format!(
+            "towards = {}",
+            quoted(if homing.is_negative {
+                "negative"
+            } else {
+                "positive"
+            })
+        ),
+        format!("order = {}", homing.order),
+        format!("search_{unit}_s = {}", tidy(homing.search)),
+        format!("latch_{unit}_s = {}", tidy(homing.latch)),
+        format!("switch_{unit} = {}", tidy(homing.switch)),
+    ])
+}
+
+fn program_table(settings: &Settings, names: &Names) -> Vec<String> {
+    let mut lines = Vec::new();
+    for (key, name) in [
+        ("tool_table", &names.tool_table),
+        ("parameters", &names.parameters),
+    ] {
+        lines.extend(name.iter().map(|name| format!("{key} = {}", quoted(name))));
+    }
+    if !settings.subroutines.is_empty() {
+        let folders = settings
+            .subroutines
+            .iter()
+            .map(|folder| quoted(&folder.to_string_lossy()));
+        lines.push(format!(
+            "subroutines = [{}]",
+            folders.collect::<Vec<_>>().join(", ")
+        ));
+    }
+    if let Some((folder, codes)) = &settings.user_codes {
+        let codes: Vec<String> = codes.iter().map(u32::to_string).collect();
+        lines.push(format!("user_codes = [{}]", codes.join(", ")));
+        lines.push(format!(
+            "user_code_folder = {}",
+            quoted(&folder.to_string_lossy())
+        ));
+    }
+    if !lines.is_empty() {
+        lines.insert(0, "\n[program]".to_owned());
+    }
+    lines
+}
+
+/// A basic string of TOML.
+fn quoted(text: &str) -> String {
+    let mut out = String::from("\"");
+    for c in text.chars() {
+        match c {
+            '"' | '\\' => out.extend(['\\', c]),
+            c if c.is_control() => {
+                let _infallible = write!(out, "\\u{:04X}", u32::from(c));
+            }
+            c => out.push(c),
+        }
+    }
+    out.push('"');
+    out
+}
+
+/// A text that cannot end a comment.
+fn one_line(text: &str) -> String {
+    text.chars()
+        .map(|c| if c.is_control() { ' ' } else { c })
+        .collect()
+}

@@ -1,0 +1,177 @@
+//! `evolvent import linuxcnc`: a machine that runs comes out, and nothing is lost without a word.
+#![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
+
+use std::path::Path;
+
+use evolvent_tests::{Finished, Workshop, cycles, run};
+
+const INI: &str = "[EMC]
+MACHINE = Gantry router
+[DISPLAY]
+DISPLAY = axis
+[KINS]
+KINEMATICS = trivkins coordinates=XYYZ
+JOINTS = 4
+[TRAJ]
+COORDINATES = X Y Y Z
+LINEAR_UNITS = inch
+MAX_LINEAR_VELOCITY = 4
+[EMCMOT]
+SERVO_PERIOD = 1000000
+[EMCIO]
+TOOL_TABLE = tools.tbl
+[RS274NGC]
+PARAMETER_FILE = router.var
+RS274NGC_STARTUP_CODE = G20 G64 P0.001
+REMAP = M6 modalgroup=6 ngc=change
+#INCLUDE axes.inc
+[HAL]
+HALFILE = wiring.hal
+";
+
+const AXES: &str = "[AXIS_X]
+MIN_LIMIT = -1
+MAX_LIMIT = 40
+MAX_VELOCITY = 6
+MAX_ACCELERATION = 30
+[AXIS_Y]
+MIN_LIMIT = 0
+MAX_LIMIT = 30
+MAX_VELOCITY = 6
+MAX_ACCELERATION = 30
+[AXIS_Z]
+MIN_LIMIT = -4
+MAX_LIMIT = 0.5
+MAX_VELOCITY = 3
+MAX_ACCELERATION = 20
+MAX_JERK = 400
+[JOINT_0]
+HOME_SEARCH_VEL = -1.5
+HOME_LATCH_VEL = 0.1
+HOME_OFFSET = -0.5
+HOME = 1
+HOME_SEQUENCE = 1
+FERROR = 0.06
+MIN_FERROR = 0.01
+[JOINT_1]
+MAX_VELOCITY = 5
+[JOINT_2]
+BACKLASH = 0.002
+MAX_LIMIT = 29
+[JOINT_3]
+HOME_SEARCH_VEL = 1
+HOME_LATCH_VEL = 2
+HOME_SEQUENCE = 0
+";
+
+fn text(path: &Path) -> &str {
+    path.to_str().expect("UTF-8")
+}
+
+fn import(ini: &Path, output: &Path) -> Finished {
+    run([
+        "import",
+        "linuxcnc",
+        text(ini),
+        "--output",
+        text(output),
+        "--json",
+    ])
+}
+
+#[test]
+fn a_gantry_router_in_inches_becomes_a_machine_that_runs() {
+    let workshop = Workshop::new();
+    let ini = workshop.write("router.ini", INI);
+    let _file = workshop.write("axes.inc", AXES);
+    let _file = workshop.write("tools.tbl", "T1 P1 D0.25 Z-1 ;quarter inch\n");
+    let _file = workshop.write("router.var", "5221 1.5\n5223 -2\n5210 1\n");
+    let _file = workshop.write("wiring.hal", "loadrt hm2_eth board_ip=10.10.10.10\n");
+    let machine = workshop.folder().join("gantry.toml");
+    let report = import(&ini, &machine).expect_code(&[0]).json();
+    let file = std::fs::read_to_string(&machine).expect("a machine file");
+    for line in [
+        "name = \"gantry-router\"",
+        "rate = 1000",
+        "travel_max_mm = 1016",
+        // The tightest of the axis and of both joints.
+        "travel_max_mm = 736.6",
+        "max_velocity_mm_s = 127",
+        "max_jerk_mm_s3 = 10160",
+        "home_mm = 25.4",
+        "following_error_mm = 0.254",
+        "following_time_ms = 10",
+        "search_mm_s = 38.1",
+        "latch_mm_s = 2.54",
+        "switch_mm = -12.7",
+        "max_feed_mm_s = 101.6",
+        "blend_tolerance_mm = 0.0254",
+    ] {
+        assert!(
+            file.lines().any(|found| found == line),
+            "{line} is missing in\n{file}"
+        );
+    }
+    let dropped = report["dropped"].to_string();
+    for reason in [
+        "joints 1 and 2 both drive Y",
+        "backlash",
+        "hm2_eth (a Mesa Ethernet board)",
+        "not remapped",
+    ] {
+        assert!(dropped.contains(reason), "{reason} is missing in {dropped}");
+    }
+    assert!(report["chosen"].to_string().contains("max_jerk of X"), "{report}");
+
+    // Tool and offset count in millimetres in the machine that came out.
+    let program = workshop.write("p.ngc", "G21 G90 G54\nG43 H1\nG0 X10\nG0 Z-20\nM2\n");
+    run(["check", text(&program), "--machine", text(&machine)]).expect_code(&[0]);
+    let trace = workshop.folder().join("p.mcap");
+    let words = [
+        "run",
+        text(&program),
+        "--machine",
+        text(&machine),
+        "--clock",
+        "virtual",
+        "--no-bus",
+        "--trace",
+    ];
+    run(words.iter().chain(&[text(&trace)])).expect_code(&[0]);
+    // X10 lies at 10 mm + 1.5 in, Z-20 at -20 mm - 2 in - 1 in.
+    let end = cycles(&trace).pop().expect("a cycle").position;
+    assert!(
+        (end[0] - 48.1).abs() < 1e-6 && (end[2] + 96.2).abs() < 1e-6,
+        "{end:?}"
+    );
+
+    assert!(
+        import(&ini, &machine)
+            .expect_code(&[2])
+            .err
+            .contains("exists already")
+    );
+}
+
+#[test]
+fn what_cannot_be_carried_over_at_all_is_refused_with_its_place() {
+    let workshop = Workshop::new();
+    let cases = [
+        (
+            "[KINS]\nKINEMATICS = genhexkins\n",
+            "bad.ini:2: kinematics \"genhexkins\"",
+        ),
+        ("[AXIS_0]\nTYPE = LINEAR\n", "update_ini"),
+        (
+            "[KINS]\nKINEMATICS = trivkins\n[TRAJ]\nCOORDINATES = X\n[AXIS_X]\nMIN_LIMIT = zero\n",
+            "bad.ini:6: [AXIS_X] MIN_LIMIT = \"zero\" is no number",
+        ),
+    ];
+    for (text, expected) in cases {
+        let ini = workshop.write("bad.ini", text);
+        let output = workshop.folder().join("bad.toml");
+        let finished = import(&ini, &output).expect_code(&[2]);
+        assert!(finished.err.contains(expected), "{}", finished.err);
+        assert!(!output.exists());
+    }
+}
