@@ -370,12 +370,14 @@ fn machine_files_that_make_no_sense_are_refused_with_file_line_and_key() {
         ("rate = \"rational\"", "rate = \"fast\"", "rate"),
         ("rate = \"rational\"", "rate = -5", "rate"),
         ("rate = \"rational\"", "rate = nan", "rate"),
-        ("lead_cycles = 2", "lead_cycles = -2", "lead_cycles"),
+        ("# lead_ms = 2 ", "lead_cycles = -2 # ", "lead_cycles"),
+        ("# lead_ms = 2 ", "lead_ms = 0 # ", "lead_ms"),
         (
-            "lead_cycles = 2",
-            "lead_cycles = 2\nleed_cycles = 2",
+            "# lead_ms = 2 ",
+            "lead_cycles = 2\nleed_cycles = 2 # ",
             "leed_cycles",
         ),
+        ("# lead_ms = 2 ", "lead_cycles = 2\nlead_ms = 2 # ", "lead_ms"),
         (
             "blend_tolerance_mm = 0.01",
             "blend_tolerance_mm = -0.01",

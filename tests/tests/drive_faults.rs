@@ -35,7 +35,7 @@ fn fails(number: usize, kind: &str, axis: &str, moment: f64, expected: &[u32]) -
     let file = workshop.mill(
         &name,
         &[
-            ("lead_cycles = 2 ", "lead_cycles = 60 "),
+            ("# lead_ms = 2 ", "lead_cycles = 60 # "),
             (
                 "feedback_timeout_ms = 20 ",
                 &format!("feedback_timeout_ms = {timeout} "),

@@ -14,6 +14,7 @@ use evolvent_turning::{
 use rtrb::{Consumer, Producer};
 
 use crate::job::Clock;
+use crate::pacing::{Pacing, RealTimer};
 use crate::rt::MonotonicClock;
 use crate::shared::Controls;
 use crate::standby::{NotBegun, Standby};
@@ -159,7 +160,7 @@ impl CycleLoop {
             work: Histogram::default(),
         };
         let realtime = self.clock == Clock::Realtime;
-        let start = MonotonicClock::now_ns() + 2 * self.period_ns;
+        let mut pacing = Pacing::new(MonotonicClock::now_ns(), self.period_ns, self.lead_cycles);
         let mut late_in_a_row = 0;
         let mut resumed = false;
         let (mut simulated, mut load_before) = (None, None);
@@ -169,14 +170,13 @@ impl CycleLoop {
             .and_then(|settings| AdaptiveFeed::new(settings).ok());
         loop {
             let path_time = report.cycles * self.period_ns;
-            let deadline = start + path_time;
-            let lateness = if realtime {
-                MonotonicClock::sleep_until(deadline)
-            } else {
+            let paced = realtime.then(|| pacing.wait(&mut RealTimer));
+            pacing.advance(0);
+            let lateness = paced.map_or(0, |cycle| cycle.lateness_ns);
+            if paced.is_none() {
                 let (motion, queue, controls) = (&report.motion, &mut self.queue, &self.controls);
                 wait_until(|| motion.is_ready(queue) || (controls.is_stopping() && motion.is_at_rest()));
-                0
-            };
+            }
             let mut inputs = self.controls.inputs();
             if self.process.is_some() {
                 inputs.load = simulated;
@@ -223,13 +223,12 @@ impl CycleLoop {
                 report.planner_died = true;
                 self.controls.raise(Alarm::Planner);
             }
-            let lead = u64::from(self.lead_cycles) * self.period_ns;
             let mut work = 0;
-            if realtime {
+            if let Some(cycle) = paced {
                 let now = MonotonicClock::now_ns();
-                work = now.saturating_sub(deadline + lateness);
+                work = now.saturating_sub(cycle.begun_ns);
                 report.lateness.record(lateness as i64);
-                if now > deadline + lead {
+                if now > cycle.due_ns {
                     setpoint.flags |= flags::LATE;
                     report.late_cycles += 1;
                     late_in_a_row += 1;
@@ -245,7 +244,7 @@ impl CycleLoop {
                 report.starved_cycles += 1;
             }
             if let Some(bus) = &mut self.bus {
-                let due_time_ns = if realtime { deadline + lead } else { path_time };
+                let due_time_ns = paced.map_or(path_time, |cycle| cycle.due_ns);
                 let due = DueSetpoint {
                     setpoint,
                     due_time_ns,
@@ -288,9 +287,9 @@ impl CycleLoop {
             let at_command = stands && next.is_some_and(|action| action + 1 == setpoint.actions);
             self.controls.set_at_command(at_command);
             self.controls.publish(&setpoint);
-            if realtime {
+            if let Some(cycle) = paced {
                 // With the handing over, which the cycle's own record cannot know yet.
-                let whole = MonotonicClock::now_ns().saturating_sub(deadline + lateness);
+                let whole = MonotonicClock::now_ns().saturating_sub(cycle.begun_ns);
                 report.work.record(whole as i64);
             }
             report.cycles += 1;

@@ -3,6 +3,8 @@
 use evolvent_drive::{FeedbackBounds, PhaseSettings, WatchMode, WatchSettings};
 use evolvent_machine::{FeedbackWish, Machine};
 
+use crate::pacing::cycles_per_wake;
+
 /// How the drives of a machine are watched at a period.
 ///
 /// A sample may always be three periods old.
@@ -46,7 +48,7 @@ pub(crate) fn feedback_bounds(machine: &Machine) -> FeedbackBounds {
 pub fn phase_settings(machine: &Machine, period_ns: u64) -> Option<PhaseSettings> {
     machine.drives.follow_clock.then_some(PhaseSettings {
         period_ns,
-        delay_cycles: machine.lead_cycles + 2,
+        delay_cycles: machine.lead_cycles(period_ns) + 1 + cycles_per_wake(period_ns) as u32,
         target_ns: 0,
     })
 }

@@ -25,6 +25,7 @@ mod load_cell;
 mod memory;
 mod news;
 mod observer;
+mod pacing;
 mod periphery;
 mod publisher;
 mod recompute;

@@ -13,6 +13,7 @@ use rtrb::Consumer;
 
 use crate::cycle::DueSetpoint;
 use crate::job::Clock;
+use crate::pacing::wake_interval_ns;
 use crate::periphery::Periphery;
 use crate::rt::MonotonicClock;
 use crate::shared::Controls;
@@ -117,7 +118,7 @@ impl Publishing {
         let subscribers = self.await_subscribers(&bus);
         report.see_listeners(&bus);
         let _gone = ready.send(Ok(subscribers));
-        let nap = (self.config.period_ns / 2).min(LONGEST_SLEEP_NS);
+        let nap = (wake_interval_ns(self.config.period_ns) / 2).min(LONGEST_SLEEP_NS);
         let mut status = Status::default();
         status.set_program(&self.program);
         status.tool = track.now.tool;

@@ -262,7 +262,7 @@ pub fn run_seen(
             controls: Arc::clone(controls),
             clock: job.clock,
             period_ns: setup.period_ns,
-            lead_cycles: setup.machine.lead_cycles,
+            lead_cycles: setup.machine.lead_cycles(setup.period_ns),
             max_late_cycles: setup.machine.realtime.max_late_cycles,
             stop_at_program_stops: job.stop_at_program_stops,
             commands: (job.clock == Clock::Realtime).then_some(commands),

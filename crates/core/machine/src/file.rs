@@ -41,10 +41,13 @@ pub(crate) struct MachineFile {
     /// Control rate: "rational" (what the machine's limits need) or a number of Hz, 250 to 35000.
     #[serde(default)]
     pub(crate) rate: RateWord,
-    /// How many cycles ahead of its due time a setpoint is computed, 1 to 1000.
-    #[serde(default = "two")]
+    /// How many cycles ahead of its due time a setpoint is computed, 1 to 1000. Give this or lead_ms; without either it
+    /// is 2 ms in whole cycles, at least 2 cycles.
     #[schemars(range(min = 1, max = 1000))]
-    pub(crate) lead_cycles: i64,
+    pub(crate) lead_cycles: Option<i64>,
+    /// How long ahead of its due time a setpoint is computed, ms: 0.03 to 28; rounded up to whole cycles.
+    #[schemars(range(min = 0.03, max = 28.0))]
+    pub(crate) lead_ms: Option<f64>,
     /// One entry for each axis, in the order in which positions are reported.
     #[schemars(length(min = 1, max = 9))]
     pub(crate) axis: Vec<AxisFile>,
@@ -69,10 +72,6 @@ pub(crate) struct MachineFile {
     /// Axes that are homed by a switch.
     #[serde(default)]
     pub(crate) homing: Vec<HomingFile>,
-}
-
-fn two() -> i64 {
-    2
 }
 
 /// One axis: linear (X Y Z U V W) with keys in mm, or rotary (A B C) with keys in degrees.

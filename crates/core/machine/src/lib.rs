@@ -37,9 +37,9 @@ pub use file::machine_schema;
 pub use homing::HomingSettings;
 pub use limits::Limits;
 pub use machine::{
-    Axis, ControlRate, CycleRecording, DriveSettings, FeedbackWish, Kinematics, MAX_FILE_BYTES, MAX_RATE_HZ,
-    MIN_RATE_HZ, Machine, MachineKind, OnFull, PathMode, PathSettings, PlannerKind, ProgramSettings,
-    RealtimeSettings, ToolChange, TraceSettings, TurningWords, WithoutToolTable,
+    Axis, ControlRate, CycleRecording, DriveSettings, FeedbackWish, Kinematics, Lead, MAX_FILE_BYTES,
+    MAX_RATE_HZ, MIN_RATE_HZ, Machine, MachineKind, OnFull, PathMode, PathSettings, PlannerKind,
+    ProgramSettings, RealtimeSettings, ToolChange, TraceSettings, TurningWords, WithoutToolTable,
 };
 pub use rate::{
     DEFAULT_MIN_RADIUS_MM, GRAVITY_MM_S2, LimitedBy, RateError, RateInput, RationalRate, period_ns_of,

@@ -39,6 +39,27 @@ pub enum Kinematics {
     Trivial,
 }
 
+/// The lead of a machine file without one, ns: a wake-up may be this late on an ordinary kernel. At 1 kHz and below it
+/// is two cycles.
+const DEFAULT_LEAD_NS: u64 = 2_000_000;
+/// Cycles of the shortest and of the longest lead. The first cycle's time is the cycle's own.
+const LEAD_CYCLES: (u64, u64) = (1, 1000);
+
+/// How long ahead of its due time a setpoint is computed.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Lead {
+    /// 2 ms in whole cycles, at least 2 cycles.
+    #[default]
+    ByRate,
+    /// 1 to 1000 cycles, whatever the rate.
+    Cycles(u32),
+    /// A time, rounded up to whole cycles.
+    Time {
+        /// In s.
+        s: f64,
+    },
+}
+
 /// The control rate that the machine file or the command line asks for.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum ControlRate {
@@ -304,8 +325,8 @@ pub struct Machine {
     pub increments_per_degree: Option<f64>,
     /// The control rate.
     pub rate: ControlRate,
-    /// How many cycles ahead of its due time a setpoint is computed.
-    pub lead_cycles: u32,
+    /// How long ahead of its due time a setpoint is computed; [`lead_cycles`](Self::lead_cycles) at a period.
+    pub lead: Lead,
     /// Axes in the order of the file.
     pub axes: Vec<Axis>,
     /// Largest contour feed, mm/s, where it is below what the axes allow.
@@ -454,5 +475,28 @@ impl Machine {
             ControlRate::Rational => self.rational_rate()?.rate_hz.clamp(MIN_RATE_HZ, MAX_RATE_HZ),
         };
         Ok(period_ns_of(rate_hz))
+    }
+
+    /// How many cycles ahead of its due time a setpoint is computed, 1 to 1000.
+    ///
+    /// ```
+    /// use evolvent_machine::Lead;
+    /// # let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../config/machines/mill-3axis.toml");
+    /// # let mut machine = evolvent_machine::Machine::load(std::path::Path::new(file))?;
+    /// machine.lead = Lead::ByRate;
+    /// assert_eq!(machine.lead_cycles(1_000_000), 2);
+    /// assert_eq!(machine.lead_cycles(28_571), 70);
+    /// # Ok::<(), evolvent_machine::MachineError>(())
+    /// ```
+    #[must_use]
+    pub fn lead_cycles(&self, period_ns: u64) -> u32 {
+        let period_ns = period_ns.max(1);
+        let cycles = match self.lead {
+            Lead::ByRate => (DEFAULT_LEAD_NS / period_ns).max(2),
+            Lead::Cycles(cycles) => cycles.into(),
+            // Values are checked when the file is read; a cast saturates.
+            Lead::Time { s } => ((s * 1e9) as u64).div_ceil(period_ns),
+        };
+        cycles.clamp(LEAD_CYCLES.0, LEAD_CYCLES.1) as u32
     }
 }

@@ -10,7 +10,7 @@ use std::path::Path;
 
 use evolvent_file_tests::{assert_schema, config};
 use evolvent_machine::{
-    ControlRate, CycleRecording, FeedbackWish, Machine, MachineError, MachineKind, OnFull, PathMode,
+    ControlRate, CycleRecording, FeedbackWish, Lead, Machine, MachineError, MachineKind, OnFull, PathMode,
     machine_schema,
 };
 use evolvent_path::AxisLetter;
@@ -111,7 +111,7 @@ fn a_file_is_read_into_millimetres_degrees_and_seconds() {
     assert_eq!((machine.realtime.priority, machine.realtime.core), (70, Some(1)));
     assert_eq!(machine.trace.on_full, OnFull::Stop);
     assert_eq!(machine.trace.cycles, CycleRecording::Columns);
-    assert_eq!(machine.lead_cycles, 2);
+    assert_eq!(machine.lead, Lead::ByRate);
     let limits = machine.limits();
     let (x, a, y) = (
         AxisLetter::X.index(),
@@ -206,7 +206,7 @@ fn the_three_axis_mill_is_as_documented() {
     assert_eq!(head(limits.travel_min), [-400.0, -250.0, -400.0]);
     assert_eq!(head(limits.travel_max), [400.0, 250.0, 100.0]);
     assert_eq!(
-        (mill.rate, mill.lead_cycles, mill.increments_per_mm),
+        (mill.rate, mill.lead_cycles(1_000_000), mill.increments_per_mm),
         (ControlRate::Rational, 2, 1000.0)
     );
     assert_eq!(

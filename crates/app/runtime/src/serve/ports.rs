@@ -6,6 +6,7 @@ use evolvent_bus::{BusError, CoreBus, EventKind, Feedback, Status};
 use rtrb::{Consumer, Producer};
 
 use crate::cycle::DueSetpoint;
+use crate::pacing::wake_interval_ns;
 use crate::publisher::{PublishReport, Publishing};
 use crate::rt::MonotonicClock;
 
@@ -48,7 +49,7 @@ impl Ports {
             }
         };
         let _gone = ready.send(Ok(()));
-        let nap = (publishing.config.period_ns / 2).min(LONGEST_SLEEP_NS);
+        let nap = (wake_interval_ns(publishing.config.period_ns) / 2).min(LONGEST_SLEEP_NS);
         let mut next_admission = 0;
         loop {
             let over = self.setpoints.is_abandoned() && self.snapshots.is_abandoned();

@@ -14,6 +14,7 @@ use rtrb::{Consumer, Producer};
 
 use super::orders::{ActiveJob, CycleCommand, CycleEvent, CycleView, Following, Order};
 use crate::cycle::{CycleSample, DriveRequest, DueSetpoint, input_bits, sample};
+use crate::pacing::{Pacing, RealTimer};
 use crate::rt::MonotonicClock;
 use crate::shared::Controls;
 
@@ -158,10 +159,10 @@ impl ServedCycle {
             load_seen: (0, 0),
             turned: None,
         };
-        let mut deadline = MonotonicClock::now_ns() + 2 * self.period_ns;
+        let mut pacing = Pacing::new(MonotonicClock::now_ns(), self.period_ns, self.lead_cycles);
         loop {
-            let lateness = MonotonicClock::sleep_until(deadline);
-            let woken = deadline + lateness;
+            let cycle = pacing.wait(&mut RealTimer);
+            let lateness = cycle.lateness_ns;
             let feedback = self.newest_feedback();
             // Read behind the feedback, which so is never of the future by this thread's own doing.
             let taken = MonotonicClock::now_ns();
@@ -170,7 +171,7 @@ impl ServedCycle {
             if let Some(feedback) = &feedback {
                 self.rebase_to_drives(&mut now, feedback, taken);
             }
-            let mut setpoint = self.step(&mut now, deadline);
+            let mut setpoint = self.step(&mut now, cycle.deadline_ns);
             self.check_drives(&mut now, &setpoint, taken, feedback.as_ref());
             now.note_following_error(feedback.as_ref());
             let is_last = now.ending && matches!(now.work, ActiveJob::None) && self.station.is_at_rest();
@@ -178,10 +179,9 @@ impl ServedCycle {
                 setpoint.flags |= flags::LAST;
                 now.drive.power = PowerRequest::Off;
             }
-            let lead = u64::from(self.lead_cycles) * self.period_ns;
             let done = MonotonicClock::now_ns();
-            let work = done.saturating_sub(woken);
-            if done > deadline + lead {
+            let work = done.saturating_sub(cycle.begun_ns);
+            if done > cycle.due_ns {
                 setpoint.flags |= flags::LATE;
                 now.late_cycles += 1;
                 now.late_in_a_row += 1;
@@ -191,7 +191,7 @@ impl ServedCycle {
             }
             let due = DueSetpoint {
                 setpoint,
-                due_time_ns: deadline + lead,
+                due_time_ns: cycle.due_ns,
                 drive: now.drive,
             };
             if self.bus.push(due).is_err() {
@@ -199,11 +199,11 @@ impl ServedCycle {
             }
             if let Some(trace) = &mut self.trace {
                 let unix = self.start_unix_ns + setpoint.sequence * self.period_ns;
-                let mut cycle = sample(&setpoint, unix, lateness, work, now.input_bits);
-                cycle.record.following_error = now.following_error;
-                now.note_load(&mut cycle.record, self.period_ns);
-                cycle.turning = now.turned;
-                if trace.push(cycle).is_err() {
+                let mut sample = sample(&setpoint, unix, lateness, work, now.input_bits);
+                sample.record.following_error = now.following_error;
+                now.note_load(&mut sample.record, self.period_ns);
+                sample.turning = now.turned;
+                if trace.push(sample).is_err() {
                     now.dropped_records += 1;
                 }
             }
@@ -224,7 +224,7 @@ impl ServedCycle {
             report.lateness.record(lateness as i64);
             report
                 .work
-                .record(MonotonicClock::now_ns().saturating_sub(woken) as i64);
+                .record(MonotonicClock::now_ns().saturating_sub(cycle.begun_ns) as i64);
             if is_last {
                 return report;
             }
@@ -232,7 +232,7 @@ impl ServedCycle {
                 .filter(|_| now.presence == Presence::Operational)
                 .map(|feedback| feedback.phase_error_ns);
             let correction = self.phase.as_mut().map_or(0, |phase| phase.step(phase_error));
-            deadline = (deadline + self.period_ns).saturating_add_signed(correction);
+            pacing.advance(correction);
         }
     }
 

@@ -26,6 +26,7 @@ use super::snapshot::{Mark, Pulse, snapshot};
 use super::state_store::StateStore;
 use crate::drives::{phase_settings, watch_settings};
 use crate::job::{Clock, Setup};
+use crate::pacing::wake_interval_ns;
 use crate::publisher::{PublishReport, Publishing};
 use crate::recording::{Closing, Further, RecordReport, Recording};
 use crate::rt::{
@@ -205,7 +206,7 @@ pub fn serve(
         station: MachineState::new(limits, setup.period_ns, limits.home),
         limits,
         period_ns: setup.period_ns,
-        lead_cycles: machine.lead_cycles,
+        lead_cycles: machine.lead_cycles(setup.period_ns),
         max_late_cycles: machine.realtime.max_late_cycles,
         start_unix_ns,
         orders: cycle_orders,
@@ -252,7 +253,8 @@ pub fn serve(
     // A hold is not to wait until a busy host has time. What it starts itself is of the normal scheduler.
     raise_priority();
 
-    let every = Duration::from_nanos(setup.period_ns / 4).clamp(CONTROL_EVERY_AT_LEAST, CONTROL_EVERY);
+    let every = Duration::from_nanos(wake_interval_ns(setup.period_ns) / 4)
+        .clamp(CONTROL_EVERY_AT_LEAST, CONTROL_EVERY);
     let mut file_begun = Instant::now();
     let mut files_ordered = 0;
     let mut calls = Calls::default();

@@ -14,8 +14,8 @@ use evolvent_config::{ConfigDocument, shortened};
 use crate::error::MachineError;
 use crate::file::{DrivesFile, MachineFile};
 use crate::machine::{
-    ControlRate, DriveSettings, MAX_RATE_HZ, MIN_RATE_HZ, Machine, PathMode, PathSettings, ProgramSettings,
-    RealtimeSettings, TraceSettings,
+    ControlRate, DriveSettings, Lead, MAX_RATE_HZ, MIN_RATE_HZ, Machine, PathMode, PathSettings,
+    ProgramSettings, RealtimeSettings, TraceSettings,
 };
 use crate::rate::DEFAULT_MIN_RADIUS_MM;
 
@@ -48,7 +48,7 @@ impl Check<'_> {
         if let ControlRate::Hz(hz) = raw.rate.0 {
             self.number("rate", hz, MIN_RATE_HZ, MAX_RATE_HZ)?;
         }
-        let lead_cycles = self.whole_number("lead_cycles", raw.lead_cycles, 1, 1000)?;
+        let lead = self.lead(raw.lead_cycles, raw.lead_ms)?;
         let axes = self.axes(&raw)?;
         let max_feed_mm_s = self.at_most_one_of(
             "limits",
@@ -70,7 +70,7 @@ impl Check<'_> {
             increments_per_mm: raw.increments_per_mm,
             increments_per_degree: raw.increments_per_degree,
             rate: raw.rate.0,
-            lead_cycles,
+            lead,
             axes,
             max_feed_mm_s,
             trace: TraceSettings {
@@ -87,6 +87,22 @@ impl Check<'_> {
             ));
         }
         Ok(machine)
+    }
+
+    fn lead(&self, cycles: Option<i64>, ms: Option<f64>) -> Result<Lead, MachineError> {
+        match (cycles, ms) {
+            (None, None) => Ok(Lead::ByRate),
+            (Some(cycles), None) => Ok(Lead::Cycles(self.whole_number("lead_cycles", cycles, 1, 1000)?)),
+            (None, Some(ms)) => {
+                self.number("lead_ms", ms, 0.03, 28.0)?;
+                Ok(Lead::Time { s: ms / 1000.0 })
+            }
+            (Some(_), Some(_)) => Err(self.error(
+                "lead_ms",
+                "the lead is given twice: lead_cycles is there already".to_owned(),
+                "keep one of lead_cycles and lead_ms",
+            )),
+        }
     }
 
     fn name(&self, name: &str) -> Result<(), MachineError> {

@@ -1,0 +1,199 @@
+//! When the loop wakes, and when its setpoints are due.
+//!
+//! Setpoints bear the time at which they are due, so the loop need not wake for each: where a period is shorter than
+//! [`MIN_WAKE_NS`] it wakes once for several and computes them in a row. What is computed depends on the cycle's number
+//! and its inputs alone, never on when the loop woke.
+
+use crate::rt::MonotonicClock;
+
+/// Shortest time between two wake-ups, ns. Tuned: 0.1 to 1 ms; below, a plain kernel spends more time on waking than on
+/// cycles (`cargo bench -p evolvent-runtime --bench figures`), above, a hold waits for the next wake-up.
+const MIN_WAKE_NS: u64 = 250_000;
+
+/// A clock to sleep by.
+pub(crate) trait Timer {
+    fn now_ns(&mut self) -> u64;
+    /// Sleeps until a moment, at once if it has passed.
+    fn sleep_until(&mut self, moment_ns: u64);
+}
+
+/// `CLOCK_MONOTONIC`.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct RealTimer;
+
+impl Timer for RealTimer {
+    fn now_ns(&mut self) -> u64 {
+        MonotonicClock::now_ns()
+    }
+
+    fn sleep_until(&mut self, moment_ns: u64) {
+        let _late = MonotonicClock::sleep_until(moment_ns);
+    }
+}
+
+/// The cycle that begins.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Cycle {
+    /// When it begins at the control rate, ns.
+    pub deadline_ns: u64,
+    /// When its setpoint is due, ns.
+    pub due_ns: u64,
+    /// When it began, ns: before its deadline where it is computed in a row with others.
+    pub begun_ns: u64,
+    /// By how much it began after its deadline, ns.
+    pub lateness_ns: u64,
+}
+
+/// Deadlines of the cycles in real time.
+#[derive(Clone, Debug)]
+pub(crate) struct Pacing {
+    period_ns: u64,
+    lead_ns: u64,
+    cycles_per_wake: u64,
+    deadline_ns: u64,
+    /// Cycles that are computed before the next wake-up.
+    left: u64,
+}
+
+impl Pacing {
+    /// Begins two periods after this moment.
+    pub(crate) fn new(now_ns: u64, period_ns: u64, lead_cycles: u32) -> Self {
+        Self {
+            period_ns,
+            lead_ns: u64::from(lead_cycles) * period_ns,
+            cycles_per_wake: cycles_per_wake(period_ns),
+            deadline_ns: now_ns + 2 * period_ns,
+            left: 0,
+        }
+    }
+
+    /// Waits for the next cycle to begin. The cycle may call it: at most one system call, no allocation.
+    pub(crate) fn wait(&mut self, timer: &mut impl Timer) -> Cycle {
+        if self.left == 0 {
+            self.left = self.cycles_per_wake;
+            timer.sleep_until(self.deadline_ns);
+        }
+        self.left -= 1;
+        let begun_ns = timer.now_ns();
+        Cycle {
+            deadline_ns: self.deadline_ns,
+            due_ns: self.deadline_ns + self.lead_ns,
+            begun_ns,
+            lateness_ns: begun_ns.saturating_sub(self.deadline_ns),
+        }
+    }
+
+    /// Goes on to the next cycle, whose deadline is corrected by this much, ns: much less than a period.
+    pub(crate) fn advance(&mut self, correction_ns: i64) {
+        self.deadline_ns = (self.deadline_ns + self.period_ns).saturating_add_signed(correction_ns);
+    }
+}
+
+/// Cycles that are computed in a row.
+pub(crate) fn cycles_per_wake(period_ns: u64) -> u64 {
+    MIN_WAKE_NS.div_ceil(period_ns.max(1)).max(1)
+}
+
+/// Time between two wake-ups, ns.
+pub(crate) fn wake_interval_ns(period_ns: u64) -> u64 {
+    cycles_per_wake(period_ns) * period_ns
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Wakes late by what the list says, and needs 1 us for each look at the clock.
+    struct Late {
+        now_ns: u64,
+        late_ns: Vec<u64>,
+        sleeps: usize,
+    }
+
+    impl Timer for Late {
+        fn now_ns(&mut self) -> u64 {
+            self.now_ns += 1000;
+            self.now_ns
+        }
+
+        fn sleep_until(&mut self, moment_ns: u64) {
+            let late_ns = self.late_ns[self.sleeps % self.late_ns.len()];
+            self.sleeps += 1;
+            self.now_ns = self.now_ns.max(moment_ns + late_ns);
+        }
+    }
+
+    fn cycles(period_ns: u64, count: u64, late_ns: &[u64]) -> (Vec<Cycle>, usize) {
+        let mut timer = Late {
+            now_ns: 5_000_000,
+            late_ns: late_ns.to_vec(),
+            sleeps: 0,
+        };
+        let mut pacing = Pacing::new(5_000_000, period_ns, 70);
+        let mut cycles = Vec::new();
+        for _ in 0..count {
+            cycles.push(pacing.wait(&mut timer));
+            pacing.advance(0);
+        }
+        (cycles, timer.sleeps)
+    }
+
+    #[test]
+    fn due_times_do_not_depend_on_when_the_loop_wakes() {
+        let period_ns = 28_571;
+        let (cycles, sleeps) = cycles(period_ns, 900, &[0, 300_000, 40_000_000, 0, 1]);
+        for (number, cycle) in cycles.iter().enumerate() {
+            let deadline_ns = 5_000_000 + (number as u64 + 2) * period_ns;
+            assert_eq!(
+                (cycle.deadline_ns, cycle.due_ns),
+                (deadline_ns, deadline_ns + 70 * period_ns)
+            );
+            assert_eq!(cycle.lateness_ns, cycle.begun_ns.saturating_sub(deadline_ns));
+        }
+        assert_eq!(sleeps, 100);
+    }
+
+    #[test]
+    fn a_row_is_computed_before_its_deadlines_and_none_before_the_wake_up() {
+        let (cycles, _) = cycles(28_571, 90, &[2000]);
+        for row in cycles.chunks(9) {
+            assert!(row[0].begun_ns >= row[0].deadline_ns);
+            assert!(
+                row.iter()
+                    .all(|cycle| cycle.begun_ns < row[0].deadline_ns + 20_000)
+            );
+            assert_eq!(row[8].lateness_ns, 0);
+        }
+    }
+
+    #[test]
+    fn slow_rates_wake_for_every_cycle() {
+        for (rate_hz, in_a_row) in [
+            (250, 1),
+            (1000, 1),
+            (4000, 1),
+            (4001, 2),
+            (10_000, 3),
+            (35_000, 9),
+        ] {
+            let period_ns = 1_000_000_000 / rate_hz;
+            assert_eq!(cycles_per_wake(period_ns), in_a_row, "{rate_hz} Hz");
+            assert!((250_000..1_000_000 + 4_000_000).contains(&wake_interval_ns(period_ns)));
+        }
+        assert_eq!(cycles(1_000_000, 50, &[0]).1, 50);
+    }
+
+    #[test]
+    fn a_correction_moves_all_deadlines_behind_it() {
+        let mut timer = Late {
+            now_ns: 0,
+            late_ns: vec![0],
+            sleeps: 0,
+        };
+        let mut pacing = Pacing::new(0, 1_000_000, 2);
+        pacing.advance(-1000);
+        assert_eq!(pacing.wait(&mut timer).deadline_ns, 2_999_000);
+        pacing.advance(500);
+        assert_eq!(pacing.wait(&mut timer).due_ns, 5_999_500);
+    }
+}
