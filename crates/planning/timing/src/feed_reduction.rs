@@ -5,13 +5,13 @@
 //! stations permit: they lie as far apart as speed before asks for, and a tenth or a thousandth of it is reached and
 //! held within a small part of an interval.
 
+use crate::closed_form;
 use crate::grid::Place;
 use crate::optimizer::{Optimizer, WindowProblem};
 use crate::piece::Piece;
 use crate::solver::FIRST;
 use crate::spans;
 use crate::start;
-use crate::stop;
 
 /// By which share the speed has to exceed the feed.
 const EXCESS: f64 = 1e-3;
@@ -35,15 +35,16 @@ impl Optimizer {
             ..
         } = *job;
         self.kept.find(grid, from, v, a)?;
-        let feed = stop::least_cap(grid, from, until, 0.0, factor)?;
+        let feed = closed_form::least_cap(grid, from, until, 0.0, factor)?;
         if v <= feed * (1.0 + EXCESS) {
             return None;
         }
-        let (reach, kept) = (stop::reach(grid, from, v, a, until), out.len());
-        let near = SHARE * stop::least_cap(grid, from, until, reach, factor)?;
+        let (reach, kept) = (closed_form::reach(grid, from, v, a, until), out.len());
+        let near = SHARE * closed_form::least_cap(grid, from, until, reach, factor)?;
         self.lower_to(job, near, out).or_else(|| {
             // The feed is one of the path, the solver's that of a curve's parameter, and farther on its cap may be a little lower.
-            let far = SHARE * stop::least_cap(grid, from, until, stop::room(grid, from, until), factor)?;
+            let far = SHARE
+                * closed_form::least_cap(grid, from, until, closed_form::room(grid, from, until), factor)?;
             out.truncate(kept);
             (far < near && far >= FAR * near).then(|| self.lower_to(job, far, out))?
         })
@@ -58,8 +59,8 @@ impl Optimizer {
             state: (v, a),
             ..
         } = *job;
-        let profile = stop::slow_down(grid, from, (v, a), until, speed)?;
-        if !stop::write(grid, from, until, &profile, out) {
+        let profile = closed_form::slow_down(grid, from, (v, a), until, speed)?;
+        if !closed_form::write(grid, from, until, &profile, out) {
             return None;
         }
         let last = out.last()?;

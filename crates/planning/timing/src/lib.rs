@@ -16,7 +16,7 @@
 //! the caller says on the old one, which serves as its start. If there is no plan, the old one stays what it is.
 //!
 //! [`PathLimits`] holds the axes' limits, the control rate and the chord error. [`Profile`] is the classic motion
-//! under constant limits along one parameter, exact on lines, and what [`Optimizer::stop`] tries first.
+//! under constant limits along one parameter, exact on lines, and what a lower feed override tries first.
 //!
 //! Only [`TimeLaw`], [`Piece`] and [`Profile`] are for the real-time cycle.
 
@@ -24,10 +24,10 @@ mod barrier;
 mod cell;
 mod change;
 mod check;
+mod closed_form;
 mod error;
 mod feed_reduction;
 mod grid;
-mod halt;
 mod limits;
 mod memory;
 mod optimizer;
@@ -41,7 +41,6 @@ mod riccati;
 mod solver;
 mod spans;
 mod start;
-mod stop;
 mod stub;
 mod time_law;
 mod warm_start;
@@ -53,7 +52,7 @@ pub use grid::{Grid, Place};
 pub use limits::{DerivativeBounds, PathLimits, append_cells};
 pub use memory::Memory;
 pub use optimizer::{MAX_INTERVALS, Optimizer};
-pub use piece::{Entry, Exit, Piece, PlanReport, Ratios, StopReport};
+pub use piece::{Entry, Exit, Piece, PlanReport, Ratios};
 pub use profile::{Outcome, Profile};
 pub use reach::{lasting_speed, reachable_speed};
 pub use time_law::TimeLaw;

@@ -180,11 +180,6 @@ impl Optimizer {
         })
     }
 
-    /// Gives a stop its steps.
-    pub(crate) fn limit_stop(&mut self) {
-        self.steps = self.most_steps;
-    }
-
     /// Steps that are left for the way to the centre; some are kept for what a check between stations may find.
     pub(crate) fn centre_steps(&self) -> u32 {
         let kept = self.steps / CENTRE_FRACTION;

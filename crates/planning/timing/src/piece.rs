@@ -70,16 +70,3 @@ pub struct PlanReport {
     /// The largest ratios found by the check between stations.
     pub worst: Ratios,
 }
-
-/// What a stop came to.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct StopReport {
-    /// Seconds until rest.
-    pub duration: f64,
-    /// Parameter length until rest.
-    pub length: f64,
-    /// Newton steps; none where the closed form served.
-    pub iterations: u32,
-    /// The largest ratios found by the check between stations.
-    pub worst: Ratios,
-}

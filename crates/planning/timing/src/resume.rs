@@ -2,13 +2,13 @@
 
 use crate::barrier::{Iterate, constraint_ratio};
 use crate::check::STIFFER;
+use crate::closed_form;
 use crate::grid::Place;
 use crate::optimizer::{MAX_SPANS, Optimizer, WindowProblem};
 use crate::piece::Piece;
 use crate::solver::KNOWN;
 use crate::spans;
 use crate::start;
-use crate::stop;
 use crate::time_law::TimeLaw;
 use crate::warm_start::{Found, WarmStart};
 use crate::window::{Span, Window};
@@ -162,7 +162,7 @@ impl Optimizer {
         if let Some((v, a)) = state
             && job.quick
         {
-            let reach = stop::reach(grid, from, v, a, until);
+            let reach = closed_form::reach(grid, from, v, a, until);
             let stub = self.window.spans.pop()?;
             let room = MAX_SPANS - 1;
             spans::subdivide(

@@ -25,19 +25,15 @@ fn round(grid: &Grid, optimizer: &mut Optimizer, out: &mut Vec<Piece>) {
             x: piece.from - begin,
         };
         let (v, a) = (state.v, state.a);
-        if share == 2 {
-            let entry = Entry::Moving { v, a };
-            optimizer
-                .plan(grid, place, entry, 60, Exit::Open, 0.7, out)
-                .expect("plan");
-        } else {
-            optimizer.stop(grid, place, v, a, 60, out).expect("stop");
-        }
+        let (entry, factor) = (Entry::Moving { v, a }, if share == 2 { 0.7 } else { 1.0 });
+        optimizer
+            .plan(grid, place, entry, 60, Exit::Open, factor, out)
+            .expect("plan");
     }
 }
 
 #[test]
-fn plans_and_stops_allocate_nothing_after_the_first() {
+fn plans_allocate_nothing_after_the_first() {
     let limits = loose(axes(3, 200.0, 2000.0, 5e4));
     let mut grid = Grid::new(&limits);
     square(10.0, 0.02, 30.0).push_to(&mut grid);

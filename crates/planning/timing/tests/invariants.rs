@@ -1,4 +1,4 @@
-//! Random paths, limits, windows, overrides and stops: every sample keeps every limit.
+//! Random paths, limits, windows and overrides: every sample keeps every limit.
 //!
 //! `EVOLVENT_SEED` chooses the seed, `EVOLVENT_CASES` the number of cases.
 #![allow(
@@ -157,7 +157,7 @@ fn speed_does_not_creep_above_its_limit_from_plan_to_plan() {
 
 /// Re-plans and how many of them were refused.
 fn campaign(seed: u64, cases: std::ops::Range<u64>, most_steps: Option<f64>) -> (u64, u64) {
-    let (mut replans, mut refused, mut stops) = (0, 0, 0);
+    let (mut replans, mut refused) = (0, 0);
     for case in cases {
         let mut random = Random(seed ^ (case + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15));
         let limits = random_limits(&mut random);
@@ -198,7 +198,6 @@ fn campaign(seed: u64, cases: std::ops::Range<u64>, most_steps: Option<f64>) -> 
             )
             .unwrap_or_else(|error| panic!("{what}: {error}"));
         let mut until = first;
-        let stop = random.unit() < 0.4;
         for _ in 0..30 {
             let left: f64 = run.plan.iter().map(|piece| piece.duration).sum();
             let old = run.plan.clone();
@@ -207,13 +206,6 @@ fn campaign(seed: u64, cases: std::ops::Range<u64>, most_steps: Option<f64>) -> 
                 break;
             };
             let rest = rest_of(&old, time);
-            if stop && random.unit() < 0.15 {
-                stops += 1;
-                match run.optimizer.stop(&grid, place, v, a, until, &mut run.plan) {
-                    Ok(_) => break,
-                    Err(error) => panic!("{what}: stop: {error}"),
-                }
-            }
             if random.unit() < 0.3 {
                 factor = random.log(0.1, 2.0);
             }
@@ -262,7 +254,7 @@ fn campaign(seed: u64, cases: std::ops::Range<u64>, most_steps: Option<f64>) -> 
             "{what}: {measured:?}"
         );
     }
-    println!("{replans} re-plans, {refused} refused, {stops} stops");
+    println!("{replans} re-plans, {refused} refused");
     (replans, refused)
 }
 

@@ -1,4 +1,4 @@
-//! Coming to rest in closed form, checked along the path.
+//! Slowing down in closed form, checked along the path.
 
 use evolvent_path::AXES;
 
@@ -7,16 +7,13 @@ use crate::change::{ScalarLimits, ScalarState};
 use crate::grid::{Grid, Place};
 use crate::limits::PathLimits;
 use crate::piece::{Piece, Ratios};
-use crate::profile::{Outcome, Profile};
+use crate::profile::Profile;
 use crate::time_law::TimeLaw;
 
 /// Shares of the axes' limits along the tangent that are tried: what curvature takes, nothing on lines.
 const SHARES: [f64; 8] = [1.0, 0.97, 0.93, 0.88, 0.8, 0.7, 0.55, 0.4];
-/// Samples along a stop at which the axes' limits are checked, at the least.
+/// Samples along a way down at which the axes' limits are checked, at least.
 const SAMPLES: f64 = 96.0;
-/// All of them, and the few that lose next to nothing.
-pub(crate) const ALL_SHARES: usize = SHARES.len();
-pub(crate) const FEW_SHARES: usize = 2;
 /// What a sample may have: of velocity and acceleration, of jerk.
 const ALLOWED: (f64, f64) = (1.0005, 1.004);
 /// Places at which a stretch is looked at for its lowest cap.
@@ -168,59 +165,21 @@ pub(crate) fn slow_down(
             return None;
         }
         let profile = Profile::change(state, speed, &limits);
-        if profile.end().x < SLOW_ROOM * room && check(grid, from, until, &profile).is_some() {
+        if profile.end().x < SLOW_ROOM * room && keeps_limits(grid, from, until, &profile) {
             return Some(profile);
         }
     }
     None
 }
 
-/// The quickest of several closed-form stops from a state that keeps all limits, with its largest ratios.
-///
-/// `shares` is how many of the gentler and gentler stops are tried.
-pub(crate) fn brake(
-    grid: &Grid,
-    from: Place,
-    v: f64,
-    a: f64,
-    until: u64,
-    shares: usize,
-) -> Option<(Profile, Ratios)> {
-    let room = room(grid, from, until);
-    let state = ScalarState { x: 0.0, v, a };
-    let first = tangential(grid, from, until, 0.0)?;
-    let reach = (1.5 * distance(state, &first)).min(room);
-    let ScalarLimits {
-        acceleration, jerk, ..
-    } = tangential(grid, from, until, reach)?;
-    // What brings speed and acceleration to zero at once; with less the motion would run backwards.
-    let least = if a < 0.0 { 0.5 * a * a / v } else { 0.0 };
-    for share in SHARES.into_iter().take(shares) {
-        let limits = ScalarLimits {
-            velocity: v,
-            acceleration: (share * acceleration).max(a.abs()),
-            jerk: (share * JERK_FRACTION * jerk).max(least * (1.0 + 1e-12)),
-        };
-        let profile = Profile::brake(state, room, 0.0, &limits);
-        if profile.outcome() != Outcome::Rests {
-            continue;
-        }
-        if let Some(worst) = check(grid, from, until, &profile) {
-            return Some((profile, worst));
-        }
-    }
-    None
-}
-
-/// The largest ratios along a stop; `None` where a limit is not kept.
+/// Whether a way down keeps every limit.
 ///
 /// Looked at are the ends and the middle of every part of it between two joints, ends of intervals or steps of jerk,
 /// however short: a blend of a tenth of a micrometre has a curvature as well. Longer parts have more samples.
-fn check(grid: &Grid, from: Place, until: u64, profile: &Profile) -> Option<Ratios> {
-    let mut worst = Ratios::default();
+fn keeps_limits(grid: &Grid, from: Place, until: u64, profile: &Profile) -> bool {
     let mut before = from.interval;
     let step = profile.duration() / SAMPLES;
-    let kept = pieces(grid, from, until, profile, |piece| {
+    pieces(grid, from, until, profile, |piece| {
         let Some(stretch) = grid.stretch(piece.stretch) else {
             return false;
         };
@@ -240,11 +199,9 @@ fn check(grid: &Grid, from: Place, until: u64, profile: &Profile) -> Option<Rati
             let (state, jerk) = piece.law.at(piece.duration * f64::from(k) / parts);
             let point = Point::of(stretch, piece.from + state.x, grid.limits());
             let here = ratios(&point, &state, jerk, grid.limits());
-            worst.include(&here);
             here.velocity.max(here.acceleration) <= ALLOWED.0 && here.jerk <= ALLOWED.1
         })
-    });
-    kept.then_some(worst)
+    })
 }
 
 /// A profile as pieces, cut where intervals end. False where the grid does not know an interval.
