@@ -24,6 +24,17 @@ pub struct CountingAllocator;
 thread_local! {
     static TAKEN: Cell<u64> = const { Cell::new(0) };
     static GIVEN_BACK: Cell<u64> = const { Cell::new(0) };
+    static LIVE: Cell<i64> = const { Cell::new(0) };
+}
+
+/// Bytes that this thread has allocated and not freed; what another thread frees is not subtracted.
+#[must_use]
+pub fn live_bytes() -> i64 {
+    LIVE.with(Cell::get)
+}
+
+fn add_live(bytes: i64) {
+    LIVE.with(|live| live.set(live.get() + bytes));
 }
 
 /// Allocations of this thread so far, those that grow or shrink among them.
@@ -46,18 +57,21 @@ fn count(calls: &'static std::thread::LocalKey<Cell<u64>>) {
 unsafe impl GlobalAlloc for CountingAllocator {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
         count(&TAKEN);
+        add_live(layout.size() as i64);
         // SAFETY: the caller keeps the contract of `alloc`.
         unsafe { System.alloc(layout) }
     }
 
     unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
         count(&GIVEN_BACK);
+        add_live(-(layout.size() as i64));
         // SAFETY: the caller keeps the contract of `dealloc`.
         unsafe { System.dealloc(pointer, layout) }
     }
 
     unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
         count(&TAKEN);
+        add_live(size as i64 - layout.size() as i64);
         // SAFETY: the caller keeps the contract of `realloc`.
         unsafe { System.realloc(pointer, layout, size) }
     }
