@@ -6,12 +6,13 @@
 #![expect(clippy::print_stdout, reason = "a benchmark reports")]
 
 use std::hint::black_box;
+use std::ops::ControlFlow;
 use std::path::Path;
 use std::time::Instant;
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use evolvent_path::AxisLetter;
-use evolvent_trace::{CycleRecord, Recorder, RunInfo, TraceSink};
+use evolvent_trace::{CycleRecord, ReadError, Recorder, RunInfo, TraceFile, TraceSink, recover};
 
 const BATCH: usize = 100_000;
 const PERIOD_NS: u64 = 28_571;
@@ -159,5 +160,56 @@ fn recorder(criterion: &mut Criterion) {
     }
 }
 
-criterion_group!(benches, recorder);
+/// Records a file with a flush each so many cycles.
+fn record_file(path: &Path, columns: bool, cycles: &[CycleRecord], flush_each: usize) -> bool {
+    let record = || {
+        let mut recorder = Recorder::create(path, &info(9, columns))?;
+        for (n, cycle) in cycles.iter().enumerate() {
+            recorder.cycle(cycle)?;
+            if (n + 1) % flush_each == 0 {
+                recorder.flush()?;
+            }
+        }
+        recorder.finish(&Default::default())
+    };
+    record().is_ok()
+}
+
+fn read_all(path: &Path) -> Result<u64, ReadError> {
+    let mut count = 0;
+    TraceFile::open(path)?.each_cycle(0, u64::MAX, |record| {
+        count += u64::from(black_box(record).line > 0);
+        Ok::<_, ReadError>(ControlFlow::Continue(()))
+    })?;
+    Ok(count)
+}
+
+fn reader(criterion: &mut Criterion) {
+    let Ok(folder) = tempfile::tempdir() else { return };
+    let records = cycles(9);
+    let mut group = criterion.benchmark_group("files");
+    group
+        .sample_size(10)
+        .throughput(Throughput::Elements(BATCH as u64));
+    for (name, columns) in [("messages", false), ("columns", true)] {
+        let path = folder.path().join(format!("{name}.mcap"));
+        let recovered = folder.path().join(format!("{name}.recovered.mcap"));
+        if !record_file(&path, columns, &records, 8750) {
+            return;
+        }
+        group.bench_function(format!("read {name}"), |bench| bench.iter(|| read_all(&path)));
+        group.bench_function(format!("recover {name}"), |bench| {
+            bench.iter(|| recover(&path, Some(&recovered)));
+        });
+    }
+    let path = folder.path().join("many.mcap");
+    if record_file(&path, true, &records, 16) {
+        group.bench_function("open a trace of 6250 chunks", |bench| {
+            bench.iter(|| TraceFile::open(&path).map(|trace| trace.info().chunks));
+        });
+    }
+    group.finish();
+}
+
+criterion_group!(benches, recorder, reader);
 criterion_main!(benches);

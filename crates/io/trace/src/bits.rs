@@ -143,9 +143,37 @@ impl<'a> BitReader<'a> {
     }
 }
 
+/// 0, -1, 1, -2 ... as 0, 1, 2, 3 ...: what is near zero is small.
+pub(crate) const fn folded(value: i64) -> u64 {
+    (value << 1 ^ value >> 63).cast_unsigned()
+}
+
+/// The number that was folded.
+pub(crate) const fn unfolded(value: u64) -> i64 {
+    (value >> 1).cast_signed() ^ -(value & 1).cast_signed()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn numbers_of_either_sign_are_folded_as_protobuf_says() {
+        // The specification's own table, and the ends.
+        for (number, wanted) in [
+            (0, 0),
+            (-1, 1),
+            (1, 2),
+            (-2, 3),
+            (0x7FFF_FFFF, 0xFFFF_FFFE),
+            (-0x8000_0000, 0xFFFF_FFFF),
+            (i64::MAX, u64::MAX - 1),
+            (i64::MIN, u64::MAX),
+        ] {
+            assert_eq!(folded(number), wanted, "{number}");
+            assert_eq!(unfolded(wanted), number);
+        }
+    }
 
     #[test]
     fn numbers_of_every_size_and_order_come_back() {

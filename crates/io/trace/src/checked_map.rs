@@ -1,16 +1,21 @@
 //! Metadata with a checksum of its own: the format guards chunks and attachments, but not metadata, and a flipped bit
-//! in a period or an axis letter would give wrong figures.
+//! in a period or an axis letter gives wrong figures.
 
 use std::collections::BTreeMap;
 
-use crate::format::put_string_map;
+use mcap::records::Metadata;
+
+use crate::summary::content;
 
 const KEY: &str = "crc32";
 
 fn checksum(map: &BTreeMap<String, String>) -> String {
-    let mut bytes = Vec::new();
-    put_string_map(&mut bytes, map);
-    format!("{:08x}", crc32fast::hash(&bytes))
+    let bytes = content(&Metadata {
+        name: String::new(),
+        metadata: map.clone(),
+    });
+    // Without the name's length: the map as the format has it.
+    format!("{:08x}", crc32fast::hash(&bytes[4..]))
 }
 
 /// Adds the checksum.

@@ -1,162 +1,180 @@
-//! A chunk read back: checked, unpacked, and its records and messages one after another.
+//! The records of a chunk, with its checksum verified before the first is given.
 
-use crate::format::{ChunkHead, Fields, ZSTD, op};
-use crate::record::{BlockKind, BlockRecord, CycleRecord, EventKind, EventRecord};
-use crate::schema::{evolvent, time_ns};
+use mcap::records::{Record, op};
+use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
+/// Opcode and length of a record.
+pub(crate) const RECORD_HEAD: usize = 9;
 /// A chunk that claims to be larger than this is damaged: the recorder's are a thousandth of it.
 pub(crate) const MAX_CHUNK_BYTES: u64 = 256 * 1024 * 1024;
+/// The content of a chunk record but for the compression's name and the data.
+const CHUNK_HEADER_BYTES: u64 = 8 + 8 + 8 + 4 + 4 + 8;
 
-/// Unpacks a chunk into `out` and holds it against its checksum. `None` if anything is wrong with it.
-pub(crate) fn unpack(head: &ChunkHead<'_>, out: &mut Vec<u8>) -> Option<()> {
-    out.clear();
-    if head.uncompressed_size > MAX_CHUNK_BYTES {
+/// A chunk does not match its checksum, or what is in it is no sequence of records.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Damaged;
+
+/// Goes through a chunk.
+pub(crate) struct ChunkRecords {
+    reader: LinearReader,
+    /// Bytes before compression that are not read yet.
+    left: u64,
+}
+
+impl std::fmt::Debug for ChunkRecords {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("ChunkRecords")
+            .field("left", &self.left)
+            .finish_non_exhaustive()
+    }
+}
+
+impl ChunkRecords {
+    /// Of a whole chunk record, opcode and length included.
+    ///
+    /// # Errors
+    /// It is no chunk record.
+    pub(crate) fn new(record: &[u8]) -> Result<Self, Damaged> {
+        let (opcode, content) = whole_record(record).ok_or(Damaged)?;
+        let Some(Record::Chunk { header, data }) = parse(opcode, content) else {
+            return Err(Damaged);
+        };
+        let length = CHUNK_HEADER_BYTES + header.compression.len() as u64 + data.len() as u64;
+        let size = header.uncompressed_size;
+        let is_sized = length == content.len() as u64
+            && size <= MAX_CHUNK_BYTES
+            && (!header.compression.is_empty() || size == data.len() as u64);
+        // 0 is "not computed" in the format. This crate always computes it; one chunk in four thousand million has 0.
+        let is_checked = header.uncompressed_crc != 0 || size == 0;
+        if !is_sized || !is_checked {
+            return Err(Damaged);
+        }
+        let options = LinearReaderOptions::default()
+            .with_skip_start_magic(true)
+            .with_skip_end_magic(true)
+            .with_prevalidate_chunk_crcs(true)
+            .with_record_length_limit(MAX_CHUNK_BYTES as usize);
+        let mut reader = LinearReader::new_with_options(options);
+        reader.insert(record.len()).copy_from_slice(record);
+        reader.notify_read(record.len());
+        Ok(Self { reader, left: size })
+    }
+
+    /// The next record: opcode and content. `None` at the end.
+    ///
+    /// # Errors
+    /// The chunk is damaged. All errors but those of a chunk that was written damaged come first.
+    pub(crate) fn next(&mut self) -> Result<Option<(u8, &[u8])>, Damaged> {
+        match self.reader.next_event() {
+            Some(Ok(LinearReadEvent::Record { opcode, data })) => {
+                let length = (RECORD_HEAD + data.len()) as u64;
+                self.left = self.left.checked_sub(length).ok_or(Damaged)?;
+                Ok(Some((opcode, data)))
+            }
+            Some(Err(_)) => Err(Damaged),
+            // Nothing follows the chunk.
+            Some(Ok(LinearReadEvent::ReadRequest(_))) | None => {
+                if self.left == 0 {
+                    Ok(None)
+                } else {
+                    Err(Damaged)
+                }
+            }
+        }
+    }
+}
+
+/// Opcode and content of the first record, and what follows it.
+pub(crate) fn split_record(bytes: &[u8]) -> Option<(u8, &[u8], &[u8])> {
+    let (&[opcode, ref length @ ..], rest) = bytes.split_first_chunk::<RECORD_HEAD>()?;
+    let length = usize::try_from(u64::from_le_bytes(*length)).ok()?;
+    let (content, rest) = rest.split_at_checked(length)?;
+    Some((opcode, content, rest))
+}
+
+/// Opcode and content of a record that has exactly these bytes.
+pub(crate) fn whole_record(bytes: &[u8]) -> Option<(u8, &[u8])> {
+    let (opcode, content, rest) = split_record(bytes)?;
+    rest.is_empty().then_some((opcode, content))
+}
+
+/// A record by the crate. `None` for attachments too, at which the crate panics where they end within their checksum.
+pub(crate) fn parse(opcode: u8, content: &[u8]) -> Option<Record<'_>> {
+    if opcode == op::ATTACHMENT {
         return None;
     }
-    let size = usize::try_from(head.uncompressed_size).ok()?;
-    match head.compression {
-        "" => out.extend_from_slice(head.data),
-        ZSTD => {
-            out.reserve(size);
-            zstd::bulk::Decompressor::new()
-                .ok()?
-                .decompress_to_buffer(head.data, out)
-                .ok()?;
-        }
-        _ => return None,
-    }
-    // 0 is "not computed" in the format. This crate always computes it, so 0 is refused unless it is right.
-    (out.len() == size && crc32fast::hash(out) == head.uncompressed_crc).then_some(())
+    mcap::parse_record(opcode, content).ok()
 }
 
-/// A message as it lies in a chunk.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct RawMessage<'a> {
-    pub(crate) channel: u16,
-    pub(crate) sequence: u32,
-    pub(crate) log_time_ns: u64,
-    pub(crate) data: &'a [u8],
-}
-
-/// A record within a chunk.
-#[derive(Clone, Copy, Debug)]
-pub(crate) enum Inner<'a> {
-    /// Schema or channel: opcode, number, content.
-    Declaration(u8, u16, &'a [u8]),
-    Message(RawMessage<'a>),
-}
-
-/// Reads the record at `offset` of an unpacked chunk: the record, if it is of a kind that matters, and where the
-/// next one begins. `None` if there is no whole record.
-pub(crate) fn record_at(chunk: &[u8], offset: usize) -> Option<(Option<Inner<'_>>, usize)> {
-    let mut fields = Fields(chunk.get(offset..)?);
-    let (opcode, content) = fields.record()?;
-    let next = chunk.len() - fields.0.len();
-    let mut fields = Fields(content);
-    let record = match opcode {
-        op::SCHEMA | op::CHANNEL => Some(Inner::Declaration(opcode, fields.u16()?, content)),
-        op::MESSAGE => {
-            let channel = fields.u16()?;
-            let sequence = fields.u32()?;
-            let log_time_ns = fields.u64()?;
-            // The time of publication is the same.
-            fields.u64()?;
-            Some(Inner::Message(RawMessage {
-                channel,
-                sequence,
-                log_time_ns,
-                data: fields.0,
-            }))
-        }
+/// Header and data of a message record's content.
+pub(crate) fn message(content: &[u8]) -> Option<(mcap::records::MessageHeader, &[u8])> {
+    match parse(op::MESSAGE, content) {
+        Some(Record::Message {
+            header,
+            data: std::borrow::Cow::Borrowed(data),
+        }) => Some((header, data)),
         _ => None,
-    };
-    Some((record, next))
-}
-
-/// A cycle from its message; `axes` are the indices of the axes that it carries. `None` if it carries others.
-pub(crate) fn cycle(message: &evolvent::Cycle, axes: &[usize]) -> Option<CycleRecord> {
-    let spread = |values: &[f64]| {
-        let mut nine = [0.0; 9];
-        (values.len() == axes.len()).then(|| {
-            for (&axis, &value) in axes.iter().zip(values) {
-                nine[axis] = value;
-            }
-            nine
-        })
-    };
-    Some(CycleRecord {
-        sequence: message.sequence,
-        due_time_ns: message.due_time_ns,
-        wake_lateness_ns: message.wake_lateness_ns,
-        work_ns: message.work_ns,
-        path_mm: message.path_mm,
-        feed_mm_s: message.feed_mm_s,
-        position: spread(&message.position)?,
-        velocity: spread(&message.velocity)?,
-        acceleration: spread(&message.acceleration)?,
-        jerk: spread(&message.jerk)?,
-        line: message.line,
-        state: u8::try_from(message.state).ok()?,
-        flags: message.flags,
-        override_: message.r#override,
-        load: message.load.unwrap_or(f64::NAN),
-        inputs: message.inputs,
-        following_error: if message.following_error.is_empty() {
-            [f64::NAN; 9]
-        } else {
-            let measured = spread(&message.following_error)?;
-            let mut nine = [f64::NAN; 9];
-            axes.iter().for_each(|&axis| nine[axis] = measured[axis]);
-            nine
-        },
-    })
-}
-
-/// An event from its message. `None` if its time or kind makes no sense.
-pub(crate) fn event(message: evolvent::Event) -> Option<EventRecord> {
-    Some(EventRecord {
-        time_ns: time_ns(message.timestamp.as_ref())?,
-        sequence: message.sequence,
-        kind: event_kind(message.kind)?,
-        code: message.code,
-        text: message.text,
-        value: message.value,
-    })
-}
-
-fn event_kind(number: i32) -> Option<EventKind> {
-    let known = EventKind::ALL.into_iter().find(|kind| *kind as i32 == number);
-    // Numbers are given in their order: one above all is of a later version.
-    known.or((number > EventKind::ALL.len() as i32).then_some(EventKind::Later))
-}
-
-/// A block from its message. `None` if its time or kind makes no sense.
-pub(crate) fn block(message: evolvent::Block) -> Option<BlockRecord> {
-    Some(BlockRecord {
-        time_ns: time_ns(message.timestamp.as_ref())?,
-        line: message.line,
-        text: message.text,
-        kind: BlockKind::ALL
-            .into_iter()
-            .find(|kind| *kind as i32 == message.kind)?,
-        length_mm: message.length_mm,
-        planned_duration_s: message.planned_duration_s,
-        true_duration_s: message.true_duration_s,
-        start_sequence: message.start_sequence,
-    })
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    /// A chunk record without compression, of one message record that claims `claimed` bytes too many.
+    fn chunk_of_message(claimed: u64) -> Vec<u8> {
+        let mut records = vec![op::MESSAGE];
+        records.extend_from_slice(&(22 + 3 + claimed).to_le_bytes());
+        records.extend_from_slice(&[7; 22 + 3]);
+        let mut content = vec![0; 16];
+        content.extend_from_slice(&(records.len() as u64).to_le_bytes());
+        content.extend_from_slice(&crc32fast::hash(&records).to_le_bytes());
+        content.extend_from_slice(&[0; 4]);
+        content.extend_from_slice(&(records.len() as u64).to_le_bytes());
+        content.extend_from_slice(&records);
+        let mut record = vec![op::CHUNK];
+        record.extend_from_slice(&(content.len() as u64).to_le_bytes());
+        record.extend_from_slice(&content);
+        record
+    }
+
     #[test]
-    fn events_of_a_later_version_are_read_and_nonsense_is_not() {
-        assert_eq!(event_kind(2), Some(EventKind::Alarm));
-        assert_eq!(event_kind(14), Some(EventKind::Switched));
-        assert_eq!(event_kind(15), Some(EventKind::Later));
-        assert_eq!(event_kind(i32::MAX), Some(EventKind::Later));
-        assert_eq!(event_kind(0), None);
-        assert_eq!(event_kind(-1), None);
+    fn chunks_without_compression_are_read() {
+        let mut chunk = ChunkRecords::new(&chunk_of_message(0)).unwrap();
+        let (opcode, content) = chunk.next().unwrap().unwrap();
+        assert_eq!((opcode, message(content).unwrap().1), (op::MESSAGE, &[7; 3][..]));
+        assert_eq!(chunk.next(), Ok(None));
+    }
+
+    #[test]
+    fn records_that_reach_beyond_their_chunk_are_damage() {
+        for claimed in [1, 30, u64::MAX - 100] {
+            let mut chunk = ChunkRecords::new(&chunk_of_message(claimed)).unwrap();
+            assert_eq!(chunk.next(), Err(Damaged), "{claimed}");
+        }
+    }
+
+    #[test]
+    fn chunks_of_another_length_or_checksum_are_damage() {
+        let good = chunk_of_message(0);
+        for at in [1, 25, 37, good.len() - 1] {
+            let mut bad = good.clone();
+            bad[at] ^= 1;
+            let read = ChunkRecords::new(&bad).and_then(|mut chunk| chunk.next().map(|_| ()));
+            assert_eq!(read, Err(Damaged), "byte {at}");
+        }
+        // "Not computed" is no checksum.
+        let mut unchecked = good.clone();
+        unchecked[33..37].fill(0);
+        assert!(ChunkRecords::new(&unchecked).is_err());
+        assert!(ChunkRecords::new(&good[..good.len() - 1]).is_err());
+    }
+
+    /// The crate panics at the first of them.
+    #[test]
+    fn attachments_that_end_within_their_checksum_are_damage() {
+        for length in 0..40 {
+            assert!(parse(op::ATTACHMENT, &vec![0; length]).is_none());
+        }
     }
 }

@@ -8,8 +8,7 @@
 //! Predictions: the polynomial through the last `n` values (orders 0 to 5), or the integral of the derivatives, which
 //! stand in columns of their own that are read before, by the Euler-Maclaurin formula.
 
-use crate::bits::{BitReader, BitWriter};
-use crate::varint::{folded, unfolded};
+use crate::bits::{BitReader, BitWriter, folded, unfolded};
 
 /// The last polynomial order.
 pub(crate) const MAX_ORDER: u32 = 5;

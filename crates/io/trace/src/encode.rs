@@ -4,17 +4,19 @@
 //! varint (0), eight bytes (1) or a length and bytes (2). A plain field that is zero is left out. The test holds it
 //! against `prost`, field by field.
 
+use prost::encoding::encode_varint;
+
+use crate::bits::folded;
 use crate::record::CycleRecord;
-use crate::varint::{folded, put_varint};
 
 const VARINT: u8 = 0;
 const FIXED64: u8 = 1;
 const BYTES: u8 = 2;
 
-fn put_varint_field(out: &mut Vec<u8>, field: u8, value: u64) {
+fn put_number(out: &mut Vec<u8>, field: u8, value: u64) {
     if value != 0 {
         out.push(field << 3 | VARINT);
-        put_varint(out, value);
+        encode_varint(value, out);
     }
 }
 
@@ -28,7 +30,7 @@ fn put_double(out: &mut Vec<u8>, field: u8, value: f64) {
 
 fn put_axes(out: &mut Vec<u8>, field: u8, values: &[f64], axes: &[u8]) {
     out.push(field << 3 | BYTES);
-    put_varint(out, axes.len() as u64 * 8);
+    encode_varint(axes.len() as u64 * 8, out);
     for &axis in axes {
         out.extend_from_slice(&values[usize::from(axis)].to_le_bytes());
     }
@@ -39,28 +41,28 @@ pub(crate) fn put_cycle(out: &mut Vec<u8>, record: &CycleRecord, axes: &[u8]) {
     // 1: the timestamp, itself a message of two varints.
     let place = out.len() + 1;
     out.extend_from_slice(&[1 << 3 | BYTES, 0]);
-    put_varint_field(out, 1, record.due_time_ns / 1_000_000_000);
-    put_varint_field(out, 2, record.due_time_ns % 1_000_000_000);
+    put_number(out, 1, record.due_time_ns / 1_000_000_000);
+    put_number(out, 2, record.due_time_ns % 1_000_000_000);
     out[place] = (out.len() - place - 1) as u8;
 
-    put_varint_field(out, 2, record.sequence);
+    put_number(out, 2, record.sequence);
     if record.due_time_ns != 0 {
         // Eight plain bytes, not a varint: the compressor finds them again in the message's head.
         out.push(3 << 3 | FIXED64);
         out.extend_from_slice(&record.due_time_ns.to_le_bytes());
     }
     // sint64: the sign goes into the lowest bit.
-    put_varint_field(out, 4, folded(record.wake_lateness_ns));
-    put_varint_field(out, 5, u64::from(record.work_ns));
+    put_number(out, 4, folded(record.wake_lateness_ns));
+    put_number(out, 5, u64::from(record.work_ns));
     put_double(out, 6, record.path_mm);
     put_double(out, 7, record.feed_mm_s);
     put_axes(out, 8, &record.position, axes);
     put_axes(out, 9, &record.velocity, axes);
     put_axes(out, 10, &record.acceleration, axes);
     put_axes(out, 11, &record.jerk, axes);
-    put_varint_field(out, 12, u64::from(record.line));
-    put_varint_field(out, 13, u64::from(record.state));
-    put_varint_field(out, 14, u64::from(record.flags));
+    put_number(out, 12, u64::from(record.line));
+    put_number(out, 13, u64::from(record.state));
+    put_number(out, 14, u64::from(record.flags));
     put_double(out, 15, record.override_);
     if !record.load.is_nan() {
         // 16 needs a tag of two bytes. Explicitly optional, so a zero is written too.
@@ -69,14 +71,14 @@ pub(crate) fn put_cycle(out: &mut Vec<u8>, record: &CycleRecord, axes: &[u8]) {
     }
     if record.inputs != 0 {
         out.extend_from_slice(&[0x88 | VARINT, 1]);
-        put_varint(out, u64::from(record.inputs));
+        encode_varint(u64::from(record.inputs), out);
     }
     if axes
         .iter()
         .any(|&axis| !record.following_error[usize::from(axis)].is_nan())
     {
         out.extend_from_slice(&[0x90 | BYTES, 1]);
-        put_varint(out, axes.len() as u64 * 8);
+        encode_varint(axes.len() as u64 * 8, out);
         for &axis in axes {
             out.extend_from_slice(&record.following_error[usize::from(axis)].to_le_bytes());
         }

@@ -12,6 +12,13 @@ const BUCKETS: usize = (MAX_BITS - SUB_BITS + 1) as usize * SUB;
 /// Buckets are linear up to 16 ns and then sixteen to a power of two, the layout of HDR histograms. A fixed
 /// array: recording allocates nothing and may run in the real-time cycle. Negative times (woken early) count
 /// as zero, but `min_ns` keeps them.
+///
+/// ```
+/// let mut lateness = evolvent_trace::Histogram::default();
+/// (1..=1000).for_each(|us| lateness.record(us * 1000));
+/// let p99 = lateness.percentile_ns(99.0);
+/// assert!((990_000..=990_000 * 17 / 16).contains(&p99));
+/// ```
 #[derive(Clone, PartialEq, Eq)]
 pub struct Histogram {
     counts: Box<[u64; BUCKETS]>,

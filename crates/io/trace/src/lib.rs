@@ -1,30 +1,66 @@
-//! Traces: every cycle of a run in one MCAP file that is readable for years and by others.
+//! Traces: every cycle of a run in one MCAP file that can be read for years, and by others.
 //!
-//! A trace is a file of chunks. A chunk is up to half a megabyte of messages, compressed, with a checksum and the span
-//! of time that it covers; whole chunks are appended and nothing is written twice, so whatever happens to the
-//! program or the power, the file is right up to its last complete chunk. While it is written it is called
-//! `NAME.mcap.part`; at the end it gets an index and its name.
+//! In go the cycles, events and blocks of a run, with what was run; out comes a file from which the run can be computed again,
+//! and which Foxglove, Rerun and readers of MCAP in any language open.
 //!
-//! - [`Recorder`] writes: `/cycle`, a message a cycle; or, where room matters, `/cycles`, every cycle in columns, and `/cycle` for
-//!   viewers at most 2000 times a second; `/event`, `/block`, `/timing`, the tool's pose and path. The messages are protobuf; each file carries their description, so that foreign readers need nothing else.
-//! - [`RunInfo`] is what makes a trace replayable alone: the program, the machine file, period, versions.
-//! - [`TraceFile`] reads: what a file holds, at once and whatever its size, and the messages one after another.
-//! - [`recover`] makes a complete file of a torn one and says what was lost; [`recover_leftovers`] does so for all
+//! ```
+//! use evolvent_path::AxisLetter;
+//! use evolvent_trace::{CycleRecord, Recorder, RunInfo, TraceFile};
+//!
+//! # let folder = tempfile::tempdir()?;
+//! # let path = folder.path().join("part.mcap");
+//! let run = RunInfo { axes: vec![AxisLetter::X], period_ns: 1_000_000, ..RunInfo::default() };
+//! let mut recorder = Recorder::create(&path, &run)?;
+//! for n in 0..1000 {
+//!     let mut cycle = CycleRecord { sequence: n, due_time_ns: n * run.period_ns, ..CycleRecord::default() };
+//!     cycle.position[0] = 0.01 * n as f64;
+//!     recorder.cycle(&cycle)?;
+//! }
+//! recorder.finish(&Default::default())?;
+//!
+//! let last = TraceFile::open(&path)?.cycles().last().ok_or("no cycles")??;
+//! assert_eq!((last.sequence, last.position[0]), (999, 9.99));
+//! # Ok::<_, Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! # The model
+//!
+//! A trace is a sequence of chunks. A *chunk* is up to half a megabyte of *messages*, compressed, with a checksum and the times
+//! it covers. Each message is on a *channel*: `/cycle`, `/event`, `/block` and so on. The messages are protobuf, and the file
+//! carries their description. Whole chunks are appended and nothing is written twice, so the file is valid up to its last
+//! complete chunk at every moment, whatever happens to the program or the power. Until its end it is `NAME.mcap.part`; then it gets an
+//! index, and its name.
+//!
+//! - [`Recorder`] writes: `/cycle`, a message a cycle; or `/cycles`, every cycle in columns, a tenth of the size, with `/cycle`
+//!   at most 2000 times a second for viewers; `/event`, `/block`, `/timing`, the tool's pose and path.
+//! - [`RunInfo`] makes a trace complete: the program, the machine file, period, versions.
+//! - [`TraceFile`] reads: what a file holds, in the same time for any size, and its messages in order.
+//! - [`recover`] makes a complete file of a torn or damaged one and says what was lost; [`recover_leftovers`] does so for all
 //!   part files in a folder, at start-up.
 //!
-//! Nothing here may be called from the real-time cycle, but [`CycleRecord`] is made to be handed over by it, and
-//! [`Histogram`] counts without allocation. Lengths are in mm, times in the unit that the name bears; times of the
-//! clock are Unix time in ns, times of the path where the clock is virtual.
+//! The `mcap` crate encodes and decodes the records of the container; its fields are described in `docs/trace-format.md`.
+//!
+//! # What is guaranteed
+//!
+//! - At most the messages since the last [`Recorder::flush`] are lost. A full disk leaves a readable, indexed file.
+//! - Every checksum is verified before a message is given: damage is an error with path and offset, never a wrong figure.
+//! - A recorder's memory does not grow with its trace.
+//! - Nothing here may be called from the real-time cycle. [`CycleRecord`] is made to be handed over by it, and [`Histogram`]
+//!   counts without allocation.
+//!
+//! Lengths are in mm, times in the unit that the name bears; times of the clock are Unix time in ns, times of the path where
+//! the clock is virtual. Why it is so: `docs/adr/0017-cycles-in-columns.md`, `docs/adr/0026-mcap-crate.md`.
 
 mod batch;
 mod bits;
 mod checked_map;
 mod chunk;
-mod chunk_table;
 mod column;
+mod container;
+mod decode;
 mod encode;
-mod format;
 mod histogram;
+mod messages;
 mod read_error;
 mod reader;
 mod record;
@@ -39,13 +75,13 @@ mod schema;
 mod scratch;
 mod sink;
 mod statistics;
+mod summary;
 mod trace_info;
-mod varint;
-mod writer;
 
 pub use histogram::Histogram;
+pub use messages::Messages;
 pub use read_error::ReadError;
-pub use reader::{Messages, TraceFile, TraceMessage};
+pub use reader::{TraceFile, TraceMessage};
 pub use record::{
     BlockKind, BlockRecord, CycleRecord, EventKind, EventRecord, LogLevel, TimingRecord, inputs,
 };

@@ -6,10 +6,9 @@ use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use prost::Message as _;
-
 use crate::batch::Batch;
 use crate::checked_map::with_checksum;
+use crate::container::{Container, MessageHeader};
 use crate::encode::put_cycle;
 use crate::record::{BlockRecord, CycleRecord, EventRecord, LogLevel, TimingRecord};
 use crate::record_error::{RecordError, Remains, write_error};
@@ -18,7 +17,6 @@ use crate::scene::{self, Scene};
 use crate::schema::{self, Channel, evolvent, foxglove, timestamp};
 use crate::sink::{FileSink, TraceSink};
 use crate::statistics::{RunStatistics, Tally};
-use crate::writer::Writer;
 
 /// A text longer than this is cut off: no line of a program and no message is.
 const TEXT_BYTES: usize = 64 * 1024;
@@ -60,7 +58,9 @@ pub(crate) fn sync_folder_of(path: &Path) -> io::Result<()> {
 /// and the path.
 #[derive(Debug)]
 pub struct Recorder {
-    writer: Writer,
+    container: Container,
+    /// The message under way, encoded.
+    message: Vec<u8>,
     path: PathBuf,
     /// Where the bytes are: the part file, until it is renamed. `None` with a sink of the caller's.
     part: Option<PathBuf>,
@@ -119,14 +119,14 @@ impl Recorder {
         part: Option<PathBuf>,
         info: &RunInfo,
     ) -> Result<Self, RecordError> {
-        let opened = Writer::new(sink, schema::PROFILE, schema::LIBRARY).and_then(|mut writer| {
-            if let Some(part) = &part {
-                writer.keep_in(folder_of(part))?;
-            }
-            Ok(writer)
-        });
-        let writer = match opened {
-            Ok(writer) => writer,
+        let opened = Container::new(
+            sink,
+            part.as_deref().map(folder_of),
+            schema::PROFILE,
+            schema::LIBRARY,
+        );
+        let container = match opened {
+            Ok(container) => container,
             Err(source) => {
                 let path = part.unwrap_or(path);
                 return Err(write_error(path, 0, Remains::NeedsRecovery, Arc::new(source)));
@@ -134,7 +134,8 @@ impl Recorder {
         };
         let axes: Vec<u8> = info.axes.iter().map(|axis| axis.index() as u8).collect();
         let mut recorder = Self {
-            writer,
+            container,
+            message: Vec::new(),
             path,
             part,
             batch: info.columns.then(|| Batch::new(axes.clone(), info.period_ns)),
@@ -158,17 +159,13 @@ impl Recorder {
     fn describe(&mut self, info: &RunInfo) -> Result<(), RecordError> {
         let letters: String = info.axes.iter().map(|axis| axis.letter()).collect();
         let run = with_checksum(info.to_metadata());
-        let result = self.writer.metadata(schema::RUN, &run).and_then(|()| {
-            schema::declare_channels(&mut self.writer, &letters, self.every, self.batch.is_some());
+        let result = self.container.metadata(schema::RUN, &run).and_then(|()| {
+            schema::declare_channels(&mut self.container, &letters, self.every, self.batch.is_some());
             // Some readers stumble over a chunk without a message.
             let text = format!("{} on {}", info.program_name, info.machine_name);
-            self.writer
-                .message(Channel::Log.id(), 0, info.start_time_ns, |out| {
-                    out.extend_from_slice(
-                        &log_line(info.start_time_ns, LogLevel::Info, &text).encode_to_vec(),
-                    );
-                });
-            self.writer.close_chunk()
+            let line = log_line(info.start_time_ns, LogLevel::Info, &text);
+            self.put(Channel::Log, info.start_time_ns, 0, &line);
+            self.container.close_chunk()
         });
         self.settle(result)?;
         let time_ns = info.start_time_ns;
@@ -189,7 +186,7 @@ impl Recorder {
             ProgramSource::Bytes(bytes) => self.attach(&info.program_name, "text/x-gcode", time_ns, bytes)?,
             ProgramSource::File(path) => self.attach_file(&info.program_name, path, time_ns)?,
         }
-        let result = self.writer.sync();
+        let result = self.container.sync();
         self.settle(result)
     }
 
@@ -198,7 +195,7 @@ impl Recorder {
             return Ok(());
         }
         let result = self
-            .writer
+            .container
             .attach(name, media_type, time_ns, data.len() as u64, &mut &data[..]);
         self.settle(result)
     }
@@ -238,7 +235,7 @@ impl Recorder {
             failure: None,
         };
         let result = self
-            .writer
+            .container
             .attach(name, "text/x-gcode", time_ns, size, &mut source);
         match source.failure {
             Some(failure) => {
@@ -272,11 +269,9 @@ impl Recorder {
             }
         };
         if record.sequence.is_multiple_of(self.every) {
-            let axes = &self.axes;
-            self.writer
-                .message(Channel::Cycle.id(), record.sequence as u32, time_ns, |out| {
-                    put_cycle(out, &shown, axes);
-                });
+            self.message.clear();
+            put_cycle(&mut self.message, &shown, &self.axes);
+            self.put_encoded(Channel::Cycle, time_ns, record.sequence);
         }
         self.last_time_ns = time_ns;
         if let Some(second) = self.tally.cycle(record) {
@@ -368,7 +363,7 @@ impl Recorder {
     pub fn flush(&mut self) -> Result<(), RecordError> {
         self.check_failure()?;
         self.put_batch();
-        let result = self.writer.close_chunk().and_then(|()| self.writer.sync());
+        let result = self.container.close_chunk().and_then(|()| self.container.sync());
         self.settle(result)
     }
 
@@ -381,7 +376,7 @@ impl Recorder {
     /// Bytes written so far.
     #[must_use]
     pub fn bytes(&self) -> u64 {
-        self.writer.position()
+        self.container.position()
     }
 
     /// Ends the trace: writes the summary, to which the caller adds what it knows, waits for the disk, and gives
@@ -415,8 +410,8 @@ impl Recorder {
         for (key, value) in summary {
             map.entry(key.clone()).or_insert_with(|| cut(value));
         }
-        self.writer.metadata(schema::SUMMARY, &with_checksum(map))?;
-        self.writer.finish()
+        self.container.metadata(schema::SUMMARY, &with_checksum(map))?;
+        self.container.finish()
     }
 
     fn rename(&mut self) -> Result<(), RecordError> {
@@ -433,11 +428,20 @@ impl Recorder {
     }
 
     fn put(&mut self, channel: Channel, time_ns: u64, sequence: u64, message: &impl prost::Message) {
-        self.writer
-            .message(channel.id(), sequence as u32, time_ns, |out| {
-                out.reserve(message.encoded_len());
-                message.encode_raw(out);
-            });
+        self.message.clear();
+        self.message.reserve(message.encoded_len());
+        message.encode_raw(&mut self.message);
+        self.put_encoded(channel, time_ns, sequence);
+    }
+
+    fn put_encoded(&mut self, channel: Channel, time_ns: u64, sequence: u64) {
+        let header = MessageHeader {
+            channel_id: channel.id(),
+            sequence: sequence as u32,
+            log_time: time_ns,
+            publish_time: time_ns,
+        };
+        self.container.message(&header, &self.message);
     }
 
     /// The cycles that have gathered.
@@ -468,12 +472,12 @@ impl Recorder {
     }
 
     fn close_full_chunk(&mut self) -> Result<(), RecordError> {
-        if !self.writer.chunk_is_full() {
+        if !self.container.chunk_is_full() {
             return Ok(());
         }
         // A chunk is whole by itself: what its `/cycle` shows is in its `/cycles` as well.
         self.put_batch();
-        let result = self.writer.close_chunk();
+        let result = self.container.close_chunk();
         self.settle(result)
     }
 
@@ -490,17 +494,17 @@ impl Recorder {
         // No summary of the run: it would speak of cycles that are not in the file.
         let note = BTreeMap::from([("failure".to_owned(), source.to_string())]);
         let closed = self
-            .writer
+            .container
             .cut_back()
-            .and_then(|()| self.writer.metadata(schema::RECOVERY, &with_checksum(note)))
-            .and_then(|()| self.writer.finish())
+            .and_then(|()| self.container.metadata(schema::RECOVERY, &with_checksum(note)))
+            .and_then(|()| self.container.finish())
             .is_ok();
-        let bytes = self.writer.position();
+        let bytes = self.container.position();
         let remains = if closed && self.rename().is_ok() {
             Remains::Complete
         } else {
             // Half an ending would only be in the way of recovery, but cannot always be cut off.
-            let _ = self.writer.cut_back();
+            let _ = self.container.cut_back();
             Remains::NeedsRecovery
         };
         let path = self.part.clone().unwrap_or_else(|| self.path.clone());
@@ -515,7 +519,7 @@ impl Drop for Recorder {
         if !self.finished && self.failure.is_none() {
             // Nobody is left to hear of a failure. The part file stays and is recovered at the next start.
             self.put_batch();
-            let _ = self.writer.close_chunk().and_then(|()| self.writer.sync());
+            let _ = self.container.close_chunk().and_then(|()| self.container.sync());
         }
     }
 }

@@ -5,12 +5,16 @@ use std::fs::{self, File, TryLockError};
 use std::io::{self, Read, Seek as _, SeekFrom};
 use std::path::{Path, PathBuf};
 
+use mcap::MAGIC;
+use mcap::records::{Record, op};
 use prost::Message as _;
 
 use crate::batch;
 use crate::checked_map::{with_checksum, without_checksum};
-use crate::chunk::{self, Inner, MAX_CHUNK_BYTES};
-use crate::format::{ChunkHead, FOOTER_LENGTH, Fields, MAGIC, RECORD_HEAD, op};
+use crate::chunk::{self, ChunkRecords, Damaged, MAX_CHUNK_BYTES, RECORD_HEAD};
+use crate::container::{Container, MessageHeader};
+use crate::decode;
+use crate::reader::{FOOTER_LENGTH, attachment_head};
 use crate::record::{CycleRecord, EventKind, LogLevel};
 use crate::recorder::{log_line, sync_folder_of};
 use crate::recover_error::RecoverError;
@@ -20,12 +24,11 @@ use crate::schema::{self, Channel, evolvent};
 use crate::sink::FileSink;
 use crate::statistics::RunStatistics;
 use crate::trace_info::ChannelInfo;
-use crate::writer::{ChunkContent, CompressedChunk, Writer};
 
 /// Longer names are no names of attachments.
 const MAX_ATTACHMENT_HEAD: u64 = 64 * 1024;
 
-/// Where what was run is lost, and with it the machine's axes, every number of an axis has room.
+/// Where what was run is lost, and with it the machine's axes, all axes are taken.
 const ALL_AXES: [usize; 9] = [0, 1, 2, 3, 4, 5, 6, 7, 8];
 
 /// What came of a recovery.
@@ -45,7 +48,7 @@ pub struct Recovered {
     pub chunks: u64,
     /// Attachments saved.
     pub attachments: u64,
-    /// Places before the end where something was damaged and left out.
+    /// How often something before the end was damaged and left out.
     pub damaged_places: u64,
     /// Whether what was run (the metadata `evolvent.run`) was saved.
     pub has_run: bool,
@@ -64,6 +67,24 @@ impl Recovered {
 /// Makes a complete, indexed trace of `source`, cut off anywhere or damaged, at `output`, or beside it: `NAME.mcap` for
 /// `NAME.mcap.part`, else `NAME.recovered.mcap`. Every chunk and attachment that fits its checksum is kept. The
 /// result appears under its name only when it is complete and on disk; `source` stays.
+///
+/// ```
+/// # use evolvent_path::AxisLetter;
+/// # use evolvent_trace::{CycleRecord, Recorder, RunInfo, TraceFile, part_path, recover};
+/// # let folder = tempfile::tempdir()?;
+/// # let path = folder.path().join("part.mcap");
+/// # let run = RunInfo { axes: vec![AxisLetter::X], period_ns: 1_000_000, ..RunInfo::default() };
+/// let mut recorder = Recorder::create(&path, &run)?;
+/// recorder.cycle(&CycleRecord::default())?;
+/// // Without `finish`, as after an error elsewhere: the part file has no index.
+/// drop(recorder);
+///
+/// let recovered = recover(&part_path(&path), None)?;
+/// assert_eq!((&recovered.path, recovered.statistics.cycles), (&path, 1));
+/// assert!(!recovered.was_complete && !recovered.lost_data());
+/// assert_eq!(TraceFile::open(&path)?.cycles().count(), 1);
+/// # Ok::<_, Box<dyn std::error::Error>>(())
+/// ```
 ///
 /// # Errors
 /// [`RecoverError`]. `source` is untouched in any case, unless `output` names it.
@@ -97,10 +118,10 @@ pub fn recover(source: &Path, output: Option<&Path>) -> Result<Recovered, Recove
     }
     let result = File::create(&temporary)
         .and_then(FileSink::new)
-        .and_then(|sink| Writer::new(Box::new(sink), schema::PROFILE, schema::LIBRARY))
+        .and_then(|sink| Container::new(Box::new(sink), None, schema::PROFILE, schema::LIBRARY))
         .map_err(write)
-        .and_then(|writer| {
-            let mut rescue = Rescue::new(writer);
+        .and_then(|container| {
+            let mut rescue = Rescue::new(container);
             match rescue.run(&mut scan) {
                 Err(Trouble::Read(error)) => return Err(read(error)),
                 Err(Trouble::Write(error)) => return Err(write(error)),
@@ -162,7 +183,7 @@ pub fn recover_leftovers(folder: &Path) -> io::Result<Vec<(PathBuf, Result<Recov
     Ok(results)
 }
 
-/// A name beside the torn file that is not taken.
+/// A free name beside the torn file.
 fn default_output(source: &Path) -> PathBuf {
     let name = source
         .file_name()
@@ -201,9 +222,9 @@ enum Fate {
 
 /// The recovery under way.
 struct Rescue {
-    writer: Writer,
+    container: Container,
     statistics: RunStatistics,
-    topics: BTreeMap<u16, (String, String)>,
+    /// Of the messages saved, by channel.
     counts: BTreeMap<u16, u64>,
     axes: Option<Vec<usize>>,
     letters: String,
@@ -214,15 +235,15 @@ struct Rescue {
     damaged_places: u64,
     bytes_dropped: u64,
     reached_end: bool,
-    declared: bool,
+    /// Whether no chunk with declarations has been found yet.
+    declared_none: bool,
 }
 
 impl Rescue {
-    fn new(writer: Writer) -> Self {
+    fn new(container: Container) -> Self {
         Self {
-            writer,
+            container,
             statistics: RunStatistics::default(),
-            topics: BTreeMap::new(),
             counts: BTreeMap::new(),
             axes: None,
             letters: String::new(),
@@ -233,7 +254,7 @@ impl Rescue {
             damaged_places: 0,
             bytes_dropped: 0,
             reached_end: false,
-            declared: false,
+            declared_none: true,
         }
     }
 
@@ -246,29 +267,29 @@ impl Rescue {
                 Some((opcode, length)) => self.record(scan, offset, opcode, length)?,
                 None => Fate::Damaged,
             };
-            let behind = head.map_or(offset, |(_, length)| offset + RECORD_HEAD as u64 + length);
+            let after = head.map_or(offset, |(_, length)| offset + RECORD_HEAD as u64 + length);
             match fate {
-                Fate::Kept => offset = behind,
+                Fate::Kept => offset = after,
                 Fate::End => {
                     self.reached_end = true;
-                    let whole = self.ends_well(scan, behind).map_err(Trouble::Read)?;
+                    let whole = self.ends_well(scan, after).map_err(Trouble::Read)?;
                     if !whole {
-                        // Behind the data is only the index, which is made anew.
+                        // After the data is only the index, which is written again.
                         self.reached_end = false;
                     }
                     return Ok(());
                 }
                 Fate::Damaged => {
                     // If a record can follow, only this one is lost; else look for the next chunk.
-                    let follows = behind > offset && scan.head(behind).map_err(Trouble::Read)?.is_some();
+                    let follows = after > offset && scan.head(after).map_err(Trouble::Read)?.is_some();
                     let next = if follows {
-                        Some(behind)
+                        Some(after)
                     } else {
                         scan.next_chunk(offset + 1).map_err(Trouble::Read)?
                     };
                     let next_or_end = next.unwrap_or(scan.length);
                     self.bytes_dropped += next_or_end - offset;
-                    // A tail is merely torn; what lies between whole records is damaged.
+                    // A tail is merely torn; what is between whole records is damaged.
                     self.damaged_places += u64::from(next.is_some());
                     offset = next_or_end;
                 }
@@ -277,7 +298,7 @@ impl Rescue {
         Ok(())
     }
 
-    /// Whether summary and footer behind the data are whole.
+    /// Whether summary and footer after the data are whole.
     fn ends_well(&self, scan: &mut Scan, summary: u64) -> io::Result<bool> {
         let tail = (FOOTER_LENGTH + MAGIC.len()) as u64;
         if scan.length < summary + tail || scan.length - summary > MAX_CHUNK_BYTES {
@@ -285,7 +306,8 @@ impl Rescue {
         }
         let bytes = scan.read(summary, (scan.length - summary) as usize)?;
         let (guarded, rest) = bytes.split_at(bytes.len() - MAGIC.len() - 4);
-        Ok(rest[4..] == MAGIC && Fields(rest).u32() == Some(crc32fast::hash(guarded)))
+        let (crc, magic) = rest.split_at(4);
+        Ok(magic == MAGIC && crc == crc32fast::hash(guarded).to_le_bytes())
     }
 
     fn record(&mut self, scan: &mut Scan, offset: u64, opcode: u8, length: u64) -> Result<Fate, Trouble> {
@@ -298,14 +320,15 @@ impl Rescue {
             op::DATA_END => Ok(if length == 4 { Fate::End } else { Fate::Damaged }),
             op::ATTACHMENT => self.attachment(scan, content_at, length),
             op::CHUNK if length <= MAX_CHUNK_BYTES => {
-                let content = load(scan).map_err(Trouble::Read)?;
-                self.chunk(&content)
+                let size = RECORD_HEAD + usize::try_from(length).unwrap_or(usize::MAX);
+                let record = scan.read(offset, size).map_err(Trouble::Read)?;
+                self.chunk(&record)
             }
             op::METADATA if length <= MAX_CHUNK_BYTES => {
                 let content = load(scan).map_err(Trouble::Read)?;
                 self.metadata(&content)
             }
-            // The index of the chunk before is made anew; the header says nothing that matters.
+            // The index of the chunk before is written again; the header says nothing that matters.
             op::MESSAGE_INDEX | op::HEADER => Ok(Fate::Kept),
             // The recorder puts no other records outside chunks.
             _ => Ok(Fate::Damaged),
@@ -313,18 +336,15 @@ impl Rescue {
     }
 
     fn metadata(&mut self, content: &[u8]) -> Result<Fate, Trouble> {
-        let mut fields = Fields(content);
-        let Some((name, map)) = fields
-            .string()
-            .and_then(|name| Some((name, fields.string_map()?)))
-        else {
+        let Some(Record::Metadata(record)) = chunk::parse(op::METADATA, content) else {
             return Ok(Fate::Damaged);
         };
-        let Some(map) = without_checksum(map) else {
+        let Some(map) = without_checksum(record.metadata) else {
             return Ok(Fate::Damaged);
         };
+        let name = record.name.as_str();
         if name == schema::SUMMARY {
-            // Its counts are made anew; the rest is kept.
+            // Its counts are computed again; the rest is kept.
             self.old_summary = map;
             return Ok(Fate::Kept);
         }
@@ -335,7 +355,7 @@ impl Rescue {
             self.axes = Some(run.axes.iter().map(|axis| axis.index()).collect());
             self.has_run = true;
         }
-        self.writer
+        self.container
             .metadata(name, &with_checksum(map))
             .map_err(Trouble::Write)?;
         Ok(Fate::Kept)
@@ -346,21 +366,10 @@ impl Rescue {
         let head = scan
             .read(content_at, head_length as usize)
             .map_err(Trouble::Read)?;
-        let mut fields = Fields(&head);
-        let parsed = (|| {
-            let time_ns = fields.u64()?;
-            fields.u64()?;
-            Some((
-                time_ns,
-                fields.string()?.to_owned(),
-                fields.string()?.to_owned(),
-                fields.u64()?,
-            ))
-        })();
-        let Some((time_ns, name, media_type, size)) = parsed else {
+        let Some((header, size, rest)) = attachment_head(&head) else {
             return Ok(Fate::Damaged);
         };
-        let data_at = head_length - fields.0.len() as u64;
+        let data_at = head_length - rest.len() as u64;
         if data_at.checked_add(size).and_then(|sum| sum.checked_add(4)) != Some(length) {
             return Ok(Fate::Damaged);
         }
@@ -385,125 +394,132 @@ impl Rescue {
         scan.file
             .seek(SeekFrom::Start(content_at + data_at))
             .map_err(Trouble::Read)?;
-        self.writer
-            .attach(&name, &media_type, time_ns, size, &mut scan.file)
+        self.container
+            .attach(
+                &header.name,
+                &header.media_type,
+                header.log_time,
+                size,
+                &mut scan.file,
+            )
             .map_err(Trouble::Write)?;
         self.attachments += 1;
         Ok(Fate::Kept)
     }
 
-    fn chunk(&mut self, content: &[u8]) -> Result<Fate, Trouble> {
-        let Some(head) = ChunkHead::parse(content) else {
+    fn chunk(&mut self, record: &[u8]) -> Result<Fate, Trouble> {
+        let Ok(records) = self.whole_records(record) else {
             return Ok(Fate::Damaged);
         };
-        let mut bytes = Vec::new();
-        if chunk::unpack(&head, &mut bytes).is_none() {
-            return Ok(Fate::Damaged);
-        }
-        let mut index = ChunkContent::default();
-        let mut at = 0;
-        let mut declares = false;
-        while at < bytes.len() {
-            let Some((record, next)) = chunk::record_at(&bytes, at) else {
-                return Ok(Fate::Damaged);
-            };
-            if let Some(Inner::Message(message)) = record {
-                index.note(message.channel, message.log_time_ns, at);
-            }
-            declares |= matches!(record, Some(Inner::Declaration(..)));
-            at = next;
-        }
-        if !declares && !self.declared {
-            // The chunk with the schemas is lost. Numbers of channels never change, so ours fit.
-            schema::declare_channels(&mut self.writer, &self.letters, 1, true);
-            let time_ns = index.start_time_ns().unwrap_or(0);
-            let text = "the descriptions of the channels were lost and are written anew by the recovery";
-            let line = log_line(time_ns, LogLevel::Warning, text).encode_to_vec();
-            self.writer
-                .message(Channel::Log.id(), 0, time_ns, |out| out.extend_from_slice(&line));
-            *self.counts.entry(Channel::Log.id()).or_default() += 1;
-            self.writer.close_chunk().map_err(Trouble::Write)?;
-            for channel in Channel::ALL {
-                let names = (channel.topic().to_owned(), channel.message_name().to_owned());
-                self.topics.insert(channel.id(), names);
-            }
-        }
-        self.declared = true;
-        self.count(&bytes);
-        let chunk = CompressedChunk {
-            compression: head.compression,
-            uncompressed_size: head.uncompressed_size,
-            uncompressed_crc: head.uncompressed_crc,
-            data: head.data,
+        let is_message = |record: &&(u8, Vec<u8>)| record.0 == op::MESSAGE;
+        let messages = || {
+            records
+                .iter()
+                .filter(is_message)
+                .filter_map(|(_, content)| chunk::message(content))
         };
-        self.writer.write_chunk(&chunk, &index).map_err(Trouble::Write)?;
+        if self.declared_none && records.iter().all(|record| is_message(&record)) {
+            self.declare_again(messages().map(|(header, _)| header.log_time).min());
+        }
+        self.declared_none = false;
+        for (opcode, content) in &records {
+            match chunk::parse(*opcode, content) {
+                Some(Record::Schema { header, data }) => {
+                    self.container
+                        .schema(header.id, &header.name, &header.encoding, &data);
+                }
+                Some(Record::Channel(channel)) => self.container.channel(channel),
+                _ => {}
+            }
+        }
+        let has_batches = messages().any(|(header, _)| header.channel_id == Channel::Cycles.id());
+        for (header, data) in messages() {
+            self.count(&header, data, has_batches);
+            self.container.message(&header, data);
+        }
+        self.container.close_chunk().map_err(Trouble::Write)?;
         self.chunks += 1;
         Ok(Fate::Kept)
     }
 
-    /// Takes in what a whole chunk declares and adds up.
-    fn count(&mut self, bytes: &[u8]) {
-        let mut schemas = BTreeMap::new();
-        let has_batches = Self::has_batches(bytes);
-        let mut at = 0;
-        while let Some((record, next)) = chunk::record_at(bytes, at) {
-            at = next;
-            match record {
-                Some(Inner::Declaration(opcode, id, content)) => {
-                    self.writer.adopt(opcode, id, content);
-                    let mut fields = Fields(content);
-                    if opcode == op::SCHEMA {
-                        let name = fields.u16().and_then(|_| fields.string());
-                        schemas.insert(id, name.unwrap_or_default().to_owned());
-                    } else if let Some((schema, topic)) =
-                        fields.u16().and_then(|_| Some((fields.u16()?, fields.string()?)))
-                    {
-                        let message = schemas.get(&schema).cloned().unwrap_or_default();
-                        self.topics.insert(id, (topic.to_owned(), message));
-                    }
+    /// Opcodes and contents of a chunk's records, of which each can be written again.
+    fn whole_records(&self, record: &[u8]) -> Result<Vec<(u8, Vec<u8>)>, Damaged> {
+        let mut chunk = ChunkRecords::new(record)?;
+        let mut records = Vec::new();
+        let (mut schemas, mut channels) = (Vec::new(), Vec::new());
+        while let Some((opcode, content)) = chunk.next()? {
+            let is_known = match chunk::parse(opcode, content).ok_or(Damaged)? {
+                Record::Schema { header, .. } => {
+                    schemas.push(header.id);
+                    header.id != 0
                 }
-                Some(Inner::Message(message)) => {
-                    *self.counts.entry(message.channel).or_default() += 1;
-                    let topic = self.topics.get(&message.channel).map_or("", |(topic, _)| topic);
-                    if topic == Channel::Cycles.topic() {
-                        let axes = self.axes.as_deref().unwrap_or(&ALL_AXES);
-                        let batch = evolvent::Cycles::decode(message.data).ok();
-                        let cycles = batch.and_then(|batch| batch::cycles(&batch, axes));
-                        for cycle in cycles.unwrap_or_default() {
-                            self.statistics.cycle(&cycle);
-                        }
-                    } else if topic == Channel::Cycle.topic() {
-                        if has_batches {
-                            continue;
-                        }
-                        if let Some(cycle) = self.cycle(message.data) {
-                            self.statistics.cycle(&cycle);
-                        }
-                    } else if topic == Channel::Event.topic()
-                        && let Ok(event) = evolvent::Event::decode(message.data)
-                    {
-                        let alarm = EventKind::Alarm;
-                        self.statistics
-                            .event((event.kind == alarm as i32).then_some(alarm));
-                    }
+                Record::Channel(channel) => {
+                    channels.push(channel.id);
+                    let id = channel.schema_id;
+                    id == 0 || schemas.contains(&id) || self.container.has_schema(id)
                 }
-                None => {}
+                Record::Message { header, .. } => {
+                    let id = header.channel_id;
+                    // Numbers of channels never change, so where all declarations are lost ours fit.
+                    let is_ours = self.declared_none && Channel::ALL.iter().any(|channel| channel.id() == id);
+                    channels.contains(&id) || self.container.has_channel(id) || is_ours
+                }
+                _ => continue,
+            };
+            if !is_known {
+                return Err(Damaged);
             }
+            records.push((opcode, content.to_vec()));
         }
+        Ok(records)
     }
 
-    /// Whether a chunk holds its cycles in batches, and those in `/cycle` besides.
-    fn has_batches(bytes: &[u8]) -> bool {
-        let mut at = 0;
-        while let Some((record, next)) = chunk::record_at(bytes, at) {
-            at = next;
-            if let Some(Inner::Message(message)) = record
-                && message.channel == Channel::Cycles.id()
-            {
-                return true;
+    /// Writes the descriptions of the channels again, whose chunk is lost, and says so.
+    fn declare_again(&mut self, time_ns: Option<u64>) {
+        schema::declare_channels(&mut self.container, &self.letters, 1, true);
+        let time_ns = time_ns.unwrap_or(0);
+        let text = "the descriptions of the channels were lost and are written again by the recovery";
+        let header = MessageHeader {
+            channel_id: Channel::Log.id(),
+            sequence: 0,
+            log_time: time_ns,
+            publish_time: time_ns,
+        };
+        let line = log_line(time_ns, LogLevel::Warning, text).encode_to_vec();
+        self.container.message(&header, &line);
+        *self.counts.entry(Channel::Log.id()).or_default() += 1;
+    }
+
+    /// Takes in what a message adds up to.
+    fn count(&mut self, header: &MessageHeader, data: &[u8], has_batches: bool) {
+        *self.counts.entry(header.channel_id).or_default() += 1;
+        match self
+            .container
+            .topic(header.channel_id)
+            .and_then(Channel::of_topic)
+        {
+            Some(Channel::Cycles) => {
+                let axes = self.axes.as_deref().unwrap_or(&ALL_AXES);
+                let batch = evolvent::Cycles::decode(data).ok();
+                let cycles = batch.and_then(|batch| batch::cycles(&batch, axes));
+                for cycle in cycles.unwrap_or_default() {
+                    self.statistics.cycle(&cycle);
+                }
             }
+            Some(Channel::Cycle) if !has_batches => {
+                if let Some(cycle) = self.cycle(data) {
+                    self.statistics.cycle(&cycle);
+                }
+            }
+            Some(Channel::Event) => {
+                if let Ok(event) = evolvent::Event::decode(data) {
+                    let alarm = EventKind::Alarm;
+                    self.statistics
+                        .event((event.kind == alarm as i32).then_some(alarm));
+                }
+            }
+            _ => {}
         }
-        false
     }
 
     /// What the statistics need of a cycle; without the axes if what was run is lost.
@@ -517,7 +533,7 @@ impl Rescue {
             ..CycleRecord::default()
         };
         match &self.axes {
-            Some(axes) => chunk::cycle(&message, axes),
+            Some(axes) => decode::cycle(&message, axes),
             None => Some(record),
         }
     }
@@ -528,21 +544,22 @@ impl Rescue {
         for (key, value) in std::mem::take(&mut self.old_summary) {
             summary.entry(key).or_insert(value);
         }
-        self.writer.metadata(schema::SUMMARY, &with_checksum(summary))?;
+        self.container
+            .metadata(schema::SUMMARY, &with_checksum(summary))?;
         let note = BTreeMap::from([
             ("source_bytes".to_owned(), length.to_string()),
             ("was_complete".to_owned(), was_complete.to_string()),
             ("damaged_places".to_owned(), self.damaged_places.to_string()),
             ("bytes_dropped".to_owned(), self.bytes_dropped.to_string()),
         ]);
-        self.writer.metadata(schema::RECOVERY, &with_checksum(note))?;
-        self.writer.finish()?;
+        self.container.metadata(schema::RECOVERY, &with_checksum(note))?;
+        self.container.finish()?;
         let channels = self
-            .topics
-            .into_iter()
-            .map(|(id, (topic, message))| ChannelInfo {
-                topic,
-                message,
+            .container
+            .channels()
+            .map(|(id, topic, message)| ChannelInfo {
+                topic: topic.to_owned(),
+                message: message.to_owned(),
                 messages: self.counts.get(&id).copied().unwrap_or(0),
             })
             .collect();

@@ -62,6 +62,11 @@ pub struct RunInfo {
 ///
 /// Tells configurations apart, does not protect against forgery. Parts are separated, so that moving a byte
 /// from one to the next gives another hash.
+///
+/// ```
+/// use evolvent_trace::configuration_hash;
+/// assert_ne!(configuration_hash(&[b"ab", b"c"]), configuration_hash(&[b"a", b"bc"]));
+/// ```
 #[must_use]
 pub fn configuration_hash(parts: &[&[u8]]) -> String {
     let mut hash = 0xcbf2_9ce4_8422_2325_u64;

@@ -3,9 +3,13 @@
 use std::fs::File;
 use std::io::{self, Read as _, Seek as _, SeekFrom};
 
-use crate::format::{Fields, RECORD_HEAD, ZSTD, op};
+use mcap::records::op;
 
-/// What stands before the compression's name in a chunk record: head, two times, size, checksum.
+use crate::chunk::RECORD_HEAD;
+
+/// The compression's name in a chunk record, with its length: what a chunk is known by.
+const MARK: &[u8] = b"\x04\0\0\0zstd";
+/// What is before the compression's name in a chunk record: head, two times, size, checksum.
 const BEFORE_COMPRESSION: usize = RECORD_HEAD + 8 + 8 + 8 + 4;
 /// The search for the next chunk reads this much at once.
 pub(crate) const SEARCH_BYTES: usize = 1 << 20;
@@ -30,32 +34,30 @@ impl Scan {
             return Ok(None);
         }
         let bytes = self.read(offset, RECORD_HEAD)?;
-        let mut fields = Fields(&bytes);
-        let (Some(opcode), Some(length)) = (fields.u8(), fields.u64()) else {
+        let Some(&[opcode, ref length @ ..]) = bytes.first_chunk::<RECORD_HEAD>() else {
             return Ok(None);
         };
+        let length = u64::from_le_bytes(*length);
         let room = self.length - offset - RECORD_HEAD as u64;
         Ok(((op::HEADER..=op::DATA_END).contains(&opcode) && length <= room).then_some((opcode, length)))
     }
 
     /// The next place from `offset` on where a chunk may begin: known by the name of its compression.
     pub(crate) fn next_chunk(&mut self, offset: u64) -> io::Result<Option<u64>> {
-        let mut mark = (ZSTD.len() as u32).to_le_bytes().to_vec();
-        mark.extend_from_slice(ZSTD.as_bytes());
         let mut from = offset + BEFORE_COMPRESSION as u64;
-        while from + mark.len() as u64 <= self.length {
+        while from + MARK.len() as u64 <= self.length {
             let size = usize::try_from(self.length - from)
                 .unwrap_or(SEARCH_BYTES)
                 .min(SEARCH_BYTES);
             let bytes = self.read(from, size)?;
-            for at in (0..=bytes.len() - mark.len()).filter(|&at| bytes[at..].starts_with(&mark)) {
+            for at in (0..=bytes.len() - MARK.len()).filter(|&at| bytes[at..].starts_with(MARK)) {
                 let start = from + at as u64 - BEFORE_COMPRESSION as u64;
                 if matches!(self.head(start)?, Some((op::CHUNK, _))) {
                     return Ok(Some(start));
                 }
             }
             // Overlap by a mark less one byte, in case it lies across.
-            from += (size - mark.len() + 1) as u64;
+            from += (size - MARK.len() + 1) as u64;
         }
         Ok(None)
     }

@@ -1,8 +1,8 @@
-//! Channels, their numbers and schemas, and the messages behind them.
+//! Channels, their numbers, schemas and messages.
 
 use std::collections::BTreeMap;
 
-use crate::writer::Writer;
+use crate::container::Container;
 
 /// Messages of `proto/evolvent/v1/trace.proto`.
 #[allow(unreachable_pub, clippy::enum_variant_names, reason = "generated code")]
@@ -73,6 +73,10 @@ impl Channel {
         }
     }
 
+    pub(crate) fn of_topic(topic: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|channel| channel.topic() == topic)
+    }
+
     pub(crate) const fn message_name(self) -> &'static str {
         match self {
             Self::Cycle => "evolvent.v1.Cycle",
@@ -94,14 +98,22 @@ impl Channel {
     }
 }
 
-/// Puts all schemas and channels into the open chunk. `axes` are the letters of the axes that cycles carry, `every` says
+/// How schemas and messages are encoded, by the format's registry.
+const PROTOBUF: &str = "protobuf";
+
+/// Declares all schemas and channels. `axes` are the letters of the axes that cycles carry, `every` says
 /// which cycles `/cycle` has, `columns` whether there is `/cycles`.
-pub(crate) fn declare_channels(writer: &mut Writer, axes: &str, every: u64, columns: bool) {
+pub(crate) fn declare_channels(container: &mut Container, axes: &str, every: u64, columns: bool) {
     for channel in Channel::ALL {
         if channel == Channel::Cycles && !columns {
             continue;
         }
-        writer.schema(channel.id(), channel.message_name(), channel.descriptors());
+        container.schema(
+            channel.id(),
+            channel.message_name(),
+            PROTOBUF,
+            channel.descriptors(),
+        );
         let metadata = match channel {
             Channel::Cycle => BTreeMap::from([
                 ("axes".to_owned(), axes.to_owned()),
@@ -110,7 +122,13 @@ pub(crate) fn declare_channels(writer: &mut Writer, axes: &str, every: u64, colu
             Channel::Cycles => BTreeMap::from([("axes".to_owned(), axes.to_owned())]),
             _ => BTreeMap::new(),
         };
-        writer.channel(channel.id(), channel.id(), channel.topic(), &metadata);
+        container.channel(mcap::records::Channel {
+            id: channel.id(),
+            schema_id: channel.id(),
+            topic: channel.topic().to_owned(),
+            message_encoding: PROTOBUF.to_owned(),
+            metadata,
+        });
     }
 }
 

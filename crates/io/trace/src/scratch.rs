@@ -1,11 +1,11 @@
 //! Bytes that are needed again at a trace's end only. A machine that is served records for weeks with its memory locked: what
-//! grows with the trace lies on disk meanwhile.
+//! grows with the trace is stored on disk meanwhile.
 
 use std::fs::File;
 use std::io;
 use std::path::PathBuf;
 
-/// So much is gathered in memory before it goes to the file.
+/// Gathered in memory before it goes to the file.
 const PIECE_BYTES: usize = 8 * 1024;
 
 /// Bytes in the order in which they came: most of them in a file without a name, which is gone with the process, the rest in
@@ -42,13 +42,14 @@ impl Scratch {
         self.tail.len()
     }
 
-    /// Where to append. [`Self::settle`] is to be called behind each record.
-    pub(crate) fn tail(&mut self) -> &mut Vec<u8> {
-        &mut self.tail
+    /// Appends a record.
+    pub(crate) fn push(&mut self, record: &[u8]) {
+        self.tail.extend_from_slice(record);
+        self.settle();
     }
 
     /// Files what has gathered, if it is worth it.
-    pub(crate) fn settle(&mut self) {
+    fn settle(&mut self) {
         if self.tail.len() < PIECE_BYTES {
             return;
         }
@@ -63,18 +64,20 @@ impl Scratch {
         }
     }
 
-    /// All bytes.
+    /// Hands over all bytes, piece by piece.
     ///
     /// # Errors
-    /// The file cannot be read.
-    pub(crate) fn read(&self) -> io::Result<Vec<u8>> {
-        let filed = usize::try_from(self.filed).map_err(|_| io::ErrorKind::OutOfMemory)?;
-        let mut bytes = vec![0; filed];
-        if let Some(file) = &self.file {
-            read_at(file, &mut bytes)?;
+    /// The file cannot be read, and those of `take`.
+    pub(crate) fn read(&self, take: &mut dyn FnMut(&[u8]) -> io::Result<()>) -> io::Result<()> {
+        let mut piece = [0; PIECE_BYTES];
+        let mut at = 0;
+        while let Some(file) = self.file.as_ref().filter(|_| at < self.filed) {
+            let length = PIECE_BYTES.min(usize::try_from(self.filed - at).unwrap_or(PIECE_BYTES));
+            read_at(file, &mut piece[..length], at)?;
+            take(&piece[..length])?;
+            at += length as u64;
         }
-        bytes.extend_from_slice(&self.tail);
-        Ok(bytes)
+        take(&self.tail)
     }
 }
 
@@ -92,8 +95,8 @@ fn write_at(file: &File, bytes: &[u8], at: u64) -> io::Result<()> {
 }
 
 #[cfg(target_os = "linux")]
-fn read_at(file: &File, bytes: &mut [u8]) -> io::Result<()> {
-    std::os::unix::fs::FileExt::read_exact_at(file, bytes, 0)
+fn read_at(file: &File, bytes: &mut [u8], at: u64) -> io::Result<()> {
+    std::os::unix::fs::FileExt::read_exact_at(file, bytes, at)
 }
 
 #[cfg(not(target_os = "linux"))]
@@ -107,7 +110,7 @@ fn write_at(_file: &File, _bytes: &[u8], _at: u64) -> io::Result<()> {
 }
 
 #[cfg(not(target_os = "linux"))]
-fn read_at(_file: &File, _bytes: &mut [u8]) -> io::Result<()> {
+fn read_at(_file: &File, _bytes: &mut [u8], _at: u64) -> io::Result<()> {
     Err(io::ErrorKind::Unsupported.into())
 }
 
@@ -115,11 +118,20 @@ fn read_at(_file: &File, _bytes: &mut [u8]) -> io::Result<()> {
 mod tests {
     use super::*;
 
+    fn all_of(scratch: &Scratch) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        let mut take = |piece: &[u8]| {
+            bytes.extend_from_slice(piece);
+            Ok(())
+        };
+        scratch.read(&mut take).unwrap();
+        bytes
+    }
+
     fn fill(scratch: &mut Scratch, bytes: usize) -> Vec<u8> {
         let all: Vec<u8> = (0..bytes).map(|at| (at * 7 + at / 251) as u8).collect();
         for record in all.chunks(90) {
-            scratch.tail().extend_from_slice(record);
-            scratch.settle();
+            scratch.push(record);
         }
         all
     }
@@ -137,7 +149,7 @@ mod tests {
             scratch.tail.capacity()
         );
         assert_eq!(scratch.len(), 1_000_000);
-        assert!(scratch.read().unwrap() == all, "other bytes");
+        assert!(all_of(&scratch) == all, "other bytes");
         // Nothing that a killed process would leave.
         assert_eq!(folder.path().read_dir().unwrap().count(), 0);
     }
@@ -151,7 +163,7 @@ mod tests {
         ] {
             let all = fill(&mut scratch, 50_000);
             assert_eq!((scratch.len(), scratch.in_memory()), (50_000, 50_000));
-            assert!(scratch.read().unwrap() == all, "other bytes");
+            assert!(all_of(&scratch) == all, "other bytes");
         }
     }
 
@@ -170,6 +182,6 @@ mod tests {
         scratch.file = file;
         all.extend(fill(&mut scratch, 20_000));
         assert!(scratch.in_memory() < PIECE_BYTES + 90, "{}", scratch.in_memory());
-        assert!(scratch.read().unwrap() == all, "other bytes");
+        assert!(all_of(&scratch) == all, "other bytes");
     }
 }

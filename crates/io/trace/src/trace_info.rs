@@ -3,7 +3,6 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-use crate::format::{AttachmentIndex, ChunkIndex, Fields, MetadataIndex, op};
 use crate::run_info::RunInfo;
 
 /// A channel and what is in it.
@@ -66,52 +65,5 @@ impl TraceInfo {
     #[must_use]
     pub fn summary_number(&self, key: &str) -> Option<f64> {
         self.summary.get(key)?.parse().ok()
-    }
-}
-
-/// The summary section, taken apart.
-#[derive(Debug, Default)]
-pub(crate) struct Summary {
-    pub(crate) schemas: BTreeMap<u16, String>,
-    pub(crate) channels: BTreeMap<u16, (u16, String)>,
-    pub(crate) counts: BTreeMap<u16, u64>,
-    pub(crate) start_time_ns: u64,
-    pub(crate) end_time_ns: u64,
-    pub(crate) chunks: Vec<ChunkIndex>,
-    pub(crate) attachments: Vec<AttachmentIndex>,
-    pub(crate) metadata: Vec<MetadataIndex>,
-}
-
-impl Summary {
-    pub(crate) fn parse(bytes: &[u8]) -> Option<Self> {
-        let mut summary = Self::default();
-        let mut records = Fields(bytes);
-        while !records.0.is_empty() {
-            let (opcode, content) = records.record()?;
-            let mut fields = Fields(content);
-            match opcode {
-                op::SCHEMA => {
-                    let id = fields.u16()?;
-                    summary.schemas.insert(id, fields.string()?.to_owned());
-                }
-                op::CHANNEL => {
-                    let id = fields.u16()?;
-                    let schema = fields.u16()?;
-                    summary.channels.insert(id, (schema, fields.string()?.to_owned()));
-                }
-                op::STATISTICS => {
-                    // Message, schema, channel, attachment, metadata and chunk counts are in the other records.
-                    fields.bytes(8 + 2 + 4 + 4 + 4 + 4)?;
-                    summary.start_time_ns = fields.u64()?;
-                    summary.end_time_ns = fields.u64()?;
-                    summary.counts = fields.u16_map()?;
-                }
-                op::CHUNK_INDEX => summary.chunks.push(ChunkIndex::parse(content)?),
-                op::ATTACHMENT_INDEX => summary.attachments.push(AttachmentIndex::parse(content)?),
-                op::METADATA_INDEX => summary.metadata.push(MetadataIndex::parse(content)?),
-                _ => {}
-            }
-        }
-        Some(summary)
     }
 }
