@@ -22,7 +22,7 @@ const PERIOD_NS: u64 = 28_571;
 struct Void;
 
 impl TraceSink for Void {
-    fn append(&mut self, bytes: &[u8], _room_after: u64) -> std::io::Result<()> {
+    fn append(&mut self, bytes: &[u8], _reserve: u64) -> std::io::Result<()> {
         black_box(bytes);
         Ok(())
     }
@@ -160,7 +160,7 @@ fn recorder(criterion: &mut Criterion) {
     }
 }
 
-/// Records a file with a flush each so many cycles.
+/// Records a file with a flush each `flush_each` cycles.
 fn record_file(path: &Path, columns: bool, cycles: &[CycleRecord], flush_each: usize) -> bool {
     let record = || {
         let mut recorder = Recorder::create(path, &info(9, columns))?;

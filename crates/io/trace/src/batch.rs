@@ -1,14 +1,14 @@
 //! Many cycles in one message, column by column: channel `/cycles`.
 //!
-//! A message a cycle with plain numbers is what everybody can read, and large. Where room matters `/cycles` is the record, and
-//! `/cycle` carries only each n-th cycle, for viewers. `/cycles` has them all, to the last bit, in a quarter of the room. Jerk alone is rounded, to a single: it is
-//! not published, steps at every knot of the plan, and took half of the room.
+//! A message a cycle with plain numbers is what every reader can read, but large. Where size matters `/cycles` is the record, and
+//! `/cycle` carries only each n-th cycle, for viewers. `/cycles` has them all, to the last bit, in a quarter of the size. Jerk alone is rounded, to a single: it is
+//! not published, steps at every knot of the plan, and took half of the size.
 
 use crate::column::{Derivatives, Kind, PackedRef, pack, unpack};
 use crate::record::CycleRecord;
 use crate::schema::{evolvent, timestamp};
 
-/// A batch goes out when it has so many cycles.
+/// A batch is written when it has this many cycles.
 pub(crate) const MAX_CYCLES: usize = 2048;
 /// A batch that claims to have more is damaged.
 const READ_CYCLES: u32 = 1 << 16;
@@ -210,7 +210,7 @@ impl Batch {
         self.records.push(*record);
     }
 
-    /// Packs what has gathered, and begins anew.
+    /// Packs the gathered cycles and starts an empty batch.
     pub(crate) fn take(&mut self) -> Option<evolvent::Cycles> {
         let first = *self.records.first()?;
         let step_s = self.period_ns as f64 * 1e-9;
@@ -254,7 +254,7 @@ impl Batch {
     }
 }
 
-/// The cycles of a batch; `axes` are the indices of the axes that it carries. `None` if it makes no sense.
+/// The cycles of a batch; `axes` are the indices of the axes that it carries. `None` if it is invalid.
 pub(crate) fn cycles(message: &evolvent::Cycles, axes: &[usize]) -> Option<Vec<CycleRecord>> {
     if message.count > READ_CYCLES {
         return None;

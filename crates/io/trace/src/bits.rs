@@ -22,7 +22,7 @@ impl Mean {
     }
 
     fn see(&mut self, value: u64, low_bits: u32) {
-        // A single outlier does not spoil the numbers behind it.
+        // A single outlier does not spoil the numbers after it.
         let value = value.min(1 << (low_bits + 6));
         self.sum = self.sum - (self.sum >> 4) + value;
     }
@@ -95,7 +95,7 @@ impl<'a> BitReader<'a> {
         }
     }
 
-    /// The next 56 bits or more; zeros behind the end.
+    /// The next 56 bits or more; zeros after the end.
     fn peek(&self) -> u64 {
         let byte = self.at / 8;
         let word = match self.bytes.get(byte..byte + 8) {
@@ -116,7 +116,7 @@ impl<'a> BitReader<'a> {
         bits
     }
 
-    /// The next number. Behind the end there are zeros; [`Self::is_within`] tells.
+    /// The next number. After the end there are zeros: see [`Self::is_within`].
     pub(crate) fn number(&mut self) -> u64 {
         let low_bits = self.mean.low_bits();
         let upper = self.peek().trailing_ones();
@@ -137,7 +137,7 @@ impl<'a> BitReader<'a> {
         value
     }
 
-    /// Whether nothing was read from behind the end.
+    /// Whether nothing after the end was read.
     pub(crate) fn is_within(&self) -> bool {
         self.at <= self.bytes.len() * 8
     }

@@ -38,12 +38,12 @@ pub(crate) struct Derivatives<'a> {
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Packed {
     pub(crate) predictor: u32,
-    /// How many values have a rest that is written; those behind are as predicted.
+    /// How many values have a rest that is written; the others are as predicted.
     pub(crate) coded: u32,
     pub(crate) rests: Vec<u8>,
 }
 
-/// The same, read where it lies.
+/// The same, borrowed.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PackedRef<'a> {
     pub(crate) predictor: u32,
@@ -74,7 +74,7 @@ fn ordered_single(bits: u32) -> i32 {
     bits ^ ((bits >> 31) as u32 >> 1) as i32
 }
 
-/// The polynomial of `order` through the last values, newest last, at the next place. What has not come yet is
+/// The polynomial of `order` through the last values, newest last, at the next step. What has not come yet is
 /// left out of the order.
 #[inline(always)]
 fn polynomial(past: &[u64], order: u32) -> f64 {
@@ -190,7 +190,7 @@ pub(crate) fn pack(kind: Kind, values: &[u64], derivatives: Option<&Derivatives<
     }
 }
 
-/// Unpacks a column of `count` values. `None` if it makes no sense.
+/// Unpacks a column of `count` values. `None` if it is invalid.
 pub(crate) fn unpack(
     kind: Kind,
     packed: &PackedRef<'_>,

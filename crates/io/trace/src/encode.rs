@@ -39,11 +39,11 @@ fn put_axes(out: &mut Vec<u8>, field: u8, values: &[f64], axes: &[u8]) {
 /// Appends the message. `axes` are indices below nine, at least one.
 pub(crate) fn put_cycle(out: &mut Vec<u8>, record: &CycleRecord, axes: &[u8]) {
     // 1: the timestamp, itself a message of two varints.
-    let place = out.len() + 1;
+    let length_at = out.len() + 1;
     out.extend_from_slice(&[1 << 3 | BYTES, 0]);
     put_number(out, 1, record.due_time_ns / 1_000_000_000);
     put_number(out, 2, record.due_time_ns % 1_000_000_000);
-    out[place] = (out.len() - place - 1) as u8;
+    out[length_at] = (out.len() - length_at - 1) as u8;
 
     put_number(out, 2, record.sequence);
     if record.due_time_ns != 0 {

@@ -3,7 +3,7 @@
 /// Sub-buckets per power of two: values within one bucket differ by less than 1/16.
 const SUB_BITS: u32 = 4;
 const SUB: usize = 1 << SUB_BITS;
-/// Values up to 2⁴⁰ ns, eighteen minutes, are told apart; greater ones share the last bucket.
+/// Values up to 2⁴⁰ ns, eighteen minutes, are distinguished; greater ones share the last bucket.
 const MAX_BITS: u32 = 40;
 const BUCKETS: usize = (MAX_BITS - SUB_BITS + 1) as usize * SUB;
 

@@ -126,15 +126,15 @@ impl<'a> Messages<'a> {
     }
 
     /// The cycles of the next message that has any; `false` at the end.
-    pub(crate) fn take_lot(&mut self, lot: &mut Vec<CycleRecord>) -> Result<bool, ReadError> {
-        lot.clear();
+    pub(crate) fn next_cycles(&mut self, cycles: &mut Vec<CycleRecord>) -> Result<bool, ReadError> {
+        cycles.clear();
         while let Some(decoded) = self.decode_next()? {
             match decoded {
-                Decoded::One(TraceMessage::Cycle(record)) => lot.push(record),
+                Decoded::One(TraceMessage::Cycle(record)) => cycles.push(record),
                 Decoded::One(_) => {}
-                Decoded::Batch(cycles) => *lot = cycles.into(),
+                Decoded::Batch(batch) => *cycles = batch.into(),
             }
-            if !lot.is_empty() {
+            if !cycles.is_empty() {
                 return Ok(true);
             }
         }

@@ -240,9 +240,9 @@ impl TraceFile {
         mut see: impl FnMut(&CycleRecord) -> Result<ControlFlow<()>, E>,
     ) -> Result<(), E> {
         let mut messages = self.cycle_messages(first_ns, last_ns);
-        let mut lot = Vec::new();
-        while messages.take_lot(&mut lot)? {
-            for record in &lot {
+        let mut cycles = Vec::new();
+        while messages.next_cycles(&mut cycles)? {
+            for record in &cycles {
                 if (first_ns..=last_ns).contains(&record.due_time_ns) && see(record)?.is_break() {
                     return Ok(());
                 }

@@ -112,7 +112,7 @@ pub enum EventKind {
     Starvation = 7,
     /// Setpoints left late.
     Late = 8,
-    /// Records were lost for want of room; the value is their number.
+    /// Records were lost because their queue was full; the value is their number.
     Loss = 9,
     /// A message of the program, `(MSG,...)`.
     Message = 10,
@@ -160,7 +160,7 @@ pub struct EventRecord {
     pub kind: EventKind,
     /// Stable number, see the kind; 0 if none.
     pub code: u32,
-    /// For people.
+    /// For the operator.
     pub text: String,
     /// The number that came in (an override factor, a count), so that a run can be computed again.
     pub value: Option<f64>,
@@ -182,7 +182,7 @@ pub enum BlockKind {
     Dwell = 5,
     /// Program stop or end.
     Stop = 6,
-    /// Anything else that takes time or is worth a line.
+    /// Anything else that takes time or is to be listed.
     Other = 7,
 }
 

@@ -4,7 +4,7 @@ use std::io;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// Where a failed trace stands.
+/// The state of a trace whose recording failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Remains {
     /// The file was cut back to its last complete chunk and closed: it is readable and indexed, under its
@@ -32,7 +32,7 @@ pub enum RecordError {
         /// What is wrong, with its number.
         reason: String,
     },
-    /// A part file of this name lies there already.
+    /// There is a part file of this name already.
     #[error(
         "{} is left over from an earlier run or written by another one; recover it with \
          `evolvent trace recover`, remove it or choose another name", .part.display()
@@ -57,7 +57,7 @@ pub enum RecordError {
         /// Why.
         source: Arc<io::Error>,
     },
-    /// There is no room left.
+    /// The disk is full.
     #[error(
         "no room left for the trace {} after {bytes} bytes: {source}; free some or choose another disk \
          with --trace; {remains}", .path.display()
@@ -103,7 +103,7 @@ fn is_full(error: &io::Error) -> bool {
     )
 }
 
-/// A failed write, told apart by whether room was the reason.
+/// A failed write, by whether a full disk is the reason.
 pub(crate) fn write_error(
     path: PathBuf,
     bytes: u64,

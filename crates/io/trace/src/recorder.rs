@@ -49,12 +49,12 @@ pub(crate) fn sync_folder_of(path: &Path) -> io::Result<()> {
 
 /// Writes the trace of one run.
 ///
-/// Belongs to the recorder thread: every call may wait for the disk, none may come from the cycle. A call gathers the
-/// message in memory; a chunk that is full is compressed and written, as is the open one by [`Self::flush`], which
+/// Belongs to the recorder thread: every call may wait for the disk, none may come from the cycle. A call adds its
+/// message to the open chunk in memory; a chunk that is full is compressed and written, as is the open one by [`Self::flush`], which
 /// the caller does each 250 ms, so that no more than that is ever lost. After a failed write the recorder cuts the
 /// file back to its last complete chunk, closes and renames it if it can, and gives the same error from then on.
 ///
-/// Besides what it is told it writes, from the cycles, `/timing` each second, the tool's pose twenty times a second
+/// From the cycles it also derives `/timing` each second, the tool's pose twenty times a second
 /// and the path.
 #[derive(Debug)]
 pub struct Recorder {
@@ -62,12 +62,12 @@ pub struct Recorder {
     /// The message under way, encoded.
     message: Vec<u8>,
     path: PathBuf,
-    /// Where the bytes are: the part file, until it is renamed. `None` with a sink of the caller's.
+    /// The part file, until it is renamed. `None` with a sink of the caller's.
     part: Option<PathBuf>,
     axes: Vec<u8>,
     /// Where cycles are gathered that go out in columns.
     batch: Option<Batch>,
-    /// `/cycle` has each so many-th cycle.
+    /// `/cycle` has each cycle whose number this divides.
     every: u64,
     tally: Tally,
     scene: Scene,
@@ -77,10 +77,10 @@ pub struct Recorder {
 }
 
 impl Recorder {
-    /// Creates `PATH.part`, with the folder it is to lie in, and writes what is known of the run.
+    /// Creates `PATH.part` and its folder, and writes what is known of the run.
     ///
     /// # Errors
-    /// [`RecordError`]: a description that makes no sense, a left-over part file, no permission, no room.
+    /// [`RecordError`]: an invalid description, a left-over part file, no permission, a full disk.
     pub fn create(path: &Path, info: &RunInfo) -> Result<Self, RecordError> {
         let part = part_path(path);
         let create = |source| RecordError::Create {
@@ -97,7 +97,7 @@ impl Recorder {
             }
             result => result.map_err(create)?,
         };
-        // So that a start-up that looks for left-over files keeps its hands off. Without locks on this file
+        // So that a start-up that recovers left-over files leaves it alone. Without locks on this file
         // system it goes by the name alone.
         let _ = file.try_lock();
         let sink = FileSink::new(file).map_err(create)?;
@@ -335,7 +335,7 @@ impl Recorder {
         self.close_full_chunk()
     }
 
-    /// Records the tool's place, in mm, beside those that the recorder takes from the cycles.
+    /// Records the tool's position, in mm, besides those that the recorder takes from the cycles.
     ///
     /// # Errors
     /// As [`Self::cycle`].
@@ -345,7 +345,7 @@ impl Recorder {
         self.close_full_chunk()
     }
 
-    /// Records a line for people.
+    /// Records a line of text for the operator.
     ///
     /// # Errors
     /// As [`Self::cycle`].
@@ -356,7 +356,7 @@ impl Recorder {
         self.close_full_chunk()
     }
 
-    /// Writes what has gathered and asks the disk to keep it, without waiting. To be called each 250 ms.
+    /// Writes the open chunk and starts a synchronisation with the disk, without waiting for it. To be called each 250 ms.
     ///
     /// # Errors
     /// As [`Self::cycle`], or the failure of an earlier synchronisation.
@@ -503,7 +503,7 @@ impl Recorder {
         let remains = if closed && self.rename().is_ok() {
             Remains::Complete
         } else {
-            // Half an ending would only be in the way of recovery, but cannot always be cut off.
+            // An incomplete ending disturbs a recovery, but cannot always be cut off.
             let _ = self.container.cut_back();
             Remains::NeedsRecovery
         };
@@ -517,14 +517,14 @@ impl Recorder {
 impl Drop for Recorder {
     fn drop(&mut self) {
         if !self.finished && self.failure.is_none() {
-            // Nobody is left to hear of a failure. The part file stays and is recovered at the next start.
+            // A failure cannot be reported any more. The part file stays and is recovered at the next start.
             self.put_batch();
             let _ = self.container.close_chunk().and_then(|()| self.container.sync());
         }
     }
 }
 
-/// A cycle as viewers get it: what is derived of the position is rounded to 24 bits, which halves its room.
+/// A cycle for viewers: what is derived of the position is rounded to 24 bits, which halves its size.
 fn for_view(record: &CycleRecord) -> CycleRecord {
     let round = |value: f64| f64::from(value as f32);
     CycleRecord {
@@ -581,7 +581,7 @@ fn check(info: &RunInfo) -> Result<(), RecordError> {
     Ok(())
 }
 
-/// A line for people.
+/// A line of text for the operator.
 pub(crate) fn log_line(time_ns: u64, level: LogLevel, text: &str) -> foxglove::Log {
     foxglove::Log {
         timestamp: Some(timestamp(time_ns)),
@@ -591,7 +591,7 @@ pub(crate) fn log_line(time_ns: u64, level: LogLevel, text: &str) -> foxglove::L
     }
 }
 
-/// A text of a length that a reader can bear.
+/// A text of at most [`TEXT_BYTES`].
 fn cut(text: &str) -> String {
     let mut end = text.len().min(TEXT_BYTES);
     while !text.is_char_boundary(end) {

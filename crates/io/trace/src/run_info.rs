@@ -49,12 +49,12 @@ pub struct RunInfo {
     pub configuration_hash: String,
     /// `realtime` or `virtual`.
     pub clock: String,
-    /// The real-time settings in force, for people: scheduler, priority, core, locked memory.
+    /// The real-time settings in force, as text: scheduler, priority, core, locked memory.
     pub real_time: String,
     /// Whether the cycles are held in columns (`/cycles`), with `/cycle` thinned out and rounded for viewers; otherwise `/cycle`
     /// has one exact message a cycle.
     pub columns: bool,
-    /// Anything else worth keeping, by key.
+    /// Anything else to keep, by key.
     pub extra: BTreeMap<String, String>,
 }
 

@@ -14,7 +14,7 @@ const BEFORE_COMPRESSION: usize = RECORD_HEAD + 8 + 8 + 8 + 4;
 /// The search for the next chunk reads this much at once.
 pub(crate) const SEARCH_BYTES: usize = 1 << 20;
 
-/// Reads a file at any place.
+/// Reads a file at any position.
 pub(crate) struct Scan {
     pub(crate) file: File,
     pub(crate) length: u64,
@@ -38,11 +38,11 @@ impl Scan {
             return Ok(None);
         };
         let length = u64::from_le_bytes(*length);
-        let room = self.length - offset - RECORD_HEAD as u64;
-        Ok(((op::HEADER..=op::DATA_END).contains(&opcode) && length <= room).then_some((opcode, length)))
+        let rest = self.length - offset - RECORD_HEAD as u64;
+        Ok(((op::HEADER..=op::DATA_END).contains(&opcode) && length <= rest).then_some((opcode, length)))
     }
 
-    /// The next place from `offset` on where a chunk may begin: known by the name of its compression.
+    /// The next position from `offset` on where a chunk may begin: known by the name of its compression.
     pub(crate) fn next_chunk(&mut self, offset: u64) -> io::Result<Option<u64>> {
         let mut from = offset + BEFORE_COMPRESSION as u64;
         while from + MARK.len() as u64 <= self.length {
@@ -56,7 +56,7 @@ impl Scan {
                     return Ok(Some(start));
                 }
             }
-            // Overlap by a mark less one byte, in case it lies across.
+            // Overlap by a mark less one byte, in case it is across the border.
             from += (size - MARK.len() + 1) as u64;
         }
         Ok(None)

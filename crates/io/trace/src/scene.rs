@@ -1,4 +1,4 @@
-//! What general viewers show at once: the tool and the path behind it, a few times a second.
+//! What general viewers show at once: the tool and its path so far, a few times a second.
 
 use crate::record::CycleRecord;
 use crate::schema::{foxglove, timestamp};
@@ -57,7 +57,7 @@ impl Scene {
         ))
     }
 
-    /// Notes a point of the path; gives the stretch behind, if it has become long enough.
+    /// Adds a point of the path; gives the path since the last time, if it is long enough.
     pub(crate) fn path(&mut self, record: &CycleRecord) -> Option<foxglove::SceneUpdate> {
         if record.due_time_ns < self.next_point_ns {
             return None;

@@ -9,7 +9,7 @@ use std::path::PathBuf;
 const PIECE_BYTES: usize = 8 * 1024;
 
 /// Bytes in the order in which they came: most of them in a file without a name, which is gone with the process, the rest in
-/// memory. Where there can be no such file, or no room for it, they stay in memory.
+/// memory. Where there can be no such file, or the disk is full, they stay in memory.
 #[derive(Debug, Default)]
 pub(crate) struct Scratch {
     /// Where to create the file; none once that was tried.
@@ -48,7 +48,7 @@ impl Scratch {
         self.settle();
     }
 
-    /// Files what has gathered, if it is worth it.
+    /// Moves the tail to the file when it is long enough.
     fn settle(&mut self) {
         if self.tail.len() < PIECE_BYTES {
             return;
@@ -57,7 +57,7 @@ impl Scratch {
             self.file = nameless_file(&folder);
         }
         let Some(file) = &self.file else { return };
-        // A disk that is full now has room later: the next attempt writes over what this one has left half done.
+        // A disk that is full now may not be later: the next attempt overwrites what this one has left incomplete.
         if write_at(file, &self.tail, self.filed).is_ok() {
             self.filed += self.tail.len() as u64;
             self.tail.clear();

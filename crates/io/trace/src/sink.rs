@@ -1,4 +1,4 @@
-//! Where a trace goes: a file that is synchronised in the background, or whatever a test puts in its place.
+//! Where a trace goes: a file that is synchronised in the background, or another sink, such as a test's.
 
 use std::fs::File;
 use std::io::{self, Seek as _, SeekFrom, Write as _};
@@ -9,14 +9,14 @@ use std::thread::JoinHandle;
 /// Takes the bytes of a trace in order.
 ///
 /// A trace is only ever appended to, so that what is on disk is right at every moment up to the last complete
-/// record; no place is written twice.
+/// record; nothing is written twice.
 pub trait TraceSink: Send {
-    /// Appends all bytes. `room_after` more may be needed to end the file; a sink that can tell that there is no
-    /// room for both fails at once and appends nothing, so that the file can still be ended.
+    /// Appends all bytes. `reserve` more may be needed to end the file; a sink that knows that the disk cannot take
+    /// both fails at once and appends nothing, so that the file can still be ended.
     ///
     /// # Errors
     /// The reason why the bytes could not all be appended; some of them may have been.
-    fn append(&mut self, bytes: &[u8], room_after: u64) -> io::Result<()>;
+    fn append(&mut self, bytes: &[u8], reserve: u64) -> io::Result<()>;
 
     /// Forgets everything from `length` on; what is appended next begins there. Called after a failed
     /// append, to cut off what it left half done.
@@ -38,19 +38,19 @@ pub trait TraceSink: Send {
     fn end(&mut self) -> io::Result<()>;
 }
 
-/// Room is set aside in steps of this size.
+/// The file is allocated in steps of this size.
 #[cfg(target_os = "linux")]
-const ROOM_STEP_BYTES: u64 = 1 << 20;
+const ALLOCATION_STEP_BYTES: u64 = 1 << 20;
 
-/// A file. Room for its end is set aside on the disk before each append where the file system can do that, so that
+/// A file. Its end is allocated on the disk before each append where the file system can do that, so that
 /// a trace on a full disk still gets its index. Its synchronisation with the disk runs in a thread of its own, because on a slow disk it takes longer
 /// than the queue before the recorder lasts.
 #[derive(Debug)]
 pub struct FileSink {
     file: File,
     length: u64,
-    /// How far room has been set aside; `None` where the file system cannot.
-    room: Option<u64>,
+    /// How far the file is allocated; `None` where the file system cannot.
+    allocated: Option<u64>,
     requests: Option<SyncSender<()>>,
     failure: Arc<Mutex<Option<io::Error>>>,
     thread: Option<JoinHandle<()>>,
@@ -78,7 +78,7 @@ impl FileSink {
         Ok(Self {
             file,
             length: 0,
-            room: Some(0),
+            allocated: Some(0),
             requests: Some(requests),
             failure,
             thread: Some(thread),
@@ -87,26 +87,28 @@ impl FileSink {
 }
 
 impl FileSink {
-    /// Sets room aside up to `end`, or more.
+    /// Allocates the file up to `end`, or more.
     #[cfg(target_os = "linux")]
-    fn set_aside(&mut self, end: u64) -> io::Result<()> {
+    fn allocate(&mut self, end: u64) -> io::Result<()> {
         use rustix::fs::{FallocateFlags, fallocate};
         use rustix::io::Errno;
-        let Some(room) = self.room else { return Ok(()) };
-        if end <= room {
+        let Some(allocated) = self.allocated else {
+            return Ok(());
+        };
+        if end <= allocated {
             return Ok(());
         }
         // The step first; on a disk that is nearly full just what is needed.
-        for goal in [end.saturating_add(ROOM_STEP_BYTES), end] {
-            match fallocate(&self.file, FallocateFlags::KEEP_SIZE, room, goal - room) {
+        for goal in [end.saturating_add(ALLOCATION_STEP_BYTES), end] {
+            match fallocate(&self.file, FallocateFlags::KEEP_SIZE, allocated, goal - allocated) {
                 Ok(()) => {
-                    self.room = Some(goal);
+                    self.allocated = Some(goal);
                     return Ok(());
                 }
                 Err(Errno::NOSPC | Errno::DQUOT | Errno::FBIG) => {}
                 Err(_) => {
                     // A device or a file system that cannot: appends will tell when it is full.
-                    self.room = None;
+                    self.allocated = None;
                     return Ok(());
                 }
             }
@@ -116,8 +118,8 @@ impl FileSink {
 
     #[cfg(not(target_os = "linux"))]
     #[expect(clippy::unnecessary_wraps, reason = "fails on other systems")]
-    fn set_aside(&mut self, _end: u64) -> io::Result<()> {
-        self.room = None;
+    fn allocate(&mut self, _end: u64) -> io::Result<()> {
+        self.allocated = None;
         Ok(())
     }
 }
@@ -131,27 +133,27 @@ fn sync_data(file: &File) -> io::Result<()> {
 }
 
 impl TraceSink for FileSink {
-    fn append(&mut self, bytes: &[u8], room_after: u64) -> io::Result<()> {
-        self.set_aside((self.length + bytes.len() as u64).saturating_add(room_after))?;
+    fn append(&mut self, bytes: &[u8], reserve: u64) -> io::Result<()> {
+        self.allocate((self.length + bytes.len() as u64).saturating_add(reserve))?;
         // Counted before: of a failed write an unknown part is in the file.
         self.length += bytes.len() as u64;
         self.file.write_all(bytes)
     }
 
     fn truncate(&mut self, length: u64) -> io::Result<()> {
-        // Not without need: it would give up the room that was set aside.
+        // Not without need: it gives up what is allocated.
         if length != self.length {
             self.file.set_len(length)?;
             self.file.seek(SeekFrom::Start(length))?;
             self.length = length;
-            self.room = self.room.map(|_| length);
+            self.allocated = self.allocated.map(|_| length);
         }
         Ok(())
     }
 
     fn end(&mut self) -> io::Result<()> {
-        // Gives up the room that was not needed.
-        if self.room.is_some() {
+        // Gives up what was not needed.
+        if self.allocated.is_some() {
             self.file.set_len(self.length)?;
         }
         sync_data(&self.file)

@@ -216,7 +216,7 @@ impl Checked<'_> {
     }
 }
 
-/// The bytes that a record of the format has behind its opcode and length.
+/// The bytes of a record after its opcode and length.
 pub(crate) fn content<T>(content: &T) -> Vec<u8>
 where
     T: for<'a> BinWrite<Args<'a> = ()>,

@@ -1,4 +1,4 @@
-//! A disk without room: a clear error, a readable file, and nothing that was flushed is lost.
+//! A full disk: a clear error, a readable file, and nothing that was flushed is lost.
 
 #![allow(
     clippy::expect_used,
@@ -45,21 +45,21 @@ fn whatever_the_size_of_the_disk_what_was_flushed_is_readable() {
     let folder = common::folder();
     let path = folder.path().join("small.mcap");
     for manners in [Manners::Foresees, Manners::Truncates, Manners::Stubborn] {
-        for room in (60_000..400_000).step_by(7001) {
-            let disk = SmallDisk::new(room, manners);
+        for capacity in (60_000..400_000).step_by(7001) {
+            let disk = SmallDisk::new(capacity, manners);
             let mut recorder = Recorder::with_sink(Box::new(disk.clone()), &path, &info("XYZ"))
-                .unwrap_or_else(|error| panic!("{room} bytes are enough for a start: {error}"));
+                .unwrap_or_else(|error| panic!("{capacity} bytes are enough for a start: {error}"));
             let (flushed, error) = fill(&mut recorder);
             let RecordError::DiskFull { remains, bytes, .. } = &error else {
                 panic!("{error}")
             };
             fs::write(&path, disk.content()).expect("writing");
             if manners == Manners::Foresees {
-                assert_eq!(*remains, Remains::Complete, "room {room}");
+                assert_eq!(*remains, Remains::Complete, "capacity {capacity}");
             }
             if *remains == Remains::Complete {
                 assert_eq!(*bytes, disk.content().len() as u64);
-                assert_eq!(cycles_of(&path), flushed, "room {room}");
+                assert_eq!(cycles_of(&path), flushed, "capacity {capacity}");
                 assert!(
                     TraceFile::open(&path)
                         .expect("opening")
@@ -73,7 +73,7 @@ fn whatever_the_size_of_the_disk_what_was_flushed_is_readable() {
                 let found = cycles_of(&recovered.path);
                 assert!(
                     (flushed..=flushed + 100).contains(&found),
-                    "room {room}: {found} of {flushed}"
+                    "capacity {capacity}: {found} of {flushed}"
                 );
             }
         }
@@ -82,11 +82,11 @@ fn whatever_the_size_of_the_disk_what_was_flushed_is_readable() {
 
 /// A served machine attaches what its jobs begin with, hundreds of times: their index takes more than what else is at the end.
 #[test]
-fn on_a_full_disk_there_is_room_for_the_index_of_every_attachment() {
+fn a_full_disk_takes_the_index_of_every_attachment() {
     let folder = common::folder();
     let path = folder.path().join("attached.mcap");
-    for room in (100_000..200_000).step_by(7001) {
-        let disk = SmallDisk::new(room, Manners::Foresees);
+    for capacity in (100_000..200_000).step_by(7001) {
+        let disk = SmallDisk::new(capacity, Manners::Foresees);
         let mut recorder =
             Recorder::with_sink(Box::new(disk.clone()), &path, &info("XYZ")).expect("creating");
         let name = |n: u32| format!("job-{n}/block-of-mdi-{n}.ngc");
@@ -106,14 +106,14 @@ fn on_a_full_disk_there_is_room_for_the_index_of_every_attachment() {
                     ..
                 }
             ),
-            "room {room}, {attached} attached: {error}"
+            "capacity {capacity}, {attached} attached: {error}"
         );
         assert!(attached > 200, "{attached}");
         fs::write(&path, disk.content()).expect("writing");
         let mut trace = TraceFile::open(&path).expect("opening");
         for n in 0..attached {
             let found = trace.attachment(&name(n)).expect("readable");
-            assert_eq!(found, Some(text(n)), "room {room}");
+            assert_eq!(found, Some(text(n)), "capacity {capacity}");
         }
     }
 }
@@ -147,7 +147,7 @@ fn what_a_failed_write_left_half_done_is_cut_off() {
 }
 
 #[test]
-fn without_room_for_anything_what_was_flushed_is_recovered_elsewhere() {
+fn on_a_stubborn_disk_what_was_flushed_is_recovered() {
     let folder = common::folder();
     let disk = SmallDisk::new(100_000, Manners::Stubborn);
     let mut recorder =
@@ -201,7 +201,7 @@ fn the_full_device_is_named_as_full() {
     assert!(matches!(error, RecordError::DiskFull { .. }), "{error}");
 }
 
-/// A real file system without room, where the user may mount one.
+/// A real file system that is full, where the user may mount one.
 #[test]
 #[cfg(target_os = "linux")]
 fn a_full_file_system_leaves_a_file_that_holds_what_was_flushed() {
@@ -224,15 +224,13 @@ fn a_full_file_system_leaves_a_file_that_holds_what_was_flushed() {
         let (flushed, error) = fill(&mut recorder);
         drop(recorder);
         let RecordError::DiskFull {
-            path: stands,
-            remains,
-            ..
+            path: at, remains, ..
         } = error
         else {
             panic!("{error}")
         };
-        // The room that was set aside was enough for the index.
-        assert_eq!((remains, &stands), (Remains::Complete, &path));
+        // What was allocated was enough for the index.
+        assert_eq!((remains, &at), (Remains::Complete, &path));
         println!("{remains:?}, {flushed} cycles");
         (cycles_of(&path), flushed)
     });

@@ -1,4 +1,4 @@
-//! What cannot be read is told with what to do.
+//! Errors of reading say what to do.
 
 #![allow(clippy::expect_used, reason = "tests fail as tests do")]
 

@@ -1,4 +1,4 @@
-//! Torn and damaged files: whatever is whole is recovered, and what is lost is told.
+//! Torn and damaged files: whatever is whole is recovered, and what is lost is reported.
 
 #![allow(
     clippy::expect_used,
@@ -44,7 +44,7 @@ fn chunk_ends(bytes: &[u8]) -> Vec<(u64, u64)> {
 /// The recovered file is complete, by both readers, and its cycles are those of the run: `Some(n)` exactly 0..n.
 fn check(recovered: &Recovered, wanted: Option<u64>) -> u64 {
     let mut trace = TraceFile::open(&recovered.path).expect("the recovered file opens");
-    let told = trace.info().messages("/cycle");
+    let reported = trace.info().messages("/cycle");
     let mut found = 0;
     let mut last = None;
     for record in trace.cycles() {
@@ -59,7 +59,7 @@ fn check(recovered: &Recovered, wanted: Option<u64>) -> u64 {
         (found, last),
         (recovered.statistics.cycles, recovered.statistics.last_sequence)
     );
-    assert_eq!(found, told);
+    assert_eq!(found, reported);
     if let Some(wanted) = wanted {
         assert_eq!(found, wanted);
         assert_eq!(recovered.statistics.gaps, 0);
@@ -136,8 +136,8 @@ fn flipped_bits_way() {
         // Every fourth flip in the first part, where the descriptions are.
         let range = if round % 4 == 0 { 8000 } else { good.len() as u64 };
         for _ in 0..1 + round % 3 {
-            let place = random.below(range) as usize;
-            bytes[place] ^= 1 << random.below(8);
+            let at = random.below(range) as usize;
+            bytes[at] ^= 1 << random.below(8);
         }
         // The reader: an error, or the truth.
         fs::write(&damaged_path, &bytes).expect("writing");
@@ -165,7 +165,7 @@ fn flipped_bits_way() {
                 if found < 3000 {
                     assert!(
                         recovered.lost_data(),
-                        "round {round}: {found} cycles and no loss told"
+                        "round {round}: {found} cycles and no loss reported"
                     );
                     losses += 1;
                 } else {

@@ -1,4 +1,4 @@
-//! A run made up by formula: what a reader must find is computed anew, never stored.
+//! A run made up by formula: what a reader must find is computed again, never stored.
 #![allow(
     clippy::expect_used,
     clippy::print_stdout,
@@ -24,7 +24,7 @@ pub const START_NS: u64 = 1_700_000_000_000_000_123;
 pub const PERIOD_NS: u64 = 1_000_003;
 pub const PROGRAM: &[u8] = b"G0 X0 Y0\nG1 X10 F600\nM2\n";
 
-/// A folder for a test, in memory where there is such a place: hundreds of synchronisations take their time.
+/// A folder for a test, in memory where there is one: hundreds of synchronisations take their time.
 pub fn folder() -> tempfile::TempDir {
     let memory = Path::new("/dev/shm");
     if memory.is_dir() {
@@ -217,13 +217,13 @@ impl Random {
 /// How a full disk behaves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Manners {
-    /// Says in advance that there will be no room, as a file system does that sets room aside.
+    /// Fails in advance, as a file system that allocates does.
     Foresees,
     /// Writes what fits, then fails; what was written can be cut off.
     Truncates,
     /// Writes what fits, then fails for ever.
     Stubborn,
-    /// Fails once, half way through what would pass its size, and then has room again.
+    /// Fails once, half way through what exceeds its size, and then has capacity again.
     Hiccups,
 }
 
@@ -231,16 +231,16 @@ pub enum Manners {
 #[derive(Clone)]
 pub struct SmallDisk {
     pub bytes: Arc<Mutex<Vec<u8>>>,
-    pub room: usize,
+    pub capacity: usize,
     pub failures: Arc<Mutex<u64>>,
     pub manners: Manners,
 }
 
 impl SmallDisk {
-    pub fn new(room: usize, manners: Manners) -> Self {
+    pub fn new(capacity: usize, manners: Manners) -> Self {
         Self {
             bytes: Arc::default(),
-            room,
+            capacity,
             failures: Arc::default(),
             manners,
         }
@@ -252,20 +252,20 @@ impl SmallDisk {
 }
 
 impl TraceSink for SmallDisk {
-    fn append(&mut self, data: &[u8], room_after: u64) -> io::Result<()> {
+    fn append(&mut self, data: &[u8], reserve: u64) -> io::Result<()> {
         let mut bytes = self.bytes.lock().expect("lock");
-        let room = self.room - bytes.len().min(self.room);
+        let capacity = self.capacity - bytes.len().min(self.capacity);
         let needed = data.len()
             + if self.manners == Manners::Foresees {
-                room_after as usize
+                reserve as usize
             } else {
                 0
             };
         let healed = self.manners == Manners::Hiccups && *self.failures.lock().expect("lock") > 0;
-        if needed > room && !healed {
+        if needed > capacity && !healed {
             *self.failures.lock().expect("lock") += 1;
             if self.manners != Manners::Foresees {
-                bytes.extend_from_slice(&data[..room]);
+                bytes.extend_from_slice(&data[..capacity]);
             }
             if self.manners == Manners::Hiccups {
                 return Err(io::Error::other("the cable came loose"));
