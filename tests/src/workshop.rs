@@ -139,7 +139,7 @@ impl Workshop {
         let own_name = format!("name = {name:?}");
         let usual = [
             ("name = \"mill-3axis\"", own_name.as_str()),
-            ("max_late_cycles = 1000", "max_late_cycles = 0"),
+            ("# max_late_cycles = 1000", "max_late_cycles = 0"),
         ];
         for (old, new) in usual.iter().chain(changes) {
             assert!(text.contains(old), "{old} is not in the machine file");

@@ -263,7 +263,7 @@ pub fn run_seen(
             clock: job.clock,
             period_ns: setup.period_ns,
             lead_cycles: setup.machine.lead_cycles(setup.period_ns),
-            max_late_cycles: setup.machine.realtime.max_late_cycles,
+            max_late_cycles: setup.machine.max_late_cycles(setup.period_ns),
             stop_at_program_stops: job.stop_at_program_stops,
             commands: (job.clock == Clock::Realtime).then_some(commands),
             bus: bus_producer,

@@ -272,7 +272,8 @@ pub(crate) struct RealtimeFile {
     pub(crate) core: Option<i64>,
     /// Lock all memory; true where it is not given.
     pub(crate) lock_memory: Option<bool>,
-    /// Stop after so many late setpoints in a row, 0 for never; 1000 where it is not given.
+    /// Stop after this many late setpoints in a row, 0 for never; those of one second, at least 1000, where it is not
+    /// given.
     #[schemars(range(min = 0, max = 1000000))]
     pub(crate) max_late_cycles: Option<i64>,
 }

@@ -188,8 +188,8 @@ pub struct RealtimeSettings {
     pub core: Option<usize>,
     /// Whether all memory is locked.
     pub lock_memory: bool,
-    /// Stop after so many late setpoints in a row; 0 for never.
-    pub max_late_cycles: u32,
+    /// Stop after this many late setpoints in a row; 0 for never. None: [`Machine::max_late_cycles`] decides by the period.
+    pub max_late_cycles: Option<u32>,
 }
 
 /// Whether a drive bridge is expected to answer.
@@ -475,6 +475,14 @@ impl Machine {
             ControlRate::Rational => self.rational_rate()?.rate_hz.clamp(MIN_RATE_HZ, MAX_RATE_HZ),
         };
         Ok(period_ns_of(rate_hz))
+    }
+
+    /// Late setpoints in a row after which the core stops; 0 for never. Where the machine file does not say: those of one
+    /// second, at least 1000, so that a host that stands still for a moment is forgiven at every rate alike.
+    #[must_use]
+    pub fn max_late_cycles(&self, period_ns: u64) -> u32 {
+        let in_a_second = (1_000_000_000 / period_ns.max(1)).clamp(1000, 1_000_000);
+        self.realtime.max_late_cycles.unwrap_or(in_a_second as u32)
     }
 
     /// How many cycles ahead of its due time a setpoint is computed, 1 to 1000.

@@ -112,6 +112,8 @@ fn a_file_is_read_into_millimetres_degrees_and_seconds() {
     assert_eq!(machine.trace.on_full, OnFull::Stop);
     assert_eq!(machine.trace.cycles, CycleRecording::Columns);
     assert_eq!(machine.lead, Lead::ByRate);
+    assert_eq!(machine.max_late_cycles(1_000_000), 1000);
+    assert_eq!(machine.max_late_cycles(28_571), 35_000);
     let limits = machine.limits();
     let (x, a, y) = (
         AxisLetter::X.index(),

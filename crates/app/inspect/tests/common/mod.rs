@@ -54,7 +54,7 @@ pub fn machine_file() -> PathBuf {
 pub fn setup(columns: bool) -> Setup {
     let text = std::fs::read_to_string(machine_file())
         .expect("the shipped mill")
-        .replace("max_late_cycles = 1000", "max_late_cycles = 0")
+        .replace("# max_late_cycles = 1000", "max_late_cycles = 0")
         .replace(
             "[trace]\n",
             if columns {

@@ -207,7 +207,7 @@ pub fn serve(
         limits,
         period_ns: setup.period_ns,
         lead_cycles: machine.lead_cycles(setup.period_ns),
-        max_late_cycles: machine.realtime.max_late_cycles,
+        max_late_cycles: machine.max_late_cycles(setup.period_ns),
         start_unix_ns,
         orders: cycle_orders,
         events: cycle_events,

@@ -188,12 +188,10 @@ impl Check<'_> {
             priority: self.whole_number("realtime.priority", realtime.priority.unwrap_or(80), 2, 98)?,
             core,
             lock_memory: realtime.lock_memory.unwrap_or(true),
-            max_late_cycles: self.whole_number(
-                "realtime.max_late_cycles",
-                realtime.max_late_cycles.unwrap_or(1000),
-                0,
-                1_000_000,
-            )?,
+            max_late_cycles: realtime
+                .max_late_cycles
+                .map(|cycles| self.whole_number("realtime.max_late_cycles", cycles, 0, 1_000_000))
+                .transpose()?,
         })
     }
 
