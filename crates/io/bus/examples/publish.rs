@@ -5,7 +5,7 @@
 //! Waits up to 10 s for one subscriber, then sends COUNT setpoints, the last one flagged. Setpoint `n` has the
 //! position `n + axis / 16` on every axis, so that a reader can check each number.
 
-use evolvent_bus::{BusConfig, CoreBus, EventKind, Setpoint, Status};
+use evolvent_bus::{BusConfig, CoreBus, EventKind, Setpoint, Status, flags};
 use std::error::Error;
 use std::time::{Duration, Instant};
 
@@ -36,7 +36,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             due_time_ns: sequence * period_ns,
             period_ns,
             position: core::array::from_fn(|axis| sequence as f64 + axis as f64 / 16.0),
-            flags: if sequence + 1 == count { 1 << 7 } else { 0 },
+            flags: if sequence + 1 == count { flags::LAST } else { 0 },
             ..Setpoint::default()
         })?;
         if sequence % rate_hz.div_ceil(10) == 0 {

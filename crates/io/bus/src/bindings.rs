@@ -1,12 +1,12 @@
 //! The C header and the Python module, written from the same tables as the Rust structs.
 
 use crate::domain::{ATTRIBUTE_AXES, ATTRIBUTE_INTERFACE, ATTRIBUTE_PERIOD};
-use crate::layout::{AXES, FieldLayout, Payload, Scalar, StructLayout};
 use crate::{
     ACTIVITIES, BRIDGE_NOTES, BRIDGE_STATES, COMMANDS, ControlAnswer, ControlRequest, EventKind, Feedback,
     INTERFACE_VERSION, JOB_RESULTS, LOAD_KINDS, Load, MACHINE_STATES, MODES, PLACES_FOR_BRIDGES,
     PLACES_FOR_OPERATORS, POWER_REQUESTS, SETPOINT_FLAGS, STATES, SWITCHES, Setpoint, Status, VERDICTS,
 };
+use evolvent_wire::{AXES, FieldLayout, Payload, Scalar, StructLayout};
 use std::fmt::Write;
 
 const PAYLOADS: [StructLayout; 6] = [

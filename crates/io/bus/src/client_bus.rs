@@ -6,12 +6,9 @@ use crate::domain::{
     attribute, receive, send_error,
 };
 use crate::error::{BusError, ReceiveError, SendError};
-use crate::event::EventKind;
-use crate::feedback::{Feedback, Load};
 use crate::name::Channel;
-use crate::setpoint::Setpoint;
-use crate::status::Status;
 use core::time::Duration;
+use evolvent_wire::{EventKind, Feedback, Load, Setpoint, Status};
 use iceoryx2::port::listener::{Listener, ListenerWaitError};
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};

@@ -8,13 +8,12 @@ use iceoryx2::prelude::*;
 use std::time::Instant;
 
 use crate::config::{BusConfig, ClientConfig, PLACES_FOR_OPERATORS};
-use crate::control::{ControlAnswer, ControlRequest};
 use crate::domain::{
     ATTRIBUTE_AXES, ATTRIBUTE_INTERFACE, ATTRIBUTE_PERIOD, ControlService, Domain, Ipc, Wanted, no_core,
 };
 use crate::error::{BusError, ReceiveError};
-use crate::layout::Payload;
 use crate::name::Channel;
+use evolvent_wire::{ControlAnswer, ControlRequest, Payload};
 
 type ServerPort = Server<Ipc, ControlRequest, (), ControlAnswer, ()>;
 type Active = ActiveRequest<Ipc, ControlRequest, (), ControlAnswer, ()>;

@@ -6,13 +6,10 @@ use crate::domain::{
     receive, send_error,
 };
 use crate::error::{BusError, ReceiveError, SendError};
-use crate::event::EventKind;
-use crate::feedback::{Feedback, Load};
 use crate::name::Channel;
-use crate::setpoint::Setpoint;
-use crate::status::Status;
 use core::fmt::Debug;
 use core::time::Duration;
+use evolvent_wire::{EventKind, Feedback, Load, Setpoint, Status};
 use iceoryx2::port::notifier::{Notifier, NotifierCreateError};
 use iceoryx2::port::publisher::{Publisher, PublisherCreateError};
 use iceoryx2::port::subscriber::Subscriber;

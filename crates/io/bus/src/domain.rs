@@ -3,14 +3,13 @@
 use crate::config::PLACES_FOR_OPERATORS;
 use crate::descriptors;
 use crate::error::BusError;
-use crate::event::EventKind;
 use crate::folder::{BusFolder, SHARED_MEMORY, other_users, user_name};
-use crate::layout::Payload;
 use crate::name::Channel;
 use crate::node_counter;
 use crate::stale_resources::{self, OpeningLock};
 use core::fmt::Debug;
 use core::time::Duration;
+use evolvent_wire::{EventKind, Payload};
 use iceoryx2::node::{NodeCreationFailure, NodeView};
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::*;

@@ -1,6 +1,6 @@
 //! What the core commands at one instant, as the watch needs it.
 
-use evolvent_bus::{AXES, Setpoint};
+use evolvent_wire::{AXES, Setpoint};
 
 use crate::power::PowerRequest;
 

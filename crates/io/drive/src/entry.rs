@@ -3,7 +3,7 @@
 //! A message that fails is not used at all. One wrong field means that sender and receiver do not understand each other,
 //! so its other fields are not worth more.
 
-use evolvent_bus::{AXES, Feedback};
+use evolvent_wire::{AXES, Feedback};
 
 use crate::alarm::DriveAlarm;
 
@@ -77,7 +77,7 @@ impl FeedbackBounds {
         for (field, mask) in masks {
             within(field, None, f64::from(mask), f64::from(all_axes))?;
         }
-        let states = evolvent_bus::BRIDGE_STATES.len() as f64 - 1.0;
+        let states = evolvent_wire::BRIDGE_STATES.len() as f64 - 1.0;
         within("bridge_state", None, f64::from(feedback.bridge_state), states)?;
         within("datum", None, feedback.datum as f64, MAX_DATUM as f64)?;
         within(

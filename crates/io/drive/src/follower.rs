@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use evolvent_bus::{AXES, Setpoint};
+use evolvent_wire::{AXES, Setpoint};
 use thiserror::Error;
 
 use crate::brake::{Brake, BrakeState};

@@ -47,4 +47,4 @@ pub use status_word::{DriveState, bits};
 pub use watch::{FeedbackWatch, Presence, WatchMode, WatchSettings};
 
 /// Number of axes, in the order X Y Z A B C U V W.
-pub use evolvent_bus::AXES;
+pub use evolvent_wire::AXES;

@@ -107,7 +107,7 @@ impl Note {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use evolvent_bus::{BRIDGE_NOTES, BRIDGE_STATES, POWER_REQUESTS};
+    use evolvent_wire::{BRIDGE_NOTES, BRIDGE_STATES, POWER_REQUESTS};
 
     fn spelled(name: impl core::fmt::Debug) -> String {
         format!("{name:?}").to_uppercase()

@@ -1,6 +1,6 @@
 //! The core's watch over what comes back from the drives.
 
-use evolvent_bus::{AXES, Feedback};
+use evolvent_wire::{AXES, Feedback};
 
 use crate::alarm::DriveAlarm;
 use crate::command::Command;

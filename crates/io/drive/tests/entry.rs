@@ -1,8 +1,8 @@
 //! Feedback at entry: random bits in every field, judged by what the contract says of the field.
 #![expect(clippy::print_stdout, reason = "random tests tell their seed")]
 
-use evolvent_bus::{AXES, BRIDGE_STATES, Feedback};
 use evolvent_drive::{DriveAlarm, FeedbackBounds};
+use evolvent_wire::{AXES, BRIDGE_STATES, Feedback};
 
 const NOW_NS: u64 = 5_000_000_000_000;
 const TRAVEL: [f64; 2] = [-400.0, 100.0];

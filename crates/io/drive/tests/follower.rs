@@ -5,10 +5,10 @@
 mod common;
 
 use common::Random;
-use evolvent_bus::{AXES, Setpoint};
 use evolvent_drive::{
     BridgeState, Follower, FollowerSettings, Note, PowerRequest, Rejection, SettingsError, Target,
 };
+use evolvent_wire::{AXES, Setpoint};
 
 const PERIOD_NS: u64 = 1_000_000;
 const BRIDGED: u32 = 4;

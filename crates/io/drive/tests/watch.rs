@@ -2,11 +2,11 @@
 
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
-use evolvent_bus::{AXES, Feedback};
 use evolvent_drive::{
     BridgeState, Command, DriveAlarm, DriveState, FeedbackWatch, Note, PowerRequest, Presence, WatchMode,
     WatchSettings, bits,
 };
+use evolvent_wire::{AXES, Feedback};
 
 const PERIOD_NS: u64 = 1_000_000;
 const AXES_MASK: u32 = 0b111;

@@ -1,7 +1,6 @@
 //! Commands and their answers.
 
 use crate::layout::{AXES, payload};
-use iceoryx2::prelude::ZeroCopySend;
 
 /// Bytes of a command's text: the name of a program, or a block of MDI.
 pub const COMMAND_TEXT_BYTES: usize = 1024;
@@ -147,10 +146,22 @@ pub const JOB_RESULTS: [(&str, u32); 5] = [
     ("FAULT", 4),
 ];
 
+/// Bits of `switches` in [`Status`](crate::Status).
+pub mod switches {
+    /// Every block waits for RESUME or STEP.
+    pub const SINGLE_STEP: u32 = 1 << 0;
+    /// M1 stops.
+    pub const OPTIONAL_STOP: u32 = 1 << 1;
+    /// Blocks that begin with `/` are skipped.
+    pub const BLOCK_DELETE: u32 = 1 << 2;
+    /// A feed hold is in force.
+    pub const HOLD: u32 = 1 << 3;
+}
+
 /// Names and bits of `switches` in Status.
 pub const SWITCHES: [(&str, u32); 4] = [
-    ("SINGLE_STEP", 1 << 0),
-    ("OPTIONAL_STOP", 1 << 1),
-    ("BLOCK_DELETE", 1 << 2),
-    ("HOLD", 1 << 3),
+    ("SINGLE_STEP", switches::SINGLE_STEP),
+    ("OPTIONAL_STOP", switches::OPTIONAL_STOP),
+    ("BLOCK_DELETE", switches::BLOCK_DELETE),
+    ("HOLD", switches::HOLD),
 ];

@@ -1,5 +1,5 @@
-//! How a payload lies in memory, said once: the macro makes the Rust struct and the table that the C header
-//! and the Python module are generated from.
+//! The memory layout of payloads, defined once: the macro generates the Rust struct and the table from which the C
+//! header and the Python module are generated.
 
 /// Number of axes in every payload, in the order X Y Z A B C U V W.
 pub const AXES: usize = 9;
@@ -113,7 +113,7 @@ impl StructLayout {
     }
 }
 
-/// A type that may stand in a payload: every bit pattern is a value of it.
+/// A type that a payload may contain: every bit pattern is a valid value.
 pub(crate) trait Field {
     /// The element type.
     const SCALAR: Scalar;
@@ -171,8 +171,7 @@ macro_rules! payload {
     ) => {
         $(#[doc = $struct_doc])*
         #[repr(C)]
-        #[derive(Clone, Copy, Debug, PartialEq, ZeroCopySend)]
-        #[type_name($type_name)]
+        #[derive(Clone, Copy, Debug, PartialEq)]
         pub struct $name {
             /// Version of the bus contract that the sender was built for; receivers refuse another.
             pub interface_version: u32,
@@ -229,6 +228,14 @@ macro_rules! payload {
 
             fn struct_size(&self) -> u32 {
                 self.struct_size
+            }
+        }
+
+        // SAFETY: repr(C), without gaps (asserted below); `Field` admits integers and floats and arrays of them only.
+        #[cfg(feature = "zero-copy")]
+        unsafe impl iceoryx2_bb_elementary_traits::zero_copy_send::ZeroCopySend for $name {
+            unsafe fn type_name() -> &'static str {
+                $type_name
             }
         }
 

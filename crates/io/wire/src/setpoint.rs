@@ -1,7 +1,6 @@
 //! The setpoint: what the drives shall do at one instant.
 
 use crate::layout::{AXES, payload};
-use iceoryx2::prelude::ZeroCopySend;
 
 payload! {
     /// Where every axis shall be at one instant, and how it shall move there.
@@ -65,14 +64,34 @@ pub const STATES: [(&str, u32); 10] = [
     ("DONE", 9),
 ];
 
+/// Bits of `flags` in [`Setpoint`] and [`Status`](crate::Status), the same in the trace.
+pub mod flags {
+    /// The setpoint left after it was due.
+    pub const LATE: u32 = 1 << 0;
+    /// A feed hold is in force.
+    pub const HOLD: u32 = 1 << 1;
+    /// On a blend between two programmed blocks.
+    pub const BLEND: u32 = 1 << 2;
+    /// A rapid move (G0).
+    pub const RAPID: u32 = 1 << 3;
+    /// Within a step of curvature in exact-path mode, where jerk is bounded by the joint rule only.
+    pub const JOINT: u32 = 1 << 4;
+    /// The planner had not finished the next run: the speed here is lower than it could be.
+    pub const STARVED: u32 = 1 << 5;
+    /// The guard refused the planned setpoint.
+    pub const GUARD: u32 = 1 << 6;
+    /// The last setpoint of the run.
+    pub const LAST: u32 = 1 << 7;
+}
+
 /// Names and bits of `flags`, as on the bus and in the trace.
 pub const SETPOINT_FLAGS: [(&str, u32); 8] = [
-    ("LATE", 1 << 0),
-    ("HOLD", 1 << 1),
-    ("BLEND", 1 << 2),
-    ("RAPID", 1 << 3),
-    ("JOINT", 1 << 4),
-    ("STARVED", 1 << 5),
-    ("GUARD", 1 << 6),
-    ("LAST", 1 << 7),
+    ("LATE", flags::LATE),
+    ("HOLD", flags::HOLD),
+    ("BLEND", flags::BLEND),
+    ("RAPID", flags::RAPID),
+    ("JOINT", flags::JOINT),
+    ("STARVED", flags::STARVED),
+    ("GUARD", flags::GUARD),
+    ("LAST", flags::LAST),
 ];

@@ -2,7 +2,6 @@
 
 use crate::layout::{AXES, payload};
 use crate::setpoint::Setpoint;
-use iceoryx2::prelude::ZeroCopySend;
 
 /// Number of alarms that a status holds at most.
 pub const MAX_ALARMS: usize = 16;

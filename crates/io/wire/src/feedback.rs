@@ -1,7 +1,6 @@
 //! What comes back: the drives' answer and the cutting load.
 
 use crate::layout::{AXES, payload};
-use iceoryx2::prelude::ZeroCopySend;
 
 payload! {
     /// A drive bridge's answer to one setpoint.

@@ -45,7 +45,7 @@ impl EventKind {
     ];
 
     /// The largest number that the event service carries, with room for later events.
-    pub(crate) const MAX_NUMBER: usize = 63;
+    pub const MAX_NUMBER: usize = 63;
 
     /// The number on the bus.
     #[must_use]
