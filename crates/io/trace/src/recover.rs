@@ -16,7 +16,7 @@ use crate::container::{Container, MessageHeader};
 use crate::decode;
 use crate::reader::{FOOTER_LENGTH, attachment_head};
 use crate::record::{CycleRecord, EventKind, LogLevel};
-use crate::recorder::{log_line, sync_folder_of};
+use crate::recorder::{folder_of, log_line, sync_folder_of};
 use crate::recover_error::RecoverError;
 use crate::run_info::RunInfo;
 use crate::scan::{SEARCH_BYTES, Scan};
@@ -118,7 +118,10 @@ pub fn recover(source: &Path, output: Option<&Path>) -> Result<Recovered, Recove
     }
     let result = File::create(&temporary)
         .and_then(FileSink::new)
-        .and_then(|sink| Container::new(Box::new(sink), None, schema::PROFILE, schema::LIBRARY))
+        .and_then(|sink| {
+            let folder = Some(folder_of(&output));
+            Container::new(Box::new(sink), folder, schema::PROFILE, schema::LIBRARY)
+        })
         .map_err(write)
         .and_then(|container| {
             let mut rescue = Rescue::new(container);
@@ -312,21 +315,15 @@ impl Rescue {
 
     fn record(&mut self, scan: &mut Scan, offset: u64, opcode: u8, length: u64) -> Result<Fate, Trouble> {
         let content_at = offset + RECORD_HEAD as u64;
-        let load = |scan: &mut Scan| {
-            let length = usize::try_from(length).map_err(|_| io::ErrorKind::OutOfMemory)?;
-            scan.read(content_at, length)
-        };
         match opcode {
             op::DATA_END => Ok(if length == 4 { Fate::End } else { Fate::Damaged }),
             op::ATTACHMENT => self.attachment(scan, content_at, length),
             op::CHUNK if length <= MAX_CHUNK_BYTES => {
-                let size = RECORD_HEAD + usize::try_from(length).unwrap_or(usize::MAX);
-                let record = scan.read(offset, size).map_err(Trouble::Read)?;
-                self.chunk(&record)
+                let size = RECORD_HEAD + length as usize;
+                self.chunk(&scan.read(offset, size).map_err(Trouble::Read)?)
             }
             op::METADATA if length <= MAX_CHUNK_BYTES => {
-                let content = load(scan).map_err(Trouble::Read)?;
-                self.metadata(&content)
+                self.metadata(&scan.read(content_at, length as usize).map_err(Trouble::Read)?)
             }
             // The index of the chunk before is written again; the header says nothing that matters.
             op::MESSAGE_INDEX | op::HEADER => Ok(Fate::Kept),
