@@ -1,81 +1,69 @@
 //! RS274/NGC: text in, a lazy stream of canonical commands out, errors with their place.
 //!
-//! ```text
-//! bytes ─► lines ─► O-words ─► words ─► plan of the line ─► commands
-//!         reader    flow       parser   statement           execute: order of execution, modal state,
-//!         bounded   tape       formulas codes, groups       motion, round, spline, cycles, compensation
+//! ```
+//! use evolvent_gcode::{Action, Interpreter, Settings};
+//!
+//! let program = "G21 G90\nG1 X10 F600\nG2 X20 I5\nM2\n";
+//! let commands = Interpreter::new(program.as_bytes(), Settings::default());
+//! let mut lengths = Vec::new();
+//! for command in commands {
+//!     if let Action::Move(path) = command?.action {
+//!         lengths.push(path.curve.length());
+//!     }
+//! }
+//! assert_eq!(lengths.len(), 2);
+//! assert!((lengths[1] - 5.0 * std::f64::consts::PI).abs() < 1e-9);
+//! # Ok::<(), evolvent_gcode::Diagnostic>(())
 //! ```
 //!
-//! [`Interpreter`] is an iterator. It reads one line at a time. O-words decide which line is next: a running loop's
-//! lines are kept on a tape, subroutines in a library, everything else passes by. Words get their values while
-//! they are read, from [parameters](Interpreter::parameter) and formulas; the codes are sorted into modal groups and
-//! the other words to the codes that use them; only then the line is executed, in the order of RS274/NGC, table 8.
-//! A line counts as a whole: after an error modal state and parameters are those before it, so one can go on and find
-//! the next error.
+//! ```text
+//! bytes ─► lines ─► O-words ─► words ─────► codes and words ─► commands
+//!         syntax    interpreter syntax      codes, syntax      execution, with state and parameters
+//! ```
 //!
-//! What comes out is free of modes: [`Move`]s carry a curve in machine coordinates in mm and degrees, a speed in mm/s
-//! and the path mode; planners need not know about units, planes, offsets, cycles or the cutter's radius. What the
-//! core cannot do yet comes out too, and [`Action::unsupported_feature`] says so: whoever moves a machine refuses it.
+//! [`Interpreter`] is an iterator and reads one line at a time. O-words decide which line is next: the lines of a running
+//! loop are kept, subroutines are held in a library. Words get their values while they are read, from
+//! [parameters](Interpreter::parameter) and formulas. Codes are sorted into modal groups and the other words to the codes
+//! that use them; then the line is executed in the order of RS274/NGC, table 8. A line counts as a whole: after an error
+//! modal state and parameters are those before it, so the next error can be found.
+//!
+//! | module | contents |
+//! |---|---|
+//! | `syntax` | lines, tokens, words, formulas, comments; which word belongs to which code |
+//! | `codes` | G and M codes, modal groups |
+//! | `parameters` | numbered and named parameters, values of the system |
+//! | `state` | modal state, settings, outputs |
+//! | `execution` | lines, arcs, splines, holes, offsets, cutter compensation, canned cycles |
+//! | `interpreter` | O-words, subroutines, restart at a line |
+//! | `tables` | tool table and parameter file |
+//! | `diagnostics` | errors, hints, what other dialects mean |
+//!
+//! What comes out is free of modes: a [`Move`] carries a curve in machine coordinates in mm and degrees, a speed in mm/s
+//! and the path mode, so planners know nothing of units, planes, offsets, cycles or the cutter's radius. What the core
+//! cannot do yet comes out too, and [`Action::unsupported_feature`] says so: whoever moves a machine refuses it.
 //!
 //! Where the standard is silent, or LinuxCNC does otherwise, `docs/SPECNOTES.md` says what happens here;
-//! `tools/compare-rs274` holds both interpreters against each other.
-//!
-//! Nothing here is for the real-time cycle.
+//! `tools/compare-rs274` compares both interpreters. Nothing here is for the real-time cycle: it allocates.
 
-mod block;
-mod calls;
-mod capture;
-mod code;
 mod codes;
 mod command;
-mod comment;
-mod compensation;
-mod cycles;
-mod diagnostic;
-mod effects;
-mod execute;
-mod expression;
-mod flow;
-mod foreign;
-mod hints;
-mod hole;
+mod diagnostics;
+mod execution;
 mod interpreter;
-mod kept;
-mod lexer;
-mod lines;
-mod modal;
-mod motion;
-mod names;
-mod offset_path;
-mod offsets;
-mod outputs;
 mod parameters;
-mod parser;
-mod profile;
-mod reader;
-mod restart;
-mod roughing;
-mod round;
-mod scope;
-mod settings;
-mod spline;
 mod state;
-mod statement;
-mod store;
-mod system;
-mod tools;
-mod turning;
-mod word_faults;
+mod syntax;
+mod tables;
 
-pub use code::Code;
+pub use codes::code::Code;
 pub use command::{Action, Command, LogAction, Move, MoveKind, Origin, PathMode, SpindleDirection};
-pub use diagnostic::{Call, Diagnostic};
+pub use diagnostics::diagnostic::{Call, Diagnostic};
+pub use execution::cycles::turning::{TurningCycle, TurningKind};
 pub use interpreter::Interpreter;
-pub use kept::{KeptParameters, ParameterFileError};
-pub use modal::Modal;
-pub use outputs::Outputs;
-pub use restart::{Approach, Restart};
-pub use settings::{ArcTolerance, Settings, TurningWords, WORK_OFFSETS};
-pub use store::StoreError;
-pub use tools::{Tool, ToolTable, ToolTableError};
-pub use turning::{TurningCycle, TurningKind};
+pub use interpreter::modal::Modal;
+pub use interpreter::restart::{Approach, Restart};
+pub use state::outputs::Outputs;
+pub use state::settings::{ArcTolerance, Settings, TurningWords, WORK_OFFSETS};
+pub use tables::parameter_file::{KeptParameters, ParameterFileError};
+pub use tables::store::StoreError;
+pub use tables::tools::{Tool, ToolTable, ToolTableError};

@@ -1,0 +1,108 @@
+//! What other dialects write, and what to write here: only looked at where a line has an error.
+
+use crate::Code;
+use crate::diagnostics::diagnostic::{Fault, Span};
+
+/// Words that other dialects begin a line with.
+const KEYWORDS: [(&str, &str, &str); 5] = [
+    (
+        "IF",
+        "IF is not a word of this dialect: conditions are O-words",
+        "write O1 if [#1 EQ 1], the lines that depend on it, O1 endif; there is no GOTO",
+    ),
+    (
+        "WHILE",
+        "WHILE ... DO is not a word of this dialect: loops are O-words",
+        "write O1 while [#1 LT 3], the lines to repeat, O1 endwhile",
+    ),
+    (
+        "END",
+        "END is not a word of this dialect: loops end with an O-word",
+        "write O1 endwhile, with the number or name of the O1 while that begins the loop",
+    ),
+    (
+        "GOTO",
+        "GOTO is not a word of this dialect: there are no jumps to line numbers",
+        "write O1 if [...] ... O1 endif to skip lines, O1 while [...] ... O1 endwhile to repeat them",
+    ),
+    (
+        "THEN",
+        "THEN is not a word of this dialect: conditions are O-words",
+        "write O1 if [...], the lines that depend on it, O1 endif",
+    ),
+];
+
+/// The error of a line that is written in another dialect, instead of what the parser finds in it.
+#[cold]
+pub(crate) fn explain(text: &[u8], fault: Fault) -> Fault {
+    let Some((span, word)) = first_word(text) else {
+        return fault;
+    };
+    let found = KEYWORDS.iter().find(|(keyword, ..)| *keyword == word);
+    match found {
+        Some((_, message, help)) => Fault::new(Code::OWord, span, *message).help(*help),
+        None => fault,
+    }
+}
+
+/// The letters that a line begins with, behind `/` and a line number, in capitals.
+fn first_word(text: &[u8]) -> Option<(Span, String)> {
+    let blank = |byte: &u8| matches!(byte, b' ' | b'\t');
+    let skip = |mut place: usize, is: &dyn Fn(&u8) -> bool| {
+        while text.get(place).is_some_and(is) {
+            place += 1;
+        }
+        place
+    };
+    let mut place = skip(0, &|byte| blank(byte) || *byte == b'/');
+    if matches!(text.get(place), Some(b'N' | b'n')) && text.get(place + 1).is_some_and(u8::is_ascii_digit) {
+        place = skip(place + 1, &|byte| byte.is_ascii_digit() || blank(byte));
+    }
+    let end = skip(place, &u8::is_ascii_alphabetic);
+    let word = text.get(place..end)?.to_ascii_uppercase();
+    (end > place + 1).then(|| (Span::new(place, end), String::from_utf8_lossy(&word).into_owned()))
+}
+
+/// What to write instead of a G code that other dialects have, by its number times ten.
+#[cold]
+pub(crate) fn g_code(tenths: u32) -> Option<(&'static str, &'static str)> {
+    Some(match tenths {
+        680 | 681 => (
+            "G68 is not a code of this dialect: coordinates are rotated with a work offset",
+            "write G10 L2 P0 R30 to rotate XY by 30 degrees about the work zero, G10 L2 P0 R0 to end it",
+        ),
+        690 | 691 => (
+            "G69 is not a code of this dialect: coordinates are rotated with a work offset",
+            "write G10 L2 P0 R0 to end the rotation of the work offset in force",
+        ),
+        650 | 660 | 661 | 670 => (
+            "macro calls (G65, G66, G67) are not codes of this dialect: subroutines are called by O-words",
+            "write O1000 call [1] [2], whose values are #1 and #2 in O1000 sub ... O1000 endsub; or M98 P1000",
+        ),
+        541 => (
+            "G54.1 is not a code of this dialect: there are nine work offsets",
+            "write G54 to G59, G59.1, G59.2 or G59.3; G10 L2 P1 to P9 and parameters hold more",
+        ),
+        434 | 435 => (
+            "tool centre point control (G43.4, G43.5) is not available",
+            "write G43 H.. with a program whose postprocessor has worked out the rotary axes",
+        ),
+        310 => (
+            "G31 is not a code of this dialect: probing is G38",
+            "write G38.2 (error without contact) or G38.3",
+        ),
+        320 => (
+            "G32 is not a code of this dialect: threading is G33",
+            "write G33 with K, the pitch, or the cycle G76",
+        ),
+        500 | 510 => (
+            "scaling (G50, G51) is not a code of this dialect",
+            "multiply in the program, as in X[2 * 10]",
+        ),
+        150 | 160 => (
+            "polar coordinates (G15, G16) are not codes of this dialect: they are words",
+            "write @ for the distance from the program zero and ^ for the angle, as in G0 @10 ^45",
+        ),
+        _ => return None,
+    })
+}

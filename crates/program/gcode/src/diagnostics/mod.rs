@@ -1,0 +1,5 @@
+//! Errors with their place, and what other dialects mean.
+
+pub(crate) mod diagnostic;
+pub(crate) mod foreign;
+pub(crate) mod hints;

@@ -1,0 +1,438 @@
+//! Words of arcs and involutes to curves.
+//!
+//! RS274/NGC, 3.5.3: centre format (I J K) and radius format (R). Tolerances and texts as LinuxCNC's, so that a
+//! program passes here if it passes there. Involutes: Fanuc's words (G2.2, G3.2) and a linear third axis.
+
+use evolvent_path::{Arc, Axes, Blend, Curve, Involute, InvoluteError, Jet, MAX_ARC_TURNS, Plane, Sense};
+
+use crate::diagnostics::diagnostic::Fault;
+use crate::execution::execute::Executor;
+use crate::state::machine_state::State;
+use crate::syntax::statement::Statement;
+use crate::{Code, MoveKind, Settings};
+
+/// How far an arc in a turned plane may be off, mm.
+const TURNED_TOLERANCE_MM: f64 = 1e-4;
+
+/// The letters that belong to a plane.
+struct Letters {
+    first: u8,
+    second: u8,
+    /// Centre words along first, second and across.
+    centre: [u8; 3],
+    /// Indices of the in-plane axes.
+    axes: [usize; 2],
+}
+
+impl Letters {
+    fn of(plane: Plane) -> Self {
+        let (first, second, normal) = plane.axes();
+        Self {
+            first: b"XYZ"[first],
+            second: b"XYZ"[second],
+            centre: [b"IJK"[first], b"IJK"[second], b"IJK"[normal]],
+            axes: [first, second],
+        }
+    }
+
+    fn has_end(&self, line: &Statement) -> bool {
+        line.has(self.first) || line.has(self.second) || line.has_polar()
+    }
+
+    fn names(&self) -> (char, char) {
+        (char::from(self.first), char::from(self.second))
+    }
+
+    fn centre_names(&self) -> (char, char) {
+        (char::from(self.centre[0]), char::from(self.centre[1]))
+    }
+}
+
+impl Executor<'_> {
+    /// G2, G3.
+    pub(crate) fn arc(&mut self, sense: Sense) -> Result<(), Fault> {
+        let plane = match self.state.plane() {
+            Some(plane) => plane,
+            None => return Err(self.wrong_plane("an arc")),
+        };
+        let name = if sense == Sense::Clockwise { "G2" } else { "G3" };
+        self.check_feed(name)?;
+        if self.state.cutter.programmed.is_some() && !self.state.cutter.is_on() {
+            let message = format!("{name} right after G40");
+            let fault = Fault::new(Code::CompensationActive, self.line.motion_span(), message);
+            return Err(fault.help("the tool comes back to the programmed path on a straight move: G0 or G1"));
+        }
+        let target = self.target()?;
+        if self.state.rotation[0] != 0.0 && plane != Plane::Xy {
+            return self.turned_arc(plane, sense, target);
+        }
+        let curve = arc(self.state, plane, sense, target, self.line, self.settings)?;
+        if self.state.cutter.is_on() {
+            return self.compensated_arc(curve);
+        }
+        let feed = self.speed(curve.length(), false);
+        let path_mode = self.state.modes.path_mode;
+        self.put_curve(curve, MoveKind::Feed, feed, path_mode)
+    }
+
+    /// An arc in G18 or G19 while XY is rotated: it lies in an upright plane that no axis is part of, and is run as a chain of
+    /// quintics, each within [`TURNED_TOLERANCE_MM`] of it.
+    fn turned_arc(&mut self, plane: Plane, sense: Sense, target: Axes) -> Result<(), Fault> {
+        if self.state.cutter.is_on() {
+            return Err(self.wrong_plane("cutter compensation in rotated coordinates"));
+        }
+        // In coordinates that are turned back by the rotation the arc lies in its plane.
+        let state = &*self.state;
+        let mut straight = *state;
+        straight.rotation = [0.0, 1.0, 0.0];
+        straight.work = state.turn_back(state.work + state.tool_offset);
+        straight.tool_offset = Axes::zeros();
+        straight.position = state.turn_back(state.position);
+        straight.cutter.programmed = None;
+        let target = state.turn_back(target);
+        let curve = arc(&straight, plane, sense, target, self.line, self.settings)?;
+        let radius = match &curve {
+            Curve::Arc(arc) => arc.radius_mm(),
+            _ => 0.0,
+        };
+        // A quintic through both ends of an angle with two derivatives is off by radius * angle^6 / (6! 2^6).
+        let angle = libm::pow(46_080.0 * TURNED_TOLERANCE_MM / radius.max(1e-3), 1.0 / 6.0).min(0.5);
+        let length = curve.length();
+        let count = (length / (angle * radius.max(1e-3))).ceil().clamp(1.0, 1e6);
+        let width = length / count;
+        let state = *self.state;
+        let turned = |u: f64| {
+            let jet = curve.at(u);
+            Jet {
+                position: state.turn(jet.position),
+                first: state.turn(jet.first),
+                second: state.turn(jet.second),
+                third: state.turn(jet.third),
+            }
+        };
+        let mut left = turned(0.0);
+        left.position = state.position;
+        let mut pieces = Vec::new();
+        for index in 1..=count as u64 {
+            let right = turned((width * index as f64).min(length));
+            let blend = Blend::hermite(&left, &right, width)
+                .map_err(|error| Fault::new(Code::ArcRefused, self.line.motion_span(), error.to_string()))?;
+            pieces.push(Curve::Blend(blend));
+            left = right;
+        }
+        self.put_pieces(&pieces)
+    }
+
+    /// G2.2, G3.2.
+    pub(crate) fn involute(&mut self, sense: Sense) -> Result<(), Fault> {
+        let plane = self.round_plane("an involute")?;
+        let name = if sense == Sense::Clockwise { "G2.2" } else { "G3.2" };
+        self.check_feed(name)?;
+        if self.state.cutter.is_on() {
+            let message = format!("{name} while cutter compensation is on");
+            let fault = Fault::new(Code::CompensationActive, self.line.motion_span(), message);
+            return Err(fault.help("write G40 first, and program the path of the tool's centre"));
+        }
+        let target = self.target()?;
+        let curve = involute(self.state, plane, sense, target, self.line, self.settings)?;
+        let feed = self.speed(curve.length(), false);
+        let path_mode = self.state.modes.path_mode;
+        self.put_curve(curve, MoveKind::Feed, feed, path_mode)
+    }
+
+    fn round_plane(&self, what: &str) -> Result<Plane, Fault> {
+        match self.state.plane() {
+            Some(plane) if plane == Plane::Xy || self.state.rotation[0] == 0.0 => Ok(plane),
+            Some(_) => Err(self.wrong_plane(&format!("{what} in rotated coordinates"))),
+            None => Err(self.wrong_plane(what)),
+        }
+    }
+}
+
+/// The arc of a line. `target` is the end in machine coordinates.
+fn arc(
+    state: &State,
+    plane: Plane,
+    sense: Sense,
+    mut target: Axes,
+    line: &Statement,
+    settings: &Settings,
+) -> Result<Curve, Fault> {
+    let letters = Letters::of(plane);
+    let (first, second) = letters.names();
+    let (i, j) = letters.centre_names();
+    let span = line.motion_span();
+    let centred = letters.centre.iter().any(|letter| line.has(*letter));
+    if !centred && !line.has(b'R') {
+        let message = format!("an arc without {i}, {j} or R");
+        return Err(Fault::new(Code::ArcCentreMissing, span, message).help(format!(
+            "write {i} and {j}, from the start to the centre, or the radius R"
+        )));
+    }
+    if centred && line.has(b'R') {
+        let message = format!("an arc with R and with {i} or {j}");
+        return Err(Fault::new(Code::ArcMixedFormat, line.span(b'R'), message).help("give one of them only"));
+    }
+    let turns = turns(line)?;
+    let from = state.programmed();
+    let start = [from[letters.axes[0]], from[letters.axes[1]]];
+    let end = [target[letters.axes[0]], target[letters.axes[1]]];
+    let centre = if line.has(b'R') {
+        if !letters.has_end(line) {
+            let message = format!("an arc with R needs its end: {first} or {second}");
+            return Err(Fault::new(Code::ArcEndMissing, span, message));
+        }
+        centre_by_radius(state, sense, start, end, line, settings, &letters)?
+    } else {
+        centre_by_offset(state, start, end, line, settings, &letters)?
+    };
+    if !line.has(b'R') && same_point(start, end) {
+        // A full circle: rounding of the end must not make it a speck.
+        target[letters.axes[0]] = start[0];
+        target[letters.axes[1]] = start[1];
+    }
+    Arc::new(plane, from, target, centre, sense, turns)
+        .map(Curve::Arc)
+        .map_err(|error| Fault::new(Code::ArcRefused, span, error.to_string()))
+}
+
+/// Full turns beyond the first, from P.
+fn turns(line: &Statement) -> Result<u32, Fault> {
+    let Some(p) = line.word(b'P') else { return Ok(0) };
+    let rounded = p.round();
+    if (p - rounded).abs() > 1e-4 || rounded < 1.0 || rounded > f64::from(MAX_ARC_TURNS) {
+        let message = format!("P{p}: P on an arc is the number of turns, a whole number from 1");
+        return Err(Fault::new(Code::ArcTurns, line.span(b'P'), message));
+    }
+    Ok(rounded as u32 - 1)
+}
+
+/// Whether an arc's end is its start, but for the rounding of sums of increments and offsets.
+fn same_point(start: [f64; 2], end: [f64; 2]) -> bool {
+    let near = |a: f64, b: f64| (a - b).abs() <= 1e-10 + 8.0 * f64::EPSILON * a.abs().max(b.abs());
+    near(start[0], end[0]) && near(start[1], end[1])
+}
+
+fn centre_by_offset(
+    state: &State,
+    start: [f64; 2],
+    end: [f64; 2],
+    line: &Statement,
+    settings: &Settings,
+    letters: &Letters,
+) -> Result<[f64; 2], Fault> {
+    let across = letters.centre[2];
+    if line.has(across) {
+        let message = format!("{} does not lie in the plane of this arc", char::from(across));
+        let (i, j) = letters.centre_names();
+        return Err(
+            Fault::new(Code::ArcOffsetAcrossPlane, line.span(across), message).help(format!(
+                "in this plane an arc's centre has {i} and {j}; G17, G18, G19 choose the plane"
+            )),
+        );
+    }
+    let unit = state.unit_mm();
+    let mut words = Axes::zeros();
+    for place in 0..2 {
+        let word = line.word(letters.centre[place]);
+        if word.is_none() && state.modes.arc_centre_absolute {
+            let name = char::from(letters.centre[place]);
+            let message = format!("{name} is missing: G90.1 makes the centre absolute");
+            return Err(Fault::new(Code::ArcCentreIncomplete, line.motion_span(), message)
+                .help("give both centre words, or G91.1 for a centre relative to the start"));
+        }
+        words[letters.axes[place]] = word.unwrap_or(0.0) * unit;
+    }
+    let absolute = state.modes.arc_centre_absolute;
+    let turned = if absolute {
+        state.machine_of(words)
+    } else {
+        state.turn(words)
+    };
+    let centre = [0, 1].map(|place| {
+        let base = if absolute { 0.0 } else { start[place] };
+        base + turned[letters.axes[place]]
+    });
+    check_radii(state, start, end, centre, line, settings, letters)?;
+    Ok(centre)
+}
+
+/// LinuxCNC's two conditions on an arc in centre format, with its texts.
+fn check_radii(
+    state: &State,
+    start: [f64; 2],
+    end: [f64; 2],
+    centre: [f64; 2],
+    line: &Statement,
+    settings: &Settings,
+    letters: &Letters,
+) -> Result<(), Fault> {
+    let radius = |point: [f64; 2]| libm::hypot(point[0] - centre[0], point[1] - centre[1]);
+    let (r1, r2) = (radius(start), radius(end));
+    let difference = (r1 - r2).abs();
+    let relative = difference / r1.max(r2);
+    let tolerance = if state.modes.inches {
+        settings.arc.inch_mm
+    } else {
+        settings.arc.metric_mm
+    };
+    let zero_radius = r1 < settings.arc.radius_mm || r2 < settings.arc.radius_mm;
+    let mismatch =
+        difference > 100.0 * tolerance || difference > tolerance && relative > settings.arc.relative;
+    if !zero_radius && !mismatch {
+        return Ok(());
+    }
+    let (first, second) = letters.names();
+    let shown = |point: [f64; 2]| {
+        let mut machine = state.position;
+        (machine[letters.axes[0]], machine[letters.axes[1]]) = (point[0], point[1]);
+        let program = state.program_of(machine);
+        let value = |place: usize| program[letters.axes[place]] / state.unit_mm();
+        format!("({first}{:.4},{second}{:.4})", value(0), value(1))
+    };
+    let unit = state.unit_mm();
+    let figures = format!(
+        "start={} center={} end={} r1={:.4} r2={:.4}",
+        shown(start),
+        shown(centre),
+        shown(end),
+        r1 / unit,
+        r2 / unit
+    );
+    let (i, j) = letters.centre_names();
+    if zero_radius {
+        return Err(Fault::new(
+            Code::ArcZeroRadius,
+            line.motion_span(),
+            format!("Zero-radius arc: {figures}"),
+        )
+        .help(format!("{i} and {j} lead from the start to the centre")));
+    }
+    let message = format!(
+        "Radius to end of arc differs from radius to start: {figures} abs_err={:.4} rel_err={:.4}%",
+        difference / unit,
+        100.0 * relative
+    );
+    let meaning = if state.modes.arc_centre_absolute {
+        "absolute (G90.1)"
+    } else {
+        "from the start (G91.1)"
+    };
+    Err(
+        Fault::new(Code::ArcRadiusMismatch, line.motion_span(), message).help(format!(
+            "the end must lie on the circle; {i} and {j} are {meaning} now"
+        )),
+    )
+}
+
+fn centre_by_radius(
+    state: &State,
+    sense: Sense,
+    start: [f64; 2],
+    end: [f64; 2],
+    line: &Statement,
+    settings: &Settings,
+    letters: &Letters,
+) -> Result<[f64; 2], Fault> {
+    let r = line.word(b'R').unwrap_or(0.0) * state.unit_mm();
+    let chord = [end[0] - start[0], end[1] - start[1]];
+    let length = libm::hypot(chord[0], chord[1]);
+    let half = 0.5 * length;
+    if same_point(start, end) {
+        let (i, j) = letters.centre_names();
+        let message = "an arc with R that ends where it starts could be any circle";
+        return Err(Fault::new(Code::ArcNoChord, line.motion_span(), message)
+            .help(format!("for a full circle write {i} and {j} instead of R")));
+    }
+    if half - r.abs() > settings.arc.radius_mm {
+        let unit = state.unit_mm();
+        let message = format!(
+            "Arc radius too small to reach end point: R {:.4}, half the distance {:.4}",
+            r.abs() / unit,
+            half / unit
+        );
+        return Err(Fault::new(Code::ArcRadiusTooSmall, line.span(b'R'), message));
+    }
+    // Distance of the centre from the chord, by a product that loses nothing near the semicircle. A radius a
+    // rounding short of the semicircle is one.
+    let height = ((r.abs() - half).max(0.0) * (r.abs() + half)).sqrt();
+    // R > 0: at most half a turn, so the centre is on the side to which the arc turns.
+    let side = sense.sign() * if r < 0.0 { -1.0 } else { 1.0 };
+    let scale = side * height / length;
+    Ok([
+        start[0] + 0.5 * chord[0] - scale * chord[1],
+        start[1] + 0.5 * chord[1] + scale * chord[0],
+    ])
+}
+
+/// The involute of a line.
+fn involute(
+    state: &State,
+    plane: Plane,
+    sense: Sense,
+    target: Axes,
+    line: &Statement,
+    settings: &Settings,
+) -> Result<Curve, Fault> {
+    let letters = Letters::of(plane);
+    let (first, second) = letters.names();
+    let (i, j) = letters.centre_names();
+    let span = line.motion_span();
+    if !letters.has_end(line) {
+        let message = format!("an involute needs its end: {first} and {second}");
+        return Err(Fault::new(Code::InvoluteEndMissing, span, message));
+    }
+    let across = letters.centre[2];
+    if line.has(across) {
+        let message = format!(
+            "{} does not lie in the plane of this involute",
+            char::from(across)
+        );
+        return Err(
+            Fault::new(Code::InvoluteOffsetAcrossPlane, line.span(across), message)
+                .help(format!("in this plane the base circle's centre has {i} and {j}")),
+        );
+    }
+    let unit = state.unit_mm();
+    let mut words = Axes::zeros();
+    for place in 0..2 {
+        words[letters.axes[place]] = line.word(letters.centre[place]).unwrap_or(0.0) * unit;
+    }
+    let words = state.turn(words);
+    let offset = [0, 1].map(|place| words[letters.axes[place]]);
+    if offset == [0.0; 2] {
+        let message = format!("an involute needs {i} and {j}, and not both 0");
+        return Err(Fault::new(Code::InvoluteCentreMissing, span, message)
+            .help("they lead from the start to the base circle's centre, also in G90.1"));
+    }
+    let radius = line.word(b'R').unwrap_or(0.0) * unit;
+    if radius <= 0.0 {
+        return Err(Fault::new(
+            Code::InvoluteRadiusMissing,
+            line.span(b'R'),
+            "an involute needs R above 0",
+        )
+        .help("R is the radius of the base circle"));
+    }
+    let centre = [0, 1].map(|place| state.position[letters.axes[place]] + offset[place]);
+    Involute::new(
+        plane,
+        state.position,
+        target,
+        centre,
+        radius,
+        sense,
+        settings.involute_tolerance_mm,
+    )
+    .map(Curve::Involute)
+    .map_err(|error| {
+        let code = match error {
+            InvoluteError::StartInside { .. } | InvoluteError::EndInside { .. } => Code::InvoluteInside,
+            InvoluteError::EqualRadii { .. } => Code::InvoluteEqualRadii,
+            InvoluteError::Turns { .. } => Code::InvoluteTurns,
+            InvoluteError::OffInvolute { .. } => Code::InvoluteMissed,
+            _ => Code::InvoluteRefused,
+        };
+        Fault::new(code, span, error.to_string())
+    })
+}

@@ -1,0 +1,544 @@
+//! Cutter compensation: G40 to G42.1, in G17 and G18.
+//!
+//! The tool's centre runs beside the programmed path, one radius to the left (G41) or to the right. How a move
+//! ends is known only when the next one is: at an outer corner both ends are joined by an arc about the corner, at
+//! an inner corner both are cut off where the offset paths cross. So the last move waits among the commands, and
+//! whatever follows it waits too, until the next move in the plane has come.
+
+use evolvent_path::{Arc, Axes, Curve, Line, MIN_RADIUS_MM, Plane, Sense};
+
+use crate::codes::modal_groups::{Compensation, Group};
+use crate::diagnostics::diagnostic::Fault;
+use crate::execution::execute::Executor;
+use crate::execution::offset_path::{Corner, Element, Misfit, Point, ROUNDING_MM, Shape};
+use crate::execution::offset_path::{add, along, dot, left, length, sub};
+use crate::tables::tools::MAX_ORIENTATION;
+use crate::{Action, Code, Command, Move, MoveKind};
+
+/// A command of an earlier line as it was before this line cut it off.
+#[derive(Clone, Debug)]
+pub(crate) struct Changed {
+    pub(crate) index: usize,
+    pub(crate) command: Command,
+    /// It is no longer among the commands.
+    pub(crate) removed: bool,
+}
+
+/// What compensation keeps between lines.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct CutterState {
+    pub(crate) code: Compensation,
+    /// Where the program is, while the tool's centre is elsewhere.
+    pub(crate) programmed: Option<Axes>,
+    radius: f64,
+    /// +1 to the left.
+    side: f64,
+    /// From the centre of the tool's nose to the point that the machine moves, in the plane: not zero for turning tools.
+    nose: Point,
+    /// The last move in the plane, which may still be cut off.
+    last: Option<Element>,
+    /// Where among the commands the last move waits.
+    pub(crate) held: Option<usize>,
+}
+
+impl Default for CutterState {
+    fn default() -> Self {
+        Self {
+            code: Compensation::Off,
+            programmed: None,
+            radius: 0.0,
+            side: 1.0,
+            nose: [0.0; 2],
+            last: None,
+            held: None,
+        }
+    }
+}
+
+impl CutterState {
+    pub(crate) fn is_on(&self) -> bool {
+        self.code != Compensation::Off
+    }
+}
+
+/// From the centre of a nose to the point of a turning tool whose place the program tells, in Z and X: the tip that
+/// lines along Z and X through the nose's ends have in common, or the end of the nose itself.
+///
+/// Directions are those of LinuxCNC's tool table, 1 to 9; 0 is a mill and, like 9, has its point at the centre.
+fn nose(orientation: u32, radius: f64) -> Point {
+    let z = match orientation {
+        2 | 3 | 7 => -radius,
+        1 | 4 | 5 => radius,
+        _ => 0.0,
+    };
+    let x = match orientation {
+        1 | 2 | 6 => -radius,
+        3 | 4 | 8 => radius,
+        _ => 0.0,
+    };
+    [z, x]
+}
+
+/// Length in XYZ.
+fn curve_length(from: &Axes, to: &Axes) -> f64 {
+    let step = to - from;
+    libm::sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2])
+}
+
+/// An arc with about this swept angle; `None` where nothing is left of it.
+///
+/// The angle tells a full turn from none, which start and end alone do not.
+fn arc(
+    plane: Plane,
+    (start, end): (Axes, Axes),
+    centre: Point,
+    sense: Sense,
+    sweep_rad: f64,
+) -> Result<Option<Curve>, evolvent_path::CurveError> {
+    let arc = Arc::new(plane, start, end, centre, sense, 0)?;
+    let turns = ((sweep_rad - arc.sweep_rad().abs()) / std::f64::consts::TAU).round();
+    Ok(if turns < 0.0 {
+        None
+    } else if turns == 0.0 {
+        Some(Curve::Arc(arc))
+    } else {
+        Some(Curve::Arc(Arc::new(
+            plane,
+            start,
+            end,
+            centre,
+            sense,
+            turns as u32,
+        )?))
+    })
+}
+
+impl Executor<'_> {
+    /// G40, G41, G42, G41.1, G42.1.
+    pub(crate) fn compensation(&mut self, code: Compensation) -> Result<(), Fault> {
+        let line = self.line;
+        let Compensation::On { left, given } = code else {
+            self.leave_compensation();
+            return Ok(());
+        };
+        let span = line.group_span(Group::CutterCompensation);
+        if self.state.cutter.is_on() {
+            let message = "cutter compensation is on already";
+            return Err(Fault::new(Code::CompensationActive, span, message).help("write G40 first"));
+        }
+        if !matches!(self.state.plane(), Some(Plane::Xy | Plane::Zx)) {
+            let message = "cutter compensation is available in G17 and G18 only";
+            return Err(Fault::new(Code::WrongPlane, span, message));
+        }
+        let (diameter, orientation) = if given {
+            self.given_cutter()?
+        } else {
+            self.cutter_of_table()?
+        };
+        // A tool of negative diameter runs on the other side.
+        let side = if left { 1.0 } else { -1.0 };
+        let radius = 0.5 * diameter.abs();
+        self.state.cutter = CutterState {
+            code,
+            programmed: None,
+            radius,
+            side: if diameter < 0.0 { -side } else { side },
+            nose: nose(orientation, radius),
+            last: None,
+            held: None,
+        };
+        Ok(())
+    }
+
+    /// Diameter in mm and orientation from D and L of G41.1 and G42.1.
+    fn given_cutter(&self) -> Result<(f64, u32), Fault> {
+        let line = self.line;
+        let Some(diameter) = line.word(b'D') else {
+            let span = line.group_span(Group::CutterCompensation);
+            let message = "G41.1 and G42.1 need D, the diameter of the tool";
+            return Err(Fault::new(Code::WordMissing, span, message));
+        };
+        let orientation = line.whole(b'L')?;
+        if let Some(orientation) = orientation {
+            let span = line.span(b'L');
+            if orientation > MAX_ORIENTATION {
+                let message = format!("L{orientation}: the tip of a turning tool points to one of 0 to 9");
+                return Err(Fault::new(Code::OutOfRange, span, message).help(
+                    "the directions are those of Q in the tool table; 0 and 9 are the centre of the nose",
+                ));
+            }
+            if self.state.plane() != Some(Plane::Zx) {
+                let message = "L, the orientation of a turning tool, with cutter compensation outside of G18";
+                return Err(
+                    Fault::new(Code::WrongPlane, span, message).help("write G18, or leave out L for a mill")
+                );
+            }
+        }
+        Ok((diameter * self.state.unit_mm(), orientation.unwrap_or(0)))
+    }
+
+    /// Diameter in mm and orientation of the tool that D names, or of the one in the spindle.
+    fn cutter_of_table(&mut self) -> Result<(f64, u32), Fault> {
+        let number = self.tool_number(b'D')?;
+        let tool = self.tool(number, b'D', Group::CutterCompensation)?;
+        let turning = !matches!(tool.orientation, 0 | 9);
+        if turning && self.state.plane() != Some(Plane::Zx) {
+            let span = self.line.group_span(Group::CutterCompensation);
+            let message = format!(
+                "tool {} is a turning tool (orientation {} in the tool table), and the plane is not G18",
+                tool.number, tool.orientation
+            );
+            return Err(Fault::new(Code::WrongPlane, span, message)
+                .help("write G18; the Q of a mill in the tool table is 0, or left out"));
+        }
+        Ok((tool.diameter_mm, tool.orientation))
+    }
+
+    /// G40: the last move stays as it is, the next one leads to where the program is.
+    pub(crate) fn leave_compensation(&mut self) {
+        let programmed = self.state.cutter.programmed;
+        self.state.cutter = CutterState {
+            programmed,
+            ..CutterState::default()
+        };
+    }
+
+    fn cutter_axes(&self) -> Result<(Plane, usize, usize), Fault> {
+        let plane = self
+            .state
+            .plane()
+            .ok_or_else(|| self.wrong_plane("cutter compensation"))?;
+        let (first, second, _) = plane.axes();
+        Ok((plane, first, second))
+    }
+
+    /// G0 and G1.
+    pub(crate) fn compensated_line(&mut self, target: Axes, kind: MoveKind) -> Result<(), Fault> {
+        let (_, first, second) = self.cutter_axes()?;
+        let from = self.state.programmed();
+        let (start, end) = ([from[first], from[second]], [target[first], target[second]]);
+        let path = sub(end, start);
+        let size = length(path);
+        let cutter = self.state.cutter;
+        if size <= 1e-9 {
+            // Nothing in the plane: up or down beside the path.
+            let mut beside = target;
+            (beside[first], beside[second]) = (self.state.position[first], self.state.position[second]);
+            self.put_line(beside, kind)?;
+            self.state.cutter.programmed = cutter.programmed.map(|_| target);
+            return Ok(());
+        }
+        let direction = [path[0] / size, path[1] / size];
+        let aside = cutter.side * cutter.radius;
+        let begin = along(start, left(direction), aside);
+        let mut next = Element {
+            shape: Shape::Line {
+                point: begin,
+                direction,
+            },
+            begin,
+            begin_tangent: direction,
+            end: along(end, left(direction), aside),
+            end_tangent: direction,
+            room: size,
+            entry: cutter.last.is_none().then_some(start),
+        };
+        let length_mm = curve_length(&from, &target);
+        if let Some(last) = cutter.last {
+            let corner_feed = self.speed(length_mm, false);
+            next.room -= self.join(&last, &next, start, corner_feed)?;
+        } else if size <= cutter.radius {
+            let message = format!(
+                "the first move with cutter compensation is {:.4} long, not longer than the radius of {:.4}",
+                size / self.state.unit_mm(),
+                cutter.radius / self.state.unit_mm()
+            );
+            return Err(
+                Fault::new(Code::CompensationEntry, self.line.motion_span(), message)
+                    .help("begin farther away from the contour"),
+            );
+        }
+        let mut place = target;
+        // What rounding alone would leave, or run backwards, is none.
+        let stop = if next.room > ROUNDING_MM || cutter.last.is_none() {
+            add(next.end, cutter.nose)
+        } else {
+            [self.state.position[first], self.state.position[second]]
+        };
+        (place[first], place[second]) = (stop[0], stop[1]);
+        self.hold(next);
+        if place == self.state.position {
+            self.state.cutter.held = None;
+        } else {
+            // In inverse time the programmed path counts.
+            let feed = match kind {
+                MoveKind::Rapid => f64::INFINITY,
+                MoveKind::Feed => self.speed(length_mm, false),
+            };
+            let moved = self.line_to(place)?;
+            let path_mode = self.state.modes.path_mode;
+            self.put_curve(moved, kind, feed, path_mode)?;
+        }
+        self.state.cutter.programmed = Some(target);
+        Ok(())
+    }
+
+    /// G2 and G3; `curve` is the programmed arc.
+    pub(crate) fn compensated_arc(&mut self, curve: Curve) -> Result<(), Fault> {
+        let (plane, first, second) = self.cutter_axes()?;
+        let Curve::Arc(programmed) = curve else {
+            return Ok(());
+        };
+        if programmed.plane() != plane {
+            return Err(self.wrong_plane("cutter compensation"));
+        }
+        let cutter = self.state.cutter;
+        let (from, target) = (curve.start(), curve.end());
+        let start = [from[first], from[second]];
+        let mut next = self.beside_arc(&programmed, start, [target[first], target[second]])?;
+        let feed = self.speed(curve.length(), false);
+        let path_mode = self.state.modes.path_mode;
+        if let Some(last) = cutter.last {
+            next.room -= self.join(&last, &next, start, feed)?;
+        } else {
+            next = self.entry_arc(&next, [target[first], target[second]])?;
+            // The arc begins where the nose's centre stands: the tool's point goes there first.
+            let mut there = self.state.position;
+            (there[first], there[second]) = (there[first] + cutter.nose[0], there[second] + cutter.nose[1]);
+            self.put_line(there, MoveKind::Feed)?;
+        }
+        let Shape::Circle { centre, radius, .. } = next.shape else {
+            return Ok(());
+        };
+        let stop = add(next.end, cutter.nose);
+        let mut place = target;
+        (place[first], place[second]) = (stop[0], stop[1]);
+        let moved = if next.room > ROUNDING_MM {
+            let ends = (self.state.position, place);
+            let sweep = next.room / radius;
+            arc(plane, ends, add(centre, cutter.nose), curve.sense(), sweep)
+                .map_err(|error| Fault::new(Code::ArcRefused, self.line.motion_span(), error.to_string()))?
+        } else {
+            // The corner has taken all of it in the plane.
+            (place[first], place[second]) = (self.state.position[first], self.state.position[second]);
+            Line::new(self.state.position, place).ok().map(Curve::Line)
+        };
+        self.hold(next);
+        match moved {
+            Some(moved) => self.put_curve(moved, MoveKind::Feed, feed, path_mode)?,
+            None => self.state.cutter.held = None,
+        }
+        self.state.cutter.programmed = Some(target);
+        Ok(())
+    }
+
+    /// The path of the tool's centre beside an arc.
+    fn beside_arc(&self, arc: &Arc, start: Point, end: Point) -> Result<Element, Fault> {
+        let cutter = self.state.cutter;
+        let centre = arc.centre_mm();
+        let sign = arc.sweep_rad().signum();
+        let inside = sign * cutter.side > 0.0;
+        let offset = |point: Point| {
+            let ray = sub(point, centre);
+            let size = length(ray);
+            let outward = [ray[0] / size, ray[1] / size];
+            let radius = if inside {
+                size - cutter.radius
+            } else {
+                size + cutter.radius
+            };
+            let tangent = left(outward).map(|value| sign * value);
+            (radius >= MIN_RADIUS_MM).then(|| (along(centre, outward, radius), tangent, radius))
+        };
+        let (Some((begin, begin_tangent, _)), Some((end, end_tangent, radius))) =
+            (offset(start), offset(end))
+        else {
+            let unit = self.state.unit_mm();
+            let message = format!(
+                "the tool of radius {:.4} does not fit into the arc of radius {:.4}",
+                cutter.radius / unit,
+                arc.radius_mm() / unit
+            );
+            return Err(
+                Fault::new(Code::CompensationGouge, self.line.motion_span(), message)
+                    .help("take a smaller tool or a larger radius"),
+            );
+        };
+        Ok(Element {
+            shape: Shape::Circle { centre, radius, sign },
+            begin,
+            begin_tangent,
+            end,
+            end_tangent,
+            room: arc.sweep_rad().abs() * radius,
+            entry: None,
+        })
+    }
+
+    /// An arc as the first move: from where the tool stands, to end as the offset arc does.
+    fn entry_arc(&self, offset: &Element, target: Point) -> Result<Element, Fault> {
+        let cutter = self.state.cutter;
+        let (_, first, second) = self.cutter_axes()?;
+        let Shape::Circle { centre, sign, .. } = offset.shape else {
+            return Ok(*offset);
+        };
+        let here = [self.state.position[first], self.state.position[second]];
+        let refuse = |message: &str| {
+            Fault::new(Code::CompensationEntry, self.line.motion_span(), message)
+                .help("begin farther away from the contour, or with a straight move")
+        };
+        if length(sub(here, target)) <= cutter.radius {
+            return Err(refuse(
+                "the first move with cutter compensation is too short for the tool",
+            ));
+        }
+        // Where a square of the angle at the end opens, the arc would arrive from the other side.
+        let ray = sub(centre, offset.end);
+        let size = length(ray);
+        let inward = [ray[0] / size, ray[1] / size];
+        let chord = sub(here, offset.end);
+        let radius = dot(chord, chord) / (2.0 * dot(chord, inward));
+        if !(radius.is_finite() && radius >= MIN_RADIUS_MM) {
+            return Err(refuse(
+                "no arc from where the tool stands ends in the direction of the programmed one",
+            ));
+        }
+        let centre = along(offset.end, inward, radius);
+        let (a, b) = (sub(here, centre), sub(offset.end, centre));
+        let turned = sign * libm::atan2(a[0] * b[1] - a[1] * b[0], dot(a, b));
+        let sweep = if turned > 0.0 {
+            turned
+        } else {
+            turned + std::f64::consts::TAU
+        };
+        Ok(Element {
+            shape: Shape::Circle { centre, radius, sign },
+            begin: here,
+            room: sweep * radius,
+            ..*offset
+        })
+    }
+
+    /// The next command waits for the move after it.
+    fn hold(&mut self, element: Element) {
+        self.state.cutter.last = Some(element);
+        self.state.cutter.held = Some(self.out.len());
+    }
+
+    /// Joins the move that waits and the next one at a corner of the programmed path. Returns how much of the next one
+    /// is lost, in mm.
+    fn join(&mut self, last: &Element, next: &Element, corner: Point, feed: f64) -> Result<f64, Fault> {
+        let cutter = self.state.cutter;
+        let (plane, first, second) = self.cutter_axes()?;
+        match last.meet(next, cutter.radius, cutter.side) {
+            Err(misfit) => Err(self.misfit(misfit)),
+            Ok(Corner::Straight { after }) => Ok(after),
+            Ok(Corner::Inner { point, before, after }) => {
+                let left_mm = if last.entry.is_some() {
+                    f64::INFINITY
+                } else {
+                    last.room - before
+                };
+                self.cut_off(plane, point, left_mm)?;
+                Ok(after)
+            }
+            Ok(Corner::Outer) => {
+                let mut place = self.state.position;
+                let begin = add(next.begin, cutter.nose);
+                (place[first], place[second]) = (begin[0], begin[1]);
+                self.check_feed("the arc about an outer corner")?;
+                let sense = if cutter.side > 0.0 {
+                    Sense::Clockwise
+                } else {
+                    Sense::CounterClockwise
+                };
+                let about = add(corner, cutter.nose);
+                let arc = Arc::new(plane, self.state.position, place, about, sense, 0)
+                    .map(Curve::Arc)
+                    .map_err(|error| {
+                        Fault::new(Code::ArcRefused, self.line.motion_span(), error.to_string())
+                    })?;
+                let path_mode = self.state.modes.path_mode;
+                self.put_curve(arc, MoveKind::Feed, feed, path_mode)?;
+                Ok(0.0)
+            }
+        }
+    }
+
+    fn misfit(&self, misfit: Misfit) -> Fault {
+        let unit = self.state.unit_mm();
+        let radius = self.state.cutter.radius / unit;
+        let short = |which: &str, needed: f64, left: f64| {
+            let (needed, left) = (needed / unit, left.max(0.0) / unit);
+            format!(
+                "the move {which} this inner corner is too short for the tool of radius {radius:.4}: the corner takes {needed:.4} of the {left:.4} left of it"
+            )
+        };
+        let message = match misfit {
+            Misfit::Apart => {
+                format!("at this inner corner the tool of radius {radius:.4} cannot follow both moves")
+            }
+            Misfit::Before { needed, left } => short("before", needed, left),
+            Misfit::After { needed, left } => short("after", needed, left),
+        };
+        Fault::new(Code::CompensationGouge, self.line.motion_span(), message)
+            .help("the tool does not fit into the inner corner: take a smaller tool or longer moves")
+    }
+
+    /// Makes the waiting move end at a point of the plane, and what follows it begin there. `left_mm` of its path is
+    /// left then.
+    fn cut_off(&mut self, plane: Plane, point: Point, left_mm: f64) -> Result<(), Fault> {
+        let (first, second, _) = plane.axes();
+        let Some(held) = self.state.cutter.held else {
+            // The last move had no length: there is nothing to cut off, and the next begins where it does.
+            return Ok(());
+        };
+        let nothing = left_mm <= ROUNDING_MM;
+        let point = match self.out.get(held).map(|command| &command.action) {
+            Some(Action::Move(step)) if nothing => plane.project(&step.curve.start()),
+            _ => add(point, self.state.cutter.nose),
+        };
+        let place = |mut axes: Axes| {
+            (axes[first], axes[second]) = (point[0], point[1]);
+            axes
+        };
+        let mut changed = Vec::new();
+        for (index, command) in self.out.iter().enumerate().skip(held) {
+            let Action::Move(step) = &command.action else {
+                continue;
+            };
+            let (start, end) = (step.curve.start(), place(step.curve.end()));
+            let start = if index == held { start } else { place(start) };
+            let curve = match step.curve {
+                Curve::Arc(round) if !nothing => {
+                    let sweep = left_mm / round.radius_mm();
+                    arc(plane, (start, end), round.centre_mm(), step.curve.sense(), sweep).map_err(
+                        |error| Fault::new(Code::ArcRefused, self.line.motion_span(), error.to_string()),
+                    )?
+                }
+                _ => Line::new(start, end).ok().map(Curve::Line),
+            };
+            changed.push((index, curve.map(|curve| Move { curve, ..*step })));
+        }
+        for (index, step) in changed.into_iter().rev() {
+            let before = match step {
+                Some(step) => self.out.get_mut(index).map(|command| {
+                    let before = command.clone();
+                    command.action = Action::Move(step);
+                    (before, false)
+                }),
+                // Nothing is left of it.
+                None => self.out.remove(index).map(|before| (before, true)),
+            };
+            if let Some((command, removed)) = before {
+                self.changed.push(Changed {
+                    index,
+                    command,
+                    removed,
+                });
+            }
+        }
+        self.state.position = place(self.state.position);
+        Ok(())
+    }
+}

@@ -1,0 +1,508 @@
+//! Canned cycles: G73, G74, G81 to G89 in G17, G18 and G19, and the thread cycle G76.
+//!
+//! RS274/NGC, 3.5.16, with LinuxCNC's sequence of moves, so that a program leaves the tool where it does there.
+
+use evolvent_path::{Axes, AxisLetter, Plane};
+
+use crate::codes::modal_groups::{Cycle, FeedMode, Motion, PlaneCode};
+use crate::diagnostics::diagnostic::Fault;
+use crate::execution::execute::{Executor, needs_spindle};
+use crate::execution::offsets::check_coordinate;
+use crate::{Action, Code, MoveKind, PathMode, SpindleDirection};
+
+/// How far chips are broken back, and how far above the last depth the rapid ends: 0.01 inch.
+const CHIP_MM: f64 = 0.254;
+
+/// Most holes of one line.
+const MAX_REPEATS: u32 = 100_000;
+
+/// Most pecks of one hole.
+const MAX_PECKS: f64 = 100_000.0;
+
+/// A hole in program coordinates, mm, along the axis of the cycle.
+#[derive(Clone, Copy, Debug)]
+struct Hole {
+    /// Index of the axis.
+    along: usize,
+    r: f64,
+    bottom: f64,
+    /// Where the tool goes in the end.
+    clear: f64,
+    q: f64,
+    p: f64,
+    path_mode: PathMode,
+}
+
+impl Executor<'_> {
+    /// A line of a drilling cycle.
+    pub(crate) fn cycle(&mut self, cycle: Cycle) -> Result<(), Fault> {
+        let line = self.line;
+        let motion = Motion::Cycle(cycle);
+        let name = motion.name();
+        let (across, along) = match self.state.modes.plane {
+            PlaneCode::Main(Plane::Xy) => ([0, 1], 2),
+            PlaneCode::Main(Plane::Zx) => ([0, 2], 1),
+            PlaneCode::Main(Plane::Yz) => ([1, 2], 0),
+            PlaneCode::Secondary(Plane::Xy) => ([6, 7], 8),
+            PlaneCode::Secondary(Plane::Zx) => ([6, 8], 7),
+            PlaneCode::Secondary(Plane::Yz) => ([7, 8], 6),
+        };
+        self.no_axes_but(if along < 3 { b"XYZ" } else { b"UVW" }, "a cycle in this plane")?;
+        if line.has_polar() && along != 2 {
+            return Err(self.wrong_plane("@ and ^ in a cycle"));
+        }
+        if self.state.cutter.is_on() {
+            let message = format!("{name} while cutter compensation is on");
+            return Err(
+                Fault::new(Code::CompensationActive, line.motion_span(), message).help("write G40 first")
+            );
+        }
+        if self.state.modes.feed_mode == FeedMode::InverseTime {
+            let message = format!("{name} in G93");
+            return Err(Fault::new(Code::WrongMode, line.motion_span(), message)
+                .help("cycles need a feed per minute or revolution: G94 or G95"));
+        }
+        self.check_feed(name)?;
+        let here = self.state.program_of(self.state.position);
+        if self.state.sticky.running != Some(motion) {
+            self.state.sticky = crate::state::machine_state::CycleModal {
+                old: here[along],
+                running: Some(motion),
+                ..crate::state::machine_state::CycleModal::default()
+            };
+        }
+        let mut hole = self.hole_of_line(cycle, along)?;
+        let dwells = !matches!(
+            cycle,
+            Cycle::Drill | Cycle::ChipBreak | Cycle::Peck | Cycle::BoreFeed
+        );
+        if dwells && line.has(b'P') {
+            self.warn_of_dwell(name, hole.p);
+        }
+        if needs_spindle(cycle) {
+            self.check_spindle(cycle, name)?;
+        }
+        let repeats = line.whole(b'L')?.unwrap_or(1);
+        if repeats == 0 || repeats > MAX_REPEATS {
+            let message = format!("L{repeats}: a cycle is repeated 1 to {MAX_REPEATS} times");
+            return Err(Fault::new(Code::OutOfRange, line.span(b'L'), message));
+        }
+        let pecks = match cycle {
+            Cycle::ChipBreak | Cycle::Peck => (hole.r - hole.bottom) / hole.q,
+            _ => 1.0,
+        };
+        if f64::from(repeats) * pecks > MAX_PECKS {
+            let message = format!("{name} with more than {MAX_PECKS} pecks, L{repeats} times {pecks:.0}");
+            return Err(Fault::new(Code::OutOfRange, line.span(b'L'), message));
+        }
+        let old = self.state.sticky.old;
+        let mut at = here;
+        if old < hole.r {
+            at[along] = hole.r;
+            self.rapid_to(at, &hole)?;
+        }
+        hole.clear = if self.state.modes.retract_to_old {
+            old.max(hole.r)
+        } else {
+            hole.r
+        };
+        for _ in 0..repeats {
+            if line.has_polar() {
+                self.polar(&mut at)?;
+            }
+            for axis in across {
+                if let Some(value) = line.axis(axis) {
+                    let value = value * self.state.word_unit(axis);
+                    at[axis] = if self.state.modes.incremental {
+                        at[axis] + value
+                    } else {
+                        value
+                    };
+                }
+            }
+            // Sideways at the height where the tool is, but not below R.
+            at[along] = at[along].max(hole.r);
+            self.rapid_to(at, &hole)?;
+            at[along] = hole.r;
+            self.rapid_to(at, &hole)?;
+            self.body(cycle, at, &hole)?;
+            at = self.state.program_of(self.state.position);
+        }
+        Ok(())
+    }
+
+    /// R, depth, Q and P, from the line or from the lines before.
+    fn hole_of_line(&mut self, cycle: Cycle, along: usize) -> Result<Hole, Fault> {
+        let line = self.line;
+        let name = Motion::Cycle(cycle).name();
+        let unit = self.state.unit_mm();
+        let sticky = &mut self.state.sticky;
+        if let Some(r) = line.word(b'R') {
+            sticky.r = Some(r * unit);
+        }
+        if let Some(q) = line.word(b'Q') {
+            if q <= 0.0 {
+                let message = format!("Q{q}: the depth of a peck is above 0");
+                return Err(Fault::new(Code::OutOfRange, line.span(b'Q'), message));
+            }
+            sticky.q = Some(q * unit);
+        }
+        if let Some(p) = line.word(b'P') {
+            if p < 0.0 {
+                return Err(crate::syntax::word_faults::negative('P', p, line.span(b'P')));
+            }
+            sticky.p = Some(p);
+        }
+        let word_unit = self.state.word_unit(along);
+        let sticky = &mut self.state.sticky;
+        if let Some(depth) = line.axis(along) {
+            sticky.depth = Some(depth * word_unit);
+        }
+        let sticky = *sticky;
+        let missing = |text: String| Err(Fault::new(Code::WordMissing, line.motion_span(), text));
+        let Some(mut r) = sticky.r else {
+            return missing(format!("{name} needs R, the plane from which the tool feeds"));
+        };
+        let Some(mut bottom) = sticky.depth else {
+            let letter = AxisLetter::ALL[along].letter();
+            return missing(format!("{name} needs {letter}, the bottom of the hole"));
+        };
+        if self.state.modes.incremental {
+            r += sticky.old;
+            bottom += r;
+        }
+        if r < bottom {
+            let message = format!(
+                "{name}: R lies below the bottom of the hole ({:.4} and {:.4})",
+                r / unit,
+                bottom / unit
+            );
+            return Err(Fault::new(Code::OutOfRange, line.motion_span(), message)
+                .help("in G91 R counts from the present height, and the bottom from R"));
+        }
+        let q = match (cycle, sticky.q) {
+            (Cycle::ChipBreak | Cycle::Peck, None) => {
+                return missing(format!("{name} needs Q, the depth of a peck"));
+            }
+            (Cycle::ChipBreak | Cycle::Peck, Some(q)) if (r - bottom) / q > MAX_PECKS => {
+                let message = format!("{name} with more than {MAX_PECKS} pecks");
+                return Err(Fault::new(Code::OutOfRange, line.span(b'Q'), message));
+            }
+            (_, q) => q.unwrap_or(0.0),
+        };
+        let p = match (cycle, sticky.p) {
+            (Cycle::DrillDwell | Cycle::BoreStop | Cycle::BoreManual | Cycle::BoreDwell, None) => {
+                return missing(format!("{name} needs P, the time at the bottom in seconds"));
+            }
+            (_, p) => p.unwrap_or(0.0),
+        };
+        let path_mode = match self.state.modes.path_mode {
+            // Corners of a cycle are not rounded: a hole has a bottom.
+            PathMode::Blend { .. } => PathMode::ExactPath,
+            other => other,
+        };
+        Ok(Hole {
+            along,
+            r,
+            bottom,
+            clear: r,
+            q,
+            p,
+            path_mode,
+        })
+    }
+
+    fn check_spindle(&self, cycle: Cycle, name: &str) -> Result<(), Fault> {
+        let turning = self.state.modes.spindle;
+        let message = match (cycle, turning) {
+            (_, SpindleDirection::Stopped) => format!("{name}, but the spindle does not turn"),
+            (Cycle::Tap, SpindleDirection::CounterClockwise) => {
+                format!("{name}, but the spindle turns counter-clockwise")
+            }
+            (Cycle::TapLeft, SpindleDirection::Clockwise) => {
+                format!("{name}, but the spindle turns clockwise")
+            }
+            _ => return Ok(()),
+        };
+        Err(
+            Fault::new(Code::SpindleSpeedMissing, self.line.motion_span(), message)
+                .help("G84 taps right-hand threads with M3, G74 left-hand ones with M4"),
+        )
+    }
+
+    fn rapid_to(&mut self, program: Axes, hole: &Hole) -> Result<(), Fault> {
+        self.go(program, MoveKind::Rapid, hole.path_mode)
+    }
+
+    /// A straight move to a point of program coordinates. Axes that stay keep their place to the last bit.
+    pub(crate) fn go(&mut self, program: Axes, kind: MoveKind, path_mode: PathMode) -> Result<(), Fault> {
+        let here = self.state.program_of(self.state.position);
+        let mut target = self.state.machine_of(program);
+        let level = program[0] != here[0] || program[1] != here[1];
+        for axis in AxisLetter::ALL {
+            let index = axis.index();
+            let turned = index < 2 && level && self.state.rotation[0] != 0.0;
+            if program[index] == here[index] && !turned {
+                target[index] = self.state.position[index];
+            }
+            check_coordinate(target[index], axis, self.line)?;
+        }
+        self.put_line_in(target, kind, path_mode)
+    }
+
+    /// From R down and up again.
+    fn body(&mut self, cycle: Cycle, mut at: Axes, hole: &Hole) -> Result<(), Fault> {
+        let (along, mode) = (hole.along, hole.path_mode);
+        let mut to = |this: &mut Self, height: f64, kind: MoveKind| {
+            at[along] = height;
+            this.go(at, kind, mode)
+        };
+        let (feed, rapid) = (MoveKind::Feed, MoveKind::Rapid);
+        let turning = self.state.modes.spindle;
+        match cycle {
+            Cycle::Drill => {
+                to(self, hole.bottom, feed)?;
+            }
+            Cycle::DrillDwell => {
+                to(self, hole.bottom, feed)?;
+                self.out(Action::Dwell { seconds: hole.p });
+            }
+            Cycle::ChipBreak | Cycle::Peck => {
+                let mut depth = hole.r - hole.q;
+                while depth > hole.bottom {
+                    to(self, depth, feed)?;
+                    if cycle == Cycle::Peck {
+                        to(self, hole.r, rapid)?;
+                    }
+                    to(self, depth + CHIP_MM, rapid)?;
+                    depth -= hole.q;
+                }
+                to(self, hole.bottom, feed)?;
+            }
+            Cycle::BoreFeed => {
+                to(self, hole.bottom, feed)?;
+                to(self, hole.r, feed)?;
+            }
+            Cycle::BoreDwell => {
+                to(self, hole.bottom, feed)?;
+                self.out(Action::Dwell { seconds: hole.p });
+                return to(self, hole.clear, feed);
+            }
+            Cycle::BoreStop => {
+                to(self, hole.bottom, feed)?;
+                self.out(Action::Dwell { seconds: hole.p });
+                self.turn_spindle(SpindleDirection::Stopped);
+                to(self, hole.clear, rapid)?;
+                self.turn_spindle(turning);
+                return Ok(());
+            }
+            Cycle::BoreManual => {
+                to(self, hole.bottom, feed)?;
+                self.out(Action::Dwell { seconds: hole.p });
+                self.turn_spindle(SpindleDirection::Stopped);
+                self.out(Action::ProgramStop {
+                    optional: false,
+                    pallet: false,
+                });
+                self.turn_spindle(turning);
+                // The operator has taken the tool out.
+                return Ok(());
+            }
+            Cycle::Tap | Cycle::TapLeft => {
+                let modes = self.state.modes;
+                (self.state.modes.feed_override, self.state.modes.spindle_override) = (false, false);
+                self.put_overrides(Some(Motion::Cycle(cycle).name()));
+                to(self, hole.bottom, feed)?;
+                self.turn_spindle(SpindleDirection::Stopped);
+                self.turn_spindle(match turning {
+                    SpindleDirection::Clockwise => SpindleDirection::CounterClockwise,
+                    _ => SpindleDirection::Clockwise,
+                });
+                self.out(Action::Dwell { seconds: hole.p });
+                to(self, hole.clear, feed)?;
+                self.turn_spindle(SpindleDirection::Stopped);
+                self.turn_spindle(turning);
+                self.state.modes.feed_override = modes.feed_override;
+                self.state.modes.spindle_override = modes.spindle_override;
+                self.put_overrides(Some(Motion::Cycle(cycle).name()));
+                return Ok(());
+            }
+            Cycle::BackBore => return self.back_bore(at, hole, turning),
+        }
+        to(self, hole.clear, rapid)
+    }
+
+    fn turn_spindle(&mut self, direction: SpindleDirection) {
+        self.state.modes.spindle = direction;
+        self.spindle();
+    }
+
+    /// G87: through the hole beside its axis, then bore upwards.
+    fn back_bore(&mut self, at: Axes, hole: &Hole, turning: SpindleDirection) -> Result<(), Fault> {
+        let line = self.line;
+        let along = hole.along;
+        // U, V and W go with I, J and K as X, Y and Z do.
+        let first_axis = along / 6 * 6;
+        let across = match along - first_axis {
+            2 => [(first_axis, b'I'), (first_axis + 1, b'J')],
+            1 => [(first_axis, b'I'), (first_axis + 2, b'K')],
+            _ => [(first_axis + 1, b'J'), (first_axis + 2, b'K')],
+        };
+        let depth_letter = b"IJK"[along - first_axis];
+        let (Some(first), Some(second), Some(top)) = (
+            line.word(across[0].1),
+            line.word(across[1].1),
+            line.word(depth_letter),
+        ) else {
+            let message = "G87 needs I, J and K: the way aside and the top of the bore";
+            return Err(Fault::new(Code::WordMissing, line.motion_span(), message));
+        };
+        let unit = self.state.unit_mm();
+        let top = if self.state.modes.incremental {
+            hole.bottom + top * unit
+        } else {
+            top * unit
+        };
+        let mut aside = at;
+        aside[along] = hole.r;
+        aside[across[0].0] += first * unit;
+        aside[across[1].0] += second * unit;
+        let (mut below, mut inside) = (aside, at);
+        below[along] = hole.bottom;
+        inside[along] = hole.bottom;
+        self.go(aside, MoveKind::Rapid, hole.path_mode)?;
+        self.turn_spindle(SpindleDirection::Stopped);
+        self.out(Action::OrientSpindle {
+            degrees: 0.0,
+            direction: None,
+            timeout_s: 0.0,
+        });
+        self.go(below, MoveKind::Rapid, hole.path_mode)?;
+        self.go(inside, MoveKind::Rapid, hole.path_mode)?;
+        self.turn_spindle(turning);
+        let mut end = inside;
+        end[along] = top;
+        self.go(end, MoveKind::Feed, hole.path_mode)?;
+        self.go(inside, MoveKind::Feed, hole.path_mode)?;
+        self.turn_spindle(SpindleDirection::Stopped);
+        self.out(Action::OrientSpindle {
+            degrees: 0.0,
+            direction: None,
+            timeout_s: 0.0,
+        });
+        self.go(below, MoveKind::Rapid, hole.path_mode)?;
+        let mut out = below;
+        out[along] = hole.clear;
+        self.go(out, MoveKind::Rapid, hole.path_mode)?;
+        let mut back = at;
+        back[along] = hole.clear;
+        self.go(back, MoveKind::Rapid, hole.path_mode)?;
+        self.turn_spindle(turning);
+        Ok(())
+    }
+
+    /// G76: P pitch, Z end, I from the drive line to the thread's crest, J first depth, K full depth; R degression,
+    /// Q angle of the flank on which the tool advances, H spring passes, E length and L place of tapers.
+    pub(crate) fn thread_cycle(&mut self) -> Result<(), Fault> {
+        let line = self.line;
+        self.no_axes_but(b"Z", "G76")?;
+        if self.state.cutter.is_on() {
+            let message = "G76 while cutter compensation is on";
+            return Err(
+                Fault::new(Code::CompensationActive, line.motion_span(), message).help("write G40 first")
+            );
+        }
+        let pitch_mm = self.pitch("G76", b'P')?;
+        // X is a diameter in G7, and so are the depths along X.
+        let unit = self.state.word_unit(0);
+        let (Some(crest), Some(first), Some(full)) = (line.word(b'I'), line.word(b'J'), line.word(b'K'))
+        else {
+            let message = "G76 needs I, J and K: the crest, the first depth and the full depth";
+            return Err(Fault::new(Code::WordMissing, line.motion_span(), message));
+        };
+        let range = |letter: u8, message: &str| {
+            Err(Fault::new(
+                Code::OutOfRange,
+                line.span(letter),
+                message.to_owned(),
+            ))
+        };
+        if crest == 0.0 {
+            return range(b'I', "G76: I is below 0 for outer and above 0 for inner threads");
+        }
+        if first <= 0.0 || full <= 0.0 || first > full {
+            return range(
+                b'J',
+                "G76: the first depth J is above 0 and at most the full depth K",
+            );
+        }
+        let degression = line.word(b'R').unwrap_or(1.0);
+        if degression < 1.0 {
+            return range(b'R', "G76: R is at least 1, for passes of equal depth");
+        }
+        let flank = line.word(b'Q').unwrap_or(0.0);
+        if !(0.0..80.0).contains(&flank) {
+            return range(b'Q', "G76: the angle Q of the flank is 0 to 80 degrees");
+        }
+        let spring = line.whole(b'H')?.unwrap_or(0);
+        let taper = line.word(b'E').unwrap_or(0.0) * self.state.unit_mm();
+        let tapers = line.whole(b'L')?.unwrap_or(0);
+        let (entry, exit) = (tapers & 1 == 1, tapers & 2 == 2);
+        let (crest, first, full) = (crest * unit, first * unit, full * unit);
+        let start = self.state.program_of(self.state.position);
+        let target = self.state.program_of(self.target()?);
+        let length = (target[2] - start[2]).abs();
+        if taper < 0.0 || tapers > 3 || tapers != 0 && taper <= 0.0 || 2.0 * taper > length {
+            return range(
+                b'E',
+                "G76: tapers (L1 entry, L2 exit, L3 both) have a length E of at most half the thread",
+            );
+        }
+        let steps = libm::pow(full / first, degression).ceil();
+        if steps + f64::from(spring) > f64::from(MAX_REPEATS) {
+            return range(b'J', "G76 with far too many passes");
+        }
+        let outward = if crest < 0.0 { -1.0 } else { 1.0 };
+        let along = if target[2] < start[2] { -1.0 } else { 1.0 };
+        let slope = libm::tan(flank.to_radians());
+        let steep_mm = pitch_mm * libm::hypot(taper, full) / taper.max(f64::MIN_POSITIVE);
+        for pass in 1..=steps as u32 + spring {
+            let depth = (first * libm::pow(f64::from(pass), 1.0 / degression)).min(full);
+            let bottom = start[0] + outward * (crest.abs() + depth);
+            let edge = bottom - outward * full;
+            let clear = start[0] + outward * (depth - full);
+            let begin = start[2] + along * depth * slope;
+            let end = target[2] - along * (full - depth) * slope;
+            let point = |x: f64, z: f64| {
+                let mut at = start;
+                (at[0], at[2]) = (x, z);
+                at
+            };
+            self.go(point(clear, begin), MoveKind::Rapid, PathMode::ExactPath)?;
+            if entry {
+                self.thread_to(point(edge, begin), steep_mm)?;
+                self.thread_to(point(bottom, begin + along * taper), steep_mm)?;
+            } else {
+                self.go(point(bottom, begin), MoveKind::Rapid, PathMode::ExactPath)?;
+            }
+            if exit {
+                self.thread_to(point(bottom, end - along * taper), pitch_mm)?;
+                self.thread_to(point(edge, end), steep_mm)?;
+            } else {
+                self.thread_to(point(bottom, end), pitch_mm)?;
+            }
+            self.go(point(clear, end), MoveKind::Rapid, PathMode::ExactPath)?;
+        }
+        let mut end = start;
+        end[2] = target[2];
+        self.go(end, MoveKind::Rapid, PathMode::ExactPath)
+    }
+
+    fn thread_to(&mut self, program: Axes, pitch_mm: f64) -> Result<(), Fault> {
+        let target = self.state.machine_of(program);
+        for axis in AxisLetter::ALL {
+            check_coordinate(target[axis.index()], axis, self.line)?;
+        }
+        self.put_thread(target, pitch_mm)
+    }
+}

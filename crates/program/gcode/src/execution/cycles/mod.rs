@@ -1,0 +1,6 @@
+//! Canned cycles: drilling, threading and turning.
+
+pub(crate) mod drilling;
+pub(crate) mod profile;
+pub(crate) mod roughing;
+pub(crate) mod turning;

@@ -1,0 +1,512 @@
+//! G70 to G72.2: finishing and roughing of a profile that a subroutine describes.
+//!
+//! LinuxCNC's cycles, with its sequence of moves. The subroutine is run without moving anything; its straight moves and
+//! arcs are the profile. Passes begin on the line from the start (X, Z) to the profile, run along Z (G71) or X (G72) to it,
+//! pull off at 45 degrees and return. Then the profile is followed; G71 and G72 cut its pockets on the way, G71.1 leaves
+//! them, G71.2 cuts nothing else.
+
+use evolvent_path::{Arc, Axes, Curve, Plane, Sense};
+
+use crate::codes::modal_groups::{Motion, Rough};
+use crate::diagnostics::diagnostic::Fault;
+use crate::execution::cycles::profile::{
+    Corner, NEAR, Piece, Point, ProfileFault, aside, check_monotonic, corner, distance, split_at_extremes,
+};
+use crate::execution::execute::{Executor, Request};
+use crate::state::machine_state::State;
+use crate::{Action, Code, Command, MoveKind, PathMode};
+
+/// Most passes of a cycle, and most pieces of a profile.
+const MOST: usize = 100_000;
+
+/// What a line with G70 to G72.2 asks for, and from where; mm, program coordinates.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct RoughCall {
+    pub(crate) rough: Rough,
+    /// Number of the subroutine.
+    pub(crate) number: u32,
+    /// X and Z where the cycle starts.
+    start: Point,
+    /// D: distance that is left to the profile; of G70 that of the first pass.
+    leave: f64,
+    /// E of G70: distance of the last pass.
+    last: f64,
+    /// I: depth of a pass.
+    depth: f64,
+    /// R: how far it pulls off.
+    retract: f64,
+    /// P of G70: passes.
+    passes: u32,
+}
+
+/// How Z and X become `u` and `w`.
+#[derive(Clone, Copy, Debug)]
+struct Frame {
+    /// Passes along X (G72).
+    facing: bool,
+    signs: Point,
+}
+
+impl Frame {
+    fn of(&self, zx: Point) -> Point {
+        let [u, w] = if self.facing { [zx[1], zx[0]] } else { zx };
+        [self.signs[0] * u, self.signs[1] * w]
+    }
+
+    fn back(&self, uw: Point) -> Point {
+        let [u, w] = [self.signs[0] * uw[0], self.signs[1] * uw[1]];
+        if self.facing { [w, u] } else { [u, w] }
+    }
+
+    /// A mirror image turns the other way.
+    fn turn(&self, turn: f64) -> f64 {
+        let mirror = self.signs[0] * self.signs[1] * if self.facing { -1.0 } else { 1.0 };
+        mirror * turn
+    }
+
+    fn piece(&self, piece: &Piece) -> Piece {
+        match *piece {
+            Piece::Line { a, b } => Piece::Line {
+                a: self.of(a),
+                b: self.of(b),
+            },
+            Piece::Arc { a, b, centre, turn } => Piece::Arc {
+                a: self.of(a),
+                b: self.of(b),
+                centre: self.of(centre),
+                turn: self.turn(turn),
+            },
+        }
+    }
+}
+
+/// A move of the cycle in `[u, w]`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Stroke {
+    Rapid(Point),
+    Cut(Piece),
+}
+
+impl Executor<'_> {
+    /// A line with G70 to G72.2: the way to the start, and the call of the profile.
+    pub(crate) fn roughing(&mut self, rough: Rough) -> Result<Request, Fault> {
+        let line = self.line;
+        let name = Motion::Rough(rough).name();
+        let fault = |code, message: String| Err(Fault::new(code, line.motion_span(), message));
+        let units = match name {
+            "G70" => Some(("inches", "G20")),
+            "G71" => Some(("millimetres", "G21")),
+            _ => None,
+        };
+        if let Some((unit, instead)) = units.filter(|_| !line.has(b'Q') && !line.has_axes()) {
+            let message = format!("{name} is a turning cycle in this dialect, not a switch to {unit}");
+            return Err(Fault::new(Code::WordMissing, line.motion_span(), message).help(format!(
+                "write {instead} for {unit}; the cycle needs G18 and Q, the number of the subroutine with the profile"
+            )));
+        }
+        if self.state.plane() != Some(Plane::Zx) || self.state.rotation[0] != 0.0 {
+            return Err(self.wrong_plane(&format!("{name} outside of G18, or in rotated coordinates,")));
+        }
+        self.no_axes_but(b"XZ", name)?;
+        if self.state.cutter.is_on() {
+            let message = format!("{name} while cutter compensation is on");
+            return Err(
+                Fault::new(Code::CompensationActive, line.motion_span(), message).help("write G40 first")
+            );
+        }
+        self.check_feed(name)?;
+        let Some(number) = line.whole(b'Q')? else {
+            return fault(
+                Code::WordMissing,
+                format!("{name} needs Q, the number of the subroutine with the profile"),
+            );
+        };
+        let unit = self.state.unit_mm();
+        let positive = |letter: u8, default: f64, least: f64| match line.word(letter) {
+            None => Ok(default),
+            Some(value) if value * unit > least => Ok(value * unit),
+            Some(value) => {
+                let message = format!("{}{value}: too small for {name}", char::from(letter));
+                Err(Fault::new(Code::OutOfRange, line.span(letter), message))
+            }
+        };
+        let start = self.target()?;
+        let program = self.state.program_of(start);
+        let call = RoughCall {
+            rough,
+            number,
+            start: [program[2], program[0]],
+            leave: positive(b'D', 0.0, -1e-12)?,
+            last: positive(b'E', 0.0, -1e-12)?,
+            depth: positive(b'I', unit, NEAR)?,
+            retract: positive(b'R', 0.5 * unit, 0.0)?,
+            passes: line.whole(b'P')?.unwrap_or(1),
+        };
+        if call.passes == 0 || call.passes as usize > MOST {
+            let message = format!("P{}: {name} has 1 to {MOST} passes", call.passes);
+            return Err(Fault::new(Code::OutOfRange, line.span(b'P'), message));
+        }
+        self.put_line_in(start, MoveKind::Rapid, PathMode::ExactPath)?;
+        Ok(Request::Profile(call))
+    }
+
+    /// The moves of a cycle whose profile has been read. `profile` in `[z, x]`, program coordinates.
+    pub(crate) fn rough(
+        &mut self,
+        call: &RoughCall,
+        profile: Result<&[Piece], ProfileFault>,
+    ) -> Result<(), Fault> {
+        let refuse = |fault: ProfileFault| {
+            let name = Motion::Rough(call.rough).name();
+            let (what, help) = match fault {
+                ProfileFault::Empty => (
+                    "has no moves",
+                    "the subroutine holds G0, G1, G2 and G3 in X and Z",
+                ),
+                ProfileFault::NotMonotonic => (
+                    "turns back",
+                    "for G70 and G71 Z never goes back and forth along the profile, for G72 X",
+                ),
+                ProfileFault::Allowance => ("vanishes at the distance D", "make D smaller"),
+                ProfileFault::Corner => (
+                    "has a fillet (A) or chamfer (C) that does not fit",
+                    "they stand between two straight lines that are long enough",
+                ),
+            };
+            let message = format!("{name}: the profile of O{} {what}", call.number);
+            Fault::new(Code::ProfileRefused, self.line.motion_span(), message).help(help)
+        };
+        let (frame, pieces) = profile
+            .and_then(|profile| oriented(call, profile))
+            .map_err(refuse)?;
+        let mut strokes = Vec::new();
+        let begin = pieces.first().map_or([0.0; 2], Piece::start);
+        if call.rough.finishing {
+            let moves = call.passes as usize * pieces.len();
+            if moves > MOST {
+                let message = format!("P{} makes more than {MOST} moves of this profile", call.passes);
+                return Err(Fault::new(Code::OutOfRange, self.line.span(b'P'), message));
+            }
+            for pass in (0..call.passes).rev() {
+                let share = f64::from(pass) / f64::from(call.passes);
+                let left = share * (call.leave - call.last) + call.last;
+                let moved = aside(&pieces, left.max(0.0)).map_err(refuse)?;
+                strokes.push(Stroke::Rapid(begin_of_passes(call, &frame, begin)));
+                strokes.extend(moved.first().map(|first| Stroke::Rapid(first.start())));
+                strokes.extend(moved.into_iter().map(Stroke::Cut));
+            }
+        } else {
+            let moved = aside(&pieces, call.leave).map_err(refuse)?;
+            strokes = rough_strokes(call, &frame, begin, moved).ok_or_else(|| {
+                let message = format!("more than {MOST} passes");
+                Fault::new(Code::OutOfRange, self.line.span(b'I'), message)
+                    .help("is the depth I of a pass in the right unit?")
+            })?;
+        }
+        for stroke in strokes {
+            self.stroke(&frame, stroke)?;
+        }
+        Ok(())
+    }
+
+    fn stroke(&mut self, frame: &Frame, stroke: Stroke) -> Result<(), Fault> {
+        let path_mode = match self.state.modes.path_mode {
+            PathMode::Blend { .. } => PathMode::ExactPath,
+            other => other,
+        };
+        let mut at = self.state.program_of(self.state.position);
+        let mut to = |this: &mut Self, point: Point, kind: MoveKind| {
+            let [z, x] = frame.back(point);
+            (at[0], at[2]) = (x, z);
+            this.go(at, kind, path_mode)
+        };
+        match stroke {
+            Stroke::Rapid(point) => to(self, point, MoveKind::Rapid),
+            Stroke::Cut(Piece::Line { b, .. }) => to(self, b, MoveKind::Feed),
+            Stroke::Cut(Piece::Arc { b, centre, turn, .. }) => {
+                let [z, x] = frame.back(b);
+                let [centre_z, centre_x] = frame.back(centre);
+                (at[0], at[2]) = (x, z);
+                let end = self.state.machine_of(at);
+                let mut middle = at;
+                (middle[0], middle[2]) = (centre_x, centre_z);
+                let middle = self.state.machine_of(middle);
+                let sense = if frame.turn(turn) > 0.0 {
+                    Sense::CounterClockwise
+                } else {
+                    Sense::Clockwise
+                };
+                let from = self.state.position;
+                if distance([from[0], from[2]], [end[0], end[2]]) < NEAR {
+                    return Ok(());
+                }
+                let arc =
+                    Arc::new(Plane::Zx, from, end, [middle[2], middle[0]], sense, 0).map_err(|error| {
+                        Fault::new(Code::ArcRefused, self.line.motion_span(), error.to_string())
+                    })?;
+                let curve = Curve::Arc(arc);
+                let feed = self.speed(curve.length(), false);
+                self.put_curve(curve, MoveKind::Feed, feed, path_mode)
+            }
+        }
+    }
+}
+
+/// The profile with passes along growing `u` below the start.
+fn oriented(call: &RoughCall, profile: &[Piece]) -> Result<(Frame, Vec<Piece>), ProfileFault> {
+    let (Some(first), Some(last)) = (profile.first(), profile.last()) else {
+        return Err(ProfileFault::Empty);
+    };
+    if profile.len() > MOST {
+        return Err(ProfileFault::Empty);
+    }
+    let mut frame = Frame {
+        facing: call.rough.facing,
+        signs: [1.0, 1.0],
+    };
+    let start = frame.of(call.start);
+    let (begin, end) = (frame.of(first.start()), frame.of(last.end()));
+    // Where the profile goes; if it does not, away from the start.
+    let way = if (end[0] - begin[0]).abs() > NEAR {
+        end[0] - begin[0]
+    } else {
+        begin[0] - start[0]
+    };
+    frame.signs[0] = if way < 0.0 { -1.0 } else { 1.0 };
+    let above = if (start[1] - begin[1]).abs() > NEAR {
+        start[1] - begin[1]
+    } else {
+        end[1] - begin[1]
+    };
+    frame.signs[1] = if above < 0.0 { -1.0 } else { 1.0 };
+    let pieces: Vec<Piece> = profile.iter().map(|piece| frame.piece(piece)).collect();
+    check_monotonic(&pieces)?;
+    Ok((frame, pieces))
+}
+
+/// Where the line begins on which passes begin: at the start, but not beyond the beginning of the profile.
+fn begin_of_passes(call: &RoughCall, frame: &Frame, profile: Point) -> Point {
+    let [u, w] = frame.of(call.start);
+    [u.min(profile[0]), w]
+}
+
+/// The moves of G71 to G72.2; `profile` is where the profile itself begins. `None` where there are too many passes.
+fn rough_strokes(
+    call: &RoughCall,
+    frame: &Frame,
+    profile: Point,
+    mut pieces: Vec<Piece>,
+) -> Option<Vec<Stroke>> {
+    let (first, last) = (pieces.first()?.start(), pieces.last()?.end());
+    let start = begin_of_passes(call, frame, profile);
+    // The profile ends at the stock's surface.
+    if last[1] < start[1] - NEAR {
+        pieces.push(Piece::Line {
+            a: last,
+            b: [last[0], start[1]],
+        });
+    }
+    let pieces = split_at_extremes(&pieces);
+    let mut strokes = Vec::new();
+    let deep = start[1] - first[1];
+    if deep / call.depth > MOST as f64 {
+        return None;
+    }
+    if call.rough.variant != 2 {
+        for pass in 0..MOST {
+            let level = start[1] - pass as f64 * call.depth;
+            if level < first[1] + NEAR {
+                break;
+            }
+            let share = (start[1] - level) / deep;
+            let begin = [start[0] + share * (first[0] - start[0]), level];
+            strokes.push(Stroke::Rapid(begin));
+            let Some((_, end)) = next_rise(&pieces, 0, level) else {
+                continue;
+            };
+            strokes.push(Stroke::Cut(Piece::Line { a: begin, b: end }));
+            strokes.extend(pull_off(begin, end, call.retract));
+            strokes.push(Stroke::Rapid(begin));
+        }
+    }
+    if deep > NEAR {
+        strokes.push(Stroke::Rapid(first));
+    } else {
+        // Along the stock's surface.
+        strokes.push(Stroke::Cut(Piece::Line { a: start, b: first }));
+    }
+    follow(call, start, &pieces, &mut strokes)?;
+    Some(strokes)
+}
+
+/// From the end of a pass off the wall, and back over it.
+fn pull_off(begin: Point, end: Point, retract: f64) -> [Stroke; 2] {
+    // Not beyond the beginning of a pass that is shorter than the retract.
+    let aside = retract.min(0.5 * (end[0] - begin[0]).max(0.0));
+    let high = end[1] + aside;
+    [
+        Stroke::Rapid([end[0] - aside, high]),
+        Stroke::Rapid([begin[0] + aside, high]),
+    ]
+}
+
+/// Where the profile comes up to a height, from a piece on.
+fn next_rise(pieces: &[Piece], from: usize, level: f64) -> Option<(usize, Point)> {
+    pieces[from..].iter().enumerate().find_map(|(offset, piece)| {
+        let rises = piece.end()[1] > piece.start()[1] && piece.end()[1] >= level - NEAR;
+        let below = piece.start()[1] < level + NEAR;
+        let point = (rises && below).then(|| piece.at_height(level)).flatten()?;
+        Some((from + offset, point))
+    })
+}
+
+/// Along the profile, with the pockets as the variant says. `None` where they take too many passes: they may be deeper than
+/// the profile is as a whole.
+fn follow(call: &RoughCall, start: Point, pieces: &[Piece], strokes: &mut Vec<Stroke>) -> Option<()> {
+    let mut index = 0;
+    let mut steps = 0;
+    let mut rest: Option<Piece> = None;
+    // The height at which the next pass crosses a pocket.
+    let mut level: Option<f64> = None;
+    while let Some(piece) = rest.take().or_else(|| pieces.get(index).copied()) {
+        steps += 1;
+        if steps > MOST + pieces.len() {
+            return None;
+        }
+        let (a, b) = (piece.start(), piece.end());
+        if b[1] >= a[1] - NEAR {
+            level = None;
+            push_cut(
+                strokes,
+                piece,
+                index > 0 && pieces[index - 1].end()[1] < pieces[index - 1].start()[1] - NEAR,
+            );
+            index += 1;
+            continue;
+        }
+        // Down into a pocket.
+        if call.rough.variant == 1 {
+            match next_rise(pieces, index + 1, a[1]) {
+                Some((place, point)) => {
+                    strokes.push(Stroke::Cut(Piece::Line { a, b: point }));
+                    let (_, after) = pieces[place].split(point);
+                    index = place;
+                    if after.is_speck() {
+                        index += 1;
+                    } else {
+                        rest = Some(after);
+                    }
+                    continue;
+                }
+                None => {
+                    push_cut(strokes, piece, false);
+                    index += 1;
+                    continue;
+                }
+            }
+        }
+        let next = *level.get_or_insert_with(|| match call.rough.variant {
+            2 => a[1],
+            // The levels go on from those of the passes above.
+            _ => start[1] - ((start[1] - a[1]) / call.depth - 1e-9).ceil() * call.depth,
+        });
+        let Some(point) = (next > b[1] + NEAR)
+            .then(|| piece.at_height(next.min(a[1])))
+            .flatten()
+        else {
+            push_cut(strokes, piece, false);
+            index += 1;
+            continue;
+        };
+        let (before, after) = piece.split(point);
+        if !before.is_speck() {
+            push_cut(strokes, before, false);
+        }
+        if let Some((_, end)) = next_rise(pieces, index + 1, next)
+            && end[0] - point[0] > NEAR
+        {
+            strokes.push(Stroke::Cut(Piece::Line { a: point, b: end }));
+            strokes.extend(pull_off(point, end, call.retract));
+            strokes.push(Stroke::Cut(Piece::Line {
+                a: [point[0], end[1] + call.retract],
+                b: point,
+            }));
+        }
+        level = Some(next - call.depth);
+        if after.is_speck() {
+            index += 1;
+        } else {
+            rest = Some(after);
+        }
+    }
+    Some(())
+}
+
+/// A piece of the profile; the second half of a dip is one arc with the first.
+fn push_cut(strokes: &mut Vec<Stroke>, piece: Piece, after_falling: bool) {
+    if let (true, Piece::Arc { b, centre, turn, .. }) = (after_falling, piece)
+        && let Some(Stroke::Cut(Piece::Arc {
+            b: end,
+            centre: middle,
+            turn: way,
+            ..
+        })) = strokes.last_mut()
+        && *middle == centre
+        && *way == turn
+    {
+        *end = b;
+        return;
+    }
+    strokes.push(Stroke::Cut(piece));
+}
+
+/// The pieces of a profile from the moves of its subroutine, without that which leads there. `corners` tells which move ends in a fillet or chamfer.
+pub(crate) fn profile_of(
+    commands: &[Command],
+    corners: &[(usize, Corner)],
+    state: &State,
+) -> Result<Vec<Piece>, ProfileFault> {
+    let mut pieces: Vec<Piece> = Vec::new();
+    let mut pending: Option<Corner> = None;
+    let point = |machine: Axes| {
+        let program = state.program_of(machine);
+        [program[2], program[0]]
+    };
+    for (index, command) in commands.iter().enumerate() {
+        let Action::Move(step) = &command.action else {
+            continue;
+        };
+        let (a, b) = (point(step.curve.start()), point(step.curve.end()));
+        let piece = match &step.curve {
+            Curve::Line(_) => Piece::Line { a, b },
+            Curve::Arc(arc) if arc.plane() == Plane::Zx => {
+                let [z, x] = arc.centre_mm();
+                let mut centre = step.curve.start();
+                (centre[0], centre[2]) = (x, z);
+                Piece::Arc {
+                    a,
+                    b,
+                    centre: point(centre),
+                    turn: arc.sweep_rad().signum(),
+                }
+            }
+            _ => return Err(ProfileFault::Corner),
+        };
+        let kind = corners
+            .iter()
+            .find(|(place, _)| *place == index)
+            .map(|(_, kind)| *kind);
+        if piece.is_speck() {
+            continue;
+        }
+        match (pending.take(), pieces.pop()) {
+            (Some(wanted), Some(before)) => pieces.extend(corner(before, piece, wanted)?),
+            (_, before) => {
+                pieces.extend(before);
+                pieces.push(piece);
+            }
+        }
+        pending = kind;
+    }
+    Ok(pieces)
+}

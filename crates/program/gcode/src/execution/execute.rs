@@ -1,0 +1,663 @@
+//! A line in the order of execution of RS274/NGC, table 8, as LinuxCNC has it.
+
+use std::collections::VecDeque;
+
+use evolvent_path::AxisLetter;
+
+use crate::codes::modal_groups::{Cycle, FeedMode, GCode, Group, MCode, Motion, NonModal, PathControl};
+use crate::diagnostics::diagnostic::{Fault, Span};
+use crate::execution::compensation::Changed;
+use crate::execution::cycles::roughing::RoughCall;
+use crate::parameters::values::{INPUT_RESULT, Parameters, TOOL, TOOL_DIAMETER, WORK_OFFSET};
+use crate::state::machine_state::{ProgrammedFeed, State};
+use crate::syntax::statement::Statement;
+use crate::{Action, Code, Command, Origin, PathMode, Settings, SpindleDirection, Tool, ToolTable};
+
+/// Maximum number of commands that wait for cutter compensation or that one line gives: some hundred megabytes.
+pub(crate) const MAX_WAITING: usize = 1_000_000;
+
+/// A dwell of a whole number of seconds from this on is probably meant in milliseconds (tuned: spindles reach their speed
+/// within a minute, and dialects with milliseconds rarely dwell less than 100 of them).
+const LONG_DWELL_S: f64 = 100.0;
+
+/// Everything that a line can change.
+pub(crate) struct Executor<'a> {
+    pub(crate) state: &'a mut State,
+    pub(crate) line: &'a Statement,
+    pub(crate) settings: &'a Settings,
+    pub(crate) tools: &'a mut Option<ToolTable>,
+    pub(crate) parameters: &'a mut Parameters,
+    /// Control points of a NURBS: X, Y in mm of program coordinates, and weight.
+    pub(crate) control_points: &'a mut Vec<[f64; 3]>,
+    pub(crate) out: &'a mut VecDeque<Command>,
+    /// What cutter compensation has changed among them.
+    pub(crate) changed: &'a mut Vec<Changed>,
+    /// Number of the line for commands.
+    pub(crate) number: u32,
+    /// Where the line stands, if not in the program itself.
+    pub(crate) origin: Option<Origin>,
+}
+
+/// What a line asks of the flow of control.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Request {
+    /// M98.
+    Call { number: u32, times: u32, span: Span },
+    /// M99.
+    Return,
+    /// M70 to M73.
+    Modes(MCode),
+    /// G70 to G72.2: the profile is read from a subroutine first.
+    Profile(RoughCall),
+}
+
+impl Executor<'_> {
+    #[inline]
+    pub(crate) fn out(&mut self, action: Action) {
+        self.out.push_back(Command {
+            line: self.number,
+            action,
+            origin: self.origin.clone(),
+        });
+    }
+
+    /// Executes the line.
+    pub(crate) fn run(&mut self) -> Result<Option<Request>, Fault> {
+        let line = self.line;
+        if let Some(GCode::FeedMode(mode)) = line.g(Group::FeedMode)
+            && mode != self.state.modes.feed_mode
+        {
+            // F means something else now.
+            self.state.modes.feed_mode = mode;
+            self.state.modes.feed = None;
+        }
+        if let Some(feed) = line.word(b'F') {
+            self.set_feed(feed)?;
+        }
+        let mut request = None;
+        if self.has_periphery() {
+            request = self.periphery()?;
+        }
+        if let (Some(NonModal::Dwell), Some(seconds)) = (line.once(), line.word(b'P')) {
+            self.warn_of_dwell("G4", seconds);
+            self.out(Action::Dwell { seconds });
+        }
+        self.modes()?;
+        self.data()?;
+        if let Some(motion) = line.motion_code() {
+            self.state.motion = motion;
+        }
+        if self.state.sticky.running.is_some() && self.state.sticky.running != Some(self.state.motion) {
+            self.state.sticky.running = None;
+        }
+        let mut called = self.called()?;
+        if let Some(motion) = line.motion() {
+            self.motion(motion)?;
+            if let Motion::Rough(rough) = motion {
+                if called.is_some() {
+                    let message = format!("{} and a call on one line", motion.name());
+                    return Err(Fault::new(Code::TwoUsers, line.motion_span(), message)
+                        .help("write them on two lines"));
+                }
+                called = Some(self.roughing(rough)?);
+            }
+        } else if line.motion_code() == Some(Motion::None) {
+            self.state.sticky.running = None;
+        } else if line.once() == Some(NonModal::MachineCoordinates) {
+            let span = line.group_span(Group::NonModal);
+            return Err(
+                Fault::new(Code::MachineCoordinatesMotion, span, "G53 needs G0 or G1")
+                    .help("write G53 G0 X.. or G53 G1 X.. on one line"),
+            );
+        }
+        self.stop();
+        Ok(called.or(request))
+    }
+
+    /// A dwell that is probably meant in milliseconds.
+    pub(crate) fn warn_of_dwell(&mut self, code: &str, seconds: f64) {
+        if seconds >= LONG_DWELL_S && seconds.fract() == 0.0 {
+            self.out(Action::Warning(format!(
+                "{code} P{seconds} waits {seconds} seconds, because P is in seconds in this dialect; {seconds} milliseconds are \
+                 P{}",
+                seconds / 1000.0
+            )));
+        }
+    }
+
+    /// M98, M99.
+    fn called(&self) -> Result<Option<Request>, Fault> {
+        let line = self.line;
+        match line.m(Group::Stop) {
+            Some(MCode::Call) => {
+                let span = line.group_span(Group::Stop);
+                let Some(number) = line.whole(b'P')? else {
+                    return Err(Fault::new(
+                        Code::WordMissing,
+                        span,
+                        "M98 needs P, the number of the subroutine",
+                    ));
+                };
+                let times = line.whole(b'L')?.unwrap_or(1);
+                Ok(Some(Request::Call { number, times, span }))
+            }
+            Some(MCode::Return) => Ok(Some(Request::Return)),
+            _ => Ok(None),
+        }
+    }
+
+    fn stop(&mut self) {
+        let stop = |optional, pallet| Action::ProgramStop { optional, pallet };
+        match self.line.m(Group::Stop) {
+            None | Some(MCode::Call | MCode::Return) => {}
+            Some(MCode::Stop) => self.out(stop(false, false)),
+            Some(MCode::OptionalStop) => self.out(stop(true, false)),
+            Some(MCode::PalletStop) => self.out(stop(false, true)),
+            Some(_) => self.end(),
+        }
+    }
+
+    /// The end of a block of MDI: spindle and coolant stay as they are.
+    pub(crate) fn end_block(&mut self) {
+        self.leave_compensation();
+        self.state.ended = true;
+        self.out(Action::ProgramEnd);
+    }
+
+    /// What M2 does: spindle and coolant off, then the end.
+    pub(crate) fn end(&mut self) {
+        self.leave_compensation();
+        let modes = &mut self.state.modes;
+        let turning = modes.spindle != SpindleDirection::Stopped;
+        let cooling = modes.mist || modes.flood;
+        modes.spindle = SpindleDirection::Stopped;
+        (modes.mist, modes.flood) = (false, false);
+        if turning {
+            self.spindle();
+        }
+        if cooling {
+            self.out(Action::Coolant {
+                mist: false,
+                flood: false,
+            });
+        }
+        self.state.ended = true;
+        self.out(Action::ProgramEnd);
+    }
+
+    fn set_feed(&mut self, feed: f64) -> Result<(), Fault> {
+        let unit = self.state.unit_mm();
+        if self.line.motion() == Some(Motion::Thread) || self.line.motion() == Some(Motion::RigidTap) {
+            let message = "F with G33: the pitch K and the spindle give the feed";
+            return Err(Fault::new(Code::UnusedWord, self.line.span(b'F'), message).help("leave F out"));
+        }
+        self.state.modes.feed = match self.state.modes.feed_mode {
+            // Only for the line that it stands on.
+            FeedMode::InverseTime => None,
+            FeedMode::PerMinute => Some(ProgrammedFeed {
+                linear: feed * unit / 60.0,
+                rotary: feed / 60.0,
+                word: feed,
+            }),
+            FeedMode::PerRevolution => Some(ProgrammedFeed {
+                linear: feed * unit,
+                rotary: feed,
+                word: feed,
+            }),
+        };
+        Ok(())
+    }
+
+    #[inline]
+    fn has_periphery(&self) -> bool {
+        let line = self.line;
+        line.has_m() || line.has(b'S') || line.has(b'T') || line.g(Group::SpindleMode).is_some()
+    }
+
+    /// Spindle, tools, coolant, outputs.
+    fn periphery(&mut self) -> Result<Option<Request>, Fault> {
+        let line = self.line;
+        if let Some(GCode::ConstantSurfaceSpeed(on)) = line.g(Group::SpindleMode) {
+            if on && !line.has(b'S') {
+                let span = line.group_span(Group::SpindleMode);
+                return Err(
+                    Fault::new(Code::WordMissing, span, "G96 needs S, the speed of the surface")
+                        .help("in metres per minute, or feet per minute in G20"),
+                );
+            }
+            if let Some(limit) = line.word(b'D')
+                && on
+                && limit < 0.0
+            {
+                return Err(crate::syntax::word_faults::negative('D', limit, line.span(b'D')));
+            }
+            self.state.modes.surface = on.then(|| line.word(b'D').unwrap_or(f64::INFINITY));
+        }
+        if let Some(speed) = line.word(b'S') {
+            // Feet per minute in G20.
+            let inches = self.state.modes.inches && self.state.modes.surface.is_some();
+            self.state.modes.speed = if inches { 0.3048 * speed } else { speed };
+        }
+        if let Some(tool) = line.whole(b'T')? {
+            self.state.selected_tool = Some(tool);
+            self.out(Action::SelectTool(tool));
+        }
+        self.outputs()?;
+        self.tool_change()?;
+        let turned = line.m(Group::Spindle);
+        match turned {
+            Some(MCode::SpindleClockwise) => self.state.modes.spindle = SpindleDirection::Clockwise,
+            Some(MCode::SpindleCounterClockwise) => {
+                self.state.modes.spindle = SpindleDirection::CounterClockwise;
+            }
+            Some(MCode::SpindleStop) => self.state.modes.spindle = SpindleDirection::Stopped,
+            Some(MCode::SpindleOrient) => return self.orient().map(|()| None),
+            _ => {}
+        }
+        if turned.is_some()
+            || line.has(b'S')
+            || line.g(Group::SpindleMode).is_some() && self.surface_changed()
+        {
+            self.spindle();
+        }
+        let request = line.m(Group::Modes).map(Request::Modes);
+        if let Some(coolant) = line.m(Group::Coolant) {
+            let modes = &mut self.state.modes;
+            match coolant {
+                MCode::Mist => modes.mist = true,
+                MCode::Flood => modes.flood = true,
+                _ => (modes.mist, modes.flood) = (false, false),
+            }
+            self.coolant();
+        }
+        self.overrides()?;
+        if let Some(MCode::User(number)) = line.m(Group::User) {
+            let (p, q) = (line.word(b'P'), line.word(b'Q'));
+            self.out(Action::UserCommand { number, p, q });
+        }
+        Ok(request)
+    }
+
+    /// G97 after G96 tells the spindle its speed in revolutions again; G97 alone changes nothing.
+    fn surface_changed(&self) -> bool {
+        self.state.modes.surface.is_some()
+    }
+
+    pub(crate) fn spindle(&mut self) {
+        let modes = self.state.modes;
+        self.out(match modes.surface {
+            Some(max_rpm) => Action::SurfaceSpeed {
+                direction: modes.spindle,
+                metres_per_minute: modes.speed,
+                max_rpm,
+            },
+            None => Action::Spindle {
+                direction: modes.spindle,
+                speed_rpm: modes.speed,
+            },
+        });
+    }
+
+    pub(crate) fn coolant(&mut self) {
+        let modes = self.state.modes;
+        self.out(Action::Coolant {
+            mist: modes.mist,
+            flood: modes.flood,
+        });
+    }
+
+    fn orient(&mut self) -> Result<(), Fault> {
+        let line = self.line;
+        let degrees = line.word(b'R').unwrap_or(0.0);
+        if !(0.0..=360.0).contains(&degrees) {
+            let message = format!("R{degrees}: M19 turns the spindle to 0 to 360 degrees");
+            return Err(Fault::new(Code::OutOfRange, line.span(b'R'), message));
+        }
+        let direction = match line.whole(b'P')? {
+            None | Some(0) => None,
+            Some(1) => Some(SpindleDirection::Clockwise),
+            Some(2) => Some(SpindleDirection::CounterClockwise),
+            Some(other) => {
+                let message =
+                    format!("P{other}: M19 knows P0 the shorter way, P1 clockwise, P2 counter-clockwise");
+                return Err(Fault::new(Code::OutOfRange, line.span(b'P'), message));
+            }
+        };
+        let timeout_s = line.word(b'Q').unwrap_or(0.0);
+        if timeout_s < 0.0 {
+            return Err(crate::syntax::word_faults::negative(
+                'Q',
+                timeout_s,
+                line.span(b'Q'),
+            ));
+        }
+        self.state.modes.spindle = SpindleDirection::Stopped;
+        self.out(Action::OrientSpindle {
+            degrees,
+            direction,
+            timeout_s,
+        });
+        Ok(())
+    }
+
+    fn outputs(&mut self) -> Result<(), Fault> {
+        let line = self.line;
+        let Some(code) = line.m(Group::InputOutput) else {
+            return Ok(());
+        };
+        let span = line.group_span(Group::InputOutput);
+        let missing = |text: &str| Err(Fault::new(Code::WordMissing, span, text.to_owned()));
+        match code {
+            MCode::Output { synchronised, on } => {
+                let Some(index) = line.whole(b'P')? else {
+                    return missing("M62 to M65 need P, the number of the output");
+                };
+                self.out(Action::Output {
+                    index,
+                    on,
+                    synchronised,
+                });
+            }
+            MCode::AnalogOutput(synchronised) => {
+                let (Some(index), Some(value)) = (line.whole(b'E')?, line.word(b'Q')) else {
+                    return missing("M67 and M68 need E, the number of the output, and Q, its value");
+                };
+                self.out(Action::AnalogOutput {
+                    index,
+                    value,
+                    synchronised,
+                });
+            }
+            _ => {
+                let (digital, analog) = (line.whole(b'P')?, line.whole(b'E')?);
+                let index = match (digital, analog) {
+                    (Some(index), None) | (None, Some(index)) => index,
+                    _ => return missing("M66 needs either P, a digital input, or E, an analogue one"),
+                };
+                let mode = line.whole(b'L')?.unwrap_or(0);
+                if mode > 4 || analog.is_some() && mode != 0 {
+                    let message =
+                        format!("L{mode}: M66 waits with L0 not at all, L1 rise, L2 fall, L3 high, L4 low");
+                    return Err(Fault::new(Code::OutOfRange, line.span(b'L'), message)
+                        .help("an analogue input knows L0 only"));
+                }
+                let timeout_s = line.word(b'Q').unwrap_or(0.0);
+                if timeout_s <= 0.0 && mode != 0 {
+                    return missing("M66 needs Q above 0, the longest wait in seconds");
+                }
+                self.parameters.set_numbered(INPUT_RESULT, -1.0);
+                self.out(Action::WaitInput {
+                    index,
+                    analog: analog.is_some(),
+                    mode,
+                    timeout_s,
+                });
+            }
+        }
+        Ok(())
+    }
+
+    fn tool_change(&mut self) -> Result<(), Fault> {
+        let line = self.line;
+        match line.m(Group::ToolChange) {
+            None => Ok(()),
+            Some(MCode::ToolNumber) => {
+                let Some(tool) = line.whole(b'Q')? else {
+                    let span = line.group_span(Group::ToolChange);
+                    return Err(Fault::new(
+                        Code::WordMissing,
+                        span,
+                        "M61 needs Q, the number of the tool",
+                    ));
+                };
+                self.load_tool(tool);
+                self.out(Action::ToolNumber(tool));
+                Ok(())
+            }
+            Some(_) => {
+                let Some(tool) = self.state.selected_tool else {
+                    let span = line.group_span(Group::ToolChange);
+                    return Err(
+                        Fault::new(Code::ToolMissing, span, "M6, but no tool has been selected")
+                            .help("write T and the tool's number before M6 or on its line"),
+                    );
+                };
+                if self.state.cutter.is_on() {
+                    let span = line.group_span(Group::ToolChange);
+                    return Err(Fault::new(
+                        Code::CompensationActive,
+                        span,
+                        "M6 while cutter compensation is on",
+                    )
+                    .help("write G40 first"));
+                }
+                if self.state.modes.spindle != SpindleDirection::Stopped {
+                    self.state.modes.spindle = SpindleDirection::Stopped;
+                    self.spindle();
+                }
+                // The tool is where it is, wherever the program was when compensation ended.
+                self.state.cutter.programmed = None;
+                self.load_tool(tool);
+                self.out(Action::ChangeTool(tool));
+                Ok(())
+            }
+        }
+    }
+
+    fn load_tool(&mut self, number: u32) {
+        self.state.tool = number;
+        let known = self.tools.as_ref().and_then(|tools| tools.get(number)).copied();
+        let tool = known.unwrap_or_else(|| Tool::new(number));
+        self.publish_tool(&tool);
+    }
+
+    /// Writes the measures of the tool in the spindle to the parameters #5400 to #5413.
+    pub(crate) fn publish_tool(&mut self, tool: &Tool) {
+        self.parameters.set_numbered(TOOL, f64::from(tool.number));
+        self.parameters.set_axes(TOOL + 1, &tool.offset);
+        for (place, value) in [
+            tool.diameter_mm,
+            tool.front_angle,
+            tool.back_angle,
+            f64::from(tool.orientation),
+        ]
+        .into_iter()
+        .enumerate()
+        {
+            self.parameters.set_numbered(TOOL_DIAMETER + place, value);
+        }
+    }
+
+    fn overrides(&mut self) -> Result<(), Fault> {
+        let line = self.line;
+        let Some(code) = line.m(Group::Override) else {
+            return Ok(());
+        };
+        let on = line.word(b'P').is_none_or(|p| p != 0.0);
+        let modes = &mut self.state.modes;
+        match code {
+            MCode::Overrides(on) => (modes.feed_override, modes.spindle_override) = (on, on),
+            MCode::FeedOverride => modes.feed_override = on,
+            MCode::SpindleOverride => modes.spindle_override = on,
+            MCode::AdaptiveFeed => modes.adaptive = on,
+            _ => modes.feed_stop = on,
+        }
+        self.put_overrides(None);
+        Ok(())
+    }
+
+    pub(crate) fn put_overrides(&mut self, cycle: Option<&'static str>) {
+        let modes = self.state.modes;
+        self.out(Action::Overrides {
+            feed: modes.feed_override,
+            spindle: modes.spindle_override,
+            adaptive: modes.adaptive,
+            feed_stop: modes.feed_stop,
+            cycle,
+        });
+    }
+
+    fn modes(&mut self) -> Result<(), Fault> {
+        let line = self.line;
+        if !line.has_g_modes() {
+            return Ok(());
+        }
+        if let Some(GCode::Plane(plane)) = line.g(Group::Plane) {
+            if self.state.cutter.is_on() && self.state.modes.plane != plane {
+                let span = line.group_span(Group::Plane);
+                return Err(Fault::new(
+                    Code::CompensationActive,
+                    span,
+                    "a change of plane while cutter compensation is on",
+                )
+                .help("write G40 first"));
+            }
+            self.state.modes.plane = plane;
+        }
+        if let Some(GCode::Inches(inches)) = line.g(Group::Units) {
+            self.state.modes.inches = inches;
+        }
+        if let Some(code) = line.compensation() {
+            self.compensation(code)?;
+        }
+        self.length_offset()?;
+        if let Some(GCode::WorkOffset(index)) = line.g(Group::WorkOffset) {
+            if self.state.cutter.is_on() && index != self.state.modes.work_index {
+                let span = line.group_span(Group::WorkOffset);
+                return Err(Fault::new(
+                    Code::CompensationActive,
+                    span,
+                    "a change of work offset while cutter compensation is on",
+                )
+                .help("write G40 first"));
+            }
+            self.state.modes.work_index = index;
+            self.parameters.set_numbered(WORK_OFFSET, (index + 1) as f64);
+            self.state.load_work(self.parameters);
+        }
+        let unit = self.state.unit_mm();
+        let modes = &mut self.state.modes;
+        if let Some(GCode::Path(control)) = line.g(Group::PathControl) {
+            modes.path_mode = match control {
+                PathControl::ExactPath => PathMode::ExactPath,
+                PathControl::ExactStop => PathMode::ExactStop,
+                PathControl::Blend => PathMode::Blend {
+                    tolerance_mm: line.word(b'P').map(|p| p * unit),
+                    merge_mm: line.word(b'Q').map(|q| q * unit),
+                },
+            };
+        }
+        if let Some(GCode::Incremental(incremental)) = line.g(Group::Distance) {
+            modes.incremental = incremental;
+        }
+        if let Some(GCode::ArcCentreAbsolute(absolute)) = line.g(Group::ArcDistance) {
+            modes.arc_centre_absolute = absolute;
+        }
+        if let Some(GCode::Diameter(diameter)) = line.g(Group::Diameter) {
+            modes.diameter = diameter;
+        }
+        if let Some(GCode::RetractToOld(old)) = line.g(Group::Retract) {
+            modes.retract_to_old = old;
+        }
+        Ok(())
+    }
+
+    /// Brings saved modes back, and tells the machine what has changed.
+    pub(crate) fn restore(&mut self, saved: crate::state::machine_state::Modes) {
+        let before = self.state.modes;
+        self.state.modes = saved;
+        if saved.work_index != before.work_index {
+            self.parameters
+                .set_numbered(WORK_OFFSET, (saved.work_index + 1) as f64);
+            self.state.load_work(self.parameters);
+        }
+        if (saved.spindle, saved.speed, saved.surface) != (before.spindle, before.speed, before.surface) {
+            self.spindle();
+        }
+        if (saved.mist, saved.flood) != (before.mist, before.flood) {
+            self.coolant();
+        }
+        let switches = |modes: &crate::state::machine_state::Modes| {
+            (
+                modes.feed_override,
+                modes.spindle_override,
+                modes.adaptive,
+                modes.feed_stop,
+            )
+        };
+        if switches(&saved) != switches(&before) {
+            self.put_overrides(None);
+        }
+    }
+
+    /// A motion of the line.
+    fn motion(&mut self, motion: Motion) -> Result<(), Fault> {
+        if motion != Motion::CubicSpline {
+            self.state.spline_end = None;
+        }
+        if self.state.nurbs_order.is_some() && !matches!(motion, Motion::Nurbs | Motion::NurbsEnd) {
+            let message = format!("{} between G5.2 and G5.3", motion.name());
+            return Err(Fault::new(Code::SplineOpen, self.line.motion_span(), message)
+                .help("write G5.3 at the end of the NURBS"));
+        }
+        if self.line.once() == Some(NonModal::MachineCoordinates)
+            && !matches!(motion, Motion::Rapid | Motion::Linear)
+        {
+            let span = self.line.group_span(Group::NonModal);
+            return Err(
+                Fault::new(Code::MachineCoordinatesMotion, span, "G53 needs G0 or G1")
+                    .help("write G53 G0 X.. or G53 G1 X.. on one line"),
+            );
+        }
+        if self.state.cutter.is_on() && !matches!(motion, Motion::Rapid | Motion::Linear | Motion::Arc(_)) {
+            let message = format!("{} while cutter compensation is on", motion.name());
+            return Err(
+                Fault::new(Code::CompensationActive, self.line.motion_span(), message)
+                    .help("write G40 first"),
+            );
+        }
+        match motion {
+            Motion::Rapid | Motion::Linear => self.straight(motion),
+            Motion::Arc(sense) => self.arc(sense),
+            Motion::Involute(sense) => self.involute(sense),
+            Motion::CubicSpline => self.cubic_spline(),
+            Motion::QuadraticSpline => self.quadratic_spline(),
+            Motion::Nurbs => self.control_point(),
+            Motion::NurbsEnd => self.nurbs(),
+            Motion::Hole(sense) => self.hole(sense),
+            Motion::Thread => self.thread(),
+            Motion::RigidTap => self.rigid_tap(),
+            Motion::Probe { toward, must } => self.probe(toward, must),
+            Motion::Cycle(cycle) => self.cycle(cycle),
+            Motion::ThreadCycle => self.thread_cycle(),
+            Motion::Turning(turning) => self.turning(turning),
+            // It goes on when its profile has been read.
+            Motion::Rough(_) | Motion::None => Ok(()),
+        }
+    }
+
+    /// The error that some cycle, spline or arc is asked for in a plane that it cannot use.
+    pub(crate) fn wrong_plane(&self, what: &str) -> Fault {
+        let message = format!("{what} is not available in the plane in force");
+        Fault::new(Code::WrongPlane, self.line.motion_span(), message).help("G17, G18, G19 choose the plane")
+    }
+
+    pub(crate) fn no_axes_but(&self, allowed: &[u8], what: &str) -> Result<(), Fault> {
+        for axis in AxisLetter::ALL {
+            let letter = axis.letter() as u8;
+            if self.line.has(letter) && !allowed.contains(&letter) {
+                let message = format!("{} does not go with {what}", axis.letter());
+                return Err(Fault::new(Code::UnusedWord, self.line.span(letter), message));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Cycles that need the spindle to turn.
+pub(crate) fn needs_spindle(cycle: Cycle) -> bool {
+    matches!(
+        cycle,
+        Cycle::Tap | Cycle::TapLeft | Cycle::BoreStop | Cycle::BackBore | Cycle::BoreManual
+    )
+}

@@ -1,0 +1,318 @@
+//! Offsets and the data that G10 writes.
+
+use evolvent_path::{AXES, Axes, AxisLetter, MAX_COORDINATE};
+
+use crate::Action;
+use crate::Code;
+use crate::codes::modal_groups::{Group, LengthOffset, NonModal};
+use crate::diagnostics::diagnostic::Fault;
+use crate::execution::execute::Executor;
+use crate::parameters::values::{G92, G92_ACTIVE, WORK_OFFSET_1};
+use crate::syntax::statement::Statement;
+use crate::tables::tools::MAX_ORIENTATION;
+use crate::{Tool, WORK_OFFSETS};
+
+impl Executor<'_> {
+    /// G43, G43.1, G43.2, G49.
+    pub(crate) fn length_offset(&mut self) -> Result<(), Fault> {
+        let line = self.line;
+        let Some(code) = line.length_offset() else {
+            return Ok(());
+        };
+        if self.state.cutter.is_on() {
+            let span = line.group_span(Group::LengthOffset);
+            return Err(Fault::new(
+                Code::CompensationActive,
+                span,
+                "a tool length while cutter compensation is on",
+            )
+            .help("write G43 or G49 before G41 and G42"));
+        }
+        let by_axes =
+            code == LengthOffset::Given || code == LengthOffset::Added && line.has_axes() && !line.has(b'H');
+        let mut change = Axes::zeros();
+        if code != LengthOffset::Off && !by_axes {
+            let number = self.tool_number(b'H')?;
+            change = self.tool(number, b'H', Group::LengthOffset)?.offset;
+        }
+        match code {
+            LengthOffset::Off => self.state.tool_offset = Axes::zeros(),
+            LengthOffset::Table => self.state.tool_offset = change,
+            LengthOffset::Added if !by_axes => self.state.tool_offset += change,
+            LengthOffset::Given | LengthOffset::Added => {
+                for axis in AxisLetter::ALL {
+                    let index = axis.index();
+                    if let Some(value) = line.axis(index) {
+                        let base = if code == LengthOffset::Added {
+                            self.state.tool_offset[index]
+                        } else {
+                            0.0
+                        };
+                        self.state.tool_offset[index] = base + value * self.state.word_unit(index);
+                        check_coordinate(self.state.tool_offset[index], axis, line)?;
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The tool that H or D names: without the word, and with 0, the one in the spindle.
+    pub(crate) fn tool_number(&self, letter: u8) -> Result<u32, Fault> {
+        let number = self.line.whole(letter)?.filter(|number| *number != 0);
+        Ok(number.unwrap_or(self.state.tool))
+    }
+
+    /// A tool of the table, for the word or the group that asks for it.
+    pub(crate) fn tool(&mut self, number: u32, letter: u8, group: Group) -> Result<Tool, Fault> {
+        let tools = self.tools.as_ref();
+        match tools.map(|tools| tools.get(number).copied()) {
+            Some(Some(tool)) => Ok(tool),
+            _ if number == 0 => Ok(Tool::new(0)),
+            Some(None) => {
+                let line = self.line;
+                let message = format!("tool {number} is not in the tool table");
+                let span = if line.has(letter) {
+                    line.span(letter)
+                } else {
+                    line.group_span(group)
+                };
+                Err(Fault::new(Code::UnknownTool, span, message).help(format!(
+                    "add the tool to the table, or name another one with {}",
+                    char::from(letter)
+                )))
+            }
+            None if self.settings.tools_without_table => {
+                self.out(Action::Warning(format!(
+                    "there is no tool table, so offsets and diameter of tool {number} are taken as 0"
+                )));
+                Ok(Tool::new(number))
+            }
+            None => {
+                let line = self.line;
+                let message = format!("tool {number} has no offsets and no diameter: there is no tool table");
+                let span = if line.has(letter) {
+                    line.span(letter)
+                } else {
+                    line.group_span(group)
+                };
+                Err(Fault::new(Code::UnknownTool, span, message).help(
+                    "name a tool table with --tools or program.tool_table of the machine file; program.without_tool_table = \
+                     \"zero\" there takes them as 0",
+                ))
+            }
+        }
+    }
+
+    /// Codes of group 0 that write offsets, and G28 and G30.
+    pub(crate) fn data(&mut self) -> Result<(), Fault> {
+        let line = self.line;
+        if let Some(once) = line.once() {
+            self.data_of(once)?;
+        }
+        match line.offset_switch() {
+            Some(switch) => self.data_of(switch),
+            None => Ok(()),
+        }
+    }
+
+    fn data_of(&mut self, once: NonModal) -> Result<(), Fault> {
+        let line = self.line;
+        if self.state.cutter.is_on() && !matches!(once, NonModal::Dwell) {
+            let span = line.group_span(Group::NonModal);
+            let message = format!("{} while cutter compensation is on", once.name());
+            return Err(Fault::new(Code::CompensationActive, span, message).help("write G40 first"));
+        }
+        match once {
+            NonModal::Dwell | NonModal::MachineCoordinates => {}
+            NonModal::SetData => return self.set_data(),
+            NonModal::Home(first) => return self.home(first),
+            NonModal::SetHome(first) => {
+                let position = self.state.position;
+                self.parameters.set_axes(first, &position);
+            }
+            NonModal::LocalOffset | NonModal::SetOffset => {
+                let here = self.state.program_of(self.state.position) + self.state.g92;
+                for axis in AxisLetter::ALL {
+                    let index = axis.index();
+                    if let Some(value) = line.axis(index) {
+                        let value = value * self.state.word_unit(index);
+                        self.state.g92[index] = if once == NonModal::SetOffset {
+                            here[index] - value
+                        } else {
+                            value
+                        };
+                        check_coordinate(self.state.g92[index], axis, line)?;
+                    }
+                }
+                self.parameters.set_numbered(G92_ACTIVE, 1.0);
+                let offset = self.state.g92;
+                self.parameters.set_axes(G92, &offset);
+            }
+            NonModal::ClearOffset => {
+                self.state.g92 = Axes::zeros();
+                self.parameters.set_numbered(G92_ACTIVE, 0.0);
+                self.parameters.set_axes(G92, &Axes::zeros());
+            }
+            NonModal::SuspendOffset => {
+                self.state.g92 = Axes::zeros();
+                self.parameters.set_numbered(G92_ACTIVE, 0.0);
+            }
+            NonModal::RestoreOffset => {
+                self.state.g92 = self.parameters.axes(G92);
+                for axis in AxisLetter::ALL {
+                    check_coordinate(self.state.g92[axis.index()], axis, line)?;
+                }
+                self.parameters.set_numbered(G92_ACTIVE, 1.0);
+            }
+        }
+        Ok(())
+    }
+
+    fn set_data(&mut self) -> Result<(), Fault> {
+        let line = self.line;
+        let missing = |text: &str| {
+            Err(Fault::new(
+                Code::WordMissing,
+                line.group_span(Group::NonModal),
+                text.to_owned(),
+            ))
+        };
+        let Some(what) = line.whole(b'L')? else {
+            return missing("G10 needs L: 1, 10, 11 write a tool, 2 and 20 a work offset");
+        };
+        match what {
+            0 => Ok(()),
+            2 | 20 => {
+                let Some(number) = line.whole(b'P')? else {
+                    return missing(
+                        "G10 L2 and L20 need P: 1 for G54 to 9 for G59.3, 0 for the one in force",
+                    );
+                };
+                let index = match number {
+                    0 => self.state.modes.work_index,
+                    number if number as usize <= WORK_OFFSETS => number as usize - 1,
+                    _ => {
+                        let message = format!("P{number}: there are work offsets from 1 (G54) to 9 (G59.3)");
+                        return Err(Fault::new(Code::OutOfRange, line.span(b'P'), message));
+                    }
+                };
+                self.set_work_offset(what == 20, index)
+            }
+            1 | 10 | 11 => {
+                let Some(number) = line.whole(b'P')? else {
+                    return missing("G10 L1, L10 and L11 need P, the number of the tool");
+                };
+                if number == 0 {
+                    let message = "P0: the tools of the table have numbers from 1";
+                    return Err(Fault::new(Code::OutOfRange, line.span(b'P'), message)
+                        .help("write the number of the tool in the spindle: #5400"));
+                }
+                self.set_tool(what, number)
+            }
+            _ => {
+                let message = format!("L{what}: G10 knows L0, L1, L2, L10, L11 and L20");
+                Err(Fault::new(Code::OutOfRange, line.span(b'L'), message))
+            }
+        }
+    }
+
+    fn set_work_offset(&mut self, here: bool, index: usize) -> Result<(), Fault> {
+        let line = self.line;
+        let first = WORK_OFFSET_1 + 20 * index;
+        if let Some(degrees) = line.word(b'R') {
+            self.parameters.set_numbered(first + AXES, degrees);
+        }
+        let mut there = *self.state;
+        there.modes.work_index = index;
+        there.load_work(self.parameters);
+        let now = there.program_of(there.position);
+        let mut wanted = now;
+        for axis in AxisLetter::ALL {
+            let place = axis.index();
+            if let Some(value) = line.axis(place) {
+                wanted[place] = value * self.state.word_unit(place);
+            }
+        }
+        let shift = there.turn(now - wanted);
+        // In rotated coordinates a shift along X is one along both axes of the machine.
+        let level = here && there.rotation[0] != 0.0 && (line.has(b'X') || line.has(b'Y'));
+        for axis in AxisLetter::ALL {
+            let place = axis.index();
+            if line.axis(place).is_some() || level && place < 2 {
+                let value = if here {
+                    there.work[place] + shift[place]
+                } else {
+                    wanted[place]
+                };
+                check_coordinate(value, axis, line)?;
+                self.parameters.set_numbered(first + place, value);
+            }
+        }
+        if index == self.state.modes.work_index {
+            self.state.load_work(self.parameters);
+        }
+        Ok(())
+    }
+
+    fn set_tool(&mut self, what: u32, number: u32) -> Result<(), Fault> {
+        let line = self.line;
+        let known = self.tools.as_ref().and_then(|tools| tools.get(number)).copied();
+        let mut tool = known.unwrap_or_else(|| Tool::new(number));
+        // Where the tip is, had the tool no length: in the coordinates in force, or those of G59.3.
+        let mut there = *self.state;
+        there.tool_offset = Axes::zeros();
+        if what == 11 {
+            there.modes.work_index = WORK_OFFSETS - 1;
+            there.load_work(self.parameters);
+            there.g92 = Axes::zeros();
+        }
+        let bare = there.program_of(there.position);
+        for axis in AxisLetter::ALL {
+            let place = axis.index();
+            if let Some(value) = line.axis(place) {
+                let value = value * self.state.word_unit(place);
+                tool.offset[place] = if what == 1 { value } else { bare[place] - value };
+                check_coordinate(tool.offset[place], axis, line)?;
+            }
+        }
+        if let Some(radius) = line.word(b'R') {
+            tool.diameter_mm = 2.0 * radius * self.state.unit_mm();
+        }
+        if let Some(angle) = line.word(b'I') {
+            tool.front_angle = angle;
+        }
+        if let Some(angle) = line.word(b'J') {
+            tool.back_angle = angle;
+        }
+        if let Some(orientation) = line.whole(b'Q')? {
+            if orientation > MAX_ORIENTATION {
+                let message = format!("Q{orientation}: the tip of a tool points to one of 0 to 9");
+                return Err(Fault::new(Code::OutOfRange, line.span(b'Q'), message));
+            }
+            tool.orientation = orientation;
+        }
+        self.tools.get_or_insert_default().set(tool);
+        if number == self.state.tool {
+            self.publish_tool(&tool);
+        }
+        Ok(())
+    }
+}
+
+/// Whether a machine coordinate is one.
+#[inline]
+pub(crate) fn check_coordinate(value: f64, axis: AxisLetter, line: &Statement) -> Result<(), Fault> {
+    if value.abs() <= MAX_COORDINATE {
+        return Ok(());
+    }
+    Err(too_far(value, axis, line))
+}
+
+#[cold]
+fn too_far(value: f64, axis: AxisLetter, line: &Statement) -> Fault {
+    let letter = axis.letter();
+    let message = format!("{letter} would be {value:e} in machine coordinates");
+    Fault::new(Code::PositionTooLarge, line.span(letter as u8), message)
+        .help("no machine travels that far; look at offsets and increments")
+}

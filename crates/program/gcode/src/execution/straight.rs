@@ -1,0 +1,423 @@
+//! Straight moves: G0, G1, G28, G30, G33, G38.
+
+use evolvent_path::{Axes, AxisLetter, Curve, Line, ParamCurve as _};
+
+use crate::codes::modal_groups::{FeedMode, Group, Motion, NonModal};
+use crate::diagnostics::diagnostic::Fault;
+use crate::execution::execute::Executor;
+use crate::execution::execute::MAX_WAITING;
+use crate::execution::offsets::check_coordinate;
+use crate::{Action, Code, Command, Move, MoveKind, PathMode, SpindleDirection};
+
+impl Executor<'_> {
+    /// Where the axis words lead to, in machine coordinates.
+    pub(crate) fn target(&self) -> Result<Axes, Fault> {
+        let (state, line) = (&*self.state, self.line);
+        let from = state.programmed();
+        let mut target = from;
+        if line.once() == Some(NonModal::MachineCoordinates) {
+            for index in 0..AxisLetter::ALL.len() {
+                if let Some(value) = line.axis(index) {
+                    target[index] = value * state.word_unit(index);
+                }
+            }
+        } else if state.rotation[0] == 0.0 && !line.has_polar() {
+            let zero = state.machine_of(Axes::zeros());
+            for index in 0..AxisLetter::ALL.len() {
+                if let Some(value) = line.axis(index) {
+                    let base = if state.modes.incremental {
+                        from[index]
+                    } else {
+                        zero[index]
+                    };
+                    target[index] = base + value * state.word_unit(index);
+                }
+            }
+        } else {
+            let mut program = state.program_of(from);
+            let incremental = state.modes.incremental;
+            for index in 0..AxisLetter::ALL.len() {
+                if let Some(value) = line.axis(index) {
+                    let base = if incremental { program[index] } else { 0.0 };
+                    program[index] = base + value * state.word_unit(index);
+                }
+            }
+            if line.has_polar() {
+                self.polar(&mut program)?;
+            }
+            target = state.machine_of(program);
+            let level = line.has(b'X') || line.has(b'Y') || line.has_polar();
+            for index in 0..AxisLetter::ALL.len() {
+                if line.axis(index).is_none() && !(index < 2 && level) {
+                    target[index] = from[index];
+                }
+            }
+        }
+        for axis in AxisLetter::ALL {
+            check_coordinate(target[axis.index()], axis, line)?;
+        }
+        Ok(target)
+    }
+
+    /// `@` is the distance from the program's zero, `^` the angle from X in degrees.
+    pub(crate) fn polar(&self, program: &mut Axes) -> Result<(), Fault> {
+        let line = self.line;
+        let bad = |letter: u8, message: &str| {
+            let letter = if line.has(letter) {
+                letter
+            } else {
+                letter ^ b'@' ^ b'^'
+            };
+            Err(Fault::new(
+                Code::PolarCoordinates,
+                line.span(letter),
+                message.to_owned(),
+            ))
+        };
+        if line.has(b'X') || line.has(b'Y') {
+            return bad(b'@', "X and Y do not go with @ and ^");
+        }
+        let (radius, angle) = (
+            libm::hypot(program[0], program[1]),
+            libm::atan2(program[1], program[0]),
+        );
+        let at_zero = program[0] == 0.0 && program[1] == 0.0;
+        let unit = self.state.unit_mm();
+        let incremental = self.state.modes.incremental;
+        if incremental && at_zero {
+            return bad(b'@', "@ and ^ in G91 have no meaning at the program's zero");
+        }
+        let radius = match line.word(b'@') {
+            Some(value) if incremental => radius + value * unit,
+            Some(value) => value * unit,
+            None => radius,
+        };
+        let angle = match line.word(b'^') {
+            Some(value) if incremental => angle + value.to_radians(),
+            Some(value) => value.to_radians(),
+            None if at_zero => return bad(b'@', "@ without ^ has no meaning at the program's zero"),
+            None => angle,
+        };
+        program[0] = radius * libm::cos(angle);
+        program[1] = radius * libm::sin(angle);
+        Ok(())
+    }
+
+    /// G0, G1.
+    pub(crate) fn straight(&mut self, motion: Motion) -> Result<(), Fault> {
+        let line = self.line;
+        if line.once() == Some(NonModal::MachineCoordinates) && self.state.modes.incremental {
+            let span = line.group_span(Group::NonModal);
+            return Err(Fault::new(
+                Code::MachineCoordinatesIncremental,
+                span,
+                "G53 while G91 is active",
+            )
+            .help("machine coordinates are absolute: write G90 first"));
+        }
+        // G0 or G1 alone only sets the mode.
+        if !line.has_axes() {
+            return Ok(());
+        }
+        let kind = if motion == Motion::Rapid {
+            MoveKind::Rapid
+        } else {
+            self.check_feed(motion.name())?;
+            MoveKind::Feed
+        };
+        let target = self.target()?;
+        if self.state.cutter.is_on() {
+            return self.compensated_line(target, kind);
+        }
+        self.put_line(target, kind)
+    }
+
+    /// A straight move from the present position.
+    #[inline]
+    pub(crate) fn put_line(&mut self, target: Axes, kind: MoveKind) -> Result<(), Fault> {
+        let path_mode = self.state.modes.path_mode;
+        self.put_line_in(target, kind, path_mode)
+    }
+
+    #[inline]
+    pub(crate) fn put_line_in(
+        &mut self,
+        target: Axes,
+        kind: MoveKind,
+        path_mode: PathMode,
+    ) -> Result<(), Fault> {
+        if target == self.state.position {
+            if !self.state.cutter.is_on() {
+                self.state.cutter.programmed = None;
+            }
+            return Ok(());
+        }
+        let line = Line::new(self.state.position, target)
+            .map_err(|error| Fault::new(Code::LineRefused, self.line.motion_span(), error.to_string()))?;
+        let length = line.length();
+        let feed = match kind {
+            MoveKind::Rapid => f64::INFINITY,
+            MoveKind::Feed => {
+                // After G40 the programmed path counts, in inverse time.
+                let programmed = match self.state.cutter.programmed {
+                    Some(from) => libm::sqrt((target - from).fixed_rows::<3>(0).norm_squared()),
+                    None => length,
+                };
+                let programmed = if programmed > 0.0 { programmed } else { length };
+                self.speed(programmed, self.only_rotary(&target))
+            }
+        };
+        self.check_move(length, feed)?;
+        // Not by way of a curve of its own: lines are what long programs consist of, and a curve is large.
+        self.state.position = target;
+        if !self.state.cutter.is_on() {
+            self.state.cutter.programmed = None;
+        }
+        self.out.push_back(Command {
+            line: self.number,
+            action: Action::Move(Move {
+                curve: Curve::Line(line),
+                kind,
+                feed,
+                path_mode,
+            }),
+            origin: self.origin.clone(),
+        });
+        Ok(())
+    }
+
+    #[inline]
+    pub(crate) fn line_to(&self, target: Axes) -> Result<Curve, Fault> {
+        Line::new(self.state.position, target)
+            .map(Curve::Line)
+            .map_err(|error| Fault::new(Code::LineRefused, self.line.motion_span(), error.to_string()))
+    }
+
+    fn only_rotary(&self, target: &Axes) -> bool {
+        let still = |axis: &AxisLetter| target[axis.index()] == self.state.position[axis.index()];
+        AxisLetter::ALL.iter().all(|axis| axis.is_rotary() || still(axis))
+    }
+
+    /// Hands out a move.
+    #[inline]
+    pub(crate) fn put_curve(
+        &mut self,
+        curve: Curve,
+        kind: MoveKind,
+        feed: f64,
+        path_mode: PathMode,
+    ) -> Result<(), Fault> {
+        self.check_move(curve.length(), feed)?;
+        // The curve keeps its end bit for bit, but rounds may have moved it (a circle's end is its start).
+        self.state.position = curve.end();
+        if !self.state.cutter.is_on() {
+            // After G40 the tool has come back to the programmed path.
+            self.state.cutter.programmed = None;
+        }
+        self.out(Action::Move(Move {
+            curve,
+            kind,
+            feed,
+            path_mode,
+        }));
+        Ok(())
+    }
+
+    /// A path that a double cannot tell from nothing would have no direction and no time; one line may not fill the memory.
+    #[inline]
+    fn check_move(&self, length: f64, feed: f64) -> Result<(), Fault> {
+        if length > 0.0 && feed > 0.0 && self.out.len() < MAX_WAITING {
+            return Ok(());
+        }
+        if self.out.len() >= MAX_WAITING {
+            let message =
+                format!("more than {MAX_WAITING} commands from one line, or waiting for cutter compensation");
+            return Err(Fault::new(Code::BodyTooLong, self.line.motion_span(), message));
+        }
+        let message = format!("a move of {length:e} mm at {feed:e} mm/s");
+        Err(Fault::new(Code::LineRefused, self.line.motion_span(), message)
+            .help("length or feed is too small to compute with"))
+    }
+
+    /// A feed move needs a speed.
+    pub(crate) fn check_feed(&self, name: &str) -> Result<(), Fault> {
+        let modes = &self.state.modes;
+        let span = self.line.motion_span();
+        let feed = match modes.feed_mode {
+            FeedMode::InverseTime => {
+                let Some(feed) = self.line.word(b'F') else {
+                    let message = format!("{name} in G93 without F");
+                    return Err(Fault::new(Code::InverseTimeFeedMissing, span, message)
+                        .help("in inverse time mode every feed move has its own F: 1 / minutes"));
+                };
+                feed
+            }
+            FeedMode::PerMinute | FeedMode::PerRevolution => {
+                let Some(feed) = modes.feed else {
+                    let message = format!("{name}, but no feed is in force");
+                    return Err(Fault::new(Code::FeedMissing, span, message)
+                        .help("write F on this line or before; a change of feed mode forgets F"));
+                };
+                feed.linear
+            }
+        };
+        if feed <= 0.0 {
+            let message = format!("{name} with feed F0");
+            return Err(Fault::new(Code::FeedZero, span, message).help("write an F above 0"));
+        }
+        if modes.feed_mode == FeedMode::PerRevolution && (modes.speed <= 0.0 || modes.surface.is_some()) {
+            let message = format!("{name} in G95, but the spindle speed is 0 or not known (G96)");
+            let help = if modes.surface.is_some() {
+                "with G96 the spindle's speed follows the radius: write G94 and a feed per minute, or G97 and S"
+            } else {
+                "feed per revolution needs a spindle speed: write S and M3 first"
+            };
+            return Err(Fault::new(Code::SpindleSpeedMissing, span, message).help(help));
+        }
+        Ok(())
+    }
+
+    /// Speed of a path of a length in mm/s, or deg/s if only rotary axes move. [`check_feed`](Self::check_feed)
+    /// has passed.
+    pub(crate) fn speed(&self, length: f64, rotary: bool) -> f64 {
+        let modes = &self.state.modes;
+        if modes.feed_mode == FeedMode::InverseTime {
+            return self.line.word(b'F').unwrap_or(0.0) / 60.0 * length;
+        }
+        let feed = modes
+            .feed
+            .map_or(0.0, |feed| if rotary { feed.rotary } else { feed.linear });
+        match modes.feed_mode {
+            FeedMode::PerRevolution => feed * modes.speed / 60.0,
+            _ => feed,
+        }
+    }
+
+    /// G28, G30: by way of the point of the axis words to the place that is stored; without axis words all axes
+    /// go there, else only those named.
+    pub(crate) fn home(&mut self, first: usize) -> Result<(), Fault> {
+        let line = self.line;
+        let stored = self.parameters.axes(first);
+        let mut place = stored;
+        if line.has_axes() {
+            let between = self.target()?;
+            self.put_line(between, MoveKind::Rapid)?;
+            for index in 0..AxisLetter::ALL.len() {
+                if line.axis(index).is_none() {
+                    place[index] = self.state.position[index];
+                }
+            }
+        }
+        for axis in AxisLetter::ALL {
+            if !self.settings.axes[axis.index()] {
+                place[axis.index()] = self.state.position[axis.index()];
+            }
+            check_coordinate(place[axis.index()], axis, line)?;
+        }
+        self.put_line(place, MoveKind::Rapid)
+    }
+
+    /// Checks that the spindle turns, and gives the pitch K in mm.
+    pub(crate) fn pitch(&self, name: &str, letter: u8) -> Result<f64, Fault> {
+        let line = self.line;
+        let Some(pitch) = line.word(letter) else {
+            let message = format!("{name} needs {}, the pitch", char::from(letter));
+            return Err(Fault::new(Code::WordMissing, line.motion_span(), message));
+        };
+        if pitch <= 0.0 {
+            let message = format!("{}{pitch}: a pitch is above 0", char::from(letter));
+            return Err(Fault::new(Code::OutOfRange, line.span(letter), message));
+        }
+        if self.state.modes.spindle == SpindleDirection::Stopped {
+            let message = format!("{name}, but the spindle does not turn");
+            return Err(Fault::new(Code::SpindleSpeedMissing, line.motion_span(), message)
+                .help("write S and M3 or M4 first"));
+        }
+        Ok(pitch * self.state.unit_mm())
+    }
+
+    /// G33.
+    pub(crate) fn thread(&mut self) -> Result<(), Fault> {
+        if !self.line.has_axes() {
+            return Ok(());
+        }
+        let pitch_mm = self.pitch("G33", b'K')?;
+        let target = self.target()?;
+        self.put_thread(target, pitch_mm)
+    }
+
+    pub(crate) fn put_thread(&mut self, target: Axes, pitch_mm: f64) -> Result<(), Fault> {
+        if target == self.state.position {
+            return Ok(());
+        }
+        let curve = self.line_to(target)?;
+        let path_mode = self.state.modes.path_mode;
+        self.state.position = target;
+        self.out(Action::Thread {
+            curve,
+            pitch_mm,
+            path_mode,
+        });
+        Ok(())
+    }
+
+    /// G33.1.
+    pub(crate) fn rigid_tap(&mut self) -> Result<(), Fault> {
+        if !self.line.has_axes() {
+            return Ok(());
+        }
+        let pitch_mm = self.pitch("G33.1", b'K')?;
+        let return_factor = self.line.word(b'I').unwrap_or(1.0);
+        if return_factor <= 0.0 {
+            let message = format!("I{return_factor}: the speed of the way out is a factor above 0");
+            return Err(Fault::new(Code::OutOfRange, self.line.span(b'I'), message));
+        }
+        let target = self.target()?;
+        if target == self.state.position {
+            return Ok(());
+        }
+        let curve = self.line_to(target)?;
+        self.out(Action::RigidTap {
+            curve,
+            pitch_mm,
+            return_factor,
+        });
+        Ok(())
+    }
+
+    /// G38.2 to G38.5.
+    pub(crate) fn probe(&mut self, toward: bool, must: bool) -> Result<(), Fault> {
+        let line = self.line;
+        if !line.has_axes() {
+            let message = "G38 needs an axis word: where the probe goes at the most";
+            return Err(Fault::new(Code::WordMissing, line.motion_span(), message));
+        }
+        if self.state.cutter.is_on() {
+            let message = "G38 while cutter compensation is on";
+            return Err(
+                Fault::new(Code::CompensationActive, line.motion_span(), message).help("write G40 first")
+            );
+        }
+        self.check_feed("G38")?;
+        let target = self.target()?;
+        if target == self.state.position {
+            if self.state.is_probed {
+                // Where the probe before has stopped is not known: without contact it stands here, and there is no way.
+                return Ok(());
+            }
+            let message = "G38 ends where it begins";
+            return Err(Fault::new(Code::OutOfRange, line.motion_span(), message));
+        }
+        let curve = self.line_to(target)?;
+        let feed = self.speed(curve.length(), self.only_rotary(&target));
+        self.state.position = target;
+        self.state.is_probed = true;
+        self.out(Action::Probe {
+            curve,
+            feed,
+            toward,
+            must,
+        });
+        Ok(())
+    }
+}

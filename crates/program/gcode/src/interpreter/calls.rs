@@ -1,0 +1,282 @@
+//! Calls: subroutines are collected while the program passes by, found in files or further on, entered and left.
+
+use std::io::BufRead;
+use std::sync::Arc as Shared;
+
+use crate::Code;
+use crate::diagnostics::diagnostic::{Fault, Span};
+use crate::interpreter::Interpreter;
+use crate::interpreter::o_words::{Definition, Frame, order};
+use crate::parameters::names::{NameId, Normal};
+use crate::syntax::block::{Keyword, OWord};
+use crate::syntax::lines::{FileFault, Lines, Subroutine, find_file};
+use crate::syntax::parser::o_word;
+
+/// How many arguments a call may have.
+const ARGUMENTS: usize = 30;
+
+impl<R: BufRead> Interpreter<R> {
+    /// A line of a subroutine that is being collected.
+    pub(crate) fn define(&mut self, word: Option<&OWord>) -> Result<(), Fault> {
+        let label = match word {
+            Some(word) => self.label(word).ok(),
+            None => None,
+        };
+        let room = self.settings.max_body_bytes.saturating_sub(self.library.size);
+        let Some(definition) = &mut self.definition else {
+            return Ok(());
+        };
+        definition.lines.push(self.line, &self.text);
+        if definition.lines.size() > room {
+            self.definition = None;
+            return Err(self.body_too_long());
+        }
+        match word {
+            Some(word) if word.keyword == Keyword::EndSub && label == Some(definition.name) => {
+                if let Some(Definition { name, lines, .. }) = self.definition.take() {
+                    let lines = Shared::new(lines);
+                    self.library.insert(name, Subroutine { lines, first: 0 });
+                }
+            }
+            Some(word) if word.keyword == Keyword::EndSub => {
+                let (begun, text) = (definition.line, definition.text.clone());
+                // It ends here all the same, so that one mistake is one error.
+                if let Some(Definition { name, lines, .. }) = self.definition.take() {
+                    let lines = Shared::new(lines);
+                    self.library.insert(name, Subroutine { lines, first: 0 });
+                }
+                let message = format!(
+                    "O<{}> endsub, but O<{text}> sub of line {begun} is what ends here",
+                    word.name.as_str()
+                );
+                return Err(Fault::new(Code::OWordOrder, word.span, message).help(format!(
+                    "write the same name twice: O<{text}> sub ... O<{text}> endsub"
+                )));
+            }
+            Some(word) if word.keyword == Keyword::Sub => {
+                return Err(order(word, "begins inside another subroutine"));
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    pub(crate) fn body_too_long(&self) -> Fault {
+        let message = format!(
+            "the bodies of loops and subroutines take more than {} bytes",
+            self.settings.max_body_bytes
+        );
+        Fault::new(Code::BodyTooLong, Span::new(0, self.text.len()), message)
+            .help("lines inside a loop are kept to be run again; make its body a subroutine or shorter")
+    }
+
+    pub(crate) fn call(&mut self, word: &OWord, name: NameId) -> Result<(), Fault> {
+        self.values(word)?;
+        if self.arguments.len() > ARGUMENTS {
+            let message = format!(
+                "a call with {} values; {ARGUMENTS} are possible",
+                self.arguments.len()
+            );
+            return Err(Fault::new(Code::OWord, word.span, message));
+        }
+        self.enter(&word.name, name, word.span, true, 1)
+    }
+
+    /// M98: the subroutine of a number, as often as told.
+    pub(crate) fn call_number(&mut self, number: u32, times: u32, span: Span) -> Result<(), Fault> {
+        if times == 0 {
+            return Ok(());
+        }
+        let text = Normal::of_number(number);
+        let Some(label) = self.labels.intern_label(&text) else {
+            return Err(Fault::new(
+                Code::BadName,
+                span,
+                "there are too many names of O-words",
+            ));
+        };
+        self.arguments.clear();
+        self.enter(&text, label, span, false, times)
+    }
+
+    /// M99: back to the caller. `false` in the program itself.
+    pub(crate) fn return_number(&mut self) -> bool {
+        if self.frames.len() == 1 {
+            return false;
+        }
+        self.return_from(None);
+        true
+    }
+
+    pub(crate) fn enter(
+        &mut self,
+        text: &Normal,
+        name: NameId,
+        span: Span,
+        own: bool,
+        times: u32,
+    ) -> Result<(), Fault> {
+        if self.frames.len() > self.settings.max_call_depth {
+            let message = format!(
+                "subroutines are nested deeper than {}",
+                self.settings.max_call_depth
+            );
+            return Err(Fault::new(Code::NestingTooDeep, span, message)
+                .help("does a subroutine call itself without end?"));
+        }
+        let found = match self.library.get(name) {
+            Some(found) => Some(found.clone()),
+            None => self.load(text, name, span)?,
+        };
+        let Some(found) = found else {
+            let message = format!("there is no subroutine O<{}>", text.as_str());
+            return Err(Fault::new(Code::SubroutineMissing, span, message).help(
+                "define it by O<name> sub ... O<name> endsub in the program, or in a file name.ngc of a subroutine folder",
+            ));
+        };
+        if own {
+            self.parameters.enter(&self.arguments);
+            self.parameters.returned = None;
+        }
+        self.frames.push(Frame {
+            lines: Some(found.lines),
+            at: found.first,
+            name,
+            first: found.first,
+            called_in: self.line,
+            again: times - 1,
+            own_parameters: own,
+            ..Frame::default()
+        });
+        Ok(())
+    }
+
+    pub(crate) fn return_from(&mut self, value: Option<f64>) {
+        if self.frame().again > 0 {
+            let frame = self.frame();
+            frame.again -= 1;
+            frame.at = frame.first;
+            frame.open.clear();
+            return;
+        }
+        let Some(frame) = self.frames.pop() else { return };
+        if frame.own_parameters {
+            self.parameters.leave();
+            self.parameters.returned = value;
+        }
+        if let Some((modes, true)) = frame.saved {
+            self.restore(modes);
+        }
+    }
+
+    /// Looks for a subroutine in files, then further on in the program.
+    fn load(&mut self, text: &Normal, name: NameId, span: Span) -> Result<Option<Subroutine>, Fault> {
+        let most = self.settings.max_body_bytes.saturating_sub(self.library.size);
+        match find_file(text.as_str(), &self.settings.subroutine_folders, most) {
+            Ok(Some(lines)) => {
+                let lines = Shared::new(lines);
+                self.library.note_file(text.as_str(), &lines);
+                self.index(&lines);
+                if self.library.get(name).is_none() {
+                    // A file of a main program's kind: the whole of it, for M98.
+                    let subroutine = Subroutine { lines, first: 0 };
+                    self.library.insert(name, subroutine);
+                }
+                return Ok(self.library.get(name).cloned());
+            }
+            Ok(None) => {}
+            Err(FileFault::Io(path, error)) => {
+                let message = format!("{} cannot be read: {error}", path.display());
+                return Err(Fault::new(Code::SubroutineFile, span, message));
+            }
+            Err(FileFault::TooLong(path)) => {
+                let message = format!("{} is longer than {most} bytes", path.display());
+                return Err(Fault::new(Code::SubroutineFile, span, message));
+            }
+        }
+        self.look_ahead(name)
+    }
+
+    /// Makes the subroutines of a file known.
+    fn index(&mut self, lines: &Shared<Lines>) {
+        for place in 0..lines.len() {
+            let Some((text, _)) = lines.get(place) else {
+                continue;
+            };
+            let Ok(Some(word)) = o_word(text, &self.scope()) else {
+                continue;
+            };
+            if matches!(word.keyword, Keyword::Sub | Keyword::Program)
+                && let Ok(name) = self.label(&word)
+            {
+                let subroutine = Subroutine {
+                    lines: Shared::clone(lines),
+                    first: place + 1,
+                };
+                self.library.insert(name, subroutine);
+            }
+        }
+    }
+
+    /// Reads on in the program, keeping what is read, until the subroutine has been found.
+    fn look_ahead(&mut self, name: NameId) -> Result<Option<Subroutine>, Fault> {
+        if self.frames.len() == 1 && !self.on_tape {
+            self.mark();
+        }
+        let mut found: Option<(Keyword, Lines)> = None;
+        // Lines that are on the tape already and have not been reached may hold it too.
+        let mut place = self.frames[0].at.min(self.tape.len());
+        let mut text = Vec::new();
+        loop {
+            let line = if let Some((kept, line)) = self.tape.get(place) {
+                text.clear();
+                text.extend_from_slice(kept);
+                line
+            } else {
+                if !matches!(self.reader.read_into(&mut text), Ok(true)) {
+                    // An unreadable line ahead is found again by nobody; the call then has no target.
+                    break;
+                }
+                let line = self.reader.line();
+                self.tape.push(line, &text);
+                if self.tape.size() > self.settings.max_body_bytes {
+                    return Err(self.body_too_long());
+                }
+                line
+            };
+            place += 1;
+            let word = o_word(&text, &self.scope()).unwrap_or_default();
+            let label = match &word {
+                Some(word) => self.label(word).ok(),
+                None => None,
+            };
+            let keyword = word.map(|word| word.keyword);
+            match &mut found {
+                None => {
+                    if let Some(keyword @ (Keyword::Sub | Keyword::Program)) = keyword
+                        && label == Some(name)
+                    {
+                        found = Some((keyword, Lines::default()));
+                    }
+                }
+                Some((Keyword::Sub, lines)) => {
+                    lines.push(line, &text);
+                    if keyword == Some(Keyword::EndSub) && label == Some(name) {
+                        break;
+                    }
+                }
+                Some((_, lines)) => {
+                    if keyword == Some(Keyword::Program) || crate::syntax::parser::is_percent(&text) {
+                        break;
+                    }
+                    lines.push(line, &text);
+                }
+            }
+        }
+        if let Some((_, lines)) = found {
+            let lines = Shared::new(lines);
+            self.library.insert(name, Subroutine { lines, first: 0 });
+        }
+        Ok(self.library.get(name).cloned())
+    }
+}

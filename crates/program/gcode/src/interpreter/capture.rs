@@ -1,0 +1,189 @@
+//! Reading the profile of a turning cycle: a subroutine is run, and its moves are kept instead of handed out.
+
+use std::io::BufRead;
+
+use crate::Code;
+use crate::Diagnostic;
+use crate::codes::modal_groups::{FeedMode, Motion};
+use crate::diagnostics::diagnostic::Fault;
+use crate::execution::cycles::profile::Corner;
+use crate::execution::cycles::roughing::{RoughCall, profile_of};
+use crate::interpreter::Interpreter;
+use crate::parameters::names::Normal;
+use crate::state::machine_state::{ProgrammedFeed, State};
+use crate::syntax::statement::Statement;
+
+/// A cycle that waits for its profile.
+#[derive(Debug)]
+pub(crate) struct Capture {
+    call: RoughCall,
+    /// How many frames there were before the subroutine.
+    depth: usize,
+    /// Where its commands begin.
+    first: usize,
+    /// What it is to leave unchanged.
+    state: State,
+    statement: Statement,
+    /// The line of the cycle, for errors, and its number for commands.
+    text: Vec<u8>,
+    line: u32,
+    number: u32,
+    /// The move that leads to the profile has been seen.
+    led: bool,
+    /// Fillet or chamfer of the line in hand.
+    corner: Option<Corner>,
+    /// Those of the commands.
+    corners: Vec<(usize, Corner)>,
+}
+
+impl<R: BufRead> Interpreter<R> {
+    /// Enters the subroutine of a cycle.
+    pub(crate) fn begin_profile(&mut self, call: RoughCall) -> Result<(), Fault> {
+        let span = self.statement.motion_span();
+        if self.capture.is_some() {
+            let message = "a cycle along a profile inside a profile";
+            return Err(
+                Fault::new(Code::ProfileRefused, span, message).help("a profile holds G0, G1, G2 and G3")
+            );
+        }
+        let depth = self.frames.len();
+        let text = Normal::of_number(call.number);
+        let Some(label) = self.labels.intern_label(&text) else {
+            return Err(Fault::new(
+                Code::BadName,
+                span,
+                "there are too many names of O-words",
+            ));
+        };
+        self.arguments.clear();
+        let number = self.shown_line();
+        let (line, source) = (self.line, self.text.clone());
+        self.enter(&text, label, span, true, 1).map_err(|fault| match fault.code {
+            Code::SubroutineMissing => fault.help(
+                "Q names a subroutine that holds the profile: put it between O100 sub and O100 endsub before this line and \
+                 write Q100; block numbers (N100, as P and Q of other controls) are not looked for",
+            ),
+            _ => fault,
+        })?;
+        self.capture = Some(Box::new(Capture {
+            call,
+            depth,
+            first: self.pending.len(),
+            state: self.state,
+            statement: self.statement.clone(),
+            text: source,
+            line,
+            number,
+            led: false,
+            corner: None,
+            corners: Vec::new(),
+        }));
+        // Speeds of the profile mean nothing, so none is asked for.
+        self.state.modes.feed_mode = FeedMode::PerMinute;
+        self.state.modes.feed = Some(ProgrammedFeed {
+            linear: 1.0,
+            rotary: 1.0,
+            word: 60.0,
+        });
+        if !matches!(self.state.motion, Motion::Rapid | Motion::Linear | Motion::Arc(_)) {
+            self.state.motion = Motion::Linear;
+        }
+        Ok(())
+    }
+
+    /// In a profile A is a fillet and C a chamfer at the end of the line.
+    pub(crate) fn take_corner(&mut self) -> Result<(), Fault> {
+        let unit = self.state.unit_mm();
+        let Some(capture) = &mut self.capture else {
+            return Ok(());
+        };
+        capture.corner = None;
+        let mut wrong = None;
+        self.block.words.retain(|word| {
+            let kind = match word.letter {
+                b'A' => Corner::Fillet(word.value * unit),
+                b'C' => Corner::Chamfer(word.value * unit),
+                _ => return true,
+            };
+            if word.value <= 0.0 || capture.corner.is_some() {
+                wrong = Some(word.span);
+            }
+            capture.corner = Some(kind);
+            false
+        });
+        match wrong {
+            None => Ok(()),
+            Some(span) => {
+                let message = "one fillet A or one chamfer C, above 0";
+                Err(Fault::new(Code::OutOfRange, span, message))
+            }
+        }
+    }
+
+    /// After a line of the profile that was right.
+    pub(crate) fn profile_line(&mut self) {
+        let moves = self.statement.motion().is_some() && self.statement.has_axes();
+        let Some(capture) = &mut self.capture else { return };
+        let corner = capture.corner.take();
+        if !capture.led && moves {
+            // The first move only leads to the profile, and may have no length.
+            capture.led = true;
+            self.pending.truncate(capture.first);
+        } else if let Some(corner) = corner
+            && let Some(last) = self.pending.len().checked_sub(capture.first + 1)
+        {
+            capture.corners.push((last, corner));
+        }
+    }
+
+    /// After each line: what it has given, and the cycle itself when the subroutine is over.
+    pub(crate) fn captured(&mut self) -> Result<(), Box<Diagnostic>> {
+        let inside = self.frames.len();
+        let Some(capture) = &mut self.capture else {
+            return Ok(());
+        };
+        if self.finished {
+            let fault = Fault::new(
+                Code::ProfileRefused,
+                capture.statement.motion_span(),
+                "the program ends inside the profile of this cycle",
+            )
+            .help("a profile ends with O.. endsub");
+            let diagnostic = Box::new(fault.locate(capture.line, &capture.text));
+            self.pending.truncate(capture.first);
+            self.capture = None;
+            return Err(diagnostic);
+        }
+        if inside > capture.depth {
+            return Ok(());
+        }
+        let Some(capture) = self.capture.take() else {
+            return Ok(());
+        };
+        self.end_profile(&capture)
+    }
+
+    fn end_profile(&mut self, capture: &Capture) -> Result<(), Box<Diagnostic>> {
+        let commands: Vec<_> = self
+            .pending
+            .drain(capture.first.min(self.pending.len())..)
+            .collect();
+        let mut state = capture.state;
+        self.state = state;
+        let profile = profile_of(&commands, &capture.corners, &state);
+        let mut executor = self.executor(&capture.statement, &mut state, capture.number);
+        let result = executor.rough(&capture.call, profile.as_deref().map_err(|fault| *fault));
+        match result {
+            Ok(()) => {
+                self.parameters.commit();
+                self.state = state;
+                Ok(())
+            }
+            Err(fault) => {
+                self.pending.truncate(capture.first);
+                self.parameters.roll_back();
+                Err(Box::new(fault.locate(capture.line, &capture.text)))
+            }
+        }
+    }
+}

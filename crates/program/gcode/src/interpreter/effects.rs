@@ -1,0 +1,128 @@
+//! What a line does beside moving: parameters, comments, calls, saved modes; and what the machine answers.
+
+use std::io::BufRead;
+
+use evolvent_path::{AXES, Axes, MAX_COORDINATE};
+
+use crate::codes::modal_groups::MCode;
+use crate::diagnostics::diagnostic::{Fault, Span};
+use crate::execution::execute::Request;
+use crate::interpreter::Interpreter;
+use crate::parameters::names::Normal;
+use crate::parameters::values::{DEBUG, INPUT_RESULT, PROBE_TRIPPED, PROBED};
+use crate::syntax::comment::{self, Remark};
+use crate::syntax::expression::Target;
+use crate::{Action, Code, Command, LogAction};
+
+impl<R: BufRead> Interpreter<R> {
+    /// What an input gave (M66): to be called when [`Action::WaitInput`] has been carried out, before the next command is asked
+    /// for. It becomes #5399; without it that is -1, as after a timeout. Values that are not finite count as -1.
+    pub fn answer_input(&mut self, value: f64) {
+        let value = if value.is_finite() { value } else { -1.0 };
+        self.parameters.set_numbered(INPUT_RESULT, value);
+        self.parameters.commit();
+    }
+
+    /// Where a probe tripped, machine coordinates (mm, degrees), or where it came to rest without: to be called when
+    /// [`Action::Probe`] has been carried out and the machine stands at `at`, before the next command is asked for. The place in
+    /// program coordinates and units becomes #5061 to #5069, and whether it tripped #5070. `false`, and nothing happens, if `at`
+    /// is no place.
+    pub fn answer_probe(&mut self, at: &Axes, tripped: bool) -> bool {
+        if !at.iter().all(|value| value.abs() <= MAX_COORDINATE) {
+            return false;
+        }
+        self.state.position = *at;
+        self.state.is_probed = false;
+        for axis in 0..AXES {
+            let value = self.state.program_position(axis);
+            self.parameters.set_numbered(PROBED + axis, value);
+        }
+        self.parameters
+            .set_numbered(PROBE_TRIPPED, f64::from(u8::from(tripped)));
+        self.parameters.commit();
+        true
+    }
+
+    pub(crate) fn answer(&mut self, request: Request) -> Result<(), Fault> {
+        match request {
+            Request::Call { number, times, span } => self.call_number(number, times, span),
+            Request::Profile(call) => self.begin_profile(call),
+            Request::Return => {
+                if !self.return_number() {
+                    self.end();
+                }
+                Ok(())
+            }
+            Request::Modes(code) => {
+                let modes = self.state.modes;
+                let Some(frame) = self.frames.last_mut() else {
+                    return Ok(());
+                };
+                match code {
+                    MCode::SaveModes => frame.saved = Some((modes, false)),
+                    MCode::SaveAndRestoreModes => frame.saved = Some((modes, true)),
+                    MCode::ForgetModes => frame.saved = None,
+                    _ => {
+                        let Some((saved, _)) = frame.saved else {
+                            let place = Span::new(0, self.text.len());
+                            return Err(Fault::new(
+                                Code::NothingSaved,
+                                place,
+                                "M72, but no modes have been saved",
+                            )
+                            .help("write M70 before"));
+                        };
+                        self.restore(saved);
+                    }
+                }
+                Ok(())
+            }
+        }
+    }
+
+    /// Writes the parameters that the line sets.
+    pub(crate) fn assign(&mut self) -> Result<(), Fault> {
+        for (target, value) in &self.block.assignments {
+            match *target {
+                Target::Numbered(index) => self.parameters.set_numbered(index, *value),
+                Target::Named(inside) => {
+                    let name = Normal::new(&self.text[inside.start as usize..inside.end as usize]);
+                    if !name.is_some_and(|name| self.parameters.set_named(&name, *value)) {
+                        let message = "there are too many names of parameters";
+                        return Err(Fault::new(Code::BadName, inside, message));
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Comments that do something.
+    pub(crate) fn remarks(&mut self, line: u32) -> Result<(), Fault> {
+        for index in 0..self.block.comments.len() {
+            let inside = self.block.comments[index];
+            let remark = comment::remark(&self.text, inside, &self.scope());
+            let action = match remark {
+                Remark::None => continue,
+                Remark::Debug(_) if self.parameters.numbered(DEBUG) == 0.0 => continue,
+                Remark::Message(text) | Remark::Debug(text) => Action::Message(text),
+                Remark::Print(text) => Action::Print(text),
+                Remark::Log(text) => Action::Log(LogAction::Line(text)),
+                Remark::LogOpen(name) => Action::Log(LogAction::Open(name)),
+                Remark::LogAppend(name) => Action::Log(LogAction::Append(name)),
+                Remark::LogClose => Action::Log(LogAction::Close),
+                Remark::Abort(text) => {
+                    self.finished = true;
+                    return Err(Fault::new(
+                        Code::ActiveComment,
+                        inside,
+                        format!("the program gives up: {text}"),
+                    ));
+                }
+            };
+            let origin = self.origin();
+            self.pending.push_back(Command { line, action, origin });
+        }
+        Ok(())
+    }
+}

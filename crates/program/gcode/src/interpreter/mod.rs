@@ -1,0 +1,622 @@
+//! Which line is next, and the iterator that callers see.
+
+pub(crate) mod calls;
+pub(crate) mod capture;
+pub(crate) mod effects;
+pub(crate) mod modal;
+pub(crate) mod o_words;
+pub(crate) mod restart;
+
+use std::collections::{BTreeSet, VecDeque};
+use std::io::BufRead;
+use std::sync::Arc as Shared;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use evolvent_path::Axes;
+
+use crate::diagnostics::diagnostic::{Fault, Span};
+use crate::execution::compensation::Changed;
+use crate::execution::execute::{Executor, MAX_WAITING};
+use crate::interpreter::capture::Capture;
+use crate::interpreter::o_words::{Definition, Frame, Skip};
+use crate::parameters::names::Names;
+use crate::parameters::values::Parameters;
+use crate::state::machine_state::{Modes, State};
+use crate::state::scope::Scope;
+use crate::syntax::block::Block;
+use crate::syntax::lines::{Library, Lines};
+use crate::syntax::parser::{first_character, is_block_delete, is_percent, parse};
+use crate::syntax::reader::LineReader;
+use crate::syntax::statement::Statement;
+use crate::{Call, Code, Command, Diagnostic, Origin, Settings, ToolTable};
+
+/// After so many errors a program is given up.
+const MAX_ERRORS: usize = 1000;
+
+/// Errors of lines that were told already, after which a program is given up: loops repeat them. Some 50 ms.
+const MAX_REPEATED_ERRORS: u32 = 10_000;
+
+/// Calls that a diagnostic names at most, the innermost first.
+const MAX_CALLS_TOLD: usize = 10;
+
+/// How often the interrupt is looked at, in lines.
+const INTERRUPT_LINES: u64 = 1024;
+
+/// Interprets a program line by line, as commands are asked for. Memory is bounded by the longest line and, where
+/// there are loops and subroutines, by [`Settings::max_body_bytes`].
+///
+/// After an error the iterator goes on with the next line, with the modal state unchanged by the faulty one, so
+/// that one pass finds many errors; whoever moves a machine stops at the first. It ends after
+/// [`Action::ProgramEnd`], or after an error in reading.
+///
+/// ```
+/// use evolvent_gcode::{Action, Interpreter, Settings};
+///
+/// let program = &b"G21 F600\nG1 X10\nM2\n"[..];
+/// let commands: Result<Vec<_>, _> = Interpreter::new(program, Settings::default()).collect();
+/// let commands = commands?;
+/// assert!(matches!(commands[0].action, Action::Move(step) if step.feed == 10.0));
+/// assert_eq!(commands[1].action, Action::ProgramEnd);
+/// # Ok::<(), evolvent_gcode::Diagnostic>(())
+/// ```
+pub struct Interpreter<R> {
+    pub(crate) reader: LineReader<R>,
+    pub(crate) settings: Settings,
+    pub(crate) state: State,
+    /// The state before the line in hand, which comes back if something is wrong with it.
+    before: State,
+    pub(crate) parameters: Parameters,
+    tools: Option<ToolTable>,
+    control_points: Vec<[f64; 3]>,
+    pub(crate) block: Block,
+    pub(crate) statement: Statement,
+    /// The line in hand, and its number in its file.
+    pub(crate) text: Vec<u8>,
+    pub(crate) line: u32,
+    /// Lines of the program that may be needed again, and whether the line in hand is among them.
+    pub(crate) tape: Lines,
+    pub(crate) on_tape: bool,
+    /// The program, and above it the subroutines that run.
+    pub(crate) frames: Vec<Frame>,
+    pub(crate) skip: Option<Skip>,
+    pub(crate) definition: Option<Definition>,
+    pub(crate) library: Library,
+    pub(crate) labels: Names,
+    /// Values behind an O-word.
+    pub(crate) arguments: Vec<f64>,
+    /// Commands of the last line that nobody has asked for yet.
+    pub(crate) pending: VecDeque<Command>,
+    /// Commands of earlier lines that the line in hand has changed.
+    pub(crate) changed: Vec<Changed>,
+    /// The profile that is being read for a cycle.
+    pub(crate) capture: Option<Box<Capture>>,
+    /// Errors that were told before.
+    repeated_errors: u32,
+    /// Lines that begin with `/`: skipped, executed.
+    block_delete_lines: (u64, u64),
+    /// Line of the program that the subroutine files in use were called from.
+    calling_line: u32,
+    /// Whether the program began with `%`; unknown before the first line that is not blank.
+    percent: Option<bool>,
+    /// Lines since the last command.
+    silent: u64,
+    interrupt: Option<Arc<AtomicBool>>,
+    /// Places of the errors so far: a loop does not tell of one twice.
+    reported: BTreeSet<(Option<Shared<str>>, u32)>,
+    pub(crate) finished: bool,
+}
+
+impl<R: BufRead> Interpreter<R> {
+    /// Starts at the first line of `input`.
+    pub fn new(input: R, settings: Settings) -> Self {
+        let mut state = State::new(&settings);
+        let mut parameters = Parameters::new();
+        for (index, value) in &settings.parameters {
+            if value.is_finite() {
+                parameters.set_numbered(*index as usize, *value);
+            }
+        }
+        state.publish(&settings, &mut parameters);
+        state.load_work(&parameters);
+        parameters.commit();
+        Self {
+            reader: LineReader::new(input, settings.max_line_bytes),
+            before: state,
+            state,
+            parameters,
+            tools: settings.tools.clone(),
+            control_points: Vec::new(),
+            settings,
+            block: Block::default(),
+            statement: Statement::new(),
+            text: Vec::new(),
+            line: 0,
+            tape: Lines::default(),
+            on_tape: false,
+            frames: vec![Frame::default()],
+            skip: None,
+            definition: None,
+            library: Library::default(),
+            labels: Names::default(),
+            arguments: Vec::new(),
+            pending: VecDeque::new(),
+            changed: Vec::new(),
+            capture: None,
+            repeated_errors: 0,
+            block_delete_lines: (0, 0),
+            calling_line: 0,
+            percent: None,
+            silent: 0,
+            interrupt: None,
+            reported: BTreeSet::new(),
+            finished: false,
+        }
+    }
+
+    /// Where the machine will be after the lines read so far, in machine coordinates (mm, degrees).
+    #[must_use]
+    pub fn position(&self) -> Axes {
+        self.state.position
+    }
+
+    /// Physical line read last, from 1; 0 before the first.
+    #[must_use]
+    pub fn line(&self) -> u32 {
+        self.reader.line()
+    }
+
+    /// Leaves out lines that begin with `/`, or not, from the next line on that is read.
+    pub fn set_block_delete(&mut self, on: bool) {
+        self.settings.block_delete = on;
+    }
+
+    /// Lines that begin with `/` so far: skipped because block delete is on, executed because it is off.
+    #[must_use]
+    pub fn block_delete_lines(&self) -> (u64, u64) {
+        self.block_delete_lines
+    }
+
+    /// Stops soon after the flag has been set from another thread: the next item is the error
+    /// [`Code::Interrupted`], and the last. A program that computes for long without moving can be stopped so.
+    pub fn set_interrupt(&mut self, flag: Arc<AtomicBool>) {
+        self.interrupt = Some(flag);
+    }
+
+    /// The value of a numbered parameter after the lines read so far, lengths of offsets in mm; 0 for numbers that
+    /// do not exist. Whoever keeps parameters from run to run reads them here and gives them back in
+    /// [`Settings::parameters`].
+    #[must_use]
+    pub fn parameter(&self, number: u32) -> f64 {
+        self.scope().numbered(number as usize)
+    }
+
+    /// The tool table after the lines read so far: G10 writes it.
+    #[must_use]
+    pub fn tools(&self) -> Option<&ToolTable> {
+        self.tools.as_ref()
+    }
+
+    /// How many files of subroutines have been read so far.
+    #[must_use]
+    pub fn subroutine_file_count(&self) -> usize {
+        self.library.file_count()
+    }
+
+    /// The files of subroutines that have been read so far, in that order: name and text as it was read. Whoever keeps
+    /// them beside the program can run it again without the folders.
+    pub fn subroutine_files(&self) -> impl Iterator<Item = (&str, Vec<u8>)> {
+        self.library.files()
+    }
+
+    pub(crate) fn state(&self) -> &State {
+        &self.state
+    }
+
+    pub(crate) fn is_finished(&self) -> bool {
+        self.finished
+    }
+
+    /// Whether a subroutine runs, or lines are skipped or collected.
+    pub(crate) fn is_inside(&self) -> bool {
+        self.frames.len() > 1 || self.skip.is_some() || self.definition.is_some()
+    }
+
+    /// Number of the line of the program that comes next.
+    pub(crate) fn next_of_program(&self) -> u32 {
+        match self.tape.get(self.frames[0].at) {
+            Some((_, line)) => line,
+            None => self.reader.line() + 1,
+        }
+    }
+
+    /// Executes a line and forgets its commands.
+    pub(crate) fn step_silently(&mut self) -> Result<(), Box<Diagnostic>> {
+        self.advance()?;
+        if self.state.cutter.held.is_none() && self.capture.is_none() {
+            self.pending.clear();
+            self.silent = 0;
+        }
+        Ok(())
+    }
+
+    pub(crate) fn scope(&self) -> Scope<'_> {
+        Scope {
+            parameters: &self.parameters,
+            state: &self.state,
+            settings: &self.settings,
+            line: self.line,
+        }
+    }
+
+    pub(crate) fn executor<'a>(
+        &'a mut self,
+        statement: &'a Statement,
+        state: &'a mut State,
+        number: u32,
+    ) -> Executor<'a> {
+        let origin = self.origin();
+        Executor {
+            origin,
+            state,
+            line: statement,
+            settings: &self.settings,
+            tools: &mut self.tools,
+            parameters: &mut self.parameters,
+            control_points: &mut self.control_points,
+            out: &mut self.pending,
+            changed: &mut self.changed,
+            number,
+        }
+    }
+
+    /// Brings saved modes back at the end of a subroutine.
+    pub(crate) fn restore(&mut self, modes: Modes) {
+        let mut state = self.state;
+        let statement = Statement::new();
+        let number = self.shown_line();
+        self.executor(&statement, &mut state, number).restore(modes);
+        self.parameters.commit();
+        self.state = state;
+    }
+
+    /// The line that commands carry: of the program, not of another file.
+    pub(crate) fn shown_line(&self) -> u32 {
+        let mine = self
+            .frames
+            .iter()
+            .rev()
+            .all(|frame| self.file_of(frame).is_none());
+        if mine { self.line } else { self.calling_line }
+    }
+
+    /// Where the line in hand stands, if it is not in the program itself.
+    #[inline]
+    pub(crate) fn origin(&self) -> Option<Origin> {
+        let lines = self.frames.last()?.lines.as_ref()?;
+        let file = lines.file.clone()?;
+        Some(Origin {
+            file,
+            line: self.line,
+        })
+    }
+
+    fn file_of(&self, frame: &Frame) -> Option<Shared<str>> {
+        frame.lines.as_ref().and_then(|lines| lines.file.clone())
+    }
+
+    /// Reads and executes a line; its commands go to `pending`.
+    fn advance(&mut self) -> Result<(), Box<Diagnostic>> {
+        let result = self.line_of_program();
+        if self.capture.is_some() {
+            result.and(self.captured())
+        } else {
+            result
+        }
+    }
+
+    fn line_of_program(&mut self) -> Result<(), Box<Diagnostic>> {
+        self.silent += 1;
+        if let Some(fault) = self.silence() {
+            self.finished = true;
+            return Err(self.locate(fault));
+        }
+        match self.next_line() {
+            Ok(true) => {}
+            Ok(false) => return self.end_of_lines(),
+            Err(fault) => {
+                self.finished = fault.code == Code::ReadFailed;
+                return Err(Box::new(fault.locate(self.reader.line(), &self.text)));
+            }
+        }
+        let before = self.pending.len();
+        self.changed.clear();
+        self.interpret().map_err(|fault| {
+            let fault = crate::diagnostics::foreign::explain(&self.text, fault);
+            let removed = self.changed.iter().filter(|changed| changed.removed).count();
+            self.pending.truncate(before - removed);
+            while let Some(changed) = self.changed.pop() {
+                if changed.removed {
+                    self.pending.insert(changed.index, changed.command);
+                } else if let Some(command) = self.pending.get_mut(changed.index) {
+                    *command = changed.command;
+                }
+            }
+            self.parameters.roll_back();
+            self.locate(fault)
+        })
+    }
+
+    fn locate(&self, fault: Fault) -> Box<Diagnostic> {
+        let mut diagnostic = Box::new(fault.locate(self.line, &self.text));
+        let file = self.frames.last().and_then(|frame| self.file_of(frame));
+        diagnostic.file = file.map(|file| Box::from(&*file));
+        let calls = self.frames.windows(2).rev().take(MAX_CALLS_TOLD);
+        diagnostic.calls = calls
+            .map(|pair| Call {
+                file: self.file_of(&pair[0]).map(|file| Box::from(&*file)),
+                line: pair[1].called_in,
+            })
+            .collect();
+        diagnostic
+    }
+
+    /// Whether it has been silent for too long, or too much waits for a move in the plane.
+    fn silence(&self) -> Option<Fault> {
+        let place = Span::new(0, self.text.len());
+        if self.silent > self.settings.max_silent_lines {
+            let message = format!(
+                "{} lines without anything to do for the machine: an endless loop",
+                self.settings.max_silent_lines
+            );
+            return Some(
+                Fault::new(Code::TooManySteps, place, message)
+                    .help("does the condition of the loop ever change?"),
+            );
+        }
+        if self.pending.len() > MAX_WAITING {
+            let message =
+                format!("more than {MAX_WAITING} commands between two moves with cutter compensation");
+            return Some(Fault::new(Code::BodyTooLong, place, message).help("write G40 before them"));
+        }
+        let interrupted = self.silent % INTERRUPT_LINES == 1
+            && self
+                .interrupt
+                .as_ref()
+                .is_some_and(|flag| flag.load(Ordering::Relaxed));
+        interrupted.then(|| Fault::new(Code::Interrupted, place, "the interpreter was told to stop"))
+    }
+
+    /// A loop goes round in lines with errors.
+    fn too_many_repeats(&self) -> Fault {
+        let place = Span::new(0, self.text.len());
+        let message = format!(
+            "lines with errors were executed {MAX_REPEATED_ERRORS} times more in loops; lines after this one were not looked at"
+        );
+        Fault::new(Code::TooManySteps, place, message)
+            .help("correct the errors that were told before this one")
+    }
+
+    /// Fetches the next line; `false` where there is none in this frame.
+    fn next_line(&mut self) -> Result<bool, Fault> {
+        let last = self.frames.len() - 1;
+        let frame = &mut self.frames[last];
+        if let Some(lines) = &frame.lines {
+            let Some((text, line)) = lines.get(frame.at) else {
+                return Ok(false);
+            };
+            self.text.clear();
+            self.text.extend_from_slice(text);
+            self.line = line;
+            frame.at += 1;
+            return Ok(true);
+        }
+        if let Some((text, line)) = self.tape.get(frame.at) {
+            self.text.clear();
+            self.text.extend_from_slice(text);
+            self.line = line;
+            frame.at += 1;
+            self.on_tape = true;
+            return Ok(true);
+        }
+        let recording = self.recording();
+        if !recording && self.tape.len() > 0 {
+            self.tape.clear();
+            self.frames[0].at = 0;
+        }
+        self.on_tape = false;
+        let read = self.reader.read_into(&mut self.text)?;
+        self.line = self.reader.line();
+        if read && recording {
+            self.tape.push(self.line, &self.text);
+            self.frames[0].at = self.tape.len();
+            self.on_tape = true;
+            if self.tape.size() > self.settings.max_body_bytes {
+                self.finished = true;
+                return Err(self.body_too_long());
+            }
+        }
+        Ok(read)
+    }
+
+    /// The lines of a frame are over.
+    fn end_of_lines(&mut self) -> Result<(), Box<Diagnostic>> {
+        let open = self.unfinished();
+        if self.frames.len() > 1 {
+            let whole_file = self.frames.last().is_some_and(Frame::is_whole_file);
+            let fault = open.filter(|_| !whole_file).map(|fault| self.locate(fault));
+            self.skip = None;
+            self.definition = None;
+            self.return_from(None);
+            return fault.map_or(Ok(()), Err);
+        }
+        let fault = open.map(|fault| self.locate(fault));
+        self.skip = None;
+        self.definition = None;
+        self.frames[0].open.clear();
+        self.end();
+        fault.map_or(Ok(()), Err)
+    }
+
+    fn interpret(&mut self) -> Result<(), Fault> {
+        if first_character(&self.text).is_none() {
+            return Ok(());
+        }
+        if self.frames.len() > 1 {
+            // What frames a file of its own has no meaning inside the program.
+            if is_percent(&self.text) {
+                return Ok(());
+            }
+        } else {
+            let opening = self.percent.is_none();
+            if is_percent(&self.text) && self.percent != Some(false) {
+                self.percent = Some(true);
+                if !opening {
+                    self.end();
+                }
+                return Ok(());
+            }
+            self.percent.get_or_insert(false);
+            if self.frames[0].lines.is_none() {
+                self.calling_line = self.line;
+            }
+        }
+        if is_block_delete(&self.text) {
+            let (skipped, executed) = &mut self.block_delete_lines;
+            if self.settings.block_delete {
+                *skipped += 1;
+                return Ok(());
+            }
+            *executed += 1;
+        }
+        if self.flow()? {
+            return Ok(());
+        }
+        let scope = Scope {
+            parameters: &self.parameters,
+            state: &self.state,
+            settings: &self.settings,
+            line: self.line,
+        };
+        parse(&self.text, &mut self.block, &scope)?;
+        let profile = self.capture.is_some();
+        if profile {
+            self.take_corner()?;
+        }
+        if self.block.words.is_empty() {
+            // Parameters and comments alone do nothing for the machine.
+            self.assign()?;
+            let number = self.shown_line();
+            self.remarks(number)?;
+            self.parameters.commit();
+            return Ok(());
+        }
+        let modal = self.state.motion;
+        self.statement.fill(&self.block, modal, &self.settings)?;
+        self.assign()?;
+        let number = self.shown_line();
+        if !self.block.comments.is_empty() {
+            self.remarks(number)?;
+        }
+        // What a line with nothing but a straight move changes is little, and long programs consist of such lines.
+        let small = self.statement.is_plain_move() && self.state.is_plain();
+        let few = self.state.few();
+        if !small {
+            self.before = self.state;
+        }
+        let origin = self.origin();
+        let request = Executor {
+            origin,
+            state: &mut self.state,
+            line: &self.statement,
+            settings: &self.settings,
+            tools: &mut self.tools,
+            parameters: &mut self.parameters,
+            control_points: &mut self.control_points,
+            out: &mut self.pending,
+            changed: &mut self.changed,
+            number,
+        }
+        .run();
+        let answered = request.and_then(|request| match request {
+            Some(request) => self.answer(request),
+            None => Ok(()),
+        });
+        if answered.is_err() {
+            if small {
+                self.state.restore_few(few);
+            } else {
+                self.state = self.before;
+            }
+            return answered;
+        }
+        self.parameters.commit();
+        self.finished |= self.state.ended;
+        if profile {
+            self.profile_line();
+        }
+        Ok(())
+    }
+
+    /// The end without M2.
+    pub(crate) fn end(&mut self) {
+        let mut state = self.state;
+        let statement = Statement::new();
+        let number = self.reader.line();
+        let is_block = self.settings.is_block;
+        let mut executor = self.executor(&statement, &mut state, number);
+        if is_block {
+            executor.end_block();
+        } else {
+            executor.end();
+        }
+        self.state = state;
+        self.finished = true;
+    }
+}
+
+impl<R: BufRead> Iterator for Interpreter<R> {
+    type Item = Result<Command, Diagnostic>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        loop {
+            // A move that cutter compensation may still change waits, and all that comes after it.
+            let waits = self.state.cutter.held;
+            if waits != Some(0)
+                && self.capture.is_none()
+                && let Some(command) = self.pending.pop_front()
+            {
+                self.state.cutter.held = waits.map(|held| held - 1);
+                self.silent = 0;
+                return Some(Ok(command));
+            }
+            if self.finished {
+                return None;
+            }
+            if let Err(diagnostic) = self.advance() {
+                let file: Option<Shared<str>> = diagnostic.file.as_deref().map(Shared::from);
+                let fresh = self.reported.insert((file, diagnostic.line));
+                self.finished |= self.reported.len() >= MAX_ERRORS;
+                if fresh || self.finished {
+                    return Some(Err(*diagnostic));
+                }
+                self.repeated_errors += 1;
+                if self.repeated_errors >= MAX_REPEATED_ERRORS {
+                    self.finished = true;
+                    return Some(Err(*self.locate(self.too_many_repeats())));
+                }
+            }
+        }
+    }
+}
+
+impl<R: BufRead> std::iter::FusedIterator for Interpreter<R> {}
+
+impl<R> std::fmt::Debug for Interpreter<R> {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter
+            .debug_struct("Interpreter")
+            .field("state", &self.state)
+            .finish_non_exhaustive()
+    }
+}

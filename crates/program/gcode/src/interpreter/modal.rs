@@ -1,0 +1,129 @@
+//! The modes in force, as numbers for a screen.
+
+use std::io::BufRead;
+
+use evolvent_path::{Axes, Plane};
+
+use crate::codes::modal_groups::{Compensation, FeedMode, PlaneCode};
+use crate::interpreter::Interpreter;
+use crate::state::machine_state::State;
+use crate::{PathMode, SpindleDirection};
+
+/// Modes, offsets and tool after a line.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Modal {
+    /// G codes in force, one of each modal group but motion, times ten: 170 is G17, 591 is G59.1. Zeros fill up.
+    pub codes: [u32; 16],
+    /// Work coordinate system in force, times ten: 540 to 593.
+    pub work_system: u32,
+    /// Work zero, G92 included, in machine coordinates, mm and degrees. The rotation of the system is not in it.
+    pub work_offset: Axes,
+    /// Offset of G43 in force, mm and degrees.
+    pub tool_offset: Axes,
+    /// Tool in the spindle; 0 for none.
+    pub tool: u32,
+    /// Spindle speed in revolutions a minute, negative counter-clockwise; 0 where it is stopped or follows a surface
+    /// speed.
+    pub spindle_rpm: f64,
+    /// Mist coolant runs.
+    pub mist: bool,
+    /// Flood coolant runs.
+    pub flood: bool,
+}
+
+impl<R: BufRead> Interpreter<R> {
+    /// The modes after the lines read so far.
+    #[must_use]
+    pub fn modal(&self) -> Modal {
+        self.state().modal()
+    }
+}
+
+impl State {
+    fn modal(&self) -> Modal {
+        let modes = &self.modes;
+        let either = |yes: bool, one: u32, other: u32| if yes { one } else { other };
+        let work_system = match modes.work_index {
+            index @ 0..=5 => 540 + 10 * index as u32,
+            index => 590 + index.min(8) as u32 - 5,
+        };
+        let list = [
+            match modes.plane {
+                PlaneCode::Main(Plane::Xy) => 170,
+                PlaneCode::Main(Plane::Zx) => 180,
+                PlaneCode::Main(Plane::Yz) => 190,
+                PlaneCode::Secondary(Plane::Xy) => 171,
+                PlaneCode::Secondary(Plane::Zx) => 181,
+                PlaneCode::Secondary(Plane::Yz) => 191,
+            },
+            either(modes.inches, 200, 210),
+            either(modes.incremental, 910, 900),
+            either(modes.arc_centre_absolute, 901, 911),
+            match modes.feed_mode {
+                FeedMode::InverseTime => 930,
+                FeedMode::PerMinute => 940,
+                FeedMode::PerRevolution => 950,
+            },
+            work_system,
+            match modes.path_mode {
+                PathMode::ExactPath => 610,
+                PathMode::ExactStop => 611,
+                PathMode::Blend { .. } => 640,
+            },
+            either(modes.retract_to_old, 980, 990),
+            either(modes.diameter, 70, 80),
+            either(self.cutter.code == Compensation::Off, 400, 410),
+            either(self.tool_offset == Axes::zeros(), 490, 430),
+            either(modes.surface.is_some(), 960, 970),
+        ];
+        let mut codes = [0; 16];
+        codes[..list.len()].copy_from_slice(&list);
+        let turning = match (modes.spindle, modes.surface) {
+            (SpindleDirection::Clockwise, None) => modes.speed,
+            (SpindleDirection::CounterClockwise, None) => -modes.speed,
+            _ => 0.0,
+        };
+        Modal {
+            codes,
+            work_system,
+            work_offset: self.work + self.g92,
+            tool_offset: self.tool_offset,
+            tool: self.tool,
+            spindle_rpm: turning,
+            mist: modes.mist,
+            flood: modes.flood,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Settings;
+
+    fn after(text: &str) -> Modal {
+        let mut interpreter = Interpreter::new(text.as_bytes(), Settings::default());
+        let lines = text.lines().count() as u32;
+        interpreter.start_at(lines).unwrap();
+        interpreter.modal()
+    }
+
+    #[test]
+    fn codes_are_those_that_the_program_has_chosen() {
+        let modal = after("G18 G20 G91 G93 G61 G59.2 M4 S500 M7\n\n");
+        for code in [180, 200, 910, 930, 610, 592, 490] {
+            assert!(modal.codes.contains(&code), "{code}: {:?}", modal.codes);
+        }
+        assert_eq!((modal.work_system, modal.spindle_rpm), (592, -500.0));
+        assert!(modal.mist && !modal.flood);
+    }
+
+    #[test]
+    fn offsets_are_in_millimetres_and_machine_coordinates() {
+        let modal = after("G21 G10 L2 P1 X10 Y-5\nG92 X3\nG43.1 Z7\n\n");
+        // The machine stands at zero, which G92 calls 3 where it was -10 before.
+        assert_eq!(modal.work_offset.as_slice()[..3], [-3.0, -5.0, 0.0]);
+        assert_eq!(modal.tool_offset[2], 7.0);
+        assert!(modal.codes.contains(&430));
+    }
+}

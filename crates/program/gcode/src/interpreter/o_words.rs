@@ -1,0 +1,485 @@
+//! O-words: subroutines, conditions and loops.
+//!
+//! A program is read once, as a stream. Only what may be run again is kept: from the first line of a loop while
+//! it runs, and the bodies of subroutines. What a condition leaves out is skipped without being kept.
+
+use std::io::BufRead;
+use std::sync::Arc as Shared;
+
+use crate::Code;
+use crate::diagnostics::diagnostic::{Fault, Span};
+use crate::interpreter::Interpreter;
+use crate::parameters::names::NameId;
+use crate::state::machine_state::Modes;
+use crate::syntax::block::{Keyword, OWord};
+use crate::syntax::expression::Evaluator;
+use crate::syntax::lexer::Lexer;
+use crate::syntax::lines::Lines;
+use crate::syntax::parser::o_word;
+
+/// What runs: the program itself (no lines: they come from the stream) or a subroutine.
+#[derive(Debug, Default)]
+pub(crate) struct Frame {
+    pub(crate) lines: Option<Shared<Lines>>,
+    /// Next line in `lines`, or on the tape.
+    pub(crate) at: usize,
+    pub(crate) open: Vec<Open>,
+    /// The subroutine, and where it begins.
+    pub(crate) name: NameId,
+    pub(crate) first: usize,
+    /// The line that calls it, in its own file.
+    pub(crate) called_in: u32,
+    /// How often it is still to be run after this time (M98 L).
+    pub(crate) again: u32,
+    /// Whether it has parameters of its own.
+    pub(crate) own_parameters: bool,
+    /// What M70 and M73 saved, and whether it comes back by itself.
+    pub(crate) saved: Option<(Modes, bool)>,
+}
+
+impl Frame {
+    /// Whether the lines are a file without a subroutine of its own, which may just end.
+    pub(crate) fn is_whole_file(&self) -> bool {
+        self.first == 0 && !self.own_parameters
+    }
+}
+
+/// A condition or loop that has begun.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Open {
+    /// Whether one of its branches has been run.
+    If { name: NameId, taken: bool },
+    /// `start` is the place of the line with `while`.
+    While { name: NameId, start: usize },
+    /// `start` is the first line of the body.
+    Do { name: NameId, start: usize },
+    /// `start` is the first line of the body; `left` counts the present run.
+    Repeat { name: NameId, start: usize, left: f64 },
+}
+
+impl Open {
+    fn name(self) -> NameId {
+        match self {
+            Self::If { name, .. }
+            | Self::While { name, .. }
+            | Self::Do { name, .. }
+            | Self::Repeat { name, .. } => name,
+        }
+    }
+
+    fn is_loop(self) -> bool {
+        !matches!(self, Self::If { .. })
+    }
+}
+
+/// Lines are not executed until an O-word of this name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Skip {
+    /// The next branch or the end of a condition.
+    Branch(NameId),
+    /// The end of a loop that is over.
+    End(NameId, Keyword),
+    /// The `while` at the end of a `do`.
+    Test(NameId),
+}
+
+/// A subroutine whose lines are being collected.
+#[derive(Debug)]
+pub(crate) struct Definition {
+    pub(crate) name: NameId,
+    /// The name as written, and the line with `sub`.
+    pub(crate) text: String,
+    pub(crate) line: u32,
+    pub(crate) lines: Lines,
+}
+
+impl<R: BufRead> Interpreter<R> {
+    /// Whether the lines of the program must be kept.
+    pub(crate) fn recording(&self) -> bool {
+        self.frames
+            .first()
+            .is_some_and(|main| main.open.iter().any(|open| open.is_loop()))
+    }
+
+    /// Deals with the line if it is being skipped or collected, or is an O-word. `false`: it is an ordinary line.
+    pub(crate) fn flow(&mut self) -> Result<bool, Fault> {
+        if self.definition.is_none() && self.skip.is_none() {
+            let found = o_word(&self.text, &self.scope())?;
+            return match found {
+                Some(word) => self.execute_o_word(&word).map(|()| true),
+                None => Ok(false),
+            };
+        }
+        // A name that cannot be worked out is none of those that are waited for.
+        let word = o_word(&self.text, &self.scope()).unwrap_or_default();
+        if self.definition.is_some() {
+            self.define(word.as_ref())?;
+        } else if let (Some(skip), Some(word)) = (self.skip, word) {
+            self.skipped(skip, &word)?;
+        }
+        Ok(true)
+    }
+
+    pub(crate) fn label(&mut self, word: &OWord) -> Result<NameId, Fault> {
+        self.labels
+            .intern_label(&word.name)
+            .ok_or_else(|| Fault::new(Code::BadName, word.span, "there are too many names of O-words"))
+    }
+
+    pub(crate) fn frame(&mut self) -> &mut Frame {
+        // There is always the program's own frame.
+        let last = self.frames.len() - 1;
+        &mut self.frames[last]
+    }
+
+    /// The place of the current line among the lines that are kept; from now on the program's are.
+    pub(crate) fn mark(&mut self) -> usize {
+        if self.frames.len() == 1 && !self.on_tape {
+            self.tape.clear();
+            self.tape.push(self.line, &self.text);
+            self.on_tape = true;
+            self.frame().at = 1;
+        }
+        self.frame().at - 1
+    }
+
+    fn execute_o_word(&mut self, word: &OWord) -> Result<(), Fault> {
+        let name = self.label(word)?;
+        match word.keyword {
+            Keyword::Sub => {
+                self.nothing_more(word)?;
+                let file = self.frame().lines.as_ref().and_then(|lines| lines.file.clone());
+                self.definition = Some(Definition {
+                    name,
+                    text: word.name.as_str().to_owned(),
+                    line: self.line,
+                    lines: Lines::of_file(file),
+                });
+            }
+            Keyword::EndSub => {
+                if self.frames.len() == 1 {
+                    return Err(order(
+                        word,
+                        "ends a subroutine that has not begun: there is no sub of this name before it",
+                    ));
+                }
+                if self.frame().name != name {
+                    let fault = order(word, "is not the end of the subroutine that runs")
+                        .help("write the same name or number at sub and endsub");
+                    // It ends here all the same, so that one mistake is one error.
+                    self.return_from(None);
+                    return Err(fault);
+                }
+                let value = self.optional_value(word)?;
+                self.return_from(value);
+            }
+            Keyword::Return => {
+                if self.frames.len() == 1 {
+                    return Err(order(word, "stands outside of any subroutine"));
+                }
+                let value = self.optional_value(word)?;
+                self.return_from(value);
+            }
+            Keyword::Call => self.call(word, name)?,
+            Keyword::If => {
+                let taken = match self.condition(word) {
+                    Ok(taken) => taken,
+                    Err(fault) => {
+                        // So that one mistake is one error.
+                        self.frame().open.push(Open::If { name, taken: true });
+                        self.skip = Some(Skip::Branch(name));
+                        return Err(fault);
+                    }
+                };
+                self.frame().open.push(Open::If { name, taken });
+                self.skip = (!taken).then_some(Skip::Branch(name));
+            }
+            Keyword::ElseIf | Keyword::Else => {
+                // Reached from above, so a branch has been run.
+                match self.frame().open.last() {
+                    Some(Open::If { name: open, .. }) if *open == name => {
+                        self.skip = Some(Skip::Branch(name));
+                    }
+                    _ => return Err(order(word, "has no if before it")),
+                }
+            }
+            Keyword::EndIf => match self.frame().open.last() {
+                Some(Open::If { name: open, .. }) if *open == name => {
+                    self.nothing_more(word)?;
+                    self.frame().open.pop();
+                }
+                _ => return Err(order(word, "has no if before it")),
+            },
+            Keyword::While => self.while_(word, name)?,
+            Keyword::EndWhile => match self.frame().open.last().copied() {
+                Some(Open::While { name: open, start }) if open == name => {
+                    self.nothing_more(word)?;
+                    self.frame().open.pop();
+                    self.jump(start);
+                }
+                _ => return Err(order(word, "has no while before it")),
+            },
+            Keyword::Do => {
+                self.nothing_more(word)?;
+                let start = self.mark() + 1;
+                self.frame().open.push(Open::Do { name, start });
+            }
+            Keyword::Repeat => {
+                let times = match self.value(word) {
+                    Ok(times) => times.round(),
+                    Err(fault) => {
+                        self.skip = Some(Skip::End(name, Keyword::EndRepeat));
+                        return Err(fault);
+                    }
+                };
+                if times < 1.0 {
+                    self.skip = Some(Skip::End(name, Keyword::EndRepeat));
+                } else {
+                    let start = self.mark() + 1;
+                    let left = times;
+                    self.frame().open.push(Open::Repeat { name, start, left });
+                }
+            }
+            Keyword::EndRepeat => match self.frame().open.last().copied() {
+                Some(Open::Repeat {
+                    name: open,
+                    start,
+                    left,
+                }) if open == name => {
+                    self.nothing_more(word)?;
+                    self.repeat(name, start, left);
+                }
+                _ => return Err(order(word, "has no repeat before it")),
+            },
+            Keyword::Break | Keyword::Continue => self.leave_loop(word, name)?,
+            // A program's number does nothing.
+            Keyword::Program => self.nothing_more(word)?,
+        }
+        Ok(())
+    }
+
+    fn while_(&mut self, word: &OWord, name: NameId) -> Result<(), Fault> {
+        let end_of_do = match self.frame().open.last() {
+            Some(Open::Do { name: open, start }) if *open == name => Some(*start),
+            _ => None,
+        };
+        if let Some(start) = end_of_do {
+            let condition = self.condition(word);
+            if matches!(condition, Ok(true)) {
+                self.jump(start);
+            } else {
+                self.frame().open.pop();
+            }
+            return condition.map(drop);
+        }
+        match self.condition(word) {
+            Ok(true) => {
+                let start = self.mark();
+                self.frame().open.push(Open::While { name, start });
+                Ok(())
+            }
+            other => {
+                self.skip = Some(Skip::End(name, Keyword::EndWhile));
+                other.map(drop)
+            }
+        }
+    }
+
+    /// The next run of a repeat, or its end; the current line is behind its body or in it.
+    fn repeat(&mut self, name: NameId, start: usize, left: f64) -> bool {
+        self.frame().open.pop();
+        if left > 1.0 {
+            let left = left - 1.0;
+            self.frame().open.push(Open::Repeat { name, start, left });
+            self.jump(start);
+        }
+        left > 1.0
+    }
+
+    fn leave_loop(&mut self, word: &OWord, name: NameId) -> Result<(), Fault> {
+        self.nothing_more(word)?;
+        let open = &self.frame().open;
+        let Some(place) = open
+            .iter()
+            .rposition(|open| open.is_loop() && open.name() == name)
+        else {
+            return Err(order(word, "is not inside a loop of this name"));
+        };
+        let found = open[place];
+        self.frame().open.truncate(place + 1);
+        let stop = word.keyword == Keyword::Break;
+        match found {
+            Open::While { start, .. } => {
+                self.frame().open.pop();
+                if stop {
+                    self.skip = Some(Skip::End(name, Keyword::EndWhile));
+                } else {
+                    self.jump(start);
+                }
+            }
+            Open::Repeat { start, left, .. } => {
+                if stop {
+                    self.frame().open.pop();
+                    self.skip = Some(Skip::End(name, Keyword::EndRepeat));
+                } else if !self.repeat(name, start, left) {
+                    self.skip = Some(Skip::End(name, Keyword::EndRepeat));
+                }
+            }
+            Open::Do { .. } => {
+                if stop {
+                    self.frame().open.pop();
+                    self.skip = Some(Skip::End(name, Keyword::While));
+                } else {
+                    self.skip = Some(Skip::Test(name));
+                }
+            }
+            Open::If { .. } => {}
+        }
+        Ok(())
+    }
+
+    fn jump(&mut self, place: usize) {
+        self.frame().at = place;
+    }
+
+    /// An O-word among skipped lines.
+    fn skipped(&mut self, skip: Skip, word: &OWord) -> Result<(), Fault> {
+        let Ok(name) = self.label(word) else { return Ok(()) };
+        match skip {
+            Skip::Branch(waited) if waited == name => {
+                let taken = matches!(self.frame().open.last(), Some(Open::If { taken: true, .. }));
+                let enter = match word.keyword {
+                    Keyword::EndIf => {
+                        self.frame().open.pop();
+                        self.skip = None;
+                        return self.nothing_more(word);
+                    }
+                    Keyword::Else => !taken,
+                    Keyword::ElseIf => !taken && self.condition(word)?,
+                    _ => false,
+                };
+                if enter {
+                    if let Some(Open::If { taken, .. }) = self.frame().open.last_mut() {
+                        *taken = true;
+                    }
+                    self.skip = None;
+                }
+            }
+            Skip::End(waited, end) if waited == name && word.keyword == end => self.skip = None,
+            Skip::Test(waited) if waited == name && word.keyword == Keyword::While => {
+                self.skip = None;
+                return self.while_(word, name);
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    /// Every value in brackets behind the keyword.
+    pub(crate) fn values(&mut self, word: &OWord) -> Result<(), Fault> {
+        self.arguments.clear();
+        let text = std::mem::take(&mut self.text);
+        let values = std::mem::take(&mut self.arguments);
+        let result = self.values_of(word, &text, values);
+        self.text = text;
+        match result {
+            Ok(values) => {
+                self.arguments = values;
+                Ok(())
+            }
+            Err(fault) => Err(fault),
+        }
+    }
+
+    fn values_of(&self, word: &OWord, text: &[u8], mut values: Vec<f64>) -> Result<Vec<f64>, Fault> {
+        let scope = self.scope();
+        let mut lexer = Lexer::new(text);
+        lexer.go_back(word.rest);
+        loop {
+            match lexer.peek() {
+                Some(b'[') => values.push(Evaluator::new(&mut lexer, &scope).bracket()?),
+                Some(b'(') => {
+                    lexer.comment()?;
+                }
+                None | Some(b';') => return Ok(values),
+                Some(_) => {
+                    let place = Span::at(lexer.place());
+                    let message = format!(
+                        "after {} only values in [ ] and comments follow",
+                        word.keyword.name()
+                    );
+                    return Err(Fault::new(Code::OWord, place, message));
+                }
+            }
+        }
+    }
+
+    fn value(&mut self, word: &OWord) -> Result<f64, Fault> {
+        self.values(word)?;
+        match self.arguments[..] {
+            [value] => Ok(value),
+            _ => {
+                let message = format!("{} needs one value in brackets", word.keyword.name());
+                Err(Fault::new(Code::OWord, word.span, message).help("as in O1 while [#1 LT 10]"))
+            }
+        }
+    }
+
+    fn condition(&mut self, word: &OWord) -> Result<bool, Fault> {
+        self.value(word).map(|value| value != 0.0)
+    }
+
+    fn optional_value(&mut self, word: &OWord) -> Result<Option<f64>, Fault> {
+        self.values(word)?;
+        match self.arguments[..] {
+            [] => Ok(None),
+            [value] => Ok(Some(value)),
+            _ => Err(order(word, "gives back one value at most")),
+        }
+    }
+
+    fn nothing_more(&mut self, word: &OWord) -> Result<(), Fault> {
+        self.values(word)?;
+        if self.arguments.is_empty() {
+            return Ok(());
+        }
+        Err(order(word, "takes no value"))
+    }
+
+    /// What is still open where the lines of a frame end.
+    pub(crate) fn unfinished(&mut self) -> Option<Fault> {
+        if let Some(Definition { text, line, .. }) = &self.definition {
+            let message = format!(
+                "the text ends, but O<{text}> endsub is missing: O<{text}> sub begins in line {line}"
+            );
+            return Some(
+                Fault::new(Code::OWordOpen, Span::new(0, self.text.len()), message).help(format!(
+                    "write O<{text}> endsub behind the last line of the subroutine"
+                )),
+            );
+        }
+        let what = {
+            let called = self.frames.len() > 1;
+            match (self.skip, self.frame().open.last()) {
+                (Some(Skip::Branch(_)), _) | (None, Some(Open::If { .. })) => "endif",
+                (Some(Skip::End(_, keyword)), _) => keyword.name(),
+                (None, Some(Open::While { .. })) => "endwhile",
+                (Some(Skip::Test(_)), _) | (None, Some(Open::Do { .. })) => "while",
+                (None, Some(Open::Repeat { .. })) => "endrepeat",
+                (None, None) if called => "endsub",
+                (None, None) => return None,
+            }
+        };
+        let message = format!("the text ends, but O.. {what} is missing");
+        Some(
+            Fault::new(Code::OWordOpen, Span::new(0, self.text.len()), message)
+                .help("each O-word that opens something has one of the same name or number that closes it"),
+        )
+    }
+}
+
+#[cold]
+pub(crate) fn order(word: &OWord, what: &str) -> Fault {
+    let message = format!("O<{}> {} {what}", word.name.as_str(), word.keyword.name());
+    Fault::new(Code::OWordOrder, word.span, message)
+}

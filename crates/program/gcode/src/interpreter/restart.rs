@@ -1,0 +1,281 @@
+//! Beginning at a line in the middle of a program.
+
+use std::io::BufRead;
+
+use evolvent_path::{Axes, AxisLetter, Curve, Line, Plane};
+
+use crate::codes::modal_groups::{Compensation, FeedMode, PlaneCode};
+use crate::diagnostics::diagnostic::{Fault, Span};
+use crate::interpreter::Interpreter;
+use crate::state::machine_state::{INCH_MM, State};
+use crate::{Action, Code, Command, Diagnostic, Move, MoveKind, PathMode, SpindleDirection};
+
+/// What the lines before a restart have left behind. The user has to see it before anything moves: the machine is
+/// brought to `position` and into this state first.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Restart {
+    /// The line that is executed first; later than asked for where that line is inside a subroutine.
+    pub line: u32,
+    /// Where the program supposes the tool to be, machine coordinates (mm, degrees). The first move begins there.
+    pub position: Axes,
+    /// What has to be switched on or changed, in this order: tool, spindle, coolant.
+    pub actions: Vec<Action>,
+    /// The modes in force, for people: `G1 G17 G21 G90 G94 G54 G64 F1000 S500 M3 T2 M8`.
+    pub modes: String,
+    /// The feed in force, mm/s; `None` where there is none or it belongs to single moves (G93).
+    pub feed_mm_s: Option<f64>,
+}
+
+/// How a machine gets to where a program goes on, and what is switched on there.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Approach {
+    /// Tool, then spindle and coolant, then the moves, every one of which ends at rest.
+    pub commands: Vec<Command>,
+    /// The moves for people, one a line: `Z to 100.000, rapid`.
+    pub told: Vec<String>,
+}
+
+/// The last millimetres of an approach are at the feed, not rapid.
+const CREEP_MM: f64 = 5.0;
+
+/// The feed of the last millimetres where the program has none, mm/s.
+const CREEP_FEED_MM_S: f64 = 5.0;
+
+impl Restart {
+    /// The way from where the machine stands: along `axis` (the tool's: Z of a mill, X of a lathe) away from the work to
+    /// at least `clear`, then all other axes, then along `axis` in, the last 5 mm at the feed in force. `clear` is in
+    /// machine coordinates, mm: where nothing is in the way, such as the home of the axis. Nothing is known of the work or
+    /// its clamps: who starts has to see the way first.
+    ///
+    /// # Errors
+    /// [`Code::RestartRefused`] where the place is none (not finite).
+    pub fn approach(&self, from: &Axes, axis: AxisLetter, clear: f64) -> Result<Approach, Box<Diagnostic>> {
+        let index = axis.index();
+        let mut commands: Vec<Command> = Vec::new();
+        let mut told = Vec::new();
+        for action in &self.actions {
+            commands.push(Command {
+                line: self.line,
+                action: action.clone(),
+                origin: None,
+            });
+        }
+        let mut out = *from;
+        out[index] = from[index].max(self.position[index]).max(clear);
+        let mut over = self.position;
+        over[index] = out[index];
+        let mut near = self.position;
+        near[index] = out[index].min(self.position[index] + CREEP_MM);
+        let creep = MoveKind::Feed;
+        let feed = self.feed_mm_s.unwrap_or(CREEP_FEED_MM_S);
+        let mut at = *from;
+        for (to, kind) in [
+            (out, MoveKind::Rapid),
+            (over, MoveKind::Rapid),
+            (near, MoveKind::Rapid),
+            (self.position, creep),
+        ] {
+            if to == at {
+                continue;
+            }
+            let line = Line::new(at, to).map_err(|error| {
+                let place = Span::new(0, 0);
+                let message = format!(
+                    "there is no way to the place where line {} begins: {error}",
+                    self.line
+                );
+                Box::new(Fault::new(Code::RestartRefused, place, message).locate(self.line, b""))
+            })?;
+            let axes = AxisLetter::ALL
+                .into_iter()
+                .filter(|axis| to[axis.index()] != at[axis.index()]);
+            let words: Vec<String> = axes
+                .map(|axis| format!("{} to {:.3}", axis.letter(), to[axis.index()]))
+                .collect();
+            told.push(match kind {
+                MoveKind::Rapid => format!("{}, rapid", words.join(", ")),
+                MoveKind::Feed => format!("{}, at {:.1} mm/min", words.join(", "), 60.0 * feed),
+            });
+            commands.push(Command {
+                line: self.line,
+                action: Action::Move(Move {
+                    curve: Curve::Line(line),
+                    kind,
+                    feed: if kind == MoveKind::Rapid {
+                        f64::INFINITY
+                    } else {
+                        feed
+                    },
+                    path_mode: PathMode::ExactStop,
+                }),
+                origin: None,
+            });
+            at = to;
+        }
+        Ok(Approach { commands, told })
+    }
+}
+
+impl<R: BufRead> Interpreter<R> {
+    /// Interprets all lines before a line without handing anything out, and says what they leave behind; the next
+    /// command is that of the line. Loops and subroutines before it are run. To be called before the first
+    /// command is asked for. Takes as long as the lines before take to be interpreted, without allocation but for
+    /// the result.
+    ///
+    /// # Errors
+    /// The first error of the lines before; [`Code::TooManySteps`] if they go round for ever; [`Code::RestartRefused`] if the program ends before the line, or the line
+    /// is in the middle of cutter compensation or of a NURBS.
+    pub fn start_at(&mut self, line: u32) -> Result<Restart, Box<Diagnostic>> {
+        let tool = self.state().tool;
+        let mut executed = 0_u64;
+        while self.next_of_program() < line || self.is_inside() {
+            executed += 1;
+            if executed > self.settings.max_lines_before_start {
+                return Err(Box::new(self.goes_round(line)));
+            }
+            self.step_silently()?;
+            if self.is_finished() {
+                return Err(Box::new(
+                    self.refuse(format!("the program ends before line {line}")),
+                ));
+            }
+        }
+        let state = *self.state();
+        if state.cutter.is_on() || state.cutter.programmed.is_some() {
+            return Err(Box::new(
+                self.refuse(format!("line {line} is in the middle of cutter compensation")),
+            ));
+        }
+        if state.nurbs_order.is_some() {
+            return Err(Box::new(
+                self.refuse(format!("line {line} is in the middle of a NURBS")),
+            ));
+        }
+        let mut actions = Vec::new();
+        if state.tool != tool {
+            actions.push(Action::ChangeTool(state.tool));
+        }
+        // What was on before the program and is off now is switched off.
+        let before = self.settings.outputs;
+        let is_off = |direction| direction == SpindleDirection::Stopped;
+        if !is_off(state.modes.spindle) || !is_off(before.direction) {
+            actions.push(match state.modes.surface {
+                Some(max_rpm) => Action::SurfaceSpeed {
+                    direction: state.modes.spindle,
+                    metres_per_minute: state.modes.speed,
+                    max_rpm,
+                },
+                None => Action::Spindle {
+                    direction: state.modes.spindle,
+                    speed_rpm: state.modes.speed,
+                },
+            });
+        }
+        if state.modes.mist || state.modes.flood || before.mist || before.flood {
+            actions.push(Action::Coolant {
+                mist: state.modes.mist,
+                flood: state.modes.flood,
+            });
+        }
+        Ok(Restart {
+            line: self.next_of_program(),
+            position: state.position,
+            actions,
+            modes: state.shown(),
+            feed_mm_s: state.feed_mm_s(),
+        })
+    }
+
+    fn goes_round(&self, line: u32) -> Diagnostic {
+        let message = format!(
+            "{} lines were interpreted and line {line} was not reached: an endless loop",
+            self.settings.max_lines_before_start
+        );
+        Fault::new(Code::TooManySteps, Span::new(0, self.text.len()), message).locate(self.line, &self.text)
+    }
+
+    fn refuse(&self, message: String) -> Diagnostic {
+        let place = Span::new(0, self.text.len());
+        Fault::new(Code::RestartRefused, place, message)
+            .help("choose a line between two operations, such as a rapid move to the next one")
+            .locate(self.line, &self.text)
+    }
+}
+
+impl State {
+    /// The feed of a move along XYZ.
+    fn feed_mm_s(&self) -> Option<f64> {
+        let feed = self.modes.feed?.linear;
+        let feed = match self.modes.feed_mode {
+            FeedMode::InverseTime => return None,
+            FeedMode::PerMinute => feed,
+            FeedMode::PerRevolution if self.modes.surface.is_some() => return None,
+            FeedMode::PerRevolution => feed * self.modes.speed / 60.0,
+        };
+        (feed > 0.0 && feed.is_finite()).then_some(feed)
+    }
+
+    /// The modes as a line of codes.
+    fn shown(&self) -> String {
+        let modes = &self.modes;
+        let mut words = vec![self.motion.name().to_owned()];
+        words.push(
+            match modes.plane {
+                PlaneCode::Main(Plane::Xy) => "G17",
+                PlaneCode::Main(Plane::Zx) => "G18",
+                PlaneCode::Main(Plane::Yz) => "G19",
+                PlaneCode::Secondary(Plane::Xy) => "G17.1",
+                PlaneCode::Secondary(Plane::Zx) => "G18.1",
+                PlaneCode::Secondary(Plane::Yz) => "G19.1",
+            }
+            .to_owned(),
+        );
+        let either = |yes: bool, one: &str, other: &str| (if yes { one } else { other }).to_owned();
+        words.push(either(modes.inches, "G20", "G21"));
+        words.push(either(modes.incremental, "G91", "G90"));
+        words.push(either(modes.arc_centre_absolute, "G90.1", "G91.1"));
+        words.push(
+            match modes.feed_mode {
+                FeedMode::InverseTime => "G93",
+                FeedMode::PerMinute => "G94",
+                FeedMode::PerRevolution => "G95",
+            }
+            .to_owned(),
+        );
+        words.push(match modes.work_index {
+            index @ 0..=5 => format!("G{}", 54 + index),
+            index => format!("G59.{}", index - 5),
+        });
+        words.push(match modes.path_mode {
+            PathMode::ExactPath => "G61".to_owned(),
+            PathMode::ExactStop => "G61.1".to_owned(),
+            PathMode::Blend { tolerance_mm, .. } => tolerance_mm.map_or_else(
+                || "G64".to_owned(),
+                |mm| format!("G64 P{}", if modes.inches { mm / INCH_MM } else { mm }),
+            ),
+        });
+        words.push(either(modes.retract_to_old, "G98", "G99"));
+        words.push(either(modes.diameter, "G7", "G8"));
+        words.push(either(self.cutter.code == Compensation::Off, "G40", "G41"));
+        words.push(either(self.tool_offset == Axes::zeros(), "G49", "G43"));
+        if self.g92 != Axes::zeros() {
+            words.push("G92.3".to_owned());
+        }
+        if let Some(feed) = modes.feed {
+            words.push(format!("F{}", feed.word));
+        }
+        let turning = match modes.spindle {
+            SpindleDirection::Stopped => "M5",
+            SpindleDirection::Clockwise => "M3",
+            SpindleDirection::CounterClockwise => "M4",
+        };
+        words.push(format!("S{} {turning}", modes.speed));
+        words.push(format!("T{}", self.tool));
+        for (on, code) in [(modes.mist, "M7"), (modes.flood, "M8")] {
+            if on {
+                words.push(code.to_owned());
+            }
+        }
+        words.join(" ")
+    }
+}

@@ -1,0 +1,181 @@
+//! The names of parameters: written with blanks and in either case, kept as small numbers.
+//!
+//! A name that begins with `_` is global; some of those are predefined and read-only
+//! ([`System`](crate::parameters::system::System)); all others are local to a subroutine.
+
+use std::collections::HashMap;
+use std::hash::{BuildHasherDefault, Hasher};
+
+use crate::parameters::system::System;
+
+/// Longest name, after blanks have been taken out.
+const LONGEST: usize = 100;
+
+/// How many names a program may invent.
+const MOST: usize = 100_000;
+
+/// A name's number.
+pub(crate) type NameId = u32;
+
+/// What a name stands for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum NameKind {
+    Local,
+    Global,
+    System(System),
+}
+
+/// All names met so far.
+#[derive(Debug, Default)]
+pub(crate) struct Names {
+    ids: HashMap<Box<[u8]>, NameId, BuildHasherDefault<Fnv>>,
+    kinds: Vec<NameKind>,
+}
+
+/// A name as it is compared: lower case, without blanks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Normal {
+    bytes: [u8; LONGEST],
+    length: usize,
+}
+
+impl Normal {
+    /// `None` if the name is empty, too long or not plain ASCII.
+    pub(crate) fn new(text: &[u8]) -> Option<Self> {
+        let mut bytes = [0; LONGEST];
+        let mut length = 0;
+        for byte in text {
+            if matches!(byte, b' ' | b'\t') {
+                continue;
+            }
+            if !byte.is_ascii_graphic() {
+                return None;
+            }
+            *bytes.get_mut(length)? = byte.to_ascii_lowercase();
+            length += 1;
+        }
+        (length > 0).then_some(Self { bytes, length })
+    }
+
+    /// The name that a whole number is.
+    pub(crate) fn of_number(mut number: u32) -> Self {
+        let mut reversed = [0; 10];
+        let mut length = 0;
+        loop {
+            reversed[length] = b'0' + (number % 10) as u8;
+            length += 1;
+            number /= 10;
+            if number == 0 {
+                break;
+            }
+        }
+        let mut bytes = [0; LONGEST];
+        for (place, digit) in reversed[..length].iter().rev().enumerate() {
+            bytes[place] = *digit;
+        }
+        Self { bytes, length }
+    }
+
+    fn as_bytes(&self) -> &[u8] {
+        &self.bytes[..self.length]
+    }
+
+    pub(crate) fn as_str(&self) -> &str {
+        std::str::from_utf8(&self.bytes[..self.length]).unwrap_or_default()
+    }
+}
+
+impl Names {
+    /// The number of a name that has been met; predefined names need not have been.
+    pub(crate) fn find(&self, name: &Normal) -> Option<(NameId, NameKind)> {
+        if let Some(&id) = self.ids.get(name.as_bytes()) {
+            return Some((id, self.kinds[id as usize]));
+        }
+        System::of(name.as_str()).map(|system| (NameId::MAX, NameKind::System(system)))
+    }
+
+    /// The number of a name; `None` where there are too many.
+    pub(crate) fn intern(&mut self, name: &Normal) -> Option<(NameId, NameKind)> {
+        if let Some(found) = self.find(name) {
+            return Some(found);
+        }
+        self.add(name)
+    }
+
+    /// The number of an O-word's name: none of them is predefined.
+    pub(crate) fn intern_label(&mut self, name: &Normal) -> Option<NameId> {
+        if let Some(&id) = self.ids.get(name.as_bytes()) {
+            return Some(id);
+        }
+        self.add(name).map(|(id, _)| id)
+    }
+
+    fn add(&mut self, name: &Normal) -> Option<(NameId, NameKind)> {
+        if self.kinds.len() >= MOST {
+            return None;
+        }
+        let id = self.kinds.len() as NameId;
+        let kind = if name.as_str().starts_with('_') {
+            NameKind::Global
+        } else {
+            NameKind::Local
+        };
+        self.ids.insert(name.as_bytes().into(), id);
+        self.kinds.push(kind);
+        Some((id, kind))
+    }
+}
+
+/// Fowler-Noll-Vo: short keys, no secrets, the same on every machine.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Fnv(u64);
+
+impl Default for Fnv {
+    fn default() -> Self {
+        Self(0xcbf2_9ce4_8422_2325)
+    }
+}
+
+impl Hasher for Fnv {
+    fn finish(&self) -> u64 {
+        self.0
+    }
+
+    fn write(&mut self, bytes: &[u8]) {
+        for byte in bytes {
+            self.0 = (self.0 ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01b3);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn case_and_blanks_do_not_tell_names_apart() {
+        let mut names = Names::default();
+        let id =
+            |names: &mut Names, text: &str| names.intern(&Normal::new(text.as_bytes()).unwrap()).unwrap();
+        let first = id(&mut names, "Tool Width");
+        assert_eq!(first, id(&mut names, "tool\twidth"));
+        assert_ne!(first.0, id(&mut names, "toolwidth2").0);
+        assert_eq!(id(&mut names, "_global").1, NameKind::Global);
+        assert!(matches!(id(&mut names, "_LINE").1, NameKind::System(_)));
+    }
+
+    #[test]
+    fn numbers_are_names_too() {
+        for number in [0, 7, 10, 1234, u32::MAX] {
+            assert_eq!(Normal::of_number(number).as_str(), number.to_string());
+        }
+    }
+
+    #[test]
+    fn names_are_plain_text_of_some_length() {
+        assert!(Normal::new(b"  ").is_none());
+        assert!(Normal::new(b"caf\xc3\xa9").is_none());
+        assert!(Normal::new(&[b'a'; LONGEST]).is_some());
+        assert!(Normal::new(&[b'a'; LONGEST + 1]).is_none());
+    }
+}

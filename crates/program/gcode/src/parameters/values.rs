@@ -1,0 +1,269 @@
+//! Numbered and named parameters.
+//!
+//! The numbered ones keep what LinuxCNC keeps there, at the same places, lengths in mm: work offsets, places of
+//! G28 and G30, the offset of G92, the tool. Whoever needs such a value at a code reads it from here, so that a
+//! program can prepare it by an assignment.
+
+use evolvent_path::{AXES, Axes};
+
+use crate::parameters::names::{NameId, NameKind, Names, Normal};
+
+/// One more than the greatest number of a parameter.
+pub(crate) const NUMBERED: usize = 5602;
+
+/// Parameters from 1 to this one belong to the subroutine that runs.
+const LOCAL_NUMBERED: usize = 30;
+
+/// Whether DEBUG comments are shown.
+pub(crate) const DEBUG: usize = 5599;
+/// Where the probe tripped, nine axes in program coordinates and units.
+pub(crate) const PROBED: usize = 5061;
+/// Whether it did.
+pub(crate) const PROBE_TRIPPED: usize = 5070;
+/// Result of M66.
+pub(crate) const INPUT_RESULT: usize = 5399;
+/// Place of G28, nine axes.
+pub(crate) const HOME_G28: usize = 5161;
+/// Place of G30, nine axes.
+pub(crate) const HOME_G30: usize = 5181;
+/// Whether the offset of G92 is on.
+pub(crate) const G92_ACTIVE: usize = 5210;
+/// The offset of G92, nine axes.
+pub(crate) const G92: usize = 5211;
+/// Number of the work offset in force, from 1.
+pub(crate) const WORK_OFFSET: usize = 5220;
+/// First work offset, nine axes and the rotation; the next ones follow every 20.
+pub(crate) const WORK_OFFSET_1: usize = 5221;
+/// Tool in the spindle, then its offsets on nine axes.
+pub(crate) const TOOL: usize = 5400;
+/// Diameter, front angle, back angle, orientation of the tool in the spindle.
+pub(crate) const TOOL_DIAMETER: usize = 5410;
+/// Present place in program coordinates and units, nine axes: not kept, worked out.
+pub(crate) const POSITION: usize = 5420;
+
+/// One change that can be taken back.
+#[derive(Clone, Copy, Debug)]
+enum Change {
+    Numbered(usize, f64),
+    Global(NameId, Option<f64>),
+    Local(usize, f64),
+    NewLocal,
+}
+
+/// What a call saves.
+#[derive(Clone, Debug)]
+struct Frame {
+    numbered: [f64; LOCAL_NUMBERED],
+    locals: usize,
+}
+
+/// All parameters of a program.
+#[derive(Debug)]
+pub(crate) struct Parameters {
+    numbered: Vec<f64>,
+    pub(crate) names: Names,
+    /// By name; `None` for what has not been set.
+    globals: Vec<Option<f64>>,
+    /// Those of all frames; the running one's begin at `base`.
+    locals: Vec<(NameId, f64)>,
+    base: usize,
+    frames: Vec<Frame>,
+    undo: Vec<Change>,
+    /// What the last subroutine gave back.
+    pub(crate) returned: Option<f64>,
+}
+
+impl Parameters {
+    pub(crate) fn new() -> Self {
+        Self {
+            numbered: vec![0.0; NUMBERED],
+            names: Names::default(),
+            globals: Vec::new(),
+            locals: Vec::new(),
+            base: 0,
+            frames: Vec::new(),
+            undo: Vec::new(),
+            returned: None,
+        }
+    }
+
+    /// Whether a program may write this one.
+    pub(crate) fn is_read_only(index: usize) -> bool {
+        matches!(index, TOOL..=5413 | POSITION..=5428)
+    }
+
+    /// A numbered parameter; 0 outside the range.
+    #[inline]
+    pub(crate) fn numbered(&self, index: usize) -> f64 {
+        self.numbered.get(index).copied().unwrap_or(0.0)
+    }
+
+    /// Writes a numbered parameter; nothing outside the range.
+    #[inline]
+    pub(crate) fn set_numbered(&mut self, index: usize, value: f64) {
+        if let Some(slot) = self.numbered.get_mut(index) {
+            self.undo.push(Change::Numbered(index, *slot));
+            *slot = value;
+        }
+    }
+
+    /// Nine parameters in a row.
+    pub(crate) fn axes(&self, first: usize) -> Axes {
+        let mut axes = Axes::zeros();
+        for index in 0..AXES {
+            axes[index] = self.numbered(first + index);
+        }
+        axes
+    }
+
+    pub(crate) fn set_axes(&mut self, first: usize, axes: &Axes) {
+        for index in 0..AXES {
+            self.set_numbered(first + index, axes[index]);
+        }
+    }
+
+    /// A named parameter that is not predefined; `None` where it has not been set.
+    pub(crate) fn named(&self, id: NameId, kind: NameKind) -> Option<f64> {
+        match kind {
+            NameKind::Global => self.globals.get(id as usize).copied().flatten(),
+            NameKind::Local => {
+                let mut mine = self.locals[self.base..].iter();
+                mine.find(|(name, _)| *name == id).map(|(_, value)| *value)
+            }
+            NameKind::System(_) => None,
+        }
+    }
+
+    /// Writes a named parameter. `false` where there are too many names, or the name is predefined.
+    pub(crate) fn set_named(&mut self, name: &Normal, value: f64) -> bool {
+        let Some((id, kind)) = self.names.intern(name) else {
+            return false;
+        };
+        match kind {
+            NameKind::System(_) => return false,
+            NameKind::Global => {
+                let place = id as usize;
+                if self.globals.len() <= place {
+                    self.globals.resize(place + 1, None);
+                }
+                self.undo.push(Change::Global(id, self.globals[place]));
+                self.globals[place] = Some(value);
+            }
+            NameKind::Local => {
+                let found = self.locals[self.base..].iter().position(|(name, _)| *name == id);
+                if let Some(place) = found {
+                    let place = self.base + place;
+                    self.undo.push(Change::Local(place, self.locals[place].1));
+                    self.locals[place].1 = value;
+                } else {
+                    self.undo.push(Change::NewLocal);
+                    self.locals.push((id, value));
+                }
+            }
+        }
+        true
+    }
+
+    /// The changes so far are for good.
+    #[inline]
+    pub(crate) fn commit(&mut self) {
+        self.undo.clear();
+    }
+
+    /// Takes back the changes since [`commit`](Self::commit).
+    pub(crate) fn roll_back(&mut self) {
+        while let Some(change) = self.undo.pop() {
+            match change {
+                Change::Numbered(index, value) => self.numbered[index] = value,
+                Change::Global(id, value) => self.globals[id as usize] = value,
+                Change::Local(place, value) => self.locals[place].1 = value,
+                Change::NewLocal => {
+                    self.locals.pop();
+                }
+            }
+        }
+    }
+
+    /// Enters a subroutine: its arguments become #1 and on, the rest of #1 to #30 is 0.
+    pub(crate) fn enter(&mut self, arguments: &[f64]) {
+        let mut saved = [0.0; LOCAL_NUMBERED];
+        saved.copy_from_slice(&self.numbered[1..=LOCAL_NUMBERED]);
+        self.frames.push(Frame {
+            numbered: saved,
+            locals: self.base,
+        });
+        self.base = self.locals.len();
+        for (place, slot) in self.numbered[1..=LOCAL_NUMBERED].iter_mut().enumerate() {
+            *slot = arguments.get(place).copied().unwrap_or(0.0);
+        }
+        self.commit();
+    }
+
+    /// Leaves a subroutine.
+    pub(crate) fn leave(&mut self) {
+        self.commit();
+        if let Some(frame) = self.frames.pop() {
+            self.numbered[1..=LOCAL_NUMBERED].copy_from_slice(&frame.numbered);
+            self.locals.truncate(self.base);
+            self.base = frame.locals;
+        }
+    }
+
+    /// How deep subroutines are nested.
+    pub(crate) fn depth(&self) -> usize {
+        self.frames.len()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn name(text: &str) -> Normal {
+        Normal::new(text.as_bytes()).unwrap()
+    }
+
+    fn read(parameters: &Parameters, text: &str) -> Option<f64> {
+        let (id, kind) = parameters.names.find(&name(text))?;
+        parameters.named(id, kind)
+    }
+
+    #[test]
+    fn a_roll_back_restores_every_kind_of_parameter() {
+        let mut parameters = Parameters::new();
+        parameters.set_numbered(7, 1.0);
+        assert!(parameters.set_named(&name("a"), 2.0) && parameters.set_named(&name("_global"), 3.0));
+        parameters.commit();
+        parameters.set_numbered(7, 9.0);
+        parameters.set_named(&name("a"), 9.0);
+        parameters.set_named(&name("_global"), 9.0);
+        parameters.set_named(&name("c"), 9.0);
+        parameters.set_named(&name("_other"), 9.0);
+        parameters.roll_back();
+        assert_eq!(parameters.numbered(7), 1.0);
+        assert_eq!(
+            (read(&parameters, "a"), read(&parameters, "_global")),
+            (Some(2.0), Some(3.0))
+        );
+        assert_eq!(
+            (read(&parameters, "c"), read(&parameters, "_other")),
+            (None, None)
+        );
+    }
+
+    #[test]
+    fn a_call_has_its_own_locals_and_arguments_and_shares_the_rest() {
+        let mut parameters = Parameters::new();
+        parameters.set_numbered(1, 5.0);
+        parameters.set_numbered(31, 6.0);
+        parameters.set_named(&name("a"), 1.0);
+        parameters.enter(&[7.0]);
+        assert_eq!((parameters.numbered(1), parameters.numbered(2)), (7.0, 0.0));
+        assert_eq!((parameters.numbered(31), read(&parameters, "a")), (6.0, None));
+        parameters.set_named(&name("a"), 2.0);
+        parameters.set_numbered(31, 8.0);
+        parameters.leave();
+        assert_eq!((parameters.numbered(1), parameters.numbered(31)), (5.0, 8.0));
+        assert_eq!(read(&parameters, "a"), Some(1.0));
+    }
+}

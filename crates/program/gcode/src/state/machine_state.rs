@@ -1,0 +1,359 @@
+//! The modal state.
+
+use evolvent_path::{AXES, Axes, AxisLetter, Plane};
+
+use crate::codes::modal_groups::{Compensation, FeedMode, Motion, PlaneCode};
+use crate::execution::compensation::CutterState;
+use crate::parameters::system::System;
+use crate::parameters::values::{G92, G92_ACTIVE, Parameters, WORK_OFFSET, WORK_OFFSET_1};
+use crate::{PathMode, Settings, SpindleDirection};
+
+/// Millimetres of an inch.
+pub(crate) const INCH_MM: f64 = 25.4;
+
+/// F as it was when it was given: a later G20 or G21 does not change the speed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct ProgrammedFeed {
+    /// For motion of linear axes: mm/s, or mm per revolution in G95.
+    pub(crate) linear: f64,
+    /// For motion of rotary axes only: deg/s, or degrees per revolution in G95.
+    pub(crate) rotary: f64,
+    /// As written.
+    pub(crate) word: f64,
+}
+
+/// What M70 saves and M72 brings back.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Modes {
+    pub(crate) plane: PlaneCode,
+    pub(crate) inches: bool,
+    pub(crate) incremental: bool,
+    pub(crate) arc_centre_absolute: bool,
+    pub(crate) feed_mode: FeedMode,
+    pub(crate) feed: Option<ProgrammedFeed>,
+    pub(crate) path_mode: PathMode,
+    pub(crate) work_index: usize,
+    pub(crate) retract_to_old: bool,
+    pub(crate) diameter: bool,
+    pub(crate) spindle: SpindleDirection,
+    /// Revolutions per minute, or metres per minute in G96.
+    pub(crate) speed: f64,
+    /// G96: the greatest speed in revolutions per minute.
+    pub(crate) surface: Option<f64>,
+    pub(crate) mist: bool,
+    pub(crate) flood: bool,
+    pub(crate) feed_override: bool,
+    pub(crate) spindle_override: bool,
+    pub(crate) adaptive: bool,
+    pub(crate) feed_stop: bool,
+}
+
+/// Words of a canned cycle that stay in force while lines of the cycle follow each other; mm in program
+/// coordinates along the axis of the cycle.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct CycleModal {
+    pub(crate) r: Option<f64>,
+    pub(crate) depth: Option<f64>,
+    pub(crate) q: Option<f64>,
+    pub(crate) p: Option<f64>,
+    /// Where the tool stood before the first line of the cycle.
+    pub(crate) old: f64,
+    /// Whether lines of a cycle are being run.
+    pub(crate) running: Option<Motion>,
+}
+
+/// Everything that outlives a line. `Copy`: a line works on a copy, which replaces the original only if the whole
+/// line is right.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct State {
+    /// Machine coordinates, mm and degrees.
+    pub(crate) position: Axes,
+    pub(crate) motion: Motion,
+    pub(crate) modes: Modes,
+    /// Work zero of the offset in force, machine coordinates.
+    pub(crate) work: Axes,
+    /// Rotation of the work's XY about its zero: degrees, cosine, sine.
+    pub(crate) rotation: [f64; 3],
+    /// Offset of G92 and G52 in force; rotated with the work.
+    pub(crate) g92: Axes,
+    pub(crate) tool_offset: Axes,
+    pub(crate) tool: u32,
+    pub(crate) selected_tool: Option<u32>,
+    pub(crate) sticky: CycleModal,
+    /// P and Q of the last G5, mm: it may go on from there.
+    pub(crate) spline_end: Option<[f64; 2]>,
+    /// The order of the NURBS that G5.2 collects.
+    pub(crate) nurbs_order: Option<usize>,
+    pub(crate) cutter: CutterState,
+    /// The last motion was a probe, and nobody has told where it stopped.
+    pub(crate) is_probed: bool,
+    /// M2 or M30 has been executed.
+    pub(crate) ended: bool,
+}
+
+/// The part of the state that a plain move changes.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct PlainMoveState {
+    position: Axes,
+    motion: Motion,
+    feed: Option<ProgrammedFeed>,
+    running: Option<Motion>,
+    spline_end: Option<[f64; 2]>,
+}
+
+impl State {
+    pub(crate) fn new(settings: &Settings) -> Self {
+        let mut state = Self {
+            position: settings.start,
+            motion: Motion::None,
+            modes: Modes {
+                plane: PlaneCode::Main(Plane::Xy),
+                inches: settings.inches,
+                incremental: false,
+                arc_centre_absolute: false,
+                feed_mode: FeedMode::PerMinute,
+                feed: None,
+                path_mode: settings.path_mode,
+                work_index: settings.active_offset.min(settings.work_offsets.len() - 1),
+                retract_to_old: false,
+                diameter: false,
+                spindle: settings.outputs.direction,
+                speed: settings.outputs.speed_rpm,
+                surface: None,
+                mist: settings.outputs.mist,
+                flood: settings.outputs.flood,
+                feed_override: true,
+                spindle_override: true,
+                adaptive: false,
+                feed_stop: true,
+            },
+            work: Axes::zeros(),
+            rotation: [0.0, 1.0, 0.0],
+            g92: settings.g92_offset,
+            tool_offset: Axes::zeros(),
+            tool: settings.tool,
+            selected_tool: None,
+            sticky: CycleModal::default(),
+            spline_end: None,
+            nurbs_order: None,
+            cutter: CutterState::default(),
+            is_probed: false,
+            ended: false,
+        };
+        state.work = settings.work_offsets[state.modes.work_index];
+        state
+    }
+
+    /// Whether a straight move changes nothing but [`State::few`].
+    #[inline]
+    pub(crate) fn is_plain(&self) -> bool {
+        !self.cutter.is_on() && self.cutter.programmed.is_none() && self.cutter.held.is_none()
+    }
+
+    /// What a plain move changes before it may fail.
+    #[inline]
+    pub(crate) fn few(&self) -> PlainMoveState {
+        PlainMoveState {
+            position: self.position,
+            motion: self.motion,
+            feed: self.modes.feed,
+            running: self.sticky.running,
+            spline_end: self.spline_end,
+        }
+    }
+
+    pub(crate) fn restore_few(&mut self, few: PlainMoveState) {
+        self.position = few.position;
+        self.motion = few.motion;
+        self.modes.feed = few.feed;
+        self.sticky.running = few.running;
+        self.spline_end = few.spline_end;
+    }
+
+    /// Writes what the settings say of offsets and tool to the parameters.
+    pub(crate) fn publish(&self, settings: &Settings, parameters: &mut Parameters) {
+        for (index, offset) in settings.work_offsets.iter().enumerate() {
+            parameters.set_axes(WORK_OFFSET_1 + 20 * index, offset);
+        }
+        parameters.set_numbered(WORK_OFFSET, (self.modes.work_index + 1) as f64);
+        let active = self.g92 != Axes::zeros();
+        parameters.set_numbered(G92_ACTIVE, f64::from(u8::from(active)));
+        if active {
+            // Otherwise what the parameters hold is suspended, and G92.3 brings it back.
+            parameters.set_axes(G92, &self.g92);
+        }
+        parameters.set_numbered(crate::parameters::values::TOOL, f64::from(self.tool));
+        parameters.set_numbered(crate::parameters::values::DEBUG, 1.0);
+    }
+
+    /// Takes the work offset in force from the parameters.
+    pub(crate) fn load_work(&mut self, parameters: &Parameters) {
+        let first = WORK_OFFSET_1 + 20 * self.modes.work_index;
+        self.work = parameters.axes(first);
+        let degrees = parameters.numbered(first + AXES);
+        let (cos, sin) = if degrees == 0.0 {
+            (1.0, 0.0)
+        } else {
+            let angle = degrees.to_radians();
+            (libm::cos(angle), libm::sin(angle))
+        };
+        self.rotation = [degrees, cos, sin];
+    }
+
+    /// The plane for arcs; `None` for G17.1 and its kin.
+    pub(crate) fn plane(&self) -> Option<Plane> {
+        match self.modes.plane {
+            PlaneCode::Main(plane) => Some(plane),
+            PlaneCode::Secondary(_) => None,
+        }
+    }
+
+    /// Millimetres of a unit of length.
+    pub(crate) fn unit_mm(&self) -> f64 {
+        if self.modes.inches { INCH_MM } else { 1.0 }
+    }
+
+    /// Millimetres or degrees of a program unit of an axis.
+    pub(crate) fn axis_unit(&self, index: usize) -> f64 {
+        if AxisLetter::ALL[index].is_rotary() {
+            1.0
+        } else {
+            self.unit_mm()
+        }
+    }
+
+    /// The same for a word: in G7 X is a diameter.
+    pub(crate) fn word_unit(&self, index: usize) -> f64 {
+        if index == 0 && self.modes.diameter {
+            0.5 * self.unit_mm()
+        } else {
+            self.axis_unit(index)
+        }
+    }
+
+    fn turned(&self) -> bool {
+        self.rotation[0] != 0.0
+    }
+
+    /// A vector of program coordinates in machine coordinates.
+    pub(crate) fn turn(&self, mut vector: Axes) -> Axes {
+        if self.turned() {
+            let [_, cos, sin] = self.rotation;
+            (vector[0], vector[1]) = (
+                cos * vector[0] - sin * vector[1],
+                sin * vector[0] + cos * vector[1],
+            );
+        }
+        vector
+    }
+
+    /// A vector of machine coordinates in program coordinates.
+    pub(crate) fn turn_back(&self, mut vector: Axes) -> Axes {
+        if self.turned() {
+            let [_, cos, sin] = self.rotation;
+            (vector[0], vector[1]) = (
+                cos * vector[0] + sin * vector[1],
+                cos * vector[1] - sin * vector[0],
+            );
+        }
+        vector
+    }
+
+    /// A point of program coordinates (mm, degrees) in machine coordinates.
+    pub(crate) fn machine_of(&self, program: Axes) -> Axes {
+        if self.turned() {
+            return self.turn(program + self.g92) + self.work + self.tool_offset;
+        }
+        // In this order sums of offsets are what they were before the tool's length came in.
+        self.work + self.g92 + self.tool_offset + program
+    }
+
+    /// A point of machine coordinates in program coordinates (mm, degrees).
+    pub(crate) fn program_of(&self, machine: Axes) -> Axes {
+        if self.turned() {
+            return self.turn_back(machine - self.work - self.tool_offset) - self.g92;
+        }
+        machine - (self.work + self.g92 + self.tool_offset)
+    }
+
+    /// Where a program's words refer to: the programmed point, not the centre of a compensated tool.
+    pub(crate) fn programmed(&self) -> Axes {
+        self.cutter.programmed.unwrap_or(self.position)
+    }
+
+    /// Place of an axis in program coordinates and units.
+    pub(crate) fn program_position(&self, axis: usize) -> f64 {
+        self.program_of(self.programmed())[axis] / self.axis_unit(axis)
+    }
+
+    /// Place of an axis in machine coordinates, in program units.
+    pub(crate) fn machine_position(&self, axis: usize) -> f64 {
+        self.position[axis] / self.axis_unit(axis)
+    }
+
+    /// A predefined parameter.
+    pub(crate) fn system(&self, system: System) -> f64 {
+        let truth = |yes: bool| f64::from(u8::from(yes));
+        let modes = &self.modes;
+        match system {
+            System::Absolute => truth(!modes.incremental),
+            System::Incremental => truth(modes.incremental),
+            System::AdaptiveFeed => truth(modes.adaptive),
+            System::CutterCompensation => match self.cutter.code {
+                Compensation::Off => 400.0,
+                Compensation::On { left, given } => {
+                    let side = if left { 410.0 } else { 420.0 };
+                    side + truth(given)
+                }
+            },
+            System::Coordinates => match modes.work_index {
+                index @ 0..=5 => 540.0 + 10.0 * index as f64,
+                index => 591.0 + (index - 6) as f64,
+            },
+            System::CurrentTool => f64::from(self.tool),
+            System::SelectedTool => self.selected_tool.map_or(-1.0, f64::from),
+            System::Feed => modes.feed.map_or(0.0, |feed| feed.word),
+            System::FeedHold => truth(modes.feed_stop),
+            System::FeedOverride => truth(modes.feed_override),
+            System::SpeedOverride => truth(modes.spindle_override),
+            System::Flood => truth(modes.flood),
+            System::Mist => truth(modes.mist),
+            System::CentreAbsolute => truth(modes.arc_centre_absolute),
+            System::Imperial => truth(modes.inches),
+            System::Metric => truth(!modes.inches),
+            System::InverseTime => truth(modes.feed_mode == FeedMode::InverseTime),
+            System::UnitsPerMinute => truth(modes.feed_mode == FeedMode::PerMinute),
+            System::UnitsPerRevolution => truth(modes.feed_mode == FeedMode::PerRevolution),
+            System::LatheDiameter => truth(modes.diameter),
+            System::LatheRadius => truth(!modes.diameter),
+            System::MotionMode => match self.motion {
+                Motion::None => 800.0,
+                motion => motion.tenths(),
+            },
+            System::Plane => match modes.plane {
+                PlaneCode::Main(plane) => plane_number(plane),
+                PlaneCode::Secondary(plane) => plane_number(plane) + 1.0,
+            },
+            System::RetractOldZ => truth(modes.retract_to_old),
+            System::RetractRPlane => truth(!modes.retract_to_old),
+            System::Rpm => modes.speed,
+            System::SpindleConstantSurface => truth(modes.surface.is_some()),
+            System::SpindleRpmMode => truth(modes.surface.is_none()),
+            System::SpindleClockwise => truth(modes.spindle == SpindleDirection::Clockwise),
+            System::SpindleOn => truth(modes.spindle != SpindleDirection::Stopped),
+            System::ToolOffset => truth(self.tool_offset != Axes::zeros()),
+            // The release of LinuxCNC whose language this is.
+            System::VersionMajor => 2.9,
+            // Where the text is executed (Task), remaps: there is nothing of that kind.
+            _ => 0.0,
+        }
+    }
+}
+
+fn plane_number(plane: Plane) -> f64 {
+    match plane {
+        Plane::Xy => 170.0,
+        Plane::Zx => 180.0,
+        Plane::Yz => 190.0,
+    }
+}

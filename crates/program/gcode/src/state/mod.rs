@@ -1,0 +1,6 @@
+//! The modal state between blocks, and the settings of the interpreter.
+
+pub(crate) mod machine_state;
+pub(crate) mod outputs;
+pub(crate) mod scope;
+pub(crate) mod settings;

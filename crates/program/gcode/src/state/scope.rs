@@ -1,0 +1,77 @@
+//! What a formula can see: parameters and, through the predefined ones, the modal state.
+
+use crate::Settings;
+use crate::parameters::names::{NameKind, Normal};
+use crate::parameters::system::System;
+use crate::parameters::values::{POSITION, Parameters};
+use crate::state::machine_state::State;
+
+/// The surroundings of a line.
+pub(crate) struct Scope<'a> {
+    pub(crate) parameters: &'a Parameters,
+    pub(crate) state: &'a State,
+    pub(crate) settings: &'a Settings,
+    /// The line's number.
+    pub(crate) line: u32,
+}
+
+impl Scope<'_> {
+    /// A numbered parameter.
+    #[inline]
+    pub(crate) fn numbered(&self, index: usize) -> f64 {
+        if (POSITION..=POSITION + 8).contains(&index) {
+            return self.state.program_position(index - POSITION);
+        }
+        self.parameters.numbered(index)
+    }
+
+    /// A named parameter; `None` where it has not been set.
+    pub(crate) fn named(&self, name: &Normal) -> Option<f64> {
+        let (id, kind) = self.parameters.names.find(name)?;
+        match kind {
+            NameKind::System(system) => Some(self.system(system)),
+            _ => self.parameters.named(id, kind),
+        }
+    }
+
+    fn system(&self, system: System) -> f64 {
+        if let Some(axis) = system.axis() {
+            return self.state.program_position(axis);
+        }
+        if let Some(axis) = system.machine_axis() {
+            return self.state.machine_position(axis);
+        }
+        match system {
+            System::Line => f64::from(self.line),
+            System::CallLevel => self.parameters.depth() as f64,
+            System::Value => self.parameters.returned.unwrap_or(0.0),
+            System::ValueReturned => f64::from(u8::from(self.parameters.returned.is_some())),
+            System::CurrentPocket => self.settings.pocket(self.state.tool).map_or(0.0, f64::from),
+            System::SelectedPocket => {
+                let selected = self.state.selected_tool;
+                selected
+                    .and_then(|tool| self.settings.pocket(tool))
+                    .map_or(-1.0, f64::from)
+            }
+            other => self.state.system(other),
+        }
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+
+    /// Runs something in the scope of a program's first line.
+    pub(crate) fn with_scope<T>(run: impl FnOnce(&Scope<'_>) -> T) -> T {
+        let settings = Settings::default();
+        let parameters = Parameters::new();
+        let state = State::new(&settings);
+        run(&Scope {
+            parameters: &parameters,
+            state: &state,
+            settings: &settings,
+            line: 1,
+        })
+    }
+}

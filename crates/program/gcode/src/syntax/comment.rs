@@ -1,0 +1,185 @@
+//! Comments that do something.
+//!
+//! RS274/NGC, 3.3.4: a comment whose first printing characters are `MSG,`, in either case and with blanks
+//! anywhere, is a message. LinuxCNC adds more of that kind; in those parameters are replaced by their values.
+
+use std::fmt::Write as _;
+
+use crate::diagnostics::diagnostic::{Span, printable};
+use crate::parameters::names::Normal;
+use crate::state::scope::Scope;
+
+/// What a comment asks for.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum Remark {
+    None,
+    Message(String),
+    Debug(String),
+    Print(String),
+    Log(String),
+    LogOpen(String),
+    LogAppend(String),
+    LogClose,
+    Abort(String),
+}
+
+/// What the comment at a place of a line asks for.
+pub(crate) fn remark(line: &[u8], inside: Span, scope: &Scope<'_>) -> Remark {
+    let text = &line[inside.start as usize..inside.end as usize];
+    let plain = |rest: &[u8]| printable(String::from_utf8_lossy(rest).trim());
+    if let Some(rest) = after_keyword(text, b"MSG,") {
+        return Remark::Message(plain(rest));
+    }
+    if let Some(rest) = after_keyword(text, b"DEBUG,") {
+        return Remark::Debug(expanded(rest, scope));
+    }
+    if let Some(rest) = after_keyword(text, b"PRINT,") {
+        return Remark::Print(expanded(rest, scope));
+    }
+    if let Some(rest) = after_keyword(text, b"LOG,") {
+        return Remark::Log(expanded(rest, scope));
+    }
+    if let Some(rest) = after_keyword(text, b"LOGOPEN,").or_else(|| after_keyword(text, b"PROBEOPEN")) {
+        return Remark::LogOpen(plain(rest));
+    }
+    if let Some(rest) = after_keyword(text, b"LOGAPPEND,") {
+        return Remark::LogAppend(plain(rest));
+    }
+    if after_keyword(text, b"LOGCLOSE")
+        .or_else(|| after_keyword(text, b"PROBECLOSE"))
+        .is_some()
+    {
+        return Remark::LogClose;
+    }
+    if let Some(rest) = after_keyword(text, b"ABORT,") {
+        return Remark::Abort(expanded(rest, scope));
+    }
+    Remark::None
+}
+
+/// What follows a keyword.
+fn after_keyword<'text>(text: &'text [u8], keyword: &[u8]) -> Option<&'text [u8]> {
+    let mut wanted = keyword.iter();
+    let mut next = wanted.next();
+    for (place, byte) in text.iter().enumerate() {
+        if matches!(byte, b' ' | b'\t') {
+            continue;
+        }
+        if Some(&byte.to_ascii_uppercase()) != next {
+            return None;
+        }
+        next = wanted.next();
+        if next.is_none() {
+            return Some(&text[place + 1..]);
+        }
+    }
+    None
+}
+
+/// The text with `#5` and `#<name>` replaced by values. `%d`, `%f` and `%.3f` choose how those that follow are
+/// written; what is not known is shown as `######`.
+fn expanded(text: &[u8], scope: &Scope<'_>) -> String {
+    let text = printable(&String::from_utf8_lossy(text));
+    let mut out = String::with_capacity(text.len());
+    let mut decimals = 6_usize;
+    let mut rest = text.as_str();
+    while let Some(character) = rest.chars().next() {
+        let after = &rest[character.len_utf8()..];
+        if character == '%' {
+            if let Some((digits, after)) = format_of(after) {
+                decimals = digits;
+                rest = after;
+                continue;
+            }
+        } else if character == '#'
+            && let Some((value, after)) = parameter_of(after, scope)
+        {
+            match value {
+                // Writing to a string cannot fail.
+                Some(value) => drop(write!(out, "{value:.decimals$}")),
+                None => out.push_str("######"),
+            }
+            rest = after;
+            continue;
+        }
+        out.push(character);
+        rest = after;
+    }
+    out.trim().to_owned()
+}
+
+/// Decimals asked for after `%`, and what follows.
+fn format_of(text: &str) -> Option<(usize, &str)> {
+    let text_lower = text.get(..1)?;
+    match text_lower {
+        "d" | "D" => Some((0, &text[1..])),
+        "f" | "F" => Some((4, &text[1..])),
+        "." => {
+            let digits = text[1..].chars().next()?.to_digit(10)?;
+            let after = text.get(2..)?;
+            let after = after.strip_prefix(['f', 'F'])?;
+            Some((digits as usize, after))
+        }
+        _ => None,
+    }
+}
+
+/// The value of the parameter after `#`, `None` if it is not set, and what follows.
+fn parameter_of<'text>(text: &'text str, scope: &Scope<'_>) -> Option<(Option<f64>, &'text str)> {
+    if let Some(inside) = text.strip_prefix('<') {
+        let end = inside.find('>')?;
+        let value = Normal::new(&inside.as_bytes()[..end]).and_then(|name| scope.named(&name));
+        return Some((value, &inside[end + 1..]));
+    }
+    let digits = text.bytes().take_while(u8::is_ascii_digit).count();
+    let index = text[..digits].parse::<usize>().ok()?;
+    Some((Some(scope.numbered(index)), &text[digits..]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::state::scope::tests::with_scope;
+
+    fn of(text: &[u8]) -> Remark {
+        with_scope(|scope| remark(text, Span::new(0, text.len()), scope))
+    }
+
+    #[test]
+    fn messages_are_known_by_their_first_printing_characters() {
+        assert_eq!(of(b"MSG, turn the part"), Remark::Message("turn the part".into()));
+        assert_eq!(of(b" m s\tG , Turn"), Remark::Message("Turn".into()));
+        assert_eq!(of(b"a MSG, no"), Remark::None);
+        assert_eq!(of(b"MSG no"), Remark::None);
+        assert_eq!(of(b""), Remark::None);
+    }
+
+    #[test]
+    fn messages_cannot_steer_a_terminal() {
+        assert_eq!(
+            of(b"MSG,\x1b[2J\xff"),
+            Remark::Message("\u{fffd}[2J\u{fffd}".into())
+        );
+    }
+
+    #[test]
+    fn values_are_written_as_asked_for() {
+        // Formats as LinuxCNC 2.9 prints them.
+        let shown = of(b"debug, #5598 %d#5598 %f#5598 %.2f#<_coord_system> #<none> 100% #");
+        assert_eq!(
+            shown,
+            Remark::Debug("0.000000 0 0.0000 540.00 ###### 100% #".into())
+        );
+        assert_eq!(of(b"PRINT,#1"), Remark::Print("0.000000".into()));
+    }
+
+    #[test]
+    fn logs_and_the_end_are_known() {
+        assert_eq!(of(b"LOGOPEN, a.txt"), Remark::LogOpen("a.txt".into()));
+        assert_eq!(of(b"probeopen a.txt"), Remark::LogOpen("a.txt".into()));
+        assert_eq!(of(b"LOGAPPEND,b"), Remark::LogAppend("b".into()));
+        assert_eq!(of(b"LOG,x"), Remark::Log("x".into()));
+        assert_eq!(of(b"LOGCLOSE"), Remark::LogClose);
+        assert_eq!(of(b"abort, now"), Remark::Abort("now".into()));
+    }
+}

@@ -1,0 +1,565 @@
+//! Formulas: worked out while they are read.
+//!
+//! RS274/NGC, 3.3.2.2 and 3.3.2.3, with LinuxCNC's comparisons: `**` binds tightest, then `*` `/` `MOD`, then
+//! `+` `-`, then `EQ` `NE` `GT` `GE` `LT` `LE`, then `AND` `OR` `XOR`; equals are worked out from the left, `**`
+//! too. Angles are in degrees. EQ and NE take two numbers for equal within 1e-6.
+
+use crate::Code;
+use crate::diagnostics::diagnostic::{Fault, Span};
+use crate::parameters::names::Normal;
+use crate::parameters::values::NUMBERED;
+use crate::state::scope::Scope;
+use crate::syntax::lexer::Lexer;
+
+/// How deep brackets, functions and parameters of parameters may be nested.
+const DEPTH: u32 = 64;
+
+/// Numbers closer than this are equal to EQ and NE; LE and GE compare exactly, as in LinuxCNC.
+const EQUAL: f64 = 1e-6;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Operator {
+    And,
+    Or,
+    Xor,
+    Equal,
+    NotEqual,
+    Greater,
+    GreaterEqual,
+    Less,
+    LessEqual,
+    Plus,
+    Minus,
+    Times,
+    Divided,
+    Modulo,
+    Power,
+}
+
+impl Operator {
+    /// How tightly it binds.
+    fn level(self) -> u32 {
+        match self {
+            Self::And | Self::Or | Self::Xor => 1,
+            Self::Equal
+            | Self::NotEqual
+            | Self::Greater
+            | Self::GreaterEqual
+            | Self::Less
+            | Self::LessEqual => 2,
+            Self::Plus | Self::Minus => 3,
+            Self::Times | Self::Divided | Self::Modulo => 4,
+            Self::Power => 5,
+        }
+    }
+}
+
+/// What an assignment writes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Target {
+    /// `#5`
+    Numbered(usize),
+    /// `#<name>`: the place of the name on the line.
+    Named(Span),
+}
+
+/// Reads values from a line.
+pub(crate) struct Evaluator<'line, 'text> {
+    pub(crate) lexer: &'line mut Lexer<'text>,
+    pub(crate) scope: &'line Scope<'line>,
+    depth: u32,
+}
+
+impl<'line, 'text> Evaluator<'line, 'text> {
+    pub(crate) fn new(lexer: &'line mut Lexer<'text>, scope: &'line Scope<'line>) -> Self {
+        Self {
+            lexer,
+            scope,
+            depth: 0,
+        }
+    }
+
+    /// A number, a parameter, a function or a formula in brackets, with any signs before it. `None` if nothing
+    /// of that kind comes next.
+    #[inline]
+    pub(crate) fn value(&mut self) -> Result<Option<f64>, Fault> {
+        match self.lexer.peek() {
+            Some(b'0'..=b'9' | b'.') => self.lexer.number().map(Some),
+            Some(sign @ (b'+' | b'-')) => match self.lexer.second() {
+                Some(b'#' | b'[' | b'+' | b'-' | b'a'..=b'z' | b'A'..=b'Z') => {
+                    let start = self.lexer.place();
+                    self.lexer.advance();
+                    self.deeper(start)?;
+                    let value = self.value()?;
+                    self.depth -= 1;
+                    let Some(value) = value else {
+                        let message = "a sign without a number";
+                        return Err(Fault::new(Code::BadNumber, Span::at(start), message));
+                    };
+                    Ok(Some(if sign == b'-' { -value } else { value }))
+                }
+                _ => self.lexer.number().map(Some),
+            },
+            Some(b'[') => self.bracket().map(Some),
+            Some(b'#') => self.parameter().map(Some),
+            Some(b'a'..=b'z' | b'A'..=b'Z') => self.function(),
+            _ => Ok(None),
+        }
+    }
+
+    /// The same, but there must be one. `what` is what the value is for.
+    pub(crate) fn required(&mut self, what: &str) -> Result<f64, Fault> {
+        let start = self.lexer.place();
+        match self.value()? {
+            Some(value) => Ok(value),
+            None => Err(self.missing(start, what)),
+        }
+    }
+
+    #[cold]
+    fn missing(&mut self, start: usize, what: &str) -> Fault {
+        match self.lexer.peek() {
+            Some(byte) if !byte.is_ascii_alphabetic() && !matches!(byte, b'(' | b';' | b']') => {
+                self.lexer.unexpected(byte)
+            }
+            _ => Fault::new(
+                Code::Expression,
+                Span::at(start),
+                format!("a value is missing {what}"),
+            )
+            .help("write a number, a parameter (#5, #<name>), a function (SIN[30]) or a formula in [ ]"),
+        }
+    }
+
+    /// A formula in brackets; the next character is `[`.
+    pub(crate) fn bracket(&mut self) -> Result<f64, Fault> {
+        let start = self.lexer.place();
+        self.lexer.advance();
+        self.deeper(start)?;
+        let value = self.binary(1)?;
+        self.depth -= 1;
+        if self.lexer.take(b']') {
+            return Ok(value);
+        }
+        Err(self.unclosed(start))
+    }
+
+    #[cold]
+    fn unclosed(&mut self, start: usize) -> Fault {
+        let place = self.lexer.place();
+        match self.lexer.peek() {
+            None | Some(b';' | b'(') => {
+                Fault::new(Code::Expression, Span::at(start), "this '[' is not closed")
+                    .help("write ] at the end of the formula; comments do not stand inside formulas")
+            }
+            Some(_) => Fault::new(
+                Code::Expression,
+                Span::at(place),
+                "an operator or ] is missing here",
+            )
+            .help("operators are + - * / ** MOD, EQ NE GT GE LT LE, AND OR XOR"),
+        }
+    }
+
+    /// Operators of at least a level, from the left.
+    fn binary(&mut self, level: u32) -> Result<f64, Fault> {
+        let mut left = self.required("in this formula")?;
+        loop {
+            let before = self.lexer.place();
+            let Some(operator) = self.operator()? else {
+                return Ok(left);
+            };
+            if operator.level() < level {
+                self.lexer.go_back(before);
+                return Ok(left);
+            }
+            let place = Span::new(before, self.lexer.place());
+            let right = self.binary(operator.level() + 1)?;
+            left = apply(operator, left, right, place)?;
+        }
+    }
+
+    fn operator(&mut self) -> Result<Option<Operator>, Fault> {
+        let Some(byte) = self.lexer.peek() else {
+            return Ok(None);
+        };
+        let start = self.lexer.place();
+        let operator = match byte {
+            b'+' => Operator::Plus,
+            b'-' => Operator::Minus,
+            b'/' => Operator::Divided,
+            b'*' => {
+                self.lexer.advance();
+                return Ok(Some(if self.lexer.take(b'*') {
+                    Operator::Power
+                } else {
+                    Operator::Times
+                }));
+            }
+            b'a'..=b'z' | b'A'..=b'Z' => {
+                for (word, operator) in [
+                    (&b"and"[..], Operator::And),
+                    (b"or", Operator::Or),
+                    (b"xor", Operator::Xor),
+                    (b"eq", Operator::Equal),
+                    (b"ne", Operator::NotEqual),
+                    (b"gt", Operator::Greater),
+                    (b"ge", Operator::GreaterEqual),
+                    (b"lt", Operator::Less),
+                    (b"le", Operator::LessEqual),
+                    (b"mod", Operator::Modulo),
+                ] {
+                    if self.lexer.keyword(word) {
+                        return Ok(Some(operator));
+                    }
+                }
+                let message = "no such operator";
+                return Err(Fault::new(Code::Expression, Span::at(start), message)
+                    .help("operators are + - * / ** MOD, EQ NE GT GE LT LE, AND OR XOR"));
+            }
+            _ => return Ok(None),
+        };
+        self.lexer.advance();
+        Ok(Some(operator))
+    }
+
+    /// A function of a bracket. `None` if no letters with `[` behind come next.
+    fn function(&mut self) -> Result<Option<f64>, Fault> {
+        let start = self.lexer.place();
+        let mut word = [0; 16];
+        let length = self.lexer.letters(&mut word);
+        if self.lexer.peek() != Some(b'[') {
+            self.lexer.go_back(start);
+            return Ok(None);
+        }
+        let place = Span::new(start, self.lexer.place());
+        let name = &word[..length];
+        if name == b"exists" {
+            return self.exists().map(Some);
+        }
+        self.deeper(start)?;
+        let x = self.bracket()?;
+        self.depth -= 1;
+        let domain = |message: String| Err(Fault::new(Code::Arithmetic, place, message));
+        let value = match name {
+            b"atan" => {
+                if !self.lexer.take(b'/') {
+                    let message = "ATAN needs two values";
+                    return Err(Fault::new(Code::Expression, place, message).help("write ATAN[y]/[x]"));
+                }
+                if self.lexer.peek() != Some(b'[') {
+                    let message = "ATAN's second value stands in brackets";
+                    return Err(Fault::new(Code::Expression, place, message).help("write ATAN[y]/[x]"));
+                }
+                self.deeper(start)?;
+                let second = self.bracket()?;
+                self.depth -= 1;
+                libm::atan2(x, second).to_degrees()
+            }
+            b"abs" => x.abs(),
+            b"acos" if !(-1.0..=1.0).contains(&x) => return domain(format!("ACOS[{x}]: beyond -1 to 1")),
+            b"asin" if !(-1.0..=1.0).contains(&x) => return domain(format!("ASIN[{x}]: beyond -1 to 1")),
+            b"acos" => libm::acos(x).to_degrees(),
+            b"asin" => libm::asin(x).to_degrees(),
+            b"cos" => libm::cos(x.to_radians()),
+            b"exp" => libm::exp(x),
+            b"fix" => x.floor(),
+            b"fup" => x.ceil(),
+            b"round" => x.round(),
+            b"ln" if x <= 0.0 => return domain(format!("LN[{x}]: only of numbers above 0")),
+            b"ln" => libm::log(x),
+            b"sin" => libm::sin(x.to_radians()),
+            b"sqrt" if x < 0.0 => return domain(format!("SQRT[{x}]: not of negative numbers")),
+            b"sqrt" => x.sqrt(),
+            b"tan" => libm::tan(x.to_radians()),
+            _ => {
+                let shown = String::from_utf8_lossy(name).to_ascii_uppercase();
+                let message = format!("there is no function {shown}");
+                return Err(Fault::new(Code::Expression, place, message).help(
+                    "functions are ABS ACOS ASIN ATAN[]/[] COS EXISTS EXP FIX FUP LN ROUND SIN SQRT TAN",
+                ));
+            }
+        };
+        finite(value, place).map(Some)
+    }
+
+    /// `EXISTS[#<name>]`; the next character is `[`.
+    fn exists(&mut self) -> Result<f64, Fault> {
+        let start = self.lexer.place();
+        self.lexer.advance();
+        let asks = |place: usize| {
+            Fault::new(
+                Code::Expression,
+                Span::at(place),
+                "EXISTS asks for a named parameter",
+            )
+            .help("write EXISTS[#<name>]")
+        };
+        if self.lexer.peek() != Some(b'#') {
+            return Err(asks(start));
+        }
+        if self.lexer.second() != Some(b'<') {
+            // Numbered parameters exist or not by their number alone.
+            self.lexer.advance();
+            self.deeper(start)?;
+            let index = self.required("after #")?.round();
+            self.depth -= 1;
+            if !self.lexer.take(b']') {
+                return Err(asks(self.lexer.place()));
+            }
+            return Ok(f64::from(u8::from((1.0..NUMBERED as f64).contains(&index))));
+        }
+        self.lexer.advance();
+        let inside = self.lexer.name()?;
+        let name = self.normal(inside)?;
+        if !self.lexer.take(b']') {
+            return Err(asks(self.lexer.place()));
+        }
+        Ok(f64::from(u8::from(self.scope.named(&name).is_some())))
+    }
+
+    /// The value of a parameter; the next character is `#`.
+    #[inline]
+    fn parameter(&mut self) -> Result<f64, Fault> {
+        let start = self.lexer.place();
+        match self.target()? {
+            Target::Numbered(index) => Ok(self.scope.numbered(index)),
+            Target::Named(inside) => {
+                let name = self.normal(inside)?;
+                self.scope.named(&name).ok_or_else(|| {
+                    for (prefix, what) in [("_ini[", "an INI file"), ("_hal[", "HAL pins")] {
+                        if name.as_str().starts_with(prefix) {
+                            let message = format!("#<{}> reads {what} of LinuxCNC, and there is none here", name.as_str());
+                            let place = Span::new(start, self.lexer.place());
+                            return Fault::new(Code::UndefinedParameter, place, message).help(
+                                "write the number itself, or keep it in a parameter: #<_limit> = 400 once, then #<_limit>",
+                            );
+                        }
+                    }
+                    let message = format!("#<{}> has not been set", name.as_str());
+                    let place = Span::new(start, self.lexer.place());
+                    Fault::new(Code::UndefinedParameter, place, message).help(if name.as_str().starts_with('_') {
+                        "write #<_name> = value before it is read"
+                    } else {
+                        "names without _ at the beginning are local to the subroutine in which they are set"
+                    })
+                })
+            }
+        }
+    }
+
+    /// Which parameter is meant; the next character is `#`.
+    #[inline]
+    pub(crate) fn target(&mut self) -> Result<Target, Fault> {
+        if let Some(index) = self.lexer.index() {
+            return Ok(Target::Numbered(index));
+        }
+        self.any_target()
+    }
+
+    fn any_target(&mut self) -> Result<Target, Fault> {
+        let start = self.lexer.place();
+        self.lexer.advance();
+        if self.lexer.peek() == Some(b'<') {
+            return Ok(Target::Named(self.lexer.name()?));
+        }
+        self.deeper(start)?;
+        let value = self.required("after #")?;
+        self.depth -= 1;
+        let rounded = value.round();
+        let place = Span::new(start, self.lexer.place());
+        if (value - rounded).abs() > 1e-4 {
+            let message = format!("#{value}: a parameter's number is whole");
+            return Err(Fault::new(Code::NotInteger, place, message));
+        }
+        if !(1.0..NUMBERED as f64).contains(&rounded) {
+            let message = format!("#{rounded}: parameters have numbers from 1 to {}", NUMBERED - 1);
+            return Err(Fault::new(Code::Parameter, place, message));
+        }
+        Ok(Target::Numbered(rounded as usize))
+    }
+
+    /// The name at a place as it is compared.
+    pub(crate) fn normal(&self, inside: Span) -> Result<Normal, Fault> {
+        let text = &self.lexer.text()[inside.start as usize..inside.end as usize];
+        Normal::new(text).ok_or_else(|| {
+            Fault::new(Code::BadName, inside, "this is no name")
+                .help("a name has 1 to 100 characters of plain ASCII")
+        })
+    }
+
+    fn deeper(&mut self, start: usize) -> Result<(), Fault> {
+        self.depth += 1;
+        if self.depth > DEPTH {
+            let message = format!("nested deeper than {DEPTH}");
+            return Err(Fault::new(Code::NestingTooDeep, Span::at(start), message)
+                .help("keep a part of the formula in a parameter"));
+        }
+        Ok(())
+    }
+}
+
+fn apply(operator: Operator, left: f64, right: f64, place: Span) -> Result<f64, Fault> {
+    let truth = |yes: bool| if yes { 1.0 } else { 0.0 };
+    let difference = left - right;
+    let value = match operator {
+        Operator::And => truth(left != 0.0 && right != 0.0),
+        Operator::Or => truth(left != 0.0 || right != 0.0),
+        Operator::Xor => truth((left != 0.0) != (right != 0.0)),
+        Operator::Equal => truth(difference.abs() < EQUAL),
+        Operator::NotEqual => truth(difference.abs() >= EQUAL),
+        Operator::Greater => truth(left > right),
+        Operator::GreaterEqual => truth(left >= right),
+        Operator::Less => truth(left < right),
+        Operator::LessEqual => truth(left <= right),
+        Operator::Plus => left + right,
+        Operator::Minus => left - right,
+        Operator::Times => left * right,
+        Operator::Divided if right == 0.0 => {
+            return Err(Fault::new(
+                Code::Arithmetic,
+                place,
+                format!("{left} divided by 0"),
+            ));
+        }
+        Operator::Divided => left / right,
+        Operator::Modulo if right == 0.0 => {
+            return Err(Fault::new(Code::Arithmetic, place, format!("{left} MOD 0")));
+        }
+        Operator::Modulo => {
+            // Never negative, whatever the signs.
+            let rest = left % right;
+            if rest < 0.0 { rest + right.abs() } else { rest }
+        }
+        Operator::Power if left < 0.0 && right.floor() != right => {
+            let message = format!("{left} ** {right}: a negative number to a power that is not whole");
+            return Err(Fault::new(Code::Arithmetic, place, message));
+        }
+        Operator::Power => libm::pow(left, right),
+    };
+    finite(value, place)
+}
+
+fn finite(value: f64, place: Span) -> Result<f64, Fault> {
+    if value.is_finite() {
+        Ok(value)
+    } else {
+        Err(Fault::new(
+            Code::Arithmetic,
+            place,
+            "the result is no finite number",
+        ))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::state::scope::tests::with_scope;
+
+    fn of(text: &str) -> Result<f64, Code> {
+        with_scope(|scope| {
+            let mut lexer = Lexer::new(text.as_bytes());
+            let mut evaluator = Evaluator::new(&mut lexer, scope);
+            let value = evaluator.required("here").map_err(|fault| fault.code)?;
+            assert_eq!(lexer.peek(), None, "{text:?} is not read to its end");
+            Ok(value)
+        })
+    }
+
+    #[test]
+    fn operators_bind_as_in_linuxcnc() {
+        // Figures by hand; those that surprise were confirmed with LinuxCNC 2.9.
+        for (text, expected) in [
+            ("[1 + 2 * 3]", 7.0),
+            ("[2 ** 3 ** 2]", 64.0),
+            ("[-2 ** 2]", 4.0),
+            ("[2 * -3]", -6.0),
+            ("[10 / 4 * 2]", 5.0),
+            ("[10 - 4 - 3]", 3.0),
+            ("[5 mod -3]", 2.0),
+            ("[-5 MOD 3]", 1.0),
+            ("[1 OR 0 AND 0]", 0.0),
+            ("[1 + 2 EQ 3 AND 1]", 1.0),
+            ("[1 X O R 1]", 0.0),
+            ("[3 GT 2]", 1.0),
+            ("[2.0000004 EQ 2]", 1.0),
+            ("[2.0000004 NE 2]", 0.0),
+            ("[2 GE 2.0000004]", 0.0),
+            ("[2 LT 2.0000004]", 1.0),
+            ("[2 LE 1]", 0.0),
+            ("--1", 1.0),
+            ("+-1", -1.0),
+            ("-[1]", -1.0),
+            ("- abs[-3]", -3.0),
+            ("[[1]]", 1.0),
+        ] {
+            assert_eq!(of(text), Ok(expected), "{text}");
+        }
+    }
+
+    #[test]
+    fn functions_take_and_give_degrees_and_round_as_in_linuxcnc() {
+        for (text, expected) in [
+            ("sin[30]", 0.5),
+            ("COS[60]", 0.5),
+            ("tan[45]", 1.0),
+            ("asin[1]", 90.0),
+            ("acos[0]", 90.0),
+            ("atan[1]/[-1]", 135.0),
+            ("ATAN[-1]/[-1]", -135.0),
+            ("fix[-2.5]", -3.0),
+            ("fup[-2.5]", -2.0),
+            ("round[-2.5]", -3.0),
+            ("round[2.5]", 3.0),
+            ("sqrt[2]", 2.0_f64.sqrt()),
+            ("ln[exp[2]]", 2.0),
+            ("exists[#<nothing>]", 0.0),
+            ("exists[#<_line>]", 1.0),
+            ("exists[#5]", 1.0),
+            ("exists[#99999]", 0.0),
+        ] {
+            let found = of(text).unwrap();
+            assert!((found - expected).abs() < 1e-14, "{text}: {found}");
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_worked_out_is_refused() {
+        for (text, expected) in [
+            ("[1/0]", Code::Arithmetic),
+            ("[1 MOD 0]", Code::Arithmetic),
+            ("sqrt[-1]", Code::Arithmetic),
+            ("ln[0]", Code::Arithmetic),
+            ("asin[1.1]", Code::Arithmetic),
+            ("acos[-1.1]", Code::Arithmetic),
+            ("[-2 ** 0.5]", Code::Arithmetic),
+            ("[0 ** -1]", Code::Arithmetic),
+            ("exp[1000]", Code::Arithmetic),
+            ("[1 + ]", Code::Expression),
+            ("[1", Code::Expression),
+            ("[]", Code::Expression),
+            ("[1 [2]]", Code::Expression),
+            ("[1 foo 2]", Code::Expression),
+            ("foo[1]", Code::Expression),
+            ("atan[1]", Code::Expression),
+            ("atan[1]/2", Code::Expression),
+            ("exists[1]", Code::Expression),
+            ("#0", Code::Parameter),
+            ("#5602", Code::Parameter),
+            ("#-1", Code::Parameter),
+            ("#1.5", Code::NotInteger),
+            ("#<", Code::BadName),
+            ("#<>", Code::BadName),
+            ("#<nothing>", Code::UndefinedParameter),
+            (
+                &format!("{}1{}", "[".repeat(65), "]".repeat(65)),
+                Code::NestingTooDeep,
+            ),
+            (&"#".repeat(9000), Code::NestingTooDeep),
+            (&"-".repeat(9000), Code::NestingTooDeep),
+        ] {
+            assert_eq!(of(text), Err(expected), "{text}");
+        }
+    }
+}

@@ -1,0 +1,443 @@
+//! Characters to tokens.
+//!
+//! RS274/NGC, 3.3.2: letters in either case; blanks and tabs mean nothing anywhere outside comments, even inside
+//! a number. Numbers have an optional sign, digits, at most one point, at least one digit and no exponent.
+
+use crate::Code;
+use crate::diagnostics::diagnostic::{Fault, Span};
+use crate::parameters::values::NUMBERED;
+
+/// Greatest magnitude of a number in a program. Ten thousand kilometres of mm leave a double its micrometres.
+pub(crate) const LARGEST_NUMBER: f64 = 1e9;
+
+/// Walks along a line.
+pub(crate) struct Lexer<'text> {
+    text: &'text [u8],
+    at: usize,
+}
+
+impl<'text> Lexer<'text> {
+    pub(crate) fn new(text: &'text [u8]) -> Self {
+        Self { text, at: 0 }
+    }
+
+    /// Where the lexer stands.
+    pub(crate) fn place(&self) -> usize {
+        self.at
+    }
+
+    /// Goes on after the next character, which has been looked at.
+    #[inline]
+    pub(crate) fn advance(&mut self) {
+        self.at += 1;
+    }
+
+    /// Goes back to an earlier place.
+    pub(crate) fn go_back(&mut self, place: usize) {
+        self.at = place;
+    }
+
+    /// Leaves the rest of the line unread.
+    pub(crate) fn finish(&mut self) {
+        self.at = self.text.len();
+    }
+
+    /// The whole line.
+    pub(crate) fn text(&self) -> &'text [u8] {
+        self.text
+    }
+
+    /// Takes the next character if it is this one.
+    #[inline]
+    pub(crate) fn take(&mut self, wanted: u8) -> bool {
+        let found = self.peek() == Some(wanted);
+        if found {
+            self.at += 1;
+        }
+        found
+    }
+
+    /// Takes letters as long as there are any, lower case, with blanks between them left out; at most 15. Where
+    /// there are more than that the rest is dropped, since no keyword is as long.
+    pub(crate) fn letters(&mut self, into: &mut [u8; 16]) -> usize {
+        let mut count = 0;
+        while let Some(byte) = self.peek() {
+            if !byte.is_ascii_alphabetic() {
+                break;
+            }
+            if count < into.len() - 1 {
+                into[count] = byte.to_ascii_lowercase();
+                count += 1;
+            }
+            self.at += 1;
+        }
+        count
+    }
+
+    /// Takes the keyword if it comes next, in either case and with blanks anywhere.
+    pub(crate) fn keyword(&mut self, wanted: &[u8]) -> bool {
+        let start = self.at;
+        for &letter in wanted {
+            match self.peek() {
+                Some(byte) if byte.to_ascii_lowercase() == letter => self.at += 1,
+                _ => {
+                    self.at = start;
+                    return false;
+                }
+            }
+        }
+        true
+    }
+
+    /// The character after the next one that is not blank, without taking any.
+    pub(crate) fn second(&self) -> Option<u8> {
+        let mut rest = self.text.get(self.at..)?.iter();
+        let mut meaning = rest
+            .by_ref()
+            .copied()
+            .filter(|byte| !matches!(byte, b' ' | b'\t'));
+        meaning.next()?;
+        meaning.next()
+    }
+
+    /// What stands between `<` and `>`; the next character is `<`.
+    pub(crate) fn name(&mut self) -> Result<Span, Fault> {
+        let open = self.at;
+        let mut depth = 0_u32;
+        for (place, &byte) in self.text.iter().enumerate().skip(open + 1) {
+            match byte {
+                b'>' if depth == 0 => {
+                    self.at = place + 1;
+                    return Ok(Span::new(open + 1, place));
+                }
+                b'[' => depth += 1,
+                b']' => depth = depth.saturating_sub(1),
+                b'(' | b'<' => break,
+                _ => {}
+            }
+        }
+        let message = "this name is not closed";
+        Err(Fault::new(Code::BadName, Span::at(open), message).help("write > after it, as in #<width>"))
+    }
+
+    /// The next character that means something, not taken.
+    #[inline]
+    pub(crate) fn peek(&mut self) -> Option<u8> {
+        while let Some(&byte) = self.text.get(self.at) {
+            if byte != b' ' && byte != b'\t' {
+                return Some(byte);
+            }
+            self.at += 1;
+        }
+        None
+    }
+
+    /// The number of a parameter as programs nearly always write it: `#` and up to four digits, without blanks. `None`, and
+    /// nothing taken, for any other, and where there is no such parameter. The next character is `#`.
+    #[inline]
+    pub(crate) fn index(&mut self) -> Option<usize> {
+        let (index, end) = self.short_whole(self.at + 1)?;
+        if !(1..NUMBERED).contains(&index) {
+            return None;
+        }
+        self.at = end;
+        Some(index)
+    }
+
+    /// A whole number of up to four digits that goes on behind no blank, and where it ends.
+    #[inline]
+    pub(crate) fn short_whole(&self, start: usize) -> Option<(usize, usize)> {
+        let mut at = start;
+        let mut value = 0;
+        while let Some(byte @ b'0'..=b'9') = self.text.get(at) {
+            if at - start == 4 {
+                return None;
+            }
+            value = 10 * value + usize::from(byte - b'0');
+            at += 1;
+        }
+        let goes_on = matches!(self.text.get(at), Some(b'.' | b' ' | b'\t'));
+        (at > start && !goes_on).then_some((value, at))
+    }
+
+    /// Reads a number; the next character is a digit, a point or a sign.
+    #[inline]
+    pub(crate) fn number(&mut self) -> Result<f64, Fault> {
+        match self.plain_number() {
+            Some(value) => Ok(value),
+            None => self.any_number(),
+        }
+    }
+
+    /// The number as programs nearly always write it: up to 15 digits without blanks between them. `None`, and nothing taken,
+    /// for any other.
+    #[inline]
+    fn plain_number(&mut self) -> Option<f64> {
+        let text = self.text;
+        let mut at = self.at;
+        let negative = text.get(at) == Some(&b'-');
+        if matches!(text.get(at), Some(b'+' | b'-')) {
+            at += 1;
+        }
+        // Sums wrap where there are more digits than count, and are not used then.
+        let mut mantissa: u64 = 0;
+        let first = at;
+        let digits = |mut at: usize, mantissa: &mut u64| {
+            while let Some(byte) = text.get(at) {
+                let digit = byte.wrapping_sub(b'0');
+                if digit > 9 {
+                    break;
+                }
+                *mantissa = mantissa.wrapping_mul(10).wrapping_add(u64::from(digit));
+                at = at.wrapping_add(1);
+            }
+            at
+        };
+        at = digits(at, &mut mantissa);
+        let mut count = at - first;
+        let mut decimals = 0;
+        if text.get(at) == Some(&b'.') {
+            let point = at + 1;
+            at = digits(point, &mut mantissa);
+            decimals = at - point;
+            count += decimals;
+        }
+        if !(1..=15).contains(&count) {
+            return None;
+        }
+        // A number may go on behind blanks.
+        let mut next = at;
+        while matches!(text.get(next), Some(b' ' | b'\t')) {
+            next += 1;
+        }
+        if matches!(text.get(next), Some(b'0'..=b'9' | b'.')) {
+            return None;
+        }
+        // As below: both are exact, so the quotient is correctly rounded.
+        let magnitude = mantissa as f64 / POWERS_OF_TEN.get(decimals)?;
+        if magnitude > LARGEST_NUMBER {
+            return None;
+        }
+        self.at = at;
+        Some(if negative { -magnitude } else { magnitude })
+    }
+
+    fn any_number(&mut self) -> Result<f64, Fault> {
+        let start = self.at;
+        let negative = self.text[start] == b'-';
+        if matches!(self.text[start], b'+' | b'-') {
+            self.at += 1;
+        }
+        let mut mantissa: u64 = 0;
+        let mut digits: u32 = 0;
+        let mut decimals: usize = 0;
+        let mut point = false;
+        let mut exact = true;
+        let mut end = self.at;
+        while let Some(&byte) = self.text.get(self.at) {
+            match byte {
+                b'0'..=b'9' => {
+                    digits += 1;
+                    // Digits beyond these do not fit the fast way; they are read again below.
+                    if mantissa < 100_000_000_000_000 {
+                        mantissa = mantissa * 10 + u64::from(byte - b'0');
+                        decimals += usize::from(point);
+                    } else {
+                        exact = false;
+                    }
+                }
+                b'.' if !point => point = true,
+                b'.' => {
+                    let span = Span::new(start, self.at + 1);
+                    return Err(Fault::new(
+                        Code::BadNumber,
+                        span,
+                        "a number with two decimal points",
+                    ));
+                }
+                b' ' | b'\t' => {
+                    self.at += 1;
+                    continue;
+                }
+                _ => break,
+            }
+            self.at += 1;
+            end = self.at;
+        }
+        if digits == 0 {
+            return Err(self.no_digits(start));
+        }
+        self.at = end;
+        // Below 2^53 and with at most 22 decimals numerator and denominator are exact doubles, so the
+        // quotient is the correctly rounded value of the decimal (Clinger 1990).
+        let magnitude = match POWERS_OF_TEN.get(decimals) {
+            Some(power) if exact => mantissa as f64 / power,
+            _ => self.slow_number(start, end)?,
+        };
+        if magnitude > LARGEST_NUMBER {
+            let message = format!("a number beyond {LARGEST_NUMBER:e}");
+            return Err(Fault::new(Code::NumberTooLarge, Span::new(start, end), message)
+                .help("no machine travels that far; is a decimal point missing?"));
+        }
+        Ok(if negative { -magnitude } else { magnitude })
+    }
+
+    #[cold]
+    fn no_digits(&self, start: usize) -> Fault {
+        let next = self.text.get(self.at).copied();
+        let end = if matches!(next, Some(b'+' | b'-')) {
+            self.at + 1
+        } else {
+            self.at.max(start + 1)
+        };
+        let message = "a number without digits";
+        Fault::new(Code::BadNumber, Span::new(start, end), message)
+            .help("write one optional sign, digits and at most one decimal point, such as -12.5")
+    }
+
+    /// Magnitude of a number with many digits, correctly rounded.
+    #[cold]
+    fn slow_number(&self, start: usize, end: usize) -> Result<f64, Fault> {
+        let digits: String = self.text[start..end]
+            .iter()
+            .filter(|byte| byte.is_ascii_digit() || **byte == b'.')
+            .map(|byte| char::from(*byte))
+            .collect();
+        digits
+            .parse::<f64>()
+            .map_err(|error| Fault::new(Code::BadNumber, Span::new(start, end), error.to_string()))
+    }
+
+    /// Reads a comment; the next character is `(`. Whatever is inside may be any bytes.
+    pub(crate) fn comment(&mut self) -> Result<Span, Fault> {
+        let open = self.at;
+        for (place, &byte) in self.text.iter().enumerate().skip(open + 1) {
+            match byte {
+                b')' => {
+                    self.at = place + 1;
+                    return Ok(Span::new(open + 1, place));
+                }
+                b'(' => {
+                    let message = "a comment inside a comment";
+                    return Err(Fault::new(Code::NestedComment, Span::at(place), message)
+                        .help("close the first one with ) or write [ ] inside"));
+                }
+                _ => {}
+            }
+        }
+        Err(Fault::new(
+            Code::UnclosedComment,
+            Span::at(open),
+            "this comment is not closed",
+        )
+        .help("write ) at its end; a comment does not go on in the next line"))
+    }
+
+    #[cold]
+    pub(crate) fn unexpected(&self, byte: u8) -> Fault {
+        let span = Span::at(self.at);
+        match byte {
+            b'[' => Fault::new(Code::LetterMissing, span, "a formula without a letter before it")
+                .help("write the letter whose value it is, as in X[1 + 2]"),
+            b']' => {
+                Fault::new(Code::Expression, span, "']' closes nothing").help("is a [ missing before it?")
+            }
+            b')' => Fault::new(
+                Code::StrayParenthesis,
+                span,
+                "')' closes a comment that was not opened",
+            ),
+            b'%' => Fault::new(Code::StrayPercent, span, "'%' in the middle of a program")
+                .help("% stands alone, on the first line and on the last"),
+            b'\r' => Fault::new(Code::StrayReturn, span, "a carriage return inside a line")
+                .help("end lines with LF or CR LF"),
+            b' '..=b'~' => {
+                let message = format!("'{}' means nothing here", char::from(byte));
+                Fault::new(Code::UnexpectedCharacter, span, message)
+            }
+            0..=0x7f => {
+                let message = format!("control character 0x{byte:02x}");
+                Fault::new(Code::UnexpectedCharacter, span, message).help("is this a part program?")
+            }
+            _ => self.not_ascii(byte),
+        }
+    }
+
+    fn not_ascii(&self, byte: u8) -> Fault {
+        let piece = &self.text[self.at..self.text.len().min(self.at + 4)];
+        let help = "outside comments a program is plain ASCII";
+        match String::from_utf8_lossy(piece).chars().next() {
+            Some(character) if character != char::REPLACEMENT_CHARACTER => {
+                let span = Span::new(self.at, self.at + character.len_utf8());
+                let shown = character.escape_debug();
+                Fault::new(Code::NotAscii, span, format!("'{shown}' means nothing here")).help(help)
+            }
+            _ => {
+                let message = format!("byte 0x{byte:02x}, which is not even UTF-8");
+                Fault::new(Code::NotAscii, Span::at(self.at), message).help(help)
+            }
+        }
+    }
+}
+
+/// The powers of ten that a double holds exactly and a number of 15 digits needs.
+const POWERS_OF_TEN: [f64; 16] = [
+    1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15,
+];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn number(text: &str) -> Result<f64, Code> {
+        let mut lexer = Lexer::new(text.as_bytes());
+        lexer.peek();
+        let value = lexer.number().map_err(|fault| fault.code)?;
+        assert_eq!(lexer.peek(), None, "{text:?} is not read to its end");
+        Ok(value)
+    }
+
+    #[test]
+    fn numbers_of_the_standard_are_read() {
+        for (text, expected) in [
+            ("0", 0.0),
+            ("+0012.50", 12.5),
+            ("-.5", -0.5),
+            ("5.", 5.0),
+            (" - 1 2 . 3\t4 ", -12.34),
+            ("000000000000000000000000000000012", 12.0),
+            ("999999999.999999", 999_999_999.999_999),
+        ] {
+            assert_eq!(number(text), Ok(expected), "{text:?}");
+        }
+    }
+
+    #[test]
+    fn numbers_are_correctly_rounded_like_the_standard_library_s() {
+        // Independent: the standard library's decimal conversion is exact to the last bit.
+        let mut state = 0x9e37_79b9_7f4a_7c15_u64;
+        for _ in 0..20_000 {
+            state ^= state << 13;
+            state ^= state >> 7;
+            state ^= state << 17;
+            let decimals = (state % 25) as usize;
+            let text = format!("{}.{:0decimals$}", state % 1_000_000, state >> 20);
+            assert_eq!(number(&text), Ok(text.parse::<f64>().unwrap()), "{text:?}");
+        }
+    }
+
+    #[test]
+    fn what_is_no_number_is_refused() {
+        for (text, expected) in [
+            (".", Code::BadNumber),
+            ("+-1", Code::BadNumber),
+            ("--1", Code::BadNumber),
+            ("1.2.3", Code::BadNumber),
+            ("-", Code::BadNumber),
+            ("1000000001", Code::NumberTooLarge),
+            (&"9".repeat(400), Code::NumberTooLarge),
+        ] {
+            assert_eq!(number(text), Err(expected), "{text:?}");
+        }
+    }
+}

@@ -1,0 +1,570 @@
+//! What a line asks for: its codes by modal group, its other words by letter, and who uses which.
+//!
+//! Everything that can be wrong with a line whatever the machine's state (but for the motion mode that it
+//! inherits) is found here, before anything is executed.
+
+use evolvent_path::{AXES, AxisLetter};
+
+use crate::codes::modal_groups::{
+    Compensation, Cycle, GCode, GROUPS, Group, LengthOffset, MCode, Motion, NonModal, PathControl, Turning,
+    lathe_code,
+};
+use crate::diagnostics::diagnostic::{Fault, Span};
+use crate::syntax::block::Block;
+use crate::syntax::word_faults::{negative, no_such_axis, two_of_group, whole};
+use crate::{Code, Settings};
+
+/// The letters, and `@` `^` `$`.
+pub(crate) const WORDS: usize = 29;
+
+/// Codes and words of one line. Kept and filled again.
+#[derive(Clone, Debug)]
+pub(crate) struct Statement {
+    /// The G code of each group, if any, its place and its number as written.
+    g: [Option<(GCode, Span, f64)>; GROUPS],
+    /// The M code of each group, if any, its place and its number.
+    m: [Option<(MCode, Span, f64)>; GROUPS],
+    values: [f64; WORDS],
+    spans: [Span; WORDS],
+    /// Bit per word.
+    present: u32,
+    any_m: bool,
+    any_mode: bool,
+    /// What moves: a code on the line, or the motion mode in force if there is something for it.
+    motion: Option<Motion>,
+}
+
+const fn place(letter: u8) -> usize {
+    match letter {
+        b'@' => 26,
+        b'^' => 27,
+        b'$' => 28,
+        _ => (letter - b'A') as usize,
+    }
+}
+
+pub(crate) const fn letter_of(place: usize) -> u8 {
+    match place {
+        26 => b'@',
+        27 => b'^',
+        28 => b'$',
+        _ => b'A' + place as u8,
+    }
+}
+
+pub(crate) const fn bit(letter: u8) -> u32 {
+    1 << place(letter)
+}
+
+/// The bits of several letters.
+const fn bits(letters: &[u8]) -> u32 {
+    let mut sum = 0;
+    let mut index = 0;
+    while index < letters.len() {
+        sum |= bit(letters[index]);
+        index += 1;
+    }
+    sum
+}
+
+const POLAR_BITS: u32 = bits(b"@^");
+const AXIS_BITS: u32 = bits(b"XYZABCUVW@^");
+const CENTRE_BITS: u32 = bits(b"IJK");
+const ALWAYS_USED: u32 = bits(b"FST$");
+
+impl Statement {
+    pub(crate) fn new() -> Self {
+        Self {
+            g: [None; GROUPS],
+            m: [None; GROUPS],
+            values: [0.0; WORDS],
+            spans: [Span::at(0); WORDS],
+            present: 0,
+            any_m: false,
+            any_mode: false,
+            motion: None,
+        }
+    }
+
+    /// Fills in a line. `modal` is the motion mode in force.
+    pub(crate) fn fill(&mut self, block: &Block, modal: Motion, settings: &Settings) -> Result<(), Fault> {
+        if self.any_mode || self.g[Group::Motion as usize].is_some() {
+            self.g = [None; GROUPS];
+        }
+        if self.any_m {
+            self.m = [None; GROUPS];
+        }
+        (self.any_m, self.any_mode) = (false, false);
+        self.present = 0;
+        self.motion = None;
+        for word in &block.words {
+            match word.letter {
+                b'G' => self.add_g(word.value, word.span, settings.lathe)?,
+                b'M' => self.add_m(word.value, word.span, &settings.user_codes)?,
+                letter => self.add_word(letter, word.value, word.span, settings)?,
+            }
+        }
+        self.settle_motion(modal)?;
+        if settings.lathe {
+            self.check_increments(&settings.axes)?;
+        }
+        self.check_use()
+    }
+
+    /// The G code of a group.
+    #[inline]
+    pub(crate) fn g(&self, group: Group) -> Option<GCode> {
+        self.g[group as usize].map(|(code, ..)| code)
+    }
+
+    /// The M code of a group.
+    #[inline]
+    pub(crate) fn m(&self, group: Group) -> Option<MCode> {
+        self.m[group as usize].map(|(code, ..)| code)
+    }
+
+    /// The code of group 0.
+    pub(crate) fn once(&self) -> Option<NonModal> {
+        match self.g(Group::NonModal) {
+            Some(GCode::NonModal(once)) => Some(once),
+            _ => None,
+        }
+    }
+
+    /// G92.1, G92.2 or G92.3.
+    pub(crate) fn offset_switch(&self) -> Option<NonModal> {
+        match self.g(Group::OffsetSwitch) {
+            Some(GCode::NonModal(once)) => Some(once),
+            _ => None,
+        }
+    }
+
+    /// The tool length offset that stands on the line.
+    pub(crate) fn length_offset(&self) -> Option<LengthOffset> {
+        match self.g(Group::LengthOffset) {
+            Some(GCode::LengthOffset(offset)) => Some(offset),
+            _ => None,
+        }
+    }
+
+    /// The cutter compensation that stands on the line.
+    pub(crate) fn compensation(&self) -> Option<Compensation> {
+        match self.g(Group::CutterCompensation) {
+            Some(GCode::Compensation(code)) => Some(code),
+            _ => None,
+        }
+    }
+
+    /// What moves.
+    pub(crate) fn motion(&self) -> Option<Motion> {
+        self.motion
+    }
+
+    /// The motion code that stands on the line.
+    pub(crate) fn motion_code(&self) -> Option<Motion> {
+        match self.g(Group::Motion) {
+            Some(GCode::Motion(motion)) => Some(motion),
+            _ => None,
+        }
+    }
+
+    /// Whether the line holds a straight move and F, and nothing else.
+    #[inline]
+    pub(crate) fn is_plain_move(&self) -> bool {
+        matches!(self.motion, Some(Motion::Rapid | Motion::Linear))
+            && !self.any_m
+            && !self.any_mode
+            && self.present & !(AXIS_BITS | bit(b'F')) == 0
+    }
+
+    /// Value of a word, by upper-case letter.
+    #[inline]
+    pub(crate) fn word(&self, letter: u8) -> Option<f64> {
+        self.has(letter).then(|| self.values[place(letter)])
+    }
+
+    #[inline]
+    pub(crate) fn has(&self, letter: u8) -> bool {
+        self.present & bit(letter) != 0
+    }
+
+    /// Value of an axis' word, by the axis' index.
+    #[inline]
+    pub(crate) fn axis(&self, index: usize) -> Option<f64> {
+        self.word(b"XYZABCUVW"[index])
+    }
+
+    pub(crate) fn has_axes(&self) -> bool {
+        self.present & AXIS_BITS != 0
+    }
+
+    /// Whether there is any M code.
+    #[inline]
+    pub(crate) fn has_m(&self) -> bool {
+        self.any_m
+    }
+
+    /// Whether there is any G code but a motion.
+    #[inline]
+    pub(crate) fn has_g_modes(&self) -> bool {
+        self.any_mode
+    }
+
+    pub(crate) fn has_polar(&self) -> bool {
+        self.present & POLAR_BITS != 0
+    }
+
+    /// A word that is a whole number, not negative.
+    pub(crate) fn whole(&self, letter: u8) -> Result<Option<u32>, Fault> {
+        match self.word(letter) {
+            Some(value) => whole(value, char::from(letter), self.span(letter)).map(Some),
+            None => Ok(None),
+        }
+    }
+
+    /// Place of a word on the line, or of the motion if there is no such word.
+    pub(crate) fn span(&self, letter: u8) -> Span {
+        if self.has(letter) {
+            self.spans[place(letter)]
+        } else {
+            self.motion_span()
+        }
+    }
+
+    /// Place of a group's code, or of the motion.
+    pub(crate) fn group_span(&self, group: Group) -> Span {
+        self.g[group as usize]
+            .map(|(_, span, _)| span)
+            .or_else(|| self.m[group as usize].map(|(_, span, _)| span))
+            .unwrap_or_else(|| self.motion_span())
+    }
+
+    /// Place of the motion code; if it does not stand on the line, of the words that it moves.
+    pub(crate) fn motion_span(&self) -> Span {
+        if let Some((_, span, _)) = self.g[Group::Motion as usize] {
+            return span;
+        }
+        let mut moved = self.present & (AXIS_BITS | CENTRE_BITS | bit(b'R'));
+        if moved == 0 {
+            moved = self.present;
+        }
+        self.first_span(moved)
+    }
+
+    fn first_span(&self, words: u32) -> Span {
+        let spans = (0..WORDS).filter(|place| words >> place & 1 != 0);
+        spans
+            .map(|place| self.spans[place])
+            .min_by_key(|span| span.start)
+            .unwrap_or_else(|| Span::new(0, 0))
+    }
+
+    /// U and W are increments of X and Z in the turning cycles of a lathe that has no such axes.
+    fn check_increments(&self, axes: &[bool; AXES]) -> Result<(), Fault> {
+        if matches!(self.motion, Some(Motion::Turning(_))) {
+            return Ok(());
+        }
+        for letter in [b'U', b'W'] {
+            let name = char::from(letter);
+            if self.has(letter) && !AxisLetter::from_letter(name).is_some_and(|axis| axes[axis.index()]) {
+                return Err(no_such_axis(name, self.span(letter), axes));
+            }
+        }
+        Ok(())
+    }
+
+    fn add_g(&mut self, value: f64, span: Span, lathe: bool) -> Result<(), Fault> {
+        let tenths = (value * 10.0).round();
+        let whole = (value * 10.0 - tenths).abs() < 1e-3 && (0.0..=999.0).contains(&tenths);
+        let tenths = tenths as u32;
+        let special = if lathe { lathe_code(tenths) } else { None };
+        let Some(code) = special.or_else(|| GCode::from_tenths(tenths)).filter(|_| whole) else {
+            if whole && tenths == 750 {
+                return Err(Fault::new(
+                    Code::UnsupportedG,
+                    span,
+                    "G75 is a turning cycle, and this machine is a mill",
+                )
+                .help("machines of kind = \"lathe\" have it"));
+            }
+            if let Some((message, help)) = crate::diagnostics::foreign::g_code(tenths).filter(|_| whole) {
+                return Err(Fault::new(Code::UnknownG, span, message).help(help));
+            }
+            let message = format!("there is no G{value}");
+            return Err(Fault::new(Code::UnknownG, span, message));
+        };
+        let group = code.group();
+        if let Some((before, _, first)) = self.g[group as usize] {
+            // G80 cancels a cycle and leaves the rest to the other code.
+            if code == GCode::Motion(Motion::None) && before != code {
+                return Ok(());
+            }
+            if before == GCode::Motion(Motion::None) && before != code {
+                self.g[group as usize] = Some((code, span, value));
+                return Ok(());
+            }
+            return Err(two_of_group(group, span, format!("G{first} and G{value}")));
+        }
+        self.any_mode |= group != Group::Motion;
+        self.g[group as usize] = Some((code, span, value));
+        Ok(())
+    }
+
+    fn add_m(&mut self, value: f64, span: Span, user_codes: &[u32]) -> Result<(), Fault> {
+        let number = whole(value, 'M', span)?;
+        let code = MCode::from_number(number);
+        if matches!(code, Some(MCode::User(_))) && !user_codes.contains(&number) {
+            let message = format!("M{number} is not configured");
+            return Err(Fault::new(Code::UnsupportedM, span, message).help(
+                "M100 to M199 are the machine's own commands; those that exist stand in the machine file, [program] \
+                 user_codes",
+            ));
+        }
+        let Some(code) = code else {
+            return Err(Fault::new(Code::UnknownM, span, format!("there is no M{number}")));
+        };
+        let group = code.group();
+        if let Some((.., first)) = self.m[group as usize] {
+            return Err(two_of_group(group, span, format!("M{first} and M{value}")));
+        }
+        self.any_m = true;
+        self.m[group as usize] = Some((code, span, value));
+        Ok(())
+    }
+
+    fn add_word(&mut self, letter: u8, value: f64, span: Span, settings: &Settings) -> Result<(), Fault> {
+        let axes = &settings.axes;
+        let name = char::from(letter);
+        if self.has(letter) {
+            let message = format!("{name} stands twice on this line");
+            return Err(Fault::new(Code::RepeatedWord, span, message).help("only G and M may be repeated"));
+        }
+        if bit(letter) & AXIS_BITS & !POLAR_BITS != 0 {
+            let exists = AxisLetter::from_letter(name).is_some_and(|axis| axes[axis.index()]);
+            let increment = settings.lathe && matches!(letter, b'U' | b'W');
+            if !exists && !increment {
+                return Err(no_such_axis(name, span, axes));
+            }
+        }
+        match letter {
+            b'F' if value < 0.0 => return Err(negative('F', value, span)),
+            b'S' if value < 0.0 => return Err(negative('S', value, span)),
+            b'T' => {
+                whole(value, 'T', span)?;
+            }
+            b'$' if value != 0.0 => {
+                let message = format!("${value}: there is only one spindle, $0");
+                return Err(Fault::new(Code::SpindleSelection, span, message).help("leave $ out"));
+            }
+            _ => {}
+        }
+        self.values[place(letter)] = value;
+        self.spans[place(letter)] = span;
+        self.present |= bit(letter);
+        Ok(())
+    }
+
+    /// Decides what moves, and that one code only wants the axis words.
+    fn settle_motion(&mut self, modal: Motion) -> Result<(), Fault> {
+        let code = self.motion_code();
+        let moving = code.filter(|motion| *motion != Motion::None);
+        let taker = match self.once() {
+            Some(once) if once.takes_axes() => Some(once.name()),
+            _ => match self.length_offset() {
+                Some(LengthOffset::Given) => Some("G43.1"),
+                Some(LengthOffset::Added) if self.has_axes() && !self.has(b'H') => Some("G43.2"),
+                _ => None,
+            },
+        };
+        if let Some(taker) = taker {
+            if self.has_polar() {
+                let message = format!("@ and ^ have no meaning for {taker}");
+                return Err(Fault::new(
+                    Code::PolarCoordinates,
+                    self.first_span(self.present & POLAR_BITS),
+                    message,
+                ));
+            }
+            if let Some(motion) = moving {
+                let message = format!("{taker} and {} both want the axis words", motion.name());
+                return Err(
+                    Fault::new(Code::TwoUsers, self.motion_span(), message).help("write them on two lines")
+                );
+            }
+            if !self.has_axes() && matches!(self.once(), Some(NonModal::SetOffset | NonModal::LocalOffset)) {
+                let span = self.group_span(Group::NonModal);
+                return Err(Fault::new(
+                    Code::OffsetAxesMissing,
+                    span,
+                    format!("{taker} needs an axis word"),
+                )
+                .help("G92 X0 makes the present position X0; G92.1 clears the offset"));
+            }
+            return Ok(());
+        }
+        let round = self.present & (CENTRE_BITS | bit(b'R')) != 0;
+        let wanted = self.has_axes() || modal.is_round() && round && self.once().is_none();
+        let motion = code
+            .or(wanted.then_some(modal))
+            .filter(|motion| *motion != Motion::None);
+        if self.once() == Some(NonModal::Dwell) && self.has_axes() && !self.has(b'P') && code.is_none() {
+            let message = "G4 with an axis word: a dwell takes its time from P";
+            return Err(Fault::new(
+                Code::DwellTimeMissing,
+                self.first_span(self.present & AXIS_BITS),
+                message,
+            )
+            .help("write G4 P1.5 for 1.5 seconds"));
+        }
+        if motion.is_none() && self.has_axes() {
+            let message = "axis words, but no motion mode is active";
+            let fault = Fault::new(
+                Code::AxisWithoutMotion,
+                self.first_span(self.present & AXIS_BITS),
+                message,
+            );
+            return Err(fault.help("write G0, G1, G2 or G3 on this line"));
+        }
+        self.motion = motion;
+        Ok(())
+    }
+
+    /// Every word has a user, and P, Q, R, L, D, E and H only one.
+    fn check_use(&self) -> Result<(), Fault> {
+        let plain = ALWAYS_USED | AXIS_BITS;
+        if self.present & !plain == 0 && self.once().is_none() {
+            return Ok(());
+        }
+        let mut used = plain;
+        let mut twice = 0;
+        let mut claim = |letters: u32| {
+            twice |= used & letters & !plain;
+            used |= letters;
+        };
+        claim(self.motion_words());
+        match self.once() {
+            Some(NonModal::Dwell) => claim(bit(b'P')),
+            Some(NonModal::SetData) => claim(bits(b"LPRIJQ")),
+            _ => {}
+        }
+        if self.g(Group::PathControl) == Some(GCode::Path(PathControl::Blend)) {
+            claim(bits(b"PQ"));
+        }
+        if matches!(
+            self.length_offset(),
+            Some(LengthOffset::Table | LengthOffset::Added)
+        ) {
+            claim(bit(b'H'));
+        }
+        if let Some(Compensation::On { given, .. }) = self.compensation() {
+            claim(bits(if given { b"DL" } else { b"D" }));
+        }
+        if self.g(Group::SpindleMode) == Some(GCode::ConstantSurfaceSpeed(true)) {
+            claim(bit(b'D'));
+        }
+        for (code, ..) in self.m.iter().flatten() {
+            claim(match code {
+                MCode::SpindleOrient => bits(b"RQP"),
+                MCode::ToolNumber => bit(b'Q'),
+                MCode::FeedOverride | MCode::SpindleOverride | MCode::AdaptiveFeed | MCode::FeedStop => {
+                    bit(b'P')
+                }
+                MCode::Output { .. } => bit(b'P'),
+                MCode::Input => bits(b"PELQ"),
+                MCode::AnalogOutput(_) => bits(b"EQ"),
+                MCode::User(_) => bits(b"PQ"),
+                MCode::Call => bits(b"PL"),
+                _ => 0,
+            });
+        }
+        let unused = self.present & !used;
+        if unused != 0 {
+            return Err(self.unused(unused));
+        }
+        let twice = twice & self.present;
+        if twice != 0 {
+            let letter = (0..WORDS)
+                .find(|place| twice >> place & 1 != 0)
+                .map_or(b'P', letter_of);
+            let name = char::from(letter);
+            let message = format!("{name} could belong to more than one code on this line");
+            return Err(
+                Fault::new(Code::TwoUsers, self.span(letter), message).help("write the codes on two lines")
+            );
+        }
+        self.check_values()
+    }
+
+    /// The words other than axes that the motion uses.
+    fn motion_words(&self) -> u32 {
+        match self.motion {
+            None
+            | Some(Motion::None | Motion::Rapid | Motion::Linear | Motion::NurbsEnd | Motion::Probe { .. }) => {
+                0
+            }
+            Some(Motion::Arc(_)) => CENTRE_BITS | bits(b"RP"),
+            Some(Motion::Involute(_)) => CENTRE_BITS | bit(b'R'),
+            Some(Motion::CubicSpline) => bits(b"IJPQ"),
+            Some(Motion::QuadraticSpline) => bits(b"IJ"),
+            Some(Motion::Nurbs) => bits(b"PL"),
+            Some(Motion::Hole(_)) => bits(b"DEIJKQR"),
+            Some(Motion::Thread) => bit(b'K'),
+            Some(Motion::RigidTap) => bits(b"KI"),
+            Some(Motion::ThreadCycle) => bits(b"PIJKRQHEL"),
+            Some(Motion::Rough(_)) => bits(b"QDEIRP"),
+            Some(Motion::Turning(Turning::Longitudinal)) => bits(b"RLDHQ"),
+            Some(Motion::Turning(Turning::Facing)) => bits(b"KHEQ"),
+            Some(Motion::Cycle(cycle)) => {
+                bits(b"RL")
+                    | match cycle {
+                        Cycle::ChipBreak | Cycle::Peck => bit(b'Q'),
+                        Cycle::DrillDwell
+                        | Cycle::BoreStop
+                        | Cycle::BoreManual
+                        | Cycle::BoreDwell
+                        | Cycle::Tap
+                        | Cycle::TapLeft => bits(b"P"),
+                        Cycle::BackBore => CENTRE_BITS,
+                        Cycle::Drill | Cycle::BoreFeed => 0,
+                    }
+            }
+        }
+    }
+
+    /// Values that are wrong whatever the state.
+    fn check_values(&self) -> Result<(), Fault> {
+        let dwell = self.once() == Some(NonModal::Dwell);
+        let blend = self.g(Group::PathControl) == Some(GCode::Path(PathControl::Blend));
+        if dwell {
+            match self.word(b'P') {
+                None => {
+                    let span = self.group_span(Group::NonModal);
+                    return Err(Fault::new(
+                        Code::DwellTimeMissing,
+                        span,
+                        "G4 needs P, the time in seconds",
+                    ));
+                }
+                Some(seconds) if seconds < 0.0 => return Err(negative('P', seconds, self.span(b'P'))),
+                Some(_) => {}
+            }
+        }
+        if blend {
+            for letter in [b'P', b'Q'] {
+                if let Some(value) = self.word(letter)
+                    && value < 0.0
+                {
+                    return Err(negative(char::from(letter), value, self.span(letter)));
+                }
+            }
+        }
+        if let Some(NonModal::SetHome(_)) = self.once()
+            && self.has_axes()
+            && self.motion_code().is_none()
+        {
+            // LinuxCNC takes the axis words for a motion in the mode in force, which is rarely what was meant.
+            return Ok(());
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,5 @@
+//! Files beside a program: tool table and parameter file.
+
+pub(crate) mod parameter_file;
+pub(crate) mod store;
+pub(crate) mod tools;

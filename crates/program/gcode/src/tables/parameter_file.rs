@@ -1,0 +1,398 @@
+//! Parameters that outlive a program, in LinuxCNC's file format: a line each, number and value.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::io::BufRead;
+use std::path::Path;
+
+use evolvent_path::{AXES, Axes};
+
+use crate::parameters::values::{G92, G92_ACTIVE, HOME_G28, HOME_G30, NUMBERED, WORK_OFFSET, WORK_OFFSET_1};
+use crate::tables::store::{read_text, replace};
+use crate::{Interpreter, Settings, StoreError, WORK_OFFSETS};
+
+/// Greatest magnitude of a kept value, as of a number in a program.
+const LARGEST: f64 = 1e9;
+
+/// Why a text is no parameter file.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ParameterFileError {
+    /// A line that is not a number and a value.
+    #[error(
+        "line {line}: \"{text}\" is no number of a parameter with a value; write lines such as 5221 12.5, values within \
+         1e9"
+    )]
+    Line {
+        /// From 1.
+        line: usize,
+        /// As written.
+        text: String,
+    },
+    /// A number that no parameter has.
+    #[error("line {line}: there is no parameter {number}; numbers are 1 to {}", NUMBERED - 1)]
+    Number {
+        /// From 1.
+        line: usize,
+        /// As written.
+        number: u32,
+    },
+    /// A parameter twice.
+    #[error("line {line}: parameter {number} is there already; keep one of the lines")]
+    Twice {
+        /// From 1.
+        line: usize,
+        /// The parameter.
+        number: u32,
+    },
+}
+
+/// Numbered parameters that are kept from run to run: those that the file names, and always the places of G28 and G30, the
+/// offset of G92 and the work offsets. Lengths in mm, angles in degrees.
+///
+/// ```no_run
+/// use evolvent_gcode::{Interpreter, KeptParameters, Settings};
+/// # fn main() -> Result<(), evolvent_gcode::StoreError> {
+/// # let (program, file) = (&b""[..], std::path::Path::new("mill.var"));
+/// let mut kept = KeptParameters::load(file)?;
+/// let mut settings = Settings::default();
+/// kept.apply(&mut settings);
+/// let mut interpreter = Interpreter::new(program, settings);
+/// // ... all commands ...
+/// kept.update(&interpreter);
+/// kept.save(file)?;
+/// # Ok(())
+/// # }
+/// ```
+#[derive(Clone, Debug, PartialEq)]
+pub struct KeptParameters {
+    values: BTreeMap<u32, f64>,
+}
+
+impl Default for KeptParameters {
+    /// Everything at 0, G54 in force.
+    fn default() -> Self {
+        let mut values = BTreeMap::new();
+        let mut row = |first: usize, count: usize| {
+            values.extend((first..first + count).map(|number| (number as u32, 0.0)));
+        };
+        row(HOME_G28, AXES);
+        row(HOME_G30, AXES);
+        row(G92_ACTIVE, 1 + AXES);
+        row(WORK_OFFSET, 1);
+        for index in 0..WORK_OFFSETS {
+            row(WORK_OFFSET_1 + 20 * index, AXES + 1);
+        }
+        values.insert(WORK_OFFSET as u32, 1.0);
+        Self { values }
+    }
+}
+
+impl KeptParameters {
+    /// Reads a text: lines of number and value, in any order; blank lines and what follows `;` are skipped.
+    ///
+    /// # Errors
+    /// The first line that is none.
+    pub fn parse(text: &str) -> Result<Self, ParameterFileError> {
+        let mut kept = Self::default();
+        let mut seen = std::collections::BTreeSet::new();
+        for (index, content) in text.lines().enumerate() {
+            let line = index + 1;
+            let content = content.split(';').next().unwrap_or_default().trim();
+            if content.is_empty() {
+                continue;
+            }
+            let mut words = content.split_whitespace();
+            let number = words.next().and_then(|word| word.parse::<u32>().ok());
+            let value = words
+                .next()
+                .and_then(|word| word.parse::<f64>().ok())
+                .filter(|value| value.is_finite() && value.abs() <= LARGEST);
+            let (Some(number), Some(value), None) = (number, value, words.next()) else {
+                let text = content.chars().take(60).collect();
+                return Err(ParameterFileError::Line { line, text });
+            };
+            if !(1..NUMBERED as u32).contains(&number) {
+                return Err(ParameterFileError::Number { line, number });
+            }
+            if !seen.insert(number) {
+                return Err(ParameterFileError::Twice { line, number });
+            }
+            kept.values.insert(number, value);
+        }
+        Ok(kept)
+    }
+
+    /// Reads a file. One that does not exist yet is [`KeptParameters::default`].
+    ///
+    /// # Errors
+    /// The file cannot be read or is none.
+    pub fn load(path: &Path) -> Result<Self, StoreError> {
+        let Some(text) = read_text(path)? else {
+            return Ok(Self::default());
+        };
+        Self::parse(&text).map_err(|source| StoreError::Parameters {
+            file: path.display().to_string(),
+            source,
+        })
+    }
+
+    /// Replaces a file, or leaves it as it is: written aside, then renamed.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn save(&self, path: &Path) -> Result<(), StoreError> {
+        replace(path, &self.to_text())
+    }
+
+    /// The text of a file. LinuxCNC reads it too.
+    #[must_use]
+    pub fn to_text(&self) -> String {
+        let mut text = String::new();
+        for (number, value) in &self.values {
+            // Writing to a string cannot fail; all digits, so that a value comes back to the last bit.
+            let _ = writeln!(text, "{number}\t{value:?}");
+        }
+        text
+    }
+
+    /// A parameter; `None` if it is not kept.
+    #[must_use]
+    pub fn get(&self, number: u32) -> Option<f64> {
+        self.values.get(&number).copied()
+    }
+
+    /// Keeps a parameter from now on. `false`, and nothing happens, for a number that no parameter has and a value
+    /// that is not finite or beyond 1e9.
+    pub fn set(&mut self, number: u32, value: f64) -> bool {
+        let right = (1..NUMBERED as u32).contains(&number) && value.is_finite() && value.abs() <= LARGEST;
+        if right {
+            self.values.insert(number, value);
+        }
+        right
+    }
+
+    /// All of them, by number.
+    pub fn iter(&self) -> impl Iterator<Item = (u32, f64)> + '_ {
+        self.values.iter().map(|(number, value)| (*number, *value))
+    }
+
+    /// Which work offset is in force, 0 for G54.
+    #[must_use]
+    pub fn active_offset(&self) -> usize {
+        let number = self.at(WORK_OFFSET);
+        if (1.0..=WORK_OFFSETS as f64).contains(&number) {
+            number as usize - 1
+        } else {
+            0
+        }
+    }
+
+    /// Work zero of an offset (0 for G54 to 8 for G59.3), machine coordinates in mm and degrees; zero for others.
+    #[must_use]
+    pub fn work_offset(&self, index: usize) -> Axes {
+        if index >= WORK_OFFSETS {
+            return Axes::zeros();
+        }
+        self.axes(WORK_OFFSET_1 + 20 * index)
+    }
+
+    /// Rotation of a work offset's XY, degrees.
+    #[must_use]
+    pub fn rotation_deg(&self, index: usize) -> f64 {
+        if index >= WORK_OFFSETS {
+            return 0.0;
+        }
+        self.at(WORK_OFFSET_1 + 20 * index + AXES)
+    }
+
+    /// Writes a work offset. `false`, and nothing happens, for an index beyond 8 or values that are none.
+    pub fn set_work_offset(&mut self, index: usize, offset: &Axes) -> bool {
+        let right = index < WORK_OFFSETS
+            && offset
+                .iter()
+                .all(|value| value.is_finite() && value.abs() <= LARGEST);
+        if right {
+            for (axis, value) in offset.iter().enumerate() {
+                self.values
+                    .insert((WORK_OFFSET_1 + 20 * index + axis) as u32, *value);
+            }
+        }
+        right
+    }
+
+    /// Puts the values where a program finds them: offsets, rotation, the places of G28 and G30, and all others.
+    pub fn apply(&self, settings: &mut Settings) {
+        settings.parameters = self.iter().collect();
+        for (index, offset) in settings.work_offsets.iter_mut().enumerate() {
+            *offset = self.work_offset(index);
+        }
+        settings.active_offset = self.active_offset();
+        settings.g92_offset = if self.at(G92_ACTIVE) == 0.0 {
+            Axes::zeros()
+        } else {
+            self.axes(G92)
+        };
+    }
+
+    /// Takes over what a program has written to the parameters that are kept, up to the line that was read last.
+    pub fn update<R: BufRead>(&mut self, interpreter: &Interpreter<R>) {
+        for (number, value) in &mut self.values {
+            let now = interpreter.parameter(*number);
+            if now.is_finite() && now.abs() <= LARGEST {
+                *value = now;
+            }
+        }
+    }
+
+    fn at(&self, number: usize) -> f64 {
+        self.get(number as u32).unwrap_or(0.0)
+    }
+
+    fn axes(&self, first: usize) -> Axes {
+        Axes::from_fn(|axis, _| self.at(first + axis))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Action;
+
+    fn run(program: &str, kept: &mut KeptParameters) -> Vec<Action> {
+        let mut settings = Settings::default();
+        kept.apply(&mut settings);
+        let mut interpreter = Interpreter::new(program.as_bytes(), settings);
+        let mut actions = Vec::new();
+        for item in &mut interpreter {
+            actions.push(item.unwrap().action);
+        }
+        kept.update(&interpreter);
+        actions
+    }
+
+    fn end_of(actions: &[Action]) -> Axes {
+        let mut moves = actions.iter().filter_map(|action| match action {
+            Action::Move(step) => Some(step.curve.end()),
+            _ => None,
+        });
+        moves.next_back().unwrap()
+    }
+
+    #[test]
+    fn a_file_of_linuxcnc_is_read_and_comes_back() {
+        let kept =
+            KeptParameters::parse("5161\t1.5\n5220 2.000000\n5241 -10\n5250 90\n100 7 ; mine\n\n").unwrap();
+        assert_eq!(
+            (kept.get(5161), kept.get(100), kept.get(101)),
+            (Some(1.5), Some(7.0), None)
+        );
+        assert_eq!(
+            (kept.active_offset(), kept.work_offset(1)[0], kept.rotation_deg(1)),
+            (1, -10.0, 90.0)
+        );
+        assert_eq!(KeptParameters::parse(&kept.to_text()), Ok(kept));
+    }
+
+    #[test]
+    fn values_come_back_to_the_last_bit() {
+        let mut kept = KeptParameters::default();
+        for (number, value) in [(31, 0.1 + 0.2), (32, -1e-300), (33, 1e9), (34, 1.0 / 3.0)] {
+            assert!(kept.set(number, value));
+        }
+        assert_eq!(KeptParameters::parse(&kept.to_text()), Ok(kept));
+    }
+
+    #[test]
+    fn what_is_no_parameter_file_is_refused_with_its_line() {
+        for (text, line) in [
+            ("5161", 1),
+            ("5161 1\nx 1", 2),
+            ("1 nan", 1),
+            ("1 1e10", 1),
+            ("-1 0", 1),
+            ("1 2 3", 1),
+        ] {
+            match KeptParameters::parse(text) {
+                Err(ParameterFileError::Line { line: found, .. }) => assert_eq!(found, line, "{text}"),
+                other => panic!("{text}: {other:?}"),
+            }
+        }
+        assert_eq!(
+            KeptParameters::parse("0 1"),
+            Err(ParameterFileError::Number { line: 1, number: 0 })
+        );
+        assert_eq!(
+            KeptParameters::parse("5602 1"),
+            Err(ParameterFileError::Number {
+                line: 1,
+                number: 5602
+            })
+        );
+        assert_eq!(
+            KeptParameters::parse("31 1\n31 1"),
+            Err(ParameterFileError::Twice { line: 2, number: 31 })
+        );
+        let mut kept = KeptParameters::default();
+        assert!(!kept.set(0, 1.0) && !kept.set(5602, 1.0) && !kept.set(31, f64::NAN));
+        assert!(!kept.set_work_offset(9, &Axes::zeros()));
+        assert!(!kept.set_work_offset(0, &Axes::repeat(f64::INFINITY)));
+    }
+
+    #[test]
+    fn a_program_finds_what_the_one_before_has_left() {
+        let mut kept = KeptParameters::parse("100 0").unwrap();
+        run(
+            "#100=42 #101=43\nG10 L2 P2 X10 Y20 R90\nG55\nG92 Z5\nG0 X1\nG28.1\nM2\n",
+            &mut kept,
+        );
+        assert_eq!((kept.get(100), kept.get(101)), (Some(42.0), None));
+        let text = kept.to_text();
+        let mut kept = KeptParameters::parse(&text).unwrap();
+        // G55 turned by 90 degrees: X1 of the work is one beyond Y20 of the machine.
+        let end = end_of(&run("G0 X1 Y0 Z0\nM2\n", &mut kept));
+        assert!(
+            (end[0] - 10.0).abs() < 1e-12 && (end[1] - 21.0).abs() < 1e-12,
+            "{end}"
+        );
+        assert_eq!(end[2], -5.0);
+        assert_eq!(kept.to_text(), text, "a run that writes nothing keeps everything");
+    }
+
+    #[test]
+    fn a_suspended_offset_of_g92_can_be_restored_by_the_next_program() {
+        let mut kept = KeptParameters::default();
+        run("G92 X7\nG92.2\nM2\n", &mut kept);
+        assert_eq!((kept.get(5210), kept.get(5211)), (Some(0.0), Some(-7.0)));
+        assert_eq!(end_of(&run("G0 X1\nG92.3\nG0 X1\nM2\n", &mut kept))[0], -6.0);
+    }
+
+    #[test]
+    fn files_are_replaced_whole_and_a_missing_one_is_the_default() {
+        let folder = std::env::temp_dir().join(format!("evolvent-kept-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        let file = folder.join("mill.var");
+        assert_eq!(KeptParameters::load(&file).unwrap(), KeptParameters::default());
+        let mut kept = KeptParameters::default();
+        kept.set(31, 1.0);
+        kept.save(&file).unwrap();
+        let link = folder.join("link.var");
+        std::os::unix::fs::symlink(&file, &link).unwrap();
+        kept.set(31, 2.0);
+        kept.save(&link).unwrap();
+        assert_eq!(KeptParameters::load(&file).unwrap().get(31), Some(2.0));
+        assert!(std::fs::symlink_metadata(&link).unwrap().is_symlink());
+        assert_eq!(
+            std::fs::read_dir(&folder).unwrap().count(),
+            2,
+            "nothing is left beside"
+        );
+        std::fs::write(&file, "nonsense").unwrap();
+        let error = KeptParameters::load(&file).unwrap_err().to_string();
+        assert!(error.contains("mill.var") && error.contains("line 1"), "{error}");
+        assert!(matches!(
+            kept.save(&folder.join("no/such")),
+            Err(StoreError::Write { .. })
+        ));
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+}

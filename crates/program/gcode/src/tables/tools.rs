@@ -1,0 +1,315 @@
+//! The tool table.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::path::Path;
+
+use evolvent_path::{AXES, Axes, AxisLetter};
+
+use crate::StoreError;
+use crate::tables::store::{read_text, replace};
+
+/// A tool: its number and what is known of its shape.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tool {
+    /// The number that T and H name, from 1.
+    pub number: u32,
+    /// Where the changer keeps it.
+    pub pocket: u32,
+    /// From the spindle's reference to the tool's tip, mm and degrees: what G43 adds.
+    pub offset: Axes,
+    /// In mm; 0 if unknown.
+    pub diameter_mm: f64,
+    /// Angle of the front edge of a turning tool, degrees.
+    pub front_angle: f64,
+    /// Angle of the back edge of a turning tool, degrees.
+    pub back_angle: f64,
+    /// Where the tip of a turning tool points, 1 to 9; 0 for a mill. G41 and G42 in G18 count on it: they guide the centre
+    /// of the nose, and the lengths of `offset` belong to the tip.
+    pub orientation: u32,
+}
+
+/// Greatest [`Tool::orientation`].
+pub(crate) const MAX_ORIENTATION: u32 = 9;
+
+/// Why a tool table cannot be used.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ToolTableError {
+    /// A word that is none.
+    #[error(
+        "line {line} of the tool table: \"{word}\" is no letter with a number; write words such as T1 P1 D6 Z12.5"
+    )]
+    Word {
+        /// From 1.
+        line: usize,
+        /// As written.
+        word: String,
+    },
+    /// A line without T.
+    #[error("line {line} of the tool table names no tool; begin it with T and the tool's number")]
+    NoTool {
+        /// From 1.
+        line: usize,
+    },
+    /// A direction of the tip that there is none.
+    #[error(
+        "line {line} of the tool table: \"{word}\": the tip of a turning tool points to one of Q1 to Q9, a mill has Q0"
+    )]
+    Orientation {
+        /// From 1.
+        line: usize,
+        /// As written.
+        word: String,
+    },
+    /// One tool twice.
+    #[error("line {line} of the tool table names tool {tool} again; keep one of the lines")]
+    Twice {
+        /// From 1.
+        line: usize,
+        /// The tool.
+        tool: u32,
+    },
+}
+
+/// All tools that a machine knows.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ToolTable {
+    tools: Vec<Tool>,
+    /// What stands behind `;` on the line of a tool.
+    remarks: BTreeMap<u32, String>,
+}
+
+impl Tool {
+    /// A tool about which nothing is known.
+    #[must_use]
+    pub fn new(number: u32) -> Self {
+        Self {
+            number,
+            pocket: number,
+            offset: Axes::zeros(),
+            diameter_mm: 0.0,
+            front_angle: 0.0,
+            back_angle: 0.0,
+            orientation: 0,
+        }
+    }
+}
+
+impl ToolTable {
+    /// A table of these tools; of several with one number the first counts.
+    #[must_use]
+    pub fn new(tools: Vec<Tool>) -> Self {
+        Self {
+            tools,
+            remarks: BTreeMap::new(),
+        }
+    }
+
+    /// Reads a file in LinuxCNC's format; see [`ToolTable::parse`].
+    ///
+    /// # Errors
+    /// The file cannot be read or is none; a table that does not exist is an error too.
+    pub fn load(path: &Path) -> Result<Self, StoreError> {
+        let file = || path.display().to_string();
+        let text = read_text(path)?.ok_or_else(|| StoreError::Read {
+            file: file(),
+            source: std::io::ErrorKind::NotFound.into(),
+        })?;
+        Self::parse(&text).map_err(|source| StoreError::Tools { file: file(), source })
+    }
+
+    /// Replaces a file, or leaves it as it is: written aside, then renamed.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn save(&self, path: &Path) -> Result<(), StoreError> {
+        replace(path, &self.to_text())
+    }
+
+    /// The table in LinuxCNC's format, a tool a line in the order read; remarks are kept.
+    #[must_use]
+    pub fn to_text(&self) -> String {
+        let mut text = String::new();
+        for tool in &self.tools {
+            // Writing to a string cannot fail; all digits, so that a measure comes back to the last bit.
+            let _ = write!(text, "T{} P{}", tool.number, tool.pocket);
+            let lengths = AxisLetter::ALL.map(|axis| (axis.letter(), tool.offset[axis.index()]));
+            let shape = [
+                ('D', tool.diameter_mm),
+                ('I', tool.front_angle),
+                ('J', tool.back_angle),
+            ];
+            for (letter, value) in lengths.into_iter().chain(shape) {
+                if value != 0.0 {
+                    let _ = write!(text, " {letter}{value}");
+                }
+            }
+            if tool.orientation != 0 {
+                let _ = write!(text, " Q{}", tool.orientation);
+            }
+            if let Some(remark) = self.remarks.get(&tool.number) {
+                let _ = write!(text, " ;{remark}");
+            }
+            text.push('\n');
+        }
+        text
+    }
+
+    /// Reads a table in LinuxCNC's format: a tool a line, words `T P X Y Z A B C U V W D I J Q`, `;` before a
+    /// remark. Lengths in mm.
+    ///
+    /// # Errors
+    /// The first word that cannot be read, a line without T, a tool that is there twice.
+    pub fn parse(text: &str) -> Result<Self, ToolTableError> {
+        let mut tools: Vec<Tool> = Vec::new();
+        let mut remarks = BTreeMap::new();
+        for (index, content) in text.lines().enumerate() {
+            let line = index + 1;
+            let (content, remark) = content.split_once(';').unwrap_or((content, ""));
+            let mut tool = Tool::new(0);
+            let mut named = false;
+            let mut any = false;
+            for word in content.split_whitespace() {
+                any = true;
+                let bad = || ToolTableError::Word {
+                    line,
+                    word: word.to_owned(),
+                };
+                let letter = word.chars().next().unwrap_or_default().to_ascii_uppercase();
+                let number = word
+                    .get(letter.len_utf8()..)
+                    .and_then(|text| text.parse::<f64>().ok());
+                let value = number
+                    .filter(|value| value.is_finite() && value.abs() <= 1e6)
+                    .ok_or_else(bad)?;
+                let whole = |value: f64| {
+                    let right = value.fract() == 0.0 && value >= 0.0;
+                    right.then_some(value as u32).ok_or_else(bad)
+                };
+                match letter {
+                    'T' => (tool.number, named) = (whole(value)?, true),
+                    'P' => tool.pocket = whole(value)?,
+                    'D' => tool.diameter_mm = value,
+                    'I' => tool.front_angle = value,
+                    'J' => tool.back_angle = value,
+                    'Q' if value <= f64::from(MAX_ORIENTATION) => tool.orientation = whole(value)?,
+                    'Q' => {
+                        return Err(ToolTableError::Orientation {
+                            line,
+                            word: word.to_owned(),
+                        });
+                    }
+                    _ => {
+                        let axis = "XYZABCUVW".find(letter).filter(|axis| *axis < AXES);
+                        tool.offset[axis.ok_or_else(bad)?] = value;
+                    }
+                }
+            }
+            if !any {
+                continue;
+            }
+            if !named {
+                return Err(ToolTableError::NoTool { line });
+            }
+            if tools.iter().any(|known| known.number == tool.number) {
+                return Err(ToolTableError::Twice {
+                    line,
+                    tool: tool.number,
+                });
+            }
+            if !remark.trim().is_empty() {
+                remarks.insert(tool.number, remark.to_owned());
+            }
+            tools.push(tool);
+        }
+        Ok(Self { tools, remarks })
+    }
+
+    /// The tool of a number.
+    #[must_use]
+    pub fn get(&self, number: u32) -> Option<&Tool> {
+        self.tools.iter().find(|tool| tool.number == number)
+    }
+
+    /// All tools in the order read.
+    #[must_use]
+    pub fn tools(&self) -> &[Tool] {
+        &self.tools
+    }
+
+    /// Writes a tool, new or known. Measures are checked where a program uses them.
+    pub fn set(&mut self, tool: Tool) {
+        match self.tools.iter_mut().find(|known| known.number == tool.number) {
+            Some(known) => *known = tool,
+            None => self.tools.push(tool),
+        }
+    }
+
+    /// Forgets a tool; `false` if it is not there.
+    pub fn remove(&mut self, number: u32) -> bool {
+        let before = self.tools.len();
+        self.tools.retain(|tool| tool.number != number);
+        self.remarks.remove(&number);
+        self.tools.len() < before
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_table_of_linuxcnc_is_read() {
+        let text = "T1 P4 Z12.5 D+3.175 ; mill\n\n; nothing\nt99 p5 x-1 q6 i95 j155\n";
+        let table = ToolTable::parse(text).unwrap();
+        let mill = table.get(1).unwrap();
+        assert_eq!((mill.pocket, mill.diameter_mm, mill.offset[2]), (4, 3.175, 12.5));
+        let turning = table.get(99).unwrap();
+        assert_eq!(
+            (turning.orientation, turning.front_angle, turning.back_angle),
+            (6, 95.0, 155.0)
+        );
+        assert_eq!(turning.offset[0], -1.0);
+        assert!(table.get(2).is_none());
+        let again = ToolTable::parse(&table.to_text()).unwrap();
+        assert_eq!(again, table);
+        assert!(table.to_text().contains("; mill"), "{}", table.to_text());
+    }
+
+    #[test]
+    fn tables_are_changed_and_come_back_from_a_file_to_the_last_bit() {
+        let mut table = ToolTable::parse("T1 P1 Z1 ;one\nT2 P2\n").unwrap();
+        let mut tool = Tool::new(7);
+        tool.offset[2] = 0.1 + 0.2;
+        tool.diameter_mm = 1.0 / 3.0;
+        table.set(tool);
+        assert!(table.remove(2) && !table.remove(2));
+        let file = std::env::temp_dir().join(format!("evolvent-tools-{}.tbl", std::process::id()));
+        table.save(&file).unwrap();
+        assert_eq!(ToolTable::load(&file).unwrap(), table);
+        std::fs::remove_file(&file).unwrap();
+        assert!(matches!(ToolTable::load(&file), Err(StoreError::Read { .. })));
+    }
+
+    #[test]
+    fn what_is_no_table_is_refused_with_its_line() {
+        assert_eq!(
+            ToolTable::parse("T1\nP2"),
+            Err(ToolTableError::NoTool { line: 2 })
+        );
+        assert_eq!(
+            ToolTable::parse("T1\nT1 Z2"),
+            Err(ToolTableError::Twice { line: 2, tool: 1 })
+        );
+        assert!(matches!(
+            ToolTable::parse("T1 Q9\nT2 Q10"),
+            Err(ToolTableError::Orientation { line: 2, .. })
+        ));
+        for word in ["T1.5", "T-1", "Tx", "T1 Znan", "T1 Z1e9", "T1 E3", "T1 é"] {
+            assert!(
+                matches!(ToolTable::parse(word), Err(ToolTableError::Word { line: 1, .. })),
+                "{word}"
+            );
+        }
+    }
+}
