@@ -16,6 +16,20 @@ pub struct BrakeState {
 /// In the direction of the braking the acceleration rises with full jerk to its peak, stays there if that is the limit,
 /// and falls to zero as the velocity does. An acceleration at the start that is beyond the limit, or that leads beyond rest
 /// by itself, is brought back with full jerk; the velocity then overshoots zero as little as can be.
+///
+/// ```
+/// use evolvent_drive::{Brake, BrakeState};
+///
+/// // 100 mm/s at 1000 mm/s2 and 10 000 mm/s3: both ramps last a/j = 0.1 s, and a*a/j = v, so nothing lies between.
+/// let start = BrakeState { velocity: 100.0, ..BrakeState::default() };
+/// let brake = Brake::new(start, 1000.0, 10_000.0);
+/// assert!((brake.duration_s() - 0.2).abs() < 1e-12);
+///
+/// // Symmetric braking takes half of the way that constant velocity would: v t / 2.
+/// let end = brake.at(brake.duration_s());
+/// assert!((end.position - 10.0).abs() < 1e-9);
+/// assert_eq!((end.velocity, end.acceleration), (0.0, 0.0));
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Brake {
     start: BrakeState,

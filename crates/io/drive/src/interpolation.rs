@@ -33,6 +33,15 @@ impl InterpolationTime {
     /// # Errors
     /// The period has more digits than the object holds; names the nearest that fits. A drive that was told another
     /// period than that of the setpoints moves in steps.
+    ///
+    /// ```
+    /// use evolvent_drive::InterpolationTime;
+    ///
+    /// let time = InterpolationTime::from_period_ns(250_000)?;
+    /// assert_eq!(time.period_ns(), 250_000);
+    /// assert!(InterpolationTime::from_period_ns(1_264_809).is_err(), "no whole number of a power of ten");
+    /// # Ok::<(), evolvent_drive::InterpolationError>(())
+    /// ```
     pub fn from_period_ns(period_ns: u64) -> Result<Self, InterpolationError> {
         let mut nearest_ns: Option<u64> = None;
         let mut unit_ns = 1_u64;

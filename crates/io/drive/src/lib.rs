@@ -9,6 +9,25 @@
 //!   PhaseLock ◄── phase error ─────────────┘
 //! ```
 //!
+//! A drive and its bridge, from supply to operation, one transition a period:
+//!
+//! ```
+//! use evolvent_drive::{Cia402, DriveEvents, DriveMachine, DriveState, PowerRequest, QuickStopOption};
+//!
+//! let mut drive = DriveMachine::new(QuickStopOption::ThenDisabled);
+//! let mut bridge = Cia402::new(0);
+//! let events = DriveEvents { ready: true, at_rest: true, ..DriveEvents::default() };
+//! let mut control_word = 0;
+//! for _ in 0..10 {
+//!     drive.step(control_word, events);
+//!     let order = bridge.step(drive.status_word(), PowerRequest::On, 0, 12.5, 12.0);
+//!     // Until operation is enabled the target is the actual position: enabling moves nothing.
+//!     assert_eq!(order.target_position, if order.follows { 12.5 } else { 12.0 });
+//!     control_word = order.control_word;
+//! }
+//! assert_eq!(drive.state(), DriveState::OperationEnabled);
+//! ```
+//!
 //! In the core [`FeedbackBounds`] drops feedback that cannot be true, whatever its sender; [`FeedbackWatch`] compares what comes back with what was commanded, and names the first thing that is
 //! wrong as a [`DriveAlarm`]. [`PhaseLock`] turns the phase error of the drives' clock into a correction of the cycle's
 //! period, 0.1 % at the most.

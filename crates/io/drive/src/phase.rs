@@ -25,6 +25,19 @@ pub struct PhaseSettings {
 }
 
 /// Steers the period by the phase error. May be called by the cycle: no allocation, a few operations.
+///
+/// ```
+/// use evolvent_drive::{PhaseLock, PhaseSettings};
+///
+/// let mut lock = PhaseLock::new(PhaseSettings { period_ns: 1_000_000, delay_cycles: 2, target_ns: 0 });
+/// // The drives' clock loses 20 ns a cycle (20 ppm) and starts 5000 ns late.
+/// let mut error_ns = 5_000;
+/// for _ in 0..5_000 {
+///     error_ns += 20 - lock.step(Some(error_ns));
+/// }
+/// assert!(error_ns.abs() <= 2, "{error_ns} ns");
+/// assert!((lock.drift_ratio() - 20e-6).abs() < 1e-6);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PhaseLock {
     limit_ns: f64,

@@ -1,6 +1,14 @@
 //! What the core asks of the power stages, and what a bridge says about itself: the numbers of the bus as enums.
 
 /// What the drives' power stages shall do.
+///
+/// ```
+/// use evolvent_drive::PowerRequest;
+///
+/// assert_eq!(PowerRequest::from_number(1), PowerRequest::On);
+/// // An unknown number is a quick stop.
+/// assert_eq!(PowerRequest::from_number(99), PowerRequest::QuickStop);
+/// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(u32)]
 pub enum PowerRequest {
