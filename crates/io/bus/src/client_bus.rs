@@ -3,10 +3,11 @@
 use crate::config::{ClientConfig, PLACES_FOR_BRIDGES, PLACES_FOR_OPERATORS};
 use crate::domain::{
     ATTRIBUTE_AXES, ATTRIBUTE_INTERFACE, ATTRIBUTE_PERIOD, Domain, EventService, Ipc, PubSub, Wanted,
-    attribute, receive, send_error,
+    attribute,
 };
 use crate::error::{BusError, ReceiveError, SendError};
 use crate::name::Channel;
+use crate::samples::{receive, send_error};
 use core::time::Duration;
 use evolvent_wire::{EventKind, Feedback, Load, Setpoint, Status};
 use iceoryx2::port::listener::{Listener, ListenerWaitError};

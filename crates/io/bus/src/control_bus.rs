@@ -8,8 +8,9 @@ use iceoryx2::prelude::*;
 use std::time::Instant;
 
 use crate::config::{BusConfig, ClientConfig, PLACES_FOR_OPERATORS};
+use crate::discovery::no_core;
 use crate::domain::{
-    ATTRIBUTE_AXES, ATTRIBUTE_INTERFACE, ATTRIBUTE_PERIOD, ControlService, Domain, Ipc, Wanted, no_core,
+    ATTRIBUTE_AXES, ATTRIBUTE_INTERFACE, ATTRIBUTE_PERIOD, ControlService, Domain, Ipc, Wanted,
 };
 use crate::error::{BusError, ReceiveError};
 use crate::name::Channel;

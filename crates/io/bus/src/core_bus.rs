@@ -3,10 +3,10 @@
 use crate::config::{BusConfig, MAX_SETPOINT_BUFFER, PLACES_FOR_BRIDGES, PLACES_FOR_OPERATORS};
 use crate::domain::{
     ATTRIBUTE_AXES, ATTRIBUTE_INTERFACE, ATTRIBUTE_PERIOD, Domain, EventService, Ipc, PubSub, Sizes, Wanted,
-    receive, send_error,
 };
 use crate::error::{BusError, ReceiveError, SendError};
 use crate::name::Channel;
+use crate::samples::{receive, send_error};
 use core::fmt::Debug;
 use core::time::Duration;
 use evolvent_wire::{EventKind, Feedback, Load, Setpoint, Status};

@@ -1,26 +1,26 @@
-//! A place on iceoryx2: node, attributes, and opening that survives the remains of killed runs.
+//! A domain of iceoryx2: node, attributes, and opening that survives the remains of killed runs.
 
 use crate::config::PLACES_FOR_OPERATORS;
 use crate::descriptors;
+use crate::discovery::{has_service, no_core};
 use crate::error::BusError;
-use crate::folder::{BusFolder, SHARED_MEMORY, other_users, user_name};
+use crate::folder::BusFolder;
 use crate::name::Channel;
 use crate::node_counter;
+use crate::open_failure::{OpenFailure, control_failure, event_failure, open_failure};
 use crate::stale_resources::{self, OpeningLock};
 use core::fmt::Debug;
 use core::time::Duration;
 use evolvent_wire::{EventKind, Payload};
 use iceoryx2::node::{NodeCreationFailure, NodeView};
-use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::*;
 use iceoryx2::service::attribute::{AttributeKey, AttributeValue};
-use iceoryx2::service::builder::event::{EventCreateError, EventOpenError, EventOpenOrCreateError};
+use iceoryx2::service::builder::event::{EventCreateError, EventOpenOrCreateError};
 use iceoryx2::service::builder::publish_subscribe::{
-    PublishSubscribeCreateError as CreateError, PublishSubscribeOpenError as OpenError,
-    PublishSubscribeOpenOrCreateError as OpenOrCreateError,
+    PublishSubscribeCreateError as CreateError, PublishSubscribeOpenOrCreateError as OpenOrCreateError,
 };
 use iceoryx2::service::builder::request_response::{
-    RequestResponseCreateError, RequestResponseOpenError, RequestResponseOpenOrCreateError,
+    RequestResponseCreateError, RequestResponseOpenOrCreateError,
 };
 use iceoryx2::service::port_factory::{event, publish_subscribe, request_response};
 use std::time::Instant;
@@ -54,18 +54,6 @@ pub(crate) struct Sizes {
     pub(crate) subscribers: usize,
     pub(crate) buffer: usize,
     pub(crate) history: usize,
-}
-
-/// How an attempt to open ended.
-enum Failure {
-    /// May go away: another process is just creating, removing or cleaning up.
-    Passing(String),
-    /// Half made, and nobody goes on making it.
-    Hung(String),
-    Missing,
-    Attributes,
-    Settings(String),
-    Permission,
 }
 
 /// A node on iceoryx2.
@@ -111,7 +99,7 @@ impl Domain {
         }
     }
 
-    fn join_in(machine_name: &str, folder: &BusFolder, role: &str) -> Result<Self, BusError> {
+    pub(crate) fn join_in(machine_name: &str, folder: &BusFolder, role: &str) -> Result<Self, BusError> {
         let config = configuration(folder)?;
         stale_resources::clear_unborn_segments(&config);
         node_counter::secure(&folder.prefix)?;
@@ -205,12 +193,12 @@ impl Domain {
                 .map_err(|error| match error {
                     OpenOrCreateError::PublishSubscribeOpenError(error) => open_failure(error),
                     OpenOrCreateError::PublishSubscribeCreateError(CreateError::InsufficientPermissions) => {
-                        Failure::Permission
+                        OpenFailure::Permission
                     }
                     OpenOrCreateError::PublishSubscribeCreateError(
                         error @ (CreateError::HangsInCreation | CreateError::ServiceInCorruptedState),
-                    ) => Failure::Hung(format!("{error:?}")),
-                    other => Failure::Passing(format!("{other:?}")),
+                    ) => OpenFailure::Hung(format!("{error:?}")),
+                    other => OpenFailure::Passing(format!("{other:?}")),
                 })
         })
     }
@@ -253,12 +241,12 @@ impl Domain {
                 .map_err(|error| match error {
                     EventOpenOrCreateError::EventOpenError(error) => event_failure(error),
                     EventOpenOrCreateError::EventCreateError(EventCreateError::InsufficientPermissions) => {
-                        Failure::Permission
+                        OpenFailure::Permission
                     }
                     EventOpenOrCreateError::EventCreateError(
                         error @ EventCreateError::ServiceInCorruptedState,
-                    ) => Failure::Hung(format!("{error:?}")),
-                    other => Failure::Passing(format!("{other:?}")),
+                    ) => OpenFailure::Hung(format!("{error:?}")),
+                    other => OpenFailure::Passing(format!("{other:?}")),
                 })
         })
     }
@@ -303,12 +291,12 @@ impl Domain {
                     }
                     RequestResponseOpenOrCreateError::RequestResponseCreateError(
                         RequestResponseCreateError::InsufficientPermissions,
-                    ) => Failure::Permission,
+                    ) => OpenFailure::Permission,
                     RequestResponseOpenOrCreateError::RequestResponseCreateError(
                         error @ (RequestResponseCreateError::HangsInCreation
                         | RequestResponseCreateError::ServiceInCorruptedState),
-                    ) => Failure::Hung(format!("{error:?}")),
-                    other => Failure::Passing(format!("{other:?}")),
+                    ) => OpenFailure::Hung(format!("{error:?}")),
+                    other => OpenFailure::Passing(format!("{other:?}")),
                 })
         })
     }
@@ -337,7 +325,7 @@ impl Domain {
         channel: Channel,
         wanted: &Wanted,
         deadline: Instant,
-        attempt: impl Fn() -> Result<T, Failure>,
+        attempt: impl Fn() -> Result<T, OpenFailure>,
     ) -> Result<T, BusError> {
         let begin = Instant::now();
         let is_core = self.lock.is_some();
@@ -348,15 +336,15 @@ impl Domain {
             };
             let (machine_name, service) = (self.machine_name.clone(), service.to_owned());
             if is_core
-                && matches!(failure, Failure::Attributes | Failure::Settings(_))
+                && matches!(failure, OpenFailure::Attributes | OpenFailure::Settings(_))
                 && let Some(pid) = self.living_core()
             {
                 return Err(BusError::AlreadyRunning { machine_name, pid });
             }
             match failure {
-                Failure::Permission => return Err(BusError::Permission { service }),
-                Failure::Settings(cause) => return Err(BusError::HeldByClients { service, cause }),
-                Failure::Attributes => {
+                OpenFailure::Permission => return Err(BusError::Permission { service }),
+                OpenFailure::Settings(cause) => return Err(BusError::HeldByClients { service, cause }),
+                OpenFailure::Attributes => {
                     return Err(BusError::Incompatible {
                         differences: self.differences(channel, wanted),
                         service,
@@ -367,17 +355,17 @@ impl Domain {
                         },
                     });
                 }
-                Failure::Missing if Instant::now() >= deadline => {
+                OpenFailure::Missing if Instant::now() >= deadline => {
                     return Err(no_core(&machine_name, None, begin));
                 }
-                Failure::Passing(cause) | Failure::Hung(cause) if Instant::now() >= deadline => {
+                OpenFailure::Passing(cause) | OpenFailure::Hung(cause) if Instant::now() >= deadline => {
                     return Err(BusError::Service { service, cause });
                 }
-                Failure::Hung(_) if is_core => self.remove_service(channel),
-                Failure::Passing(_) | Failure::Hung(_) => {
+                OpenFailure::Hung(_) if is_core => self.remove_service(channel),
+                OpenFailure::Passing(_) | OpenFailure::Hung(_) => {
                     self.node.blocking_cleanup_dead_nodes(Duration::from_secs(1));
                 }
-                Failure::Missing => {}
+                OpenFailure::Missing => {}
             }
             std::thread::sleep(RETRY);
         }
@@ -456,7 +444,7 @@ impl Domain {
     }
 }
 
-fn pattern(channel: Channel) -> MessagingPattern {
+pub(crate) fn pattern(channel: Channel) -> MessagingPattern {
     match channel {
         Channel::Event => MessagingPattern::Event,
         Channel::Control => MessagingPattern::RequestResponse,
@@ -467,7 +455,7 @@ fn pattern(channel: Channel) -> MessagingPattern {
 }
 
 /// iceoryx2's configuration in a folder. The user's own configuration file of iceoryx2 counts for the rest.
-fn configuration(folder: &BusFolder) -> Result<Config, BusError> {
+pub(crate) fn configuration(folder: &BusFolder) -> Result<Config, BusError> {
     // iceoryx2 reports on standard error what our errors say already.
     set_log_level_from_env_or(LogLevel::Fatal);
     let mut config = Config::global_config().clone();
@@ -485,173 +473,12 @@ fn configuration(folder: &BusFolder) -> Result<Config, BusError> {
     Ok(config)
 }
 
-/// Whether a service is described in a folder. It may be a dead core's.
-fn has_service(folder: &BusFolder, name: &str, channel: Channel) -> bool {
-    let (Ok(config), Ok(name)) = (configuration(folder), ServiceName::new(name)) else {
-        return false;
-    };
-    stale_resources::service_file(&config, &name, pattern(channel)).exists()
-}
-
-/// Nobody was there in time. A core of another user cannot be seen, but that there is one can.
-pub(crate) fn no_core(machine_name: &str, prefix: Option<&str>, begin: Instant) -> BusError {
-    BusError::NoCore {
-        machine_name: machine_name.to_owned(),
-        waited_ms: begin.elapsed().as_millis() as u64,
-        elsewhere: cores_of_other_users(prefix),
-    }
-}
-
-/// Which other users have cores on this computer and what that means, to go behind a sentence; empty where none has.
-#[must_use]
-pub fn cores_of_other_users(prefix: Option<&str>) -> String {
-    let others: Vec<String> = other_users(prefix).into_iter().map(user_name).collect();
-    let who = match others.as_slice() {
-        [] => return String::new(),
-        [one] => format!("{one} has a core"),
-        several => format!("{} have cores", several.join(" and ")),
-    };
-    format!("; {who} on this computer: a bus belongs to one user, so run this as that user (`sudo -u USER`)")
-}
-
-/// Names of the machines whose control service is there, in order. One that was killed is among them until somebody
-/// clears it away.
-///
-/// # Errors
-/// The prefix is none, or iceoryx2 does not start.
-pub fn list_machines(prefix: Option<&str>) -> Result<Vec<String>, BusError> {
-    let mut names = Vec::new();
-    for folder in BusFolder::existing(prefix)? {
-        let config = configuration(&folder)?;
-        stale_resources::clear_unborn_segments(&config);
-        let listed = Ipc::list(&config, |details| {
-            let name = details.static_details.name().as_str();
-            let machine = name
-                .strip_prefix("evolvent/")
-                .and_then(|rest| rest.strip_suffix("/control"));
-            names.extend(machine.map(str::to_owned));
-            CallbackProgression::Continue
-        });
-        listed.map_err(|cause| BusError::Domain {
-            cause: format!("{}: {cause:?}", folder.path.display()),
-        })?;
-    }
-    names.sort();
-    names.dedup();
-    Ok(names)
-}
-
-/// How often a domain is cleaned at the most: others may be cleaning it too, or just be ending.
-const CLEANINGS: u32 = 5;
-
-/// Clears a domain of one's own away: what killed processes have left, and iceoryx2's node counter, a file of
-/// 16 bytes that it keeps per prefix for ever. Does nothing while a node of that prefix lives.
-///
-/// For tests and tools that make up a prefix. The machine's usual domain needs it never.
-///
-/// # Errors
-/// The prefix is none, or iceoryx2 does not start.
-pub fn remove_private_domain(prefix: &str) -> Result<(), BusError> {
-    for folder in BusFolder::existing(Some(prefix))? {
-        remove_domain(&folder)?;
-    }
-    Ok(())
-}
-
-fn remove_domain(folder: &BusFolder) -> Result<(), BusError> {
-    let config = configuration(folder)?;
-    for attempt in 0..CLEANINGS {
-        drop(Domain::join_in("cleaner", folder, "cleaner")?);
-        let (mut alive, mut dead) = (0, 0);
-        let listed = Node::<Ipc>::list(&config, |state| {
-            match state {
-                NodeState::Alive(_) => alive += 1,
-                NodeState::Dead(_) => dead += 1,
-                // Nothing lives there; see `clear_unborn_nodes`.
-                NodeState::Inaccessible(_) | NodeState::Undefined(_) => {}
-            }
-            CallbackProgression::Continue
-        });
-        if listed.is_ok() && alive + dead == 0 {
-            break;
-        }
-        if attempt + 1 == CLEANINGS {
-            return Ok(());
-        }
-        std::thread::sleep(Duration::from_millis(20));
-    }
-    let Ok(files) = std::fs::read_dir(SHARED_MEMORY) else {
-        return Ok(());
-    };
-    stale_resources::clear_unborn_nodes(&config, Duration::ZERO);
-    for file in files.flatten() {
-        let name = file.file_name();
-        // PREFIX, a hash of 40 digits, `_node.VERSION.global_mgmt`.
-        let rest = name
-            .to_str()
-            .and_then(|name| name.strip_prefix(folder.prefix.as_str()))
-            .unwrap_or_default();
-        let hash = rest.bytes().take_while(u8::is_ascii_hexdigit).count();
-        if hash == 40 && rest.ends_with(".global_mgmt") {
-            // Another cleaner may have been faster.
-            let _ = std::fs::remove_file(file.path());
-        }
-    }
-    Ok(())
-}
-
 /// The value of an attribute.
 pub(crate) fn attribute(attributes: &AttributeSet, key: &str) -> Option<String> {
     attributes
         .iter()
         .find(|attribute| attribute.key().as_bytes() == key.as_bytes())
         .and_then(|attribute| String::from_utf8(attribute.value().as_bytes().to_vec()).ok())
-}
-
-/// Takes one message of this version from a subscriber.
-pub(crate) fn receive<P: Payload + ZeroCopySend + Debug>(
-    subscriber: &Subscriber<Ipc, P, ()>,
-    channel: Channel,
-) -> Result<Option<P>, crate::ReceiveError> {
-    use crate::error::ReceiveError;
-    use iceoryx2::port::ReceiveError as Cause;
-    let channel = channel.name();
-    let sample = subscriber.receive().map_err(|cause| ReceiveError::Broken {
-        channel,
-        cause: match cause {
-            Cause::ExceedsMaxBorrows => "ExceedsMaxBorrows",
-            Cause::ConnectionFailure(_) => "ConnectionFailure",
-        },
-    })?;
-    let Some(sample) = sample else { return Ok(None) };
-    let message = *sample.payload();
-    if message.is_compatible() {
-        return Ok(Some(message));
-    }
-    Err(ReceiveError::Version {
-        channel,
-        version: message.interface_version(),
-        size: message.struct_size(),
-        known_version: crate::INTERFACE_VERSION,
-        known_size: P::LAYOUT.size_bytes as u32,
-    })
-}
-
-/// iceoryx2's name of a cause, without allocation: it may be asked for every cycle.
-pub(crate) fn send_error(channel: Channel, cause: iceoryx2::port::SendError) -> crate::SendError {
-    use iceoryx2::port::SendError as Cause;
-    let cause = match cause {
-        Cause::ConnectionBrokenSinceSenderNoLongerExists => "SenderNoLongerExists",
-        Cause::ConnectionCorrupted => "ConnectionCorrupted",
-        Cause::LoanError(_) => "LoanError",
-        Cause::ConnectionError(_) => "ConnectionError",
-        Cause::UnableToDeliver => "UnableToDeliver",
-        Cause::InternalError => "InternalError",
-    };
-    crate::SendError::NotSent {
-        channel: channel.name(),
-        cause,
-    }
 }
 
 fn verifier(wanted: &Wanted) -> Result<AttributeVerifier, BusError> {
@@ -671,59 +498,4 @@ fn verifier(wanted: &Wanted) -> Result<AttributeVerifier, BusError> {
         .map_err(|cause| failed(&cause))?;
     }
     Ok(verifier)
-}
-
-fn open_failure(error: OpenError) -> Failure {
-    match error {
-        OpenError::DoesNotExist => Failure::Missing,
-        OpenError::IncompatibleAttributes => Failure::Attributes,
-        OpenError::InsufficientPermissions => Failure::Permission,
-        OpenError::IncompatibleTypes
-        | OpenError::IncompatibleMessagingPattern
-        | OpenError::IncompatibleOverflowBehavior
-        | OpenError::VersionMismatch
-        | OpenError::DoesNotSupportRequestedMinBufferSize
-        | OpenError::DoesNotSupportRequestedMinHistorySize
-        | OpenError::DoesNotSupportRequestedMinSubscriberBorrowedSamples
-        | OpenError::DoesNotSupportRequestedAmountOfPublishers
-        | OpenError::DoesNotSupportRequestedAmountOfSubscribers
-        | OpenError::DoesNotSupportRequestedAmountOfNodes => Failure::Settings(format!("{error:?}")),
-        OpenError::HangsInCreation | OpenError::ServiceInCorruptedState => {
-            Failure::Hung(format!("{error:?}"))
-        }
-        other => Failure::Passing(format!("{other:?}")),
-    }
-}
-
-fn control_failure(error: &RequestResponseOpenError) -> Failure {
-    use RequestResponseOpenError as Error;
-    match error {
-        Error::DoesNotExist => Failure::Missing,
-        Error::IncompatibleAttributes => Failure::Attributes,
-        Error::InsufficientPermissions => Failure::Permission,
-        Error::HangsInCreation | Error::ServiceInCorruptedState => Failure::Hung(format!("{error:?}")),
-        Error::Interrupt
-        | Error::InternalFailure
-        | Error::IsMarkedForDestruction
-        | Error::ExceedsMaxNumberOfNodes
-        | Error::UnableToCreateServiceTag => Failure::Passing(format!("{error:?}")),
-        other => Failure::Settings(format!("{other:?}")),
-    }
-}
-
-fn event_failure(error: EventOpenError) -> Failure {
-    match error {
-        EventOpenError::DoesNotExist => Failure::Missing,
-        EventOpenError::IncompatibleAttributes => Failure::Attributes,
-        EventOpenError::InsufficientPermissions => Failure::Permission,
-        EventOpenError::HangsInCreation | EventOpenError::ServiceInCorruptedState => {
-            Failure::Hung(format!("{error:?}"))
-        }
-        EventOpenError::Interrupt
-        | EventOpenError::InternalFailure
-        | EventOpenError::IsMarkedForDestruction
-        | EventOpenError::ExceedsMaxNumberOfNodes
-        | EventOpenError::UnableToCreateServiceTag => Failure::Passing(format!("{error:?}")),
-        other => Failure::Settings(format!("{other:?}")),
-    }
 }

@@ -29,11 +29,15 @@ mod config;
 mod control_bus;
 mod core_bus;
 mod descriptors;
+mod discovery;
 mod domain;
 mod error;
 mod folder;
 mod name;
 mod node_counter;
+mod open_failure;
+mod private_domain;
+mod samples;
 mod stale_resources;
 
 pub use bindings::{c_header, python_module};
@@ -43,13 +47,12 @@ pub use client_bus::{
 pub use config::{BusConfig, ClientConfig, MAX_SETPOINT_BUFFER, PLACES_FOR_BRIDGES, PLACES_FOR_OPERATORS};
 pub use control_bus::{CommandError, ControlCall, ControlClient, ControlServer};
 pub use core_bus::CoreBus;
-pub use domain::{
-    ATTRIBUTE_AXES, ATTRIBUTE_INTERFACE, ATTRIBUTE_PERIOD, cores_of_other_users, list_machines,
-    remove_private_domain,
-};
+pub use discovery::{cores_of_other_users, list_machines};
+pub use domain::{ATTRIBUTE_AXES, ATTRIBUTE_INTERFACE, ATTRIBUTE_PERIOD};
 pub use error::{BusError, ReceiveError, SendError};
 pub use folder::{RUNTIME_FOLDER, bus_folders};
 pub use name::{Channel, MAX_MACHINE_NAME, NameError, check_machine_name};
+pub use private_domain::remove_private_domain;
 
 pub use evolvent_wire::{
     ACTIVITIES, ANSWER_TEXT_BYTES, AXES, BRIDGE_NOTES, BRIDGE_STATES, COMMAND_TEXT_BYTES, COMMANDS,

@@ -1,0 +1,65 @@
+//! Which machines have a core, and which other users.
+
+use crate::domain::{Ipc, configuration, pattern};
+use crate::error::BusError;
+use crate::folder::{BusFolder, other_users, user_name};
+use crate::name::Channel;
+use crate::stale_resources;
+use iceoryx2::prelude::*;
+use std::time::Instant;
+
+/// Whether a service is described in a folder. It may be a dead core's.
+pub(crate) fn has_service(folder: &BusFolder, name: &str, channel: Channel) -> bool {
+    let (Ok(config), Ok(name)) = (configuration(folder), ServiceName::new(name)) else {
+        return false;
+    };
+    stale_resources::service_file(&config, &name, pattern(channel)).exists()
+}
+
+/// Nobody was there in time. A core of another user cannot be seen, but that there is one can.
+pub(crate) fn no_core(machine_name: &str, prefix: Option<&str>, begin: Instant) -> BusError {
+    BusError::NoCore {
+        machine_name: machine_name.to_owned(),
+        waited_ms: begin.elapsed().as_millis() as u64,
+        elsewhere: cores_of_other_users(prefix),
+    }
+}
+
+/// Which other users have cores on this computer and what that means, to go behind a sentence; empty where none has.
+#[must_use]
+pub fn cores_of_other_users(prefix: Option<&str>) -> String {
+    let others: Vec<String> = other_users(prefix).into_iter().map(user_name).collect();
+    let who = match others.as_slice() {
+        [] => return String::new(),
+        [one] => format!("{one} has a core"),
+        several => format!("{} have cores", several.join(" and ")),
+    };
+    format!("; {who} on this computer: a bus belongs to one user, so run this as that user (`sudo -u USER`)")
+}
+
+/// Names of the machines whose control service is there, in order. One that was killed is among them until somebody
+/// clears it away.
+///
+/// # Errors
+/// The prefix is none, or iceoryx2 does not start.
+pub fn list_machines(prefix: Option<&str>) -> Result<Vec<String>, BusError> {
+    let mut names = Vec::new();
+    for folder in BusFolder::existing(prefix)? {
+        let config = configuration(&folder)?;
+        stale_resources::clear_unborn_segments(&config);
+        let listed = Ipc::list(&config, |details| {
+            let name = details.static_details.name().as_str();
+            let machine = name
+                .strip_prefix("evolvent/")
+                .and_then(|rest| rest.strip_suffix("/control"));
+            names.extend(machine.map(str::to_owned));
+            CallbackProgression::Continue
+        });
+        listed.map_err(|cause| BusError::Domain {
+            cause: format!("{}: {cause:?}", folder.path.display()),
+        })?;
+    }
+    names.sort();
+    names.dedup();
+    Ok(names)
+}
