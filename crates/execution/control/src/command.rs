@@ -1,8 +1,8 @@
-//! Commands: what a machine can be told.
+//! Commands to the machine.
 
 use evolvent_path::{AXES, Axes, AxisLetter};
 
-use crate::code::CommandCode;
+use crate::command_code::CommandCode;
 use crate::interlock_state::Mode;
 
 /// A jog.
@@ -31,7 +31,26 @@ pub struct ToolEntry {
     pub diameter_mm: Option<f64>,
 }
 
-/// A command whose numbers make sense.
+/// A valid command: [`Command::decode`] has checked its numbers.
+///
+/// ```
+/// use evolvent_control::{Alarm, Command, CommandCode, Mode, RawCommand};
+///
+/// let mut raw = RawCommand {
+///     command: CommandCode::Mode as u32,
+///     axes_mask: 0,
+///     index: 1,
+///     amount: 0.0,
+///     values: [0.0; 9],
+///     text: Some(""),
+/// };
+/// let (_, command) = Command::decode(&raw, 0b111)?;
+/// assert_eq!(command, Command::SetMode(Mode::Manual));
+///
+/// raw.amount = f64::NAN;
+/// assert_eq!(Command::decode(&raw, 0b111).unwrap_err().alarm, Alarm::BadNumber);
+/// # Ok::<(), evolvent_control::Rejection>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub enum Command {
     /// See [`CommandCode::Estop`].

@@ -3,8 +3,8 @@
 use evolvent_path::{AXES, Axes};
 
 use crate::alarm::Alarm;
-use crate::code::CommandCode;
 use crate::command::{Command, JogCommand, ToolEntry};
+use crate::command_code::CommandCode;
 use crate::interlock_state::Mode;
 use crate::rejection::Rejection;
 

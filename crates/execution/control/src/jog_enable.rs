@@ -1,6 +1,15 @@
-//! The dead-man's switch of a jog.
+//! The enabling signal of a jog.
 
-/// A continuous jog goes on only while its client says so.
+/// A continuous jog goes on only while its client renews it.
+///
+/// ```
+/// use evolvent_control::JogEnable;
+///
+/// let mut enable = JogEnable::held(7, 0);
+/// assert!(enable.renew(7, 50_000_000));
+/// assert_eq!(enable.until_ns(), 50_000_000 + JogEnable::PATIENCE_NS);
+/// assert!(!enable.renew(8, 60_000_000), "another client");
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct JogEnable {
     client: u64,
@@ -8,7 +17,7 @@ pub struct JogEnable {
 }
 
 impl JogEnable {
-    /// A jog goes on for so long without being renewed, ns.
+    /// How long a jog goes on without being renewed, ns.
     pub const PATIENCE_NS: u64 = 90_000_000;
 
     /// Begun or renewed by `client` at `now_ns`.
@@ -20,7 +29,7 @@ impl JogEnable {
         }
     }
 
-    /// Renews it; another client's word does not count.
+    /// Renews it; `false`, and no effect, for another client.
     pub fn renew(&mut self, client: u64, now_ns: u64) -> bool {
         let mine = client == self.client;
         if mine {

@@ -5,39 +5,65 @@
 //!               newer?     numbers    one table      and committed
 //! ```
 //!
-//! [`OperatorState`] is the operator's desk of one machine: e-stop, off or on; manual, MDI or automatic; what moves the axes; the
-//! overrides and switches; the latched alarms. It looks at no clock and touches nothing: time and facts come in as
-//! arguments, and what is to be done comes out as a [`Command`]. So every scenario can be tried in microseconds.
+//! [`OperatorState`] is the operator's view of one machine: e-stop, off or on; manual, MDI or automatic; what moves the
+//! axes; overrides and switches; latched alarms. It reads no clock and does no I/O: time and inputs are arguments, and a
+//! [`Command`] to be carried out is the result. Every scenario therefore runs in microseconds.
 //!
-//! The interlocks are one table, [`RULES`]: a row a command, with the machine states, modes and activities in which it
-//! is accepted and what else it needs. Everything that is refused has a stable number and a sentence ([`Alarm`],
-//! [`Rejection`]).
+//! ```
+//! use evolvent_control::{Alarm, CommandCode, OperatorInputs, OperatorState, RawCommand};
+//!
+//! let mut state = OperatorState::default();
+//! let inputs = OperatorInputs { present: 0b111, is_held: false, is_ending: false };
+//! let request = |code: CommandCode| RawCommand {
+//!     command: code as u32,
+//!     axes_mask: 0,
+//!     index: 0,
+//!     amount: 0.0,
+//!     values: [0.0; 9],
+//!     text: Some(""),
+//! };
+//!
+//! // At power-up the machine is in emergency stop: it has to be reset before drives can be enabled.
+//! let (_, rejection) = state.authorize(7, 1, &request(CommandCode::On), &inputs).unwrap_err();
+//! assert_eq!(rejection.alarm, Alarm::InEstop);
+//!
+//! let reset = state.authorize(7, 2, &request(CommandCode::EstopReset), &inputs).unwrap();
+//! state.commit(&reset, 0, false);
+//! assert!(state.authorize(7, 3, &request(CommandCode::On), &inputs).is_ok());
+//!
+//! // A serial number that is not newer has no effect.
+//! let (_, rejection) = state.authorize(7, 3, &request(CommandCode::On), &inputs).unwrap_err();
+//! assert_eq!(rejection.alarm, Alarm::Stale);
+//! ```
+//!
+//! The interlocks are one table, [`RULES`]: a row for each command, with the machine states, modes and activities in which
+//! it is accepted and what else it needs. Every rejection has a stable number and a sentence ([`Alarm`], [`Rejection`]).
 //!
 //! [`Homing`] is the sequence that finds machine zero with the switches of the drives; [`JogEnable`] ends a jog whose
-//! client has gone.
+//! client no longer renews it.
 //!
 //! Nothing here is for the real-time cycle.
 
 mod alarm;
-mod code;
 mod command;
+mod command_code;
 mod decode;
 mod homing;
 mod interlock_state;
+mod interlocks;
 mod jog_enable;
 mod operator_state;
 mod rejection;
-mod rules;
 mod serials;
 
 pub use alarm::{Alarm, AlarmKind};
-pub use code::CommandCode;
 pub use command::{Command, JogCommand, ToolEntry};
+pub use command_code::CommandCode;
 pub use decode::RawCommand;
 pub use homing::{Homing, HomingAction, HomingAxis, HomingSample};
 pub use interlock_state::{Activity, InterlockState, MachineState, Mode};
+pub use interlocks::{RULES, Rule, judge};
 pub use jog_enable::JogEnable;
 pub use operator_state::{JobResult, OperatorInputs, OperatorState, Verdict};
 pub use rejection::Rejection;
-pub use rules::{RULES, Rule, judge};
 pub use serials::Serials;

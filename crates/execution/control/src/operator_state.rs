@@ -1,12 +1,12 @@
 //! The operator's desk: what the machine is, and how commands and events change it.
 
 use crate::alarm::{Alarm, AlarmKind};
-use crate::code::CommandCode;
 use crate::command::Command;
+use crate::command_code::CommandCode;
 use crate::decode::RawCommand;
 use crate::interlock_state::{Activity, InterlockState, MachineState, Mode};
+use crate::interlocks::judge;
 use crate::rejection::Rejection;
-use crate::rules::judge;
 use crate::serials::Serials;
 
 /// Alarms that are listed; of more the newest are only counted.

@@ -1,8 +1,8 @@
 //! Why a command is not accepted.
 
 use crate::alarm::Alarm;
-use crate::code::CommandCode;
-use crate::rules::mode_needed;
+use crate::command_code::CommandCode;
+use crate::interlocks::mode_needed;
 
 /// Why a command is not accepted: a number for programs, a sentence for people.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

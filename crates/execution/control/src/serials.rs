@@ -4,9 +4,18 @@
 const MAX_CLIENTS: usize = 256;
 
 /// The last serial number of each client.
+///
+/// ```
+/// use evolvent_control::Serials;
+///
+/// let mut serials = Serials::default();
+/// assert!(serials.admit(7, 1) && serials.admit(7, 5));
+/// assert!(!serials.admit(7, 5), "the same command again");
+/// assert!(serials.admit(8, 1), "another client");
+/// ```
 #[derive(Clone, Debug, Default)]
 pub struct Serials {
-    /// The one that spoke last stands last.
+    /// In order of their last command.
     last: Vec<(u64, u64)>,
 }
 

@@ -8,10 +8,10 @@
 
 use crate::cycle::Cycle;
 use crate::error::ChatterError;
+use crate::floquet::{Verified, report, shoot, verify};
 use crate::model::{CuttingTool, Equilibrium, Model, State};
 use crate::scan::{Branch, Prediction, Scanner};
 use crate::transient::{Fate, Follower};
-use crate::verify::{Verified, report, shoot, verify};
 
 /// A prediction that is further off in amplitude has landed on another cycle: with five harmonics and loss of contact
 /// it is 5e-3 off, with one up to 0.1.

@@ -29,6 +29,7 @@ mod cycle;
 mod delay;
 mod elimination;
 mod error;
+mod floquet;
 mod integrate;
 mod least_squares;
 mod lobe;
@@ -38,7 +39,6 @@ mod pair;
 mod scan;
 mod speeds;
 mod transient;
-mod verify;
 
 pub use assess::{
     AssessedCycle, Assessment, Assessor, Disturbance, DropReason, DroppedCycle, FoundBy, Verdict,
@@ -48,6 +48,7 @@ pub use case_file::case_schema;
 pub use cycle::Cycle;
 pub use delay::{Chatter, ChatterKind, MillingDelay, lobe_diagram};
 pub use error::ChatterError;
+pub use floquet::{Verified, verify};
 pub use integrate::{Accuracy, Integrator};
 pub use least_squares::{Fit, Measure, least_squares};
 pub use lobe::{Limit, Lobes, Milling, MillingCut, Mode, Turning, TurningMode};
@@ -56,4 +57,3 @@ pub use model::{CuttingTool, Equilibrium, Laws, Model, PrincipalAxis, SmallMode,
 pub use scan::{Branch, MAX_FREE_PART, Prediction, ScanEnd, ScanPoint, Scanner};
 pub use speeds::nearest_stable;
 pub use transient::{Fate, Follower};
-pub use verify::{Verified, verify};

@@ -10,10 +10,10 @@ use nalgebra::Complex;
 use crate::assess::{Assessment, Assessor, Verdict};
 use crate::cycle::Cycle;
 use crate::error::ChatterError;
+use crate::floquet::{quick_multipliers, verify};
 use crate::model::{CuttingTool, Equilibrium, Laws, Model};
 use crate::scan::{Branch, ScanPoint, Scanner};
 use crate::transient::Fate;
-use crate::verify::{quick_multipliers, verify};
 
 /// Extra damping below which two roots may hide from one harmonic, 1/s ...
 const NEAR_FOLD_PER_S: f64 = 0.5;

@@ -6,9 +6,9 @@
 //! within the model without one, or stays beyond the model.
 
 use crate::error::ChatterError;
+use crate::floquet::{Closed, Verified, report, shoot};
 use crate::model::{Equilibrium, Model, State};
 use crate::scan::MAX_FREE_PART;
-use crate::verify::{Closed, Verified, report, shoot};
 
 /// Steps per period of the faster axis.
 const STEPS: f64 = 32.0;

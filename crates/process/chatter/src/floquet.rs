@@ -1,4 +1,4 @@
-//! Verification of a cycle by integrating the equations of motion in time.
+//! Stability of a cycle: its Floquet multipliers, by integrating the equations of motion in time.
 //!
 //! Newton's method on the motion over one period, with the variational equations: it finds unstable cycles as well as
 //! stable ones, and its matrix is the monodromy matrix, whose eigenvalues are the Floquet multipliers. It shares

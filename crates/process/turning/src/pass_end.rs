@@ -1,4 +1,4 @@
-//! The way back, and where the next pass starts.
+//! The end of a pass: the way back, and where the next pass starts.
 
 use crate::controller::{Leg, TurningController};
 use crate::settings::PassDepth;

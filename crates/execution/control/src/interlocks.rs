@@ -1,7 +1,7 @@
 //! The interlocks: one row a command.
 
 use crate::alarm::Alarm;
-use crate::code::CommandCode as Code;
+use crate::command_code::CommandCode as Code;
 use crate::interlock_state::{Activity, InterlockState, MachineState, Mode};
 
 /// When a command is accepted.
@@ -105,7 +105,24 @@ pub const RULES: [Rule; 27] = [
     rule(Code::ClearAlarms, ANY, ANY, IDLE),
 ];
 
-/// Whether a command is accepted in a situation.
+/// Whether a command is accepted in a state.
+///
+/// ```
+/// use evolvent_control::{Activity, Alarm, CommandCode, InterlockState, MachineState, Mode, judge};
+///
+/// let mut state = InterlockState {
+///     machine: MachineState::On,
+///     mode: Mode::Auto,
+///     activity: Activity::None,
+///     is_loaded: true,
+///     is_homed: false,
+///     has_alarm: false,
+///     is_held: false,
+/// };
+/// assert_eq!(judge(CommandCode::Start, &state), Err(Alarm::NotHomed));
+/// state.is_homed = true;
+/// assert_eq!(judge(CommandCode::Start, &state), Ok(()));
+/// ```
 ///
 /// # Errors
 /// The first reason why it is not, in the order machine, alarm, mode, activity, program, homing, hold.
