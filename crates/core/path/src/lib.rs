@@ -29,6 +29,7 @@
 mod arc;
 mod axis;
 mod blend;
+mod canonical_move;
 mod curve;
 mod error;
 mod hole;
@@ -48,6 +49,7 @@ mod spline;
 pub use arc::Arc;
 pub use axis::{AXES, Axes, AxisLetter};
 pub use blend::Blend;
+pub use canonical_move::{Move, MoveKind, PathMode};
 pub use curve::{Curve, ParamCurve};
 pub use error::{CurveError, MAX_ARC_TURNS, MAX_COORDINATE, MIN_RADIUS_MM};
 pub use hole::{BlockFigures, Hole, HoleBlock, HolePass, HoleStart, MAX_DEPTHS, Milling, Role, depths_mm};

@@ -5,10 +5,9 @@
 mod common;
 
 use common::{BLEND, Pair, Random, Scenario, campaign, check, equal_axes, run, scenario};
-use evolvent_gcode::{Move, MoveKind, PathMode};
 use evolvent_machine::{Limits, PlannerKind};
 use evolvent_motion::{Inputs, PathExecutor, STEPS_AHEAD, Setpoint, flags};
-use evolvent_path::{Axes, Curve, Line};
+use evolvent_path::{Axes, Curve, Line, Move, MoveKind, PathMode};
 use evolvent_planner::Step;
 
 fn inputs(cycle: u64) -> Inputs {

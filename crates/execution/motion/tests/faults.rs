@@ -5,10 +5,9 @@
 mod common;
 
 use common::{BLEND, Random, campaign, check, scenario};
-use evolvent_gcode::{Move, MoveKind, PathMode};
 use evolvent_machine::{Limits, PlannerKind};
 use evolvent_motion::{Inputs, PathExecutor, QueueClosed, State, flags, plan_queue};
-use evolvent_path::{AXES, Axes, Curve, Line};
+use evolvent_path::{AXES, Axes, Curve, Line, Move, MoveKind, PathMode};
 use evolvent_planner::{
     ExitSpeeds, PathLimits, PathRules, PlanSink, Planner, Run, ScalarLimits, Segment, SegmentMarks, Step,
 };

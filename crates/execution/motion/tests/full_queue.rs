@@ -9,10 +9,9 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use common::{BLEND, Scenario, check, equal_axes};
-use evolvent_gcode::{Move, MoveKind};
 use evolvent_machine::PlannerKind;
 use evolvent_motion::{Inputs, Setpoint, State, plan_queue};
-use evolvent_path::{Axes, Curve, Line};
+use evolvent_path::{Axes, Curve, Line, Move, MoveKind};
 use evolvent_planner::Step;
 
 /// How long the planner may keep the cycle waiting before the test gives up.

@@ -5,10 +5,9 @@
 mod common;
 
 use common::{BLEND, Pair, Random, Scenario, campaign, check, equal_axes, run};
-use evolvent_gcode::{Move, MoveKind};
 use evolvent_machine::{Limits, PlannerKind};
 use evolvent_motion::{Inputs, Setpoint, State};
-use evolvent_path::{AXES, Axes, Curve, Line};
+use evolvent_path::{AXES, Axes, Curve, Line, Move, MoveKind};
 
 /// A contour in chords of 0.01 to 0.2 mm in three axes, with plunges, as CAM writes it.
 fn dense(random: &mut Random, chords: usize, limits: Limits) -> Scenario {

@@ -3,9 +3,9 @@
 mod common;
 
 use common::{BLEND, PLANNERS, Random, campaign, check, run, scenario};
-use evolvent_gcode::PathMode;
 use evolvent_machine::PlannerKind;
 use evolvent_motion::{Inputs, State};
+use evolvent_path::PathMode;
 
 #[test]
 fn every_setpoint_keeps_every_limit_and_the_path() {

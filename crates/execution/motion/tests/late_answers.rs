@@ -8,10 +8,9 @@ use std::cell::Cell;
 use std::rc::Rc;
 
 use common::{BLEND, Scenario, campaign, check, equal_axes, scenario};
-use evolvent_gcode::{Move, MoveKind};
 use evolvent_machine::PlannerKind;
 use evolvent_motion::{Inputs, PlanConsumer, PlanProducer, QueueClosed, Setpoint, State, plan_queue};
-use evolvent_path::{Axes, Curve, Line};
+use evolvent_path::{Axes, Curve, Line, Move, MoveKind};
 use evolvent_planner::{
     Answer, BlockMark, ExitSpeeds, PathLimits, PathRules, PlanSink, Planner, Request, Segment, Step,
 };

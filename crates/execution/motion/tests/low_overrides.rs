@@ -5,10 +5,9 @@
 mod common;
 
 use common::{BLEND, Pair, Scenario, check, equal_axes};
-use evolvent_gcode::{Move, MoveKind, PathMode};
 use evolvent_machine::PlannerKind;
 use evolvent_motion::{Inputs, Setpoint};
-use evolvent_path::{Arc, Axes, Curve, Line, Plane, Sense};
+use evolvent_path::{Arc, Axes, Curve, Line, Move, MoveKind, PathMode, Plane, Sense};
 
 /// By how much the feed may miss the wish.
 const ALLOWED: f64 = 1e-3;

@@ -6,10 +6,9 @@ mod common;
 
 use common::{BLEND, Pair, Scenario, equal_axes};
 use evolvent_counting::{CountingAllocator, allocations};
-use evolvent_gcode::{Move, MoveKind};
 use evolvent_machine::PlannerKind;
 use evolvent_motion::Inputs;
-use evolvent_path::{Axes, Curve, Line};
+use evolvent_path::{Axes, Curve, Line, Move, MoveKind};
 
 #[global_allocator]
 static ALLOCATOR: CountingAllocator = CountingAllocator;

@@ -5,10 +5,9 @@
 mod common;
 
 use common::{BLEND, Pair, campaign, check, equal_axes, run, scenario};
-use evolvent_gcode::{Move, MoveKind, PathMode};
 use evolvent_machine::PlannerKind;
 use evolvent_motion::{Inputs, Setpoint, State, flags};
-use evolvent_path::{Axes, Curve, Line};
+use evolvent_path::{Axes, Curve, Line, Move, MoveKind, PathMode};
 use evolvent_planner::Step;
 
 /// Time from a wish to where it takes over, s.

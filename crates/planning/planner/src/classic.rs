@@ -2,8 +2,7 @@
 //!
 //! The fallback, and what the near-optimal planner is compared with.
 
-use evolvent_gcode::{Move, MoveKind, PathMode};
-use evolvent_path::{Curve, feed_rate};
+use evolvent_path::{Curve, Move, MoveKind, PathMode, feed_rate};
 
 use crate::corner::{exact_joint_speed, round_corner};
 use crate::lookahead::LookAhead;

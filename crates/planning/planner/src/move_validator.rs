@@ -1,8 +1,7 @@
 //! What a move must be before it is planned.
 
-use evolvent_gcode::Move;
 use evolvent_machine::Limits;
-use evolvent_path::{Axes, AxisLetter, Curve};
+use evolvent_path::{Axes, AxisLetter, Curve, Move};
 
 use crate::planner::PlanError;
 

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use evolvent_gcode::{Move, MoveKind, PathMode};
+use evolvent_path::{Move, MoveKind, PathMode};
 use evolvent_smooth::{Block, Output, Settings, Smoother, Stretch, Tolerance};
 use evolvent_timing::PathLimits;
 

@@ -1,8 +1,7 @@
 //! Moves in, plan out.
 
-use evolvent_gcode::Move;
 use evolvent_machine::PlannerKind;
-use evolvent_path::AxisLetter;
+use evolvent_path::{AxisLetter, Move};
 use evolvent_timing::PathLimits;
 use thiserror::Error;
 

@@ -6,9 +6,8 @@
 use std::cell::Cell;
 use std::convert::Infallible;
 
-use evolvent_gcode::{Move, MoveKind, PathMode};
 use evolvent_machine::{Limits, PlannerKind};
-use evolvent_path::{AXES, Axes, Curve, Line};
+use evolvent_path::{AXES, Axes, Curve, Line, Move, MoveKind, PathMode};
 use evolvent_planner::{BlockMark, ExitSpeeds, PathLimits, PathRules, PlanSink, Planner, Segment, Step};
 
 /// Most marks that a window may need: what the queue to the cycle holds.

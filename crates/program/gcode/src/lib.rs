@@ -56,8 +56,9 @@ mod syntax;
 mod tables;
 
 pub use codes::code::Code;
-pub use command::{Action, Command, LogAction, Move, MoveKind, Origin, PathMode, SpindleDirection};
+pub use command::{Action, Command, LogAction, Origin, SpindleDirection};
 pub use diagnostics::diagnostic::{Call, Diagnostic};
+pub use evolvent_path::{Move, MoveKind, PathMode};
 pub use execution::cycles::turning::{TurningCycle, TurningKind};
 pub use interpreter::Interpreter;
 pub use interpreter::modal::Modal;

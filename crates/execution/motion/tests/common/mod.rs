@@ -8,10 +8,9 @@
     reason = "a test may fail, and prints its seed"
 )]
 
-use evolvent_gcode::{Move, MoveKind, PathMode};
 use evolvent_machine::{Limits, PlannerKind};
 use evolvent_motion::{Inputs, PathExecutor, PlanConsumer, PlanProducer, Setpoint, flags, plan_queue};
-use evolvent_path::{AXES, Arc, Axes, Curve, Involute, Line, Plane, Sense};
+use evolvent_path::{AXES, Arc, Axes, Curve, Involute, Line, Move, MoveKind, PathMode, Plane, Sense};
 use evolvent_planner::{PathLimits, PathRules, Planner};
 
 pub struct Random(pub u64);
