@@ -6,6 +6,7 @@ mod bore_report;
 mod bridge;
 mod chatter;
 mod check;
+mod completions;
 mod ctl;
 mod ctl_args;
 mod ctl_request;
@@ -16,6 +17,7 @@ mod feeds;
 mod figure;
 mod import;
 mod limiting;
+mod man;
 mod operator;
 mod output;
 mod plan;
@@ -35,7 +37,7 @@ mod turn;
 use std::io::{self, Write};
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 
 /// A real-time CNC core: part programs to setpoints on shared memory, every cycle recorded.
 ///
@@ -85,6 +87,10 @@ enum Command {
     /// Look into traces: info, report, export, verify, replay, compare, recover.
     #[command(allow_negative_numbers = true)]
     Trace(trace::TraceArgs),
+    /// Write the completions of a shell to standard output.
+    Completions(completions::CompletionsArgs),
+    /// Write the man pages of all commands into a folder.
+    Man(man::ManArgs),
 }
 
 /// Why a command did not do what it was asked.
@@ -125,6 +131,8 @@ fn main() -> ExitCode {
         Command::Turn(args) => turn::run(args, &mut out, &mut err),
         Command::Top(args) => top::run(args, &mut out),
         Command::Trace(args) => trace::run(args, &mut out, &mut err),
+        Command::Completions(args) => completions::run(args, Cli::command(), &mut out),
+        Command::Man(args) => man::run(args, Cli::command(), &mut out),
     };
     match result {
         Ok(Ending::Clean) => ExitCode::SUCCESS,
