@@ -230,7 +230,7 @@ fn every_command_has_a_man_page_and_completions() {
     for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
         let script = run(["completions", shell]).expect_code(&[0]).out;
         assert!(
-            script.contains("evolvent") && script.contains("--machine"),
+            script.contains("evolvent") && script.contains("machine"),
             "{shell}"
         );
     }
