@@ -7,7 +7,7 @@ use evolvent_machine::Limits;
 use evolvent_path::{AXES, Axes, AxisLetter};
 
 /// By how much a measured velocity or acceleration may exceed its limit, as a factor.
-const SLACK: f64 = 1.001;
+pub(crate) const SLACK: f64 = 1.001;
 /// The same for jerk, which is read from third differences.
 const JERK_SLACK: f64 = 1.02;
 /// Rounding of positions, mm or degrees, that the check of travel forgives.
@@ -109,6 +109,18 @@ impl Guard {
     #[must_use]
     pub fn past(&self) -> &[Axes; 3] {
         &self.past
+    }
+
+    /// Velocity and acceleration that continue the published positions, whatever the plan says of them: those of the parabola
+    /// through the last three. None near a joint of exact-path mode, whose step they contain. Real-time safe.
+    pub(crate) fn measured(&self) -> Option<(Axes, Axes)> {
+        if self.since_joint < JOINT_CYCLES {
+            return None;
+        }
+        let [p1, p2, p3] = &self.past;
+        let (d1, d2) = (p1 - p2, p2 - p3);
+        let f = self.rate_hz;
+        Some(((d1 + (d1 - d2) * 0.5) * f, (d1 - d2) * (f * f)))
     }
 
     /// Checks a position against every limit. While `braking` after a fault the speed may still be above its limit:

@@ -348,10 +348,15 @@ impl PathExecutor {
         }
     }
 
-    /// Every axis comes to rest by itself from its last published state: the path is left.
+    /// Every axis stops by itself from the motion that was published: the path is left. The plan is not to be trusted, nor
+    /// are its derivatives.
     pub(crate) fn start_quick_stop(&mut self) {
         let from = self.guard.past()[0];
-        self.quick_stop = Some(QuickStop::new(&self.limits, from, &self.last));
+        let mut last = self.last;
+        if let Some((velocity, acceleration)) = self.guard.measured() {
+            (last.first, last.second) = (velocity, acceleration);
+        }
+        self.quick_stop = Some(QuickStop::new(&self.limits, from, &last));
         self.cursor.state = State::Fault;
     }
 

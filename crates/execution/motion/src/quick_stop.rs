@@ -4,6 +4,8 @@ use evolvent_machine::Limits;
 use evolvent_path::{AXES, Axes, Jet};
 use evolvent_planner::{Profile, ScalarLimits, ScalarState};
 
+use crate::guard::SLACK;
+
 /// A stop of each axis from the last published state.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct QuickStop {
@@ -23,12 +25,14 @@ impl QuickStop {
                 continue;
             }
             let sign = if velocity < 0.0 { -1.0 } else { 1.0 };
-            let bound = limits.acceleration[i];
+            // What the guard has let pass is kept: cutting it off would be a step of acceleration.
+            let most = SLACK * limits.acceleration[i];
             let state = ScalarState {
                 x: 0.0,
                 v: velocity.abs(),
-                a: (sign * acceleration).clamp(-bound, bound),
+                a: (sign * acceleration).clamp(-most, most),
             };
+            let bound = limits.acceleration[i].max(state.a.abs());
             let limits = ScalarLimits {
                 velocity: limits.velocity[i],
                 acceleration: bound,

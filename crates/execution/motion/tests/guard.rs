@@ -1,0 +1,233 @@
+//! Limits of what is published, whatever happens: stops that are requested, and plans that the guard refuses.
+
+#![allow(clippy::expect_used, reason = "a test may fail")]
+
+mod common;
+
+use common::{BLEND, Pair, Random, Scenario, campaign, check, equal_axes, program, ratios, run};
+use evolvent_machine::PlannerKind;
+use evolvent_motion::{
+    Inputs, PathExecutor, PlanConsumer, PlanProducer, QueueClosed, Setpoint, flags, plan_queue,
+};
+use evolvent_planner::{
+    Answer, BlockMark, ExitSpeeds, PathLimits, PathRules, PlanSink, Planner, Request, Segment, Step,
+};
+use evolvent_timing::TimeLaw;
+
+const RATES: [f64; 3] = [1000.0, 4000.0, 35_000.0];
+
+/// A random program of lines, arcs and involutes, short enough for its rate.
+fn scenario(random: &mut Random, rate: f64) -> Scenario {
+    loop {
+        let scenario = Scenario {
+            limits: equal_axes(200.0, 2000.0, 50_000.0),
+            period_ns: (1e9 / rate) as u64,
+            moves: program(random, BLEND, false),
+            chord_error_mm: 1e-2,
+            planner: PlannerKind::Optimal,
+        };
+        let seconds: f64 = scenario
+            .moves
+            .iter()
+            .map(|one| one.curve.length() / one.feed.min(100.0))
+            .sum();
+        if seconds * rate < 1.5e5 && seconds > 0.2 {
+            return scenario;
+        }
+    }
+}
+
+#[test]
+fn stops_keep_every_limit_however_the_planner_answers() {
+    let (mut random, cases) = campaign(0x1401_0010, 9);
+    let mut most = [0.0_f64; 3];
+    for case in 0..cases {
+        let scenario = scenario(&mut random, RATES[case % 3]);
+        let (plain, _) = run(&scenario, |_| Inputs::default());
+        for trial in 0..6 {
+            // Absent from the stop to rest, refused, or in time.
+            let (absent, refused) = (trial % 3 == 0, trial % 3 == 1);
+            let moment = 1 + random.pick(plain.len() - 2);
+            let until = moment + 1 + random.pick(plain.len());
+            let lowered = if random.unit() < 0.4 {
+                random.between(0.05, 0.95)
+            } else {
+                0.0
+            };
+            let what = format!("case {case}, trial {trial}, {lowered} from {moment} to {until}");
+            let mut pair = Pair::new(&scenario);
+            let mut out: Vec<Setpoint> = Vec::new();
+            while !pair.motion.is_over() {
+                let stopping = (moment..until).contains(&out.len());
+                pair.motion.refuse_plan(refused && stopping);
+                if !(absent && stopping) {
+                    pair.plan_ahead(&scenario);
+                }
+                out.push(pair.step(&Inputs {
+                    hold: stopping && lowered == 0.0,
+                    feed_override: if stopping && lowered > 0.0 { lowered } else { 1.0 },
+                    ..Inputs::default()
+                }));
+                assert!(out.len() < 2_000_000, "{what}: does not end");
+            }
+            check(&scenario, &out, &pair.motion, 0.02, &what);
+            for (most, ratio) in most.iter_mut().zip(ratios(&scenario, &out)) {
+                *most = most.max(ratio);
+            }
+        }
+    }
+    println!("worst ratios of velocity, acceleration, jerk: {most:.5?}");
+}
+
+/// Passes a plan on, with one piece of it falsified.
+struct Falsifier<W> {
+    sink: PlanProducer<W>,
+    steps: usize,
+    /// Which piece, the step of acceleration, and the factor of its change.
+    at: usize,
+    step: f64,
+    factor: f64,
+}
+
+impl<W: FnMut() -> bool> PlanSink for Falsifier<W> {
+    type Error = QueueClosed;
+
+    fn segment(&mut self, segment: &Segment) -> Result<(), QueueClosed> {
+        self.sink.segment(segment)
+    }
+
+    fn step(&mut self, step: &Step) -> Result<(), QueueClosed> {
+        let mut step = *step;
+        if let Step::TimedSegment(flow) = &mut step {
+            self.steps += 1;
+            if self.steps == self.at {
+                match &mut flow.piece.law {
+                    TimeLaw::Flow { b, c, .. } => (*b, *c) = (*b + self.step, *c * self.factor),
+                    TimeLaw::Jerk { a, j, .. } => (*a, *j) = (*a + self.step, *j * self.factor),
+                }
+            }
+        }
+        self.sink.step(&step)
+    }
+
+    fn exit(&mut self, index: u64, speeds: ExitSpeeds) {
+        self.sink.exit(index, speeds);
+    }
+
+    fn finalise(&mut self, count: u64) {
+        self.sink.finalise(count);
+    }
+
+    fn mark(&mut self, mark: &BlockMark) -> Result<(), QueueClosed> {
+        self.sink.mark(mark)
+    }
+
+    fn link(&mut self, from: u64, to: u64) -> bool {
+        self.sink.link(from, to)
+    }
+
+    fn has_room(&self, steps: usize, segments: usize, marks: usize) -> bool {
+        self.sink.has_room(steps, segments, marks)
+    }
+
+    fn wait(&mut self) -> Result<(), QueueClosed> {
+        self.sink.wait()
+    }
+
+    fn request(&mut self) -> Option<Request> {
+        self.sink.request()
+    }
+
+    fn answer(&mut self, answer: Answer) {
+        self.sink.answer(answer);
+    }
+
+    fn taken(&self) -> u64 {
+        self.sink.taken()
+    }
+
+    fn reached(&self) -> u64 {
+        self.sink.reached()
+    }
+}
+
+/// Drives a falsified plan to its end.
+fn drive(scenario: &Scenario, at: usize, step: f64, factor: f64) -> (Vec<Setpoint>, PathExecutor) {
+    let (sink, queue): (_, PlanConsumer) = plan_queue(|| false);
+    let mut queue = queue;
+    let sink = Falsifier {
+        sink,
+        steps: 0,
+        at,
+        step,
+        factor,
+    };
+    let rules = PathRules {
+        blend_tolerance_mm: 0.01,
+        joint_time_s: 0.001,
+        planner: scenario.planner,
+        feed_override: 1.0,
+    };
+    let limits = PathLimits::new(
+        scenario.limits,
+        1e9 / scenario.period_ns as f64,
+        scenario.chord_error_mm,
+    );
+    let mut planner = Planner::new(limits, rules, sink);
+    let mut motion = scenario.motion();
+    let (mut out, mut fed) = (Vec::new(), 0);
+    while !motion.is_over() {
+        let mut tries = 0;
+        while !motion.is_ready(&mut queue) && tries < 2000 {
+            if let Some(one) = scenario.moves.get(fed) {
+                planner.push(one, fed as u32 + 1, fed as u32).expect("plan");
+            } else if fed == scenario.moves.len() {
+                planner.finish(9999).expect("finish");
+            }
+            fed += 1;
+            tries += 1;
+            let _full = planner.poll();
+        }
+        out.push(motion.step(&Inputs::default(), &mut queue));
+        assert!(out.len() < 2_000_000, "does not end");
+    }
+    (out, motion)
+}
+
+#[test]
+fn whatever_the_guard_refuses_what_is_published_keeps_the_limits() {
+    let (mut random, cases) = campaign(0x1401_0011, 60);
+    let (mut most, mut provoked) = ([0.0_f64; 3], 0);
+    for case in 0..cases {
+        let scenario = scenario(&mut random, RATES[case % 3]);
+        let at = 1 + random.pick(80);
+        let sign = if random.unit() < 0.5 { -1.0 } else { 1.0 };
+        let (step, factor) = match random.pick(3) {
+            0 => (sign * random.log(20.0, 5000.0), 1.0),
+            1 => (0.0, sign * random.log(1.1, 50.0)),
+            _ => (sign * random.log(1.0, 500.0), random.log(0.1, 10.0)),
+        };
+        let (out, motion) = drive(&scenario, at, step, factor);
+        if motion.fault().is_none() {
+            continue;
+        }
+        provoked += 1;
+        let [v, a, j] = ratios(&scenario, &out);
+        for (most, ratio) in most.iter_mut().zip([v, a, j]) {
+            *most = most.max(ratio);
+        }
+        let what = format!(
+            "case {case} at {} Hz: piece {at}, {step}, {factor}: {v} {a} {j}, {:?}",
+            RATES[case % 3],
+            motion.fault()
+        );
+        assert!(out.iter().any(|setpoint| setpoint.flags & flags::GUARD != 0));
+        // Above its limit the speed is while the acceleration that it came with goes down: a^2 / (2 J) at most.
+        let overshoot = 2000.0 * 2000.0 / (2.0 * 50_000.0) / 200.0;
+        assert!(v <= 1.001 * (1.0 + overshoot), "{what}");
+        assert!(a <= 1.002, "{what}");
+        assert!(j <= 1.021, "{what}");
+    }
+    assert!(provoked > cases / 4, "{provoked} of {cases} provoked the guard");
+    println!("{provoked} of {cases}, worst ratios of velocity, acceleration, jerk: {most:.5?}");
+}
