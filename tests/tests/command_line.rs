@@ -73,7 +73,7 @@ fn json_of_run_and_plan_has_the_fields_of_the_contract() {
     for field in ["cycles", "end_position", "max_jerk_mm_s3", "path_length_mm"] {
         assert_eq!(summary[field], plan[field], "{field}");
     }
-    assert_fields(&plan, &["needed_rate_hz", "warnings"]);
+    assert_fields(&plan, &["needed_rate_hz", "longest_stop_mm", "warnings"]);
 }
 
 #[test]

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::Args;
-use evolvent_machine::{Machine, rate_for};
-use evolvent_motion::Setpoint;
+use evolvent_machine::{Machine, PlannerKind, rate_for};
+use evolvent_motion::{Setpoint, StoppingDistance};
 use evolvent_runtime::{Clock, Controls, Job, RunOutcome};
 use serde::Serialize;
 
@@ -62,6 +62,19 @@ struct NeededRate {
     needed_at_feed_mm_min: f64,
 }
 
+/// The hold that needs the longest path. Absent for the classic planner, whose holds are profiles of their own.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+struct StopOfPlan {
+    /// Path from the hold to rest.
+    longest_stop_mm: Option<f64>,
+    /// Time from the hold to rest.
+    longest_stop_s: Option<f64>,
+    /// Program line at the hold.
+    longest_stop_line: Option<u32>,
+    /// Path time of the hold.
+    longest_stop_at_s: Option<f64>,
+}
+
 pub(crate) fn run(args: &PlanArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Ending, CommandError> {
     let mut setup = args.program.setup()?;
     let case = process::sort_out(&mut setup, &args.process, Clock::Virtual)?;
@@ -103,11 +116,18 @@ pub(crate) fn run(args: &PlanArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
     };
     let classifier = Classifier::new(&machine, period_s);
     let mut needed = NeededRate::default();
+    let mut stops = match machine.path.planner {
+        PlannerKind::Optimal => Some(StoppingDistance::new(machine.limits(), period_s)),
+        PlannerKind::Classic => None,
+    };
     let mut failure: Option<io::Error> = None;
     let controls = Arc::new(Controls::new(args.feed_override));
     let mut screen = Screen::new(&job.program, args.json, false);
     let result = evolvent_runtime::run(&job, &controls, &mut screen, |setpoint| {
         needed.see(setpoint, &machine);
+        if let Some(stops) = &mut stops {
+            stops.push(setpoint);
+        }
         let word = feeds.as_mut().and_then(|feeds| feeds.of_block(setpoint.block));
         if let Some(figure) = &mut figure {
             figure.see(setpoint, word, classifier.classify(setpoint, word));
@@ -136,11 +156,13 @@ pub(crate) fn run(args: &PlanArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
         (Some(line), Some((watch, program))) => Some(explain(line, program, watch, &job, &outcome)),
         _ => None,
     };
+    let stop = StopOfPlan::of(stops.as_ref(), period_s);
     let lost = |error: io::Error| CommandError::Failed(format!("the plan cannot be written: {error}"));
     if args.json {
         let text = merge(
             &outcome.summary,
             &needed,
+            &stop,
             explanation.as_ref(),
             chatter.as_ref().map_or(&[][..], |chatter| &chatter.found),
         )
@@ -153,7 +175,7 @@ pub(crate) fn run(args: &PlanArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
         return report(true, &outcome, &mut io::sink(), err);
     }
     let ending = report(false, &outcome, out, err)?;
-    needed.write(out).map_err(lost)?;
+    needed.write(out).and_then(|()| stop.write(out)).map_err(lost)?;
     Ok(ending)
 }
 
@@ -219,6 +241,7 @@ fn open_feeds(job: &Job) -> Result<Feeds, CommandError> {
 fn merge(
     summary: &evolvent_runtime::Summary,
     needed: &NeededRate,
+    stop: &StopOfPlan,
     explanation: Option<&Explanation>,
     chatter: &[Warning],
 ) -> serde_json::Result<String> {
@@ -227,6 +250,9 @@ fn merge(
         (object.as_object_mut(), serde_json::to_value(needed)?)
     {
         object.extend(more);
+        if let serde_json::Value::Object(stop) = serde_json::to_value(stop)? {
+            object.extend(stop);
+        }
         object.insert("warnings".to_owned(), serde_json::to_value(&summary.notes)?);
         object.insert("chatter".to_owned(), serde_json::to_value(chatter)?);
         if let Some(explanation) = explanation {
@@ -267,6 +293,33 @@ impl NeededRate {
             out,
             "  this plan needs a control rate of {:.2} Hz: line {}, radius {:.4} mm at {:.1} mm/min",
             self.needed_rate_hz, self.needed_at_line, self.needed_at_radius_mm, self.needed_at_feed_mm_min
+        )
+    }
+}
+
+impl StopOfPlan {
+    fn of(stops: Option<&StoppingDistance>, period_s: f64) -> Self {
+        let Some(longest) = stops.and_then(StoppingDistance::longest) else {
+            return Self::default();
+        };
+        Self {
+            longest_stop_mm: Some(longest.path_mm),
+            longest_stop_s: Some(longest.seconds),
+            longest_stop_line: Some(longest.line),
+            longest_stop_at_s: Some((longest.sequence + 1) as f64 * period_s),
+        }
+    }
+
+    fn write(&self, out: &mut dyn Write) -> io::Result<()> {
+        let (Some(path), Some(seconds), Some(line)) =
+            (self.longest_stop_mm, self.longest_stop_s, self.longest_stop_line)
+        else {
+            return Ok(());
+        };
+        writeln!(
+            out,
+            "  a hold stops within {path:.3} mm and {:.0} ms: longest on line {line}",
+            1e3 * seconds
         )
     }
 }

@@ -45,10 +45,9 @@ impl PathExecutor {
                 let mut ahead = Ahead {
                     preview: &mut self.preview,
                     queue,
-                    limits: &self.limits,
                     tail: self.withhold,
                 };
-                let left = slowdown.advance(self.period, &mut ahead);
+                let left = slowdown.advance(self.period, &self.limits, &mut ahead);
                 self.waited |= self.preview.take_met_tail();
                 left
             }

@@ -31,6 +31,7 @@ mod scale;
 mod setpoint;
 mod slowdown;
 mod state;
+mod stopping_distance;
 mod transfer_executor;
 mod turning;
 
@@ -40,5 +41,6 @@ pub use path_executor::PathExecutor;
 pub use queue::{PlanConsumer, PlanProducer, QueueClosed, STEPS_AHEAD, TurningSender, plan_queue};
 pub use setpoint::{Inputs, Setpoint};
 pub use state::{State, flags};
+pub use stopping_distance::{LongestStop, StoppingDistance};
 pub use transfer_executor::TransferExecutor;
 pub use turning::{Turning, TurningFrame};

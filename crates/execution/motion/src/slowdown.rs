@@ -92,13 +92,45 @@ impl RateState {
     }
 }
 
-/// What a slowdown looks at: the plan ahead, and the limits that it keeps.
+/// Samples of the plan ahead, by index in the order of plan time.
+pub(crate) trait Lookahead {
+    /// Index of the oldest sample that is held.
+    fn oldest(&self) -> usize;
+
+    /// Drops the samples before plan time `time`, except the last of them.
+    fn release(&mut self, time: f64);
+
+    /// Sample number `index`; none after the plan's end or beyond the range of the look ahead.
+    fn sample(&mut self, index: usize) -> Option<&Sample>;
+
+    /// Plan time at which the plan rests, once that has been met.
+    fn rests_at(&self) -> Option<f64>;
+}
+
+/// The plan in the queue, as the cycle looks ahead.
 pub(crate) struct Ahead<'a> {
     pub(crate) preview: &'a mut PlanPreview,
     pub(crate) queue: &'a mut PlanConsumer,
-    pub(crate) limits: &'a Limits,
     /// The look ahead ends at the tail in force, whether there is more by now or not.
     pub(crate) tail: bool,
+}
+
+impl Lookahead for Ahead<'_> {
+    fn oldest(&self) -> usize {
+        self.preview.oldest()
+    }
+
+    fn release(&mut self, time: f64) {
+        self.preview.release(time);
+    }
+
+    fn sample(&mut self, index: usize) -> Option<&Sample> {
+        self.preview.sample(index, self.tail, self.queue)
+    }
+
+    fn rests_at(&self) -> Option<f64> {
+        self.preview.rests_at()
+    }
 }
 
 /// A slowdown. `Copy`: the samples that it looks at are in a [`PlanPreview`] beside it.
@@ -169,6 +201,11 @@ impl Slowdown {
         (target - self.target).abs() <= NEARLY * self.target
     }
 
+    /// Plan time since it began, s.
+    pub(crate) fn plan_time(&self) -> f64 {
+        self.now.time
+    }
+
     /// Whether plan time stands still.
     pub(crate) fn is_at_rest(&self) -> bool {
         self.phase == Phase::Steady && self.now.rate == 0.0
@@ -180,7 +217,7 @@ impl Slowdown {
     }
 
     /// Advances by `period`; returns how far plan time advances. Real-time safe.
-    pub(crate) fn advance(&mut self, period: f64, ahead: &mut Ahead<'_>) -> f64 {
+    pub(crate) fn advance<A: Lookahead>(&mut self, period: f64, limits: &Limits, ahead: &mut A) -> f64 {
         let before = self.now.time;
         let mut rest = period;
         while rest > 0.0 {
@@ -190,7 +227,7 @@ impl Slowdown {
             }
             // A period that is a whole number of steps has no sliver of one more.
             if self.left <= NO_TIME_S {
-                self.end_step(ahead);
+                self.end_step(limits, ahead);
                 continue;
             }
             let part = rest.min(self.left);
@@ -217,7 +254,7 @@ impl Slowdown {
     }
 
     /// What comes after a step.
-    fn end_step(&mut self, ahead: &mut Ahead<'_>) {
+    fn end_step<A: Lookahead>(&mut self, limits: &Limits, ahead: &mut A) {
         let off = (self.now.rate - self.target).abs();
         if let Phase::Diverted(left) = self.phase
             && left <= NO_TIME_S
@@ -230,18 +267,19 @@ impl Slowdown {
         if self.phase == Phase::Landing || (self.now.first.abs() <= STILL && off <= AT_TARGET) {
             self.settle(self.target);
         } else {
-            self.next_step(ahead);
+            self.next_step(limits, ahead);
         }
     }
 
     /// Chooses `s''` for the next step.
-    fn next_step(&mut self, ahead: &mut Ahead<'_>) {
+    fn next_step<A: Lookahead>(&mut self, limits: &Limits, ahead: &mut A) {
         let from = self.now;
-        ahead.preview.release(from.time);
-        let begin = ahead.preview.oldest();
+        ahead.release(from.time);
+        let begin = ahead.oldest();
         self.left = STEP_S;
         let mut follower = Follower {
             ahead,
+            limits,
             target: self.target,
         };
         let Some((bounds, _)) = follower.bounds(from, begin, STEP_S) else {
@@ -331,12 +369,13 @@ impl Bounds {
 }
 
 /// Follows a slowdown over the plan ahead.
-struct Follower<'a, 'b> {
-    ahead: &'a mut Ahead<'b>,
+struct Follower<'a, A> {
+    ahead: &'a mut A,
+    limits: &'a Limits,
     target: f64,
 }
 
-impl Follower<'_, '_> {
+impl<A: Lookahead> Follower<'_, A> {
     /// Whether the slowdown can go over to a constant rate after a step with this `s''`.
     fn outlook(&mut self, from: RateState, begin: usize, second: f64) -> Outlook {
         let falls = self.target < from.rate;
@@ -408,19 +447,18 @@ impl Follower<'_, '_> {
     /// Whether the plan stops within the next step.
     fn rests(&self, now: RateState) -> bool {
         let end = now.time + STEP_S * now.rate;
-        self.ahead.preview.rests_at().is_some_and(|rest| rest <= end)
+        self.ahead.rests_at().is_some_and(|rest| rest <= end)
     }
 
     fn sample(&mut self, index: usize) -> Option<&Sample> {
-        let tail = self.ahead.tail;
-        self.ahead.preview.sample(index, tail, self.ahead.queue)
+        self.ahead.sample(index)
     }
 
     /// What a step of `span` seconds allows, from the plan at its start, at its end and at the samples between; and the last
     /// sample before its end. None where the plan ends before the step.
     fn bounds(&mut self, from: RateState, begin: usize, span: f64) -> Option<(Bounds, usize)> {
         let end = from.time + span * (from.rate + 0.5 * span * from.first).max(0.0);
-        let limits = self.ahead.limits;
+        let limits = self.limits;
         let mut gathered = Gathered::new(limits, from, span);
         let (mut index, mut left) = (begin, *self.sample(begin)?);
         let mut right = *self.sample(index + 1)?;
@@ -441,7 +479,7 @@ impl Follower<'_, '_> {
 }
 
 /// The plan between two samples: cubic in velocity and acceleration, whose derivatives are known too, linear in jerk.
-fn between(left: &Sample, right: &Sample, time: f64) -> Sample {
+pub(crate) fn between(left: &Sample, right: &Sample, time: f64) -> Sample {
     let length = right.time - left.time;
     let t = ((time - left.time) / length).clamp(0.0, 1.0);
     let (u, tt) = (1.0 - t, t * t);
@@ -612,10 +650,9 @@ mod tests {
             let mut ahead = Ahead {
                 preview,
                 queue,
-                limits: &limits,
                 tail: false,
             };
-            time += slowdown.advance(PERIOD_S, &mut ahead);
+            time += slowdown.advance(PERIOD_S, &limits, &mut ahead);
             seconds += PERIOD_S;
             let Scale { rate, first, second } = slowdown.scale();
             assert!((0.0..=1.001).contains(&rate), "{rate}");
@@ -681,10 +718,9 @@ mod tests {
                 let mut ahead = Ahead {
                     preview,
                     queue,
-                    limits: &limits,
                     tail: false,
                 };
-                slowdown.advance(PERIOD_S, &mut ahead);
+                slowdown.advance(PERIOD_S, &limits, &mut ahead);
             }
             if slowdown.steady_rate().is_none() {
                 let _led = slowdown.lead_to(0.0);

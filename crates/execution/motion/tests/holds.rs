@@ -6,7 +6,7 @@ mod common;
 
 use common::{BLEND, Pair, Random, Scenario, campaign, check, equal_axes, run};
 use evolvent_machine::{Limits, PlannerKind};
-use evolvent_motion::{Inputs, Setpoint, State};
+use evolvent_motion::{Inputs, Setpoint, State, StoppingDistance};
 use evolvent_path::{AXES, Axes, Curve, Line, Move, MoveKind};
 
 /// A contour in chords of 0.01 to 0.2 mm in three axes, with plunges, as CAM writes it.
@@ -198,4 +198,45 @@ fn lowered_overrides_on_dense_contours_are_met_without_a_planner() {
             );
         }
     }
+}
+
+#[test]
+fn the_longest_stop_of_a_plan_is_what_a_hold_there_needs() {
+    let (mut random, cases) = campaign(0x1401_0003, 6);
+    let (mut least, mut most) = (f64::INFINITY, 0.0_f64);
+    for case in 0..cases {
+        let mut scenario = dense(&mut random, 700, equal_axes(200.0, 2000.0, 50_000.0));
+        scenario.period_ns = [1_000_000, 250_000][case % 2];
+        let (plain, _) = run(&scenario, |_| Inputs::default());
+        let mut stops = StoppingDistance::new(scenario.limits, scenario.period_ns as f64 * 1e-9);
+        plain.iter().for_each(|setpoint| stops.push(setpoint));
+        let longest = stops.longest().expect("something moves");
+        let distance = |moment: usize| {
+            let (held, rest) = hold_at(&scenario, moment, false, &format!("case {case}"));
+            held[rest].path_mm - held[moment - 1].path_mm
+        };
+        // The margin of coarse setpoints is wider.
+        let least_ratio = [0.85, 0.9][case % 2];
+        let moment = longest.sequence as usize + 1;
+        let measured = distance(moment);
+        assert_eq!(plain[moment - 1].line, longest.line);
+        (least, most) = (
+            least.min(measured / longest.path_mm),
+            most.max(measured / longest.path_mm),
+        );
+        println!("case {case}: {measured:.3} mm, {longest:?}");
+        assert!(
+            measured <= longest.path_mm && measured >= least_ratio * longest.path_mm,
+            "case {case}"
+        );
+        // Nor does another hold need more.
+        for _ in 0..6 {
+            let elsewhere = distance(1 + random.pick(plain.len() - 2));
+            assert!(
+                elsewhere <= longest.path_mm,
+                "case {case}: {elsewhere} of {longest:?}"
+            );
+        }
+    }
+    println!("{least:.4} to {most:.4} of what is reported");
 }
