@@ -1,6 +1,6 @@
 //! One period along the plan.
 
-use evolvent_path::{Axes, Jet};
+use evolvent_path::Jet;
 use evolvent_planner::{Outcome, Profile, Run, ScalarLimits, ScalarState, Segment, Step, TimedSegment};
 
 use crate::cursor::{ActiveMotion, Cursor, RunDrive};
@@ -281,7 +281,7 @@ impl PathExecutor {
             cursor.segment_start = -from;
         }
         let Some(mut segment) = queue.segment(cursor.segment) else {
-            return (at_rest(self.last), None);
+            return (Jet::at_rest(self.last.position), None);
         };
         if matches!(cursor.drive, ActiveMotion::Run(_)) {
             for _ in 0..MAX_PER_CYCLE {
@@ -327,29 +327,9 @@ impl PathExecutor {
         }
         if cursor.is_still() {
             // Zero times a derivative may be -0.0, and whether there is a segment yet is a matter of the planner's speed.
-            return (at_rest(place), Some(segment));
+            return (Jet::at_rest(place.position), Some(segment));
         }
-        (by_time(&place, now.v, now.a, jerk), Some(segment))
-    }
-}
-
-/// The same place without motion.
-fn at_rest(place: Jet) -> Jet {
-    Jet {
-        position: place.position,
-        first: Axes::zeros(),
-        second: Axes::zeros(),
-        third: Axes::zeros(),
-    }
-}
-
-/// Position and derivatives by time, of those by the path parameter, which has this speed, acceleration and jerk.
-pub(crate) fn by_time(place: &Jet, v: f64, a: f64, jerk: f64) -> Jet {
-    Jet {
-        position: place.position,
-        first: place.first * v,
-        second: place.second * (v * v) + place.first * a,
-        third: place.third * (v * v * v) + place.second * (3.0 * v * a) + place.first * jerk,
+        (place.compose(now.v, now.a, jerk), Some(segment))
     }
 }
 

@@ -42,7 +42,7 @@ impl MachineState {
             period,
             guard: Guard::new(limits, period, position),
             sequence: 0,
-            last: still(position),
+            last: Jet::at_rest(position),
             line: 0,
             block: 0,
             actions: 0,
@@ -93,7 +93,7 @@ impl MachineState {
         let extremes = *self.guard.extremes();
         self.limits = limits;
         self.guard = Guard::resting(limits, self.period, position, extremes);
-        self.last = still(position);
+        self.last = Jet::at_rest(position);
     }
 
     /// At rest at `position`, the next setpoint being number `sequence`, `path_mm` into the last job: for going through what
@@ -114,7 +114,7 @@ impl MachineState {
             }
             return self.publish(jet, State::Stopping, 0);
         }
-        let jet = still(self.last.position);
+        let jet = Jet::at_rest(self.last.position);
         self.publish(jet, state, 0)
     }
 
@@ -141,7 +141,7 @@ impl MachineState {
 
     /// A job has ended where the axes are at rest.
     pub fn end(&mut self) {
-        self.last = still(self.guard.past()[0]);
+        self.last = Jet::at_rest(self.guard.past()[0]);
         self.line = 0;
     }
 
@@ -185,7 +185,7 @@ impl MachineState {
         // The travel is the last line; standing still is all that is left beyond it.
         let mut bits = bits;
         if self.guard.check_place(&jet.position).is_err() {
-            jet = still(self.guard.past()[0]);
+            jet = Jet::at_rest(self.guard.past()[0]);
             self.quick_stop = None;
             bits |= flags::GUARD;
         }
@@ -208,14 +208,5 @@ impl MachineState {
             flags: bits,
             actions: self.actions,
         }
-    }
-}
-
-fn still(position: Axes) -> Jet {
-    Jet {
-        position,
-        first: Axes::zeros(),
-        second: Axes::zeros(),
-        third: Axes::zeros(),
     }
 }

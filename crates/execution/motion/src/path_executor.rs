@@ -61,12 +61,6 @@ impl PathExecutor {
     #[must_use]
     pub fn new(limits: Limits, period_ns: u64, position: Axes) -> Self {
         let period = period_ns as f64 * 1e-9;
-        let still = Jet {
-            position,
-            first: Axes::zeros(),
-            second: Axes::zeros(),
-            third: Axes::zeros(),
-        };
         Self {
             period,
             limits,
@@ -78,7 +72,7 @@ impl PathExecutor {
             resume_seen: false,
             fault: None,
             quick_stop: None,
-            last: still,
+            last: Jet::at_rest(position),
             asking: ReplanState::new(period),
             preview: PlanPreview::new(),
             waited: false,

@@ -7,7 +7,6 @@
 use evolvent_path::{AXES, Axes};
 use evolvent_planner::{Step, TimedSegment};
 
-use crate::advance::by_time;
 use crate::queue::PlanConsumer;
 
 /// Largest distance of two samples, s of plan time. Tuned: with 0.25 ms holds are as short and keep the limits as well.
@@ -167,7 +166,7 @@ impl PlanPreview {
         let segment = queue.segment(piece.stretch)?;
         let (state, jerk) = piece.law.at(frontier.at);
         let x = (piece.from + state.x).min(segment.length);
-        let jet = by_time(&segment.jet(x), state.v, state.a, jerk);
+        let jet = segment.jet(x).compose(state.v, state.a, jerk);
         self.samples[self.next % CAPACITY] = Sample {
             time: frontier.starts + frontier.at,
             first: jet.first,

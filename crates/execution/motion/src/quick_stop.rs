@@ -57,12 +57,7 @@ impl QuickStop {
     /// Position and derivatives one period later. Real-time safe.
     pub(crate) fn advance(&mut self, period: f64) -> Jet {
         self.time += period;
-        let mut jet = Jet {
-            position: self.from,
-            first: Axes::zeros(),
-            second: Axes::zeros(),
-            third: Axes::zeros(),
-        };
+        let mut jet = Jet::at_rest(self.from);
         for (i, (profile, sign)) in self.axes.iter().enumerate() {
             let (now, jerk) = profile.at(self.time);
             jet.position[i] += sign * now.x;

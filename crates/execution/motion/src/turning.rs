@@ -40,12 +40,7 @@ impl TurningFrame {
     }
 
     fn jet(&self, along: &AxisPoint, out: &AxisPoint) -> Jet {
-        let mut jet = Jet {
-            position: self.position(along.position, out.position),
-            first: Axes::zeros(),
-            second: Axes::zeros(),
-            third: Axes::zeros(),
-        };
+        let mut jet = Jet::at_rest(self.position(along.position, out.position));
         for ((axis, _, sign), point) in [(self.along, along), (self.out, out)] {
             let i = axis.index();
             jet.first[i] = sign * point.velocity;
