@@ -214,10 +214,10 @@ fn overrides_that_were_not_met_make_no_hold_slower() {
     assert!(lost <= met + 20, "{lost} cycles, {met} where overrides were met");
 }
 
-/// Cycles from a hold at this cycle to rest.
+/// Periods from the last setpoint before a hold at this cycle to rest.
 fn cycles_to_rest(setpoints: &[Setpoint], hold: usize) -> usize {
     let rest = (hold..setpoints.len()).find(|&k| setpoints[k].state == State::Held);
-    rest.expect("comes to rest") - hold
+    rest.expect("comes to rest") - (hold - 1)
 }
 
 /// A hold begins to brake at once, and after two requests of 10 ms each that nobody has met it brakes on by itself. That
