@@ -14,7 +14,7 @@ use evolvent_turning::{
 use rtrb::{Consumer, Producer};
 
 use crate::job::Clock;
-use crate::pacing::{Pacing, RealTimer};
+use crate::pacing::{LatenessCounter, Pacing, RealTimer};
 use crate::rt::MonotonicClock;
 use crate::shared::Controls;
 use crate::standby::{NotBegun, Standby};
@@ -161,7 +161,7 @@ impl CycleLoop {
         };
         let realtime = self.clock == Clock::Realtime;
         let mut pacing = Pacing::new(MonotonicClock::now_ns(), self.period_ns, self.lead_cycles);
-        let mut late_in_a_row = 0;
+        let mut late = LatenessCounter::new(self.max_late_cycles);
         let mut resumed = false;
         let (mut simulated, mut load_before) = (None, None);
         let mut adaptive = self
@@ -228,16 +228,12 @@ impl CycleLoop {
                 let now = MonotonicClock::now_ns();
                 work = now.saturating_sub(cycle.begun_ns);
                 report.lateness.record(lateness as i64);
-                if now > cycle.due_ns {
+                if late.count(&cycle, now) {
                     setpoint.flags |= flags::LATE;
-                    report.late_cycles += 1;
-                    late_in_a_row += 1;
-                    if self.max_late_cycles > 0 && late_in_a_row >= self.max_late_cycles {
-                        report.stopped_for_lateness = true;
-                        self.controls.raise(Alarm::Lateness);
-                    }
-                } else {
-                    late_in_a_row = 0;
+                }
+                if late.is_too_late() {
+                    report.stopped_for_lateness = true;
+                    self.controls.raise(Alarm::Lateness);
                 }
             }
             if setpoint.flags & flags::STARVED != 0 {
@@ -298,6 +294,7 @@ impl CycleLoop {
                 break;
             }
         }
+        report.late_cycles = late.total();
         self.controls.abandon();
         report.process = self.process;
         report

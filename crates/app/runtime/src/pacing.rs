@@ -89,6 +89,47 @@ impl Pacing {
     }
 }
 
+/// Counts the setpoints that are finished after they are due.
+#[derive(Clone, Debug)]
+pub(crate) struct LatenessCounter {
+    max_in_a_row: u32,
+    in_a_row: u32,
+    total: u64,
+}
+
+impl LatenessCounter {
+    /// More than `max_in_a_row` - 1 late setpoints in a row are too many; 0: any number is permitted.
+    pub(crate) fn new(max_in_a_row: u32) -> Self {
+        Self {
+            max_in_a_row,
+            in_a_row: 0,
+            total: 0,
+        }
+    }
+
+    /// Counts the setpoint of a cycle that is finished at this moment. Returns whether it is late.
+    pub(crate) fn count(&mut self, cycle: &Cycle, finished_ns: u64) -> bool {
+        let is_late = finished_ns > cycle.due_ns;
+        if is_late {
+            self.total += 1;
+            self.in_a_row = self.in_a_row.saturating_add(1);
+        } else {
+            self.in_a_row = 0;
+        }
+        is_late
+    }
+
+    /// Whether too many setpoints in a row are late.
+    pub(crate) fn is_too_late(&self) -> bool {
+        self.max_in_a_row > 0 && self.in_a_row >= self.max_in_a_row
+    }
+
+    /// Late setpoints so far.
+    pub(crate) fn total(&self) -> u64 {
+        self.total
+    }
+}
+
 /// Cycles that are computed in a row.
 pub(crate) fn cycles_per_wake(period_ns: u64) -> u64 {
     MIN_WAKE_NS.div_ceil(period_ns.max(1)).max(1)
@@ -181,6 +222,31 @@ mod tests {
             assert!((250_000..1_000_000 + 4_000_000).contains(&wake_interval_ns(period_ns)));
         }
         assert_eq!(cycles(1_000_000, 50, &[0]).1, 50);
+    }
+
+    #[test]
+    fn late_setpoints_in_a_row_are_too_many_and_one_in_time_begins_anew() {
+        let cycle = Cycle {
+            deadline_ns: 1000,
+            due_ns: 3000,
+            begun_ns: 1100,
+            lateness_ns: 100,
+        };
+        let (in_time_ns, late_ns) = (3000, 3001);
+        let mut lateness = LatenessCounter::new(3);
+        let mut never = LatenessCounter::new(0);
+        let mut seen = Vec::new();
+        for finished_ns in [
+            late_ns, late_ns, in_time_ns, late_ns, late_ns, late_ns, in_time_ns,
+        ] {
+            let is_late = lateness.count(&cycle, finished_ns);
+            assert_eq!(is_late, never.count(&cycle, finished_ns));
+            assert_eq!(is_late, finished_ns == late_ns);
+            assert!(!never.is_too_late());
+            seen.push(lateness.is_too_late());
+        }
+        assert_eq!(seen, [false, false, false, false, false, true, false]);
+        assert_eq!((lateness.total(), never.total()), (5, 5));
     }
 
     #[test]

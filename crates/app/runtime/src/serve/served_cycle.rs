@@ -14,7 +14,7 @@ use rtrb::{Consumer, Producer};
 
 use super::orders::{ActiveJob, CycleCommand, CycleEvent, CycleView, Following, Order};
 use crate::cycle::{CycleSample, DriveRequest, DueSetpoint, input_bits, sample};
-use crate::pacing::{Pacing, RealTimer};
+use crate::pacing::{LatenessCounter, Pacing, RealTimer};
 use crate::rt::MonotonicClock;
 use crate::shared::Controls;
 
@@ -74,8 +74,6 @@ struct CycleState {
     switches_expected: u32,
     presence: Presence,
     ending: bool,
-    late_in_a_row: u32,
-    late_cycles: u64,
     dropped_records: u64,
     dropped_setpoints: u64,
     /// As the drives told it last; not a number where none answers.
@@ -151,8 +149,6 @@ impl ServedCycle {
             switches_expected: 0,
             presence: Presence::Absent,
             ending: false,
-            late_in_a_row: 0,
-            late_cycles: 0,
             dropped_records: 0,
             dropped_setpoints: 0,
             following_error: [f64::NAN; AXES],
@@ -160,6 +156,7 @@ impl ServedCycle {
             turned: None,
         };
         let mut pacing = Pacing::new(MonotonicClock::now_ns(), self.period_ns, self.lead_cycles);
+        let mut late = LatenessCounter::new(self.max_late_cycles);
         loop {
             let cycle = pacing.wait(&mut RealTimer);
             let lateness = cycle.lateness_ns;
@@ -181,13 +178,11 @@ impl ServedCycle {
             }
             let done = MonotonicClock::now_ns();
             let work = done.saturating_sub(cycle.begun_ns);
-            if done > cycle.due_ns {
+            if late.count(&cycle, done) {
                 setpoint.flags |= flags::LATE;
-                now.late_cycles += 1;
-                now.late_in_a_row += 1;
+            }
+            if late.is_too_late() {
                 self.stop_for_lateness(&mut now, setpoint.sequence);
-            } else {
-                now.late_in_a_row = 0;
             }
             let due = DueSetpoint {
                 setpoint,
@@ -215,7 +210,7 @@ impl ServedCycle {
                 presence: now.presence,
                 power: now.drive.power,
                 datum: now.drive.datum,
-                late_cycles: now.late_cycles,
+                late_cycles: late.total(),
                 dropped_records: now.dropped_records,
                 dropped_setpoints: now.dropped_setpoints,
                 at_rest: self.station.is_at_rest() && matches!(now.work, ActiveJob::None),
@@ -579,8 +574,7 @@ impl ServedCycle {
     }
 
     fn stop_for_lateness(&mut self, now: &mut CycleState, sequence: u64) {
-        let too_late = self.max_late_cycles > 0 && now.late_in_a_row >= self.max_late_cycles;
-        if !too_late || matches!(now.work, ActiveJob::None) {
+        if matches!(now.work, ActiveJob::None) {
             return;
         }
         self.tell_once(now, CycleEvent::Late { sequence });
