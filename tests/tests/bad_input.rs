@@ -201,7 +201,7 @@ fn assert_runs_within_limits(file: &Path, setup: &Setup) -> &'static str {
         summary.max_chord_error_mm <= summary.permitted_chord_error_mm * 1.000_001,
         "{summary:?}"
     );
-    summary.outcome
+    summary.outcome.name()
 }
 
 /// The mutants of a failing run are found again with the seed that is printed.

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
 use evolvent_machine::PlannerKind;
-use evolvent_runtime::{Alarm, CheckBounds, Clock, Controls, Job, RunOutcome, Setup, StartError};
+use evolvent_runtime::{Alarm, CheckBounds, Clock, Controls, Job, Outcome, RunOutcome, Setup, StartError};
 
 use crate::check::write_text;
 use crate::operator::{resume_on_enter, watch_signals};
@@ -205,7 +205,7 @@ fn keep(job: &Job, outcome: &RunOutcome) -> Result<(), CommandError> {
     let Some(left) = outcome
         .left
         .as_ref()
-        .filter(|_| outcome.summary.outcome == "done")
+        .filter(|_| outcome.summary.outcome == Outcome::Done)
     else {
         return Ok(());
     };
@@ -239,7 +239,7 @@ pub(crate) fn report(
         return Err(CommandError::Failed(fault.clone()));
     }
     if let Err(error) = &outcome.program {
-        if summary.outcome == "stopped" {
+        if summary.outcome == Outcome::Stopped {
             drop(writeln!(
                 err,
                 "the run was stopped; further on the program has an error"
@@ -247,7 +247,7 @@ pub(crate) fn report(
         }
         return Err(CommandError::Failed(error.to_string()));
     }
-    if summary.outcome != "done" {
+    if summary.outcome != Outcome::Done {
         return Err(CommandError::Failed(
             "the run was stopped before the program's end".to_owned(),
         ));

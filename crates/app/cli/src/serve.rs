@@ -93,6 +93,8 @@ pub(crate) fn run(
         | StartError::BusTimeout
         | StartError::DrivesRequired
         | StartError::Trace(_)
+        | StartError::CycleTimeout
+        | StartError::Modes(_)
         | StartError::Thread(_) => match (&error, &config.trace) {
             (StartError::Trace(_), TraceTo::Folder { .. }) => CommandError::Failed(format!(
                 "{error}; choose another place with --trace-folder, or none with --no-trace"

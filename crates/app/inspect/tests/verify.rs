@@ -88,7 +88,7 @@ fn a_run_in_real_time_with_overrides_holds_and_a_stop_comes_out_the_same() {
             controls.stop();
         },
     );
-    assert_eq!(outcome.summary.outcome, "stopped");
+    assert_eq!(outcome.summary.outcome.name(), "stopped");
     let found = cycles(&trace);
     let held = found
         .iter()

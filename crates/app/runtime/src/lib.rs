@@ -65,6 +65,6 @@ pub use run::{RunOutcome, StartError, run, run_seen};
 pub use serve::{ServeConfig, ServeNews, ServeSummary, TraceTo, serve, state_folder};
 pub use shared::{Controls, Progress};
 pub use source::{Commands, Start};
-pub use summary::{AxisSummary, Summary, TimingSummary};
+pub use summary::{AxisSummary, Outcome, Summary, TimingSummary};
 pub use switches::{SwitchState, Switched};
 pub use turning_tally::TurningSummary;

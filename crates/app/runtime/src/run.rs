@@ -26,7 +26,7 @@ use crate::rt::{RealtimeRequest, apply_to_this_thread};
 use crate::shared::Controls;
 use crate::stages::Stages;
 use crate::standby::Standby;
-use crate::summary::{Summary, TimingSummary, axis_summaries, late_for_nobody, outcome_of};
+use crate::summary::{Outcome, Summary, TimingSummary, axis_summaries, late_for_nobody};
 use crate::turning_tally::TurningTally;
 use crate::user_code::UserCodes;
 use crate::user_code_runner::UserCodeRunner;
@@ -48,6 +48,8 @@ const AWAITS_LOAD: &str =
     "the program begins once a cutting load comes over the bus, and drives that answer follow";
 /// How long to wait for the bus: opening clears what killed runs have left, and may wait for subscribers.
 const BUS_TIMEOUT: Duration = Duration::from_secs(30);
+/// How long to wait for the first setpoint of a served machine.
+pub(crate) const CYCLE_TIMEOUT: Duration = Duration::from_secs(20);
 
 /// Why a run could not be started.
 #[derive(Debug, thiserror::Error)]
@@ -67,6 +69,18 @@ pub enum StartError {
     /// The trace.
     #[error(transparent)]
     Trace(#[from] RecordError),
+    /// The cycle's thread computes nothing.
+    #[error(
+        "the cycle did not compute a setpoint within {} s; the host is overloaded, or real-time threads take all of its \
+         processors (`evolvent doctor`)",
+        CYCLE_TIMEOUT.as_secs()
+    )]
+    CycleTimeout,
+    /// The modes that the interpreter begins with are refused.
+    #[error(
+        "the modes at power-up are refused: {0}; see program, tool table and parameters in the machine file"
+    )]
+    Modes(String),
     /// The operating system gave no thread.
     #[error("a thread could not be started: {0}; free memory or raise the limit of processes")]
     Thread(#[from] std::io::Error),
@@ -372,7 +386,7 @@ pub fn run_seen(
             summary.notes.push(text);
         }
         if matches!(alarm, Some((Alarm::UserCommand, _))) {
-            summary.outcome = "failed";
+            summary.outcome = Outcome::Failed;
         }
         summary.alarm = alarm.as_ref().map(|(alarm, _)| alarm.number());
         summary.error = alarm.as_ref().map(|(_, text)| text.clone());
@@ -606,11 +620,11 @@ fn summarise(job: &Job, report: &CycleReport, feed: &FeedReport, late: u64, note
         machine: machine.name.clone(),
         clock: job.clock.name(),
         outcome: if report.stopped_for_lateness || report.planner_died {
-            "fault"
+            Outcome::Fault
         } else if report.program_failed {
-            "failed"
+            Outcome::Failed
         } else {
-            outcome_of(report.motion.state())
+            Outcome::of(report.motion.state())
         },
         axes: machine.axes.iter().map(|axis| axis.letter.letter()).collect(),
         cycles: report.cycles,
@@ -653,7 +667,7 @@ fn summarise(job: &Job, report: &CycleReport, feed: &FeedReport, late: u64, note
 /// What of the summary goes into the trace's metadata.
 fn trace_summary(summary: &Summary) -> BTreeMap<String, String> {
     let pairs = [
-        ("outcome", summary.outcome.to_owned()),
+        ("outcome", summary.outcome.name().to_owned()),
         ("duration_s", summary.duration_s.to_string()),
         ("path_length_mm", summary.path_length_mm.to_string()),
         ("late_cycles", summary.late_cycles.to_string()),

@@ -1,9 +1,11 @@
 //! What a run came to, against every limit.
 
+use std::fmt;
+
 use evolvent_machine::Machine;
 use evolvent_motion::{Extremes, State};
 use evolvent_trace::Histogram;
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 
 use crate::turning_tally::TurningSummary;
 
@@ -52,6 +54,53 @@ impl TimingSummary {
     }
 }
 
+/// How a run ended. Its name is the same in JSON, in traces and on the terminal.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Outcome {
+    /// The program ran to its end.
+    Done,
+    /// An operator stopped it.
+    Stopped,
+    /// At an error of the program or of a user-defined M code; it was run up to there.
+    Failed,
+    /// The core stopped it.
+    Fault,
+}
+
+impl Outcome {
+    /// `done`, `stopped`, `failed` or `fault`.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Done => "done",
+            Self::Stopped => "stopped",
+            Self::Failed => "failed",
+            Self::Fault => "fault",
+        }
+    }
+
+    /// By the state of the last setpoint.
+    pub(crate) const fn of(state: State) -> Self {
+        match state {
+            State::Done => Self::Done,
+            State::Fault => Self::Fault,
+            _ => Self::Stopped,
+        }
+    }
+}
+
+impl Serialize for Outcome {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_str(self.name())
+    }
+}
+
+impl fmt::Display for Outcome {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
 /// The summary of a run or of an offline plan; its JSON is part of the contract.
 #[derive(Clone, Debug, Serialize)]
 pub struct Summary {
@@ -61,9 +110,8 @@ pub struct Summary {
     pub machine: String,
     /// `realtime` or `virtual`.
     pub clock: &'static str,
-    /// How it ended: `done`; `stopped` by a person; `failed`, at an error of the program, which was run up to there;
-    /// `fault`.
-    pub outcome: &'static str,
+    /// How it ended.
+    pub outcome: Outcome,
     /// Letters of the axes in the order of the machine file; every list below is in that order.
     pub axes: Vec<char>,
     /// Setpoints.
@@ -144,14 +192,6 @@ pub(crate) fn late_for_nobody(late: u64) -> String {
         "{late} setpoints left late, but no bridge or client was connected, so nobody missed them; before drives follow, see \
          `evolvent doctor`"
     )
-}
-
-pub(crate) fn outcome_of(state: State) -> &'static str {
-    match state {
-        State::Done => "done",
-        State::Fault => "fault",
-        _ => "stopped",
-    }
 }
 
 /// Per-axis figures in the order of the machine file.

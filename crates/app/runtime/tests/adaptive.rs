@@ -84,7 +84,7 @@ fn the_load_is_held_the_limits_too_and_rapids_are_left_alone() {
     let (seen, outcome, _) = run_with(1e9);
     assert_eq!(outcome.fault, None);
     let summary = &outcome.summary;
-    assert_eq!(summary.outcome, "done");
+    assert_eq!(summary.outcome.name(), "done");
     assert!(
         summary.jerk_ratio.iter().all(|ratio| *ratio <= 1.02),
         "{summary:?}"

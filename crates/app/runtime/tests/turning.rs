@@ -112,7 +112,7 @@ fn the_program_goes_on_behind_a_cycle_that_has_found_its_passes_and_the_same_bit
         here.machine.path.planner = planner;
         let (looks, outcome) = drive(PROGRAM, here.clone(), |_, _, _| {});
         assert!(outcome.program.is_ok(), "{:?}", outcome.program);
-        assert_eq!((outcome.summary.outcome, outcome.fault), ("done", None));
+        assert_eq!((outcome.summary.outcome.name(), outcome.fault), ("done", None));
         keeps_limits(&looks, &here);
         // The allowance is left by the cycle, and taken off by the pass behind it.
         let lowest = |of: &dyn Fn(&&Look) -> bool| {
@@ -160,7 +160,7 @@ fn hold_override_and_stop_reach_the_cycle_wherever_it_is() {
                 controls.set_override(0.5);
             }
         });
-        assert_eq!(outcome.summary.outcome, "done", "held at {at}");
+        assert_eq!(outcome.summary.outcome.name(), "done", "held at {at}");
         assert!(
             looks
                 .iter()
@@ -174,7 +174,7 @@ fn hold_override_and_stop_reach_the_cycle_wherever_it_is() {
                 controls.stop();
             }
         });
-        assert_eq!(outcome.summary.outcome, "stopped", "stopped at {at}");
+        assert_eq!(outcome.summary.outcome.name(), "stopped", "stopped at {at}");
         assert!((looks.len() as u64) < at + 2000);
         assert_eq!(looks.last().map(|look| look.state), Some(State::Stopped));
         keeps_limits(&looks, &here);

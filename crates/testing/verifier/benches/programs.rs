@@ -159,7 +159,7 @@ impl Row {
     /// The trial, if the program was run to its end.
     fn whole(&self) -> Option<&Trial> {
         let trial = self.result.as_ref().ok()?;
-        (trial.error.is_none() && trial.summary.outcome == "done").then_some(trial)
+        (trial.error.is_none() && trial.summary.outcome.name() == "done").then_some(trial)
     }
 
     fn count(&self, totals: &mut Totals) {
@@ -185,7 +185,7 @@ impl Row {
         let violations = trial.verdict.violations(&Allowances::default());
         let mut words: Vec<String> = Vec::new();
         if self.whole().is_none() {
-            words.push(trial.summary.outcome.to_owned());
+            words.push(trial.summary.outcome.name().to_owned());
             words.extend(
                 trial
                     .error

@@ -81,9 +81,9 @@ impl Bench {
                 .map_or("-".to_owned(), |growth| format!("{growth:.2}")),
             trial.error.clone().unwrap_or_else(|| {
                 let violations = verdict.violations(&Allowances::default());
-                let whole = trial.summary.outcome == "done";
+                let whole = trial.summary.outcome.name() == "done";
                 let first = violations.first().map(ToString::to_string);
-                first.unwrap_or_else(|| if whole { "ok" } else { trial.summary.outcome }.to_owned())
+                first.unwrap_or_else(|| if whole { "ok" } else { trial.summary.outcome.name() }.to_owned())
             })
         );
         Ok(())

@@ -35,7 +35,7 @@ fn programs_of_every_class_are_driven_as_asked_at_every_rate() {
             let trial = trial(&path, &setup).expect("a run");
             let name = format!("{} at {rate_hz} Hz", program.name);
             assert_eq!(trial.error, None, "{name}");
-            assert_eq!(trial.summary.outcome, "done", "{name}");
+            assert_eq!(trial.summary.outcome.name(), "done", "{name}");
             let violations = trial.verdict.violations(&Allowances::default());
             assert!(violations.is_empty(), "{name}: {violations:?}");
             assert_eq!(trial.verdict.setpoints, trial.summary.cycles, "{name}");

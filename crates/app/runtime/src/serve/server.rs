@@ -32,7 +32,7 @@ use crate::recording::{Closing, Further, RecordReport, Recording};
 use crate::rt::{
     MonotonicClock, RealtimeRequest, apply_to_this_thread, raise_priority, separate_large_blocks,
 };
-use crate::run::{RunSource, StartError, rescue_leftovers, run_info};
+use crate::run::{CYCLE_TIMEOUT, RunSource, StartError, rescue_leftovers, run_info};
 use crate::shared::Controls;
 
 /// Time between two looks of the control thread, at the most and at the least: so long a command waits at the most on a host
@@ -231,9 +231,7 @@ pub fn serve(
     }
 
     let Ok(first) = wait_for_view(&mut views) else {
-        return Err(StartError::Thread(std::io::Error::other(
-            "the cycle does not start",
-        )));
+        return Err(StartError::CycleTimeout);
     };
     let keep = StateStore::open(setup.memory.clone(), &config.state_folder);
     for complaint in &keep.complaints {
@@ -247,7 +245,7 @@ pub fn serve(
         recorder,
         view: first,
     })
-    .map_err(|text| StartError::Thread(std::io::Error::other(text)))?;
+    .map_err(StartError::Modes)?;
     manager.tell("READY=1");
     tell(ServeNews::Ready(first_file.as_deref()));
     // A hold is not to wait until a busy host has time. What it starts itself is of the normal scheduler.
@@ -378,7 +376,7 @@ pub fn serve(
 }
 
 fn wait_for_view(views: &mut Consumer<CycleView>) -> Result<CycleView, ()> {
-    let deadline = Instant::now() + Duration::from_secs(20);
+    let deadline = Instant::now() + CYCLE_TIMEOUT;
     loop {
         // Looked at last: this thread may have been kept from running as well.
         let is_over = Instant::now() > deadline;
