@@ -1,9 +1,9 @@
 //! A quintic polynomial that joins two curves.
 
+use crate::FeedMetric;
 use crate::curve::ParamCurve;
 use crate::error::{MAX_COORDINATE, check_coordinates};
 use crate::jet::xyz;
-use crate::metric::Metric;
 use crate::polynomial::{self, Quintic};
 use crate::quadrature::{integrate, invert};
 use crate::{AXES, Axes, AxisLetter, CurveError, Jet, Sense};
@@ -26,7 +26,7 @@ pub struct Blend {
     end: Axes,
     domain: f64,
     length: f64,
-    metric: Metric,
+    metric: FeedMetric,
 }
 
 impl Blend {
@@ -70,7 +70,7 @@ impl Blend {
         let moving = coefficients[1..]
             .iter()
             .fold(Axes::zeros(), |sum, c| sum + c.abs());
-        let metric = Metric::of(&moving).ok_or(CurveError::ZeroLength)?;
+        let metric = FeedMetric::of(&moving).ok_or(CurveError::ZeroLength)?;
         let mut blend = Self {
             coefficients,
             end: right.position,

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use crate::Axes;
-use crate::metric::Metric;
+use crate::FeedMetric;
 
 /// Position of all axes and its first three derivatives by the path parameter.
 ///
@@ -60,7 +60,7 @@ impl Jet {
     /// A jet whose first derivative is zero has no direction: it comes back as it is.
     #[must_use]
     pub fn by_arc_length(&self) -> Self {
-        let Some(metric) = Metric::of(&self.first) else {
+        let Some(metric) = FeedMetric::of(&self.first) else {
             return *self;
         };
         // With sigma the arc length: sigma' = |q'|, and the inverse function's derivatives from it.

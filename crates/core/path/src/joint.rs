@@ -1,90 +1,232 @@
-//! Where two curves meet.
+//! The joint rule: how two curves meet, and how fast an exact path may pass there.
 
-use std::f64::consts::PI;
+use crate::{AXES, Axes, Jet, feed_rate};
 
-use crate::jet::xyz;
-use crate::{Axes, Jet};
+/// A step of the tangent up to this is rounding: at 1 m/s and 35 kHz its jerk is below a hundredth of any limit.
+const SMOOTH_TANGENT: f64 = 1e-10;
+/// A step of the second derivative, 1/mm, up to this likewise.
+const SMOOTH_CURVATURE: f64 = 1e-7;
+/// A joint slower than this, parameter units per s, is a stop.
+const SLOWEST_JOINT: f64 = 0.01;
+/// A step of the tangent above this is a corner, where an exact path stops; below, it is how programs with few
+/// decimals write a tangent joint.
+const CORNER: f64 = 0.01;
+/// Between this and a unit of parameter speed a curve can be joined; below, it starts from a singular point.
+const REGULAR_SPEED: f64 = 0.5;
 
-/// The left and the right jet at a joint of two curves, by arc length.
+/// What bounds the speed of a joint that is not smooth.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Joint {
-    /// End of the curve before.
-    pub left: Jet,
-    /// Start of the curve after.
-    pub right: Jet,
-    /// Angle between the two tangents in rad, 0..=pi.
-    ///
-    /// Of XYZ where XYZ moves on both sides, of all axes where it moves on neither; pi (a full stop) where it
-    /// moves on one side only.
-    pub angle_rad: f64,
-    /// Jump of the second derivative by arc length, right less left; infinite at an involute's base-circle point.
-    pub second_jump: Axes,
-    /// Distance between the two points: the largest over the axes, in mm or degrees.
-    pub gap: f64,
+pub struct JointLimits {
+    /// Which axes the machine has; the others bound no speed.
+    pub present: [bool; AXES],
+    /// Largest jerk of every axis, mm/s3 or degrees/s3.
+    pub jerk: Axes,
+    /// Time within which the jerk limit undoes the steps of velocity and acceleration, s.
+    pub joint_time_s: f64,
 }
 
-/// How smoothly two curves meet.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+/// How two curves meet.
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum JointKind {
-    /// The tangent turns at once: velocity would jump at any speed.
+    /// Tangent and second derivative are continuous: the joint bounds no speed.
+    Smooth,
+    /// Tangent or second derivative has a step that an exact path passes at a bounded speed.
+    Step {
+        /// Largest parameter speed, units of `u` per s; infinite where no axis of the machine has a step.
+        max_speed: f64,
+    },
+    /// An exact path stops here: the tangent has a large step, a curve is singular, or a derivative is not finite.
     Corner,
-    /// Equal tangents, different second derivatives: acceleration would jump.
-    Tangent,
-    /// Equal tangents and second derivatives: acceleration is continuous.
-    Curvature,
 }
 
-impl Joint {
-    /// Compares two jets, given by any regular parameter. Cycle: yes.
+impl JointKind {
+    /// Largest parameter speed at which an exact path passes, units of `u` per s: infinite at a smooth joint, 0 at a
+    /// corner. The cycle may call it.
     #[must_use]
-    pub fn between(left: &Jet, right: &Jet) -> Self {
-        let (left, right) = (left.by_arc_length(), right.by_arc_length());
-        let (a, b) = (left.tangent(), right.tangent());
-        let angle_rad = match (a.norm() > 0.0, b.norm() > 0.0) {
-            (true, true) => angle((a - b).norm(), (a + b).norm()),
-            (false, false) => {
-                let (a, b) = (unit(&left.first), unit(&right.first));
-                angle((a - b).norm(), (a + b).norm())
+    pub const fn max_speed(self) -> f64 {
+        match self {
+            Self::Smooth => f64::INFINITY,
+            Self::Step { max_speed } => max_speed,
+            Self::Corner => 0.0,
+        }
+    }
+}
+
+/// Classifies the joint between `end`, the last jet of one curve, and `start`, the first of the next, both by the
+/// regular parameter. The cycle may call it.
+///
+/// The largest speed is that at which, on every axis, the step of velocity is at most `J t^2 / 2` and the step of
+/// acceleration at most `J t`, with the jerk limit `J` and the joint time `t`. It is the same at every control rate
+/// (`docs/adr/0009`). A derivative that is not finite makes a corner.
+///
+/// ```
+/// use evolvent_path::{AXES, Axes, AxisLetter, JointKind, JointLimits, Jet, classify_joint};
+///
+/// let mut present = [false; AXES];
+/// (present[AxisLetter::X.index()], present[AxisLetter::Y.index()]) = (true, true);
+/// let limits = JointLimits { present, jerk: Axes::repeat(200_000.0), joint_time_s: 0.001 };
+///
+/// // A line along X meets an arc of 40 mm radius with equal tangents: acceleration steps by v^2 / R.
+/// let mut line = Jet::at_rest(Axes::zeros());
+/// line.first[0] = 1.0;
+/// let mut arc = line;
+/// arc.second[1] = 1.0 / 40.0;
+/// let JointKind::Step { max_speed } = classify_joint(&line, &arc, &limits) else { panic!() };
+/// assert!((max_speed - (200_000.0_f64 * 0.001 * 40.0).sqrt()).abs() < 1e-9);
+///
+/// // A right angle is a corner.
+/// let mut upward = Jet::at_rest(Axes::zeros());
+/// upward.first[1] = 1.0;
+/// assert_eq!(classify_joint(&line, &upward, &limits), JointKind::Corner);
+/// ```
+#[must_use]
+pub fn classify_joint(end: &Jet, start: &Jet, limits: &JointLimits) -> JointKind {
+    // The largest step of a vector ignores NaN, so it is excluded first.
+    if !(end.is_finite() && start.is_finite()) {
+        return JointKind::Corner;
+    }
+    let regular = feed_rate(&end.first) > REGULAR_SPEED && feed_rate(&start.first) > REGULAR_SPEED;
+    let tangent_step = (start.first - end.first).amax();
+    let curvature_step = (start.second - end.second).amax();
+    if regular && tangent_step <= SMOOTH_TANGENT && curvature_step <= SMOOTH_CURVATURE {
+        return JointKind::Smooth;
+    }
+    let max_speed = step_speed(end, start, limits);
+    if regular && tangent_step <= CORNER && max_speed >= SLOWEST_JOINT {
+        JointKind::Step { max_speed }
+    } else {
+        JointKind::Corner
+    }
+}
+
+/// The speed at which the jerk limit undoes the steps of velocity and acceleration within the joint time.
+fn step_speed(end: &Jet, start: &Jet, limits: &JointLimits) -> f64 {
+    let time = limits.joint_time_s;
+    (0..AXES)
+        .filter(|&i| limits.present[i])
+        .fold(f64::INFINITY, |speed, i| {
+            let tangent_step = (start.first[i] - end.first[i]).abs();
+            let curvature_step = (start.second[i] - end.second[i]).abs();
+            speed
+                .min(0.5 * limits.jerk[i] * time * time / tangent_step)
+                .min((limits.jerk[i] * time / curvature_step).sqrt())
+        })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const JERK: f64 = 50_000.0;
+    const TIME: f64 = 0.002;
+
+    fn limits() -> JointLimits {
+        let mut present = [false; AXES];
+        (present[0], present[1]) = (true, true);
+        JointLimits {
+            present,
+            jerk: Axes::repeat(JERK),
+            joint_time_s: TIME,
+        }
+    }
+
+    /// A jet in XY whose tangent has this angle.
+    fn toward(angle: f64) -> Jet {
+        let mut jet = Jet::at_rest(Axes::zeros());
+        (jet.first[0], jet.first[1]) = (angle.cos(), angle.sin());
+        jet
+    }
+
+    #[test]
+    fn a_step_is_as_fast_as_jerk_undoes_it_within_the_joint_time() {
+        // The step of Y's velocity is v sin(0.001), which J t^2 / 2 undoes.
+        let speed = classify_joint(&toward(0.0), &toward(0.001), &limits()).max_speed();
+        let expected = 0.5 * JERK * TIME * TIME / 0.001_f64.sin();
+        assert!((speed - expected).abs() < 1e-9 * expected, "{speed} {expected}");
+        // A step of curvature 1/R is a step of acceleration v^2 / R, which J t undoes.
+        let mut curved = toward(0.0);
+        curved.second[1] = 1.0 / 40.0;
+        let speed = classify_joint(&toward(0.0), &curved, &limits()).max_speed();
+        let expected = (JERK * TIME * 40.0_f64).sqrt();
+        assert!((speed - expected).abs() < 1e-9 * expected, "{speed} {expected}");
+    }
+
+    #[test]
+    fn an_axis_that_the_machine_has_not_bounds_no_speed() {
+        let mut curved = toward(0.0);
+        curved.second[1] = 1.0 / 40.0;
+        let mut limits = limits();
+        limits.present[1] = false;
+        let kind = classify_joint(&toward(0.0), &curved, &limits);
+        assert_eq!(
+            kind,
+            JointKind::Step {
+                max_speed: f64::INFINITY
             }
-            _ => PI,
+        );
+    }
+
+    #[test]
+    fn rounding_is_smooth_and_more_than_it_is_not() {
+        for (angle, smooth) in [(0.0, true), (0.9e-10, true), (1.1e-10, false)] {
+            let kind = classify_joint(&toward(0.0), &toward(angle), &limits());
+            assert_eq!(kind == JointKind::Smooth, smooth, "{angle}: {kind:?}");
+        }
+        for (curvature, smooth) in [(0.9e-7, true), (1.1e-7, false)] {
+            let mut curved = toward(0.0);
+            curved.second[1] = curvature;
+            let kind = classify_joint(&toward(0.0), &curved, &limits());
+            assert_eq!(kind == JointKind::Smooth, smooth, "{curvature}: {kind:?}");
+        }
+        assert_eq!(JointKind::Smooth.max_speed(), f64::INFINITY);
+    }
+
+    #[test]
+    fn a_large_step_of_the_tangent_is_a_corner() {
+        for (angle, corner) in [(0.0099, false), (0.0101, true), (3.0, true)] {
+            // Jerk that would allow any speed.
+            let limits = JointLimits {
+                jerk: Axes::repeat(1e12),
+                ..limits()
+            };
+            let kind = classify_joint(&toward(0.0), &toward(angle), &limits);
+            assert_eq!(kind == JointKind::Corner, corner, "{angle}: {kind:?}");
+        }
+        assert_eq!(JointKind::Corner.max_speed(), 0.0);
+    }
+
+    #[test]
+    fn a_joint_slower_than_a_hundredth_of_a_millimetre_per_second_is_a_corner() {
+        // J t^2 / 2 / 0.005 = 0.0101 or 0.0099 mm/s.
+        for (speed, corner) in [(0.0101, false), (0.0099, true)] {
+            let jerk = Axes::repeat(speed * 0.005_f64.sin() * 2.0 / (TIME * TIME));
+            let kind = classify_joint(&toward(0.0), &toward(0.005), &JointLimits { jerk, ..limits() });
+            assert_eq!(kind == JointKind::Corner, corner, "{speed}: {kind:?}");
+        }
+    }
+
+    #[test]
+    fn a_singular_curve_is_a_corner_on_either_side() {
+        let slow = Jet {
+            first: toward(0.0).first * 0.4,
+            ..toward(0.0)
         };
-        Self {
-            angle_rad,
-            second_jump: right.second - left.second,
-            gap: (right.position - left.position).amax(),
-            left,
-            right,
+        for (end, start) in [(slow, toward(0.0)), (toward(0.0), slow), (slow, slow)] {
+            assert_eq!(classify_joint(&end, &start, &limits()), JointKind::Corner);
         }
     }
 
-    /// Jump of the curvature vector of the XYZ curve in 1/mm.
-    #[must_use]
-    pub fn curvature_jump(&self) -> f64 {
-        xyz(&self.second_jump).norm()
-    }
-
-    /// How smooth the joint is, with the angle up to which tangents count as equal in rad, and the jump up to
-    /// which second derivatives do, on every axis (1/mm, or degrees per mm^2).
-    #[must_use]
-    pub fn kind(&self, angle_tolerance_rad: f64, second_tolerance: f64) -> JointKind {
-        // Written so that a NaN counts as the worst case.
-        if !(self.angle_rad <= angle_tolerance_rad) {
-            JointKind::Corner
-        } else if !self.second_jump.iter().all(|jump| jump.abs() <= second_tolerance) {
-            JointKind::Tangent
-        } else {
-            JointKind::Curvature
+    #[test]
+    fn a_derivative_that_is_not_finite_is_a_corner() {
+        for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+            for axis in [0, 1, 8] {
+                let (mut first, mut second) = (toward(0.0), toward(0.0));
+                (first.first[axis], second.second[axis]) = (bad, bad);
+                for jet in [first, second] {
+                    assert_eq!(classify_joint(&jet, &toward(0.0), &limits()), JointKind::Corner);
+                    assert_eq!(classify_joint(&toward(0.0), &jet, &limits()), JointKind::Corner);
+                }
+            }
         }
     }
-}
-
-/// The angle between two unit vectors from their difference and sum: exact near 0 and pi, where the arc cosine
-/// of the scalar product loses half the digits (Kahan, "How futile are mindless assessments of roundoff", 2006).
-fn angle(difference: f64, sum: f64) -> f64 {
-    2.0 * libm::atan2(difference, sum)
-}
-
-fn unit(axes: &Axes) -> Axes {
-    let norm = axes.norm();
-    if norm > 0.0 { axes / norm } else { Axes::zeros() }
 }

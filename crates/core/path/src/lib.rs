@@ -11,7 +11,7 @@
 //!   [`Curve::curvature_derivative`] speak of the XYZ curve alone.
 //! - [`Curve::bounds`], [`Curve::derivative_bounds`] and [`Curve::curvature_bound`] give safe bounds over a
 //!   stretch: travel, axis limits, chord error.
-//! - [`Joint`] compares two jets where two curves meet.
+//! - [`classify_joint`] tells how two curves meet: smoothly, with a step that bounds the speed, or at a corner.
 //!
 //! [`Arc`] and [`Involute`] lie in a [`Plane`] and turn with a [`Sense`]; the third axis and all others are
 //! linear in arc length. [`Blend`] is a quintic that takes over position and two derivatives at both ends;
@@ -56,9 +56,9 @@ pub use hole::{BlockFigures, Hole, HoleBlock, HolePass, HoleStart, MAX_DEPTHS, M
 pub use hole_error::HoleError;
 pub use involute::{Involute, InvoluteError, MAX_INVOLUTE_TURNS};
 pub use jet::Jet;
-pub use joint::{Joint, JointKind};
+pub use joint::{JointKind, JointLimits, classify_joint};
 pub use line::Line;
-pub use metric::feed_rate;
+pub use metric::{FeedMetric, feed_rate};
 pub use plane::{Plane, Sense};
 pub use spirals::{Archimedean, half_circle_radii_mm, half_circles_length_mm, helix_length_mm};
 pub use spline::Spline;

@@ -1,8 +1,8 @@
 //! A straight line in nine axes.
 
+use crate::FeedMetric;
 use crate::curve::ParamCurve;
 use crate::error::check_coordinates;
-use crate::metric::Metric;
 use crate::{Axes, CurveError, Jet, Sense};
 
 /// A straight line: all nine axes linear in path length.
@@ -25,7 +25,7 @@ impl Line {
         check_coordinates(&start)?;
         check_coordinates(&end)?;
         let delta = end - start;
-        let length = Metric::of(&delta).ok_or(CurveError::ZeroLength)?.norm(&delta);
+        let length = FeedMetric::of(&delta).ok_or(CurveError::ZeroLength)?.norm(&delta);
         let slope = delta / length;
         if slope.iter().all(|component| component.is_finite()) {
             Ok(Self {

@@ -1,13 +1,25 @@
-//! The feed metric: which axes the path length is measured in.
+//! The feed metric: which axes the feed word and the path length refer to.
 
-use crate::Axes;
+use crate::{AXES, Axes};
 
 /// The group of axes whose motion the feed word refers to.
 ///
-/// RS274/NGC (NISTIR 6556, section 2.1.2.5): the length of the XYZ motion; where XYZ stands still that of UVW
-/// (EMC's extension); where that stands still too, ABC in degrees.
+/// RS274/NGC (NISTIR 6556, section 2.1.2.5): the length of the XYZ motion; where XYZ does not move that of UVW
+/// (EMC's extension); where UVW does not move either, ABC in degrees.
+///
+/// ```
+/// use evolvent_path::{Axes, AxisLetter, FeedMetric};
+///
+/// let mut delta = Axes::zeros();
+/// delta[AxisLetter::C.index()] = 90.0;
+/// assert_eq!(FeedMetric::of(&delta), Some(FeedMetric::Abc));
+/// delta[AxisLetter::X.index()] = 3.0;
+/// delta[AxisLetter::Y.index()] = 4.0;
+/// let metric = FeedMetric::of(&delta);
+/// assert_eq!(metric.map(|metric| metric.norm(&delta)), Some(5.0));
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Metric {
+pub enum FeedMetric {
     /// Millimetres of X, Y and Z.
     Xyz,
     /// Millimetres of U, V and W.
@@ -16,16 +28,29 @@ pub(crate) enum Metric {
     Abc,
 }
 
-impl Metric {
-    /// The metric of a displacement or derivative; `None` if nothing moves.
-    pub(crate) fn of(delta: &Axes) -> Option<Self> {
-        [Self::Xyz, Self::Uvw, Self::Abc]
+impl FeedMetric {
+    /// All groups, the first that moves counts.
+    const BY_PRECEDENCE: [Self; 3] = [Self::Xyz, Self::Uvw, Self::Abc];
+
+    /// The metric of a displacement or derivative; `None` if nothing moves. The cycle may call it.
+    #[must_use]
+    pub fn of(delta: &Axes) -> Option<Self> {
+        Self::BY_PRECEDENCE
             .into_iter()
             .find(|metric| metric.norm(delta) > 0.0)
     }
 
-    /// Index of the group's first axis.
-    const fn offset(self) -> usize {
+    /// The metric of a motion in which these axes take part; `None` if none does. The cycle may call it.
+    #[must_use]
+    pub fn of_active(active: &[bool; AXES]) -> Option<Self> {
+        Self::BY_PRECEDENCE
+            .into_iter()
+            .find(|metric| (0..AXES).any(|axis| active[axis] && metric.contains(axis)))
+    }
+
+    /// Index of the group's first axis; the group is this axis and the next two.
+    #[must_use]
+    pub const fn first_axis(self) -> usize {
         match self {
             Self::Xyz => 0,
             Self::Abc => 3,
@@ -33,12 +58,22 @@ impl Metric {
         }
     }
 
-    pub(crate) fn dot(self, a: &Axes, b: &Axes) -> f64 {
-        let i = self.offset();
+    /// Whether an axis, by its index, belongs to the group.
+    #[must_use]
+    pub const fn contains(self, axis: usize) -> bool {
+        axis / 3 == self.first_axis() / 3
+    }
+
+    /// Scalar product over the group. The cycle may call it.
+    #[must_use]
+    pub fn dot(self, a: &Axes, b: &Axes) -> f64 {
+        let i = self.first_axis();
         a[i] * b[i] + a[i + 1] * b[i + 1] + a[i + 2] * b[i + 2]
     }
 
-    pub(crate) fn norm(self, a: &Axes) -> f64 {
+    /// Length over the group, mm or degrees. The cycle may call it.
+    #[must_use]
+    pub fn norm(self, a: &Axes) -> f64 {
         self.dot(a, a).sqrt()
     }
 }
@@ -47,5 +82,46 @@ impl Metric {
 /// where XYZ moves, else mm of UVW, else degrees of ABC. Zero where nothing moves. The cycle may call it.
 #[must_use]
 pub fn feed_rate(first: &Axes) -> f64 {
-    Metric::of(first).map_or(0.0, |metric| metric.norm(first))
+    FeedMetric::of(first).map_or(0.0, |metric| metric.norm(first))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn xyz_counts_before_uvw_before_abc() {
+        let expected = |mask: usize| match mask {
+            _ if mask & 0b000_000_111 != 0 => Some(FeedMetric::Xyz),
+            _ if mask & 0b111_000_000 != 0 => Some(FeedMetric::Uvw),
+            _ if mask & 0b000_111_000 != 0 => Some(FeedMetric::Abc),
+            _ => None,
+        };
+        for mask in 0..1_usize << AXES {
+            let active: [bool; AXES] = std::array::from_fn(|axis| mask >> axis & 1 == 1);
+            let delta = Axes::from_fn(|axis, _| if active[axis] { -0.5 } else { 0.0 });
+            assert_eq!(FeedMetric::of_active(&active), expected(mask), "{mask:b}");
+            assert_eq!(FeedMetric::of(&delta), expected(mask), "{mask:b}");
+        }
+    }
+
+    #[test]
+    fn a_group_is_three_axes_from_its_first() {
+        for metric in FeedMetric::BY_PRECEDENCE {
+            let first = metric.first_axis();
+            for axis in 0..AXES {
+                assert_eq!(
+                    metric.contains(axis),
+                    (first..first + 3).contains(&axis),
+                    "{metric:?} {axis}"
+                );
+                let unit = Axes::from_fn(|i, _| f64::from(u8::from(i == axis)));
+                assert_eq!(
+                    metric.norm(&unit) > 0.0,
+                    metric.contains(axis),
+                    "{metric:?} {axis}"
+                );
+            }
+        }
+    }
 }

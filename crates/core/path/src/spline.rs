@@ -1,9 +1,9 @@
 //! A cubic polynomial piece of a spline.
 
+use crate::FeedMetric;
 use crate::curve::ParamCurve;
 use crate::error::{MAX_COORDINATE, check_coordinates};
 use crate::jet::xyz;
-use crate::metric::Metric;
 use crate::polynomial::{self, Quintic};
 use crate::quadrature::{integrate, invert};
 use crate::{AXES, Axes, AxisLetter, CurveError, Jet, Sense};
@@ -30,7 +30,7 @@ pub struct Spline {
     end: Axes,
     domain: f64,
     length: f64,
-    metric: Metric,
+    metric: FeedMetric,
 }
 
 impl Spline {
@@ -67,7 +67,7 @@ impl Spline {
         let moving = start.first.abs() * domain
             + start.second.abs() * (domain * domain)
             + start.third.abs() * (domain * domain * domain);
-        let metric = Metric::of(&moving).ok_or(CurveError::ZeroLength)?;
+        let metric = FeedMetric::of(&moving).ok_or(CurveError::ZeroLength)?;
         let mut spline = Self {
             jet: *start,
             end,

@@ -2,9 +2,7 @@
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
-use evolvent_path::{
-    Arc, Axes, Blend, Curve, CurveError, Involute, InvoluteError, Jet, Joint, JointKind, Line, Plane, Sense,
-};
+use evolvent_path::{Arc, Axes, Blend, Curve, CurveError, Involute, InvoluteError, Jet, Line, Plane, Sense};
 
 fn xyz(x: f64, y: f64, z: f64) -> Axes {
     let mut axes = Axes::zeros();
@@ -430,49 +428,6 @@ fn a_blend_that_comes_to_a_stand_has_a_length_and_no_curvature_bound() {
     assert!((blend.length() - 2.0 * middle).abs() <= 1e-8 * blend.length());
     assert_eq!(blend.curvature_bound(0.4, 0.6), f64::INFINITY);
     assert!(blend.jet(0.5).is_finite());
-}
-
-#[test]
-fn joints_measure_tiny_and_flat_angles_alike() {
-    let toward = |angle: f64| Jet {
-        first: xyz(angle.cos(), angle.sin(), 0.0) * 3.0,
-        ..Jet::at_rest(Axes::zeros())
-    };
-    for angle in [1e-12, 1e-9, 1e-3, 1.0, FRAC_PI_2, PI - 1e-9, PI - 1e-12] {
-        let joint = Joint::between(&toward(0.0), &toward(angle));
-        // PI - angle is exact to the rounding of the sine of an angle near pi.
-        assert!(
-            (joint.angle_rad - angle).abs() <= 1e-15 + 1e-15 * angle,
-            "{angle}: {}",
-            joint.angle_rad
-        );
-    }
-    assert_eq!(
-        Joint::between(&toward(0.0), &toward(1e-3)).kind(1e-6, 1e-6),
-        JointKind::Corner
-    );
-}
-
-#[test]
-fn a_line_into_an_arc_is_tangent_with_the_arcs_curvature_as_jump() {
-    let line = Curve::from(Line::new(xyz(10.0, -5.0, 0.0), xyz(10.0, 0.0, 0.0)).unwrap());
-    let arc = Curve::from(ccw(xyz(10.0, 0.0, 0.0), xyz(0.0, 10.0, 0.0), [0.0; 2], 0).unwrap());
-    let joint = Joint::between(&line.jet(line.domain()), &arc.jet(0.0));
-    assert_eq!((joint.kind(1e-9, 1e-9), joint.gap), (JointKind::Tangent, 0.0));
-    assert!((joint.curvature_jump() - 0.1).abs() <= 1e-15);
-    assert!((joint.second_jump - xyz(-0.1, 0.0, 0.0)).amax() <= 1e-15);
-}
-
-#[test]
-fn a_joint_of_moving_and_resting_xyz_is_a_full_stop() {
-    let moving = Jet {
-        first: xyz(1.0, 0.0, 0.0),
-        ..Jet::at_rest(Axes::zeros())
-    };
-    let mut turning = Jet::at_rest(Axes::zeros());
-    turning.first[3] = 1.0;
-    assert_eq!(Joint::between(&moving, &turning).angle_rad, PI);
-    assert_eq!(Joint::between(&turning, &turning).angle_rad, 0.0);
 }
 
 #[test]

@@ -2,28 +2,17 @@
 //!
 //! The fallback, and what the near-optimal planner is compared with.
 
-use evolvent_path::{Curve, Move, MoveKind, PathMode, feed_rate};
+use evolvent_path::{Curve, JointKind, JointLimits, Move, MoveKind, PathMode, classify_joint};
 
-use crate::corner::{exact_joint_speed, round_corner};
+use crate::corner::round_corner;
 use crate::lookahead::LookAhead;
 use crate::move_validator::check_travel;
 use crate::planner::PathRules;
 use crate::step::{PlanSink, Segment, SegmentMarks, Step};
 use evolvent_timing::PathLimits;
 
-/// A step of the tangent below this is rounding: at 1 m/s and 35 kHz its jerk is below a hundredth of any limit.
-const SMOOTH_TANGENT: f64 = 1e-10;
-/// A step of the second derivative, 1/mm, below this likewise.
-const SMOOTH_CURVATURE: f64 = 1e-7;
-/// A joint slower than this, parameter units per s, is a stop.
-const SLOWEST_JOINT: f64 = 0.01;
-/// A step of the tangent above this is a corner, where exact-path mode stops; below, it is how programs with few
-/// decimals write a tangent joint.
-const CORNER: f64 = 0.01;
 /// Stretches shorter than this are rounding, parameter units.
 const SHORTEST: f64 = 1e-12;
-/// Between this and a unit of parameter speed a curve can be joined; below, it starts from a singular point.
-const REGULAR_SPEED: f64 = 0.5;
 
 /// The move whose end is still open.
 #[derive(Clone, Copy, Debug)]
@@ -124,14 +113,17 @@ impl<S: PlanSink> Classic<S> {
         let (left, right) = (&held.motion.curve, &next.motion.curve);
         let (end, start) = (left.jet(left.domain()), right.jet(0.0));
         let limits = *self.ahead.limits().axes();
-        let smooth = (start.first - end.first).amax() <= SMOOTH_TANGENT
-            && (start.second - end.second).amax() <= SMOOTH_CURVATURE;
-        let regular = feed_rate(&end.first) > REGULAR_SPEED && feed_rate(&start.first) > REGULAR_SPEED;
+        let joint_limits = JointLimits {
+            present: limits.present,
+            jerk: limits.jerk,
+            joint_time_s: self.rules.joint_time_s,
+        };
+        let kind = classify_joint(&end, &start, &joint_limits);
         let stop = matches!(held.motion.path_mode, PathMode::ExactStop);
         let mut cap = f64::INFINITY;
         if stop {
             cap = 0.0;
-        } else if !regular || !smooth {
+        } else if kind != JointKind::Smooth {
             if let Some(tolerance) = self.tolerance(&held.motion, &next.motion) {
                 let room = (0.5 * left.domain())
                     .min(left.domain() - held.from)
@@ -162,12 +154,7 @@ impl<S: PlanSink> Classic<S> {
                     }
                 }
             }
-            let joint_time = self.rules.joint_time_s;
-            cap = exact_joint_speed(&end, &start, &limits.jerk, &limits.present, joint_time);
-            let corner = (start.first - end.first).amax() > CORNER;
-            if !regular || corner || cap < SLOWEST_JOINT {
-                cap = 0.0;
-            }
+            cap = kind.max_speed();
             next.joint = cap > 0.0;
         }
         self.hand_on(&held, left.domain())?;

@@ -1,4 +1,4 @@
-//! The joint between two moves: blended within the tolerance, or taken as the exact path allows.
+//! The joint between two moves, blended within the tolerance.
 //!
 //! A blend replaces the last stretch `h` of one curve and the first stretch `h` of the next by a quintic in the
 //! same path parameter, equal to both in position, first and second derivative. So curvature is continuous and
@@ -6,7 +6,7 @@
 //! For two lines with tangents `t1`, `t2` it is `P - h t1 + ...` with second derivative along `t2 - t1` only, and
 //! its middle lies `3/16 h |t2 - t1|` from the corner; a reversal becomes a plain stop and return.
 
-use evolvent_path::{AXES, Axes, Blend, Curve, Jet, ParamCurve};
+use evolvent_path::{Axes, Blend, Curve, Jet, ParamCurve};
 
 /// Samples along a blend at which its distance from the programmed path is measured.
 const SAMPLES: u32 = 24;
@@ -85,32 +85,6 @@ fn deviation(left: &Curve, right: &Curve, blend: &Blend, from: f64, h: f64) -> f
         most = most.max(off);
     }
     most
-}
-
-/// How fast a joint may be taken where the path is to be kept exactly: the step of velocity must be one that
-/// the jerk limit undoes within `joint_time` (`J t^2 / 2`), and the step of acceleration `J t`. The same at
-/// every control rate.
-#[must_use]
-pub fn exact_joint_speed(
-    left: &Jet,
-    right: &Jet,
-    jerk: &Axes,
-    present: &[bool; AXES],
-    joint_time: f64,
-) -> f64 {
-    let mut speed = f64::INFINITY;
-    for i in 0..AXES {
-        if present[i] {
-            let (dq, ddq) = (
-                (right.first[i] - left.first[i]).abs(),
-                (right.second[i] - left.second[i]).abs(),
-            );
-            speed = speed
-                .min(0.5 * jerk[i] * joint_time * joint_time / dq)
-                .min((jerk[i] * joint_time / ddq).sqrt());
-        }
-    }
-    if speed.is_nan() { 0.0 } else { speed }
 }
 
 /// The largest of the XYZ distance, the UVW distance and each rotary angle.
@@ -230,31 +204,6 @@ mod tests {
                 }
             }
         }
-    }
-
-    #[test]
-    fn a_joint_is_as_fast_as_jerk_undoes_its_steps_within_the_joint_time() {
-        let (left, right) = corner(0.001, 100.0);
-        let (end, start) = (left.jet(left.domain()), right.jet(0.0));
-        let mut present = [false; AXES];
-        (present[0], present[1]) = (true, true);
-        let jerk = Axes::repeat(50_000.0);
-        // The step of Y's velocity is v sin(0.001), which J t^2 / 2 undoes.
-        let speed = exact_joint_speed(&end, &start, &jerk, &present, 0.002);
-        let expected = 0.5 * 50_000.0 * 0.002 * 0.002 / 0.001_f64.sin();
-        assert!((speed - expected).abs() < 1e-9 * expected, "{speed} {expected}");
-        // A step of curvature 1/R is a step of acceleration v^2 / R, which J t undoes.
-        let mut curved = end;
-        curved.second[1] = 1.0 / 40.0;
-        let speed = exact_joint_speed(&end, &curved, &jerk, &present, 0.002);
-        let expected = (50_000.0_f64 * 0.002 * 40.0).sqrt();
-        assert!((speed - expected).abs() < 1e-9 * expected, "{speed} {expected}");
-        // An axis that is not there does not count, and no step needs no cap.
-        present[1] = false;
-        assert!(exact_joint_speed(&end, &curved, &jerk, &present, 0.002).is_infinite());
-        curved.second[0] = f64::NAN;
-        let speed = exact_joint_speed(&end, &curved, &jerk, &present, 0.002);
-        assert!(speed.is_infinite() || speed == 0.0);
     }
 
     #[test]

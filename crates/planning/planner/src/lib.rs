@@ -36,7 +36,7 @@ pub use evolvent_timing::{
     DerivativeBounds, Outcome, PathLimits, Profile, ScalarLimits, ScalarState, lasting_speed, reachable_speed,
 };
 
-pub use corner::{Rounding, exact_joint_speed, round_corner};
+pub use corner::{Rounding, round_corner};
 pub use lookahead::{LookAhead, PENDING_SEGMENTS, PENDING_STEPS};
 pub use move_validator::MoveValidator;
 pub use path_stage::{PathItem, PathSink, PathStage};

@@ -27,7 +27,6 @@ mod basis;
 mod block;
 mod chain;
 mod follow;
-mod joint;
 mod joint_optimizer;
 mod newton;
 mod output;

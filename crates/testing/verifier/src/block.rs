@@ -1,6 +1,6 @@
 //! One block of the programmed path.
 
-use evolvent_path::Axes;
+use evolvent_path::{Axes, FeedMetric};
 
 use crate::piece::Piece;
 
@@ -18,8 +18,8 @@ pub struct Block {
     pub tolerance: f64,
     /// Path length in the feed metric, mm or degrees.
     pub path_length: f64,
-    /// First axis of the group that the feed speaks of: 0 for XYZ, 6 for UVW, 3 for ABC.
-    pub(crate) metric: usize,
+    /// The axes that the feed refers to.
+    pub(crate) metric: FeedMetric,
     /// Whether the machine has to come to rest at its end, exactly there.
     pub(crate) rest: bool,
     /// Whether its end is a joint of exact-path mode where direction holds and curvature steps.

@@ -120,7 +120,7 @@ impl<'a> Judge<'a> {
         let about = &blocks[found.first..=found.last.max(found.block)];
         let metric = blocks[found.block].metric;
         if about.iter().all(|block| block.metric == metric) {
-            let step = (position - self.last).fixed_rows::<3>(metric).norm();
+            let step = (position - self.last).fixed_rows::<3>(metric.first_axis()).norm();
             let most = about.iter().fold(0.0_f64, |most, block| most.max(block.feed));
             // What rounding of positions makes of a speed.
             let noise = 8.0 * f64::EPSILON * position.amax();

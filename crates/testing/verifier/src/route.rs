@@ -4,7 +4,7 @@ use std::io::BufRead;
 
 use evolvent_gcode::{Action, Command, Diagnostic, Interpreter, Move, PathMode, Settings};
 use evolvent_machine::Machine;
-use evolvent_path::Axes;
+use evolvent_path::{Axes, FeedMetric};
 use thiserror::Error;
 
 use crate::block::Block;
@@ -131,11 +131,8 @@ impl Route {
             }
         };
         let middle = piece.tangent(0.5 * length);
-        let metric = [0, 6, 3]
-            .into_iter()
-            .find(|first| middle.rows(*first, 3).iter().any(|rate| *rate != 0.0));
         // A move that moves nothing is none.
-        if let (Some(metric), true) = (metric, length > 0.0) {
+        if let (Some(metric), true) = (FeedMetric::of(&middle), length > 0.0) {
             self.blocks.push(Block {
                 end: motion.curve.end(),
                 piece,

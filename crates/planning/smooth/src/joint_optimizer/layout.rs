@@ -1,10 +1,9 @@
 //! Where the unknowns of a window stand in its matrix.
 
-use evolvent_path::AXES;
+use evolvent_path::{AXES, FeedMetric};
 
 use super::Window;
 use super::cell::STATIONS;
-use crate::joint::metric_axes;
 use crate::newton::order;
 
 pub(super) const NONE: usize = usize::MAX;
@@ -35,11 +34,11 @@ impl<const D: usize> Layout<D> {
                 columns[axis] = d;
             }
         }
-        let metric = metric_axes(window.active);
+        let metric = FeedMetric::of_active(window.active).unwrap_or(FeedMetric::Xyz);
         Self {
             axes,
             columns,
-            metric: axes.map(|axis| metric[axis] && window.active[axis]),
+            metric: axes.map(|axis| metric.contains(axis) && window.active[axis]),
             from: window.from,
             intervals: window.to - window.from,
             free: window.free,

@@ -6,10 +6,9 @@ mod zones;
 use std::collections::VecDeque;
 use std::ops::Range;
 
-use evolvent_path::{AXES, Axes, Jet};
+use evolvent_path::{AXES, Axes, Jet, JointKind, JointLimits, classify_joint};
 
 use crate::chain::{Chain, ProgramSegment};
-use crate::joint::{JointKind, judge};
 use crate::spacing::{self, GROWTH};
 use crate::tube::sight;
 use crate::weights::Scales;
@@ -133,8 +132,12 @@ impl Smoother {
         let mut link = ProgramSegment::new(block, self.chain.end());
         if let Some(last) = self.last {
             let (end, start) = (last.curve.jet(last.curve.domain()), block.curve.jet(0.0));
-            let (limits, joint_time) = (&self.settings.limits, self.settings.joint_time_s);
-            let kind = judge(&end, &start, limits, joint_time);
+            let joint_limits = JointLimits {
+                present: self.settings.limits.present,
+                jerk: self.settings.limits.jerk,
+                joint_time_s: self.settings.joint_time_s,
+            };
+            let kind = classify_joint(&end, &start, &joint_limits);
             let free = last.tolerance.mm() > 0.0 && block.tolerance.mm() > 0.0;
             let either = last.tolerance.mm() > 0.0 || block.tolerance.mm() > 0.0;
             match kind {
@@ -142,16 +145,14 @@ impl Smoother {
                 JointKind::Smooth if free => {}
                 JointKind::Smooth if either => self.section(Ending::Moving, None, out),
                 JointKind::Smooth => {}
-                JointKind::Step { speed } if free => {
+                JointKind::Step { .. } | JointKind::Corner if free => {
                     link.smoothed = true;
-                    link.exact_speed = speed;
+                    link.exact_speed = kind.max_speed();
                     let turn = end.first.fixed_rows::<3>(0).dot(&start.first.fixed_rows::<3>(0));
                     link.sharp = turn < -0.5;
                 }
-                JointKind::Step { speed } => {
-                    let ending = if speed > 0.0 { Ending::Moving } else { Ending::Rest };
-                    self.section(ending, Some(speed), out);
-                }
+                JointKind::Step { max_speed } => self.section(Ending::Moving, Some(max_speed), out),
+                JointKind::Corner => self.section(Ending::Rest, Some(0.0), out),
             }
             let from = self.chain.end();
             link.to += from - link.from;
