@@ -3,11 +3,11 @@
 use evolvent_drive::{FeedbackBounds, PhaseSettings, WatchMode, WatchSettings};
 use evolvent_machine::{FeedbackWish, Machine};
 
-use crate::pacing::cycles_per_wake;
+use crate::pacing::{cycles_per_wake, wake_interval_ns};
 
 /// How the drives of a machine are watched at a period.
 ///
-/// A sample may always be three periods old.
+/// A sample may always be three wake-ups of the loop old.
 #[must_use]
 pub fn watch_settings(machine: &Machine, period_ns: u64) -> WatchSettings {
     let ns = |seconds: f64| (seconds * 1e9) as u64;
@@ -17,7 +17,8 @@ pub fn watch_settings(machine: &Machine, period_ns: u64) -> WatchSettings {
         FeedbackWish::IfPresent => WatchMode::IfPresent,
         FeedbackWish::Required => WatchMode::Required,
     };
-    settings.stale_ns = ns(machine.drives.feedback_timeout_s).max(3 * period_ns);
+    settings.stale_ns = ns(machine.drives.feedback_timeout_s)
+        .max(3 * wake_interval_ns(period_ns, machine.lead_cycles(period_ns)));
     settings.enable_timeout_ns = ns(machine.drives.enable_timeout_s);
     settings.bounds = feedback_bounds(machine);
     settings.bounds.ahead_ns = settings.stale_ns;
@@ -46,9 +47,10 @@ pub(crate) fn feedback_bounds(machine: &Machine) -> FeedbackBounds {
 /// How the cycle follows the drives' clock; none where the machine file says that it does not.
 #[must_use]
 pub fn phase_settings(machine: &Machine, period_ns: u64) -> Option<PhaseSettings> {
+    let lead_cycles = machine.lead_cycles(period_ns);
     machine.drives.follow_clock.then_some(PhaseSettings {
         period_ns,
-        delay_cycles: machine.lead_cycles(period_ns) + 1 + cycles_per_wake(period_ns) as u32,
+        delay_cycles: lead_cycles + 1 + cycles_per_wake(period_ns, lead_cycles) as u32,
         target_ns: 0,
     })
 }

@@ -38,9 +38,9 @@ pub(crate) struct Cycle {
     pub deadline_ns: u64,
     /// When its setpoint is due, ns.
     pub due_ns: u64,
-    /// When it began, ns: before its deadline where it is computed in a row with others.
+    /// When it began, ns: after its deadline where it is computed in a row with others.
     pub begun_ns: u64,
-    /// By how much it began after its deadline, ns.
+    /// By how much the loop woke late for its row, ns.
     pub lateness_ns: u64,
 }
 
@@ -53,6 +53,8 @@ pub(crate) struct Pacing {
     deadline_ns: u64,
     /// Cycles that are computed before the next wake-up.
     left: u64,
+    /// By how much the loop woke late, ns.
+    lateness_ns: u64,
 }
 
 impl Pacing {
@@ -61,25 +63,33 @@ impl Pacing {
         Self {
             period_ns,
             lead_ns: u64::from(lead_cycles) * period_ns,
-            cycles_per_wake: cycles_per_wake(period_ns),
+            cycles_per_wake: cycles_per_wake(period_ns, lead_cycles),
             deadline_ns: now_ns + 2 * period_ns,
             left: 0,
+            lateness_ns: 0,
         }
     }
 
     /// Waits for the next cycle to begin. The cycle may call it: at most one system call, no allocation.
     pub(crate) fn wait(&mut self, timer: &mut impl Timer) -> Cycle {
+        let mut wake_ns = None;
         if self.left == 0 {
             self.left = self.cycles_per_wake;
-            timer.sleep_until(self.deadline_ns);
+            // The last deadline of the row: an input then takes effect with the next row, at most a row after it came.
+            let last_ns = self.deadline_ns + (self.cycles_per_wake - 1) * self.period_ns;
+            timer.sleep_until(last_ns);
+            wake_ns = Some(last_ns);
         }
         self.left -= 1;
         let begun_ns = timer.now_ns();
+        if let Some(wake_ns) = wake_ns {
+            self.lateness_ns = begun_ns.saturating_sub(wake_ns);
+        }
         Cycle {
             deadline_ns: self.deadline_ns,
             due_ns: self.deadline_ns + self.lead_ns,
             begun_ns,
-            lateness_ns: begun_ns.saturating_sub(self.deadline_ns),
+            lateness_ns: self.lateness_ns,
         }
     }
 
@@ -130,14 +140,15 @@ impl LatenessCounter {
     }
 }
 
-/// Cycles that are computed in a row.
-pub(crate) fn cycles_per_wake(period_ns: u64) -> u64 {
-    MIN_WAKE_NS.div_ceil(period_ns.max(1)).max(1)
+/// Cycles that are computed in a row. The first of them loses this much of its lead: at most a quarter.
+pub(crate) fn cycles_per_wake(period_ns: u64, lead_cycles: u32) -> u64 {
+    let row = MIN_WAKE_NS.div_ceil(period_ns.max(1));
+    row.min(u64::from(lead_cycles) / 4).max(1)
 }
 
 /// Time between two wake-ups, ns.
-pub(crate) fn wake_interval_ns(period_ns: u64) -> u64 {
-    cycles_per_wake(period_ns) * period_ns
+pub(crate) fn wake_interval_ns(period_ns: u64, lead_cycles: u32) -> u64 {
+    cycles_per_wake(period_ns, lead_cycles) * period_ns
 }
 
 #[cfg(test)]
@@ -189,22 +200,39 @@ mod tests {
                 (cycle.deadline_ns, cycle.due_ns),
                 (deadline_ns, deadline_ns + 70 * period_ns)
             );
-            assert_eq!(cycle.lateness_ns, cycle.begun_ns.saturating_sub(deadline_ns));
+            let wake_ns = 5_000_000 + (number as u64 / 9 * 9 + 10) * period_ns;
+            assert!(cycle.begun_ns >= wake_ns + cycle.lateness_ns);
         }
         assert_eq!(sleeps, 100);
     }
 
     #[test]
-    fn a_row_is_computed_before_its_deadlines_and_none_before_the_wake_up() {
+    fn a_row_is_computed_at_the_last_of_its_deadlines() {
         let (cycles, _) = cycles(28_571, 90, &[2000]);
         for row in cycles.chunks(9) {
-            assert!(row[0].begun_ns >= row[0].deadline_ns);
-            assert!(
-                row.iter()
-                    .all(|cycle| cycle.begun_ns < row[0].deadline_ns + 20_000)
-            );
-            assert_eq!(row[8].lateness_ns, 0);
+            let wake_ns = row[8].deadline_ns;
+            let is_in_time = |cycle: &Cycle| (wake_ns..wake_ns + 20_000).contains(&cycle.begun_ns);
+            assert!(row.iter().all(is_in_time));
+            assert!(row.iter().all(|cycle| cycle.lateness_ns == 3000));
         }
+    }
+
+    /// A hold that comes at any moment counts from a setpoint that is due at most a lead and two cycles later.
+    #[test]
+    fn what_comes_in_counts_after_the_lead_and_two_cycles_at_most() {
+        let period_ns = 28_571;
+        let (cycles, _) = cycles(period_ns, 90, &[0]);
+        for moment_ns in (6_000_000..7_000_000).step_by(1009) {
+            let first = cycles.iter().find(|cycle| cycle.begun_ns > moment_ns).unwrap();
+            assert!(first.due_ns < moment_ns + 72 * period_ns, "{moment_ns}");
+        }
+    }
+
+    #[test]
+    fn a_short_lead_is_not_spent_on_rows() {
+        assert_eq!(cycles_per_wake(28_571, 2), 1);
+        assert_eq!(cycles_per_wake(28_571, 8), 2);
+        assert_eq!(cycles_per_wake(28_571, 1000), 9);
     }
 
     #[test]
@@ -218,8 +246,8 @@ mod tests {
             (35_000, 9),
         ] {
             let period_ns = 1_000_000_000 / rate_hz;
-            assert_eq!(cycles_per_wake(period_ns), in_a_row, "{rate_hz} Hz");
-            assert!((250_000..1_000_000 + 4_000_000).contains(&wake_interval_ns(period_ns)));
+            assert_eq!(cycles_per_wake(period_ns, 70), in_a_row, "{rate_hz} Hz");
+            assert!((250_000..5_000_000).contains(&wake_interval_ns(period_ns, 70)));
         }
         assert_eq!(cycles(1_000_000, 50, &[0]).1, 50);
     }

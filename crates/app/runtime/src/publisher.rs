@@ -30,6 +30,7 @@ const LONGEST_SLEEP_NS: u64 = 1_000_000;
 /// What the publisher needs to know.
 pub(crate) struct Publishing {
     pub config: BusConfig,
+    pub lead_cycles: u32,
     pub clock: Clock,
     pub increments: Axes,
     pub axes_mask: u32,
@@ -118,7 +119,7 @@ impl Publishing {
         let subscribers = self.await_subscribers(&bus);
         report.see_listeners(&bus);
         let _gone = ready.send(Ok(subscribers));
-        let nap = (wake_interval_ns(self.config.period_ns) / 2).min(LONGEST_SLEEP_NS);
+        let nap = (wake_interval_ns(self.config.period_ns, self.lead_cycles) / 2).min(LONGEST_SLEEP_NS);
         let mut status = Status::default();
         status.set_program(&self.program);
         status.tool = track.now.tool;

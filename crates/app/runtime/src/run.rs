@@ -492,6 +492,7 @@ fn publishing(job: &Job, controls: &Arc<Controls>) -> Publishing {
         .fold(0, |mask, axis| mask | 1 << axis.letter.index());
     Publishing {
         config,
+        lead_cycles: machine.lead_cycles(job.setup.period_ns),
         clock: job.clock,
         increments: machine.increments(),
         axes_mask,

@@ -49,7 +49,8 @@ impl Ports {
             }
         };
         let _gone = ready.send(Ok(()));
-        let nap = (wake_interval_ns(publishing.config.period_ns) / 2).min(LONGEST_SLEEP_NS);
+        let nap =
+            (wake_interval_ns(publishing.config.period_ns, publishing.lead_cycles) / 2).min(LONGEST_SLEEP_NS);
         let mut next_admission = 0;
         loop {
             let over = self.setpoints.is_abandoned() && self.snapshots.is_abandoned();

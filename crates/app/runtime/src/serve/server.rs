@@ -251,8 +251,9 @@ pub fn serve(
     // A hold is not to wait until a busy host has time. What it starts itself is of the normal scheduler.
     raise_priority();
 
-    let every = Duration::from_nanos(wake_interval_ns(setup.period_ns) / 4)
-        .clamp(CONTROL_EVERY_AT_LEAST, CONTROL_EVERY);
+    let every =
+        Duration::from_nanos(wake_interval_ns(setup.period_ns, machine.lead_cycles(setup.period_ns)) / 4)
+            .clamp(CONTROL_EVERY_AT_LEAST, CONTROL_EVERY);
     let mut file_begun = Instant::now();
     let mut files_ordered = 0;
     let mut calls = Calls::default();
@@ -405,6 +406,7 @@ fn publishing(config: &ServeConfig) -> Publishing {
     bus.prefix.clone_from(&config.bus_prefix);
     Publishing {
         config: bus,
+        lead_cycles: machine.lead_cycles(config.setup.period_ns),
         clock: Clock::Realtime,
         increments: machine.increments(),
         axes_mask: machine
