@@ -1,0 +1,167 @@
+//! The distributed clock of one device: a crystal that drifts, and a loop that follows the reference.
+
+/// The largest correction of the speed, as a ratio.
+const MAX_CORRECTION: f64 = 1e-3;
+/// Pulses that are made up for after a pause of the simulator.
+const MAX_PULSES: u64 = 1000;
+
+/// A clock with a drift. The loop that follows the reference is proportional and integral; a real controller's adder
+/// steps by single ns, which is slower and less smooth.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Clock {
+    drift: f64,
+    /// Ratio by which the loop makes the clock faster.
+    correction: f64,
+    integral: f64,
+    /// Local time `local_ns` plus `fraction_ns` at the simulator's time `at_ns`.
+    at_ns: u64,
+    local_ns: u64,
+    fraction_ns: f64,
+    /// Added for the system time.
+    pub(crate) offset_ns: u64,
+    pub(crate) delay_ns: u32,
+    mean_difference_ns: f64,
+    compared_at_ns: Option<u64>,
+    /// System time of the next SYNC0, where it is on.
+    next_sync_ns: Option<u64>,
+    cycle_ns: u64,
+}
+
+impl Clock {
+    /// A clock that was just supplied. A positive drift makes it fast.
+    pub(crate) fn new(now_ns: u64, drift_ppm: f64) -> Self {
+        Self {
+            drift: drift_ppm * 1e-6,
+            correction: 0.0,
+            integral: 0.0,
+            at_ns: now_ns,
+            local_ns: 0,
+            fraction_ns: 0.0,
+            offset_ns: 0,
+            delay_ns: 0,
+            mean_difference_ns: 0.0,
+            compared_at_ns: None,
+            next_sync_ns: None,
+            cycle_ns: 0,
+        }
+    }
+
+    fn rate(&self) -> f64 {
+        (1.0 + self.drift) * (1.0 + self.correction)
+    }
+
+    /// Local time, of the receive times.
+    pub(crate) fn local(&self, now_ns: u64) -> u64 {
+        let passed = now_ns.saturating_sub(self.at_ns) as f64 * self.rate() + self.fraction_ns;
+        self.local_ns.wrapping_add(passed as u64)
+    }
+
+    /// The device's copy of the system time.
+    pub(crate) fn system(&self, now_ns: u64) -> u64 {
+        self.local(now_ns).wrapping_add(self.offset_ns)
+    }
+
+    fn rebase(&mut self, now_ns: u64) {
+        let passed = now_ns.saturating_sub(self.at_ns) as f64 * self.rate() + self.fraction_ns;
+        self.local_ns = self.local_ns.wrapping_add(passed as u64);
+        self.fraction_ns = passed - passed.trunc();
+        self.at_ns = now_ns;
+    }
+
+    /// Drops what the loop has found, as a write to its start value does.
+    pub(crate) fn reset_loop(&mut self, now_ns: u64) {
+        self.rebase(now_ns);
+        (self.correction, self.integral, self.mean_difference_ns) = (0.0, 0.0, 0.0);
+        self.compared_at_ns = None;
+    }
+
+    /// The reference's system time, the lower 32 bits of it, comes by.
+    pub(crate) fn compare(&mut self, now_ns: u64, received: u32) {
+        let own = self.system(now_ns) as u32;
+        let difference_ns = f64::from(own.wrapping_sub(received.wrapping_add(self.delay_ns)) as i32);
+        self.rebase(now_ns);
+        self.mean_difference_ns += (difference_ns - self.mean_difference_ns) / 4.0;
+        let Some(last_ns) = self.compared_at_ns.replace(now_ns) else {
+            return;
+        };
+        let interval_ns = now_ns.saturating_sub(last_ns).max(1) as f64;
+        // A time constant of twenty intervals, critically damped: rate' = -e/T - integral(e)/(4 T^2).
+        let constant_ns = 20.0 * interval_ns;
+        self.integral += difference_ns * interval_ns / (4.0 * constant_ns * constant_ns);
+        self.integral = self.integral.clamp(-MAX_CORRECTION, MAX_CORRECTION);
+        self.correction =
+            (-difference_ns / constant_ns - self.integral).clamp(-MAX_CORRECTION, MAX_CORRECTION);
+    }
+
+    /// Register 092Ch: magnitude, and in bit 31 whether the local copy is behind.
+    pub(crate) fn difference(&self) -> u32 {
+        let magnitude = (self.mean_difference_ns.abs() as u32).min(0x7FFF_FFFF);
+        magnitude | u32::from(self.mean_difference_ns < 0.0) << 31
+    }
+
+    /// Switches SYNC0 on. A start that has passed already never comes.
+    pub(crate) fn start_sync(&mut self, now_ns: u64, start_ns: u64, cycle_ns: u32) {
+        let ahead_ns = start_ns.wrapping_sub(self.system(now_ns)) as i64;
+        self.next_sync_ns = (cycle_ns > 0 && ahead_ns > 0).then_some(start_ns);
+        self.cycle_ns = u64::from(cycle_ns);
+    }
+
+    pub(crate) fn stop_sync(&mut self) {
+        self.next_sync_ns = None;
+    }
+
+    /// Whether SYNC0 comes, or will.
+    pub(crate) const fn has_sync(&self) -> bool {
+        self.next_sync_ns.is_some()
+    }
+
+    pub(crate) const fn sync_cycle_ns(&self) -> u64 {
+        self.cycle_ns
+    }
+
+    /// The next SYNC0 up to `now_ns`, by the simulator's time; call until there is none.
+    pub(crate) fn take_sync(&mut self, now_ns: u64) -> Option<u64> {
+        let next_ns = self.next_sync_ns?;
+        let since_ns = self.system(now_ns).wrapping_sub(next_ns);
+        if since_ns as i64 <= 0 {
+            return None;
+        }
+        let behind = since_ns / self.cycle_ns.max(1);
+        let skipped = behind.saturating_sub(MAX_PULSES);
+        self.next_sync_ns = Some(next_ns.wrapping_add((skipped + 1) * self.cycle_ns));
+        Some(now_ns.saturating_sub(since_ns.saturating_sub(skipped * self.cycle_ns)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_drift_of_50_ppm_is_50_us_a_second_until_the_loop_takes_it_away() {
+        let mut clock = Clock::new(1_000, 50.0);
+        assert!(clock.local(1_000_001_000).abs_diff(1_000_050_000) <= 1);
+        for millisecond in 1..2000_u64 {
+            let now_ns = 1_000 + millisecond * 1_000_000;
+            clock.compare(now_ns, (now_ns - 1_000) as u32);
+        }
+        let now_ns = 1_000 + 2_000 * 1_000_000;
+        assert!(clock.system(now_ns).abs_diff(now_ns - 1_000) < 50, "{clock:?}");
+        assert!(clock.difference() & 0x7FFF_FFFF < 50);
+    }
+
+    #[test]
+    fn sync_comes_once_a_cycle_from_its_start_on() {
+        let mut clock = Clock::new(0, 0.0);
+        clock.start_sync(0, 5_000_000, 1_000_000);
+        let mut pulses = Vec::new();
+        for now_ns in (0..10_000_000).step_by(300_000) {
+            while let Some(at_ns) = clock.take_sync(now_ns) {
+                pulses.push(at_ns);
+            }
+        }
+        assert_eq!(pulses, [5_000_000, 6_000_000, 7_000_000, 8_000_000, 9_000_000]);
+        clock.start_sync(20_000_000, 5_000_000, 1_000_000);
+        assert!(!clock.has_sync(), "a start in the past");
+    }
+}

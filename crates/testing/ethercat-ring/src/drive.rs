@@ -1,0 +1,568 @@
+//! A CiA 402 drive with its motor: cyclic synchronous position, homing, touch probe, following error.
+
+use core::f64::consts::TAU;
+
+use evolvent_drive::{DriveEvents, DriveMachine, DriveState, QuickStopOption, bits};
+
+use crate::homing::{Homing, HomingState, Sight};
+use crate::motor::{Mechanics, TwoMass};
+use crate::object::{Dictionary, Entry, ObjectCode, data_type as t};
+use crate::probe::Probe;
+
+/// The period of the drive's own control, ns.
+pub(crate) const STEP_NS: u64 = 125_000;
+/// The same, s.
+const STEP_S: f64 = 125e-6;
+/// Gain of the position loop, 1/s.
+const POSITION_GAIN: f64 = 80.0;
+/// Bandwidth of the speed loop, rad/s.
+const SPEED_BANDWIDTH: f64 = TAU * 60.0;
+/// Integral time of the speed loop, s.
+const INTEGRAL_S: f64 = 0.02;
+/// The most that a drive gives, in rated torques.
+const PEAK_TORQUE: f64 = 3.0;
+/// Speed below which the axis stands, turns/s.
+const STANDING: f64 = 0.01;
+/// Steps of the self-test: 10 ms.
+const SELF_TEST: u32 = 80;
+/// Error codes of object 603Fh.
+mod code {
+    /// Following error.
+    pub(super) const FOLLOWING: u16 = 0x8611;
+    /// The fieldbus was lost under power.
+    pub(super) const COMMUNICATION: u16 = 0x7500;
+}
+
+/// Modes of operation.
+const CSP: i8 = 8;
+const HOMING: i8 = 6;
+
+/// What a drive has on its shaft and how it is set up. Positions are turns of the motor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DriveSettings {
+    /// Increments of the encoder a turn.
+    pub resolution: u32,
+    /// Motor and load.
+    pub mechanics: Mechanics,
+    /// Where the axis stands at power-up.
+    pub start_turns: f64,
+    /// What the encoder names that position.
+    pub start_increments: i32,
+    /// Where the limit switches close.
+    pub limits_turns: [f64; 2],
+    /// Where the touch probe closes.
+    pub probe_turns: f64,
+}
+
+impl Default for DriveSettings {
+    /// 2^20 increments, 400 turns between the switches, at rest in the middle.
+    fn default() -> Self {
+        Self {
+            resolution: 1 << 20,
+            mechanics: Mechanics::default(),
+            start_turns: 0.0,
+            start_increments: 0,
+            limits_turns: [-200.0, 200.0],
+            probe_turns: 1000.0,
+        }
+    }
+}
+
+/// What is wrong with a drive on demand.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct DriveTrouble {
+    /// A fault with this code.
+    pub(crate) fault: Option<u16>,
+    /// Safe torque off.
+    pub(crate) torque_off: bool,
+    /// The load is held fast.
+    pub(crate) blocked: bool,
+    /// Both limit switches are pressed.
+    pub(crate) limit: bool,
+}
+
+/// Outputs as they were taken over last.
+#[derive(Clone, Copy, Debug, Default)]
+struct Orders {
+    control_word: u16,
+    mode: i8,
+    target: i32,
+    velocity_offset: i32,
+    torque_offset: i16,
+}
+
+/// Where the axis shall be, in turns.
+#[derive(Clone, Copy, Debug, Default)]
+struct Demand {
+    position: f64,
+    velocity: f64,
+}
+
+/// One drive.
+#[derive(Clone, Debug)]
+pub struct Drive {
+    settings: DriveSettings,
+    machine: DriveMachine,
+    masses: TwoMass,
+    /// Added to increments of the motor for those that the drive names.
+    offset: i64,
+    orders: Orders,
+    demand: Demand,
+    /// Turns a step on the way to the newest target, and steps that are left.
+    stride: (f64, u32),
+    integral_n_m: f64,
+    torque_n_m: f64,
+    homing: Homing,
+    probe: Probe,
+    beyond_window_s: f64,
+    /// What the drive itself has found, until it is reset.
+    own_fault: Option<u16>,
+    was_operational: bool,
+    pub(crate) trouble: DriveTrouble,
+    steps: u32,
+}
+
+impl Drive {
+    /// A drive that was just supplied.
+    #[must_use]
+    pub(crate) fn new(settings: DriveSettings) -> Self {
+        let start = (settings.start_turns * f64::from(settings.resolution)).floor() as i64;
+        Self {
+            settings,
+            machine: DriveMachine::new(QuickStopOption::ThenDisabled),
+            masses: TwoMass::at_turns(settings.start_turns),
+            offset: i64::from(settings.start_increments) - start,
+            orders: Orders::default(),
+            demand: Demand {
+                position: settings.start_turns,
+                velocity: 0.0,
+            },
+            stride: (0.0, 0),
+            integral_n_m: 0.0,
+            torque_n_m: 0.0,
+            homing: Homing::default(),
+            probe: Probe::at(settings.start_turns),
+            beyond_window_s: 0.0,
+            own_fault: None,
+            was_operational: false,
+            trouble: DriveTrouble::default(),
+            steps: 0,
+        }
+    }
+
+    /// Supply is switched off and on: the encoder goes on to count, all else begins anew.
+    pub(crate) fn restart(&mut self) {
+        let (masses, offset, settings) = (self.masses, self.offset, self.settings);
+        *self = Self {
+            masses: TwoMass {
+                motor_speed: 0.0,
+                load_speed: 0.0,
+                ..masses
+            },
+            offset,
+            ..Self::new(settings)
+        };
+    }
+
+    /// Its set-up.
+    #[must_use]
+    pub const fn settings(&self) -> &DriveSettings {
+        &self.settings
+    }
+
+    /// Its power state.
+    #[must_use]
+    pub const fn state(&self) -> DriveState {
+        self.machine.state()
+    }
+
+    /// Turns of the motor.
+    #[must_use]
+    pub fn motor_turns(&self) -> f64 {
+        self.masses.motor / TAU
+    }
+
+    /// Turns of the load.
+    #[must_use]
+    pub fn load_turns(&self) -> f64 {
+        self.masses.load / TAU
+    }
+
+    /// Speed of the motor, turns/s.
+    #[must_use]
+    pub fn speed_turns_s(&self) -> f64 {
+        self.masses.motor_speed / TAU
+    }
+
+    /// Object 6064h.
+    #[must_use]
+    pub fn position(&self) -> i32 {
+        self.increments(self.motor_turns())
+    }
+
+    fn increments(&self, turns: f64) -> i32 {
+        // Counters wrap around.
+        ((turns * f64::from(self.settings.resolution)).floor() as i64).wrapping_add(self.offset) as i32
+    }
+
+    /// Turns of a position as the drive names it, next to where the motor is.
+    fn turns(&self, increments: i32) -> f64 {
+        let away = increments.wrapping_sub(self.position());
+        let resolution = f64::from(self.settings.resolution);
+        (self.motor_turns() * resolution).floor() / resolution + f64::from(away) / resolution
+    }
+
+    /// The limit switches: negative end, positive end.
+    fn limits(&self) -> [bool; 2] {
+        let [negative, positive] = self.settings.limits_turns;
+        let at = self.load_turns();
+        [
+            at <= negative || self.trouble.limit,
+            at >= positive || self.trouble.limit,
+        ]
+    }
+
+    /// Its objects.
+    pub(crate) fn objects(&self, objects: &mut Dictionary) {
+        let resolution = i64::from(self.settings.resolution);
+        let torque = (self.settings.mechanics.rated_torque_n_m * 1000.0) as i64;
+        let variables = [
+            (0x603F, Entry::integer("Error code", t::UNSIGNED16, 0).input()),
+            (0x6040, Entry::integer("Control word", t::UNSIGNED16, 0).output()),
+            (0x6041, Entry::integer("Status word", t::UNSIGNED16, 0).input()),
+            (0x605A, Entry::integer("Quick stop option code", t::INTEGER16, 2)),
+            (
+                0x6060,
+                Entry::integer("Modes of operation", t::INTEGER8, 0).output(),
+            ),
+            (
+                0x6061,
+                Entry::integer("Modes of operation display", t::INTEGER8, 0).input(),
+            ),
+            (
+                0x6064,
+                Entry::integer("Position actual value", t::INTEGER32, 0).input(),
+            ),
+            (
+                0x6065,
+                Entry::integer("Following error window", t::UNSIGNED32, resolution).writable(),
+            ),
+            (
+                0x6066,
+                Entry::integer("Following error time out", t::UNSIGNED16, 20).writable(),
+            ),
+            (
+                0x606C,
+                Entry::integer("Velocity actual value", t::INTEGER32, 0).input(),
+            ),
+            (
+                0x6076,
+                Entry::integer("Motor rated torque", t::UNSIGNED32, torque),
+            ),
+            (
+                0x6077,
+                Entry::integer("Torque actual value", t::INTEGER16, 0).input(),
+            ),
+            (
+                0x607A,
+                Entry::integer("Target position", t::INTEGER32, 0).output(),
+            ),
+            (0x607C, Entry::integer("Home offset", t::INTEGER32, 0).writable()),
+            (
+                0x6085,
+                Entry::integer(
+                    "Quick stop deceleration",
+                    t::UNSIGNED32,
+                    200 * resolution.min(1 << 24),
+                )
+                .writable(),
+            ),
+            (
+                0x6098,
+                Entry::integer("Homing method", t::INTEGER8, 35).writable(),
+            ),
+            (
+                0x609A,
+                Entry::integer("Homing acceleration", t::UNSIGNED32, 50 * resolution.min(1 << 24)).writable(),
+            ),
+            (
+                0x60B1,
+                Entry::integer("Velocity offset", t::INTEGER32, 0).output(),
+            ),
+            (0x60B2, Entry::integer("Torque offset", t::INTEGER16, 0).output()),
+            (
+                0x60B8,
+                Entry::integer("Touch probe function", t::UNSIGNED16, 0).output(),
+            ),
+            (
+                0x60B9,
+                Entry::integer("Touch probe status", t::UNSIGNED16, 0).input(),
+            ),
+            (
+                0x60BA,
+                Entry::integer("Touch probe 1 positive edge", t::INTEGER32, 0).input(),
+            ),
+            (
+                0x60BB,
+                Entry::integer("Touch probe 1 negative edge", t::INTEGER32, 0).input(),
+            ),
+            (
+                0x60F4,
+                Entry::integer("Following error actual value", t::INTEGER32, 0).input(),
+            ),
+            (0x60FD, Entry::integer("Digital inputs", t::UNSIGNED32, 0).input()),
+            (
+                0x6502,
+                Entry::integer("Supported drive modes", t::UNSIGNED32, 0b1010_0000),
+            ),
+        ];
+        for (index, entry) in variables {
+            objects.variable(index, entry);
+        }
+        let numbers = |names: [(&'static str, u16, i64); 2]| {
+            names
+                .map(|(name, kind, value)| Entry::integer(name, kind, value))
+                .to_vec()
+        };
+        let writable = |entries: Vec<Entry>| entries.into_iter().map(Entry::writable).collect();
+        let speeds = numbers([
+            ("Search for switch", t::UNSIGNED32, 5 * resolution),
+            ("Search for zero", t::UNSIGNED32, resolution / 2),
+        ]);
+        objects.compound(0x6099, "Homing speeds", ObjectCode::Array, writable(speeds));
+        let period = numbers([("Value", t::UNSIGNED8, 1), ("Index", t::INTEGER8, -3)]);
+        objects.compound(
+            0x60C2,
+            "Interpolation time period",
+            ObjectCode::Record,
+            writable(period),
+        );
+        let encoder = numbers([
+            ("Increments", t::UNSIGNED32, resolution),
+            ("Motor revolutions", t::UNSIGNED32, 1),
+        ]);
+        objects.compound(0x608F, "Position encoder resolution", ObjectCode::Array, encoder);
+        let gear = numbers([
+            ("Motor revolutions", t::UNSIGNED32, 1),
+            ("Shaft revolutions", t::UNSIGNED32, 1),
+        ]);
+        objects.compound(0x6091, "Gear ratio", ObjectCode::Array, writable(gear));
+    }
+
+    /// Takes over outputs. `cycle_ns` is the period of SYNC0, where that is on.
+    pub(crate) fn take_outputs(&mut self, objects: &Dictionary, cycle_ns: Option<u64>) {
+        self.orders = Orders {
+            control_word: objects.integer(0x6040, 0) as u16,
+            mode: objects.integer(0x6060, 0) as i8,
+            target: objects.integer(0x607A, 0) as i32,
+            velocity_offset: objects.integer(0x60B1, 0) as i32,
+            torque_offset: objects.integer(0x60B2, 0) as i16,
+        };
+        self.probe.set_function(objects.integer(0x60B8, 0) as u16);
+        let told_s = objects.integer(0x60C2, 1) as f64 * 10_f64.powi(objects.integer(0x60C2, 2) as i32);
+        let cycle_s = cycle_ns.map_or(told_s, |cycle_ns| cycle_ns as f64 * 1e-9);
+        let steps = (cycle_s / STEP_S).round().clamp(1.0, 800.0);
+        let away = self.turns(self.orders.target) - self.demand.position;
+        self.stride = (away / steps, steps as u32);
+    }
+
+    /// One step of the control. `operational`: the fieldbus is in OP.
+    pub(crate) fn step(&mut self, objects: &Dictionary, operational: bool) {
+        self.steps = self.steps.saturating_add(1);
+        if self.was_operational && !operational && self.machine.has_torque() {
+            self.own_fault = Some(code::COMMUNICATION);
+        }
+        self.was_operational = operational;
+        let speed = self.speed_turns_s();
+        let at_rest = speed.abs() < STANDING && self.demand.velocity.abs() < STANDING;
+        let before = self.machine.state();
+        let control_word = if !operational || self.trouble.torque_off {
+            0
+        } else {
+            self.orders.control_word
+        };
+        let fault = self.trouble.fault.or(self.own_fault.take());
+        self.machine.step(
+            control_word,
+            DriveEvents {
+                ready: self.steps > SELF_TEST,
+                fault,
+                at_rest,
+            },
+        );
+        let state = self.machine.state();
+        if state == DriveState::OperationEnabled && before != state {
+            self.demand = Demand {
+                position: self.motor_turns(),
+                velocity: 0.0,
+            };
+            self.stride = (0.0, 0);
+            self.integral_n_m = 0.0;
+        }
+        self.advance_demand(objects, state);
+        self.watch_following(objects, state);
+        self.torque_n_m = self.torque(state);
+        let load = self.masses.load;
+        self.masses
+            .step(&self.settings.mechanics, self.torque_n_m, STEP_S);
+        if self.trouble.blocked {
+            self.masses.block(load);
+        }
+        self.probe.step(self.motor_turns(), self.settings.probe_turns);
+    }
+
+    fn advance_demand(&mut self, objects: &Dictionary, state: DriveState) {
+        let resolution = f64::from(self.settings.resolution);
+        match state {
+            DriveState::OperationEnabled if self.orders.mode == CSP => {
+                self.homing.stop();
+                self.demand.velocity = f64::from(self.orders.velocity_offset) / resolution;
+                if self.stride.1 > 0 {
+                    self.demand.position += self.stride.0;
+                    self.stride.1 -= 1;
+                }
+            }
+            DriveState::OperationEnabled if self.orders.mode == HOMING => {
+                let speed = self.home(objects, resolution);
+                let most = objects.integer(0x609A, 0) as f64 / resolution * STEP_S;
+                self.demand.velocity += (speed - self.demand.velocity).clamp(-most, most);
+                self.demand.position += self.demand.velocity * STEP_S;
+            }
+            DriveState::OperationEnabled => self.demand.velocity = 0.0,
+            DriveState::QuickStopActive | DriveState::FaultReactionActive => {
+                let most = objects.integer(0x6085, 0) as f64 / resolution * STEP_S;
+                // The ramp begins at the axis's own speed.
+                if self.demand.velocity == 0.0 && self.speed_turns_s().abs() > most {
+                    self.demand.velocity = self.speed_turns_s();
+                }
+                self.demand.velocity -= self.demand.velocity.clamp(-most, most);
+                self.demand.position += self.demand.velocity * STEP_S;
+            }
+            _ => {
+                self.demand = Demand {
+                    position: self.motor_turns(),
+                    velocity: 0.0,
+                }
+            }
+        }
+    }
+
+    /// The speed that homing wants.
+    fn home(&mut self, objects: &Dictionary, resolution: f64) -> f64 {
+        let starts = self.orders.control_word >> 4 & 1 == 1;
+        if !starts {
+            self.homing.stop();
+            return 0.0;
+        }
+        let mut found = None;
+        if self.homing.state == HomingState::Idle {
+            let method = objects.integer(0x6098, 0) as i8;
+            self.homing.start(method, self.motor_turns());
+            if self.homing.state == HomingState::Attained {
+                found = Some(self.motor_turns());
+            }
+        }
+        let [negative_limit, positive_limit] = self.limits();
+        let sight = Sight {
+            negative_limit,
+            positive_limit,
+            turns: self.motor_turns(),
+        };
+        let fast = objects.integer(0x6099, 1) as f64 / resolution;
+        let slow = objects.integer(0x6099, 2) as f64 / resolution;
+        let (speed, home) = self.homing.step(sight, fast, slow);
+        if let Some(turns) = found.or(home) {
+            let home_offset = objects.integer(0x607C, 0);
+            self.offset = home_offset - (turns * resolution).floor() as i64;
+        }
+        speed
+    }
+
+    fn watch_following(&mut self, objects: &Dictionary, state: DriveState) {
+        let window = objects.integer(0x6065, 0);
+        let error = (self.demand.position - self.motor_turns()).abs() * f64::from(self.settings.resolution);
+        let is_off = window != 0xFFFF_FFFF && state == DriveState::OperationEnabled && error > window as f64;
+        self.beyond_window_s = if is_off {
+            self.beyond_window_s + STEP_S
+        } else {
+            0.0
+        };
+        if self.beyond_window_s * 1000.0 > objects.integer(0x6066, 0) as f64 {
+            self.own_fault = Some(code::FOLLOWING);
+        }
+    }
+
+    fn torque(&mut self, state: DriveState) -> f64 {
+        let mechanics = &self.settings.mechanics;
+        let peak = PEAK_TORQUE * mechanics.rated_torque_n_m;
+        let inertia = mechanics.motor_inertia_kg_m2 + mechanics.load_inertia_kg_m2;
+        let gain = SPEED_BANDWIDTH * inertia;
+        if !self.machine.has_torque() || self.trouble.torque_off {
+            self.integral_n_m = 0.0;
+            // The holding brake.
+            return (-gain * self.masses.motor_speed)
+                .clamp(-mechanics.rated_torque_n_m, mechanics.rated_torque_n_m);
+        }
+        let speed = POSITION_GAIN * (self.demand.position - self.motor_turns()) + self.demand.velocity;
+        let error = speed * TAU - self.masses.motor_speed;
+        let offset = if state == DriveState::OperationEnabled && self.orders.mode == CSP {
+            f64::from(self.orders.torque_offset) / 1000.0 * mechanics.rated_torque_n_m
+        } else {
+            0.0
+        };
+        let wanted = gain * error + self.integral_n_m + offset;
+        if wanted.abs() < peak {
+            self.integral_n_m += gain * error * STEP_S / INTEGRAL_S;
+        }
+        wanted.clamp(-peak, peak)
+    }
+
+    /// Writes what it has to say into the dictionary.
+    pub(crate) fn give_inputs(&self, objects: &mut Dictionary) {
+        let resolution = f64::from(self.settings.resolution);
+        let [negative, positive] = self.limits();
+        let mut status = self.machine.status_word();
+        if self.trouble.torque_off {
+            status &= !bits::VOLTAGE_ENABLED;
+        }
+        if negative || positive {
+            status |= bits::INTERNAL_LIMIT;
+        }
+        if self.orders.mode == HOMING {
+            status &= !(bits::FOLLOWS_TARGET | bits::FOLLOWING_ERROR);
+            let standing = self.demand.velocity == 0.0;
+            match self.homing.state {
+                HomingState::Attained if standing => status |= 1 << 10 | 1 << 12,
+                HomingState::Failed => status |= 1 << 10 | 1 << 13,
+                _ => {}
+            }
+        } else if self.orders.mode != CSP {
+            status &= !bits::FOLLOWS_TARGET;
+        } else if self.beyond_window_s > 0.0 {
+            status |= bits::FOLLOWING_ERROR;
+        }
+        let following = (self.demand.position - self.motor_turns()) * resolution;
+        let probe_input = self.motor_turns() >= self.settings.probe_turns;
+        let inputs = i64::from(negative) | i64::from(positive) << 1 | i64::from(probe_input) << 16;
+        let torque = self.torque_n_m / self.settings.mechanics.rated_torque_n_m * 1000.0;
+        let values = [
+            (0x603F, i64::from(self.machine.error_code())),
+            (0x6041, i64::from(status)),
+            (0x6061, i64::from(self.orders.mode)),
+            (0x6064, i64::from(self.position())),
+            (0x606C, (self.speed_turns_s() * resolution) as i64),
+            (0x6077, torque as i64),
+            (0x60B9, i64::from(self.probe.status)),
+            (0x60F4, following as i64),
+            (0x60FD, inputs),
+        ];
+        for (index, value) in values {
+            objects.set_integer(index, 0, value);
+        }
+        for (index, caught) in [(0x60BA, self.probe.rising), (0x60BB, self.probe.falling)] {
+            if let Some(turns) = caught {
+                objects.set_integer(index, 0, i64::from(self.increments(turns)));
+            }
+        }
+    }
+}

@@ -1,0 +1,112 @@
+//! `ethercat-ring`: the simulated ring on a network interface, started by hand.
+
+use std::io::Write;
+use std::process::ExitCode;
+use std::sync::atomic::AtomicBool;
+use std::sync::{Arc, Mutex};
+
+use clap::{Parser, ValueEnum};
+use evolvent_ethercat_ring::{
+    DriveSettings, Fault, PacketSocket, Ring, SubDevice, TerminalKind, monotonic_ns, run,
+};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+
+/// A TEST SIMULATOR: a ring of EtherCAT SubDevices on a network interface, for MainDevices under test.
+///
+/// Never on an interface with real devices. A pair of virtual ones is made by `ip link add name ec0 type veth peer name ec1`,
+/// `ip link set ec0 up` and `ip link set ec1 up`; the ring goes on ec1, the MainDevice on ec0. Needs CAP_NET_RAW.
+#[derive(Debug, Parser)]
+#[command(version)]
+struct Arguments {
+    /// The network interface.
+    #[arg(long, value_name = "NAME")]
+    interface: String,
+    /// A device; may be given several times, in the order of the ring. Default: coupler and one drive.
+    #[arg(long = "device", value_enum, value_name = "KIND")]
+    devices: Vec<Kind>,
+    /// A fault so many seconds after all devices were in OP: loss, delay, reorder, wkc, break, gone, drive, temperature, sto,
+    /// blocked, limit, sdo-abort, sdo-wrong or slow-mailbox. May be given several times; devices count from 0.
+    #[arg(long = "fault", value_name = "KIND@SECONDS[+DURATION][:DEVICE]")]
+    faults: Vec<Fault>,
+    /// By how much the clock of each drive is faster than the one before it, in millionths.
+    #[arg(
+        long,
+        value_name = "PPM",
+        default_value_t = 10.0,
+        allow_negative_numbers = true
+    )]
+    drift_ppm: f64,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum Kind {
+    /// CiA 402 drive, 2^20 increments a turn.
+    Drive,
+    /// Coupler without process data.
+    Coupler,
+    /// 8 digital inputs.
+    DigitalIn,
+    /// 8 digital outputs.
+    DigitalOut,
+    /// 2 analog inputs.
+    AnalogIn,
+}
+
+impl Kind {
+    fn device(self, position: usize, drift_ppm: f64) -> SubDevice {
+        let serial = position as u32 + 1;
+        let terminal = |kind| SubDevice::terminal(kind, serial);
+        match self {
+            Self::Drive => SubDevice::drive(DriveSettings::default(), serial, drift_ppm * position as f64),
+            Self::Coupler => terminal(TerminalKind::Coupler),
+            Self::DigitalIn => terminal(TerminalKind::DigitalInput),
+            Self::DigitalOut => terminal(TerminalKind::DigitalOutput),
+            Self::AnalogIn => terminal(TerminalKind::AnalogInput),
+        }
+    }
+}
+
+fn main() -> ExitCode {
+    match serve(&Arguments::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            // With standard error gone there is nobody left to tell.
+            let _told = writeln!(std::io::stderr(), "error: {error}");
+            ExitCode::from(2)
+        }
+    }
+}
+
+fn serve(arguments: &Arguments) -> std::io::Result<()> {
+    let kinds = if arguments.devices.is_empty() {
+        &[Kind::Coupler, Kind::Drive]
+    } else {
+        arguments.devices.as_slice()
+    };
+    let devices: Vec<SubDevice> = kinds
+        .iter()
+        .enumerate()
+        .map(|(i, kind)| kind.device(i, arguments.drift_ppm))
+        .collect();
+    let count = devices.len();
+    let mut ring = Ring::new(devices, monotonic_ns());
+    for fault in &arguments.faults {
+        ring.add_fault(*fault);
+    }
+    let socket = PacketSocket::open(&arguments.interface).map_err(|error| {
+        std::io::Error::new(
+            error.kind(),
+            format!("the interface {} cannot be opened: {error}", arguments.interface),
+        )
+    })?;
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM, SIGHUP] {
+        signal_hook::flag::register(signal, Arc::clone(&stop))?;
+    }
+    writeln!(
+        std::io::stderr(),
+        "test simulator: {count} devices on {}",
+        arguments.interface
+    )?;
+    run(&Mutex::new(ring), &socket, &stop)
+}

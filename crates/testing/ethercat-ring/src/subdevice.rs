@@ -1,0 +1,725 @@
+//! One SubDevice: its controller, its AL state machine, its mailbox, its process data, and what it is.
+
+use std::collections::VecDeque;
+
+use crate::application_layer::{AlState, ApplicationLayer, Check, status_code};
+use crate::clock::Clock;
+use crate::coe::{Reply, Server, abort, abort_message};
+use crate::controller::{Controller, Passing};
+use crate::datagram::Datagram;
+use crate::drive::{Drive, DriveSettings, STEP_NS};
+use crate::mailbox::{COE, MailboxError, Message, encode, encode_error};
+use crate::object::{Access, Dictionary, Entry, ObjectCode, data_type as t};
+use crate::process_data::{INPUTS, OUTPUTS, ProcessMap};
+use crate::registers::address;
+use crate::sii::{Contents, Identity, SiiEntry, SiiPdo, SiiSyncManager};
+use crate::terminal::{Terminal, TerminalKind};
+
+/// Vendor of all devices here; no vendor of devices has it.
+pub const SIMULATED_VENDOR: u32 = 0x4556_534D;
+/// Product code of the drive.
+pub const DRIVE_PRODUCT: u32 = 0x0000_0402;
+/// Steps that a late wake-up makes up for, ns.
+const CATCH_UP_NS: u64 = 200_000_000;
+/// Bytes of each mailbox.
+const MAILBOX: u16 = 128;
+/// How long a slow mailbox takes, ns.
+const SLOW_NS: u64 = 300_000_000;
+/// Periods of SYNC0 that devices can do, ns.
+const SYNC_CYCLES: core::ops::RangeInclusive<u64> = 125_000..=100_000_000;
+/// PDOs of the drive, with index and sub-index of what they map; index 0 is a gap of 8 bits.
+const DRIVE_OUTPUTS: [(u16, u8); 8] = [
+    (0x6040, 0),
+    (0x607A, 0),
+    (0x60B1, 0),
+    (0x60B2, 0),
+    (0x60B8, 0),
+    (0x6060, 0),
+    (0, 0),
+    (0, 0),
+];
+const DRIVE_INPUTS: [(u16, u8); 12] = [
+    (0x6041, 0),
+    (0x6064, 0),
+    (0x606C, 0),
+    (0x60F4, 0),
+    (0x6077, 0),
+    (0x60B9, 0),
+    (0x60BA, 0),
+    (0x60FD, 0),
+    (0x603F, 0),
+    (0x6061, 0),
+    (0, 0),
+    (0, 0),
+];
+/// Entries that a PDO of a drive can hold.
+const PDO_SLOTS: usize = 16;
+
+/// What a device is.
+#[derive(Clone, Debug)]
+pub enum Device {
+    /// A drive with its motor.
+    Drive(Box<Drive>),
+    /// A terminal.
+    Terminal(Terminal),
+}
+
+/// Which SyncManager holds what, and where.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct Layout {
+    has_mailbox: bool,
+    /// SyncManager and first address.
+    outputs: Option<(u16, u16)>,
+    inputs: Option<(u16, u16)>,
+}
+
+/// What is wrong with a device on demand, but for its drive.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Trouble {
+    pub(crate) ignores_logical: bool,
+    pub(crate) aborts_sdo: bool,
+    pub(crate) answers_wrong: bool,
+    pub(crate) slow_mailbox: bool,
+}
+
+/// One device of the ring.
+#[derive(Clone, Debug)]
+pub struct SubDevice {
+    contents: Contents,
+    layout: Layout,
+    drift_ppm: Option<f64>,
+    controller: Controller,
+    layer: ApplicationLayer,
+    objects: Dictionary,
+    server: Server,
+    replies: VecDeque<(u64, Vec<u8>)>,
+    last_reply: Vec<u8>,
+    last_counter: u8,
+    reply_counter: u8,
+    outputs: ProcessMap,
+    inputs: ProcessMap,
+    next_step_ns: u64,
+    device: Device,
+    pub(crate) trouble: Trouble,
+}
+
+impl SubDevice {
+    /// A drive. Its clock drifts by so many millionths.
+    #[must_use]
+    pub fn drive(settings: DriveSettings, serial: u32, drift_ppm: f64) -> Self {
+        let device = Device::Drive(Box::new(Drive::new(settings)));
+        Self::new(
+            device,
+            (DRIVE_PRODUCT, "SIM-DRIVE", "CiA 402 servo drive (test simulator)"),
+            serial,
+            Some(drift_ppm),
+        )
+    }
+
+    /// A terminal.
+    #[must_use]
+    pub fn terminal(kind: TerminalKind, serial: u32) -> Self {
+        let drift_ppm = matches!(kind, TerminalKind::Coupler).then_some(0.0);
+        Self::new(
+            Device::Terminal(Terminal::new(kind)),
+            Terminal::product(kind),
+            serial,
+            drift_ppm,
+        )
+    }
+
+    fn new(
+        device: Device,
+        (product, order, name): (u32, &'static str, &'static str),
+        serial: u32,
+        drift_ppm: Option<f64>,
+    ) -> Self {
+        let identity = Identity {
+            vendor: SIMULATED_VENDOR,
+            product,
+            revision: 0x0001_0000,
+            serial,
+        };
+        let (objects, pdos, has_mailbox) = dictionary(&device, identity, name);
+        let has = |inputs: bool| pdos.iter().any(|pdo| pdo.is_input == inputs);
+        let layout = match (has_mailbox, has(false), has(true)) {
+            (true, ..) => Layout {
+                has_mailbox,
+                outputs: Some((2, 0x1200)),
+                inputs: Some((3, 0x1400)),
+            },
+            (false, outputs, inputs) => Layout {
+                has_mailbox,
+                outputs: outputs.then_some((0, 0x0F00)),
+                inputs: inputs.then_some((0, 0x1000)),
+            },
+        };
+        let pdos = pdos
+            .into_iter()
+            .map(|mut pdo| {
+                let place = if pdo.is_input {
+                    layout.inputs
+                } else {
+                    layout.outputs
+                };
+                pdo.sync_manager = place.map_or(0xFF, |(manager, _)| manager as u8);
+                pdo
+            })
+            .collect();
+        let contents = contents(
+            &layout,
+            &objects,
+            identity,
+            (order, name),
+            pdos,
+            drift_ppm.is_some(),
+        );
+        let controller = Controller::new(&contents, drift_ppm.map(|drift_ppm| Clock::new(0, drift_ppm)));
+        Self {
+            contents,
+            layout,
+            drift_ppm,
+            controller,
+            layer: ApplicationLayer::new(),
+            objects,
+            server: Server::new(usize::from(MAILBOX)),
+            replies: VecDeque::new(),
+            last_reply: Vec::new(),
+            last_counter: 0,
+            reply_counter: 0,
+            outputs: ProcessMap::default(),
+            inputs: ProcessMap::default(),
+            next_step_ns: 0,
+            device,
+            trouble: Trouble::default(),
+        }
+    }
+
+    /// Supply is switched on, at a time of the simulator.
+    pub(crate) fn power_up(&mut self, now_ns: u64) {
+        if let Device::Drive(drive) = &mut self.device {
+            drive.restart();
+        }
+        let identity = self.contents.identity;
+        (self.objects, _, _) = dictionary(&self.device, identity, self.contents.name);
+        self.controller = Controller::new(
+            &self.contents,
+            self.drift_ppm.map(|drift_ppm| Clock::new(now_ns, drift_ppm)),
+        );
+        self.layer = ApplicationLayer::new();
+        self.server = Server::new(usize::from(MAILBOX));
+        self.replies.clear();
+        self.last_counter = 0;
+        (self.outputs, self.inputs) = (ProcessMap::default(), ProcessMap::default());
+        self.next_step_ns = now_ns;
+    }
+
+    /// Identity, as SII and object 1018h tell it.
+    #[must_use]
+    pub const fn identity(&self) -> Identity {
+        self.contents.identity
+    }
+
+    /// Its AL state.
+    #[must_use]
+    pub const fn state(&self) -> AlState {
+        self.layer.state()
+    }
+
+    /// AL status code of the last refusal; 0 for none.
+    #[must_use]
+    pub const fn status_code(&self) -> u16 {
+        self.layer.code()
+    }
+
+    /// The drive, where it is one.
+    #[must_use]
+    pub fn as_drive(&self) -> Option<&Drive> {
+        match &self.device {
+            Device::Drive(drive) => Some(drive),
+            Device::Terminal(_) => None,
+        }
+    }
+
+    pub(crate) fn as_drive_mut(&mut self) -> Option<&mut Drive> {
+        match &mut self.device {
+            Device::Drive(drive) => Some(drive),
+            Device::Terminal(_) => None,
+        }
+    }
+
+    /// The terminal, where it is one.
+    pub const fn as_terminal_mut(&mut self) -> Option<&mut Terminal> {
+        match &mut self.device {
+            Device::Terminal(terminal) => Some(terminal),
+            Device::Drive(_) => None,
+        }
+    }
+
+    /// Its object dictionary.
+    #[must_use]
+    pub const fn objects(&self) -> &Dictionary {
+        &self.objects
+    }
+
+    /// Its copy of the system time, where it has a clock.
+    #[must_use]
+    pub fn system_time_ns(&self, now_ns: u64) -> Option<u64> {
+        Some(self.controller.clock.as_ref()?.system(now_ns))
+    }
+
+    pub(crate) fn set_links(&mut self, has_next: bool) {
+        self.controller.set_links(has_next);
+    }
+
+    pub(crate) fn process(&mut self, datagram: &mut Datagram<'_>, passing: Passing) {
+        if self.trouble.ignores_logical && datagram.is_logical() {
+            return;
+        }
+        self.controller.process(datagram, passing);
+    }
+
+    /// Time passes until a frame comes, or none does.
+    pub(crate) fn advance(&mut self, now_ns: u64) {
+        if self.next_step_ns.saturating_add(CATCH_UP_NS) < now_ns {
+            self.next_step_ns = now_ns;
+        }
+        while let Some(at_ns) = self
+            .controller
+            .clock
+            .as_mut()
+            .and_then(|clock| clock.take_sync(now_ns))
+        {
+            self.step_until(at_ns);
+            self.take_outputs();
+            self.give_inputs();
+        }
+        self.step_until(now_ns);
+        if !self.controller.wants_sync() {
+            self.give_inputs();
+        }
+        self.handle_mailbox(now_ns);
+    }
+
+    fn step_until(&mut self, until_ns: u64) {
+        let operational = self.layer.state() == AlState::Op;
+        while self.next_step_ns <= until_ns {
+            self.next_step_ns += STEP_NS;
+            if let Device::Drive(drive) = &mut self.device {
+                drive.step(&self.objects, operational);
+            }
+        }
+    }
+
+    fn take_outputs(&mut self) {
+        let operational = self.layer.state() == AlState::Op;
+        if let (true, Some((_, start))) = (operational, self.layout.outputs) {
+            self.outputs.take(
+                self.controller.registers.slice(start, self.outputs.bytes()),
+                &mut self.objects,
+            );
+        }
+        match &mut self.device {
+            Device::Drive(drive) if operational => {
+                let cycle_ns = self
+                    .controller
+                    .clock
+                    .as_ref()
+                    .filter(|clock| clock.has_sync())
+                    .map(Clock::sync_cycle_ns);
+                drive.take_outputs(&self.objects, cycle_ns);
+            }
+            Device::Drive(_) => {}
+            Device::Terminal(terminal) => terminal.take_outputs(&self.objects, operational),
+        }
+    }
+
+    fn give_inputs(&mut self) {
+        match &self.device {
+            Device::Drive(drive) => drive.give_inputs(&mut self.objects),
+            Device::Terminal(terminal) => terminal.give_inputs(&mut self.objects),
+        }
+        if let (true, Some((_, start))) = (self.layer.state() >= AlState::SafeOp, self.layout.inputs) {
+            let mut memory = vec![0; self.inputs.bytes()];
+            self.inputs.put(&self.objects, &mut memory);
+            self.controller.registers.set(start, &memory);
+        }
+    }
+
+    /// Sees to what a frame has brought.
+    pub(crate) fn settle(&mut self, now_ns: u64) {
+        let events = core::mem::take(&mut self.controller.events);
+        if events.outputs {
+            self.controller.feed_watchdog(now_ns);
+        }
+        if events.al_control || self.layer.is_waiting() {
+            self.change_state(now_ns);
+        }
+        if events.outputs && !self.controller.wants_sync() {
+            self.take_outputs();
+        }
+        if self.controller.watchdog_expires(now_ns) && self.layer.state() == AlState::Op {
+            self.layer.fall_to(AlState::SafeOp, status_code::WATCHDOG);
+            self.take_outputs();
+        }
+        self.handle_mailbox(now_ns);
+        let status = self.layer.status().to_le_bytes();
+        self.controller.registers.set(address::AL_STATUS, &status);
+        self.controller
+            .registers
+            .set(address::AL_STATUS_CODE, &self.layer.code().to_le_bytes());
+    }
+
+    fn change_state(&mut self, now_ns: u64) {
+        let before = self.layer.state();
+        let control = self.controller.registers.u16(address::AL_CONTROL);
+        let mut layer = self.layer;
+        layer.request(control, now_ns, |state| self.check(state));
+        self.layer = layer;
+        let after = self.layer.state();
+        if after == AlState::SafeOp && before < after {
+            self.controller.rest_watchdog();
+        }
+        if after < AlState::PreOp {
+            self.replies.clear();
+            self.last_counter = 0;
+        }
+        if before == AlState::Op && after != before {
+            self.take_outputs();
+        }
+    }
+
+    fn check(&mut self, state: AlState) -> Check {
+        match state {
+            AlState::Init => Check::Fine,
+            AlState::PreOp => {
+                let fits = |number: u16, start: u16, written: bool| {
+                    self.controller.channel(number).is_some_and(|channel| {
+                        channel.is_enabled
+                            && channel.is_mailbox
+                            && (channel.start, channel.length) == (start, MAILBOX)
+                            && channel.is_written_by_main == written
+                    })
+                };
+                if self.layout.has_mailbox && !(fits(0, 0x1000, true) && fits(1, 0x1080, false)) {
+                    return Check::Wrong(status_code::MAILBOX_CONFIGURATION);
+                }
+                Check::Fine
+            }
+            AlState::SafeOp => {
+                self.outputs = ProcessMap::of(&self.objects, OUTPUTS);
+                self.inputs = ProcessMap::of(&self.objects, INPUTS);
+                if !self.fits(self.layout.outputs, self.outputs.bytes(), true) {
+                    return Check::Wrong(status_code::OUTPUT_CONFIGURATION);
+                }
+                if !self.fits(self.layout.inputs, self.inputs.bytes(), false) {
+                    return Check::Wrong(status_code::INPUT_CONFIGURATION);
+                }
+                let cycle_ns = u64::from(self.controller.registers.u32(address::DC_SYNC0_CYCLE));
+                if self.controller.wants_sync() && !SYNC_CYCLES.contains(&cycle_ns) {
+                    return Check::Wrong(status_code::SYNC_CYCLE);
+                }
+                Check::Fine
+            }
+            AlState::Op => {
+                let has_sync = self.controller.clock.as_ref().is_some_and(Clock::has_sync);
+                if self.controller.wants_sync() && !has_sync {
+                    return Check::Wrong(status_code::NO_SYNC);
+                }
+                if self.outputs.bytes() > 0 && !self.controller.was_fed() {
+                    return Check::Wait;
+                }
+                Check::Fine
+            }
+        }
+    }
+
+    /// Whether the SyncManager of process data is set up for so many bytes.
+    fn fits(&self, place: Option<(u16, u16)>, bytes: usize, written: bool) -> bool {
+        let Some((number, start)) = place else {
+            return bytes == 0;
+        };
+        let Some(channel) = self.controller.channel(number) else {
+            return false;
+        };
+        if bytes == 0 {
+            return !channel.is_enabled || channel.length == 0;
+        }
+        channel.is_enabled
+            && !channel.is_mailbox
+            && channel.start == start
+            && usize::from(channel.length) == bytes
+            && channel.is_written_by_main == written
+    }
+
+    fn handle_mailbox(&mut self, now_ns: u64) {
+        if !self.layout.has_mailbox || self.layer.state() < AlState::PreOp {
+            return;
+        }
+        if let (true, Some(channel)) = (self.controller.manager(0).is_full, self.controller.channel(0)) {
+            let mailbox = self
+                .controller
+                .registers
+                .slice(channel.start, usize::from(channel.length))
+                .to_vec();
+            self.controller.manager(0).is_full = false;
+            self.take_message(&mailbox, now_ns);
+        }
+        let Some(channel) = self.controller.channel(1).filter(|channel| channel.is_enabled) else {
+            return;
+        };
+        let manager = self.controller.manager(1);
+        let mut sent = None;
+        if channel.repeat_request != manager.repeat_acknowledged {
+            // The last answer was lost on its way: once more.
+            manager.repeat_acknowledged = channel.repeat_request;
+            sent = Some(self.last_reply.clone()).filter(|reply| !reply.is_empty());
+        } else if !manager.is_full && self.replies.front().is_some_and(|(due_ns, _)| *due_ns <= now_ns) {
+            sent = self.replies.pop_front().map(|(_, reply)| reply);
+        }
+        if let Some(reply) = sent {
+            self.controller.manager(1).is_full = true;
+            self.controller.registers.set(channel.start, &reply);
+            self.last_reply = reply;
+        }
+    }
+
+    fn take_message(&mut self, mailbox: &[u8], now_ns: u64) {
+        let due_ns = now_ns + if self.trouble.slow_mailbox { SLOW_NS } else { 0 };
+        let message = match Message::decode(mailbox) {
+            Ok(message) => message,
+            Err(error) => return self.reply_error(error, due_ns),
+        };
+        if message.counter != 0 && message.counter == self.last_counter {
+            // Sent twice because the first one's receipt was lost.
+            return;
+        }
+        self.last_counter = message.counter;
+        if message.kind != COE {
+            return self.reply_error(MailboxError::Protocol, due_ns);
+        }
+        let configurable = self.layer.state() == AlState::PreOp;
+        let index = message
+            .data
+            .get(3..5)
+            .map_or(0, |bytes| u16::from_le_bytes([bytes[0], bytes[1]]));
+        let reply = if self.trouble.aborts_sdo {
+            Reply::Messages(vec![abort_message(index, 0, abort::GENERAL)])
+        } else {
+            self.server.handle(message.data, &mut self.objects, configurable)
+        };
+        let Reply::Messages(messages) = reply else { return };
+        for mut data in messages {
+            if let (true, Some(low)) = (self.trouble.answers_wrong, data.get_mut(3)) {
+                *low ^= 0x55;
+            }
+            let counter = self.next_counter();
+            self.replies
+                .push_back((due_ns, encode(COE, counter, &data, usize::from(MAILBOX))));
+        }
+    }
+
+    fn reply_error(&mut self, error: MailboxError, due_ns: u64) {
+        let counter = self.next_counter();
+        self.replies
+            .push_back((due_ns, encode_error(error, counter, usize::from(MAILBOX))));
+    }
+
+    const fn next_counter(&mut self) -> u8 {
+        self.reply_counter = self.reply_counter % 7 + 1;
+        self.reply_counter
+    }
+}
+
+/// Objects of a device, its PDOs, and whether it has a mailbox.
+fn dictionary(device: &Device, identity: Identity, name: &'static str) -> (Dictionary, Vec<SiiPdo>, bool) {
+    let mut objects = Dictionary::default();
+    let (pdos, device_type, has_mailbox) = match device {
+        Device::Drive(drive) => {
+            drive.objects(&mut objects);
+            (
+                vec![(0x1600, DRIVE_OUTPUTS.to_vec()), (0x1A00, DRIVE_INPUTS.to_vec())],
+                0x0002_0192,
+                true,
+            )
+        }
+        Device::Terminal(terminal) => (
+            terminal.objects(&mut objects),
+            0x0000_1389,
+            terminal.has_mailbox(),
+        ),
+    };
+    let is_drive = matches!(device, Device::Drive(_));
+    objects.variable(0x1000, Entry::integer("Device type", t::UNSIGNED32, device_type));
+    objects.variable(0x1001, Entry::integer("Error register", t::UNSIGNED8, 0));
+    objects.variable(0x1008, Entry::text("Device name", name));
+    objects.variable(0x1009, Entry::text("Hardware version", "simulated"));
+    objects.variable(0x100A, Entry::text("Software version", env!("CARGO_PKG_VERSION")));
+    let Identity {
+        vendor,
+        product,
+        revision,
+        serial,
+    } = identity;
+    let numbers = [
+        ("Vendor", vendor),
+        ("Product code", product),
+        ("Revision", revision),
+        ("Serial number", serial),
+    ];
+    let entries = numbers
+        .map(|(name, value)| Entry::integer(name, t::UNSIGNED32, i64::from(value)))
+        .to_vec();
+    objects.compound(0x1018, "Identity", ObjectCode::Record, entries);
+    let kinds = (1..=4)
+        .map(|kind| Entry::integer("Type", t::UNSIGNED8, kind))
+        .collect();
+    objects.compound(0x1C00, "SyncManager types", ObjectCode::Array, kinds);
+    let mut described = Vec::new();
+    for (index, mapped) in &pdos {
+        let values: Vec<i64> = mapped
+            .iter()
+            .map(|&(mapped, sub_index)| {
+                let bits = objects.entry(mapped, sub_index).map_or(8, |entry| entry.bits);
+                i64::from(mapped) << 16 | i64::from(sub_index) << 8 | i64::from(bits)
+            })
+            .collect();
+        let name = if *index < 0x1A00 { "Outputs" } else { "Inputs" };
+        let slots = if is_drive { PDO_SLOTS } else { values.len() };
+        list(
+            &mut objects,
+            *index,
+            name,
+            t::UNSIGNED32,
+            &values,
+            slots,
+            is_drive,
+        );
+        described.push(describe(&objects, *index, name, mapped));
+    }
+    for (index, name, is_input) in [
+        (OUTPUTS, "Assignment of outputs", false),
+        (INPUTS, "Assignment of inputs", true),
+    ] {
+        let values: Vec<i64> = pdos
+            .iter()
+            .map(|(pdo, _)| *pdo)
+            .filter(|&pdo| (pdo >= 0x1A00) == is_input)
+            .map(i64::from)
+            .collect();
+        list(
+            &mut objects,
+            index,
+            name,
+            t::UNSIGNED16,
+            &values,
+            values.len(),
+            has_mailbox,
+        );
+    }
+    (objects, described, has_mailbox)
+}
+
+/// A list whose sub-index 0 says how many of its places count.
+fn list(
+    objects: &mut Dictionary,
+    index: u16,
+    name: &'static str,
+    kind: u16,
+    values: &[i64],
+    slots: usize,
+    writable: bool,
+) {
+    let place = |value: i64| {
+        let entry = Entry::integer("Entry", kind, value);
+        if writable { entry.configuration() } else { entry }
+    };
+    let entries = (0..slots)
+        .map(|i| place(values.get(i).copied().unwrap_or(0)))
+        .collect();
+    objects.compound(index, name, ObjectCode::Record, entries);
+    objects.set_integer(index, 0, values.len() as i64);
+    if let (true, Some(count)) = (writable, objects.entry_mut(index, 0)) {
+        count.access = Access::Configuration;
+    }
+}
+
+fn describe(objects: &Dictionary, index: u16, name: &'static str, mapped: &[(u16, u8)]) -> SiiPdo {
+    let entries = mapped
+        .iter()
+        .map(|&(index, sub_index)| {
+            let entry = objects.entry(index, sub_index);
+            SiiEntry {
+                index,
+                sub_index,
+                name: entry.map_or("", |entry| entry.name),
+                data_type: entry.map_or(0, |entry| entry.data_type as u8),
+                bits: entry.map_or(8, |entry| entry.bits),
+            }
+        })
+        .collect();
+    SiiPdo {
+        index,
+        sync_manager: 0,
+        name,
+        is_input: index >= 0x1A00,
+        entries,
+    }
+}
+
+fn contents(
+    layout: &Layout,
+    objects: &Dictionary,
+    identity: Identity,
+    (order, name): (&'static str, &'static str),
+    pdos: Vec<SiiPdo>,
+    has_clock: bool,
+) -> Contents {
+    let manager = |place: Option<(u16, u16)>, assignment: u16, control: u8, usage: u8| {
+        let length = ProcessMap::of(objects, assignment).bytes() as u16;
+        place.map(|(_, start)| SiiSyncManager {
+            start,
+            length,
+            control,
+            enable: u8::from(length > 0),
+            usage,
+        })
+    };
+    let mut sync_managers = Vec::new();
+    if layout.has_mailbox {
+        sync_managers.push(SiiSyncManager {
+            start: 0x1000,
+            length: MAILBOX,
+            control: 0x26,
+            enable: 1,
+            usage: 1,
+        });
+        sync_managers.push(SiiSyncManager {
+            start: 0x1080,
+            length: MAILBOX,
+            control: 0x22,
+            enable: 1,
+            usage: 2,
+        });
+    }
+    // Outputs feed the watchdog.
+    sync_managers.extend(manager(layout.outputs, OUTPUTS, 0x64, 3));
+    sync_managers.extend(manager(layout.inputs, INPUTS, 0x20, 4));
+    let fmmus = match (layout.outputs, layout.inputs) {
+        (None, None) => Vec::new(),
+        (None, Some(_)) => vec![2],
+        (Some(_), None) => vec![1],
+        (Some(_), Some(_)) => vec![1, 2],
+    };
+    Contents {
+        identity,
+        alias: 0,
+        order,
+        name,
+        mailbox: layout.has_mailbox.then_some([0x1000, MAILBOX, 0x1080, MAILBOX]),
+        fmmus,
+        sync_managers,
+        pdos,
+        has_clock,
+    }
+}

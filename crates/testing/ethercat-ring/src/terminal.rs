@@ -1,0 +1,149 @@
+//! Terminals with inputs and outputs, and the coupler in front of them.
+
+use crate::object::{Dictionary, Entry, ObjectCode, data_type as t};
+
+/// Kinds of terminals, after the ones of Beckhoff that they are like.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TerminalKind {
+    /// No process data, as EK1100.
+    Coupler,
+    /// 8 digital inputs, as EL1008.
+    DigitalInput,
+    /// 8 digital outputs, as EL2008.
+    DigitalOutput,
+    /// 2 analog inputs of 16 bits with a status word, as EL3102. It has a mailbox.
+    AnalogInput,
+}
+
+/// One terminal.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Terminal {
+    kind: TerminalKind,
+    /// Digital inputs, or outputs as they are driven.
+    bits: u8,
+    analog: [i16; 2],
+}
+
+impl Terminal {
+    pub(crate) const fn new(kind: TerminalKind) -> Self {
+        Self {
+            kind,
+            bits: 0,
+            analog: [0; 2],
+        }
+    }
+
+    /// What it is.
+    #[must_use]
+    pub const fn kind(&self) -> TerminalKind {
+        self.kind
+    }
+
+    /// Its digital inputs, or its outputs as they are driven; bit 0 is the first.
+    #[must_use]
+    pub const fn bits(&self) -> u8 {
+        self.bits
+    }
+
+    /// Sets digital inputs.
+    pub const fn set_inputs(&mut self, bits: u8) {
+        if matches!(self.kind, TerminalKind::DigitalInput) {
+            self.bits = bits;
+        }
+    }
+
+    /// Sets an analog input.
+    pub const fn set_analog(&mut self, channel: usize, value: i16) {
+        if channel < self.analog.len() {
+            self.analog[channel] = value;
+        }
+    }
+
+    pub(crate) const fn product(kind: TerminalKind) -> (u32, &'static str, &'static str) {
+        match kind {
+            TerminalKind::Coupler => (0x1100, "SIM-EK1100", "Coupler (test simulator)"),
+            TerminalKind::DigitalInput => (0x1008, "SIM-EL1008", "8 digital inputs (test simulator)"),
+            TerminalKind::DigitalOutput => (0x2008, "SIM-EL2008", "8 digital outputs (test simulator)"),
+            TerminalKind::AnalogInput => (0x3102, "SIM-EL3102", "2 analog inputs (test simulator)"),
+        }
+    }
+
+    pub(crate) const fn has_mailbox(&self) -> bool {
+        matches!(self.kind, TerminalKind::AnalogInput)
+    }
+
+    /// Its objects, and its PDOs: each with the entries that it maps.
+    pub(crate) fn objects(&self, objects: &mut Dictionary) -> Vec<(u16, Vec<(u16, u8)>)> {
+        match self.kind {
+            TerminalKind::Coupler => Vec::new(),
+            TerminalKind::DigitalInput => (0..8)
+                .map(|channel| {
+                    let bit = Entry::integer("Input", t::BOOLEAN, 0).input();
+                    objects.compound(
+                        0x6000 + 0x10 * channel,
+                        "Digital input",
+                        ObjectCode::Record,
+                        vec![bit],
+                    );
+                    (0x1A00 + channel, vec![(0x6000 + 0x10 * channel, 1)])
+                })
+                .collect(),
+            TerminalKind::DigitalOutput => (0..8)
+                .map(|channel| {
+                    let bit = Entry::integer("Output", t::BOOLEAN, 0).output();
+                    objects.compound(
+                        0x7000 + 0x10 * channel,
+                        "Digital output",
+                        ObjectCode::Record,
+                        vec![bit],
+                    );
+                    (0x1600 + channel, vec![(0x7000 + 0x10 * channel, 1)])
+                })
+                .collect(),
+            TerminalKind::AnalogInput => (0..2)
+                .map(|channel| {
+                    let entries = vec![
+                        Entry::integer("Status", t::UNSIGNED16, 0).input(),
+                        Entry::integer("Value", t::INTEGER16, 0).input(),
+                    ];
+                    objects.compound(
+                        0x6000 + 0x10 * channel,
+                        "Analog input",
+                        ObjectCode::Record,
+                        entries,
+                    );
+                    (
+                        0x1A00 + channel,
+                        vec![(0x6000 + 0x10 * channel, 1), (0x6000 + 0x10 * channel, 2)],
+                    )
+                })
+                .collect(),
+        }
+    }
+
+    /// Takes outputs over; without a fieldbus in OP they are off.
+    pub(crate) fn take_outputs(&mut self, objects: &Dictionary, operational: bool) {
+        if self.kind == TerminalKind::DigitalOutput {
+            let driven = (0..8_u16).fold(0, |bits, channel| {
+                bits | (objects.integer(0x7000 + 0x10 * channel, 1) as u8 & 1) << channel
+            });
+            self.bits = if operational { driven } else { 0 };
+        }
+    }
+
+    pub(crate) fn give_inputs(&self, objects: &mut Dictionary) {
+        match self.kind {
+            TerminalKind::DigitalInput => {
+                for channel in 0..8_u16 {
+                    objects.set_integer(0x6000 + 0x10 * channel, 1, i64::from(self.bits >> channel & 1));
+                }
+            }
+            TerminalKind::AnalogInput => {
+                for (channel, &value) in (0_u16..).zip(&self.analog) {
+                    objects.set_integer(0x6000 + 0x10 * channel, 2, i64::from(value));
+                }
+            }
+            TerminalKind::Coupler | TerminalKind::DigitalOutput => {}
+        }
+    }
+}
