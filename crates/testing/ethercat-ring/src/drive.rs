@@ -319,6 +319,11 @@ impl Drive {
         for (index, entry) in variables {
             objects.variable(index, entry);
         }
+        // Longer than a mailbox, so that it goes in segments.
+        objects.variable(
+            0x2000,
+            Entry::text("Note", &"test simulator ".repeat(20)).writable(),
+        );
         let numbers = |names: [(&'static str, u16, i64); 2]| {
             names
                 .map(|(name, kind, value)| Entry::integer(name, kind, value))
@@ -564,5 +569,170 @@ impl Drive {
                 objects.set_integer(index, 0, i64::from(self.increments(turns)));
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A drive with its objects, and outputs once a ms.
+    struct Axis {
+        drive: Drive,
+        objects: Dictionary,
+    }
+
+    impl Axis {
+        fn new(settings: DriveSettings) -> Self {
+            let (drive, mut objects) = (Drive::new(settings), Dictionary::default());
+            drive.objects(&mut objects);
+            let mut axis = Self { drive, objects };
+            axis.objects.set_integer(0x6060, 0, i64::from(CSP));
+            axis.run(20);
+            axis
+        }
+
+        fn run(&mut self, milliseconds: u32) {
+            for _ in 0..milliseconds {
+                self.drive.take_outputs(&self.objects, None);
+                for _ in 0..8 {
+                    self.drive.step(&self.objects, true);
+                }
+                self.drive.give_inputs(&mut self.objects);
+            }
+        }
+
+        fn switch_on(&mut self) {
+            for control_word in [0x06, 0x07, 0x0F] {
+                let actual = self.objects.integer(0x6064, 0);
+                self.objects.set_integer(0x607A, 0, actual);
+                self.objects.set_integer(0x6040, 0, control_word);
+                self.run(2);
+            }
+            assert_eq!(self.drive.state(), DriveState::OperationEnabled);
+        }
+
+        /// Goes at a constant speed; the largest following error behind the first 100 ms, in turns.
+        fn go(&mut self, turns_s: f64, milliseconds: u32, feed_forward: bool) -> f64 {
+            let resolution = f64::from(self.drive.settings.resolution);
+            let start = self.objects.integer(0x607A, 0) as f64;
+            let mut most = 0.0_f64;
+            for millisecond in 1..=milliseconds {
+                let target = start + turns_s * resolution * f64::from(millisecond) * 1e-3;
+                self.objects.set_integer(0x607A, 0, target as i64);
+                let speed = if feed_forward { turns_s * resolution } else { 0.0 };
+                self.objects.set_integer(0x60B1, 0, speed as i64);
+                self.run(1);
+                if millisecond > 100 {
+                    most = most.max(self.objects.integer(0x60F4, 0).abs() as f64 / resolution);
+                }
+            }
+            self.objects.set_integer(0x60B1, 0, 0);
+            most
+        }
+    }
+
+    /// Behind a ramp a position loop trails by speed over gain; with the speed fed forward by next to nothing.
+    #[test]
+    fn it_trails_by_speed_over_gain_without_a_velocity_offset() {
+        let mut axis = Axis::new(DriveSettings::default());
+        axis.switch_on();
+        let trail = axis.go(5.0, 500, false);
+        assert!((trail / (5.0 / POSITION_GAIN) - 1.0).abs() < 0.1, "{trail}");
+        axis.run(300);
+        let trail = axis.go(5.0, 500, true);
+        assert!(trail < 0.01, "{trail}");
+        assert!((axis.drive.motor_turns() - 5.0).abs() < 0.02);
+    }
+
+    #[test]
+    fn homing_finds_switches_and_index_and_names_the_place() {
+        for (method, expected) in [
+            (17, -10.2),
+            (18, 12.3),
+            (1, -10.0),
+            (2, 12.0),
+            (33, -1.0),
+            (34, 0.0),
+            (35, -0.3),
+            (37, -0.3),
+        ] {
+            let mut axis = Axis::new(DriveSettings {
+                limits_turns: [-10.2, 12.3],
+                start_turns: -0.3,
+                start_increments: 777,
+                ..DriveSettings::default()
+            });
+            let resolution = f64::from(axis.drive.settings.resolution);
+            axis.objects.set_integer(0x6098, 0, method);
+            axis.objects.set_integer(0x607C, 0, 5000);
+            axis.objects.set_integer(0x6060, 0, i64::from(HOMING));
+            axis.switch_on();
+            axis.objects.set_integer(0x6040, 0, 0x1F);
+            let mut milliseconds = 0;
+            while axis.objects.integer(0x6041, 0) >> 12 & 1 == 0 {
+                axis.run(1);
+                milliseconds += 1;
+                assert!(milliseconds < 8000, "method {method}: {:?}", axis.drive.homing);
+            }
+            assert_eq!(axis.objects.integer(0x6041, 0) >> 10 & 1, 1);
+            let home =
+                axis.drive.motor_turns() - (axis.objects.integer(0x6064, 0) - 5000) as f64 / resolution;
+            // The switch is on the load, the encoder on the motor.
+            let tolerance = if matches!(method, 17 | 18) { 0.01 } else { 1e-5 };
+            assert!((home - expected).abs() < tolerance, "method {method}: {home}");
+        }
+    }
+
+    #[test]
+    fn the_probe_catches_the_first_edge_where_it_is() {
+        let mut axis = Axis::new(DriveSettings {
+            probe_turns: 0.7,
+            ..DriveSettings::default()
+        });
+        axis.switch_on();
+        axis.objects.set_integer(0x60B8, 0, 0x11);
+        axis.run(1);
+        assert_eq!(axis.objects.integer(0x60B9, 0), 1);
+        axis.go(2.0, 500, true);
+        assert_eq!(axis.objects.integer(0x60B9, 0), 0b11);
+        let expected = (0.7 * f64::from(axis.drive.settings.resolution)) as i64;
+        assert!((axis.objects.integer(0x60BA, 0) - expected).abs() <= 1);
+        assert_eq!(axis.objects.integer(0x60FD, 0) >> 16 & 1, 1);
+    }
+
+    #[test]
+    fn a_blocked_load_ends_in_a_following_error_and_a_reset_clears_it() {
+        let mut axis = Axis::new(DriveSettings::default());
+        axis.switch_on();
+        axis.drive.trouble.blocked = true;
+        axis.go(20.0, 400, true);
+        assert_eq!(axis.drive.state(), DriveState::Fault);
+        assert_eq!(axis.objects.integer(0x603F, 0), 0x8611);
+        axis.drive.trouble.blocked = false;
+        for control_word in [0, 0x80, 0] {
+            axis.objects.set_integer(0x6040, 0, control_word);
+            axis.run(2);
+        }
+        assert_eq!(
+            (axis.drive.state(), axis.objects.integer(0x603F, 0)),
+            (DriveState::SwitchOnDisabled, 0)
+        );
+    }
+
+    #[test]
+    fn without_the_fieldbus_it_brakes_and_faults() {
+        let mut axis = Axis::new(DriveSettings::default());
+        axis.switch_on();
+        axis.go(10.0, 300, true);
+        for _ in 0..8000 {
+            axis.drive.step(&axis.objects, false);
+        }
+        axis.drive.give_inputs(&mut axis.objects);
+        assert_eq!(
+            (axis.drive.state(), axis.objects.integer(0x603F, 0)),
+            (DriveState::Fault, 0x7500)
+        );
+        assert!(axis.drive.speed_turns_s().abs() < STANDING);
     }
 }

@@ -28,6 +28,7 @@
 //! EoE, FoE, SoE, emergencies, SYNC1, latch inputs, redundancy, and devices that fork the line.
 
 mod application_layer;
+mod bench;
 mod clock;
 mod coe;
 mod controller;
@@ -51,6 +52,7 @@ mod sync_manager;
 mod terminal;
 
 pub use application_layer::{AlState, status_code};
+pub use bench::{MAIN_INTERFACE, SharedRing, on_bench};
 pub use coe::abort;
 pub use drive::{Drive, DriveSettings};
 pub use fault::{Fault, FaultError, FaultKind};

@@ -1,0 +1,96 @@
+//! A bench for tests: a network namespace with a virtual cable, the ring at one end.
+
+use std::process::{Command, Stdio};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use crate::ring::Ring;
+use crate::run::{monotonic_ns, run};
+use crate::socket::PacketSocket;
+use crate::subdevice::SubDevice;
+
+/// The end of the cable for the MainDevice.
+pub const MAIN_INTERFACE: &str = "ec0";
+/// The ring's end.
+const RING_INTERFACE: &str = "ec1";
+
+/// The ring that runs on the bench.
+pub type SharedRing = Arc<Mutex<Ring>>;
+
+/// Runs a test on a thread of its own, in a network namespace that ends with it. Processes that the test starts see the same
+/// interfaces. None where this user may not make namespaces or interfaces, which is said.
+///
+/// # Panics
+/// The test has panicked.
+pub fn on_bench<R: Send + 'static>(
+    devices: Vec<SubDevice>,
+    test: impl FnOnce(&SharedRing) -> R + Send + 'static,
+) -> Option<R> {
+    let thread = std::thread::spawn(move || {
+        if let Err(why) = make_cable() {
+            let _said = std::io::Write::write_all(
+                &mut std::io::stdout(),
+                format!("not measured: {why}\n").as_bytes(),
+            );
+            return None;
+        }
+        let socket = PacketSocket::open(RING_INTERFACE).ok()?;
+        let ring = Arc::new(Mutex::new(Ring::new(devices, monotonic_ns())));
+        let stop = Arc::new(AtomicBool::new(false));
+        let server = std::thread::spawn({
+            let (ring, stop) = (Arc::clone(&ring), Arc::clone(&stop));
+            move || run(&ring, &socket, &stop)
+        });
+        let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| test(&ring)));
+        stop.store(true, Ordering::Relaxed);
+        let _ended = server.join();
+        match result {
+            Ok(result) => Some(result),
+            Err(panic) => std::panic::resume_unwind(panic),
+        }
+    });
+    thread
+        .join()
+        .unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+}
+
+/// A namespace of this thread's own, with a pair of virtual interfaces that are up.
+fn make_cable() -> Result<(), String> {
+    // SAFETY: a new namespace of the network for the calling thread alone; no memory is concerned.
+    let result = unsafe { libc::unshare(libc::CLONE_NEWNET) };
+    if result != 0 {
+        return Err(format!(
+            "no network namespace: {}",
+            std::io::Error::last_os_error()
+        ));
+    }
+    let ip = |arguments: &[&str]| {
+        let ran = Command::new("ip").args(arguments).stdin(Stdio::null()).output();
+        match ran {
+            Ok(output) if output.status.success() => Ok(()),
+            Ok(output) => Err(String::from_utf8_lossy(&output.stderr).trim().to_owned()),
+            Err(error) => Err(format!("ip: {error}")),
+        }
+    };
+    ip(&[
+        "link",
+        "add",
+        "name",
+        MAIN_INTERFACE,
+        "type",
+        "veth",
+        "peer",
+        "name",
+        RING_INTERFACE,
+    ])?;
+    for interface in [MAIN_INTERFACE, RING_INTERFACE] {
+        // Nobody else is to speak here.
+        let path = format!("/proc/sys/net/ipv6/conf/{interface}/disable_ipv6");
+        let _ignored = std::fs::write(path, "1");
+        ip(&["link", "set", interface, "up"])?;
+    }
+    // The carrier comes a moment later.
+    std::thread::sleep(Duration::from_millis(50));
+    Ok(())
+}
