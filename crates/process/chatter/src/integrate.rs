@@ -20,6 +20,17 @@ pub struct Accuracy {
     pub longest_step_s: f64,
 }
 
+impl Accuracy {
+    /// For motions of a size, m, that close after a period to 1e-9 of it.
+    pub(crate) fn of_cycles(size_m: f64, period_s: f64) -> Self {
+        Self {
+            relative: 1e-10,
+            absolute: 1e-12 * size_m,
+            longest_step_s: period_s / 64.0,
+        }
+    }
+}
+
 /// Steps after which an integration is given up.
 const MAX_STEPS: usize = 5_000_000;
 

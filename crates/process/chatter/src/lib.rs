@@ -21,6 +21,7 @@
 //! SI units inside, but cutting speeds in m/min, depths and feeds of a cut in mm, as force laws have them. Everything
 //! here is pure: no files, clocks or threads; nothing is for the real-time cycle.
 
+mod adams;
 mod assess;
 mod balance;
 mod case;

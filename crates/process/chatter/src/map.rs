@@ -11,18 +11,37 @@ use crate::assess::{Assessment, Assessor, Verdict};
 use crate::cycle::Cycle;
 use crate::error::ChatterError;
 use crate::floquet::{quick_multipliers, verify};
-use crate::model::{CuttingTool, Equilibrium, Laws, Model};
+use crate::model::{CuttingTool, Equilibrium, Laws, Model, SmallMode};
 use crate::scan::{Branch, ScanPoint, Scanner};
 use crate::transient::Fate;
 
-/// Extra damping below which two roots may hide from one harmonic, 1/s ...
-const NEAR_FOLD_PER_S: f64 = 0.5;
-/// ... and as part of the largest on the branch.
-const NEAR_FOLD_PART: f64 = 0.02;
-/// A minimum of the extra damping along a branch below this part of the largest may touch zero.
-const GRAZING_PART: f64 = 0.06;
-/// How far beyond the end of a branch, as part of the amplitude there, a root is looked for with all harmonics.
-const NEAR_END_PART: f64 = 0.15;
+/// How far a balance of few harmonics may be off. Tuned on the cells of ten maps, so that none differs from all harmonics.
+#[derive(Clone, Copy, Debug)]
+struct Trust {
+    /// Extra damping below which two roots may hide, 1/s ...
+    near_fold_per_s: f64,
+    /// ... and as part of the largest on the branch.
+    near_fold_part: f64,
+    /// A minimum of the extra damping along a branch below this part of the largest may touch zero.
+    grazing_part: f64,
+    /// How far beyond the end of a branch, as part of the amplitude there, a root may be within the model after all.
+    near_end_part: f64,
+}
+
+/// Of one harmonic.
+const ONE_HARMONIC: Trust = Trust {
+    near_fold_per_s: 0.5,
+    near_fold_part: 0.02,
+    grazing_part: 0.06,
+    near_end_part: 0.15,
+};
+/// Of three.
+const THREE_HARMONICS: Trust = Trust {
+    near_fold_per_s: 0.2,
+    near_fold_part: 0.005,
+    grazing_part: 0.02,
+    near_end_part: 0.03,
+};
 /// Multipliers from a cycle that is as exact as five harmonics are good to this.
 const MULTIPLIER_ERROR: f64 = 2e-3;
 /// ... and where the contact is lost to this.
@@ -55,6 +74,7 @@ pub struct MapCell {
 pub struct Mapper {
     assessor: Assessor,
     coarse: Scanner,
+    medium: Scanner,
     fine: Scanner,
 }
 
@@ -77,6 +97,7 @@ impl Mapper {
         Self {
             assessor: Assessor::new(harmonics),
             coarse: Scanner::coarse(),
+            medium: Scanner::medium(),
             fine: Scanner::for_maps(harmonics),
         }
     }
@@ -201,10 +222,7 @@ impl Mapper {
         let mut survey = Survey::new();
         let mut first_is_stable = false;
         for mode in &rest.modes {
-            let mut branch = self.coarse.branch(model, rest, mode)?;
-            if !self.refined(model, &mut branch)? {
-                branch = self.fine.branch(model, rest, mode)?;
-            }
+            let branch = self.branch(model, rest, mode)?;
             if !branch.end.is_known() {
                 return Ok(None);
             }
@@ -225,16 +243,43 @@ impl Mapper {
         Ok(Some((survey, first_is_stable)))
     }
 
-    /// Refines each cycle; false where one harmonic cannot be trusted to have found them all.
-    fn refined(&mut self, model: &Model<'_>, branch: &mut Branch) -> Result<bool, ChatterError> {
+    /// The branch of a mode, with as few harmonics as tell its cycles, and these with all.
+    fn branch(
+        &mut self,
+        model: &Model<'_>,
+        rest: &Equilibrium,
+        mode: &SmallMode,
+    ) -> Result<Branch, ChatterError> {
+        let mut branch = self.coarse.branch(model, rest, mode)?;
+        if self.refined(model, &mut branch, ONE_HARMONIC)? {
+            return Ok(branch);
+        }
+        if self.fine.harmonics() > self.medium.harmonics() {
+            let seen = branch.cycles.len();
+            branch = self.medium.branch(model, rest, mode)?;
+            // Fewer cycles than one harmonic has seen may have been missed.
+            if branch.cycles.len() >= seen && self.refined(model, &mut branch, THREE_HARMONICS)? {
+                return Ok(branch);
+            }
+        }
+        self.fine.branch(model, rest, mode)
+    }
+
+    /// Refines each cycle; false where the harmonics of the branch cannot be trusted to have found them all.
+    fn refined(
+        &mut self,
+        model: &Model<'_>,
+        branch: &mut Branch,
+        trust: Trust,
+    ) -> Result<bool, ChatterError> {
         if !branch.end.is_known() {
             return Ok(false);
         }
         let size = |point: &ScanPoint| point.extra_per_s.abs();
         let nearest = branch.points.iter().map(size).fold(f64::INFINITY, f64::min);
         let largest = branch.points.iter().map(size).fold(0.0, f64::max);
-        // Near a fold, or where a cycle is about to be born, one harmonic may see two roots or none.
-        let near = nearest < NEAR_FOLD_PER_S.max(NEAR_FOLD_PART * largest);
+        // Near a fold, or where a cycle is about to be born, few harmonics may see two roots or none.
+        let near = nearest < trust.near_fold_per_s.max(trust.near_fold_part * largest);
         if branch.mode.growth_per_s < 0.0 && near && branch.cycles.is_empty() {
             return Ok(false);
         }
@@ -242,7 +287,7 @@ impl Mapper {
             let [a, b, c] = [size(&three[0]), size(&three[1]), size(&three[2])];
             // At a root it passes through zero.
             let signs = three.iter().filter(|point| point.extra_per_s > 0.0).count();
-            b < a && b < c && b < GRAZING_PART * largest && signs % 3 == 0
+            b < a && b < c && b < trust.grazing_part * largest && signs % 3 == 0
         });
         if grazes {
             return Ok(false);
@@ -251,7 +296,7 @@ impl Mapper {
         if let [.., before, last] = branch.points.as_slice() {
             let slope = (last.extra_per_s - before.extra_per_s) / (last.amplitude_m - before.amplitude_m);
             let beyond = -last.extra_per_s / slope;
-            if beyond > 0.0 && beyond < NEAR_END_PART * last.amplitude_m {
+            if beyond > 0.0 && beyond < trust.near_end_part * last.amplitude_m {
                 return Ok(false);
             }
         }
@@ -417,12 +462,11 @@ impl Assessor {
         if grows && first_is_stable && growing == 1 {
             return Some(Verdict::SelfExcited);
         }
+        if !grows && stable {
+            return Some(Verdict::Bistable);
+        }
         if !grows && !survey.is_empty() {
-            return Some(if stable {
-                Verdict::Bistable
-            } else {
-                Verdict::OutOfModel
-            });
+            return Some(Verdict::OutOfModel);
         }
         let mut verified = Vec::new();
         for (cycle, _) in survey.iter().filter(|(_, stable)| *stable) {

@@ -19,6 +19,8 @@ const STEPS: f64 = 24.0;
 const FINE_SAMPLES: usize = 512;
 /// No scan needs more steps.
 const MAX_STEPS: usize = 400;
+/// A point that is further from the one before than so many steps is on another part of the branch, or on another branch.
+const LEAP: f64 = 1.5;
 /// Frequency and extra damping that count, along a branch, as much as the whole amplitude or force: part of the
 /// frequency. Tuned: from 0.01 to 0.2 the same cycles are found, with the fewest steps at 0.05.
 const SPEED_PART: f64 = 0.05;
@@ -124,8 +126,12 @@ impl Scanner {
     /// For 1 to 64 harmonics; 5 give amplitudes to 1e-4.
     #[must_use]
     pub fn new(harmonics: usize) -> Self {
+        Self::with_balance(Balance::new(harmonics))
+    }
+
+    fn with_balance(balance: Balance) -> Self {
         Self {
-            balance: Balance::new(harmonics),
+            balance,
             fine: None,
             steps: STEPS,
             halvings: 10,
@@ -136,17 +142,25 @@ impl Scanner {
     #[must_use]
     pub fn coarse() -> Self {
         Self {
-            balance: Balance::with_samples(1, 16).until(1e-4),
-            fine: None,
             steps: 6.0,
             halvings: 3,
+            ..Self::with_balance(Balance::with_samples(1, 16).until(1e-3))
+        }
+    }
+
+    /// For maps where one harmonic cannot be trusted.
+    pub(crate) fn medium() -> Self {
+        Self {
+            steps: 8.0,
+            halvings: 6,
+            ..Self::with_balance(Balance::with_samples(3, 24).until(1e-4))
         }
     }
 
     /// For maps: as many samples and steps as amplitudes to 1e-4 need.
     pub(crate) fn for_maps(harmonics: usize) -> Self {
         Self {
-            balance: Balance::with_samples(harmonics, (9 * harmonics).max(16)),
+            balance: Balance::with_samples(harmonics, (9 * harmonics).max(16)).until(1e-5),
             steps: 14.0,
             halvings: 6,
             ..Self::new(harmonics)
@@ -293,7 +307,13 @@ impl Scanner {
         for _ in 0..MAX_STEPS {
             let next = self.along(model, walk, &here, step)?;
             let next = match next {
-                Some(next) if valid(model, &next) && walk.is_near(&here, &next) => next,
+                Some(next)
+                    if valid(model, &next)
+                        && walk.is_near(&here, &next)
+                        && walk.distance(&here, &next) <= LEAP * step =>
+                {
+                    next
+                }
                 outcome => {
                     // The end lies within this step, or the branch bends: come near to it.
                     end = match &outcome {
@@ -411,12 +431,16 @@ impl Scanner {
             let root = self
                 .balance
                 .solve(model, walk.driver, guess, Condition::Extra(0.0))?;
-            // Newton's method may leap to another part of the branch.
-            if let Some(root) = root
+            // Newton's method may leap to another part of the branch, or to the neighbour of two close roots: there the extra
+            // damping changes the other way.
+            if let Some(mut root) = root
                 && walk.distance(&low, &root) <= 1.2 * length
                 && walk.distance(&high, &root) <= 1.2 * length
             {
-                return Ok(valid(model, &root).then_some(root));
+                walk.orient(&mut root, Some(&low));
+                if (root.tangent[2] > 0.0) == (high.extra() > low.extra()) {
+                    return Ok(valid(model, &root).then_some(root));
+                }
             }
             let Some(between) = self.along(model, walk, &low, 0.5 * length)? else {
                 return Ok(None);

@@ -5,8 +5,9 @@
 //! of the speed, and none out of contact, so that every motion has an end: it dies out, settles on a cycle, goes on
 //! within the model without one, or stays beyond the model.
 
+use crate::adams::{Adams, AdamsMotion, forces_n};
 use crate::error::ChatterError;
-use crate::floquet::{Closed, Verified, report, shoot};
+use crate::floquet::{Closed, Verified, report, shoot_near};
 use crate::model::{Equilibrium, Model, State};
 use crate::scan::MAX_FREE_PART;
 
@@ -55,11 +56,12 @@ pub struct Follower<'a> {
     reach: f64,
     /// Part of it, or of the first size where that is smaller, that counts as rest.
     dead: f64,
+    /// Steps of one force each, where haste is in order.
+    adams: Option<Adams>,
 }
 
 /// A window of a motion.
 struct Window {
-    state: State,
     /// Largest and smallest size, m/s.
     peak: f64,
     least: f64,
@@ -95,18 +97,19 @@ impl<'a> Follower<'a> {
             dead: DEAD_PART,
             windows_outside: WINDOWS_OUTSIDE,
             two_periods_s: 2.0 / slow,
+            adams: None,
             reach: (tool.speed_m_min - tool.floor_m_min) / 60.0,
             model,
         }
     }
 
-    /// Takes a disturbance for dead that has fallen to 0.3 of itself, in windows of half the length and steps a third
-    /// longer: where no smaller cycle is known.
+    /// Takes a disturbance for dead that has fallen to 0.3 of itself, in windows of half the length by the exponential Adams
+    /// method: where no smaller cycle is known.
     pub(crate) fn hasty(self) -> Self {
         Self {
             dead: 0.3,
-            step_s: 4.0 / 3.0 * self.step_s,
-            window: self.window * 3 / 8,
+            adams: Adams::new(self.model.axes(), self.step_s),
+            window: self.window / 2,
             windows_outside: 2 * WINDOWS_OUTSIDE,
             ..self
         }
@@ -140,6 +143,10 @@ impl<'a> Follower<'a> {
     /// Size of a disturbance, m/s: the velocity of all mass that has its energy.
     #[must_use]
     pub fn size_m_s(&self, state: &State) -> f64 {
+        libm::sqrt(self.square_size(state))
+    }
+
+    fn square_size(&self, state: &State) -> f64 {
         let axes = self.model.axes();
         let energy: f64 = (0..2)
             .map(|i| {
@@ -147,7 +154,7 @@ impl<'a> Follower<'a> {
                 axes[i].mass_kg * state[i + 2] * state[i + 2] + axes[i].stiffness_n_m * stretch * stretch
             })
             .sum();
-        libm::sqrt(2.0 * energy / (axes[0].mass_kg + axes[1].mass_kg))
+        2.0 * energy / (axes[0].mass_kg + axes[1].mass_kg)
     }
 
     /// One step of the motion.
@@ -178,26 +185,43 @@ impl<'a> Follower<'a> {
     }
 
     /// This many steps of a motion; None where the force law ends.
-    fn window(&self, start: &State, steps: usize) -> Option<Window> {
-        let mut window = Window {
-            state: *start,
-            peak: 0.0,
-            least: f64::INFINITY,
-            outside: false,
-        };
+    fn window(&self, motion: &mut AdamsMotion, steps: usize) -> Option<Window> {
+        // Squares of sizes.
+        let (mut peak, mut least) = (0.0_f64, f64::INFINITY);
         let (mut free, mut slowest) = (0, f64::INFINITY);
         for _ in 0..steps {
-            window.state = self.step(&window.state).ok()?;
-            let size = self.size_m_s(&window.state);
-            let (speed, depth) = self.model.cut_at(&window.state);
+            let (speed, depth) = self.advance(motion)?;
+            let square = self.square_size(&motion.state);
             slowest = slowest.min(speed);
             free += usize::from(depth <= 0.0);
-            window.peak = window.peak.max(size);
-            window.least = window.least.min(size);
+            peak = peak.max(square);
+            least = least.min(square);
         }
         let free = free as f64 / steps as f64;
-        window.outside = slowest <= self.model.tool().floor_m_min || free > MAX_FREE_PART;
-        window.peak.is_finite().then_some(window)
+        peak.is_finite().then(|| Window {
+            peak: libm::sqrt(peak),
+            least: libm::sqrt(least),
+            outside: slowest <= self.model.tool().floor_m_min || free > MAX_FREE_PART,
+        })
+    }
+
+    /// One step of a motion; the speed and the depth after it. None where the force law ends.
+    fn advance(&self, motion: &mut AdamsMotion) -> Option<(f64, f64)> {
+        let Some(adams) = &self.adams else {
+            motion.state = self.step(&motion.state).ok()?;
+            return Some(self.model.cut_at(&motion.state));
+        };
+        if motion.is_new() {
+            motion.push(forces_n(&self.model, &motion.state).ok()?.0);
+        }
+        if motion.is_ripe() {
+            adams.step(motion);
+        } else {
+            motion.state = self.step(&motion.state).ok()?;
+        }
+        let (forces, speed, depth) = forces_n(&self.model, &motion.state).ok()?;
+        motion.push(forces);
+        Some((speed, depth))
     }
 
     /// What becomes of a motion that begins at a state.
@@ -209,7 +233,7 @@ impl<'a> Follower<'a> {
     /// What becomes of a motion, and where its size changed least.
     pub(crate) fn follow(&self, start: State) -> (Fate, Option<Lingering>) {
         let mut lingering: Option<Lingering> = None;
-        let mut state = start;
+        let mut motion = AdamsMotion::new(start);
         let mut peaks: Vec<f64> = Vec::new();
         let (mut run, mut run_peak) = (0, 0.0);
         // Shooting is dear: each further attempt waits twice as long.
@@ -217,19 +241,25 @@ impl<'a> Follower<'a> {
         let most = (self.longest_s / (self.step_s * self.window as f64)) as usize;
         // Two periods tell whether it begins within the model: what leaves later has grown.
         if self
-            .window(&state, (self.two_periods_s / self.step_s) as usize)
+            .window(&mut motion, (self.two_periods_s / self.step_s) as usize)
             .is_none_or(|window| window.outside)
         {
             return (Fate::BeginsOutside, lingering);
         }
+        let mut motion = AdamsMotion::new(start);
         for k in 0..most {
-            let Some(window) = self.window(&state, self.window) else {
+            let Some(window) = self.window(&mut motion, self.window) else {
                 return (Fate::Leaves, lingering);
             };
-            state = window.state;
+            let state = motion.state;
             if window.outside {
-                if run == 0 {
-                    run_peak = window.peak;
+                // Short windows see less than a beat of two frequencies.
+                if run < self.windows_outside / WINDOWS_OUTSIDE {
+                    run_peak = if run == 0 {
+                        window.peak
+                    } else {
+                        window.peak.max(run_peak)
+                    };
                 }
                 run += 1;
                 if (run >= self.windows_outside && window.peak > 0.98 * run_peak)
@@ -287,7 +317,7 @@ impl<'a> Follower<'a> {
             _ if run > 0 => Fate::Leaves,
             _ if peaks[half..].windows(2).all(|two| two[1] > two[0]) => Fate::StillGrows,
             // Slowly: to rest, or to a cycle.
-            Some(_) if self.is_steady && falls => match self.cycle_near(&state) {
+            Some(_) if self.is_steady && falls => match self.cycle_near(&motion.state) {
                 Some(found) if found.stable() && found.within_model(&self.model) => {
                     Fate::Settles(Box::new(found))
                 }
@@ -331,6 +361,11 @@ impl<'a> Follower<'a> {
             return None;
         };
         let period = (last - first) / (passages.len() - 1) as f64 * self.step_s;
-        shoot(&self.model, *state, period, size, 1e-8).ok().flatten()
+        // What leads back to rest, or far away, is another motion.
+        let here = self.size_m_s(state);
+        let is_near = |state: &State| (0.5..=2.0).contains(&(self.size_m_s(state) / here));
+        shoot_near(&self.model, *state, period, size, is_near)
+            .ok()
+            .flatten()
     }
 }
