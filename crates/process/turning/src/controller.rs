@@ -340,8 +340,9 @@ impl TurningController {
     /// One control period. Real-time safe.
     pub fn step(&mut self, inputs: &TurningInputs) -> TurningOutput {
         self.transition = None;
-        let (scale, out) = (self.settings.scale, self.out.point().position);
-        let load = inputs.load.map(|sample| scale.force(sample, out));
+        let scale = self.settings.scale;
+        let place_mm = [self.along.point().position, self.out.point().position];
+        let load = inputs.load.map(|sample| scale.force(sample, place_mm));
         self.view = self.watch.step(load, self.trail.chip_mm());
         self.residue -= self.residue_share * self.residue;
         let factor = if inputs.feed_override > 0.0 {

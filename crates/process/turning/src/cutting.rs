@@ -43,7 +43,7 @@ impl SimulatedProcess {
     pub fn step(&mut self, x_mm: f64, z_mm: f64) -> (CutNow, Option<LoadSample>) {
         let (along, out) = self.cut.place_mm(x_mm, z_mm);
         let now = self.piece.step(along, out);
-        let reading = self.scale.reading(now.load, out, now.depth_mm);
+        let reading = self.scale.reading(now.load, [along, out], now.depth_mm);
         let sample = self.sensor.read(reading, None).map(|sample| LoadSample {
             value: f64::from(sample.value as f32),
             ..sample

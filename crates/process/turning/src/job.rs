@@ -8,7 +8,7 @@ use crate::blank::Blank;
 use crate::job_file::{CutFile, CutKind, JobFile, SensorKind, StrategyName};
 use crate::law::CutLaw;
 use crate::regime::{BackOff, Regime, RegimeInput};
-use crate::scale::LoadScale;
+use crate::scale::{Lever, LoadScale, MIN_LEVER_FRACTION};
 use crate::sensor::SensorModel;
 use crate::settings::{Strategy, TurningSettings};
 use crate::tool::Tool;
@@ -124,7 +124,7 @@ impl JobFile {
         regime.wear = self.wear(sheet)?;
         let usual = TurningSettings::usual(regime, tool, self.cut.spindle_rpm, self.cut.length_mm);
         let literal = self.strategy.name == StrategyName::Literal;
-        let scale = self.scale(sheet)?;
+        let scale = self.scale(sheet, &regime, &tool)?;
         let settings = TurningSettings {
             strategy: match self.strategy.name {
                 StrategyName::Literal => Strategy::literal(&regime),
@@ -152,7 +152,11 @@ impl JobFile {
             sensor: SensorModel {
                 lag_s: self.sensor.lag_ms * 1e-3,
                 noise: self.sensor.noise,
-                range_max: scale.reading(self.sensor.range_n.unwrap_or(4.0 * regime.set_load), 0.0, 0.0),
+                range_max: scale.reading(
+                    self.sensor.range_n.unwrap_or(4.0 * regime.set_load),
+                    [0.0; 2],
+                    0.0,
+                ),
                 seed: self.sensor.seed,
             },
             law_misfit,
@@ -186,7 +190,12 @@ impl JobFile {
     }
 
     /// What the sensor shows of the force.
-    fn scale(&self, sheet: &ConfigDocument<'_>) -> Result<LoadScale, ConfigError> {
+    fn scale(
+        &self,
+        sheet: &ConfigDocument<'_>,
+        regime: &Regime,
+        tool: &Tool,
+    ) -> Result<LoadScale, ConfigError> {
         let sensor = &self.sensor;
         let idle = sensor.idle + sensor.idle_per_rpm * self.cut.spindle_rpm;
         if sensor.kind == SensorKind::Force {
@@ -195,13 +204,7 @@ impl JobFile {
                 ..LoadScale::FORCE
             });
         }
-        if self.cut.kind == CutKind::Facing {
-            return Err(sheet.error(
-                "sensor.kind",
-                "a sensor in the spindle's drive tells the force of one diameter, and facing goes through all of them".into(),
-                "measure the force at the tool, or turn longitudinally",
-            ));
-        }
+        let lever = self.lever(sheet, regime, tool)?;
         // Torque in N m of 1 N at a diameter of 1 mm.
         let torque = 0.5e-3;
         let per_n = match sensor.kind {
@@ -223,10 +226,33 @@ impl JobFile {
                 }
             },
         };
-        Ok(LoadScale {
-            idle,
-            per_n,
-            diameter_mm: Some(self.cut.diameter_mm),
+        Ok(LoadScale { idle, per_n, lever })
+    }
+
+    /// The diameters at which the force acts.
+    fn lever(&self, sheet: &ConfigDocument<'_>, regime: &Regime, tool: &Tool) -> Result<Lever, ConfigError> {
+        let diameter_mm = self.cut.diameter_mm;
+        if self.cut.kind == CutKind::Longitudinal {
+            return Ok(Lever::Longitudinal { diameter_mm });
+        }
+        let depth_max_mm = regime.depth_max_mm;
+        let lead_per_depth = 1.0 / tool.slope();
+        let end_mm = diameter_mm - 2.0 * self.cut.length_mm - depth_max_mm * lead_per_depth;
+        let least_mm = MIN_LEVER_FRACTION * diameter_mm;
+        if end_mm < least_mm {
+            return Err(sheet.error(
+                "sensor.kind",
+                format!(
+                    "a sensor in the spindle's drive shows less of the force the nearer it is to the axis: the deepest cut would \
+                     act at a diameter of {end_mm:.2} mm, and it shows enough down to {least_mm:.2} mm"
+                ),
+                "face less far, or measure the force at the tool",
+            ));
+        }
+        Ok(Lever::Facing {
+            diameter_mm,
+            lead_per_depth,
+            depth_max_mm,
         })
     }
 

@@ -63,7 +63,7 @@ pub use job_file::{CutFile, CutKind, JobFile, SensorKind, process_schema};
 pub use law::CutLaw;
 pub use record::SizeRecord;
 pub use regime::{BackOff, Regime, RegimeError, RegimeInput};
-pub use scale::LoadScale;
+pub use scale::{Lever, LoadScale};
 pub use sensor::{LoadSample, Sensor, SensorFault, SensorModel};
 pub use settings::{OnThin, PassDepth, SettingsError, Strategy, TurningSettings};
 pub use simulation::{Figures, Simulation, run_fixed, run_fixed_at_load};

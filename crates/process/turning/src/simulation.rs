@@ -91,7 +91,11 @@ impl Simulation {
         let output = self.controller.step(&inputs);
         let cut = self.piece.step(output.along.position, output.out.position);
         let scale = self.controller.settings().scale;
-        self.reading = scale.reading(cut.load, output.out.position, cut.depth_mm);
+        self.reading = scale.reading(
+            cut.load,
+            [output.along.position, output.out.position],
+            cut.depth_mm,
+        );
         self.figures
             .see(&output, &cut, self.set_load, self.period_s, &mut self.above);
         (output, cut)
@@ -99,7 +103,7 @@ impl Simulation {
 
     /// Lets the sensor see another load than the true one at the next step: a jam, a broken insert.
     pub fn jam(&mut self, load: f64) {
-        self.reading = self.controller.settings().scale.reading(load, 0.0, 0.0);
+        self.reading = self.controller.settings().scale.reading(load, [0.0; 2], 0.0);
     }
 
     /// Runs to the end, or for `most_s` seconds; `observe` sees everything.

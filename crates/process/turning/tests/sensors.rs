@@ -42,7 +42,7 @@ fn kinds() -> [(&'static str, f64); 4] {
 fn each_kind_shows_what_the_laws_of_mechanics_say() {
     for (text, expected) in kinds() {
         let scale = shaft(text).unwrap().settings.scale;
-        let reading = scale.reading(2200.0, 0.0, 0.0);
+        let reading = scale.reading(2200.0, [0.0; 2], 0.0);
         assert!(
             (reading / expected - 1.0).abs() < 1e-9,
             "{text}: {reading} for {expected}"
@@ -62,7 +62,7 @@ fn each_kind_shows_what_the_laws_of_mechanics_say() {
 fn with(scale: LoadScale) -> (TurningSettings, SensorModel) {
     let settings = TurningSettings { scale, ..safe() };
     let model = SensorModel {
-        range_max: scale.reading(8000.0, 0.0, 0.0),
+        range_max: scale.reading(8000.0, [0.0; 2], 0.0),
         noise: 0.01,
         ..sensor(4)
     };
@@ -85,11 +85,64 @@ fn a_job_by_torque_power_or_current_keeps_the_set_load() {
     }
 }
 
+/// Facing from 160 mm: the same force shows as a torque that falls with the diameter.
+#[test]
+fn facing_by_torque_power_or_current_keeps_the_set_load() {
+    let facing = |sensor: &str, length: f64| {
+        let file = concat!(
+            env!("CARGO_MANIFEST_DIR"),
+            "/../../../config/processes/turn-shaft.toml"
+        );
+        let text = std::fs::read_to_string(file).unwrap();
+        let text = text
+            .replace("[sensor]\n", &format!("[sensor]\n{sensor}\n"))
+            .replace("kind = \"longitudinal\"", "kind = \"facing\"")
+            .replace("diameter_mm = 60.0", "diameter_mm = 160.0")
+            .replace("length_mm = 200.0", &format!("length_mm = {length:.1}"));
+        Job::parse(&text, "face.toml").map_err(|error| error.to_string())
+    };
+    for (text, _) in kinds() {
+        let job = facing(text, 55.0).unwrap();
+        let settings = TurningSettings {
+            period_s: common::PERIOD_S,
+            ..job.settings
+        };
+        let law = settings.regime.law;
+        for blank in [Blank::uniform(7.0), Blank::outline(&[(0.0, 8.0), (55.0, 4.0)])] {
+            let mut sim = Simulation::new(settings, blank, law, job.sensor).unwrap();
+            let (figures, reason) = sim.run(3000.0, |_, _| {});
+            let what = format!("{text}: {reason:?}, {figures:?}");
+            assert!(figures.done && figures.residual_mm <= 0.1, "{what}");
+            assert!(figures.over_130_s <= TURN_S && figures.peak < 1.3 * SET, "{what}");
+        }
+    }
+    // 2200 N at 160 mm are 176 N m; 50 mm farther in 66 N m. The edge leads by 1 mm / tan(60) a mm of depth.
+    let scale = facing(kinds()[1].0, 55.0).unwrap().settings.scale;
+    for (place, depth, expected) in [
+        (0.0, 0.0, 176.0),
+        (50.0, 0.0, 66.0),
+        (50.0, 3.0, 66.0 - 1.1 * 3.0 / 3.0_f64.sqrt()),
+    ] {
+        let reading = scale.reading(2200.0, [place, 2.0], depth);
+        assert!(
+            (reading - 5.0 - expected).abs() < 1e-9,
+            "{place} {depth}: {reading}"
+        );
+    }
+    // To the axis the torque of any force goes to nothing.
+    let error = facing(kinds()[1].0, 79.0).unwrap_err();
+    assert!(
+        error.contains("sensor.kind") && error.contains("nearer"),
+        "{error}"
+    );
+    assert!(facing(kinds()[0].0, 79.0).is_ok());
+}
+
 #[test]
 fn a_dead_sensor_is_told_from_air_by_the_idle_reading() {
     // Idle power is half of what the set load takes: without supply the sensor reads far below air.
     let mut scale = shaft(kinds()[2].0).unwrap().settings.scale;
-    scale.idle = 0.5 * (scale.reading(SET, 0.0, 0.0) - scale.idle);
+    scale.idle = 0.5 * (scale.reading(SET, [0.0; 2], 0.0) - scale.idle);
     let (settings, model) = with(scale);
     let mut sim = Simulation::new(settings, Blank::uniform(8.0), law(), model).unwrap();
     // Still in air.
