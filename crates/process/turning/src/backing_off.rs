@@ -19,9 +19,11 @@ impl TurningController {
     /// Deepest cut that is taken at once: in passes of least time, what two passes would not do faster.
     pub(crate) fn deepest(&self) -> f64 {
         match self.settings.strategy.depth {
-            PassDepth::LeastTime { .. } => self.split_mm,
+            PassDepth::LeastTime { .. } => self.constants.split_mm,
             // Two parts must be left for it to be split, and the stock must go on as high as it is.
-            PassDepth::Bounded { .. } if self.passes_left() > 1 && self.goes_on_level() => self.split_mm,
+            PassDepth::Bounded { .. } if self.passes_left() > 1 && self.goes_on_level() => {
+                self.constants.split_mm
+            }
             _ => self.settings.regime.depth_max_mm,
         }
     }
@@ -35,24 +37,24 @@ impl TurningController {
             PassDepth::Bounded { .. } => limit < regime.depth_max_mm,
             PassDepth::Final | PassDepth::KnownFinal => false,
         };
-        self.deep_s = if depth > DEEP * limit {
-            self.deep_s + settings.period_s
+        self.places.deep_s = if depth > DEEP * limit {
+            self.places.deep_s + settings.period_s
         } else {
             0.0
         };
-        if self.deep_s <= confirm_s {
+        if self.places.deep_s <= confirm_s {
             return false;
         }
         let out = self.out.point().position;
-        self.highest_felt = self.highest_felt.max(out + depth);
+        self.places.highest_felt_mm = self.places.highest_felt_mm.max(out + depth);
         let wanted = if least_time {
             self.part_of(out + depth).max(out + MIN_PART * depth)
         } else {
             out + depth - regime.depth_back_off_mm
         };
-        self.pass_out = wanted.max(out);
+        self.plan.out_mm = wanted.max(out);
         // A depth that was not there for a revolution may be a transient.
-        self.shoulder_mm = out + self.engagement.depth_mm();
+        self.felt.shoulder_mm = out + self.felt.engagement.depth_mm();
         self.go(
             TurningState::BackOff,
             Reason::TooDeep {
@@ -67,22 +69,22 @@ impl TurningController {
         let settings = self.settings;
         self.along.stop();
         self.out
-            .aim(self.pass_out, settings.out_speed_mm_s * factor.min(1.0));
+            .aim(self.plan.out_mm, settings.out_speed_mm_s * factor.min(1.0));
         if self.out.has_arrived() && self.along.is_at_rest() {
-            let by = (self.pass_out - self.pass_highest).max(0.0);
-            self.pass_highest = self.pass_highest.max(self.pass_out);
+            let by = (self.plan.out_mm - self.plan.highest_mm).max(0.0);
+            self.plan.highest_mm = self.plan.highest_mm.max(self.plan.out_mm);
             // The shoulder that was left is parallel to the edge and not farther than this.
             let here = self.along.point().position;
             let shoulder = here + by / settings.tool.slope();
-            let depth = self.shoulder_mm - self.pass_out;
+            let depth = self.felt.shoulder_mm - self.plan.out_mm;
             self.lose_contact();
             self.expect(shoulder, depth);
             // A cut that was not felt for a whole revolution, or had slots, does not tell how high the shoulder is. What was
             // felt stands all the same, and is felt again before the job ends.
-            self.unproven.get_or_insert(here.max(0.0));
-            self.cautious_to = Some(shoulder + CAUTION_MM);
+            self.felt.unproven_mm.get_or_insert(here.max(0.0));
+            self.places.cautious_to_mm = Some(shoulder + CAUTION_MM);
             self.feed = 0.0;
-            let out_mm = self.pass_out;
+            let out_mm = self.plan.out_mm;
             if out_mm > settings.allowance_max_mm {
                 self.draw_out();
                 let reason = Reason::StockTooThick {
@@ -101,7 +103,7 @@ impl TurningController {
         match self.settings.strategy.depth {
             PassDepth::Bounded { extra } => {
                 let ideal = self.settings.regime.passes(height_mm).max(1);
-                (ideal + extra).saturating_sub(self.pass.saturating_sub(1))
+                (ideal + extra).saturating_sub(self.plan.number.saturating_sub(1))
             }
             _ => u32::MAX,
         }
@@ -110,18 +112,19 @@ impl TurningController {
     /// The same for what was felt, for parts of a height: what reads higher may only be harder, and stock that was lower in
     /// places is not level. A gap tells nothing of what stands beside it.
     pub(crate) fn passes_left(&self) -> u32 {
-        self.passes_left_for(self.highest_felt / HARDEST)
-            .saturating_sub(self.returned_low)
+        self.passes_left_for(self.places.highest_felt_mm / HARDEST)
+            .saturating_sub(self.places.returned_low)
     }
 
     /// Whether a pass may be ended on a thin place: what is ahead may be as high as what was felt.
     pub(crate) fn may_return(&self) -> bool {
-        self.passes_left_for(self.highest_felt) > self.settings.regime.passes(self.highest_felt)
+        self.passes_left_for(self.places.highest_felt_mm)
+            > self.settings.regime.passes(self.places.highest_felt_mm)
     }
 
     /// Whether the cut has been as deep for a while, so that what is left of the pass is worth two passes.
     fn goes_on_level(&self) -> bool {
-        let (from, depth) = self.settled;
+        let (from, depth) = self.felt.settled_mm;
         let here = self.along.point().position;
         let now = self.view.depth_mean_mm;
         let rest = self.settings.length_mm - here;
@@ -131,21 +134,6 @@ impl TurningController {
         self.state == TurningState::Cut
             && way >= LEVEL_MM
             && self.part_of(out + now) >= out + MIN_PART * now
-            && now + 0.5 * rest * (now - depth) / way >= DEEP * self.split_mm
-    }
-
-    /// The depth from which two passes are faster than one.
-    pub(crate) fn split_depth(&self) -> f64 {
-        let regime = &self.settings.regime;
-        let (mut low, mut high) = (regime.depth_full_feed_mm, regime.depth_max_mm);
-        for _ in 0..40 {
-            let middle = 0.5 * (low + high);
-            if regime.fastest_passes(middle, self.settings.length_mm, self.overhead_rev) > 1 {
-                high = middle;
-            } else {
-                low = middle;
-            }
-        }
-        high
+            && now + 0.5 * rest * (now - depth) / way >= DEEP * self.constants.split_mm
     }
 }

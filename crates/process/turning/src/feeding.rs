@@ -39,14 +39,14 @@ impl TurningController {
         if settings.strategy.preview {
             wish = wish.min(self.preview());
         }
-        if let Some(to) = self.cautious_to {
+        if let Some(to) = self.places.cautious_to_mm {
             if self.along.point().position < to {
                 wish = wish.min(settings.strategy.resume_feed_mm_rev);
             } else {
-                self.cautious_to = None;
+                self.places.cautious_to_mm = None;
             }
         }
-        if self.blind_s > 0.0 {
+        if self.guard.blind_s > 0.0 {
             wish = regime.feed_min_mm_rev;
         }
         wish = wish.max(regime.feed_min_mm_rev);
@@ -55,7 +55,7 @@ impl TurningController {
         // From a stand the smallest feed is taken at once.
         self.feed = wish.clamp(down, up.max(regime.feed_min_mm_rev));
         let speed = settings.speed_mm_s(self.feed) * factor.min(1.0);
-        self.along.aim(self.pass_end, speed);
+        self.along.aim(self.plan.end_mm, speed);
     }
 
     /// Largest feed for what earlier passes have left ahead.
@@ -71,34 +71,34 @@ impl TurningController {
         let settings = self.settings;
         let here = self.along.point().position;
         if self.feels() && self.view.trouble.is_none() {
-            self.contact = Some(here);
-            self.grown = (0.0, here);
-            if self.cautious_to.is_some() {
+            self.felt.contact_mm = Some(here);
+            self.felt.grown_mm = (0.0, here);
+            if self.places.cautious_to_mm.is_some() {
                 let turns = KNOWN_REV + 2.0 * settings.sensor_lag_s / settings.turn_s();
-                self.cautious_to = Some(here + turns * settings.strategy.resume_feed_mm_rev);
+                self.places.cautious_to_mm = Some(here + turns * settings.strategy.resume_feed_mm_rev);
             }
             let load = self.view.now;
             if let Some(reason) = self.face_felt(here) {
                 return self.leave_for(reason);
             }
-            self.touched = true;
-            self.loss_s = 0.0;
-            self.expected = None;
-            (self.air, self.thin_from) = (false, None);
+            self.plan.is_touched = true;
+            self.loss.missing_s = 0.0;
+            self.felt.expected_mm = None;
+            (self.felt.in_air, self.places.thin_from_mm) = (false, None);
             self.go(TurningState::Engage, Reason::Contact { load });
             return;
         }
         let depth = self.sure_depth(MET_MM).max(self.expected_depth(here));
         if depth <= SURE_MM {
-            self.loss_s = 0.0;
+            self.loss.missing_s = 0.0;
         } else if self.shows_chips(depth) {
-            self.loss_s += settings.period_s;
+            self.loss.missing_s += settings.period_s;
         }
-        if self.loss_s > LOSS_REV * settings.turn_s() {
+        if self.loss.missing_s > LOSS_REV * settings.turn_s() {
             return self.report_broken(depth);
         }
         // Air inside a pass is a thin place too.
-        let gap = self.air && here > 0.0;
+        let gap = self.felt.in_air && here > 0.0;
         if self.thin(gap, 0.0) {
             return;
         }
@@ -114,7 +114,7 @@ impl TurningController {
     fn approach_feed(&self, here: f64) -> f64 {
         let settings = &self.settings;
         let entry = settings.strategy.entry_feed_mm_rev;
-        if !settings.strategy.preview || self.cautious_to.is_some() {
+        if !settings.strategy.preview || self.places.cautious_to_mm.is_some() {
             return entry;
         }
         let out = self.out.point().position;
@@ -127,7 +127,7 @@ impl TurningController {
     /// How far the tool may go in rapid: where it is known that nothing stands in the way.
     pub(crate) fn free_way(&self, here: f64) -> Option<f64> {
         let settings = &self.settings;
-        if !settings.strategy.preview || self.cautious_to.is_some() {
+        if !settings.strategy.preview || self.places.cautious_to_mm.is_some() {
             return None;
         }
         let out = self.out.point().position;
@@ -135,7 +135,7 @@ impl TurningController {
             .record
             .next_above(here, out + 1e-9)
             .unwrap_or(settings.length_mm)
-            .min(self.pass_end);
+            .min(self.plan.end_mm);
         let clear = self.record.clear_place_mm(stock, out) - settings.clear_along_mm;
         (clear - here > MIN_FREE_MM
             || (self.along.target() == clear && !self.along.has_arrived() && clear > here))
@@ -149,7 +149,7 @@ impl TurningController {
     }
 
     pub(crate) fn report_broken(&mut self, depth_mm: f64) {
-        let before = self.load_before;
+        let before = self.loss.before_n;
         let (here, out) = (self.along.point().position, self.out.point().position);
         self.record.leave_shoulder(here, out + depth_mm, true);
         self.draw_out();
@@ -160,10 +160,10 @@ impl TurningController {
     pub(crate) fn face_felt(&mut self, here: f64) -> Option<Reason> {
         let settings = self.settings;
         let out = self.out.point().position;
-        if self.touched || self.pass != 1 || !self.record.is_blank() {
+        if self.plan.is_touched || self.plan.number != 1 || !self.record.is_blank() {
             return None;
         }
-        let height = out + (self.detection_mm - here).max(0.0) * settings.tool.slope();
+        let height = out + (self.constants.detection_mm - here).max(0.0) * settings.tool.slope();
         if height - out > settings.tool.reach_mm() - HOLDER_MM {
             return Some(Reason::StockTooThick {
                 height_mm: height,
@@ -177,8 +177,8 @@ impl TurningController {
         if wanted <= out + settings.tolerance_mm {
             return None;
         }
-        self.pass_out = wanted;
-        self.shoulder_mm = height;
+        self.plan.out_mm = wanted;
+        self.felt.shoulder_mm = height;
         Some(Reason::FaceFelt { height_mm: height })
     }
 
@@ -187,7 +187,7 @@ impl TurningController {
             self.draw_out();
             self.go(TurningState::Fault, reason);
         } else {
-            self.touched = true;
+            self.plan.is_touched = true;
             self.go(TurningState::BackOff, reason);
         }
     }
@@ -198,12 +198,12 @@ impl TurningController {
         if self.has_lost_load() {
             return;
         }
-        if self.engagement.depth_mm() > SURE_MM {
-            self.unproven = None;
+        if self.felt.engagement.depth_mm() > SURE_MM {
+            self.felt.unproven_mm = None;
         }
         let depth = self.view.depth_now_mm.max(self.view.depth_mm);
-        if depth > self.grown.0 * (1.0 + GROWTH) {
-            self.grown = (depth, here);
+        if depth > self.felt.grown_mm.0 * (1.0 + GROWTH) {
+            self.felt.grown_mm = (depth, here);
         }
         if self.too_deep(
             self.view.depth_now_mm,
@@ -212,16 +212,19 @@ impl TurningController {
         ) {
             return;
         }
-        let since = here - self.grown.1;
-        let whole = self.contact.is_none_or(|contact| {
+        let since = here - self.felt.grown_mm.1;
+        let whole = self.felt.contact_mm.is_none_or(|contact| {
             here - contact > settings.tool.overhang_mm() + settings.regime.feed_max_mm_rev
         });
         if since > KNOWN_REV * self.feed.max(settings.regime.feed_min_mm_rev) || whole {
             let depth_mm = self.view.depth_mm;
             if !self.too_deep(depth_mm, self.deepest(), 0.0) {
-                self.highest_felt = self.highest_felt.max(self.out.point().position + depth_mm);
-                self.settled = (here, depth_mm);
-                self.unproven = None;
+                self.places.highest_felt_mm = self
+                    .places
+                    .highest_felt_mm
+                    .max(self.out.point().position + depth_mm);
+                self.felt.settled_mm = (here, depth_mm);
+                self.felt.unproven_mm = None;
                 self.go(TurningState::Cut, Reason::Settled { depth_mm });
             }
             return;
@@ -258,26 +261,30 @@ impl TurningController {
     pub(crate) fn thin(&mut self, thin: bool, depth_mm: f64) -> bool {
         let settings = self.settings;
         let (here, out) = (self.along.point().position, self.out.point().position);
-        let from = match (thin, self.thin_from) {
+        let from = match (thin, self.places.thin_from_mm) {
             (true, Some(from)) => from,
             (true, None) => here,
             (false, _) => {
-                self.thin_from = None;
+                self.places.thin_from_mm = None;
                 return false;
             }
         };
-        self.thin_from = Some(from);
+        self.places.thin_from_mm = Some(from);
         if here - from <= settings.thin_mm || out <= settings.tolerance_mm {
             return false;
         }
         let leaves = match settings.strategy.on_thin {
             OnThin::Continue => false,
             OnThin::Return => true,
-            OnThin::ReturnUpTo(most) => self.returned_thin < most && self.may_return(),
+            OnThin::ReturnUpTo(most) => self.places.returned_thin < most && self.may_return(),
             OnThin::ReturnIfSaved => {
                 // What is this thin costs no further pass if it is left.
                 let length = settings.length_mm - here;
-                let passes = |height| settings.regime.fastest_passes(height, length, self.overhead_rev);
+                let passes = |height| {
+                    settings
+                        .regime
+                        .fastest_passes(height, length, self.constants.overhead_rev)
+                };
                 // What lies ahead and is known was planned for.
                 let ahead = here + settings.tool.overhang_mm() + CAUTION_MM;
                 passes(out + depth_mm) <= passes(out)
@@ -286,8 +293,11 @@ impl TurningController {
             }
         };
         if leaves {
-            self.returned_thin = self.returned_thin.saturating_add(1);
-            self.returned_low = self.returned_low.saturating_add(u32::from(!self.air));
+            self.places.returned_thin = self.places.returned_thin.saturating_add(1);
+            self.places.returned_low = self
+                .places
+                .returned_low
+                .saturating_add(u32::from(!self.felt.in_air));
             self.record.leave_shoulder(here, out + depth_mm, false);
             self.begin_return(TurningState::ReEnter, Reason::TooThin { depth_mm });
         }
@@ -297,21 +307,24 @@ impl TurningController {
     /// At the end the tool stays for a revolution, so that the last of the cut is round.
     pub(crate) fn end_of_pass(&mut self) {
         let settings = self.settings;
-        if !self.along.has_arrived() || self.along.target() < self.pass_end {
-            self.end_s = 0.0;
+        if !self.along.has_arrived() || self.along.target() < self.plan.end_mm {
+            self.plan.end_s = 0.0;
             return;
         }
-        self.end_s += settings.period_s;
-        if self.end_s < 1.05 * settings.turn_s() {
+        self.plan.end_s += settings.period_s;
+        if self.plan.end_s < 1.05 * settings.turn_s() {
             return;
         }
-        if self.meets_unknown && !self.touched && self.out.point().position <= settings.tolerance_mm {
-            self.record.forget_from(self.pass_start.max(0.0));
+        if self.plan.meets_unknown
+            && !self.plan.is_touched
+            && self.out.point().position <= settings.tolerance_mm
+        {
+            self.record.forget_from(self.plan.start_mm.max(0.0));
             self.draw_out();
             self.go(TurningState::Fault, Reason::NoStock);
             return;
         }
-        if let Some(along_mm) = self.unproven
+        if let Some(along_mm) = self.felt.unproven_mm
             && self.record.first_above(settings.tolerance_mm).is_none()
         {
             self.record.forget_from(along_mm);

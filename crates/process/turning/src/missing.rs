@@ -30,43 +30,49 @@ impl TurningController {
         let settings = self.settings;
         let turn_s = settings.turn_s();
         let (here, out) = (self.along.point().position, self.out.point().position);
-        self.interrupted_s = (self.interrupted_s - settings.period_s).max(0.0);
+        self.loss.interrupted_s = (self.loss.interrupted_s - settings.period_s).max(0.0);
         if self.view.now >= settings.contact_load {
-            if self.air_s > 0.0 {
-                self.interrupted_s = INTERRUPTED_REV * turn_s;
-                self.interruption_mm = self.interruption_mm.max(here - self.engagement.place_mm());
-            } else if self.interrupted_s == 0.0 {
-                self.interruption_mm = 0.0;
+            if self.loss.air_s > 0.0 {
+                self.loss.interrupted_s = INTERRUPTED_REV * turn_s;
+                self.loss.interruption_mm = self
+                    .loss
+                    .interruption_mm
+                    .max(here - self.felt.engagement.place_mm());
+            } else if self.loss.interrupted_s == 0.0 {
+                self.loss.interruption_mm = 0.0;
             }
-            self.air_s = 0.0;
-            self.load_before = self.view.mean;
+            self.loss.air_s = 0.0;
+            self.loss.before_n = self.view.mean;
             let depth = self.view.depth_now_mm.min(self.view.depth_mean_mm);
-            self.engagement.feel(here, out, depth);
+            self.felt.engagement.feel(here, out, depth);
             return false;
         }
-        if self.shows_chips(self.engagement.depth_mm()) {
-            self.air_s += settings.period_s;
+        if self.shows_chips(self.felt.engagement.depth_mm()) {
+            self.loss.air_s += settings.period_s;
         }
-        if self.air_s <= LOSS_REV * turn_s {
+        if self.loss.air_s <= LOSS_REV * turn_s {
             return false;
         }
         // Where the cut is interrupted the edge may have left the stock within an interruption.
         let left = self
+            .felt
             .engagement
-            .depth_after_mm(INTERRUPTION_NOISE * self.interruption_mm);
+            .depth_after_mm(INTERRUPTION_NOISE * self.loss.interruption_mm);
         let law = &settings.regime.law;
         let unfelt = NOISE * law.depth_mm(settings.contact_load, self.trail.chip_mm().max(self.feed));
         let sure = self.sure_depth(GONE_MM);
-        if sure > SURE_MM || left > unfelt + ABRUPT_MM + DEPTH_NOISE * self.grown.0 {
+        if sure > SURE_MM || left > unfelt + ABRUPT_MM + DEPTH_NOISE * self.felt.grown_mm.0 {
             self.report_broken(sure.max(left));
             return true;
         }
         if left > unfelt + GRADUAL_MM {
-            self.unproven.get_or_insert(self.engagement.place_mm());
+            self.felt
+                .unproven_mm
+                .get_or_insert(self.felt.engagement.place_mm());
         }
-        let from = self.thin_from;
+        let from = self.places.thin_from_mm;
         self.lose_contact();
-        (self.air, self.thin_from) = (true, from);
+        (self.felt.in_air, self.places.thin_from_mm) = (true, from);
         self.go(TurningState::Approach, Reason::Air);
         true
     }
@@ -81,12 +87,12 @@ impl TurningController {
 
     /// Stock of a depth must be met at a place, or before.
     pub(crate) fn expect(&mut self, place_mm: f64, depth_mm: f64) {
-        self.expected = (depth_mm > SURE_MM).then_some((place_mm, depth_mm));
+        self.felt.expected_mm = (depth_mm > SURE_MM).then_some((place_mm, depth_mm));
     }
 
     /// Depth of the stock that must have been met by now, mm.
     pub(crate) fn expected_depth(&self, here: f64) -> f64 {
-        match self.expected {
+        match self.felt.expected_mm {
             Some((place, depth)) if here >= place => depth,
             _ => 0.0,
         }
@@ -94,7 +100,7 @@ impl TurningController {
 
     /// Of a cut that ends in a fault the shoulder stays, and is expected when the job goes on.
     pub(crate) fn keep_shoulder(&mut self) {
-        let depth = self.engagement.depth_mm();
+        let depth = self.felt.engagement.depth_mm();
         if depth > SURE_MM && matches!(self.state, TurningState::Engage | TurningState::Cut) {
             let (here, out) = (self.along.point().position, self.out.point().position);
             self.record.leave_shoulder(here, out + depth, true);

@@ -1,6 +1,7 @@
 //! The end of a pass: the way back, and where the next pass starts.
 
-use crate::controller::{Leg, TurningController};
+use crate::controller::TurningController;
+use crate::return_path::Leg;
 use crate::settings::PassDepth;
 use crate::state::{Reason, TurningState};
 
@@ -12,13 +13,12 @@ impl TurningController {
         self.lose_contact();
         self.record
             .lift(self.along.point().position, self.out.point().position);
-        self.leg = Leg::Out;
-        self.promised = None;
-        self.cautious_to = None;
+        self.back.leg = Leg::Out;
+        self.places.cautious_to_mm = None;
         self.along.stop();
         let here = self.out.point().position;
-        self.leg_out = if self.pass > 0 {
-            here.max(self.pass_highest) + self.settings.clear_out_mm
+        self.back.out_mm = if self.plan.number > 0 {
+            here.max(self.plan.highest_mm) + self.settings.clear_out_mm
         } else {
             here
         };
@@ -31,7 +31,7 @@ impl TurningController {
         let settings = &self.settings;
         let tolerance = settings.tolerance_mm;
         let known = self.record.highest_known_mm();
-        self.pass_out = match settings.strategy.depth {
+        self.plan.out_mm = match settings.strategy.depth {
             PassDepth::Final => 0.0,
             PassDepth::KnownFinal => self.known_final(),
             // The pass that is planned has not been counted yet.
@@ -41,14 +41,17 @@ impl TurningController {
             }
             PassDepth::Bounded { .. } => self.known_final(),
         };
-        let from = self.record.first_above(self.pass_out + tolerance).unwrap_or(0.0);
+        let from = self
+            .record
+            .first_above(self.plan.out_mm + tolerance)
+            .unwrap_or(0.0);
         let end = self
             .record
-            .last_above(self.pass_out + tolerance)
+            .last_above(self.plan.out_mm + tolerance)
             .unwrap_or(settings.length_mm);
-        let clear = self.record.clear_place_mm(from, self.pass_out);
-        self.pass_start = clear - settings.clear_along_mm;
-        self.pass_end = end.min(settings.length_mm);
+        let clear = self.record.clear_place_mm(from, self.plan.out_mm);
+        self.plan.start_mm = clear - settings.clear_along_mm;
+        self.plan.end_mm = end.min(settings.length_mm);
     }
 
     /// The final size, or the depth after backing off below what is known to be too deep.
@@ -71,7 +74,7 @@ impl TurningController {
     /// The same in at most N parts, or in as many as are needed.
     fn parts_of(&self, height: f64, most: u32) -> f64 {
         let regime = &self.settings.regime;
-        let fastest = regime.fastest_passes(height, self.settings.length_mm, self.overhead_rev);
+        let fastest = regime.fastest_passes(height, self.settings.length_mm, self.constants.overhead_rev);
         let parts = f64::from(fastest.min(most.max(regime.passes(height))).max(1));
         height * (parts - 1.0) / parts
     }
@@ -80,57 +83,57 @@ impl TurningController {
         let settings = self.settings;
         let slow = factor.min(1.0);
         let done = self.record.first_above(settings.tolerance_mm).is_none();
-        match self.leg {
+        match self.back.leg {
             Leg::Out => {
-                self.out.aim(self.leg_out, settings.out_speed_mm_s * slow);
+                self.out.aim(self.back.out_mm, settings.out_speed_mm_s * slow);
                 if self.out.has_arrived() {
-                    self.leg = Leg::Back;
+                    self.back.leg = Leg::Back;
                 }
             }
             Leg::Back => {
                 let start = -settings.tool.overhang_mm() - settings.clear_along_mm;
-                let to = if done && self.pass > 0 {
+                let to = if done && self.plan.number > 0 {
                     start
                 } else {
-                    self.pass_start
+                    self.plan.start_mm
                 };
                 self.along.aim(to, settings.rapid_mm_s * slow);
                 if self.along.has_arrived() {
-                    self.leg = match self.home {
-                        Some(_) if done && self.pass > 0 => Leg::HomeAcross,
+                    self.back.leg = match self.back.home_mm {
+                        Some(_) if done && self.plan.number > 0 => Leg::HomeAcross,
                         _ => Leg::In,
                     };
-                    if done && self.pass > 0 && self.home.is_none() {
+                    if done && self.plan.number > 0 && self.back.home_mm.is_none() {
                         self.go(TurningState::Done, Reason::AtSize);
                     }
                 }
             }
             Leg::HomeAcross => {
-                let (_, out) = self.home.unwrap_or_default();
+                let (_, out) = self.back.home_mm.unwrap_or_default();
                 self.out.aim(out, settings.out_speed_mm_s * slow);
                 if self.out.has_arrived() {
-                    self.leg = Leg::HomeAlong;
+                    self.back.leg = Leg::HomeAlong;
                 }
             }
             Leg::HomeAlong => {
-                let (along, _) = self.home.unwrap_or_default();
+                let (along, _) = self.back.home_mm.unwrap_or_default();
                 self.along.aim(along, settings.rapid_mm_s * slow);
                 if self.along.has_arrived() {
                     self.go(TurningState::Done, Reason::AtSize);
                 }
             }
             Leg::In => {
-                self.out.aim(self.pass_out, settings.out_speed_mm_s * slow);
+                self.out.aim(self.plan.out_mm, settings.out_speed_mm_s * slow);
                 if self.out.has_arrived() {
-                    self.pass += 1;
-                    if self.pass > MAX_PASSES {
+                    self.plan.number += 1;
+                    if self.plan.number > MAX_PASSES {
                         self.go(TurningState::Fault, Reason::TooManyPasses);
                         return;
                     }
-                    self.pass_highest = self.pass_out;
-                    self.touched = false;
-                    self.meets_unknown = self.record.has_unknown();
-                    self.end_s = 0.0;
+                    self.plan.highest_mm = self.plan.out_mm;
+                    self.plan.is_touched = false;
+                    self.plan.meets_unknown = self.record.has_unknown();
+                    self.plan.end_s = 0.0;
                     self.feed = 0.0;
                     self.go(TurningState::Approach, Reason::InPlace);
                 }

@@ -36,7 +36,7 @@ pub enum SensorTrouble {
 }
 
 /// What is known of the load now.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LoadView {
     /// Smoothed over milliseconds.
     pub now: f64,

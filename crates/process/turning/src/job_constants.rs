@@ -1,0 +1,69 @@
+//! Figures of a job that its settings determine.
+
+use crate::settings::TurningSettings;
+use crate::watch::SMOOTHING_S;
+
+/// What is computed once at set-up.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct JobConstants {
+    /// What a pass costs beside its cut, in revolutions.
+    pub(crate) overhead_rev: f64,
+    /// Depth from which two passes are faster than one, mm.
+    pub(crate) split_mm: f64,
+    /// How far the tool goes in until it is felt, mm.
+    pub(crate) detection_mm: f64,
+}
+
+impl JobConstants {
+    /// Of settings that have been checked.
+    pub(crate) fn new(settings: &TurningSettings) -> Self {
+        let (regime, turn_s) = (&settings.regime, settings.turn_s());
+        let overhead_s = settings.length_mm / settings.rapid_mm_s
+            + 2.0 * (settings.clear_out_mm + regime.depth_back_off_mm) / settings.out_speed_mm_s
+            + 3.0 * settings.clear_along_mm / settings.speed_mm_s(regime.feed_max_mm_rev)
+            + turn_s;
+        let overhead_rev = overhead_s / turn_s;
+        Self {
+            overhead_rev,
+            split_mm: Self::split_depth(settings, overhead_rev),
+            detection_mm: Self::detection(settings),
+        }
+    }
+
+    /// How far the tool goes in at the entry feed until the load of contact shows, mm. The chip is as thick as the way
+    /// gone until a revolution is over; the sensor and the smoothing lag behind.
+    fn detection(settings: &TurningSettings) -> f64 {
+        let feed = settings.strategy.entry_feed_mm_rev;
+        let step_mm = settings.speed_mm_s(feed) * settings.period_s;
+        let share = |lag_s: f64| 1.0 - libm::exp(-settings.period_s / lag_s.max(1e-9));
+        let (lag, smoothing) = (share(settings.sensor_lag_s), share(SMOOTHING_S));
+        let (mut way, mut read, mut smooth) = (0.0, 0.0, 0.0);
+        while smooth < settings.contact_load && way < 4.0 * feed {
+            way += step_mm;
+            let depth = way * settings.tool.slope();
+            let chip = if way < feed {
+                0.5 * way
+            } else {
+                feed * (1.0 - 0.5 * feed / way)
+            };
+            read += lag * (settings.regime.law.load(depth, chip) - read);
+            smooth += smoothing * (read - smooth);
+        }
+        way
+    }
+
+    /// The depth from which two passes are faster than one, mm.
+    fn split_depth(settings: &TurningSettings, overhead_rev: f64) -> f64 {
+        let regime = &settings.regime;
+        let (mut low, mut high) = (regime.depth_full_feed_mm, regime.depth_max_mm);
+        for _ in 0..40 {
+            let middle = 0.5 * (low + high);
+            if regime.fastest_passes(middle, settings.length_mm, overhead_rev) > 1 {
+                high = middle;
+            } else {
+                low = middle;
+            }
+        }
+        high
+    }
+}
