@@ -18,6 +18,28 @@
 //!
 //! A [`Case`] is a question as a file asks it.
 //!
+//! ```
+//! use evolvent_chatter::{Assessor, CuttingTool, Model, PrincipalAxis, Verdict};
+//! use evolvent_cutting::{LawDefinition, Tool};
+//!
+//! let steel = LawDefinition::built_in("40X-R1").ok_or("no such law")?;
+//! let law = steel.law(Tool { rake_deg: 10.0, lead_deg: 60.0 })?;
+//! let tool = CuttingTool {
+//!     axes: [PrincipalAxis::with_ratio(6.0, 3.0e7, 0.03), PrincipalAxis::with_ratio(6.0, 1.5e7, 0.02)],
+//!     beta_deg: 35.0,
+//!     speed_m_min: 60.0,
+//!     depth_mm: 4.0,
+//!     feed_mm_rev: 0.49,
+//!     radial_ratio: 0.4,
+//!     floor_m_min: 2.0,
+//! };
+//! let cut = Assessor::new(5).assess(&Model::new(tool, &law)?)?;
+//! assert_eq!(cut.verdict, Verdict::SelfExcited);
+//! let vibration = cut.largest_stable().ok_or("no cycle")?;
+//! assert!((vibration.verified.frequency_hz - 255.4).abs() < 0.1);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
 //! SI units inside, but cutting speeds in m/min, depths and feeds of a cut in mm, as force laws have them. Everything
 //! here is pure: no files, clocks or threads; nothing is for the real-time cycle.
 

@@ -70,6 +70,20 @@ pub struct MapCell {
 }
 
 /// Computes cells of a map; keeps its working memory. One for each thread.
+///
+/// ```
+/// # use evolvent_chatter::{CuttingTool, Mapper, PrincipalAxis, Verdict};
+/// # use evolvent_cutting::{LawDefinition, Tool};
+/// # let law = LawDefinition::built_in("40X-R1").ok_or("no such law")?.law(Tool { rake_deg: 10.0, lead_deg: 60.0 })?;
+/// # let axes = [PrincipalAxis::with_ratio(6.0, 3.0e7, 0.03), PrincipalAxis::with_ratio(6.0, 1.5e7, 0.02)];
+/// # let tool = CuttingTool { axes, beta_deg: 35.0, speed_m_min: 60.0, depth_mm: 4.0, feed_mm_rev: 0.49,
+/// #     radial_ratio: 0.4, floor_m_min: 2.0 };
+/// let cells = Mapper::new(5).tile(tool, &law, &[30.0, 60.0], &[1.0, 4.0]);
+/// // Speed by speed, from the lowest depth up.
+/// assert_eq!((cells[1].speed_m_min, cells[1].depth_mm), (30.0, 4.0));
+/// assert_eq!(cells[3].verdict, Some(Verdict::SelfExcited));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug)]
 pub struct Mapper {
     assessor: Assessor,

@@ -30,6 +30,18 @@ impl Default for Covered {
 }
 
 /// A force law for a material and a tool.
+///
+/// ```
+/// use evolvent_cutting::{Cut, LawDefinition, Tool};
+/// let steel = LawDefinition::built_in("40X-R1").ok_or("no such law")?;
+/// let law = steel.law(Tool { rake_deg: 10.0, lead_deg: 60.0 })?;
+/// // One feed, many speeds: the force falls where chatter begins.
+/// let section = law.section(0.49)?;
+/// assert!(section.force(60.0, 4.0)?.tangential_n > section.force(90.0, 4.0)?.tangential_n);
+/// // A cut that cannot be is an error, never a number.
+/// assert!(law.force(Cut { speed_m_min: 0.0, depth_mm: 4.0, feed_mm_rev: 0.49 }).is_err());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Debug, PartialEq)]
 pub struct ForceLaw {
     kind: Kind,

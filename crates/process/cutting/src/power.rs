@@ -4,6 +4,21 @@ use crate::error::LawError;
 use crate::force::SectionForce;
 
 /// `Pz = coefficient_n factor V^speed_exponent t^depth_exponent S^feed_exponent`, V in m/min, t in mm, S in mm/rev.
+///
+/// ```
+/// use evolvent_cutting::{Cut, ForceLaw, PowerLaw};
+/// let steel = PowerLaw {
+///     coefficient_n: 2943.0,
+///     factor: 1.0,
+///     speed_exponent: -0.15,
+///     depth_exponent: 1.0,
+///     feed_exponent: 0.75,
+/// };
+/// let law = ForceLaw::from(steel.checked()?);
+/// let at = |depth_mm| law.force(Cut { speed_m_min: 100.0, depth_mm, feed_mm_rev: 0.2 });
+/// assert!((at(4.0)?.tangential_n / at(2.0)?.tangential_n - 2.0).abs() < 1e-12);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PowerLaw {
     /// Force at 1 m/min, 1 mm and 1 mm/rev, N.

@@ -50,6 +50,22 @@ impl ForceTable {
     ///
     /// `force_n[feed][depth][speed]`, N.
     ///
+    /// ```
+    /// use evolvent_cutting::{Cut, ForceLaw, ForceTable};
+    /// // Two speeds, one depth, one feed; the exponents carry it to other depths and feeds.
+    /// let table = ForceTable::new(
+    ///     &[60.0, 90.0],
+    ///     &[2.0],
+    ///     &[0.3],
+    ///     &[vec![vec![1500.0, 1400.0]]],
+    ///     [None, Some(1.0), Some(0.75)],
+    /// )?;
+    /// let law = ForceLaw::from(table);
+    /// let force = law.force(Cut { speed_m_min: 60.0, depth_mm: 4.0, feed_mm_rev: 0.3 })?;
+    /// assert!((force.tangential_n - 3000.0).abs() < 1e-6);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
     /// # Errors
     /// Axes that do not rise, forces that are not positive or do not fit the axes, a missing exponent.
     pub fn new(

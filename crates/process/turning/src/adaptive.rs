@@ -148,6 +148,21 @@ pub struct AdaptiveOutput {
 }
 
 /// Adaptive feed. A pure function of the readings; real-time safe.
+///
+/// ```
+/// use evolvent_turning::{AdaptiveFeed, AdaptiveSettings, LoadSample};
+/// // 1000 N, a turn of 0.12 s, a period of 1 ms.
+/// let mut feed = AdaptiveFeed::new(AdaptiveSettings::usual(1000.0, 0.12, 0.001))?;
+/// let mut factor = 1.0;
+/// for sequence in 1..2000_u32 {
+///     // A cut that loads with 1500 N at the programmed feed.
+///     let value = 1500.0 * f64::powf(factor, 0.75) * (1.0 + 1e-3 * f64::from(sequence % 7));
+///     let sample = LoadSample { sequence: sequence.into(), value, range_max: 8000.0 };
+///     factor = feed.step(Some(sample), factor, true).factor;
+/// }
+/// assert!((1500.0 * f64::powf(factor, 0.75) / 1000.0 - 1.0).abs() < 0.05);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug)]
 pub struct AdaptiveFeed {
     settings: AdaptiveSettings,

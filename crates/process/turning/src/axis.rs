@@ -24,6 +24,19 @@ pub struct AxisPoint {
 ///
 /// A target that lies behind, or that is too near to stop at, is reached by stopping first. Closed form or a bisection
 /// of fixed length at each change, no allocation: real-time safe.
+///
+/// ```
+/// use evolvent_turning::{AxisDrive, ScalarLimits};
+/// let limits = ScalarLimits { velocity: 200.0, acceleration: 2000.0, jerk: 50_000.0 };
+/// let mut axis = AxisDrive::new(0.0, &limits);
+/// axis.aim(5.0, 50.0);
+/// let mut periods = 0;
+/// while !axis.has_arrived() {
+///     assert!(axis.advance(0.001).velocity <= 50.0);
+///     periods += 1;
+/// }
+/// assert!(axis.point().position == 5.0 && periods < 200);
+/// ```
 #[derive(Clone, Copy, Debug)]
 pub struct AxisDrive {
     limits: ScalarLimits,

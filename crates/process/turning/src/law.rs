@@ -4,6 +4,14 @@
 ///
 /// The load is whatever the sensor shows: a force in N, a torque, a power, a current. The closed form has closed
 /// inverses, so the real-time cycle may call everything here.
+///
+/// ```
+/// use evolvent_turning::CutLaw;
+/// let law = CutLaw { coefficient: 1467.0, depth_exponent: 1.0, feed_exponent: 0.75 };
+/// let load = law.load(3.0, 0.4);
+/// assert!((law.feed_mm_rev(load, 3.0) - 0.4).abs() < 1e-12);
+/// assert!((law.depth_mm(load, 0.4) - 3.0).abs() < 1e-12);
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CutLaw {
     /// Load at a depth of 1 mm and a feed of 1 mm/rev.

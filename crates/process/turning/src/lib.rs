@@ -11,6 +11,29 @@
 //! holds the depths at which the feed meets its limits. The [`TurningController`] feeds at the final size, backs off
 //! where the cut is too deep, and comes back for what is left. It knows nothing of the stock but what it has felt.
 //!
+//! ```
+//! use evolvent_turning::{
+//!     BackOff, Blank, CutLaw, Regime, RegimeInput, SensorModel, Simulation, Tool, TurningSettings,
+//! };
+//!
+//! let tool = Tool::new(60.0, 12.0)?;
+//! let law = CutLaw { coefficient: 1467.0, depth_exponent: 1.0, feed_exponent: 0.75 };
+//! let input = RegimeInput {
+//!     law,
+//!     set_load: 2200.0,
+//!     permitted_load: 10_000.0,
+//!     feed_min_mm_rev: 0.2,
+//!     feed_max_mm_rev: 0.7,
+//!     back_off: BackOff::Balanced,
+//! };
+//! let settings = TurningSettings::usual(Regime::new(&input, &tool)?, tool, 500.0, 30.0);
+//! let sensor = SensorModel { lag_s: 0.01, noise: 0.02, range_max: 8000.0, seed: 1 };
+//! let mut job = Simulation::new(settings, Blank::uniform(3.0), law, sensor)?;
+//! let (figures, _reason) = job.run(60.0, |_, _| {});
+//! assert!(figures.done && figures.passes == 1 && figures.residual_mm < 0.1);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
 //! Places are measured along the cut from the face at which the tool comes in, heights outwards from the final size:
 //! mm, in longitudinal turning and in facing alike. Who calls turns them into X and Z.
 //!

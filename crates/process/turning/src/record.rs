@@ -12,6 +12,17 @@ const CELL_MM: f64 = 0.1;
 /// The most that can still stand over each place, mm above the final size, and how well that is known.
 ///
 /// Room for it is taken once; everything but [`SizeRecord::new`] is real-time safe.
+///
+/// ```
+/// use evolvent_turning::SizeRecord;
+/// // 20 mm, an edge at 60 degrees that leads by 6 mm.
+/// let mut record = SizeRecord::new(20.0, 3.0_f64.sqrt(), 6.0);
+/// for tenth in -20..=100 {
+///     record.sweep(0.1 * f64::from(tenth), 2.0, true, true);
+/// }
+/// assert_eq!(record.at(5.0).top_mm, 2.0);
+/// assert_eq!(record.first_above(2.5), Some(10.0));
+/// ```
 #[derive(Clone, Debug)]
 pub struct SizeRecord {
     cells: Vec<Cell>,

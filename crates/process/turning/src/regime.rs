@@ -34,6 +34,23 @@ pub enum BackOff {
 }
 
 /// Depths and feeds of self-programmed passes.
+///
+/// ```
+/// use evolvent_turning::{BackOff, CutLaw, Regime, RegimeInput, Tool};
+/// let input = RegimeInput {
+///     law: CutLaw { coefficient: 1467.0, depth_exponent: 1.0, feed_exponent: 0.75 },
+///     set_load: 2200.0,
+///     permitted_load: 10_000.0,
+///     feed_min_mm_rev: 0.2,
+///     feed_max_mm_rev: 0.7,
+///     back_off: BackOff::Balanced,
+/// };
+/// let regime = Regime::new(&input, &Tool::new(60.0, 12.0)?)?;
+/// // Equation (4) of the paper.
+/// assert!((regime.feed_back_off_mm_rev - 0.387_268).abs() < 1e-6);
+/// assert_eq!(regime.passes(10.0), 3);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Regime {
     /// The load of a cut.

@@ -307,9 +307,19 @@ impl TurningSettings {
     /// # Errors
     /// The first setting that makes no sense, with the numbers.
     pub fn check(&self) -> Result<(), SettingsError> {
+        check_ranges(&self.process_numbers())?;
+        check_ranges(&axis_numbers(&self.along_limits, ALONG))?;
+        check_ranges(&axis_numbers(&self.out_limits, ACROSS))?;
+        self.check_motion()?;
+        self.check_strategy()?;
+        self.check_protection()
+    }
+
+    /// Numbers of the process with their ranges.
+    fn process_numbers(&self) -> [Ranged; 19] {
         let regime = &self.regime;
         let most_load = 1e9;
-        for (name, value, least, most) in [
+        [
             ("the spindle's speed in rev/min", self.spindle_rpm, 0.1, 1e5),
             ("the control period in s", self.period_s, 1e-5, 0.02),
             ("the length of the cut in mm", self.length_mm, 0.1, 1e4),
@@ -359,52 +369,11 @@ impl TurningSettings {
                 0.0,
                 5.0,
             ),
-            (
-                "the axis's velocity along in mm/s",
-                self.along_limits.velocity,
-                1e-3,
-                1e5,
-            ),
-            (
-                "the axis's acceleration along in mm/s2",
-                self.along_limits.acceleration,
-                1e-2,
-                1e7,
-            ),
-            (
-                "the axis's jerk along in mm/s3",
-                self.along_limits.jerk,
-                1e-1,
-                1e10,
-            ),
-            (
-                "the axis's velocity across in mm/s",
-                self.out_limits.velocity,
-                1e-3,
-                1e5,
-            ),
-            (
-                "the axis's acceleration across in mm/s2",
-                self.out_limits.acceleration,
-                1e-2,
-                1e7,
-            ),
-            (
-                "the axis's jerk across in mm/s3",
-                self.out_limits.jerk,
-                1e-1,
-                1e10,
-            ),
-        ] {
-            if !(least..=most).contains(&value) {
-                return Err(SettingsError::Number {
-                    name,
-                    value,
-                    least,
-                    most,
-                });
-            }
-        }
+        ]
+    }
+
+    /// What the spindle and the axis along the cut can do.
+    fn check_motion(&self) -> Result<(), SettingsError> {
         let cycles = self.turn_s() / self.period_s;
         if !(8.0..=2e6).contains(&cycles) {
             return Err(SettingsError::Turn {
@@ -412,7 +381,7 @@ impl TurningSettings {
                 cycles,
             });
         }
-        let needed_mm_s = self.speed_mm_s(regime.feed_max_mm_rev);
+        let needed_mm_s = self.speed_mm_s(self.regime.feed_max_mm_rev);
         if needed_mm_s > self.along_limits.velocity {
             return Err(SettingsError::AxisSpeed {
                 spindle_rpm: self.spindle_rpm,
@@ -420,11 +389,16 @@ impl TurningSettings {
                 limit_mm_s: self.along_limits.velocity,
             });
         }
+        Ok(())
+    }
+
+    /// Feeds of the strategy.
+    fn check_strategy(&self) -> Result<(), SettingsError> {
         for (name, value) in [
             ("the entry feed", self.strategy.entry_feed_mm_rev),
             ("the feed after backing off", self.strategy.resume_feed_mm_rev),
         ] {
-            let (least, most) = (regime.feed_min_mm_rev, regime.feed_max_mm_rev);
+            let (least, most) = (self.regime.feed_min_mm_rev, self.regime.feed_max_mm_rev);
             if !(least..=most).contains(&value) {
                 return Err(SettingsError::StrategyFeed {
                     name,
@@ -434,6 +408,11 @@ impl TurningSettings {
                 });
             }
         }
+        Ok(())
+    }
+
+    /// Reach of the edge, and what protection needs.
+    fn check_protection(&self) -> Result<(), SettingsError> {
         let reach_mm = self.tool.reach_mm();
         if self.allowance_max_mm > reach_mm + 1e-9 {
             return Err(SettingsError::Allowance {
@@ -448,12 +427,53 @@ impl TurningSettings {
                 stop_s: self.turn_s() - self.blind_s(),
             });
         }
-        if self.overload <= regime.set_load {
+        if self.overload <= self.regime.set_load {
             return Err(SettingsError::Overload {
                 overload: self.overload,
-                set_load: regime.set_load,
+                set_load: self.regime.set_load,
             });
         }
         Ok(())
     }
+}
+
+/// Name with unit, value, least and most.
+type Ranged = (&'static str, f64, f64, f64);
+
+/// Names of an axis's limits.
+type LimitNames = [&'static str; 3];
+
+const ALONG: LimitNames = [
+    "the axis's velocity along in mm/s",
+    "the axis's acceleration along in mm/s2",
+    "the axis's jerk along in mm/s3",
+];
+const ACROSS: LimitNames = [
+    "the axis's velocity across in mm/s",
+    "the axis's acceleration across in mm/s2",
+    "the axis's jerk across in mm/s3",
+];
+
+fn axis_numbers(limits: &ScalarLimits, [velocity, acceleration, jerk]: LimitNames) -> [Ranged; 3] {
+    [
+        (velocity, limits.velocity, 1e-3, 1e5),
+        (acceleration, limits.acceleration, 1e-2, 1e7),
+        (jerk, limits.jerk, 1e-1, 1e10),
+    ]
+}
+
+/// # Errors
+/// The first number that is out of its range; a NaN is.
+fn check_ranges(numbers: &[Ranged]) -> Result<(), SettingsError> {
+    for &(name, value, least, most) in numbers {
+        if !(least..=most).contains(&value) {
+            return Err(SettingsError::Number {
+                name,
+                value,
+                least,
+                most,
+            });
+        }
+    }
+    Ok(())
 }

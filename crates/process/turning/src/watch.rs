@@ -57,6 +57,19 @@ pub struct LoadView {
 }
 
 /// Follows the load. Real-time safe.
+///
+/// ```
+/// use evolvent_turning::{CutLaw, LoadSample, LoadWatch};
+/// let law = CutLaw { coefficient: 1467.0, depth_exponent: 1.0, feed_exponent: 0.75 };
+/// let mut watch = LoadWatch::new(law, 2200.0, 0.001, 0.12, (0.01, 0.01), 0.08);
+/// let mut depth_mm = 0.0;
+/// for sequence in 1..500_u32 {
+///     let value = law.load(3.0, 0.3) * (1.0 + 1e-6 * f64::from(sequence % 2));
+///     let sample = LoadSample { sequence: sequence.into(), value, range_max: 8000.0 };
+///     depth_mm = watch.step(Some(sample), 0.3).depth_mean_mm;
+/// }
+/// assert!((depth_mm - 3.0).abs() < 0.01);
+/// ```
 #[derive(Clone, Copy, Debug)]
 pub struct LoadWatch {
     law: CutLaw,
