@@ -58,8 +58,8 @@ pub struct TurningMode {
 /// let mode = Mode { frequency_hz: 250.0, damping_ratio: 0.02, stiffness_n_m: 2e7 };
 /// let turning = Turning::new(&[TurningMode { mode, direction_deg: 0.0 }], 0.0, 2e9)?;
 /// let least = turning.minima();
-/// // One mode along the chip's thickness: 2 zeta (1 + zeta) k / (2 K).
-/// assert!((least[0].depth_m - 2.0 * 0.02 * 1.02 * 2e7 / (2.0 * 2e9)).abs() < 1e-9);
+/// // One mode along the chip's thickness: 2 zeta (1 + zeta) k / K.
+/// assert!((least[0].depth_m - 2.0 * 0.02 * 1.02 * 2e7 / 2e9).abs() < 1e-9);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Clone, Debug, PartialEq)]
