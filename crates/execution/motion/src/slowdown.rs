@@ -39,6 +39,11 @@ const TRIALS: u32 = 4;
 const MAX_SECOND: f64 = 1.0 / (32.0 * STEP_S * STEP_S);
 /// What an axis may have of its limits: acceleration, jerk. Where the plan itself has more, as much as the plan.
 const ALLOWED: (f64, f64) = (1.0, 1.002);
+/// The share of a step at its start in which `s''` hardly changes the acceleration yet, and what an axis may have of its limit
+/// there: more than the step before left it with, so that no hair over the limit asks for an `s''` out of proportion; little
+/// enough that a jump of the plan's jerk in it does not hide a peak.
+const EARLY_SHARE: f64 = 0.3;
+const EARLY_ALLOWED: f64 = 1.0004;
 /// By how much a step may exceed that between the instants that its bounds were taken at.
 const ROUNDING: (f64, f64) = (1.0002, 1.004);
 /// Share of the target by which another one does not count while a plan is on its way: overrides from a sensor never rest.
@@ -533,17 +538,16 @@ impl<'a> Gathered<'a> {
             // `s''` changes `s` and `s'` within the step as well.
             let slope = v + 3.0 * seconds * (s * a + 0.5 * seconds * (s * s * j + r * a));
             self.bound(base, slope, most_j, (ROUNDING.1 - ALLOWED.1) * most_j);
-            // Before that the step cannot have changed much.
-            if seconds >= 0.3 * self.span {
-                let most_a = (limits.acceleration[i] * ALLOWED.0).max(a.abs());
-                let slope = seconds * (v + s * seconds * a);
-                self.bound(
-                    s * s * a + r * v,
-                    slope,
-                    most_a,
-                    (ROUNDING.0 - ALLOWED.0) * most_a,
-                );
-            }
+            let early = seconds < EARLY_SHARE * self.span;
+            let allowed = if early { EARLY_ALLOWED } else { ALLOWED.0 };
+            let most_a = (limits.acceleration[i] * allowed).max(a.abs());
+            let slope = seconds * (v + s * seconds * a);
+            self.bound(
+                s * s * a + r * v,
+                slope,
+                most_a,
+                (ROUNDING.0 - ALLOWED.0) * most_a,
+            );
         }
     }
 
