@@ -466,6 +466,12 @@ impl<A: Lookahead> Follower<'_, A> {
         let limits = self.limits;
         let mut gathered = Gathered::new(limits, from, span);
         let (mut index, mut left) = (begin, *self.sample(begin)?);
+        // A step may end a hair before the place that its bounds were taken to, and a jump of the plan may lie between the
+        // two: what is seen ahead and what is met later must be the same.
+        while left.time > from.time && index > self.ahead.oldest() {
+            index -= 1;
+            left = *self.sample(index)?;
+        }
         let mut right = *self.sample(index + 1)?;
         while right.time <= from.time {
             index += 1;
