@@ -1,0 +1,208 @@
+//! Holds at random moments of whole programs: how they come to rest, and what is published meanwhile.
+//!
+//! `EVOLVENT_PROGRAMS=FOLDER` takes the programs of another folder, `EVOLVENT_CASES` that many holds in each at each rate.
+
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex};
+
+use evolvent_machine::{ControlRate, Machine};
+use evolvent_motion::{Setpoint, State};
+use evolvent_runtime::{Clock, Controls, Job, Notice, RunObserver, RunOutcome, Setup, run};
+use evolvent_tests::{Random, repository};
+
+struct Silent;
+
+impl RunObserver for Silent {
+    fn progress(&mut self, _: &Controls) {}
+    fn notice(&mut self, _: &Notice) {}
+    fn note(&mut self, _: &str) {}
+}
+
+fn job(program: &Path, machine: &str, rate_hz: f64) -> Job {
+    let file = repository().join("config/machines").join(machine);
+    let loaded = Machine::load(&file).unwrap();
+    let setup = Setup::new(loaded, file, String::new(), Some(ControlRate::Hz(rate_hz))).unwrap();
+    Job {
+        program: program.to_owned(),
+        setup,
+        clock: Clock::Virtual,
+        feed_override: 1.0,
+        trace: None,
+        bus: false,
+        bus_prefix: None,
+        wait_for_subscribers: 0,
+        optional_stop: false,
+        stop_at_program_stops: false,
+    }
+}
+
+fn drive(job: &Job, controls: &Arc<Controls>, see: impl FnMut(&Setpoint) + Send) -> RunOutcome {
+    run(job, controls, &mut Silent, see).unwrap()
+}
+
+/// One hold, as it went.
+struct Hold {
+    line: u32,
+    /// Path speed at the hold, mm/s, and the time to rest, s.
+    feed_mm_s: f64,
+    seconds: f64,
+    /// No axis can be at rest sooner, s.
+    least_s: f64,
+    /// The first setpoint with a lower speed than planned, counted from the hold.
+    first_slower: Option<usize>,
+    /// The largest speed over that of the plan at the same place or of the hold, whichever is less, from 20 ms on, mm/s.
+    above_mm_s: f64,
+}
+
+/// The least time in which an axis stops from velocity `v` and acceleration `a`, wherever that may be.
+fn axis_to_rest(v: f64, a: f64, most: f64, jerk: f64) -> f64 {
+    let falls = v + a * a.abs() / (2.0 * jerk) >= 0.0;
+    let (v, a) = if falls { (v, a) } else { (-v, -a) };
+    let peak = (jerk * v + 0.5 * a * a).max(0.0).sqrt();
+    if peak <= most {
+        (a + 2.0 * peak) / jerk
+    } else {
+        (a + 2.0 * most) / jerk + (v + 0.5 * a * a / jerk - most * most / jerk) / most
+    }
+}
+
+/// Drives the program with `count` holds, one after the other, each at a random moment after the one before.
+fn holds(job: &Job, count: usize, random: &mut Random) -> (Vec<Hold>, RunOutcome) {
+    let plain: Mutex<Vec<(f64, f64)>> = Mutex::new(Vec::new());
+    let outcome = drive(job, &Arc::new(Controls::new(1.0)), |setpoint| {
+        plain.lock().unwrap().push((setpoint.path_mm, setpoint.feed_mm_s));
+    });
+    let plain = plain.into_inner().unwrap();
+    let apart = (2 * plain.len() / count).max(2);
+    let period = job.setup.period_ns as f64 * 1e-9;
+    let limits = job.setup.machine.limits();
+    let controls = Arc::new(Controls::new(1.0));
+    let orders = Arc::clone(&controls);
+    let mut found: Vec<Hold> = Vec::new();
+    let mut next = 1 + random.below(apart);
+    let mut held: Option<(usize, Setpoint, f64, Option<usize>)> = None;
+    let mut here = 0;
+    drop(outcome);
+    let outcome = drive(job, &controls, |setpoint| {
+        while here + 1 < plain.len() && plain[here + 1].0 <= setpoint.path_mm {
+            here += 1;
+        }
+        match &mut held {
+            None if next > 0 => next -= 1,
+            None => {
+                if setpoint.state == State::Running && setpoint.feed_mm_s > 0.0 {
+                    orders.set_hold(true);
+                    held = Some((0, *setpoint, 0.0, None));
+                }
+            }
+            Some((cycles, from, above, slower)) => {
+                *cycles += 1;
+                let planned = plain[here].1.max(plain.get(here + 1).map_or(0.0, |next| next.1));
+                if slower.is_none() && setpoint.feed_mm_s < planned.max(from.feed_mm_s) {
+                    *slower = Some(*cycles);
+                }
+                if *cycles as f64 * period > 0.02 {
+                    *above = above.max(setpoint.feed_mm_s - planned.min(from.feed_mm_s));
+                }
+                assert!(*cycles < 100_000, "a hold at line {} does not end", from.line);
+                let rests = !matches!(setpoint.state, State::Running | State::Holding);
+                if rests {
+                    found.push(Hold {
+                        line: from.line,
+                        feed_mm_s: from.feed_mm_s,
+                        seconds: *cycles as f64 * period,
+                        least_s: (0..9)
+                            .filter(|&i| limits.present[i])
+                            .map(|i| {
+                                let (v, a) = (from.velocity[i], from.acceleration[i]);
+                                axis_to_rest(v, a, limits.acceleration[i], limits.jerk[i])
+                            })
+                            .fold(0.0, f64::max),
+                        first_slower: *slower,
+                        above_mm_s: *above,
+                    });
+                    orders.set_hold(false);
+                    held = None;
+                    next = random.below(apart);
+                }
+            }
+        }
+    });
+    (found, outcome)
+}
+
+#[test]
+fn holds_in_whole_programs_stop_soon_and_keep_every_limit() {
+    let folder = std::env::var_os("EVOLVENT_PROGRAMS").map(PathBuf::from);
+    let count = std::env::var("EVOLVENT_CASES")
+        .ok()
+        .and_then(|n| n.parse().ok())
+        .unwrap_or(25);
+    let mut programs: Vec<PathBuf> = match &folder {
+        Some(folder) => std::fs::read_dir(folder)
+            .unwrap()
+            .map(|entry| entry.unwrap().path())
+            .filter(|path| path.extension().is_some_and(|end| end == "ngc"))
+            .collect(),
+        None => ["letters", "relief"]
+            .iter()
+            .map(|name| repository().join(format!("tests/programs/{name}.ngc")))
+            .collect(),
+    };
+    programs.sort();
+    let mut random = Random::new();
+    for program in &programs {
+        for rate_hz in [1000.0, 4000.0] {
+            let name = program.file_stem().unwrap().to_string_lossy().into_owned();
+            let job = job(program, "bench-3axis.toml", rate_hz);
+            let (mut found, mut outcome) = holds(&job, count, &mut random);
+            while found.len() < count {
+                let before = found.len();
+                let (more, next) = holds(&job, count, &mut random);
+                found.extend(more);
+                outcome = next;
+                assert!(found.len() > before, "{name}: nothing moves");
+            }
+            let what = format!("{name} at {rate_hz} Hz");
+            assert!(outcome.fault.is_none(), "{what}: {:?}", outcome.fault);
+            assert!(outcome.program.is_ok(), "{what}: {:?}", outcome.program.err());
+            let summary = &outcome.summary;
+            for (ratios, most) in [
+                (&summary.velocity_ratio, 1.001),
+                (&summary.acceleration_ratio, 1.001),
+                (&summary.jerk_ratio, 1.02),
+            ] {
+                assert!(ratios.iter().all(|ratio| *ratio <= most), "{what}: {ratios:?}");
+            }
+            let mut over: Vec<f64> = found
+                .iter()
+                .map(|hold| (hold.seconds - 0.015) / hold.least_s)
+                .collect();
+            over.sort_by(f64::total_cmp);
+            let worst = found
+                .iter()
+                .max_by(|a, b| a.seconds.total_cmp(&b.seconds))
+                .unwrap();
+            let late = found
+                .iter()
+                .filter(|hold| hold.first_slower.is_none_or(|cycles| cycles > 2))
+                .count();
+            let above = found
+                .iter()
+                .filter(|hold| hold.above_mm_s > 0.05 + 0.001 * hold.feed_mm_s)
+                .count();
+            let most_above = found.iter().map(|hold| hold.above_mm_s).fold(0.0, f64::max);
+            println!(
+                "{what}: {} holds, longest {:.0} ms from {:.1} mm/s (line {}); but for 15 ms {:.2} (median), {:.2} (99 %), {:.2} \
+                 (most) times the least of any path; {late} not slower after two cycles, {above} above the plan or the hold after 20 ms, by {most_above:.2} mm/s",
+                found.len(),
+                1e3 * worst.seconds,
+                worst.feed_mm_s,
+                worst.line,
+                over[over.len() / 2],
+                over[over.len() * 99 / 100],
+                over[over.len() - 1],
+            );
+        }
+    }
+}
