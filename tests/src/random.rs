@@ -11,15 +11,17 @@ impl Random {
     #[must_use]
     #[expect(clippy::new_without_default, reason = "two of them differ")]
     pub fn new() -> Self {
+        let since = SystemTime::now().duration_since(UNIX_EPOCH);
+        Self::seeded(since.map_or(1, |since| since.as_nanos() as u64))
+    }
+
+    /// The same with a seed of the test's own where the environment names none: for what is to go the same way in every run.
+    #[must_use]
+    pub fn seeded(usual: u64) -> Self {
         let given = std::env::var("EVOLVENT_SEED")
             .ok()
             .and_then(|text| text.parse().ok());
-        let time = || {
-            SystemTime::now()
-                .duration_since(UNIX_EPOCH)
-                .map_or(1, |since| since.as_nanos() as u64)
-        };
-        let seed: u64 = given.unwrap_or_else(time);
+        let seed: u64 = given.unwrap_or(usual);
         println!("EVOLVENT_SEED={seed}");
         Self(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1)
     }

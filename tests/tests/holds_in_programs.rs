@@ -2,13 +2,15 @@
 //!
 //! `EVOLVENT_PROGRAMS=FOLDER` takes the programs of another folder, `EVOLVENT_CASES` that many holds in each at each rate.
 
+#![expect(clippy::unwrap_used, reason = "a test may fail")]
+
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 
 use evolvent_machine::{ControlRate, Machine};
 use evolvent_motion::{Setpoint, State};
 use evolvent_runtime::{Clock, Controls, Job, Notice, RunObserver, RunOutcome, Setup, run};
-use evolvent_tests::{Random, repository};
+use evolvent_tests::{Random, Workshop, repository};
 
 struct Silent;
 
@@ -18,10 +20,14 @@ impl RunObserver for Silent {
     fn note(&mut self, _: &str) {}
 }
 
-fn job(program: &Path, machine: &str, rate_hz: f64) -> Job {
+fn job(workshop: &Workshop, program: &Path, machine: &str, rate_hz: f64) -> Job {
     let file = repository().join("config/machines").join(machine);
     let loaded = Machine::load(&file).unwrap();
-    let setup = Setup::new(loaded, file, String::new(), Some(ControlRate::Hz(rate_hz))).unwrap();
+    let mut setup = Setup::new(loaded, file, String::new(), Some(ControlRate::Hz(rate_hz))).unwrap();
+    let tools = workshop.path("tools.tbl");
+    let table: String = (1..100).map(|tool| format!("T{tool} P{tool} D3 Z0\n")).collect();
+    std::fs::write(&tools, table).unwrap();
+    setup.memory.load_tools(tools).unwrap();
     Job {
         program: program.to_owned(),
         setup,
@@ -48,10 +54,6 @@ struct Hold {
     seconds: f64,
     /// No axis can be at rest sooner, s.
     least_s: f64,
-    /// The first setpoint with a lower speed than planned, counted from the hold.
-    first_slower: Option<usize>,
-    /// The largest speed over that of the plan at the same place or of the hold, whichever is less, from 20 ms on, mm/s.
-    above_mm_s: f64,
 }
 
 /// The least time in which an axis stops from velocity `v` and acceleration `a`, wherever that may be.
@@ -68,63 +70,43 @@ fn axis_to_rest(v: f64, a: f64, most: f64, jerk: f64) -> f64 {
 
 /// Drives the program with `count` holds, one after the other, each at a random moment after the one before.
 fn holds(job: &Job, count: usize, random: &mut Random) -> (Vec<Hold>, RunOutcome) {
-    let plain: Mutex<Vec<(f64, f64)>> = Mutex::new(Vec::new());
-    let outcome = drive(job, &Arc::new(Controls::new(1.0)), |setpoint| {
-        plain.lock().unwrap().push((setpoint.path_mm, setpoint.feed_mm_s));
-    });
-    let plain = plain.into_inner().unwrap();
-    let apart = (2 * plain.len() / count).max(2);
+    let setpoints = drive(job, &Arc::new(Controls::new(1.0)), |_| {}).summary.cycles as usize;
+    let apart = (2 * setpoints / count).max(2);
     let period = job.setup.period_ns as f64 * 1e-9;
     let limits = job.setup.machine.limits();
     let controls = Arc::new(Controls::new(1.0));
     let orders = Arc::clone(&controls);
     let mut found: Vec<Hold> = Vec::new();
     let mut next = 1 + random.below(apart);
-    let mut held: Option<(usize, Setpoint, f64, Option<usize>)> = None;
-    let mut here = 0;
-    drop(outcome);
-    let outcome = drive(job, &controls, |setpoint| {
-        while here + 1 < plain.len() && plain[here + 1].0 <= setpoint.path_mm {
-            here += 1;
-        }
-        match &mut held {
-            None if next > 0 => next -= 1,
-            None => {
-                if setpoint.state == State::Running && setpoint.feed_mm_s > 0.0 {
-                    orders.set_hold(true);
-                    held = Some((0, *setpoint, 0.0, None));
-                }
+    let mut held: Option<(usize, Setpoint)> = None;
+    let outcome = drive(job, &controls, |setpoint| match &mut held {
+        None if next > 0 => next -= 1,
+        None => {
+            if setpoint.state == State::Running && setpoint.feed_mm_s > 0.0 {
+                orders.set_hold(true);
+                held = Some((0, *setpoint));
             }
-            Some((cycles, from, above, slower)) => {
-                *cycles += 1;
-                let planned = plain[here].1.max(plain.get(here + 1).map_or(0.0, |next| next.1));
-                if slower.is_none() && setpoint.feed_mm_s < planned.max(from.feed_mm_s) {
-                    *slower = Some(*cycles);
-                }
-                if *cycles as f64 * period > 0.02 {
-                    *above = above.max(setpoint.feed_mm_s - planned.min(from.feed_mm_s));
-                }
-                assert!(*cycles < 100_000, "a hold at line {} does not end", from.line);
-                let rests = !matches!(setpoint.state, State::Running | State::Holding);
-                if rests {
-                    found.push(Hold {
-                        line: from.line,
-                        feed_mm_s: from.feed_mm_s,
-                        seconds: *cycles as f64 * period,
-                        least_s: (0..9)
-                            .filter(|&i| limits.present[i])
-                            .map(|i| {
-                                let (v, a) = (from.velocity[i], from.acceleration[i]);
-                                axis_to_rest(v, a, limits.acceleration[i], limits.jerk[i])
-                            })
-                            .fold(0.0, f64::max),
-                        first_slower: *slower,
-                        above_mm_s: *above,
-                    });
-                    orders.set_hold(false);
-                    held = None;
-                    next = random.below(apart);
-                }
+        }
+        Some((cycles, from)) => {
+            *cycles += 1;
+            assert!(*cycles < 100_000, "a hold at line {} does not end", from.line);
+            let rests = !matches!(setpoint.state, State::Running | State::Holding);
+            if rests {
+                found.push(Hold {
+                    line: from.line,
+                    feed_mm_s: from.feed_mm_s,
+                    seconds: *cycles as f64 * period,
+                    least_s: (0..9)
+                        .filter(|&i| limits.present[i])
+                        .map(|i| {
+                            let (v, a) = (from.velocity[i], from.acceleration[i]);
+                            axis_to_rest(v, a, limits.acceleration[i], limits.jerk[i])
+                        })
+                        .fold(0.0, f64::max),
+                });
+                orders.set_hold(false);
+                held = None;
+                next = random.below(apart);
             }
         }
     });
@@ -150,11 +132,11 @@ fn holds_in_whole_programs_stop_soon_and_keep_every_limit() {
             .collect(),
     };
     programs.sort();
-    let mut random = Random::new();
+    let (mut random, workshop) = (Random::seeded(0x1401), Workshop::new());
     for program in &programs {
         for rate_hz in [1000.0, 4000.0] {
             let name = program.file_stem().unwrap().to_string_lossy().into_owned();
-            let job = job(program, "bench-3axis.toml", rate_hz);
+            let job = job(&workshop, program, "bench-3axis.toml", rate_hz);
             let (mut found, mut outcome) = holds(&job, count, &mut random);
             while found.len() < count {
                 let before = found.len();
@@ -179,22 +161,15 @@ fn holds_in_whole_programs_stop_soon_and_keep_every_limit() {
                 .map(|hold| (hold.seconds - 0.015) / hold.least_s)
                 .collect();
             over.sort_by(f64::total_cmp);
+            // On a straight line the least of any axis is the least there is; in curves and where axes are coupled more is needed.
+            assert!(over[over.len() / 2] <= 1.15, "{what}: {over:?}");
             let worst = found
                 .iter()
                 .max_by(|a, b| a.seconds.total_cmp(&b.seconds))
                 .unwrap();
-            let late = found
-                .iter()
-                .filter(|hold| hold.first_slower.is_none_or(|cycles| cycles > 2))
-                .count();
-            let above = found
-                .iter()
-                .filter(|hold| hold.above_mm_s > 0.05 + 0.001 * hold.feed_mm_s)
-                .count();
-            let most_above = found.iter().map(|hold| hold.above_mm_s).fold(0.0, f64::max);
             println!(
                 "{what}: {} holds, longest {:.0} ms from {:.1} mm/s (line {}); but for 15 ms {:.2} (median), {:.2} (99 %), {:.2} \
-                 (most) times the least of any path; {late} not slower after two cycles, {above} above the plan or the hold after 20 ms, by {most_above:.2} mm/s",
+                 (most) times the least of any path",
                 found.len(),
                 1e3 * worst.seconds,
                 worst.feed_mm_s,
