@@ -256,7 +256,6 @@ fn longest_stop(scenario: &Scenario, parts: &[f64], case: usize) -> f64 {
     let moment = longest.sequence as usize + 1;
     let measured = distance(moment);
     assert_eq!(plain[moment - 1].line, longest.line);
-    println!("case {case}: {measured:.3} mm, {longest:?}");
     assert!(
         measured <= longest.path_mm,
         "case {case}: {measured} of {longest:?}"
