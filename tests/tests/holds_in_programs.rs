@@ -71,8 +71,9 @@ fn axis_to_rest(v: f64, a: f64, most: f64, jerk: f64) -> f64 {
 /// Drives the program with `count` holds, one after the other, each at a random moment after the one before.
 fn holds(job: &Job, count: usize, random: &mut Random) -> (Vec<Hold>, RunOutcome) {
     let setpoints = drive(job, &Arc::new(Controls::new(1.0)), |_| {}).summary.cycles as usize;
-    let apart = (2 * setpoints / count).max(2);
     let period = job.setup.period_ns as f64 * 1e-9;
+    // Time enough to come to speed again.
+    let apart = (2 * setpoints / count).max((0.2 / period) as usize);
     let limits = job.setup.machine.limits();
     let controls = Arc::new(Controls::new(1.0));
     let orders = Arc::clone(&controls);
@@ -161,8 +162,9 @@ fn holds_in_whole_programs_stop_soon_and_keep_every_limit() {
                 .map(|hold| (hold.seconds - 0.015) / hold.least_s)
                 .collect();
             over.sort_by(f64::total_cmp);
-            // On a straight line the least of any axis is the least there is; in curves and where axes are coupled more is needed.
-            assert!(over[over.len() / 2] <= 1.15, "{what}: {over:?}");
+            // On a straight line the least of any axis is the least there is; in curves and where axes are coupled more is
+            // needed: 3.6 times at most in some 20 000 holds.
+            assert!(over[over.len() - 1] <= 4.0, "{what}: {over:?}");
             let worst = found
                 .iter()
                 .max_by(|a, b| a.seconds.total_cmp(&b.seconds))
