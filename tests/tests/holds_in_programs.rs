@@ -162,13 +162,18 @@ fn holds_in_whole_programs_stop_soon_and_keep_every_limit() {
                 .map(|hold| (hold.seconds - 0.015) / hold.least_s)
                 .collect();
             over.sort_by(f64::total_cmp);
-            // On a straight line the least of any axis is the least there is; in curves and where axes are coupled more is
-            // needed: 3.6 times at most in some 20 000 holds.
-            assert!(over[over.len() - 1] <= 4.0, "{what}: {over:?}");
             let worst = found
                 .iter()
                 .max_by(|a, b| a.seconds.total_cmp(&b.seconds))
                 .unwrap();
+            // From the highest speed on a straight line 140 ms; 40 more where it still accelerates, and again where an axis that the
+            // curve turns has its whole jerk in use and lets nothing brake.
+            assert!(
+                worst.seconds <= 0.25,
+                "{what}: line {} takes {} s",
+                worst.line,
+                worst.seconds
+            );
             println!(
                 "{what}: {} holds, longest {:.0} ms from {:.1} mm/s (line {}); but for 15 ms {:.2} (median), {:.2} (99 %), {:.2} \
                  (most) times the least of any path",
