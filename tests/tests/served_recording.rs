@@ -4,7 +4,8 @@
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use evolvent_inspect::{verify, write_report};
+use evolvent_inspect::write_report;
+use evolvent_replay::verify;
 use evolvent_tests::{Operator, Scene, unless_disturbed};
 use evolvent_trace::TraceFile;
 

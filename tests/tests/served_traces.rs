@@ -9,7 +9,8 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use evolvent_bus::ControlRequest;
-use evolvent_inspect::{Verified, verify, write_report};
+use evolvent_inspect::write_report;
+use evolvent_replay::{Verified, verify};
 use evolvent_tests::{Domain, Drives, HOMING, Operator, Served, Workshop, command, unless_disturbed};
 use evolvent_trace::{CycleRecord, EventKind, Recorder, TraceFile, TraceMessage, inputs};
 

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use evolvent_bus::ControlRequest;
-use evolvent_inspect::verify;
+use evolvent_replay::verify;
 use evolvent_tests::{Domain, Drives, HOMING, Operator, Served, Workshop, command, unless_disturbed};
 use evolvent_trace::{Recorder, RunInfo, TraceFile};
 

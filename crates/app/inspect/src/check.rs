@@ -64,7 +64,7 @@ impl LimitCheck {
     }
 
     /// From here on the axes may be here.
-    pub(crate) fn set_travel(&mut self, low: &Axes, high: &Axes) {
+    pub fn set_travel(&mut self, low: &Axes, high: &Axes) {
         (self.limits.travel_min, self.limits.travel_max) = (*low, *high);
     }
 

@@ -9,26 +9,31 @@ use evolvent_trace::{EventKind, ReadError, TraceFile};
 
 /// A job, and the cycle with which it begins.
 #[derive(Clone, Debug)]
-pub(crate) struct Start {
-    pub(crate) sequence: u64,
-    pub(crate) job: u32,
+pub struct RecordedJob {
+    /// Number of its first cycle.
+    pub sequence: u64,
+    /// The job's number, from 1.
+    pub job: u32,
     /// `None` where this version does not understand it.
-    pub(crate) start: Option<JobStart>,
+    pub start: Option<JobStart>,
     /// What was switched while its program was read, in order.
-    pub(crate) switched: VecDeque<Switched>,
+    pub switched: VecDeque<Switched>,
 }
 
 /// Another travel, and the cycle from which it counts.
-pub(crate) type Travel = (u64, Axes, Axes);
+pub type TravelFrom = (u64, Axes, Axes);
 
 /// Every job in order; none for a run of one program.
-pub(crate) fn starts(trace: &mut TraceFile) -> Result<VecDeque<Start>, ReadError> {
+///
+/// # Errors
+/// The trace cannot be read.
+pub fn recorded_jobs(trace: &mut TraceFile) -> Result<VecDeque<RecordedJob>, ReadError> {
     let mut starts = VecDeque::new();
     let mut switched: BTreeMap<u32, VecDeque<Switched>> = BTreeMap::new();
     for event in trace.events() {
         let event = event?;
         match event.kind {
-            EventKind::Job => starts.push_back(Start {
+            EventKind::Job => starts.push_back(RecordedJob {
                 sequence: event.sequence,
                 job: event.code,
                 start: JobStart::parse(&event.text),
@@ -49,7 +54,8 @@ pub(crate) fn starts(trace: &mut TraceFile) -> Result<VecDeque<Start>, ReadError
 }
 
 /// The travel that a job may use, from its first cycle on: an axis that is not homed may be jogged its travel's length.
-pub(crate) fn travel_of(start: &Start, machine: &Machine) -> Travel {
+#[must_use]
+pub fn travel_of(start: &RecordedJob, machine: &Machine) -> TravelFrom {
     let limits = machine.limits();
     match &start.start {
         Some(JobStart::Steered(steered)) => (

@@ -183,7 +183,7 @@ impl Opened {
 }
 
 /// The machine as versions took it that neither waited for tool changes nor missed a tool table.
-pub(crate) fn before_tool_changes(machine: &mut Machine) {
+pub fn before_tool_changes(machine: &mut Machine) {
     machine.program.tool_change = ToolChange::None;
     machine.program.without_tool_table = WithoutToolTable::Zero;
 }

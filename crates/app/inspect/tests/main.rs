@@ -1,11 +1,8 @@
-//! Traces read, exported, shown, compared, replayed and computed again, all in one executable.
+//! Traces read, exported, shown and compared, all in one executable.
 
 mod common;
 
 mod compared;
-mod damaged;
 mod page;
-mod replayed;
 mod tables;
-mod verify;
 mod viewers;

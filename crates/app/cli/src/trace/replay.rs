@@ -7,7 +7,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use clap::Args;
-use evolvent_inspect::{Pace, Replay, ReplayError, replay};
+use evolvent_replay::{Pace, Replay, ReplayError, replay};
 
 use super::export::PartArgs;
 use super::{inspect_error, write_error};

@@ -3,7 +3,7 @@
 use std::io::{self, Write};
 use std::path::Path;
 
-use evolvent_inspect::{Verified, verify};
+use evolvent_replay::{Verified, verify};
 
 use super::{inspect_error, write_error};
 use crate::{CommandError, Ending};

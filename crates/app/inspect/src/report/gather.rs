@@ -7,7 +7,7 @@ use evolvent_runtime::JobStart;
 use evolvent_trace::{CycleRecord, EventKind, EventRecord, inputs};
 
 use crate::check::LimitCheck;
-use crate::jobs::{Start, Travel, starts, travel_of};
+use crate::jobs::{RecordedJob, TravelFrom, recorded_jobs, travel_of};
 use crate::lines::LineTimes;
 use crate::opened::{InspectError, Opened};
 use crate::pyramid::{Level, Pyramid};
@@ -116,7 +116,7 @@ pub(crate) struct Gathered {
     last_path_mm: f64,
     /// Programs and blocks of MDI of a served machine.
     pub(crate) programs: usize,
-    travels: VecDeque<Travel>,
+    travels: VecDeque<TravelFrom>,
     /// In order of their beginnings.
     pub(crate) jobs: Vec<JobPart>,
     /// Jobs that have begun.
@@ -192,7 +192,7 @@ pub(crate) fn gather(opened: &mut Opened) -> Result<Gathered, InspectError> {
         lateness: curve(),
         work: curve(),
     };
-    let starts = starts(&mut opened.trace)?;
+    let starts = recorded_jobs(&mut opened.trace)?;
     let home = opened.machine.limits().home;
     let fastest = opened
         .machine
@@ -276,7 +276,7 @@ pub(crate) fn gather(opened: &mut Opened) -> Result<Gathered, InspectError> {
 }
 
 /// The jobs of a served machine, those of one number as one; a run of one program is a single job.
-fn jobs(starts: &VecDeque<Start>, times: &LineTimes) -> Vec<JobPart> {
+fn jobs(starts: &VecDeque<RecordedJob>, times: &LineTimes) -> Vec<JobPart> {
     let part = |number: u32, name: String, start: u64| JobPart {
         number,
         name,

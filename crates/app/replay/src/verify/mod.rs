@@ -12,8 +12,8 @@ use std::thread;
 
 use evolvent_trace::TraceFile;
 
-use crate::check::LimitCheck;
-use crate::opened::{InspectError, Opened};
+use evolvent_inspect::LimitCheck;
+use evolvent_inspect::{InspectError, Opened};
 
 /// The first place where recorded and recomputed setpoint are not the same.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]

@@ -8,7 +8,7 @@
 use std::time::{Duration, Instant};
 
 use crate::common::{PROGRAM, altered, cycles, long_program, record};
-use evolvent_inspect::verify;
+use evolvent_replay::verify;
 use evolvent_runtime::Clock;
 use evolvent_trace::inputs;
 

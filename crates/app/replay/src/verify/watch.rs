@@ -8,8 +8,8 @@ use evolvent_trace::{CycleRecord, inputs as bits};
 use evolvent_verifier::{Allowances, Judge, Kind, Verdict};
 
 use super::Verified;
-use crate::check::LimitCheck;
-use crate::jobs::Travel;
+use evolvent_inspect::LimitCheck;
+use evolvent_inspect::TravelFrom;
 
 /// What a feed may have: on the way down from a rapid a period lies on both sides of the joint.
 const FEED: f64 = 1.002;
@@ -21,7 +21,7 @@ pub(super) struct Watch<'a> {
     pub(super) check: LimitCheck,
     pub(super) judge: Option<Judge<'a>>,
     /// Travels of jogs and homing on axes that are not homed.
-    pub(super) travels: VecDeque<Travel>,
+    pub(super) travels: VecDeque<TravelFrom>,
     pub(super) most_override: f64,
     pub(super) last_state: u8,
     pub(super) last_sequence: Option<u64>,
@@ -32,7 +32,7 @@ pub(super) struct Watch<'a> {
 }
 
 impl<'a> Watch<'a> {
-    pub(super) fn new(check: LimitCheck, judge: Option<Judge<'a>>, travels: VecDeque<Travel>) -> Self {
+    pub(super) fn new(check: LimitCheck, judge: Option<Judge<'a>>, travels: VecDeque<TravelFrom>) -> Self {
         Self {
             check,
             judge,

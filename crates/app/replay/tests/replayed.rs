@@ -13,7 +13,8 @@ use std::time::{Duration, Instant};
 
 use crate::common::{PROGRAM, cycles, record};
 use evolvent_bus::{BusConfig, ClientBus, ClientConfig, CoreBus, Feedback, Setpoint, remove_private_domain};
-use evolvent_inspect::{Pace, Replay, ReplayError, Replayed, Selection, replay};
+use evolvent_inspect::Selection;
+use evolvent_replay::{Pace, Replay, ReplayError, Replayed, replay};
 use evolvent_runtime::Clock;
 
 /// Longer than any host keeps a test from running.

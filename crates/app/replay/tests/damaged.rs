@@ -8,7 +8,8 @@
 use std::path::Path;
 
 use crate::common::{PROGRAM, cycles, record};
-use evolvent_inspect::{ExportChannel, ExportFormat, Selection, compare, export, verify, write_report};
+use evolvent_inspect::{ExportChannel, ExportFormat, Selection, compare, export, write_report};
+use evolvent_replay::verify;
 use evolvent_runtime::Clock;
 use evolvent_trace::{CycleRecord, TraceFile, recover};
 

@@ -16,8 +16,7 @@ use super::lots::{Records, read};
 use super::one::recorded_inputs;
 use super::watch::{End, STATE_DONE, Watch, judged};
 use super::*;
-use crate::jobs::{Start, starts, travel_of};
-use crate::opened::before_tool_changes;
+use evolvent_inspect::{RecordedJob, before_tool_changes, recorded_jobs, travel_of};
 
 /// The bits that say what moved the axes.
 const WHAT_MOVED: u32 = bits::FOLLOWS | bits::STEERS;
@@ -31,7 +30,7 @@ struct Served<'a> {
     setup: Setup,
     /// A second hand in the file, for the attachments.
     trace: TraceFile,
-    starts: VecDeque<Start>,
+    starts: VecDeque<RecordedJob>,
     travel: (Axes, Axes),
     comparing: Comparing,
     verified: &'a mut Verified,
@@ -53,7 +52,7 @@ pub(super) fn verify(
 ) -> Result<Verified, InspectError> {
     let setup = opened.setup()?;
     let limits = setup.machine.limits();
-    let starts = starts(&mut opened.trace)?;
+    let starts = recorded_jobs(&mut opened.trace)?;
     let travels = starts
         .iter()
         .map(|start| travel_of(start, &setup.machine))
@@ -153,7 +152,7 @@ impl Served<'_> {
         }
     }
 
-    fn begin(&mut self, start: &Start, records: &mut Records) -> Result<(), InspectError> {
+    fn begin(&mut self, start: &RecordedJob, records: &mut Records) -> Result<(), InspectError> {
         self.verified.jobs += 1;
         let (_, low, high) = travel_of(start, &self.setup.machine);
         self.travel = (low, high);
@@ -211,7 +210,7 @@ impl Served<'_> {
 
     fn program(
         &mut self,
-        begun: &Start,
+        begun: &RecordedJob,
         start: &ProgramStart,
         records: &mut Records,
     ) -> Result<(), InspectError> {
@@ -448,11 +447,11 @@ impl<R: BufRead> Iterator for AsRead<'_, R> {
 
 /// Takes the first job if it begins at this cycle.
 trait AtCycle {
-    fn pop_front_if_at(&mut self, sequence: u64) -> Option<Start>;
+    fn pop_front_if_at(&mut self, sequence: u64) -> Option<RecordedJob>;
 }
 
-impl AtCycle for VecDeque<Start> {
-    fn pop_front_if_at(&mut self, sequence: u64) -> Option<Start> {
+impl AtCycle for VecDeque<RecordedJob> {
+    fn pop_front_if_at(&mut self, sequence: u64) -> Option<RecordedJob> {
         if self.front()?.sequence == sequence {
             self.pop_front()
         } else {

@@ -8,8 +8,8 @@ use evolvent_bus::{BusConfig, BusError, CoreBus, ReceiveError, SendError, Setpoi
 use evolvent_runtime::MonotonicClock;
 use evolvent_trace::CycleRecord;
 
-use crate::opened::{InspectError, Opened};
-use crate::selection::Selection;
+use evolvent_inspect::Selection;
+use evolvent_inspect::{InspectError, Opened};
 
 /// Status snapshots go out this often.
 const STATUS_EVERY_NS: u64 = 50_000_000;

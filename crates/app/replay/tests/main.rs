@@ -1,0 +1,8 @@
+//! Traces replayed, computed again, and damaged, all in one executable.
+
+#[path = "../../inspect/tests/common/mod.rs"]
+mod common;
+
+mod damaged;
+mod replayed;
+mod verify;
