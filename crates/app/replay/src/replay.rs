@@ -5,6 +5,8 @@ use std::path::Path;
 use std::time::Duration;
 
 use evolvent_bus::{BusConfig, BusError, CoreBus, ReceiveError, SendError, Setpoint, Status};
+use evolvent_drive::DriveState;
+use evolvent_motion::flags;
 use evolvent_runtime::MonotonicClock;
 use evolvent_trace::CycleRecord;
 
@@ -19,11 +21,6 @@ const LISTEN_TIMES: u32 = 100;
 const LISTEN_EVERY: Duration = Duration::from_millis(5);
 /// Longest sleep, so that a wish to end is heard.
 const POLL_INTERVAL_NS: u64 = 20_000_000;
-/// Of a CiA 402 status word: the bits that tell the state, and what they are in "operation enabled".
-const STATE_BITS: u32 = 0x6F;
-const OPERATION_ENABLED: u32 = 0x27;
-/// The flag of the last setpoint of a run.
-const FLAG_LAST: u32 = 128;
 
 /// How fast recorded time goes by.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -236,7 +233,8 @@ fn refuse_live_drives(bus: &mut CoreBus, name: &str, stop: &impl Fn() -> bool) -
         bus.admit_readers();
         std::thread::sleep(LISTEN_EVERY);
         while let Some(feedback) = bus.feedback()? {
-            let is_on = |word: u32| word & STATE_BITS == OPERATION_ENABLED;
+            // The word's upper half is the bridge's own.
+            let is_on = |word: u32| DriveState::decode(word as u16) == Some(DriveState::OperationEnabled);
             if let Some(axis) = feedback.status_word.iter().position(|&word| is_on(word)) {
                 return Err(ReplayError::MachineIsOn {
                     name: name.to_owned(),
@@ -279,7 +277,7 @@ fn message(
         acceleration: record.acceleration,
         position_increments: grid,
         state: u32::from(record.state),
-        flags: record.flags | if is_last { FLAG_LAST } else { 0 },
+        flags: record.flags | if is_last { flags::LAST } else { 0 },
         line: record.line,
         axes_mask,
         feed_mm_s: record.feed_mm_s,

@@ -35,12 +35,13 @@ mod stopping_distance;
 mod transfer_executor;
 mod turning;
 
+pub use evolvent_wire::flags;
 pub use guard::{Extremes, Guard, Quantity, Violation};
 pub use machine_state::MachineState;
 pub use path_executor::PathExecutor;
 pub use queue::{PlanConsumer, PlanProducer, QueueClosed, STEPS_AHEAD, TurningSender, plan_queue};
 pub use setpoint::{Inputs, Setpoint};
-pub use state::{State, flags};
+pub use state::State;
 pub use stopping_distance::{LongestStop, StoppingDistance};
 pub use transfer_executor::TransferExecutor;
 pub use turning::{Turning, TurningFrame};

@@ -2,12 +2,13 @@
 
 use evolvent_machine::Limits;
 use evolvent_path::{Axes, Jet};
+use evolvent_wire::flags;
 
 use crate::guard::{Extremes, Guard, Violation};
 use crate::path_executor::{PathExecutor, feed_metric};
 use crate::quick_stop::QuickStop;
 use crate::setpoint::Setpoint;
-use crate::state::{State, flags};
+use crate::state::State;
 use crate::transfer_executor::{TransferExecutor, fits};
 
 /// The machine between and across its jobs: the number of the next setpoint, the guard's memory, where the axes are.

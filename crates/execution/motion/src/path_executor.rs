@@ -4,6 +4,7 @@ use evolvent_machine::Limits;
 use evolvent_path::{Axes, Jet};
 use evolvent_planner::Segment;
 use evolvent_turning::{Reason, TurningOutput};
+use evolvent_wire::flags;
 
 use crate::cursor::{ActiveMotion, Cursor};
 use crate::guard::{Extremes, Guard, Violation};
@@ -13,7 +14,7 @@ use crate::quick_stop::QuickStop;
 use crate::replan::ReplanState;
 use crate::setpoint::{Inputs, Setpoint};
 use crate::slowdown::{Lead, Slowdown};
-use crate::state::{State, flags};
+use crate::state::State;
 use crate::turning::Turning;
 
 /// The least feed override that a plan is made for.

@@ -25,23 +25,3 @@ pub enum State {
     /// The program has ended.
     Done = 9,
 }
-
-/// Bits of a setpoint's `flags`, the same on the bus and in the trace.
-pub mod flags {
-    /// The setpoint left after it was due.
-    pub const LATE: u32 = 1 << 0;
-    /// A feed hold is in force.
-    pub const HOLD: u32 = 1 << 1;
-    /// On a blend between two programmed blocks.
-    pub const BLEND: u32 = 1 << 2;
-    /// A rapid move (G0).
-    pub const RAPID: u32 = 1 << 3;
-    /// Within a step of curvature in exact-path mode, where jerk is bounded by the joint rule only.
-    pub const JOINT: u32 = 1 << 4;
-    /// The planner had not finished the next run: the speed here is lower than it could be.
-    pub const STARVED: u32 = 1 << 5;
-    /// The guard refused the planned setpoint.
-    pub const GUARD: u32 = 1 << 6;
-    /// The last setpoint of the run.
-    pub const LAST: u32 = 1 << 7;
-}

@@ -4,11 +4,12 @@
 
 use evolvent_path::{Axes, AxisLetter, Jet};
 use evolvent_turning::{AxisPoint, TurningController, TurningInputs, TurningOutput, TurningState};
+use evolvent_wire::flags;
 
 use crate::path_executor::PathExecutor;
 use crate::queue::PlanConsumer;
 use crate::setpoint::{Inputs, Setpoint};
-use crate::state::{State, flags};
+use crate::state::State;
 
 /// Where the cut lies in the machine: places along it and heights above the final size to coordinates.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,6 +1,6 @@
 //! The status: one coherent snapshot of everything that a screen needs.
 
-use evolvent_bus::{EventKind, MAX_ALARMS, Status};
+use evolvent_bus::{EventKind, MAX_ALARMS, Status, switches};
 use evolvent_drive::{DriveState, PowerRequest};
 use evolvent_motion::{State, flags};
 use evolvent_path::{AXES, Axes};
@@ -81,10 +81,10 @@ impl Mark {
 fn switches(operator: &Operator) -> u32 {
     let desk = &operator.desk;
     let bits = [
-        (desk.is_single_step(), 1),
-        (desk.is_optional_stop(), 1 << 1),
-        (desk.is_block_delete(), 1 << 2),
-        (operator.is_holding(), 1 << 3),
+        (desk.is_single_step(), switches::SINGLE_STEP),
+        (desk.is_optional_stop(), switches::OPTIONAL_STOP),
+        (desk.is_block_delete(), switches::BLOCK_DELETE),
+        (operator.is_holding(), switches::HOLD),
     ];
     bits.into_iter()
         .filter(|(on, _)| *on)
