@@ -117,6 +117,10 @@ impl TurningController {
         if !settings.strategy.preview || self.places.cautious_to_mm.is_some() {
             return entry;
         }
+        // Beyond a gap the stock is met as it was left: growing along the lead angle, by an edge that has just been felt.
+        if self.felt.in_air {
+            return settings.regime.feed_max_mm_rev;
+        }
         let out = self.out.point().position;
         let bound = self.record.bound_ahead_mm(here, out, BOUND_MM);
         bound.map_or(entry, |depth| {
@@ -257,6 +261,16 @@ impl TurningController {
         self.end_of_pass();
     }
 
+    /// How far ahead what is known was planned for, mm.
+    fn ahead_mm(&self) -> f64 {
+        self.settings.tool.overhang_mm() + CAUTION_MM
+    }
+
+    /// Whether what lies ahead is known: the pass was planned for it, thin places and all.
+    fn knows_ahead(&self, here: f64) -> bool {
+        self.record.at(here + self.ahead_mm()).known
+    }
+
     /// Watches for a thin place, and leaves it if that is wanted; returns whether it does.
     pub(crate) fn thin(&mut self, thin: bool, depth_mm: f64) -> bool {
         let settings = self.settings;
@@ -276,7 +290,9 @@ impl TurningController {
         let leaves = match settings.strategy.on_thin {
             OnThin::Continue => false,
             OnThin::Return => true,
-            OnThin::ReturnUpTo(most) => self.places.returned_thin < most && self.may_return(),
+            OnThin::ReturnUpTo(most) => {
+                self.places.returned_thin < most && self.may_return() && !self.knows_ahead(here)
+            }
             OnThin::ReturnIfSaved => {
                 // What is this thin costs no further pass if it is left.
                 let length = settings.length_mm - here;
@@ -285,11 +301,9 @@ impl TurningController {
                         .regime
                         .fastest_passes(height, length, self.constants.overhead_rev)
                 };
-                // What lies ahead and is known was planned for.
-                let ahead = here + settings.tool.overhang_mm() + CAUTION_MM;
                 passes(out + depth_mm) <= passes(out)
-                    && ahead < settings.length_mm
-                    && !self.record.at(ahead).known
+                    && here + self.ahead_mm() < settings.length_mm
+                    && !self.knows_ahead(here)
             }
         };
         if leaves {

@@ -402,8 +402,9 @@ fn fixed_passes_at_a_load_keep_it_on_any_stock() {
 
 #[test]
 fn the_safe_strategy_saves_a_sixth_on_every_stock_of_the_cases() {
-    // Published: 5, 32, 16 and 11 %; before parts of least time 7, 38, 16 and 17 %.
-    for ((name, blank), least) in stocks().into_iter().zip([0.20, 0.36, 0.165, 0.40]) {
+    // Published: 5, 32, 16 and 11 %; before parts of least time 7, 38, 16 and 17 %; before gaps were crossed at the largest
+    // feed the gap 17 %.
+    for ((name, blank), least) in stocks().into_iter().zip([0.20, 0.36, 0.205, 0.44]) {
         let figures = turn(safe(), &blank, 0);
         let saved = 1.0 - figures.time_s / same_load(&blank).time_s;
         println!(
