@@ -704,6 +704,7 @@ mod tests {
                 line: k,
                 action,
                 origin: None,
+                calls: evolvent_gcode::CallChain::default(),
             };
             assert!(feeder.execute(&command).unwrap());
         }

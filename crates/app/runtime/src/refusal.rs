@@ -5,7 +5,7 @@ use std::io::{BufRead, BufReader};
 use std::path::Path;
 
 use evolvent_config::open_regular;
-use evolvent_gcode::{Call, Code, Command, Diagnostic};
+use evolvent_gcode::{Code, Command, Diagnostic};
 use evolvent_planner::PlanError;
 
 /// Why a program cannot be run to its end.
@@ -30,21 +30,19 @@ pub enum ProgramError {
 }
 
 /// A diagnostic about a command's line: `build` gets the file and the line in it, which are those of a subroutine where the
-/// command comes from one. The call is named then.
+/// command comes from one. The calls that lead there are named.
 pub(crate) fn at_origin(
     command: &Command,
     program: &Path,
     build: impl FnOnce(&Path, u32) -> Diagnostic,
 ) -> Diagnostic {
-    let Some(origin) = &command.origin else {
-        return build(program, command.line);
+    let (file, line) = match &command.origin {
+        Some(origin) => (Path::new(&*origin.file), origin.line),
+        None => (program, command.line),
     };
-    let mut diagnostic = build(Path::new(&*origin.file), origin.line);
-    diagnostic.file = Some(Box::from(&*origin.file));
-    diagnostic.calls = Box::new([Call {
-        file: None,
-        line: command.line,
-    }]);
+    let mut diagnostic = build(file, line);
+    diagnostic.file = command.origin.as_ref().map(|origin| Box::from(&*origin.file));
+    diagnostic.calls = command.calls.innermost_first();
     diagnostic
 }
 

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use evolvent_path::{Curve, Move, PathMode};
 
-use crate::TurningCycle;
+use crate::{Call, TurningCycle};
 
 /// One canonical command and the line of the program that asked for it.
 #[derive(Clone, Debug, PartialEq)]
@@ -15,6 +15,45 @@ pub struct Command {
     pub action: Action,
     /// Where the line stands, if it is in a file of a subroutine; `line` is that of the call in the program then.
     pub origin: Option<Origin>,
+    /// The calls that have led to the line.
+    pub calls: CallChain,
+}
+
+/// The calls of subroutines that have led to a line, shared by all that tell of it. Empty in the program itself.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct CallChain(Option<Arc<CallLink>>);
+
+#[derive(Debug, PartialEq)]
+struct CallLink {
+    file: Option<Arc<str>>,
+    line: u32,
+    outer: CallChain,
+}
+
+impl CallChain {
+    /// The chain of a subroutine that is called from a line with this chain.
+    pub(crate) fn and_from(&self, file: Option<Arc<str>>, line: u32) -> Self {
+        Self(Some(Arc::new(CallLink {
+            file,
+            line,
+            outer: self.clone(),
+        })))
+    }
+
+    /// Every call, the innermost first.
+    #[must_use]
+    pub fn innermost_first(&self) -> Box<[Call]> {
+        let mut calls = Vec::new();
+        let mut chain = self;
+        while let Some(link) = &chain.0 {
+            calls.push(Call {
+                file: link.file.as_deref().map(Box::from),
+                line: link.line,
+            });
+            chain = &link.outer;
+        }
+        calls.into()
+    }
 }
 
 /// A line of a file of a subroutine.

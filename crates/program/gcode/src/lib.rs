@@ -56,7 +56,7 @@ mod syntax;
 mod tables;
 
 pub use codes::code::Code;
-pub use command::{Action, Command, LogAction, Origin, SpindleDirection};
+pub use command::{Action, CallChain, Command, LogAction, Origin, SpindleDirection};
 pub use diagnostics::diagnostic::{Call, Diagnostic};
 pub use evolvent_path::{Move, MoveKind, PathMode};
 pub use execution::cycles::turning::{TurningCycle, TurningKind};

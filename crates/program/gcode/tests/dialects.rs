@@ -194,6 +194,70 @@ fn errors_in_files_of_subroutines_name_the_calls() {
     );
 }
 
+/// The calls of an error: file name and line, the innermost first.
+fn calls(error: &Diagnostic) -> Vec<(Option<String>, u32)> {
+    let name = |file: &str| {
+        let name = std::path::Path::new(file).file_name().unwrap();
+        name.to_string_lossy().into_owned()
+    };
+    let calls = error.calls.iter();
+    calls
+        .map(|call| (call.file.as_deref().map(name), call.line))
+        .collect()
+}
+
+#[test]
+fn the_whole_chain_of_a_recursion_is_named() {
+    let program = |depth: u32| {
+        format!("o<down> sub\no1 if [#1 GT 1]\no<down> call [#1-1]\no1 else\nG1 X?\no1 endif\no<down> endsub\no<down> call [{depth}]\n")
+    };
+    for depth in [1_usize, 2, 11, 60, 100] {
+        let found = errors(&program(depth as u32));
+        assert_eq!(found.len(), 1, "{depth}: {found:?}");
+        let mut expected = vec![(None, 3); depth - 1];
+        expected.push((None, 8));
+        assert_eq!((found[0].line, calls(&found[0])), (5, expected), "{depth}");
+        let shown = found[0].render("main.ngc");
+        let told = shown.lines().filter(|line| line.contains("called from")).count();
+        assert_eq!(told, depth.min(2), "{shown}");
+        assert!(depth < 3 || shown.contains(&format!("main.ngc:3, {} calls deep", depth - 1)), "{shown}");
+    }
+    // One that goes too deep fails in the line that calls, in the deepest subroutine.
+    let found = errors(&program(101));
+    assert_eq!((found[0].line, found[0].calls.len()), (3, 100));
+}
+
+#[test]
+fn an_error_that_ends_a_subroutine_stands_in_that_subroutine() {
+    let (library, other) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let write = |folder: &tempfile::TempDir, name: &str, text: &str| {
+        std::fs::write(folder.path().join(name), text).unwrap();
+    };
+    write(&library, "outer.ngc", "o<outer> sub\n\no<inner> call\nG1 Z?\no<outer> endsub\n");
+    // Of the other folder; its end is that of another one, which ends it all the same.
+    write(&other, "inner.ngc", "o<inner> sub\nG0 X1\nM70\no<wrong> endsub\n");
+    let settings = Settings {
+        subroutine_folders: vec![library.path().to_path_buf(), other.path().to_path_buf()],
+        ..Settings::default()
+    };
+    let (commands, found) = interpret("o<mine> sub\no<outer> call\no<mine> endsub\no<mine> call\nG1 A?\n", settings);
+    let of = |error: &Diagnostic| (error.line, calls(error));
+    let outer = Some("outer.ngc".to_owned());
+    let expected = [
+        (4, vec![(outer, 3), (None, 2), (None, 4)]),
+        (4, vec![(None, 2), (None, 4)]),
+        (5, vec![]),
+    ];
+    assert_eq!(found.iter().map(of).collect::<Vec<_>>(), expected);
+    let files: Vec<bool> = found.iter().map(|error| error.file.is_some()).collect();
+    assert_eq!(files, [true, true, false]);
+    assert!(found[0].file.as_deref().unwrap().ends_with("inner.ngc"));
+    // A command knows the same of its line.
+    let chain = commands[0].calls.innermost_first();
+    assert_eq!(chain.len(), 3);
+    assert_eq!(chain.last().map(|call| (call.file.is_none(), call.line)), Some((true, 4)));
+}
+
 #[test]
 fn loops_of_errors_end_soon_and_say_so() {
     for body in ["G1 X?\n", "G1 X?\nG0 X1\nG0 X2\n", "#1=[1/0]\n"] {

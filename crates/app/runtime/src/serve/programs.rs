@@ -549,11 +549,16 @@ impl Operator {
     }
 }
 
-/// A diagnostic as one sentence with its line.
+/// A diagnostic as one sentence with its place and the calls that lead there. `lines_before` are those of a preamble, which
+/// the operator has not written.
 pub(super) fn sentence(diagnostic: &evolvent_gcode::Diagnostic, lines_before: u32) -> String {
-    let line = diagnostic.line.saturating_sub(lines_before);
+    let place = |file: Option<&str>, line: u32| match file {
+        Some(file) => format!("{file}:{line}"),
+        None => format!("line {}", line.saturating_sub(lines_before)),
+    };
     let mut text = format!(
-        "line {line}: {}: {}",
+        "{}: {}: {}",
+        place(diagnostic.file.as_deref(), diagnostic.line),
         diagnostic.code.as_str(),
         diagnostic.message
     );
@@ -561,5 +566,37 @@ pub(super) fn sentence(diagnostic: &evolvent_gcode::Diagnostic, lines_before: u3
         text.push_str("; ");
         text.push_str(help);
     }
+    for same in diagnostic.calls.chunk_by(|a, b| a == b) {
+        text.push_str("; called from ");
+        text.push_str(&place(same[0].file.as_deref(), same[0].line));
+        if same.len() > 1 {
+            text.push_str(&format!(", {} calls deep", same.len()));
+        }
+    }
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use evolvent_gcode::{Interpreter, Settings};
+
+    use super::sentence;
+
+    #[test]
+    fn a_sentence_names_the_file_and_every_call() {
+        let folder = tempfile::tempdir().unwrap();
+        let inner = folder.path().join("inner.ngc");
+        std::fs::write(&inner, "o<inner> sub\nG1 Y?\no<inner> endsub\n").unwrap();
+        let settings = Settings {
+            subroutine_folders: vec![folder.path().to_path_buf()],
+            ..Settings::default()
+        };
+        let text = "(preamble)\no<twice> sub\no<inner> call\no<twice> endsub\no<twice> call\n";
+        let error = Interpreter::new(text.as_bytes(), settings)
+            .find_map(Result::err)
+            .unwrap();
+        let told = sentence(&error, 1);
+        assert!(told.starts_with(&format!("{}:2: G0", inner.display())), "{told}");
+        assert!(told.ends_with("; called from line 2; called from line 4"), "{told}");
+    }
 }

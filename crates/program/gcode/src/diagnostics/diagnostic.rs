@@ -101,7 +101,11 @@ impl Diagnostic {
             .primary_title(self.message.as_str())
             .id(self.code.as_str())
             .element(snippet);
-        let calls: Vec<String> = self.calls.iter().map(|call| call.told(file_name)).collect();
+        // A recursion is one line of text.
+        let calls: Vec<String> = (self.calls)
+            .chunk_by(|a, b| a == b)
+            .map(|same| same[0].told(file_name, same.len()))
+            .collect();
         for call in &calls {
             group = group.element(Level::NOTE.message(call.as_str()));
         }
@@ -113,12 +117,13 @@ impl Diagnostic {
 }
 
 impl Call {
-    fn told(&self, program: &str) -> String {
-        format!(
-            "called from {}:{}",
-            self.file.as_deref().unwrap_or(program),
-            self.line
-        )
+    fn told(&self, program: &str, times: usize) -> String {
+        let file = self.file.as_deref().unwrap_or(program);
+        let times = match times {
+            1 => String::new(),
+            times => format!(", {times} calls deep"),
+        };
+        format!("called from {file}:{}{times}", self.line)
     }
 }
 

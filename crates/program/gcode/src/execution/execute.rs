@@ -11,7 +11,7 @@ use crate::execution::cycles::roughing::RoughCall;
 use crate::parameters::values::{INPUT_RESULT, Parameters, TOOL, TOOL_DIAMETER, WORK_OFFSET};
 use crate::state::machine_state::{ProgrammedFeed, State};
 use crate::syntax::statement::Statement;
-use crate::{Action, Code, Command, Origin, PathMode, Settings, SpindleDirection, Tool, ToolTable};
+use crate::{Action, CallChain, Code, Command, Origin, PathMode, Settings, SpindleDirection, Tool, ToolTable};
 
 /// Maximum number of commands that wait for cutter compensation or that one line gives: some hundred megabytes.
 pub(crate) const MAX_WAITING: usize = 1_000_000;
@@ -36,6 +36,8 @@ pub(crate) struct Executor<'a> {
     pub(crate) number: u32,
     /// Where the line stands, if not in the program itself.
     pub(crate) origin: Option<Origin>,
+    /// The calls that have led to it.
+    pub(crate) calls: CallChain,
 }
 
 /// What a line asks of the flow of control.
@@ -58,6 +60,7 @@ impl Executor<'_> {
             line: self.number,
             action,
             origin: self.origin.clone(),
+            calls: self.calls.clone(),
         });
     }
 

@@ -182,6 +182,7 @@ impl Executor<'_> {
                 path_mode,
             }),
             origin: self.origin.clone(),
+            calls: self.calls.clone(),
         });
         Ok(())
     }

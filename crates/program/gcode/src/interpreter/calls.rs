@@ -138,12 +138,14 @@ impl<R: BufRead> Interpreter<R> {
             self.parameters.enter(&self.arguments);
             self.parameters.returned = None;
         }
+        let calls = self.place.calls.and_from(self.place.file.clone(), self.line);
+        self.has_moved = true;
         self.frames.push(Frame {
             lines: Some(found.lines),
             at: found.first,
             name,
             first: found.first,
-            called_in: self.line,
+            calls,
             again: times - 1,
             own_parameters: own,
             ..Frame::default()
@@ -160,6 +162,7 @@ impl<R: BufRead> Interpreter<R> {
             return;
         }
         let Some(frame) = self.frames.pop() else { return };
+        self.has_moved = true;
         if frame.own_parameters {
             self.parameters.leave();
             self.parameters.returned = value;

@@ -120,8 +120,13 @@ impl<R: BufRead> Interpreter<R> {
                     ));
                 }
             };
-            let origin = self.origin();
-            self.pending.push_back(Command { line, action, origin });
+            let (origin, calls) = (self.origin(), self.place.calls.clone());
+            self.pending.push_back(Command {
+                line,
+                action,
+                origin,
+                calls,
+            });
         }
         Ok(())
     }

@@ -29,7 +29,7 @@ use crate::syntax::lines::{Library, Lines};
 use crate::syntax::parser::{first_character, is_block_delete, is_percent, parse};
 use crate::syntax::reader::LineReader;
 use crate::syntax::statement::Statement;
-use crate::{Call, Code, Command, Diagnostic, Origin, Settings, ToolTable};
+use crate::{CallChain, Code, Command, Diagnostic, Origin, Settings, ToolTable};
 
 /// After so many errors a program is given up.
 const MAX_ERRORS: usize = 1000;
@@ -37,11 +37,18 @@ const MAX_ERRORS: usize = 1000;
 /// Errors of lines that were told already, after which a program is given up: loops repeat them. Some 50 ms.
 const MAX_REPEATED_ERRORS: u32 = 10_000;
 
-/// Calls that a diagnostic names at most, the innermost first.
-const MAX_CALLS_TOLD: usize = 10;
-
 /// How often the interrupt is looked at, in lines.
 const INTERRUPT_LINES: u64 = 1024;
+
+/// Where the line in hand stands. It is taken when the line is fetched: the line itself may leave the subroutine.
+#[derive(Debug, Default)]
+pub(crate) struct Place {
+    /// The file, where it is not the program itself.
+    pub(crate) file: Option<Shared<str>>,
+    pub(crate) calls: CallChain,
+    /// No file of a subroutine is among the calls.
+    is_of_program: bool,
+}
 
 /// Interprets a program line by line, as commands are asked for. Memory is bounded by the longest line and, where
 /// there are loops and subroutines, by [`Settings::max_body_bytes`].
@@ -74,6 +81,9 @@ pub struct Interpreter<R> {
     /// The line in hand, and its number in its file.
     pub(crate) text: Vec<u8>,
     pub(crate) line: u32,
+    pub(crate) place: Place,
+    /// A subroutine has begun or ended since.
+    pub(crate) has_moved: bool,
     /// Lines of the program that may be needed again, and whether the line in hand is among them.
     pub(crate) tape: Lines,
     pub(crate) on_tape: bool,
@@ -132,6 +142,8 @@ impl<R: BufRead> Interpreter<R> {
             statement: Statement::new(),
             text: Vec::new(),
             line: 0,
+            place: Place::default(),
+            has_moved: true,
             tape: Lines::default(),
             on_tape: false,
             frames: vec![Frame::default()],
@@ -255,9 +267,10 @@ impl<R: BufRead> Interpreter<R> {
         state: &'a mut State,
         number: u32,
     ) -> Executor<'a> {
-        let origin = self.origin();
+        let (origin, calls) = (self.origin(), self.place.calls.clone());
         Executor {
             origin,
+            calls,
             state,
             line: statement,
             settings: &self.settings,
@@ -282,27 +295,33 @@ impl<R: BufRead> Interpreter<R> {
 
     /// The line that commands carry: of the program, not of another file.
     pub(crate) fn shown_line(&self) -> u32 {
-        let mine = self
-            .frames
-            .iter()
-            .rev()
-            .all(|frame| self.file_of(frame).is_none());
-        if mine { self.line } else { self.calling_line }
+        if self.place.is_of_program {
+            self.line
+        } else {
+            self.calling_line
+        }
     }
 
     /// Where the line in hand stands, if it is not in the program itself.
     #[inline]
     pub(crate) fn origin(&self) -> Option<Origin> {
-        let lines = self.frames.last()?.lines.as_ref()?;
-        let file = lines.file.clone()?;
         Some(Origin {
-            file,
+            file: self.place.file.clone()?,
             line: self.line,
         })
     }
 
-    fn file_of(&self, frame: &Frame) -> Option<Shared<str>> {
-        frame.lines.as_ref().and_then(|lines| lines.file.clone())
+    /// Takes the place of the lines that come next.
+    #[cold]
+    fn take_place(&mut self) {
+        let file_of = |frame: &Frame| frame.lines.as_ref().and_then(|lines| lines.file.clone());
+        let Some(frame) = self.frames.last() else { return };
+        self.place = Place {
+            file: file_of(frame),
+            calls: frame.calls.clone(),
+            is_of_program: self.frames.iter().all(|frame| file_of(frame).is_none()),
+        };
+        self.has_moved = false;
     }
 
     /// Reads and executes a line; its commands go to `pending`.
@@ -320,6 +339,9 @@ impl<R: BufRead> Interpreter<R> {
         if let Some(fault) = self.silence() {
             self.finished = true;
             return Err(self.locate(fault));
+        }
+        if self.has_moved {
+            self.take_place();
         }
         match self.next_line() {
             Ok(true) => {}
@@ -349,15 +371,8 @@ impl<R: BufRead> Interpreter<R> {
 
     fn locate(&self, fault: Fault) -> Box<Diagnostic> {
         let mut diagnostic = Box::new(fault.locate(self.line, &self.text));
-        let file = self.frames.last().and_then(|frame| self.file_of(frame));
-        diagnostic.file = file.map(|file| Box::from(&*file));
-        let calls = self.frames.windows(2).rev().take(MAX_CALLS_TOLD);
-        diagnostic.calls = calls
-            .map(|pair| Call {
-                file: self.file_of(&pair[0]).map(|file| Box::from(&*file)),
-                line: pair[1].called_in,
-            })
-            .collect();
+        diagnostic.file = self.place.file.as_deref().map(Box::from);
+        diagnostic.calls = self.place.calls.innermost_first();
         diagnostic
     }
 
@@ -524,9 +539,10 @@ impl<R: BufRead> Interpreter<R> {
         if !small {
             self.before = self.state;
         }
-        let origin = self.origin();
+        let (origin, calls) = (self.origin(), self.place.calls.clone());
         let request = Executor {
             origin,
+            calls,
             state: &mut self.state,
             line: &self.statement,
             settings: &self.settings,

@@ -6,7 +6,7 @@
 use std::io::BufRead;
 use std::sync::Arc as Shared;
 
-use crate::Code;
+use crate::{CallChain, Code};
 use crate::diagnostics::diagnostic::{Fault, Span};
 use crate::interpreter::Interpreter;
 use crate::parameters::names::NameId;
@@ -27,8 +27,8 @@ pub(crate) struct Frame {
     /// The subroutine, and where it begins.
     pub(crate) name: NameId,
     pub(crate) first: usize,
-    /// The line that calls it, in its own file.
-    pub(crate) called_in: u32,
+    /// The calls that have led to its lines.
+    pub(crate) calls: CallChain,
     /// How often it is still to be run after this time (M98 L).
     pub(crate) again: u32,
     /// Whether it has parameters of its own.

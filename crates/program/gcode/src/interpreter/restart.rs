@@ -8,7 +8,7 @@ use crate::codes::modal_groups::{Compensation, FeedMode, PlaneCode};
 use crate::diagnostics::diagnostic::{Fault, Span};
 use crate::interpreter::Interpreter;
 use crate::state::machine_state::{INCH_MM, State};
-use crate::{Action, Code, Command, Diagnostic, Move, MoveKind, PathMode, SpindleDirection};
+use crate::{Action, CallChain, Code, Command, Diagnostic, Move, MoveKind, PathMode, SpindleDirection};
 
 /// What the lines before a restart have left behind. The user has to see it before anything moves: the machine is
 /// brought to `position` and into this state first.
@@ -58,6 +58,7 @@ impl Restart {
                 line: self.line,
                 action: action.clone(),
                 origin: None,
+                calls: CallChain::default(),
             });
         }
         let mut out = *from;
@@ -109,6 +110,7 @@ impl Restart {
                     path_mode: PathMode::ExactStop,
                 }),
                 origin: None,
+                calls: CallChain::default(),
             });
             at = to;
         }
