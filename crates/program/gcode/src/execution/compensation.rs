@@ -59,6 +59,11 @@ impl CutterState {
     pub(crate) fn is_on(&self) -> bool {
         self.code != Compensation::Off
     }
+
+    /// Radius, side and nose.
+    pub(crate) fn tool(&self) -> (f64, f64, Point) {
+        (self.radius, self.side, self.nose)
+    }
 }
 
 /// From the centre of a nose to the point of a turning tool whose place the program tells, in Z and X: the tip that
@@ -147,6 +152,9 @@ impl Executor<'_> {
             last: None,
             held: None,
         };
+        if let Some(plane) = self.state.plane() {
+            self.watch.begin(&self.state.cutter, plane, self.state.unit_mm());
+        }
         Ok(())
     }
 
@@ -196,6 +204,7 @@ impl Executor<'_> {
 
     /// G40: the last move stays as it is, the next one leads to where the program is.
     pub(crate) fn leave_compensation(&mut self) {
+        self.watch.end(self.out.len());
         let programmed = self.state.cutter.programmed;
         self.state.cutter = CutterState {
             programmed,
@@ -227,6 +236,11 @@ impl Executor<'_> {
             self.put_line(beside, kind)?;
             self.state.cutter.programmed = cutter.programmed.map(|_| target);
             return Ok(());
+        }
+        if let Ok(programmed) = Line::new(from, target) {
+            let programmed = Curve::Line(programmed);
+            self.watch
+                .programmed(&programmed, kind, self.number, self.out.len());
         }
         let direction = [path[0] / size, path[1] / size];
         let aside = cutter.side * cutter.radius;
@@ -296,6 +310,8 @@ impl Executor<'_> {
         let (from, target) = (curve.start(), curve.end());
         let start = [from[first], from[second]];
         let mut next = self.beside_arc(&programmed, start, [target[first], target[second]])?;
+        self.watch
+            .programmed(&curve, MoveKind::Feed, self.number, self.out.len());
         let feed = self.speed(curve.length(), false);
         let path_mode = self.state.modes.path_mode;
         if let Some(last) = cutter.last {

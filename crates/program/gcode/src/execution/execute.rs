@@ -7,11 +7,14 @@ use evolvent_path::AxisLetter;
 use crate::codes::modal_groups::{Cycle, FeedMode, GCode, Group, MCode, Motion, NonModal, PathControl};
 use crate::diagnostics::diagnostic::{Fault, Span};
 use crate::execution::compensation::Changed;
+use crate::execution::contour_watch::ContourWatch;
 use crate::execution::cycles::roughing::RoughCall;
 use crate::parameters::values::{INPUT_RESULT, Parameters, TOOL, TOOL_DIAMETER, WORK_OFFSET};
 use crate::state::machine_state::{ProgrammedFeed, State};
 use crate::syntax::statement::Statement;
-use crate::{Action, CallChain, Code, Command, Origin, PathMode, Settings, SpindleDirection, Tool, ToolTable};
+use crate::{
+    Action, CallChain, Code, Command, Origin, PathMode, Settings, SpindleDirection, Tool, ToolTable,
+};
 
 /// Maximum number of commands that wait for cutter compensation or that one line gives: some hundred megabytes.
 pub(crate) const MAX_WAITING: usize = 1_000_000;
@@ -32,6 +35,8 @@ pub(crate) struct Executor<'a> {
     pub(crate) out: &'a mut VecDeque<Command>,
     /// What cutter compensation has changed among them.
     pub(crate) changed: &'a mut Vec<Changed>,
+    /// Contours whose parts may be too near to each other.
+    pub(crate) watch: &'a mut ContourWatch,
     /// Number of the line for commands.
     pub(crate) number: u32,
     /// Where the line stands, if not in the program itself.

@@ -2,6 +2,7 @@
 
 pub(crate) mod arc;
 pub(crate) mod compensation;
+pub(crate) mod contour_watch;
 pub(crate) mod cycles;
 pub(crate) mod execute;
 pub(crate) mod hole;

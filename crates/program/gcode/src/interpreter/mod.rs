@@ -17,6 +17,7 @@ use evolvent_path::Axes;
 
 use crate::diagnostics::diagnostic::{Fault, Span};
 use crate::execution::compensation::Changed;
+use crate::execution::contour_watch::ContourWatch;
 use crate::execution::execute::{Executor, MAX_WAITING};
 use crate::interpreter::capture::Capture;
 use crate::interpreter::o_words::{Definition, Frame, Skip};
@@ -99,6 +100,8 @@ pub struct Interpreter<R> {
     pub(crate) pending: VecDeque<Command>,
     /// Commands of earlier lines that the line in hand has changed.
     pub(crate) changed: Vec<Changed>,
+    /// Contours whose parts may be too near to each other.
+    watch: ContourWatch,
     /// The profile that is being read for a cycle.
     pub(crate) capture: Option<Box<Capture>>,
     /// Errors that were told before.
@@ -154,6 +157,7 @@ impl<R: BufRead> Interpreter<R> {
             arguments: Vec::new(),
             pending: VecDeque::new(),
             changed: Vec::new(),
+            watch: ContourWatch::default(),
             capture: None,
             repeated_errors: 0,
             block_delete_lines: (0, 0),
@@ -247,6 +251,7 @@ impl<R: BufRead> Interpreter<R> {
         self.advance()?;
         if self.state.cutter.held.is_none() && self.capture.is_none() {
             self.pending.clear();
+            self.watch.skip();
             self.silent = 0;
         }
         Ok(())
@@ -279,6 +284,7 @@ impl<R: BufRead> Interpreter<R> {
             control_points: &mut self.control_points,
             out: &mut self.pending,
             changed: &mut self.changed,
+            watch: &mut self.watch,
             number,
         }
     }
@@ -351,9 +357,10 @@ impl<R: BufRead> Interpreter<R> {
                 return Err(Box::new(fault.locate(self.reader.line(), &self.text)));
             }
         }
-        let before = self.pending.len();
+        let (before, mark) = (self.pending.len(), self.watch.mark());
         self.changed.clear();
         self.interpret().map_err(|fault| {
+            self.watch.roll_back(mark);
             let fault = crate::diagnostics::foreign::explain(&self.text, fault);
             let removed = self.changed.iter().filter(|changed| changed.removed).count();
             self.pending.truncate(before - removed);
@@ -551,6 +558,7 @@ impl<R: BufRead> Interpreter<R> {
             control_points: &mut self.control_points,
             out: &mut self.pending,
             changed: &mut self.changed,
+            watch: &mut self.watch,
             number,
         }
         .run();
@@ -572,6 +580,14 @@ impl<R: BufRead> Interpreter<R> {
             self.profile_line();
         }
         Ok(())
+    }
+
+    fn take_pending(&mut self) -> Option<Command> {
+        let command = self.pending.pop_front()?;
+        let held = &mut self.state.cutter.held;
+        *held = held.map(|held| held - 1);
+        self.watch.hands_out(&command);
+        Some(command)
     }
 
     /// The end without M2.
@@ -600,9 +616,8 @@ impl<R: BufRead> Iterator for Interpreter<R> {
             let waits = self.state.cutter.held;
             if waits != Some(0)
                 && self.capture.is_none()
-                && let Some(command) = self.pending.pop_front()
+                && let Some(command) = self.watch.finding().or_else(|| self.take_pending())
             {
-                self.state.cutter.held = waits.map(|held| held - 1);
                 self.silent = 0;
                 return Some(Ok(command));
             }

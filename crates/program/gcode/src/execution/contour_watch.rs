@@ -1,0 +1,530 @@
+//! Parts of a contour that are near each other without being neighbours: a throat or slot narrower than the tool, or an
+//! island too near to the wall.
+//!
+//! Compensation knows the neighbours of a move only, as in LinuxCNC: where the tool passes a narrow throat beside one wall it
+//! cuts into the other one. So closed contours are kept, with the path beside each, and compared when compensation ends. Only
+//! closed contours: of an open one it is not known which moves are edges and which lead there and away, and those may be
+//! crossed.
+
+use std::collections::VecDeque;
+use std::f64::consts::TAU;
+
+use evolvent_path::{Curve, Plane};
+
+use crate::execution::compensation::CutterState;
+use crate::execution::offset_path::{Point, dot, length, sub};
+use crate::{Action, CallChain, Command, Move, MoveKind};
+
+/// Programmed moves of a contour that are compared at most, and three times as many of paths: some milliseconds.
+const MAX_EDGES: usize = 2000;
+
+/// Moves of earlier contours and of their paths that are kept at most; the oldest contours are forgotten.
+const MAX_PIECES: usize = 10_000;
+
+/// How deep the tool may cut before it is told of, mm: what programs and corners round.
+const PERMITTED_MM: f64 = 0.01;
+
+/// By how much of its radius a corner that is passed straight brings the tool nearer: see [`STRAIGHT`].
+///
+/// [`STRAIGHT`]: crate::execution::offset_path::STRAIGHT
+const STRAIGHT_LOSS: f64 = 0.00125;
+
+/// How far apart the ends of a closed contour may be, mm.
+const CLOSED_MM: f64 = 0.001;
+
+/// A line or an arc in the plane, and the heights that it covers.
+#[derive(Clone, Copy, Debug)]
+struct Piece {
+    line: u32,
+    start: Point,
+    end: Point,
+    /// Centre, radius, angle at the start, and angle swept, of an arc.
+    arc: Option<(Point, f64, f64, f64)>,
+    lowest: Point,
+    highest: Point,
+    heights: [f64; 2],
+    is_feed: bool,
+    /// How many commands there were before it.
+    at: u64,
+}
+
+impl Piece {
+    /// `aside` is taken off every point.
+    fn of(curve: &Curve, plane: Plane, aside: Point) -> Option<Self> {
+        let (.., third) = plane.axes();
+        let (from, to) = (curve.start(), curve.end());
+        let (start, end) = (sub(plane.project(&from), aside), sub(plane.project(&to), aside));
+        let heights = [from[third].min(to[third]), from[third].max(to[third])];
+        let mut lowest = [start[0].min(end[0]), start[1].min(end[1])];
+        let mut highest = [start[0].max(end[0]), start[1].max(end[1])];
+        let arc = match curve {
+            Curve::Line(_) if length(sub(end, start)) > 0.0 => None,
+            Curve::Arc(arc) if arc.plane() == plane => {
+                let (centre, radius) = (sub(arc.centre_mm(), aside), arc.radius_mm());
+                let ray = sub(start, centre);
+                for axis in 0..2 {
+                    lowest[axis] = centre[axis] - radius;
+                    highest[axis] = centre[axis] + radius;
+                }
+                Some((centre, radius, libm::atan2(ray[1], ray[0]), arc.sweep_rad()))
+            }
+            _ => return None,
+        };
+        Some(Self {
+            start,
+            end,
+            arc,
+            lowest,
+            highest,
+            heights,
+            line: 0,
+            is_feed: true,
+            at: 0,
+        })
+    }
+
+    /// Whether the boxes about two pieces are farther apart than a distance.
+    fn is_far(&self, other: &Self, distance: f64) -> bool {
+        (0..2).any(|axis| {
+            self.lowest[axis] - other.highest[axis] > distance
+                || other.lowest[axis] - self.highest[axis] > distance
+        }) || self.heights[0] > other.heights[1] + CLOSED_MM
+            || other.heights[0] > self.heights[1] + CLOSED_MM
+    }
+
+    /// Whether an arc reaches the direction of a point from its centre.
+    fn reaches(&self, point: Point) -> bool {
+        let Some((centre, _, first, sweep)) = self.arc else {
+            return false;
+        };
+        let ray = sub(point, centre);
+        let turned = (libm::atan2(ray[1], ray[0]) - first) * sweep.signum();
+        turned.rem_euclid(TAU) <= sweep.abs()
+    }
+
+    /// The point nearest to another one.
+    fn nearest(&self, point: Point) -> Point {
+        let Some((centre, radius, ..)) = self.arc else {
+            let way = sub(self.end, self.start);
+            let at = (dot(sub(point, self.start), way) / dot(way, way)).clamp(0.0, 1.0);
+            return [self.start[0] + at * way[0], self.start[1] + at * way[1]];
+        };
+        let ray = sub(point, centre);
+        let size = length(ray);
+        if size > 0.0 && self.reaches(point) {
+            return [
+                centre[0] + ray[0] / size * radius,
+                centre[1] + ray[1] / size * radius,
+            ];
+        }
+        let distance = |end: Point| length(sub(end, point));
+        if distance(self.start) <= distance(self.end) {
+            self.start
+        } else {
+            self.end
+        }
+    }
+
+    /// Whether they have a point in common.
+    fn crosses(&self, other: &Self) -> bool {
+        let (a, b) = match (self.arc, other.arc) {
+            (None, None) => {
+                let side = |line: &Self, point: Point| {
+                    let (way, to) = (sub(line.end, line.start), sub(point, line.start));
+                    way[0] * to[1] - way[1] * to[0]
+                };
+                return side(self, other.start) * side(self, other.end) < 0.0
+                    && side(other, self.start) * side(other, self.end) < 0.0;
+            }
+            (Some(_), _) => (self, other),
+            (None, Some(_)) => (other, self),
+        };
+        let Some((centre, radius, ..)) = a.arc else {
+            return false;
+        };
+        // The points of the circle that are on the line or circle of the other one: a middle, and two sides of it.
+        let (middle, direction, square) = match b.arc {
+            None => {
+                let way = sub(b.end, b.start);
+                let size = length(way);
+                let direction = [way[0] / size, way[1] / size];
+                let at = dot(sub(centre, b.start), direction);
+                let foot = [b.start[0] + at * direction[0], b.start[1] + at * direction[1]];
+                let aside = sub(centre, foot);
+                (foot, direction, radius * radius - dot(aside, aside))
+            }
+            Some((other, second, ..)) => {
+                let way = sub(other, centre);
+                let size = length(way);
+                if size <= 0.0 {
+                    return false;
+                }
+                let along = (size * size + radius * radius - second * second) / (2.0 * size);
+                let ray = [way[0] / size, way[1] / size];
+                let middle = [centre[0] + along * ray[0], centre[1] + along * ray[1]];
+                (middle, [-ray[1], ray[0]], radius * radius - along * along)
+            }
+        };
+        if square < 0.0 {
+            return false;
+        }
+        [square.sqrt(), -square.sqrt()].iter().any(|half| {
+            let point = [middle[0] + half * direction[0], middle[1] + half * direction[1]];
+            let on_b = match b.arc {
+                Some(_) => b.reaches(point),
+                None => {
+                    (0.0..=1.0).contains(&(dot(sub(point, b.start), direction) / length(sub(b.end, b.start))))
+                }
+            };
+            a.reaches(point) && on_b
+        })
+    }
+
+    /// The smallest distance between two pieces.
+    fn distance(&self, other: &Self) -> f64 {
+        if self.crosses(other) {
+            return 0.0;
+        }
+        let to = |piece: &Self, point: Point| length(sub(piece.nearest(point), point));
+        let mut least = to(self, other.start)
+            .min(to(self, other.end))
+            .min(to(other, self.start))
+            .min(to(other, self.end));
+        // Within both: on the line through an arc's centre that is square to the other one.
+        for (round, other) in [(self, other), (other, self)] {
+            let Some((centre, radius, ..)) = round.arc else {
+                continue;
+            };
+            let feet = match other.arc {
+                None => [other.nearest(centre); 2],
+                Some((second, far, ..)) => {
+                    let ray = sub(centre, second);
+                    let size = length(ray).max(f64::MIN_POSITIVE);
+                    let at = |sign: f64| {
+                        [
+                            second[0] + sign * far * ray[0] / size,
+                            second[1] + sign * far * ray[1] / size,
+                        ]
+                    };
+                    [at(1.0), at(-1.0)]
+                }
+            };
+            for foot in feet {
+                if other.arc.is_some() && !other.reaches(foot) {
+                    continue;
+                }
+                let ray = sub(foot, centre);
+                let size = length(ray);
+                if size <= 0.0 {
+                    continue;
+                }
+                for sign in [1.0, -1.0] {
+                    let point = [
+                        centre[0] + sign * radius * ray[0] / size,
+                        centre[1] + sign * radius * ray[1] / size,
+                    ];
+                    if round.reaches(point) {
+                        least = least.min(length(sub(point, foot)));
+                    }
+                }
+            }
+        }
+        least
+    }
+
+    /// Points along it, so near to each other that what is between two of them is about straight.
+    fn points(&self) -> impl Iterator<Item = Point> + '_ {
+        let steps = self.arc.map_or(1, |(.., sweep)| 1 + (sweep.abs() / 0.1) as u32);
+        (0..steps).map(move |step| match self.arc {
+            None => self.start,
+            Some((centre, radius, first, sweep)) => {
+                let angle = first + sweep * f64::from(step) / f64::from(steps);
+                [
+                    centre[0] + radius * libm::cos(angle),
+                    centre[1] + radius * libm::sin(angle),
+                ]
+            }
+        })
+    }
+}
+
+/// What a contour is compensated for.
+#[derive(Clone, Copy, Debug)]
+struct Tool {
+    radius: f64,
+    /// +1 to the left.
+    side: f64,
+    nose: Point,
+    plane: Plane,
+    /// Millimetres of a unit of the program.
+    unit: f64,
+}
+
+/// A closed contour and the path of the tool beside it, there and away.
+#[derive(Debug)]
+struct Loop {
+    tool: Tool,
+    edges: Vec<Piece>,
+    path: Vec<Piece>,
+    outline: Vec<Point>,
+    /// The tool runs inside.
+    is_pocket: bool,
+}
+
+/// The tool cuts into an edge.
+#[derive(Clone, Copy, Debug)]
+struct Cut {
+    path: u32,
+    edge: u32,
+    depth: f64,
+}
+
+impl Loop {
+    fn new(tool: Tool, edges: Vec<Piece>, path: Vec<Piece>) -> Self {
+        let outline: Vec<Point> = edges.iter().flat_map(Piece::points).collect();
+        let next = outline.iter().cycle().skip(1);
+        let area: f64 = outline
+            .iter()
+            .zip(next)
+            .map(|(a, b)| a[0] * b[1] - a[1] * b[0])
+            .sum();
+        Self {
+            tool,
+            edges,
+            path,
+            outline,
+            is_pocket: area * tool.side > 0.0,
+        }
+    }
+
+    fn size(&self) -> usize {
+        self.edges.len() + self.path.len()
+    }
+
+    /// Whether a point is inside, by how often a ray from it crosses the outline.
+    fn contains(&self, point: Point) -> bool {
+        let next = self.outline.iter().cycle().skip(1);
+        let crossings = self.outline.iter().zip(next).filter(|(a, b)| {
+            (a[1] > point[1]) != (b[1] > point[1])
+                && point[0] < a[0] + (point[1] - a[1]) / (b[1] - a[1]) * (b[0] - a[0])
+        });
+        crossings.count() % 2 == 1
+    }
+
+    /// Whether this is an island in a pocket. Contours that cross are pockets into one another.
+    fn is_island_in(&self, pocket: &Self) -> bool {
+        let is_one = !self.is_pocket && pocket.is_pocket && self.tool.plane == pocket.tool.plane;
+        is_one
+            && pocket.contains(self.edges[0].start)
+            && !self.contains(pocket.edges[0].start)
+            && !self.edges.iter().any(|edge| {
+                let near = pocket.edges.iter().filter(|other| !edge.is_far(other, 0.0));
+                near.into_iter().any(|other| edge.crosses(other))
+            })
+    }
+
+    /// The deepest cut of this path into the edges of a contour.
+    fn cut(&self, other: &Self) -> Option<Cut> {
+        let mut deepest: Option<Cut> = None;
+        for piece in &self.path {
+            for edge in &other.edges {
+                if piece.is_far(edge, self.tool.radius) {
+                    continue;
+                }
+                let depth = self.tool.radius - piece.distance(edge);
+                if depth > PERMITTED_MM + STRAIGHT_LOSS * self.tool.radius
+                    && deepest.is_none_or(|cut| depth > cut.depth)
+                {
+                    deepest = Some(Cut {
+                        path: piece.line,
+                        edge: edge.line,
+                        depth,
+                    });
+                }
+            }
+        }
+        deepest
+    }
+
+    fn warning(&self, cut: Cut) -> Command {
+        let unit = self.tool.unit;
+        let text = format!(
+            "the tool of radius {:.4} beside this move cuts {:.4} deep into the contour of line {}, which is near but not next to \
+             it; take a smaller tool, or leave out what it cannot reach",
+            self.tool.radius / unit,
+            cut.depth / unit,
+            cut.edge
+        );
+        Command {
+            line: cut.path,
+            action: Action::Warning(text),
+            origin: None,
+            calls: CallChain::default(),
+        }
+    }
+}
+
+/// Contours with cutter compensation of one program.
+#[derive(Debug, Default)]
+pub(crate) struct ContourWatch {
+    /// Commands that have been handed out.
+    handed: u64,
+    /// The tool under way.
+    tool: Option<Tool>,
+    /// Behind how many commands its compensation ends.
+    end: Option<u64>,
+    /// Programmed moves, and the path as far as it is final.
+    edges: Vec<Piece>,
+    path: Vec<Piece>,
+    /// The move that leads to the contour has been handed out.
+    has_entered: bool,
+    /// Earlier contours.
+    loops: VecDeque<Loop>,
+    findings: VecDeque<Command>,
+}
+
+impl ContourWatch {
+    /// Compensation begins.
+    pub(crate) fn begin(&mut self, cutter: &CutterState, plane: Plane, unit: f64) {
+        self.forget();
+        let (radius, side, nose) = cutter.tool();
+        self.tool = Some(Tool {
+            radius,
+            side,
+            nose,
+            plane,
+            unit,
+        });
+    }
+
+    /// Compensation ends behind the commands that wait now.
+    pub(crate) fn end(&mut self, waiting: usize) {
+        if self.tool.is_some() && self.end.is_none() {
+            self.end = Some(self.handed + waiting as u64);
+        }
+    }
+
+    /// A programmed move with compensation.
+    pub(crate) fn programmed(&mut self, curve: &Curve, kind: MoveKind, line: u32, waiting: usize) {
+        let Some(tool) = self.tool else { return };
+        // One more tells that there were too many.
+        if self.edges.len() <= MAX_EDGES {
+            let piece = Piece::of(curve, tool.plane, [0.0; 2]);
+            self.edges.extend(piece.map(|piece| Piece {
+                line,
+                is_feed: kind == MoveKind::Feed,
+                at: self.handed + waiting as u64,
+                ..piece
+            }));
+        }
+    }
+
+    /// How many programmed moves there are, to go back to where a line is wrong.
+    pub(crate) fn mark(&self) -> usize {
+        self.edges.len()
+    }
+
+    pub(crate) fn roll_back(&mut self, mark: usize) {
+        self.edges.truncate(mark);
+    }
+
+    /// Commands were thrown away.
+    pub(crate) fn skip(&mut self) {
+        self.forget();
+    }
+
+    fn forget(&mut self) {
+        self.edges.clear();
+        self.path.clear();
+        (self.tool, self.end, self.has_entered) = (None, None, false);
+    }
+
+    /// A command is handed out and does not change any more.
+    #[inline]
+    pub(crate) fn hands_out(&mut self, command: &Command) {
+        if self.tool.is_some() {
+            self.follow(command);
+        }
+        self.handed += 1;
+    }
+
+    fn follow(&mut self, command: &Command) {
+        let (Some(tool), Action::Move(Move { curve, .. })) = (self.tool, &command.action) else {
+            return;
+        };
+        if self.end.is_some_and(|end| self.handed >= end) || self.path.len() > 3 * MAX_EDGES {
+            return;
+        }
+        // From where the tool stands without compensation.
+        if !std::mem::replace(&mut self.has_entered, true) {
+            return;
+        }
+        let piece = Piece::of(curve, tool.plane, tool.nose);
+        self.path.extend(piece.map(|piece| Piece {
+            line: command.line,
+            at: self.handed,
+            ..piece
+        }));
+    }
+
+    /// What is wrong with the contours of a compensation that is over, one after the other.
+    #[inline]
+    pub(crate) fn finding(&mut self) -> Option<Command> {
+        if self.end.is_some_and(|end| self.handed >= end) {
+            self.compare();
+        }
+        self.findings.pop_front()
+    }
+
+    #[cold]
+    fn compare(&mut self) {
+        let mut found = Vec::new();
+        if let Some(tool) = self.tool
+            && self.edges.len() <= MAX_EDGES
+            && self.path.len() <= 3 * MAX_EDGES
+        {
+            let closed = closed(&self.edges);
+            for (index, &(first, last)) in closed.iter().enumerate() {
+                // With the ways there and away.
+                let edge = |index: usize| self.edges.get(index).map(|edge| edge.at);
+                let begin = index.checked_sub(1).and_then(|before| edge(closed[before].1 + 1));
+                let end = closed.get(index + 1).and_then(|next| edge(next.0));
+                let (begin, end) = (begin.unwrap_or(0), end.unwrap_or(u64::MAX));
+                let edges = self.edges[first..=last].iter().filter(|edge| edge.is_feed);
+                let path = self.path.iter().filter(|piece| (begin..end).contains(&piece.at));
+                let contour = Loop::new(tool, edges.copied().collect(), path.copied().collect());
+                if contour.edges.is_empty() {
+                    continue;
+                }
+                found.extend(contour.cut(&contour).map(|cut| contour.warning(cut)));
+                for other in &self.loops {
+                    if contour.is_island_in(other) || other.is_island_in(&contour) {
+                        found.extend(contour.cut(other).map(|cut| contour.warning(cut)));
+                        found.extend(other.cut(&contour).map(|cut| other.warning(cut)));
+                    }
+                }
+                self.loops.push_back(contour);
+                while self.loops.iter().map(Loop::size).sum::<usize>() > MAX_PIECES {
+                    self.loops.pop_front();
+                }
+            }
+        }
+        self.forget();
+        self.findings.extend(found);
+    }
+}
+
+/// First and last edge of each closed contour.
+fn closed(edges: &[Piece]) -> Vec<(usize, usize)> {
+    let mut found = Vec::new();
+    let mut free = 0;
+    for last in 0..edges.len() {
+        let is_start = |first: &usize| length(sub(edges[*first].start, edges[last].end)) <= CLOSED_MM;
+        // Nearest first: back where the contour began, before the way there is gone back.
+        if let Some(first) = (free..=last).rev().find(is_start) {
+            found.push((first, last));
+            free = last + 1;
+        }
+    }
+    found
+}
