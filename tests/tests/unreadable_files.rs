@@ -7,7 +7,7 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 use evolvent_bus::ControlRequest;
-use evolvent_tests::{Operator, Scene, Workshop, command, unless_disturbed};
+use evolvent_tests::{Operator, Scene, Workshop, command, repository, unless_disturbed};
 
 const FILE: u32 = 922;
 const BAD_PROGRAM: u32 = 923;
@@ -199,6 +199,80 @@ fn a_stop_cancels_the_start_of_a_program_that_hangs() {
         drop(operator);
         scene.end();
     });
+}
+
+#[test]
+fn settings_that_are_pipes_or_hang_are_wrong_usage() {
+    let workshop = Workshop::new();
+    let program = workshop.write("part.ngc", "G0 X1\nM2\n");
+    let machine = workshop.mill("plain", &[]);
+    let text = |path: &Path| path.to_str().expect("UTF-8").to_owned();
+    let (program, machine) = (text(&program), text(&machine));
+    let wrong = workshop.path("pipe.toml");
+    pipe(&wrong);
+    let slow = workshop.write("slow.toml", "name = \"slow\"\n");
+    // A case whose force law is a pipe.
+    let case = repository().join("config/processes/chatter-40x.toml");
+    let case = std::fs::read_to_string(case).expect("a case");
+    let case = workshop.write("case.toml", case.replace("\"40X-R1\"", "\"pipe.toml\""));
+    let commands = |file: &str| {
+        [
+            &[
+                "run",
+                &program,
+                "--machine",
+                &machine,
+                "--no-bus",
+                "--process",
+                file,
+            ][..],
+            &[
+                "run",
+                &program,
+                "--machine",
+                &machine,
+                "--bus-prefix",
+                "unread_",
+                "--adaptive",
+                file,
+            ],
+            &["run", file, "--machine", &machine, "--no-bus"],
+            &["serve", "--machine", &machine, "--process", file],
+            &["serve", "--machine", file],
+            &["plan", &program, "--machine", &machine, "--process", file],
+            &["plan", &program, "--machine", file],
+            &["check", &program, "--machine", &machine, "--process", file],
+            &["turn", file, "--machine", &machine],
+            &["bridge", "sim", "--machine", &machine, "--process", file],
+            &["chatter", file],
+        ]
+        .map(|words| words.iter().map(|word| (*word).to_owned()).collect::<Vec<_>>())
+    };
+    let fails = |words: &[String], reason: &str, at_most: Duration| {
+        let binary = evolvent_tests::evolvent();
+        let begin = Instant::now();
+        let output = Command::new("timeout")
+            .arg("30")
+            .arg(binary.get_program())
+            .args(words)
+            .output()
+            .expect("timeout");
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "{words:?}: {said}");
+        assert!(said.contains(reason), "{words:?}: {said}");
+        assert!(begin.elapsed() < at_most, "{words:?}: {:?}", begin.elapsed());
+    };
+    for words in commands(&text(&wrong)) {
+        fails(&words, "pipe", AT_ONCE);
+    }
+    fails(&["chatter".to_owned(), text(&case)], "pipe", AT_ONCE);
+    let held = Held::new(&slow);
+    std::thread::scope(|scope| {
+        for words in commands(&text(&slow)) {
+            scope.spawn(move || fails(&words, "no reply within 5 s", Duration::from_secs(12)));
+        }
+    });
+    drop(held);
 }
 
 #[test]

@@ -33,6 +33,7 @@ mod terminal;
 mod top;
 mod trace;
 mod turn;
+mod user_file;
 
 use std::io::{self, Write};
 use std::process::ExitCode;

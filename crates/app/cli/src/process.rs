@@ -1,6 +1,5 @@
 //! Process files: what a cut is like, for turning cycles that find their passes.
 
-use std::io::Read as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -8,31 +7,15 @@ use evolvent_runtime::{Clock, Setup};
 use evolvent_turning::Job;
 
 use crate::CommandError;
-
-/// Longest process file, bytes.
-const MAX_FILE_BYTES: u64 = 1 << 20;
+use crate::user_file::read_text;
 
 /// Reads and checks a process file.
 ///
 /// # Errors
 /// A file that cannot be read, or does not make sense.
 pub(crate) fn read(file: &Path) -> Result<Job, CommandError> {
-    let text = text_of(file)?;
+    let text = read_text(file, "process file")?;
     Job::parse(&text, &file.display().to_string()).map_err(|error| CommandError::Usage(error.to_string()))
-}
-
-fn text_of(file: &Path) -> Result<String, CommandError> {
-    let usage = |what: String| CommandError::Usage(format!("{}: {what}", file.display()));
-    let mut bytes = Vec::new();
-    std::fs::File::open(file)
-        .and_then(|opened| opened.take(MAX_FILE_BYTES + 1).read_to_end(&mut bytes))
-        .map_err(|error| usage(format!("cannot be read: {error}")))?;
-    if bytes.len() as u64 > MAX_FILE_BYTES {
-        return Err(usage(format!(
-            "longer than {MAX_FILE_BYTES} bytes: this is no process file"
-        )));
-    }
-    String::from_utf8(bytes).map_err(|_| usage("is not UTF-8".into()))
 }
 
 /// Puts a process file in, for a machine that moves.
@@ -79,7 +62,7 @@ pub(crate) fn sort_out<'a>(
     let mut case = None;
     for file in files {
         // Only a process file of turning has feeds.
-        let is_turning = text_of(file)?
+        let is_turning = read_text(file, "process file")?
             .lines()
             .any(|line| line.trim_start().starts_with("[feed]"));
         let is_second = if is_turning {

@@ -11,6 +11,7 @@ use evolvent_machine::{ControlRate, Machine, PlannerKind};
 use evolvent_runtime::{Commands, ProgramMemory, Setup};
 
 use crate::CommandError;
+use crate::user_file::{read_text, try_program};
 
 /// A program on a machine.
 #[derive(Clone, Debug, Args)]
@@ -54,33 +55,8 @@ impl ProgramArgs {
         if let Some(planner) = self.planner {
             machine.path.planner = planner;
         }
-        let text = std::fs::read_to_string(&self.machine)
-            .map_err(|error| usage(format!("{}: {error}", self.machine.display())))?;
-        let readable = std::fs::metadata(&self.program).map_err(|error| {
-            usage(format!(
-                "{}: {error}; name a part program",
-                self.program.display()
-            ))
-        })?;
-        if readable.is_dir() {
-            return Err(usage(format!(
-                "{} is a folder; name a part program",
-                self.program.display()
-            )));
-        }
-        if !readable.is_file() {
-            return Err(usage(format!(
-                "{} is no ordinary file; a program is read more than once (for the trace, for messages), so save it to \
-                 a file first",
-                self.program.display()
-            )));
-        }
-        std::fs::File::open(&self.program).map_err(|error| {
-            usage(format!(
-                "{}: {error}; name a readable part program",
-                self.program.display()
-            ))
-        })?;
+        let text = read_text(&self.machine, "machine file")?;
+        try_program(&self.program)?;
         let mut setup = Setup::new(machine, self.machine.clone(), text, self.rate)
             .map_err(|error| usage(error.to_string()))?;
         setup.memory = self.memory(&setup.machine)?;
@@ -138,8 +114,7 @@ impl ProgramArgs {
 pub(crate) fn load_setup(file: &Path, rate: Option<ControlRate>) -> Result<Setup, CommandError> {
     let usage = |text: String| CommandError::Usage(text);
     let machine = Machine::load(file).map_err(|error| usage(error.to_string()))?;
-    let text =
-        std::fs::read_to_string(file).map_err(|error| usage(format!("{}: {error}", file.display())))?;
+    let text = read_text(file, "machine file")?;
     Setup::new(machine, file.to_path_buf(), text, rate).map_err(|error| usage(error.to_string()))
 }
 

@@ -84,7 +84,7 @@ impl RunObserver for Screen {
 }
 
 fn count_lines(program: &Path) -> u64 {
-    let Ok(file) = std::fs::File::open(program) else {
+    let Ok(file) = evolvent_config::open_regular(program) else {
         return 0;
     };
     let mut reader = io::BufReader::with_capacity(1 << 20, file);

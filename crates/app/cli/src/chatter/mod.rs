@@ -11,7 +11,7 @@ mod tests;
 mod transient;
 mod warn;
 
-use std::io::{Read as _, Write};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -21,10 +21,8 @@ use evolvent_cutting::{ForceLaw, LawDefinition};
 pub(crate) use warn::{Warning, warnings};
 
 use crate::rate::{check_svg_name, write_whole};
+use crate::user_file::read_text;
 use crate::{CommandError, Ending};
-
-/// Longest case or law file, bytes.
-const MAX_FILE_BYTES: u64 = 1 << 20;
 
 /// Options of `evolvent chatter`.
 ///
@@ -233,25 +231,4 @@ fn definition(
         .law(asked.angles)
         .map_err(|error| usage(format!("{}: force: {error}", case_file.display())))?;
     Ok((law, definition))
-}
-
-fn read_text(file: &Path, kind: &str) -> Result<String, CommandError> {
-    let usage = |what: String| CommandError::Usage(format!("{}: {what}", file.display()));
-    let mut bytes = Vec::new();
-    std::fs::File::open(file)
-        .and_then(|opened| opened.take(MAX_FILE_BYTES + 1).read_to_end(&mut bytes))
-        .map_err(|error| {
-            usage(format!(
-                "cannot read the {kind}: {error}; check the path and its permissions"
-            ))
-        })?;
-    if bytes.len() as u64 > MAX_FILE_BYTES {
-        return Err(usage(format!(
-            "longer than {MAX_FILE_BYTES} bytes: this is no {kind}; check the path"
-        )));
-    }
-    String::from_utf8(bytes).map_err(|error| {
-        let byte = error.utf8_error().valid_up_to();
-        usage(format!("not UTF-8 text at byte {byte}; save the file as UTF-8"))
-    })
 }

@@ -277,7 +277,7 @@ impl Look<'_> {
 /// Depths of a pass, mm, that lines with G82 D or G75 K give as plain numbers; none in a program that speaks of inches.
 fn cycle_depths(program: &Path) -> BTreeMap<u32, f64> {
     let mut depths = BTreeMap::new();
-    let Ok(file) = std::fs::File::open(program) else {
+    let Ok(file) = evolvent_config::open_regular(program) else {
         return depths;
     };
     let mut reader = BufReader::new(file);

@@ -1,7 +1,6 @@
 //! What the program says on a line and around it.
 
 use std::collections::VecDeque;
-use std::fs::File;
 use std::io::{self, BufRead, BufReader};
 use std::path::Path;
 
@@ -215,7 +214,7 @@ fn at_rest(action: &Action) -> Option<String> {
 
 /// The text of a line, and how many lines there are.
 fn source(program: &Path, line: u32) -> io::Result<(String, u32)> {
-    let mut reader = BufReader::with_capacity(256 * 1024, File::open(program)?);
+    let mut reader = BufReader::with_capacity(256 * 1024, evolvent_config::open_regular(program)?);
     let (mut text, mut lines, mut fresh) = (Vec::new(), 0_u32, true);
     loop {
         let chunk = reader.fill_buf()?;
