@@ -37,6 +37,49 @@ fn found(list: &[(&str, u64)]) -> Vec<(String, u64)> {
 }
 
 #[test]
+fn what_the_machine_refuses_names_the_whole_chain_of_calls() {
+    let workshop = Workshop::new();
+    let inner = workshop.write("inner.ngc", "o<inner> sub\nG0 X[#1]\no<inner> endsub\n");
+    workshop.write(
+        "outer.ngc",
+        "o<outer> sub\n\no<inner> call [#1]\no<outer> endsub\n",
+    );
+    let program = workshop.write(
+        "chain.ngc",
+        "o<mine> sub\no<outer> call [5000]\no<mine> endsub\no<mine> call\nM2\n",
+    );
+    let found = check(&program, &[]);
+    let error = &found["errors"][0];
+    assert_eq!(
+        (&error["code"], &error["line"]),
+        (&"G0801".into(), &2.into()),
+        "{found}"
+    );
+    assert_eq!(error["file"].as_str(), inner.to_str());
+    let calls: Vec<_> = error["calls"].as_array().expect("a list").iter().collect();
+    let lines: Vec<_> = calls.iter().map(|call| call["line"].as_u64()).collect();
+    assert_eq!(lines, [Some(3), Some(2), Some(4)]);
+    assert!(
+        calls[0]["file"]
+            .as_str()
+            .is_some_and(|file| file.ends_with("outer.ngc"))
+    );
+    assert!(calls[1]["file"].is_null() && calls[2]["file"].is_null());
+    let machine = repository().join("config/machines/mill-3axis.toml");
+    let words = [
+        "check",
+        program.to_str().expect("UTF-8"),
+        "--machine",
+        machine.to_str().expect("UTF-8"),
+    ];
+    let shown = run(words).expect_code(&[1]);
+    let text = format!("{shown:?}");
+    for place in ["inner.ngc:2", "outer.ngc:3", "chain.ngc:2", "chain.ngc:4"] {
+        assert!(text.contains(place), "{place} is not in {text}");
+    }
+}
+
+#[test]
 fn one_mistake_is_one_error_and_nothing_follows_from_it() {
     let workshop = Workshop::new();
     for (text, expected) in [

@@ -1,11 +1,18 @@
 //! M6, spindle and coolant: who is asked, and what the bus says while the program waits.
-#![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
+#![expect(
+    clippy::expect_used,
+    clippy::panic,
+    clippy::print_stdout,
+    reason = "helpers of tests fail as tests do, and say what they left out"
+)]
 
 use std::os::unix::fs::PermissionsExt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use evolvent_bus::Status;
-use evolvent_tests::{Domain, Launch, Operator, Scene, Workshop, command, unless_disturbed};
+use evolvent_tests::{
+    Domain, Launch, Operator, Scene, Workshop, command, evolvent, repository, unless_disturbed,
+};
 
 const DONE: u32 = 1;
 const STOPPED: u32 = 2;
@@ -60,6 +67,30 @@ fn m6_waits_for_the_operator_and_names_the_tool() {
         operator.says("RESUME");
         let status = operator.sees_end(job);
         assert_eq!((status.job_result, status.tool_change, status.tool), (DONE, 0, 0));
+        // A tool that one block of MDI selects another one changes to, and a program.
+        operator.says_number("MODE", 2);
+        for (select, change, tool) in [("T5", "M6", 5), ("G0 X1 T6", "G0 X2", 5), ("G4 P0", "M6", 6)] {
+            for block in [select, change] {
+                let job = operator.says_text("MDI", block).job;
+                if block == "M6" {
+                    let status = operator.waits("the change", |status| status.tool_change == 1);
+                    assert_eq!(status.tool_wanted, tool);
+                    operator.says("RESUME");
+                }
+                assert_eq!(operator.sees_end(job).job_result, DONE, "{block}");
+            }
+            assert_eq!(operator.now().tool, tool);
+        }
+        let job = operator.says_text("MDI", "T8").job;
+        operator.sees_end(job);
+        let bare = scene.workshop.write("bare.ngc", "M6\nM61 Q0\nM2\n");
+        operator.says_number("MODE", 0);
+        operator.says_text("LOAD", bare.to_str().expect("UTF-8"));
+        let job = operator.says("START").job;
+        let status = operator.waits("the change", |status| status.tool_change == 1);
+        assert_eq!(status.tool_wanted, 8);
+        operator.says("RESUME");
+        assert_eq!(operator.sees_end(job).job_result, DONE);
         // In a block of MDI; a stop leaves the tool as it was.
         operator.says_number("MODE", 2);
         let job = operator.says_text("MDI", "T9 M6").job;
@@ -155,6 +186,80 @@ fn a_run_without_operator_refuses_m6_before_it_moves() {
             .contains("1 tool change (M6) was counted as done"),
         "{done}"
     );
+}
+
+/// What somebody at a terminal sees who starts a program and types as `steps` say; none without Python.
+fn at_terminal(steps: &serde_json::Value, program: &Path, machine: &Path) -> Option<serde_json::Value> {
+    let python = std::env::var_os("EVOLVENT_PYTHON").unwrap_or_else(|| "python3".into());
+    let output = std::process::Command::new(python)
+        .arg(repository().join("tests/python/terminal.py"))
+        .arg(steps.to_string())
+        .arg(evolvent().get_program())
+        .arg("run")
+        .arg(program)
+        .arg("--machine")
+        .arg(machine)
+        .args(["--no-bus", "--no-trace"])
+        .output();
+    let Ok(output) = output else {
+        println!("not run: no python3");
+        return None;
+    };
+    let said = String::from_utf8_lossy(&output.stdout);
+    let error = String::from_utf8_lossy(&output.stderr);
+    Some(serde_json::from_str(&said).unwrap_or_else(|_| panic!("{said}\n{error}")))
+}
+
+#[test]
+fn at_a_terminal_enter_confirms_the_tool() {
+    let workshop = Workshop::new();
+    let program = workshop.write(
+        "one.ngc",
+        "G21 G90 F6000\nG1 X5\nT3 M6\nG1 X9\nT3 M6\nG4 P0.1\nT0 M6\nG1 X0\nM2\n",
+    );
+    let machine = workshop.mill("tc-terminal", &[]);
+    let first = "put tool 3 into the spindle";
+    let steps = serde_json::json!([
+        // What was typed before the machine stands there is no answer.
+        ["type", "\n"],
+        ["see", first],
+        ["see", "line 3: press Enter to go on"],
+        ["silent", 0.7, "press Enter"],
+        ["silent", 0.3, "done"],
+        ["type", "\n"],
+        // The second T3 M6 has its tool.
+        ["see", "take tool 3 out of the spindle"],
+        ["see", "line 7: press Enter to go on"],
+        ["silent", 0.5, "done"],
+        ["type", "\n"],
+        ["see", "tc-terminal: done"]
+    ]);
+    let Some(played) = at_terminal(&steps, &program, &machine) else {
+        return;
+    };
+    assert!(played["failed"].is_null(), "{played}");
+    assert_eq!(played["code"], 0, "{played}");
+    let screen = played["screen"].as_str().expect("a text");
+    assert_eq!(screen.matches("press Enter").count(), 2, "{screen}");
+    // Ctrl-C at the prompt ends the run there, with the tool as it was.
+    let steps = serde_json::json!([
+        ["see", "press Enter to go on"],
+        ["type", "\u{3}"],
+        ["see", "tc-terminal: stopped"]
+    ]);
+    let played = at_terminal(&steps, &program, &machine).expect("Python");
+    assert!(played["failed"].is_null(), "{played}");
+    assert_eq!(played["code"], 1, "{played}");
+    // The end of the input (Ctrl-D) confirms nothing.
+    let steps = serde_json::json!([
+        ["see", "press Enter to go on"],
+        ["type", "\u{4}"],
+        ["silent", 1.0, "done"],
+        ["type", "\u{3}"],
+        ["see", "stopped"]
+    ]);
+    let played = at_terminal(&steps, &program, &machine).expect("Python");
+    assert!(played["failed"].is_null(), "{played}");
 }
 
 /// Spindle, coolant and tool at each stop or dwell of the program below.

@@ -169,6 +169,7 @@ impl Opened {
             // A program that is run by itself begins at home, with spindle and coolant off.
             place: None,
             tool: tool.unwrap_or(0),
+            selected_tool: None,
             outputs: Outputs::default(),
             is_mdi: false,
             block_delete: self

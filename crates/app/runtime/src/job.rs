@@ -52,6 +52,8 @@ pub struct Setup {
     pub place: Option<Axes>,
     /// The tool in the spindle; 0 for none.
     pub tool: u32,
+    /// Tool that T has selected for the next M6, by MDI or in a program before.
+    pub selected_tool: Option<u32>,
     /// Spindle and coolant as they stand.
     pub outputs: gcode::Outputs,
     /// The program is a block of MDI, which leaves spindle and coolant as they are at its end.
@@ -85,6 +87,7 @@ impl Setup {
             start_line: None,
             place: None,
             tool: 0,
+            selected_tool: None,
             outputs: gcode::Outputs::default(),
             is_mdi: false,
             block_delete: false,
@@ -157,6 +160,7 @@ impl Setup {
             subroutine_folders: self.memory.folders.clone(),
             start: self.start(),
             tool: self.tool,
+            selected_tool: self.selected_tool,
             outputs: self.outputs,
             is_block: self.is_mdi,
             tools_without_table: program.without_tool_table == WithoutToolTable::Zero,

@@ -29,6 +29,8 @@ pub struct ProgramStart {
     pub place: Axes,
     /// The tool in the spindle.
     pub tool: u32,
+    /// The tool that was selected for the next M6; none in traces of versions that forgot it.
+    pub selected_tool: Option<u32>,
     /// Spindle and coolant as they stood; none in traces of versions that began with all off.
     pub outputs: Option<Outputs>,
     /// The line it began at; 0 for the first.
@@ -104,6 +106,9 @@ impl fmt::Display for JobStart {
                     start.switches,
                     start.feed_override,
                 )?;
+                if let Some(tool) = start.selected_tool {
+                    write!(out, "; selected={tool}")?;
+                }
                 if let Some(outputs) = &start.outputs {
                     let direction = match outputs.direction {
                         SpindleDirection::Stopped => 5,
@@ -181,6 +186,7 @@ impl JobStart {
                 subroutines: get("subroutines")?.to_owned(),
                 place: nine("place")?,
                 tool: whole("tool")?,
+                selected_tool: whole("selected"),
                 outputs: match get("spindle") {
                     None => None,
                     Some(code) => Some(Outputs {
@@ -250,6 +256,7 @@ mod tests {
             subroutines: "job-7/subroutines/".to_owned(),
             place: odd,
             tool: 12,
+            selected_tool: Some(5),
             outputs: Some(Outputs {
                 direction: SpindleDirection::CounterClockwise,
                 speed_rpm: 0.1 + 0.2,

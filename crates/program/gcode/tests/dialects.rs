@@ -209,7 +209,9 @@ fn calls(error: &Diagnostic) -> Vec<(Option<String>, u32)> {
 #[test]
 fn the_whole_chain_of_a_recursion_is_named() {
     let program = |depth: u32| {
-        format!("o<down> sub\no1 if [#1 GT 1]\no<down> call [#1-1]\no1 else\nG1 X?\no1 endif\no<down> endsub\no<down> call [{depth}]\n")
+        format!(
+            "o<down> sub\no1 if [#1 GT 1]\no<down> call [#1-1]\no1 else\nG1 X?\no1 endif\no<down> endsub\no<down> call [{depth}]\n"
+        )
     };
     for depth in [1_usize, 2, 11, 60, 100] {
         let found = errors(&program(depth as u32));
@@ -220,7 +222,10 @@ fn the_whole_chain_of_a_recursion_is_named() {
         let shown = found[0].render("main.ngc");
         let told = shown.lines().filter(|line| line.contains("called from")).count();
         assert_eq!(told, depth.min(2), "{shown}");
-        assert!(depth < 3 || shown.contains(&format!("main.ngc:3, {} calls deep", depth - 1)), "{shown}");
+        assert!(
+            depth < 3 || shown.contains(&format!("main.ngc:3, {} calls deep", depth - 1)),
+            "{shown}"
+        );
     }
     // One that goes too deep fails in the line that calls, in the deepest subroutine.
     let found = errors(&program(101));
@@ -233,14 +238,21 @@ fn an_error_that_ends_a_subroutine_stands_in_that_subroutine() {
     let write = |folder: &tempfile::TempDir, name: &str, text: &str| {
         std::fs::write(folder.path().join(name), text).unwrap();
     };
-    write(&library, "outer.ngc", "o<outer> sub\n\no<inner> call\nG1 Z?\no<outer> endsub\n");
+    write(
+        &library,
+        "outer.ngc",
+        "o<outer> sub\n\no<inner> call\nG1 Z?\no<outer> endsub\n",
+    );
     // Of the other folder; its end is that of another one, which ends it all the same.
     write(&other, "inner.ngc", "o<inner> sub\nG0 X1\nM70\no<wrong> endsub\n");
     let settings = Settings {
         subroutine_folders: vec![library.path().to_path_buf(), other.path().to_path_buf()],
         ..Settings::default()
     };
-    let (commands, found) = interpret("o<mine> sub\no<outer> call\no<mine> endsub\no<mine> call\nG1 A?\n", settings);
+    let (commands, found) = interpret(
+        "o<mine> sub\no<outer> call\no<mine> endsub\no<mine> call\nG1 A?\n",
+        settings,
+    );
     let of = |error: &Diagnostic| (error.line, calls(error));
     let outer = Some("outer.ngc".to_owned());
     let expected = [
@@ -255,7 +267,10 @@ fn an_error_that_ends_a_subroutine_stands_in_that_subroutine() {
     // A command knows the same of its line.
     let chain = commands[0].calls.innermost_first();
     assert_eq!(chain.len(), 3);
-    assert_eq!(chain.last().map(|call| (call.file.is_none(), call.line)), Some((true, 4)));
+    assert_eq!(
+        chain.last().map(|call| (call.file.is_none(), call.line)),
+        Some((true, 4))
+    );
 }
 
 #[test]

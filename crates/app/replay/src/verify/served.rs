@@ -341,6 +341,7 @@ impl Served<'_> {
         setup.memory = memory;
         setup.place = Some(start.place);
         setup.tool = start.tool;
+        setup.selected_tool = start.selected_tool;
         setup.outputs = start.outputs.unwrap_or_default();
         setup.is_mdi = start.is_mdi && start.outputs.is_some();
         if start.outputs.is_none() {

@@ -17,6 +17,8 @@ pub(crate) struct Modes {
     pub modal: Modal,
     /// As a line of codes for people.
     text: String,
+    /// The F word as it was written, and whether in inches.
+    feed: Option<(f64, bool)>,
 }
 
 impl Modes {
@@ -25,7 +27,7 @@ impl Modes {
         simulate_modes("", settings, &KeptParameters::default()).map(|after| after.modes)
     }
 
-    /// Lines that bring an interpreter into these modes, apart from spindle, coolant, and motions other than G0 and G1 (arcs
+    /// Lines that bring an interpreter into these modes, apart from spindle, coolant, the selected tool, and motions other than G0 and G1 (arcs
     /// and cycles do not stand alone on a line). Offsets of work and G92 are kept in parameters.
     pub(crate) fn preamble(&self) -> String {
         let mut text = String::new();
@@ -42,13 +44,19 @@ impl Modes {
             }
         }
         text.push('\n');
+        if let Some((word, inches)) = self.feed {
+            let unit = if inches { "G20" } else { "G21" };
+            let modes = [930, 940, 950];
+            let mode = self.modal.codes.iter().find(|code| modes.contains(code));
+            text.push_str(&format!("{unit}\nG{} F{word}\n", mode.unwrap_or(&940) / 10));
+        }
         // The first word is the motion; from S on the periphery is told of.
         let mut words = self.text.split(' ');
         let motion = words.next().filter(|word| ["G0", "G1"].contains(word));
         let words: Vec<&str> = words
             .take_while(|word| !word.starts_with('S'))
             // Offsets of tools are given by their values above.
-            .filter(|word| !["G41", "G43"].contains(word))
+            .filter(|word| !["G41", "G43"].contains(word) && !word.starts_with('F'))
             .collect();
         text.push_str(&words.join(" "));
         text.push('\n');
@@ -75,6 +83,7 @@ pub(crate) fn simulate_modes(
         modes: Modes {
             modal: interpreter.modal(),
             text: restart.modes,
+            feed: restart.feed_word,
         },
         kept,
         tools: interpreter.tools().cloned(),
@@ -102,17 +111,29 @@ mod tests {
             "G43.1 Z12.5 X-1\nG91 G59.3\n",
             "M3 S500 F100 G1 X1\n",
             "G1 F100\nG0 X1\n",
+            "G1 F100\nG20\n",
+            "G20 F4\nG21\n",
+            "G20 G95 F0.1\nG21 G64 P0.02 Q0.005\n",
+            "G64 P0.02 Q0.005\nG20\nT7\n",
         ] {
             let modes = modes_after(text);
             let again = modes_after(&modes.preamble());
             let mut expected = modes.modal;
             expected.spindle_rpm = 0.0;
+            // The setup has it.
+            expected.selected_tool = None;
             assert_eq!(again.modal, expected, "{text:?} by {:?}", modes.preamble());
             assert_eq!(
                 again.text.split(' ').next(),
                 modes.text.split(' ').next(),
                 "{text:?}"
             );
+            assert_eq!(again.feed, modes.feed, "{text:?}");
+            let path = |modes: &Modes| {
+                let from = modes.text.find("G6").unwrap();
+                modes.text[from..from + modes.text[from..].find(" G9").unwrap()].to_owned()
+            };
+            assert_eq!(path(&again), path(&modes), "{text:?}");
         }
     }
 

@@ -197,6 +197,7 @@ impl Operator {
         setup.memory = self.keep.memory.clone();
         setup.place = Some(self.view.setpoint.position);
         setup.tool = self.keep.tool;
+        setup.selected_tool = self.modes.modal.selected_tool;
         setup.outputs = self.periphery.outputs;
         setup.block_delete = self.desk.is_block_delete();
         setup.rapid_override = self.desk.overrides()[1];

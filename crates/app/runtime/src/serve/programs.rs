@@ -202,6 +202,7 @@ impl Operator {
                 subroutines: String::new(),
                 place: setup.start(),
                 tool: setup.tool,
+                selected_tool: setup.selected_tool,
                 outputs: Some(setup.outputs),
                 start_line: setup.start_line.unwrap_or(0),
                 switches,
@@ -597,6 +598,9 @@ mod tests {
             .unwrap();
         let told = sentence(&error, 1);
         assert!(told.starts_with(&format!("{}:2: G0", inner.display())), "{told}");
-        assert!(told.ends_with("; called from line 2; called from line 4"), "{told}");
+        assert!(
+            told.ends_with("; called from line 2; called from line 4"),
+            "{told}"
+        );
     }
 }

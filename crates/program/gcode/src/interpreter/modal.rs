@@ -22,6 +22,8 @@ pub struct Modal {
     pub tool_offset: Axes,
     /// Tool in the spindle; 0 for none.
     pub tool: u32,
+    /// Tool that T has selected for the next M6.
+    pub selected_tool: Option<u32>,
     /// Spindle speed in revolutions a minute, negative counter-clockwise; 0 where it is stopped or follows a surface
     /// speed.
     pub spindle_rpm: f64,
@@ -89,6 +91,7 @@ impl State {
             work_offset: self.work + self.g92,
             tool_offset: self.tool_offset,
             tool: self.tool,
+            selected_tool: self.selected_tool,
             spindle_rpm: turning,
             mist: modes.mist,
             flood: modes.flood,

@@ -6,7 +6,6 @@
 use std::io::BufRead;
 use std::sync::Arc as Shared;
 
-use crate::{CallChain, Code};
 use crate::diagnostics::diagnostic::{Fault, Span};
 use crate::interpreter::Interpreter;
 use crate::parameters::names::NameId;
@@ -16,6 +15,7 @@ use crate::syntax::expression::Evaluator;
 use crate::syntax::lexer::Lexer;
 use crate::syntax::lines::Lines;
 use crate::syntax::parser::o_word;
+use crate::{CallChain, Code};
 
 /// What runs: the program itself (no lines: they come from the stream) or a subroutine.
 #[derive(Debug, Default)]

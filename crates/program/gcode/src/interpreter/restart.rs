@@ -24,6 +24,8 @@ pub struct Restart {
     pub modes: String,
     /// The feed in force, mm/s; `None` where there is none or it belongs to single moves (G93).
     pub feed_mm_s: Option<f64>,
+    /// The F word in force as it was written, and whether in inches: a later G20 or G21 does not change the speed.
+    pub feed_word: Option<(f64, bool)>,
 }
 
 /// How a machine gets to where a program goes on, and what is switched on there.
@@ -185,6 +187,7 @@ impl<R: BufRead> Interpreter<R> {
             actions,
             modes: state.shown(),
             feed_mm_s: state.feed_mm_s(),
+            feed_word: state.feed_word(),
         })
     }
 
@@ -215,6 +218,14 @@ impl State {
             FeedMode::PerRevolution => feed * self.modes.speed / 60.0,
         };
         (feed > 0.0 && feed.is_finite()).then_some(feed)
+    }
+
+    /// The F word as it was written, and whether in inches.
+    fn feed_word(&self) -> Option<(f64, bool)> {
+        let feed = self.modes.feed?;
+        // Both come from the word in the same way but for the unit.
+        let is_metric = (feed.linear - feed.rotary).abs() <= 1e-9 * feed.rotary.abs();
+        Some((feed.word, !is_metric))
     }
 
     /// The modes as a line of codes.
@@ -251,10 +262,18 @@ impl State {
         words.push(match modes.path_mode {
             PathMode::ExactPath => "G61".to_owned(),
             PathMode::ExactStop => "G61.1".to_owned(),
-            PathMode::Blend { tolerance_mm, .. } => tolerance_mm.map_or_else(
-                || "G64".to_owned(),
-                |mm| format!("G64 P{}", if modes.inches { mm / INCH_MM } else { mm }),
-            ),
+            PathMode::Blend {
+                tolerance_mm,
+                merge_mm,
+            } => {
+                let mut word = "G64".to_owned();
+                for (letter, mm) in [('P', tolerance_mm), ('Q', merge_mm)] {
+                    if let Some(mm) = mm {
+                        word.push_str(&format!(" {letter}{}", mm / self.unit_mm()));
+                    }
+                }
+                word
+            }
         });
         words.push(either(modes.retract_to_old, "G98", "G99"));
         words.push(either(modes.diameter, "G7", "G8"));
@@ -263,8 +282,12 @@ impl State {
         if self.g92 != Axes::zeros() {
             words.push("G92.3".to_owned());
         }
-        if let Some(feed) = modes.feed {
-            words.push(format!("F{}", feed.word));
+        if let Some((word, inches)) = self.feed_word() {
+            words.push(match (inches, modes.inches) {
+                (true, false) => format!("F{}", word * INCH_MM),
+                (false, true) => format!("F{}", word / INCH_MM),
+                _ => format!("F{word}"),
+            });
         }
         let turning = match modes.spindle {
             SpindleDirection::Stopped => "M5",

@@ -132,7 +132,7 @@ impl State {
             g92: settings.g92_offset,
             tool_offset: Axes::zeros(),
             tool: settings.tool,
-            selected_tool: None,
+            selected_tool: settings.selected_tool,
             sticky: CycleModal::default(),
             spline_end: None,
             nurbs_order: None,

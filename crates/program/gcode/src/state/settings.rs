@@ -31,6 +31,8 @@ pub struct Settings {
     pub max_line_bytes: usize,
     /// Tool in the spindle at the start; 0 for none.
     pub tool: u32,
+    /// Tool that a T word before has selected for the next M6.
+    pub selected_tool: Option<u32>,
     /// Spindle and coolant at the start.
     pub outputs: Outputs,
     /// The text is a block of MDI: where it ends without M2 or M30, spindle and coolant stay as they are.
@@ -121,6 +123,7 @@ impl Default for Settings {
             involute_tolerance_mm: 0.001,
             max_line_bytes: 64 * 1024,
             tool: 0,
+            selected_tool: None,
             outputs: Outputs::default(),
             is_block: false,
             tools: None,
