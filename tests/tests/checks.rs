@@ -40,7 +40,7 @@ fn found(list: &[(&str, u64)]) -> Vec<(String, u64)> {
 fn what_the_machine_refuses_names_the_whole_chain_of_calls() {
     let workshop = Workshop::new();
     let inner = workshop.write("inner.ngc", "o<inner> sub\nG0 X[#1]\no<inner> endsub\n");
-    workshop.write(
+    let _outer = workshop.write(
         "outer.ngc",
         "o<outer> sub\n\no<inner> call [#1]\no<outer> endsub\n",
     );
