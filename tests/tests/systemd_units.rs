@@ -1,10 +1,11 @@
-//! The units for systemd: tight, and for any host. Needs `systemd-analyze`; without it the rating is "not measured".
+//! The units for systemd: tight, for any host, and started for real where this runs as root. What cannot be done is "not measured".
 #![expect(clippy::expect_used, reason = "tests fail as tests do")]
 
-use std::path::PathBuf;
-use std::process::Command;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
 
-use evolvent_tests::repository;
+use evolvent_tests::{Workshop, evolvent, repository};
 
 /// The worst rating that is permitted, in tenths.
 const RATING: u32 = 30;
@@ -46,5 +47,151 @@ fn units_name_no_core_that_a_host_may_not_have() {
             .lines()
             .any(|line| line.trim_start().starts_with("CPUAffinity="));
         assert!(!names_core, "{}", unit.display());
+    }
+}
+
+/// What the services were found to be and do, line by line (`tests/systemd/probe`).
+const FACTS: &str = "active evolvent: active
+active evolvent-bridge: active
+Uid: 963
+CapEff: 0000000000000000
+CapBnd: 0000000000000000
+NoNewPrivs: 1
+Seccomp: 2
+user: evolvent
+network: its own
+bus: evolvent 700
+up: 0
+home: 0
+mdi: 0
+estop by another user: 1
+active evolvent: active
+restarted: yes
+bridge: the same
+up again: 0
+mdi again: 0
+watchdog: yes
+stopped: success inactive
+traces: 3
+bridge stopped: success
+";
+
+/// Boots systemd with the units of a folder in namespaces of its own; the folder with what was found, or why it cannot be done.
+fn boot(workshop: &Workshop, units: &Path) -> Result<PathBuf, &'static str> {
+    if !rustix::process::geteuid().is_root() {
+        return Err("not root");
+    }
+    if !Path::new("/lib/systemd/systemd").exists() || which("unshare").is_none() || which("setpriv").is_none()
+    {
+        return Err("no systemd, unshare or setpriv");
+    }
+    let mounts = std::fs::read_to_string("/proc/filesystems").expect("the kernel's file systems");
+    if !mounts.contains("cgroup2") {
+        return Err("no control groups of version 2");
+    }
+    let output = workshop.path("systemd");
+    std::fs::create_dir_all(&output).expect("a folder");
+    let script = repository().join("tests/systemd/boot");
+    let spaces = [
+        "--mount",
+        "--pid",
+        "--fork",
+        "--kill-child=KILL",
+        "--ipc",
+        "--net",
+        "--uts",
+    ];
+    let log = std::fs::File::create(output.join("log")).expect("a file");
+    let mut booted = Command::new("unshare")
+        .args(spaces)
+        .arg(&script)
+        .arg(units)
+        .arg(repository().join("config/machines/mill-3axis.toml"))
+        .arg(evolvent().get_program())
+        .arg(&output)
+        .stdin(Stdio::null())
+        .stdout(log.try_clone().expect("a file"))
+        .stderr(log)
+        .spawn()
+        .expect("unshare");
+    let begin = Instant::now();
+    let done = output.join("done");
+    let has_ended = loop {
+        std::thread::sleep(Duration::from_millis(100));
+        let has_ended = booted.try_wait().expect("its state").is_some();
+        if done.exists() || has_ended || begin.elapsed() > Duration::from_secs(120) {
+            break has_ended;
+        }
+    };
+    let _gone = booted.kill();
+    let _gone = booted.wait();
+    // Its processes end with it, a moment later.
+    std::thread::sleep(Duration::from_millis(300));
+    let _left = Command::new(&script).arg("clean").arg(&output).status();
+    if has_ended && !output.join("facts").exists() {
+        return Err("systemd does not boot in namespaces here");
+    }
+    Ok(output)
+}
+
+fn which(program: &str) -> Option<PathBuf> {
+    let folders = std::env::var_os("PATH")?;
+    std::env::split_paths(&folders)
+        .map(|folder| folder.join(program))
+        .find(|file| file.exists())
+}
+
+#[test]
+fn units_run_as_they_are_under_systemd() {
+    let workshop = Workshop::new();
+    let output = match boot(&workshop, &repository().join("tools/systemd")) {
+        Ok(output) => output,
+        Err(reason) => {
+            println!("not measured: {reason}");
+            return;
+        }
+    };
+    let read = |name: &str| std::fs::read_to_string(output.join(name)).unwrap_or_default();
+    if !read("not-measured").is_empty() {
+        println!("not measured: {}", read("not-measured").trim());
+    }
+    let uid = |line: &str| line.starts_with("Uid: ");
+    let facts = read("facts");
+    let found: Vec<&str> = facts.lines().filter(|line| !uid(line)).collect();
+    let expected: Vec<&str> = FACTS.lines().filter(|line| !uid(line)).collect();
+    assert_eq!(
+        found,
+        expected,
+        "{}\n{}\n{}",
+        read("said"),
+        read("errors"),
+        read("log")
+    );
+    let status: serde_json::Value = serde_json::from_str(&read("status")).expect("a status");
+    assert_eq!(status["position_machine"]["X"], 1.0, "{status}");
+    // Who may not is told whose it is.
+    assert!(read("said").contains("user evolvent"), "{}", read("said"));
+}
+
+#[test]
+fn a_unit_that_is_too_tight_fails_there() {
+    let workshop = Workshop::new();
+    let units = workshop.path("units");
+    std::fs::create_dir(&units).expect("a folder");
+    for unit in self::units() {
+        let text = std::fs::read_to_string(&unit).expect("a unit");
+        let tight = text.replace(
+            "RestrictAddressFamilies=AF_UNIX",
+            "RestrictAddressFamilies=AF_INET",
+        );
+        assert_ne!(tight, text);
+        std::fs::write(units.join(unit.file_name().expect("a name")), tight).expect("written");
+    }
+    match boot(&workshop, &units) {
+        Ok(output) => {
+            let facts = std::fs::read_to_string(output.join("facts")).unwrap_or_default();
+            assert!(!facts.contains("mdi: 0"), "{facts}");
+        }
+        Err(reason) => println!("not measured: {reason}"),
     }
 }
