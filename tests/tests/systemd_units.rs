@@ -65,6 +65,13 @@ up: 0
 home: 0
 mdi: 0
 estop by another user: 1
+operator without sudo: 1
+operator: 0
+operator looks: 0
+operator runs something else: 1
+operator runs a bridge: 1
+operator as root: 1
+stranger: 1
 active evolvent: active
 restarted: yes
 bridge: the same
@@ -92,6 +99,10 @@ fn boot(workshop: &Workshop, units: &Path) -> Result<PathBuf, &'static str> {
     let output = workshop.path("systemd");
     std::fs::create_dir_all(&output).expect("a folder");
     let script = repository().join("tests/systemd/boot");
+    // With a lead for hosts that do other things, too.
+    let machine = repository().join("config/machines/mill-3axis.toml");
+    let text = std::fs::read_to_string(machine).expect("a machine file");
+    let machine = workshop.write("mill-3axis.toml", format!("lead_ms = 28\n{text}"));
     let spaces = [
         "--mount",
         "--pid",
@@ -106,7 +117,7 @@ fn boot(workshop: &Workshop, units: &Path) -> Result<PathBuf, &'static str> {
         .args(spaces)
         .arg(&script)
         .arg(units)
-        .arg(repository().join("config/machines/mill-3axis.toml"))
+        .arg(&machine)
         .arg(evolvent().get_program())
         .arg(&output)
         .stdin(Stdio::null())
@@ -155,7 +166,11 @@ fn units_run_as_they_are_under_systemd() {
     if !read("not-measured").is_empty() {
         println!("not measured: {}", read("not-measured").trim());
     }
-    let uid = |line: &str| line.starts_with("Uid: ");
+    let has_sudo = which("sudo").is_some();
+    let uid = |line: &str| {
+        let is_group = line.starts_with("operator") || line.starts_with("stranger");
+        line.starts_with("Uid: ") || is_group && !has_sudo
+    };
     let facts = read("facts");
     let found: Vec<&str> = facts.lines().filter(|line| !uid(line)).collect();
     let expected: Vec<&str> = FACTS.lines().filter(|line| !uid(line)).collect();

@@ -2,7 +2,7 @@
 
 use crate::domain::{Ipc, configuration, pattern};
 use crate::error::BusError;
-use crate::folder::{BusFolder, other_users, user_name};
+use crate::folder::{BusFolder, login_name, other_users, user_name};
 use crate::name::Channel;
 use crate::stale_resources;
 use iceoryx2::prelude::*;
@@ -28,13 +28,20 @@ pub(crate) fn no_core(machine_name: &str, prefix: Option<&str>, begin: Instant) 
 /// Which other users have cores on this computer and what that means, to go behind a sentence; empty where none has.
 #[must_use]
 pub fn cores_of_other_users(prefix: Option<&str>) -> String {
-    let others: Vec<String> = other_users(prefix).into_iter().map(user_name).collect();
+    let users = other_users(prefix);
+    let others: Vec<String> = users.iter().copied().map(user_name).collect();
     let who = match others.as_slice() {
         [] => return String::new(),
         [one] => format!("{one} has a core"),
         several => format!("{} have cores", several.join(" and ")),
     };
-    format!("; {who} on this computer: a bus belongs to one user, so run this as that user (`sudo -u USER`)")
+    let name = match users.as_slice() {
+        [one] => login_name(*one).unwrap_or_else(|| format!("'#{one}'")),
+        _ => "USER".to_owned(),
+    };
+    format!(
+        "; {who} on this computer: a bus belongs to one user, so run this as that user (`sudo -u {name} evolvent ...`)"
+    )
 }
 
 /// Names of the machines whose control service is there, in order. One that was killed is among them until somebody

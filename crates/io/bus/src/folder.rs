@@ -188,15 +188,19 @@ fn check_prefix(prefix: Option<&str>) -> Result<(), BusError> {
     }
 }
 
-/// `user evolvent (998)`, as far as the system's list of users tells.
-pub(crate) fn user_name(user: u32) -> String {
+/// The name in the system's list of users.
+pub(crate) fn login_name(user: u32) -> Option<String> {
     let list = std::fs::read_to_string("/etc/passwd").unwrap_or_default();
-    let name = list.lines().find_map(|line| {
+    list.lines().find_map(|line| {
         let mut fields = line.split(':');
         let name = fields.next()?;
         (fields.nth(1)?.parse() == Ok(user)).then(|| name.to_owned())
-    });
-    name.map_or_else(|| format!("user {user}"), |name| format!("user {name} ({user})"))
+    })
+}
+
+/// `user evolvent (998)`, as far as the system's list of users tells.
+pub(crate) fn user_name(user: u32) -> String {
+    login_name(user).map_or_else(|| format!("user {user}"), |name| format!("user {name} ({user})"))
 }
 
 /// Who else has services with this prefix on this computer: users by their segments, which everybody can see.

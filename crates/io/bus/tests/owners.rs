@@ -231,7 +231,7 @@ fn who_looks_for_the_core_of_another_user_is_told_whose_it_is() {
     assert!(elsewhere.contains("nobody (65534) has a core"), "{elsewhere}");
     assert_eq!(evolvent_bus::cores_of_other_users(Some(&domain.prefix)), "");
     assert!(
-        error.contains("nobody (65534) has a core") && error.contains("sudo -u"),
+        error.contains("nobody (65534) has a core") && error.contains("sudo -u nobody evolvent"),
         "{error}"
     );
 }

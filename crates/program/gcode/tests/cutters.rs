@@ -463,7 +463,7 @@ fn random_closed_contours_are_told_of_where_samples_show_a_cut() {
         let steps: Vec<Move> = actions
             .iter()
             .filter_map(|action| match action {
-                Action::Move(step) => Some(step.clone()),
+                Action::Move(step) => Some(*step),
                 _ => None,
             })
             .collect();

@@ -197,7 +197,7 @@ fn errors_in_files_of_subroutines_name_the_calls() {
 /// The calls of an error: file name and line, the innermost first.
 fn calls(error: &Diagnostic) -> Vec<(Option<String>, u32)> {
     let name = |file: &str| {
-        let name = std::path::Path::new(file).file_name().unwrap();
+        let name = std::path::Path::new(file).file_name().unwrap_or_default();
         name.to_string_lossy().into_owned()
     };
     let calls = error.calls.iter();
