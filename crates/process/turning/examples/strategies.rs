@@ -68,7 +68,7 @@ fn main() {
     for (name, blank) in blanks {
         println!("{name}");
         let base = TurningSettings {
-            overload: 9000.0,
+            overload_n: 9000.0,
             ..TurningSettings::usual(regime, tool, 500.0, 200.0)
         };
         let sensor = SensorModel {

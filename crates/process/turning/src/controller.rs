@@ -267,7 +267,7 @@ impl TurningController {
 
     /// Whether there is a load beyond what the sensor still shows of the cut before.
     pub(crate) fn feels(&self) -> bool {
-        self.view.now > self.settings.contact_load + RESIDUE_NOISE * self.felt.residue_n
+        self.view.now > self.settings.contact_load_n + RESIDUE_NOISE * self.felt.residue_n
     }
 
     pub(crate) fn go(&mut self, to: TurningState, reason: Reason) {
@@ -314,7 +314,7 @@ impl TurningController {
             self.go(TurningState::Fault, Reason::Sensor(trouble));
             return true;
         }
-        self.guard.overload_s = if self.view.now > settings.overload {
+        self.guard.overload_s = if self.view.now > settings.overload_n {
             self.guard.overload_s + settings.period_s
         } else {
             0.0
@@ -324,7 +324,7 @@ impl TurningController {
             self.draw_out();
             let reason = Reason::Overload {
                 load: self.view.now,
-                limit: settings.overload,
+                limit: settings.overload_n,
             };
             self.go(TurningState::Fault, reason);
             return true;

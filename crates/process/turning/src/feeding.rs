@@ -50,8 +50,8 @@ impl TurningController {
             wish = regime.feed_min_mm_rev;
         }
         wish = wish.max(regime.feed_min_mm_rev);
-        let up = self.feed + settings.slew_up * settings.period_s;
-        let down = self.feed - settings.slew_down * settings.period_s;
+        let up = self.feed + settings.slew_up_mm_rev_s * settings.period_s;
+        let down = self.feed - settings.slew_down_mm_rev_s * settings.period_s;
         // From a stand the smallest feed is taken at once.
         self.feed = wish.clamp(down, up.max(regime.feed_min_mm_rev));
         let speed = settings.speed_mm_s(self.feed) * factor.min(1.0);

@@ -133,12 +133,12 @@ impl JobFile {
             },
             allowance_max_mm: self.cut.allowance_max_mm,
             // The literal strategy overloads by itself.
-            overload: self
+            overload_n: self
                 .load
                 .overload_n
                 .unwrap_or(if literal { 2.5 } else { 1.5 } * regime.set_load),
             overload_s: self.load.overload_ms.map_or(usual.overload_s, |ms| ms * 1e-3),
-            contact_load: self.load.contact_n.unwrap_or(usual.contact_load),
+            contact_load_n: self.load.contact_n.unwrap_or(usual.contact_load_n),
             scale,
             sensor_lag_s: self.sensor.lag_ms * 1e-3,
             sensor_stale_s: self.sensor.stale_ms * 1e-3,

@@ -38,7 +38,7 @@ impl JobConstants {
         let share = |lag_s: f64| 1.0 - libm::exp(-settings.period_s / lag_s.max(1e-9));
         let (lag, smoothing) = (share(settings.sensor_lag_s), share(SMOOTHING_S));
         let (mut way, mut read, mut smooth) = (0.0, 0.0, 0.0);
-        while smooth < settings.contact_load && way < 4.0 * feed {
+        while smooth < settings.contact_load_n && way < 4.0 * feed {
             way += step_mm;
             let depth = way * settings.tool.slope();
             let chip = if way < feed {

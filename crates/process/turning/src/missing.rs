@@ -31,7 +31,7 @@ impl TurningController {
         let turn_s = settings.turn_s();
         let (here, out) = (self.along.point().position, self.out.point().position);
         self.loss.interrupted_s = (self.loss.interrupted_s - settings.period_s).max(0.0);
-        if self.view.now >= settings.contact_load {
+        if self.view.now >= settings.contact_load_n {
             if self.loss.air_s > 0.0 {
                 self.loss.interrupted_s = INTERRUPTED_REV * turn_s;
                 self.loss.interruption_mm = self
@@ -59,7 +59,7 @@ impl TurningController {
             .engagement
             .depth_after_mm(INTERRUPTION_NOISE * self.loss.interruption_mm);
         let law = &settings.regime.law;
-        let unfelt = NOISE * law.depth_mm(settings.contact_load, self.trail.chip_mm().max(self.feed));
+        let unfelt = NOISE * law.depth_mm(settings.contact_load_n, self.trail.chip_mm().max(self.feed));
         let sure = self.sure_depth(GONE_MM);
         if sure > SURE_MM || left > unfelt + ABRUPT_MM + DEPTH_NOISE * self.felt.grown_mm.0 {
             self.report_broken(sure.max(left));
@@ -82,7 +82,7 @@ impl TurningController {
         let regime = &self.settings.regime;
         let chip = self.trail.chip_mm();
         chip >= MIN_CHIP * regime.feed_min_mm_rev
-            || regime.law.load(depth_mm, chip) >= CLEAR_LOADS * self.settings.contact_load
+            || regime.law.load(depth_mm, chip) >= CLEAR_LOADS * self.settings.contact_load_n
     }
 
     /// Stock of a depth must be met at a place, or before.

@@ -121,9 +121,9 @@ pub struct TurningSettings {
     /// Clearance before the stock along the cut, mm.
     pub clear_along_mm: f64,
     /// Load above which there is contact.
-    pub contact_load: f64,
+    pub contact_load_n: f64,
     /// Load above which the tool is drawn out, ...
-    pub overload: f64,
+    pub overload_n: f64,
     /// ... if it lasts for this time, s.
     pub overload_s: f64,
     /// What the sensor shows of the force.
@@ -133,9 +133,9 @@ pub struct TurningSettings {
     /// Longest time between two readings, s.
     pub sensor_stale_s: f64,
     /// Fastest rise of the feed, mm/rev per s.
-    pub slew_up: f64,
+    pub slew_up_mm_rev_s: f64,
     /// Fastest fall of the feed, mm/rev per s.
-    pub slew_down: f64,
+    pub slew_down_mm_rev_s: f64,
     /// Way over which a place must be thin before something is done about it, mm.
     pub thin_mm: f64,
     /// Time for which a cut must be too deep before it is backed off from, s.
@@ -232,10 +232,10 @@ pub enum SettingsError {
         stop_s: f64,
     },
     /// Protection below what is normal.
-    #[error("the overload limit {overload} must lie above the set load {set_load}")]
+    #[error("the overload limit {overload_n} must lie above the set load {set_load}")]
     Overload {
         /// Limit.
-        overload: f64,
+        overload_n: f64,
         /// Set.
         set_load: f64,
     },
@@ -254,14 +254,14 @@ impl TurningSettings {
             allowance_max_mm: tool.reach_mm(),
             clear_out_mm: 1.0,
             clear_along_mm: 1.0,
-            contact_load: 0.05 * regime.set_load,
-            overload: 1.5 * regime.set_load,
+            contact_load_n: 0.05 * regime.set_load,
+            overload_n: 1.5 * regime.set_load,
             overload_s: 0.02,
             scale: LoadScale::FORCE,
             sensor_lag_s: 0.01,
             sensor_stale_s: 0.01,
-            slew_up: 1.0,
-            slew_down: 40.0,
+            slew_up_mm_rev_s: 1.0,
+            slew_down_mm_rev_s: 40.0,
             thin_mm: 3.0,
             confirm_s: 0.06,
             tolerance_mm: 0.02,
@@ -328,11 +328,11 @@ impl TurningSettings {
             ("the clearance along in mm", self.clear_along_mm, 0.01, 100.0),
             (
                 "the load of contact",
-                self.contact_load,
+                self.contact_load_n,
                 1e-9,
                 0.5 * regime.set_load,
             ),
-            ("the overload limit", self.overload, 1e-9, most_load),
+            ("the overload limit", self.overload_n, 1e-9, most_load),
             ("the duration of an overload in s", self.overload_s, 0.0, 1.0),
             ("the sensor's lag in s", self.sensor_lag_s, 0.0, 1.0),
             (
@@ -343,13 +343,13 @@ impl TurningSettings {
             ),
             (
                 "the fastest rise of the feed in mm/rev per s",
-                self.slew_up,
+                self.slew_up_mm_rev_s,
                 1e-3,
                 1e4,
             ),
             (
                 "the fastest fall of the feed in mm/rev per s",
-                self.slew_down,
+                self.slew_down_mm_rev_s,
                 1e-1,
                 1e5,
             ),
@@ -427,9 +427,9 @@ impl TurningSettings {
                 stop_s: self.turn_s() - self.blind_s(),
             });
         }
-        if self.overload <= self.regime.set_load {
+        if self.overload_n <= self.regime.set_load {
             return Err(SettingsError::Overload {
-                overload: self.overload,
+                overload_n: self.overload_n,
                 set_load: self.regime.set_load,
             });
         }

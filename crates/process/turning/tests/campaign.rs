@@ -201,7 +201,7 @@ fn a_slow_sensor_keeps_the_bounds_of_the_fast_one() {
             sensor_lag_s: 0.1,
             thin_mm: 6.0,
             confirm_s: 0.2,
-            overload: 9000.0,
+            overload_n: 9000.0,
             ..safe()
         };
         let slow = evolvent_turning::SensorModel {

@@ -157,7 +157,7 @@ fn a_sensor_that_fails_at_any_tick_on_any_stock_stops_the_axial_feed_within_a_re
             }
             let fault = distrusted(&mut random);
             // A frozen reading is told from a quiet one where it reads a load.
-            if fault == SensorFault::Frozen && output.load < settings.contact_load {
+            if fault == SensorFault::Frozen && output.load < settings.contact_load_n {
                 continue;
             }
             next_s += random.within(0.0, 20.0);

@@ -59,7 +59,7 @@ pub fn fast() -> TurningSettings {
 pub fn literal() -> TurningSettings {
     TurningSettings {
         strategy: Strategy::literal(&regime(BackOff::Balanced)),
-        overload: 9000.0,
+        overload_n: 9000.0,
         ..safe()
     }
 }
