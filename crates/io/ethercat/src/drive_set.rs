@@ -1,0 +1,189 @@
+//! All drives of a session behind one follower: setpoints in, outputs out, feedback back.
+
+use evolvent_bus::{AXES, Feedback, Setpoint};
+use evolvent_drive::{DriveState, Follower, FollowerSettings, PowerRequest, SettingsError, Target};
+use evolvent_machine::Machine;
+
+use crate::axis::DriveAxis;
+use crate::network::Network;
+use crate::pdo::{DriveInputs, DriveOutputs};
+
+/// For how many periods the last motion goes on where setpoints are missing.
+const BRIDGE_CYCLES: u32 = 10;
+/// How far from the axis a setpoint may lie with which following begins, mm or degrees.
+const SYNC_TOLERANCE: f64 = 0.5;
+
+/// Drives of one session. Nothing but the constructor allocates.
+#[derive(Debug)]
+pub(crate) struct DriveSet {
+    follower: Follower,
+    axes: Vec<DriveAxis>,
+    period_s: f64,
+    instance: u64,
+    axes_mask: u32,
+    absolute_mask: u32,
+    was_enabled: bool,
+    /// One drive has left operation: the others are stopped until power is requested anew.
+    group_stop: bool,
+    /// The session ends: all drives stop.
+    ending: bool,
+    target: Option<Target>,
+    power: PowerRequest,
+}
+
+impl DriveSet {
+    pub(crate) fn new(
+        machine: &Machine,
+        network: &Network,
+        period_ns: u64,
+        instance: u64,
+    ) -> Result<Self, SettingsError> {
+        let mut settings = FollowerSettings {
+            period_ns,
+            bridge_cycles: BRIDGE_CYCLES,
+            axes_mask: network.axes_mask(),
+            max_velocity: [1.0; AXES],
+            max_acceleration: [1.0; AXES],
+            max_jerk: [1.0; AXES],
+            sync_tolerance: [SYNC_TOLERANCE; AXES],
+        };
+        for axis in &machine.axes {
+            let index = axis.letter.index();
+            settings.max_velocity[index] = axis.max_velocity;
+            settings.max_acceleration[index] = axis.max_acceleration;
+            settings.max_jerk[index] = axis.max_jerk;
+            settings.sync_tolerance[index] = SYNC_TOLERANCE.min(axis.following_error);
+        }
+        let axes: Vec<DriveAxis> = network
+            .devices
+            .iter()
+            .filter_map(|device| device.axis)
+            .map(DriveAxis::new)
+            .collect();
+        let absolute = axes.iter().filter(|axis| axis.is_absolute());
+        Ok(Self {
+            follower: Follower::new(settings)?,
+            absolute_mask: absolute.fold(0, |mask, axis| mask | 1 << axis.index()),
+            axes,
+            period_s: period_ns as f64 * 1e-9,
+            instance,
+            axes_mask: network.axes_mask(),
+            was_enabled: false,
+            group_stop: false,
+            ending: false,
+            target: None,
+            power: PowerRequest::Off,
+        })
+    }
+
+    pub(crate) fn offer(&mut self, now_ns: u64, setpoint: &Setpoint) {
+        let _noted = self.follower.offer(now_ns, setpoint);
+    }
+
+    pub(crate) fn refuse_version(&mut self) {
+        self.follower.refuse_version();
+    }
+
+    pub(crate) fn axes(&self) -> &[DriveAxis] {
+        &self.axes
+    }
+
+    pub(crate) fn set_lost(&mut self, axis: usize) {
+        self.axes[axis].set_lost();
+    }
+
+    /// From now on all drives stop, whatever the core asks for.
+    pub(crate) const fn end(&mut self) {
+        self.ending = true;
+    }
+
+    /// Whether a drive has torque, or may have: one that does not answer is not asked.
+    pub(crate) fn has_torque(&self) -> bool {
+        let gives = |axis: &DriveAxis| {
+            matches!(
+                axis.state(),
+                Some(
+                    DriveState::OperationEnabled
+                        | DriveState::QuickStopActive
+                        | DriveState::FaultReactionActive
+                )
+            )
+        };
+        self.axes.iter().any(gives)
+    }
+
+    pub(crate) fn take(&mut self, axis: usize, inputs: DriveInputs) {
+        self.axes[axis].take(inputs, self.period_s);
+    }
+
+    /// One period at a time of the bus's clock; then outputs and feedback are those of this period.
+    pub(crate) fn step(&mut self, now_ns: u64) {
+        let enabled = self
+            .axes
+            .iter()
+            .all(|axis| axis.state() == Some(DriveState::OperationEnabled));
+        let mut actual = [0.0; AXES];
+        for axis in &self.axes {
+            actual[axis.index()] = axis.position();
+        }
+        let target = self.follower.step(now_ns, enabled, &actual);
+        if let Some(shift) = target.datum_shift {
+            for axis in &mut self.axes {
+                axis.rename(shift[axis.index()]);
+            }
+        }
+        // Axes that cannot follow together do not follow at all.
+        if target.power == PowerRequest::Off {
+            self.group_stop = false;
+        } else if self.was_enabled && !enabled {
+            self.group_stop = true;
+        }
+        self.was_enabled = enabled;
+        self.power = if self.ending || self.group_stop {
+            PowerRequest::QuickStop
+        } else {
+            target.power
+        };
+        self.target = Some(target);
+    }
+
+    pub(crate) fn outputs(&mut self, axis: usize) -> DriveOutputs {
+        self.axes[axis].outputs(self.target.as_ref(), self.power)
+    }
+
+    /// What the drives have said last.
+    pub(crate) fn feedback(&self, now_ns: u64) -> Option<Feedback> {
+        let target = self.target.as_ref()?;
+        let mut feedback = Feedback {
+            sequence: target.sequence,
+            time_ns: now_ns,
+            phase_error_ns: target.phase_error_ns,
+            axes_mask: self.axes_mask,
+            bridge_state: target.state.number(),
+            note: self.follower.note().number(),
+            fault_reset_done: u32::MAX,
+            missed_setpoints: self.follower.missed(),
+            datum: target.datum,
+            instance: self.instance,
+            absolute_mask: self.absolute_mask,
+            ..Feedback::default()
+        };
+        for drive in &self.axes {
+            let axis = drive.index();
+            feedback.position[axis] = drive.position();
+            feedback.velocity[axis] = drive.velocity();
+            feedback.following_error[axis] = target.position[axis] - drive.position();
+            feedback.torque_ratio[axis] = drive.torque_ratio();
+            feedback.status_word[axis] = u32::from(drive.status_word());
+            let [home, negative, positive] = drive.switches();
+            feedback.home_switch_mask |= u32::from(home) << axis;
+            feedback.negative_limit_mask |= u32::from(negative) << axis;
+            feedback.positive_limit_mask |= u32::from(positive) << axis;
+            if feedback.error_code == 0 {
+                feedback.error_code = u32::from(drive.error_code());
+            }
+            feedback.fault_reset_done = feedback.fault_reset_done.min(drive.resets_done());
+        }
+        Some(feedback)
+    }
+}

@@ -1,0 +1,46 @@
+//! A drive bridge to EtherCAT: CiA 402 drives by cyclic synchronous position.
+//!
+//! ```text
+//!   bus ── Setpoint ──► bus thread ══ queue ══► cycle: Follower ── target ─► Cia402 ──► process data ──► EtherCAT
+//!    ▲                      ▲                                                                            │
+//!    └───── Feedback ───────┴═════ queue ═══════ drives' positions, status words, switches ◄─────────────┘
+//! ```
+//!
+//! [`Network`] is what a network file says: devices with identity, start-up objects, and the axis of each drive with its [`Scale`],
+//! an exact fraction:
+//!
+//! ```
+//! use evolvent_ethercat::Network;
+//!
+//! let network = Network::parse(
+//!     "device = [{ name = \"x\", vendor = 1, product = 2, axis = { letter = \"X\", increments_per_turn = 1048576, turn_mm = 5 } }]",
+//!     "network.toml",
+//! )?;
+//! let axis = network.devices[0].axis.expect("an axis");
+//! assert_eq!(axis.scale.fraction(), (1_048_576, 5));
+//! # Ok::<(), evolvent_config::ConfigError>(())
+//! ```
+//!
+//! [`run`] is the bridge. The MainDevice is `ethercrab`, driven by the thread of the cycle itself: a future is polled until its
+//! frames are back, so a cycle has no other thread to wait for. Whatever ends a session (frames lost, a device gone) stops the
+//! feedback, which for the core is a stop; then the network is brought up again, under a new instance.
+
+mod axis;
+mod drive_set;
+mod fault_text;
+mod network;
+mod pdo;
+mod privileges;
+mod pump;
+mod run;
+mod scale;
+mod session;
+mod socket;
+mod time_driver;
+
+pub use fault_text::fault_text;
+pub use network::{MAX_DEVICES, Network, NetworkAxis, NetworkDevice, NetworkError, Startup, network_schema};
+pub use pdo::PdoError;
+pub use run::{BridgeReport, RunError, RunSettings, run};
+pub use scale::{Scale, ScaleError};
+pub use session::SessionError;

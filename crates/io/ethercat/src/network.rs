@@ -1,0 +1,409 @@
+//! The network file: which devices are on the wire, and which axis each drive turns.
+
+use std::path::Path;
+
+use evolvent_config::{ConfigDocument, ConfigError, read_regular};
+use evolvent_path::AxisLetter;
+use schemars::JsonSchema;
+use serde::Deserialize;
+use thiserror::Error;
+
+use crate::scale::Scale;
+
+/// The largest file that is read, bytes.
+const MAX_FILE_BYTES: u64 = 1 << 20;
+/// Devices that a network may have.
+pub const MAX_DEVICES: usize = 32;
+
+/// Why a network file was refused.
+#[derive(Debug, Error)]
+pub enum NetworkError {
+    /// The file cannot be read.
+    #[error("{file}: cannot read the network file: {source}; check the path and its permissions")]
+    Read {
+        /// The file as given.
+        file: String,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The file is not text.
+    #[error("{file}: not UTF-8 text; save the file as UTF-8")]
+    NotText {
+        /// The file as given.
+        file: String,
+    },
+    /// A key is unknown, missing, or makes no sense.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+}
+
+/// An EtherCAT network: `evolvent bridge ethercat --network FILE`.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(title = "Evolvent EtherCAT network file")]
+pub(crate) struct NetworkFile {
+    /// The network interface that the devices are on.
+    interface: Option<String>,
+    /// Frames in a row that may be lost, or come back short, before the drives are stopped.
+    #[serde(default = "three")]
+    #[schemars(range(min = 1, max = 50))]
+    max_lost_cycles: u32,
+    /// Whether drives take over targets by their distributed clocks (SYNC0); else as frames come.
+    #[serde(default = "yes")]
+    distributed_clocks: bool,
+    /// The devices in their order on the wire.
+    device: Vec<DeviceFile>,
+}
+
+/// One device.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+struct DeviceFile {
+    /// A name for messages.
+    name: String,
+    /// Vendor, as the device names itself.
+    vendor: u32,
+    /// Product code.
+    product: u32,
+    /// Revision; without it any.
+    revision: Option<u32>,
+    /// Objects that are written at start-up, in this order, before process data are mapped.
+    #[serde(default)]
+    startup: Vec<StartupFile>,
+    /// The axis that this device drives; without it the device is a coupler or terminal.
+    axis: Option<AxisFile>,
+}
+
+/// An object to be written.
+#[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+struct StartupFile {
+    /// Index.
+    index: u16,
+    /// Sub-index.
+    #[serde(default)]
+    sub_index: u8,
+    /// Size of the object in bytes: 1, 2 or 4.
+    bytes: u8,
+    /// The number.
+    value: i64,
+}
+
+/// What a drive turns.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+struct AxisFile {
+    /// Letter of the axis in the machine file.
+    letter: String,
+    /// Increments of the drive's position a turn of the motor.
+    #[schemars(range(min = 1))]
+    increments_per_turn: u32,
+    /// Turns of the motor, and turns of the other side of the gear in the same time.
+    #[serde(default = "direct")]
+    gear: [u32; 2],
+    /// What one turn behind the gear moves the axis, in mm; the lead of a screw.
+    turn_mm: Option<f64>,
+    /// The same for a rotary axis, in degrees.
+    turn_deg: Option<f64>,
+    /// The motor turns against the axis.
+    #[serde(default)]
+    inverted: bool,
+    /// Whether the encoder knows its position at power-up.
+    #[serde(default)]
+    absolute: bool,
+    /// The machine coordinate, in mm or degrees, at which the drive's position is zero, until the axis is homed.
+    #[serde(default)]
+    zero: f64,
+    /// Process data are written to the drive as the bridge needs them; else those are taken that it has.
+    #[serde(default = "yes")]
+    map: bool,
+    /// The velocity of the setpoints is handed on as velocity offset (60B1h).
+    #[serde(default)]
+    velocity_offset: bool,
+    /// Inertia of motor and load at the motor, kg m2: their acceleration is handed on as torque offset (60B2h).
+    inertia_kg_m2: Option<f64>,
+    /// Rated torque of the motor, N m; needed with an inertia.
+    rated_torque_n_m: Option<f64>,
+    /// Bit of the digital inputs (60FDh) with the home switch.
+    #[schemars(range(max = 31))]
+    home_switch_bit: Option<u8>,
+    /// Bits 0 and 1 of the digital inputs (60FDh) are limit switches.
+    #[serde(default)]
+    limit_switches: bool,
+}
+
+const fn three() -> u32 {
+    3
+}
+
+const fn yes() -> bool {
+    true
+}
+
+const fn direct() -> [u32; 2] {
+    [1, 1]
+}
+
+/// A network, checked.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Network {
+    /// The network interface.
+    pub interface: Option<String>,
+    /// Frames in a row that may be lost.
+    pub max_lost_cycles: u32,
+    /// Whether SYNC0 is used.
+    pub distributed_clocks: bool,
+    /// The devices in their order.
+    pub devices: Vec<NetworkDevice>,
+}
+
+/// A device, checked.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NetworkDevice {
+    /// For messages.
+    pub name: String,
+    /// Vendor.
+    pub vendor: u32,
+    /// Product code.
+    pub product: u32,
+    /// Revision; none for any.
+    pub revision: Option<u32>,
+    /// Objects that are written at start-up.
+    pub startup: Vec<Startup>,
+    /// What it turns.
+    pub axis: Option<NetworkAxis>,
+}
+
+/// An object to be written, with its bytes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Startup {
+    /// Index.
+    pub index: u16,
+    /// Sub-index.
+    pub sub_index: u8,
+    /// Size: 1, 2 or 4.
+    pub bytes: u8,
+    /// The number as it is written, the lowest bytes of it.
+    pub value: u32,
+}
+
+/// An axis, checked.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NetworkAxis {
+    /// Index into X Y Z A B C U V W.
+    pub axis: usize,
+    /// Increments a unit.
+    pub scale: Scale,
+    /// The motor turns against the axis.
+    pub inverted: bool,
+    /// The encoder knows its position at power-up.
+    pub absolute: bool,
+    /// The machine coordinate of the drive's zero.
+    pub zero: f64,
+    /// Whether process data are written.
+    pub map: bool,
+    /// Whether 60B1h is served.
+    pub velocity_offset: bool,
+    /// Torque offset (60B2h) in thousandths of the rated torque an acceleration of one unit/s2; 0 for none.
+    pub torque_per_acceleration: f64,
+    /// Bit of the home switch in 60FDh.
+    pub home_switch_bit: Option<u8>,
+    /// Whether bits 0 and 1 of 60FDh are limit switches.
+    pub limit_switches: bool,
+}
+
+/// The JSON schema of network files.
+#[must_use]
+pub fn network_schema() -> serde_json::Value {
+    schemars::schema_for!(NetworkFile).to_value()
+}
+
+impl Network {
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// It cannot be read, or what it says makes no sense.
+    pub fn load(path: &Path) -> Result<Self, NetworkError> {
+        let file = path.display().to_string();
+        let bytes = read_regular(path, MAX_FILE_BYTES).map_err(|source| NetworkError::Read {
+            file: file.clone(),
+            source,
+        })?;
+        let text = String::from_utf8(bytes).map_err(|_| NetworkError::NotText { file: file.clone() })?;
+        Ok(Self::parse(&text, &file)?)
+    }
+
+    /// Reads the text of a file; `file` names it in errors.
+    ///
+    /// # Errors
+    /// Text that is not TOML, keys that are unknown, missing or make no sense: with line and column.
+    pub fn parse(text: &str, file: &str) -> Result<Self, ConfigError> {
+        let sheet = ConfigDocument::toml(text, file)?;
+        let read: NetworkFile = sheet.read()?;
+        sheet.number("max_lost_cycles", f64::from(read.max_lost_cycles), 1.0, 50.0)?;
+        if read.device.is_empty() || read.device.len() > MAX_DEVICES {
+            let what = format!("{} devices are no network", read.device.len());
+            return Err(sheet.error(
+                "device",
+                what,
+                format!("list 1 to {MAX_DEVICES}, in their order on the wire"),
+            ));
+        }
+        let mut devices: Vec<NetworkDevice> = Vec::new();
+        for (i, device) in read.device.into_iter().enumerate() {
+            let key = format!("device[{i}]");
+            if devices.iter().any(|other| other.name == device.name) {
+                let what = format!("`{}` is the name of another device, too", device.name);
+                return Err(sheet.error(&format!("{key}.name"), what, "give each its own name"));
+            }
+            let startup = device.startup.iter().enumerate();
+            let startup = startup
+                .map(|(j, entry)| entry.check(&sheet, &format!("{key}.startup[{j}]")))
+                .collect::<Result<_, _>>()?;
+            let axis = match &device.axis {
+                Some(axis) => Some(axis.check(&sheet, &format!("{key}.axis"))?),
+                None => None,
+            };
+            let taken = axis.is_some_and(|axis| {
+                devices
+                    .iter()
+                    .filter_map(|other| other.axis)
+                    .any(|other| other.axis == axis.axis)
+            });
+            if taken {
+                let what = "another device drives this axis".to_owned();
+                return Err(sheet.error(
+                    &format!("{key}.axis.letter"),
+                    what,
+                    "give each drive its own axis",
+                ));
+            }
+            devices.push(NetworkDevice {
+                name: device.name,
+                vendor: device.vendor,
+                product: device.product,
+                revision: device.revision,
+                startup,
+                axis,
+            });
+        }
+        if devices.iter().all(|device| device.axis.is_none()) {
+            return Err(sheet.error(
+                "device",
+                "no device has an axis".to_owned(),
+                "say which axis each drive turns: [device.axis]",
+            ));
+        }
+        Ok(Self {
+            interface: read.interface,
+            max_lost_cycles: read.max_lost_cycles,
+            distributed_clocks: read.distributed_clocks,
+            devices,
+        })
+    }
+
+    /// Bit i set: axis i is driven.
+    #[must_use]
+    pub fn axes_mask(&self) -> u32 {
+        self.devices
+            .iter()
+            .filter_map(|device| device.axis)
+            .fold(0, |mask, axis| mask | 1 << axis.axis)
+    }
+}
+
+impl StartupFile {
+    fn check(&self, sheet: &ConfigDocument<'_>, key: &str) -> Result<Startup, ConfigError> {
+        if !matches!(self.bytes, 1 | 2 | 4) {
+            let what = format!("{} bytes is the size of no number", self.bytes);
+            return Err(sheet.error(&format!("{key}.bytes"), what, "give 1, 2 or 4"));
+        }
+        let bits = u32::from(self.bytes) * 8;
+        let (least, most) = (-(1_i64 << (bits - 1)), (1_i64 << bits) - 1);
+        sheet.number(
+            &format!("{key}.value"),
+            self.value as f64,
+            least as f64,
+            most as f64,
+        )?;
+        Ok(Startup {
+            index: self.index,
+            sub_index: self.sub_index,
+            bytes: self.bytes,
+            value: self.value as u32,
+        })
+    }
+}
+
+impl AxisFile {
+    fn check(&self, sheet: &ConfigDocument<'_>, key: &str) -> Result<NetworkAxis, ConfigError> {
+        let at = |name: &str| format!("{key}.{name}");
+        let mut letters = self.letter.chars();
+        let letter = match (letters.next().and_then(AxisLetter::from_letter), letters.next()) {
+            (Some(letter), None) => letter,
+            _ => {
+                return Err(sheet.error(
+                    &at("letter"),
+                    format!("`{}` is no axis", self.letter),
+                    "give one of X Y Z A B C U V W",
+                ));
+            }
+        };
+        let turn = match (self.turn_mm, self.turn_deg, letter.is_rotary()) {
+            (Some(turn), None, false) | (None, Some(turn), true) => turn,
+            (.., false) => {
+                return Err(sheet.error(
+                    key,
+                    "a linear axis needs turn_mm alone".to_owned(),
+                    "give what one turn moves it, in mm",
+                ));
+            }
+            (.., true) => {
+                return Err(sheet.error(
+                    key,
+                    "a rotary axis needs turn_deg alone".to_owned(),
+                    "give what one turn moves it, in degrees",
+                ));
+            }
+        };
+        let scale = Scale::new(self.increments_per_turn, self.gear, turn).map_err(|error| {
+            sheet.error(
+                key,
+                format!("increments_per_turn, gear and turn make no scale: {error}"),
+                "give the numbers of the drive's encoder and the gear",
+            )
+        })?;
+        sheet.number(&at("zero"), self.zero, -1e6, 1e6)?;
+        let torque_per_acceleration = match (self.inertia_kg_m2, self.rated_torque_n_m) {
+            (None, _) => 0.0,
+            (Some(_), None) => {
+                return Err(sheet.error(
+                    &at("inertia_kg_m2"),
+                    "an inertia needs a rated torque".to_owned(),
+                    "give rated_torque_n_m, too",
+                ));
+            }
+            (Some(inertia), Some(torque)) => {
+                sheet.number(&at("inertia_kg_m2"), inertia, 1e-9, 1e3)?;
+                sheet.number(&at("rated_torque_n_m"), torque, 1e-3, 1e6)?;
+                let turns = scale.per_unit() / f64::from(self.increments_per_turn);
+                1000.0 * inertia / torque * core::f64::consts::TAU * turns
+            }
+        };
+        if let Some(bit) = self.home_switch_bit {
+            sheet.number(&at("home_switch_bit"), f64::from(bit), 0.0, 31.0)?;
+        }
+        Ok(NetworkAxis {
+            axis: letter.index(),
+            scale,
+            inverted: self.inverted,
+            absolute: self.absolute,
+            zero: self.zero,
+            map: self.map,
+            velocity_offset: self.velocity_offset,
+            torque_per_acceleration,
+            home_switch_bit: self.home_switch_bit,
+            limit_switches: self.limit_switches,
+        })
+    }
+}

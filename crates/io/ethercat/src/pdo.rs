@@ -1,0 +1,255 @@
+//! Process data of a drive: which objects the bridge exchanges, and where they lie.
+
+use thiserror::Error;
+
+/// An object in the process data.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Mapped {
+    pub(crate) index: u16,
+    pub(crate) sub_index: u8,
+    pub(crate) bits: u8,
+}
+
+impl Mapped {
+    const fn new(index: u16, bits: u8) -> Self {
+        Self {
+            index,
+            sub_index: 0,
+            bits,
+        }
+    }
+
+    /// As objects 1600h and 1A00h hold it.
+    pub(crate) const fn number(self) -> u32 {
+        (self.index as u32) << 16 | (self.sub_index as u32) << 8 | self.bits as u32
+    }
+
+    pub(crate) const fn from_number(number: u32) -> Self {
+        Self {
+            index: (number >> 16) as u16,
+            sub_index: (number >> 8) as u8,
+            bits: number as u8,
+        }
+    }
+}
+
+/// Control word, mode, target.
+const NEEDED_OUTPUTS: [Mapped; 3] = [
+    Mapped::new(0x6040, 16),
+    Mapped::new(0x6060, 8),
+    Mapped::new(0x607A, 32),
+];
+/// Status word, mode, position.
+const NEEDED_INPUTS: [Mapped; 3] = [
+    Mapped::new(0x6041, 16),
+    Mapped::new(0x6061, 8),
+    Mapped::new(0x6064, 32),
+];
+const VELOCITY_OFFSET: Mapped = Mapped::new(0x60B1, 32);
+const TORQUE_OFFSET: Mapped = Mapped::new(0x60B2, 16);
+const ERROR_CODE: Mapped = Mapped::new(0x603F, 16);
+const DIGITAL_INPUTS: Mapped = Mapped::new(0x60FD, 32);
+const TORQUE: Mapped = Mapped::new(0x6077, 16);
+
+/// What is written as the drive's outputs.
+pub(crate) fn wanted_outputs(velocity_offset: bool, torque_offset: bool) -> Vec<Mapped> {
+    let mut wanted = NEEDED_OUTPUTS.to_vec();
+    wanted.extend(velocity_offset.then_some(VELOCITY_OFFSET));
+    wanted.extend(torque_offset.then_some(TORQUE_OFFSET));
+    wanted
+}
+
+/// What is written as its inputs.
+pub(crate) fn wanted_inputs() -> Vec<Mapped> {
+    let mut wanted = NEEDED_INPUTS.to_vec();
+    wanted.extend([ERROR_CODE, DIGITAL_INPUTS, TORQUE]);
+    wanted
+}
+
+/// Why process data are of no use.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+pub enum PdoError {
+    /// An object is missing.
+    #[error(
+        "object {index:04X}h is not in its process data: let the bridge map them (map = true), or map it by start-up objects"
+    )]
+    Missing {
+        /// Index.
+        index: u16,
+    },
+    /// An object does not begin with a byte, or has an unusual size.
+    #[error(
+        "object {index:04X}h lies in its process data with {bits} bits at bit {at}: the bridge needs whole bytes"
+    )]
+    Unaligned {
+        /// Index.
+        index: u16,
+        /// Its size.
+        bits: u8,
+        /// Its place.
+        at: usize,
+    },
+}
+
+/// First bytes of the objects.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct PdoLayout {
+    control_word: usize,
+    mode: usize,
+    target: usize,
+    velocity_offset: Option<usize>,
+    torque_offset: Option<usize>,
+    status_word: usize,
+    mode_display: usize,
+    position: usize,
+    error_code: Option<usize>,
+    digital_inputs: Option<usize>,
+    torque: Option<usize>,
+}
+
+/// The outputs of one period.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct DriveOutputs {
+    pub(crate) control_word: u16,
+    pub(crate) mode: i8,
+    pub(crate) target: i32,
+    pub(crate) velocity_offset: i32,
+    pub(crate) torque_offset: i16,
+}
+
+/// The inputs of one period.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct DriveInputs {
+    pub(crate) status_word: u16,
+    pub(crate) mode: i8,
+    pub(crate) position: i32,
+    pub(crate) error_code: u16,
+    pub(crate) digital_inputs: u32,
+    /// Thousandths of the rated torque.
+    pub(crate) torque: i16,
+}
+
+fn find(mapped: &[Mapped], wanted: Mapped) -> Result<Option<usize>, PdoError> {
+    let mut bit = 0;
+    for entry in mapped {
+        if (entry.index, entry.sub_index) == (wanted.index, wanted.sub_index) {
+            if entry.bits != wanted.bits || bit % 8 != 0 {
+                return Err(PdoError::Unaligned {
+                    index: entry.index,
+                    bits: entry.bits,
+                    at: bit,
+                });
+            }
+            return Ok(Some(bit / 8));
+        }
+        bit += usize::from(entry.bits);
+    }
+    Ok(None)
+}
+
+fn need(mapped: &[Mapped], wanted: Mapped) -> Result<usize, PdoError> {
+    find(mapped, wanted)?.ok_or(PdoError::Missing { index: wanted.index })
+}
+
+fn put<const N: usize>(image: &mut [u8], at: usize, bytes: [u8; N]) {
+    if let Some(place) = image.get_mut(at..at + N) {
+        place.copy_from_slice(&bytes);
+    }
+}
+
+fn get<const N: usize>(image: &[u8], at: usize) -> [u8; N] {
+    let mut bytes = [0; N];
+    if let Some(place) = image.get(at..at + N) {
+        bytes.copy_from_slice(place);
+    }
+    bytes
+}
+
+impl PdoLayout {
+    /// Finds the objects in what a drive has mapped.
+    pub(crate) fn new(
+        outputs: &[Mapped],
+        inputs: &[Mapped],
+        offsets: (bool, bool),
+    ) -> Result<Self, PdoError> {
+        let [control_word, mode, target] = NEEDED_OUTPUTS;
+        let [status_word, mode_display, position] = NEEDED_INPUTS;
+        let offset = |wanted: bool, object| {
+            if wanted {
+                need(outputs, object).map(Some)
+            } else {
+                find(outputs, object)
+            }
+        };
+        Ok(Self {
+            control_word: need(outputs, control_word)?,
+            mode: need(outputs, mode)?,
+            target: need(outputs, target)?,
+            velocity_offset: offset(offsets.0, VELOCITY_OFFSET)?,
+            torque_offset: offset(offsets.1, TORQUE_OFFSET)?,
+            status_word: need(inputs, status_word)?,
+            mode_display: need(inputs, mode_display)?,
+            position: need(inputs, position)?,
+            error_code: find(inputs, ERROR_CODE)?,
+            digital_inputs: find(inputs, DIGITAL_INPUTS)?,
+            torque: find(inputs, TORQUE)?,
+        })
+    }
+
+    pub(crate) fn write(&self, outputs: &DriveOutputs, image: &mut [u8]) {
+        put(image, self.control_word, outputs.control_word.to_le_bytes());
+        put(image, self.mode, outputs.mode.to_le_bytes());
+        put(image, self.target, outputs.target.to_le_bytes());
+        if let Some(at) = self.velocity_offset {
+            put(image, at, outputs.velocity_offset.to_le_bytes());
+        }
+        if let Some(at) = self.torque_offset {
+            put(image, at, outputs.torque_offset.to_le_bytes());
+        }
+    }
+
+    pub(crate) fn read(&self, image: &[u8]) -> DriveInputs {
+        DriveInputs {
+            status_word: u16::from_le_bytes(get(image, self.status_word)),
+            mode: i8::from_le_bytes(get(image, self.mode_display)),
+            position: i32::from_le_bytes(get(image, self.position)),
+            error_code: self.error_code.map_or(0, |at| u16::from_le_bytes(get(image, at))),
+            digital_inputs: self
+                .digital_inputs
+                .map_or(0, |at| u32::from_le_bytes(get(image, at))),
+            torque: self.torque.map_or(0, |at| i16::from_le_bytes(get(image, at))),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn objects_are_found_behind_gaps_and_missing_ones_are_named() {
+        let gap = Mapped::from_number(0x0000_0008);
+        let mut outputs = vec![gap];
+        outputs.extend(wanted_outputs(true, false));
+        let layout = PdoLayout::new(&outputs, &wanted_inputs(), (true, false)).expect("complete");
+        let mut image = [0_u8; 12];
+        let written = DriveOutputs {
+            control_word: 0x0F,
+            mode: 8,
+            target: -2,
+            velocity_offset: 7,
+            torque_offset: 9,
+        };
+        layout.write(&written, &mut image);
+        assert_eq!(image, [0, 0x0F, 0, 8, 0xFE, 0xFF, 0xFF, 0xFF, 7, 0, 0, 0]);
+        assert_eq!(
+            PdoLayout::new(&outputs, &wanted_inputs(), (true, true)),
+            Err(PdoError::Missing { index: 0x60B2 })
+        );
+        outputs[0].bits = 3;
+        assert!(matches!(
+            PdoLayout::new(&outputs, &wanted_inputs(), (false, false)),
+            Err(PdoError::Unaligned { index: 0x6040, .. })
+        ));
+    }
+}

@@ -1,0 +1,63 @@
+//! Drives the futures of the MainDevice on the calling thread: polls, sends what they have to send, hands them what comes back.
+
+use core::future::Future;
+use core::pin::pin;
+use core::task::{Context, Poll, Waker};
+
+use ethercrab::error::Error;
+use ethercrab::{PduRx, PduTx};
+
+use crate::socket::PacketSocket;
+use crate::time_driver::{forget_timers, monotonic_ns, next_timer_ns};
+
+/// Longest wait for a frame, ns: timers are looked at in between.
+const PATIENCE_NS: u64 = 1_000_000;
+
+/// One end of the wire. It allocates nothing.
+pub(crate) struct Pump<'s> {
+    tx: PduTx<'s>,
+    rx: PduRx<'s>,
+    socket: &'s PacketSocket,
+    buffer: [u8; 1600],
+}
+
+impl<'s> Pump<'s> {
+    pub(crate) const fn new(tx: PduTx<'s>, rx: PduRx<'s>, socket: &'s PacketSocket) -> Self {
+        Self {
+            tx,
+            rx,
+            socket,
+            buffer: [0; 1600],
+        }
+    }
+
+    /// Runs a future to its end, but not beyond `until_ns`: then it is dropped, and what it waited for is lost.
+    pub(crate) fn complete<T>(&mut self, until_ns: u64, future: impl Future<Output = T>) -> Option<T> {
+        let mut future = pin!(future);
+        let mut context = Context::from_waker(Waker::noop());
+        loop {
+            forget_timers();
+            if let Poll::Ready(value) = future.as_mut().poll(&mut context) {
+                return Some(value);
+            }
+            while let Some(frame) = self.tx.next_sendable_frame() {
+                // What finds no room is lost, as on any wire; the future runs into its timeout.
+                let _lost =
+                    frame.send_blocking(|bytes| self.socket.send(bytes).map_err(|_| Error::SendFrame));
+            }
+            let now_ns = monotonic_ns();
+            if now_ns >= until_ns {
+                return None;
+            }
+            let wait_ns = next_timer_ns()
+                .min(until_ns)
+                .saturating_sub(now_ns)
+                .min(PATIENCE_NS);
+            self.socket.wait(wait_ns);
+            while let Some(frame) = self.socket.receive(&mut self.buffer) {
+                // Late frames, of futures that are gone, and other traffic.
+                let _unknown = self.rx.receive_frame(frame);
+            }
+        }
+    }
+}
