@@ -1,0 +1,109 @@
+//! The bridge on the simulated ring, over real sockets: what every bridge must do.
+//!
+//! Needs the right to make a network namespace.
+
+#![expect(clippy::expect_used, clippy::print_stdout, reason = "a test")]
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+
+use evolvent_bridge_test::{BridgeUnderTest, CASES, Stage, StartError, run_case};
+use evolvent_ethercat::{Network, RunSettings, run};
+use evolvent_ethercat_ring::{DriveSettings, MAIN_INTERFACE, SubDevice, TerminalKind, on_bench};
+use evolvent_machine::Machine;
+
+const NETWORK: &str = include_str!("../../../../config/networks/sim-mill.toml");
+
+fn devices() -> Vec<SubDevice> {
+    let mut devices = vec![SubDevice::terminal(TerminalKind::Coupler, 1)];
+    for serial in 2..5 {
+        devices.push(SubDevice::drive(
+            DriveSettings::default(),
+            serial,
+            15.0 * f64::from(serial),
+        ));
+    }
+    devices.push(SubDevice::terminal(TerminalKind::DigitalInput, 5));
+    devices
+}
+
+/// The bridge on a thread of this process.
+struct EthercatBridge {
+    machine: Machine,
+    running: Option<(Arc<AtomicBool>, JoinHandle<()>)>,
+}
+
+impl BridgeUnderTest for EthercatBridge {
+    fn start(&mut self, machine_name: &str, prefix: &str) -> Result<(), StartError> {
+        self.end();
+        let settings = RunSettings {
+            machine: self.machine.clone(),
+            machine_name: Some(machine_name.to_owned()),
+            network: Network::parse(NETWORK, "sim-mill.toml").expect("a network"),
+            interface: MAIN_INTERFACE.to_owned(),
+            prefix: Some(prefix.to_owned()),
+            duration: None,
+        };
+        let stop = Arc::new(AtomicBool::new(false));
+        let flag = Arc::clone(&stop);
+        let thread = std::thread::spawn(move || {
+            let report = run(&settings, &flag, |text| println!("{text}"));
+            println!("{report:?}");
+        });
+        self.running = Some((stop, thread));
+        Ok(())
+    }
+
+    fn end(&mut self) {
+        if let Some((stop, thread)) = self.running.take() {
+            stop.store(true, Ordering::Relaxed);
+            thread.join().expect("no panic");
+        }
+    }
+
+    fn kill(&mut self) {
+        self.end();
+    }
+
+    fn can_be_killed(&self) -> bool {
+        false
+    }
+
+    fn is_running(&mut self) -> bool {
+        self.running
+            .as_ref()
+            .is_some_and(|(_, thread)| !thread.is_finished())
+    }
+}
+
+#[test]
+fn it_does_what_every_bridge_must() {
+    let wanted = std::env::var("EVOLVENT_CASE").ok();
+    on_bench(devices(), move |_ring| {
+        let text = evolvent_file_tests::shipped("machines/mill-3axis.toml");
+        let mut bridge = EthercatBridge {
+            machine: Machine::parse(&text, "mill-3axis.toml").expect("a machine"),
+            running: None,
+        };
+        let mut failures = Vec::new();
+        for case in CASES
+            .iter()
+            .filter(|case| wanted.as_ref().is_none_or(|wanted| case.name == wanted))
+        {
+            let mut stage = Stage {
+                bridge: &mut bridge,
+                machine_name: "bridge-test".to_owned(),
+                prefix: format!("ecbt{}_", std::process::id()),
+                core_program: None,
+                seed: 1,
+                moments: 2,
+            };
+            let result = run_case(case, &mut stage);
+            println!("{}: {result:?}", case.name);
+            failures.extend(result.err().map(|error| format!("{}: {error}", case.name)));
+            bridge.end();
+        }
+        assert!(failures.is_empty(), "{failures:#?}");
+    });
+}
