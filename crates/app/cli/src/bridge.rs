@@ -1,4 +1,4 @@
-//! `evolvent bridge`: simulated drives, and a test for drive bridges.
+//! `evolvent bridge`: simulated drives, EtherCAT drives, and a test for drive bridges.
 
 use std::io::{self, Write};
 use std::path::PathBuf;
@@ -17,6 +17,7 @@ use evolvent_turning::{Job as TurningJob, SimulatedProcess};
 use serde_json::{Value, json};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
+use crate::bridge_ethercat as ethercat;
 use crate::{CommandError, Ending};
 
 /// Options of `evolvent bridge`.
@@ -30,6 +31,8 @@ pub(crate) struct BridgeArgs {
 enum BridgeCommand {
     /// Simulated drives: they follow the setpoints of a core, answer, and fail on demand.
     Sim(SimArgs),
+    /// EtherCAT drives (CiA 402, cyclic synchronous position) as the axes of a machine.
+    Ethercat(ethercat::EthercatArgs),
     /// Hold a drive bridge to what every bridge must do.
     ///
     /// The command after `--` starts the bridge; `{name}` and `{prefix}` in it stand for the machine's name and the bus's
@@ -133,6 +136,7 @@ pub(crate) fn run(
 ) -> Result<Ending, CommandError> {
     match &args.command {
         BridgeCommand::Sim(args) => sim(args, out, err),
+        BridgeCommand::Ethercat(args) => ethercat::run(args, out, err),
         BridgeCommand::Test(args) => test(args, out, err),
         BridgeCommand::Core(args) => run_core(&args.machine_name, &args.bus_prefix, args.seconds)
             .map(|()| Ending::Clean)

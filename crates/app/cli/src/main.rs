@@ -4,6 +4,7 @@ mod adaptive;
 mod bore;
 mod bore_report;
 mod bridge;
+mod bridge_ethercat;
 mod chatter;
 mod check;
 mod completions;
@@ -79,7 +80,7 @@ enum Command {
     Doctor(doctor::DoctorArgs),
     /// Write a machine file from the configuration of another control.
     Import(import::ImportArgs),
-    /// Simulated drives, and a test for drive bridges.
+    /// Drive bridges: EtherCAT, simulated drives, and a test for bridges.
     Bridge(bridge::BridgeArgs),
     /// Turn a step in passes that find themselves from the cutting load, on a simulated workpiece.
     Turn(turn::TurnArgs),

@@ -28,6 +28,7 @@
 mod axis;
 mod drive_set;
 mod fault_text;
+mod fit;
 mod network;
 mod pdo;
 mod privileges;
@@ -39,6 +40,7 @@ mod socket;
 mod time_driver;
 
 pub use fault_text::fault_text;
+pub use fit::{FitError, check_fit};
 pub use network::{MAX_DEVICES, Network, NetworkAxis, NetworkDevice, NetworkError, Startup, network_schema};
 pub use pdo::PdoError;
 pub use run::{BridgeReport, RunError, RunSettings, run};

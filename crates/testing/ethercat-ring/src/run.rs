@@ -14,6 +14,9 @@ use crate::socket::PacketSocket;
 /// Longest wait for a frame: devices go on without.
 const PATIENCE_NS: u64 = 1_000_000;
 
+/// Above any thread of a MainDevice.
+const PRIORITY: i32 = 90;
+
 /// CLOCK_MONOTONIC in ns: the simulator's time.
 #[must_use]
 pub fn monotonic_ns() -> u64 {
@@ -21,11 +24,21 @@ pub fn monotonic_ns() -> u64 {
     now.tv_sec.unsigned_abs() * 1_000_000_000 + now.tv_nsec.unsigned_abs()
 }
 
+/// Real devices answer whatever the host is busy with: `SCHED_FIFO` for the calling thread, where the system lets it.
+fn raise_priority() {
+    let parameters = libc::sched_param {
+        sched_priority: PRIORITY,
+    };
+    // SAFETY: the parameters live through the call; 0 is the calling thread.
+    let _normal = unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO, &raw const parameters) };
+}
+
 /// Answers frames until `stop` is set. The ring is locked for each frame only, so that others may look at it or break it.
 ///
 /// # Errors
 /// The interface is gone.
 pub fn run(ring: &Mutex<Ring>, socket: &PacketSocket, stop: &AtomicBool) -> io::Result<()> {
+    raise_priority();
     let mut waiting: VecDeque<Returned> = VecDeque::new();
     let mut last_ns = monotonic_ns();
     while !stop.load(Ordering::Relaxed) {

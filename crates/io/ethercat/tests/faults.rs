@@ -1,0 +1,374 @@
+//! Faults of the network and of drives, on the simulated ring over real sockets: what the core is told, and what drives do.
+//!
+//! Needs the right to make a network namespace.
+
+#![expect(clippy::expect_used, clippy::print_stdout, reason = "a test")]
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+use evolvent_bus::{BusConfig, CoreBus, Feedback, Setpoint, remove_private_domain};
+use evolvent_drive::{DriveState, PowerRequest};
+use evolvent_ethercat::{BridgeReport, Network, RunSettings, run};
+use evolvent_ethercat_ring::{
+    DriveSettings, FaultKind, MAIN_INTERFACE, SharedRing, SubDevice, TerminalKind, monotonic_ns, on_bench,
+};
+use evolvent_machine::Machine;
+
+const PERIOD_NS: u64 = 2_000_000;
+const LEAD: u64 = 50;
+
+/// A core that stands, or moves X evenly.
+struct Core {
+    bus: CoreBus,
+    sequence: u64,
+    next_ns: u64,
+    position: [f64; 9],
+    velocity_x: f64,
+    power: PowerRequest,
+    fault_reset: u32,
+    heard: Option<(Instant, Feedback)>,
+}
+
+impl Core {
+    fn open(prefix: &str) -> Self {
+        let mut config = BusConfig::new("ethercat-faults", "XYZ", PERIOD_NS);
+        config.prefix = Some(prefix.to_owned());
+        Self {
+            bus: CoreBus::open(&config).expect("a bus"),
+            sequence: 0,
+            next_ns: monotonic_ns(),
+            position: [0.0; 9],
+            velocity_x: 0.0,
+            power: PowerRequest::Off,
+            fault_reset: 0,
+            heard: None,
+        }
+    }
+
+    fn cycle(&mut self) {
+        self.position[0] += self.velocity_x * PERIOD_NS as f64 * 1e-9;
+        let mut setpoint = Setpoint {
+            sequence: self.sequence,
+            due_time_ns: self.next_ns + LEAD * PERIOD_NS,
+            period_ns: PERIOD_NS,
+            position: self.position,
+            axes_mask: 0b111,
+            state: 1,
+            override_ratio: 1.0,
+            power_request: self.power.number(),
+            fault_reset: self.fault_reset,
+            ..Setpoint::default()
+        };
+        setpoint.velocity[0] = self.velocity_x;
+        self.sequence += 1;
+        let _reached = self.bus.publish_setpoint(&setpoint);
+        self.next_ns = (self.next_ns + PERIOD_NS).max(monotonic_ns().saturating_sub(LEAD * PERIOD_NS / 2));
+        std::thread::sleep(Duration::from_nanos(self.next_ns.saturating_sub(monotonic_ns())));
+        self.bus.admit_readers();
+        while let Ok(Some(feedback)) = self.bus.unchecked_feedback() {
+            self.heard = Some((Instant::now(), feedback));
+        }
+    }
+
+    /// Cycles until fresh feedback shows something; how long that took.
+    fn until(&mut self, what: &str, mut seen: impl FnMut(&Feedback) -> bool) -> (Duration, Feedback) {
+        let begin = Instant::now();
+        loop {
+            self.cycle();
+            if let Some((_, feedback)) = self
+                .heard
+                .filter(|(at, feedback)| at.elapsed() < Duration::from_millis(100) && seen(feedback))
+            {
+                return (begin.elapsed(), feedback);
+            }
+            assert!(
+                begin.elapsed() < Duration::from_secs(30),
+                "{what}: not within 30 s; {:?}",
+                self.heard
+            );
+        }
+    }
+
+    /// Where the axes stand, with power.
+    fn bring_up(&mut self) -> Feedback {
+        (self.power, self.velocity_x) = (PowerRequest::Off, 0.0);
+        let (_, here) = self.until("feedback with the drives off", |feedback| {
+            states(feedback)
+                .iter()
+                .all(|state| *state == Some(DriveState::SwitchOnDisabled))
+        });
+        self.position = here.position;
+        for _ in 0..2 * LEAD {
+            self.cycle();
+        }
+        self.power = PowerRequest::On;
+        self.until("operation", |feedback| {
+            states(feedback) == [Some(DriveState::OperationEnabled); 3] && feedback.bridge_state == 1
+        })
+        .1
+    }
+}
+
+fn states(feedback: &Feedback) -> [Option<DriveState>; 3] {
+    core::array::from_fn(|axis| DriveState::decode(feedback.status_word[axis] as u16))
+}
+
+fn devices() -> Vec<SubDevice> {
+    let mut devices = vec![SubDevice::terminal(TerminalKind::Coupler, 1)];
+    devices.extend(
+        (2..5).map(|serial| SubDevice::drive(DriveSettings::default(), serial, 10.0 * f64::from(serial))),
+    );
+    devices.push(SubDevice::terminal(TerminalKind::DigitalInput, 5));
+    devices
+}
+
+/// Runs the bridge, with what it tells, around a test.
+fn with_bridge(
+    edit: impl FnOnce(&mut Network),
+    ring: &SharedRing,
+    test: impl FnOnce(&mut Core, &SharedRing, &Mutex<Vec<String>>),
+) -> BridgeReport {
+    static NUMBER: std::sync::atomic::AtomicU32 = std::sync::atomic::AtomicU32::new(0);
+    let number = NUMBER.fetch_add(1, Ordering::Relaxed);
+    let prefix = format!("ecft{}-{number}_", std::process::id());
+    let mut network = Network::parse(
+        &evolvent_file_tests::shipped("networks/sim-mill.toml"),
+        "sim-mill.toml",
+    )
+    .expect("a network");
+    network.max_lost_cycles = 20;
+    edit(&mut network);
+    let settings = RunSettings {
+        machine: Machine::parse(
+            &evolvent_file_tests::shipped("machines/mill-3axis.toml"),
+            "mill.toml",
+        )
+        .expect("a machine"),
+        machine_name: Some("ethercat-faults".to_owned()),
+        network,
+        interface: MAIN_INTERFACE.to_owned(),
+        prefix: Some(prefix.clone()),
+        duration: None,
+    };
+    let (stop, told) = (Arc::new(AtomicBool::new(false)), Arc::new(Mutex::new(Vec::new())));
+    let bridge = std::thread::spawn({
+        let (stop, told) = (Arc::clone(&stop), Arc::clone(&told));
+        move || {
+            run(&settings, &stop, |text| {
+                told.lock().expect("no panic").push(text.to_owned())
+            })
+        }
+    });
+    let mut core = Core::open(&prefix);
+    let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| test(&mut core, ring, &told)));
+    stop.store(true, Ordering::Relaxed);
+    let report = bridge.join().expect("no panic");
+    drop(core);
+    let _swept = remove_private_domain(&prefix);
+    println!("{told:#?} {report:?}");
+    if let Err(panic) = result {
+        std::panic::resume_unwind(panic);
+    }
+    report.expect("a bridge that fits")
+}
+
+fn begin(ring: &SharedRing, kind: FaultKind, device: usize, duration_ns: Option<u64>) {
+    ring.lock()
+        .expect("no panic")
+        .begin_fault(monotonic_ns(), kind, device, duration_ns);
+}
+
+fn speeds(ring: &SharedRing) -> Vec<f64> {
+    let ring = ring.lock().expect("no panic");
+    ring.devices()
+        .iter()
+        .filter_map(|device| device.as_drive())
+        .map(|drive| drive.speed_turns_s().abs())
+        .collect()
+}
+
+fn was_told(told: &Mutex<Vec<String>>, what: &str) -> bool {
+    told.lock()
+        .expect("no panic")
+        .iter()
+        .any(|text| text.contains(what))
+}
+
+/// An axis goes where the setpoints say, with the scale of its gear, and against its motor where that is inverted.
+#[test]
+fn a_drive_follows_its_axis() {
+    on_bench(devices(), |ring| {
+        let report = with_bridge(
+            |_| {},
+            ring,
+            |core, ring, told| {
+                let start = core.bring_up();
+                assert!(start.position.iter().all(|position| position.abs() < 1e-3));
+                core.velocity_x = 20.0;
+                for _ in 0..250 {
+                    core.cycle();
+                }
+                core.velocity_x = 0.0;
+                let goal = core.position[0];
+                let (_, end) = core.until("the goal", |feedback| {
+                    (feedback.position[0] - goal).abs() < 1e-3 && feedback.velocity[0].abs() < 0.5
+                });
+                assert!(end.missed_setpoints < 20, "{end:?}");
+                let turns = ring.lock().expect("no panic").devices()[1]
+                    .as_drive()
+                    .expect("a drive")
+                    .motor_turns();
+                assert!(
+                    (turns * 5.0 - goal).abs() < 2e-3,
+                    "{turns} turns of 5 mm for {goal} mm"
+                );
+                assert!(was_told(told, "all devices are in OP"));
+            },
+        );
+        assert!(report.cycles > 200 && report.sessions == 1, "{report:?}");
+    });
+}
+
+#[test]
+fn a_fault_of_one_drive_stops_the_others_and_is_told_with_its_code() {
+    on_bench(devices(), |ring| {
+        with_bridge(
+            |_| {},
+            ring,
+            |core, ring, told| {
+                core.bring_up();
+                core.velocity_x = 20.0;
+                for _ in 0..100 {
+                    core.cycle();
+                }
+                begin(ring, FaultKind::Temperature, 2, Some(50_000_000));
+                let (after, feedback) = core.until("the fault", |feedback| feedback.error_code != 0);
+                assert_eq!(feedback.error_code, 0x4310);
+                println!("told after {after:?}");
+                core.until("all drives stopped", |feedback| {
+                    states(feedback)
+                        .iter()
+                        .all(|state| *state != Some(DriveState::OperationEnabled))
+                });
+                let (_, _) = core.until("rest", |_| speeds(ring).iter().all(|speed| *speed < 0.02));
+                assert!(was_told(told, "drive of Y: fault 4310h: temperature"), "{told:?}");
+                // Reset, and on again.
+                core.power = PowerRequest::Off;
+                core.fault_reset += 1;
+                let reset = core.fault_reset;
+                core.until("the reset", |feedback| {
+                    feedback.fault_reset_done == reset && feedback.error_code == 0
+                });
+                core.bring_up();
+            },
+        );
+    });
+}
+
+#[test]
+fn a_device_without_supply_is_named_and_comes_back() {
+    on_bench(devices(), |ring| {
+        let report = with_bridge(
+            |_| {},
+            ring,
+            |core, ring, told| {
+                let before = core.bring_up();
+                begin(ring, FaultKind::Gone, 3, Some(3_000_000_000));
+                let (_, feedback) = core.until("the loss", |feedback| feedback.error_code == 0x7500);
+                assert_eq!(states(&feedback)[2], Some(DriveState::Fault));
+                core.until("the others stopped", |_| {
+                    let ring = ring.lock().expect("no panic");
+                    ring.devices()
+                        .iter()
+                        .filter_map(|device| device.as_drive())
+                        .all(|drive| drive.state() != DriveState::OperationEnabled)
+                });
+                assert!(was_told(told, "`z-drive` does not answer"), "{told:?}");
+                core.power = PowerRequest::Off;
+                core.until("the network again", |feedback| {
+                    feedback.instance != before.instance
+                });
+                core.fault_reset += 1;
+                core.bring_up();
+            },
+        );
+        assert!(report.sessions >= 2, "{report:?}");
+    });
+}
+
+#[test]
+fn frames_that_are_lost_stop_the_feedback_and_the_drives_stop_themselves() {
+    on_bench(devices(), |ring| {
+        with_bridge(
+            |_| {},
+            ring,
+            |core, ring, told| {
+                core.bring_up();
+                core.velocity_x = 20.0;
+                for _ in 0..100 {
+                    core.cycle();
+                }
+                begin(ring, FaultKind::Loss, 0, Some(1_000_000_000));
+                let lost = Instant::now();
+                while core
+                    .heard
+                    .is_some_and(|(at, _)| at.elapsed() < Duration::from_millis(300))
+                {
+                    core.cycle();
+                    assert!(lost.elapsed() < Duration::from_secs(5), "feedback goes on");
+                }
+                assert!(
+                    speeds(ring).iter().all(|speed| *speed < 0.02),
+                    "drives stop by their watchdog"
+                );
+                core.power = PowerRequest::Off;
+                core.velocity_x = 0.0;
+                core.until("the network again", |_| true);
+                core.fault_reset += 1;
+                core.bring_up();
+                assert!(was_told(told, "did not come back"), "{told:?}");
+            },
+        );
+    });
+}
+
+#[test]
+fn a_network_that_is_not_the_one_of_the_file_is_told_in_plain_words() {
+    type Edit = fn(&mut Network);
+    let cases: [(Edit, &str); 5] = [
+        (
+            |network| network.devices[1].product = 7,
+            "device 2 (`x-drive`): product is 0x402 on the wire and 0x7 in the network file",
+        ),
+        (
+            |network| network.devices[1].revision = Some(3),
+            "revision is 0x10000",
+        ),
+        (
+            |network| drop(network.devices.pop()),
+            "5 devices are on the wire, the network file lists 4",
+        ),
+        (
+            |network| network.devices[1].startup[0].index = 0x5555,
+            "`x-drive`: object 5555h:0 cannot be written: the device refuses it",
+        ),
+        (
+            |network| network.devices[1].startup[0].bytes = 2,
+            "object 6065h:0 cannot be written",
+        ),
+    ];
+    on_bench(devices(), move |ring| {
+        for (edit, expected) in cases {
+            with_bridge(edit, ring, |core, _, told| {
+                let begin = Instant::now();
+                while !was_told(told, expected) {
+                    core.cycle();
+                    assert!(begin.elapsed() < Duration::from_secs(15), "{expected}: {told:#?}");
+                }
+                assert!(core.heard.is_none(), "no feedback without a network");
+            });
+        }
+    });
+}
