@@ -1,9 +1,12 @@
 //! One drive and its axis: increments of the drive, coordinates of the machine.
 
-use evolvent_drive::{Cia402, DriveState, PowerRequest, Target, bits};
+use evolvent_drive::{Cia402, DriveState, PowerRequest, Target, bits, control};
 
 use crate::network::NetworkAxis;
 use crate::pdo::{DriveInputs, DriveOutputs};
+
+/// For how many periods the bit of a fault reset is held: a drive may miss a single one between two frames.
+const RESET_PERIODS: u32 = 5;
 
 /// A drive as the bridge sees it. May be called by the cycle.
 #[derive(Clone, Copy, Debug)]
@@ -18,6 +21,8 @@ pub(crate) struct DriveAxis {
     offset: f64,
     velocity: f64,
     is_lost: bool,
+    /// Periods for which a fault reset is still held.
+    reset_periods: u32,
 }
 
 impl DriveAxis {
@@ -38,6 +43,7 @@ impl DriveAxis {
             offset: settings.zero,
             velocity: 0.0,
             is_lost: false,
+            reset_periods: 0,
         }
     }
 
@@ -102,8 +108,17 @@ impl DriveAxis {
         // Resets that were asked for before this drive was there are over.
         let controller = self.controller.get_or_insert(Cia402::new(fault_reset));
         let order = controller.step(self.inputs.status_word, power, fault_reset, setpoint, 0.0);
+        if order.control_word == control::FAULT_RESET {
+            self.reset_periods = RESET_PERIODS;
+        }
+        let holds_reset = self.reset_periods > 0 && self.state() == Some(DriveState::Fault);
+        self.reset_periods = self.reset_periods.saturating_sub(1);
         let mut outputs = DriveOutputs {
-            control_word: order.control_word,
+            control_word: if holds_reset {
+                control::FAULT_RESET
+            } else {
+                order.control_word
+            },
             mode: order.mode_of_operation,
             target: self.inputs.position,
             ..DriveOutputs::default()

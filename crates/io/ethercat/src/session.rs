@@ -609,6 +609,11 @@ impl<'m> Cycle<'_, 'm> {
         }
     }
 
+    /// Bit i set: there is a device i.
+    fn all(&self) -> u32 {
+        u32::MAX >> (32 - self.network.devices.len() as u32)
+    }
+
     /// The working counter of a frame that reaches every device: 2 for outputs, 1 for inputs.
     fn count(&self) -> Result<u16, SessionError> {
         let mut expected = 0;
@@ -667,28 +672,33 @@ impl<'m> Cycle<'_, 'm> {
             }
         };
         self.lost = 0;
+        let all = self.all();
+        let is_whole = exchanged.working_counter == self.expected;
         for (axis, (device, _)) in axes.enumerate() {
             let layout = self.layouts[axis];
             let inputs = self
                 .devices
                 .with_image(self.main, device, |_, image| layout.read(image))
                 .map_err(internal)?;
-            if exchanged.working_counter == self.expected {
+            // Where a device is missing the inputs of the others are good; where none is, nobody knows whose are not.
+            let is_known = exchanged.operational & all != all && exchanged.operational >> device & 1 == 1;
+            if is_whole || is_known {
                 self.drives.take(axis, inputs);
             }
         }
-        self.judge(&exchanged, ends)?;
+        let judged = self.judge(&exchanged, ends);
         if self.operational {
             // What finds no room is replaced by the next.
             if let Some(feedback) = self.drives.feedback(monotonic_ns()) {
                 let _full = ends.feedback.push(feedback);
             }
         }
+        judged?;
         Ok(exchanged.time_ns.map_or(0, |time_ns| self.correction_ns(time_ns)))
     }
 
     fn judge(&mut self, exchanged: &Exchanged, ends: &mut Ends<'_>) -> Result<(), SessionError> {
-        let all = u32::MAX >> (32 - self.network.devices.len() as u32);
+        let all = self.all();
         let is_whole = exchanged.operational & all == all && exchanged.working_counter == self.expected;
         if is_whole {
             self.short = 0;

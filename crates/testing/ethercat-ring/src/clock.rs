@@ -24,6 +24,8 @@ pub(crate) struct Clock {
     compared_at_ns: Option<u64>,
     /// System time of the next SYNC0, where it is on.
     next_sync_ns: Option<u64>,
+    /// SYNC0 has come since it was switched on.
+    has_pulsed: bool,
     cycle_ns: u64,
 }
 
@@ -42,6 +44,7 @@ impl Clock {
             mean_difference_ns: 0.0,
             compared_at_ns: None,
             next_sync_ns: None,
+            has_pulsed: false,
             cycle_ns: 0,
         }
     }
@@ -104,10 +107,16 @@ impl Clock {
         let ahead_ns = start_ns.wrapping_sub(self.system(now_ns)) as i64;
         self.next_sync_ns = (cycle_ns > 0 && ahead_ns > 0).then_some(start_ns);
         self.cycle_ns = u64::from(cycle_ns);
+        self.has_pulsed = false;
     }
 
     pub(crate) fn stop_sync(&mut self) {
         self.next_sync_ns = None;
+    }
+
+    /// Whether SYNC0 has come.
+    pub(crate) const fn has_pulsed(&self) -> bool {
+        self.has_pulsed
     }
 
     /// Whether SYNC0 comes, or will.
@@ -126,6 +135,7 @@ impl Clock {
         if since_ns as i64 <= 0 {
             return None;
         }
+        self.has_pulsed = true;
         let behind = since_ns / self.cycle_ns.max(1);
         let skipped = behind.saturating_sub(MAX_PULSES);
         self.next_sync_ns = Some(next_ns.wrapping_add((skipped + 1) * self.cycle_ns));

@@ -371,6 +371,11 @@ impl Drive {
         self.stride = (away / steps, steps as u32);
     }
 
+    /// The fieldbus is not in OP: what it ordered is void.
+    pub(crate) const fn forget_orders(&mut self) {
+        self.orders.control_word = 0;
+    }
+
     /// One step of the control. `operational`: the fieldbus is in OP.
     pub(crate) fn step(&mut self, objects: &Dictionary, operational: bool) {
         self.steps = self.steps.saturating_add(1);

@@ -329,7 +329,7 @@ impl SubDevice {
                     .map(Clock::sync_cycle_ns);
                 drive.take_outputs(&self.objects, cycle_ns);
             }
-            Device::Drive(_) => {}
+            Device::Drive(drive) => drive.forget_orders(),
             Device::Terminal(terminal) => terminal.take_outputs(&self.objects, operational),
         }
     }
@@ -426,7 +426,9 @@ impl SubDevice {
                 if self.controller.wants_sync() && !has_sync {
                     return Check::Wrong(status_code::NO_SYNC);
                 }
-                if self.outputs.bytes() > 0 && !self.controller.was_fed() {
+                let awaits_sync = self.controller.wants_sync()
+                    && !self.controller.clock.as_ref().is_some_and(Clock::has_pulsed);
+                if awaits_sync || self.outputs.bytes() > 0 && !self.controller.was_fed() {
                     return Check::Wait;
                 }
                 Check::Fine
