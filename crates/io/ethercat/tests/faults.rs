@@ -157,7 +157,7 @@ fn with_bridge(
         let (stop, told) = (Arc::clone(&stop), Arc::clone(&told));
         move || {
             run(&settings, &stop, |text| {
-                told.lock().expect("no panic").push(text.to_owned())
+                told.lock().expect("no panic").push(text.to_owned());
             })
         }
     });
