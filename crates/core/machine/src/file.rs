@@ -15,6 +15,7 @@ use crate::machine::{
     ControlRate, CycleRecording, FeedbackWish, Kinematics, MAX_RATE_HZ, MIN_RATE_HZ, MachineKind, OnFull,
     PathMode, PlannerKind, ToolChange, TurningWords, WithoutToolTable,
 };
+use crate::signals::{EstopFile, InputFile, OutputFile, SignalsFile, SpindleFile};
 
 /// A machine as Evolvent controls it: axes, limits, and how the control loop runs.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -72,6 +73,21 @@ pub(crate) struct MachineFile {
     /// Axes that are homed by a switch.
     #[serde(default)]
     pub(crate) homing: Vec<HomingFile>,
+    /// Digital and analog inputs.
+    #[serde(default)]
+    pub(crate) input: Vec<InputFile>,
+    /// Digital and analog outputs.
+    #[serde(default)]
+    pub(crate) output: Vec<OutputFile>,
+    /// Spindles, at most 4.
+    #[serde(default)]
+    #[schemars(length(max = 4))]
+    pub(crate) spindle: Vec<SpindleFile>,
+    /// The emergency-stop chain, where an input reads it.
+    pub(crate) estop: Option<EstopFile>,
+    /// How inputs are watched.
+    #[serde(default)]
+    pub(crate) signals: SignalsFile,
 }
 
 /// One axis: linear (X Y Z U V W) with keys in mm, or rotary (A B C) with keys in degrees.

@@ -26,6 +26,7 @@ mod limits;
 mod machine;
 mod parse;
 mod rate;
+mod signals;
 
 pub use chord::{
     acceleration_feed_mm_s, acceleration_rate_hz, chord_error_increments, chord_feed_limit_mm_s,
@@ -44,4 +45,8 @@ pub use machine::{
 pub use rate::{
     DEFAULT_MIN_RADIUS_MM, GRAVITY_MM_S2, LimitedBy, RateError, RateInput, RationalRate, period_ns_of,
     rational_rate,
+};
+pub use signals::{
+    EstopSettings, InputSettings, MAX_ANALOG, MAX_DIGITAL, MAX_SPINDLES, OutputRule, OutputSettings,
+    SignalKind, SignalSettings, SpindleSettings,
 };

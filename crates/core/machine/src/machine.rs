@@ -12,6 +12,7 @@ use crate::homing::HomingSettings;
 use crate::limits::Limits;
 use crate::parse;
 use crate::rate::{RateError, RateInput, RationalRate, period_ns_of, rational_rate};
+use crate::signals::SignalSettings;
 
 /// The lowest control rate that the loop runs, Hz.
 pub const MIN_RATE_HZ: f64 = 250.0;
@@ -344,6 +345,8 @@ pub struct Machine {
     /// Axes that are homed by a switch, in the order of the file. The others stand at their home position from the
     /// start, or where their drives say.
     pub homing: Vec<HomingSettings>,
+    /// Inputs, outputs, spindles and the emergency-stop chain.
+    pub signals: SignalSettings,
 }
 
 impl Machine {

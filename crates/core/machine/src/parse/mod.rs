@@ -6,6 +6,7 @@
 
 mod axes;
 mod numbers;
+mod signals;
 
 use std::path::PathBuf;
 
@@ -63,6 +64,7 @@ impl Check<'_> {
             path: self.path(&raw)?,
             realtime: self.realtime(&raw)?,
             program: self.program(&raw)?,
+            signals: self.signals(&raw)?,
             name: raw.name,
             description: raw.description,
             kind: raw.kind,
@@ -261,6 +263,7 @@ fn advice_on_unknown(key: &str) -> String {
         "blend_tolerance" => "blend_tolerance_mm",
         "joint_time" => "joint_time_ms",
         "max_feed" => "max_feed_mm_min or max_feed_mm_s",
+        "input_timeout" => "input_timeout_ms",
         _ => return "correct the spelling, or remove the key".to_owned(),
     };
     format!("the unit is missing: write {unit}")

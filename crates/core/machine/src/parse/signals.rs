@@ -1,0 +1,191 @@
+//! Inputs, outputs, spindles and the emergency-stop chain, checked against one another.
+
+use std::collections::BTreeMap;
+
+use evolvent_config::shortened;
+
+use super::{ABSURD, Check};
+use crate::error::MachineError;
+use crate::file::MachineFile;
+use crate::signals::{
+    EstopSettings, InputFile, InputSettings, MAX_SPINDLES, OutputFile, OutputSettings, SignalKind,
+    SignalSettings, SpindleSettings,
+};
+
+/// Names, and numbers of a kind, with the entry that has them.
+#[derive(Default)]
+struct Taken {
+    names: BTreeMap<String, String>,
+    digital: BTreeMap<i64, String>,
+    analog: BTreeMap<i64, String>,
+}
+
+impl Check<'_> {
+    pub(super) fn signals(&self, raw: &MachineFile) -> Result<SignalSettings, MachineError> {
+        let mut taken = Taken::default();
+        let mut inputs = Vec::new();
+        for (index, input) in raw.input.iter().enumerate() {
+            inputs.push(self.input(&format!("input[{index}]"), input, &mut taken)?);
+        }
+        // Inputs and outputs are numbered apart; a name is of one of them.
+        taken.digital.clear();
+        taken.analog.clear();
+        let mut outputs = Vec::new();
+        for (index, output) in raw.output.iter().enumerate() {
+            outputs.push(self.output(&format!("output[{index}]"), output, &mut taken)?);
+        }
+        let timeout = raw.signals.input_timeout_ms;
+        let timeout_ms = self.or_default("signals.input_timeout_ms", timeout, 100.0, [1.0, 10_000.0])?;
+        Ok(SignalSettings {
+            spindles: self.spindles(raw)?,
+            estop: self.estop(raw, &inputs)?,
+            inputs,
+            outputs,
+            input_timeout_s: timeout_ms / 1000.0,
+        })
+    }
+
+    fn input(&self, at: &str, raw: &InputFile, taken: &mut Taken) -> Result<InputSettings, MachineError> {
+        let number = self.signal(at, &raw.name, raw.kind, raw.number, taken)?;
+        Ok(InputSettings {
+            name: raw.name.clone(),
+            kind: raw.kind,
+            number,
+            range: self.range(at, raw.kind, raw.min, raw.max)?,
+        })
+    }
+
+    fn output(&self, at: &str, raw: &OutputFile, taken: &mut Taken) -> Result<OutputSettings, MachineError> {
+        let number = self.signal(at, &raw.name, raw.kind, raw.number, taken)?;
+        let range = self.range(at, raw.kind, raw.min, raw.max)?;
+        let safe = match (raw.kind, raw.safe_on, raw.safe_value) {
+            (SignalKind::Digital, _, Some(_)) => {
+                let what = "a digital output has no number as its safe value".to_owned();
+                return Err(self.error(&format!("{at}.safe_value"), what, "write safe_on = true or false"));
+            }
+            (SignalKind::Analog, Some(_), _) => {
+                let what = "an analog output is neither on nor off".to_owned();
+                return Err(self.error(&format!("{at}.safe_on"), what, "write safe_value and a number"));
+            }
+            (SignalKind::Digital, on, None) => f64::from(u8::from(on.unwrap_or(false))),
+            (SignalKind::Analog, None, value) => {
+                let safe = value.unwrap_or(0.0);
+                let key = format!("{at}.safe_value");
+                self.number(&key, safe, -ABSURD, ABSURD)?;
+                if !(range[0]..=range[1]).contains(&safe) {
+                    let what = format!("{safe} is not between min and max, {} and {}", range[0], range[1]);
+                    return Err(self.error(&key, what, "give a safe_value between min and max"));
+                }
+                safe
+            }
+        };
+        Ok(OutputSettings {
+            name: raw.name.clone(),
+            kind: raw.kind,
+            number,
+            safe,
+            range,
+            on_hold: raw.on_hold,
+            on_stop: raw.on_stop,
+            on_end: raw.on_end,
+        })
+    }
+
+    /// Name and number of an input or output.
+    fn signal(
+        &self,
+        at: &str,
+        name: &str,
+        kind: SignalKind,
+        number: i64,
+        taken: &mut Taken,
+    ) -> Result<u32, MachineError> {
+        let good = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
+        let starts = name.starts_with(|c: char| c.is_ascii_alphanumeric());
+        let key = format!("{at}.name");
+        if !starts || name.len() > 32 || !name.chars().all(good) {
+            let what = format!("{:?} cannot be a signal's name", shortened(name));
+            let advice = "use 1 to 32 letters, digits, '-' and '_', beginning with a letter or digit";
+            return Err(self.error(&key, what, advice));
+        }
+        if let Some(first) = taken.names.insert(name.to_owned(), at.to_owned()) {
+            let what = format!("the name {name:?} is that of {first} already");
+            return Err(self.error(&key, what, "give every input and output a name of its own"));
+        }
+        let key = format!("{at}.number");
+        let checked = self.whole_number(&key, number, 0, i64::from(kind.most()) - 1)?;
+        let numbers = match kind {
+            SignalKind::Digital => &mut taken.digital,
+            SignalKind::Analog => &mut taken.analog,
+        };
+        if let Some(first) = numbers.insert(number, at.to_owned()) {
+            let what = format!("{} number {number} is that of {first} already", kind.name());
+            return Err(self.error(&key, what, "give it another number"));
+        }
+        Ok(checked)
+    }
+
+    fn range(
+        &self,
+        at: &str,
+        kind: SignalKind,
+        min: Option<f64>,
+        max: Option<f64>,
+    ) -> Result<[f64; 2], MachineError> {
+        for (key, bound) in [("min", min), ("max", max)] {
+            let Some(bound) = bound else { continue };
+            let key = format!("{at}.{key}");
+            if kind == SignalKind::Digital {
+                let what = "a digital signal has no range".to_owned();
+                return Err(self.error(&key, what, "remove the key, or write kind = \"analog\""));
+            }
+            self.number(&key, bound, -ABSURD, ABSURD)?;
+        }
+        let range = [min.unwrap_or(-ABSURD), max.unwrap_or(ABSURD)];
+        if range[0] >= range[1] {
+            let what = format!("{} is not above min, {}", range[1], range[0]);
+            return Err(self.error(&format!("{at}.max"), what, "give a max above min"));
+        }
+        Ok(range)
+    }
+
+    fn spindles(&self, raw: &MachineFile) -> Result<Vec<SpindleSettings>, MachineError> {
+        let mut spindles: Vec<SpindleSettings> = Vec::new();
+        for (index, spindle) in raw.spindle.iter().enumerate() {
+            let key = format!("spindle[{index}].number");
+            let number = self.whole_number(&key, spindle.number, 0, i64::from(MAX_SPINDLES) - 1)?;
+            if spindles.iter().any(|other| other.number == number) {
+                let what = format!("there is a spindle {number} already");
+                return Err(self.error(&key, what, "give every spindle a number of its own, 0 to 3"));
+            }
+            self.number(&format!("spindle[{index}].max_rpm"), spindle.max_rpm, 1e-3, 1e6)?;
+            spindles.push(SpindleSettings {
+                number,
+                max_rpm: spindle.max_rpm,
+                reverse: spindle.reverse.unwrap_or(true),
+            });
+        }
+        Ok(spindles)
+    }
+
+    fn estop(
+        &self,
+        raw: &MachineFile,
+        inputs: &[InputSettings],
+    ) -> Result<Option<EstopSettings>, MachineError> {
+        let Some(estop) = &raw.estop else { return Ok(None) };
+        let Some(input) = inputs.iter().find(|input| input.name == estop.input) else {
+            let what = format!("there is no input called {:?}", shortened(&estop.input));
+            let advice = "name one of the file's [[input]], or add it";
+            return Err(self.error("estop.input", what, advice));
+        };
+        if input.kind != SignalKind::Digital {
+            let what = format!("the input {:?} is analog", input.name);
+            return Err(self.error("estop.input", what, "name a digital input"));
+        }
+        Ok(Some(EstopSettings {
+            input: input.number,
+            closed: estop.closed.unwrap_or(true),
+        }))
+    }
+}
