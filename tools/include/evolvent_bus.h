@@ -1,7 +1,8 @@
 /* Layout of Evolvent's messages on iceoryx2, interface version 1.
  * Generated: do not edit, run `cargo run -p evolvent-bus --example generate-bindings`.
  *
- * Services are named evolvent/NAME/setpoint, /status, /feedback, /load (publish-subscribe), /event,
+ * Services are named evolvent/NAME/setpoint, /status, /feedback, /load, /output, /input, /spindle
+ * (publish-subscribe), /event,
  * and /control (request-response of ControlRequest and ControlAnswer).
  * Axes are in the order X Y Z A B C U V W. */
 #ifndef EVOLVENT_BUS_H
@@ -19,6 +20,9 @@ extern "C" {
 
 #define EVOLVENT_INTERFACE_VERSION 1u
 #define EVOLVENT_AXES 9
+#define EVOLVENT_DIGITAL_SIGNALS 64
+#define EVOLVENT_ANALOG_SIGNALS 16
+#define EVOLVENT_SPINDLES 4
 #define EVOLVENT_ATTRIBUTE_INTERFACE "evolvent.interface"
 #define EVOLVENT_ATTRIBUTE_PERIOD "evolvent.period_ns"
 #define EVOLVENT_ATTRIBUTE_AXES "evolvent.axes"
@@ -74,6 +78,21 @@ extern "C" {
 #define EVOLVENT_LOAD_POWER_W 3u
 #define EVOLVENT_LOAD_CURRENT_A 4u
 #define EVOLVENT_LOAD_RATIO_OF_RATED 5u
+
+/* Values of `spindle_direction` in MachineOutputs. */
+#define EVOLVENT_DIRECTION_STOPPED 0u
+#define EVOLVENT_DIRECTION_CLOCKWISE 1u
+#define EVOLVENT_DIRECTION_COUNTER_CLOCKWISE 2u
+
+/* Values of `probe` in MachineInputs. */
+#define EVOLVENT_PROBE_NONE 0u
+#define EVOLVENT_PROBE_OPEN 1u
+#define EVOLVENT_PROBE_TRIPPED 2u
+
+/* Bits of `flags` in SpindleFeedback. */
+#define EVOLVENT_SPINDLE_AT_SPEED 1u
+#define EVOLVENT_SPINDLE_FAULT 2u
+#define EVOLVENT_SPINDLE_INDEXED 4u
 
 /* Numbers on the event channel. */
 #define EVOLVENT_EVENT_CORE_OPENED 1u
@@ -542,6 +561,175 @@ EVOLVENT_STATIC_ASSERT(offsetof(evolvent_load_t, value) == 32, "offset of Load.v
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_load_t, range_min) == 40, "offset of Load.range_min");
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_load_t, range_max) == 48, "offset of Load.range_max");
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_load_t, reserved) == 56, "offset of Load.reserved");
+
+/* Everything that the machine's periphery shall be, from one setpoint on.
+ *
+ * Complete in itself: a bridge that has lost a message is right again with the next. Sent at every change and every
+ * 50 ms.
+ */
+#define EVOLVENT_MACHINEOUTPUTS_TYPE_NAME "evolvent.MachineOutputs.v1"
+typedef struct evolvent_machineoutputs {
+    /* Version of the bus contract that the sender was built for; receivers refuse another. */
+    uint32_t interface_version;
+    /* Size of this payload in bytes. */
+    uint32_t struct_size;
+    /* Grows by one from one message to the next. */
+    uint64_t sequence;
+    /* The setpoint from which these values count. */
+    uint64_t cycle;
+    /* When that setpoint is due, as its `due_time_ns`. */
+    uint64_t due_time_ns;
+    /* Bit i set: the machine has digital output i. */
+    uint64_t digital_mask;
+    /* Bit i: state of digital output i. */
+    uint64_t digital;
+    /* Bit i: state of digital output i that a bridge sets by itself where it has lost its core. */
+    uint64_t safe_digital;
+    /* Values of the analog outputs. */
+    double analog[16];
+    /* The same, for a bridge that has lost its core. */
+    double safe_analog[16];
+    /* Bit i set: the machine has analog output i. */
+    uint32_t analog_mask;
+    /* Bit i set: the machine has spindle i. */
+    uint32_t spindle_mask;
+    /* What each spindle shall do, a number of the list of spindle directions. */
+    uint32_t spindle_direction[4];
+    /* Commanded speed of each spindle, rpm, not negative. */
+    double spindle_rpm[4];
+    /* Bit 0 mist, bit 1 flood. */
+    uint32_t coolant;
+    /* As `tool_change` of Status. */
+    uint32_t tool_change;
+    /* As `tool_wanted` of Status. */
+    uint32_t tool_wanted;
+    /* Tool in the spindle; 0 for none. */
+    uint32_t tool;
+    /* Zero; for later versions. */
+    uint64_t reserved[8];
+} evolvent_machineoutputs_t;
+
+EVOLVENT_STATIC_ASSERT(sizeof(evolvent_machineoutputs_t) == 448, "size of MachineOutputs");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineoutputs_t, interface_version) == 0, "offset of MachineOutputs.interface_version");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineoutputs_t, struct_size) == 4, "offset of MachineOutputs.struct_size");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineoutputs_t, sequence) == 8, "offset of MachineOutputs.sequence");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineoutputs_t, cycle) == 16, "offset of MachineOutputs.cycle");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineoutputs_t, due_time_ns) == 24, "offset of MachineOutputs.due_time_ns");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineoutputs_t, digital_mask) == 32, "offset of MachineOutputs.digital_mask");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineoutputs_t, digital) == 40, "offset of MachineOutputs.digital");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineoutputs_t, safe_digital) == 48, "offset of MachineOutputs.safe_digital");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineoutputs_t, analog) == 56, "offset of MachineOutputs.analog");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineoutputs_t, safe_analog) == 184, "offset of MachineOutputs.safe_analog");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineoutputs_t, analog_mask) == 312, "offset of MachineOutputs.analog_mask");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineoutputs_t, spindle_mask) == 316, "offset of MachineOutputs.spindle_mask");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineoutputs_t, spindle_direction) == 320, "offset of MachineOutputs.spindle_direction");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineoutputs_t, spindle_rpm) == 336, "offset of MachineOutputs.spindle_rpm");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineoutputs_t, coolant) == 368, "offset of MachineOutputs.coolant");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineoutputs_t, tool_change) == 372, "offset of MachineOutputs.tool_change");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineoutputs_t, tool_wanted) == 376, "offset of MachineOutputs.tool_wanted");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineoutputs_t, tool) == 380, "offset of MachineOutputs.tool");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineoutputs_t, reserved) == 384, "offset of MachineOutputs.reserved");
+
+/* The machine's inputs at one instant. Sent at every change, and at least four times in the machine file's
+ * `signals.input_timeout_ms`: older ones are unknown to the core.
+ */
+#define EVOLVENT_MACHINEINPUTS_TYPE_NAME "evolvent.MachineInputs.v1"
+typedef struct evolvent_machineinputs {
+    /* Version of the bus contract that the sender was built for; receivers refuse another. */
+    uint32_t interface_version;
+    /* Size of this payload in bytes. */
+    uint32_t struct_size;
+    /* Grows by one from one message to the next of the same bridge. */
+    uint64_t sequence;
+    /* When the inputs were read, in ns of CLOCK_MONOTONIC. */
+    uint64_t time_ns;
+    /* Differs from one start of the bridge to the next. */
+    uint64_t instance;
+    /* The `sequence` of the outputs that have been set last; 0 for none. */
+    uint64_t outputs_sequence;
+    /* Bit i set: digital input i was read. */
+    uint64_t digital_mask;
+    /* Bit i: state of digital input i. */
+    uint64_t digital;
+    /* Values of the analog inputs. */
+    double analog[16];
+    /* Bit i set: analog input i was read. */
+    uint32_t analog_mask;
+    /* What the probe says, a number of the list of probe states. */
+    uint32_t probe;
+    /* Times that the probe has tripped since the bridge started. */
+    uint64_t probe_trips;
+    /* When it tripped last, in ns of CLOCK_MONOTONIC; 0 where it has not. */
+    uint64_t probe_time_ns;
+    /* Positions that the drives latched when it tripped: mm, degrees for A B C. */
+    double probe_position[9];
+    /* Bit i set: the drive of axis i has latched its position. */
+    uint32_t probe_latched_mask;
+    /* Zero; keeps what follows at multiples of 8 bytes. */
+    uint32_t unused;
+    /* Zero; for later versions. */
+    uint64_t reserved[8];
+} evolvent_machineinputs_t;
+
+EVOLVENT_STATIC_ASSERT(sizeof(evolvent_machineinputs_t) == 352, "size of MachineInputs");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineinputs_t, interface_version) == 0, "offset of MachineInputs.interface_version");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineinputs_t, struct_size) == 4, "offset of MachineInputs.struct_size");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineinputs_t, sequence) == 8, "offset of MachineInputs.sequence");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineinputs_t, time_ns) == 16, "offset of MachineInputs.time_ns");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineinputs_t, instance) == 24, "offset of MachineInputs.instance");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineinputs_t, outputs_sequence) == 32, "offset of MachineInputs.outputs_sequence");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineinputs_t, digital_mask) == 40, "offset of MachineInputs.digital_mask");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineinputs_t, digital) == 48, "offset of MachineInputs.digital");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineinputs_t, analog) == 56, "offset of MachineInputs.analog");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineinputs_t, analog_mask) == 184, "offset of MachineInputs.analog_mask");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineinputs_t, probe) == 188, "offset of MachineInputs.probe");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineinputs_t, probe_trips) == 192, "offset of MachineInputs.probe_trips");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineinputs_t, probe_time_ns) == 200, "offset of MachineInputs.probe_time_ns");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineinputs_t, probe_position) == 208, "offset of MachineInputs.probe_position");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineinputs_t, probe_latched_mask) == 280, "offset of MachineInputs.probe_latched_mask");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineinputs_t, unused) == 284, "offset of MachineInputs.unused");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineinputs_t, reserved) == 288, "offset of MachineInputs.reserved");
+
+/* What the encoder and drive of one spindle say at one instant.
+ */
+#define EVOLVENT_SPINDLEFEEDBACK_TYPE_NAME "evolvent.SpindleFeedback.v1"
+typedef struct evolvent_spindlefeedback {
+    /* Version of the bus contract that the sender was built for; receivers refuse another. */
+    uint32_t interface_version;
+    /* Size of this payload in bytes. */
+    uint32_t struct_size;
+    /* Grows by one from one message to the next of the same spindle and bridge. */
+    uint64_t sequence;
+    /* When the angle was sampled, in ns of CLOCK_MONOTONIC. */
+    uint64_t time_ns;
+    /* Differs from one start of the bridge to the next. */
+    uint64_t instance;
+    /* Whole turns since the bridge started, falling counter-clockwise. */
+    int64_t turns;
+    /* The rest of the angle as a fraction of a turn: 0 up to, not including, 1; counted from the index pulse. */
+    double fraction;
+    /* Measured speed, rpm, negative counter-clockwise. */
+    double speed_rpm;
+    /* Which spindle, from 0. */
+    uint32_t spindle;
+    /* Bits of the list of spindle flags. */
+    uint32_t flags;
+    /* Zero; for later versions. */
+    uint64_t reserved[6];
+} evolvent_spindlefeedback_t;
+
+EVOLVENT_STATIC_ASSERT(sizeof(evolvent_spindlefeedback_t) == 112, "size of SpindleFeedback");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_spindlefeedback_t, interface_version) == 0, "offset of SpindleFeedback.interface_version");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_spindlefeedback_t, struct_size) == 4, "offset of SpindleFeedback.struct_size");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_spindlefeedback_t, sequence) == 8, "offset of SpindleFeedback.sequence");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_spindlefeedback_t, time_ns) == 16, "offset of SpindleFeedback.time_ns");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_spindlefeedback_t, instance) == 24, "offset of SpindleFeedback.instance");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_spindlefeedback_t, turns) == 32, "offset of SpindleFeedback.turns");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_spindlefeedback_t, fraction) == 40, "offset of SpindleFeedback.fraction");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_spindlefeedback_t, speed_rpm) == 48, "offset of SpindleFeedback.speed_rpm");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_spindlefeedback_t, spindle) == 56, "offset of SpindleFeedback.spindle");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_spindlefeedback_t, flags) == 60, "offset of SpindleFeedback.flags");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_spindlefeedback_t, reserved) == 64, "offset of SpindleFeedback.reserved");
 
 /* A command to the core. Whoever sends it chooses a number for itself once, at random, and counts its commands
  * from 1 on: a command that is not newer than the last of the same client has no effect.

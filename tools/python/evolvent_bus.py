@@ -17,6 +17,9 @@ from typing import Any, Optional
 
 INTERFACE_VERSION = 1
 AXES = 9
+DIGITAL_SIGNALS = 64
+ANALOG_SIGNALS = 16
+SPINDLES = 4
 PLACES_FOR_BRIDGES = 4
 PLACES_FOR_OPERATORS = 8
 ATTRIBUTE_INTERFACE = "evolvent.interface"
@@ -74,6 +77,21 @@ LOAD_TORQUE_N_M = 2
 LOAD_POWER_W = 3
 LOAD_CURRENT_A = 4
 LOAD_RATIO_OF_RATED = 5
+
+# Values of `spindle_direction` in MachineOutputs.
+DIRECTION_STOPPED = 0
+DIRECTION_CLOCKWISE = 1
+DIRECTION_COUNTER_CLOCKWISE = 2
+
+# Values of `probe` in MachineInputs.
+PROBE_NONE = 0
+PROBE_OPEN = 1
+PROBE_TRIPPED = 2
+
+# Bits of `flags` in SpindleFeedback.
+SPINDLE_AT_SPEED = 1
+SPINDLE_FAULT = 2
+SPINDLE_INDEXED = 4
 
 # Numbers on the event channel.
 EVENT_CORE_OPENED = 1
@@ -580,6 +598,202 @@ class Load(ctypes.Structure):
         return "evolvent.Load.v1"
 
 
+class MachineOutputs(ctypes.Structure):
+    """Everything that the machine's periphery shall be, from one setpoint on.
+
+    Complete in itself: a bridge that has lost a message is right again with the next. Sent at every change and every
+    50 ms.
+    """
+
+    interface_version: int
+    struct_size: int
+    sequence: int
+    cycle: int
+    due_time_ns: int
+    digital_mask: int
+    digital: int
+    safe_digital: int
+    analog: ctypes.Array[ctypes.c_double]
+    safe_analog: ctypes.Array[ctypes.c_double]
+    analog_mask: int
+    spindle_mask: int
+    spindle_direction: ctypes.Array[ctypes.c_uint32]
+    spindle_rpm: ctypes.Array[ctypes.c_double]
+    coolant: int
+    tool_change: int
+    tool_wanted: int
+    tool: int
+    reserved: ctypes.Array[ctypes.c_uint64]
+
+    _fields_ = [
+        # Version of the bus contract that the sender was built for; receivers refuse another.
+        ("interface_version", ctypes.c_uint32),
+        # Size of this payload in bytes.
+        ("struct_size", ctypes.c_uint32),
+        # Grows by one from one message to the next.
+        ("sequence", ctypes.c_uint64),
+        # The setpoint from which these values count.
+        ("cycle", ctypes.c_uint64),
+        # When that setpoint is due, as its `due_time_ns`.
+        ("due_time_ns", ctypes.c_uint64),
+        # Bit i set: the machine has digital output i.
+        ("digital_mask", ctypes.c_uint64),
+        # Bit i: state of digital output i.
+        ("digital", ctypes.c_uint64),
+        # Bit i: state of digital output i that a bridge sets by itself where it has lost its core.
+        ("safe_digital", ctypes.c_uint64),
+        # Values of the analog outputs.
+        ("analog", ctypes.c_double * 16),
+        # The same, for a bridge that has lost its core.
+        ("safe_analog", ctypes.c_double * 16),
+        # Bit i set: the machine has analog output i.
+        ("analog_mask", ctypes.c_uint32),
+        # Bit i set: the machine has spindle i.
+        ("spindle_mask", ctypes.c_uint32),
+        # What each spindle shall do, a number of the list of spindle directions.
+        ("spindle_direction", ctypes.c_uint32 * 4),
+        # Commanded speed of each spindle, rpm, not negative.
+        ("spindle_rpm", ctypes.c_double * 4),
+        # Bit 0 mist, bit 1 flood.
+        ("coolant", ctypes.c_uint32),
+        # As `tool_change` of Status.
+        ("tool_change", ctypes.c_uint32),
+        # As `tool_wanted` of Status.
+        ("tool_wanted", ctypes.c_uint32),
+        # Tool in the spindle; 0 for none.
+        ("tool", ctypes.c_uint32),
+        # Zero; for later versions.
+        ("reserved", ctypes.c_uint64 * 8),
+    ]
+
+    def __init__(self, **values: Any) -> None:
+        super().__init__(interface_version=1, struct_size=448, **values)
+
+    @staticmethod
+    def type_name() -> str:
+        """Name by which iceoryx2 tells payloads apart."""
+        return "evolvent.MachineOutputs.v1"
+
+
+class MachineInputs(ctypes.Structure):
+    """The machine's inputs at one instant. Sent at every change, and at least four times in the machine file's
+    `signals.input_timeout_ms`: older ones are unknown to the core.
+    """
+
+    interface_version: int
+    struct_size: int
+    sequence: int
+    time_ns: int
+    instance: int
+    outputs_sequence: int
+    digital_mask: int
+    digital: int
+    analog: ctypes.Array[ctypes.c_double]
+    analog_mask: int
+    probe: int
+    probe_trips: int
+    probe_time_ns: int
+    probe_position: ctypes.Array[ctypes.c_double]
+    probe_latched_mask: int
+    unused: int
+    reserved: ctypes.Array[ctypes.c_uint64]
+
+    _fields_ = [
+        # Version of the bus contract that the sender was built for; receivers refuse another.
+        ("interface_version", ctypes.c_uint32),
+        # Size of this payload in bytes.
+        ("struct_size", ctypes.c_uint32),
+        # Grows by one from one message to the next of the same bridge.
+        ("sequence", ctypes.c_uint64),
+        # When the inputs were read, in ns of CLOCK_MONOTONIC.
+        ("time_ns", ctypes.c_uint64),
+        # Differs from one start of the bridge to the next.
+        ("instance", ctypes.c_uint64),
+        # The `sequence` of the outputs that have been set last; 0 for none.
+        ("outputs_sequence", ctypes.c_uint64),
+        # Bit i set: digital input i was read.
+        ("digital_mask", ctypes.c_uint64),
+        # Bit i: state of digital input i.
+        ("digital", ctypes.c_uint64),
+        # Values of the analog inputs.
+        ("analog", ctypes.c_double * 16),
+        # Bit i set: analog input i was read.
+        ("analog_mask", ctypes.c_uint32),
+        # What the probe says, a number of the list of probe states.
+        ("probe", ctypes.c_uint32),
+        # Times that the probe has tripped since the bridge started.
+        ("probe_trips", ctypes.c_uint64),
+        # When it tripped last, in ns of CLOCK_MONOTONIC; 0 where it has not.
+        ("probe_time_ns", ctypes.c_uint64),
+        # Positions that the drives latched when it tripped: mm, degrees for A B C.
+        ("probe_position", ctypes.c_double * 9),
+        # Bit i set: the drive of axis i has latched its position.
+        ("probe_latched_mask", ctypes.c_uint32),
+        # Zero; keeps what follows at multiples of 8 bytes.
+        ("unused", ctypes.c_uint32),
+        # Zero; for later versions.
+        ("reserved", ctypes.c_uint64 * 8),
+    ]
+
+    def __init__(self, **values: Any) -> None:
+        super().__init__(interface_version=1, struct_size=352, **values)
+
+    @staticmethod
+    def type_name() -> str:
+        """Name by which iceoryx2 tells payloads apart."""
+        return "evolvent.MachineInputs.v1"
+
+
+class SpindleFeedback(ctypes.Structure):
+    """What the encoder and drive of one spindle say at one instant.
+    """
+
+    interface_version: int
+    struct_size: int
+    sequence: int
+    time_ns: int
+    instance: int
+    turns: int
+    fraction: float
+    speed_rpm: float
+    spindle: int
+    flags: int
+    reserved: ctypes.Array[ctypes.c_uint64]
+
+    _fields_ = [
+        # Version of the bus contract that the sender was built for; receivers refuse another.
+        ("interface_version", ctypes.c_uint32),
+        # Size of this payload in bytes.
+        ("struct_size", ctypes.c_uint32),
+        # Grows by one from one message to the next of the same spindle and bridge.
+        ("sequence", ctypes.c_uint64),
+        # When the angle was sampled, in ns of CLOCK_MONOTONIC.
+        ("time_ns", ctypes.c_uint64),
+        # Differs from one start of the bridge to the next.
+        ("instance", ctypes.c_uint64),
+        # Whole turns since the bridge started, falling counter-clockwise.
+        ("turns", ctypes.c_int64),
+        # The rest of the angle as a fraction of a turn: 0 up to, not including, 1; counted from the index pulse.
+        ("fraction", ctypes.c_double),
+        # Measured speed, rpm, negative counter-clockwise.
+        ("speed_rpm", ctypes.c_double),
+        # Which spindle, from 0.
+        ("spindle", ctypes.c_uint32),
+        # Bits of the list of spindle flags.
+        ("flags", ctypes.c_uint32),
+        # Zero; for later versions.
+        ("reserved", ctypes.c_uint64 * 6),
+    ]
+
+    def __init__(self, **values: Any) -> None:
+        super().__init__(interface_version=1, struct_size=112, **values)
+
+    @staticmethod
+    def type_name() -> str:
+        """Name by which iceoryx2 tells payloads apart."""
+        return "evolvent.SpindleFeedback.v1"
+
+
 class ControlRequest(ctypes.Structure):
     """A command to the core. Whoever sends it chooses a number for itself once, at random, and counts its commands
     from 1 on: a command that is not newer than the last of the same client has no effect.
@@ -836,3 +1050,35 @@ def open_setpoints_of_bridge(machine_name: str, prefix: Optional[str] = None, ti
 def open_status(machine_name: str, prefix: Optional[str] = None, timeout_s: float = 10.0) -> Reader:
     """A reader of the latest status."""
     return Reader(machine_name, "status", Status, prefix, timeout_s, places_left=PLACES_FOR_OPERATORS)
+
+
+def open_outputs(machine_name: str, prefix: Optional[str] = None, timeout_s: float = 10.0) -> Reader:
+    """A reader of the machine's outputs: those in force, then every change."""
+    return Reader(machine_name, "output", MachineOutputs, prefix, timeout_s)
+
+
+class Sender:
+    """Sends messages of one channel."""
+
+    def __init__(
+        self, machine_name: str, channel: str, payload: type, prefix: Optional[str] = None, timeout_s: float = 10.0
+    ) -> None:
+        self._payload: Any = payload
+        self._node = open_node(machine_name, prefix, timeout_s)
+        self._service = open_service(self._node, machine_name, channel, payload, timeout_s)
+        self._publisher = self._service.publisher_builder().create()
+
+    def send(self, message: Any) -> None:
+        """Sends a copy of a message. Never waits."""
+        sample = self._publisher.loan_uninit()
+        sample.write_payload(message).send()
+
+
+def open_inputs(machine_name: str, prefix: Optional[str] = None, timeout_s: float = 10.0) -> Sender:
+    """A sender of MachineInputs. Send at least four times in the machine file's `signals.input_timeout_ms`."""
+    return Sender(machine_name, "input", MachineInputs, prefix, timeout_s)
+
+
+def open_spindle(machine_name: str, prefix: Optional[str] = None, timeout_s: float = 10.0) -> Sender:
+    """A sender of SpindleFeedback."""
+    return Sender(machine_name, "spindle", SpindleFeedback, prefix, timeout_s)

@@ -2,18 +2,23 @@
 
 use crate::domain::{ATTRIBUTE_AXES, ATTRIBUTE_INTERFACE, ATTRIBUTE_PERIOD};
 use crate::{
-    ACTIVITIES, BRIDGE_NOTES, BRIDGE_STATES, COMMANDS, ControlAnswer, ControlRequest, EventKind, Feedback,
-    INTERFACE_VERSION, JOB_RESULTS, LOAD_KINDS, Load, MACHINE_STATES, MODES, PLACES_FOR_BRIDGES,
-    PLACES_FOR_OPERATORS, POWER_REQUESTS, SETPOINT_FLAGS, STATES, SWITCHES, Setpoint, Status, VERDICTS,
+    ACTIVITIES, ANALOG_SIGNALS, BRIDGE_NOTES, BRIDGE_STATES, COMMANDS, ControlAnswer, ControlRequest,
+    DIGITAL_SIGNALS, EventKind, Feedback, INTERFACE_VERSION, JOB_RESULTS, LOAD_KINDS, Load, MACHINE_STATES,
+    MODES, MachineInputs, MachineOutputs, PLACES_FOR_BRIDGES, PLACES_FOR_OPERATORS, POWER_REQUESTS,
+    PROBE_STATES, SETPOINT_FLAGS, SPINDLE_DIRECTIONS, SPINDLE_FLAGS, SPINDLES, STATES, SWITCHES, Setpoint,
+    SpindleFeedback, Status, VERDICTS,
 };
 use evolvent_wire::{AXES, FieldLayout, Payload, Scalar, StructLayout};
 use std::fmt::Write;
 
-const PAYLOADS: [StructLayout; 6] = [
+const PAYLOADS: [StructLayout; 9] = [
     Setpoint::LAYOUT,
     Status::LAYOUT,
     Feedback::LAYOUT,
     Load::LAYOUT,
+    MachineOutputs::LAYOUT,
+    MachineInputs::LAYOUT,
+    SpindleFeedback::LAYOUT,
     ControlRequest::LAYOUT,
     ControlAnswer::LAYOUT,
 ];
@@ -23,7 +28,7 @@ const COMMAND: &str = "cargo run -p evolvent-bus --example generate-bindings";
 /// A group of named numbers: the group's name, what it is, the entries.
 type Constants = (&'static str, &'static str, Vec<(&'static str, u32)>);
 
-fn constants() -> [Constants; 14] {
+fn constants() -> [Constants; 17] {
     [
         (
             "STATE",
@@ -47,6 +52,21 @@ fn constants() -> [Constants; 14] {
         ),
         ("NOTE", "Values of `note` in Feedback.", BRIDGE_NOTES.to_vec()),
         ("LOAD", "Values of `kind` in Load.", LOAD_KINDS.to_vec()),
+        (
+            "DIRECTION",
+            "Values of `spindle_direction` in MachineOutputs.",
+            SPINDLE_DIRECTIONS.to_vec(),
+        ),
+        (
+            "PROBE",
+            "Values of `probe` in MachineInputs.",
+            PROBE_STATES.to_vec(),
+        ),
+        (
+            "SPINDLE",
+            "Bits of `flags` in SpindleFeedback.",
+            SPINDLE_FLAGS.to_vec(),
+        ),
         (
             "EVENT",
             "Numbers on the event channel.",
@@ -91,7 +111,8 @@ pub fn c_header() -> String {
     let mut out = format!(
         "/* Layout of Evolvent's messages on iceoryx2, interface version {INTERFACE_VERSION}.\n \
          * Generated: do not edit, run `{COMMAND}`.\n *\n \
-         * Services are named evolvent/NAME/setpoint, /status, /feedback, /load (publish-subscribe), /event,\n \
+         * Services are named evolvent/NAME/setpoint, /status, /feedback, /load, /output, /input, /spindle\n \
+         * (publish-subscribe), /event,\n \
          * and /control (request-response of ControlRequest and ControlAnswer).\n \
          * Axes are in the order X Y Z A B C U V W. */\n\
          #ifndef EVOLVENT_BUS_H\n#define EVOLVENT_BUS_H\n\n\
@@ -100,6 +121,9 @@ pub fn c_header() -> String {
          #else\n#define EVOLVENT_STATIC_ASSERT _Static_assert\n#endif\n\n\
          #define EVOLVENT_INTERFACE_VERSION {INTERFACE_VERSION}u\n\
          #define EVOLVENT_AXES {AXES}\n\
+         #define EVOLVENT_DIGITAL_SIGNALS {DIGITAL_SIGNALS}\n\
+         #define EVOLVENT_ANALOG_SIGNALS {ANALOG_SIGNALS}\n\
+         #define EVOLVENT_SPINDLES {SPINDLES}\n\
          #define EVOLVENT_ATTRIBUTE_INTERFACE \"{ATTRIBUTE_INTERFACE}\"\n\
          #define EVOLVENT_ATTRIBUTE_PERIOD \"{ATTRIBUTE_PERIOD}\"\n\
          #define EVOLVENT_ATTRIBUTE_AXES \"{ATTRIBUTE_AXES}\"\n"
@@ -178,6 +202,7 @@ pub fn python_module() -> String {
          Axes are in the order X Y Z A B C U V W.\n\"\"\"\n\n\
          from __future__ import annotations\n\nimport ctypes\nimport glob\nimport os\nimport stat\nimport time\nfrom typing import Any, Optional\n\n\
          INTERFACE_VERSION = {INTERFACE_VERSION}\nAXES = {AXES}\n\
+         DIGITAL_SIGNALS = {DIGITAL_SIGNALS}\nANALOG_SIGNALS = {ANALOG_SIGNALS}\nSPINDLES = {SPINDLES}\n\
          PLACES_FOR_BRIDGES = {PLACES_FOR_BRIDGES}\nPLACES_FOR_OPERATORS = {PLACES_FOR_OPERATORS}\n\
          ATTRIBUTE_INTERFACE = \"{ATTRIBUTE_INTERFACE}\"\n\
          ATTRIBUTE_PERIOD = \"{ATTRIBUTE_PERIOD}\"\n\
@@ -394,6 +419,38 @@ def open_setpoints_of_bridge(machine_name: str, prefix: Optional[str] = None, ti
 def open_status(machine_name: str, prefix: Optional[str] = None, timeout_s: float = 10.0) -> Reader:
     """A reader of the latest status."""
     return Reader(machine_name, "status", Status, prefix, timeout_s, places_left=PLACES_FOR_OPERATORS)
+
+
+def open_outputs(machine_name: str, prefix: Optional[str] = None, timeout_s: float = 10.0) -> Reader:
+    """A reader of the machine's outputs: those in force, then every change."""
+    return Reader(machine_name, "output", MachineOutputs, prefix, timeout_s)
+
+
+class Sender:
+    """Sends messages of one channel."""
+
+    def __init__(
+        self, machine_name: str, channel: str, payload: type, prefix: Optional[str] = None, timeout_s: float = 10.0
+    ) -> None:
+        self._payload: Any = payload
+        self._node = open_node(machine_name, prefix, timeout_s)
+        self._service = open_service(self._node, machine_name, channel, payload, timeout_s)
+        self._publisher = self._service.publisher_builder().create()
+
+    def send(self, message: Any) -> None:
+        """Sends a copy of a message. Never waits."""
+        sample = self._publisher.loan_uninit()
+        sample.write_payload(message).send()
+
+
+def open_inputs(machine_name: str, prefix: Optional[str] = None, timeout_s: float = 10.0) -> Sender:
+    """A sender of MachineInputs. Send at least four times in the machine file's `signals.input_timeout_ms`."""
+    return Sender(machine_name, "input", MachineInputs, prefix, timeout_s)
+
+
+def open_spindle(machine_name: str, prefix: Optional[str] = None, timeout_s: float = 10.0) -> Sender:
+    """A sender of SpindleFeedback."""
+    return Sender(machine_name, "spindle", SpindleFeedback, prefix, timeout_s)
 "#;
 
 fn push(out: &mut String, text: std::fmt::Arguments<'_>) {

@@ -9,7 +9,9 @@ use crate::error::{BusError, ReceiveError, SendError};
 use crate::name::Channel;
 use crate::samples::{receive, send_error};
 use core::time::Duration;
-use evolvent_wire::{EventKind, Feedback, Load, Setpoint, Status};
+use evolvent_wire::{
+    EventKind, Feedback, Load, MachineInputs, MachineOutputs, Setpoint, SpindleFeedback, Status,
+};
 use iceoryx2::port::listener::{Listener, ListenerWaitError};
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::{Subscriber, SubscriberCreateError};
@@ -186,6 +188,68 @@ impl ClientBus {
                 port: "sensor",
             })?;
         Ok(LoadSender { publisher })
+    }
+
+    /// Listens to the machine's outputs, from those in force on.
+    ///
+    /// # Errors
+    /// The service is not there, or all places are taken.
+    pub fn outputs(&self) -> Result<OutputReader, BusError> {
+        let service = self
+            .domain
+            .open::<MachineOutputs>(Channel::Output, &self.wanted, self.deadline())?;
+        Ok(OutputReader {
+            subscriber: self.subscribe(&service, Channel::Output)?,
+        })
+    }
+
+    /// Opens the way for the machine's inputs.
+    ///
+    /// # Errors
+    /// The service is not there, or all places are taken.
+    pub fn input_sender(&self) -> Result<InputSender, BusError> {
+        let service = self
+            .domain
+            .open::<MachineInputs>(Channel::Input, &self.wanted, self.deadline())?;
+        let publisher = service
+            .publisher_builder()
+            .create()
+            .map_err(|_| BusError::NoPlace {
+                service: self.service_name(Channel::Input),
+                port: "bridge",
+            })?;
+        Ok(InputSender { publisher })
+    }
+
+    /// Looks on at the inputs from the next message on; the core's own watch does not see this reader.
+    ///
+    /// # Errors
+    /// The service is not there, or all places are taken.
+    pub fn inputs(&self) -> Result<InputReader, BusError> {
+        let service = self
+            .domain
+            .open::<MachineInputs>(Channel::Input, &self.wanted, self.deadline())?;
+        Ok(InputReader {
+            subscriber: self.subscribe(&service, Channel::Input)?,
+        })
+    }
+
+    /// Opens the way for the feedback of spindles.
+    ///
+    /// # Errors
+    /// The service is not there, or all places are taken.
+    pub fn spindle_sender(&self) -> Result<SpindleSender, BusError> {
+        let service = self
+            .domain
+            .open::<SpindleFeedback>(Channel::Spindle, &self.wanted, self.deadline())?;
+        let publisher = service
+            .publisher_builder()
+            .create()
+            .map_err(|_| BusError::NoPlace {
+                service: self.service_name(Channel::Spindle),
+                port: "bridge",
+            })?;
+        Ok(SpindleSender { publisher })
     }
 
     fn deadline(&self) -> Instant {
@@ -376,5 +440,73 @@ impl LoadSender {
         self.publisher
             .send_copy(*load)
             .map_err(|cause| send_error(Channel::Load, cause))
+    }
+}
+
+/// The machine's outputs, in the order in which they changed.
+#[derive(Debug)]
+pub struct OutputReader {
+    subscriber: Subscriber<Ipc, MachineOutputs, ()>,
+}
+
+impl OutputReader {
+    /// The oldest outputs not read yet; none if there are none. Does not wait.
+    ///
+    /// # Errors
+    /// The connection is damaged, or the core speaks another version.
+    pub fn receive(&mut self) -> Result<Option<MachineOutputs>, ReceiveError> {
+        receive(&self.subscriber, Channel::Output)
+    }
+}
+
+/// The inputs of all bridges, in the order in which they came.
+#[derive(Debug)]
+pub struct InputReader {
+    subscriber: Subscriber<Ipc, MachineInputs, ()>,
+}
+
+impl InputReader {
+    /// The oldest message not read yet; none if there is none. Does not wait. Its numbers may be none: they are the bridge's.
+    ///
+    /// # Errors
+    /// The connection is damaged, or a bridge speaks another version.
+    pub fn receive(&mut self) -> Result<Option<MachineInputs>, ReceiveError> {
+        receive(&self.subscriber, Channel::Input)
+    }
+}
+
+/// Sends the machine's inputs.
+#[derive(Debug)]
+pub struct InputSender {
+    publisher: Publisher<Ipc, MachineInputs, ()>,
+}
+
+impl InputSender {
+    /// Sends one message; never waits.
+    ///
+    /// # Errors
+    /// The message did not leave.
+    pub fn send(&mut self, inputs: &MachineInputs) -> Result<usize, SendError> {
+        self.publisher
+            .send_copy(*inputs)
+            .map_err(|cause| send_error(Channel::Input, cause))
+    }
+}
+
+/// Sends the feedback of spindles.
+#[derive(Debug)]
+pub struct SpindleSender {
+    publisher: Publisher<Ipc, SpindleFeedback, ()>,
+}
+
+impl SpindleSender {
+    /// Sends one message; never waits.
+    ///
+    /// # Errors
+    /// The message did not leave.
+    pub fn send(&mut self, feedback: &SpindleFeedback) -> Result<usize, SendError> {
+        self.publisher
+            .send_copy(*feedback)
+            .map_err(|cause| send_error(Channel::Spindle, cause))
     }
 }

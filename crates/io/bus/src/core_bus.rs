@@ -9,7 +9,9 @@ use crate::name::Channel;
 use crate::samples::{receive, send_error};
 use core::fmt::Debug;
 use core::time::Duration;
-use evolvent_wire::{EventKind, Feedback, Load, Setpoint, Status};
+use evolvent_wire::{
+    EventKind, Feedback, Load, MachineInputs, MachineOutputs, Setpoint, SpindleFeedback, Status,
+};
 use iceoryx2::port::notifier::{Notifier, NotifierCreateError};
 use iceoryx2::port::publisher::{Publisher, PublisherCreateError};
 use iceoryx2::port::subscriber::Subscriber;
@@ -29,11 +31,17 @@ pub struct CoreBus {
     notifier: Notifier<Ipc>,
     feedback: Subscriber<Ipc, Feedback, ()>,
     load: Subscriber<Ipc, Load, ()>,
+    output: Publisher<Ipc, MachineOutputs, ()>,
+    input: Subscriber<Ipc, MachineInputs, ()>,
+    spindle: Subscriber<Ipc, SpindleFeedback, ()>,
     setpoint_service: PubSub<Setpoint>,
     _status_service: PubSub<Status>,
     _event_service: EventService,
     _feedback_service: PubSub<Feedback>,
     _load_service: PubSub<Load>,
+    _output_service: PubSub<MachineOutputs>,
+    _input_service: PubSub<MachineInputs>,
+    _spindle_service: PubSub<SpindleFeedback>,
     rejected: u64,
     _domain: Domain,
 }
@@ -108,6 +116,32 @@ impl CoreBus {
         let load_service = domain.create::<Load>(Channel::Load, &wanted, sizes, deadline)?;
         let load = subscriber(&load_service, Channel::Load, machine_name)?;
 
+        let sizes = Sizes {
+            publishers: PLACES_FOR_BRIDGES,
+            ..sizes
+        };
+        let input_service = domain.create::<MachineInputs>(Channel::Input, &wanted, sizes, deadline)?;
+        let input = subscriber(&input_service, Channel::Input, machine_name)?;
+        let spindle_service = domain.create::<SpindleFeedback>(Channel::Spindle, &wanted, sizes, deadline)?;
+        let spindle = subscriber(&spindle_service, Channel::Spindle, machine_name)?;
+
+        // History 1: a bridge that joins late gets the outputs of now with the next `admit_readers`.
+        let sizes = Sizes {
+            publishers: 1,
+            subscribers: 8 + PLACES_FOR_BRIDGES,
+            buffer: 256,
+            history: 1,
+        };
+        let output_service = domain.create::<MachineOutputs>(Channel::Output, &wanted, sizes, deadline)?;
+        let output = publisher(
+            &domain,
+            &output_service,
+            Channel::Output,
+            machine_name,
+            sizes,
+            deadline,
+        )?;
+
         let event_service = domain.create_event(&wanted, deadline)?;
         let notifier = notifier(&domain, &event_service, machine_name, deadline)?;
 
@@ -118,11 +152,17 @@ impl CoreBus {
             notifier,
             feedback,
             load,
+            output,
+            input,
+            spindle,
             setpoint_service,
             _status_service: status_service,
             _event_service: event_service,
             _feedback_service: feedback_service,
             _load_service: load_service,
+            _output_service: output_service,
+            _input_service: input_service,
+            _spindle_service: spindle_service,
             rejected: 0,
             _domain: domain,
         })
@@ -155,6 +195,7 @@ impl CoreBus {
         // A failure shows up again, as an error, with the next message.
         let _ = self.setpoint.update_connections();
         let _ = self.status.update_connections();
+        let _ = self.output.update_connections();
     }
 
     /// Wakes every listener. Publish the status that explains it first.
@@ -204,6 +245,33 @@ impl CoreBus {
             self.rejected += 1;
         }
         Ok(None)
+    }
+
+    /// Sends the outputs to every bridge; never waits for one. Returns how many were reached.
+    ///
+    /// # Errors
+    /// The outputs did not leave, or not to all.
+    pub fn publish_outputs(&mut self, outputs: &MachineOutputs) -> Result<usize, SendError> {
+        self.output
+            .send_copy(*outputs)
+            .map_err(|cause| send_error(Channel::Output, cause))
+    }
+
+    /// The oldest inputs that were not taken yet, whatever their numbers: the watch that knows the machine's inputs names what
+    /// is wrong with them.
+    ///
+    /// # Errors
+    /// The connection is damaged, or a bridge speaks another version.
+    pub fn unchecked_inputs(&mut self) -> Result<Option<MachineInputs>, ReceiveError> {
+        receive(&self.input, Channel::Input)
+    }
+
+    /// The oldest feedback of a spindle that was not taken yet, likewise.
+    ///
+    /// # Errors
+    /// The connection is damaged, or a bridge speaks another version.
+    pub fn unchecked_spindle(&mut self) -> Result<Option<SpindleFeedback>, ReceiveError> {
+        receive(&self.spindle, Channel::Spindle)
     }
 
     /// Messages from outside that were dropped because their numbers made no sense.

@@ -7,7 +7,7 @@ use crate::error::BusError;
 const TOO_MANY_FILES: i32 = 24;
 
 /// Services, ports and monitors of a core, and a few clients.
-pub(crate) const OF_A_CORE: usize = 64;
+pub(crate) const OF_A_CORE: usize = 80;
 /// The same of a client.
 pub(crate) const OF_A_CLIENT: usize = 16;
 

@@ -144,6 +144,9 @@ impl Domain {
             Channel::Status,
             Channel::Feedback,
             Channel::Load,
+            Channel::Output,
+            Channel::Input,
+            Channel::Spindle,
             Channel::Event,
             Channel::Control,
         ] {
@@ -448,9 +451,13 @@ pub(crate) fn pattern(channel: Channel) -> MessagingPattern {
     match channel {
         Channel::Event => MessagingPattern::Event,
         Channel::Control => MessagingPattern::RequestResponse,
-        Channel::Setpoint | Channel::Status | Channel::Feedback | Channel::Load => {
-            MessagingPattern::PublishSubscribe
-        }
+        Channel::Setpoint
+        | Channel::Status
+        | Channel::Feedback
+        | Channel::Load
+        | Channel::Output
+        | Channel::Input
+        | Channel::Spindle => MessagingPattern::PublishSubscribe,
     }
 }
 

@@ -42,7 +42,8 @@ mod stale_resources;
 
 pub use bindings::{c_header, python_module};
 pub use client_bus::{
-    ClientBus, EventReader, FeedbackReader, FeedbackSender, LoadSender, SetpointReader, StatusReader,
+    ClientBus, EventReader, FeedbackReader, FeedbackSender, InputReader, InputSender, LoadSender,
+    OutputReader, SetpointReader, SpindleSender, StatusReader,
 };
 pub use config::{BusConfig, ClientConfig, MAX_SETPOINT_BUFFER, PLACES_FOR_BRIDGES, PLACES_FOR_OPERATORS};
 pub use control_bus::{CommandError, ControlCall, ControlClient, ControlServer};
@@ -55,9 +56,10 @@ pub use name::{Channel, MAX_MACHINE_NAME, NameError, check_machine_name};
 pub use private_domain::remove_private_domain;
 
 pub use evolvent_wire::{
-    ACTIVITIES, ANSWER_TEXT_BYTES, AXES, BRIDGE_NOTES, BRIDGE_STATES, COMMAND_TEXT_BYTES, COMMANDS,
-    ControlAnswer, ControlRequest, EventKind, Feedback, FieldLayout, INTERFACE_VERSION, JOB_RESULTS,
-    LOAD_KINDS, Load, MACHINE_STATES, MAX_ALARMS, MAX_MODAL_CODES, MODES, POWER_REQUESTS, Payload,
-    SENTENCE_BYTES, SETPOINT_FLAGS, STATES, SWITCHES, Scalar, Setpoint, Status, StructLayout, TEXT_BYTES,
-    VERDICTS, flags, switches,
+    ACTIVITIES, ANALOG_SIGNALS, ANSWER_TEXT_BYTES, AXES, BRIDGE_NOTES, BRIDGE_STATES, COMMAND_TEXT_BYTES,
+    COMMANDS, ControlAnswer, ControlRequest, DIGITAL_SIGNALS, EventKind, Feedback, FieldLayout,
+    INTERFACE_VERSION, JOB_RESULTS, LOAD_KINDS, Load, MACHINE_STATES, MAX_ALARMS, MAX_MODAL_CODES, MODES,
+    MachineInputs, MachineOutputs, POWER_REQUESTS, PROBE_STATES, Payload, SENTENCE_BYTES, SETPOINT_FLAGS,
+    SPINDLE_DIRECTIONS, SPINDLE_FLAGS, SPINDLES, STATES, SWITCHES, Scalar, Setpoint, SpindleFeedback, Status,
+    StructLayout, TEXT_BYTES, VERDICTS, flags, spindle_flags, switches,
 };

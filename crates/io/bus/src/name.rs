@@ -61,6 +61,12 @@ pub enum Channel {
     Feedback,
     /// Cutting loads, to the core.
     Load,
+    /// Outputs, from the core.
+    Output,
+    /// Inputs, to the core.
+    Input,
+    /// Angles and speeds of spindles, to the core.
+    Spindle,
     /// Snapshots, from the core.
     Status,
     /// Wake-ups and faults, from the core.
@@ -77,6 +83,9 @@ impl Channel {
             Self::Setpoint => "setpoint",
             Self::Feedback => "feedback",
             Self::Load => "load",
+            Self::Output => "output",
+            Self::Input => "input",
+            Self::Spindle => "spindle",
             Self::Status => "status",
             Self::Event => "event",
             Self::Control => "control",

@@ -1,18 +1,21 @@
 //! The same bytes in every language: Rust, C by its compiler, Python by ctypes.
 
 use evolvent_bus::{
-    ControlAnswer, ControlRequest, Feedback, Load, Payload, SETPOINT_FLAGS, STATES, Setpoint, Status,
-    StructLayout,
+    ControlAnswer, ControlRequest, Feedback, Load, MachineInputs, MachineOutputs, Payload, SETPOINT_FLAGS,
+    STATES, Setpoint, SpindleFeedback, Status, StructLayout,
 };
 use std::fs::{read_to_string, write};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-const LAYOUTS: [StructLayout; 6] = [
+const LAYOUTS: [StructLayout; 9] = [
     Setpoint::LAYOUT,
     Status::LAYOUT,
     Feedback::LAYOUT,
     Load::LAYOUT,
+    MachineOutputs::LAYOUT,
+    MachineInputs::LAYOUT,
+    SpindleFeedback::LAYOUT,
     ControlRequest::LAYOUT,
     ControlAnswer::LAYOUT,
 ];
@@ -47,6 +50,9 @@ fn sizes_of_version_1_stay_as_they_are() {
             ("evolvent.Status.v1", 1840),
             ("evolvent.Feedback.v1", 424),
             ("evolvent.Load.v1", 88),
+            ("evolvent.MachineOutputs.v1", 448),
+            ("evolvent.MachineInputs.v1", 352),
+            ("evolvent.SpindleFeedback.v1", 112),
             ("evolvent.ControlRequest.v1", 1208),
             ("evolvent.ControlAnswer.v1", 632),
         ]
@@ -178,11 +184,11 @@ fn python_agrees_on_sizes_offsets_and_type_names() {
         return;
     };
     let script = "import evolvent_bus as bus, ctypes\n\
-        for t in (bus.Setpoint, bus.Status, bus.Feedback, bus.Load, bus.ControlRequest, bus.ControlAnswer):\n\
+        for t in (bus.Setpoint, bus.Status, bus.Feedback, bus.Load, bus.MachineOutputs, bus.MachineInputs, bus.SpindleFeedback, bus.ControlRequest, bus.ControlAnswer):\n\
         \x20   print(t.__name__, ctypes.sizeof(t))\n\
         \x20   for field in t._fields_:\n\
         \x20       print(f'{t.__name__}.{field[0]} {getattr(t, field[0]).offset}')\n\
-        for t in (bus.Setpoint, bus.Status, bus.Feedback, bus.Load, bus.ControlRequest, bus.ControlAnswer):\n\
+        for t in (bus.Setpoint, bus.Status, bus.Feedback, bus.Load, bus.MachineOutputs, bus.MachineInputs, bus.SpindleFeedback, bus.ControlRequest, bus.ControlAnswer):\n\
         \x20   m = t()\n\
         \x20   assert (m.interface_version, m.struct_size) == (bus.INTERFACE_VERSION, ctypes.sizeof(t))\n\
         \x20   print(t.type_name())\n";

@@ -24,11 +24,14 @@
 //! | [`Setpoint`] | core to bridge | position and its derivatives at one instant |
 //! | [`Feedback`] | bridge to core | the drives' actual values for one setpoint |
 //! | [`Load`] | sensor to core | a measured cutting load |
+//! | [`MachineOutputs`] | core to bridge | outputs, spindles, coolant and tool, and the setpoint from which they count |
+//! | [`MachineInputs`] | bridge to core | digital and analog inputs and the probe at one instant |
+//! | [`SpindleFeedback`] | bridge to core | angle and speed of one spindle at one instant |
 //! | [`Status`] | core to screens | one coherent snapshot |
 //! | [`EventKind`] | core to sleeping clients | a number that wakes them |
 //! | [`ControlRequest`], [`ControlAnswer`] | client and core | a command and its result |
 //!
-//! Lists such as [`STATES`] name every number of a field; [`flags`] and [`switches`] name single bits.
+//! Lists such as [`STATES`] name every number of a field; [`flags`], [`switches`] and [`spindle_flags`] name single bits.
 //!
 //! The crate has no dependencies and never allocates; everything is real-time safe. `evolvent-bus` enables the
 //! feature `zero-copy`, which implements the marker trait that iceoryx2 requires of its payloads. The meaning of every
@@ -39,6 +42,7 @@ mod event;
 mod feedback;
 mod layout;
 mod setpoint;
+mod signals;
 mod status;
 
 pub use control::{
@@ -49,6 +53,10 @@ pub use event::EventKind;
 pub use feedback::{BRIDGE_NOTES, BRIDGE_STATES, Feedback, LOAD_KINDS, Load};
 pub use layout::{AXES, FieldLayout, Payload, Scalar, StructLayout};
 pub use setpoint::{POWER_REQUESTS, SETPOINT_FLAGS, STATES, Setpoint, flags};
+pub use signals::{
+    ANALOG_SIGNALS, DIGITAL_SIGNALS, MachineInputs, MachineOutputs, PROBE_STATES, SPINDLE_DIRECTIONS,
+    SPINDLE_FLAGS, SPINDLES, SpindleFeedback, spindle_flags,
+};
 pub use status::{MAX_ALARMS, MAX_MODAL_CODES, SENTENCE_BYTES, Status, TEXT_BYTES};
 
 /// Version of the contract: raised with every change of a payload's layout or meaning.

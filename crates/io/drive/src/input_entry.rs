@@ -1,0 +1,207 @@
+//! What bridges say of the machine's inputs, checked where it enters.
+
+use evolvent_wire::{ANALOG_SIGNALS, MachineInputs, PROBE_STATES};
+
+/// Bridges that read inputs at the same time, at most: as many as the bus has places for.
+const SOURCES: usize = 4;
+
+/// Why a message was not used. The inputs stay as they are, and are unknown when no better message comes in time.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum InputFault {
+    /// A value is none.
+    #[error("an analog value or a latched position is not a number")]
+    NotFinite,
+    /// The time is ahead of this computer's clock.
+    #[error("its time is {0} ns ahead of this computer's clock")]
+    Ahead(u64),
+    /// The time is longer ago than inputs may be.
+    #[error("its time is {0} ns ago")]
+    Past(u64),
+    /// The number or the time does not grow.
+    #[error("its number or time is not above that of the message before")]
+    Repeated,
+    /// The machine file has no such digital input.
+    #[error("the machine has no digital input {0}")]
+    NoDigital(u32),
+    /// The machine file has no such analog input.
+    #[error("the machine has no analog input {0}")]
+    NoAnalog(u32),
+    /// Outside the machine file's range.
+    #[error("analog input {number} is {value}, out of its range")]
+    OutOfRange {
+        /// Which.
+        number: u32,
+        /// Its value.
+        value: f64,
+    },
+    /// The probe's state is none that is known.
+    #[error("{0} is no state of a probe")]
+    Probe(u32),
+    /// Another bridge reads the same input.
+    #[error("another bridge reads one of its inputs")]
+    Claimed,
+    /// More bridges than there are places for.
+    #[error("too many bridges read inputs")]
+    TooMany,
+}
+
+/// The inputs of a machine, as far as they are known.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct KnownInputs {
+    /// Bit i set: the state of digital input i is known.
+    pub digital_known: u64,
+    /// Bit i: state of digital input i.
+    pub digital: u64,
+    /// Bit i set: the value of analog input i is known.
+    pub analog_known: u32,
+    /// Values of the analog inputs; 0 where they are not known.
+    pub analog: [f64; ANALOG_SIGNALS],
+}
+
+/// What one bridge has said last.
+#[derive(Clone, Copy, Debug)]
+struct Source {
+    message: MachineInputs,
+    /// Its time, but never later than it came.
+    time_ns: u64,
+}
+
+/// Checks every message and knows which inputs are known. Neither allocates nor waits.
+#[derive(Clone, Debug)]
+pub struct InputEntry {
+    digital: u64,
+    analog: u32,
+    ranges: [[f64; 2]; ANALOG_SIGNALS],
+    timeout_ns: u64,
+    sources: [Option<Source>; SOURCES],
+    refused: u64,
+    last_fault: Option<InputFault>,
+}
+
+impl InputEntry {
+    /// For a machine with these digital inputs, one bit each. `timeout_ns`: how old the newest message may be.
+    #[must_use]
+    pub fn new(digital: u64, timeout_ns: u64) -> Self {
+        Self {
+            digital,
+            analog: 0,
+            ranges: [[0.0; 2]; ANALOG_SIGNALS],
+            timeout_ns,
+            sources: [None; SOURCES],
+            refused: 0,
+            last_fault: None,
+        }
+    }
+
+    /// With an analog input and its range. Numbers that there are not are left alone.
+    #[must_use]
+    pub fn with_analog(mut self, number: u32, range: [f64; 2]) -> Self {
+        if let Some(slot) = self.ranges.get_mut(number as usize) {
+            *slot = range;
+            self.analog |= 1 << number;
+        }
+        self
+    }
+
+    /// Messages that were not used, and why the last was not.
+    #[must_use]
+    pub fn refused(&self) -> (u64, Option<InputFault>) {
+        (self.refused, self.last_fault)
+    }
+
+    /// Takes a message that has come at `now_ns` of CLOCK_MONOTONIC.
+    ///
+    /// # Errors
+    /// What is wrong with it; it is not used then, and counted.
+    pub fn take(&mut self, message: &MachineInputs, now_ns: u64) -> Result<(), InputFault> {
+        let result = self.check(message, now_ns).map(|place| {
+            self.sources[place] = Some(Source {
+                message: *message,
+                time_ns: message.time_ns.min(now_ns),
+            });
+        });
+        if let Err(fault) = result {
+            self.refused += 1;
+            self.last_fault = Some(fault);
+        }
+        result
+    }
+
+    /// The inputs at this time: what the bridges said last, where that is not too long ago.
+    pub fn known(&mut self, now_ns: u64) -> KnownInputs {
+        let mut known = KnownInputs::default();
+        for slot in &mut self.sources {
+            let Some(source) = slot else { continue };
+            if now_ns.saturating_sub(source.time_ns) > self.timeout_ns {
+                *slot = None;
+                continue;
+            }
+            let message = &source.message;
+            known.digital_known |= message.digital_mask;
+            known.digital |= message.digital & message.digital_mask;
+            known.analog_known |= message.analog_mask;
+            for (index, value) in known.analog.iter_mut().enumerate() {
+                if message.analog_mask >> index & 1 == 1 {
+                    *value = message.analog[index];
+                }
+            }
+        }
+        known
+    }
+
+    /// The place of its source.
+    fn check(&self, message: &MachineInputs, now_ns: u64) -> Result<usize, InputFault> {
+        if !message.is_finite() {
+            return Err(InputFault::NotFinite);
+        }
+        if message.time_ns > now_ns.saturating_add(self.timeout_ns) {
+            return Err(InputFault::Ahead(message.time_ns - now_ns));
+        }
+        if now_ns.saturating_sub(message.time_ns) > self.timeout_ns {
+            return Err(InputFault::Past(now_ns - message.time_ns));
+        }
+        let foreign = message.digital_mask & !self.digital;
+        if foreign != 0 {
+            return Err(InputFault::NoDigital(foreign.trailing_zeros()));
+        }
+        let foreign = message.analog_mask & !self.analog;
+        if foreign != 0 {
+            return Err(InputFault::NoAnalog(foreign.trailing_zeros()));
+        }
+        for (index, [min, max]) in self.ranges.into_iter().enumerate() {
+            let value = message.analog[index];
+            if message.analog_mask >> index & 1 == 1 && !(min..=max).contains(&value) {
+                let number = index as u32;
+                return Err(InputFault::OutOfRange { number, value });
+            }
+        }
+        if !PROBE_STATES.iter().any(|&(_, state)| state == message.probe) {
+            return Err(InputFault::Probe(message.probe));
+        }
+        let mut place = None;
+        for (index, slot) in self.sources.iter().enumerate() {
+            let Some(source) = slot else {
+                place = place.or(Some(index));
+                continue;
+            };
+            let before = &source.message;
+            if before.instance == message.instance {
+                let grows = message.sequence > before.sequence && message.time_ns >= before.time_ns;
+                return if grows {
+                    Ok(index)
+                } else {
+                    Err(InputFault::Repeated)
+                };
+            }
+            let is_old = now_ns.saturating_sub(source.time_ns) > self.timeout_ns;
+            if is_old {
+                place = place.or(Some(index));
+            } else if before.digital_mask & message.digital_mask != 0
+                || before.analog_mask & message.analog_mask != 0
+            {
+                return Err(InputFault::Claimed);
+            }
+        }
+        place.ok_or(InputFault::TooMany)
+    }
+}

@@ -1,0 +1,163 @@
+//! The machine's signals: outputs with the cycle at which they count, inputs with the time at which they were read.
+
+use crate::layout::{AXES, payload};
+
+/// Digital inputs, and digital outputs, of a machine at most.
+pub const DIGITAL_SIGNALS: usize = 64;
+/// Analog inputs, and analog outputs, of a machine at most.
+pub const ANALOG_SIGNALS: usize = 16;
+/// Spindles of a machine at most.
+pub const SPINDLES: usize = 4;
+
+payload! {
+    /// Everything that the machine's periphery shall be, from one setpoint on.
+    ///
+    /// Complete in itself: a bridge that has lost a message is right again with the next. Sent at every change and every
+    /// 50 ms.
+    pub struct MachineOutputs = "evolvent.MachineOutputs.v1" {
+        /// Grows by one from one message to the next.
+        sequence: u64,
+        /// The setpoint from which these values count.
+        cycle: u64,
+        /// When that setpoint is due, as its `due_time_ns`.
+        due_time_ns: u64,
+        /// Bit i set: the machine has digital output i.
+        digital_mask: u64,
+        /// Bit i: state of digital output i.
+        digital: u64,
+        /// Bit i: state of digital output i that a bridge sets by itself where it has lost its core.
+        safe_digital: u64,
+        /// Values of the analog outputs.
+        analog: [f64; ANALOG_SIGNALS],
+        /// The same, for a bridge that has lost its core.
+        safe_analog: [f64; ANALOG_SIGNALS],
+        /// Bit i set: the machine has analog output i.
+        analog_mask: u32,
+        /// Bit i set: the machine has spindle i.
+        spindle_mask: u32,
+        /// What each spindle shall do, a number of the list of spindle directions.
+        spindle_direction: [u32; SPINDLES],
+        /// Commanded speed of each spindle, rpm, not negative.
+        spindle_rpm: [f64; SPINDLES],
+        /// Bit 0 mist, bit 1 flood.
+        coolant: u32,
+        /// As `tool_change` of Status.
+        tool_change: u32,
+        /// As `tool_wanted` of Status.
+        tool_wanted: u32,
+        /// Tool in the spindle; 0 for none.
+        tool: u32,
+        /// Zero; for later versions.
+        reserved: [u64; 8],
+    }
+}
+
+payload! {
+    /// The machine's inputs at one instant. Sent at every change, and at least four times in the machine file's
+    /// `signals.input_timeout_ms`: older ones are unknown to the core.
+    pub struct MachineInputs = "evolvent.MachineInputs.v1" {
+        /// Grows by one from one message to the next of the same bridge.
+        sequence: u64,
+        /// When the inputs were read, in ns of CLOCK_MONOTONIC.
+        time_ns: u64,
+        /// Differs from one start of the bridge to the next.
+        instance: u64,
+        /// The `sequence` of the outputs that have been set last; 0 for none.
+        outputs_sequence: u64,
+        /// Bit i set: digital input i was read.
+        digital_mask: u64,
+        /// Bit i: state of digital input i.
+        digital: u64,
+        /// Values of the analog inputs.
+        analog: [f64; ANALOG_SIGNALS],
+        /// Bit i set: analog input i was read.
+        analog_mask: u32,
+        /// What the probe says, a number of the list of probe states.
+        probe: u32,
+        /// Times that the probe has tripped since the bridge started.
+        probe_trips: u64,
+        /// When it tripped last, in ns of CLOCK_MONOTONIC; 0 where it has not.
+        probe_time_ns: u64,
+        /// Positions that the drives latched when it tripped: mm, degrees for A B C.
+        probe_position: [f64; AXES],
+        /// Bit i set: the drive of axis i has latched its position.
+        probe_latched_mask: u32,
+        /// Zero; keeps what follows at multiples of 8 bytes.
+        unused: u32,
+        /// Zero; for later versions.
+        reserved: [u64; 8],
+    }
+}
+
+payload! {
+    /// What the encoder and drive of one spindle say at one instant.
+    pub struct SpindleFeedback = "evolvent.SpindleFeedback.v1" {
+        /// Grows by one from one message to the next of the same spindle and bridge.
+        sequence: u64,
+        /// When the angle was sampled, in ns of CLOCK_MONOTONIC.
+        time_ns: u64,
+        /// Differs from one start of the bridge to the next.
+        instance: u64,
+        /// Whole turns since the bridge started, falling counter-clockwise.
+        turns: i64,
+        /// The rest of the angle as a fraction of a turn: 0 up to, not including, 1; counted from the index pulse.
+        fraction: f64,
+        /// Measured speed, rpm, negative counter-clockwise.
+        speed_rpm: f64,
+        /// Which spindle, from 0.
+        spindle: u32,
+        /// Bits of the list of spindle flags.
+        flags: u32,
+        /// Zero; for later versions.
+        reserved: [u64; 6],
+    }
+}
+
+/// Names and numbers of `spindle_direction`.
+pub const SPINDLE_DIRECTIONS: [(&str, u32); 3] = [("STOPPED", 0), ("CLOCKWISE", 1), ("COUNTER_CLOCKWISE", 2)];
+
+/// Names and numbers of `probe`.
+pub const PROBE_STATES: [(&str, u32); 3] = [("NONE", 0), ("OPEN", 1), ("TRIPPED", 2)];
+
+/// Bits of `flags` in [`SpindleFeedback`].
+pub mod spindle_flags {
+    /// The commanded speed is reached.
+    pub const AT_SPEED: u32 = 1 << 0;
+    /// The spindle's drive is in fault.
+    pub const FAULT: u32 = 1 << 1;
+    /// The index pulse has been seen: `fraction` is counted from it.
+    pub const INDEXED: u32 = 1 << 2;
+}
+
+/// Names and bits of `flags` in [`SpindleFeedback`].
+pub const SPINDLE_FLAGS: [(&str, u32); 3] = [
+    ("AT_SPEED", spindle_flags::AT_SPEED),
+    ("FAULT", spindle_flags::FAULT),
+    ("INDEXED", spindle_flags::INDEXED),
+];
+
+impl MachineInputs {
+    /// Whether every analog value that was read, and every latched position, is finite.
+    #[must_use]
+    pub fn is_finite(&self) -> bool {
+        let read = |mask: u32, values: &[f64]| {
+            values
+                .iter()
+                .enumerate()
+                .all(|(index, value)| mask >> index & 1 == 0 || value.is_finite())
+        };
+        read(self.analog_mask, &self.analog) && read(self.probe_latched_mask, &self.probe_position)
+    }
+}
+
+impl SpindleFeedback {
+    /// Whether spindle and flags are known, and angle and speed are numbers that can be.
+    #[must_use]
+    pub fn is_valid(&self) -> bool {
+        let known = SPINDLE_FLAGS.iter().fold(0, |sum, (_, bit)| sum | bit);
+        (self.spindle as usize) < SPINDLES
+            && self.flags & !known == 0
+            && (0.0..1.0).contains(&self.fraction)
+            && self.speed_rpm.is_finite()
+    }
+}
