@@ -1,0 +1,36 @@
+//! Outputs, inputs and waits in the cycle: which output changes at which setpoint.
+//!
+//! The planner's thread schedules [`Change`]s and [`InputWait`]s through a [`Scheduler`]; the cycle carries them out through
+//! [`Signals`], once for each setpoint.
+//!
+//! ```
+//! use evolvent_machine::SignalSettings;
+//! use evolvent_signals::{Change, Moment, Phase, Progress, schedule};
+//!
+//! let (mut scheduler, mut signals) = schedule(&SignalSettings::default(), 2);
+//! let mut change = Change::at(Moment::Block(3));
+//! change.set_digital(0, true);
+//! assert!(scheduler.change(change));
+//! let before = Progress { actions: 0, blocks: 3, phase: Phase::Runs };
+//! assert_eq!(signals.step(&before).digital, 0);
+//! // Block 3 is the fourth to begin.
+//! assert_eq!(signals.step(&Progress { blocks: 4, ..before }).digital, 1);
+//! ```
+//!
+//! A change counts from a *moment* on: with the first setpoint of a block (M62, M63, M67), or at rest with an action (M64, M65,
+//! M68). Both are numbers that the setpoint carries, so nothing is timed: whatever the rate, the override and the holds, a
+//! change takes effect with the setpoint that begins the block. A wait (M66) begins when the setpoint at which the axes rest is
+//! due, a lead after it was computed, because what the program has switched before is in force only then.
+//!
+//! Real-time safety: [`Signals`] neither allocates nor frees; what has been carried out goes back to the scheduler to be
+//! dropped. The same schedule, progress and inputs give the same outputs, cycle by cycle.
+
+mod image;
+mod schedule;
+mod signals;
+mod wait;
+
+pub use image::{InputImage, OutputImage};
+pub use schedule::{Change, Moment, Scheduler, schedule};
+pub use signals::{Phase, Progress, Signals};
+pub use wait::{InputWait, WaitMode, WaitResult};

@@ -1,0 +1,125 @@
+//! Waiting for an input (M66).
+
+use evolvent_machine::SignalKind;
+
+use crate::image::InputImage;
+
+/// What is waited for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum WaitMode {
+    /// Nothing: the value of the moment (L0).
+    Immediate,
+    /// From off to on (L1).
+    Rise,
+    /// From on to off (L2).
+    Fall,
+    /// On (L3).
+    High,
+    /// Off (L4).
+    Low,
+}
+
+impl WaitMode {
+    /// The mode of an L word.
+    #[must_use]
+    pub const fn from_number(number: u32) -> Option<Self> {
+        Some(match number {
+            0 => Self::Immediate,
+            1 => Self::Rise,
+            2 => Self::Fall,
+            3 => Self::High,
+            4 => Self::Low,
+            _ => return None,
+        })
+    }
+}
+
+/// A wait for an input, at rest.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct InputWait {
+    /// The action with which the machine comes to rest for it.
+    pub action: u32,
+    /// Digital or analog.
+    pub kind: SignalKind,
+    /// Which input.
+    pub number: u32,
+    /// What is waited for. An analog input knows [`WaitMode::Immediate`] only.
+    pub mode: WaitMode,
+    /// Setpoints until it is given up.
+    pub timeout_cycles: u64,
+}
+
+/// What came of a wait.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct WaitResult {
+    /// The wait's action.
+    pub action: u32,
+    /// The input's value; none after the timeout, or where it was not known.
+    pub value: Option<f64>,
+}
+
+/// A wait in force.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ActiveWait {
+    pub(crate) wait: InputWait,
+    /// Setpoints until the one at which the axes rest is due.
+    lead: u32,
+    waited: u64,
+    /// The state before, where that was known.
+    before: Option<bool>,
+    /// The edge has come.
+    edge: bool,
+}
+
+impl ActiveWait {
+    pub(crate) fn new(wait: InputWait, lead: u32) -> Self {
+        Self {
+            wait,
+            lead,
+            waited: 0,
+            before: None,
+            edge: false,
+        }
+    }
+
+    /// Looks at one sample of the inputs: an edge between two setpoints counts as well.
+    pub(crate) fn see(&mut self, inputs: &InputImage) {
+        let now = inputs
+            .value(self.wait.kind, self.wait.number)
+            .map(|value| value != 0.0);
+        if self.lead == 0 {
+            self.edge |= match (self.wait.mode, self.before, now) {
+                (WaitMode::Rise, Some(before), Some(now)) => !before && now,
+                (WaitMode::Fall, Some(before), Some(now)) => before && !now,
+                _ => false,
+            };
+        }
+        self.before = now;
+    }
+
+    /// After the samples of one setpoint: what came of the wait, if it is over.
+    pub(crate) fn step(&mut self, inputs: &InputImage) -> Option<WaitResult> {
+        if self.lead > 0 {
+            self.lead -= 1;
+            return None;
+        }
+        let value = inputs.value(self.wait.kind, self.wait.number);
+        let result = |value| WaitResult {
+            action: self.wait.action,
+            value,
+        };
+        let done = match self.wait.mode {
+            WaitMode::Immediate => return Some(result(value)),
+            WaitMode::Rise | WaitMode::Fall => self.edge,
+            WaitMode::High => value.is_some_and(|value| value != 0.0),
+            WaitMode::Low => value == Some(0.0),
+        };
+        if done {
+            // What was waited for, even where the input has changed back since.
+            let on = matches!(self.wait.mode, WaitMode::Rise | WaitMode::High);
+            return Some(result(Some(f64::from(u8::from(on)))));
+        }
+        self.waited += 1;
+        (self.waited >= self.wait.timeout_cycles).then(|| result(None))
+    }
+}
