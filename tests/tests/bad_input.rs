@@ -173,6 +173,7 @@ fn assert_runs_within_limits(file: &Path, setup: &Setup) -> &'static str {
         bus: false,
         bus_prefix: None,
         wait_for_subscribers: 0,
+        inputs: None,
         optional_stop: false,
         stop_at_program_stops: false,
     };

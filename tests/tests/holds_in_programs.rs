@@ -39,6 +39,7 @@ fn job(workshop: &Workshop, program: &Path, machine: &str, rate_hz: f64) -> Job 
         wait_for_subscribers: 0,
         optional_stop: false,
         stop_at_program_stops: false,
+        inputs: None,
     }
 }
 

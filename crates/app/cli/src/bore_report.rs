@@ -266,6 +266,7 @@ fn planned_s(setup: &Setup, name: &str, text: &str) -> Result<f64, CommandError>
         bus: false,
         bus_prefix: None,
         wait_for_subscribers: 0,
+        inputs: None,
         optional_stop: false,
         stop_at_program_stops: false,
     };

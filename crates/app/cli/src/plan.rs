@@ -37,6 +37,10 @@ pub(crate) struct PlanArgs {
     /// Say why the machine is slow on this line of the program, and what would help (plans again to find out).
     #[arg(long, value_name = "LINE", value_parser = clap::value_parser!(u32).range(1..))]
     explain: Option<u32>,
+    /// When inputs of the machine change, where time is not real. Without it none is known, so that M66 ends by its timeout,
+    /// and an emergency-stop chain is closed.
+    #[arg(long, value_name = "FILE.toml")]
+    inputs: Option<PathBuf>,
     /// Feed override in percent, 1 to 200.
     #[arg(long = "override", value_name = "PCT", value_parser = parse_override, default_value = "100")]
     feed_override: f64,
@@ -98,6 +102,7 @@ pub(crate) fn run(args: &PlanArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
         bus: false,
         bus_prefix: None,
         wait_for_subscribers: 0,
+        inputs: crate::program::inputs(args.inputs.as_deref(), &machine)?,
         optional_stop: false,
         stop_at_program_stops: false,
     };

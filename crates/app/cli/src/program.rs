@@ -8,7 +8,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use clap::Args;
 use evolvent_gcode::StoreError;
 use evolvent_machine::{ControlRate, Machine, PlannerKind};
-use evolvent_runtime::{Commands, ProgramMemory, Setup};
+use evolvent_runtime::{Commands, InputScript, ProgramMemory, Setup};
 
 use crate::CommandError;
 use crate::user_file::{read_text, try_program};
@@ -236,4 +236,11 @@ mod tests {
             assert!(parse_rate(bad).is_err(), "{bad}");
         }
     }
+}
+
+/// The inputs of a file over a run whose time is not real.
+pub(crate) fn inputs(file: Option<&Path>, machine: &Machine) -> Result<Option<InputScript>, CommandError> {
+    file.map(|file| InputScript::load(file, &machine.signals))
+        .transpose()
+        .map_err(|error| CommandError::Usage(error.to_string()))
 }

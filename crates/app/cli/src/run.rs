@@ -40,6 +40,10 @@ pub(crate) struct RunArgs {
     /// Feed override in percent, 1 to 200.
     #[arg(long = "override", value_name = "PCT", value_parser = parse_override, default_value = "100")]
     feed_override: f64,
+    /// When inputs of the machine change, where time is not real. Without it none is known, so that M66 ends by its timeout,
+    /// and an emergency-stop chain is closed.
+    #[arg(long, value_name = "FILE.toml")]
+    inputs: Option<PathBuf>,
     /// Stop at M1.
     #[arg(long)]
     optional_stop: bool,
@@ -99,6 +103,15 @@ pub(crate) fn run(args: &RunArgs, out: &mut dyn Write, err: &mut dyn Write) -> R
     if !args.unchecked {
         refuse_wrong_program(args, &setup, clock, out, err)?;
     }
+    let inputs = match (&args.inputs, clock) {
+        (Some(file), Clock::Realtime) => {
+            return Err(CommandError::Usage(format!(
+                "{}: in real time inputs come from a bridge: leave out --inputs, or use --clock virtual",
+                file.display()
+            )));
+        }
+        (file, _) => crate::program::inputs(file.as_deref(), &setup.machine)?,
+    };
     let trace = if args.no_trace {
         None
     } else {
@@ -131,6 +144,7 @@ pub(crate) fn run(args: &RunArgs, out: &mut dyn Write, err: &mut dyn Write) -> R
         bus: !args.no_bus,
         bus_prefix: args.bus_prefix.clone(),
         wait_for_subscribers: args.wait_for_clients,
+        inputs,
         optional_stop: args.optional_stop,
         stop_at_program_stops,
     };

@@ -129,6 +129,7 @@ fn job(program: PathBuf, setup: Setup, clock: Clock, trace: Option<PathBuf>) -> 
         bus: false,
         bus_prefix: None,
         wait_for_subscribers: 0,
+        inputs: None,
         optional_stop: false,
         stop_at_program_stops: false,
     }

@@ -11,6 +11,7 @@ use evolvent_planner::{MoveValidator, PlanError};
 use crate::job::Setup;
 use crate::periphery::{Changer, TOOL_CHANGE_CODE, nobody_changes, waits_for};
 use crate::refusal::{about_line, about_line_with, at_origin, cannot_turn, explain, refuse};
+use crate::signal_check::signal_objection;
 use crate::source::reader_of;
 use crate::turning::turning;
 use crate::user_code::UserCodes;
@@ -166,7 +167,10 @@ pub(crate) fn check_while(
                 has_strayed |= matches!(refused, Some(PlanError::Travel { .. }));
                 refused.filter(|_| !follows).map(Objection::Plan)
             }
-            (action, None) => machine.objection(action),
+            (action, None) => match signal_objection(&setup.machine.signals, action) {
+                Some(objection) => Some(Objection::Tool(objection)),
+                None => machine.objection(action),
+            },
         };
         let Some(objection) = objection else { continue };
         if !told.insert(place()) {

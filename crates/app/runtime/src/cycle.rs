@@ -17,6 +17,7 @@ use crate::job::Clock;
 use crate::pacing::{LatenessCounter, Pacing, RealTimer};
 use crate::rt::MonotonicClock;
 use crate::shared::Controls;
+use crate::signal_loop::SignalLoop;
 use crate::standby::{NotBegun, Standby};
 use crate::turning_tally::TurningTally;
 use evolvent_control::Alarm;
@@ -85,6 +86,8 @@ pub(crate) struct CycleLoop {
     pub stop_at_program_stops: bool,
     /// The actions before stops at which a command of the machine's own is carried out, in order; none where nothing is.
     pub commands: Option<Consumer<u32>>,
+    /// Outputs and inputs, where the machine has any.
+    pub signals: Option<SignalLoop>,
     pub bus: Option<Producer<DueSetpoint>>,
     pub trace: Option<Producer<CycleSample>>,
     /// Unix time of the first setpoint.
@@ -123,6 +126,8 @@ pub(crate) struct CycleReport {
     pub planner_died: bool,
     /// Why adaptive feed has stopped the run.
     pub adaptive_stop: Option<AdaptiveStop>,
+    /// The emergency-stop chain was opened, or not closed.
+    pub estopped: bool,
     /// Why the program was not begun.
     pub not_begun: Option<NotBegun>,
     /// What turning cycles came to.
@@ -151,6 +156,7 @@ impl CycleLoop {
             stopped_for_lateness: false,
             planner_died: false,
             adaptive_stop: None,
+            estopped: false,
             not_begun: None,
             turning: self.turning,
             process: None,
@@ -191,7 +197,27 @@ impl CycleLoop {
             }
             inputs.stop |= report.stopped_for_lateness;
             let command = at_command(&mut self.commands, &report);
-            if let Some(action) = command {
+            let mut at_wait = false;
+            if let Some(signals) = &mut self.signals {
+                signals.see_inputs(report.cycles, self.period_ns, report.last.as_ref());
+                if signals.is_estopped() && !report.estopped {
+                    report.estopped = true;
+                    self.controls.raise(Alarm::EmergencyStopChain);
+                }
+                inputs.stop |= report.estopped;
+                at_wait = signals.is_waiting();
+                if signals.is_over() {
+                    let (motion, queue) = (&report.motion, &mut self.queue);
+                    if !realtime && motion.state() == State::ProgramStop && !inputs.stop {
+                        // The planner reads on with the result: what follows must not depend on how fast it is.
+                        wait_until(|| motion.can_leave_wait(queue) || queue.is_abandoned());
+                    }
+                    inputs.resume = motion.can_leave_wait(queue);
+                }
+            }
+            if at_wait {
+                // Only the wait's end goes on from here.
+            } else if let Some(action) = command {
                 inputs.resume = !resumed && self.controls.is_command_done(action);
             } else if !self.stop_at_program_stops {
                 // In the cycle itself, so that a run with the virtual clock takes the same cycles each time.
@@ -205,7 +231,9 @@ impl CycleLoop {
                 report.adaptive_stop = report.adaptive_stop.or(stop);
                 inputs.stop |= report.adaptive_stop.is_some();
             }
+            let before = report.motion.plan_step();
             let mut setpoint = report.motion.step(&inputs, &mut self.queue);
+            let has_left = at_wait && inputs.resume && report.motion.plan_step() != before;
             if setpoint.state == State::Done && self.controls.has_program_failed() {
                 setpoint.state = State::Stopped;
                 report.program_failed = true;
@@ -238,6 +266,12 @@ impl CycleLoop {
             }
             if setpoint.flags & flags::STARVED != 0 {
                 report.starved_cycles += 1;
+            }
+            if let Some(signals) = &mut self.signals {
+                if has_left {
+                    signals.go_on();
+                }
+                signals.step(&setpoint);
             }
             if let Some(bus) = &mut self.bus {
                 let due_time_ns = paced.map_or(path_time, |cycle| cycle.due_ns);
@@ -281,7 +315,8 @@ impl CycleLoop {
             let stands = setpoint.state == State::ProgramStop;
             let next = self.commands.as_ref().and_then(|commands| commands.peek().ok());
             let at_command = stands && next.is_some_and(|action| action + 1 == setpoint.actions);
-            self.controls.set_at_command(at_command);
+            let at_wait = self.signals.as_ref().is_some_and(SignalLoop::is_waiting);
+            self.controls.set_at_command(at_command || at_wait);
             self.controls.publish(&setpoint);
             if let Some(cycle) = paced {
                 // With the handing over, which the cycle's own record cannot know yet.
@@ -295,6 +330,7 @@ impl CycleLoop {
             }
         }
         report.late_cycles = late.total();
+        report.dropped_records += self.signals.as_ref().map_or(0, |signals| signals.lost);
         self.controls.abandon();
         report.process = self.process;
         report
@@ -472,6 +508,7 @@ mod tests {
             max_late_cycles: 0,
             stop_at_program_stops: false,
             commands: None,
+            signals: None,
             bus: None,
             trace: None,
             start_unix_ns: 0,

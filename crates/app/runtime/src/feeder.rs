@@ -7,9 +7,11 @@ use std::sync::mpsc::Sender;
 use std::time::Duration;
 
 use evolvent_gcode::{Action, Command, Diagnostic, Modal, Move, MoveKind};
+use evolvent_machine::SignalKind;
 use evolvent_motion::{QueueClosed, Turning, TurningSender};
 use evolvent_path::Curve;
 use evolvent_planner::{PlanError, PlanSink, Step};
+use evolvent_signals::{Change, InputWait, Moment as SignalMoment, Scheduler, WaitMode};
 use evolvent_trace::BlockKind;
 use rtrb::Producer;
 
@@ -21,6 +23,7 @@ use crate::periphery::{
 };
 use crate::refusal::{ProgramError, about_line, about_line_with, at_origin, cannot_turn, explain, refuse};
 use crate::shared::Controls;
+use crate::signal_check::signal_objection;
 use crate::source::Commands;
 use crate::stages::Stages;
 use crate::switches::{SwitchState, Switched, Switching};
@@ -29,6 +32,9 @@ use crate::user_code::UserCodes;
 
 /// How long the planner sleeps where too many commands lie ahead.
 const CARRIER_NAP: Duration = Duration::from_millis(5);
+
+/// The same while the machine waits for an input.
+const INPUT_NAP: Duration = Duration::from_micros(200);
 
 /// The same while the turning cycles before are driven.
 const TURNING_NAP: Duration = Duration::from_millis(1);
@@ -97,6 +103,11 @@ pub(crate) struct Feeder<'a, S> {
     carrier: Option<ToCarrier>,
     /// The way of turning cycles to the cycle; none where nothing is driven.
     turnings: Option<TurningSender>,
+    /// The way of outputs and waits to the cycle; none where nothing is driven.
+    signals: Option<Scheduler>,
+    /// Outputs that change with the next block (M62, M63, M67), and the line that has set them last.
+    with_next_block: Change,
+    with_next_line: u32,
     /// Names of attached subroutines begin with this.
     subroutines: String,
     /// Files of subroutines that have been told of.
@@ -158,6 +169,9 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
             codes: None,
             carrier: None,
             turnings: None,
+            signals: None,
+            with_next_block: Change::at(SignalMoment::Block(0)),
+            with_next_line: 0,
             subroutines: "subroutines/".to_owned(),
             files_told: 0,
             warned: BTreeSet::new(),
@@ -179,6 +193,12 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
     /// Hands turning cycles on here.
     pub(crate) fn turning_by(mut self, turnings: Option<TurningSender>) -> Self {
         self.turnings = turnings;
+        self
+    }
+
+    /// Schedules outputs and waits here.
+    pub(crate) fn signalling_by(mut self, signals: Option<Scheduler>) -> Self {
+        self.signals = signals;
         self
     }
 
@@ -281,6 +301,15 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
                     diagnostic,
                 });
             }
+            if let Some((message, help)) = signal_objection(&self.setup.machine.signals, &command.action) {
+                let diagnostic = Box::new(at_origin(&command, program, |file, line| {
+                    about_line_with(message, Some(help), file, line)
+                }));
+                return Err(ProgramError::Text {
+                    file: self.file.clone(),
+                    diagnostic,
+                });
+            }
             if let (Action::UserCommand { number, .. }, Some(codes)) = (&command.action, &self.codes)
                 && let Some(objection) = codes.objection(*number)
             {
@@ -313,9 +342,32 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
                 }
                 continue;
             }
+            if let Action::WaitInput {
+                index,
+                analog,
+                mode,
+                timeout_s,
+            } = command.action
+            {
+                let kind = if analog {
+                    SignalKind::Analog
+                } else {
+                    SignalKind::Digital
+                };
+                match self.wait_for_input(kind, index, mode, timeout_s, line) {
+                    // -1 as after a timeout where the input is not known.
+                    Ok(value) => commands.answer_input(value.unwrap_or(-1.0)),
+                    Err(_gone) => break,
+                }
+                self.report_blocks(false);
+                continue;
+            }
             match self.execute(&command) {
                 Ok(true) => {}
-                Ok(false) => return Ok(Some(commands.left(&self.setup.memory))),
+                Ok(false) => {
+                    self.warn_of_outputs_without_move();
+                    return Ok(Some(commands.left(&self.setup.memory)));
+                }
                 Err(PlanError::Sink(_)) => break,
                 Err(error) => {
                     let diagnostic = match error {
@@ -348,8 +400,115 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
             self.planner.poll()?;
             std::thread::sleep(TURNING_NAP);
         }
+        if !self.with_next_block.is_empty() {
+            // The cycle's passes are no blocks: what is to change with them changes where they begin, at rest.
+            let change = Change {
+                moment: SignalMoment::Rest(self.actions),
+                ..self.with_next_block
+            };
+            self.with_next_block = Change::at(SignalMoment::Block(0));
+            let action = self.actions;
+            self.actions += 1;
+            self.schedule(|signals| signals.change(change))?;
+            self.planner.rest(&Step::Action { action, line })?;
+        }
         self.last_line = 0;
         self.planner.rest(&Step::Turning { line })
+    }
+
+    /// Comes to rest, waits for an input there, and gives its value.
+    fn wait_for_input(
+        &mut self,
+        kind: SignalKind,
+        number: u32,
+        mode: u32,
+        timeout_s: f64,
+        line: u32,
+    ) -> Result<Option<f64>, QueueClosed> {
+        let action = self.actions;
+        self.actions += 1;
+        if let Some(onlooker) = &self.onlooker {
+            let _gone = onlooker.send(FeederEvent::Stop(action, StopKind::Input));
+        }
+        let signals = &self.setup.machine.signals;
+        let name = signals.input(kind, number).map_or("", |input| &input.name);
+        let what = ["its value", "its rise", "its fall", "on", "off"];
+        let what = what.get(mode as usize).copied().unwrap_or_default();
+        let text = match mode {
+            0 => format!("read input {name} (M66)"),
+            _ => format!("wait for input {name}: {what}, {timeout_s} s at most (M66)"),
+        };
+        self.announce(Moment::Rest(action), line, mode != 0, &text);
+        let wait = InputWait {
+            action,
+            kind,
+            number,
+            mode: WaitMode::from_number(mode).unwrap_or(WaitMode::Immediate),
+            // A cast saturates, and a wait of the largest number is one for ever.
+            timeout_cycles: (timeout_s * 1e9 / self.setup.period_ns as f64).ceil() as u64,
+        };
+        self.schedule(|signals| signals.wait(wait))?;
+        self.last_line = 0;
+        self.planner.rest(&Step::Action { action, line })?;
+        self.planner.rest(&Step::InputWait { line })?;
+        loop {
+            let Some(signals) = &mut self.signals else {
+                // Nothing is driven: as after a timeout.
+                return Ok(None);
+            };
+            if let Some(result) = signals.result() {
+                return Ok(result.value);
+            }
+            if signals.is_abandoned() {
+                return Err(QueueClosed);
+            }
+            // Holds and overrides are answered meanwhile.
+            self.planner.poll()?;
+            self.report_blocks(false);
+            std::thread::sleep(INPUT_NAP);
+        }
+    }
+
+    /// Hands something to the cycle's outputs and inputs, before its block or action goes into the plan.
+    fn schedule(&mut self, hand: impl Fn(&mut Scheduler) -> bool) -> Result<(), QueueClosed> {
+        let Some(signals) = &mut self.signals else {
+            return Ok(());
+        };
+        while !hand(signals) {
+            if signals.is_abandoned() {
+                return Err(QueueClosed);
+            }
+            self.planner.poll()?;
+            std::thread::sleep(CARRIER_NAP);
+        }
+        Ok(())
+    }
+
+    /// An output that changes at rest, now in the order of the program.
+    fn set_at_rest(
+        &mut self,
+        line: u32,
+        text: &str,
+        set: impl Fn(&mut Change),
+    ) -> Result<(), PlanError<QueueClosed>> {
+        let mut change = Change::at(SignalMoment::Rest(self.actions));
+        set(&mut change);
+        self.schedule(|signals| signals.change(change))
+            .map_err(PlanError::Sink)?;
+        self.act(line, text)?;
+        // An action takes no time, so the next move would begin in the same period: one setpoint at rest has the new value.
+        let seconds = self.setup.period_ns as f64 * 1e-9;
+        let dwell = Step::Dwell { seconds, line };
+        self.planner.rest(&dwell).map_err(PlanError::Sink)
+    }
+
+    /// Outputs that wait for a move that never comes, as in LinuxCNC.
+    fn warn_of_outputs_without_move(&mut self) {
+        if self.with_next_block.is_empty() {
+            return;
+        }
+        let text = "warning: no move follows this output, so it does not change: write a move behind it, or M64, M65 or M68";
+        self.announce(Moment::Block(self.next_block), self.with_next_line, true, text);
     }
 
     /// Why the machine cannot change to this tool.
@@ -437,6 +596,34 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
             }
             Action::ProgramEnd => return Ok(false),
             Action::ChangeTool(tool) => self.change_tool(&command.action, *tool, line)?,
+            Action::Output {
+                index,
+                on,
+                synchronised,
+            } => {
+                let (index, on) = (*index, *on);
+                if *synchronised {
+                    self.with_next_block.set_digital(index, on);
+                    self.with_next_line = line;
+                } else {
+                    let text = format!("output {index} {}", if on { "on" } else { "off" });
+                    self.set_at_rest(line, &text, |change| change.set_digital(index, on))?;
+                }
+            }
+            Action::AnalogOutput {
+                index,
+                value,
+                synchronised,
+            } => {
+                let (index, value) = (*index, *value);
+                if *synchronised {
+                    self.with_next_block.set_analog(index, value);
+                    self.with_next_line = line;
+                } else {
+                    let text = format!("analog output {index} {value}");
+                    self.set_at_rest(line, &text, |change| change.set_analog(index, value))?;
+                }
+            }
             Action::Spindle { .. } | Action::Coolant { .. } | Action::ToolNumber(_) => {
                 self.switch(&command.action, line)?;
             }
@@ -473,7 +660,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
                 let text = tool_request(tool, self.periphery.tool);
                 self.announce(Moment::Rest(action), line, true, &text);
             }
-            StopKind::Program | StopKind::Step => {}
+            StopKind::Program | StopKind::Step | StopKind::Input => {}
         }
         self.last_line = 0;
         self.planner
@@ -558,6 +745,13 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
             motion.feed = motion.feed.min(most);
         }
         let block = self.next_block;
+        if !self.with_next_block.is_empty() {
+            let nothing = Change::at(SignalMoment::Block(block));
+            let mut change = std::mem::replace(&mut self.with_next_block, nothing);
+            change.moment = SignalMoment::Block(block);
+            self.schedule(|signals| signals.change(change))
+                .map_err(PlanError::Sink)?;
+        }
         self.planner.push(&motion, line, block)?;
         self.next_block += 1;
         self.moves += 1;

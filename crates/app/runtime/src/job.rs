@@ -11,6 +11,7 @@ use evolvent_path::{AXES, Axes};
 use evolvent_planner::{PathLimits, PathRules};
 use evolvent_turning::Job as TurningJob;
 
+use crate::input_script::InputScript;
 use crate::memory::ProgramMemory;
 
 /// Which clock drives the cycle.
@@ -209,6 +210,8 @@ pub struct Job {
     pub bus_prefix: Option<String>,
     /// How many setpoint subscribers to wait for before the start, 10 s at the most.
     pub wait_for_subscribers: usize,
+    /// Inputs over the run where time is not real; none known but for a closed emergency-stop chain where this is none.
+    pub inputs: Option<InputScript>,
     /// Stop at M1.
     pub optional_stop: bool,
     /// Wait at M0, M1 and M60 until told to go on; otherwise go on at once.

@@ -124,6 +124,8 @@ pub(crate) enum StopKind {
     ToolChange(u32),
     /// A block has ended in single step.
     Step,
+    /// An input is waited for: it goes on by itself.
+    Input,
     /// One of M100 to M199, or M6 of an automatic changer: it goes on when its program has ended.
     User(UserCall),
 }

@@ -6,7 +6,7 @@ use std::sync::mpsc::{Receiver, Sender};
 use std::time::{Duration, Instant};
 
 use evolvent_bus::{BusConfig, BusError, CoreBus, EventKind, Status};
-use evolvent_drive::BridgeState;
+use evolvent_drive::{BridgeState, InputFault};
 use evolvent_motion::{Setpoint, State};
 use evolvent_path::{AXES, Axes};
 use rtrb::Consumer;
@@ -17,6 +17,7 @@ use crate::pacing::wake_interval_ns;
 use crate::periphery::Periphery;
 use crate::rt::MonotonicClock;
 use crate::shared::Controls;
+use crate::signal_port::SignalPort;
 
 /// Time between two status snapshots.
 const STATUS_EVERY_NS: u64 = 50_000_000;
@@ -92,6 +93,8 @@ pub(crate) struct PublishReport {
     pub failed: u64,
     /// Readers of setpoints and bridges that were connected at the same time, at most.
     pub listeners: usize,
+    /// Messages of inputs that were refused, and what was wrong with the last.
+    pub refused_inputs: Option<(u64, InputFault)>,
 }
 
 impl PublishReport {
@@ -106,6 +109,7 @@ impl Publishing {
         self,
         mut queue: Consumer<DueSetpoint>,
         mut track: PeripheryTrack,
+        mut signals: Option<SignalPort>,
         ready: &Sender<Result<usize, BusError>>,
     ) -> PublishReport {
         let mut report = PublishReport::default();
@@ -143,6 +147,10 @@ impl Publishing {
                     let _lost = bus.notify(EventKind::Started);
                 }
                 let now = MonotonicClock::now_ns();
+                let switched = track.follow(&due.setpoint);
+                if let Some(signals) = &mut signals {
+                    signals.follow(&mut bus, &due, &track.now, switched);
+                }
                 let message = self.message(&due);
                 if self.clock == Clock::Realtime && now > due.due_time_ns {
                     report.late += 1;
@@ -151,7 +159,6 @@ impl Publishing {
                     report.failed += 1;
                 }
                 last = message;
-                let switched = track.follow(&due.setpoint);
                 if switched {
                     status.spindle_rpm = track.now.outputs.signed_rpm();
                     status.coolant = track.now.coolant_bits();
@@ -166,6 +173,10 @@ impl Publishing {
                     let _lost = bus.publish_status(&status);
                     let _lost = bus.notify(event);
                 }
+            }
+            if let Some(signals) = &mut signals {
+                signals.take_inputs(&mut bus, MonotonicClock::now_ns());
+                self.controls.see_chain(signals.is_chain_closed());
             }
             // Each counts as a reading, the newest is what the cycle sees.
             while let Ok(Some(load)) = bus.load() {
@@ -183,6 +194,9 @@ impl Publishing {
                 report.see_listeners(&bus);
                 self.fill(&mut status, &last, now, &bus, &report);
                 let _lost = bus.publish_status(&status);
+                if let Some(signals) = &mut signals {
+                    signals.send(&mut bus);
+                }
                 bus.admit_readers();
             }
             if over && queue.is_empty() {
@@ -190,6 +204,7 @@ impl Publishing {
             }
             let _late = MonotonicClock::sleep_until(now + nap);
         }
+        report.refused_inputs = signals.and_then(|signals| signals.refused());
         report
     }
 

@@ -8,10 +8,12 @@ use std::thread;
 use std::time::Duration;
 
 use evolvent_motion::{Extremes, Inputs, PathExecutor, Setpoint, State, plan_queue};
+use evolvent_signals::{InputImage, schedule};
 
 use crate::feeder::Feeder;
 use crate::job::Setup;
 use crate::refusal::ProgramError;
+use crate::signal_loop::{SignalChange, for_each_change, progress};
 use crate::stages::Stages;
 
 /// Looks at the plan before the one who waits sleeps, and for how long: spinning would take the core from the planner.
@@ -50,6 +52,8 @@ pub struct Recomputed {
     pub deviation_mm: f64,
     /// Largest magnitudes that the guard measured.
     pub extremes: Extremes,
+    /// Outputs that have changed, in order.
+    pub outputs: Vec<SignalChange>,
 }
 
 /// Waits for the planner, which may need every core there is.
@@ -66,7 +70,7 @@ pub(crate) fn wait_for_planner(mut ready: impl FnMut() -> bool) {
 }
 
 /// Computes a run again, cycle by cycle, as the virtual clock does. `inputs` gives what came in at each cycle, `None`
-/// to end; `observe` sees every setpoint and says whether to go on.
+/// to end; `changes` are the recorded changes of digital and analog inputs, in order; `observe` sees every setpoint and says whether to go on.
 ///
 /// The setpoints are those of the recorded run, bit for bit, if this program is the same version for the same kind of
 /// processor, unless the recorded run was starved: how much of a plan a real-time planner had ready is not recorded.
@@ -78,6 +82,7 @@ pub fn recompute(
     setup: &Setup,
     feed_override: f64,
     optional_stop: bool,
+    changes: &[SignalChange],
     mut inputs: impl FnMut(u64) -> Option<RecordedInputs>,
     mut observe: impl FnMut(&Setpoint) -> bool,
 ) -> io::Result<Recomputed> {
@@ -92,6 +97,12 @@ pub fn recompute(
     let turnings = producer.take_turnings();
     let mut motion = PathExecutor::new(limits, setup.period_ns, limits.home).planned_for(feed_override);
     let planner = Stages::two(setup, feed_override, producer)?;
+    let settings = &setup.machine.signals;
+    let (scheduler, mut signals) = schedule(settings, setup.machine.lead_cycles(setup.period_ns));
+    let mut changes = changes.iter().peekable();
+    let (mut image, mut sent) = (InputImage::default(), *signals.safe());
+    let (mut has_moved, mut estopped) = (false, false);
+    let mut outputs = Vec::new();
     thread::scope(|scope| {
         let failing = &failed;
         let feeder = thread::Builder::new()
@@ -100,20 +111,39 @@ pub fn recompute(
                 // With blocks, as every recorded run: the line of the end is the last block's.
                 Feeder::new(program, setup, planner, Vec::new(), true, optional_stop)
                     .turning_by(turnings)
+                    .signalling_by(Some(scheduler))
                     .feed(program, || failing.store(true, Ordering::Release))
             })?;
         let mut cycles = 0;
         let mut state = State::Idle;
         while let Some(RecordedInputs {
-            inputs,
+            mut inputs,
             waited,
             refused,
         }) = inputs(cycles)
         {
             wait_for_planner(|| motion.is_ready(&mut queue) || (inputs.stop && motion.is_at_rest()));
+            while let Some(change) = changes.next_if(|change| change.sequence <= cycles) {
+                image.set(change.kind, change.number, change.value);
+                signals.see(&image);
+            }
+            // As in the run: before the first inputs the chain is none that is open.
+            estopped |= signals.is_estop_open();
+            let at_wait = signals.is_waiting();
+            if at_wait && inputs.resume {
+                // A trace that says otherwise differs; nobody hangs for it.
+                inputs.resume = signals.is_over();
+                if inputs.resume {
+                    wait_for_planner(|| motion.can_leave_wait(&mut queue) || queue.is_abandoned());
+                }
+            }
             motion.replay_starved(waited);
             motion.refuse_plan(refused);
+            let before = motion.plan_step();
             let mut setpoint = motion.step(&inputs, &mut queue);
+            if at_wait && inputs.resume && motion.plan_step() != before {
+                let _was_over = signals.take_resume();
+            }
             if setpoint.state == State::Done && failed.load(Ordering::Acquire) {
                 setpoint.state = State::Stopped;
             }
@@ -121,6 +151,9 @@ pub fn recompute(
             if is_stuck {
                 setpoint.state = State::Fault;
             }
+            let image = signals.step(&progress(&setpoint, &mut has_moved, estopped));
+            for_each_change(setpoint.sequence, &sent, &image, |change| outputs.push(change));
+            sent = image;
             cycles += 1;
             state = setpoint.state;
             if !observe(&setpoint) || motion.is_over() || is_stuck {
@@ -130,6 +163,7 @@ pub fn recompute(
         abandoned.store(true, Ordering::Release);
         // The planner sees that nobody takes its plan any more.
         drop(queue);
+        drop(signals);
         // A panic of a thread is a bug; it is passed on.
         let (feed, program) = feeder
             .join()
@@ -140,6 +174,7 @@ pub fn recompute(
             program: program.map(|_left| ()),
             deviation_mm: feed.deviation_mm,
             extremes: *motion.extremes(),
+            outputs,
         })
     })
 }

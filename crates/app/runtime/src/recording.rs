@@ -11,7 +11,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use evolvent_config::open_regular;
-use evolvent_machine::OnFull;
+use evolvent_machine::{OnFull, SignalSettings};
 use evolvent_motion::{State, flags};
 use evolvent_trace::{
     BlockRecord, CycleRecord, EventKind, EventRecord, LogLevel, RecordError, Recorder, RunInfo, inputs,
@@ -22,6 +22,7 @@ use crate::cycle::CycleSample;
 use crate::news::{BlockPlan, ExternalEvent, ExternalEventKind, FeederEvent, Notice, notices_due};
 use crate::serve::{FileProgress, TraceSeries};
 use crate::shared::Controls;
+use crate::signal_loop::SignalChange;
 use crate::switches::Switched;
 use evolvent_control::Alarm;
 
@@ -38,6 +39,8 @@ const POLL_INTERVAL: Duration = Duration::from_millis(1);
 pub(crate) struct Recording {
     pub recorder: Recorder,
     pub queue: Consumer<CycleSample>,
+    /// Inputs and outputs that change, each before its cycle; and how the machine calls them.
+    pub signals: Option<(Consumer<SignalChange>, SignalSettings)>,
     pub news: Receiver<FeederEvent>,
     pub on_full: OnFull,
     pub controls: Arc<Controls>,
@@ -209,7 +212,10 @@ impl Recording {
                         }
                     }
                 }
-                if let Err(error) = tracks.record(&mut self.recorder, &sample) {
+                let recorded = tracks
+                    .record(&mut self.recorder, &sample)
+                    .and_then(|()| record_signals(&mut self.recorder, &mut self.signals, &sample.record));
+                if let Err(error) = recorded {
                     lost += 1;
                     if self.on_full == OnFull::Stop {
                         self.controls.stop();
@@ -261,6 +267,35 @@ impl Recording {
         }
         RecordReport { result, lost }
     }
+}
+
+/// Inputs and outputs that have changed up to a cycle.
+fn record_signals(
+    recorder: &mut Recorder,
+    signals: &mut Option<(Consumer<SignalChange>, SignalSettings)>,
+    cycle: &CycleRecord,
+) -> Result<(), RecordError> {
+    let Some((changes, settings)) = signals else {
+        return Ok(());
+    };
+    while let Ok(change) = changes.peek()
+        && change.sequence <= cycle.sequence
+    {
+        recorder.event(&EventRecord {
+            time_ns: cycle.due_time_ns,
+            sequence: change.sequence,
+            kind: if change.is_output {
+                EventKind::Output
+            } else {
+                EventKind::Input
+            },
+            code: change.code(),
+            text: change.text(settings),
+            value: change.value,
+        })?;
+        let _taken = changes.pop();
+    }
+    Ok(())
 }
 
 impl Tracks {

@@ -5,17 +5,19 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::mpsc;
 use std::thread;
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use evolvent_bus::{BusConfig, BusError};
 use evolvent_machine::{CycleRecording, FeedbackWish, ToolChange};
 use evolvent_motion::{PathExecutor, Setpoint, plan_queue};
+use evolvent_signals::schedule;
 use evolvent_trace::{ProgramSource, RecordError, Recorder, RunInfo, configuration_hash, recover_leftovers};
 use evolvent_turning::{AdaptiveStop, SimulatedProcess};
 use rtrb::RingBuffer;
 
 use crate::cycle::{CycleLoop, CycleReport, Seen, turning_alarm};
 use crate::feeder::{FeedReport, Feeder, ToCarrier};
+use crate::input_script::InputScript;
 use crate::job::{Clock, Job, Setup};
 use crate::memory::ProgramMemory;
 use crate::observer::{DRIVES_UNWATCHED, LookingOn, RunObserver};
@@ -24,6 +26,8 @@ use crate::recording::{Closing, Recording};
 use crate::refusal::ProgramError;
 use crate::rt::{RealtimeRequest, apply_to_this_thread};
 use crate::shared::Controls;
+use crate::signal_loop::{InputSource, SignalLoop};
+use crate::signal_port::{CHANGES, SAMPLES, SignalPort};
 use crate::stages::Stages;
 use crate::standby::Standby;
 use crate::summary::{Outcome, Summary, TimingSummary, axis_summaries, late_for_nobody};
@@ -48,6 +52,10 @@ const AWAITS_LOAD: &str =
     "the program begins once a cutting load comes over the bus, and drives that answer follow";
 /// How long to wait for the bus: opening clears what killed runs have left, and may wait for subscribers.
 const BUS_TIMEOUT: Duration = Duration::from_secs(30);
+/// How long to wait for an emergency-stop chain that is closed.
+const CHAIN_TIMEOUT: Duration = Duration::from_secs(10);
+/// How often it is looked at meanwhile.
+const CHAIN_POLL: Duration = Duration::from_millis(5);
 /// How long to wait for the first setpoint of a served machine.
 pub(crate) const CYCLE_TIMEOUT: Duration = Duration::from_secs(20);
 
@@ -66,6 +74,24 @@ pub enum StartError {
          `evolvent serve`, or \"if_present\" for a run without a machine"
     )]
     DrivesRequired,
+    /// A served machine does not drive outputs yet.
+    #[error(
+        "the machine file has [[input]], [[output]] or [[spindle]], which `evolvent serve` does not drive yet: use `evolvent run`, \
+         or a machine file without them"
+    )]
+    SignalsNotServed,
+    /// Nobody reads the emergency-stop chain without the bus.
+    #[error(
+        "the machine file has an emergency-stop chain ([estop]), and without the bus nobody reads it: leave out --no-bus, or use \
+         --clock virtual for a run without a machine"
+    )]
+    ChainUnread,
+    /// The emergency-stop chain is open.
+    #[error(
+        "the emergency-stop chain ([estop]) is open, or no bridge has sent its input within {} s; close it, and see that the \
+         bridge runs", CHAIN_TIMEOUT.as_secs()
+    )]
+    ChainOpen,
     /// The trace.
     #[error(transparent)]
     Trace(#[from] RecordError),
@@ -136,11 +162,22 @@ pub fn run_seen(
     if job.bus && job.clock == Clock::Realtime && setup.machine.drives.feedback == FeedbackWish::Required {
         return Err(StartError::DrivesRequired);
     }
+    let signal_settings = &setup.machine.signals;
+    if !job.bus && job.clock == Clock::Realtime && signal_settings.estop.is_some() {
+        return Err(StartError::ChainUnread);
+    }
 
     thread::scope(|scope| {
         let (trace_producer, trace_consumer) = optional_ring(job.trace.is_some(), length);
         let (bus_producer, bus_consumer) = optional_ring(job.bus, length);
 
+        let has_signals = !signal_settings.is_empty();
+        let (signal_trace, signal_record) = optional_ring(has_signals && job.trace.is_some(), length);
+        let (change_producer, changes) = optional_ring(has_signals && job.bus, CHANGES);
+        let (sample_producer, samples) = optional_ring(has_signals && job.bus, SAMPLES);
+        let port = sample_producer
+            .zip(changes)
+            .map(|(samples, changes)| SignalPort::new(signal_settings, samples, changes));
         let (periphery, outputs) = mpsc::channel();
         let periphery = job.bus.then_some(periphery);
         // The bus first: what fails should fail before anything is planned.
@@ -159,7 +196,7 @@ pub fn run_seen(
                                 // The cycle's thread asks for the same and more, and reports.
                                 let _granted = apply_to_this_thread(&request);
                             }
-                            publishing.run(queue, track, &ready_sender)
+                            publishing.run(queue, track, port, &ready_sender)
                         })?;
                 match ready.recv_timeout(BUS_TIMEOUT) {
                     Ok(Ok(subscribers)) if subscribers < job.wait_for_subscribers => {
@@ -173,6 +210,9 @@ pub fn run_seen(
                     Ok(Ok(_)) => {}
                     Ok(Err(error)) => return Err(StartError::Bus(error)),
                     Err(_) => return Err(StartError::BusTimeout),
+                }
+                if job.clock == Clock::Realtime && signal_settings.estop.is_some() {
+                    await_chain(controls)?;
                 }
                 Some(handle)
             }
@@ -201,6 +241,7 @@ pub fn run_seen(
                 let recording = Recording {
                     recorder,
                     queue,
+                    signals: signal_record.map(|changes| (changes, signal_settings.clone())),
                     news,
                     on_full: setup.machine.trace.on_full,
                     controls: Arc::clone(controls),
@@ -218,6 +259,23 @@ pub fn run_seen(
         };
 
         let waiting = Arc::clone(controls);
+        let (scheduler, signals) = if has_signals {
+            let lead_cycles = setup.machine.lead_cycles(setup.period_ns);
+            let (scheduler, signals) = schedule(signal_settings, lead_cycles);
+            let source = match samples {
+                Some(samples) if job.clock == Clock::Realtime => InputSource::Bus(samples),
+                _ => InputSource::Script(
+                    job.inputs
+                        .clone()
+                        .unwrap_or_else(|| InputScript::without_file(signal_settings)),
+                ),
+            };
+            let is_realtime = job.clock == Clock::Realtime;
+            let signals = SignalLoop::new(signals, source, change_producer, signal_trace, is_realtime);
+            (Some(scheduler), Some(signals))
+        } else {
+            (None, None)
+        };
         let (mut plan_producer, plan_consumer) = plan_queue(move || {
             thread::sleep(PLANNER_NAP);
             !waiting.is_abandoned()
@@ -256,6 +314,7 @@ pub fn run_seen(
                     optional_stop,
                 )
                 .turning_by(turnings)
+                .signalling_by(scheduler)
                 .periphery_to(periphery)
                 .unattended(is_unattended);
                 let feeder = match codes {
@@ -280,6 +339,7 @@ pub fn run_seen(
             max_late_cycles: setup.machine.max_late_cycles(setup.period_ns),
             stop_at_program_stops: job.stop_at_program_stops,
             commands: (job.clock == Clock::Realtime).then_some(commands),
+            signals,
             bus: bus_producer,
             trace: trace_producer,
             start_unix_ns,
@@ -330,6 +390,13 @@ pub fn run_seen(
         };
         let not_carried_out = carrier.map(join).transpose()?.flatten();
         let published = publisher.map(join).transpose()?.unwrap_or_default();
+        if let Some((count, fault)) = published.refused_inputs {
+            let text = format!(
+                "{count} messages of inputs were refused, the last because {fault}: see the bridge that sends them"
+            );
+            observer.note(&text);
+            notes.push(text);
+        }
         // What the other threads have told at their end.
         looking_on.until(observer, || true);
         if looking_on.has_told_of_drives() {
@@ -415,6 +482,18 @@ pub fn run_seen(
             left,
         })
     })
+}
+
+/// Waits until the emergency-stop chain is closed, not beyond a stop.
+fn await_chain(controls: &Controls) -> Result<(), StartError> {
+    let deadline = Instant::now() + CHAIN_TIMEOUT;
+    while !controls.is_chain_closed() {
+        if controls.is_stopping() || Instant::now() >= deadline {
+            return Err(StartError::ChainOpen);
+        }
+        thread::sleep(CHAIN_POLL);
+    }
+    Ok(())
 }
 
 /// What became of tool changes that nobody has carried out.
@@ -598,6 +677,12 @@ fn fault_of(report: &CycleReport) -> Option<(Alarm, String)> {
             _ => Alarm::CuttingLoad,
         };
         return Some((alarm, stop.text()));
+    }
+    if report.estopped {
+        return Some((
+            Alarm::EmergencyStopChain,
+            Alarm::EmergencyStopChain.sentence().to_owned(),
+        ));
     }
     if let Some(why) = report.not_begun {
         return Some((Alarm::LoadSensor, why.text()));

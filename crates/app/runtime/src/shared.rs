@@ -33,6 +33,8 @@ pub struct Controls {
     at_command: AtomicBool,
     /// The action before the command that has been carried out last, + 1.
     commands_done: AtomicU32,
+    /// The emergency-stop chain is closed.
+    chain_closed: AtomicBool,
     /// Drives have answered.
     drives_seen: AtomicBool,
     /// They follow the setpoints.
@@ -63,6 +65,7 @@ impl Controls {
             resumes: AtomicU32::new(0),
             at_command: AtomicBool::new(false),
             commands_done: AtomicU32::new(0),
+            chain_closed: AtomicBool::new(false),
             drives_seen: AtomicBool::new(false),
             drives_follow: AtomicBool::new(false),
         }
@@ -80,6 +83,15 @@ impl Controls {
 
     pub(crate) fn is_command_done(&self, action: u32) -> bool {
         self.commands_done.load(Ordering::Acquire) == action + 1
+    }
+
+    /// Whether the emergency-stop chain is closed, as the bus says.
+    pub(crate) fn see_chain(&self, closed: bool) {
+        self.chain_closed.store(closed, Ordering::Relaxed);
+    }
+
+    pub(crate) fn is_chain_closed(&self) -> bool {
+        self.chain_closed.load(Ordering::Relaxed)
     }
 
     /// Drives have answered on the bus, and follow or do not.

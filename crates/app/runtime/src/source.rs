@@ -97,6 +97,11 @@ impl Commands {
         self.interpreter.set_block_delete(on);
     }
 
+    /// What an input gave (M66), before the next command is asked for.
+    pub(crate) fn answer_input(&mut self, value: f64) {
+        self.interpreter.answer_input(value);
+    }
+
     /// Lines that begin with `/`, as far as they were read: skipped, executed.
     pub(crate) fn block_delete_lines(&self) -> (u64, u64) {
         self.interpreter.block_delete_lines()

@@ -46,6 +46,7 @@ fn run_with(sends_to_mm: f64) -> (Vec<[f64; 4]>, RunOutcome, f64) {
         bus: false,
         bus_prefix: None,
         wait_for_subscribers: 0,
+        inputs: None,
         optional_stop: false,
         stop_at_program_stops: false,
     };

@@ -67,6 +67,7 @@ fn drive(
         bus: false,
         bus_prefix: None,
         wait_for_subscribers: 0,
+        inputs: None,
         optional_stop: false,
         stop_at_program_stops: false,
     };

@@ -102,6 +102,8 @@ alarms! {
     HomeSwitchMissing = 420, Fault, "the home switch was not found within the travel; see its wiring";
     /// The home switch does not release.
     HomeSwitchStuck = 421, Fault, "the home switch does not release; see its wiring";
+    /// The emergency-stop chain is open, or not known.
+    EmergencyStopChain = 430, Fault, "the emergency-stop chain is open, or nobody reads it; close it, see that its bridge runs, then reset";
     /// The cutting load was above its limit.
     CuttingLoad = 500, Fault, "the cutting load was too high; look at tool and stock, then start again";
     /// The load sensor cannot be believed.

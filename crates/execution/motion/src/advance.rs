@@ -196,7 +196,7 @@ impl PathExecutor {
                     cursor.pass_rest();
                 }
             }
-            Step::ProgramStop { line } => {
+            Step::ProgramStop { line } | Step::InputWait { line } => {
                 cursor.line = line;
                 // A wish to go on that came before the machine stood here is none: nobody can have meant this stop.
                 let stood_here = cursor.state == State::ProgramStop;

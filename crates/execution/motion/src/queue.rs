@@ -46,6 +46,8 @@ struct Table {
     links: Box<[AtomicU64]>,
     finalised: AtomicU64,
     complete: AtomicU64,
+    /// The last wait for an input + 1: nothing comes behind it before it is over.
+    waits_at: AtomicU64,
     reached: AtomicU64,
     taken: AtomicU64,
 }
@@ -78,6 +80,7 @@ pub fn plan_queue<W: FnMut() -> bool>(wait: W) -> (PlanProducer<W>, PlanConsumer
         links: (0..steps).map(|_| AtomicU64::new(0)).collect(),
         finalised: AtomicU64::new(0),
         complete: AtomicU64::new(0),
+        waits_at: AtomicU64::new(0),
         reached: AtomicU64::new(0),
         taken: AtomicU64::new(0),
     });
@@ -183,6 +186,9 @@ impl<W: FnMut() -> bool> PlanSink for PlanProducer<W> {
         self.table.link(self.appended).store(0, Ordering::Release);
         if matches!(step, Step::End { .. }) {
             self.table.complete.store(self.appended + 1, Ordering::Release);
+        }
+        if matches!(step, Step::InputWait { .. }) {
+            self.table.waits_at.store(self.appended + 1, Ordering::Release);
         }
         self.appended += 1;
         self.steps.push(*step).map_err(|_| QueueClosed)
@@ -355,11 +361,13 @@ impl PlanConsumer {
     }
 
     /// Whether the runs ahead of step `index` cannot change any more: the next [`STEPS_AHEAD`] steps are final, or
-    /// the plan is complete.
+    /// all up to a wait for an input, or the plan is complete.
     #[must_use]
     pub fn has_final_ahead(&self, index: u64) -> bool {
         let finalised = self.table.finalised.load(Ordering::Acquire);
-        finalised >= index + STEPS_AHEAD || self.is_complete()
+        let waits_at = self.table.waits_at.load(Ordering::Acquire);
+        let up_to_wait = finalised >= waits_at && waits_at > index;
+        finalised >= index + STEPS_AHEAD || up_to_wait || self.is_complete()
     }
 
     /// Whether everything up to the program's end is final.

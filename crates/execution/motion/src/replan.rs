@@ -278,6 +278,26 @@ impl PathExecutor {
     /// Whether the next step meets nothing that the planner may still change, so that it does not depend on how
     /// fast the planner is. The virtual clock waits for this.
     pub fn is_ready(&self, queue: &mut PlanConsumer) -> bool {
+        self.is_ready_from(self.cursor.step, queue)
+    }
+
+    /// Whether the machine stands at a wait for an input, and what follows it is known as far as a step can see. A wait that is
+    /// over is left only then, so that what follows does not depend on how fast the planner is.
+    pub fn can_leave_wait(&self, queue: &mut PlanConsumer) -> bool {
+        let step = self.cursor.step;
+        self.cursor.state == State::ProgramStop
+            && matches!(queue.step(step), Some(Step::InputWait { .. }))
+            && self.is_ready_from(step + 1, queue)
+    }
+
+    /// Number of the plan's step that the machine is at: it grows when a rest has been passed.
+    #[must_use]
+    pub fn plan_step(&self) -> u64 {
+        self.cursor.step
+    }
+
+    /// As [`is_ready`](Self::is_ready), where the next step begins with plan step `from`.
+    fn is_ready_from(&self, from: u64, queue: &mut PlanConsumer) -> bool {
         let cursor = &self.cursor;
         if self.is_over() || self.quick_stop.is_some() || self.turning.is_some() || queue.is_abandoned() {
             return true;
@@ -286,7 +306,7 @@ impl PathExecutor {
         if !queue.can_ask() && !queue.has_no_planner() {
             return false;
         }
-        let mut step = cursor.step;
+        let mut step = from;
         if let Some(open) = self.asking.open {
             let due = open.after.is_none_or(|after| self.sequence > after);
             let answer = if due { queue.answer(open.id) } else { None };
@@ -314,10 +334,11 @@ impl PathExecutor {
                 }
                 match queue.step(step) {
                     None => return false,
-                    Some(Step::Run(_)) => return queue.has_final_ahead(cursor.step),
+                    Some(Step::Run(_)) => return queue.has_final_ahead(first),
                     Some(Step::TimedSegment(flow)) if queue.is_final(step) => break (flow, 0.0),
                     Some(Step::TimedSegment(_)) => return false,
-                    Some(Step::Wait | Step::End { .. }) => return true,
+                    // The machine stands at a wait for one step at least before it goes on.
+                    Some(Step::Wait | Step::InputWait { .. } | Step::End { .. }) => return true,
                     Some(Step::Turning { .. }) => return queue.is_final(step),
                     Some(Step::Dwell { seconds, .. }) if seconds > 0.0 => return queue.is_final(step),
                     Some(Step::Dwell { .. } | Step::Action { .. } | Step::ProgramStop { .. }) => step += 1,

@@ -156,7 +156,13 @@ impl Signals {
         self.wait.is_some() || self.go_on
     }
 
-    /// Before a setpoint that may leave a program stop: whether the wait for which the machine stands there is over. Once.
+    /// Whether the wait for which the machine rests is over.
+    #[must_use]
+    pub fn is_over(&self) -> bool {
+        self.go_on
+    }
+
+    /// The machine leaves its wait with the next setpoint: whether that was over.
     pub fn take_resume(&mut self) -> bool {
         std::mem::take(&mut self.go_on)
     }

@@ -165,7 +165,8 @@ mod tests {
     fn events_of_a_later_version_are_read_and_invalid_ones_are_not() {
         assert_eq!(event_kind(2), Some(EventKind::Alarm));
         assert_eq!(event_kind(14), Some(EventKind::Switched));
-        assert_eq!(event_kind(15), Some(EventKind::Later));
+        assert_eq!(event_kind(16), Some(EventKind::Output));
+        assert_eq!(event_kind(17), Some(EventKind::Later));
         assert_eq!(event_kind(i32::MAX), Some(EventKind::Later));
         assert_eq!(event_kind(0), None);
         assert_eq!(event_kind(-1), None);

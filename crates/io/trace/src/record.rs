@@ -125,13 +125,17 @@ pub enum EventKind {
     /// The planner of a job read on with other switches, ahead of the machine; the code is the job's number, the text from
     /// which command on and how they stand.
     Switched = 14,
+    /// An input changed; the code is its number, 64 more of an analog one, the value what it is, none while it is not known.
+    Input = 15,
+    /// An output changed; likewise.
+    Output = 16,
     /// Of a kind that a later version recorded: its text tells what it is about. Readers give it, nobody records it.
     Later = 255,
 }
 
 impl EventKind {
     /// All kinds that are recorded, in the order of their numbers.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 16] = [
         Self::State,
         Self::Alarm,
         Self::Command,
@@ -146,6 +150,8 @@ impl EventKind {
         Self::Warning,
         Self::Job,
         Self::Switched,
+        Self::Input,
+        Self::Output,
     ];
 }
 

@@ -146,6 +146,11 @@ impl<S: PlanSink> LookAhead<S> {
             cap: ExitSpeeds::REST,
             exit: ExitSpeeds::REST,
         });
+        if matches!(step, Step::InputWait { .. }) {
+            // Nothing more comes before the cycle has driven all of this.
+            self.pass();
+            self.finalise(self.pending.len());
+        }
         Ok(())
     }
 

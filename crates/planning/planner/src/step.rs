@@ -76,6 +76,12 @@ pub enum Step {
         /// Program line.
         line: u32,
     },
+    /// Stand still until the wait for an input is over (M66). The program is not read further before, so nothing follows in the
+    /// plan until its result is known.
+    InputWait {
+        /// Program line.
+        line: u32,
+    },
     /// A command for the machine's periphery takes effect here, at rest (M3, M6, M8 ...); `action` indexes the
     /// planner's list.
     Action {

@@ -244,8 +244,6 @@ impl Action {
             Self::Thread { .. } => "motion in step with the spindle (G33, G76)",
             Self::RigidTap { .. } => "rigid tapping (G33.1)",
             Self::Probe { .. } => "probing (G38)",
-            Self::Output { .. } | Self::AnalogOutput { .. } => "outputs (M62 to M65, M67, M68)",
-            Self::WaitInput { .. } => "waiting for an input (M66)",
             Self::Overrides {
                 feed: true,
                 spindle: true,

@@ -355,3 +355,46 @@ fn an_interpreter_can_be_sent_to_another_thread() {
     fn can_be_sent<T: Send>(_: &T) {}
     can_be_sent(&Interpreter::new(&b""[..], Settings::default()));
 }
+
+#[test]
+fn a_restart_leaves_the_outputs_of_all_lines_before() {
+    let program = "G21 F100\nM64 P1\nM62 P2\nG1 X1\nM65 P1\nM68 E0 Q3\nM67 E1 Q4\nG1 X2\nM2\n";
+    let mut interpreter = Interpreter::new(program.as_bytes(), Settings::default());
+    let actions = interpreter.start_at(8).unwrap().actions;
+    let digital = |index, on| Action::Output {
+        index,
+        on,
+        synchronised: false,
+    };
+    let analog = |index, value| Action::AnalogOutput {
+        index,
+        value,
+        synchronised: false,
+    };
+    assert_eq!(
+        actions,
+        [
+            digital(1, false),
+            digital(2, true),
+            analog(0, 3.0),
+            analog(1, 4.0)
+        ]
+    );
+}
+
+#[test]
+fn an_input_is_not_waited_for_within_cutter_compensation() {
+    let program = "G21 F100 G41.1 D1\nG1 X10\nM66 P0 L0\nG1 Y10\nG40\nM66 P0 L0\nG1 X0\nM66 P0 L0\nM2\n";
+    let commands: Vec<_> = Interpreter::new(program.as_bytes(), Settings::default()).collect();
+    let wrong: Vec<_> = commands
+        .iter()
+        .filter_map(|command| command.as_ref().err())
+        .collect();
+    assert!(
+        wrong
+            .iter()
+            .all(|fault| fault.message.contains("M66 while cutter compensation"))
+    );
+    assert!(wrong.iter().any(|fault| fault.line == 3), "{wrong:?}");
+    assert!(wrong.iter().all(|fault| fault.line < 8), "{wrong:?}");
+}

@@ -31,6 +31,12 @@ pub enum RouteError {
         /// Program line.
         line: u32,
     },
+    /// What follows may depend on the value of an input.
+    #[error("line {line}: what follows depends on an input (M66)")]
+    ReadsInput {
+        /// Program line.
+        line: u32,
+    },
     /// A move starts elsewhere than where the one before ended.
     #[error(
         "line {line}: the move starts {distance} mm or degrees from where the last one ended; report this program"
@@ -79,7 +85,16 @@ impl Route {
             })?;
             match command.action {
                 Action::Move(motion) => route.push(&motion, command.line, machine)?,
-                Action::SelectTool(_) | Action::Message(_) | Action::ProgramStop { optional: true, .. } => {}
+                Action::SelectTool(_)
+                | Action::Message(_)
+                | Action::ProgramStop { optional: true, .. }
+                | Action::Output {
+                    synchronised: true, ..
+                }
+                | Action::AnalogOutput {
+                    synchronised: true, ..
+                } => {}
+                Action::WaitInput { .. } => return Err(RouteError::ReadsInput { line: command.line }),
                 Action::ProgramEnd => break,
                 Action::Turning(_) => return Err(RouteError::Finds { line: command.line }),
                 // Whatever else there is takes effect at rest.

@@ -97,6 +97,7 @@ pub fn record(
         bus: false,
         bus_prefix: None,
         wait_for_subscribers: 0,
+        inputs: None,
         optional_stop: true,
         stop_at_program_stops: false,
     };

@@ -4,8 +4,8 @@ use std::cell::{Cell, RefCell};
 use std::io::BufReader;
 
 use evolvent_motion::Inputs;
-use evolvent_runtime::{RecordedInputs, recompute};
-use evolvent_trace::{CycleRecord, inputs as bits};
+use evolvent_runtime::{RecordedInputs, SignalChange, recompute};
+use evolvent_trace::{CycleRecord, EventKind, TraceFile, inputs as bits};
 use evolvent_turning::LoadSample;
 use evolvent_verifier::{Judge, Route};
 
@@ -22,6 +22,40 @@ struct Again<'a> {
     optional_stop: bool,
     lines: &'a [String],
     comparing: Comparing,
+    signals: Signals,
+}
+
+/// Inputs and outputs as recorded.
+struct Signals {
+    inputs: Vec<SignalChange>,
+    outputs: Vec<SignalChange>,
+}
+
+impl Signals {
+    fn read(trace: &mut TraceFile) -> Result<Self, InspectError> {
+        let (mut inputs, mut outputs) = (Vec::new(), Vec::new());
+        for event in trace.events() {
+            let event = event?;
+            let is_output = event.kind == EventKind::Output;
+            if !is_output && event.kind != EventKind::Input {
+                continue;
+            }
+            let (kind, number) = SignalChange::of_code(event.code);
+            let change = SignalChange {
+                sequence: event.sequence,
+                is_output,
+                kind,
+                number,
+                value: event.value,
+            };
+            if is_output {
+                outputs.push(change);
+            } else {
+                inputs.push(change);
+            }
+        }
+        Ok(Self { inputs, outputs })
+    }
 }
 
 pub(super) fn verify(mut opened: Opened, mut verified: Verified) -> Result<Verified, InspectError> {
@@ -67,7 +101,9 @@ pub(super) fn verify(mut opened: Opened, mut verified: Verified) -> Result<Verif
             .map(|route| Judge::new(&opened.machine, period_ns, route)),
         VecDeque::new(),
     );
+    let signals = Signals::read(&mut opened.trace)?;
     let again = Again {
+        signals,
         program: &program,
         setup: &setup,
         feed_override: feed_override.unwrap_or(1.0),
@@ -112,6 +148,7 @@ fn compute(again: &Again<'_>, records: &mut Records, verified: &mut Verified) ->
         again.setup,
         again.feed_override,
         again.optional_stop,
+        &again.signals.inputs,
         |sequence| {
             let record = records.borrow_mut().advance(sequence)?;
             present.set(record);
@@ -141,10 +178,50 @@ fn compute(again: &Again<'_>, records: &mut Records, verified: &mut Verified) ->
         source,
     })?;
     verified.recomputed = true;
+    compare_outputs(again, &recomputed.outputs, verified);
     if let Err(error) = recomputed.program {
         verified.notes.push(format!("the program has an error: {error}"));
     }
     Ok(())
+}
+
+/// Every output has to change with the same setpoint to the same value.
+fn compare_outputs(again: &Again<'_>, recomputed: &[SignalChange], verified: &mut Verified) {
+    let recorded = &again.signals.outputs;
+    let same = recorded
+        .iter()
+        .zip(recomputed)
+        .take_while(|(a, b)| a == b)
+        .count();
+    let (left, right) = (recorded.get(same), recomputed.get(same));
+    let Some(first) = [left, right]
+        .into_iter()
+        .flatten()
+        .min_by_key(|change| change.sequence)
+    else {
+        return;
+    };
+    verified.differing += 1;
+    let settings = &again.setup.machine.signals;
+    let name = settings
+        .output(first.kind, first.number)
+        .map_or_else(|| first.number.to_string(), |output| output.name.clone());
+    let difference = Difference {
+        sequence: first.sequence,
+        time_s: first.sequence as f64 * again.comparing.period_s,
+        line: 0,
+        text: String::new(),
+        quantity: format!("output {name}"),
+        recorded: left.and_then(|change| change.value).unwrap_or(f64::NAN),
+        recomputed: right.and_then(|change| change.value).unwrap_or(f64::NAN),
+    };
+    let is_first = verified
+        .first_difference
+        .as_ref()
+        .is_none_or(|known| first.sequence < known.sequence);
+    if is_first {
+        verified.first_difference = Some(difference);
+    }
 }
 
 /// What the recomputed run did not reach.

@@ -425,7 +425,8 @@ impl Operator {
             run.step = None;
         }
         match kind {
-            StopKind::Program | StopKind::ToolChange(_) => {}
+            // The cycle goes on behind a wait for an input.
+            StopKind::Program | StopKind::ToolChange(_) | StopKind::Input => {}
             StopKind::Step => {
                 if !self.switches.is_single_step() {
                     self.order(CycleCommand::GoOn(action + 1));

@@ -132,8 +132,11 @@ pub fn serve(
     stop: &AtomicBool,
     mut tell: impl FnMut(ServeNews<'_>),
 ) -> Result<ServeSummary, StartError> {
-    separate_large_blocks();
     let setup = &config.setup;
+    if !setup.machine.signals.is_empty() {
+        return Err(StartError::SignalsNotServed);
+    }
+    separate_large_blocks();
     let machine = &setup.machine;
     let limits = machine.limits();
     let length = ((setup.rate_hz() * QUEUE_SECONDS) as usize).clamp(QUEUE_LENGTH.0, QUEUE_LENGTH.1);
@@ -479,6 +482,7 @@ fn start_recording(
     let recording = Recording {
         recorder,
         queue,
+        signals: None,
         news: heard,
         on_full: config.setup.machine.trace.on_full,
         controls: Arc::new(Controls::new(1.0)),

@@ -288,6 +288,10 @@ pub enum EventKind {
     /// The planner of a job read on with other switches, ahead of the machine; code is the job's number, text from which command
     /// on and how they stand.
     Switched = 14,
+    /// An input changed; code is its number, 64 more of an analog one, value what it is, none while it is not known.
+    Input = 15,
+    /// An output changed; likewise.
+    Output = 16,
 }
 impl EventKind {
     /// String value of the enum field names used in the ProtoBuf definition.
@@ -311,6 +315,8 @@ impl EventKind {
             Self::Warning => "EVENT_KIND_WARNING",
             Self::Job => "EVENT_KIND_JOB",
             Self::Switched => "EVENT_KIND_SWITCHED",
+            Self::Input => "EVENT_KIND_INPUT",
+            Self::Output => "EVENT_KIND_OUTPUT",
         }
     }
     /// Creates an enum from field names used in the ProtoBuf definition.
@@ -331,6 +337,8 @@ impl EventKind {
             "EVENT_KIND_WARNING" => Some(Self::Warning),
             "EVENT_KIND_JOB" => Some(Self::Job),
             "EVENT_KIND_SWITCHED" => Some(Self::Switched),
+            "EVENT_KIND_INPUT" => Some(Self::Input),
+            "EVENT_KIND_OUTPUT" => Some(Self::Output),
             _ => None,
         }
     }

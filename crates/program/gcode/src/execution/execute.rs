@@ -377,6 +377,15 @@ impl Executor<'_> {
                 });
             }
             _ => {
+                if self.state.cutter.is_on() || self.state.cutter.held.is_some() {
+                    // The line after it is read before its result is known.
+                    return Err(Fault::new(
+                        Code::CompensationActive,
+                        span,
+                        "M66 while cutter compensation is on",
+                    )
+                    .help("write G40 and a move before it"));
+                }
                 let (digital, analog) = (line.whole(b'P')?, line.whole(b'E')?);
                 let index = match (digital, analog) {
                     (Some(index), None) | (None, Some(index)) => index,

@@ -7,7 +7,7 @@ pub(crate) mod modal;
 pub(crate) mod o_words;
 pub(crate) mod restart;
 
-use std::collections::{BTreeSet, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::io::BufRead;
 use std::sync::Arc as Shared;
 use std::sync::Arc;
@@ -30,7 +30,7 @@ use crate::syntax::lines::{Library, Lines};
 use crate::syntax::parser::{first_character, is_block_delete, is_percent, parse};
 use crate::syntax::reader::LineReader;
 use crate::syntax::statement::Statement;
-use crate::{CallChain, Code, Command, Diagnostic, Origin, Settings, ToolTable};
+use crate::{Action, CallChain, Code, Command, Diagnostic, Origin, Settings, ToolTable};
 
 /// After so many errors a program is given up.
 const MAX_ERRORS: usize = 1000;
@@ -102,6 +102,8 @@ pub struct Interpreter<R> {
     pub(crate) changed: Vec<Changed>,
     /// Contours whose parts may be too near to each other.
     watch: ContourWatch,
+    /// Outputs as the lines before a restart have left them, by kind and number.
+    pub(crate) outputs_left: BTreeMap<(bool, u32), Action>,
     /// The profile that is being read for a cycle.
     pub(crate) capture: Option<Box<Capture>>,
     /// Errors that were told before.
@@ -158,6 +160,7 @@ impl<R: BufRead> Interpreter<R> {
             pending: VecDeque::new(),
             changed: Vec::new(),
             watch: ContourWatch::default(),
+            outputs_left: BTreeMap::new(),
             capture: None,
             repeated_errors: 0,
             block_delete_lines: (0, 0),
@@ -250,7 +253,29 @@ impl<R: BufRead> Interpreter<R> {
     pub(crate) fn step_silently(&mut self) -> Result<(), Box<Diagnostic>> {
         self.advance()?;
         if self.state.cutter.held.is_none() && self.capture.is_none() {
-            self.pending.clear();
+            for command in self.pending.drain(..) {
+                match command.action {
+                    Action::Output { index, on, .. } => {
+                        let synchronised = false;
+                        let action = Action::Output {
+                            index,
+                            on,
+                            synchronised,
+                        };
+                        self.outputs_left.insert((false, index), action);
+                    }
+                    Action::AnalogOutput { index, value, .. } => {
+                        let synchronised = false;
+                        let action = Action::AnalogOutput {
+                            index,
+                            value,
+                            synchronised,
+                        };
+                        self.outputs_left.insert((true, index), action);
+                    }
+                    _ => {}
+                }
+            }
             self.watch.skip();
             self.silent = 0;
         }

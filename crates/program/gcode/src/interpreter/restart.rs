@@ -18,7 +18,7 @@ pub struct Restart {
     pub line: u32,
     /// Where the program supposes the tool to be, machine coordinates (mm, degrees). The first move begins there.
     pub position: Axes,
-    /// What has to be switched on or changed, in this order: tool, spindle, coolant.
+    /// What has to be switched on or changed, in this order: tool, spindle, coolant, outputs.
     pub actions: Vec<Action>,
     /// The modes in force, for people: `G1 G17 G21 G90 G94 G54 G64 F1000 S500 M3 T2 M8`.
     pub modes: String,
@@ -181,6 +181,7 @@ impl<R: BufRead> Interpreter<R> {
                 flood: state.modes.flood,
             });
         }
+        actions.extend(std::mem::take(&mut self.outputs_left).into_values());
         Ok(Restart {
             line: self.next_of_program(),
             position: state.position,

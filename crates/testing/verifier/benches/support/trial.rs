@@ -104,6 +104,7 @@ pub(crate) fn trial(program: &Path, setup: &Setup) -> Result<Trial, String> {
         bus: false,
         bus_prefix: None,
         wait_for_subscribers: 0,
+        inputs: None,
         optional_stop: false,
         stop_at_program_stops: false,
     };

@@ -1,0 +1,211 @@
+//! Inputs from a file: when which input changes, for runs without a machine.
+
+use std::path::Path;
+
+use evolvent_config::{ConfigDocument, ConfigError, read_regular};
+use evolvent_machine::{SignalKind, SignalSettings};
+use evolvent_motion::Setpoint;
+use evolvent_signals::InputImage;
+use serde::Deserialize;
+
+/// No file of inputs is longer.
+const MAX_BYTES: u64 = 1024 * 1024;
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ScriptFile {
+    #[serde(default)]
+    change: Vec<ChangeFile>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ChangeFile {
+    /// Name of the input.
+    input: String,
+    /// State of a digital input.
+    on: Option<bool>,
+    /// Value of an analog input.
+    value: Option<f64>,
+    /// The input is not known from then on.
+    #[serde(default)]
+    unknown: bool,
+    /// Path time, s.
+    at_s: Option<f64>,
+    /// Path travelled, mm.
+    at_path_mm: Option<f64>,
+    /// Line of the program that is reached.
+    at_line: Option<u32>,
+}
+
+/// When a change takes place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum When {
+    Seconds(f64),
+    Path(f64),
+    Line(u32),
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct ScriptedChange {
+    when: When,
+    kind: SignalKind,
+    number: u32,
+    value: Option<f64>,
+    done: bool,
+}
+
+/// Inputs over the run. Without a file no input is known, but for the emergency-stop chain, which is closed.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct InputScript {
+    begin: InputImage,
+    changes: Vec<ScriptedChange>,
+    now: InputImage,
+    has_begun: bool,
+}
+
+/// What is wrong with a file of inputs.
+#[derive(Debug, thiserror::Error)]
+pub enum InputScriptError {
+    /// It cannot be read.
+    #[error("{file}: cannot read the inputs: {source}; check the path and its permissions")]
+    Read {
+        /// The file.
+        file: String,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// It is no text.
+    #[error("{file}: not UTF-8 text; save the file as UTF-8")]
+    NotText {
+        /// The file.
+        file: String,
+    },
+    /// A key or value.
+    #[error(transparent)]
+    Document(#[from] ConfigError),
+}
+
+impl InputScript {
+    /// No input is known, and the emergency-stop chain is closed.
+    #[must_use]
+    pub fn without_file(settings: &SignalSettings) -> Self {
+        let mut begin = InputImage::default();
+        if let Some(estop) = settings.estop {
+            let closed = f64::from(u8::from(estop.closed));
+            begin.set(SignalKind::Digital, estop.input, Some(closed));
+        }
+        Self {
+            begin,
+            ..Self::default()
+        }
+    }
+
+    /// Reads a file of `[[change]]`: `input` (its name), `on`, `value` or `unknown = true`, and `at_s`, `at_path_mm` or `at_line`;
+    /// without one of these it is so from the start. Changes of one setpoint are made in the order of the file.
+    ///
+    /// # Errors
+    /// File, line, column and key of what is wrong.
+    pub fn load(path: &Path, settings: &SignalSettings) -> Result<Self, InputScriptError> {
+        let file = path.display().to_string();
+        let bytes = read_regular(path, MAX_BYTES).map_err(|source| InputScriptError::Read {
+            file: file.clone(),
+            source,
+        })?;
+        let text = String::from_utf8(bytes).map_err(|_| InputScriptError::NotText { file: file.clone() })?;
+        Self::parse(&text, &file, settings)
+    }
+
+    /// The same of a text.
+    ///
+    /// # Errors
+    /// As [`InputScript::load`].
+    pub fn parse(text: &str, file: &str, settings: &SignalSettings) -> Result<Self, InputScriptError> {
+        let document = ConfigDocument::toml(text, file)?;
+        let raw: ScriptFile = document.read()?;
+        let mut script = Self::without_file(settings);
+        for (index, change) in raw.change.iter().enumerate() {
+            let wrong = |key: &str, what: String, advice: &str| {
+                document.error(&format!("change[{index}].{key}"), what, advice.to_owned())
+            };
+            let Some(input) = settings.inputs.iter().find(|input| input.name == change.input) else {
+                let names: Vec<_> = settings.inputs.iter().map(|input| input.name.as_str()).collect();
+                let what = format!("the machine has no input called {:?}", change.input);
+                return Err(wrong(
+                    "input",
+                    what,
+                    &format!("name one of its inputs: {}", names.join(", ")),
+                )
+                .into());
+            };
+            let value = match (input.kind, change.on, change.value, change.unknown) {
+                (_, None, None, true) => None,
+                (SignalKind::Digital, Some(on), None, false) => Some(f64::from(u8::from(on))),
+                (SignalKind::Analog, None, Some(value), false)
+                    if (input.range[0]..=input.range[1]).contains(&value) =>
+                {
+                    Some(value)
+                }
+                (SignalKind::Analog, None, Some(value), false) => {
+                    let [min, max] = input.range;
+                    let what = format!("{value} is not between {min} and {max}");
+                    return Err(wrong("value", what, "give a value in the range of the machine file").into());
+                }
+                (kind, ..) => {
+                    let what = format!("the {} input needs one value", kind.name());
+                    let advice =
+                        "write on = true or false (digital), value and a number (analog), or unknown = true";
+                    return Err(wrong("input", what, advice).into());
+                }
+            };
+            let when = match (change.at_s, change.at_path_mm, change.at_line) {
+                (None, None, None) => {
+                    script.begin.set(input.kind, input.number, value);
+                    continue;
+                }
+                (Some(seconds), None, None) if seconds >= 0.0 && seconds.is_finite() => {
+                    When::Seconds(seconds)
+                }
+                (None, Some(path), None) if path >= 0.0 && path.is_finite() => When::Path(path),
+                (None, None, Some(line)) => When::Line(line),
+                _ => {
+                    let what = "when it changes is not told by one number of 0 or more".to_owned();
+                    return Err(wrong("input", what, "give one of at_s, at_path_mm and at_line").into());
+                }
+            };
+            script.changes.push(ScriptedChange {
+                when,
+                kind: input.kind,
+                number: input.number,
+                value,
+                done: false,
+            });
+        }
+        Ok(script)
+    }
+
+    /// The next change that has come at a setpoint, as all inputs after it; none if there is no more. Allocates nothing.
+    pub(crate) fn next(
+        &mut self,
+        sequence: u64,
+        period_ns: u64,
+        last: Option<&Setpoint>,
+    ) -> Option<InputImage> {
+        if !self.has_begun {
+            (self.has_begun, self.now) = (true, self.begin);
+            return Some(self.now);
+        }
+        let seconds = sequence as f64 * (period_ns as f64 * 1e-9);
+        let due = self.changes.iter_mut().find(|change| {
+            !change.done
+                && match change.when {
+                    When::Seconds(at) => seconds >= at,
+                    When::Path(at) => last.is_some_and(|last| last.path_mm >= at),
+                    When::Line(line) => last.is_some_and(|last| last.line == line),
+                }
+        })?;
+        due.done = true;
+        self.now.set(due.kind, due.number, due.value);
+        Some(self.now)
+    }
+}

@@ -1,0 +1,262 @@
+//! Outputs and inputs in the loop around the cycle: samples in, changes out to bus and trace.
+
+use evolvent_machine::{MAX_ANALOG, MAX_DIGITAL, SignalKind, SignalSettings};
+use evolvent_motion::{Setpoint, State};
+use evolvent_signals::{InputImage, OutputImage, Phase, Progress, Signals};
+use rtrb::{Consumer, Producer};
+
+use crate::input_script::InputScript;
+
+/// Outputs on their way to the bus, from one setpoint on.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct DueOutputs {
+    pub sequence: u64,
+    pub outputs: OutputImage,
+}
+
+/// An input or output that has changed with a setpoint: what is recorded.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SignalChange {
+    /// The setpoint.
+    pub sequence: u64,
+    /// Whether it is an output.
+    pub is_output: bool,
+    /// Digital or analog.
+    pub kind: SignalKind,
+    /// Which.
+    pub number: u32,
+    /// What it is from then on; none of an input that is not known.
+    pub value: Option<f64>,
+}
+
+impl SignalChange {
+    /// The number in the trace: 64 more of an analog signal.
+    #[must_use]
+    pub const fn code(&self) -> u32 {
+        match self.kind {
+            SignalKind::Digital => self.number,
+            SignalKind::Analog => MAX_DIGITAL + self.number,
+        }
+    }
+
+    /// Kind and number of a number in the trace.
+    #[must_use]
+    pub const fn of_code(code: u32) -> (SignalKind, u32) {
+        match code.checked_sub(MAX_DIGITAL) {
+            None => (SignalKind::Digital, code),
+            Some(number) => (SignalKind::Analog, number),
+        }
+    }
+
+    /// For people, with the machine's name of it: `output clamp on`.
+    pub(crate) fn text(&self, settings: &SignalSettings) -> String {
+        let name = if self.is_output {
+            settings.output(self.kind, self.number).map(|output| &output.name)
+        } else {
+            settings.input(self.kind, self.number).map(|input| &input.name)
+        };
+        let way = if self.is_output { "output" } else { "input" };
+        let name = name.map_or_else(|| self.number.to_string(), Clone::clone);
+        match (self.kind, self.value) {
+            (_, None) => format!("{way} {name} unknown"),
+            (SignalKind::Digital, Some(value)) => {
+                format!("{way} {name} {}", if value == 0.0 { "off" } else { "on" })
+            }
+            (SignalKind::Analog, Some(value)) => format!("{way} {name} {value}"),
+        }
+    }
+}
+
+/// Where the inputs come from.
+#[derive(Debug)]
+pub(crate) enum InputSource {
+    /// Bridges on the bus.
+    Bus(Consumer<InputImage>),
+    /// A file that says when they change.
+    Script(InputScript),
+}
+
+/// Outputs, inputs and waits of one loop. Real-time safe, but for what is made before it runs.
+#[derive(Debug)]
+pub(crate) struct SignalLoop {
+    signals: Signals,
+    source: InputSource,
+    bus: Option<Producer<DueOutputs>>,
+    trace: Option<Producer<SignalChange>>,
+    recorded_inputs: InputImage,
+    recorded_outputs: OutputImage,
+    sent: Option<OutputImage>,
+    /// Changes that found no room.
+    pub lost: u64,
+    is_realtime: bool,
+    has_moved: bool,
+    /// The chain was open in this loop while it had to be closed.
+    estopped: bool,
+}
+
+impl SignalLoop {
+    pub(crate) fn new(
+        signals: Signals,
+        source: InputSource,
+        bus: Option<Producer<DueOutputs>>,
+        trace: Option<Producer<SignalChange>>,
+        is_realtime: bool,
+    ) -> Self {
+        Self {
+            recorded_outputs: *signals.safe(),
+            signals,
+            source,
+            bus,
+            trace,
+            recorded_inputs: InputImage::default(),
+            sent: None,
+            lost: 0,
+            is_realtime,
+            has_moved: false,
+            estopped: false,
+        }
+    }
+
+    /// Before a setpoint: takes the inputs that count for it. `last`: the setpoint before.
+    pub(crate) fn see_inputs(&mut self, sequence: u64, period_ns: u64, last: Option<&Setpoint>) {
+        loop {
+            let sample = match &mut self.source {
+                InputSource::Bus(samples) => samples.pop().ok(),
+                InputSource::Script(script) => script.next(sequence, period_ns, last),
+            };
+            let Some(sample) = sample else { break };
+            self.record_inputs(sequence, &sample);
+            self.signals.see(&sample);
+        }
+        self.estopped |= self.signals.is_estop_open();
+    }
+
+    /// Whether the emergency-stop chain was open at this setpoint or at one before.
+    pub(crate) fn is_estopped(&self) -> bool {
+        self.estopped
+    }
+
+    /// Whether the machine rests for a wait.
+    pub(crate) fn is_waiting(&self) -> bool {
+        self.signals.is_waiting()
+    }
+
+    /// Whether a wait is over and the program may go on.
+    pub(crate) fn is_over(&self) -> bool {
+        self.signals.is_over()
+    }
+
+    /// The program goes on behind a wait that is over.
+    pub(crate) fn go_on(&mut self) {
+        let _was_over = self.signals.take_resume();
+    }
+
+    /// After a setpoint: the outputs that count with it go to bus and trace. The setpoint goes there after them.
+    pub(crate) fn step(&mut self, setpoint: &Setpoint) {
+        let outputs = self
+            .signals
+            .step(&progress(setpoint, &mut self.has_moved, self.estopped));
+        self.record_outputs(setpoint.sequence, &outputs);
+        if let Some(bus) = &mut self.bus
+            && self.sent != Some(outputs)
+        {
+            let due = DueOutputs {
+                sequence: setpoint.sequence,
+                outputs,
+            };
+            if !self.is_realtime {
+                crate::cycle::wait_until(|| !bus.is_full() || bus.is_abandoned());
+            }
+            // What finds no room goes with a later setpoint: a message is complete in itself.
+            match bus.push(due) {
+                Ok(()) => self.sent = Some(outputs),
+                Err(_) => self.lost += 1,
+            }
+        }
+    }
+
+    fn record_inputs(&mut self, sequence: u64, sample: &InputImage) {
+        let before = std::mem::replace(&mut self.recorded_inputs, *sample);
+        if before == *sample {
+            return;
+        }
+        for kind in [SignalKind::Digital, SignalKind::Analog] {
+            for number in 0..kind.most() {
+                let value = sample.value(kind, number);
+                if value != before.value(kind, number) {
+                    self.record(SignalChange {
+                        sequence,
+                        is_output: false,
+                        kind,
+                        number,
+                        value,
+                    });
+                }
+            }
+        }
+    }
+
+    fn record_outputs(&mut self, sequence: u64, outputs: &OutputImage) {
+        let before = std::mem::replace(&mut self.recorded_outputs, *outputs);
+        if before == *outputs {
+            return;
+        }
+        for_each_change(sequence, &before, outputs, |change| self.record(change));
+    }
+
+    fn record(&mut self, change: SignalChange) {
+        let Some(trace) = &mut self.trace else { return };
+        if !self.is_realtime {
+            crate::cycle::wait_until(|| !trace.is_full() || trace.is_abandoned());
+        }
+        if trace.push(change).is_err() {
+            self.lost += 1;
+        }
+    }
+}
+
+/// Calls `tell` for every output that differs.
+pub(crate) fn for_each_change(
+    sequence: u64,
+    before: &OutputImage,
+    after: &OutputImage,
+    mut tell: impl FnMut(SignalChange),
+) {
+    let change = |kind, number, value| SignalChange {
+        sequence,
+        is_output: true,
+        kind,
+        number,
+        value: Some(value),
+    };
+    for number in 0..MAX_DIGITAL {
+        if (before.digital ^ after.digital) >> number & 1 == 1 {
+            let on = (after.digital >> number & 1) as f64;
+            tell(change(SignalKind::Digital, number, on));
+        }
+    }
+    for number in 0..MAX_ANALOG {
+        let value = after.analog[number as usize];
+        if before.analog[number as usize] != value {
+            tell(change(SignalKind::Analog, number, value));
+        }
+    }
+}
+
+/// How far the program is with a setpoint. `has_moved`: a block has begun since the machine was started.
+pub(crate) fn progress(setpoint: &Setpoint, has_moved: &mut bool, estopped: bool) -> Progress {
+    // Before the first block its number is that of the first, too.
+    *has_moved |= setpoint.block > 0 || setpoint.path_mm > 0.0;
+    Progress {
+        actions: setpoint.actions,
+        blocks: if *has_moved { setpoint.block + 1 } else { 0 },
+        phase: match setpoint.state {
+            _ if estopped => Phase::Fault,
+            State::Held => Phase::Held,
+            State::Stopped => Phase::Stopped,
+            State::Done => Phase::Ended,
+            State::Fault => Phase::Fault,
+            _ => Phase::Runs,
+        },
+    }
+}

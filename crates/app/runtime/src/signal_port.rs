@@ -1,0 +1,162 @@
+//! Outputs and inputs at the bus: what the publisher's thread does for them.
+
+use evolvent_bus::{CoreBus, MachineOutputs};
+use evolvent_drive::{InputEntry, InputFault, KnownInputs};
+use evolvent_gcode::SpindleDirection;
+use evolvent_machine::{SignalKind, SignalSettings};
+use evolvent_signals::{InputImage, OutputImage};
+use rtrb::{Consumer, Producer};
+
+use crate::cycle::DueSetpoint;
+use crate::periphery::Periphery;
+use crate::signal_loop::DueOutputs;
+
+/// Samples of the inputs on the way to the cycle.
+pub(crate) const SAMPLES: usize = 1024;
+/// Changes of outputs on the way to the bus.
+pub(crate) const CHANGES: usize = 4096;
+
+/// Outputs of the cycle out, inputs of the bridges in.
+#[derive(Debug)]
+pub(crate) struct SignalPort {
+    entry: InputEntry,
+    settings: SignalSettings,
+    samples: Producer<InputImage>,
+    changes: Consumer<DueOutputs>,
+    /// The sample that the cycle has, or will have.
+    sent: Option<InputImage>,
+    message: MachineOutputs,
+}
+
+impl SignalPort {
+    pub(crate) fn new(
+        settings: &SignalSettings,
+        samples: Producer<InputImage>,
+        changes: Consumer<DueOutputs>,
+    ) -> Self {
+        let mut digital = 0;
+        let mut entry_of_analog = Vec::new();
+        for input in &settings.inputs {
+            match input.kind {
+                SignalKind::Digital => digital |= 1 << input.number,
+                SignalKind::Analog => entry_of_analog.push((input.number, input.range)),
+            }
+        }
+        let mut entry = InputEntry::new(digital, (settings.input_timeout_s * 1e9) as u64);
+        for (number, range) in entry_of_analog {
+            entry = entry.with_analog(number, range);
+        }
+        let mut message = MachineOutputs::default();
+        for output in &settings.outputs {
+            let bit = 1_u64 << output.number;
+            match output.kind {
+                SignalKind::Digital => {
+                    message.digital_mask |= bit;
+                    message.safe_digital |= if output.safe == 0.0 { 0 } else { bit };
+                }
+                SignalKind::Analog => {
+                    message.analog_mask |= bit as u32;
+                    message.safe_analog[output.number as usize] = output.safe;
+                }
+            }
+        }
+        (message.digital, message.analog) = (message.safe_digital, message.safe_analog);
+        for spindle in &settings.spindles {
+            message.spindle_mask |= 1 << spindle.number;
+        }
+        Self {
+            entry,
+            settings: settings.clone(),
+            samples,
+            changes,
+            sent: None,
+            message,
+        }
+    }
+
+    /// Takes what the bridges say, and hands what is known of the inputs to the cycle where it has changed.
+    pub(crate) fn take_inputs(&mut self, bus: &mut CoreBus, now_ns: u64) {
+        // Each on its own: an edge and its end may come together.
+        while let Ok(Some(message)) = bus.unchecked_inputs() {
+            // What is wrong is counted; nobody is helped by a message each.
+            if self.entry.take(&message, now_ns).is_ok() {
+                self.hand_on(now_ns);
+            }
+        }
+        self.hand_on(now_ns);
+    }
+
+    fn hand_on(&mut self, now_ns: u64) {
+        let image = image_of(&self.entry.known(now_ns));
+        if self.sent != Some(image) && self.samples.push(image).is_ok() {
+            self.sent = Some(image);
+        }
+    }
+
+    /// Whether the emergency-stop chain is closed, or there is none.
+    pub(crate) fn is_chain_closed(&self) -> bool {
+        self.settings.estop.is_none_or(|estop| {
+            let closed = f64::from(u8::from(estop.closed));
+            self.sent
+                .is_some_and(|image| image.value(SignalKind::Digital, estop.input) == Some(closed))
+        })
+    }
+
+    /// Messages of inputs that were refused, and what was wrong with the last; none if none were.
+    pub(crate) fn refused(&self) -> Option<(u64, InputFault)> {
+        let (count, fault) = self.entry.refused();
+        fault.map(|fault| (count, fault))
+    }
+
+    /// Sends what has changed with a setpoint, before the setpoint itself.
+    pub(crate) fn follow(
+        &mut self,
+        bus: &mut CoreBus,
+        due: &DueSetpoint,
+        periphery: &Periphery,
+        is_new_periphery: bool,
+    ) {
+        let mut outputs: Option<OutputImage> = None;
+        while let Ok(change) = self.changes.peek()
+            && change.sequence <= due.setpoint.sequence
+        {
+            outputs = Some(change.outputs);
+            let _taken = self.changes.pop();
+        }
+        if let Some(outputs) = outputs {
+            (self.message.digital, self.message.analog) = (outputs.digital, outputs.analog);
+        }
+        if is_new_periphery {
+            let direction = match periphery.outputs.direction {
+                SpindleDirection::Stopped => 0,
+                SpindleDirection::Clockwise => 1,
+                SpindleDirection::CounterClockwise => 2,
+            };
+            (self.message.spindle_direction[0], self.message.spindle_rpm[0]) =
+                (direction, periphery.outputs.speed_rpm);
+            self.message.coolant = periphery.coolant_bits();
+            self.message.tool = periphery.tool;
+            (self.message.tool_change, self.message.tool_wanted) = periphery.change_numbers();
+        }
+        if outputs.is_some() || is_new_periphery {
+            self.message.cycle = due.setpoint.sequence;
+            self.message.due_time_ns = due.due_time_ns;
+            self.send(bus);
+        }
+    }
+
+    /// Sends the outputs in force. A message that does not leave is replaced by the next.
+    pub(crate) fn send(&mut self, bus: &mut CoreBus) {
+        self.message.sequence += 1;
+        let _lost = bus.publish_outputs(&self.message);
+    }
+}
+
+fn image_of(known: &KnownInputs) -> InputImage {
+    InputImage {
+        digital_known: known.digital_known,
+        digital: known.digital,
+        analog_known: known.analog_known,
+        analog: known.analog,
+    }
+}
