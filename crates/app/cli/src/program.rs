@@ -206,6 +206,13 @@ fn civil_date(mut days: u64) -> (u64, u64, u64) {
     (year, month, days + 1)
 }
 
+/// The inputs of a file over a run whose time is not real.
+pub(crate) fn inputs(file: Option<&Path>, machine: &Machine) -> Result<Option<InputScript>, CommandError> {
+    file.map(|file| InputScript::load(file, &machine.signals))
+        .transpose()
+        .map_err(|error| CommandError::Usage(error.to_string()))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -236,11 +243,4 @@ mod tests {
             assert!(parse_rate(bad).is_err(), "{bad}");
         }
     }
-}
-
-/// The inputs of a file over a run whose time is not real.
-pub(crate) fn inputs(file: Option<&Path>, machine: &Machine) -> Result<Option<InputScript>, CommandError> {
-    file.map(|file| InputScript::load(file, &machine.signals))
-        .transpose()
-        .map_err(|error| CommandError::Usage(error.to_string()))
 }

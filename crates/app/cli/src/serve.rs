@@ -88,19 +88,11 @@ pub(crate) fn run(
             ServeNews::Ready(trace) => write_ready(err, &config, trace),
         });
     })
-    .map_err(|error| match error {
-        StartError::Bus(_)
-        | StartError::BusTimeout
-        | StartError::DrivesRequired
-        | StartError::Trace(_)
-        | StartError::CycleTimeout
-        | StartError::Modes(_)
-        | StartError::Thread(_) => match (&error, &config.trace) {
-            (StartError::Trace(_), TraceTo::Folder { .. }) => CommandError::Failed(format!(
-                "{error}; choose another place with --trace-folder, or none with --no-trace"
-            )),
-            _ => CommandError::Failed(error.to_string()),
-        },
+    .map_err(|error| match (&error, &config.trace) {
+        (StartError::Trace(_), TraceTo::Folder { .. }) => CommandError::Failed(format!(
+            "{error}; choose another place with --trace-folder, or none with --no-trace"
+        )),
+        _ => CommandError::Failed(error.to_string()),
     })?;
     report(args.json, &summary, out)
 }

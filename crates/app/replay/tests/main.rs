@@ -5,4 +5,5 @@ mod common;
 
 mod damaged;
 mod replayed;
+mod signals;
 mod verify;

@@ -264,11 +264,11 @@ pub fn run_seen(
             let (scheduler, signals) = schedule(signal_settings, lead_cycles);
             let source = match samples {
                 Some(samples) if job.clock == Clock::Realtime => InputSource::Bus(samples),
-                _ => InputSource::Script(
-                    job.inputs
-                        .clone()
-                        .unwrap_or_else(|| InputScript::without_file(signal_settings)),
-                ),
+                _ => {
+                    let script = job.inputs.clone();
+                    let script = script.unwrap_or_else(|| InputScript::without_file(signal_settings));
+                    InputSource::Script(Box::new(script))
+                }
             };
             let is_realtime = job.clock == Clock::Realtime;
             let signals = SignalLoop::new(signals, source, change_producer, signal_trace, is_realtime);

@@ -73,7 +73,7 @@ pub(crate) enum InputSource {
     /// Bridges on the bus.
     Bus(Consumer<InputImage>),
     /// A file that says when they change.
-    Script(InputScript),
+    Script(Box<InputScript>),
 }
 
 /// Outputs, inputs and waits of one loop. Real-time safe, but for what is made before it runs.

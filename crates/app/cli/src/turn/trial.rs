@@ -140,6 +140,7 @@ impl Trial {
             bus: road.bus,
             bus_prefix: road.bus_prefix.map(str::to_owned),
             wait_for_subscribers: 0,
+            inputs: None,
             optional_stop: false,
             stop_at_program_stops: false,
         };
