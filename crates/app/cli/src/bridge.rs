@@ -8,11 +8,12 @@ use std::time::{Duration, Instant};
 
 use clap::{Args, Subcommand};
 use evolvent_bridge_sim::{
-    Cutting, Fault, RunError, RunSettings, ServoSettings, SimAxis, SimSettings, run_cutting,
+    Cutting, Fault, RunError, RunSettings, ServoSettings, Signalling, SimAxis, SimSettings, run_cutting,
 };
 use evolvent_bridge_test::{CASES, ProcessBridge, Stage, ThreadBridge, run_case, run_core};
-use evolvent_bus::{AXES, BusError};
+use evolvent_bus::{AXES, BusError, MachineInputs, MachineOutputs, Setpoint};
 use evolvent_machine::Machine;
+use evolvent_runtime::InputScript;
 use evolvent_turning::{Job as TurningJob, SimulatedProcess};
 use serde_json::{Value, json};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
@@ -89,6 +90,10 @@ struct SimArgs {
     /// The axes X and Z cut the stock of this file, as of `evolvent turn`; its load sensor speaks on the bus every period.
     #[arg(long, value_name = "FILE.toml")]
     process: Option<PathBuf>,
+    /// When the inputs of the machine file change: as of `evolvent run --inputs`, from the first setpoint on. Without it no input is
+    /// known but the emergency-stop chain, which is closed.
+    #[arg(long, value_name = "FILE.toml", requires = "machine")]
+    inputs: Option<PathBuf>,
     /// Print one JSON object at the end.
     #[arg(long)]
     json: bool,
@@ -177,6 +182,13 @@ fn sim(args: &SimArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Endin
         Some(machine) => Some(drives_of(machine, args).map_err(usage)?),
         None => None,
     };
+    let signalling = match &machine {
+        Some(machine) if !machine.signals.inputs.is_empty() => Some(signalling(
+            crate::program::inputs(args.inputs.as_deref(), machine)?
+                .unwrap_or_else(|| InputScript::without_file(&machine.signals)),
+        )),
+        _ => None,
+    };
     let name = args
         .machine_name
         .clone()
@@ -209,9 +221,13 @@ fn sim(args: &SimArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Endin
         // With standard error gone there is nobody left to tell.
         let _told = writeln!(err, "core found: axes {letters}, {period_ns} ns");
     };
-    let report = run_cutting(&settings, &stop, found, |period_ns| {
-        process.and_then(|job| cutting(&job, period_ns))
-    });
+    let report = run_cutting(
+        &settings,
+        &stop,
+        found,
+        |period_ns| process.and_then(|job| cutting(&job, period_ns)),
+        signalling,
+    );
     let report = report.map_err(|error| match error {
         RunError::Bus(BusError::Name(_) | BusError::Prefix { .. }) | RunError::Settings(_) => {
             usage(error.to_string())
@@ -226,6 +242,7 @@ fn sim(args: &SimArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Endin
             "missed": report.missed,
             "answers": report.answers,
             "loads": report.loads,
+            "inputs": report.inputs,
             "connections": report.connections,
         });
         written(writeln!(out, "{object}"))?;
@@ -246,6 +263,24 @@ fn cutting(job: &TurningJob, period_ns: u64) -> Option<Cutting> {
         let (_, sample) = process.step(position[0], position[2]);
         sample.map(|sample| (sample.value, sample.range_max))
     }))
+}
+
+/// Inputs by a file, over the time since the first setpoint.
+fn signalling(mut script: InputScript) -> Signalling {
+    let (mut now, mut first_ns) = (MachineInputs::default(), None);
+    Box::new(move |setpoint: Option<&Setpoint>, _: &MachineOutputs| {
+        let seconds = setpoint.map_or(0.0, |setpoint| {
+            let first_ns = *first_ns.get_or_insert(setpoint.due_time_ns);
+            setpoint.due_time_ns.saturating_sub(first_ns) as f64 * 1e-9
+        });
+        let place = setpoint.map(|setpoint| (setpoint.path_mm, setpoint.line));
+        // One at a time: what changes and changes back at once is sent as both.
+        if let Some(image) = script.step(seconds, place) {
+            (now.digital_mask, now.digital) = (image.digital_known, image.digital);
+            (now.analog_mask, now.analog) = (image.analog_known, image.analog);
+        }
+        now
+    })
 }
 
 /// Drives with the limits of a machine file, and a little more: its guard allows what rounding makes of them.

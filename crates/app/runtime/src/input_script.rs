@@ -191,17 +191,22 @@ impl InputScript {
         period_ns: u64,
         last: Option<&Setpoint>,
     ) -> Option<InputImage> {
+        let seconds = sequence as f64 * (period_ns as f64 * 1e-9);
+        self.step(seconds, last.map(|last| (last.path_mm, last.line)))
+    }
+
+    /// The next change that has come after so many seconds, and at this path (mm) and line; likewise.
+    pub fn step(&mut self, seconds: f64, place: Option<(f64, u32)>) -> Option<InputImage> {
         if !self.has_begun {
             (self.has_begun, self.now) = (true, self.begin);
             return Some(self.now);
         }
-        let seconds = sequence as f64 * (period_ns as f64 * 1e-9);
         let due = self.changes.iter_mut().find(|change| {
             !change.done
                 && match change.when {
                     When::Seconds(at) => seconds >= at,
-                    When::Path(at) => last.is_some_and(|last| last.path_mm >= at),
-                    When::Line(line) => last.is_some_and(|last| last.line == line),
+                    When::Path(at) => place.is_some_and(|(path_mm, _)| path_mm >= at),
+                    When::Line(wanted) => place.is_some_and(|(_, line)| line == wanted),
                 }
         })?;
         due.done = true;

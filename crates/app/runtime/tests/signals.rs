@@ -333,7 +333,7 @@ fn outputs_follow_their_rules_in_a_hold_a_stop_and_at_the_end() {
         if setpoint.path_mm > 20.0 && setpoint.state == State::Running {
             controls.set_hold(true);
         }
-        if setpoint.state == State::Held && setpoint.sequence % 50 == 0 {
+        if setpoint.state == State::Held && setpoint.sequence.is_multiple_of(50) {
             controls.set_hold(false);
             controls.set_override(0.999);
         }
@@ -348,7 +348,7 @@ fn outputs_follow_their_rules_in_a_hold_a_stop_and_at_the_end() {
         move |controls, setpoint| {
             if !once.load(std::sync::atomic::Ordering::Relaxed) {
                 hold(controls, setpoint);
-                if setpoint.state == State::Held && setpoint.sequence % 50 == 0 {
+                if setpoint.state == State::Held && setpoint.sequence.is_multiple_of(50) {
                     once.store(true, std::sync::atomic::Ordering::Relaxed);
                 }
             }
@@ -452,4 +452,99 @@ fn what_the_machine_lacks_is_an_error_before_anything_moves() {
 fn a_trace_is_left() {
     let ran = done("G21 F1000\nM64 P0\nG1 X1\nM2\n", "");
     assert!(ran.trace.is_file());
+}
+
+/// A small generator, so that a seed names a program.
+struct Random(u64);
+
+impl Random {
+    fn below(&mut self, n: u64) -> u64 {
+        self.0 ^= self.0 << 13;
+        self.0 ^= self.0 >> 7;
+        self.0 ^= self.0 << 17;
+        self.0 % n
+    }
+}
+
+/// Moves along X, each farther than the one before, and between them whatever sets outputs. Gives the program, and for each
+/// synchronised change of an output the X at which its move begins, its number in the trace and its value: told apart from what
+/// the core knows, by the rule of the language alone.
+fn random_program(random: &mut Random) -> (String, Vec<(f64, u32, f64)>) {
+    let mode = ["G61", "G61.1", "G64 P0.01", "G64"][random.below(4) as usize];
+    let mut text = format!("G21 {mode} F{}\n", 300 + random.below(6000));
+    let (mut x, mut expected) = (0.0_f64, Vec::new());
+    // As they stand, safe at the start: only what differs is a change.
+    let mut state = [0.0, 0.0, 1.0, 5.0];
+    for _ in 0..3 + random.below(12) {
+        let mut pending: [Option<f64>; 4] = [None; 4];
+        for _ in 0..random.below(5) {
+            match random.below(8) {
+                0..=3 => {
+                    let (number, on) = (random.below(3), random.below(2));
+                    text += &format!("M{} P{number}\n", 63 - on);
+                    pending[number as usize] = Some(on as f64);
+                }
+                4 | 5 => {
+                    let value = random.below(100);
+                    text += &format!("M67 E0 Q{value}\n");
+                    pending[3] = Some(value as f64);
+                }
+                6 => text += "M3 S100\n",
+                _ => text += "G4 P0.003\n",
+            }
+        }
+        for (index, value) in pending.into_iter().enumerate() {
+            if let Some(value) = value.filter(|value| *value != state[index]) {
+                state[index] = value;
+                expected.push((x, if index == 3 { 64 } else { index as u32 }, value));
+            }
+        }
+        x += (1 + random.below(40)) as f64 * 0.1;
+        let rapid = random.below(6) == 0;
+        text += &format!("G{} X{x:.1}\n", u8::from(!rapid));
+    }
+    (text + "M2\n", expected)
+}
+
+#[test]
+fn in_random_programs_every_synchronised_output_changes_with_the_first_setpoint_of_its_move() {
+    let (mut changes, mut runs) = (0, 0);
+    for seed in 1..=40_u64 {
+        let mut random = Random(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15));
+        let (program, expected) = random_program(&mut random);
+        let rate = [250.0, 1000.0, 3333.0, 8000.0, 35_000.0][random.below(5) as usize];
+        let planner = [PlannerKind::Optimal, PlannerKind::Classic][random.below(2) as usize];
+        // A hold somewhere changes nothing of it.
+        let hold_at = random.below(1500);
+        let operate = move |controls: &Controls, setpoint: &Setpoint| {
+            controls.set_hold((hold_at..hold_at + 40).contains(&setpoint.sequence));
+            controls.set_override(if setpoint.sequence > hold_at / 2 { 0.7 } else { 1.0 });
+        };
+        let ran = drive(&program, setup("", Some(rate), planner), "", operate);
+        assert_eq!(
+            ran.outcome.summary.outcome,
+            Outcome::Done,
+            "seed {seed}:\n{program}"
+        );
+        let end = ran.setpoints.last().unwrap().sequence;
+        for (x, code, value) in expected {
+            // A blend begins and ends beside the programmed corner, on a straight line at the same place of the path.
+            let wanted = ran.leaves(x + 1e-9);
+            let first = ran.leaves(x);
+            let found = ran.output(code);
+            let is_there = found
+                .iter()
+                .any(|&(at, to)| to == value && (first..=wanted).contains(&at) && at < end);
+            assert!(
+                is_there,
+                "seed {seed}, {rate} Hz, {planner:?}: {code} to {value} at {x}, setpoint {wanted}: {found:?}\n{program}"
+            );
+            changes += 1;
+        }
+        runs += 1;
+    }
+    assert!(
+        runs == 40 && changes > 200,
+        "{changes} changes in {runs} runs prove little"
+    );
 }

@@ -28,6 +28,6 @@ pub use bridge::SimBridge;
 pub use clock::{DriveClock, monotonic_ns};
 pub use drive::SimDrive;
 pub use fault::{Fault, FaultError, FaultKind};
-pub use run::{Cutting, RunError, RunSettings, SimReport, run, run_cutting};
+pub use run::{Cutting, RunError, RunSettings, Signalling, SimReport, run, run_cutting};
 pub use servo::{Servo, ServoSettings};
 pub use settings::{SimAxis, SimSettings};

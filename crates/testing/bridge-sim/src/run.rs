@@ -4,7 +4,8 @@ use core::time::Duration;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use evolvent_bus::{
-    AXES, BusError, ClientBus, ClientConfig, FeedbackSender, Load, LoadSender, ReceiveError, SetpointReader,
+    AXES, BusError, ClientBus, ClientConfig, FeedbackSender, InputSender, Load, LoadSender, MachineInputs,
+    MachineOutputs, OutputReader, ReceiveError, Setpoint, SetpointReader,
 };
 use evolvent_drive::SettingsError;
 use thiserror::Error;
@@ -21,6 +22,8 @@ const ATTEMPT: Duration = Duration::from_millis(5);
 const CATCH_UP_NS: u64 = 200_000_000;
 /// Number of a load that is a force.
 const FORCE_N: u32 = 1;
+/// Time between two messages of inputs that do not change, ns.
+const INPUTS_EVERY_NS: u64 = 5_000_000;
 /// Longest nap, ns.
 const POLL_INTERVAL_NS: u64 = 1_000_000;
 
@@ -54,6 +57,8 @@ pub struct SimReport {
     pub answers: u64,
     /// Cutting loads that were sent.
     pub loads: u64,
+    /// Messages of inputs that were sent.
+    pub inputs: u64,
     /// Times at which a core was found.
     pub connections: u32,
 }
@@ -73,12 +78,17 @@ struct Ports {
     setpoints: SetpointReader,
     feedback: FeedbackSender,
     load: Option<LoadSender>,
+    signals: Option<(OutputReader, InputSender)>,
     /// Ports live in the client's node.
     _client: ClientBus,
 }
 
 /// What the axes cut, asked once a period: a reading of the load sensor, and the end of its range. None for no reading.
 pub type Cutting = Box<dyn FnMut(&[f64; AXES]) -> Option<(f64, f64)>>;
+
+/// The machine's inputs, asked every period: of the last setpoint and the outputs in force. Number, time and instance of the message
+/// are the bridge's affair.
+pub type Signalling = Box<dyn FnMut(Option<&Setpoint>, &MachineOutputs) -> MachineInputs>;
 
 /// As [`run_cutting`], with axes that cut nothing.
 ///
@@ -89,12 +99,13 @@ pub fn run(
     stop: &AtomicBool,
     on_core: impl FnMut(&str, u64),
 ) -> Result<SimReport, RunError> {
-    run_cutting(settings, stop, on_core, |_| None)
+    run_cutting(settings, stop, on_core, |_| None, None)
 }
 
 /// Runs until `stop` is set or time is up. Waits for its core as long as that takes, outlives it, and finds the next one.
 /// `on_core` is called with axes and period each time one is found; `cutting` once, with the period in ns: what the true
-/// positions of the axes cut from then on, of which the load is published every period.
+/// positions of the axes cut from then on, of which the load is published every period. `signalling` reads the inputs, where there
+/// are any; they are sent when they change, and every 5 ms.
 ///
 /// # Errors
 /// The core does not fit the drives, the bus cannot be used, or a limit is none.
@@ -103,6 +114,7 @@ pub fn run_cutting(
     stop: &AtomicBool,
     mut on_core: impl FnMut(&str, u64),
     cutting: impl FnOnce(u64) -> Option<Cutting>,
+    mut signalling: Option<Signalling>,
 ) -> Result<SimReport, RunError> {
     let begin_ns = monotonic_ns();
     let end_ns = settings
@@ -114,10 +126,12 @@ pub fn run_cutting(
     let mut ports: Option<Ports> = None;
     let mut heard_ns = begin_ns;
     let (mut cutting, mut cut) = (Some(cutting), None);
+    let (mut last, mut outputs) = (None, MachineOutputs::default());
+    let mut sent = MachineInputs::default();
     while !over() {
         if ports.is_none() {
             let measures = cut.is_some() || cutting.is_some();
-            match connect(settings, measures) {
+            match connect(settings, measures, signalling.is_some()) {
                 Ok((found, letters, period_ns)) => {
                     report.connections += 1;
                     heard_ns = monotonic_ns();
@@ -151,6 +165,7 @@ pub fn run_cutting(
                 Ok(Some(setpoint)) => {
                     heard_ns = now_ns;
                     report.setpoints += 1;
+                    last = Some(setpoint);
                     bridge.offer(tick_ns, &setpoint);
                 }
                 Err(ReceiveError::Version { .. }) => {
@@ -177,6 +192,24 @@ pub fn run_cutting(
             if let (Some(feedback), Some(open)) = (feedback, &mut ports) {
                 // What does not leave is replaced by the next.
                 report.answers += u64::from(open.feedback.send(&feedback).is_ok());
+            }
+        }
+        if let (Some(read), Some((reader, sender))) = (
+            &mut signalling,
+            ports.as_mut().and_then(|open| open.signals.as_mut()),
+        ) {
+            // What comes damaged is followed by a message that is complete.
+            while let Ok(Some(message)) = reader.receive() {
+                outputs = message;
+            }
+            let mut message = read(last.as_ref(), &outputs);
+            (message.sequence, message.time_ns, message.instance) = (sent.sequence, sent.time_ns, begin_ns);
+            message.outputs_sequence = outputs.sequence;
+            let is_old = now_ns.saturating_sub(sent.time_ns) >= INPUTS_EVERY_NS;
+            if message != sent || is_old {
+                (message.sequence, message.time_ns) = (sent.sequence + 1, now_ns);
+                report.inputs += u64::from(sender.send(&message).is_ok());
+                sent = message;
             }
         }
         report.missed = bridge.missed();
@@ -207,7 +240,7 @@ fn load(sequence: u64, time_ns: u64, (value, range_max): (f64, f64)) -> Load {
     }
 }
 
-fn connect(settings: &RunSettings, measures: bool) -> Result<(Ports, String, u64), BusError> {
+fn connect(settings: &RunSettings, measures: bool, signals: bool) -> Result<(Ports, String, u64), BusError> {
     let mut config = ClientConfig::new(&settings.machine_name);
     config.prefix.clone_from(&settings.prefix);
     config.wait = ATTEMPT;
@@ -218,6 +251,11 @@ fn connect(settings: &RunSettings, measures: bool) -> Result<(Ports, String, u64
         feedback: client.feedback_sender()?,
         load: if measures {
             Some(client.load_sender()?)
+        } else {
+            None
+        },
+        signals: if signals {
+            Some((client.outputs()?, client.input_sender()?))
         } else {
             None
         },

@@ -1,0 +1,90 @@
+//! The cycle's end neither allocates nor frees, whatever is scheduled.
+
+#![expect(clippy::unwrap_used, reason = "a test may fail")]
+
+use evolvent_counting::{CountingAllocator, calls};
+use evolvent_machine::{SignalKind, SignalSettings};
+use evolvent_signals::{
+    Change, InputImage, InputWait, Moment, OutputImage, Phase, Progress, WaitMode, schedule,
+};
+
+#[global_allocator]
+static ALLOCATOR: CountingAllocator = CountingAllocator;
+
+#[test]
+fn a_full_queue_is_carried_out_without_the_allocator_and_in_order() {
+    let (mut scheduler, mut signals) = schedule(&SignalSettings::default(), 2);
+    let blocks = 100_000;
+    for block in 0..blocks {
+        let mut change = Change::at(Moment::Block(block));
+        change.set_digital(block % 64, block / 64 % 2 == 0);
+        change.set_analog(block % 16, f64::from(block));
+        assert!(scheduler.change(change), "no room at {block}");
+    }
+    let wait = InputWait {
+        action: 0,
+        kind: SignalKind::Digital,
+        number: 3,
+        mode: WaitMode::High,
+        timeout_cycles: 1000,
+    };
+    assert!(scheduler.wait(wait));
+    let mut last = Change::at(Moment::Rest(1));
+    last.set_digital(0, true);
+    assert!(scheduler.change(last));
+    let mut inputs = InputImage::default();
+    let before = calls();
+    let mut outputs = OutputImage::default();
+    let at = |blocks, actions| Progress {
+        actions,
+        blocks,
+        phase: Phase::Runs,
+    };
+    for block in 0..blocks {
+        outputs = signals.step(&at(block + 1, 0));
+        assert_eq!(outputs.analog[block as usize % 16], f64::from(block));
+    }
+    for _ in 0..10 {
+        signals.step(&at(blocks, 1));
+    }
+    assert!(signals.is_waiting() && !signals.is_over());
+    inputs.set(SignalKind::Digital, 3, Some(1.0));
+    signals.see(&inputs);
+    signals.step(&at(blocks, 1));
+    assert!(signals.take_resume());
+    outputs = signals.step(&at(blocks, 2));
+    assert_eq!(calls() - before, 0, "calls of the allocator");
+    assert_eq!(outputs.digital & 1, 1);
+    let result = scheduler.result().unwrap();
+    assert_eq!((result.action, result.value), (0, Some(1.0)));
+}
+
+#[test]
+fn a_wait_begins_a_lead_later_and_ends_by_its_timeout() {
+    for lead in [0, 1, 70] {
+        let (mut scheduler, mut signals) = schedule(&SignalSettings::default(), lead);
+        let wait = InputWait {
+            action: 4,
+            kind: SignalKind::Digital,
+            number: 0,
+            mode: WaitMode::Low,
+            timeout_cycles: 25,
+        };
+        assert!(scheduler.wait(wait));
+        let progress = |actions| Progress {
+            actions,
+            blocks: 0,
+            phase: Phase::Runs,
+        };
+        signals.step(&progress(4));
+        assert!(!signals.is_waiting());
+        let mut cycles = 0;
+        while !signals.is_over() {
+            signals.step(&progress(5));
+            cycles += 1;
+        }
+        // One with which it begins, the lead, and its time.
+        assert_eq!(cycles, 1 + u64::from(lead) + 25, "lead {lead}");
+        assert_eq!(scheduler.result().unwrap().value, None);
+    }
+}
