@@ -4,8 +4,8 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use evolvent_replay::verify;
 use evolvent_machine::{ControlRate, Machine};
+use evolvent_replay::verify;
 use evolvent_runtime::{Clock, Controls, InputScript, Job, Notice, RunObserver, Setup, run};
 use evolvent_trace::{EventKind, TraceFile};
 
