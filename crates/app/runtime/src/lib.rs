@@ -28,6 +28,7 @@ mod news;
 mod observer;
 mod pacing;
 mod periphery;
+mod program_copy;
 mod publisher;
 mod recompute;
 mod recompute_served;

@@ -1,13 +1,14 @@
 //! What the feeder tells: blocks, notices, modes and stops, for recorder, screen and operator.
 
 use std::collections::VecDeque;
-use std::path::PathBuf;
+use std::sync::Arc;
 
 use evolvent_gcode::{Action, Modal, SpindleDirection};
 use evolvent_path::Axes;
 use evolvent_trace::BlockKind;
 
 use crate::periphery::{Periphery, TOOL_CHANGE_CODE};
+use crate::program_copy::{ProgramCopy, ProgramText};
 use crate::switches::Switched;
 
 /// A planned block, for the trace.
@@ -78,12 +79,12 @@ pub(crate) enum FeederEvent {
     Periphery(u32, Periphery),
     /// A program stop in the plan, by the number of the action before it; only for those who asked for it.
     Stop(u32, StopKind),
-    /// From this block on blocks are of this file.
-    File(u32, PathBuf),
+    /// From this block on blocks are of this text.
+    File(u32, ProgramText),
     /// A text to attach to the trace.
     Attach(String, Vec<u8>),
     /// A file to attach to the trace.
-    AttachFile(String, PathBuf),
+    AttachFile(String, Arc<ProgramCopy>),
     /// Something that is to be recorded at its setpoint.
     ExternalEvent(ExternalEvent),
     /// The trace goes on in a new file behind this setpoint; what follows belongs to that file.

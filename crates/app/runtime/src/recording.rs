@@ -1,9 +1,8 @@
 //! The recorder's thread: cycles, events and blocks into the trace.
 
 use std::collections::{BTreeMap, VecDeque};
-use std::fs::File;
-use std::io::{BufRead, BufReader};
-use std::path::{Path, PathBuf};
+use std::io::{BufRead, BufReader, Cursor, Read};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, Sender};
@@ -20,6 +19,7 @@ use rtrb::Consumer;
 
 use crate::cycle::CycleSample;
 use crate::news::{BlockPlan, ExternalEvent, ExternalEventKind, FeederEvent, Notice, notices_due};
+use crate::program_copy::{FromStart, ProgramCopy, ProgramText};
 use crate::serve::{FileProgress, TraceSeries};
 use crate::shared::Controls;
 use crate::signal_loop::SignalChange;
@@ -110,7 +110,7 @@ pub(crate) struct RecordReport {
 /// What is attached.
 enum Content {
     Text(Vec<u8>),
-    File(PathBuf),
+    File(Arc<ProgramCopy>),
 }
 
 /// The cycles of one block.
@@ -126,7 +126,7 @@ struct Tracks {
     plans: VecDeque<BlockPlan>,
     notices: VecDeque<Notice>,
     /// Files of later jobs, and the block with which each begins.
-    files: VecDeque<(u32, PathBuf)>,
+    files: VecDeque<(u32, ProgramText)>,
     outside: VecDeque<ExternalEvent>,
     /// Switches that planners have read on with, and their jobs.
     switched: VecDeque<(u32, Switched)>,
@@ -160,7 +160,7 @@ impl Recording {
             outside: VecDeque::new(),
             switched: VecDeque::new(),
             attachments: VecDeque::new(),
-            lines: Lines::new(&self.program),
+            lines: Lines::new(LinesSource::Path(self.program.clone())),
             period_s: period_ns as f64 * 1e-9,
             block: None,
             closed: VecDeque::new(),
@@ -192,7 +192,11 @@ impl Recording {
                     && let Some(further) = &mut self.further
                 {
                     next_file = None;
-                    if let Err(error) = further.go_on(&mut self.recorder, sample.record.sequence) {
+                    tracks.wait_for_copies();
+                    let attached = tracks.attach(&mut self.recorder, last_ns);
+                    if let Err(error) =
+                        attached.and_then(|()| further.go_on(&mut self.recorder, sample.record.sequence))
+                    {
                         lost += 1;
                         let _gone = failed.send(error.clone());
                         failure = Some(error);
@@ -450,18 +454,35 @@ impl Tracks {
 
     /// Attaches what jobs have begun with. It has to be there before the job's event is.
     fn attach(&mut self, recorder: &mut Recorder, time_ns: u64) -> Result<(), RecordError> {
-        while let Some((name, content)) = self.attachments.pop_front() {
+        while let Some((name, content)) = self.attachments.front() {
             match content {
-                Content::Text(text) => recorder.attach_text(&name, time_ns, &text)?,
-                Content::File(file) => {
-                    if !recorder.attach_program(&name, time_ns, &file)? {
-                        let text = format!("{} cannot be read and is not attached", file.display());
+                Content::Text(text) => recorder.attach_text(name, time_ns, text)?,
+                Content::File(copy) => match copy.look() {
+                    // Nothing waits for it.
+                    None => return Ok(()),
+                    Some(Ok(file)) => recorder.attach_program(name, time_ns, &copy.path, &file)?,
+                    Some(Err(reason)) => {
+                        let text = format!("{}: {reason}; it is not attached", copy.path.display());
                         recorder.log(time_ns, LogLevel::Warning, &text)?;
                     }
-                }
+                },
             }
+            self.attachments.pop_front();
         }
         Ok(())
+    }
+
+    /// Waits for copies of programs that belong to the file that ends; each is given up where nothing comes.
+    fn wait_for_copies(&self) {
+        let attached = self.attachments.iter().filter_map(|(_, content)| match content {
+            Content::File(copy) => Some(copy),
+            Content::Text(_) => None,
+        });
+        for copy in attached {
+            while copy.look().is_none() {
+                std::thread::sleep(POLL_INTERVAL);
+            }
+        }
     }
 
     /// A block begins with the first setpoint that moves along it, and ends with that of a later one, a dwell or a program stop.
@@ -504,12 +525,15 @@ impl Tracks {
                 self.closed.pop_front();
                 continue;
             }
-            self.plans.pop_front();
             while self.files.front().is_some_and(|(first, _)| *first <= plan.block) {
-                if let Some((_, file)) = self.files.pop_front() {
-                    self.lines = Lines::new(&file);
+                if let Some((_, text)) = self.files.pop_front() {
+                    self.lines = Lines::new(LinesSource::Text(text));
                 }
             }
+            if self.lines.are_coming() {
+                return Ok(());
+            }
+            self.plans.pop_front();
             let mut cycles = 0;
             if plan.block == span.block {
                 self.closed.pop_front();
@@ -536,6 +560,7 @@ impl Tracks {
         alarm: Option<&(Alarm, String)>,
     ) -> Result<(), RecordError> {
         let end = recorder.statistics().cycles;
+        self.wait_for_copies();
         self.close_block(time_ns, end);
         self.write_blocks(recorder)?;
         self.attach(recorder, time_ns)?;
@@ -596,27 +621,51 @@ fn describe(before: u8, cycle: &CycleRecord) -> (EventKind, &'static str) {
     }
 }
 
+/// Where lines come from.
+enum LinesSource {
+    /// A program that is run by itself, and was opened a moment ago.
+    Path(PathBuf),
+    Text(ProgramText),
+}
+
 /// Lines of the program by number, mostly in order.
 struct Lines {
-    path: PathBuf,
-    reader: Option<BufReader<File>>,
+    source: LinesSource,
+    reader: Option<BufReader<Box<dyn Read>>>,
     line: u32,
     text: Vec<u8>,
 }
 
 impl Lines {
-    fn new(path: &Path) -> Self {
+    fn new(source: LinesSource) -> Self {
         Self {
-            path: path.to_owned(),
+            source,
             reader: None,
             line: 0,
             text: Vec::new(),
         }
     }
 
+    /// A copy is still being made.
+    fn are_coming(&self) -> bool {
+        matches!(&self.source, LinesSource::Text(ProgramText::Copy(copy)) if copy.look().is_none())
+    }
+
+    fn open(&self) -> Option<BufReader<Box<dyn Read>>> {
+        let reader: Box<dyn Read> = match &self.source {
+            LinesSource::Path(path) => Box::new(open_regular(path).ok()?),
+            LinesSource::Text(ProgramText::Whole(text)) => Box::new(Cursor::new(Arc::clone(text))),
+            LinesSource::Text(ProgramText::Copy(copy)) => {
+                let file = copy.look()?.ok()?;
+                Box::new(FromStart { file, at: 0 })
+            }
+        };
+        Some(BufReader::new(reader))
+    }
+
     fn text(&mut self, line: u32) -> String {
         if self.reader.is_none() || line < self.line {
-            self.reader = open_regular(&self.path).ok().map(BufReader::new);
+            self.reader = self.open();
             self.line = 0;
         }
         let Some(reader) = &mut self.reader else {

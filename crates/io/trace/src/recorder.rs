@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fs::{self, File};
-use std::io::{self, Read};
+use std::io::{self, Read, Seek as _};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -211,16 +211,19 @@ impl Recorder {
         self.attach(name, "text/plain", time_ns, text)
     }
 
-    /// Attaches a file that has come up while the run is under way, piece by piece. `false` where it cannot be opened.
+    /// Attaches a program that has come up while the run is under way, from a file that is open; `path` names it in errors.
     ///
     /// # Errors
     /// As [`Self::cycle`], and [`RecordError::Attach`] where reading fails in the middle.
-    pub fn attach_program(&mut self, name: &str, time_ns: u64, file: &Path) -> Result<bool, RecordError> {
+    pub fn attach_program(
+        &mut self,
+        name: &str,
+        time_ns: u64,
+        path: &Path,
+        file: &File,
+    ) -> Result<(), RecordError> {
         self.check_failure()?;
-        if !file.metadata().is_ok_and(|facts| facts.is_file()) || File::open(file).is_err() {
-            return Ok(false);
-        }
-        self.attach_file(name, file, time_ns).map(|()| true)
+        self.attach_open(name, path, file, time_ns)
     }
 
     fn attach_file(&mut self, name: &str, path: &Path, time_ns: u64) -> Result<(), RecordError> {
@@ -228,7 +231,22 @@ impl Recorder {
             path: path.to_owned(),
             source: Arc::new(source),
         };
-        let mut file = File::open(path).map_err(attach)?;
+        let file = File::open(path).map_err(attach)?;
+        self.attach_open(name, path, &file, time_ns)
+    }
+
+    fn attach_open(
+        &mut self,
+        name: &str,
+        path: &Path,
+        mut file: &File,
+        time_ns: u64,
+    ) -> Result<(), RecordError> {
+        let attach = |source| RecordError::Attach {
+            path: path.to_owned(),
+            source: Arc::new(source),
+        };
+        file.rewind().map_err(attach)?;
         let size = file.metadata().map_err(attach)?.len();
         // A read that fails is the program's fault, not the disk's: kept apart from failed writes.
         let mut source = Watched {

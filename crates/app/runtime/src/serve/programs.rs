@@ -22,7 +22,7 @@ use super::state_store::Saved;
 use super::track::Track;
 use crate::job::Setup;
 use crate::job_start::ProgramStart;
-use crate::news::{ExternalEventKind, FeederEvent, StopKind, UserCall};
+use crate::news::{ExternalEventKind, StopKind, UserCall};
 use crate::periphery::Periphery;
 use crate::refusal::ProgramError;
 use crate::rt::take_turns;
@@ -193,7 +193,6 @@ impl Operator {
         let switches = self.switches.state();
         let job = self.desk.job() + 1;
         if let Some(recorder) = &self.recorder {
-            let _gone = recorder.send(FeederEvent::File(self.numbers.0, file.look.file.clone()));
             let start = ProgramStart {
                 is_mdi: activity == Activity::Mdi,
                 program: String::new(),
@@ -209,7 +208,7 @@ impl Operator {
                 feed_override: self.desk.overrides()[0],
                 numbered_from: self.numbers,
             };
-            subroutines = self.notes.plans(recorder, job, file, &setup, start);
+            subroutines = self.notes.plans(recorder, job, file, &setup, start, &self.folder);
         }
         let planning = Planning::start(ProgramJob {
             file: file.look.file.clone(),

@@ -1,6 +1,8 @@
 //! What the trace of a served machine is told of its jobs, so that each can be computed again.
 
 use std::collections::VecDeque;
+use std::path::Path;
+use std::sync::Arc;
 use std::sync::mpsc::Sender;
 
 use evolvent_gcode::{KeptParameters, ToolTable};
@@ -12,6 +14,7 @@ use super::files::{Look, ProgramFile};
 use crate::job::Setup;
 use crate::job_start::{JobStart, ProgramStart, SteeredStart, plain_name};
 use crate::news::{ExternalEvent, ExternalEventKind, FeederEvent};
+use crate::program_copy::{ProgramCopy, ProgramText};
 
 /// Jobs on their way to the cycle that are remembered.
 const MAX_SENT: usize = 64;
@@ -28,7 +31,7 @@ pub(super) struct JobNotes {
     /// What was attached last, and under which name.
     tools: Option<(ToolTable, String)>,
     parameters: Option<(KeptParameters, String)>,
-    program: Option<(Look, String)>,
+    program: Option<(Look, String, Option<Arc<ProgramCopy>>)>,
 }
 
 impl JobNotes {
@@ -52,28 +55,37 @@ impl JobNotes {
         file: &ProgramFile,
         setup: &Setup,
         mut start: ProgramStart,
+        folder: &Path,
     ) -> String {
         let attach = |name: &str, text: String| {
             let _gone = recorder.send(FeederEvent::Attach(name.to_owned(), text.into_bytes()));
         };
+        let text = match (&file.text, self.known(&file.look)) {
+            (Some(text), _) => ProgramText::Whole(text.as_slice().into()),
+            (None, Some((_, Some(copy)))) => ProgramText::Copy(copy),
+            (None, _) => ProgramText::Copy(ProgramCopy::begin(&file.look.file, folder)),
+        };
         start.program = match (self.known(&file.look), start.is_mdi) {
-            (Some(name), false) => name,
+            (Some((name, _)), false) => name,
             _ => {
                 let path = &file.look.file;
                 let name = path
                     .file_name()
                     .map_or_else(String::new, |name| plain_name(&name.to_string_lossy()));
                 let name = format!("job-{job}/{name}");
-                // What is short may be gone before the recorder comes to it: a block of MDI is.
-                let news = match &file.text {
-                    Some(text) => FeederEvent::Attach(name.clone(), text.clone()),
-                    None => FeederEvent::AttachFile(name.clone(), path.clone()),
+                let (news, copy) = match &text {
+                    ProgramText::Whole(text) => (FeederEvent::Attach(name.clone(), text.to_vec()), None),
+                    ProgramText::Copy(copy) => (
+                        FeederEvent::AttachFile(name.clone(), Arc::clone(copy)),
+                        Some(Arc::clone(copy)),
+                    ),
                 };
                 let _gone = recorder.send(news);
-                self.program = Some((file.look.clone(), name.clone()));
+                self.program = Some((file.look.clone(), name.clone(), copy));
                 name
             }
         };
+        let _gone = recorder.send(FeederEvent::File(start.numbered_from.0, text));
         if let Some(tools) = &setup.memory.tools {
             if self.tools.as_ref().is_none_or(|(known, _)| known != tools) {
                 let name = format!("job-{job}/tools.tbl");
@@ -96,9 +108,9 @@ impl JobNotes {
         folder
     }
 
-    fn known(&self, look: &Look) -> Option<String> {
-        let (known, name) = self.program.as_ref()?;
-        (look == known).then(|| name.clone())
+    fn known(&self, look: &Look) -> Option<(String, Option<Arc<ProgramCopy>>)> {
+        let (known, name, copy) = self.program.as_ref()?;
+        (look == known).then(|| (name.clone(), copy.clone()))
     }
 
     /// What was planned goes to the cycle with this order.
