@@ -15,6 +15,7 @@ use crate::selection::{ExportChannel, Selection};
 const CSV_ROWS: usize = 512;
 const PARQUET_ROWS: usize = 1 << 16;
 const BUFFER_BYTES: usize = 1 << 18;
+const CREATED_BY: &str = concat!("evolvent version ", env!("CARGO_PKG_VERSION"));
 
 /// What kind of file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -53,7 +54,7 @@ pub struct Exported {
     pub bytes: u64,
 }
 
-enum Writer<W> {
+enum Writer<W: Write + Send> {
     Csv(W),
     Parquet(ParquetWriter<W>),
 }
@@ -102,7 +103,7 @@ pub(crate) fn make_ordinary(_file: &std::fs::File) -> io::Result<()> {
     Ok(())
 }
 
-fn export_to<W: Write>(
+fn export_to<W: Write + Send>(
     trace: &mut TraceFile,
     channel: ExportChannel,
     selection: &Selection,
@@ -130,7 +131,7 @@ fn export_to<W: Write>(
             (Writer::Csv(out), CSV_ROWS)
         }
         ExportFormat::Parquet => {
-            let writer = ParquetWriter::new(out, &table).map_err(write_error)?;
+            let writer = ParquetWriter::new(out, &table, CREATED_BY).map_err(write_error)?;
             (Writer::Parquet(writer), PARQUET_ROWS)
         }
     };
@@ -188,8 +189,7 @@ fn export_to<W: Write>(
                 ("evolvent.period_ns".to_owned(), run.period_ns.to_string()),
                 ("evolvent.start_time_ns".to_owned(), start_ns.to_string()),
             ];
-            let created_by = concat!("evolvent version ", env!("CARGO_PKG_VERSION"));
-            writer.finish(created_by, &notes).map_err(write_error)?
+            writer.finish(&notes).map_err(write_error)?
         }
     };
     Ok((rows, out))

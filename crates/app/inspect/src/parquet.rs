@@ -1,264 +1,113 @@
-//! Writes Apache Parquet, version 1 of the format: plain columns without nulls, pages compressed with zstd.
-//!
-//! Of the format (<https://parquet.apache.org/docs/file-format/>) this is the part that every reader has. Its headers are
-//! Thrift structures in the compact protocol: a field's head is the step of its number and its type, whole numbers
-//! are zigzag varints.
+//! Writes Apache Parquet: columns without nulls, plain values, pages compressed with zstd.
 
 use std::io::{self, Write};
+use std::sync::Arc;
 
-use crate::columns::{Table, Values};
+use parquet::basic::{Compression, ConvertedType, Encoding, Repetition, Type as Physical, ZstdLevel};
+use parquet::data_type::{ByteArray, ByteArrayType, DoubleType, Int64Type};
+use parquet::errors::{ParquetError, Result};
+use parquet::file::metadata::KeyValue;
+use parquet::file::properties::{EnabledStatistics, WriterProperties};
+use parquet::file::writer::SerializedFileWriter;
+use parquet::schema::types::{Type, TypePtr};
 
-const MAGIC: &[u8; 4] = b"PAR1";
+use crate::columns::{Column, Table, Values};
+
 const ZSTD_LEVEL: i32 = 1;
-/// Codes of the format.
-const TYPE_INT64: i64 = 2;
-const TYPE_DOUBLE: i64 = 5;
-const TYPE_BYTES: i64 = 6;
-const CODEC_ZSTD: i64 = 6;
-const ENCODING_PLAIN: i64 = 0;
-const ENCODING_RLE: i64 = 3;
-
-/// Thrift's compact protocol.
-#[derive(Debug, Default)]
-struct Thrift {
-    bytes: Vec<u8>,
-    last: Vec<u8>,
-}
-
-const KIND_I32: u8 = 5;
-const KIND_I64: u8 = 6;
-const KIND_BINARY: u8 = 8;
-const KIND_LIST: u8 = 9;
-const KIND_STRUCT: u8 = 12;
-
-impl Thrift {
-    fn new() -> Self {
-        Self {
-            bytes: Vec::new(),
-            last: vec![0],
-        }
-    }
-
-    fn varint(&mut self, mut value: u64) {
-        while value >= 0x80 {
-            self.bytes.push(value as u8 | 0x80);
-            value >>= 7;
-        }
-        self.bytes.push(value as u8);
-    }
-
-    fn zigzag(&mut self, value: i64) {
-        self.varint(((value << 1) ^ (value >> 63)) as u64);
-    }
-
-    /// Heads of fields go upwards by less than 16 in every structure here.
-    fn head(&mut self, field: u8, kind: u8) {
-        if let Some(last) = self.last.last_mut() {
-            self.bytes.push((field - *last) << 4 | kind);
-            *last = field;
-        }
-    }
-
-    fn int(&mut self, field: u8, value: i64) {
-        self.head(field, KIND_I32);
-        self.zigzag(value);
-    }
-
-    fn long(&mut self, field: u8, value: i64) {
-        self.head(field, KIND_I64);
-        self.zigzag(value);
-    }
-
-    fn raw_text(&mut self, text: &str) {
-        self.varint(text.len() as u64);
-        self.bytes.extend_from_slice(text.as_bytes());
-    }
-
-    fn text(&mut self, field: u8, text: &str) {
-        self.head(field, KIND_BINARY);
-        self.raw_text(text);
-    }
-
-    fn list(&mut self, field: u8, kind: u8, length: usize) {
-        self.head(field, KIND_LIST);
-        if length < 15 {
-            self.bytes.push((length as u8) << 4 | kind);
-        } else {
-            self.bytes.push(0xF0 | kind);
-            self.varint(length as u64);
-        }
-    }
-
-    /// A structure as a field, or as an element of a list.
-    fn structure(&mut self, field: Option<u8>, fill: impl FnOnce(&mut Self)) {
-        if let Some(field) = field {
-            self.head(field, KIND_STRUCT);
-        }
-        self.last.push(0);
-        fill(self);
-        self.bytes.push(0);
-        self.last.pop();
-    }
-}
-
-/// A column in a row group, as the footer names it.
-#[derive(Debug)]
-struct Chunk {
-    offset: u64,
-    values: usize,
-    raw_bytes: u64,
-    bytes: u64,
-}
+/// A column of a row group is one page: a page costs a new compressor.
+const PAGE_ROWS: usize = 1 << 16;
 
 /// Writes one file.
-pub(crate) struct ParquetWriter<W> {
-    out: W,
-    position: u64,
-    names: Vec<(String, i64)>,
-    groups: Vec<(usize, Vec<Chunk>)>,
-    compressor: zstd::bulk::Compressor<'static>,
-    raw: Vec<u8>,
+pub(crate) struct ParquetWriter<W: Write + Send> {
+    file: SerializedFileWriter<W>,
 }
 
-fn kind_of(values: &Values) -> i64 {
-    match values {
-        Values::Double(_) => TYPE_DOUBLE,
-        Values::Whole(_) => TYPE_INT64,
-        Values::Text(_) => TYPE_BYTES,
-    }
-}
-
-impl<W: Write> ParquetWriter<W> {
-    pub(crate) fn new(mut out: W, table: &Table) -> io::Result<Self> {
-        out.write_all(MAGIC)?;
-        Ok(Self {
-            out,
-            position: MAGIC.len() as u64,
-            names: table
-                .columns
-                .iter()
-                .map(|column| (column.name.clone(), kind_of(&column.values)))
-                .collect(),
-            groups: Vec::new(),
-            compressor: zstd::bulk::Compressor::new(ZSTD_LEVEL)?,
-            raw: Vec::new(),
-        })
+impl<W: Write + Send> ParquetWriter<W> {
+    pub(crate) fn new(out: W, table: &Table, created_by: &str) -> io::Result<Self> {
+        let file = schema_of(table)
+            .and_then(|schema| SerializedFileWriter::new(out, schema, properties(created_by)?.into()))
+            .map_err(io_error)?;
+        Ok(Self { file })
     }
 
     /// Writes the rows of a table as a group.
     pub(crate) fn write(&mut self, table: &Table) -> io::Result<()> {
-        let rows = table.rows();
-        if rows == 0 {
+        if table.rows() == 0 {
             return Ok(());
         }
-        let mut chunks = Vec::with_capacity(table.columns.len());
+        self.write_group(table).map_err(io_error)
+    }
+
+    fn write_group(&mut self, table: &Table) -> Result<()> {
+        let mut group = self.file.next_row_group()?;
         for column in &table.columns {
-            self.raw.clear();
+            // There is one for each column of the schema, which is the table's.
+            let Some(mut out) = group.next_column()? else {
+                break;
+            };
             match &column.values {
-                Values::Double(values) => values
-                    .iter()
-                    .for_each(|value| self.raw.extend_from_slice(&value.to_le_bytes())),
-                Values::Whole(values) => values
-                    .iter()
-                    .for_each(|value| self.raw.extend_from_slice(&value.to_le_bytes())),
+                Values::Double(values) => out.typed::<DoubleType>().write_batch(values, None, None)?,
+                Values::Whole(values) => out.typed::<Int64Type>().write_batch(values, None, None)?,
                 Values::Text(values) => {
-                    for text in values {
-                        self.raw.extend_from_slice(&(text.len() as u32).to_le_bytes());
-                        self.raw.extend_from_slice(text.as_bytes());
-                    }
+                    let texts: Vec<ByteArray> = values.iter().map(|text| text.as_str().into()).collect();
+                    out.typed::<ByteArrayType>().write_batch(&texts, None, None)?
                 }
-            }
-            let packed = self.compressor.compress(&self.raw)?;
-            let mut head = Thrift::new();
-            head.structure(None, |head| {
-                head.int(1, 0);
-                head.int(2, self.raw.len() as i64);
-                head.int(3, packed.len() as i64);
-                head.structure(Some(5), |page| {
-                    page.int(1, rows as i64);
-                    page.int(2, ENCODING_PLAIN);
-                    page.int(3, ENCODING_RLE);
-                    page.int(4, ENCODING_RLE);
-                });
-            });
-            self.out.write_all(&head.bytes)?;
-            self.out.write_all(&packed)?;
-            let bytes = (head.bytes.len() + packed.len()) as u64;
-            chunks.push(Chunk {
-                offset: self.position,
-                values: rows,
-                raw_bytes: (head.bytes.len() + self.raw.len()) as u64,
-                bytes,
-            });
-            self.position += bytes;
+            };
+            out.close()?;
         }
-        self.groups.push((rows, chunks));
+        group.close()?;
         Ok(())
     }
 
     /// Writes the footer; gives what it wrote to.
-    pub(crate) fn finish(mut self, created_by: &str, notes: &[(String, String)]) -> io::Result<W> {
-        let mut footer = Thrift::new();
-        let rows: usize = self.groups.iter().map(|group| group.0).sum();
-        footer.structure(None, |meta| {
-            meta.int(1, 1);
-            meta.list(2, KIND_STRUCT, self.names.len() + 1);
-            meta.structure(None, |root| {
-                root.text(4, "trace");
-                root.int(5, self.names.len() as i64);
-            });
-            for (name, kind) in &self.names {
-                meta.structure(None, |element| {
-                    element.int(1, *kind);
-                    element.int(3, 0);
-                    element.text(4, name);
-                    if *kind == TYPE_BYTES {
-                        element.int(6, 0);
-                    }
-                });
-            }
-            meta.long(3, rows as i64);
-            meta.list(4, KIND_STRUCT, self.groups.len());
-            for (rows, chunks) in &self.groups {
-                meta.structure(None, |group| self.put_group(group, *rows, chunks));
-            }
-            meta.list(5, KIND_STRUCT, notes.len());
-            for (key, value) in notes {
-                meta.structure(None, |note| {
-                    note.text(1, key);
-                    note.text(2, value);
-                });
-            }
-            meta.text(6, created_by);
-        });
-        self.out.write_all(&footer.bytes)?;
-        self.out.write_all(&(footer.bytes.len() as u32).to_le_bytes())?;
-        self.out.write_all(MAGIC)?;
-        Ok(self.out)
-    }
-
-    fn put_group(&self, group: &mut Thrift, rows: usize, chunks: &[Chunk]) {
-        group.list(1, KIND_STRUCT, chunks.len());
-        for (chunk, (name, kind)) in chunks.iter().zip(&self.names) {
-            group.structure(None, |column| {
-                column.long(2, chunk.offset as i64);
-                column.structure(Some(3), |meta| {
-                    meta.int(1, *kind);
-                    meta.list(2, KIND_I32, 2);
-                    meta.zigzag(ENCODING_PLAIN);
-                    meta.zigzag(ENCODING_RLE);
-                    meta.list(3, KIND_BINARY, 1);
-                    meta.raw_text(name);
-                    meta.int(4, CODEC_ZSTD);
-                    meta.long(5, chunk.values as i64);
-                    meta.long(6, chunk.raw_bytes as i64);
-                    meta.long(7, chunk.bytes as i64);
-                    meta.long(9, chunk.offset as i64);
-                });
-            });
+    pub(crate) fn finish(mut self, notes: &[(String, String)]) -> io::Result<W> {
+        for (key, value) in notes {
+            self.file
+                .append_key_value_metadata(KeyValue::new(key.clone(), value.clone()));
         }
-        let raw: u64 = chunks.iter().map(|chunk| chunk.raw_bytes).sum();
-        group.long(2, raw as i64);
-        group.long(3, rows as i64);
+        self.file.into_inner().map_err(io_error)
+    }
+}
+
+fn properties(created_by: &str) -> Result<WriterProperties> {
+    Ok(WriterProperties::builder()
+        .set_created_by(created_by.to_owned())
+        .set_compression(Compression::ZSTD(ZstdLevel::try_new(ZSTD_LEVEL)?))
+        // Measured numbers seldom repeat: a dictionary would be tried and given up.
+        .set_dictionary_enabled(false)
+        .set_encoding(Encoding::PLAIN)
+        .set_statistics_enabled(EnabledStatistics::None)
+        .set_offset_index_disabled(true)
+        .set_data_page_row_count_limit(PAGE_ROWS)
+        .build())
+}
+
+fn schema_of(table: &Table) -> Result<TypePtr> {
+    let fields = table.columns.iter().map(field_of).collect::<Result<_>>()?;
+    let root = Type::group_type_builder("trace").with_fields(fields).build()?;
+    Ok(Arc::new(root))
+}
+
+fn field_of(column: &Column) -> Result<TypePtr> {
+    let (physical, converted) = match column.values {
+        Values::Double(_) => (Physical::DOUBLE, ConvertedType::NONE),
+        Values::Whole(_) => (Physical::INT64, ConvertedType::NONE),
+        Values::Text(_) => (Physical::BYTE_ARRAY, ConvertedType::UTF8),
+    };
+    let field = Type::primitive_type_builder(&column.name, physical)
+        .with_repetition(Repetition::REQUIRED)
+        .with_converted_type(converted)
+        .build()?;
+    Ok(Arc::new(field))
+}
+
+/// The system's own error, such as a full disk, where the crate passed one on.
+fn io_error(error: ParquetError) -> io::Error {
+    match error {
+        ParquetError::External(source) => match source.downcast::<io::Error>() {
+            Ok(error) => *error,
+            Err(source) => io::Error::other(source),
+        },
+        error => io::Error::other(error),
     }
 }

@@ -133,6 +133,11 @@ for n, name in enumerate(table.column_names):
             assert (text == "" and found != found) or bits(found) == bits(float(text)), (name, found, text)
         else:
             assert str(found) == text, (name, found, text)
+meta = pq.read_metadata(sys.argv[1])
+for group in range(meta.num_row_groups):
+    for column in range(meta.num_columns):
+        assert meta.row_group(group).column(column).compression == "ZSTD"
+assert all(not field.nullable and str(field.type) in ("int64", "double", "string") for field in table.schema), table.schema
 assert b"evolvent.period_ns" in pq.read_metadata(sys.argv[1]).metadata
 print(table.num_rows, "rows")
 "#;
