@@ -13,6 +13,7 @@ use evolvent_motion::State;
 use evolvent_runtime::{
     Clock, Controls, Job, MonotonicClock, Notice, Outcome, RunObserver, RunOutcome, Setup, StartError, run,
 };
+use evolvent_tests::unless_disturbed;
 
 const SIGNALS: &str = "
 [[input]]
@@ -157,69 +158,75 @@ fn drive(
 
 #[test]
 fn outputs_go_out_with_the_setpoint_from_which_they_count_and_inputs_come_in() {
-    let program =
-        "G21 F3000\nM63 P0\nM67 E3 Q2.5\nG1 X5\nM66 P2 L3 Q20\nM64 P0\nG1 X[10 + #5399]\nG4 P0.5\nM2\n";
-    let mut off_since = None;
-    let (outcome, heard, _) = drive(program, move |heard| {
-        // The input follows the output 0.3 s later.
-        let off = heard
+    unless_disturbed(|| {
+        let program =
+            "G21 F3000\nM63 P0\nM67 E3 Q2.5\nG1 X5\nM66 P2 L3 Q20\nM64 P0\nG1 X[10 + #5399]\nG4 P0.5\nM2\n";
+        let mut off_since = None;
+        let (outcome, heard, _) = drive(program, move |heard| {
+            // The input follows the output 0.3 s later.
+            let off = heard
+                .outputs
+                .last()
+                .is_some_and(|outputs| outputs.digital & 1 == 0);
+            if off && off_since.is_none() {
+                off_since = Some(Instant::now());
+            }
+            let ready = off_since.is_some_and(|since| since.elapsed() > Duration::from_millis(300));
+            Some(read(true, ready))
+        });
+        let outcome = outcome.unwrap();
+        assert_eq!(outcome.summary.outcome, Outcome::Done, "{:?}", outcome.summary);
+        assert_eq!(outcome.summary.end_position[0], 11.0, "the input was on");
+        let changed = heard
             .outputs
-            .last()
-            .is_some_and(|outputs| outputs.digital & 1 == 0);
-        if off && off_since.is_none() {
-            off_since = Some(Instant::now());
-        }
-        let ready = off_since.is_some_and(|since| since.elapsed() > Duration::from_millis(300));
-        Some(read(true, ready))
+            .iter()
+            .find(|message| message.digital & 1 == 0)
+            .unwrap();
+        assert_eq!((Some(changed.cycle), changed.analog[3]), (heard.begins, 2.5));
+        let last = heard.outputs.last().unwrap();
+        assert_eq!(
+            (last.digital & 1, last.digital_mask, last.analog_mask),
+            (1, 1, 1 << 3)
+        );
+        assert_eq!((last.safe_digital, last.safe_analog[3]), (1, 0.0));
+        assert!(last.cycle > changed.cycle && last.due_time_ns > changed.due_time_ns);
+        let first = &heard.outputs[0];
+        assert_eq!((first.digital, first.analog[3]), (1, 0.0), "safe at the start");
     });
-    let outcome = outcome.unwrap();
-    assert_eq!(outcome.summary.outcome, Outcome::Done, "{:?}", outcome.summary);
-    assert_eq!(outcome.summary.end_position[0], 11.0, "the input was on");
-    let changed = heard
-        .outputs
-        .iter()
-        .find(|message| message.digital & 1 == 0)
-        .unwrap();
-    assert_eq!((Some(changed.cycle), changed.analog[3]), (heard.begins, 2.5));
-    let last = heard.outputs.last().unwrap();
-    assert_eq!(
-        (last.digital & 1, last.digital_mask, last.analog_mask),
-        (1, 1, 1 << 3)
-    );
-    assert_eq!((last.safe_digital, last.safe_analog[3]), (1, 0.0));
-    assert!(last.cycle > changed.cycle && last.due_time_ns > changed.due_time_ns);
-    let first = &heard.outputs[0];
-    assert_eq!((first.digital, first.analog[3]), (1, 0.0), "safe at the start");
 }
 
 #[test]
 fn an_open_chain_and_a_bridge_that_falls_silent_stop_the_run() {
-    for silent in [false, true] {
-        let program = "G21 F3000\nM63 P0\nM67 E3 Q9\nG1 X300\nM2\n";
-        let (outcome, heard, _) = drive(program, move |heard| {
-            let far = heard.last.is_some_and(|last| last.position[0] > 20.0);
-            (!far || !silent).then(|| read(!far, false))
-        });
-        let outcome = outcome.unwrap();
-        assert_eq!(outcome.summary.alarm, Some(430), "{:?}", outcome.summary);
-        assert!(outcome.summary.end_position[0] < 150.0, "{:?}", outcome.summary);
-        let last = heard.outputs.last().unwrap();
-        assert_eq!((last.digital & 1, last.analog[3]), (1, 0.0), "safe");
-        // The bridge may be gone before the last setpoint.
-        let stops = [State::Stopping as u32, State::Stopped as u32];
-        assert!(stops.contains(&heard.last.unwrap().state));
-    }
+    unless_disturbed(|| {
+        for silent in [false, true] {
+            let program = "G21 F3000\nM63 P0\nM67 E3 Q9\nG1 X300\nM2\n";
+            let (outcome, heard, _) = drive(program, move |heard| {
+                let far = heard.last.is_some_and(|last| last.position[0] > 20.0);
+                (!far || !silent).then(|| read(!far, false))
+            });
+            let outcome = outcome.unwrap();
+            assert_eq!(outcome.summary.alarm, Some(430), "{:?}", outcome.summary);
+            assert!(outcome.summary.end_position[0] < 150.0, "{:?}", outcome.summary);
+            let last = heard.outputs.last().unwrap();
+            assert_eq!((last.digital & 1, last.analog[3]), (1, 0.0), "safe");
+            // The bridge may be gone before the last setpoint.
+            let stops = [State::Stopping as u32, State::Stopped as u32];
+            assert!(stops.contains(&heard.last.unwrap().state));
+        }
+    });
 }
 
 #[test]
 fn a_run_does_not_begin_with_an_open_chain() {
-    let (outcome, heard, took) = drive("G21 F3000\nG1 X5\nM2\n", |_| Some(read(false, false)));
-    match outcome {
-        Err(StartError::ChainOpen) => {}
-        other => panic!("{other:?}"),
-    }
-    assert!(
-        heard.last.is_none() && took < Duration::from_secs(60),
-        "nothing has moved"
-    );
+    unless_disturbed(|| {
+        let (outcome, heard, took) = drive("G21 F3000\nG1 X5\nM2\n", |_| Some(read(false, false)));
+        match outcome {
+            Err(StartError::ChainOpen) => {}
+            other => panic!("{other:?}"),
+        }
+        assert!(
+            heard.last.is_none() && took < Duration::from_secs(60),
+            "nothing has moved"
+        );
+    });
 }

@@ -12,6 +12,7 @@ use evolvent_bridge_test::{BridgeUnderTest, CASES, Stage, StartError, run_case};
 use evolvent_ethercat::{Network, RunSettings, run};
 use evolvent_ethercat_ring::{DriveSettings, MAIN_INTERFACE, SubDevice, TerminalKind, on_bench};
 use evolvent_machine::Machine;
+use evolvent_tests::unless_disturbed;
 
 const NETWORK: &str = include_str!("../../../../config/networks/sim-mill.toml");
 
@@ -83,30 +84,33 @@ impl BridgeUnderTest for EthercatBridge {
 #[test]
 fn it_does_what_every_bridge_must() {
     let wanted = std::env::var("EVOLVENT_CASE").ok();
-    on_bench(devices(), move |_ring| {
-        let text = evolvent_file_tests::shipped("machines/mill-3axis.toml");
-        let mut bridge = EthercatBridge {
-            machine: Machine::parse(&text, "mill-3axis.toml").expect("a machine"),
-            running: None,
-        };
-        let mut failures = Vec::new();
-        for case in CASES
-            .iter()
-            .filter(|case| wanted.as_ref().is_none_or(|wanted| case.name == wanted))
-        {
-            let mut stage = Stage {
-                bridge: &mut bridge,
-                machine_name: "bridge-test".to_owned(),
-                prefix: format!("ecbt{}_", std::process::id()),
-                core_program: None,
-                seed: 1,
-                moments: 2,
+    unless_disturbed(|| {
+        let wanted = wanted.clone();
+        on_bench(devices(), move |_ring| {
+            let text = evolvent_file_tests::shipped("machines/mill-3axis.toml");
+            let mut bridge = EthercatBridge {
+                machine: Machine::parse(&text, "mill-3axis.toml").expect("a machine"),
+                running: None,
             };
-            let result = run_case(case, &mut stage);
-            println!("{}: {result:?}", case.name);
-            failures.extend(result.err().map(|error| format!("{}: {error}", case.name)));
-            bridge.end();
-        }
-        assert!(failures.is_empty(), "{failures:#?}");
+            let mut failures = Vec::new();
+            for case in CASES
+                .iter()
+                .filter(|case| wanted.as_ref().is_none_or(|wanted| case.name == wanted))
+            {
+                let mut stage = Stage {
+                    bridge: &mut bridge,
+                    machine_name: "bridge-test".to_owned(),
+                    prefix: format!("ecbt{}_", std::process::id()),
+                    core_program: None,
+                    seed: 1,
+                    moments: 2,
+                };
+                let result = run_case(case, &mut stage);
+                println!("{}: {result:?}", case.name);
+                failures.extend(result.err().map(|error| format!("{}: {error}", case.name)));
+                bridge.end();
+            }
+            assert!(failures.is_empty(), "{failures:#?}");
+        });
     });
 }

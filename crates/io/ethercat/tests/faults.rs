@@ -15,6 +15,7 @@ use evolvent_ethercat_ring::{
     DriveSettings, FaultKind, MAIN_INTERFACE, SharedRing, SubDevice, TerminalKind, monotonic_ns, on_bench,
 };
 use evolvent_machine::Machine;
+use evolvent_tests::unless_disturbed;
 
 const PERIOD_NS: u64 = 2_000_000;
 const LEAD: u64 = 50;
@@ -199,138 +200,146 @@ fn was_told(told: &Mutex<Vec<String>>, what: &str) -> bool {
 /// An axis goes where the setpoints say, with the scale of its gear, and against its motor where that is inverted.
 #[test]
 fn a_drive_follows_its_axis() {
-    on_bench(devices(), |ring| {
-        let report = with_bridge(
-            |_| {},
-            ring,
-            |core, ring, told| {
-                let start = core.bring_up();
-                assert!(start.position.iter().all(|position| position.abs() < 1e-3));
-                core.velocity_x = 20.0;
-                for _ in 0..250 {
-                    core.cycle();
-                }
-                core.velocity_x = 0.0;
-                let goal = core.position[0];
-                let (_, end) = core.until("the goal", |feedback| {
-                    (feedback.position[0] - goal).abs() < 1e-3 && feedback.velocity[0].abs() < 0.5
-                });
-                assert!(end.missed_setpoints < 20, "{end:?}");
-                let turns = ring.lock().expect("no panic").devices()[1]
-                    .as_drive()
-                    .expect("a drive")
-                    .motor_turns();
-                assert!(
-                    (turns * 5.0 - goal).abs() < 2e-3,
-                    "{turns} turns of 5 mm for {goal} mm"
-                );
-                assert!(was_told(told, "all devices are in OP"));
-            },
-        );
-        assert!(report.cycles > 200 && report.sessions == 1, "{report:?}");
+    unless_disturbed(|| {
+        on_bench(devices(), |ring| {
+            let report = with_bridge(
+                |_| {},
+                ring,
+                |core, ring, told| {
+                    let start = core.bring_up();
+                    assert!(start.position.iter().all(|position| position.abs() < 1e-3));
+                    core.velocity_x = 20.0;
+                    for _ in 0..250 {
+                        core.cycle();
+                    }
+                    core.velocity_x = 0.0;
+                    let goal = core.position[0];
+                    let (_, end) = core.until("the goal", |feedback| {
+                        (feedback.position[0] - goal).abs() < 1e-3 && feedback.velocity[0].abs() < 0.5
+                    });
+                    assert!(end.missed_setpoints < 20, "{end:?}");
+                    let turns = ring.lock().expect("no panic").devices()[1]
+                        .as_drive()
+                        .expect("a drive")
+                        .motor_turns();
+                    assert!(
+                        (turns * 5.0 - goal).abs() < 2e-3,
+                        "{turns} turns of 5 mm for {goal} mm"
+                    );
+                    assert!(was_told(told, "all devices are in OP"));
+                },
+            );
+            assert!(report.cycles > 200 && report.sessions == 1, "{report:?}");
+        });
     });
 }
 
 #[test]
 fn a_fault_of_one_drive_stops_the_others_and_is_told_with_its_code() {
-    on_bench(devices(), |ring| {
-        with_bridge(
-            |_| {},
-            ring,
-            |core, ring, told| {
-                core.bring_up();
-                core.velocity_x = 20.0;
-                for _ in 0..100 {
-                    core.cycle();
-                }
-                begin(ring, FaultKind::Temperature, 2, Some(50_000_000));
-                let (after, feedback) = core.until("the fault", |feedback| feedback.error_code != 0);
-                assert_eq!(feedback.error_code, 0x4310);
-                println!("told after {after:?}");
-                core.until("all drives stopped", |feedback| {
-                    states(feedback)
-                        .iter()
-                        .all(|state| *state != Some(DriveState::OperationEnabled))
-                });
-                let (_, _) = core.until("rest", |_| speeds(ring).iter().all(|speed| *speed < 0.02));
-                assert!(was_told(told, "drive of Y: fault 4310h: temperature"), "{told:?}");
-                // Reset, and on again.
-                core.power = PowerRequest::Off;
-                core.fault_reset += 1;
-                let reset = core.fault_reset;
-                core.until("the reset", |feedback| {
-                    feedback.fault_reset_done == reset && feedback.error_code == 0
-                });
-                core.bring_up();
-            },
-        );
+    unless_disturbed(|| {
+        on_bench(devices(), |ring| {
+            with_bridge(
+                |_| {},
+                ring,
+                |core, ring, told| {
+                    core.bring_up();
+                    core.velocity_x = 20.0;
+                    for _ in 0..100 {
+                        core.cycle();
+                    }
+                    begin(ring, FaultKind::Temperature, 2, Some(50_000_000));
+                    let (after, feedback) = core.until("the fault", |feedback| feedback.error_code != 0);
+                    assert_eq!(feedback.error_code, 0x4310);
+                    println!("told after {after:?}");
+                    core.until("all drives stopped", |feedback| {
+                        states(feedback)
+                            .iter()
+                            .all(|state| *state != Some(DriveState::OperationEnabled))
+                    });
+                    let (_, _) = core.until("rest", |_| speeds(ring).iter().all(|speed| *speed < 0.02));
+                    assert!(was_told(told, "drive of Y: fault 4310h: temperature"), "{told:?}");
+                    // Reset, and on again.
+                    core.power = PowerRequest::Off;
+                    core.fault_reset += 1;
+                    let reset = core.fault_reset;
+                    core.until("the reset", |feedback| {
+                        feedback.fault_reset_done == reset && feedback.error_code == 0
+                    });
+                    core.bring_up();
+                },
+            );
+        });
     });
 }
 
 #[test]
 fn a_device_without_supply_is_named_and_comes_back() {
-    on_bench(devices(), |ring| {
-        let report = with_bridge(
-            |_| {},
-            ring,
-            |core, ring, told| {
-                let before = core.bring_up();
-                begin(ring, FaultKind::Gone, 3, Some(3_000_000_000));
-                let (_, feedback) = core.until("the loss", |feedback| feedback.error_code == 0x7500);
-                assert_eq!(states(&feedback)[2], Some(DriveState::Fault));
-                core.until("the others stopped", |_| {
-                    let ring = ring.lock().expect("no panic");
-                    ring.devices()
-                        .iter()
-                        .filter_map(|device| device.as_drive())
-                        .all(|drive| drive.state() != DriveState::OperationEnabled)
-                });
-                assert!(was_told(told, "`z-drive` does not answer"), "{told:?}");
-                core.power = PowerRequest::Off;
-                core.until("the network again", |feedback| {
-                    feedback.instance != before.instance
-                });
-                core.fault_reset += 1;
-                core.bring_up();
-            },
-        );
-        assert!(report.sessions >= 2, "{report:?}");
+    unless_disturbed(|| {
+        on_bench(devices(), |ring| {
+            let report = with_bridge(
+                |_| {},
+                ring,
+                |core, ring, told| {
+                    let before = core.bring_up();
+                    begin(ring, FaultKind::Gone, 3, Some(3_000_000_000));
+                    let (_, feedback) = core.until("the loss", |feedback| feedback.error_code == 0x7500);
+                    assert_eq!(states(&feedback)[2], Some(DriveState::Fault));
+                    core.until("the others stopped", |_| {
+                        let ring = ring.lock().expect("no panic");
+                        ring.devices()
+                            .iter()
+                            .filter_map(|device| device.as_drive())
+                            .all(|drive| drive.state() != DriveState::OperationEnabled)
+                    });
+                    assert!(was_told(told, "`z-drive` does not answer"), "{told:?}");
+                    core.power = PowerRequest::Off;
+                    core.until("the network again", |feedback| {
+                        feedback.instance != before.instance
+                    });
+                    core.fault_reset += 1;
+                    core.bring_up();
+                },
+            );
+            assert!(report.sessions >= 2, "{report:?}");
+        });
     });
 }
 
 #[test]
 fn frames_that_are_lost_stop_the_feedback_and_the_drives_stop_themselves() {
-    on_bench(devices(), |ring| {
-        with_bridge(
-            |_| {},
-            ring,
-            |core, ring, told| {
-                core.bring_up();
-                core.velocity_x = 20.0;
-                for _ in 0..100 {
-                    core.cycle();
-                }
-                begin(ring, FaultKind::Loss, 0, Some(1_000_000_000));
-                let lost = Instant::now();
-                while core
-                    .heard
-                    .is_some_and(|(at, _)| at.elapsed() < Duration::from_millis(300))
-                {
-                    core.cycle();
-                    assert!(lost.elapsed() < Duration::from_secs(5), "feedback goes on");
-                }
-                assert!(
-                    speeds(ring).iter().all(|speed| *speed < 0.02),
-                    "drives stop by their watchdog"
-                );
-                core.power = PowerRequest::Off;
-                core.velocity_x = 0.0;
-                core.until("the network again", |_| true);
-                core.fault_reset += 1;
-                core.bring_up();
-                assert!(was_told(told, "did not come back"), "{told:?}");
-            },
-        );
+    unless_disturbed(|| {
+        on_bench(devices(), |ring| {
+            with_bridge(
+                |_| {},
+                ring,
+                |core, ring, told| {
+                    core.bring_up();
+                    core.velocity_x = 20.0;
+                    for _ in 0..100 {
+                        core.cycle();
+                    }
+                    begin(ring, FaultKind::Loss, 0, Some(1_000_000_000));
+                    let lost = Instant::now();
+                    while core
+                        .heard
+                        .is_some_and(|(at, _)| at.elapsed() < Duration::from_millis(300))
+                    {
+                        core.cycle();
+                        assert!(lost.elapsed() < Duration::from_secs(5), "feedback goes on");
+                    }
+                    assert!(
+                        speeds(ring).iter().all(|speed| *speed < 0.02),
+                        "drives stop by their watchdog"
+                    );
+                    core.power = PowerRequest::Off;
+                    core.velocity_x = 0.0;
+                    core.until("the network again", |_| true);
+                    core.fault_reset += 1;
+                    core.bring_up();
+                    assert!(was_told(told, "did not come back"), "{told:?}");
+                },
+            );
+        });
     });
 }
 
@@ -359,16 +368,18 @@ fn a_network_that_is_not_the_one_of_the_file_is_told_in_plain_words() {
             "object 6065h:0 cannot be written",
         ),
     ];
-    on_bench(devices(), move |ring| {
-        for (edit, expected) in cases {
-            with_bridge(edit, ring, |core, _, told| {
-                let begin = Instant::now();
-                while !was_told(told, expected) {
-                    core.cycle();
-                    assert!(begin.elapsed() < Duration::from_secs(15), "{expected}: {told:#?}");
-                }
-                assert!(core.heard.is_none(), "no feedback without a network");
-            });
-        }
+    unless_disturbed(|| {
+        on_bench(devices(), move |ring| {
+            for (edit, expected) in cases {
+                with_bridge(edit, ring, |core, _, told| {
+                    let begin = Instant::now();
+                    while !was_told(told, expected) {
+                        core.cycle();
+                        assert!(begin.elapsed() < Duration::from_secs(15), "{expected}: {told:#?}");
+                    }
+                    assert!(core.heard.is_none(), "no feedback without a network");
+                });
+            }
+        });
     });
 }
