@@ -14,9 +14,11 @@
 //! [`examine`] says what the host can do.
 
 mod check;
-mod cycle;
+mod core_loop;
+mod cycle_sample;
 mod doctor;
 mod drives;
+mod due_setpoint;
 mod feeder;
 mod host;
 mod input_script;
@@ -29,6 +31,7 @@ mod observer;
 mod pacing;
 mod periphery;
 mod program_copy;
+mod program_cycle;
 mod publisher;
 mod recompute;
 mod recompute_served;
@@ -53,7 +56,6 @@ mod user_code;
 mod user_code_runner;
 
 pub use check::{CheckBounds, Checked, Warning, check};
-pub use cycle::Seen;
 pub use doctor::{BareLoopError, DoctorReport, Finding, LatenessReport, Verdict, bare_loop, examine};
 pub use drives::{phase_settings, watch_settings};
 pub use evolvent_control::Alarm;
@@ -63,6 +65,7 @@ pub use job_start::{JobStart, ProgramStart, SteeredStart};
 pub use memory::ProgramMemory;
 pub use news::Notice;
 pub use observer::RunObserver;
+pub use program_cycle::Seen;
 pub use recompute::{Recomputed, RecordedInputs, platform, recompute};
 pub use recompute_served::{Moved, ServedAgain, ServedError};
 pub use refusal::ProgramError;

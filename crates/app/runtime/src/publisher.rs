@@ -11,7 +11,7 @@ use evolvent_motion::{Setpoint, State};
 use evolvent_path::{AXES, Axes};
 use rtrb::Consumer;
 
-use crate::cycle::DueSetpoint;
+use crate::due_setpoint::DueSetpoint;
 use crate::job::Clock;
 use crate::pacing::wake_interval_ns;
 use crate::periphery::Periphery;

@@ -17,7 +17,7 @@ use evolvent_trace::{
 };
 use rtrb::Consumer;
 
-use crate::cycle::CycleSample;
+use crate::cycle_sample::CycleSample;
 use crate::news::{BlockPlan, ExternalEvent, ExternalEventKind, FeederEvent, Notice, notices_due};
 use crate::program_copy::{FromStart, ProgramCopy, ProgramText};
 use crate::serve::{FileProgress, TraceSeries};

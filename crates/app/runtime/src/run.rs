@@ -12,15 +12,16 @@ use evolvent_machine::{CycleRecording, FeedbackWish, ToolChange};
 use evolvent_motion::{PathExecutor, Setpoint, plan_queue};
 use evolvent_signals::schedule;
 use evolvent_trace::{ProgramSource, RecordError, Recorder, RunInfo, configuration_hash, recover_leftovers};
-use evolvent_turning::{AdaptiveStop, SimulatedProcess};
+use evolvent_turning::{AdaptiveFeed, AdaptiveStop, SimulatedProcess};
 use rtrb::RingBuffer;
 
-use crate::cycle::{CycleLoop, CycleReport, Seen, turning_alarm};
+use crate::core_loop::{CoreLoop, CycleCounts};
 use crate::feeder::{FeedReport, Feeder, ToCarrier};
 use crate::input_script::InputScript;
 use crate::job::{Clock, Job, Setup};
 use crate::memory::ProgramMemory;
 use crate::observer::{DRIVES_UNWATCHED, LookingOn, RunObserver};
+use crate::program_cycle::{ProgramCycle, ProgramState, Seen, turning_alarm};
 use crate::publisher::{PeripheryTrack, Publishing};
 use crate::recording::{Closing, Recording};
 use crate::refusal::ProgramError;
@@ -330,50 +331,61 @@ pub fn run_seen(
 
         let needs_load =
             job.clock == Clock::Realtime && (setup.process.is_some() || controls.adaptive().is_some());
-        let mut cycle = CycleLoop {
-            queue: plan_consumer,
-            controls: Arc::clone(controls),
+        let core = CoreLoop {
             clock: job.clock,
             period_ns: setup.period_ns,
             lead_cycles: setup.machine.lead_cycles(setup.period_ns),
             max_late_cycles: setup.machine.max_late_cycles(setup.period_ns),
-            stop_at_program_stops: job.stop_at_program_stops,
-            commands: (job.clock == Clock::Realtime).then_some(commands),
-            signals,
+            start_unix_ns,
             bus: bus_producer,
             trace: trace_producer,
-            start_unix_ns,
+        };
+        let mut source = ProgramCycle {
+            motion: PathExecutor::new(limits, setup.period_ns, limits.home).planned_for(job.feed_override),
+            queue: plan_consumer,
+            controls: Arc::clone(controls),
+            period_ns: setup.period_ns,
+            is_realtime: job.clock == Clock::Realtime,
+            stops_at_program_stops: job.stop_at_program_stops,
+            commands: (job.clock == Clock::Realtime).then_some(commands),
+            signals,
             records_load: setup.process.is_some(),
             process: (job.clock == Clock::Virtual)
                 .then(|| SimulatedProcess::new(setup.process.as_ref()?, setup.period_ns as f64 * 1e-9))
                 .flatten(),
             standby: Standby::new(needs_load, setup.period_ns),
-            turning: TurningTally::new(
+            adaptive: controls
+                .adaptive()
+                .and_then(|settings| AdaptiveFeed::new(settings).ok()),
+            observe,
+            now: ProgramState::new(TurningTally::new(
                 setup
                     .process
                     .as_ref()
                     .map_or(0.0, |process| process.settings.regime.set_load),
                 setup.period_ns,
-            ),
+            )),
         };
         if needs_load {
             observer.note(AWAITS_LOAD);
         }
-        let motion = PathExecutor::new(limits, setup.period_ns, limits.home).planned_for(job.feed_override);
         let request = realtime_request(job, 0);
         let (granted_sender, granted) = mpsc::channel();
         let cycle_thread = thread::Builder::new()
             .name("cycle".into())
             .spawn_scoped(scope, move || {
                 // Begin with a plan in hand, so that the first cycles do not depend on how fast it came.
-                while !motion.is_ready(&mut cycle.queue) && !cycle.controls.is_stopping() {
+                while !source.motion.is_ready(&mut source.queue) && !source.controls.is_stopping() {
                     thread::sleep(PLANNER_NAP);
                 }
                 if let Some(request) = request {
                     let _gone = granted_sender.send(apply_to_this_thread(&request).notes);
                 }
                 drop(granted_sender);
-                cycle.run(motion, observe)
+                let counts = core.run(&mut source);
+                // The planner need not go on.
+                source.controls.abandon();
+                RunReport::of(counts, source)
             })?;
         for text in granted.iter().flatten() {
             observer.note(&text);
@@ -403,21 +415,21 @@ pub fn run_seen(
             notes.push(DRIVES_UNWATCHED.to_owned());
         }
         let late = if job.bus {
-            published.late.max(report.late_cycles)
+            published.late.max(report.counts.late_cycles)
         } else {
-            report.late_cycles
+            report.counts.late_cycles
         };
         let fault = fault_of(&report).or_else(|| not_carried_out.map(|text| (Alarm::UserCommand, text)));
         let alarm = match (&fault, &program) {
             (Some((alarm, text)), _) => Some((*alarm, text.clone())),
-            (None, Err(error)) if report.program_failed => Some((Alarm::Program, error.to_string())),
+            (None, Err(error)) if report.now.program_failed => Some((Alarm::Program, error.to_string())),
             _ => None,
         };
-        if job.clock == Clock::Realtime && report.program_stops_passed > 0 {
+        if job.clock == Clock::Realtime && report.now.program_stops_passed > 0 {
             let text = format!(
                 "{} program stops (M0, M1, M60) were passed without waiting, because nobody could be asked: run in a \
                  terminal to be asked",
-                report.program_stops_passed
+                report.now.program_stops_passed
             );
             observer.note(&text);
             notes.push(text);
@@ -655,7 +667,29 @@ pub(crate) fn run_info(setup: &Setup, source: &RunSource<'_>, start_time_ns: u64
     }
 }
 
-fn fault_of(report: &CycleReport) -> Option<(Alarm, String)> {
+/// What the cycle's thread leaves.
+struct RunReport {
+    counts: CycleCounts,
+    now: ProgramState,
+    motion: PathExecutor,
+    /// The simulated workpiece as it is left.
+    process: Option<SimulatedProcess>,
+}
+
+impl RunReport {
+    /// Everything else that the cycle had ends here: its queues tell the other threads.
+    fn of<F>(mut counts: CycleCounts, source: ProgramCycle<F>) -> Self {
+        counts.dropped_records += source.signals.as_ref().map_or(0, |signals| signals.lost);
+        Self {
+            counts,
+            now: source.now,
+            motion: source.motion,
+            process: source.process,
+        }
+    }
+}
+
+fn fault_of(report: &RunReport) -> Option<(Alarm, String)> {
     let motion = &report.motion;
     if let Some(violation) = motion.fault() {
         let text = format!(
@@ -664,67 +698,70 @@ fn fault_of(report: &CycleReport) -> Option<(Alarm, String)> {
         );
         return Some((Alarm::Guard, text));
     }
-    if report.planner_died {
+    if report.now.planner_died {
         let text = "the planner ended without completing its plan; the machine stopped on the path";
         return Some((Alarm::Planner, text.to_owned()));
     }
     if let Some(reason) = motion.turning_fault() {
         return Some((turning_alarm(&reason), reason.text()));
     }
-    if let Some(stop) = &report.adaptive_stop {
+    if let Some(stop) = &report.now.adaptive_stop {
         let alarm = match stop {
             AdaptiveStop::Sensor(_) => Alarm::LoadSensor,
             _ => Alarm::CuttingLoad,
         };
         return Some((alarm, stop.text()));
     }
-    if report.estopped {
+    if report.now.estopped {
         return Some((
             Alarm::EmergencyStopChain,
             Alarm::EmergencyStopChain.sentence().to_owned(),
         ));
     }
-    if let Some(why) = report.not_begun {
+    if let Some(why) = report.now.not_begun {
         return Some((Alarm::LoadSensor, why.text()));
     }
-    report.stopped_for_lateness.then(|| {
+    report.now.stopped_for_lateness.then(|| {
         let text = "too many setpoints in a row left late; the machine was stopped on the path. Run \
                     `evolvent doctor`, lower the rate, or raise realtime.max_late_cycles";
         (Alarm::Lateness, text.to_owned())
     })
 }
 
-fn summarise(job: &Job, report: &CycleReport, feed: &FeedReport, late: u64, notes: Vec<String>) -> Summary {
+fn summarise(job: &Job, report: &RunReport, feed: &FeedReport, late: u64, notes: Vec<String>) -> Summary {
     let setup = &job.setup;
     let machine = &setup.machine;
     let extremes = report.motion.extremes();
     let per_axis = axis_summaries(machine, extremes);
-    let position = report.last.map_or(machine.limits().home, |last| last.position);
+    let position = report
+        .now
+        .last
+        .map_or(machine.limits().home, |last| last.position);
     let list = |of: fn(&crate::summary::AxisSummary) -> f64| per_axis.iter().map(of).collect::<Vec<_>>();
     Summary {
         program: job.program.display().to_string(),
         machine: machine.name.clone(),
         clock: job.clock.name(),
-        outcome: if report.stopped_for_lateness || report.planner_died {
+        outcome: if report.now.stopped_for_lateness || report.now.planner_died {
             Outcome::Fault
-        } else if report.program_failed {
+        } else if report.now.program_failed {
             Outcome::Failed
         } else {
             Outcome::of(report.motion.state())
         },
         axes: machine.axes.iter().map(|axis| axis.letter.letter()).collect(),
-        cycles: report.cycles,
+        cycles: report.counts.cycles,
         rate_hz: setup.rate_hz(),
         period_ns: setup.period_ns,
-        duration_s: report.cycles as f64 * setup.period_ns as f64 * 1e-9,
+        duration_s: report.counts.cycles as f64 * setup.period_ns as f64 * 1e-9,
         planned_duration_s: feed.planned_s,
         moves: feed.moves,
-        path_length_mm: report.last.map_or(0.0, |last| last.path_mm),
+        path_length_mm: report.now.last.map_or(0.0, |last| last.path_mm),
         late_cycles: late,
         listeners: 0,
-        dropped_records: report.dropped_records,
-        dropped_setpoints: report.dropped_setpoints,
-        starved_cycles: report.starved_cycles,
+        dropped_records: report.counts.dropped_records,
+        dropped_setpoints: report.counts.dropped_setpoints,
+        starved_cycles: report.now.starved_cycles,
         max_chord_error_mm: extremes.chord_error_mm,
         permitted_chord_error_mm: machine.path.chord_error_increments / machine.increments_per_mm,
         max_path_error_mm: feed.deviation_mm,
@@ -740,9 +777,9 @@ fn summarise(job: &Job, report: &CycleReport, feed: &FeedReport, late: u64, note
         acceleration_ratio: list(|axis| axis.acceleration_ratio),
         jerk_ratio: list(|axis| axis.jerk_ratio),
         per_axis,
-        wake_lateness: TimingSummary::of(&report.lateness),
-        work: TimingSummary::of(&report.work),
-        turning: report.turning.summary(),
+        wake_lateness: TimingSummary::of(&report.counts.lateness),
+        work: TimingSummary::of(&report.counts.work),
+        turning: report.now.turning.summary(),
         trace: None,
         alarm: None,
         error: None,

@@ -165,7 +165,7 @@ impl SignalLoop {
                 outputs,
             };
             if !self.is_realtime {
-                crate::cycle::wait_until(|| !bus.is_full() || bus.is_abandoned());
+                crate::core_loop::wait_until(|| !bus.is_full() || bus.is_abandoned());
             }
             // What finds no room goes with a later setpoint: a message is complete in itself.
             match bus.push(due) {
@@ -207,7 +207,7 @@ impl SignalLoop {
     fn record(&mut self, change: SignalChange) {
         let Some(trace) = &mut self.trace else { return };
         if !self.is_realtime {
-            crate::cycle::wait_until(|| !trace.is_full() || trace.is_abandoned());
+            crate::core_loop::wait_until(|| !trace.is_full() || trace.is_abandoned());
         }
         if trace.push(change).is_err() {
             self.lost += 1;

@@ -7,7 +7,7 @@ use evolvent_machine::{SignalKind, SignalSettings};
 use evolvent_signals::{InputImage, OutputImage};
 use rtrb::{Consumer, Producer};
 
-use crate::cycle::DueSetpoint;
+use crate::due_setpoint::DueSetpoint;
 use crate::periphery::Periphery;
 use crate::signal_loop::DueOutputs;
 

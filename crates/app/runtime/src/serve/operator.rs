@@ -25,11 +25,11 @@ use super::programs::ProgramRun;
 use super::recorded::JobNotes;
 use super::state_store::StateStore;
 use super::track::Track;
-use crate::cycle::turning_alarm;
 use crate::drives::watch_settings;
 use crate::job::Setup;
 use crate::news::{ExternalEvent, ExternalEventKind, FeederEvent};
 use crate::periphery::Periphery;
+use crate::program_cycle::turning_alarm;
 use crate::switches::{SwitchState, Switches};
 
 /// By how much later than the cycle's watch the desk finds that drives do not come into operation, ns.

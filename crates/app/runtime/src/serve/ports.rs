@@ -5,7 +5,7 @@ use std::sync::mpsc::Sender;
 use evolvent_bus::{BusError, CoreBus, EventKind, Feedback, Status};
 use rtrb::{Consumer, Producer};
 
-use crate::cycle::DueSetpoint;
+use crate::due_setpoint::DueSetpoint;
 use crate::pacing::wake_interval_ns;
 use crate::publisher::{PublishReport, Publishing};
 use crate::rt::MonotonicClock;

@@ -8,13 +8,14 @@ use evolvent_drive::{Command, DriveAlarm, FeedbackWatch, PhaseLock, PowerRequest
 use evolvent_machine::Limits;
 use evolvent_motion::{Inputs, MachineState, Setpoint, State, TransferExecutor, flags};
 use evolvent_path::{AXES, Axes};
-use evolvent_trace::{CycleRecord, Histogram, inputs as recorded};
+use evolvent_trace::{CycleRecord, inputs as recorded};
 use evolvent_turning::Transition;
 use rtrb::{Consumer, Producer};
 
 use super::orders::{ActiveJob, CycleCommand, CycleEvent, CycleView, Following, Order};
-use crate::cycle::{CycleSample, DriveRequest, DueSetpoint, input_bits, sample};
-use crate::pacing::{LatenessCounter, Pacing, RealTimer};
+use crate::core_loop::{Computed, CycleBegin, CycleEnd, Next, SetpointSource};
+use crate::cycle_sample::{CycleSample, input_bits};
+use crate::due_setpoint::DriveRequest;
 use crate::rt::MonotonicClock;
 use crate::shared::Controls;
 
@@ -25,20 +26,49 @@ const LOAD_AGE_NS: u64 = 1_000_000_000;
 /// Feedback that one cycle looks through for the newest.
 const MAX_FEEDBACK: usize = 256;
 
-/// Everything the loop owns.
+/// The cycles of a served machine: whatever its operator asks for.
 pub(crate) struct ServedCycle {
+    parts: ServedParts,
+    now: CycleState,
+}
+
+impl ServedCycle {
+    /// At rest, the drives without power.
+    pub(crate) fn new(parts: ServedParts) -> Self {
+        let now = CycleState {
+            work: ActiveJob::None,
+            turn: None,
+            inputs: Inputs::default(),
+            go_on: None,
+            at_stop: None,
+            input_bits: 0,
+            relocated: false,
+            drive: DriveRequest::OFF,
+            faulted: false,
+            power_off_at_rest: false,
+            keep_until_ns: 0,
+            switches_expected: 0,
+            presence: Presence::Absent,
+            ending: false,
+            is_last: false,
+            phase_error_ns: None,
+            following_error: [f64::NAN; AXES],
+            load_seen: (0, 0),
+            turned: None,
+        };
+        Self { parts, now }
+    }
+}
+
+/// What it owns of the machine, and its ways to the other threads; built before it starts.
+pub(crate) struct ServedParts {
     pub station: MachineState,
     pub limits: Limits,
     pub period_ns: u64,
-    pub lead_cycles: u32,
-    pub max_late_cycles: u32,
-    pub start_unix_ns: u64,
     pub orders: Consumer<Order>,
     pub events: Producer<CycleEvent>,
     pub views: Producer<CycleView>,
     pub feedback: Consumer<Feedback>,
-    pub bus: Producer<DueSetpoint>,
-    pub trace: Option<Producer<CycleSample>>,
     pub watch: FeedbackWatch,
     /// None where the drives' clock is not followed.
     pub phase: Option<PhaseLock>,
@@ -74,8 +104,10 @@ struct CycleState {
     switches_expected: u32,
     presence: Presence,
     ending: bool,
-    dropped_records: u64,
-    dropped_setpoints: u64,
+    /// The cycle is the last one.
+    is_last: bool,
+    /// Of the drives' clock with this cycle; none where none was told.
+    phase_error_ns: Option<i64>,
     /// As the drives told it last; not a number where none answers.
     following_error: [f64; AXES],
     /// Number of the newest cutting load, and the setpoint with which it was seen first.
@@ -118,119 +150,73 @@ impl CycleState {
     }
 }
 
-/// What the loop counted.
-#[derive(Default)]
-pub(crate) struct LiveReport {
-    pub cycles: u64,
-    pub lateness: Histogram,
-    pub work: Histogram,
-}
+impl SetpointSource for ServedCycle {
+    /// A served machine's time is always real.
+    fn await_plan(&mut self) {}
 
-impl ServedCycle {
-    /// Runs until told to end and at rest.
-    pub(crate) fn run(mut self) -> LiveReport {
-        let mut report = LiveReport::default();
-        let mut now = CycleState {
-            work: ActiveJob::None,
-            turn: None,
-            inputs: Inputs::default(),
-            go_on: None,
-            at_stop: None,
-            input_bits: 0,
-            relocated: false,
-            drive: DriveRequest {
-                power: PowerRequest::Off,
-                fault_reset: 0,
-                datum: 0,
-            },
-            faulted: false,
-            power_off_at_rest: false,
-            keep_until_ns: 0,
-            switches_expected: 0,
-            presence: Presence::Absent,
-            ending: false,
-            dropped_records: 0,
-            dropped_setpoints: 0,
-            following_error: [f64::NAN; AXES],
-            load_seen: (0, 0),
-            turned: None,
-        };
-        let mut pacing = Pacing::new(MonotonicClock::now_ns(), self.period_ns, self.lead_cycles);
-        let mut late = LatenessCounter::new(self.max_late_cycles);
-        loop {
-            let cycle = pacing.wait(&mut RealTimer);
-            let lateness = cycle.lateness_ns;
-            let feedback = self.newest_feedback();
-            // Read behind the feedback, which so is never of the future by this thread's own doing.
-            let taken = MonotonicClock::now_ns();
-            self.take_orders(&mut now);
-            now.inputs.load = self.controls.load();
-            if let Some(feedback) = &feedback {
-                self.rebase_to_drives(&mut now, feedback, taken);
-            }
-            let mut setpoint = self.step(&mut now, cycle.deadline_ns);
-            self.check_drives(&mut now, &setpoint, taken, feedback.as_ref());
-            now.note_following_error(feedback.as_ref());
-            let is_last = now.ending && matches!(now.work, ActiveJob::None) && self.station.is_at_rest();
-            if is_last {
-                setpoint.flags |= flags::LAST;
-                now.drive.power = PowerRequest::Off;
-            }
-            let done = MonotonicClock::now_ns();
-            let work = done.saturating_sub(cycle.begun_ns);
-            if late.count(&cycle, done) {
-                setpoint.flags |= flags::LATE;
-            }
-            if late.is_too_late() {
-                self.stop_for_lateness(&mut now, setpoint.sequence);
-            }
-            let due = DueSetpoint {
-                setpoint,
-                due_time_ns: cycle.due_ns,
-                drive: now.drive,
-            };
-            if self.bus.push(due).is_err() {
-                now.dropped_setpoints += 1;
-            }
-            if let Some(trace) = &mut self.trace {
-                let unix = self.start_unix_ns + setpoint.sequence * self.period_ns;
-                let mut sample = sample(&setpoint, unix, lateness, work, now.input_bits);
-                sample.record.following_error = now.following_error;
-                now.note_load(&mut sample.record, self.period_ns);
-                sample.turning = now.turned;
-                if trace.push(sample).is_err() {
-                    now.dropped_records += 1;
-                }
-            }
-            // A view that finds no room is followed by another.
-            let _full = self.views.push(CycleView {
-                setpoint,
-                lateness_ns: lateness,
-                work_ns: work,
-                presence: now.presence,
-                power: now.drive.power,
-                datum: now.drive.datum,
-                late_cycles: late.total(),
-                dropped_records: now.dropped_records,
-                dropped_setpoints: now.dropped_setpoints,
-                at_rest: self.station.is_at_rest() && matches!(now.work, ActiveJob::None),
-            });
-            report.cycles += 1;
-            report.lateness.record(lateness as i64);
-            report
-                .work
-                .record(MonotonicClock::now_ns().saturating_sub(cycle.begun_ns) as i64);
-            if is_last {
-                return report;
-            }
-            let phase_error = feedback
-                .filter(|_| now.presence == Presence::Operational)
-                .map(|feedback| feedback.phase_error_ns);
-            let correction = self.phase.as_mut().map_or(0, |phase| phase.step(phase_error));
-            pacing.advance(correction);
+    fn step(&mut self, begin: &CycleBegin) -> Computed {
+        let Self { parts, now } = self;
+        let feedback = parts.newest_feedback();
+        // Read behind the feedback, which so is never of the future by this thread's own doing.
+        let taken_ns = MonotonicClock::now_ns();
+        parts.take_orders(now);
+        now.inputs.load = parts.controls.load();
+        if let Some(feedback) = &feedback {
+            parts.rebase_to_drives(now, feedback, taken_ns);
+        }
+        let mut setpoint = parts.step(now, begin.deadline_ns);
+        parts.check_drives(now, &setpoint, taken_ns, feedback.as_ref());
+        now.note_following_error(feedback.as_ref());
+        now.is_last = now.ending && matches!(now.work, ActiveJob::None) && parts.station.is_at_rest();
+        if now.is_last {
+            setpoint.flags |= flags::LAST;
+            now.drive.power = PowerRequest::Off;
+        }
+        now.phase_error_ns = feedback
+            .filter(|_| now.presence == Presence::Operational)
+            .map(|feedback| feedback.phase_error_ns);
+        Computed {
+            setpoint,
+            drive: now.drive,
+            input_bits: now.input_bits,
         }
     }
 
+    fn stop_for_lateness(&mut self, sequence: u64) {
+        self.parts.stop_for_lateness(&mut self.now, sequence);
+    }
+
+    fn describe(&mut self, sample: &mut CycleSample) {
+        sample.record.following_error = self.now.following_error;
+        self.now.note_load(&mut sample.record, self.parts.period_ns);
+        sample.turning = self.now.turned;
+    }
+
+    fn finish(&mut self, end: &CycleEnd<'_>) -> Next {
+        let Self { parts, now } = self;
+        // A view that finds no room is followed by another.
+        let _full = parts.views.push(CycleView {
+            setpoint: *end.setpoint,
+            lateness_ns: end.lateness_ns,
+            work_ns: end.work_ns,
+            presence: now.presence,
+            power: now.drive.power,
+            datum: now.drive.datum,
+            late_cycles: end.counts.late_cycles,
+            dropped_records: end.counts.dropped_records,
+            dropped_setpoints: end.counts.dropped_setpoints,
+            at_rest: parts.station.is_at_rest() && matches!(now.work, ActiveJob::None),
+        });
+        if now.is_last {
+            return Next::End;
+        }
+        let phase_error_ns = now.phase_error_ns;
+        let correction_ns = parts.phase.as_mut().map_or(0, |phase| phase.step(phase_error_ns));
+        Next::Cycle { correction_ns }
+    }
+}
+
+impl ServedParts {
     fn newest_feedback(&mut self) -> Option<Feedback> {
         let mut newest = None;
         for _ in 0..MAX_FEEDBACK {
@@ -597,6 +583,8 @@ mod tests {
     use rtrb::RingBuffer;
 
     use super::*;
+    use crate::core_loop::CoreLoop;
+    use crate::job::Clock;
 
     #[global_allocator]
     static ALLOCATOR: CountingAllocator = CountingAllocator;
@@ -613,27 +601,31 @@ mod tests {
         let (mut to_cycle, feedback) = RingBuffer::new(256);
         let (bus, _setpoints) = RingBuffer::new(64);
         let (trace, _records) = RingBuffer::new(64);
-        let live = ServedCycle {
-            station: MachineState::new(limits, period_ns, limits.home),
-            limits,
+        let core = CoreLoop {
+            clock: Clock::Realtime,
             period_ns,
             lead_cycles: 2,
             max_late_cycles: 0,
             start_unix_ns: 0,
+            bus: Some(bus),
+            trace: Some(trace),
+        };
+        let parts = ServedParts {
+            station: MachineState::new(limits, period_ns, limits.home),
+            limits,
+            period_ns,
             orders: cycle_orders,
             events: cycle_events,
             views: cycle_views,
             feedback,
-            bus,
-            trace: Some(trace),
             watch: FeedbackWatch::new(WatchSettings::new(period_ns, 0)),
             phase: None,
             controls: Arc::new(Controls::new(1.0)),
         };
         let cycle = std::thread::spawn(move || {
             let before = calls();
-            let report = live.run();
-            (calls() - before, report.cycles)
+            let counts = core.run(&mut ServedCycle::new(parts));
+            (calls() - before, counts.cycles)
         });
         let mut give = |what| assert!(orders.push(Order { id: 1, what }).is_ok(), "no room");
         give(CycleCommand::KeepJogging(u64::MAX));

@@ -21,9 +21,10 @@ use super::operator::{Operator, OperatorConfig};
 use super::orders::CycleView;
 use super::ports::{Ports, Snapshot};
 use super::series::{FileProgress, TraceSeries};
-use super::served_cycle::{LiveReport, ServedCycle};
+use super::served_cycle::{ServedCycle, ServedParts};
 use super::snapshot::{Mark, Pulse, snapshot};
 use super::state_store::StateStore;
+use crate::core_loop::CoreLoop;
 use crate::drives::{phase_settings, watch_settings};
 use crate::job::{Clock, Setup};
 use crate::pacing::wake_interval_ns;
@@ -205,19 +206,23 @@ pub fn serve(
     let (orders, cycle_orders) = RingBuffer::new(1024);
     let (cycle_events, mut events) = RingBuffer::new(4096);
     let (cycle_views, mut views) = RingBuffer::new(length);
-    let live = ServedCycle {
-        station: MachineState::new(limits, setup.period_ns, limits.home),
-        limits,
+    let core = CoreLoop {
+        clock: Clock::Realtime,
         period_ns: setup.period_ns,
         lead_cycles: machine.lead_cycles(setup.period_ns),
         max_late_cycles: machine.max_late_cycles(setup.period_ns),
         start_unix_ns,
+        bus: Some(bus),
+        trace,
+    };
+    let parts = ServedParts {
+        station: MachineState::new(limits, setup.period_ns, limits.home),
+        limits,
+        period_ns: setup.period_ns,
         orders: cycle_orders,
         events: cycle_events,
         views: cycle_views,
         feedback,
-        bus,
-        trace,
         watch: FeedbackWatch::new(watch_settings(machine, setup.period_ns)),
         phase: phase_settings(machine, setup.period_ns).map(PhaseLock::new),
         controls,
@@ -226,7 +231,7 @@ pub fn serve(
     let request = realtime_request(setup, 0);
     let cycle = thread::Builder::new().name("cycle".into()).spawn(move || {
         let _gone = granted_sender.send(apply_to_this_thread(&request).notes);
-        live.run()
+        core.run(&mut ServedCycle::new(parts))
     })?;
     for text in granted.recv().unwrap_or_default() {
         tell(ServeNews::Note(&text));
@@ -356,10 +361,10 @@ pub fn serve(
     drop(operator);
     drop(snapshots);
     if cycle.is_finished() {
-        let report: LiveReport = cycle
+        let counts = cycle
             .join()
             .unwrap_or_else(|panic| std::panic::resume_unwind(panic));
-        summary.cycles = report.cycles;
+        summary.cycles = counts.cycles;
         let _published = publisher
             .join()
             .unwrap_or_else(|panic| std::panic::resume_unwind(panic));
@@ -453,7 +458,7 @@ impl AtWork {
 }
 
 type Started = (
-    Producer<crate::cycle::CycleSample>,
+    Producer<crate::cycle_sample::CycleSample>,
     mpsc::Sender<crate::news::FeederEvent>,
     AtWork,
 );

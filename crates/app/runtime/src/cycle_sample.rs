@@ -1,0 +1,76 @@
+//! Cycles on their way to the trace.
+
+use evolvent_motion::{Inputs, PathExecutor, Setpoint, State};
+use evolvent_path::AXES;
+use evolvent_trace::{CycleRecord, inputs as recorded};
+use evolvent_turning::Transition;
+
+/// A cycle on its way to the trace.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct CycleSample {
+    pub record: CycleRecord,
+    pub block: u32,
+    pub actions: u32,
+    /// The change of state of a turning cycle.
+    pub turning: Option<Transition>,
+}
+
+impl CycleSample {
+    /// Of a setpoint that is due at this Unix time. `inputs`: what its computing depended on, as bits of the trace.
+    pub(crate) fn new(
+        setpoint: &Setpoint,
+        due_unix_ns: u64,
+        lateness_ns: u64,
+        work_ns: u64,
+        inputs: u32,
+    ) -> Self {
+        Self {
+            record: CycleRecord {
+                sequence: setpoint.sequence,
+                due_time_ns: due_unix_ns,
+                wake_lateness_ns: lateness_ns as i64,
+                work_ns: work_ns.min(u64::from(u32::MAX)) as u32,
+                path_mm: setpoint.path_mm,
+                feed_mm_s: setpoint.feed_mm_s,
+                position: setpoint.position.into(),
+                velocity: setpoint.velocity.into(),
+                acceleration: setpoint.acceleration.into(),
+                jerk: setpoint.jerk.into(),
+                line: setpoint.line,
+                state: setpoint.state as u8,
+                flags: setpoint.flags,
+                override_: setpoint.feed_override,
+                load: f64::NAN,
+                inputs,
+                following_error: [f64::NAN; AXES],
+            },
+            block: setpoint.block,
+            actions: setpoint.actions,
+            turning: None,
+        }
+    }
+
+    /// Blocks begun up to here; 0 where nothing moves.
+    pub(crate) fn blocks_begun(&self) -> u32 {
+        let still = [State::Idle, State::Dwell, State::ProgramStop].map(|state| state as u8);
+        if still.contains(&self.record.state) {
+            0
+        } else {
+            self.block + 1
+        }
+    }
+}
+
+/// What a step along a plan depended on beside plan and override, as bits of the trace.
+pub(crate) fn input_bits(inputs: &Inputs, motion: &PathExecutor) -> u32 {
+    let bits = [
+        (inputs.hold, recorded::HOLD),
+        (inputs.stop, recorded::STOP),
+        (inputs.resume, recorded::RESUME),
+        (motion.has_waited(), recorded::WAITED),
+        (motion.was_refused(), recorded::REFUSED),
+    ];
+    bits.into_iter()
+        .filter(|(set, _)| *set)
+        .fold(0, |sum, (_, bit)| sum | bit)
+}

@@ -1,0 +1,36 @@
+//! Setpoints on their way from the cycle to the bus.
+
+use evolvent_drive::PowerRequest;
+use evolvent_motion::Setpoint;
+
+/// A setpoint on its way to the bus.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct DueSetpoint {
+    pub setpoint: Setpoint,
+    /// When it counts, ns.
+    pub due_time_ns: u64,
+    pub drive: DriveRequest,
+}
+
+/// What is asked of the drives beside the setpoint.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct DriveRequest {
+    pub power: PowerRequest,
+    pub fault_reset: u32,
+    pub datum: u64,
+}
+
+impl DriveRequest {
+    /// Follow.
+    pub(crate) const ON: Self = Self {
+        power: PowerRequest::On,
+        fault_reset: 0,
+        datum: 0,
+    };
+    /// Without power.
+    pub(crate) const OFF: Self = Self {
+        power: PowerRequest::Off,
+        fault_reset: 0,
+        datum: 0,
+    };
+}

@@ -1,0 +1,381 @@
+//! The cycles of a run: one program along its plan, from the first setpoint to the last.
+
+use std::sync::Arc;
+
+use evolvent_control::Alarm;
+use evolvent_motion::{Inputs, PathExecutor, PlanConsumer, Setpoint, State, flags};
+use evolvent_trace::inputs as recorded;
+use evolvent_turning::{
+    AdaptiveFeed, AdaptiveStop, CutNow, LoadSample, Reason, SimulatedProcess, TurningOutput,
+};
+use rtrb::Consumer;
+
+use crate::core_loop::{Computed, CycleBegin, CycleEnd, Next, SetpointSource, wait_until};
+use crate::cycle_sample::{CycleSample, input_bits};
+use crate::due_setpoint::DriveRequest;
+use crate::shared::Controls;
+use crate::signal_loop::SignalLoop;
+use crate::standby::{NotBegun, Standby};
+use crate::turning_tally::TurningTally;
+
+/// One cycle, for who looks on.
+#[derive(Clone, Copy, Debug)]
+pub struct Seen<'a> {
+    /// The setpoint.
+    pub setpoint: &'a Setpoint,
+    /// What a turning cycle gave out, where one moves the axes.
+    pub turning: Option<&'a TurningOutput>,
+    /// What the simulated workpiece lost, where there is one.
+    pub cut: Option<CutNow>,
+}
+
+/// What a run follows, and what it goes by; built before it starts.
+pub(crate) struct ProgramCycle<F> {
+    pub motion: PathExecutor,
+    pub queue: PlanConsumer,
+    pub controls: Arc<Controls>,
+    pub period_ns: u64,
+    pub is_realtime: bool,
+    /// Wait at program stops until told to go on; otherwise stand there for one cycle.
+    pub stops_at_program_stops: bool,
+    /// The actions before stops at which a command of the machine's own is carried out, in order; none where nothing is.
+    pub commands: Option<Consumer<u32>>,
+    /// Outputs and inputs, where the machine has any.
+    pub signals: Option<SignalLoop>,
+    /// Whether a load is measured, and recorded.
+    pub records_load: bool,
+    /// The workpiece that the setpoints cut: with the virtual clock, whose load no sensor measures.
+    pub process: Option<SimulatedProcess>,
+    /// Holds a program that needs a load until there is one.
+    pub standby: Standby,
+    pub adaptive: Option<AdaptiveFeed>,
+    /// Sees every setpoint (offline planning).
+    pub observe: F,
+    pub now: ProgramState,
+}
+
+/// What changes from cycle to cycle, and what is told of it in the end.
+#[derive(Debug)]
+pub(crate) struct ProgramState {
+    pub last: Option<Setpoint>,
+    pub starved_cycles: u64,
+    pub stopped_for_lateness: bool,
+    pub planner_died: bool,
+    /// Why adaptive feed has stopped the run.
+    pub adaptive_stop: Option<AdaptiveStop>,
+    /// The emergency-stop chain was opened, or not closed.
+    pub estopped: bool,
+    /// Why the program was not begun.
+    pub not_begun: Option<NotBegun>,
+    /// The plan ended before the program did.
+    pub program_failed: bool,
+    /// Program stops at which nobody was waited for.
+    pub program_stops_passed: u64,
+    /// What turning cycles came to.
+    pub turning: TurningTally,
+    /// What this cycle went by.
+    inputs: Inputs,
+    /// The cycle before has let the machine go on.
+    resumed: bool,
+    /// The load that the simulated workpiece gave last.
+    simulated: Option<LoadSample>,
+    /// The load in the record before.
+    recorded_load: Option<LoadSample>,
+}
+
+impl ProgramState {
+    /// Before the first cycle.
+    pub(crate) fn new(turning: TurningTally) -> Self {
+        Self {
+            last: None,
+            starved_cycles: 0,
+            stopped_for_lateness: false,
+            planner_died: false,
+            adaptive_stop: None,
+            estopped: false,
+            not_begun: None,
+            program_failed: false,
+            program_stops_passed: 0,
+            turning,
+            inputs: Inputs::default(),
+            resumed: false,
+            simulated: None,
+            recorded_load: None,
+        }
+    }
+}
+
+impl<F: FnMut(&Seen<'_>)> SetpointSource for ProgramCycle<F> {
+    fn await_plan(&mut self) {
+        let (motion, queue, controls) = (&self.motion, &mut self.queue, &self.controls);
+        wait_until(|| motion.is_ready(queue) || (controls.is_stopping() && motion.is_at_rest()));
+    }
+
+    fn step(&mut self, begin: &CycleBegin) -> Computed {
+        let mut inputs = self.controls.inputs();
+        if self.process.is_some() {
+            inputs.load = self.now.simulated;
+        }
+        self.hold_before_load(&mut inputs);
+        inputs.stop |= self.now.stopped_for_lateness;
+        let command = self.at_command();
+        let at_wait = self.take_signals(begin.number, &mut inputs);
+        self.pass_stops(command, at_wait, &mut inputs);
+        self.adapt(&mut inputs);
+        let before = self.motion.plan_step();
+        let mut setpoint = self.motion.step(&inputs, &mut self.queue);
+        let has_left = at_wait && inputs.resume && self.motion.plan_step() != before;
+        self.note_faults(&mut setpoint);
+        self.now.starved_cycles += u64::from(setpoint.flags & flags::STARVED != 0);
+        if let Some(signals) = &mut self.signals {
+            if has_left {
+                signals.go_on();
+            }
+            signals.step(&setpoint);
+        }
+        self.now.inputs = inputs;
+        Computed {
+            setpoint,
+            drive: DriveRequest::ON,
+            input_bits: input_bits(&inputs, &self.motion),
+        }
+    }
+
+    fn stop_for_lateness(&mut self, _sequence: u64) {
+        self.now.stopped_for_lateness = true;
+        self.controls.raise(Alarm::Lateness);
+    }
+
+    fn describe(&mut self, sample: &mut CycleSample) {
+        if !self.records_load && self.adaptive.is_none() {
+            return;
+        }
+        sample.turning = self.motion.turning().and_then(|output| output.transition);
+        let was = std::mem::replace(&mut self.now.recorded_load, self.now.inputs.load);
+        let Some(load) = self.now.inputs.load else { return };
+        sample.record.load = load.value;
+        if was.is_none_or(|was| was.sequence != load.sequence) {
+            sample.record.inputs |= recorded::LOAD;
+        }
+        if load.value >= load.range_max {
+            sample.record.inputs |= recorded::LOAD_AT_END;
+        }
+    }
+
+    fn finish(&mut self, end: &CycleEnd<'_>) -> Next {
+        let setpoint = end.setpoint;
+        let cut = self.process.as_mut().map(|process| {
+            let (cut, sample) = process.step(setpoint.position[0], setpoint.position[2]);
+            self.now.simulated = sample;
+            cut
+        });
+        self.now.turning.see(self.motion.turning(), cut.as_ref());
+        (self.observe)(&Seen {
+            setpoint,
+            turning: self.motion.turning(),
+            cut,
+        });
+        let stands = setpoint.state == State::ProgramStop;
+        let next = self.commands.as_ref().and_then(|commands| commands.peek().ok());
+        let at_command = stands && next.is_some_and(|action| action + 1 == setpoint.actions);
+        let at_wait = self.signals.as_ref().is_some_and(SignalLoop::is_waiting);
+        self.controls.set_at_command(at_command || at_wait);
+        self.controls.publish(setpoint);
+        self.now.last = Some(*setpoint);
+        if self.motion.is_over() || self.now.planner_died {
+            return Next::End;
+        }
+        Next::Cycle { correction_ns: 0 }
+    }
+}
+
+impl<F> ProgramCycle<F> {
+    /// A program that needs a load stands until there is one.
+    fn hold_before_load(&mut self, inputs: &mut Inputs) {
+        match self.standby.step(&self.controls) {
+            Ok(is_held) => inputs.hold |= is_held,
+            Err(why) => {
+                self.now.not_begun.get_or_insert(why);
+                inputs.stop = true;
+                self.controls.raise(Alarm::LoadSensor);
+            }
+        }
+    }
+
+    /// The action before the command at which the machine stands, if it stands at one. Commands that lie behind are
+    /// forgotten.
+    fn at_command(&mut self) -> Option<u32> {
+        let (commands, last) = (self.commands.as_mut()?, self.now.last.as_ref()?);
+        while commands.peek().is_ok_and(|action| action + 1 < last.actions) {
+            let _behind = commands.pop();
+        }
+        let next = *commands.peek().ok()?;
+        (last.state == State::ProgramStop && next + 1 == last.actions).then_some(next)
+    }
+
+    /// Inputs of the machine: its emergency-stop chain, and waits that are over. Whether the machine rests for a wait.
+    fn take_signals(&mut self, number: u64, inputs: &mut Inputs) -> bool {
+        let Some(signals) = &mut self.signals else {
+            return false;
+        };
+        signals.see_inputs(number, self.period_ns, self.now.last.as_ref());
+        if signals.is_estopped() && !self.now.estopped {
+            self.now.estopped = true;
+            self.controls.raise(Alarm::EmergencyStopChain);
+        }
+        inputs.stop |= self.now.estopped;
+        if signals.is_over() {
+            let (motion, queue) = (&self.motion, &mut self.queue);
+            if !self.is_realtime && motion.state() == State::ProgramStop && !inputs.stop {
+                // The planner reads on with the result: what follows must not depend on how fast it is.
+                wait_until(|| motion.can_leave_wait(queue) || queue.is_abandoned());
+            }
+            inputs.resume = motion.can_leave_wait(queue);
+        }
+        signals.is_waiting()
+    }
+
+    /// Where the machine stands at a program stop: whether it goes on.
+    fn pass_stops(&mut self, command: Option<u32>, at_wait: bool, inputs: &mut Inputs) {
+        let resumed = self.now.resumed;
+        if at_wait {
+            // Only the wait's end goes on from here.
+        } else if let Some(action) = command {
+            inputs.resume = !resumed && self.controls.is_command_done(action);
+        } else if !self.stops_at_program_stops {
+            // In the cycle itself, so that a run with the virtual clock takes the same cycles each time.
+            inputs.resume = !resumed && self.motion.state() == State::ProgramStop;
+            self.now.program_stops_passed += u64::from(inputs.resume);
+        }
+        self.now.resumed = inputs.resume;
+    }
+
+    /// Lets the cutting load scale the feed. Rapids are left alone; the operator's override counts below 100 % only, so that
+    /// the set load holds.
+    fn adapt(&mut self, inputs: &mut Inputs) {
+        let Some(adaptive) = &mut self.adaptive else {
+            return;
+        };
+        let last = self.now.last.as_ref();
+        let feeds = last.is_some_and(|last| last.state == State::Running && last.flags & flags::RAPID == 0);
+        let driven = self.motion.feed_factor();
+        let driven = driven.or(last.map(|last| last.feed_override)).unwrap_or_default();
+        let output = adaptive.step(inputs.load, driven, feeds);
+        inputs.feed_override = inputs.feed_override.min(1.0) * output.factor;
+        self.now.adaptive_stop = self.now.adaptive_stop.or(output.stop);
+        inputs.stop |= self.now.adaptive_stop.is_some();
+    }
+
+    /// What went wrong with this setpoint.
+    fn note_faults(&mut self, setpoint: &mut Setpoint) {
+        if setpoint.state == State::Done && self.controls.has_program_failed() {
+            setpoint.state = State::Stopped;
+            self.now.program_failed = true;
+            self.controls.raise(Alarm::Program);
+        }
+        if self.motion.fault().is_some() {
+            self.controls.raise(Alarm::Guard);
+        }
+        if let Some(reason) = self.motion.turning_fault() {
+            self.controls.raise(turning_alarm(&reason));
+        }
+        if self.motion.is_stuck(&mut self.queue) {
+            setpoint.state = State::Fault;
+            setpoint.flags |= flags::LAST;
+            self.now.planner_died = true;
+            self.controls.raise(Alarm::Planner);
+        }
+    }
+}
+
+/// The alarm of a turning cycle that has given up.
+pub(crate) fn turning_alarm(reason: &Reason) -> Alarm {
+    match reason {
+        Reason::Sensor(_) => Alarm::LoadSensor,
+        _ => Alarm::CuttingLoad,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+    use std::sync::mpsc;
+    use std::time::Duration;
+
+    use evolvent_machine::Machine;
+    use evolvent_motion::plan_queue;
+    use evolvent_path::{Axes, Curve, Line};
+    use evolvent_planner::{PlanSink, Run, ScalarLimits, Segment, SegmentMarks, Step};
+
+    use super::*;
+    use crate::core_loop::CoreLoop;
+    use crate::job::Clock;
+
+    #[test]
+    fn a_planner_that_dies_before_its_steps_are_final_ends_the_run_with_a_fault() {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../config/machines/mill-3axis.toml");
+        let limits = Machine::load(&file).unwrap().limits();
+        let (mut producer, queue) = plan_queue(|| true);
+        let mut to = Axes::zeros();
+        to[0] = 10.0;
+        let segment = Segment {
+            curve: Curve::Line(Line::new(Axes::zeros(), to).unwrap()),
+            from: 0.0,
+            length: 10.0,
+            line: 1,
+            block: 0,
+            marks: SegmentMarks::default(),
+        };
+        let run = Run {
+            length: 10.0,
+            segments: 1,
+            limits: ScalarLimits {
+                velocity: 10.0,
+                acceleration: 100.0,
+                jerk: 1000.0,
+            },
+            feed: 10.0,
+        };
+        producer.segment(&segment).unwrap();
+        producer.step(&Step::Run(run)).unwrap();
+        drop(producer);
+
+        let controls = Arc::new(Controls::new(1.0));
+        let core = CoreLoop {
+            clock: Clock::Virtual,
+            period_ns: 1_000_000,
+            lead_cycles: 2,
+            max_late_cycles: 0,
+            start_unix_ns: 0,
+            bus: None,
+            trace: None,
+        };
+        let mut source = ProgramCycle {
+            motion: PathExecutor::new(limits, 1_000_000, Axes::zeros()),
+            queue,
+            controls: Arc::clone(&controls),
+            period_ns: 1_000_000,
+            is_realtime: false,
+            stops_at_program_stops: false,
+            commands: None,
+            signals: None,
+            records_load: false,
+            process: None,
+            standby: Standby::new(false, 1_000_000),
+            adaptive: None,
+            observe: |_: &Seen<'_>| {},
+            now: ProgramState::new(TurningTally::new(0.0, 1_000_000)),
+        };
+        let (sender, receiver) = mpsc::channel();
+        std::thread::spawn(move || {
+            let _counts = core.run(&mut source);
+            let now = source.now;
+            sender.send((now.planner_died, now.last.unwrap())).unwrap();
+        });
+        let (planner_died, last) = receiver.recv_timeout(Duration::from_secs(60)).unwrap();
+        assert!(planner_died);
+        assert_eq!(last.state, State::Fault);
+        assert_eq!(last.position, Axes::zeros());
+        assert_eq!(controls.alarm(), Alarm::Planner.number());
+    }
+}
