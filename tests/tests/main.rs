@@ -25,6 +25,7 @@ mod real_programs;
 mod same_bits;
 mod served_drives;
 mod served_recording;
+mod served_signals;
 mod served_traces;
 mod systemd_units;
 mod tool_changes;

@@ -135,6 +135,7 @@ extern "C" {
 #define EVOLVENT_COMMAND_TOUCH_OFF 25u
 #define EVOLVENT_COMMAND_TOOL 26u
 #define EVOLVENT_COMMAND_CLEAR_ALARMS 27u
+#define EVOLVENT_COMMAND_SET_OUTPUT 28u
 
 /* Values of `verdict` in ControlAnswer. */
 #define EVOLVENT_VERDICT_ACCEPTED 0u
@@ -170,6 +171,8 @@ extern "C" {
 #define EVOLVENT_SWITCH_OPTIONAL_STOP 2u
 #define EVOLVENT_SWITCH_BLOCK_DELETE 4u
 #define EVOLVENT_SWITCH_HOLD 8u
+#define EVOLVENT_SWITCH_CHAIN_OPEN 16u
+#define EVOLVENT_SWITCH_INPUT_WAIT 32u
 
 /* Where every axis shall be at one instant, and how it shall move there.
  *

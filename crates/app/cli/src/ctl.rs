@@ -259,6 +259,13 @@ impl Session {
             }
             Action::Reset => (simple(CommandCode::Reset), None),
             Action::Clear => (simple(CommandCode::ClearAlarms), None),
+            Action::Set { output, value } => (
+                ControlRequest {
+                    amount: *value,
+                    ..with_text(CommandCode::SetOutput, output)?
+                },
+                None,
+            ),
             Action::SingleStep { state } => (switch(CommandCode::SingleStep, *state), None),
             Action::OptionalStop { state } => (switch(CommandCode::OptionalStop, *state), None),
             Action::BlockDelete { state } => (switch(CommandCode::BlockDelete, *state), None),

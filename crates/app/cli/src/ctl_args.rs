@@ -83,6 +83,14 @@ pub(crate) enum Action {
     Reset,
     /// Clear the alarms.
     Clear,
+    /// Set an output of the machine file by hand: `ctl set clamp on`, `ctl set laser 4.5`. Not while a program runs.
+    Set {
+        /// Its name.
+        output: String,
+        /// on, off, or the value of an analog one.
+        #[arg(value_parser = output_value, allow_negative_numbers = true)]
+        value: f64,
+    },
     /// Stop after each block.
     SingleStep {
         /// on or off.
@@ -173,4 +181,17 @@ pub(crate) enum Action {
     },
     /// Read the tool table again.
     ReloadTools,
+}
+
+/// The value of an output from its word.
+fn output_value(word: &str) -> Result<f64, String> {
+    match word {
+        "on" => Ok(1.0),
+        "off" => Ok(0.0),
+        number => number
+            .parse()
+            .ok()
+            .filter(|value: &f64| value.is_finite())
+            .ok_or_else(|| "it must be on, off or a number".to_owned()),
+    }
 }

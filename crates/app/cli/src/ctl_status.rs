@@ -2,7 +2,7 @@
 
 use std::io::{self, Write};
 
-use evolvent_bus::{ACTIVITIES, JOB_RESULTS, MACHINE_STATES, MODES, STATES, Status};
+use evolvent_bus::{ACTIVITIES, JOB_RESULTS, MACHINE_STATES, MODES, STATES, Status, switches};
 use evolvent_control::Alarm;
 use evolvent_path::AxisLetter;
 use serde_json::{Map, Value, json};
@@ -95,6 +95,8 @@ pub(crate) fn status_to_json(status: &Status, axes: &str) -> Value {
         "optional_stop": status.switches & 2 != 0,
         "block_delete": status.switches & 4 != 0,
         "hold": status.switches & 8 != 0,
+        "chain_open": status.switches & switches::CHAIN_OPEN != 0,
+        "input_wait": status.switches & switches::INPUT_WAIT != 0,
         "alarms": status.listed_alarms(),
         "alarm_text": status.alarm_sentence(),
         "message": status.operator_message(),
@@ -181,6 +183,12 @@ pub(crate) fn write_status(
         status.spindle_rpm,
         modal_codes(status).join(" ")
     )?;
+    if status.switches & switches::CHAIN_OPEN != 0 {
+        writeln!(out, "  the emergency-stop chain is open, or no bridge reads it")?;
+    }
+    if status.switches & switches::INPUT_WAIT != 0 {
+        writeln!(out, "  waits for an input (M66)")?;
+    }
     match (status.tool_change, status.tool_wanted) {
         (0, _) => {}
         (1, 0) => writeln!(

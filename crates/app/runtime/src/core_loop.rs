@@ -49,6 +49,8 @@ pub(crate) struct CycleBegin {
 pub(crate) struct Computed {
     pub setpoint: Setpoint,
     pub drive: DriveRequest,
+    /// The job to whose program it belongs, or to whose program the last one did.
+    pub job: u64,
     /// What it depended on, as bits of the trace.
     pub input_bits: u32,
 }
@@ -141,6 +143,7 @@ impl CoreLoop {
                     setpoint,
                     due_time_ns: cycle.map_or(path_time_ns, |cycle| cycle.due_ns),
                     drive: computed.drive,
+                    job: computed.job,
                 };
                 counts.dropped_setpoints += u64::from(!hand_over(bus, due, is_realtime));
             }

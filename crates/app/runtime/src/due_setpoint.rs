@@ -10,6 +10,8 @@ pub(crate) struct DueSetpoint {
     /// When it counts, ns.
     pub due_time_ns: u64,
     pub drive: DriveRequest,
+    /// The job to whose program it belongs, or to whose program the last one did.
+    pub job: u64,
 }
 
 /// What is asked of the drives beside the setpoint.

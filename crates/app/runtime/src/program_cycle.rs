@@ -14,7 +14,7 @@ use crate::core_loop::{Computed, CycleBegin, CycleEnd, Next, SetpointSource, wai
 use crate::cycle_sample::{CycleSample, input_bits};
 use crate::due_setpoint::DriveRequest;
 use crate::shared::Controls;
-use crate::signal_loop::SignalLoop;
+use crate::signal_loop::{SignalLoop, phase_of};
 use crate::standby::{NotBegun, Standby};
 use crate::turning_tally::TurningTally;
 
@@ -131,12 +131,13 @@ impl<F: FnMut(&Seen<'_>)> SetpointSource for ProgramCycle<F> {
             if has_left {
                 signals.go_on();
             }
-            signals.step(&setpoint);
+            signals.step(&setpoint, phase_of(setpoint.state));
         }
         self.now.inputs = inputs;
         Computed {
             setpoint,
             drive: DriveRequest::ON,
+            job: 0,
             input_bits: input_bits(&inputs, &self.motion),
         }
     }

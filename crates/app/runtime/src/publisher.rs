@@ -1,20 +1,19 @@
 //! The publisher's thread: owns the ports of the bus.
 
-use std::collections::VecDeque;
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, Sender};
+use std::sync::mpsc::Sender;
 use std::time::{Duration, Instant};
 
 use evolvent_bus::{BusConfig, BusError, CoreBus, EventKind, Status};
 use evolvent_drive::{BridgeState, InputFault};
-use evolvent_motion::{Setpoint, State};
+use evolvent_motion::State;
 use evolvent_path::{AXES, Axes};
 use rtrb::Consumer;
 
 use crate::due_setpoint::DueSetpoint;
 use crate::job::Clock;
 use crate::pacing::wake_interval_ns;
-use crate::periphery::Periphery;
+use crate::periphery_track::PeripheryTrack;
 use crate::rt::MonotonicClock;
 use crate::shared::Controls;
 use crate::signal_port::SignalPort;
@@ -42,48 +41,6 @@ pub(crate) struct Publishing {
     pub controls: Arc<Controls>,
 }
 
-/// Spindle, coolant and tool with the setpoints that have left.
-pub(crate) struct PeripheryTrack {
-    now: Periphery,
-    /// What they are from the action of a number on.
-    ahead: VecDeque<(u32, Periphery)>,
-    news: Receiver<(u32, Periphery)>,
-}
-
-impl PeripheryTrack {
-    /// With this tool in the spindle; `news` tells what they are from the action of a number on, as planned.
-    pub(crate) fn new(tool: u32, news: Receiver<(u32, Periphery)>) -> Self {
-        Self {
-            now: Periphery {
-                tool,
-                ..Periphery::default()
-            },
-            ahead: VecDeque::new(),
-            news,
-        }
-    }
-
-    /// Goes on to a setpoint; whether anything has changed.
-    fn follow(&mut self, setpoint: &Setpoint) -> bool {
-        // An action is announced before it goes into the plan.
-        self.ahead.extend(self.news.try_iter());
-        let before = self.now;
-        while self
-            .ahead
-            .front()
-            .is_some_and(|(action, _)| *action < setpoint.actions)
-        {
-            if let Some((_, periphery)) = self.ahead.pop_front() {
-                self.now = periphery;
-            }
-        }
-        if matches!(setpoint.state, State::Stopped | State::Fault) {
-            self.now.switch_off();
-        }
-        self.now != before
-    }
-}
-
 /// What the publisher counted.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct PublishReport {
@@ -98,6 +55,14 @@ pub(crate) struct PublishReport {
 }
 
 impl PublishReport {
+    /// What became of messages of inputs that were refused.
+    pub(crate) fn refusal_note(&self) -> Option<String> {
+        let (count, fault) = self.refused_inputs?;
+        Some(format!(
+            "{count} messages of inputs were refused, the last because {fault}: see the bridge that sends them"
+        ))
+    }
+
     pub(crate) fn see_listeners(&mut self, bus: &CoreBus) {
         self.listeners = self.listeners.max(bus.setpoint_subscribers());
     }
@@ -126,7 +91,7 @@ impl Publishing {
         let nap = (wake_interval_ns(self.config.period_ns, self.lead_cycles) / 2).min(LONGEST_SLEEP_NS);
         let mut status = Status::default();
         status.set_program(&self.program);
-        status.tool = track.now.tool;
+        status.tool = track.now().tool;
         let mut last = evolvent_bus::Setpoint {
             period_ns: self.config.period_ns,
             position: self.home.into(),
@@ -147,9 +112,9 @@ impl Publishing {
                     let _lost = bus.notify(EventKind::Started);
                 }
                 let now = MonotonicClock::now_ns();
-                let switched = track.follow(&due.setpoint);
+                let switched = track.follow(&due);
                 if let Some(signals) = &mut signals {
-                    signals.follow(&mut bus, &due, &track.now, switched);
+                    signals.follow(&mut bus, &due, switched.then(|| track.now()));
                 }
                 let message = self.message(&due);
                 if self.clock == Clock::Realtime && now > due.due_time_ns {
@@ -160,10 +125,11 @@ impl Publishing {
                 }
                 last = message;
                 if switched {
-                    status.spindle_rpm = track.now.outputs.signed_rpm();
-                    status.coolant = track.now.coolant_bits();
-                    status.tool = track.now.tool;
-                    (status.tool_change, status.tool_wanted) = track.now.change_numbers();
+                    let now = track.now();
+                    status.spindle_rpm = now.outputs.signed_rpm();
+                    status.coolant = now.coolant_bits();
+                    status.tool = now.tool;
+                    (status.tool_change, status.tool_wanted) = now.change_numbers();
                 }
                 if due.setpoint.state != state || switched {
                     let event = event_of(state, due.setpoint.state);

@@ -8,12 +8,12 @@ use std::thread;
 use std::time::Duration;
 
 use evolvent_motion::{Extremes, Inputs, PathExecutor, Setpoint, State, plan_queue};
-use evolvent_signals::{InputImage, schedule};
+use evolvent_signals::{InputImage, Phase, Signals, schedule};
 
 use crate::feeder::Feeder;
 use crate::job::Setup;
 use crate::refusal::ProgramError;
-use crate::signal_loop::{SignalChange, for_each_change, progress};
+use crate::signal_loop::{ProgramProgress, SignalChange, for_each_change, phase_of};
 use crate::stages::Stages;
 
 /// Looks at the plan before the one who waits sleeps, and for how long: spinning would take the core from the planner.
@@ -98,10 +98,12 @@ pub fn recompute(
     let mut motion = PathExecutor::new(limits, setup.period_ns, limits.home).planned_for(feed_override);
     let planner = Stages::two(setup, feed_override, producer)?;
     let settings = &setup.machine.signals;
-    let (scheduler, mut signals) = schedule(settings, setup.machine.lead_cycles(setup.period_ns));
+    let (scheduler, consumer) = schedule();
+    let mut signals = Signals::new(settings, setup.machine.lead_cycles(setup.period_ns));
+    let _none = signals.begin_program(consumer);
     let mut changes = changes.iter().peekable();
     let (mut image, mut sent) = (InputImage::default(), *signals.safe());
-    let (mut has_moved, mut estopped) = (false, false);
+    let (mut of_program, mut estopped) = (ProgramProgress::default(), false);
     let mut outputs = Vec::new();
     thread::scope(|scope| {
         let failing = &failed;
@@ -151,7 +153,12 @@ pub fn recompute(
             if is_stuck {
                 setpoint.state = State::Fault;
             }
-            let image = signals.step(&progress(&setpoint, &mut has_moved, estopped));
+            let phase = if estopped {
+                Phase::Fault
+            } else {
+                phase_of(setpoint.state)
+            };
+            let image = signals.step(&of_program.with(&setpoint, phase));
             for_each_change(setpoint.sequence, &sent, &image, |change| outputs.push(change));
             sent = image;
             cycles += 1;

@@ -15,6 +15,8 @@ use crate::job_start::{ProgramStart, SteeredStart};
 use crate::recompute::{RecordedInputs, wait_for_planner};
 use crate::refusal::ProgramError;
 use crate::serve::{Following, Planning, ProgramJob};
+use crate::signal_loop::SignalChange;
+use crate::signals_again::{OutputDifference, SignalsAgain};
 use crate::switches::{Switched, Switching};
 
 /// Time between two looks whether a job's first pieces are planned.
@@ -65,6 +67,8 @@ pub struct ServedAgain {
     work: ActiveJob,
     /// What was wrong with the text of the last program.
     complaint: Option<ProgramError>,
+    /// Outputs and inputs, where the machine has any.
+    signals: Option<SignalsAgain>,
 }
 
 impl ServedAgain {
@@ -77,7 +81,25 @@ impl ServedAgain {
             period_ns,
             work: ActiveJob::None,
             complaint: None,
+            signals: None,
         }
+    }
+
+    /// With these outputs and inputs, and their recorded changes, in order.
+    #[must_use]
+    pub fn with_signals(mut self, setup: &Setup, changes: &[SignalChange]) -> Self {
+        let settings = &setup.machine.signals;
+        let (outputs, inputs) = changes.iter().partition(|change| change.is_output);
+        let lead_cycles = setup.machine.lead_cycles(self.period_ns);
+        self.signals =
+            (!settings.is_empty()).then(|| SignalsAgain::new(settings, lead_cycles, inputs, outputs));
+        self
+    }
+
+    /// How many outputs programs have set otherwise than recorded, and the first of them.
+    #[must_use]
+    pub fn output_differences(&self) -> (u64, Option<OutputDifference>) {
+        self.signals.as_ref().map_or((0, None), SignalsAgain::differences)
     }
 
     /// Number of the next setpoint.
@@ -144,6 +166,8 @@ impl ServedAgain {
             setup,
             feed_override: start.feed_override,
             job: 0,
+            number: 0,
+            periphery: None,
             switches: start.switches,
             switching: Switching::Recorded(switched),
             numbered_from: start.numbered_from,
@@ -161,6 +185,9 @@ impl ServedAgain {
         };
         if !self.station.hand_to(&mut job.motion) {
             return Err(ServedError::Place);
+        }
+        if let (Some(signals), Some(schedule)) = (&mut self.signals, job.schedule.take()) {
+            signals.begin_program(schedule, job.first_block);
         }
         self.work = ActiveJob::Plan { planning, job };
         Ok(())
@@ -194,6 +221,20 @@ impl ServedAgain {
     /// The next setpoint; `feed_override` is the one it shows where nothing follows a plan. `None` where what moved the axes is
     /// not known here.
     pub fn step(&mut self, moved: &Moved, feed_override: f64) -> Option<Setpoint> {
+        let sequence = self.station.sequence();
+        if let Some(signals) = &mut self.signals {
+            signals.see_inputs(sequence);
+        }
+        let setpoint = self.move_axes(moved, feed_override);
+        if let (Some(signals), Some(setpoint)) = (&mut self.signals, &setpoint)
+            && !matches!(moved, Moved::ByPlan(_))
+        {
+            signals.step(setpoint, false);
+        }
+        setpoint
+    }
+
+    fn move_axes(&mut self, moved: &Moved, feed_override: f64) -> Option<Setpoint> {
         match (moved, &mut self.work) {
             (Moved::ByNothing(state), work) => {
                 if !matches!(work, ActiveJob::None) || !self.station.is_at_rest() {
@@ -205,12 +246,15 @@ impl ServedAgain {
                 Some(self.station.rest(*state))
             }
             (Moved::ByPlan(recorded), ActiveJob::Plan { job, .. }) => {
-                let setpoint = follow(job, recorded);
+                let setpoint = follow(job, recorded, self.signals.as_mut());
                 self.station.follow(&job.motion, &setpoint);
                 let is_over = job.motion.is_over() || job.motion.is_stuck(&mut job.queue);
                 let mut shown = setpoint;
-                if shown.state == State::Done && job.signals.has_failed() {
+                if shown.state == State::Done && job.flags.has_failed() {
                     shown.state = State::Stopped;
+                }
+                if let Some(signals) = &mut self.signals {
+                    signals.step(&shown, true);
                 }
                 if is_over {
                     self.finish();
@@ -249,6 +293,10 @@ impl ServedAgain {
         if let ActiveJob::Plan { mut planning, job } = std::mem::replace(&mut self.work, ActiveJob::None) {
             planning.abandon();
             drop(job);
+            if let Some(signals) = &mut self.signals {
+                // A planner that waits for an input sees that nobody tells it of one.
+                signals.end_program();
+            }
             let result = loop {
                 if let Some(result) = planning.take_result() {
                     break result;
@@ -266,11 +314,28 @@ impl ServedAgain {
     }
 }
 
-fn follow(job: &mut Following, recorded: &RecordedInputs) -> Setpoint {
-    let inputs: Inputs = recorded.inputs;
+fn follow(
+    job: &mut Following,
+    recorded: &RecordedInputs,
+    mut signals: Option<&mut SignalsAgain>,
+) -> Setpoint {
+    let mut inputs: Inputs = recorded.inputs;
     let (motion, queue) = (&mut job.motion, &mut job.queue);
     wait_for_planner(|| motion.is_ready(queue) || (inputs.stop && motion.is_at_rest()));
     motion.replay_starved(recorded.waited);
     motion.refuse_plan(recorded.refused);
-    motion.step(&inputs, queue)
+    let at_wait = signals.as_ref().is_some_and(|signals| signals.is_waiting());
+    if let Some(signals) = &signals {
+        inputs.resume = signals.resumes(inputs.resume, motion, queue);
+    }
+    let before = motion.plan_step();
+    let setpoint = motion.step(&inputs, queue);
+    if let Some(signals) = &mut signals
+        && at_wait
+        && inputs.resume
+        && motion.plan_step() != before
+    {
+        signals.go_on();
+    }
+    setpoint
 }

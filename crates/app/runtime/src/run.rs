@@ -10,7 +10,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use evolvent_bus::{BusConfig, BusError};
 use evolvent_machine::{CycleRecording, FeedbackWish, ToolChange};
 use evolvent_motion::{PathExecutor, Setpoint, plan_queue};
-use evolvent_signals::schedule;
+use evolvent_signals::{Signals, schedule};
 use evolvent_trace::{ProgramSource, RecordError, Recorder, RunInfo, configuration_hash, recover_leftovers};
 use evolvent_turning::{AdaptiveFeed, AdaptiveStop, SimulatedProcess};
 use rtrb::RingBuffer;
@@ -21,8 +21,9 @@ use crate::input_script::InputScript;
 use crate::job::{Clock, Job, Setup};
 use crate::memory::ProgramMemory;
 use crate::observer::{DRIVES_UNWATCHED, LookingOn, RunObserver};
+use crate::periphery_track::{PeripheryOrder, PeripheryTrack};
 use crate::program_cycle::{ProgramCycle, ProgramState, Seen, turning_alarm};
-use crate::publisher::{PeripheryTrack, Publishing};
+use crate::publisher::Publishing;
 use crate::recording::{Closing, Recording};
 use crate::refusal::ProgramError;
 use crate::rt::{RealtimeRequest, apply_to_this_thread};
@@ -75,12 +76,6 @@ pub enum StartError {
          `evolvent serve`, or \"if_present\" for a run without a machine"
     )]
     DrivesRequired,
-    /// A served machine does not drive outputs yet.
-    #[error(
-        "the machine file has [[input]], [[output]] or [[spindle]], which `evolvent serve` does not drive yet: use `evolvent run`, \
-         or a machine file without them"
-    )]
-    SignalsNotServed,
     /// Nobody reads the emergency-stop chain without the bus.
     #[error(
         "the machine file has an emergency-stop chain ([estop]), and without the bus nobody reads it: leave out --no-bus, or use \
@@ -178,16 +173,23 @@ pub fn run_seen(
         let (sample_producer, samples) = optional_ring(has_signals && job.bus, SAMPLES);
         let port = sample_producer
             .zip(changes)
-            .map(|(samples, changes)| SignalPort::new(signal_settings, samples, changes));
-        let (periphery, outputs) = mpsc::channel();
+            .map(|(samples, changes)| SignalPort::new(signal_settings, setup.tool, samples, changes));
+        let (periphery, planned_periphery) = mpsc::channel();
         let periphery = job.bus.then_some(periphery);
+        let (orders, periphery_orders) = mpsc::channel();
+        // Its only program: the publisher hears of no other.
+        let _held = orders.send(PeripheryOrder::Program {
+            job: 0,
+            planned: planned_periphery,
+        });
+        drop(orders);
         // The bus first: what fails should fail before anything is planned.
         let publisher = match bus_consumer {
             None => None,
             Some(queue) => {
                 let (ready_sender, ready) = mpsc::channel();
                 let publishing = publishing(job, controls);
-                let track = PeripheryTrack::new(setup.tool, outputs);
+                let track = PeripheryTrack::new(setup.tool, periphery_orders);
                 let request = realtime_request(job, 1);
                 let handle =
                     thread::Builder::new()
@@ -262,7 +264,9 @@ pub fn run_seen(
         let waiting = Arc::clone(controls);
         let (scheduler, signals) = if has_signals {
             let lead_cycles = setup.machine.lead_cycles(setup.period_ns);
-            let (scheduler, signals) = schedule(signal_settings, lead_cycles);
+            let (scheduler, consumer) = schedule();
+            let mut signals = Signals::new(signal_settings, lead_cycles);
+            let _none = signals.begin_program(consumer);
             let source = match samples {
                 Some(samples) if job.clock == Clock::Realtime => InputSource::Bus(samples),
                 _ => {
@@ -402,10 +406,7 @@ pub fn run_seen(
         };
         let not_carried_out = carrier.map(join).transpose()?.flatten();
         let published = publisher.map(join).transpose()?.unwrap_or_default();
-        if let Some((count, fault)) = published.refused_inputs {
-            let text = format!(
-                "{count} messages of inputs were refused, the last because {fault}: see the bridge that sends them"
-            );
+        if let Some(text) = published.refusal_note() {
             observer.note(&text);
             notes.push(text);
         }
@@ -529,7 +530,10 @@ fn join<T>(handle: thread::ScopedJoinHandle<'_, T>) -> Result<T, StartError> {
     handle.join().map_err(|panic| std::panic::resume_unwind(panic))
 }
 
-fn optional_ring<T>(wanted: bool, length: usize) -> (Option<rtrb::Producer<T>>, Option<rtrb::Consumer<T>>) {
+pub(crate) fn optional_ring<T>(
+    wanted: bool,
+    length: usize,
+) -> (Option<rtrb::Producer<T>>, Option<rtrb::Consumer<T>>) {
     if !wanted {
         return (None, None);
     }

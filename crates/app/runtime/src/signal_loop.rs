@@ -2,7 +2,7 @@
 
 use evolvent_machine::{MAX_ANALOG, MAX_DIGITAL, SignalKind, SignalSettings};
 use evolvent_motion::{Setpoint, State};
-use evolvent_signals::{InputImage, OutputImage, Phase, Progress, Signals};
+use evolvent_signals::{Change, InputImage, OutputImage, Phase, Progress, ScheduleConsumer, Signals};
 use rtrb::{Consumer, Producer};
 
 use crate::input_script::InputScript;
@@ -89,8 +89,8 @@ pub(crate) struct SignalLoop {
     /// Changes that found no room.
     pub lost: u64,
     is_realtime: bool,
-    has_moved: bool,
-    /// The chain was open in this loop while it had to be closed.
+    progress: ProgramProgress,
+    /// The chain was open since this was reset.
     estopped: bool,
 }
 
@@ -112,9 +112,34 @@ impl SignalLoop {
             sent: None,
             lost: 0,
             is_realtime,
-            has_moved: false,
+            progress: ProgramProgress::default(),
             estopped: false,
         }
+    }
+
+    /// A program begins whose first block has this number. Hands back the schedule of a program that has not been ended.
+    pub(crate) fn begin_program(
+        &mut self,
+        schedule: ScheduleConsumer,
+        first_block: u32,
+    ) -> Option<ScheduleConsumer> {
+        self.progress = ProgramProgress::new(first_block);
+        self.signals.begin_program(schedule)
+    }
+
+    /// The program is over; its schedule, to be dropped where time does not matter.
+    pub(crate) fn end_program(&mut self) -> Option<ScheduleConsumer> {
+        self.signals.end_program()
+    }
+
+    /// Sets outputs by hand, from the next setpoint on.
+    pub(crate) fn set_by_hand(&mut self, change: &Change) {
+        self.signals.set_by_hand(change);
+    }
+
+    /// Forgets that the chain was open, unless it is.
+    pub(crate) fn reset_estop(&mut self) {
+        self.estopped = self.signals.is_estop_open();
     }
 
     /// Before a setpoint: takes the inputs that count for it. `last`: the setpoint before.
@@ -136,6 +161,11 @@ impl SignalLoop {
         self.estopped
     }
 
+    /// Whether the chain is open now, or not known.
+    pub(crate) fn is_estop_open(&self) -> bool {
+        self.signals.is_estop_open()
+    }
+
     /// Whether the machine rests for a wait.
     pub(crate) fn is_waiting(&self) -> bool {
         self.signals.is_waiting()
@@ -151,11 +181,11 @@ impl SignalLoop {
         let _was_over = self.signals.take_resume();
     }
 
-    /// After a setpoint: the outputs that count with it go to bus and trace. The setpoint goes there after them.
-    pub(crate) fn step(&mut self, setpoint: &Setpoint) {
-        let outputs = self
-            .signals
-            .step(&progress(setpoint, &mut self.has_moved, self.estopped));
+    /// After a setpoint: the outputs that count with it go to bus and trace. The setpoint goes there after them. `phase`: what
+    /// the machine does, but for the chain.
+    pub(crate) fn step(&mut self, setpoint: &Setpoint, phase: Phase) {
+        let phase = if self.estopped { Phase::Fault } else { phase };
+        let outputs = self.signals.step(&self.progress.with(setpoint, phase));
         self.record_outputs(setpoint.sequence, &outputs);
         if let Some(bus) = &mut self.bus
             && self.sent != Some(outputs)
@@ -243,20 +273,42 @@ pub(crate) fn for_each_change(
     }
 }
 
-/// How far the program is with a setpoint. `has_moved`: a block has begun since the machine was started.
-pub(crate) fn progress(setpoint: &Setpoint, has_moved: &mut bool, estopped: bool) -> Progress {
-    // Before the first block its number is that of the first, too.
-    *has_moved |= setpoint.block > 0 || setpoint.path_mm > 0.0;
-    Progress {
-        actions: setpoint.actions,
-        blocks: if *has_moved { setpoint.block + 1 } else { 0 },
-        phase: match setpoint.state {
-            _ if estopped => Phase::Fault,
-            State::Held => Phase::Held,
-            State::Stopped => Phase::Stopped,
-            State::Done => Phase::Ended,
-            State::Fault => Phase::Fault,
-            _ => Phase::Runs,
-        },
+/// How far a program is with its setpoints.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct ProgramProgress {
+    first_block: u32,
+    /// A block of it has begun.
+    has_moved: bool,
+}
+
+impl ProgramProgress {
+    /// Of a program whose first block has this number.
+    pub(crate) fn new(first_block: u32) -> Self {
+        Self {
+            first_block,
+            has_moved: false,
+        }
+    }
+
+    /// With this setpoint.
+    pub(crate) fn with(&mut self, setpoint: &Setpoint, phase: Phase) -> Progress {
+        // Before the first block its number is that of the first, too.
+        self.has_moved |= setpoint.block > self.first_block || setpoint.path_mm > 0.0;
+        Progress {
+            actions: setpoint.actions,
+            blocks: if self.has_moved { setpoint.block + 1 } else { 0 },
+            phase,
+        }
+    }
+}
+
+/// What outputs go by while a program is in this state.
+pub(crate) fn phase_of(state: State) -> Phase {
+    match state {
+        State::Held => Phase::Held,
+        State::Stopped => Phase::Stopped,
+        State::Done => Phase::Ended,
+        State::Fault => Phase::Fault,
+        _ => Phase::Runs,
     }
 }

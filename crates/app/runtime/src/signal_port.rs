@@ -29,8 +29,10 @@ pub(crate) struct SignalPort {
 }
 
 impl SignalPort {
+    /// Every output at its safe value, with this tool in the spindle.
     pub(crate) fn new(
         settings: &SignalSettings,
+        tool: u32,
         samples: Producer<InputImage>,
         changes: Consumer<DueOutputs>,
     ) -> Self {
@@ -46,7 +48,10 @@ impl SignalPort {
         for (number, range) in entry_of_analog {
             entry = entry.with_analog(number, range);
         }
-        let mut message = MachineOutputs::default();
+        let mut message = MachineOutputs {
+            tool,
+            ..MachineOutputs::default()
+        };
         for output in &settings.outputs {
             let bit = 1_u64 << output.number;
             match output.kind {
@@ -108,14 +113,8 @@ impl SignalPort {
         fault.map(|fault| (count, fault))
     }
 
-    /// Sends what has changed with a setpoint, before the setpoint itself.
-    pub(crate) fn follow(
-        &mut self,
-        bus: &mut CoreBus,
-        due: &DueSetpoint,
-        periphery: &Periphery,
-        is_new_periphery: bool,
-    ) {
+    /// Sends what has changed with a setpoint, before the setpoint itself. `periphery`: where it has changed.
+    pub(crate) fn follow(&mut self, bus: &mut CoreBus, due: &DueSetpoint, periphery: Option<&Periphery>) {
         let mut outputs: Option<OutputImage> = None;
         while let Ok(change) = self.changes.peek()
             && change.sequence <= due.setpoint.sequence
@@ -126,7 +125,7 @@ impl SignalPort {
         if let Some(outputs) = outputs {
             (self.message.digital, self.message.analog) = (outputs.digital, outputs.analog);
         }
-        if is_new_periphery {
+        if let Some(periphery) = periphery {
             let direction = match periphery.outputs.direction {
                 SpindleDirection::Stopped => 0,
                 SpindleDirection::Clockwise => 1,
@@ -138,7 +137,7 @@ impl SignalPort {
             self.message.tool = periphery.tool;
             (self.message.tool_change, self.message.tool_wanted) = periphery.change_numbers();
         }
-        if outputs.is_some() || is_new_periphery {
+        if outputs.is_some() || periphery.is_some() {
             self.message.cycle = due.setpoint.sequence;
             self.message.due_time_ns = due.due_time_ns;
             self.send(bus);

@@ -160,6 +160,10 @@ alarms! {
     Checking = 926, Rejection, "the program is still being checked; start it when that is done";
     /// The loaded program may not be the one that is meant.
     OtherProgram = 927, Rejection, "another program is loaded than the one that is meant; load it, or name what is loaded";
+    /// The emergency-stop chain is open.
+    ChainOpen = 928, Rejection, "the emergency-stop chain is open, or nobody reads it; close it, and see that its bridge runs";
+    /// The machine file has no such output.
+    NoSignal = 929, Rejection, "the machine file has no output of this name";
 }
 
 impl Alarm {

@@ -123,6 +123,13 @@ pub enum Command {
     ReloadTools,
     /// See [`CommandCode::ClearAlarms`].
     ClearAlarms,
+    /// See [`CommandCode::SetOutput`].
+    SetOutput {
+        /// As the machine file calls it.
+        name: String,
+        /// 0 or 1 of a digital one.
+        value: f64,
+    },
 }
 
 impl Command {
@@ -157,16 +164,18 @@ impl Command {
             Self::TouchOff { .. } => CommandCode::TouchOff,
             Self::Tool(_) | Self::ReloadTools => CommandCode::Tool,
             Self::ClearAlarms => CommandCode::ClearAlarms,
+            Self::SetOutput { .. } => CommandCode::SetOutput,
         }
     }
 
-    /// The number in it that a run has to be computed again with: an override.
+    /// The number in it that a run has to be computed again with: an override, or the value of an output.
     #[must_use]
     pub const fn value(&self) -> Option<f64> {
         match self {
             Self::FeedOverride(ratio) | Self::RapidOverride(ratio) | Self::SpindleOverride(ratio) => {
                 Some(*ratio)
             }
+            Self::SetOutput { value, .. } => Some(*value),
             _ => None,
         }
     }
@@ -224,6 +233,7 @@ impl std::fmt::Display for Command {
             Self::Tool(entry) => format!("tool {} set", entry.number),
             Self::ReloadTools => "tool table read again".to_owned(),
             Self::ClearAlarms => "alarms cleared".to_owned(),
+            Self::SetOutput { name, value } => format!("output {name} = {value}"),
         };
         formatter.write_str(&text)
     }

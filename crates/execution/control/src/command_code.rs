@@ -81,6 +81,8 @@ codes! {
     Tool = 26, "TOOL";
     /// Clears the alarms.
     ClearAlarms = 27, "CLEAR_ALARMS";
+    /// Sets the output of the name `text` to `amount`: 0 or 1 of a digital one.
+    SetOutput = 28, "SET_OUTPUT";
 }
 
 impl CommandCode {

@@ -111,6 +111,10 @@ impl Command {
                 })
             }
             CommandCode::ClearAlarms => Self::ClearAlarms,
+            CommandCode::SetOutput => Self::SetOutput {
+                name: text(raw)?,
+                value: raw.amount,
+            },
         };
         Ok((code, command))
     }

@@ -48,7 +48,7 @@ const fn rule(command: Code, machine: [bool; 3], mode: [bool; 3], activity: [boo
 }
 
 /// Every command, in order of its number.
-pub const RULES: [Rule; 27] = [
+pub const RULES: [Rule; 28] = [
     rule(Code::Estop, ANY, ANY, ALWAYS),
     rule(Code::EstopReset, [YES, NO, NO], ANY, IDLE),
     Rule {
@@ -103,6 +103,8 @@ pub const RULES: [Rule; 27] = [
     rule(Code::TouchOff, ANY, ANY, IDLE),
     rule(Code::Tool, ANY, ANY, IDLE),
     rule(Code::ClearAlarms, ANY, ANY, IDLE),
+    // A program's outputs are its own while it runs.
+    rule(Code::SetOutput, AWAKE, ANY, [YES, NO, NO, YES, NO]),
 ];
 
 /// Whether a command is accepted in a state.
@@ -206,7 +208,8 @@ mod tests {
         WORK_OFFSET      EFN ami -
         TOUCH_OFF        EFN ami -
         TOOL             EFN ami -
-        CLEAR_ALARMS     EFN ami -";
+        CLEAR_ALARMS     EFN ami -
+        SET_OUTPUT       FN  ami -j";
 
     fn situations() -> impl Iterator<Item = InterlockState> {
         let machines = [MachineState::Estop, MachineState::Off, MachineState::On];

@@ -13,7 +13,7 @@
 //! use evolvent_control::{Alarm, CommandCode, OperatorInputs, OperatorState, RawCommand};
 //!
 //! let mut state = OperatorState::default();
-//! let inputs = OperatorInputs { present: 0b111, is_held: false, is_ending: false };
+//! let inputs = OperatorInputs { present: 0b111, ..OperatorInputs::default() };
 //! let request = |code: CommandCode| RawCommand {
 //!     command: code as u32,
 //!     axes_mask: 0,

@@ -52,6 +52,8 @@ pub struct OperatorInputs {
     pub is_held: bool,
     /// The process is about to end.
     pub is_ending: bool,
+    /// The machine has an emergency-stop chain that is open, or not known.
+    pub is_chain_open: bool,
 }
 
 /// An alarm in force.
@@ -176,6 +178,9 @@ impl OperatorState {
             }
             return Err(refusal);
         }
+        if code == CommandCode::EstopReset && facts.is_chain_open {
+            return Err(Alarm::ChainOpen.into());
+        }
         // A step of a running program makes sense only where it waits.
         if code == CommandCode::Step && self.activity == Activity::Program && !facts.is_held {
             return Err(Alarm::NotHeld.into());
@@ -205,10 +210,7 @@ impl OperatorState {
     pub fn commit(&mut self, command: &Command, now_ns: u64, needs_drives: bool) {
         self.accepted += 1;
         match command {
-            Command::Estop => {
-                self.machine = MachineState::Estop;
-                self.enabling_since_ns = None;
-            }
+            Command::Estop => self.fall_into_estop(),
             Command::EstopReset => self.machine = MachineState::Off,
             Command::On if self.machine == MachineState::Off => {
                 if needs_drives {
@@ -282,6 +284,12 @@ impl OperatorState {
         if self.machine == MachineState::On {
             self.machine = MachineState::Off;
         }
+    }
+
+    /// The emergency-stop chain was opened.
+    pub fn fall_into_estop(&mut self) {
+        self.machine = MachineState::Estop;
+        self.enabling_since_ns = None;
     }
 
     fn clear_alarms(&mut self) {

@@ -2,6 +2,8 @@
 
 use evolvent_machine::{MAX_ANALOG, SignalKind};
 
+use crate::schedule::{Change, Moment};
+
 const ANALOG: usize = MAX_ANALOG as usize;
 
 /// The outputs with one setpoint.
@@ -11,6 +13,39 @@ pub struct OutputImage {
     pub digital: u64,
     /// Values of the analog outputs.
     pub analog: [f64; ANALOG],
+}
+
+impl OutputImage {
+    /// The value of an output, 0 or 1 of a digital one; 0 of a number that there is not. Real-time safe.
+    #[must_use]
+    pub fn value(&self, kind: SignalKind, number: u32) -> f64 {
+        match kind {
+            SignalKind::Digital => self
+                .digital
+                .checked_shr(number)
+                .map_or(0.0, |bits| (bits & 1) as f64),
+            SignalKind::Analog => self.analog.get(number as usize).copied().unwrap_or(0.0),
+        }
+    }
+
+    /// Sets the value of an output. Numbers that there are not are left alone. Real-time safe.
+    pub fn set(&mut self, kind: SignalKind, number: u32, value: f64) {
+        let mut change = Change::at(Moment::Rest(0));
+        match kind {
+            SignalKind::Digital => change.set_digital(number, value != 0.0),
+            SignalKind::Analog => change.set_analog(number, value),
+        }
+        self.apply(&change);
+    }
+
+    pub(crate) fn apply(&mut self, change: &Change) {
+        self.digital = self.digital & !change.off | change.on;
+        for (index, value) in self.analog.iter_mut().enumerate() {
+            if change.analog_mask >> index & 1 == 1 {
+                *value = change.analog[index];
+            }
+        }
+    }
 }
 
 /// The inputs that a cycle goes by. What is not known has no value.

@@ -1,13 +1,15 @@
 //! Outputs, inputs and waits in the cycle: which output changes at which setpoint.
 //!
 //! The planner's thread schedules [`Change`]s and [`InputWait`]s through a [`Scheduler`]; the cycle carries them out through
-//! [`Signals`], once for each setpoint.
+//! [`Signals`], once for each setpoint. Programs come and go; outputs, inputs and their rules stay.
 //!
 //! ```
 //! use evolvent_machine::SignalSettings;
-//! use evolvent_signals::{Change, Moment, Phase, Progress, schedule};
+//! use evolvent_signals::{Change, Moment, Phase, Progress, Signals, schedule};
 //!
-//! let (mut scheduler, mut signals) = schedule(&SignalSettings::default(), 2);
+//! let mut signals = Signals::new(&SignalSettings::default(), 2);
+//! let (mut scheduler, consumer) = schedule();
+//! signals.begin_program(consumer);
 //! let mut change = Change::at(Moment::Block(3));
 //! change.set_digital(0, true);
 //! assert!(scheduler.change(change));
@@ -31,6 +33,6 @@ mod signals;
 mod wait;
 
 pub use image::{InputImage, OutputImage};
-pub use schedule::{Change, Moment, Scheduler, schedule};
+pub use schedule::{Change, Moment, ScheduleConsumer, Scheduler, schedule};
 pub use signals::{Phase, Progress, Signals};
 pub use wait::{InputWait, WaitMode, WaitResult};

@@ -1,9 +1,8 @@
 //! From the planner's thread to the cycle: what changes when.
 
-use evolvent_machine::{MAX_ANALOG, SignalSettings};
+use evolvent_machine::MAX_ANALOG;
 use rtrb::{Consumer, Producer, RingBuffer};
 
-use crate::signals::Signals;
 use crate::wait::{InputWait, WaitResult};
 
 /// Changes and waits on the way: one for each block mark and step that a plan queue holds at most, 131 072 and 36 800, and for
@@ -122,9 +121,17 @@ impl Scheduler {
     }
 }
 
-/// Both ends, every output at its safe value. `lead_cycles`: from the computing of a setpoint until it is due. Allocates.
+/// The cycle's end: what one program has scheduled, and the way back. [`Signals`](crate::Signals) carries it out.
+#[derive(Debug)]
+pub struct ScheduleConsumer {
+    pub(crate) ahead: Consumer<Box<Scheduled>>,
+    pub(crate) spent: Producer<Box<Scheduled>>,
+    pub(crate) results: Producer<WaitResult>,
+}
+
+/// Both ends of the schedule of one program. Allocates.
 #[must_use]
-pub fn schedule(settings: &SignalSettings, lead_cycles: u32) -> (Scheduler, Signals) {
+pub fn schedule() -> (Scheduler, ScheduleConsumer) {
     let (scheduled, ahead) = RingBuffer::new(AHEAD);
     let (done, spent) = RingBuffer::new(AHEAD);
     let (told, results) = RingBuffer::new(RESULTS);
@@ -133,5 +140,10 @@ pub fn schedule(settings: &SignalSettings, lead_cycles: u32) -> (Scheduler, Sign
         spent,
         results,
     };
-    (scheduler, Signals::new(settings, lead_cycles, ahead, done, told))
+    let consumer = ScheduleConsumer {
+        ahead,
+        spent: done,
+        results: told,
+    };
+    (scheduler, consumer)
 }

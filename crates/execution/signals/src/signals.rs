@@ -1,11 +1,10 @@
 //! The cycle's end: outputs with every setpoint, and the wait in force.
 
 use evolvent_machine::{EstopSettings, OutputRule, OutputSettings, SignalKind, SignalSettings};
-use rtrb::{Consumer, Producer};
 
 use crate::image::{InputImage, OutputImage};
-use crate::schedule::{Change, Moment, Scheduled};
-use crate::wait::{ActiveWait, WaitResult};
+use crate::schedule::{Change, Moment, ScheduleConsumer, Scheduled};
+use crate::wait::ActiveWait;
 
 /// What the machine is doing, as far as outputs have a rule for it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -65,9 +64,8 @@ impl Mask {
 /// Outputs, inputs and waits in the cycle. Nothing here allocates or frees.
 #[derive(Debug)]
 pub struct Signals {
-    ahead: Consumer<Box<Scheduled>>,
-    spent: Producer<Box<Scheduled>>,
-    results: Producer<WaitResult>,
+    /// Of the program that runs.
+    schedule: Option<ScheduleConsumer>,
     lead_cycles: u32,
     safe: OutputImage,
     on_hold: Mask,
@@ -84,13 +82,10 @@ pub struct Signals {
 }
 
 impl Signals {
-    pub(crate) fn new(
-        settings: &SignalSettings,
-        lead_cycles: u32,
-        ahead: Consumer<Box<Scheduled>>,
-        spent: Producer<Box<Scheduled>>,
-        results: Producer<WaitResult>,
-    ) -> Self {
+    /// Every output at its safe value, no input known, no program. `lead_cycles`: from the computing of a setpoint until it
+    /// is due.
+    #[must_use]
+    pub fn new(settings: &SignalSettings, lead_cycles: u32) -> Self {
         let mut safe = OutputImage::default();
         for output in &settings.outputs {
             match output.kind {
@@ -99,9 +94,7 @@ impl Signals {
             }
         }
         Self {
-            ahead,
-            spent,
-            results,
+            schedule: None,
             lead_cycles,
             safe,
             on_hold: Mask::of(settings, |output| output.on_hold == OutputRule::Safe),
@@ -116,9 +109,23 @@ impl Signals {
         }
     }
 
-    /// Begins with these outputs instead of the safe ones: those that the job before has left.
-    pub fn begin_with(&mut self, outputs: OutputImage) {
-        self.programmed = outputs;
+    /// A program begins: from now on its schedule is carried out. Outputs stay as they are. Hands back the schedule of a
+    /// program that has not been ended.
+    pub fn begin_program(&mut self, schedule: ScheduleConsumer) -> Option<ScheduleConsumer> {
+        let before = self.end_program();
+        self.schedule = Some(schedule);
+        before
+    }
+
+    /// The program is over, and so is a wait of it. Hands its schedule back, to be dropped where time does not matter.
+    pub fn end_program(&mut self) -> Option<ScheduleConsumer> {
+        (self.wait, self.go_on) = (None, false);
+        self.schedule.take()
+    }
+
+    /// Goes on with these outputs: those that were set before.
+    pub fn go_on_with(&mut self, outputs: &OutputImage) {
+        self.programmed = *outputs;
     }
 
     /// The safe value of every output.
@@ -169,46 +176,12 @@ impl Signals {
 
     /// Sets outputs by hand, from the next setpoint on. Its moment counts for nothing.
     pub fn set_by_hand(&mut self, change: &Change) {
-        self.apply(change);
+        self.programmed.apply(change);
     }
 
     /// The outputs with a setpoint, the program having come so far. Once for each setpoint.
     pub fn step(&mut self, progress: &Progress) -> OutputImage {
-        if let Some(wait) = &mut self.wait
-            && let Some(result) = wait.step(&self.inputs)
-        {
-            self.wait = None;
-            self.go_on = true;
-            // The program waits for each before the next, so there is room.
-            let _room = self.results.push(result);
-        }
-        loop {
-            // A wait holds back what is scheduled behind it; none begins while one is in force.
-            let has_come = match self.ahead.peek().map(Box::as_ref) {
-                Ok(Scheduled::Change(change)) => match change.moment {
-                    Moment::Rest(action) => action < progress.actions,
-                    Moment::Block(block) => block < progress.blocks,
-                },
-                Ok(Scheduled::Wait(wait)) => wait.action < progress.actions && !self.is_waiting(),
-                Err(_) => false,
-            };
-            if !has_come {
-                break;
-            }
-            let Ok(scheduled) = self.ahead.pop() else { break };
-            match *scheduled {
-                Scheduled::Change(change) => self.apply(&change),
-                Scheduled::Wait(wait) => {
-                    let mut wait = ActiveWait::new(wait, self.lead_cycles);
-                    wait.see(&self.inputs);
-                    self.wait = Some(wait);
-                }
-            }
-            if let Err(rtrb::PushError::Full(scheduled)) = self.spent.push(scheduled) {
-                // As long as the queue before it, so there is room; freeing here would be work for the cycle.
-                std::mem::forget(scheduled);
-            }
-        }
+        self.carry_out(progress);
         match progress.phase {
             Phase::Runs | Phase::Held => {}
             Phase::Stopped => self.on_stop.apply(&mut self.programmed, &self.safe),
@@ -222,11 +195,47 @@ impl Signals {
         image
     }
 
-    fn apply(&mut self, change: &Change) {
-        self.programmed.digital = self.programmed.digital & !change.off | change.on;
-        for (index, value) in self.programmed.analog.iter_mut().enumerate() {
-            if change.analog_mask >> index & 1 == 1 {
-                *value = change.analog[index];
+    /// Goes on with the schedule up to here.
+    fn carry_out(&mut self, progress: &Progress) {
+        let Some(schedule) = &mut self.schedule else {
+            return;
+        };
+        if let Some(wait) = &mut self.wait
+            && let Some(result) = wait.step(&self.inputs)
+        {
+            self.wait = None;
+            self.go_on = true;
+            // The program waits for each before the next, so there is room.
+            let _room = schedule.results.push(result);
+        }
+        loop {
+            // A wait holds back what is scheduled behind it; none begins while one is in force.
+            let is_waiting = self.wait.is_some() || self.go_on;
+            let has_come = match schedule.ahead.peek().map(Box::as_ref) {
+                Ok(Scheduled::Change(change)) => match change.moment {
+                    Moment::Rest(action) => action < progress.actions,
+                    Moment::Block(block) => block < progress.blocks,
+                },
+                Ok(Scheduled::Wait(wait)) => wait.action < progress.actions && !is_waiting,
+                Err(_) => false,
+            };
+            if !has_come {
+                break;
+            }
+            let Ok(scheduled) = schedule.ahead.pop() else {
+                break;
+            };
+            match *scheduled {
+                Scheduled::Change(change) => self.programmed.apply(&change),
+                Scheduled::Wait(wait) => {
+                    let mut wait = ActiveWait::new(wait, self.lead_cycles);
+                    wait.see(&self.inputs);
+                    self.wait = Some(wait);
+                }
+            }
+            if let Err(rtrb::PushError::Full(scheduled)) = schedule.spent.push(scheduled) {
+                // As long as the queue before it, so there is room; freeing here would be work for the cycle.
+                std::mem::forget(scheduled);
             }
         }
     }

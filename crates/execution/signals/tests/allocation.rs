@@ -2,14 +2,16 @@
 
 use evolvent_counting::{CountingAllocator, calls};
 use evolvent_machine::{SignalKind, SignalSettings};
-use evolvent_signals::{Change, InputImage, InputWait, Moment, Phase, Progress, WaitMode, schedule};
+use evolvent_signals::{Change, InputImage, InputWait, Moment, Phase, Progress, Signals, WaitMode, schedule};
 
 #[global_allocator]
 static ALLOCATOR: CountingAllocator = CountingAllocator;
 
 #[test]
 fn a_full_queue_is_carried_out_without_the_allocator_and_in_order() {
-    let (mut scheduler, mut signals) = schedule(&SignalSettings::default(), 2);
+    let mut signals = Signals::new(&SignalSettings::default(), 2);
+    let (mut scheduler, consumer) = schedule();
+    assert!(signals.begin_program(consumer).is_none());
     let blocks = 100_000;
     for block in 0..blocks {
         let mut change = Change::at(Moment::Block(block));
@@ -57,7 +59,9 @@ fn a_full_queue_is_carried_out_without_the_allocator_and_in_order() {
 #[test]
 fn a_wait_begins_a_lead_later_and_ends_by_its_timeout() {
     for lead in [0, 1, 70] {
-        let (mut scheduler, mut signals) = schedule(&SignalSettings::default(), lead);
+        let mut signals = Signals::new(&SignalSettings::default(), lead);
+        let (mut scheduler, consumer) = schedule();
+        assert!(signals.begin_program(consumer).is_none());
         let wait = InputWait {
             action: 4,
             kind: SignalKind::Digital,

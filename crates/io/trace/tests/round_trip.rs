@@ -138,7 +138,7 @@ fn info_knows_the_run_from_the_summary_alone() {
     assert_eq!(found.end_time_ns, cycle(2999, "X").due_time_ns);
     let alarms = (100..3000)
         .step_by(100)
-        .filter(|&n| common::event(n).kind == EventKind::Alarm)
+        .filter(|&n| event(n).kind == EventKind::Alarm)
         .count();
     assert!(alarms > 0, "the fixture records every kind of event");
     // Cycles 0, 97, 194 ... are late.

@@ -98,7 +98,7 @@ impl ControlAnswer {
 pub const VERDICTS: [(&str, u32); 3] = [("ACCEPTED", 0), ("REJECTED", 1), ("STALE", 2)];
 
 /// Names and numbers of a request's `command`.
-pub const COMMANDS: [(&str, u32); 27] = [
+pub const COMMANDS: [(&str, u32); 28] = [
     ("ESTOP", 1),
     ("ESTOP_RESET", 2),
     ("ON", 3),
@@ -126,6 +126,7 @@ pub const COMMANDS: [(&str, u32); 27] = [
     ("TOUCH_OFF", 25),
     ("TOOL", 26),
     ("CLEAR_ALARMS", 27),
+    ("SET_OUTPUT", 28),
 ];
 
 /// Names and numbers of `machine_state` in Status.
@@ -156,12 +157,18 @@ pub mod switches {
     pub const BLOCK_DELETE: u32 = 1 << 2;
     /// A feed hold is in force.
     pub const HOLD: u32 = 1 << 3;
+    /// The emergency-stop chain is open, or not known.
+    pub const CHAIN_OPEN: u32 = 1 << 4;
+    /// The program rests until an input has come (M66).
+    pub const INPUT_WAIT: u32 = 1 << 5;
 }
 
 /// Names and bits of `switches` in Status.
-pub const SWITCHES: [(&str, u32); 4] = [
+pub const SWITCHES: [(&str, u32); 6] = [
     ("SINGLE_STEP", switches::SINGLE_STEP),
     ("OPTIONAL_STOP", switches::OPTIONAL_STOP),
     ("BLOCK_DELETE", switches::BLOCK_DELETE),
     ("HOLD", switches::HOLD),
+    ("CHAIN_OPEN", switches::CHAIN_OPEN),
+    ("INPUT_WAIT", switches::INPUT_WAIT),
 ];

@@ -4,6 +4,7 @@ mod comparing;
 mod lots;
 mod one;
 mod served;
+mod signals;
 mod watch;
 
 use std::collections::VecDeque;

@@ -5,12 +5,13 @@ use std::io::BufReader;
 
 use evolvent_motion::Inputs;
 use evolvent_runtime::{RecordedInputs, SignalChange, recompute};
-use evolvent_trace::{CycleRecord, EventKind, TraceFile, inputs as bits};
+use evolvent_trace::{CycleRecord, inputs as bits};
 use evolvent_turning::LoadSample;
 use evolvent_verifier::{Judge, Route};
 
 use super::comparing::Comparing;
 use super::lots::{Records, read};
+use super::signals::{RecordedSignals, tell_difference};
 use super::watch::Watch;
 use super::*;
 
@@ -22,40 +23,7 @@ struct Again<'a> {
     optional_stop: bool,
     lines: &'a [String],
     comparing: Comparing,
-    signals: Signals,
-}
-
-/// Inputs and outputs as recorded.
-struct Signals {
-    inputs: Vec<SignalChange>,
-    outputs: Vec<SignalChange>,
-}
-
-impl Signals {
-    fn read(trace: &mut TraceFile) -> Result<Self, InspectError> {
-        let (mut inputs, mut outputs) = (Vec::new(), Vec::new());
-        for event in trace.events() {
-            let event = event?;
-            let is_output = event.kind == EventKind::Output;
-            if !is_output && event.kind != EventKind::Input {
-                continue;
-            }
-            let (kind, number) = SignalChange::of_code(event.code);
-            let change = SignalChange {
-                sequence: event.sequence,
-                is_output,
-                kind,
-                number,
-                value: event.value,
-            };
-            if is_output {
-                outputs.push(change);
-            } else {
-                inputs.push(change);
-            }
-        }
-        Ok(Self { inputs, outputs })
-    }
+    signals: RecordedSignals,
 }
 
 pub(super) fn verify(mut opened: Opened, mut verified: Verified) -> Result<Verified, InspectError> {
@@ -101,7 +69,7 @@ pub(super) fn verify(mut opened: Opened, mut verified: Verified) -> Result<Verif
             .map(|route| Judge::new(&opened.machine, period_ns, route)),
         VecDeque::new(),
     );
-    let signals = Signals::read(&mut opened.trace)?;
+    let signals = RecordedSignals::read(&mut opened.trace)?;
     let again = Again {
         signals,
         program: &program,
@@ -215,13 +183,7 @@ fn compare_outputs(again: &Again<'_>, recomputed: &[SignalChange], verified: &mu
         recorded: left.and_then(|change| change.value).unwrap_or(f64::NAN),
         recomputed: right.and_then(|change| change.value).unwrap_or(f64::NAN),
     };
-    let is_first = verified
-        .first_difference
-        .as_ref()
-        .is_none_or(|known| first.sequence < known.sequence);
-    if is_first {
-        verified.first_difference = Some(difference);
-    }
+    tell_difference(difference, verified);
 }
 
 /// What the recomputed run did not reach.

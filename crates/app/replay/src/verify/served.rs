@@ -14,6 +14,7 @@ use evolvent_verifier::{Judge, Route};
 use super::comparing::Comparing;
 use super::lots::{Records, read};
 use super::one::recorded_inputs;
+use super::signals::{RecordedSignals, tell_difference};
 use super::watch::{End, STATE_DONE, Watch, judged};
 use super::*;
 use evolvent_inspect::{RecordedJob, before_tool_changes, recorded_jobs, travel_of};
@@ -68,8 +69,17 @@ pub(super) fn verify(
         ));
     }
     let folder = folder()?;
+    let RecordedSignals { mut inputs, outputs } = if setup.machine.signals.is_empty() {
+        RecordedSignals {
+            inputs: Vec::new(),
+            outputs: Vec::new(),
+        }
+    } else {
+        RecordedSignals::read(&mut opened.trace)?
+    };
+    inputs.extend(outputs);
     let mut served = Served {
-        again: ServedAgain::new(limits, opened.run.period_ns),
+        again: ServedAgain::new(limits, opened.run.period_ns).with_signals(&setup, &inputs),
         trace: TraceFile::open(path)?,
         starts,
         travel: (limits.travel_min, limits.travel_max),
@@ -101,6 +111,7 @@ pub(super) fn verify(
             None => Ok(watch),
         }
     })?;
+    served.compare_outputs();
     let reasons = served.reasons;
     if reasons > MAX_REASONS {
         let more = reasons - MAX_REASONS;
@@ -412,6 +423,28 @@ impl Served<'_> {
             self.again
                 .place_at(self.travel, record.sequence + 1, position, record.path_mm);
         }
+    }
+
+    /// Programs have to set their outputs with the same setpoints to the same values.
+    fn compare_outputs(&mut self) {
+        let (count, Some(first)) = self.again.output_differences() else {
+            return;
+        };
+        self.verified.differing += count;
+        let settings = &self.setup.machine.signals;
+        let name = settings
+            .output(first.kind, first.number)
+            .map_or_else(|| first.number.to_string(), |output| output.name.clone());
+        let difference = Difference {
+            sequence: first.sequence,
+            time_s: first.sequence as f64 * self.comparing.period_s,
+            line: 0,
+            text: String::new(),
+            quantity: format!("output {name}"),
+            recorded: first.recorded,
+            recomputed: first.recomputed,
+        };
+        tell_difference(difference, self.verified);
     }
 
     fn give_up_at(&mut self, cycle: u64) {

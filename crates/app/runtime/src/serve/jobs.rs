@@ -9,12 +9,14 @@ use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use evolvent_motion::{PathExecutor, plan_queue};
+use evolvent_signals::schedule;
 
-use super::orders::{Following, Signals};
+use super::orders::{Following, JobFlags};
 use crate::feeder::{FeedReport, Feeder};
 use crate::job::Setup;
 use crate::memory::ProgramMemory;
 use crate::news::FeederEvent;
+use crate::periphery::Periphery;
 use crate::refusal::ProgramError;
 use crate::rt::take_turns;
 use crate::stages::Stages;
@@ -31,13 +33,16 @@ pub(crate) struct ProgramJob {
     pub file: PathBuf,
     pub setup: Setup,
     pub feed_override: f64,
-    /// The job's number in the trace.
+    /// The job's number in the trace, and at the desk.
     pub job: u32,
+    pub number: u64,
     /// How the switches stand for its first line, and who switches.
     pub switches: SwitchState,
     pub switching: Switching,
     /// Numbers of the first block and the first action, which go on from job to job.
     pub numbered_from: (u32, u32),
+    /// Who hears what the periphery is from each action on.
+    pub periphery: Option<Sender<(u32, Periphery)>>,
     /// The trace's recorder, if there is one.
     pub recorder: Option<Sender<FeederEvent>>,
     /// Names of attached subroutines begin with this.
@@ -52,7 +57,7 @@ pub(crate) struct ProgramJob {
 pub(crate) struct Planning {
     /// Waits here until its first pieces are ready.
     waiting: Option<Box<Following>>,
-    pub signals: Arc<Signals>,
+    pub flags: Arc<JobFlags>,
     pub news: Receiver<FeederEvent>,
     thread: Option<JoinHandle<Planned>>,
 }
@@ -60,8 +65,8 @@ pub(crate) struct Planning {
 impl Planning {
     /// Starts planning.
     pub(crate) fn start(job: ProgramJob) -> io::Result<Self> {
-        let signals = Arc::new(Signals::default());
-        let waiting = Arc::clone(&signals);
+        let flags = Arc::new(JobFlags::default());
+        let waiting = Arc::clone(&flags);
         let (mut producer, queue) = plan_queue(move || {
             thread::sleep(PLANNER_NAP);
             !waiting.abandoned.load(Ordering::Acquire)
@@ -71,7 +76,9 @@ impl Planning {
             .planned_for(job.feed_override);
         let turnings = producer.take_turnings();
         let (onlooker, news) = mpsc::channel();
-        let of_thread = Arc::clone(&signals);
+        let of_thread = Arc::clone(&flags);
+        let (scheduler, schedule) = (!setup.machine.signals.is_empty()).then(schedule).unzip();
+        let (number, first_block) = (job.number, job.numbered_from.0);
         let planner = if job.in_two_threads {
             Stages::two(setup, job.feed_override, producer)?
         } else {
@@ -90,6 +97,8 @@ impl Planning {
                 job.switches.optional_stop,
             )
             .turning_by(turnings)
+            .signalling_by(scheduler)
+            .periphery_to(job.periphery)
             .numbered_from(job.numbered_from.0, job.numbered_from.1)
             .attaching_to(job.subroutines)
             .watched_by(onlooker)
@@ -105,9 +114,12 @@ impl Planning {
             waiting: Some(Box::new(Following {
                 motion,
                 queue,
-                signals: Arc::clone(&signals),
+                flags: Arc::clone(&flags),
+                job: number,
+                first_block,
+                schedule,
             })),
-            signals,
+            flags,
             news,
             thread: Some(thread),
         })
@@ -129,7 +141,7 @@ impl Planning {
 
     /// The planner need not go on.
     pub(crate) fn abandon(&mut self) {
-        self.signals.abandoned.store(true, Ordering::Release);
+        self.flags.abandoned.store(true, Ordering::Release);
         self.waiting = None;
     }
 

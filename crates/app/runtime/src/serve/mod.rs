@@ -10,6 +10,8 @@ mod modes;
 mod notify;
 mod operator;
 mod orders;
+mod outputs;
+mod periphery_desk;
 mod ports;
 mod programs;
 mod reading;

@@ -21,6 +21,7 @@ use super::files::{Readers, Reading};
 use super::jog::Steered;
 use super::modes::{Modes, simulate_modes};
 use super::orders::{ActiveJob, CycleCommand, CycleEvent, CycleView, Order};
+use super::periphery_desk::PeripheryDesk;
 use super::programs::ProgramRun;
 use super::recorded::JobNotes;
 use super::state_store::StateStore;
@@ -28,7 +29,7 @@ use super::track::Track;
 use crate::drives::watch_settings;
 use crate::job::Setup;
 use crate::news::{ExternalEvent, ExternalEventKind, FeederEvent};
-use crate::periphery::Periphery;
+use crate::periphery_track::PeripheryOrder;
 use crate::program_cycle::turning_alarm;
 use crate::switches::{SwitchState, Switches};
 
@@ -94,7 +95,7 @@ pub(crate) struct Operator {
     /// The check of a long program.
     pub(super) checking: Option<Checking>,
     /// Spindle, coolant and tool as they are now.
-    pub(super) periphery: Periphery,
+    pub(super) periphery: PeripheryDesk,
     /// The job was stopped by an emergency stop: what its program switches counts no more.
     pub(super) is_emergency: bool,
     pub(super) readers: Readers,
@@ -113,6 +114,8 @@ pub(crate) struct OperatorConfig {
     pub folder: PathBuf,
     pub orders: Producer<Order>,
     pub recorder: Option<Sender<FeederEvent>>,
+    /// To the publisher.
+    pub periphery: Sender<PeripheryOrder>,
     pub view: CycleView,
 }
 
@@ -128,8 +131,10 @@ impl Operator {
             folder,
             orders,
             recorder,
+            periphery,
             view,
         } = beginning;
+        let tool = keep.tool;
         let machine = &setup.machine;
         let present = machine
             .axes
@@ -180,12 +185,11 @@ impl Operator {
             datum: 0,
             way: None,
             checking: None,
-            periphery: Periphery::default(),
+            periphery: PeripheryDesk::new(tool, periphery),
             is_emergency: false,
             readers: Readers::default(),
             reading: None,
         };
-        operator.periphery.tool = operator.keep.tool;
         operator.refresh_modes();
         operator.relocate(operator.view.setpoint.position, false);
         Ok(operator)
@@ -198,7 +202,7 @@ impl Operator {
         setup.place = Some(self.view.setpoint.position);
         setup.tool = self.keep.tool;
         setup.selected_tool = self.modes.modal.selected_tool;
-        setup.outputs = self.periphery.outputs;
+        setup.outputs = self.periphery.now().outputs;
         setup.block_delete = self.desk.is_block_delete();
         setup.rapid_override = self.desk.overrides()[1];
         setup
@@ -255,6 +259,7 @@ impl Operator {
             present: self.present,
             is_held: self.is_held(),
             is_ending: self.ending,
+            is_chain_open: self.view.is_chain_open,
         }
     }
 
@@ -304,8 +309,8 @@ impl Operator {
 
     pub(super) fn is_held(&self) -> bool {
         let state = self.view.setpoint.state;
-        // A command of the machine's own has to end by itself before the program goes on.
-        let at_stop = state == State::ProgramStop && !self.is_at_command();
+        // A command of the machine's own, or a wait for an input, has to end by itself before the program goes on.
+        let at_stop = state == State::ProgramStop && !self.is_waiting();
         let is_held = self.hold || at_stop || matches!(state, State::Holding | State::Held);
         is_held && !self.stopping
     }
@@ -325,13 +330,17 @@ impl Operator {
         let mut job = 0;
         match command {
             Command::Estop => {
-                self.cancel_reading();
-                self.give_up_waiting(JobResult::Stopped);
-                self.cancel_command();
-                self.cancel_homing();
-                self.is_emergency = true;
-                self.switch_periphery_off();
+                self.break_off(JobResult::Stopped);
                 self.send(CycleCommand::Emergency, command);
+                return Ok(0);
+            }
+            Command::EstopReset => {
+                self.send(CycleCommand::LeaveEstop, command);
+                return Ok(0);
+            }
+            Command::SetOutput { name, value } => {
+                let change = self.output_change(name, *value)?;
+                self.send(CycleCommand::Outputs(change), command);
                 return Ok(0);
             }
             Command::On => {
@@ -411,10 +420,20 @@ impl Operator {
             | Command::TouchOff { .. }
             | Command::Tool(_)
             | Command::ReloadTools => {}
-            Command::EstopReset | Command::SetMode(_) | Command::SpindleOverride(_) => {}
+            Command::SetMode(_) | Command::SpindleOverride(_) => {}
         }
         self.note_command(command);
         Ok(job)
+    }
+
+    /// An emergency stop: whatever runs or is about to is given up.
+    fn break_off(&mut self, result: JobResult) {
+        self.cancel_reading();
+        self.give_up_waiting(result);
+        self.cancel_command();
+        self.cancel_homing();
+        self.is_emergency = true;
+        self.switch_periphery_off();
     }
 
     pub(super) fn order(&mut self, what: CycleCommand) -> u64 {
@@ -577,6 +596,13 @@ impl Operator {
     pub(super) fn hear(&mut self, event: CycleEvent) {
         match event {
             CycleEvent::Applied { id, sequence } => self.applied(id, sequence),
+            CycleEvent::Spent(schedule) => drop(schedule),
+            CycleEvent::EstopChain { sequence } => {
+                let alarm = Alarm::EmergencyStopChain;
+                self.raise(sequence, alarm, alarm.sentence().to_owned());
+                self.desk.fall_into_estop();
+                self.break_off(JobResult::Fault);
+            }
             CycleEvent::Returned(work) => {
                 drop(work);
                 // A turn that was not reported by now came too late.

@@ -8,25 +8,32 @@ use evolvent_drive::{DriveAlarm, PowerRequest, Presence};
 use evolvent_machine::Limits;
 use evolvent_motion::{PathExecutor, PlanConsumer, Setpoint, TransferExecutor, Violation};
 use evolvent_path::Axes;
+use evolvent_signals::{Change, ScheduleConsumer};
 use evolvent_turning::Reason;
 
 /// A job along a plan, from the control thread to the cycle and back to be dropped.
 pub(crate) struct Following {
     pub motion: PathExecutor,
     pub queue: PlanConsumer,
-    pub signals: Arc<Signals>,
+    pub flags: Arc<JobFlags>,
+    /// The job's number.
+    pub job: u64,
+    /// The number of its first block.
+    pub first_block: u32,
+    /// What it schedules of outputs and waits, where the machine has any; until it begins.
+    pub schedule: Option<ScheduleConsumer>,
 }
 
 /// What planner and control of one job tell each other.
 #[derive(Debug, Default)]
-pub(crate) struct Signals {
+pub(crate) struct JobFlags {
     /// The planner need not go on.
     pub abandoned: AtomicBool,
     /// The plan ends before the program does. Set before the plan's end is handed on.
     pub failed: AtomicBool,
 }
 
-impl Signals {
+impl JobFlags {
     pub(crate) fn has_failed(&self) -> bool {
         self.failed.load(Ordering::Acquire)
     }
@@ -65,6 +72,10 @@ pub(crate) enum CycleCommand {
     Override(f64),
     /// Every axis stops by itself, and the drives stop by themselves.
     Emergency,
+    /// Out of the emergency stop, without power yet.
+    LeaveEstop,
+    /// Outputs by hand. Its moment counts for nothing.
+    Outputs(Change),
     Power(PowerRequest),
     /// Faults of core and drives are over.
     Clear,
@@ -99,6 +110,12 @@ pub(crate) enum CycleEvent {
     },
     /// Something to be dropped.
     Returned(ActiveJob),
+    /// The same.
+    Spent(ScheduleConsumer),
+    /// The emergency-stop chain is open, or not known: every axis stops by itself, and the drives.
+    EstopChain {
+        sequence: u64,
+    },
     /// The job did not begin where the axes stand.
     Misplaced {
         sequence: u64,
@@ -143,19 +160,24 @@ pub(crate) struct CycleView {
     pub dropped_records: u64,
     pub dropped_setpoints: u64,
     pub at_rest: bool,
+    /// The program rests until an input has come (M66).
+    pub at_wait: bool,
+    /// The emergency-stop chain is open or not known; never where there is none.
+    pub is_chain_open: bool,
 }
 
 impl CycleEvent {
     /// The setpoint that it belongs to; 0 where that does not matter.
     pub(crate) fn sequence(&self) -> u64 {
         match self {
-            Self::Returned(_) => 0,
+            Self::Returned(_) | Self::Spent(_) => 0,
             // Counts from a setpoint on that may not have been computed yet.
             Self::Applied { sequence, .. } => sequence.saturating_sub(1),
             Self::Ended { sequence, .. }
             | Self::Misplaced { sequence, .. }
             | Self::Guard { sequence, .. }
             | Self::PlannerGone { sequence }
+            | Self::EstopChain { sequence }
             | Self::Turning { sequence, .. }
             | Self::Late { sequence }
             | Self::Drive { sequence, .. }

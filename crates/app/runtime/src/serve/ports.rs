@@ -7,8 +7,10 @@ use rtrb::{Consumer, Producer};
 
 use crate::due_setpoint::DueSetpoint;
 use crate::pacing::wake_interval_ns;
+use crate::periphery_track::PeripheryTrack;
 use crate::publisher::{PublishReport, Publishing};
 use crate::rt::MonotonicClock;
+use crate::signal_port::SignalPort;
 
 /// Longest sleep between two looks at the queue.
 const LONGEST_SLEEP_NS: u64 = 1_000_000;
@@ -29,6 +31,9 @@ pub(crate) struct Ports {
     pub feedback: Producer<Feedback>,
     /// To control: every one, in order.
     pub answers: Producer<Feedback>,
+    /// Outputs and inputs of the machine, where it has any.
+    pub signals: Option<SignalPort>,
+    pub periphery: PeripheryTrack,
     /// To control: late and failed setpoints so far, subscribers.
     pub counts: Producer<(PublishReport, usize)>,
 }
@@ -55,6 +60,10 @@ impl Ports {
         loop {
             let over = self.setpoints.is_abandoned() && self.snapshots.is_abandoned();
             while let Ok(due) = self.setpoints.pop() {
+                let is_switched = self.periphery.follow(&due);
+                if let Some(signals) = &mut self.signals {
+                    signals.follow(&mut bus, &due, is_switched.then(|| self.periphery.now()));
+                }
                 let message = publishing.message(&due);
                 if MonotonicClock::now_ns() > due.due_time_ns {
                     report.late += 1;
@@ -73,6 +82,9 @@ impl Ports {
                     let _full = self.answers.push(feedback);
                 }
             }
+            if let Some(signals) = &mut self.signals {
+                signals.take_inputs(&mut bus, MonotonicClock::now_ns());
+            }
             while let Ok(Some(load)) = bus.load() {
                 publishing.controls.see_load(load.value, load.range_max);
             }
@@ -88,6 +100,11 @@ impl Ports {
                 next_admission = now + ADMIT_EVERY_NS;
                 bus.admit_readers();
                 report.see_listeners(&bus);
+                if let Some(signals) = &mut self.signals {
+                    // Who has joined, and who has lost one, needs the outputs in force.
+                    signals.send(&mut bus);
+                    report.refused_inputs = signals.refused();
+                }
                 let _full = self.counts.push((report, bus.setpoint_subscribers()));
             }
             if over && self.setpoints.is_empty() && self.snapshots.is_empty() {

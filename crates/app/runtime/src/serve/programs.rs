@@ -215,9 +215,11 @@ impl Operator {
             setup,
             feed_override: self.desk.overrides()[0],
             job: job_number(job),
+            number: job,
             switches,
             switching: Switching::Operated(Arc::clone(&self.switches)),
             numbered_from: self.numbers,
+            periphery: Some(self.periphery.of_program(job)),
             recorder: self.recorder.clone(),
             subroutines,
             carries_out: true,
@@ -244,7 +246,7 @@ impl Operator {
     pub(super) fn resume(&mut self, command: &Command) {
         self.hold = false;
         let setpoint = &self.view.setpoint;
-        let at_stop = setpoint.state == State::ProgramStop && !self.is_at_command();
+        let at_stop = setpoint.state == State::ProgramStop && !self.is_waiting();
         let stop = at_stop.then_some(setpoint.actions);
         self.send(CycleCommand::Resume(stop), command);
         self.step_on(self.switches.is_single_step());
@@ -253,7 +255,7 @@ impl Operator {
     /// Single step counts for the program under way, or no longer does.
     pub(super) fn step_on(&mut self, steps: bool) {
         let setpoint = self.view.setpoint;
-        let at_stop = setpoint.state == State::ProgramStop && !self.is_at_command();
+        let at_stop = setpoint.state == State::ProgramStop && !self.is_waiting();
         let Job::Program(run) = &mut self.job else { return };
         let has_begun = setpoint.block >= run.first_block;
         run.step = steps.then_some(if at_stop || !has_begun {
@@ -269,6 +271,11 @@ impl Operator {
     /// Whether the program waits for a command of the machine's own.
     pub(super) fn is_at_command(&self) -> bool {
         matches!(&self.job, Job::Program(run) if run.command.is_some())
+    }
+
+    /// Whether the program waits for something that is no operator: a command of the machine's own, or an input.
+    pub(super) fn is_waiting(&self) -> bool {
+        self.is_at_command() || self.view.at_wait
     }
 
     /// Ends a command of the machine's own that is at work.
@@ -384,13 +391,13 @@ impl Operator {
 
     /// Spindle, coolant and tool as the program has them now.
     fn take_periphery(&mut self, periphery: Periphery) {
-        self.periphery = periphery;
+        self.periphery.reach(periphery);
         self.keep.tool = periphery.tool;
     }
 
     /// Spindle and coolant go off, whatever has switched them on.
     pub(super) fn switch_periphery_off(&mut self) {
-        self.periphery.switch_off();
+        self.periphery.switch_off(self.view.setpoint.sequence);
     }
 
     /// The same where no program runs; one that runs and is being stopped has them off where it comes to rest.

@@ -8,6 +8,7 @@ use evolvent_drive::{Command, DriveAlarm, FeedbackWatch, PhaseLock, PowerRequest
 use evolvent_machine::Limits;
 use evolvent_motion::{Inputs, MachineState, Setpoint, State, TransferExecutor, flags};
 use evolvent_path::{AXES, Axes};
+use evolvent_signals::Phase;
 use evolvent_trace::{CycleRecord, inputs as recorded};
 use evolvent_turning::Transition;
 use rtrb::{Consumer, Producer};
@@ -18,6 +19,7 @@ use crate::cycle_sample::{CycleSample, input_bits};
 use crate::due_setpoint::DriveRequest;
 use crate::rt::MonotonicClock;
 use crate::shared::Controls;
+use crate::signal_loop::{SignalLoop, phase_of};
 
 /// Orders that one cycle takes at the most; there are never so many.
 const MAX_ORDERS: usize = 32;
@@ -50,6 +52,10 @@ impl ServedCycle {
             switches_expected: 0,
             presence: Presence::Absent,
             ending: false,
+            is_estop: true,
+            job: 0,
+            has_left_wait: false,
+            ends_program: false,
             is_last: false,
             phase_error_ns: None,
             following_error: [f64::NAN; AXES],
@@ -70,6 +76,8 @@ pub(crate) struct ServedParts {
     pub views: Producer<CycleView>,
     pub feedback: Consumer<Feedback>,
     pub watch: FeedbackWatch,
+    /// Outputs and inputs, where the machine has any.
+    pub signals: Option<SignalLoop>,
     /// None where the drives' clock is not followed.
     pub phase: Option<PhaseLock>,
     /// The newest cutting load.
@@ -104,6 +112,14 @@ struct CycleState {
     switches_expected: u32,
     presence: Presence,
     ending: bool,
+    /// In emergency stop: outputs are safe.
+    is_estop: bool,
+    /// The job to whose program the setpoint belongs, or the last one did.
+    job: u64,
+    /// The program has gone on behind a wait with this setpoint.
+    has_left_wait: bool,
+    /// This setpoint is the last of a program.
+    ends_program: bool,
     /// The cycle is the last one.
     is_last: bool,
     /// Of the drives' clock with this cycle; none where none was told.
@@ -159,7 +175,11 @@ impl SetpointSource for ServedCycle {
         let feedback = parts.newest_feedback();
         // Read behind the feedback, which so is never of the future by this thread's own doing.
         let taken_ns = MonotonicClock::now_ns();
+        (now.has_left_wait, now.ends_program) = (false, false);
+        parts.see_inputs();
         parts.take_orders(now);
+        // Behind the orders: none of them moves anything while the chain is open.
+        parts.check_chain(now);
         now.inputs.load = parts.controls.load();
         if let Some(feedback) = &feedback {
             parts.rebase_to_drives(now, feedback, taken_ns);
@@ -167,6 +187,7 @@ impl SetpointSource for ServedCycle {
         let mut setpoint = parts.step(now, begin.deadline_ns);
         parts.check_drives(now, &setpoint, taken_ns, feedback.as_ref());
         now.note_following_error(feedback.as_ref());
+        parts.set_outputs(now, &setpoint);
         now.is_last = now.ending && matches!(now.work, ActiveJob::None) && parts.station.is_at_rest();
         if now.is_last {
             setpoint.flags |= flags::LAST;
@@ -178,6 +199,7 @@ impl SetpointSource for ServedCycle {
         Computed {
             setpoint,
             drive: now.drive,
+            job: now.job,
             input_bits: now.input_bits,
         }
     }
@@ -206,6 +228,8 @@ impl SetpointSource for ServedCycle {
             dropped_records: end.counts.dropped_records,
             dropped_setpoints: end.counts.dropped_setpoints,
             at_rest: parts.station.is_at_rest() && matches!(now.work, ActiveJob::None),
+            at_wait: parts.signals.as_ref().is_some_and(SignalLoop::is_waiting),
+            is_chain_open: parts.signals.as_ref().is_some_and(SignalLoop::is_estop_open),
         });
         if now.is_last {
             return Next::End;
@@ -261,6 +285,8 @@ impl ServedParts {
                         ..Inputs::default()
                     };
                     (now.go_on, now.at_stop) = (None, None);
+                    now.job = job.job;
+                    self.begin_schedule(&mut job);
                     now.work = ActiveJob::Follow(job);
                 } else {
                     let sequence = self.station.sequence();
@@ -299,7 +325,21 @@ impl ServedParts {
                 now.inputs.feed_override = factor;
                 self.station.set_override(factor);
             }
-            CycleCommand::Emergency => self.emergency(now),
+            CycleCommand::Emergency => {
+                now.is_estop = true;
+                self.emergency(now);
+            }
+            CycleCommand::LeaveEstop => {
+                now.is_estop = false;
+                if let Some(signals) = &mut self.signals {
+                    signals.reset_estop();
+                }
+            }
+            CycleCommand::Outputs(change) => {
+                if let Some(signals) = &mut self.signals {
+                    signals.set_by_hand(&change);
+                }
+            }
             CycleCommand::Power(request) => {
                 now.drive.power = request;
                 now.power_off_at_rest = false;
@@ -376,12 +416,64 @@ impl ServedParts {
         self.drop_turn(now);
         let work = std::mem::replace(&mut now.work, ActiveJob::None);
         if !matches!(work, ActiveJob::None) {
+            now.ends_program = true;
             let sequence = self.station.sequence();
             self.tell(CycleEvent::Ended {
                 sequence,
                 result: JobResult::Fault,
                 work,
             });
+        }
+    }
+
+    /// What the machine tells counts for the next setpoint.
+    fn see_inputs(&mut self) {
+        if let Some(signals) = &mut self.signals {
+            signals.see_inputs(self.station.sequence(), self.period_ns, None);
+        }
+    }
+
+    /// An open chain stops everything, and the drives.
+    fn check_chain(&mut self, now: &mut CycleState) {
+        let is_open = self.signals.as_ref().is_some_and(SignalLoop::is_estopped);
+        if is_open && !now.is_estop {
+            now.is_estop = true;
+            let sequence = self.station.sequence();
+            self.tell(CycleEvent::EstopChain { sequence });
+            self.emergency(now);
+        }
+    }
+
+    /// What a program has scheduled is carried out from its first setpoint on.
+    fn begin_schedule(&mut self, job: &mut Following) {
+        let Some(signals) = &mut self.signals else { return };
+        if let Some(schedule) = job.schedule.take() {
+            let before = signals.begin_program(schedule, job.first_block);
+            if let Some(before) = before {
+                self.tell(CycleEvent::Spent(before));
+            }
+        }
+    }
+
+    /// The outputs that count with a setpoint.
+    fn set_outputs(&mut self, now: &CycleState, setpoint: &Setpoint) {
+        let Some(signals) = &mut self.signals else { return };
+        let is_of_program = now.input_bits & recorded::FOLLOWS != 0;
+        let phase = if now.is_estop || now.faulted || now.drive.power == PowerRequest::QuickStop {
+            Phase::Fault
+        } else if is_of_program {
+            phase_of(setpoint.state)
+        } else {
+            Phase::Runs
+        };
+        if now.has_left_wait {
+            signals.go_on();
+        }
+        signals.step(setpoint, phase);
+        if now.ends_program
+            && let Some(schedule) = signals.end_program()
+        {
+            self.tell(CycleEvent::Spent(schedule));
         }
     }
 
@@ -418,6 +510,7 @@ impl ServedParts {
         }
         if let Some(result) = result {
             let sequence = setpoint.sequence;
+            now.ends_program = true;
             self.drop_turn(now);
             let work = std::mem::replace(&mut now.work, ActiveJob::None);
             if !self.station.is_quick_stopping() {
@@ -445,7 +538,14 @@ impl ServedParts {
         // It counts for the stop that was meant, and for none behind it.
         let is_meant = now.go_on.is_some() && now.go_on == now.at_stop;
         now.inputs.resume = is_meant && !now.inputs.resume;
+        let signals = self.signals.as_ref().filter(|signals| signals.is_waiting());
+        if let Some(signals) = signals {
+            // Only the wait's end goes on from here.
+            now.inputs.resume = signals.is_over() && job.motion.can_leave_wait(&mut job.queue);
+        }
+        let before = job.motion.plan_step();
         let mut setpoint = job.motion.step(&now.inputs, &mut job.queue);
+        now.has_left_wait = signals.is_some() && now.inputs.resume && job.motion.plan_step() != before;
         if let (Some(reason), false) = (job.motion.turning_fault(), now.faulted) {
             let sequence = setpoint.sequence;
             self.tell_once(now, CycleEvent::Turning { sequence, reason });
@@ -454,7 +554,7 @@ impl ServedParts {
         now.input_bits |= recorded::FOLLOWS | input_bits(&now.inputs, &job.motion);
         now.at_stop = (setpoint.state == State::ProgramStop).then_some(setpoint.actions);
         self.station.follow(&job.motion, &setpoint);
-        if setpoint.state == State::Done && job.signals.has_failed() {
+        if setpoint.state == State::Done && job.flags.has_failed() {
             setpoint.state = State::Stopped;
         }
         if job.motion.is_stuck(&mut job.queue) {
@@ -466,7 +566,7 @@ impl ServedParts {
             State::Fault => JobResult::Fault,
             _ if now.faulted => JobResult::Fault,
             State::Done => JobResult::Done,
-            _ if job.signals.has_failed() => JobResult::Failed,
+            _ if job.flags.has_failed() => JobResult::Failed,
             _ => JobResult::Stopped,
         });
         (setpoint, result)
@@ -578,13 +678,15 @@ mod tests {
 
     use evolvent_counting::{CountingAllocator, calls};
     use evolvent_drive::WatchSettings;
-    use evolvent_machine::Machine;
+    use evolvent_machine::{Machine, SignalKind, SignalSettings};
+    use evolvent_signals::{Change, InputImage, Moment, Signals};
     use evolvent_transfer::{AxesState, Sync, Transfer};
     use rtrb::RingBuffer;
 
     use super::*;
     use crate::core_loop::CoreLoop;
     use crate::job::Clock;
+    use crate::signal_loop::InputSource;
 
     #[global_allocator]
     static ALLOCATOR: CountingAllocator = CountingAllocator;
@@ -619,6 +721,7 @@ mod tests {
             views: cycle_views,
             feedback,
             watch: FeedbackWatch::new(WatchSettings::new(period_ns, 0)),
+            signals: None,
             phase: None,
             controls: Arc::new(Controls::new(1.0)),
         };
@@ -676,5 +779,96 @@ mod tests {
         let (many, cycles) = calls_during(12);
         assert!(cycles > 500, "{cycles} cycles prove nothing");
         assert_eq!(few, many, "calls of the allocator");
+    }
+
+    /// A machine with a chain on input 0 and a clamp, safe when it is on, on output 0.
+    fn settings() -> SignalSettings {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../config/machines/mill-3axis.toml");
+        let text = std::fs::read_to_string(file).unwrap();
+        let signals = "[[input]]\nname = \"chain\"\nnumber = 0\n[[output]]\nname = \"clamp\"\nnumber = 0\nsafe_on = true\n\
+                       [estop]\ninput = \"chain\"\n";
+        let machine = Machine::parse(&format!("{text}{signals}"), "signals.toml").unwrap();
+        machine.signals
+    }
+
+    /// The control thread sleeps: nobody takes events or views, and no order comes.
+    #[test]
+    fn an_open_chain_stops_axes_drives_and_outputs_with_the_next_setpoint_whoever_sleeps() {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../config/machines/mill-3axis.toml");
+        let limits = Machine::load(&file).unwrap().limits();
+        let period_ns = 1_000_000;
+        let settings = settings();
+        let (mut orders, cycle_orders) = RingBuffer::new(64);
+        let (cycle_events, mut events) = RingBuffer::new(64);
+        let (cycle_views, _views) = RingBuffer::new(1);
+        let (_to_cycle, feedback) = RingBuffer::new(1);
+        let (mut inputs, samples) = RingBuffer::new(16);
+        let (changes, mut outputs) = RingBuffer::new(64);
+        let source = InputSource::Bus(samples);
+        let signals = SignalLoop::new(Signals::new(&settings, 2), source, Some(changes), None, true);
+        let mut cycle = ServedCycle::new(ServedParts {
+            station: MachineState::new(limits, period_ns, limits.home),
+            limits,
+            period_ns,
+            orders: cycle_orders,
+            events: cycle_events,
+            views: cycle_views,
+            feedback,
+            watch: FeedbackWatch::new(WatchSettings::new(period_ns, 0)),
+            signals: Some(signals),
+            phase: None,
+            controls: Arc::new(Controls::new(1.0)),
+        });
+        let mut image = InputImage::default();
+        image.set(SignalKind::Digital, 0, Some(1.0));
+        inputs.push(image).unwrap();
+        let mut to = limits.home;
+        to[0] += 100.0;
+        let from = AxesState::at_rest(limits.home);
+        let way = Transfer::solve(&limits, &from, &AxesState::at_rest(to), Sync::Time).unwrap();
+        let mut clamp = Change::at(Moment::Rest(0));
+        clamp.set_digital(0, false);
+        for what in [
+            CycleCommand::LeaveEstop,
+            CycleCommand::Power(PowerRequest::On),
+            CycleCommand::Outputs(clamp),
+            CycleCommand::KeepJogging(u64::MAX),
+            CycleCommand::Steer(Box::new(TransferExecutor::new(way))),
+        ] {
+            assert!(orders.push(Order { id: 0, what }).is_ok(), "no room");
+        }
+        let mut step = |number: u64| {
+            cycle.step(&CycleBegin {
+                number,
+                deadline_ns: number * period_ns,
+            })
+        };
+        let before = (0..200).map(&mut step).last().unwrap();
+        assert!(before.setpoint.velocity[0] > 10.0, "{:?}", before.setpoint);
+        assert_eq!(before.drive.power, PowerRequest::On);
+        let open: Vec<_> = std::iter::from_fn(|| outputs.pop().ok()).collect();
+        assert_eq!(open.last().map(|due| due.outputs.digital), Some(0));
+        image.set(SignalKind::Digital, 0, Some(0.0));
+        inputs.push(image).unwrap();
+        let first = step(200);
+        assert_eq!(first.drive.power, PowerRequest::QuickStop);
+        let safe = outputs.pop().unwrap();
+        assert_eq!(
+            (safe.sequence, safe.outputs.digital),
+            (first.setpoint.sequence, 1)
+        );
+        let stopping: Vec<_> = (201..1200).map(step).collect();
+        let speeds = || stopping.iter().map(|computed| computed.setpoint.velocity[0]);
+        assert!(speeds().all(|speed| speed <= first.setpoint.velocity[0] + 1e-9));
+        let last = stopping.last().unwrap();
+        assert_eq!(
+            (last.setpoint.velocity[0], last.drive.power),
+            (0.0, PowerRequest::Off)
+        );
+        let told: Vec<_> = std::iter::from_fn(|| events.pop().ok()).collect();
+        let chain = told
+            .iter()
+            .filter(|event| matches!(event, CycleEvent::EstopChain { .. }));
+        assert_eq!(chain.count(), 1);
     }
 }

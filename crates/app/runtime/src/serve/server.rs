@@ -10,7 +10,9 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use evolvent_bus::{BusConfig, ControlServer};
 use evolvent_drive::{FeedbackWatch, PhaseLock};
+use evolvent_machine::SignalSettings;
 use evolvent_motion::MachineState;
+use evolvent_signals::Signals;
 use evolvent_trace::{RecordError, Recorder};
 use rtrb::{Consumer, Producer, RingBuffer};
 
@@ -28,13 +30,16 @@ use crate::core_loop::CoreLoop;
 use crate::drives::{phase_settings, watch_settings};
 use crate::job::{Clock, Setup};
 use crate::pacing::wake_interval_ns;
+use crate::periphery_track::PeripheryTrack;
 use crate::publisher::{PublishReport, Publishing};
 use crate::recording::{Closing, Further, RecordReport, Recording};
 use crate::rt::{
     MonotonicClock, RealtimeRequest, apply_to_this_thread, raise_priority, separate_large_blocks,
 };
-use crate::run::{CYCLE_TIMEOUT, RunSource, StartError, rescue_leftovers, run_info};
+use crate::run::{CYCLE_TIMEOUT, RunSource, StartError, optional_ring, rescue_leftovers, run_info};
 use crate::shared::Controls;
+use crate::signal_loop::{InputSource, SignalChange, SignalLoop};
+use crate::signal_port::{CHANGES, SAMPLES, SignalPort};
 
 /// Time between two looks of the control thread, at the most and at the least: so long a command waits at the most on a host
 /// that is not busy. In between it is a quarter of the period, so that a hold takes no more than lead and two cycles.
@@ -134,9 +139,6 @@ pub fn serve(
     mut tell: impl FnMut(ServeNews<'_>),
 ) -> Result<ServeSummary, StartError> {
     let setup = &config.setup;
-    if !setup.machine.signals.is_empty() {
-        return Err(StartError::SignalsNotServed);
-    }
     separate_large_blocks();
     let machine = &setup.machine;
     let limits = machine.limits();
@@ -153,12 +155,22 @@ pub fn serve(
     let (to_cycle, feedback) = RingBuffer::new(256);
     let (to_control, mut answers) = RingBuffer::new(4096);
     let (to_count, mut counts) = RingBuffer::new(8);
+    let signal_settings = &machine.signals;
+    let has_signals = !signal_settings.is_empty();
+    let (signal_trace, signal_record) =
+        optional_ring(has_signals && config.trace != TraceTo::Nowhere, length);
+    let (output_changes, changes) = RingBuffer::new(CHANGES);
+    let (input_samples, samples) = RingBuffer::new(SAMPLES);
+    let (periphery, periphery_orders) = mpsc::channel();
+    let tool = setup.tool;
     let (ready_sender, ready) = mpsc::channel();
     let ports = Ports {
         setpoints,
         snapshots: to_publish,
         feedback: to_cycle,
         answers: to_control,
+        signals: has_signals.then(|| SignalPort::new(signal_settings, tool, input_samples, changes)),
+        periphery: PeripheryTrack::new(tool, periphery_orders),
         counts: to_count,
     };
     let publishing_config = publishing.config.clone();
@@ -192,9 +204,17 @@ pub fn serve(
         None => None,
         Some(path) => {
             let further = series.clone().map(|series| (series, Arc::clone(&progress)));
-            let started = start_recording(config, path, further, length, start_unix_ns, &mut |text: &str| {
-                tell(ServeNews::Note(text));
-            });
+            let signals = signal_record.map(|changes| (changes, signal_settings.clone()));
+            let started = start_recording(
+                config,
+                path,
+                further,
+                (length, signals),
+                start_unix_ns,
+                &mut |text: &str| {
+                    tell(ServeNews::Note(text));
+                },
+            );
             Some(started?)
         }
     };
@@ -224,6 +244,11 @@ pub fn serve(
         views: cycle_views,
         feedback,
         watch: FeedbackWatch::new(watch_settings(machine, setup.period_ns)),
+        signals: has_signals.then(|| {
+            let signals = Signals::new(signal_settings, machine.lead_cycles(setup.period_ns));
+            let source = InputSource::Bus(samples);
+            SignalLoop::new(signals, source, Some(output_changes), signal_trace, true)
+        }),
         phase: phase_settings(machine, setup.period_ns).map(PhaseLock::new),
         controls,
     };
@@ -251,6 +276,7 @@ pub fn serve(
         folder: config.state_folder.clone(),
         orders,
         recorder,
+        periphery,
         view: first,
     })
     .map_err(StartError::Modes)?;
@@ -365,9 +391,10 @@ pub fn serve(
             .join()
             .unwrap_or_else(|panic| std::panic::resume_unwind(panic));
         summary.cycles = counts.cycles;
-        let _published = publisher
+        let published = publisher
             .join()
             .unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+        summary.notes.extend(published.refusal_note());
         if let Some(recording) = recording {
             let record = recording.finish(&summary);
             summary.dropped_records += record.lost;
@@ -467,7 +494,7 @@ fn start_recording(
     config: &ServeConfig,
     path: &Path,
     further: Option<(TraceSeries, Arc<FileProgress>)>,
-    length: usize,
+    (length, signals): (usize, Option<(Consumer<SignalChange>, SignalSettings)>),
     start_unix_ns: u64,
     note: &mut impl FnMut(&str),
 ) -> Result<Started, StartError> {
@@ -487,7 +514,7 @@ fn start_recording(
     let recording = Recording {
         recorder,
         queue,
-        signals: None,
+        signals,
         news: heard,
         on_full: config.setup.machine.trace.on_full,
         controls: Arc::new(Controls::new(1.0)),

@@ -58,7 +58,7 @@ impl Mark {
             homed: desk.homed(),
             accepted: desk.counts().0,
             // The status is all that switches spindle and coolant: what it says of them may not wait.
-            periphery: operator.periphery,
+            periphery: *operator.periphery.now(),
         }
     }
 
@@ -85,6 +85,8 @@ fn switches(operator: &Operator) -> u32 {
         (desk.is_optional_stop(), switches::OPTIONAL_STOP),
         (desk.is_block_delete(), switches::BLOCK_DELETE),
         (operator.is_holding(), switches::HOLD),
+        (operator.view.is_chain_open, switches::CHAIN_OPEN),
+        (operator.view.at_wait, switches::INPUT_WAIT),
     ];
     bits.into_iter()
         .filter(|(on, _)| *on)
@@ -101,7 +103,7 @@ pub(crate) fn snapshot(
 ) -> Status {
     let (desk, view, modal) = (&operator.desk, &operator.view, &operator.modes.modal);
     let setpoint = &view.setpoint;
-    let periphery = &operator.periphery;
+    let periphery = operator.periphery.now();
     let (tool_change, tool_wanted) = periphery.change_numbers();
     let mut status = Status {
         sequence,

@@ -5,6 +5,7 @@ use evolvent_path::AXES;
 use super::*;
 
 const FACTS: OperatorInputs = OperatorInputs {
+    is_chain_open: false,
     present: 0b111,
     is_held: false,
     is_ending: false,
@@ -427,4 +428,34 @@ fn drives_that_are_not_enabled_in_time_raise_an_alarm_and_the_machine_stays_off(
     desk.commit(&Command::On, 0, true);
     desk.enable(true, 10);
     assert_eq!(desk.machine(), MachineState::On);
+}
+
+#[test]
+fn an_open_chain_keeps_the_machine_in_emergency_stop_and_one_that_opens_leads_there() {
+    let open = OperatorInputs {
+        is_chain_open: true,
+        ..FACTS
+    };
+    let raw = |code: CommandCode| RawCommand {
+        command: code as u32,
+        axes_mask: 0,
+        index: 0,
+        amount: 0.0,
+        values: [0.0; AXES],
+        text: Some(""),
+    };
+    let mut desk = OperatorState::default();
+    let (verdict, refusal) = desk
+        .authorize(7, 1, &raw(CommandCode::EstopReset), &open)
+        .unwrap_err();
+    assert_eq!((verdict, refusal.alarm), (Verdict::Rejected, Alarm::ChainOpen));
+    let reset = desk
+        .authorize(7, 2, &raw(CommandCode::EstopReset), &FACTS)
+        .unwrap();
+    desk.commit(&reset, 0, true);
+    desk.commit(&Command::On, 1000, true);
+    desk.fall_into_estop();
+    assert!(desk.machine() == MachineState::Estop && !desk.wants_power());
+    desk.enable(true, 2000);
+    assert_eq!(desk.machine(), MachineState::Estop);
 }

@@ -1,0 +1,195 @@
+//! Spindle, coolant and tool with the setpoints that leave: what the bus says of them, and from which setpoint on.
+
+use std::collections::VecDeque;
+use std::sync::mpsc::Receiver;
+
+use evolvent_drive::PowerRequest;
+use evolvent_motion::State;
+
+use crate::due_setpoint::DueSetpoint;
+use crate::periphery::Periphery;
+
+/// What is told to who follows the periphery.
+#[derive(Debug)]
+pub(crate) enum PeripheryOrder {
+    /// It is so behind this setpoint, whatever a program has planned.
+    Behind { sequence: u64, periphery: Periphery },
+    /// A program has been begun: what it makes of the periphery, from the action of a number on, as it is planned.
+    Program {
+        job: u64,
+        planned: Receiver<(u32, Periphery)>,
+    },
+}
+
+/// A program whose setpoints may come.
+#[derive(Debug)]
+struct Program {
+    job: u64,
+    planned: Receiver<(u32, Periphery)>,
+    /// Taken out of `planned` and not reached.
+    ahead: VecDeque<(u32, Periphery)>,
+}
+
+/// Spindle, coolant and tool with the setpoints that have left.
+#[derive(Debug)]
+pub(crate) struct PeripheryTrack {
+    now: Periphery,
+    orders: Receiver<PeripheryOrder>,
+    /// Orders for setpoints that have not come.
+    behind: VecDeque<(u64, Periphery)>,
+    programs: VecDeque<Program>,
+}
+
+impl PeripheryTrack {
+    /// With this tool in the spindle, and everything off.
+    pub(crate) fn new(tool: u32, orders: Receiver<PeripheryOrder>) -> Self {
+        Self {
+            now: Periphery {
+                tool,
+                ..Periphery::default()
+            },
+            orders,
+            behind: VecDeque::new(),
+            programs: VecDeque::new(),
+        }
+    }
+
+    /// As it is with the setpoint that has left last.
+    pub(crate) fn now(&self) -> &Periphery {
+        &self.now
+    }
+
+    /// Goes on to a setpoint; whether anything has changed. Where the program ends early, or the drives have no power,
+    /// everything is off: nobody else has to be in time for it.
+    pub(crate) fn follow(&mut self, due: &DueSetpoint) -> bool {
+        let before = self.now;
+        for order in self.orders.try_iter() {
+            match order {
+                PeripheryOrder::Behind { sequence, periphery } => {
+                    self.behind.push_back((sequence, periphery));
+                }
+                PeripheryOrder::Program { job, planned } => self.programs.push_back(Program {
+                    job,
+                    planned,
+                    ahead: VecDeque::new(),
+                }),
+            }
+        }
+        while let Some(&(sequence, periphery)) = self.behind.front()
+            && sequence < due.setpoint.sequence
+        {
+            self.now = periphery;
+            self.behind.pop_front();
+        }
+        // What an earlier program has planned and not come to is not done by a later one.
+        while self.programs.front().is_some_and(|program| program.job < due.job) {
+            self.programs.pop_front();
+        }
+        if let Some(program) = self.programs.front_mut().filter(|program| program.job == due.job) {
+            // An action is announced before it goes into the plan.
+            program.ahead.extend(program.planned.try_iter());
+            while let Some(&(action, periphery)) = program.ahead.front()
+                && action < due.setpoint.actions
+            {
+                self.now = periphery;
+                program.ahead.pop_front();
+            }
+        }
+        let is_over = matches!(due.setpoint.state, State::Stopped | State::Fault);
+        if is_over || due.drive.power != PowerRequest::On {
+            self.now.switch_off();
+        }
+        self.now != before
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::mpsc;
+
+    use evolvent_gcode::{Outputs, SpindleDirection};
+    use evolvent_motion::Setpoint;
+    use evolvent_path::Axes;
+
+    use super::*;
+    use crate::due_setpoint::DriveRequest;
+
+    fn due(sequence: u64, job: u64, actions: u32, state: State) -> DueSetpoint {
+        let setpoint = Setpoint {
+            sequence,
+            actions,
+            state,
+            position: Axes::zeros(),
+            velocity: Axes::zeros(),
+            acceleration: Axes::zeros(),
+            jerk: Axes::zeros(),
+            path_mm: 0.0,
+            feed_mm_s: 0.0,
+            feed_override: 1.0,
+            line: 0,
+            block: 0,
+            flags: 0,
+        };
+        DueSetpoint {
+            setpoint,
+            due_time_ns: 0,
+            drive: DriveRequest::ON,
+            job,
+        }
+    }
+
+    fn spindle(speed_rpm: f64) -> Periphery {
+        let outputs = Outputs {
+            direction: SpindleDirection::Clockwise,
+            speed_rpm,
+            ..Outputs::default()
+        };
+        Periphery {
+            outputs,
+            ..Periphery::default()
+        }
+    }
+
+    /// The publisher is behind: everything is told before the first setpoint leaves.
+    #[test]
+    fn orders_that_come_before_their_setpoints_wait_for_them() {
+        let (orders, heard) = mpsc::channel();
+        let mut track = PeripheryTrack::new(4, heard);
+        let (first, planned) = mpsc::channel();
+        orders.send(PeripheryOrder::Program { job: 1, planned }).unwrap();
+        first.send((0, spindle(100.0))).unwrap();
+        // Never reached: the job is stopped before.
+        first.send((7, spindle(700.0))).unwrap();
+        let off = Periphery {
+            tool: 4,
+            ..Periphery::default()
+        };
+        let behind = PeripheryOrder::Behind {
+            sequence: 12,
+            periphery: off,
+        };
+        orders.send(behind).unwrap();
+        let (second, planned) = mpsc::channel();
+        orders.send(PeripheryOrder::Program { job: 2, planned }).unwrap();
+        second.send((31, spindle(3100.0))).unwrap();
+        let speed = |track: &PeripheryTrack| track.now().outputs.signed_rpm();
+        assert!(!track.follow(&due(10, 1, 0, State::Running)), "the tool is known");
+        assert!(track.follow(&due(11, 1, 1, State::Running)));
+        assert_eq!(speed(&track), 100.0);
+        assert!(
+            track.follow(&due(12, 1, 1, State::Stopped)),
+            "a stop switches off"
+        );
+        track.follow(&due(13, 1, 1, State::Idle));
+        assert_eq!((speed(&track), track.now().tool), (0.0, 4));
+        // Whatever number the second begins with, what the first has left undone is not done.
+        track.follow(&due(14, 2, 31, State::Running));
+        assert_eq!(speed(&track), 0.0);
+        track.follow(&due(15, 2, 32, State::Running));
+        assert_eq!(speed(&track), 3100.0);
+        let mut without_power = due(16, 2, 32, State::Running);
+        without_power.drive = DriveRequest::OFF;
+        assert!(track.follow(&without_power));
+        assert_eq!(speed(&track), 0.0);
+    }
+}

@@ -1,0 +1,57 @@
+//! Outputs by hand.
+
+use evolvent_control::{Alarm, Rejection};
+use evolvent_machine::{OutputSettings, SignalKind};
+use evolvent_signals::{Change, Moment};
+
+use super::operator::Operator;
+
+impl Operator {
+    /// The change that sets the output of this name.
+    ///
+    /// # Errors
+    /// The machine file has no such output, or it does not take the value.
+    pub(super) fn output_change(&self, name: &str, value: f64) -> Result<Change, Rejection> {
+        let outputs = &self.setup.machine.signals.outputs;
+        let Some(output) = outputs.iter().find(|output| output.name == name) else {
+            let there: Vec<&str> = outputs.iter().map(|output| output.name.as_str()).collect();
+            let text = if there.is_empty() {
+                "the machine file has no [[output]]".to_owned()
+            } else {
+                format!(
+                    "the machine file has no output {name}; it has {}",
+                    there.join(", ")
+                )
+            };
+            return Err(Rejection::new(Alarm::NoSignal, text));
+        };
+        change_of(output, value)
+    }
+}
+
+fn change_of(output: &OutputSettings, value: f64) -> Result<Change, Rejection> {
+    // By hand it counts at once.
+    let mut change = Change::at(Moment::Rest(0));
+    match output.kind {
+        SignalKind::Digital if value == 0.0 || value == 1.0 => {
+            change.set_digital(output.number, value == 1.0);
+            Ok(change)
+        }
+        SignalKind::Digital => {
+            let text = format!(
+                "the output {} is digital: it takes 0 (off) or 1 (on), not {value}",
+                output.name
+            );
+            Err(Rejection::new(Alarm::BadNumber, text))
+        }
+        SignalKind::Analog => {
+            let [low, high] = output.range;
+            if !(low..=high).contains(&value) {
+                let text = format!("the output {} takes {low} to {high}, not {value}", output.name);
+                return Err(Rejection::new(Alarm::BadNumber, text));
+            }
+            change.set_analog(output.number, value);
+            Ok(change)
+        }
+    }
+}

@@ -1,0 +1,151 @@
+//! The signals of a served machine again: recorded inputs for the waits of its programs, and the outputs compared.
+
+use std::collections::VecDeque;
+
+use evolvent_machine::{MAX_ANALOG, MAX_DIGITAL, SignalKind, SignalSettings};
+use evolvent_motion::{PathExecutor, PlanConsumer, Setpoint, State};
+use evolvent_signals::{InputImage, OutputImage, Phase, ScheduleConsumer, Signals};
+
+use crate::recompute::wait_for_planner;
+use crate::signal_loop::{ProgramProgress, SignalChange, phase_of};
+
+/// An output that a program has set otherwise than recorded.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct OutputDifference {
+    /// The setpoint with which it was first seen.
+    pub sequence: u64,
+    /// Digital or analog.
+    pub kind: SignalKind,
+    /// Which.
+    pub number: u32,
+    /// As recorded.
+    pub recorded: f64,
+    /// As computed now.
+    pub recomputed: f64,
+}
+
+/// Inputs, waits and outputs of a served machine, cycle by cycle.
+#[derive(Debug)]
+pub(crate) struct SignalsAgain {
+    signals: Signals,
+    inputs: VecDeque<SignalChange>,
+    outputs: VecDeque<SignalChange>,
+    image: InputImage,
+    /// As recorded with the last setpoint.
+    recorded: OutputImage,
+    progress: ProgramProgress,
+    differences: u64,
+    first: Option<OutputDifference>,
+}
+
+impl SignalsAgain {
+    /// With the recorded changes, in order.
+    pub(crate) fn new(
+        settings: &SignalSettings,
+        lead_cycles: u32,
+        inputs: VecDeque<SignalChange>,
+        outputs: VecDeque<SignalChange>,
+    ) -> Self {
+        let signals = Signals::new(settings, lead_cycles);
+        Self {
+            recorded: *signals.safe(),
+            signals,
+            inputs,
+            outputs,
+            image: InputImage::default(),
+            progress: ProgramProgress::default(),
+            differences: 0,
+            first: None,
+        }
+    }
+
+    /// A program begins, with the outputs as they are.
+    pub(crate) fn begin_program(&mut self, schedule: ScheduleConsumer, first_block: u32) {
+        self.progress = ProgramProgress::new(first_block);
+        self.signals.go_on_with(&self.recorded);
+        let _before = self.signals.begin_program(schedule);
+    }
+
+    /// The program is over.
+    pub(crate) fn end_program(&mut self) {
+        let _spent = self.signals.end_program();
+    }
+
+    /// Takes the inputs that count for a setpoint.
+    pub(crate) fn see_inputs(&mut self, sequence: u64) {
+        while let Some(change) = pop_due(&mut self.inputs, sequence) {
+            self.image.set(change.kind, change.number, change.value);
+            self.signals.see(&self.image);
+        }
+    }
+
+    /// Whether the program goes on with this cycle; `recorded` says that it did. Outside of waits that is all there is to know.
+    pub(crate) fn resumes(&self, recorded: bool, motion: &PathExecutor, queue: &mut PlanConsumer) -> bool {
+        if !self.signals.is_waiting() || !recorded {
+            return recorded;
+        }
+        // A trace that says otherwise differs; nobody hangs for it.
+        if self.signals.is_over() {
+            wait_for_planner(|| motion.can_leave_wait(queue) || queue.is_abandoned());
+        }
+        self.signals.is_over()
+    }
+
+    /// Whether the machine rests for a wait.
+    pub(crate) fn is_waiting(&self) -> bool {
+        self.signals.is_waiting()
+    }
+
+    /// The machine has left its wait.
+    pub(crate) fn go_on(&mut self) {
+        let _was_over = self.signals.take_resume();
+    }
+
+    /// After a setpoint. `is_of_program`: it is one of a program, whose outputs are compared.
+    pub(crate) fn step(&mut self, setpoint: &Setpoint, is_of_program: bool) {
+        let sequence = setpoint.sequence;
+        while let Some(change) = pop_due(&mut self.outputs, sequence) {
+            let value = change.value.unwrap_or(0.0);
+            self.recorded.set(change.kind, change.number, value);
+        }
+        // What a fault has made safe, and since when, is no matter of the program.
+        if !is_of_program || setpoint.state == State::Fault {
+            return;
+        }
+        let phase: Phase = phase_of(setpoint.state);
+        let image = self.signals.step(&self.progress.with(setpoint, phase));
+        if image == self.recorded {
+            return;
+        }
+        let digital = (0..MAX_DIGITAL).map(|number| (SignalKind::Digital, number));
+        let analog = (0..MAX_ANALOG).map(|number| (SignalKind::Analog, number));
+        for (kind, number) in digital.chain(analog) {
+            let (recorded, recomputed) = (self.recorded.value(kind, number), image.value(kind, number));
+            if recorded != recomputed {
+                self.differences += 1;
+                self.first.get_or_insert(OutputDifference {
+                    sequence,
+                    kind,
+                    number,
+                    recorded,
+                    recomputed,
+                });
+            }
+        }
+        // Each difference counts once.
+        self.signals.go_on_with(&self.recorded);
+    }
+
+    /// How many values differed, and the first of them.
+    pub(crate) fn differences(&self) -> (u64, Option<OutputDifference>) {
+        (self.differences, self.first)
+    }
+}
+
+/// The next change that counts by this setpoint.
+fn pop_due(changes: &mut VecDeque<SignalChange>, sequence: u64) -> Option<SignalChange> {
+    if changes.front()?.sequence > sequence {
+        return None;
+    }
+    changes.pop_front()
+}
