@@ -4,21 +4,14 @@
 //! conventional milling goes round clockwise (G2, G2.2). All coordinates are those of the tool's centre; tool
 //! compensation is not used.
 
-use std::fmt;
-use std::io::{self, Write};
+use std::io::Write;
 use std::path::PathBuf;
 
 use clap::Args;
-use evolvent_path::{
-    Axes, Curve, Hole, HoleBlock, HoleError, HolePass, HoleStart, Milling, Plane, Role, Sense, depths_mm,
-};
-use serde_json::json;
+use evolvent_analysis::{BoreError, BoreFinishing, BoreProgram, BoreRequest, BoreRoughing};
+use evolvent_path::{HoleStart, Milling};
 
 use crate::CommandError;
-use crate::bore_report::{Comparison, comparison_json, comparison_text, pass_json};
-
-/// Clearance above material, in mm, down to which the tool is lowered in rapid.
-const CLEARANCE_MM: f64 = 1.0;
 
 /// Mill a hole: write a part program to standard output.
 #[derive(Args, Clone, Debug)]
@@ -113,355 +106,78 @@ pub(crate) struct BoreArgs {
     pub machine: Option<PathBuf>,
 }
 
-/// Why no program was written.
-#[derive(Debug)]
-pub(crate) enum BoreError {
-    /// The hole cannot be milled as asked.
-    Hole(HoleError),
-    /// An option has a value that makes no sense.
-    Option {
-        /// The option.
-        name: &'static str,
-        /// What was given.
-        value: f64,
-    },
-    /// The comparison failed.
-    Compare(CommandError),
-    /// Writing failed.
-    Write(io::Error),
-}
-
-impl fmt::Display for BoreError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Hole(error) => error.fmt(f),
-            Self::Option { name, value } => {
-                write!(f, "{name} {value} is impossible: give a positive, finite number")
-            }
-            Self::Compare(CommandError::Usage(text) | CommandError::Failed(text)) => text.fmt(f),
-            Self::Write(error) => write!(f, "the program could not be written: {error}"),
-        }
-    }
-}
-
-impl std::error::Error for BoreError {}
-
-impl From<HoleError> for BoreError {
-    fn from(error: HoleError) -> Self {
-        Self::Hole(error)
-    }
-}
-
-impl From<io::Error> for BoreError {
-    fn from(error: io::Error) -> Self {
-        Self::Write(error)
-    }
-}
-
-/// Writes the part program that `args` ask for.
-///
-/// Nothing is written unless the whole program is possible.
-///
-/// # Errors
-/// [`BoreError`]: what is impossible, with its numbers, or that writing failed.
-pub(crate) fn run(args: &BoreArgs, out: &mut dyn Write) -> Result<(), BoreError> {
-    let plan = Plan::new(args)?;
-    let mut text = Vec::new();
-    if args.json || args.compare {
-        let report = plan.report()?;
-        text.extend_from_slice(report.as_bytes());
-    } else {
-        plan.write(&mut text)?;
-    }
-    out.write_all(&text)?;
-    out.flush()?;
-    Ok(())
-}
-
-/// One pass at one depth.
-struct Level {
-    pass: HolePass,
-    z: f64,
-    /// Down to where the tool may go in rapid.
-    clear_z: f64,
-    feed: f64,
-    title: &'static str,
-}
-
-struct Plan<'a> {
-    args: &'a BoreArgs,
-    levels: Vec<Level>,
-    safe_z: f64,
-}
-
-impl<'a> Plan<'a> {
-    fn new(args: &'a BoreArgs) -> Result<Self, BoreError> {
-        let positive = [
-            ("--feed", Some(args.feed)),
-            ("--finish-feed", args.finish_feed),
-            ("--plunge-feed", Some(args.plunge_feed)),
-            ("--spindle", Some(args.spindle)),
-            ("--safe", Some(args.safe)),
-            ("--tolerance", args.tolerance),
-        ];
-        for (name, value) in positive {
-            if let Some(value) = value
-                && !(value > 0.0 && value.is_finite())
-            {
-                return Err(BoreError::Option { name, value });
-            }
-        }
-        if !args.top.is_finite() {
-            return Err(BoreError::Option {
-                name: "--top",
-                value: args.top,
-            });
-        }
-        let hole = Hole {
-            plane: Plane::Xy,
-            centre_mm: args.center,
-            diameter_mm: args.hole,
-            tool_diameter_mm: args.tool,
-            milling: if args.conventional {
+impl BoreArgs {
+    fn request(&self) -> BoreRequest {
+        let roughing = (!self.finish_only).then(|| BoreRoughing {
+            pitch_mm: self.pitch.unwrap_or(f64::NAN),
+            turns: self.rough_turns,
+            allowance_mm: self.allowance,
+            start: match (self.rough_start, self.start, self.finish) {
+                (Some(point), _, _) | (None, Some(point), false) => HoleStart::Point(point),
+                _ => HoleStart::Centre,
+            },
+        });
+        let finishing = (self.finish || self.finish_only).then(|| BoreFinishing {
+            turns: self.turns,
+            start: self
+                .start
+                .map(HoleStart::Point)
+                .or(self.start_radius.map(HoleStart::CurvatureRadius))
+                .or(self.start_length.map(HoleStart::Length)),
+        });
+        BoreRequest {
+            hole_mm: self.hole,
+            tool_mm: self.tool,
+            milling: if self.conventional {
                 Milling::Conventional
             } else {
                 Milling::Climb
             },
-        };
-        let depths = if args.depth == 0.0 && args.step.is_none() {
-            vec![args.top]
-        } else {
-            depths_mm(args.top, args.top - args.depth, args.step.unwrap_or(args.depth))?
-        };
-        let safe_z = args.top + args.safe;
-        let rough = !args.finish_only;
-        let mut levels = Vec::new();
-        let mut roughed_mm = None;
-        if rough {
-            let start = match (args.rough_start, args.start, args.finish) {
-                (Some(point), _, _) | (None, Some(point), false) => HoleStart::Point(point),
-                _ => HoleStart::Centre,
-            };
-            let mut above = args.top;
-            for &z in &depths {
-                let pass = hole.rough(
-                    args.pitch.unwrap_or(f64::NAN),
-                    args.rough_turns,
-                    args.allowance,
-                    start,
-                    &resting(z),
-                )?;
-                roughed_mm = Some(pass.radius_mm);
-                let clear_z = (above + CLEARANCE_MM).min(safe_z);
-                levels.push(Level {
-                    pass,
-                    z,
-                    clear_z,
-                    feed: args.feed,
-                    title: "roughing",
-                });
-                above = z;
-            }
+            centre_mm: self.center,
+            top_mm: self.top,
+            depth_mm: self.depth,
+            step_mm: self.step,
+            safe_mm: self.safe,
+            roughing,
+            finishing,
+            feed_mm_min: self.feed,
+            finish_feed_mm_min: self.finish_feed,
+            plunge_feed_mm_min: self.plunge_feed,
+            spindle_rpm: self.spindle,
+            tool_number: self.tool_number,
+            tolerance_mm: self.tolerance,
         }
-        if args.finish || args.finish_only {
-            let start = match (args.start, args.start_radius, args.start_length) {
-                (Some(point), _, _) => HoleStart::Point(point),
-                (None, Some(radius), _) => HoleStart::CurvatureRadius(radius),
-                (None, None, Some(length)) => HoleStart::Length(length),
-                // Half way out: clear of the wall, with more than a quarter turn to build the force up.
-                (None, None, None) => HoleStart::CurvatureRadius(0.5 * hole.path_radius_mm(0.0)?),
-            };
-            let feed = args.finish_feed.unwrap_or(args.feed);
-            for &z in &depths {
-                let pass = hole.finish(args.turns, 0.0, start, &resting(z))?;
-                // In what roughing has cleared the tool may come down in rapid, elsewhere it plunges.
-                let cleared = pass.blocks.first().zip(roughed_mm).is_some_and(|(block, limit)| {
-                    let [x, y] = block.figures.start_mm;
-                    x.hypot(y) <= limit
-                });
-                let clear_z = (if cleared { z } else { args.top } + CLEARANCE_MM).min(safe_z);
-                levels.push(Level {
-                    pass,
-                    z,
-                    clear_z,
-                    feed,
-                    title: "finishing",
-                });
-            }
-        }
-        Ok(Self { args, levels, safe_z })
-    }
-
-    /// Numbers instead of the program.
-    fn report(&self) -> Result<String, BoreError> {
-        let args = self.args;
-        let compared = match self.levels.first().filter(|_| args.compare) {
-            None => None,
-            Some(first) => {
-                let comparison = Comparison {
-                    pass: &first.pass,
-                    hole_mm: args.hole,
-                    tool_mm: args.tool,
-                    depth_mm: args.depth,
-                    feed_mm_min: first.feed,
-                    tolerance_mm: args.tolerance,
-                };
-                let list = comparison.alternatives(args.machine.as_deref());
-                Some((list.map_err(BoreError::Compare)?, first.feed))
-            }
-        };
-        if args.json {
-            let levels = self.levels.iter();
-            let passes: Vec<_> = levels
-                .map(|level| pass_json(level.title, level.z, level.feed, &level.pass))
-                .collect();
-            let object = json!({
-                "hole_mm": args.hole,
-                "tool_mm": args.tool,
-                "centre_mm": args.center,
-                "milling": if args.conventional { "conventional" } else { "climb" },
-                "length_mm": self.levels.iter().map(|level| level.pass.length_mm()).sum::<f64>(),
-                "passes": passes,
-                "comparison": compared.map(|(list, feed)| comparison_json(&list, feed)),
-            });
-            return Ok(format!("{object:#}\n"));
-        }
-        Ok(compared.map_or_else(String::new, |(list, feed)| comparison_text(&list, feed)))
-    }
-
-    fn write(&self, out: &mut dyn Write) -> io::Result<()> {
-        self.header(out)?;
-        let args = self.args;
-        writeln!(out, "G17 G21 G40 G49 G90 G94")?;
-        match args.tolerance {
-            Some(tolerance) => writeln!(out, "G64 P{}", word(tolerance))?,
-            None => writeln!(out, "G61")?,
-        }
-        if let Some(number) = args.tool_number {
-            writeln!(out, "T{number} M6")?;
-        }
-        writeln!(out, "S{} M3", word(args.spindle))?;
-        writeln!(out, "G0 Z{}", word(self.safe_z))?;
-        for level in &self.levels {
-            self.level(level, out)?;
-        }
-        writeln!(out, "\nM5\nM30")
-    }
-
-    fn header(&self, out: &mut dyn Write) -> io::Result<()> {
-        let args = self.args;
-        let sense = if args.conventional {
-            "conventional, clockwise"
-        } else {
-            "climb, counter-clockwise"
-        };
-        writeln!(
-            out,
-            "(hole of {} mm, tool of {} mm, {sense} with M3)",
-            args.hole, args.tool
-        )?;
-        let [x, y] = args.center;
-        writeln!(
-            out,
-            "(centre X{} Y{}, top Z{}, path of the tool centre, mm)",
-            word(x),
-            word(y),
-            word(args.top)
-        )?;
-        let mut last = "";
-        let mut total = 0.0;
-        for level in &self.levels {
-            let pass = &level.pass;
-            total += pass.length_mm();
-            if level.title == last {
-                continue;
-            }
-            last = level.title;
-            writeln!(
-                out,
-                "({}: R {} mm, n {} turns, H {:.6} mm per turn, r {:.9} mm, {:.3} turns visible, {:.6} mm long at each depth)",
-                level.title,
-                pass.radius_mm,
-                pass.turns,
-                pass.pitch_mm,
-                pass.base_radius_mm,
-                pass.visible_turns(),
-                pass.length_mm()
-            )?;
-        }
-        let depths = self.levels.iter().filter(|level| level.title == last).count();
-        writeln!(out, "(depths: {depths}, cutting path in all {total:.3} mm)")?;
-        writeln!(
-            out,
-            "(G2.2 and G3.2: involute, I J to the centre of its base circle, R its radius)"
-        )
-    }
-
-    fn level(&self, level: &Level, out: &mut dyn Write) -> io::Result<()> {
-        let Some(first) = level.pass.blocks.first() else {
-            return Ok(());
-        };
-        let start = first.curve.start();
-        writeln!(out, "\n({} at Z{})", level.title, word(level.z))?;
-        writeln!(out, "G0 X{} Y{}", word(start[0]), word(start[1]))?;
-        writeln!(out, "G0 Z{}", word(level.clear_z))?;
-        writeln!(out, "G1 Z{} F{}", word(level.z), word(self.args.plunge_feed))?;
-        for block in &level.pass.blocks {
-            writeln!(out, "({}, {:.6} mm)", title(block.role), block.figures.length_mm)?;
-            writeln!(out, "{}", line(block, level.feed))?;
-        }
-        writeln!(out, "G0 Z{}", word(self.safe_z))
     }
 }
 
-fn resting(z: f64) -> Axes {
-    let mut axes = Axes::zeros();
-    axes[2] = z;
-    axes
-}
-
-fn title(role: Role) -> &'static str {
-    match role {
-        Role::Rough => "out along the involute",
-        Role::RoughCircle => "once round",
-        Role::Approach => "approach",
-        Role::FinishCircle => "once round on the wall",
-        Role::Departure => "departure",
-    }
-}
-
-/// One block as a line of the program.
-pub(crate) fn line(block: &HoleBlock, feed: f64) -> String {
-    let (start, end) = (block.curve.start(), block.curve.end());
-    let involute = matches!(block.curve, Curve::Involute(_));
-    let code = match (block.curve.sense(), involute) {
-        (Sense::Clockwise, true) => "G2.2",
-        (_, true) => "G3.2",
-        (Sense::Clockwise, false) => "G2",
-        (_, false) => "G3",
-    };
-    let [i, j] = [0, 1].map(|axis| word(block.centre_mm[axis] - start[axis]));
-    let radius = if involute {
-        format!(" R{}", word(block.radius_mm))
+/// Writes the part program that `args` ask for, or its numbers.
+///
+/// Nothing is written unless the whole program is possible.
+///
+/// # Errors
+/// `Usage` for what is impossible, with its numbers; `Failed` where writing or planning failed.
+pub(crate) fn run(args: &BoreArgs, out: &mut dyn Write) -> Result<(), CommandError> {
+    let program = BoreProgram::new(args.request()).map_err(|error| {
+        CommandError::Usage(match error {
+            BoreError::Number { .. } => format!("--{error}"),
+            BoreError::Hole(error) => error.to_string(),
+        })
+    })?;
+    let comparison = if args.compare {
+        Some(program.compare(args.machine.as_deref())?)
     } else {
-        String::new()
+        None
     };
-    format!(
-        "{code} X{} Y{} I{i} J{j}{radius} F{}",
-        word(end[0]),
-        word(end[1]),
-        word(feed)
-    )
-}
-
-/// A number as the shortest decimal that reads back as the same bits, never with an exponent; what is below
-/// 1e-15 is a rounding and reads as zero.
-fn word(value: f64) -> String {
-    if value.abs() < 1e-15 {
-        "0".to_owned()
+    let text = if args.json {
+        format!("{:#}\n", program.json(comparison.as_ref()))
+    } else if let Some(comparison) = &comparison {
+        comparison.text()
     } else {
-        value.to_string()
-    }
+        program.text()
+    };
+    out.write_all(text.as_bytes())
+        .and_then(|()| out.flush())
+        .map_err(|error| CommandError::Failed(format!("the program could not be written: {error}")))
 }
 
 /// Two numbers with a comma between.
@@ -483,7 +199,8 @@ fn point(text: &str) -> Result<[f64; 2], String> {
 #[cfg(test)]
 mod tests {
     use clap::Parser;
-    use evolvent_path::{Arc, Involute};
+    use evolvent_path::{Arc, Axes, Curve, Involute, Plane, Sense};
+    use serde_json::Value;
 
     use super::*;
 
@@ -500,7 +217,9 @@ mod tests {
     fn program(options: &str) -> Result<String, String> {
         let args = parse(options).map_err(|error| error.to_string())?;
         let mut out = Vec::new();
-        run(&args, &mut out).map_err(|error| error.to_string())?;
+        run(&args, &mut out).map_err(|error| match error {
+            CommandError::Usage(text) | CommandError::Failed(text) => text,
+        })?;
         Ok(String::from_utf8(out).unwrap())
     }
 
@@ -549,10 +268,10 @@ mod tests {
         ] {
             let options = format!("{BORE_200} {options}");
             let args = parse(&options).unwrap();
-            let plan = Plan::new(&args).unwrap();
-            let planned = plan.levels.iter().flat_map(|level| &level.pass.blocks);
+            let plan = BoreProgram::new(args.request()).unwrap();
+            let planned = plan.blocks();
             let read = curves(&program(&options).unwrap());
-            assert_eq!(read.len(), planned.clone().count());
+            assert_eq!(read.len(), plan.blocks().count());
             for (block, read) in planned.zip(&read) {
                 let length = block.curve.length();
                 assert!((read.length() - length).abs() <= 1e-9);
@@ -629,5 +348,84 @@ mod tests {
             let error = program(options).unwrap_err();
             assert!(error.contains(expected), "{options}: {error}");
         }
+    }
+
+    const FAST_BORE_200: &str =
+        "--hole 200 --tool 40 --pitch 4 --allowance 1 --finish --start -40,40 --feed 9000";
+
+    #[test]
+    fn json_holds_the_six_numbers_of_tables_2_and_3() {
+        let object: Value =
+            serde_json::from_str(&program(&format!("{FAST_BORE_200} --json")).unwrap()).unwrap();
+        let number = |pointer: &str| object.pointer(pointer).and_then(Value::as_f64).unwrap();
+        for (pointer, printed, tolerance) in [
+            ("/passes/0/base_radius_mm", 0.628_662_025, 5e-10),
+            ("/passes/0/visible_turns", 20.0, 1e-12),
+            ("/passes/0/blocks/0/length_mm", 4_963.716_39, 5e-6),
+            ("/passes/0/blocks/0/phi0_rad", 0.0, 1e-12),
+            ("/passes/0/blocks/0/r_k_mm", 79.0, 1e-9),
+            ("/passes/0/blocks/1/length_mm", 496.371_639, 5e-7),
+            ("/passes/1/blocks/0/length_mm", 242.249_73, 5e-6),
+            ("/passes/1/blocks/0/phi0_rad", 9.044_814_77, 5e-9),
+            ("/passes/1/blocks/0/psi_rad", 0.946_567_32, 5e-9),
+            ("/passes/1/blocks/0/r_n_mm", 57.5811, 5e-5),
+            ("/passes/1/blocks/0/r_k_mm", 80.0, 1e-9),
+            // From phi0 to 4 pi.
+            (
+                "/passes/1/visible_turns",
+                2.0 - 9.044_814_77 / std::f64::consts::TAU,
+                1e-8,
+            ),
+            ("/passes/1/blocks/1/start_mm/0", 64.913_119, 5e-7),
+            ("/passes/1/blocks/1/start_mm/1", -46.757_748, 5e-7),
+        ] {
+            assert!(
+                (number(pointer) - printed).abs() <= tolerance,
+                "{pointer}: {}",
+                number(pointer)
+            );
+        }
+        // The paper's estimate of visible turns is near.
+        let estimate = 2.0 * (1.0 - 40.0 * 2.0_f64.sqrt() / 80.0);
+        assert!((number("/passes/1/visible_turns") - estimate).abs() < 0.05);
+    }
+
+    #[test]
+    fn planned_times_keep_the_feed_and_rank_the_paths() {
+        let machine = concat!(
+            env!("CARGO_MANIFEST_DIR"),
+            "/../../../config/machines/mill-3axis.toml"
+        );
+        let options = "--hole 60 --tool 20 --pitch 4 --feed 6000 --compare --json --machine";
+        let object: Value = serde_json::from_str(&program(&format!("{options} {machine}")).unwrap()).unwrap();
+        let list = object["comparison"].as_array().unwrap();
+        let of = |name: &str| list.iter().find(|path| path["path"] == name).unwrap();
+        for path in list.iter().filter(|path| path["path"] != "helix") {
+            let (at_feed, planned) = (
+                path["time_at_feed_s"].as_f64().unwrap(),
+                path["planned_s"].as_f64().unwrap(),
+            );
+            assert!(planned > at_feed && planned < 1.6 * at_feed, "{path}");
+        }
+        // By hand: half circles of R/10, 2R/10, .. R, and once round; all of them about as long as their turns' circles.
+        let half = of("half circles")["length_mm"].as_f64().unwrap();
+        assert!(
+            (half - std::f64::consts::PI * (2.0 * 55.0 + 40.0)).abs() < 1e-9,
+            "{half}"
+        );
+        let involute = of("involute")["length_mm"].as_f64().unwrap();
+        assert!(
+            (involute - std::f64::consts::PI * 20.0 * 7.0).abs() < 1e-6,
+            "{involute}"
+        );
+        assert!(
+            of("helix")["length_mm"].is_null()
+                && of("helix")["remark"].as_str().unwrap().contains("30.000 mm")
+        );
+        let wide = program("--hole 60 --tool 32 --pitch 4 --depth 10 --compare").unwrap();
+        assert!(
+            wide.contains("turns of the pitch down") && !wide.contains("NaN"),
+            "{wide}"
+        );
     }
 }

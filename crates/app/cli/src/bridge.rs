@@ -202,7 +202,11 @@ fn sim(args: &SimArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Endin
         drift_ppm: args.drift_ppm,
         duration,
     };
-    let process = args.process.as_deref().map(crate::process::read).transpose()?;
+    let process = args
+        .process
+        .as_deref()
+        .map(evolvent_analysis::read_process)
+        .transpose()?;
     if let (Some(file), Some(job)) = (&args.process, &process)
         && job.blank.is_none()
     {

@@ -4,10 +4,9 @@ use std::io::{self, IsTerminal, Write};
 use std::path::PathBuf;
 
 use clap::Args;
+use evolvent_analysis::{ChatterWarning, chatter_warnings, sort_process_files};
 use evolvent_runtime::{CheckBounds, Checked, Clock};
 
-use crate::chatter::{Warning, warnings};
-use crate::process;
 use crate::program::ProgramArgs;
 use crate::{CommandError, Ending};
 
@@ -34,7 +33,7 @@ pub(crate) fn run(
     err: &mut dyn Write,
 ) -> Result<Ending, CommandError> {
     let mut setup = args.program.setup()?;
-    let case = process::sort_out(&mut setup, &args.process, Clock::Realtime)?;
+    let case = sort_process_files(&mut setup, &args.process, Clock::Realtime)?;
     let start = args.program.tell_start(&setup, err);
     let file_name = args.program.program.display().to_string();
     let limit = args.limit.max(1);
@@ -42,14 +41,14 @@ pub(crate) fn run(
         |error| CommandError::Usage(format!("{file_name}: {error}; name a readable part program")),
     )?;
     let chatter = match case {
-        Some(case) => Some(warnings(&args.program.program, &setup, case)?),
+        Some(case) => Some(chatter_warnings(&args.program.program, &setup, case)?),
         None => None,
     };
     if let Some(chatter) = chatter.as_ref().filter(|_| !args.json) {
-        chatter.write(err, &file_name);
+        crate::chatter::write_warnings(chatter, err, &file_name);
     }
     let written = if args.json {
-        let chatter = chatter.as_ref().map_or(&[][..], |chatter| &chatter.found);
+        let chatter = chatter.as_ref().map_or(&[][..], |chatter| chatter.found());
         writeln!(out, "{}", to_json(&file_name, &found, chatter))
     } else {
         write_text(err, &file_name, &found, io::stderr().is_terminal())
@@ -102,7 +101,7 @@ pub(crate) fn write_text(
 
 /// The errors as one JSON value for editors: `{"file", "errors": [{"code", "line", "column", "length", "message",
 /// "help", "source", "span", "calls"}], "warnings": [{"file", "line", "message"}], "up_to": line or null, "chatter": [...]}`.
-fn to_json(file_name: &str, found: &Checked, chatter: &[Warning]) -> serde_json::Value {
+fn to_json(file_name: &str, found: &Checked, chatter: &[ChatterWarning]) -> serde_json::Value {
     serde_json::json!({
         "file": file_name,
         "errors": found.errors,

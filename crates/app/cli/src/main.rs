@@ -1,8 +1,6 @@
 //! The `evolvent` command.
 
-mod adaptive;
 mod bore;
-mod bore_report;
 mod bridge;
 mod bridge_ethercat;
 mod chatter;
@@ -13,33 +11,26 @@ mod ctl_args;
 mod ctl_request;
 mod ctl_status;
 mod doctor;
-mod explain;
-mod feeds;
-mod figure;
 mod import;
-mod limiting;
 mod man;
 mod operator;
 mod output;
 mod plan;
-mod process;
 mod program;
 mod rate;
-mod rate_point;
 mod run;
-mod scratch;
 mod screen;
 mod serve;
 mod terminal;
 mod top;
 mod trace;
 mod turn;
-mod user_file;
 
 use std::io::{self, Write};
 use std::process::ExitCode;
 
 use clap::{CommandFactory, Parser, Subcommand};
+use evolvent_analysis::AnalysisError;
 
 /// A real-time CNC core: part programs to setpoints on shared memory, every cycle recorded.
 ///
@@ -123,7 +114,7 @@ fn main() -> ExitCode {
         Command::Plan(args) => plan::run(args, &mut out, &mut err),
         Command::Check(args) => check::run(args, &mut out, &mut err),
         Command::Rate(args) => rate::run(args, &mut out, &mut err).map(|()| Ending::Clean),
-        Command::Bore(args) => bore(args, &mut out),
+        Command::Bore(args) => bore::run(args, &mut out).map(|()| Ending::Clean),
         Command::Chatter(args) => chatter::run(args, &mut out, &mut err),
         Command::Serve(args) => serve::run(args, &mut out, &mut err),
         Command::Ctl(args) => ctl::run(args, &mut out, &mut err),
@@ -145,12 +136,12 @@ fn main() -> ExitCode {
     }
 }
 
-fn bore(args: &bore::BoreArgs, out: &mut dyn Write) -> Result<Ending, CommandError> {
-    match bore::run(args, out) {
-        Ok(()) => Ok(Ending::Clean),
-        Err(bore::BoreError::Compare(error)) => Err(error),
-        Err(error @ bore::BoreError::Write(_)) => Err(CommandError::Failed(error.to_string())),
-        Err(error) => Err(CommandError::Usage(error.to_string())),
+impl From<AnalysisError> for CommandError {
+    fn from(error: AnalysisError) -> Self {
+        match error {
+            AnalysisError::Input(text) => Self::Usage(text),
+            AnalysisError::Failed(text) => Self::Failed(text),
+        }
     }
 }
 

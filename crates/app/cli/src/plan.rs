@@ -6,19 +6,15 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use clap::Args;
-use evolvent_machine::{Machine, PlannerKind, rate_for};
+use evolvent_analysis::{
+    ChatterWarning, Explanation, FeedWords, LimitClassifier, LineExplainer, LongestStop, NeededRate,
+    PlanFigure, chatter_warnings, sort_process_files, write_whole,
+};
+use evolvent_machine::{Machine, PlannerKind};
 use evolvent_motion::{Setpoint, StoppingDistance};
-use evolvent_runtime::{Clock, Controls, Job, RunOutcome};
-use serde::Serialize;
+use evolvent_runtime::{Clock, Controls, Job};
 
-use crate::chatter::{Warning, warnings};
-use crate::explain::{Explanation, Surroundings, Watch, remedies};
-use crate::feeds::Feeds;
-use crate::figure::PlanFigure;
-use crate::limiting::{Classifier, bend};
-use crate::process;
 use crate::program::{ProgramArgs, check_output, parse_override};
-use crate::rate::write_whole;
 use crate::run::report;
 use crate::screen::Screen;
 use crate::{CommandError, Ending};
@@ -53,45 +49,19 @@ pub(crate) struct PlanArgs {
     json: bool,
 }
 
-/// What the plan of a program needs of the control rate, equation (4) over the planned feed and the true curvature.
-#[derive(Clone, Copy, Debug, Default, Serialize)]
-struct NeededRate {
-    /// The rate that keeps the permitted chord error along this plan.
-    needed_rate_hz: f64,
-    /// Where the plan needs it: program line.
-    needed_at_line: u32,
-    /// Radius of curvature there; 0 where nothing curves.
-    needed_at_radius_mm: f64,
-    /// Feed there.
-    needed_at_feed_mm_min: f64,
-}
-
-/// The hold that needs the longest path. Absent for the classic planner, whose holds are profiles of their own.
-#[derive(Clone, Copy, Debug, Default, Serialize)]
-struct StopOfPlan {
-    /// Path from the hold to rest.
-    longest_stop_mm: Option<f64>,
-    /// Time from the hold to rest.
-    longest_stop_s: Option<f64>,
-    /// Program line at the hold.
-    longest_stop_line: Option<u32>,
-    /// Path time of the hold.
-    longest_stop_at_s: Option<f64>,
-}
-
 pub(crate) fn run(args: &PlanArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Ending, CommandError> {
     let mut setup = args.program.setup()?;
-    let case = process::sort_out(&mut setup, &args.process, Clock::Virtual)?;
+    let case = sort_process_files(&mut setup, &args.process, Clock::Virtual)?;
     check_outputs(args)?;
     args.program.tell_start(&setup, err)?;
     let machine = setup.machine.clone();
     let period_s = setup.period_ns as f64 * 1e-9;
     let chatter = match case {
-        Some(case) => Some(warnings(&args.program.program, &setup, case)?),
+        Some(case) => Some(chatter_warnings(&args.program.program, &setup, case)?),
         None => None,
     };
     if let Some(chatter) = chatter.as_ref().filter(|_| !args.json) {
-        chatter.write(err, &args.program.program.display().to_string());
+        crate::chatter::write_warnings(chatter, err, &args.program.program.display().to_string());
     }
     let job = Job {
         program: args.program.program.clone(),
@@ -111,15 +81,18 @@ pub(crate) fn run(args: &PlanArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
         None => None,
     };
     let mut figure = args.plot.as_ref().map(|_| PlanFigure::new(&machine, period_s));
-    let mut watch = match args.explain {
-        Some(line) => Some(start_watch(line, &job, &machine, period_s)?),
+    let mut explainer = match args.explain {
+        Some(line) => Some(LineExplainer::new(line, &job, &machine, period_s)?),
         None => None,
     };
     let mut feeds = match (&args.plot, args.explain) {
         (None, None) => None,
-        _ => Some(open_feeds(&job)?),
+        _ => Some(
+            FeedWords::open(&job.program, &job.setup)
+                .map_err(|error| CommandError::Failed(error.to_string()))?,
+        ),
     };
-    let classifier = Classifier::new(&machine, period_s);
+    let classifier = LimitClassifier::new(&machine, period_s);
     let mut needed = NeededRate::default();
     let mut stops = match machine.path.planner {
         PlannerKind::Optimal => Some(StoppingDistance::new(machine.limits(), period_s)),
@@ -137,8 +110,8 @@ pub(crate) fn run(args: &PlanArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
         if let Some(figure) = &mut figure {
             figure.see(setpoint, word, classifier.classify(setpoint, word));
         }
-        if let Some((watch, _)) = &mut watch {
-            watch.see(setpoint, word);
+        if let Some(explainer) = &mut explainer {
+            explainer.see(setpoint, word);
         }
         if let Some(table) = &mut table
             && failure.is_none()
@@ -157,11 +130,9 @@ pub(crate) fn run(args: &PlanArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
         write_whole(path, svg.as_bytes())
             .map_err(|error| CommandError::Failed(format!("{}: {error}", path.display())))?;
     }
-    let explanation = match (args.explain, watch) {
-        (Some(line), Some((watch, program))) => Some(explain(line, program, watch, &job, &outcome)),
-        _ => None,
-    };
-    let stop = StopOfPlan::of(stops.as_ref(), period_s);
+    let is_whole = outcome.program.is_ok() && outcome.fault.is_none();
+    let explanation = explainer.map(|explainer| explainer.finish(&job, is_whole));
+    let stop = LongestStop::new(stops.as_ref(), period_s);
     let lost = |error: io::Error| CommandError::Failed(format!("the plan cannot be written: {error}"));
     if args.json {
         let text = merge(
@@ -169,7 +140,7 @@ pub(crate) fn run(args: &PlanArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
             &needed,
             &stop,
             explanation.as_ref(),
-            chatter.as_ref().map_or(&[][..], |chatter| &chatter.found),
+            chatter.as_ref().map_or(&[][..], |chatter| chatter.found()),
         )
         .map_err(io::Error::from);
         text.and_then(|text| writeln!(out, "{text}")).map_err(lost)?;
@@ -180,39 +151,11 @@ pub(crate) fn run(args: &PlanArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
         return report(true, &outcome, &mut io::sink(), err);
     }
     let ending = report(false, &outcome, out, err)?;
-    needed.write(out).and_then(|()| stop.write(out)).map_err(lost)?;
-    Ok(ending)
-}
-
-/// Reads what the program says around the line.
-fn start_watch(
-    line: u32,
-    job: &Job,
-    machine: &Machine,
-    period_s: f64,
-) -> Result<(Watch, Surroundings), CommandError> {
-    let program = Surroundings::read(&job.program, &job.setup, line)
-        .map_err(|error| CommandError::Failed(error.to_string()))?;
-    if line > program.lines {
-        return Err(CommandError::Usage(format!(
-            "{} has {} lines; there is no line {line} to explain",
-            job.program.display(),
-            program.lines
-        )));
+    writeln!(out, "  {needed}").map_err(lost)?;
+    if let Some(stop) = stop.text() {
+        writeln!(out, "  {stop}").map_err(lost)?;
     }
-    Ok((Watch::new(line, machine, period_s), program))
-}
-
-fn explain(line: u32, program: Surroundings, watch: Watch, job: &Job, outcome: &RunOutcome) -> Explanation {
-    // Nothing can be compared with a plan that failed.
-    let whole = outcome.program.is_ok() && outcome.fault.is_none() && !watch.is_empty();
-    let seen = watch.finish();
-    let measured = if whole {
-        remedies(job, line, &program, &seen)
-    } else {
-        Vec::new()
-    };
-    Explanation::new(line, program, seen, measured)
+    Ok(ending)
 }
 
 /// Neither output may be an input, nor the other output, nor may the table while it is unfinished.
@@ -237,18 +180,13 @@ fn part_of(path: &Path) -> PathBuf {
     PathBuf::from(name)
 }
 
-/// The feed words of the job's program.
-fn open_feeds(job: &Job) -> Result<Feeds, CommandError> {
-    Feeds::open(&job.program, &job.setup).map_err(|error| CommandError::Failed(error.to_string()))
-}
-
 /// The summary's JSON with the rate's fields, the warnings and the explanation.
 fn merge(
     summary: &evolvent_runtime::Summary,
     needed: &NeededRate,
-    stop: &StopOfPlan,
+    stop: &LongestStop,
     explanation: Option<&Explanation>,
-    chatter: &[Warning],
+    chatter: &[ChatterWarning],
 ) -> serde_json::Result<String> {
     let mut object = serde_json::to_value(summary)?;
     if let (Some(object), serde_json::Value::Object(more)) =
@@ -265,68 +203,6 @@ fn merge(
         }
     }
     serde_json::to_string(&object)
-}
-
-impl NeededRate {
-    fn see(&mut self, setpoint: &Setpoint, machine: &Machine) {
-        let (speed, curvature) = bend(setpoint);
-        if curvature <= 0.0 {
-            return;
-        }
-        let radius = 1.0 / curvature;
-        let rate = rate_for(
-            speed,
-            radius,
-            machine.increments_per_mm,
-            machine.path.chord_error_increments,
-        );
-        if rate > self.needed_rate_hz && rate.is_finite() {
-            *self = Self {
-                needed_rate_hz: rate,
-                needed_at_line: setpoint.line,
-                needed_at_radius_mm: radius,
-                needed_at_feed_mm_min: 60.0 * speed,
-            };
-        }
-    }
-
-    fn write(&self, out: &mut dyn Write) -> io::Result<()> {
-        if self.needed_rate_hz <= 0.0 {
-            return writeln!(out, "  any control rate will do: nothing in this program curves");
-        }
-        writeln!(
-            out,
-            "  this plan needs a control rate of {:.2} Hz: line {}, radius {:.4} mm at {:.1} mm/min",
-            self.needed_rate_hz, self.needed_at_line, self.needed_at_radius_mm, self.needed_at_feed_mm_min
-        )
-    }
-}
-
-impl StopOfPlan {
-    fn of(stops: Option<&StoppingDistance>, period_s: f64) -> Self {
-        let Some(longest) = stops.and_then(StoppingDistance::longest) else {
-            return Self::default();
-        };
-        Self {
-            longest_stop_mm: Some(longest.path_mm),
-            longest_stop_s: Some(longest.seconds),
-            longest_stop_line: Some(longest.line),
-            longest_stop_at_s: Some((longest.sequence + 1) as f64 * period_s),
-        }
-    }
-
-    fn write(&self, out: &mut dyn Write) -> io::Result<()> {
-        let (Some(path), Some(seconds), Some(line)) =
-            (self.longest_stop_mm, self.longest_stop_s, self.longest_stop_line)
-        else {
-            return Ok(());
-        };
-        writeln!(
-            out,
-            "  a hold stops within {path:.3} mm and {:.0} ms: longest on line {line}",
-            1e3 * seconds
-        )
-    }
 }
 
 /// Setpoints as CSV; the file gets its name only when it is complete.

@@ -6,12 +6,13 @@ use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use clap::Args;
+use evolvent_analysis::read_text;
+use evolvent_config::{FILE_TIMEOUT, open_regular, within};
 use evolvent_gcode::StoreError;
 use evolvent_machine::{ControlRate, Machine, PlannerKind};
 use evolvent_runtime::{Commands, InputScript, ProgramMemory, Setup};
 
 use crate::CommandError;
-use crate::user_file::{read_text, try_program};
 
 /// A program on a machine.
 #[derive(Clone, Debug, Args)]
@@ -110,12 +111,18 @@ impl ProgramArgs {
     }
 }
 
-/// A machine without a program.
-pub(crate) fn load_setup(file: &Path, rate: Option<ControlRate>) -> Result<Setup, CommandError> {
-    let usage = |text: String| CommandError::Usage(text);
-    let machine = Machine::load(file).map_err(|error| usage(error.to_string()))?;
-    let text = read_text(file, "machine file")?;
-    Setup::new(machine, file.to_path_buf(), text, rate).map_err(|error| usage(error.to_string()))
+/// Makes sure that a program can be opened in time.
+///
+/// # Errors
+/// It cannot.
+fn try_program(file: &Path) -> Result<(), CommandError> {
+    let path = file.to_path_buf();
+    within(FILE_TIMEOUT, move || open_regular(&path).map(drop)).map_err(|error| {
+        CommandError::Usage(format!(
+            "{}: {error}; name a readable part program",
+            file.display()
+        ))
+    })
 }
 
 pub(crate) fn parse_rate(text: &str) -> Result<ControlRate, String> {

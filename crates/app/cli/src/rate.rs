@@ -4,14 +4,11 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use evolvent_machine::{
-    DEFAULT_MIN_RADIUS_MM, GRAVITY_MM_S2, MAX_RATE_HZ, MIN_RATE_HZ, Machine, RateInput, RationalRate,
-    figures_svg_of_axes, period_ns_of, rational_rate,
-};
-use serde_json::{Value, json};
+use evolvent_analysis::{ChordQuestion, ChordQuestionError, RateReport, write_whole};
+use evolvent_machine::{DEFAULT_MIN_RADIUS_MM, GRAVITY_MM_S2, Machine, RateInput};
+use serde_json::json;
 
 use crate::CommandError;
-use crate::rate_point::PointArgs;
 
 /// The rational control rate: what the machine's own limits need so that no chord between two setpoints misses a curve by
 /// more than the permitted error.
@@ -51,6 +48,30 @@ pub(crate) struct RateArgs {
     pub(crate) plot: Option<PathBuf>,
 }
 
+/// One point of the paper's diagrams: any two of the three give the third at the permitted error, all three give the error.
+#[derive(Args, Clone, Copy, Debug, Default)]
+pub(crate) struct PointArgs {
+    /// Control rate, in Hz: with --at-feed and --at-radius the chord error, with one of them what the other may be
+    #[arg(long, value_name = "HZ")]
+    pub(crate) at_rate: Option<f64>,
+    /// Feed, in mm/min, as above
+    #[arg(long, value_name = "MM_MIN")]
+    pub(crate) at_feed: Option<f64>,
+    /// Radius of curvature of the path, in mm, as above
+    #[arg(long, value_name = "MM")]
+    pub(crate) at_radius: Option<f64>,
+}
+
+impl PointArgs {
+    fn question(self) -> ChordQuestion {
+        ChordQuestion {
+            rate_hz: self.at_rate,
+            feed_mm_min: self.at_feed,
+            radius_mm: self.at_radius,
+        }
+    }
+}
+
 /// Computes the rate and writes it to `out`, as a table or as one JSON object; what else there is to say goes to `err`.
 ///
 /// # Errors
@@ -61,8 +82,9 @@ pub(crate) fn run(args: &RateArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
         None => None,
     };
     let input = input(args, machine.as_ref())?;
-    let point = if args.point.is_given() {
-        Some(args.point.point(&input)?)
+    let question = args.point.question();
+    let point = if question.is_given() {
+        Some(question.point(&input).map_err(refusal)?)
     } else {
         None
     };
@@ -78,34 +100,44 @@ pub(crate) fn run(args: &RateArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
         };
         return written(out, &report);
     }
-    let rate = rational_rate(&input).map_err(|error| CommandError::Usage(error.to_string()))?;
-    let axes = machine
-        .as_ref()
-        .map(|machine| axis_rates(machine, &input))
-        .unwrap_or_default();
-    let name = machine
-        .as_ref()
-        .map_or("given limits", |machine| machine.name.as_str());
+    let rate = RateReport::new(machine.as_ref(), &input)?;
     if let Some(file) = &args.plot {
         check_svg_name(file)?;
-        let own = machine.as_ref().map(|machine| axis_inputs(machine, &input));
-        let svg = figures_svg_of_axes(&input, &own.unwrap_or_default(), name)
-            .map_err(|error| CommandError::Failed(error.to_string()))?;
-        write_whole(file, svg.as_bytes())
+        write_whole(file, rate.svg()?.as_bytes())
             .map_err(|error| CommandError::Failed(format!("{}: cannot write: {error}", file.display())))?;
         let _ = writeln!(err, "figures written to {}", file.display());
     }
     let report = if args.json {
-        let mut object = report_json(machine.as_ref(), &input, &rate, &axes);
+        let mut object = rate.json();
         if let Some(point) = point {
             object["point"] = point.json();
         }
         format!("{object:#}\n")
     } else {
         let one = point.map_or_else(String::new, |point| point.text());
-        report_text(name, &input, &rate, &axes) + &one
+        rate.text() + &one
     };
     written(out, &report)
+}
+
+/// An error of a point, with the names of the options.
+fn refusal(error: ChordQuestionError) -> CommandError {
+    CommandError::Usage(match error {
+        ChordQuestionError::Impossible { name, .. } => {
+            let at = if matches!(name, "rate" | "feed" | "radius") {
+                "at-"
+            } else {
+                ""
+            };
+            let text = error.to_string();
+            let rest = text.strip_prefix(name).unwrap_or(&text);
+            format!("--{at}{}{rest}", name.replace(' ', "-"))
+        }
+        ChordQuestionError::TooFew => {
+            "give two of --at-rate, --at-feed and --at-radius for the third, or all three for the chord error"
+                .to_owned()
+        }
+    })
 }
 
 fn written(out: &mut dyn Write, report: &str) -> Result<(), CommandError> {
@@ -134,152 +166,6 @@ fn input(args: &RateArgs, machine: Option<&Machine>) -> Result<RateInput, Comman
     Ok(input)
 }
 
-/// The limits of each linear axis alone.
-fn axis_inputs(machine: &Machine, input: &RateInput) -> Vec<(char, RateInput)> {
-    let linear = machine.axes.iter().filter(|axis| !axis.letter.is_rotary());
-    let alone = linear.map(|axis| {
-        let input = RateInput {
-            max_feed_mm_s: machine
-                .max_feed_mm_s
-                .unwrap_or(f64::INFINITY)
-                .min(axis.max_velocity),
-            acceleration_mm_s2: axis.max_acceleration,
-            jerk_mm_s3: axis.max_jerk,
-            ..*input
-        };
-        (axis.letter.letter(), input)
-    });
-    alone.collect()
-}
-
-/// What each linear axis alone would need.
-fn axis_rates(machine: &Machine, input: &RateInput) -> Vec<(char, RationalRate)> {
-    axis_inputs(machine, input)
-        .into_iter()
-        .filter_map(|(letter, input)| Some((letter, rational_rate(&input).ok()?)))
-        .collect()
-}
-
-/// The rate and period that the loop would run at: fitted into its bounds.
-fn fitted(rate: &RationalRate) -> (f64, u64) {
-    let hz = rate.rate_hz.clamp(MIN_RATE_HZ, MAX_RATE_HZ);
-    (hz, period_ns_of(hz))
-}
-
-fn report_json(
-    machine: Option<&Machine>,
-    input: &RateInput,
-    rate: &RationalRate,
-    axes: &[(char, RationalRate)],
-) -> Value {
-    // Numbers that are not limited are null.
-    let limit = |value: f64| {
-        if value.is_finite() {
-            json!(value)
-        } else {
-            Value::Null
-        }
-    };
-    let axes: Vec<_> = axes
-        .iter()
-        .map(|(letter, rate)| {
-            json!({
-                "axis": letter.to_string(),
-                "rate_hz": rate.rate_hz,
-                "radius_mm": rate.radius_mm,
-                "feed_mm_min": rate.feed_mm_min,
-                "limited_by": rate.limited_by.as_str(),
-            })
-        })
-        .collect();
-    json!({
-        "machine": machine.map(|machine| machine.name.as_str()),
-        "rate_hz": rate.rate_hz,
-        "period_ns": rate.period_ns,
-        "radius_mm": rate.radius_mm,
-        "feed_mm_min": rate.feed_mm_min,
-        "limited_by": rate.limited_by.as_str(),
-        "and_by": rate.and_by.map(|limit| limit.as_str()),
-        "loop_rate_hz": fitted(rate).0,
-        "loop_period_ns": fitted(rate).1,
-        "max_feed_mm_min": limit(input.max_feed_mm_s * 60.0),
-        "acceleration_mm_s2": limit(input.acceleration_mm_s2),
-        "jerk_mm_s3": limit(input.jerk_mm_s3),
-        "increments_per_mm": input.increments_per_mm,
-        "permitted_error_increments": input.permitted_error_increments,
-        "min_radius_mm": input.min_radius_mm,
-        "axes": axes,
-    })
-}
-
-fn report_text(name: &str, input: &RateInput, rate: &RationalRate, axes: &[(char, RationalRate)]) -> String {
-    let limit = |value: f64, unit: &str| {
-        if value.is_finite() {
-            let digits = format!("{value:.6}");
-            format!("{} {unit}", digits.trim_end_matches('0').trim_end_matches('.'))
-        } else {
-            "not limited".to_owned()
-        }
-    };
-    let by = match rate.and_by {
-        Some(below) => format!(
-            "{}, and {} at smaller radii",
-            rate.limited_by.as_str(),
-            below.as_str()
-        ),
-        None => rate.limited_by.as_str().to_owned(),
-    };
-    let mut lines = vec![
-        format!(
-            "{name}: rational control rate {:.2} Hz, period {} ns",
-            rate.rate_hz, rate.period_ns
-        ),
-        format!("  needed at radius     {:.3} mm", rate.radius_mm),
-        format!(
-            "  with a feed of       {:.1} mm/min, limited by {by}",
-            rate.feed_mm_min
-        ),
-        format!(
-            "  largest feed         {}",
-            limit(input.max_feed_mm_s * 60.0, "mm/min")
-        ),
-        format!(
-            "  largest acceleration {}",
-            limit(input.acceleration_mm_s2 / 1000.0, "m/s2")
-        ),
-        format!(
-            "  largest jerk         {}",
-            limit(input.jerk_mm_s3 / 1000.0, "m/s3")
-        ),
-        format!("  grid                 {} increments/mm", input.increments_per_mm),
-        format!(
-            "  permitted error      {} increments",
-            input.permitted_error_increments
-        ),
-        format!("  smallest radius      {} mm", input.min_radius_mm),
-    ];
-    for (letter, rate) in axes {
-        lines.push(format!(
-            "  axis {letter} alone         {:.2} Hz, at {:.3} mm and {:.1} mm/min, limited by {}",
-            rate.rate_hz,
-            rate.radius_mm,
-            rate.feed_mm_min,
-            rate.limited_by.as_str()
-        ));
-    }
-    if rate.rate_hz < MIN_RATE_HZ {
-        lines.push(format!(
-            "  the loop runs at no less than {MIN_RATE_HZ} Hz, so it would run at that"
-        ));
-    } else if rate.rate_hz > MAX_RATE_HZ {
-        lines.push(format!(
-            "  the loop runs at no more than {MAX_RATE_HZ} Hz: there the feed in curves is reduced to keep the error"
-        ));
-    }
-    lines.push(String::new());
-    lines.join("\n")
-}
-
 pub(crate) fn check_svg_name(file: &Path) -> Result<(), CommandError> {
     if file
         .extension()
@@ -293,26 +179,10 @@ pub(crate) fn check_svg_name(file: &Path) -> Result<(), CommandError> {
     )))
 }
 
-/// Writes a file so that there is the old one or the whole new one, never a part: beside it, then renamed.
-pub(crate) fn write_whole(file: &Path, bytes: &[u8]) -> std::io::Result<()> {
-    let mut name = std::ffi::OsString::from(".");
-    name.push(file.file_name().unwrap_or_default());
-    name.push(format!(".{}.part", std::process::id()));
-    let beside = file.with_file_name(name);
-    let written = std::fs::File::create(&beside).and_then(|mut part| {
-        part.write_all(bytes)?;
-        part.sync_all()?;
-        std::fs::rename(&beside, file)
-    });
-    if written.is_err() {
-        // Nothing to add if this fails too: the first error says why.
-        let _ = std::fs::remove_file(&beside);
-    }
-    written
-}
-
 #[cfg(test)]
 mod tests {
+    use serde_json::Value;
+
     use super::*;
 
     fn ran(args: &RateArgs) -> (Result<(), CommandError>, String, String) {
@@ -469,6 +339,26 @@ mod tests {
             })
             .contains(".svg")
         );
+    }
+
+    #[test]
+    fn refusals_of_a_point_name_the_options() {
+        let point = |at_feed, permitted_error| RateArgs {
+            point: PointArgs {
+                at_feed,
+                ..PointArgs::default()
+            },
+            permitted_error,
+            ..paper()
+        };
+        assert!(
+            usage(&point(Some(1000.0), None)).starts_with("give two of --at-rate, --at-feed and --at-radius")
+        );
+        assert_eq!(
+            usage(&point(Some(-1.0), None)),
+            "--at-feed -1 is impossible: give a number above 0 and up to 1e9"
+        );
+        assert!(usage(&point(Some(1.0), Some(-1.0))).starts_with("--permitted-error -1 is impossible"));
     }
 
     #[test]

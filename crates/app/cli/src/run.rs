@@ -89,7 +89,7 @@ pub(crate) fn run(args: &RunArgs, out: &mut dyn Write, err: &mut dyn Write) -> R
         }
         Some(file) => {
             setup.machine.path.planner = PlannerKind::Classic;
-            Some(crate::adaptive::read(file, setup.period_ns)?)
+            Some(evolvent_analysis::read_adaptive(file, setup.period_ns)?)
         }
     };
     let clock = match args.clock {
@@ -97,7 +97,7 @@ pub(crate) fn run(args: &RunArgs, out: &mut dyn Write, err: &mut dyn Write) -> R
         ClockArg::Virtual => Clock::Virtual,
     };
     if let Some(file) = &args.process {
-        crate::process::install_file(&mut setup, file, clock)?;
+        evolvent_analysis::install_process_file(&mut setup, file, clock)?;
     }
     let stop_at_program_stops = clock == Clock::Realtime && io::stdin().is_terminal();
     if !args.unchecked {

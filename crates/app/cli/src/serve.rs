@@ -6,13 +6,14 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use clap::Args;
+use evolvent_analysis::{install_process_file, load_setup};
 use evolvent_machine::ControlRate;
 use evolvent_runtime::{
     Clock, ProgramMemory, ServeConfig, ServeNews, ServeSummary, Setup, StartError, TraceTo, serve,
     state_folder,
 };
 
-use crate::program::{load_setup, parse_rate};
+use crate::program::parse_rate;
 use crate::{CommandError, Ending};
 
 /// Options of `evolvent serve`.
@@ -60,7 +61,7 @@ pub(crate) fn run(
     setup.memory = ProgramMemory::of_machine(&setup.machine, &args.machine)
         .map_err(|error| CommandError::Usage(error.to_string()))?;
     if let Some(file) = &args.process {
-        crate::process::install_file(&mut setup, file, Clock::Realtime)?;
+        install_process_file(&mut setup, file, Clock::Realtime)?;
     }
     let state = args
         .state

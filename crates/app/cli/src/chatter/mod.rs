@@ -1,27 +1,17 @@
 //! `evolvent chatter`: will this cut vibrate, how strongly, and at which speed not?
 
-mod answer;
-mod chart;
-mod lobes;
-mod map;
-mod picture;
-mod report;
 #[cfg(test)]
 mod tests;
-mod transient;
-mod warn;
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use evolvent_chatter::{Case, LawSource, Laws, OscillationCase};
-use evolvent_cutting::{ForceLaw, LawDefinition};
+use evolvent_analysis::{
+    ChatterAnswer, ChatterKick, ChatterRequest, ChatterWarnings, read_chatter_case, write_whole,
+};
 
-pub(crate) use warn::{Warning, warnings};
-
-use crate::rate::{check_svg_name, write_whole};
-use crate::user_file::read_text;
+use crate::rate::check_svg_name;
 use crate::{CommandError, Ending};
 
 /// Options of `evolvent chatter`.
@@ -71,7 +61,7 @@ pub(crate) fn run(
     out: &mut dyn Write,
     err: &mut dyn Write,
 ) -> Result<Ending, CommandError> {
-    let mut case = read_case(&args.case)?;
+    let mut case = read_chatter_case(&args.case)?;
     for (file, there, what) in [
         (
             &args.plot,
@@ -113,32 +103,30 @@ pub(crate) fn run(
     if let (Some(oscillation), Some(harmonics)) = (&mut case.oscillation, args.harmonics) {
         oscillation.harmonics = usize::from(harmonics);
     }
-    let oscillation = match &case.oscillation {
-        Some(asked) => {
-            let laws = laws(&args.case, asked)?;
-            Some(answer::answer(asked, laws, args)?)
-        }
-        None => None,
+    let request = ChatterRequest {
+        sweep: args.json || args.plot.is_some(),
+        maps: args.map.is_some(),
+        kick: args.transient.is_some().then_some(ChatterKick {
+            velocity_m_s: args.kick,
+            seconds: args.seconds,
+        }),
+        least_squares: args.least_squares,
     };
-    let lobes = lobes::answers(&case)?;
-    if let Some((file, answer)) = args.plot.as_ref().zip(oscillation.as_ref()) {
-        write_picture(file, &picture::svg(&case, answer), err)?;
-    }
-    if let Some((file, answer)) = args.map.as_ref().zip(oscillation.as_ref()) {
-        write_picture(file, &map::svg(&case, answer), err)?;
-    }
-    if let Some((file, answer)) = args.transient.as_ref().zip(oscillation.as_ref())
-        && let Some(transient) = &answer.transient
-    {
-        write_picture(file, &transient::svg(&case, answer, transient), err)?;
-    }
-    if let Some(file) = &args.lobes {
-        write_picture(file, &lobes::svg(&case, &lobes), err)?;
+    let answer = ChatterAnswer::new(&args.case, case, &request)?;
+    for (file, svg) in [
+        (&args.plot, args.plot.as_ref().and_then(|_| answer.cycles_svg())),
+        (&args.map, args.map.as_ref().and_then(|_| answer.map_svg())),
+        (&args.transient, answer.transient_svg()),
+        (&args.lobes, args.lobes.as_ref().map(|_| answer.lobes_svg())),
+    ] {
+        if let (Some(file), Some(svg)) = (file, svg) {
+            write_picture(file, &svg, err)?;
+        }
     }
     let text = if args.json {
-        format!("{:#}\n", report::json(&case, oscillation.as_ref(), &lobes))
+        format!("{:#}\n", answer.json())
     } else {
-        report::text(&case, oscillation.as_ref(), &lobes)
+        answer.text()
     };
     out.write_all(text.as_bytes())
         .and_then(|()| out.flush())
@@ -154,81 +142,8 @@ fn write_picture(file: &Path, svg: &str, err: &mut dyn Write) -> Result<(), Comm
     Ok(())
 }
 
-/// Reads a case file.
-pub(crate) fn read_case(file: &Path) -> Result<Case, CommandError> {
-    let text = read_text(file, "case file")?;
-    Case::parse(&text, &file.display().to_string()).map_err(|error| CommandError::Usage(error.to_string()))
-}
-
-/// The law of the tangential force of a case.
-fn law(case_file: &Path, asked: &OscillationCase) -> Result<(ForceLaw, LawDefinition), CommandError> {
-    definition(case_file, &asked.law, asked)
-}
-
-/// The laws of a case, with their definitions.
-pub(crate) struct CaseLaws {
-    law: ForceLaw,
-    definition: LawDefinition,
-    /// Of the radial force, if it has one of its own.
-    radial: Option<(ForceLaw, LawDefinition)>,
-}
-
-impl CaseLaws {
-    pub(crate) fn laws(&self) -> Laws<'_> {
-        Laws {
-            tangential: &self.law,
-            radial: self.radial.as_ref().map(|(law, _)| law),
-        }
-    }
-
-    /// What is assumed of the radial force.
-    pub(crate) fn radial_text(&self, asked: &OscillationCase) -> String {
-        match &self.radial {
-            Some((_, radial)) => format!("radial force by law {}: {}", radial.name, radial.description),
-            None => format!(
-                "radial force is {} of the tangential force{}",
-                asked.radial_ratio.unwrap_or_else(|| self.law.radial_ratio()),
-                if asked.radial_ratio.is_some() {
-                    " (case file)"
-                } else {
-                    " (assumed by the law)"
-                }
-            ),
-        }
-    }
-}
-
-/// The laws of a case.
-pub(crate) fn laws(case_file: &Path, asked: &OscillationCase) -> Result<CaseLaws, CommandError> {
-    let (law, definition) = law(case_file, asked)?;
-    let radial = match &asked.radial_law {
-        Some(source) => Some(self::definition(case_file, source, asked)?),
-        None => None,
-    };
-    Ok(CaseLaws {
-        law,
-        definition,
-        radial,
-    })
-}
-
-fn definition(
-    case_file: &Path,
-    source: &LawSource,
-    asked: &OscillationCase,
-) -> Result<(ForceLaw, LawDefinition), CommandError> {
-    let usage = |text: String| CommandError::Usage(text);
-    let definition = match source {
-        LawSource::BuiltIn(definition) => (**definition).clone(),
-        LawSource::File(name) => {
-            let file = case_file.parent().unwrap_or(Path::new("")).join(name);
-            let text = read_text(&file, "law file")?;
-            LawDefinition::parse(&text, &file.display().to_string())
-                .map_err(|error| usage(error.to_string()))?
-        }
-    };
-    let law = definition
-        .law(asked.angles)
-        .map_err(|error| usage(format!("{}: force: {error}", case_file.display())))?;
-    Ok((law, definition))
+/// Writes what was predicted of a program, with what is assumed behind.
+pub(crate) fn write_warnings(warnings: &ChatterWarnings, err: &mut dyn Write, file_name: &str) {
+    // With standard error gone there is nobody left to tell.
+    let _ = err.write_all(warnings.text(file_name).as_bytes());
 }

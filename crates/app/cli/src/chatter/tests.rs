@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use evolvent_analysis::{AnalysisError, ChatterWarning, chatter_warnings};
 use evolvent_machine::Machine;
 use evolvent_runtime::Setup;
 use serde_json::Value;
@@ -304,7 +305,7 @@ fn bad_cases_are_refused_with_file_line_and_key() {
     assert!(refusal(&pole, "case.toml").contains("pole"));
 }
 
-fn warned(program: &str, machine: &str, case: &str) -> Result<Vec<Warning>, CommandError> {
+fn warned(program: &str, machine: &str, case: &str) -> Result<Vec<ChatterWarning>, AnalysisError> {
     let folder = tempfile::tempdir().unwrap();
     let (file, case_file) = (folder.path().join("shaft.ngc"), folder.path().join("case.toml"));
     std::fs::write(&file, program).unwrap();
@@ -313,7 +314,7 @@ fn warned(program: &str, machine: &str, case: &str) -> Result<Vec<Warning>, Comm
     let text = std::fs::read_to_string(&machine_file).unwrap();
     let machine = Machine::load(&machine_file).unwrap();
     let setup = Setup::new(machine, machine_file, text, None).unwrap();
-    warnings(&file, &setup, &case_file).map(|warnings| warnings.found)
+    chatter_warnings(&file, &setup, &case_file).map(|warnings| warnings.found().to_vec())
 }
 
 const SHAFT: &str = "G21 G18 G90 G94\nM3 S191\nG0 X60 Z410\nG1 X50 F93.6\nG1 Z300\nG0 X60 Z410\nS128\nG1 X50 F62.72\nG1 Z300\nM2\n";
@@ -369,5 +370,5 @@ fn a_depth_that_the_cycle_gives_counts() {
 fn predictions_for_turning_are_refused_on_a_mill() {
     let case = std::fs::read_to_string(shipped("processes/chatter-40x")).unwrap();
     let refused = warned(SHAFT, "machines/mill-3axis", &case);
-    assert!(matches!(refused, Err(CommandError::Usage(message)) if message.contains("no lathe")));
+    assert!(matches!(refused, Err(AnalysisError::Input(message)) if message.contains("no lathe")));
 }

@@ -1,4 +1,4 @@
-//! `evolvent bore --json` and `--compare`: the numbers of the blocks, and the involute beside other paths.
+//! The numbers of the blocks, and the involute beside other paths.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -8,12 +8,13 @@ use evolvent_path::{
     Archimedean, Curve, HoleBlock, HolePass, Role, half_circle_radii_mm, half_circles_length_mm,
     helix_length_mm,
 };
-use evolvent_runtime::{Clock, Controls, Job, Notice, RunObserver, Setup};
+use evolvent_runtime::{Clock, Controls, Job, Setup};
 use serde_json::{Value, json};
 
-use crate::CommandError;
-use crate::program::load_setup;
+use crate::error::AnalysisError;
+use crate::load_setup::load_setup;
 use crate::scratch::Folder;
+use crate::unobserved::Unobserved;
 
 /// By how much the polyline of the Archimedean spiral may leave it, mm.
 const POLYLINE_MM: f64 = 0.001;
@@ -66,14 +67,22 @@ pub(crate) fn pass_json(title: &str, z_mm: f64, feed_mm_min: f64, pass: &HolePas
     })
 }
 
+/// The first pass of a hole beside other paths that clear it.
+#[derive(Debug, Default)]
+pub struct BoreComparison {
+    feed_mm_min: f64,
+    list: Vec<Alternative>,
+}
+
 /// A path that clears the hole at one depth.
-pub(crate) struct Alternative {
-    pub(crate) name: &'static str,
-    pub(crate) length_mm: Option<f64>,
+#[derive(Debug)]
+struct Alternative {
+    name: &'static str,
+    length_mm: Option<f64>,
     /// What keeps it from being used, or what it costs.
-    pub(crate) remark: String,
+    remark: String,
     /// Time under the machine's limits, s.
-    pub(crate) time_s: Option<f64>,
+    time_s: Option<f64>,
     program: Option<String>,
 }
 
@@ -93,7 +102,7 @@ impl Comparison<'_> {
     ///
     /// # Errors
     /// A machine file that is wrong, or a path that the machine cannot go.
-    pub(crate) fn alternatives(&self, machine: Option<&Path>) -> Result<Vec<Alternative>, CommandError> {
+    pub(crate) fn alternatives(&self, machine: Option<&Path>) -> Result<BoreComparison, AnalysisError> {
         let pass = self.pass;
         let (radius, turns) = (pass.radius_mm, pass.turns);
         let round = std::f64::consts::TAU * radius;
@@ -152,7 +161,10 @@ impl Comparison<'_> {
                 }
             }
         }
-        Ok(list)
+        Ok(BoreComparison {
+            feed_mm_min: self.feed_mm_min,
+            list,
+        })
     }
 
     /// A helix clears a hole in one go where the tool covers its middle; its turns go down, not out.
@@ -196,7 +208,7 @@ impl Comparison<'_> {
     }
 
     fn line(&self, block: &HoleBlock) -> String {
-        crate::bore::line(block, self.feed_mm_min)
+        super::line(block, self.feed_mm_min)
     }
 
     fn half_circles(&self, radius: f64, turns: u32) -> String {
@@ -243,17 +255,9 @@ impl Comparison<'_> {
     }
 }
 
-struct Silent;
-
-impl RunObserver for Silent {
-    fn progress(&mut self, _: &Controls) {}
-    fn notice(&mut self, _: &Notice) {}
-    fn note(&mut self, _: &str) {}
-}
-
 /// Time that a path takes under the limits of a machine, s: without the way to its start.
-fn planned_s(setup: &Setup, name: &str, text: &str) -> Result<f64, CommandError> {
-    let failed = |error: &dyn std::fmt::Display| CommandError::Failed(format!("{name}: {error}"));
+fn planned_s(setup: &Setup, name: &str, text: &str) -> Result<f64, AnalysisError> {
+    let failed = |error: &dyn std::fmt::Display| AnalysisError::Failed(format!("{name}: {error}"));
     let folder = Folder::new("evolvent-bore").map_err(|error| failed(&error))?;
     let program = folder.path().join("path.ngc");
     std::fs::write(&program, text).map_err(|error| failed(&error))?;
@@ -272,7 +276,7 @@ fn planned_s(setup: &Setup, name: &str, text: &str) -> Result<f64, CommandError>
     };
     // The path begins behind the dwell, in line 4.
     let mut cycles = 0_u64;
-    let outcome = evolvent_runtime::run(&job, &Arc::new(Controls::new(1.0)), &mut Silent, |setpoint| {
+    let outcome = evolvent_runtime::run(&job, &Arc::new(Controls::new(1.0)), &mut Unobserved, |setpoint| {
         cycles += u64::from(setpoint.line > 3);
     })
     .map_err(|error| failed(&error))?;
@@ -283,141 +287,45 @@ fn planned_s(setup: &Setup, name: &str, text: &str) -> Result<f64, CommandError>
     Ok(cycles as f64 * setup.period_ns as f64 * 1e-9)
 }
 
-/// The comparison as a table.
-pub(crate) fn comparison_text(list: &[Alternative], feed_mm_min: f64) -> String {
-    let mut text = String::from("  path                  length mm   at feed s   planned s   \n");
-    let cell = |value: Option<f64>, digits: usize| {
-        value.map_or_else(|| "-".to_owned(), |value| format!("{value:.digits$}"))
-    };
-    for path in list {
-        let at_feed = path.length_mm.map(|length| 60.0 * length / feed_mm_min);
-        // Writing to a string cannot fail.
-        let _ = writeln!(
-            text,
-            "  {:<20}{:>11}{:>12}{:>12}   {}",
-            path.name,
-            cell(path.length_mm, 3),
-            cell(at_feed, 3),
-            cell(path.time_s, 3),
-            path.remark
-        );
+impl BoreComparison {
+    /// As a table.
+    #[must_use]
+    pub fn text(&self) -> String {
+        let feed_mm_min = self.feed_mm_min;
+        let mut text = String::from("  path                  length mm   at feed s   planned s   \n");
+        let cell = |value: Option<f64>, digits: usize| {
+            value.map_or_else(|| "-".to_owned(), |value| format!("{value:.digits$}"))
+        };
+        for path in &self.list {
+            let at_feed = path.length_mm.map(|length| 60.0 * length / feed_mm_min);
+            // Writing to a string cannot fail.
+            let _ = writeln!(
+                text,
+                "  {:<20}{:>11}{:>12}{:>12}   {}",
+                path.name,
+                cell(path.length_mm, 3),
+                cell(at_feed, 3),
+                cell(path.time_s, 3),
+                path.remark
+            );
+        }
+        text
     }
-    text
-}
 
-/// The comparison for programs that read it.
-pub(crate) fn comparison_json(list: &[Alternative], feed_mm_min: f64) -> Value {
-    list.iter()
-        .map(|path| {
-            json!({
-                "path": path.name,
-                "length_mm": path.length_mm,
-                "time_at_feed_s": path.length_mm.map(|length| 60.0 * length / feed_mm_min),
-                "planned_s": path.time_s,
-                "remark": path.remark,
+    /// As a list of objects.
+    pub(super) fn json(&self) -> Value {
+        let feed_mm_min = self.feed_mm_min;
+        self.list
+            .iter()
+            .map(|path| {
+                json!({
+                    "path": path.name,
+                    "length_mm": path.length_mm,
+                    "time_at_feed_s": path.length_mm.map(|length| 60.0 * length / feed_mm_min),
+                    "planned_s": path.time_s,
+                    "remark": path.remark,
+                })
             })
-        })
-        .collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use clap::Parser;
-
-    use crate::bore::{BoreArgs, run};
-
-    use super::*;
-
-    #[derive(Parser)]
-    struct Command {
-        #[command(flatten)]
-        bore: BoreArgs,
-    }
-
-    fn output(options: &str) -> String {
-        let words = std::iter::once("bore").chain(options.split_whitespace());
-        let args = Command::try_parse_from(words)
-            .unwrap_or_else(|error| panic!("{error}"))
-            .bore;
-        let mut out = Vec::new();
-        run(&args, &mut out).unwrap();
-        String::from_utf8(out).unwrap()
-    }
-
-    const BORE_200: &str = "--hole 200 --tool 40 --pitch 4 --allowance 1 --finish --start -40,40 --feed 9000";
-
-    #[test]
-    fn json_holds_the_six_numbers_of_tables_2_and_3() {
-        let object: Value = serde_json::from_str(&output(&format!("{BORE_200} --json"))).unwrap();
-        let number = |pointer: &str| object.pointer(pointer).and_then(Value::as_f64).unwrap();
-        for (pointer, printed, tolerance) in [
-            ("/passes/0/base_radius_mm", 0.628_662_025, 5e-10),
-            ("/passes/0/visible_turns", 20.0, 1e-12),
-            ("/passes/0/blocks/0/length_mm", 4_963.716_39, 5e-6),
-            ("/passes/0/blocks/0/phi0_rad", 0.0, 1e-12),
-            ("/passes/0/blocks/0/r_k_mm", 79.0, 1e-9),
-            ("/passes/0/blocks/1/length_mm", 496.371_639, 5e-7),
-            ("/passes/1/blocks/0/length_mm", 242.249_73, 5e-6),
-            ("/passes/1/blocks/0/phi0_rad", 9.044_814_77, 5e-9),
-            ("/passes/1/blocks/0/psi_rad", 0.946_567_32, 5e-9),
-            ("/passes/1/blocks/0/r_n_mm", 57.5811, 5e-5),
-            ("/passes/1/blocks/0/r_k_mm", 80.0, 1e-9),
-            // From phi0 to 4 pi.
-            (
-                "/passes/1/visible_turns",
-                2.0 - 9.044_814_77 / std::f64::consts::TAU,
-                1e-8,
-            ),
-            ("/passes/1/blocks/1/start_mm/0", 64.913_119, 5e-7),
-            ("/passes/1/blocks/1/start_mm/1", -46.757_748, 5e-7),
-        ] {
-            assert!(
-                (number(pointer) - printed).abs() <= tolerance,
-                "{pointer}: {}",
-                number(pointer)
-            );
-        }
-        // The paper's estimate of visible turns is near.
-        let estimate = 2.0 * (1.0 - 40.0 * 2.0_f64.sqrt() / 80.0);
-        assert!((number("/passes/1/visible_turns") - estimate).abs() < 0.05);
-    }
-
-    #[test]
-    fn planned_times_keep_the_feed_and_rank_the_paths() {
-        let machine = concat!(
-            env!("CARGO_MANIFEST_DIR"),
-            "/../../../config/machines/mill-3axis.toml"
-        );
-        let options = "--hole 60 --tool 20 --pitch 4 --feed 6000 --compare --json --machine";
-        let object: Value = serde_json::from_str(&output(&format!("{options} {machine}"))).unwrap();
-        let list = object["comparison"].as_array().unwrap();
-        let of = |name: &str| list.iter().find(|path| path["path"] == name).unwrap();
-        for path in list.iter().filter(|path| path["path"] != "helix") {
-            let (at_feed, planned) = (
-                path["time_at_feed_s"].as_f64().unwrap(),
-                path["planned_s"].as_f64().unwrap(),
-            );
-            assert!(planned > at_feed && planned < 1.6 * at_feed, "{path}");
-        }
-        // By hand: half circles of R/10, 2R/10, .. R, and once round; all of them about as long as their turns' circles.
-        let half = of("half circles")["length_mm"].as_f64().unwrap();
-        assert!(
-            (half - std::f64::consts::PI * (2.0 * 55.0 + 40.0)).abs() < 1e-9,
-            "{half}"
-        );
-        let involute = of("involute")["length_mm"].as_f64().unwrap();
-        assert!(
-            (involute - std::f64::consts::PI * 20.0 * 7.0).abs() < 1e-6,
-            "{involute}"
-        );
-        assert!(
-            of("helix")["length_mm"].is_null()
-                && of("helix")["remark"].as_str().unwrap().contains("30.000 mm")
-        );
-        let wide = output("--hole 60 --tool 32 --pitch 4 --depth 10 --compare");
-        assert!(
-            wide.contains("turns of the pitch down") && !wide.contains("NaN"),
-            "{wide}"
-        );
+            .collect()
     }
 }

@@ -47,7 +47,7 @@ const STYLE: &str = "text{font:12px sans-serif;fill:#222}.title{font-size:19px;f
 const ORDERS: [&str; 3] = ["#3a7d2c", "#1f5fa8", "#8a5a9e"];
 
 /// Gathers what is drawn while a plan is computed.
-pub(crate) struct PlanFigure {
+pub struct PlanFigure {
     machine: Machine,
     period_s: f64,
     strips: Strips,
@@ -56,7 +56,9 @@ pub(crate) struct PlanFigure {
 }
 
 impl PlanFigure {
-    pub(crate) fn new(machine: &Machine, period_s: f64) -> Self {
+    /// Of a machine, with setpoints this far apart, s.
+    #[must_use]
+    pub fn new(machine: &Machine, period_s: f64) -> Self {
         Self {
             machine: machine.clone(),
             period_s,
@@ -67,7 +69,7 @@ impl PlanFigure {
     }
 
     /// Takes the next setpoint, its feed word (none on rapids) and what limits it.
-    pub(crate) fn see(&mut self, setpoint: &Setpoint, word: Option<f64>, cause: Limiting) {
+    pub fn see(&mut self, setpoint: &Setpoint, word: Option<f64>, cause: Limiting) {
         self.strips.see(setpoint, word, cause);
         let rapid = setpoint.flags & flags::RAPID != 0;
         let feed = (!rapid).then_some(setpoint.feed_mm_s);
@@ -81,7 +83,8 @@ impl PlanFigure {
     }
 
     /// The picture as the text of an SVG file.
-    pub(crate) fn svg(&self, title: &str) -> String {
+    #[must_use]
+    pub fn svg(&self, title: &str) -> String {
         let mut svg = Svg::new(WIDTH);
         svg.text((20.0, 32.0), Anchor::Start, "title", title);
         let subtitle = format!(

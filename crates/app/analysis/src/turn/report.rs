@@ -2,8 +2,8 @@
 
 use std::fmt::Write as _;
 
-use super::comparison;
-use super::trial::{Sample, Trial};
+use super::summary::comparison;
+use super::trial::{Sample, TurningTrial};
 use crate::figure::scale::{Scale, nice_ticks};
 use crate::figure::svg::{Anchor, Pen, Svg};
 
@@ -19,7 +19,7 @@ const STYLE: &str = "text{font:12px sans-serif;fill:#222}.title{font-size:19px;f
                      .set{stroke:#b00020;stroke-dasharray:6 4}.final{stroke:#b5b5b5;stroke-width:5}";
 
 /// The whole picture.
-pub(crate) fn svg(trial: &Trial, machine: &str) -> String {
+pub(crate) fn svg(trial: &TurningTrial, machine: &str) -> String {
     let mut svg = Svg::new(WIDTH);
     let figures = &trial.figures;
     svg.text(
@@ -70,7 +70,7 @@ pub(crate) fn svg(trial: &Trial, machine: &str) -> String {
     svg.finish(below + 20.0, STYLE)
 }
 
-fn stock(svg: &mut Svg, trial: &Trial, top: f64) -> f64 {
+fn stock(svg: &mut Svg, trial: &TurningTrial, top: f64) -> f64 {
     let length = trial.job.settings.length_mm;
     let head = trial.samples.iter().map(|s| -s.along_mm).fold(5.0, f64::max);
     let high = 1.2 * trial.highest_mm.max(1.0);
@@ -185,7 +185,7 @@ fn grid(svg: &mut Svg, across: &Scale, up: &Scale, top: f64, height: f64) {
 
 fn strip(
     svg: &mut Svg,
-    trial: &Trial,
+    trial: &TurningTrial,
     top: f64,
     title: &str,
     high: f64,
@@ -237,7 +237,7 @@ fn strip(
 }
 
 /// Times against fixed passes.
-fn bars(svg: &mut Svg, trial: &Trial, top: f64) -> f64 {
+fn bars(svg: &mut Svg, trial: &TurningTrial, top: f64) -> f64 {
     svg.text(
         (LEFT, top - 12.0),
         Anchor::Start,
@@ -280,7 +280,7 @@ fn bars(svg: &mut Svg, trial: &Trial, top: f64) -> f64 {
 }
 
 /// The picture with the log of changes, as one page.
-pub(crate) fn html(trial: &Trial, machine: &str, svg: &str) -> String {
+pub(crate) fn html(trial: &TurningTrial, machine: &str, svg: &str) -> String {
     let escape = |text: &str| {
         text.replace('&', "&amp;")
             .replace('<', "&lt;")

@@ -9,7 +9,7 @@ use evolvent_gcode::{Action, Move, MoveKind};
 use evolvent_runtime::{Commands, ProgramError, Setup};
 
 /// Follows a plan block by block.
-pub(crate) struct Feeds {
+pub struct FeedWords {
     commands: Commands,
     most: Option<f64>,
     /// Moves interpreted so far.
@@ -18,8 +18,12 @@ pub(crate) struct Feeds {
     over: bool,
 }
 
-impl Feeds {
-    pub(crate) fn open(program: &Path, setup: &Setup) -> Result<Self, ProgramError> {
+impl FeedWords {
+    /// Opens the program once more.
+    ///
+    /// # Errors
+    /// As a run: the program cannot be opened.
+    pub fn open(program: &Path, setup: &Setup) -> Result<Self, ProgramError> {
         Ok(Self {
             commands: Commands::open(program, setup)?,
             most: setup.machine.max_feed_mm_s,
@@ -30,7 +34,7 @@ impl Feeds {
     }
 
     /// Feed word of a block in mm/s, at most the machine's greatest feed; none on rapids. Blocks must not go back.
-    pub(crate) fn of_block(&mut self, block: u32) -> Option<f64> {
+    pub fn of_block(&mut self, block: u32) -> Option<f64> {
         while self.next <= block && !self.over {
             // What is wrong with the program is reported by the run.
             match self.commands.next() {

@@ -1,38 +1,43 @@
-//! Process files: what a cut is like, for turning cycles that find their passes.
+//! Process files: what a cut is like, for turning cycles that find their passes; files of adaptive feed control.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use evolvent_runtime::{Clock, Setup};
-use evolvent_turning::Job;
+use evolvent_turning::{AdaptiveSettings, Job};
 
-use crate::CommandError;
+use crate::error::AnalysisError;
 use crate::user_file::read_text;
 
 /// Reads and checks a process file.
 ///
 /// # Errors
 /// A file that cannot be read, or does not make sense.
-pub(crate) fn read(file: &Path) -> Result<Job, CommandError> {
+pub fn read_process(file: &Path) -> Result<Job, AnalysisError> {
     let text = read_text(file, "process file")?;
-    Job::parse(&text, &file.display().to_string()).map_err(|error| CommandError::Usage(error.to_string()))
+    Job::parse(&text, &file.display().to_string()).map_err(|error| AnalysisError::Input(error.to_string()))
 }
 
 /// Puts a process file in, for a machine that moves.
 ///
 /// # Errors
-/// As [`read`]; a machine whose load nobody measures, or with the virtual clock a file without stock.
-pub(crate) fn install_file(setup: &mut Setup, file: &Path, clock: Clock) -> Result<(), CommandError> {
-    let job = read(file)?;
-    install(setup, job, &file.display().to_string(), clock)
+/// As [`read_process`]; a machine whose load nobody measures, or with the virtual clock a file without stock.
+pub fn install_process_file(setup: &mut Setup, file: &Path, clock: Clock) -> Result<(), AnalysisError> {
+    let job = read_process(file)?;
+    install_process(setup, job, &file.display().to_string(), clock)
 }
 
 /// Puts a process in; `name` names it in errors.
 ///
 /// # Errors
 /// A machine whose load nobody measures, or with the virtual clock a process without stock.
-pub(crate) fn install(setup: &mut Setup, job: Job, name: &str, clock: Clock) -> Result<(), CommandError> {
-    let usage = |what: &str| Err(CommandError::Usage(format!("{name}: {what}")));
+pub(crate) fn install_process(
+    setup: &mut Setup,
+    job: Job,
+    name: &str,
+    clock: Clock,
+) -> Result<(), AnalysisError> {
+    let usage = |what: &str| Err(AnalysisError::Input(format!("{name}: {what}")));
     if !setup.machine.program.load_channel {
         return usage(
             "passes are found from the cutting load, and nothing measures it on this machine: where something does, let its \
@@ -53,12 +58,12 @@ pub(crate) fn install(setup: &mut Setup, job: Job, name: &str, clock: Clock) -> 
 /// set-up, a case file of `evolvent chatter` is returned.
 ///
 /// # Errors
-/// As [`read`]; two of a kind.
-pub(crate) fn sort_out<'a>(
+/// As [`read_process`]; two of a kind.
+pub fn sort_process_files<'a>(
     setup: &mut Setup,
     files: &'a [PathBuf],
     clock: Clock,
-) -> Result<Option<&'a Path>, CommandError> {
+) -> Result<Option<&'a Path>, AnalysisError> {
     let mut case = None;
     for file in files {
         // Only a process file of turning has feeds.
@@ -71,17 +76,28 @@ pub(crate) fn sort_out<'a>(
             case.is_some()
         };
         if is_second {
-            return Err(CommandError::Usage(format!(
+            return Err(AnalysisError::Input(format!(
                 "{}: a second file of its kind; give --process once with a file as of `evolvent turn`, and once with a \
                  case file as of `evolvent chatter`",
                 file.display()
             )));
         }
         if is_turning {
-            install_file(setup, file, clock)?;
+            install_process_file(setup, file, clock)?;
         } else {
             case = Some(file.as_path());
         }
     }
     Ok(case)
+}
+
+/// Reads and checks a file of adaptive feed control, for a control period.
+///
+/// # Errors
+/// A file that cannot be read, keys that are unknown, missing or make no sense.
+pub fn read_adaptive(file: &Path, period_ns: u64) -> Result<AdaptiveSettings, AnalysisError> {
+    let name = file.display().to_string();
+    let text = read_text(file, "adaptive file")?;
+    AdaptiveSettings::parse(&text, &name, 1e-9 * period_ns as f64)
+        .map_err(|error| AnalysisError::Input(error.to_string()))
 }

@@ -4,7 +4,7 @@ use evolvent_machine::Machine;
 use evolvent_motion::{Setpoint, flags};
 use serde::Serialize;
 
-use crate::limiting::{Classifier, Limiting, Order, Shares, bend};
+use crate::limiting::{LimitClassifier, Limiting, Order, Shares, bend};
 
 /// A speed has risen again when it is this much above the lowest.
 const RISEN: f64 = 1.01;
@@ -86,7 +86,7 @@ struct Glimpse {
 pub(crate) struct Watch {
     line: u32,
     machine: Machine,
-    classifier: Classifier,
+    classifier: LimitClassifier,
     period_s: f64,
     all: u64,
     count: u64,
@@ -147,7 +147,7 @@ impl Watch {
         Self {
             line,
             machine: machine.clone(),
-            classifier: Classifier::new(machine, period_s),
+            classifier: LimitClassifier::new(machine, period_s),
             period_s,
             all: 0,
             count: 0,

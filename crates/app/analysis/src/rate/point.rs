@@ -1,32 +1,44 @@
-//! `evolvent rate --at-..`: chord and chord error of one rate, feed and radius, or the one of them that is missing.
+//! Chord and chord error of one rate, feed and radius, or the one of them that is missing.
 
 use std::fmt::Write as _;
 
-use clap::Args;
 use evolvent_machine::{
     RateInput, chord_error_increments, chord_feed_limit_mm_s, longest_chord_mm, rate_for, smallest_radius_mm,
 };
 use serde_json::{Value, json};
 
-use crate::CommandError;
-
 /// One point of the paper's diagrams: any two of the three give the third at the permitted error, all three give the error.
-#[derive(Args, Clone, Copy, Debug, Default)]
-pub(crate) struct PointArgs {
-    /// Control rate, in Hz: with --at-feed and --at-radius the chord error, with one of them what the other may be
-    #[arg(long, value_name = "HZ")]
-    pub(crate) at_rate: Option<f64>,
-    /// Feed, in mm/min, as above
-    #[arg(long, value_name = "MM_MIN")]
-    pub(crate) at_feed: Option<f64>,
-    /// Radius of curvature of the path, in mm, as above
-    #[arg(long, value_name = "MM")]
-    pub(crate) at_radius: Option<f64>,
+#[derive(Clone, Copy, Debug, Default)]
+pub struct ChordQuestion {
+    /// Control rate, Hz.
+    pub rate_hz: Option<f64>,
+    /// Feed, mm/min.
+    pub feed_mm_min: Option<f64>,
+    /// Radius of curvature of the path, mm.
+    pub radius_mm: Option<f64>,
+}
+
+/// Why a point could not be worked out.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum ChordQuestionError {
+    /// A number that is not above 0, or too large.
+    #[error("{name} {value} is impossible: give a number above 0 and up to {most:e}")]
+    Impossible {
+        /// Which number: `rate`, `feed`, `radius`, `increments per mm` or `permitted error`.
+        name: &'static str,
+        /// What was given.
+        value: f64,
+        /// The largest that is accepted.
+        most: f64,
+    },
+    /// Fewer than two of the three.
+    #[error("give two of rate, feed and radius for the third, or all three for the chord error")]
+    TooFew,
 }
 
 /// What was found for one rate, feed and radius.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Point {
+pub struct ChordPoint {
     rate_hz: f64,
     feed_mm_min: f64,
     radius_mm: f64,
@@ -39,33 +51,34 @@ pub(crate) struct Point {
     permitted: f64,
 }
 
-impl PointArgs {
-    pub(crate) fn is_given(self) -> bool {
-        self.at_rate.is_some() || self.at_feed.is_some() || self.at_radius.is_some()
+impl ChordQuestion {
+    /// Whether any of the three is given.
+    #[must_use]
+    pub fn is_given(self) -> bool {
+        self.rate_hz.is_some() || self.feed_mm_min.is_some() || self.radius_mm.is_some()
     }
 
     /// Works the point out on the grid and with the permitted error of `input`.
     ///
     /// # Errors
     /// Fewer than two of the three, or numbers that make no sense.
-    pub(crate) fn point(self, input: &RateInput) -> Result<Point, CommandError> {
+    pub fn point(self, input: &RateInput) -> Result<ChordPoint, ChordQuestionError> {
         for (name, value, most) in [
-            ("--at-rate", self.at_rate, 1e9),
-            ("--at-feed", self.at_feed, 1e9),
-            ("--at-radius", self.at_radius, 1e9),
-            ("--increments-per-mm", Some(input.increments_per_mm), 1e9),
-            ("--permitted-error", Some(input.permitted_error_increments), 1e6),
+            ("rate", self.rate_hz, 1e9),
+            ("feed", self.feed_mm_min, 1e9),
+            ("radius", self.radius_mm, 1e9),
+            ("increments per mm", Some(input.increments_per_mm), 1e9),
+            ("permitted error", Some(input.permitted_error_increments), 1e6),
         ] {
             if let Some(value) = value
                 && !(value > 0.0 && value <= most)
             {
-                return Err(CommandError::Usage(format!(
-                    "{name} {value} is impossible: give a number above 0 and up to {most:e}"
-                )));
+                return Err(ChordQuestionError::Impossible { name, value, most });
             }
         }
         let (k, permitted) = (input.increments_per_mm, input.permitted_error_increments);
-        let (rate_hz, feed_mm_min, radius_mm, found) = match (self.at_rate, self.at_feed, self.at_radius) {
+        let (rate_hz, feed_mm_min, radius_mm, found) = match (self.rate_hz, self.feed_mm_min, self.radius_mm)
+        {
             (Some(rate), Some(feed), Some(radius)) => (rate, feed, radius, None),
             (Some(rate), None, Some(radius)) => {
                 let feed = chord_feed_limit_mm_s(rate, 1.0 / radius, k, permitted) * 60.0;
@@ -81,15 +94,10 @@ impl PointArgs {
                 let radius = smallest_radius_mm(feed / 60.0 / rate, k, permitted);
                 (rate, feed, radius, Some("radius"))
             }
-            _ => {
-                return Err(CommandError::Usage(
-                    "give two of --at-rate, --at-feed and --at-radius for the third, or all three for the chord error"
-                        .to_owned(),
-                ));
-            }
+            _ => return Err(ChordQuestionError::TooFew),
         };
         let chord_mm = feed_mm_min / 60.0 / rate_hz;
-        Ok(Point {
+        Ok(ChordPoint {
             rate_hz,
             feed_mm_min,
             radius_mm,
@@ -108,13 +116,15 @@ impl PointArgs {
     }
 }
 
-impl Point {
+impl ChordPoint {
     fn is_permitted(&self) -> bool {
         // What was worked out lies on the limit, but for rounding.
         self.found.is_some() || self.error_increments <= self.permitted
     }
 
-    pub(crate) fn json(&self) -> Value {
+    /// As one object; what is infinite is null.
+    #[must_use]
+    pub fn json(&self) -> Value {
         let number = |value: f64| {
             if value.is_finite() {
                 json!(value)
@@ -138,7 +148,9 @@ impl Point {
         })
     }
 
-    pub(crate) fn text(&self) -> String {
+    /// As a table.
+    #[must_use]
+    pub fn text(&self) -> String {
         let mut text = String::new();
         let mark = |name: &str| if self.found == Some(name) { "  (found)" } else { "" };
         let number = |value: f64, digits: usize| {
@@ -215,10 +227,10 @@ mod tests {
             (500.0, 6000.0, 0.25),
             (1000.0, 1000.0, 2.0),
         ] {
-            let args = PointArgs {
-                at_rate: Some(rate),
-                at_feed: Some(feed),
-                at_radius: Some(radius),
+            let args = ChordQuestion {
+                rate_hz: Some(rate),
+                feed_mm_min: Some(feed),
+                radius_mm: Some(radius),
             };
             let point = args.point(&input(1000.0)).unwrap();
             let expected = printed(rate, feed, radius, 1000.0);
@@ -238,10 +250,10 @@ mod tests {
             (3500.0, 11_548.0, 1e5),
             (250.0, 30_000.0, 1e4),
         ] {
-            let (all, given) = (PointArgs::default(), input(k));
-            let radius = PointArgs {
-                at_rate: Some(rate),
-                at_feed: Some(feed),
+            let (all, given) = (ChordQuestion::default(), input(k));
+            let radius = ChordQuestion {
+                rate_hz: Some(rate),
+                feed_mm_min: Some(feed),
                 ..all
             };
             let radius = radius.point(&given).unwrap();
@@ -250,15 +262,15 @@ mod tests {
                 (printed(rate, feed, radius.radius_mm, k) - 1.0).abs() < 1e-3,
                 "{radius:?}"
             );
-            let back = PointArgs {
-                at_rate: Some(rate),
-                at_radius: Some(radius.radius_mm),
+            let back = ChordQuestion {
+                rate_hz: Some(rate),
+                radius_mm: Some(radius.radius_mm),
                 ..all
             };
             assert!((back.point(&given).unwrap().feed_mm_min / feed - 1.0).abs() < 1e-9);
-            let back = PointArgs {
-                at_feed: Some(feed),
-                at_radius: Some(radius.radius_mm),
+            let back = ChordQuestion {
+                feed_mm_min: Some(feed),
+                radius_mm: Some(radius.radius_mm),
                 ..all
             };
             assert!((back.point(&given).unwrap().rate_hz / rate - 1.0).abs() < 1e-9);
@@ -267,24 +279,21 @@ mod tests {
 
     #[test]
     fn one_number_alone_or_a_wrong_one_is_refused() {
-        let one = PointArgs {
-            at_feed: Some(1000.0),
-            ..PointArgs::default()
+        let one = ChordQuestion {
+            feed_mm_min: Some(1000.0),
+            ..ChordQuestion::default()
         };
-        let Err(CommandError::Usage(text)) = one.point(&input(1000.0)) else {
-            panic!()
-        };
-        assert!(text.contains("give two of"), "{text}");
+        assert_eq!(one.point(&input(1000.0)), Err(ChordQuestionError::TooFew));
         for bad in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-            let args = PointArgs {
-                at_feed: Some(bad),
-                at_rate: Some(500.0),
-                ..PointArgs::default()
+            let args = ChordQuestion {
+                feed_mm_min: Some(bad),
+                rate_hz: Some(500.0),
+                ..ChordQuestion::default()
             };
-            let Err(CommandError::Usage(text)) = args.point(&input(1000.0)) else {
+            let Err(ChordQuestionError::Impossible { name, .. }) = args.point(&input(1000.0)) else {
                 panic!("{bad}")
             };
-            assert!(text.contains("--at-feed"), "{text}");
+            assert_eq!(name, "feed");
         }
     }
 }

@@ -9,7 +9,7 @@ use evolvent_path::Curve;
 use evolvent_runtime::{Commands, ProgramError, Setup};
 use serde::Serialize;
 
-use crate::feeds::feed_word;
+use crate::feed_words::feed_word;
 
 /// Moves on each side whose lengths are looked at.
 const CHAIN: usize = 20;

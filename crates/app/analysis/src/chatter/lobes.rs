@@ -3,7 +3,7 @@
 use evolvent_chatter::{Case, Chatter, ChatterError, ChatterKind, Limit, Lobes, MillingDelay};
 
 use super::chart::{Chart, STABLE, STYLE, UNSTABLE, WIDTH, foot};
-use crate::CommandError;
+use crate::error::AnalysisError;
 use crate::figure::svg::{Anchor, Svg};
 
 /// Limits of period doubling.
@@ -60,8 +60,8 @@ impl LobePoint {
     }
 }
 
-pub(crate) fn answers(case: &Case) -> Result<Vec<LobeAnswer>, CommandError> {
-    let failed = |error: ChatterError| CommandError::Failed(error.to_string());
+pub(crate) fn answers(case: &Case) -> Result<Vec<LobeAnswer>, AnalysisError> {
+    let failed = |error: ChatterError| AnalysisError::Failed(error.to_string());
     let mut all = Vec::new();
     if let Some(turning) = &case.turning {
         let at = |rpm: f64| MillingDelay::turning(turning, rpm);

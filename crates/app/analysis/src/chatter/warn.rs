@@ -1,8 +1,8 @@
-//! Warnings about cuts of a turning program that are predicted to vibrate.
+//! ChatterWarnings about cuts of a turning program that are predicted to vibrate.
 
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
-use std::io::{BufRead as _, BufReader, Write};
+use std::io::{BufRead as _, BufReader};
 use std::path::Path;
 
 use evolvent_chatter::{CuttingTool, MapCell, Mapper, OscillationCase, Verdict, nearest_stable};
@@ -12,8 +12,8 @@ use evolvent_path::AxisLetter;
 use evolvent_runtime::{Commands, Setup};
 use serde::Serialize;
 
-use super::{CaseLaws, laws, read_case};
-use crate::CommandError;
+use super::{CaseLaws, laws, read_chatter_case};
+use crate::error::AnalysisError;
 
 /// Places along a move at which it is looked at: facing changes the speed.
 const PLACES: usize = 5;
@@ -24,32 +24,32 @@ const MAX_WARNINGS: usize = 1000;
 
 /// A cut that is predicted not to be stable.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub(crate) struct Warning {
+pub struct ChatterWarning {
     /// Line of the program.
-    pub(crate) line: u32,
+    pub line: u32,
     /// `bistable`, `self-excited` or `out-of-model`.
-    pub(crate) verdict: &'static str,
+    pub verdict: &'static str,
     /// Cutting speed, m/min.
-    pub(crate) speed_m_min: f64,
+    pub speed_m_min: f64,
     /// Spindle speed, rpm.
-    pub(crate) speed_rpm: f64,
+    pub speed_rpm: f64,
     /// Diameter that is cut, mm.
-    pub(crate) diameter_mm: f64,
+    pub diameter_mm: f64,
     /// Feed, mm/rev.
-    pub(crate) feed_mm_rev: f64,
+    pub feed_mm_rev: f64,
     /// Depth of cut, mm.
-    pub(crate) depth_mm: f64,
+    pub depth_mm: f64,
     /// Where the depth is from.
-    pub(crate) depth_from: &'static str,
+    pub depth_from: &'static str,
     /// Amplitude of V2 on the largest stable cycle, mm; 0 where there is none within the model.
-    pub(crate) amplitude_mm: f64,
+    pub amplitude_mm: f64,
     /// Nearest stable spindle speeds, slower and faster, rpm.
-    pub(crate) stable_rpm: [Option<f64>; 2],
+    pub stable_rpm: [Option<f64>; 2],
 }
 
-impl Warning {
+impl ChatterWarning {
     /// As one line of text.
-    pub(crate) fn text(&self, file_name: &str) -> String {
+    pub fn text(&self, file_name: &str) -> String {
         let what = match self.verdict {
             "bistable" => "may be set vibrating by a blow",
             "self-excited" => "is predicted to vibrate by itself",
@@ -81,19 +81,28 @@ impl Warning {
 }
 
 /// What was found, and what it rests on.
-pub(crate) struct Warnings {
-    pub(crate) found: Vec<Warning>,
+pub struct ChatterWarnings {
+    found: Vec<ChatterWarning>,
     assumptions: String,
 }
 
-impl Warnings {
-    /// Writes all to `err`, with what is assumed behind.
-    pub(crate) fn write(&self, err: &mut dyn Write, file_name: &str) {
-        // With standard error gone there is nobody left to tell.
+impl ChatterWarnings {
+    /// What was found, by line.
+    #[must_use]
+    pub fn found(&self) -> &[ChatterWarning] {
+        &self.found
+    }
+
+    /// A line for each, and one with what is assumed.
+    #[must_use]
+    pub fn text(&self, file_name: &str) -> String {
+        let mut text = String::new();
         for warning in &self.found {
-            let _ = writeln!(err, "{}", warning.text(file_name));
+            text.push_str(&warning.text(file_name));
+            text.push('\n');
         }
-        let _ = writeln!(err, "{file_name}: {}", self.assumptions);
+        text.push_str(&format!("{file_name}: {}\n", self.assumptions));
+        text
     }
 }
 
@@ -101,14 +110,18 @@ impl Warnings {
 ///
 /// # Errors
 /// `Usage` for a machine that is no lathe, or a case file that has no self-oscillation.
-pub(crate) fn warnings(program: &Path, setup: &Setup, case_file: &Path) -> Result<Warnings, CommandError> {
-    let usage = |what: &str| CommandError::Usage(format!("{}: {what}", case_file.display()));
+pub fn chatter_warnings(
+    program: &Path,
+    setup: &Setup,
+    case_file: &Path,
+) -> Result<ChatterWarnings, AnalysisError> {
+    let usage = |what: &str| AnalysisError::Input(format!("{}: {what}", case_file.display()));
     if setup.machine.kind != MachineKind::Lathe {
         return Err(usage(
             "predictions of --process are for turning, and this machine is no lathe",
         ));
     }
-    let case = read_case(case_file)?;
+    let case = read_chatter_case(case_file)?;
     let Some(asked) = &case.oscillation else {
         return Err(usage(
             "has no [cut], [force] and [tool], so nothing can be predicted with it",
@@ -124,7 +137,8 @@ pub(crate) fn warnings(program: &Path, setup: &Setup, case_file: &Path) -> Resul
         found: BTreeMap::new(),
     };
     let mut spindle = Spindle::Still;
-    let commands = Commands::open(program, setup).map_err(|error| CommandError::Failed(error.to_string()))?;
+    let commands =
+        Commands::open(program, setup).map_err(|error| AnalysisError::Failed(error.to_string()))?;
     for command in commands.map_while(Result::ok) {
         let Command { line, action, .. } = command;
         match action {
@@ -150,8 +164,8 @@ pub(crate) fn warnings(program: &Path, setup: &Setup, case_file: &Path) -> Resul
             _ => {}
         }
     }
-    let found: Vec<Warning> = look.found.into_values().collect();
-    Ok(Warnings {
+    let found: Vec<ChatterWarning> = look.found.into_values().collect();
+    Ok(ChatterWarnings {
         assumptions: format!(
             "{} lines with cuts that are predicted to vibrate; assumed: force law {} ({}), {}, no regeneration, depth from G82 D \
              or G75 K where there is one and else {} mm, diameter {}",
@@ -184,7 +198,7 @@ struct Look<'a> {
     /// Cuts that were computed: speed, depth and feed, in parts of a thousand.
     known: BTreeMap<[i64; 3], MapCell>,
     /// The worst of each line.
-    found: BTreeMap<u32, Warning>,
+    found: BTreeMap<u32, ChatterWarning>,
 }
 
 impl Look<'_> {
@@ -233,7 +247,7 @@ impl Look<'_> {
             let stable = nearest_stable(&mut self.mapper, tool, self.laws.laws(), range);
             self.found.insert(
                 line,
-                Warning {
+                ChatterWarning {
                     line,
                     verdict: verdict.as_str(),
                     speed_m_min,

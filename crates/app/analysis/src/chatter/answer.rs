@@ -1,5 +1,6 @@
 //! What is computed of a case of self-oscillation.
 
+use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use evolvent_chatter::{
@@ -9,8 +10,8 @@ use evolvent_chatter::{
 use evolvent_cutting::Cut;
 
 use super::transient::{Transient, transient};
-use super::{CaseLaws, ChatterArgs};
-use crate::CommandError;
+use super::{CaseLaws, ChatterRequest};
+use crate::error::AnalysisError;
 
 /// Columns of a map that one thread computes together.
 const STRIP: usize = 25;
@@ -27,7 +28,7 @@ pub(crate) struct Answer {
     pub(crate) sweep: Vec<SweepPoint>,
     /// A map for each feed, cells column by column (speeds), from the lowest depth up.
     pub(crate) maps: Vec<(f64, Vec<MapCell>)>,
-    /// With `--transient` only.
+    /// Of the kick, where one was requested.
     pub(crate) transient: Option<Transient>,
     pub(crate) assumptions: Vec<String>,
 }
@@ -43,11 +44,12 @@ pub(crate) struct SweepPoint {
 }
 
 pub(crate) fn answer(
+    case_file: &Path,
     asked: &OscillationCase,
     laws: CaseLaws,
-    args: &ChatterArgs,
-) -> Result<Answer, CommandError> {
-    let failed = |error: ChatterError| CommandError::Failed(format!("{}: {error}", args.case.display()));
+    request: &ChatterRequest,
+) -> Result<Answer, AnalysisError> {
+    let failed = |error: ChatterError| AnalysisError::Failed(format!("{}: {error}", case_file.display()));
     let tool = CuttingTool {
         radial_ratio: asked.radial_ratio.unwrap_or_else(|| laws.law.radial_ratio()),
         ..asked.tool
@@ -60,7 +62,7 @@ pub(crate) fn answer(
         let range = [1.01 * tool.floor_m_min, 10.0 * tool.speed_m_min];
         nearest_stable(&mut Mapper::new(asked.harmonics), tool, laws.laws(), range)
     };
-    let fits = if args.least_squares {
+    let fits = if request.least_squares {
         let mut all = Vec::new();
         for measure in [Measure::Residual, Measure::Normalised] {
             let harmonics = asked.harmonics.min(16);
@@ -73,12 +75,12 @@ pub(crate) fn answer(
     } else {
         None
     };
-    let sweep = if args.json || args.plot.is_some() {
+    let sweep = if request.sweep {
         sweep(asked, tool, laws.laws())
     } else {
         Vec::new()
     };
-    let maps = if args.map.is_some() {
+    let maps = if request.maps {
         let feeds = asked.map.feed_mm_rev.iter();
         feeds
             .map(|&feed_mm_rev| {
@@ -91,11 +93,9 @@ pub(crate) fn answer(
     } else {
         Vec::new()
     };
-    let transient = if args.transient.is_some() {
-        transient(tool, laws.laws(), &assessment, args.kick, args.seconds)
-    } else {
-        None
-    };
+    let transient = request
+        .kick
+        .and_then(|kick| transient(tool, laws.laws(), &assessment, kick.velocity_m_s, kick.seconds));
     let assumptions = assumptions(asked, &tool, &laws, &assessment);
     Ok(Answer {
         asked: asked.clone(),

@@ -4,12 +4,13 @@ use std::sync::Arc;
 
 use evolvent_machine::MAX_RATE_HZ;
 use evolvent_path::AxisLetter;
-use evolvent_runtime::{Controls, Job, Notice, RunObserver};
+use evolvent_runtime::{Controls, Job};
 use serde::Serialize;
 
 use super::surroundings::{Corner, Surroundings};
 use super::watch::Seen;
 use crate::limiting::{Limiting, Order};
+use crate::unobserved::Unobserved;
 
 /// Plans are made again for so many changes at most.
 const MOST: usize = 3;
@@ -116,7 +117,7 @@ fn changed(job: &Job, change: Change) -> Option<(String, Job)> {
 fn timed(job: &Job, line: u32) -> Option<(f64, f64)> {
     let controls = Arc::new(Controls::new(job.feed_override));
     let (mut on_line, mut all) = (0_u64, 0_u64);
-    let outcome = evolvent_runtime::run(job, &controls, &mut Silent, |setpoint| {
+    let outcome = evolvent_runtime::run(job, &controls, &mut Unobserved, |setpoint| {
         all += 1;
         on_line += u64::from(setpoint.line == line);
     });
@@ -126,12 +127,4 @@ fn timed(job: &Job, line: u32) -> Option<(f64, f64)> {
     }
     let period_s = job.setup.period_ns as f64 * 1e-9;
     Some((on_line as f64 * period_s, all as f64 * period_s))
-}
-
-struct Silent;
-
-impl RunObserver for Silent {
-    fn progress(&mut self, _: &Controls) {}
-    fn notice(&mut self, _: &Notice) {}
-    fn note(&mut self, _: &str) {}
 }

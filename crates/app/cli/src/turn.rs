@@ -1,20 +1,14 @@
 //! `evolvent turn`: self-programmed turning on a simulated workpiece, its report, and the passes as a part program.
 
-mod passes;
-mod report;
-mod trial;
-
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use evolvent_analysis::{AnalysisError, TurningRoute, TurningTrial, read_process, write_whole};
 use evolvent_runtime::Clock;
-use evolvent_turning::Figures;
-use serde_json::json;
 
-use crate::rate::write_whole;
+use crate::operator::watch_signals;
 use crate::{CommandError, Ending};
-use trial::{Road, Trial};
 
 /// Options of `evolvent turn`.
 ///
@@ -58,7 +52,7 @@ pub(crate) struct TurnArgs {
 /// # Errors
 /// `Usage` for a bad job or machine, `Failed` where the machine's guard refuses a setpoint or a file cannot be written.
 pub(crate) fn run(args: &TurnArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Ending, CommandError> {
-    let job = crate::process::read(&args.job)?;
+    let job = read_process(&args.job)?;
     if let Some(report) = &args.report {
         let good = ["html", "svg"];
         let extension = report.extension().unwrap_or_default().to_string_lossy();
@@ -69,7 +63,7 @@ pub(crate) fn run(args: &TurnArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
             )));
         }
     }
-    let road = Road {
+    let route = TurningRoute {
         clock: if args.realtime {
             Clock::Realtime
         } else {
@@ -78,178 +72,40 @@ pub(crate) fn run(args: &TurnArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
         trace: args.trace.clone(),
         bus: args.bus || args.realtime,
         bus_prefix: args.bus_prefix.as_deref(),
+        on_start: &|controls| {
+            watch_signals(controls).map_err(|error| match error {
+                CommandError::Usage(text) => AnalysisError::Input(text),
+                CommandError::Failed(text) => AnalysisError::Failed(text),
+            })
+        },
     };
-    let trial = Trial::run(job, &args.machine, &road)?;
-    let machine = trial.machine.clone();
+    let trial = TurningTrial::run(job, &args.machine, &route)?;
     let failed = |file: &Path, error: &std::io::Error| {
         CommandError::Failed(format!("{}: cannot be written: {error}", file.display()))
     };
     if let Some(file) = &args.report {
-        let svg = report::svg(&trial, &machine);
-        let html = file
+        let is_page = file
             .extension()
             .is_some_and(|extension| extension.eq_ignore_ascii_case("html"));
-        let text = if html {
-            report::html(&trial, &machine, &svg)
-        } else {
-            svg
-        };
+        let text = if is_page { trial.html() } else { trial.svg() };
         write_whole(file, text.as_bytes()).map_err(|error| failed(file, &error))?;
     }
     if let Some(file) = &args.program {
-        let text = passes::program(&trial);
-        write_whole(file, text.as_bytes()).map_err(|error| failed(file, &error))?;
+        write_whole(file, trial.program().as_bytes()).map_err(|error| failed(file, &error))?;
     }
     let written = if args.json {
-        writeln!(out, "{}", object(&trial, &machine))
+        writeln!(out, "{}", trial.json())
     } else {
-        out.write_all(text(&trial, &machine, args.log).as_bytes())
+        out.write_all(trial.text(args.log).as_bytes())
     };
     written.map_err(|error| CommandError::Failed(format!("cannot write: {error}")))?;
-    for note in &trial.notes {
+    for note in trial.notes() {
         let _told = writeln!(err, "note: {note}");
     }
-    Ok(if trial.figures.done {
+    Ok(if trial.is_done() {
         Ending::Clean
     } else {
         Ending::Negative
-    })
-}
-
-/// One line of the comparison: what, figures, time saved by the job in percent.
-pub(crate) fn comparison(trial: &Trial) -> Vec<(&'static str, Figures, f64)> {
-    let saved = |figures: &Figures| 100.0 * (1.0 - trial.figures.time_s / figures.time_s);
-    trial
-        .fixed
-        .iter()
-        .map(|(name, figures)| (*name, *figures, saved(figures)))
-        .collect()
-}
-
-fn text(trial: &Trial, machine: &str, log: bool) -> String {
-    use std::fmt::Write as _;
-    let (figures, settings) = (&trial.figures, &trial.job.settings);
-    let regime = &settings.regime;
-    let mut text = String::new();
-    // Writing to a string cannot fail.
-    let _ = writeln!(
-        text,
-        "{} on {machine}: {} (simulated stock and sensor)\n  \
-         set load {:.0} N; feed {:.3} to {:.3} mm/rev; backs off from {:.3} mm to {:.3} mm at {:.4} mm/rev; full feed \
-         below {:.3} mm",
-        trial.job.name,
-        trial.outcome(),
-        regime.set_load,
-        regime.feed_min_mm_rev,
-        regime.feed_max_mm_rev,
-        regime.depth_max_mm,
-        regime.depth_back_off_mm,
-        regime.feed_back_off_mm_rev,
-        regime.depth_full_feed_mm,
-    );
-    let _ = writeln!(
-        text,
-        "  {} passes (equation 5: {}), {} times backed off, {:.1} s, of that {:.1} s in air and {:.1} s moving back",
-        figures.passes,
-        regime.passes(trial.highest_mm),
-        figures.back_offs,
-        figures.time_s,
-        figures.air_s,
-        figures.return_s
-    );
-    let _ = writeln!(
-        text,
-        "  load at most {:.3} of the set one, above 1.2 for {:.3} s, above 1.3 for {:.3} s at a stretch (a revolution \
-         takes {:.3} s)\n  left standing at most {:.4} mm",
-        figures.peak / regime.set_load,
-        figures.over_120_s,
-        figures.over_130_s,
-        settings.turn_s(),
-        figures.residual_mm
-    );
-    let _ = writeln!(
-        text,
-        "\n  against fixed passes (G82)            passes   time s   peak   time saved"
-    );
-    for (name, fixed, saved) in comparison(trial) {
-        let _ = writeln!(
-            text,
-            "    {name:<34}{:>7}{:>9.1}{:>7.3}{saved:>11.1} %",
-            fixed.passes,
-            fixed.time_s,
-            fixed.peak / regime.set_load
-        );
-    }
-    if log {
-        let _ = writeln!(text);
-        for change in &trial.changes {
-            let _ = writeln!(
-                text,
-                "  {:9.3} s  pass {:<3} {:>8.2} mm along, {:>6.3} mm out, {:>6.0} N, {:.3} mm/rev: {:?}, because {}",
-                change.cycle as f64 * settings.period_s,
-                change.pass,
-                change.along_mm,
-                change.out_mm,
-                change.load,
-                change.feed_mm_rev,
-                change.to,
-                change.reason.text()
-            );
-        }
-    }
-    text
-}
-
-fn figures_object(figures: &Figures, set_load: f64) -> serde_json::Value {
-    json!({
-        "passes": figures.passes,
-        "time_s": figures.time_s,
-        "air_s": figures.air_s,
-        "return_s": figures.return_s,
-        "back_offs": figures.back_offs,
-        "peak_n": figures.peak,
-        "peak_over_set": figures.peak / set_load,
-        "over_120_s": figures.over_120_s,
-        "longest_over_130_s": figures.over_130_s,
-        "residual_mm": figures.residual_mm,
-    })
-}
-
-fn object(trial: &Trial, machine: &str) -> serde_json::Value {
-    let regime = &trial.job.settings.regime;
-    let fixed: serde_json::Map<_, _> = trial
-        .fixed
-        .iter()
-        .map(|(name, figures)| ((*name).to_owned(), figures_object(figures, regime.set_load)))
-        .collect();
-    json!({
-        "job": trial.job.name,
-        "machine": machine,
-        "outcome": trial.outcome(),
-        "simulated": true,
-        "regime": {
-            "set_n": regime.set_load,
-            "feed_back_off_mm_rev": regime.feed_back_off_mm_rev,
-            "depth_max_mm": regime.depth_max_mm,
-            "depth_back_off_mm": regime.depth_back_off_mm,
-            "depth_full_feed_mm": regime.depth_full_feed_mm,
-            "passes": regime.passes(trial.highest_mm),
-            "law_misfit": trial.job.law_misfit,
-        },
-        "figures": figures_object(&trial.figures, regime.set_load),
-        "fixed": fixed,
-        "transitions": trial.changes.iter().map(|change| json!({
-            "time_s": change.cycle as f64 * trial.job.settings.period_s,
-            "pass": change.pass,
-            "from": format!("{:?}", change.from),
-            "to": format!("{:?}", change.to),
-            "reason": change.reason.text(),
-            "along_mm": change.along_mm,
-            "out_mm": change.out_mm,
-            "load_n": change.load,
-            "feed_mm_rev": change.feed_mm_rev,
-            "depth_mm": change.depth_mm,
-        })).collect::<Vec<_>>(),
     })
 }
 

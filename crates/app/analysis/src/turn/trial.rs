@@ -1,4 +1,4 @@
-//! The job driven as a program of one cycle, by the road of every run, and fixed passes beside it.
+//! The job run as a program of one cycle, as every run is, and fixed passes beside it.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -12,10 +12,9 @@ use evolvent_turning::{
 };
 
 use super::passes::cycle_program;
-use crate::CommandError;
-use crate::operator::watch_signals;
-use crate::process::install;
-use crate::program::load_setup;
+use crate::error::AnalysisError;
+use crate::load_setup::load_setup;
+use crate::process::install_process;
 use crate::scratch::Folder;
 
 /// Samples of the report, one in so many seconds.
@@ -43,8 +42,8 @@ pub(crate) struct Stretch {
     pub(crate) turns: Option<f64>,
 }
 
-/// What came out.
-pub(crate) struct Trial {
+/// A job tried on its stock: what came out.
+pub struct TurningTrial {
     pub(crate) job: Job,
     pub(crate) blank: Blank,
     pub(crate) highest_mm: f64,
@@ -64,17 +63,26 @@ pub(crate) struct Trial {
 }
 
 /// How a trial is run.
-pub(crate) struct Road<'a> {
-    pub(crate) clock: Clock,
-    pub(crate) trace: Option<PathBuf>,
-    pub(crate) bus: bool,
-    pub(crate) bus_prefix: Option<&'a str>,
+pub struct TurningRoute<'a> {
+    /// Virtual on the stock of the job, or in real time by the load on the bus.
+    pub clock: Clock,
+    /// Where every cycle is recorded.
+    pub trace: Option<PathBuf>,
+    /// Whether setpoints are published.
+    pub bus: bool,
+    /// Prefix of the bus's files.
+    pub bus_prefix: Option<&'a str>,
+    /// Called before a run in real time starts, to stop it from outside.
+    pub on_start: &'a dyn Fn(&Arc<Controls>) -> Result<(), AnalysisError>,
 }
 
-impl Trial {
+impl TurningTrial {
     /// Runs the job as a program of one turning cycle, as `evolvent run` would.
-    pub(crate) fn run(mut job: Job, machine: &Path, road: &Road<'_>) -> Result<Self, CommandError> {
-        let usage = |text: String| CommandError::Usage(text);
+    ///
+    /// # Errors
+    /// A machine that is no lathe, a job that is wrong for it, or a run that cannot start.
+    pub fn run(mut job: Job, machine: &Path, route: &TurningRoute<'_>) -> Result<Self, AnalysisError> {
+        let usage = |text: String| AnalysisError::Input(text);
         let mut setup = load_setup(machine, None)?;
         let limits = setup.machine.limits();
         let (along, out) = match job.cut.kind {
@@ -97,14 +105,14 @@ impl Trial {
         };
         job.drive_with(of(along), of(out), setup.period_ns as f64 * 1e-9);
         job.settings.check().map_err(|error| usage(error.to_string()))?;
-        install(&mut setup, job.clone(), &job.name, road.clock)?;
+        install_process(&mut setup, job.clone(), &job.name, route.clock)?;
         let blank = job.blank.clone();
         let mut trial = Self {
             highest_mm: blank
                 .as_ref()
                 .map_or(0.0, |blank| blank.highest_mm(job.settings.length_mm)),
             machine: setup.machine.name.clone(),
-            is_simulated: road.clock == Clock::Virtual,
+            is_simulated: route.clock == Clock::Virtual,
             blank: blank.unwrap_or_else(|| Blank::uniform(0.0)),
             figures: Figures::default(),
             changes: Vec::new(),
@@ -116,7 +124,7 @@ impl Trial {
             fault: None,
             job,
         };
-        trial.drive(setup, road)?;
+        trial.drive(setup, route)?;
         if trial.is_simulated {
             trial.compare();
         }
@@ -124,8 +132,8 @@ impl Trial {
         Ok(trial)
     }
 
-    fn drive(&mut self, setup: Setup, road: &Road<'_>) -> Result<(), CommandError> {
-        let failed = |error: &dyn std::fmt::Display| CommandError::Failed(error.to_string());
+    fn drive(&mut self, setup: Setup, route: &TurningRoute<'_>) -> Result<(), AnalysisError> {
+        let failed = |error: &dyn std::fmt::Display| AnalysisError::Failed(error.to_string());
         let settings = self.job.settings;
         let folder = Folder::new("evolvent-turn").map_err(|error| failed(&error))?;
         let program = folder.path().join("turn.ngc");
@@ -134,19 +142,19 @@ impl Trial {
         let job = Run {
             program,
             setup,
-            clock: road.clock,
+            clock: route.clock,
             feed_override: 1.0,
-            trace: road.trace.clone(),
-            bus: road.bus,
-            bus_prefix: road.bus_prefix.map(str::to_owned),
+            trace: route.trace.clone(),
+            bus: route.bus,
+            bus_prefix: route.bus_prefix.map(str::to_owned),
             wait_for_subscribers: 0,
             inputs: None,
             optional_stop: false,
             stop_at_program_stops: false,
         };
         let controls = Arc::new(Controls::new(1.0));
-        if road.clock == Clock::Realtime {
-            watch_signals(&controls)?;
+        if route.clock == Clock::Realtime {
+            (route.on_start)(&controls)?;
         }
         let every = (SAMPLE_S / settings.period_s).round().max(1.0) as u64;
         let (mut cycle, mut peak, mut above) = (0_u64, 0.0, 0.0);
@@ -197,7 +205,7 @@ impl Trial {
         writer.finish(&mut self.stretches);
         outcome
             .program
-            .map_err(|error| CommandError::Usage(error.to_string()))?;
+            .map_err(|error| AnalysisError::Input(error.to_string()))?;
         self.figures.done = is_done && outcome.fault.is_none();
         self.fault = outcome.fault;
         if let Some(process) = outcome.process {
@@ -274,6 +282,36 @@ impl Trial {
             self.notes
                 .push("the stock is not round: its deepest part is what is held at the set load".into());
         }
+    }
+
+    /// What the user should know of it.
+    #[must_use]
+    pub fn notes(&self) -> &[String] {
+        &self.notes
+    }
+
+    /// Whether the job came to size.
+    #[must_use]
+    pub fn is_done(&self) -> bool {
+        self.figures.done
+    }
+
+    /// The passes that were found, as a part program for this stock.
+    #[must_use]
+    pub fn program(&self) -> String {
+        super::passes::program(self)
+    }
+
+    /// Passes, feed and load, and the comparison with fixed passes as one SVG.
+    #[must_use]
+    pub fn svg(&self) -> String {
+        super::report::svg(self, &self.machine)
+    }
+
+    /// The same as a page, with the figures.
+    #[must_use]
+    pub fn html(&self) -> String {
+        super::report::html(self, &self.machine, &self.svg())
     }
 
     /// In a word.

@@ -14,16 +14,22 @@ const STANDING: f64 = 1e-9;
 
 /// Which derivative of an axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(crate) enum Order {
+pub enum Order {
+    /// First.
     Velocity,
+    /// Second.
     Acceleration,
+    /// Third.
     Jerk,
 }
 
 impl Order {
-    pub(crate) const ALL: [Self; 3] = [Self::Velocity, Self::Acceleration, Self::Jerk];
+    /// All of them, lowest first.
+    pub const ALL: [Self; 3] = [Self::Velocity, Self::Acceleration, Self::Jerk];
 
-    pub(crate) const fn name(self) -> &'static str {
+    /// In a word.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
         match self {
             Self::Velocity => "velocity",
             Self::Acceleration => "acceleration",
@@ -32,7 +38,8 @@ impl Order {
     }
 
     /// "mm/s2" or "deg/s2".
-    pub(crate) const fn unit(self, axis: AxisLetter) -> &'static str {
+    #[must_use]
+    pub const fn unit(self, axis: AxisLetter) -> &'static str {
         match (self, axis.is_rotary()) {
             (Self::Velocity, false) => "mm/s",
             (Self::Acceleration, false) => "mm/s2",
@@ -46,7 +53,7 @@ impl Order {
 
 /// What limits the motion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Limiting {
+pub enum Limiting {
     /// As fast as the feed word (or the machine's greatest feed) and the override say.
     Feed,
     /// The limit of an axis.
@@ -63,10 +70,11 @@ pub(crate) enum Limiting {
 
 impl Limiting {
     /// How many there are.
-    pub(crate) const COUNT: usize = 5 + 27;
+    pub const COUNT: usize = 5 + 27;
 
     /// A number below [`Self::COUNT`].
-    pub(crate) const fn index(self) -> usize {
+    #[must_use]
+    pub const fn index(self) -> usize {
         match self {
             Self::Feed => 0,
             Self::Axis(axis, order) => 5 + 3 * axis.index() + order as usize,
@@ -78,7 +86,8 @@ impl Limiting {
     }
 
     /// The one with this number.
-    pub(crate) fn of_index(index: usize) -> Self {
+    #[must_use]
+    pub fn of_index(index: usize) -> Self {
         match index {
             0 => Self::Feed,
             1 => Self::ChordError,
@@ -95,7 +104,8 @@ impl Limiting {
     }
 
     /// In words.
-    pub(crate) fn name(self) -> String {
+    #[must_use]
+    pub fn name(self) -> String {
         match self {
             Self::Feed => "feed word".to_owned(),
             Self::Axis(axis, order) => format!("{} {}", axis.letter(), order.name()),
@@ -109,18 +119,18 @@ impl Limiting {
 
 /// A setpoint against every limit, as shares.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Shares {
+pub struct Shares {
     /// Speed along the path over the feed word; 0 without one.
-    pub(crate) feed: f64,
+    pub feed: f64,
     /// Speed over what the chord error permits; 0 where nothing curves.
-    pub(crate) chord: f64,
+    pub chord: f64,
     /// Velocity, acceleration and jerk of each axis over their limits.
-    pub(crate) axes: [[f64; 3]; 9],
+    pub axes: [[f64; 3]; 9],
 }
 
 /// Finds what limits.
 #[derive(Clone, Debug)]
-pub(crate) struct Classifier {
+pub struct LimitClassifier {
     /// Reciprocal limits, 0 where the machine has no such axis.
     inverse: [[f64; 3]; 9],
     rate_hz: f64,
@@ -128,8 +138,10 @@ pub(crate) struct Classifier {
     chord_error_increments: f64,
 }
 
-impl Classifier {
-    pub(crate) fn new(machine: &Machine, period_s: f64) -> Self {
+impl LimitClassifier {
+    /// For a machine at a control period, s.
+    #[must_use]
+    pub fn new(machine: &Machine, period_s: f64) -> Self {
         let mut inverse = [[0.0; 3]; 9];
         for axis in &machine.axes {
             inverse[axis.letter.index()] = [
@@ -146,8 +158,9 @@ impl Classifier {
         }
     }
 
-    /// `feed_word` in mm/s before override; none on rapids.
-    pub(crate) fn shares(&self, setpoint: &Setpoint, feed_word: Option<f64>) -> Shares {
+    /// Fractions of every limit. `feed_word` is in mm/s before override; none on rapids.
+    #[must_use]
+    pub fn shares(&self, setpoint: &Setpoint, feed_word: Option<f64>) -> Shares {
         let mut axes = [[0.0; 3]; 9];
         for (i, inverse) in self.inverse.iter().enumerate() {
             axes[i] = [
@@ -177,11 +190,14 @@ impl Classifier {
     }
 
     /// What limits at this setpoint: the feed word first, then what is nearest to its limit or beyond it.
-    pub(crate) fn classify(&self, setpoint: &Setpoint, feed_word: Option<f64>) -> Limiting {
+    #[must_use]
+    pub fn classify(&self, setpoint: &Setpoint, feed_word: Option<f64>) -> Limiting {
         self.judge(setpoint, &self.shares(setpoint, feed_word))
     }
 
-    pub(crate) fn judge(&self, setpoint: &Setpoint, shares: &Shares) -> Limiting {
+    /// As [`Self::classify`], of fractions that are known.
+    #[must_use]
+    pub fn judge(&self, setpoint: &Setpoint, shares: &Shares) -> Limiting {
         let still = shares
             .axes
             .iter()
@@ -265,7 +281,7 @@ pub(crate) mod tests {
     }
 
     fn limiting(setpoint: &Setpoint, feed: Option<f64>) -> Limiting {
-        Classifier::new(&mill(), 0.001).classify(setpoint, feed)
+        LimitClassifier::new(&mill(), 0.001).classify(setpoint, feed)
     }
 
     #[test]
@@ -328,7 +344,7 @@ pub(crate) mod tests {
             for axis in &mut machine.axes {
                 (axis.max_velocity, axis.max_acceleration, axis.max_jerk) = (1e9, 1e12, 1e15);
             }
-            let classifier = Classifier::new(&machine, 0.001);
+            let classifier = LimitClassifier::new(&machine, 0.001);
             let shares = classifier.shares(&on_circle(speed), None);
             assert!((shares.chord - 1.0).abs() < 1e-9, "R {radius}: {}", shares.chord);
             assert_eq!(classifier.classify(&on_circle(speed), None), Limiting::ChordError);

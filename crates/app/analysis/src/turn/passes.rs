@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use evolvent_machine::TurningWords;
 use evolvent_turning::{CutKind, Job};
 
-use super::trial::{Stretch, Trial};
+use super::trial::{Stretch, TurningTrial};
 
 /// A feed stretch shorter than this is joined to its neighbour, mm.
 const SHORT_MM: f64 = 0.5;
@@ -13,7 +13,7 @@ const SHORT_MM: f64 = 0.5;
 const TINY_MM: f64 = 0.06;
 
 /// RS274/NGC with X as the radius. It fits this stock only: no load is looked at.
-pub(crate) fn program(trial: &Trial) -> String {
+pub(crate) fn program(trial: &TurningTrial) -> String {
     let (cut, settings) = (&trial.job.cut, &trial.job.settings);
     let mut text = String::new();
     let place = |along: f64, out: f64| cut.position_mm(along, out);

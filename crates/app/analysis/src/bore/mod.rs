@@ -1,0 +1,406 @@
+//! Part programs that mill a hole along involutes.
+//!
+//! Climb milling of a hole with a spindle that turns clockwise (M3) goes round counter-clockwise (G3, G3.2);
+//! conventional milling goes round clockwise (G2, G2.2). All coordinates are those of the tool's centre; tool
+//! compensation is not used.
+
+mod comparison;
+
+use std::fmt::{self, Write as _};
+use std::path::Path;
+
+use evolvent_path::{
+    Axes, Curve, Hole, HoleBlock, HoleError, HolePass, HoleStart, Milling, Plane, Role, Sense, depths_mm,
+};
+use serde_json::{Value, json};
+
+pub use comparison::BoreComparison;
+
+use crate::error::AnalysisError;
+use comparison::{Comparison, pass_json};
+
+/// Clearance above material, in mm, down to which the tool is lowered in rapid.
+const CLEARANCE_MM: f64 = 1.0;
+
+/// A hole to mill, and how.
+#[derive(Clone, Debug)]
+pub struct BoreRequest {
+    /// Diameter of the hole, mm.
+    pub hole_mm: f64,
+    /// Diameter of the tool, mm.
+    pub tool_mm: f64,
+    /// Climb or conventional, with M3.
+    pub milling: Milling,
+    /// X and Y of the hole's centre, mm.
+    pub centre_mm: [f64; 2],
+    /// Z of the hole's top, mm.
+    pub top_mm: f64,
+    /// Depth below the top, mm; 0 runs once at the top, for a trial.
+    pub depth_mm: f64,
+    /// Largest step in depth, mm; none is the whole depth.
+    pub step_mm: Option<f64>,
+    /// Height above the top for moves in rapid, mm.
+    pub safe_mm: f64,
+    /// How it is roughed; none where that has been done before.
+    pub roughing: Option<BoreRoughing>,
+    /// How its wall is finished; none where it is not.
+    pub finishing: Option<BoreFinishing>,
+    /// Feed of the tool's centre, mm/min.
+    pub feed_mm_min: f64,
+    /// Feed of finishing, mm/min; none is the same.
+    pub finish_feed_mm_min: Option<f64>,
+    /// Feed of plunging, mm/min.
+    pub plunge_feed_mm_min: f64,
+    /// Speed of the spindle, rev/min.
+    pub spindle_rpm: f64,
+    /// The tool to change to (T, M6); none is no change.
+    pub tool_number: Option<u32>,
+    /// Blend corners within this tolerance (G64 P), mm; none is the exact path (G61).
+    pub tolerance_mm: Option<f64>,
+}
+
+/// How a hole is roughed: out along an involute, and once round.
+#[derive(Clone, Copy, Debug)]
+pub struct BoreRoughing {
+    /// Largest radial pitch of the involute, mm per turn.
+    pub pitch_mm: f64,
+    /// Turns of the whole involute; none is as many as the pitch needs.
+    pub turns: Option<u32>,
+    /// Material that is left on the wall, mm.
+    pub allowance_mm: f64,
+    /// Where it starts.
+    pub start: HoleStart,
+}
+
+/// How a wall is finished: involute approach, once round, mirrored departure.
+#[derive(Clone, Copy, Debug)]
+pub struct BoreFinishing {
+    /// Turns of the whole involute: 1 or 2 are usual.
+    pub turns: u32,
+    /// Where the approach starts; none is half way out.
+    pub start: Option<HoleStart>,
+}
+
+/// Why there is no program.
+#[derive(Debug, thiserror::Error)]
+pub enum BoreError {
+    /// The hole cannot be milled as requested.
+    #[error("{0}")]
+    Hole(#[from] HoleError),
+    /// A number that is not positive and finite.
+    #[error("{name} {value} is impossible: give a positive, finite number")]
+    Number {
+        /// Which one: `feed`, `finish-feed`, `plunge-feed`, `spindle`, `safe`, `tolerance` or `top`.
+        name: &'static str,
+        /// What was given.
+        value: f64,
+    },
+}
+
+/// One pass at one depth.
+struct Level {
+    pass: HolePass,
+    z: f64,
+    /// Down to where the tool may go in rapid.
+    clear_z: f64,
+    feed: f64,
+    title: &'static str,
+}
+
+/// The passes of a hole at all its depths.
+pub struct BoreProgram {
+    request: BoreRequest,
+    levels: Vec<Level>,
+    safe_z: f64,
+}
+
+impl BoreProgram {
+    /// Works the passes out.
+    ///
+    /// # Errors
+    /// What is impossible, with its numbers.
+    pub fn new(request: BoreRequest) -> Result<Self, BoreError> {
+        let positive = [
+            ("feed", Some(request.feed_mm_min)),
+            ("finish-feed", request.finish_feed_mm_min),
+            ("plunge-feed", Some(request.plunge_feed_mm_min)),
+            ("spindle", Some(request.spindle_rpm)),
+            ("safe", Some(request.safe_mm)),
+            ("tolerance", request.tolerance_mm),
+        ];
+        for (name, value) in positive {
+            if let Some(value) = value
+                && !(value > 0.0 && value.is_finite())
+            {
+                return Err(BoreError::Number { name, value });
+            }
+        }
+        if !request.top_mm.is_finite() {
+            return Err(BoreError::Number {
+                name: "top",
+                value: request.top_mm,
+            });
+        }
+        let hole = Hole {
+            plane: Plane::Xy,
+            centre_mm: request.centre_mm,
+            diameter_mm: request.hole_mm,
+            tool_diameter_mm: request.tool_mm,
+            milling: request.milling,
+        };
+        let (top, depth) = (request.top_mm, request.depth_mm);
+        let depths = if depth == 0.0 && request.step_mm.is_none() {
+            vec![top]
+        } else {
+            depths_mm(top, top - depth, request.step_mm.unwrap_or(depth))?
+        };
+        let safe_z = top + request.safe_mm;
+        let mut levels = Vec::new();
+        let mut roughed_mm = None;
+        if let Some(roughing) = &request.roughing {
+            let mut above = top;
+            for &z in &depths {
+                let pass = hole.rough(
+                    roughing.pitch_mm,
+                    roughing.turns,
+                    roughing.allowance_mm,
+                    roughing.start,
+                    &resting(z),
+                )?;
+                roughed_mm = Some(pass.radius_mm);
+                let clear_z = (above + CLEARANCE_MM).min(safe_z);
+                levels.push(Level {
+                    pass,
+                    z,
+                    clear_z,
+                    feed: request.feed_mm_min,
+                    title: "roughing",
+                });
+                above = z;
+            }
+        }
+        if let Some(finishing) = &request.finishing {
+            let start = match finishing.start {
+                Some(start) => start,
+                // Half way out: clear of the wall, with more than a quarter turn to build the force up.
+                None => HoleStart::CurvatureRadius(0.5 * hole.path_radius_mm(0.0)?),
+            };
+            let feed = request.finish_feed_mm_min.unwrap_or(request.feed_mm_min);
+            for &z in &depths {
+                let pass = hole.finish(finishing.turns, 0.0, start, &resting(z))?;
+                // In what roughing has cleared the tool may come down in rapid, elsewhere it plunges.
+                let cleared = pass.blocks.first().zip(roughed_mm).is_some_and(|(block, limit)| {
+                    let [x, y] = block.figures.start_mm;
+                    x.hypot(y) <= limit
+                });
+                let clear_z = (if cleared { z } else { top } + CLEARANCE_MM).min(safe_z);
+                levels.push(Level {
+                    pass,
+                    z,
+                    clear_z,
+                    feed,
+                    title: "finishing",
+                });
+            }
+        }
+        Ok(Self {
+            request,
+            levels,
+            safe_z,
+        })
+    }
+
+    /// The blocks of all passes, in their order.
+    pub fn blocks(&self) -> impl Iterator<Item = &HoleBlock> {
+        self.levels.iter().flat_map(|level| &level.pass.blocks)
+    }
+
+    /// The first pass beside half circles, an Archimedean spiral and a helix; with a machine file also the time of
+    /// each, planned under the machine's limits.
+    ///
+    /// # Errors
+    /// A machine file that is wrong, or a path that the machine cannot go.
+    pub fn compare(&self, machine: Option<&Path>) -> Result<BoreComparison, AnalysisError> {
+        let Some(first) = self.levels.first() else {
+            return Ok(BoreComparison::default());
+        };
+        let request = &self.request;
+        let comparison = Comparison {
+            pass: &first.pass,
+            hole_mm: request.hole_mm,
+            tool_mm: request.tool_mm,
+            depth_mm: request.depth_mm,
+            feed_mm_min: first.feed,
+            tolerance_mm: request.tolerance_mm,
+        };
+        comparison.alternatives(machine)
+    }
+
+    /// The numbers of every block (phi0, psi, radii of curvature, length) as one object, and the comparison.
+    #[must_use]
+    pub fn json(&self, comparison: Option<&BoreComparison>) -> Value {
+        let request = &self.request;
+        let passes: Vec<_> = self
+            .levels
+            .iter()
+            .map(|level| pass_json(level.title, level.z, level.feed, &level.pass))
+            .collect();
+        json!({
+            "hole_mm": request.hole_mm,
+            "tool_mm": request.tool_mm,
+            "centre_mm": request.centre_mm,
+            "milling": if request.milling == Milling::Conventional { "conventional" } else { "climb" },
+            "length_mm": self.levels.iter().map(|level| level.pass.length_mm()).sum::<f64>(),
+            "passes": passes,
+            "comparison": comparison.map(BoreComparison::json),
+        })
+    }
+
+    /// The part program.
+    #[must_use]
+    pub fn text(&self) -> String {
+        let mut text = String::new();
+        // Writing to a string cannot fail.
+        let _ = self.write(&mut text);
+        text
+    }
+
+    fn write(&self, out: &mut String) -> fmt::Result {
+        self.header(out)?;
+        let request = &self.request;
+        writeln!(out, "G17 G21 G40 G49 G90 G94")?;
+        match request.tolerance_mm {
+            Some(tolerance) => writeln!(out, "G64 P{}", word(tolerance))?,
+            None => writeln!(out, "G61")?,
+        }
+        if let Some(number) = request.tool_number {
+            writeln!(out, "T{number} M6")?;
+        }
+        writeln!(out, "S{} M3", word(request.spindle_rpm))?;
+        writeln!(out, "G0 Z{}", word(self.safe_z))?;
+        for level in &self.levels {
+            self.level(level, out)?;
+        }
+        writeln!(out, "\nM5\nM30")
+    }
+
+    fn header(&self, out: &mut String) -> fmt::Result {
+        let request = &self.request;
+        let sense = if request.milling == Milling::Conventional {
+            "conventional, clockwise"
+        } else {
+            "climb, counter-clockwise"
+        };
+        writeln!(
+            out,
+            "(hole of {} mm, tool of {} mm, {sense} with M3)",
+            request.hole_mm, request.tool_mm
+        )?;
+        let [x, y] = request.centre_mm;
+        writeln!(
+            out,
+            "(centre X{} Y{}, top Z{}, path of the tool centre, mm)",
+            word(x),
+            word(y),
+            word(request.top_mm)
+        )?;
+        let mut last = "";
+        let mut total = 0.0;
+        for level in &self.levels {
+            let pass = &level.pass;
+            total += pass.length_mm();
+            if level.title == last {
+                continue;
+            }
+            last = level.title;
+            writeln!(
+                out,
+                "({}: R {} mm, n {} turns, H {:.6} mm per turn, r {:.9} mm, {:.3} turns visible, {:.6} mm long at each depth)",
+                level.title,
+                pass.radius_mm,
+                pass.turns,
+                pass.pitch_mm,
+                pass.base_radius_mm,
+                pass.visible_turns(),
+                pass.length_mm()
+            )?;
+        }
+        let depths = self.levels.iter().filter(|level| level.title == last).count();
+        writeln!(out, "(depths: {depths}, cutting path in all {total:.3} mm)")?;
+        writeln!(
+            out,
+            "(G2.2 and G3.2: involute, I J to the centre of its base circle, R its radius)"
+        )
+    }
+
+    fn level(&self, level: &Level, out: &mut String) -> fmt::Result {
+        let Some(first) = level.pass.blocks.first() else {
+            return Ok(());
+        };
+        let start = first.curve.start();
+        writeln!(out, "\n({} at Z{})", level.title, word(level.z))?;
+        writeln!(out, "G0 X{} Y{}", word(start[0]), word(start[1]))?;
+        writeln!(out, "G0 Z{}", word(level.clear_z))?;
+        writeln!(
+            out,
+            "G1 Z{} F{}",
+            word(level.z),
+            word(self.request.plunge_feed_mm_min)
+        )?;
+        for block in &level.pass.blocks {
+            writeln!(out, "({}, {:.6} mm)", title(block.role), block.figures.length_mm)?;
+            writeln!(out, "{}", line(block, level.feed))?;
+        }
+        writeln!(out, "G0 Z{}", word(self.safe_z))
+    }
+}
+
+fn resting(z: f64) -> Axes {
+    let mut axes = Axes::zeros();
+    axes[2] = z;
+    axes
+}
+
+fn title(role: Role) -> &'static str {
+    match role {
+        Role::Rough => "out along the involute",
+        Role::RoughCircle => "once round",
+        Role::Approach => "approach",
+        Role::FinishCircle => "once round on the wall",
+        Role::Departure => "departure",
+    }
+}
+
+/// One block as a line of the program.
+fn line(block: &HoleBlock, feed: f64) -> String {
+    let (start, end) = (block.curve.start(), block.curve.end());
+    let involute = matches!(block.curve, Curve::Involute(_));
+    let code = match (block.curve.sense(), involute) {
+        (Sense::Clockwise, true) => "G2.2",
+        (_, true) => "G3.2",
+        (Sense::Clockwise, false) => "G2",
+        (_, false) => "G3",
+    };
+    let [i, j] = [0, 1].map(|axis| word(block.centre_mm[axis] - start[axis]));
+    let radius = if involute {
+        format!(" R{}", word(block.radius_mm))
+    } else {
+        String::new()
+    };
+    format!(
+        "{code} X{} Y{} I{i} J{j}{radius} F{}",
+        word(end[0]),
+        word(end[1]),
+        word(feed)
+    )
+}
+
+/// A number as the shortest decimal that reads back as the same bits, never with an exponent; what is below
+/// 1e-15 is a rounding and reads as zero.
+fn word(value: f64) -> String {
+    if value.abs() < 1e-15 {
+        "0".to_owned()
+    } else {
+        value.to_string()
+    }
+}
