@@ -77,6 +77,12 @@ impl Sample {
         self.range.0 < self.range.1
     }
 
+    /// Takes a distance off the radius.
+    fn narrow(&mut self, by: f64) {
+        let radius = (self.radius2.sqrt() - by).max(0.0);
+        self.radius2 = radius * radius;
+    }
+
     /// Its programmed point.
     pub(crate) fn spot(&self) -> PathPoint {
         PathPoint {
@@ -175,28 +181,48 @@ fn share(parts: usize) -> f64 {
     1.0 - UNUSED / parts as f64
 }
 
+/// An interval between two knots that is to be sampled.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Interval {
+    pub(crate) index: usize,
+    pub(crate) from: f64,
+    pub(crate) to: f64,
+    /// Where the one before starts, and how far the path strays from the straights between its samples.
+    pub(crate) start_before: f64,
+    pub(crate) deviation_before: f64,
+}
+
+/// Whether an interval has more joints than are samples.
+fn thin(chain: &Chain, from: f64, to: f64) -> bool {
+    chain.find(to) - chain.find(from) > MANY
+}
+
 /// Appends the samples of one interval: the left ends of its parts and the joints inside, at a joint both links;
 /// of many joints only those at which the path turns. Returns how far the path strays between them.
 pub(crate) fn sample(
     chain: &Chain,
-    interval: usize,
-    (from, to): (f64, f64),
+    interval: &Interval,
     parts: usize,
     basis: &Basis,
     active: &[bool; 9],
     samples: &mut Vec<Sample>,
 ) -> SamplingCoverage {
+    let (from, to) = (interval.from, interval.to);
     let number = chain.find(from);
-    let behind = chain.find(to);
+    // The first sample also ends the interval before. Where not all joints are samples there it does not slip: how far the
+    // path strays is known of the straight between two samples' points.
+    let after_thin = thin(chain, interval.start_before, from);
     let before = samples.len();
-    let thin = behind - number > MANY;
+    let mut shared = before;
+    let thin = thin(chain, from, to);
     let mut maker = Maker {
         chain,
-        interval,
+        interval: interval.index,
         from,
         width: to - from,
         share: share(parts),
         thin,
+        slips: !thin && !after_thin,
         basis,
         active,
         samples,
@@ -206,8 +232,14 @@ pub(crate) fn sample(
         && number > chain.first()
     {
         maker.add(number - 1, from);
+        shared = maker.samples.len();
+        maker.slips = !thin;
     }
     maker.add(number, from);
+    if shared == before {
+        shared = maker.samples.len();
+    }
+    maker.slips = !thin;
     let mut chord_deviation: f64 = 0.0;
     let mut left = number;
     for k in 0..parts {
@@ -247,9 +279,13 @@ pub(crate) fn sample(
     }
     if chord_deviation > 0.0 {
         for sample in &mut samples[before..] {
-            let radius = (sample.radius2.sqrt() - chord_deviation).max(0.0);
-            sample.radius2 = radius * radius;
+            sample.narrow(chord_deviation);
             sample.chord_deviation = chord_deviation;
+        }
+    }
+    if interval.deviation_before > chord_deviation {
+        for sample in &mut samples[before..shared] {
+            sample.narrow(interval.deviation_before - chord_deviation);
         }
     }
     SamplingCoverage {
@@ -292,11 +328,11 @@ pub(crate) fn covers(
     }
     let gap = width / cover.parts as f64;
     let between = 0.125 * gap * gap * most;
-    let holds = |sample: &Sample, cover: SamplingCoverage| {
+    let holds = |sample: &Sample| {
         let used = (sample.ratio(&sample.error(points)) * sample.radius2).sqrt();
         used + between + cover.chord_deviation <= sample.tolerance
     };
-    if !samples.iter().all(|sample| holds(sample, cover)) {
+    if !samples.iter().all(holds) {
         return false;
     }
     // The right end belongs to the next interval's samples; here it is looked at for itself.
@@ -308,6 +344,7 @@ pub(crate) fn covers(
         width,
         share: share(cover.parts),
         thin: false,
+        slips: !thin(chain, from, to),
         basis,
         active,
         samples: last,
@@ -321,15 +358,7 @@ pub(crate) fn covers(
         // As it is held there: it may have moved, or reach along a straight that is longer than this interval.
         (end.centre, end.along, end.tangential_slack) = (next.centre, next.along, next.tangential_slack);
     }
-    last.iter().all(|sample| {
-        holds(
-            sample,
-            SamplingCoverage {
-                chord_deviation: 0.0,
-                ..cover
-            },
-        )
-    })
+    last.iter().all(holds)
 }
 
 /// Places at which a piece is compared with the program.
@@ -385,6 +414,8 @@ struct Maker<'a> {
     share: f64,
     /// Whether samples are fewer than joints: then all of them are balls.
     thin: bool,
+    /// Whether samples on a longer straight are capsules.
+    slips: bool,
     basis: &'a Basis,
     active: &'a [bool; 9],
     samples: &'a mut Vec<Sample>,
@@ -466,7 +497,7 @@ impl Maker<'_> {
                 chord_deviation: 0.0,
             };
             made.centre[..count].copy_from_slice(&place.as_slice()[first..first + count]);
-            if group == 0 && link.straight && !self.thin {
+            if group == 0 && link.straight && self.slips {
                 self.lengthen(&mut made, number, link, u);
             }
             // Other axes that move tie the point to its parameter.

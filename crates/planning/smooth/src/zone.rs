@@ -8,7 +8,7 @@ use crate::basis::{Basis, basis};
 use crate::chain::Chain;
 use crate::follow::follow;
 use crate::spacing::{self, GROWTH};
-use crate::tube::{FEWEST_PARTS, MAX_PARTS, Sample, SamplingCoverage, covers, sample};
+use crate::tube::{FEWEST_PARTS, Interval, MAX_PARTS, Sample, SamplingCoverage, covers, sample};
 
 /// Intervals that are settled at a time.
 pub(crate) const BATCH: usize = 32;
@@ -286,6 +286,18 @@ impl BlendZone {
         }
     }
 
+    /// An interval as its samples see it. Of one before that was given away nothing is left; its end does not change any more.
+    fn interval(&self, index: usize) -> Interval {
+        let before = index.checked_sub(1).and_then(|before| self.covers.get(before));
+        Interval {
+            index,
+            from: self.knot(index),
+            to: self.knot(index + 1),
+            start_before: self.knots[index + 2],
+            deviation_before: before.map_or(0.0, |cover| cover.chord_deviation),
+        }
+    }
+
     /// Samples of the new intervals; the first interval whose start is not well inside the tube.
     fn condition(&mut self, chain: &Chain, active: &[bool; 9]) -> Option<usize> {
         for i in self.covers.len()..self.bases.len() {
@@ -295,7 +307,9 @@ impl BlendZone {
             let mut parts = FEWEST_PARTS;
             loop {
                 self.samples.truncate(from);
-                let cover = sample(chain, i, range, parts, &self.bases[i], active, &mut self.samples);
+                let interval = self.interval(i);
+                let basis = &self.bases[i];
+                let cover = sample(chain, &interval, parts, basis, active, &mut self.samples);
                 let samples = &self.samples[from..];
                 let bad = samples
                     .iter()
@@ -378,9 +392,9 @@ impl BlendZone {
         for i in from..self.covers.len() {
             let count = self.old[at..].partition_point(|sample| sample.interval <= i);
             if all || self.open.contains(&i) {
-                let range = (self.knot(i), self.knot(i + 1));
-                let parts = self.covers[i].parts;
-                self.covers[i] = sample(chain, i, range, parts, &self.bases[i], active, &mut self.samples);
+                let (interval, parts) = (self.interval(i), self.covers[i].parts);
+                let basis = &self.bases[i];
+                self.covers[i] = sample(chain, &interval, parts, basis, active, &mut self.samples);
             } else {
                 self.samples.extend_from_slice(&self.old[at..at + count]);
             }

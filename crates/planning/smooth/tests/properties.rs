@@ -116,6 +116,40 @@ fn no_programmed_point_is_missed_by_more_than_twice_the_tolerance() {
     }
 }
 
+/// Sections of short chords beside sections of chords several times as long, as CAM writes them: between the two, samples
+/// that follow the spline over joints are next to such that slip along a straight.
+#[test]
+fn chords_that_change_their_length_stay_within_the_tolerance_everywhere() {
+    let (mut random, cases) = campaign(0x5300_0005, 24);
+    for case in 0..cases {
+        let tolerance = random.log(5e-3, 0.05);
+        let (mut at, mut heading, mut turn, mut rise) = (point(&[0.0]), 0.0_f64, 0.0, 0.0);
+        let (mut left, mut chord) = (0, 0.0);
+        let mut points = vec![at];
+        for _ in 0..700 {
+            if left == 0 {
+                left = 3 + random.pick(40);
+                chord = tolerance * random.log(0.3, 12.0);
+                turn = random.between(-0.024, 0.024) * chord / tolerance;
+                rise = if random.unit() < 0.2 {
+                    random.between(-1.5, 1.5)
+                } else {
+                    random.between(-0.1, 0.1)
+                };
+            }
+            left -= 1;
+            heading += turn;
+            at += point(&[chord * heading.cos(), chord * heading.sin(), chord * rise]);
+            points.push(at);
+        }
+        let blocks = chain(&points, 100.0, within(tolerance));
+        let (out, smoother) = smooth(settings(equal_limits(300.0, 4000.0, 100_000.0)), &blocks);
+        let what = format!("case {case} P {tolerance}");
+        check(&blocks, &out, 33, &what);
+        assert_eq!(smoother.failures(), 0, "{what}");
+    }
+}
+
 /// Points of the path, closer than `gap`, by its parameter.
 fn polygon(stretches: &[Stretch], gap: f64) -> Vec<(f64, Axes)> {
     let (mut u, mut out) = (0.0, Vec::new());
