@@ -9,6 +9,10 @@
 //! `e' = e + d - u`, `u = Kp e + Ki sum(e)`. With `Kp = 2 zeta w`, `Ki = w^2` both roots of
 //! `z^2 - (2 - Kp - Ki) z + (1 - Kp)` lie near `1 - w` for `zeta = 1`. A feedback that is `D` cycles old turns the phase
 //! by about `w D` at that frequency; `w D <= 0.1` keeps more than 60 degrees of margin.
+//!
+//! `Ki` is per cycle, not per error: where an error comes with every `n`th cycle only, as in a loop that computes `n` cycles in
+//! a row, it stands for all of them, `Ki sum(n e)`. The proportional part needs nothing, its correction stays in force
+//! meanwhile. `n` counts up to `D`, so that `w n <= 0.1` as well: what was unknown for longer is not taken for the last error.
 
 /// The period is never changed by more than this part of it.
 pub const MAX_CORRECTION_RATIO: f64 = 0.001;
@@ -52,6 +56,8 @@ pub struct PhaseLock {
     remainder_ns: f64,
     /// Cycles since the last error came.
     silent_cycles: u32,
+    /// For so many cycles an error stands at most.
+    max_cycles: u32,
     hold_cycles: u32,
 }
 
@@ -69,6 +75,7 @@ impl PhaseLock {
             correction_ns: 0.0,
             remainder_ns: 0.0,
             silent_cycles: 0,
+            max_cycles: settings.delay_cycles.max(1),
             hold_cycles: (4.0 / bandwidth) as u32,
         }
     }
@@ -85,6 +92,7 @@ impl PhaseLock {
     /// that was found: the clocks differ as before.
     pub fn step(&mut self, phase_error_ns: Option<i64>) -> i64 {
         if let Some(error_ns) = phase_error_ns {
+            let cycles = self.silent_cycles.saturating_add(1).min(self.max_cycles);
             self.silent_cycles = 0;
             let error = error_ns.saturating_sub(self.target_ns) as f64;
             let proportional = self.proportional * error;
@@ -94,7 +102,7 @@ impl PhaseLock {
             let saturated =
                 (wanted > self.limit_ns && error > 0.0) || (wanted < -self.limit_ns && error < 0.0);
             if !saturated {
-                let grown = self.drift_ns + self.integral * error;
+                let grown = self.drift_ns + self.integral * f64::from(cycles) * error;
                 self.drift_ns = grown.clamp(-self.limit_ns, self.limit_ns);
             }
         } else {

@@ -1,11 +1,74 @@
 //! The phase lock: how far, how fast, how steadily, with drift, jitter and old feedback.
 
+#![allow(clippy::expect_used, reason = "a test may fail")]
+
 mod common;
 
 use std::collections::VecDeque;
 
 use common::Random;
 use evolvent_drive::{MAX_CORRECTION_RATIO, PhaseLock, PhaseSettings};
+
+/// Cycles until the drift is known to a tenth for good, where the errors come with every `row`th cycle only.
+fn cycles_to_the_drift(row: usize, delay: usize) -> usize {
+    const PERIOD_NS: u64 = 28_571;
+    const DRIFT: f64 = 100e-6;
+    let mut lock = PhaseLock::new(PhaseSettings {
+        period_ns: PERIOD_NS,
+        delay_cycles: delay as u32,
+        target_ns: 0,
+    });
+    let mut on_the_way: VecDeque<f64> = VecDeque::new();
+    let (mut error, mut known_from) = (0.0, None);
+    for cycle in 0..200_000 {
+        on_the_way.push_back(error);
+        let newest = (on_the_way.len() > delay)
+            .then(|| on_the_way.pop_front())
+            .flatten()
+            .filter(|_| cycle % row == 0);
+        error += PERIOD_NS as f64 * DRIFT - lock.step(newest.map(|seen| seen as i64)) as f64;
+        let is_known = (lock.drift_ratio() - DRIFT).abs() < 0.1 * DRIFT;
+        known_from = is_known.then(|| known_from.unwrap_or(cycle));
+    }
+    known_from.expect("the drift is never found")
+}
+
+/// At 35 kHz the loop computes nine cycles in a row, with feedback in the first of them. By the loop's equation nothing but the
+/// delay of up to a row is added; an integral per error would take several times as long.
+#[test]
+fn errors_once_a_row_find_the_drift_as_soon_as_errors_once_a_cycle() {
+    for delay in [20, 80] {
+        let each = cycles_to_the_drift(1, delay);
+        for row in [2, 9, 18] {
+            let in_rows = cycles_to_the_drift(row, delay);
+            let ratio = in_rows as f64 / each as f64;
+            assert!(
+                (0.7..=1.3).contains(&ratio),
+                "delay {delay}, row {row}: {in_rows} cycles against {each}"
+            );
+        }
+    }
+}
+
+/// An error that comes after a long silence does not stand for all of it.
+#[test]
+fn an_error_after_silence_counts_for_the_delay_at_most() {
+    let settings = PhaseSettings {
+        period_ns: 1_000_000,
+        delay_cycles: 10,
+        target_ns: 0,
+    };
+    let drift_after = |silence: usize| {
+        let mut lock = PhaseLock::new(settings);
+        for _ in 0..silence {
+            lock.step(None);
+        }
+        lock.step(Some(1000));
+        lock.drift_ratio()
+    };
+    assert!((drift_after(4) / drift_after(0) - 5.0).abs() < 1e-9);
+    assert!((drift_after(100_000) / drift_after(0) - 10.0).abs() < 1e-9);
+}
 
 struct Run {
     /// Phase errors in ns, one a cycle.
