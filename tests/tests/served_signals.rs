@@ -11,7 +11,7 @@ use evolvent_bus::{ControlRequest, MachineInputs, MachineOutputs, switches};
 use evolvent_replay::verify;
 use evolvent_runtime::MonotonicClock;
 use evolvent_tests::{
-    Domain, Finished, Operator, Served, Workshop, command, evolvent, speed, unless_disturbed, wait,
+    Domain, Finished, Operator, Served, Workshop, command, evolvent, python, speed, unless_disturbed, wait,
 };
 use evolvent_trace::{EventKind, TraceFile};
 
@@ -448,6 +448,42 @@ fn outputs_are_set_by_hand_within_what_the_machine_file_says() {
         assert_eq!((after.digital & 3, after.analog[3]), (1, 0.0));
         let refused = shop.ctl(&["set", "lamp", "perhaps"]).expect_code(&[2]);
         assert!(refused.err.contains("on, off or a number"), "{}", refused.err);
+        drop(operator);
+        served.end().expect_code(&[0, 3]);
+    });
+}
+
+/// The shipped example, whose wire leads from the lamp to the input `ready`.
+#[test]
+fn a_bridge_in_python_sets_outputs_when_they_are_due_and_answers_with_inputs() {
+    unless_disturbed(|| {
+        let Some(mut bridge) = python("../../tools/python/examples/signals.py") else {
+            return;
+        };
+        let shop = Shop::new("ss-python");
+        let served = shop.serves(&[]);
+        let mut operator = Operator::join(shop.name, &shop.domain);
+        let mut bridge = bridge
+            .args([shop.name, &shop.domain.prefix, "--wire", "1:2", "--closed", "5"])
+            .spawn()
+            .expect("Python to start");
+        operator.waits("a closed chain", |status| {
+            status.switches & switches::CHAIN_OPEN == 0
+        });
+        operator.brings_up();
+        shop.loads(
+            &mut operator,
+            "G21 G90 F3000\nG1 X1\nM64 P1\nM66 P2 L3 Q60\nG1 X[10 + #5399]\nM65 P1\nM66 P2 L4 Q60\nG1 X[20 + #5399]\nM2\n",
+        );
+        let job = operator.says("START").job;
+        let ended = operator.sees_end(job);
+        assert_eq!(ended.job_result, DONE, "{}", ended.alarm_sentence());
+        assert_eq!(ended.position_machine[0], 20.0, "its fall came");
+        // Killed, the chain is unknown.
+        bridge.kill().expect("killed");
+        bridge.wait().expect("its end");
+        let status = operator.waits("an emergency stop", |status| status.machine_state == ESTOP);
+        assert_eq!(status.listed_alarms(), [430]);
         drop(operator);
         served.end().expect_code(&[0, 3]);
     });

@@ -8,7 +8,8 @@ use std::time::{Duration, Instant};
 
 use clap::{Args, Subcommand};
 use evolvent_bridge_sim::{
-    Cutting, Fault, RunError, RunSettings, ServoSettings, Signalling, SimAxis, SimSettings, run_cutting,
+    Cutting, Fault, RunError, RunSettings, ServoSettings, Signalling, SimAxis, SimSettings, loopback,
+    run_cutting,
 };
 use evolvent_bridge_test::{CASES, ProcessBridge, Stage, ThreadBridge, run_case, run_core};
 use evolvent_bus::{AXES, BusError, MachineInputs, MachineOutputs, Setpoint};
@@ -94,6 +95,9 @@ struct SimArgs {
     /// known but the emergency-stop chain, which is closed.
     #[arg(long, value_name = "FILE.toml", requires = "machine")]
     inputs: Option<PathBuf>,
+    /// Each output is wired to the input of its number; the emergency-stop chain is closed.
+    #[arg(long, conflicts_with = "inputs")]
+    loopback: bool,
     /// Print one JSON object at the end.
     #[arg(long)]
     json: bool,
@@ -113,6 +117,9 @@ struct TestArgs {
     /// The simulated bridge in this process instead of a command.
     #[arg(long, conflicts_with = "command")]
     in_process: bool,
+    /// The bridge reads inputs and sets outputs, and its digital output 0 is wired to its digital input 0: the cases of signals too.
+    #[arg(long)]
+    signals: bool,
     /// List the cases and what they demand.
     #[arg(long)]
     list: bool,
@@ -183,6 +190,7 @@ fn sim(args: &SimArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Endin
         None => None,
     };
     let signalling = match &machine {
+        _ if args.loopback => Some(loopback(machine.as_ref().map_or(0, closed_chain))),
         Some(machine) if !machine.signals.inputs.is_empty() => Some(signalling(
             crate::program::inputs(args.inputs.as_deref(), machine)?
                 .unwrap_or_else(|| InputScript::without_file(&machine.signals)),
@@ -287,6 +295,12 @@ fn signalling(mut script: InputScript) -> Signalling {
     })
 }
 
+/// The input of a machine's emergency-stop chain, where that is on while the chain is closed.
+fn closed_chain(machine: &Machine) -> u64 {
+    let chain = machine.signals.estop.filter(|estop| estop.closed);
+    chain.map_or(0, |estop| 1 << estop.input)
+}
+
 /// Drives with the limits of a machine file, and a little more: its guard allows what rounding makes of them.
 fn drives_of(machine: &Machine, args: &SimArgs) -> Result<SimSettings, String> {
     let period_ns = machine
@@ -352,6 +366,7 @@ fn test(args: &TestArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<End
             "{name}",
             "--bus-prefix",
             "{prefix}",
+            "--loopback",
         ]
         .map(str::to_owned)
         .to_vec();
@@ -375,6 +390,8 @@ fn test(args: &TestArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<End
         core_program: program,
         seed: seed | 1,
         moments: args.moments,
+        // The simulated bridge is wired so.
+        has_signals: args.signals || args.command.is_empty(),
     };
     let mut results: Vec<Value> = Vec::new();
     let mut failed = 0;

@@ -104,6 +104,7 @@ fn it_does_what_every_bridge_must() {
                     core_program: None,
                     seed: 1,
                     moments: 2,
+                    has_signals: false,
                 };
                 let result = run_case(case, &mut stage);
                 println!("{}: {result:?}", case.name);

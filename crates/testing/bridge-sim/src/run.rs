@@ -7,7 +7,7 @@ use evolvent_bus::{
     AXES, BusError, ClientBus, ClientConfig, FeedbackSender, InputSender, Load, LoadSender, MachineInputs,
     MachineOutputs, OutputReader, ReceiveError, Setpoint, SetpointReader,
 };
-use evolvent_drive::SettingsError;
+use evolvent_drive::{OutputFollower, SettingsError};
 use thiserror::Error;
 
 use crate::bridge::SimBridge;
@@ -126,7 +126,7 @@ pub fn run_cutting(
     let mut ports: Option<Ports> = None;
     let mut heard_ns = begin_ns;
     let (mut cutting, mut cut) = (Some(cutting), None);
-    let (mut last, mut outputs) = (None, MachineOutputs::default());
+    let (mut last, mut outputs) = (None, OutputFollower::default());
     let mut sent = MachineInputs::default();
     while !over() {
         if ports.is_none() {
@@ -200,8 +200,9 @@ pub fn run_cutting(
         ) {
             // What comes damaged is followed by a message that is complete.
             while let Ok(Some(message)) = reader.receive() {
-                outputs = message;
+                let _damaged = outputs.offer(now_ns, &message);
             }
+            let outputs = outputs.step(now_ns);
             let mut message = read(last.as_ref(), &outputs);
             (message.sequence, message.time_ns, message.instance) = (sent.sequence, sent.time_ns, begin_ns);
             message.outputs_sequence = outputs.sequence;

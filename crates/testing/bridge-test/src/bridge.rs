@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::Instant;
 
-use evolvent_bridge_sim::{RunSettings, run};
+use evolvent_bridge_sim::{RunSettings, loopback, run_cutting};
 use thiserror::Error;
 
 /// Why a bridge was not started.
@@ -142,7 +142,7 @@ impl BridgeUnderTest for ThreadBridge {
             .name("bridge".to_owned())
             .spawn(move || {
                 // What went wrong shows in the feedback that does not come.
-                let _report = run(&settings, &stopped, |_, _| {});
+                let _report = run_cutting(&settings, &stopped, |_, _| {}, |_| None, Some(loopback(0)));
             })
             .map_err(|cause| StartError {
                 what: "a thread".to_owned(),

@@ -7,8 +7,8 @@ use evolvent_bus::remove_private_domain;
 use thiserror::Error;
 
 use crate::bridge::BridgeUnderTest;
-use crate::cases;
 use crate::test_core::{DISTURBED, TestCore};
+use crate::{cases, signal_cases};
 
 /// Why a bridge failed a case, or why the case could not be run.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
@@ -35,6 +35,8 @@ pub struct Stage<'a> {
     pub seed: u64,
     /// Random moments for each case that has some.
     pub moments: u32,
+    /// The bridge reads inputs and sets outputs, and its digital output 0 is wired to its digital input 0.
+    pub has_signals: bool,
 }
 
 impl Stage<'_> {
@@ -69,23 +71,36 @@ pub struct Case {
     pub kills_bridge: bool,
     /// Whether a core process is killed in it.
     pub kills_core: bool,
+    /// Whether it is about outputs and inputs.
+    pub needs_signals: bool,
     pub(crate) play: fn(&mut Stage<'_>) -> Result<(), CaseError>,
 }
 
 macro_rules! case {
+    ($name:ident, $demand:literal, signals) => {
+        Case {
+            name: stringify!($name),
+            demand: $demand,
+            kills_bridge: false,
+            kills_core: false,
+            needs_signals: true,
+            play: signal_cases::$name,
+        }
+    };
     ($name:ident, $demand:literal, $kills_bridge:literal, $kills_core:literal) => {
         Case {
             name: stringify!($name),
             demand: $demand,
             kills_bridge: $kills_bridge,
             kills_core: $kills_core,
+            needs_signals: false,
             play: cases::$name,
         }
     };
 }
 
 /// Every case.
-pub const CASES: [Case; 19] = [
+pub const CASES: [Case; 22] = [
     case!(
         bridge_first,
         "started before its core it waits, then follows",
@@ -185,6 +200,21 @@ pub const CASES: [Case; 19] = [
         true,
         false
     ),
+    case!(
+        inputs,
+        "sends its inputs in order, with fresh times and finite values, ten times a second at least",
+        signals
+    ),
+    case!(
+        outputs,
+        "sets outputs when they are due and not when they come, and tells which it has set last",
+        signals
+    ),
+    case!(
+        safe_outputs,
+        "sets the safe values by itself where its core falls silent, and follows the next one",
+        signals
+    ),
 ];
 
 /// A case that failed while the host kept the core of the suite or the bridge from running proves nothing: it is played again.
@@ -197,6 +227,7 @@ const ATTEMPTS: usize = 3;
 pub fn run_case(case: &Case, stage: &mut Stage<'_>) -> Result<bool, CaseError> {
     if (case.kills_bridge && !stage.bridge.can_be_killed())
         || (case.kills_core && stage.core_program.is_none())
+        || (case.needs_signals && !stage.has_signals)
     {
         return Ok(false);
     }

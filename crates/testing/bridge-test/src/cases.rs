@@ -10,7 +10,7 @@ use crate::case::{CaseError, Stage};
 use crate::core_process::CoreProcess;
 use crate::test_core::{Fate, LATEST_S, LEAD, PERIOD_NS, Seen, TestCore, is_following, states};
 
-type Judged = Result<(), CaseError>;
+pub(crate) type Judged = Result<(), CaseError>;
 
 /// Way of the moves, mm.
 const WAY: f64 = 5.0;
@@ -19,7 +19,7 @@ const CLOSE: f64 = 0.2;
 /// How far an axis may go on by itself, mm: the moves are slow.
 const ALONE: f64 = 6.0;
 
-fn demand(good: bool, what: impl FnOnce() -> String) -> Judged {
+pub(crate) fn demand(good: bool, what: impl FnOnce() -> String) -> Judged {
     if good { Ok(()) } else { Err(CaseError::new(what())) }
 }
 

@@ -9,7 +9,7 @@
 //! ```
 //!
 //! A case starts the bridge by way of [`BridgeUnderTest`], plays a core against it, well-behaved or not, and judges by
-//! the feedback alone. [`CASES`] names them all; [`run_case`] runs one on a bus of its own.
+//! the feedback and the inputs alone. [`CASES`] names them all; [`run_case`] runs one on a bus of its own.
 //!
 //! [`ProcessBridge`] is any command. `evolvent bridge test -- COMMAND` runs the suite against it. [`ThreadBridge`] is
 //! the simulated bridge within this process; it cannot be killed, so cases with a kill leave it out.
@@ -21,6 +21,7 @@ mod bridge;
 mod case;
 mod cases;
 mod core_process;
+mod signal_cases;
 mod test_core;
 
 pub use bridge::{BridgeUnderTest, ProcessBridge, StartError, ThreadBridge};

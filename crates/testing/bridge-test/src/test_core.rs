@@ -4,7 +4,7 @@ use core::sync::atomic::{AtomicU32, Ordering};
 use core::time::Duration;
 
 use evolvent_bridge_sim::monotonic_ns;
-use evolvent_bus::{AXES, BusConfig, BusError, CoreBus, Feedback, Setpoint};
+use evolvent_bus::{AXES, BusConfig, BusError, CoreBus, Feedback, MachineInputs, MachineOutputs, Setpoint};
 use evolvent_drive::{BridgeState, DriveState, PowerRequest};
 
 use crate::case::CaseError;
@@ -15,6 +15,8 @@ pub(crate) const PERIOD_NS: u64 = 2_000_000;
 pub(crate) const LEAD: u64 = 100;
 /// How long a bridge may take for what it has to do some time, s: a busy host may need that.
 pub(crate) const LATEST_S: f64 = 20.0;
+/// Cycles from one message of outputs that do not change to the next.
+const OUTPUTS_EVERY: u64 = 25;
 /// Axes of the machine that the suite pretends to be.
 pub(crate) const LETTERS: &str = "XYZ";
 const AXES_MASK: u32 = 0b111;
@@ -62,6 +64,10 @@ pub struct TestCore {
     heard_ns: u64,
     /// Everything that came, in order.
     log: Vec<Seen>,
+    /// Outputs in force; sent again every [`OUTPUTS_EVERY`] cycles.
+    outputs: Option<MachineOutputs>,
+    /// Every message of inputs, and when it came.
+    inputs: Vec<(u64, MachineInputs)>,
 }
 
 impl TestCore {
@@ -85,7 +91,47 @@ impl TestCore {
             feedback: None,
             heard_ns: 0,
             log: Vec::new(),
+            outputs: None,
+            inputs: Vec::new(),
         })
+    }
+
+    /// Every message of inputs since the last time this was asked, and when it came, ns.
+    pub(crate) fn take_inputs(&mut self) -> Vec<(u64, MachineInputs)> {
+        std::mem::take(&mut self.inputs)
+    }
+
+    /// Sets digital output 0, which is safe when it is off, from the setpoint of the next cycle on; when that is due.
+    pub(crate) fn set_output(&mut self, on: bool) -> MachineOutputs {
+        let before = self.outputs.map_or(0, |outputs| outputs.sequence);
+        let outputs = MachineOutputs {
+            sequence: before + 1,
+            cycle: self.sequence,
+            due_time_ns: self.next_ns + LEAD * PERIOD_NS,
+            digital_mask: 1,
+            digital: u64::from(on),
+            ..MachineOutputs::default()
+        };
+        // One that does not leave is followed by the next.
+        let _reached = self.bus.publish_outputs(&outputs);
+        self.outputs = Some(outputs);
+        outputs
+    }
+
+    /// Says nothing for a while, and listens.
+    pub(crate) fn be_silent(&mut self, seconds: f64) {
+        let end_ns = monotonic_ns() + (seconds * 1e9) as u64;
+        while monotonic_ns() < end_ns {
+            std::thread::sleep(Duration::from_nanos(PERIOD_NS));
+            self.hear_inputs(monotonic_ns());
+        }
+        self.next_ns = monotonic_ns();
+    }
+
+    fn hear_inputs(&mut self, now_ns: u64) {
+        while let Ok(Some(message)) = self.bus.unchecked_inputs() {
+            self.inputs.push((now_ns, message));
+        }
     }
 
     /// The newest feedback.
@@ -150,6 +196,13 @@ impl TestCore {
         std::thread::sleep(Duration::from_nanos(self.next_ns.saturating_sub(now_ns)));
         let now_ns = monotonic_ns();
         self.bus.admit_readers();
+        self.hear_inputs(now_ns);
+        if let Some(outputs) = &mut self.outputs
+            && self.sequence.is_multiple_of(OUTPUTS_EVERY)
+        {
+            outputs.sequence += 1;
+            let _reached = self.bus.publish_outputs(outputs);
+        }
         while let Ok(Some(feedback)) = self.bus.unchecked_feedback() {
             let silent_ns = now_ns.saturating_sub(self.heard_ns);
             if self

@@ -10,8 +10,11 @@ use std::thread::JoinHandle;
 
 use evolvent_bridge_sim::{SimBridge, SimSettings, monotonic_ns};
 use evolvent_bridge_test::{BridgeUnderTest, CASES, Stage, StartError, run_case};
-use evolvent_bus::{ClientBus, ClientConfig, Feedback, FeedbackSender, Setpoint, SetpointReader};
-use evolvent_drive::PowerRequest;
+use evolvent_bus::{
+    ClientBus, ClientConfig, Feedback, FeedbackSender, InputSender, MachineInputs, MachineOutputs,
+    OutputReader, Setpoint, SetpointReader,
+};
+use evolvent_drive::{OutputFollower, PowerRequest};
 
 /// A core that is silent for longer has gone.
 const GONE_NS: u64 = 500_000_000;
@@ -47,6 +50,14 @@ enum Flaw {
     PassesOnNonsense,
     /// Rule 8.
     KeepsItsDatum,
+    /// Of outputs and inputs.
+    OutputsOnArrival,
+    NamesOutputsOnArrival,
+    NeverSafe,
+    SafeForEver,
+    FewInputs,
+    OldInputs,
+    OneInputMore,
 }
 
 /// The simulated drives behind a bridge with a flaw.
@@ -88,7 +99,13 @@ impl BridgeUnderTest for FlawedBridge {
     }
 }
 
-type Ports = (SetpointReader, FeedbackSender, ClientBus);
+type Ports = (
+    SetpointReader,
+    FeedbackSender,
+    ClientBus,
+    OutputReader,
+    InputSender,
+);
 
 fn connect(name: &str, prefix: &str) -> Option<Ports> {
     let config = ClientConfig {
@@ -97,11 +114,9 @@ fn connect(name: &str, prefix: &str) -> Option<Ports> {
         ..ClientConfig::new(name)
     };
     let client = ClientBus::open(&config).ok()?;
-    Some((
-        client.bridge_setpoints().ok()?,
-        client.feedback_sender().ok()?,
-        client,
-    ))
+    let (setpoints, feedback) = (client.bridge_setpoints().ok()?, client.feedback_sender().ok()?);
+    let (outputs, inputs) = (client.outputs().ok()?, client.input_sender().ok()?);
+    Some((setpoints, feedback, client, outputs, inputs))
 }
 
 fn drives(flaw: Flaw) -> SimBridge {
@@ -128,6 +143,7 @@ fn serve(flaw: Flaw, name: &str, prefix: &str, stop: &AtomicBool) {
     let (mut ports, mut heard_ns, mut count) = (None, 0, 0_u64);
     let (mut last_due_ns, mut newest, first_ns) = (0, 0, monotonic_ns());
     let (mut tick_ns, mut is_blind) = (first_ns, false);
+    let mut wired = Wired::default();
     while !stop.load(Ordering::Relaxed) {
         if ports.is_none() {
             ports = connect(name, prefix);
@@ -160,11 +176,14 @@ fn serve(flaw: Flaw, name: &str, prefix: &str, stop: &AtomicBool) {
         }
         let answer = bridge.step(tick_ns);
         count += 1;
-        if let (Some(mut feedback), Some((_, sender, _))) = (answer, &mut ports) {
+        if let (Some(mut feedback), Some((_, sender, ..))) = (answer, &mut ports) {
             spoil(flaw, &mut feedback, first_ns, newest);
             if !(flaw == Flaw::AnswersEverySecond && count % 2 == 0) {
                 let _lost = sender.send(&feedback);
             }
+        }
+        if let Some((.., outputs, inputs)) = &mut ports {
+            wired.step(flaw, outputs, inputs);
         }
         if monotonic_ns().saturating_sub(heard_ns) > GONE_NS {
             ports = None;
@@ -176,6 +195,65 @@ fn serve(flaw: Flaw, name: &str, prefix: &str, stop: &AtomicBool) {
             tick_ns = now_ns;
         }
         std::thread::sleep(Duration::from_nanos(tick_ns.saturating_sub(now_ns)));
+    }
+}
+
+/// Output 0, wired to input 0.
+#[derive(Default)]
+struct Wired {
+    follower: OutputFollower,
+    /// As it came last.
+    newest: MachineOutputs,
+    sequence: u64,
+    was_safe: bool,
+}
+
+impl Wired {
+    fn step(&mut self, flaw: Flaw, reader: &mut OutputReader, sender: &mut InputSender) {
+        let now_ns = monotonic_ns();
+        while let Ok(Some(message)) = reader.receive() {
+            self.newest = message;
+            self.follower
+                .offer(now_ns, &message)
+                .expect("outputs of the suite");
+        }
+        let in_force = self.follower.step(now_ns);
+        self.was_safe |=
+            in_force.digital == 0 && self.newest.digital == 1 && now_ns > self.newest.due_time_ns;
+        let mut digital = in_force.digital;
+        match flaw {
+            Flaw::OutputsOnArrival => digital = self.newest.digital,
+            Flaw::NeverSafe if now_ns > self.newest.due_time_ns => digital = self.newest.digital,
+            Flaw::SafeForEver if self.was_safe => digital = 0,
+            _ => {}
+        }
+        let named = if flaw == Flaw::NamesOutputsOnArrival {
+            self.newest.sequence
+        } else {
+            in_force.sequence
+        };
+        self.sequence += 1;
+        if flaw == Flaw::FewInputs && !self.sequence.is_multiple_of(200) {
+            return;
+        }
+        let message = MachineInputs {
+            sequence: self.sequence,
+            time_ns: if flaw == Flaw::OldInputs {
+                now_ns - 150_000_000
+            } else {
+                now_ns
+            },
+            instance: 1,
+            outputs_sequence: named,
+            digital_mask: 1,
+            digital: if flaw == Flaw::OneInputMore {
+                digital | 2
+            } else {
+                digital
+            },
+            ..MachineInputs::default()
+        };
+        let _lost = sender.send(&message);
     }
 }
 
@@ -230,6 +308,7 @@ fn verdict(flaw: Flaw, case: &str) -> Result<(), String> {
         core_program: None,
         seed: 1,
         moments: 2,
+        has_signals: true,
     };
     run_case(case, &mut stage)
         .map(drop)
@@ -237,7 +316,7 @@ fn verdict(flaw: Flaw, case: &str) -> Result<(), String> {
 }
 
 /// The case that a flaw must fail.
-const FLAWS: [(Flaw, &str); 19] = [
+const FLAWS: [(Flaw, &str); 26] = [
     (Flaw::OneCoreOnly, "core_restart"),
     (Flaw::AnswersEverySecond, "feedback"),
     (Flaw::OldTime, "feedback"),
@@ -257,6 +336,13 @@ const FLAWS: [(Flaw, &str); 19] = [
     (Flaw::FollowsJumps, "jump"),
     (Flaw::PassesOnNonsense, "not_finite"),
     (Flaw::KeepsItsDatum, "datum"),
+    (Flaw::OutputsOnArrival, "outputs"),
+    (Flaw::NamesOutputsOnArrival, "outputs"),
+    (Flaw::NeverSafe, "safe_outputs"),
+    (Flaw::SafeForEver, "safe_outputs"),
+    (Flaw::FewInputs, "inputs"),
+    (Flaw::OldInputs, "inputs"),
+    (Flaw::OneInputMore, "inputs"),
 ];
 
 #[test]
@@ -264,7 +350,7 @@ fn each_broken_bridge_fails_the_case_of_its_rule() {
     // Each waits for something most of the time: several at once, each on a bus of its own.
     let passed: Vec<(Flaw, &str)> = std::thread::scope(|scope| {
         let parts: Vec<_> = FLAWS
-            .chunks(5)
+            .chunks(7)
             .map(|part| {
                 scope.spawn(move || {
                     let mut passed = Vec::new();
