@@ -379,8 +379,16 @@ typedef struct evolvent_status {
     uint32_t tool_change;
     /* Where `tool_change` is not 0: the tool to put into the spindle; 0 to empty the spindle. */
     uint32_t tool_wanted;
+    /* Longest path that a hold needs to rest at any moment of `job` so far, in mm, with a margin; 0 where none is known. */
+    double longest_stop_mm;
+    /* Time of that stop, in s. */
+    double longest_stop_s;
+    /* Line of the program at which that hold comes. */
+    uint32_t longest_stop_line;
     /* Zero; for later versions. */
-    uint64_t reserved[15];
+    uint32_t reserved_word;
+    /* Zero; for later versions. */
+    uint64_t reserved[12];
 } evolvent_status_t;
 
 EVOLVENT_STATIC_ASSERT(sizeof(evolvent_status_t) == 1840, "size of Status");
@@ -448,7 +456,11 @@ EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, alarm_text) == 1200, "offset 
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, message) == 1456, "offset of Status.message");
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, tool_change) == 1712, "offset of Status.tool_change");
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, tool_wanted) == 1716, "offset of Status.tool_wanted");
-EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, reserved) == 1720, "offset of Status.reserved");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, longest_stop_mm) == 1720, "offset of Status.longest_stop_mm");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, longest_stop_s) == 1728, "offset of Status.longest_stop_s");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, longest_stop_line) == 1736, "offset of Status.longest_stop_line");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, reserved_word) == 1740, "offset of Status.reserved_word");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, reserved) == 1744, "offset of Status.reserved");
 
 /* A drive bridge's answer to one setpoint.
  */

@@ -324,6 +324,10 @@ class Status(ctypes.Structure):
     message: ctypes.Array[ctypes.c_uint8]
     tool_change: int
     tool_wanted: int
+    longest_stop_mm: float
+    longest_stop_s: float
+    longest_stop_line: int
+    reserved_word: int
     reserved: ctypes.Array[ctypes.c_uint64]
 
     _fields_ = [
@@ -455,8 +459,16 @@ class Status(ctypes.Structure):
         ("tool_change", ctypes.c_uint32),
         # Where `tool_change` is not 0: the tool to put into the spindle; 0 to empty the spindle.
         ("tool_wanted", ctypes.c_uint32),
+        # Longest path that a hold needs to rest at any moment of `job` so far, in mm, with a margin; 0 where none is known.
+        ("longest_stop_mm", ctypes.c_double),
+        # Time of that stop, in s.
+        ("longest_stop_s", ctypes.c_double),
+        # Line of the program at which that hold comes.
+        ("longest_stop_line", ctypes.c_uint32),
         # Zero; for later versions.
-        ("reserved", ctypes.c_uint64 * 15),
+        ("reserved_word", ctypes.c_uint32),
+        # Zero; for later versions.
+        ("reserved", ctypes.c_uint64 * 12),
     ]
 
     def __init__(self, **values: Any) -> None:

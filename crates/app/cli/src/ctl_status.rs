@@ -79,6 +79,9 @@ pub(crate) fn status_to_json(status: &Status, axes: &str) -> Value {
     let rest = json!({
         "path_mm": status.path_mm,
         "path_to_go_mm": status.path_to_go_mm,
+        "longest_stop_mm": (status.longest_stop_mm > 0.0).then_some(status.longest_stop_mm),
+        "longest_stop_s": (status.longest_stop_mm > 0.0).then_some(status.longest_stop_s),
+        "longest_stop_line": (status.longest_stop_mm > 0.0).then_some(status.longest_stop_line),
         "feed_mm_s": status.feed_mm_s,
         "feed_programmed_mm_s": status.feed_programmed_mm_s,
         "feed_override": status.override_ratio,
@@ -176,6 +179,15 @@ pub(crate) fn write_status(
         100.0 * status.rapid_override_ratio,
         100.0 * status.spindle_override_ratio
     )?;
+    if status.longest_stop_mm > 0.0 {
+        writeln!(
+            out,
+            "  a hold stops within {:.3} mm and {:.0} ms so far: longest on line {}",
+            status.longest_stop_mm,
+            1e3 * status.longest_stop_s,
+            status.longest_stop_line
+        )?;
+    }
     writeln!(
         out,
         "  tool {}, spindle {:.0} rpm, {}",
@@ -247,6 +259,12 @@ mod tests {
         };
         status.position_machine[2] = -7.5;
         (status.tool_change, status.tool_wanted) = (1, 4);
+        assert_eq!(status_to_json(&status, "XZ")["longest_stop_mm"], Value::Null);
+        (
+            status.longest_stop_mm,
+            status.longest_stop_s,
+            status.longest_stop_line,
+        ) = (3.25, 0.045, 17);
         status.modal[..2].copy_from_slice(&[170, 591]);
         status.feedback_age_ns = u64::MAX;
         status.push_alarm(406);
@@ -263,6 +281,10 @@ mod tests {
             (&json!("operator"), &json!(4))
         );
         assert_eq!(value["feedback_age_ns"], Value::Null);
+        assert_eq!(
+            (&value["longest_stop_mm"], &value["longest_stop_line"]),
+            (&json!(3.25), &json!(17))
+        );
         let mut page = Vec::new();
         write_status(&mut page, &status, "XZ", "mill").unwrap();
         let page = String::from_utf8(page).unwrap();
@@ -270,6 +292,7 @@ mod tests {
             page.contains("-7.5000") && page.contains("alarm 406: axis X"),
             "{page}"
         );
+        assert!(page.contains("a hold stops within 3.250 mm and 45 ms so far: longest on line 17"));
         assert!(page.contains("put tool 4 into the spindle"), "{page}");
     }
 }

@@ -254,8 +254,9 @@ fn picture(name: &str, status: &Status, axes: &str, stale: Option<Duration>, col
     );
     let _ = writeln!(
         text,
-        "path {:.3} mm   cycle {}, {:.2} Hz   clients {}",
+        "path {:.3} mm   longest stop {}   cycle {}, {:.2} Hz   clients {}",
         status.path_mm,
+        longest_stop(status),
         status.cycles,
         1e9 / status.period_ns.max(1) as f64,
         status.setpoint_subscribers
@@ -298,6 +299,20 @@ fn one_line(text: &str) -> String {
         .collect()
 }
 
+/// What a hold needs at most, as far as the job has come.
+fn longest_stop(status: &Status) -> String {
+    if status.longest_stop_mm > 0.0 {
+        format!(
+            "{:.3} mm, {:.0} ms (line {})",
+            status.longest_stop_mm,
+            1e3 * status.longest_stop_s,
+            status.longest_stop_line
+        )
+    } else {
+        "-".to_owned()
+    }
+}
+
 fn to_json(name: &str, status: &Status, axes: &str) -> serde_json::Value {
     let by_axis = |values: &[f64; 9]| -> serde_json::Value {
         "XYZABCUVW"
@@ -325,6 +340,9 @@ fn to_json(name: &str, status: &Status, axes: &str) -> serde_json::Value {
         "velocity": by_axis(&status.velocity),
         "following_error": by_axis(&status.following_error),
         "path_mm": status.path_mm,
+        "longest_stop_mm": (status.longest_stop_mm > 0.0).then_some(status.longest_stop_mm),
+        "longest_stop_s": (status.longest_stop_mm > 0.0).then_some(status.longest_stop_s),
+        "longest_stop_line": (status.longest_stop_mm > 0.0).then_some(status.longest_stop_line),
         "feed_mm_s": status.feed_mm_s,
         "override_ratio": status.override_ratio,
         "late_cycles": status.late_cycles,

@@ -1,6 +1,6 @@
 //! Threads and clocks: the real-time loop, planner feeding, publisher, recorder.
 //!
-//! [`run`] starts four threads over wait-free queues and joins them:
+//! [`run`] starts four threads over wait-free queues and joins them (and one that follows stops for the status):
 //!
 //! ```text
 //!   planner ──► cycle ──► publisher (owns the ports of the bus)
@@ -49,6 +49,7 @@ mod signals_again;
 mod source;
 mod stages;
 mod standby;
+mod stop_watch;
 mod summary;
 mod switches;
 mod tally;

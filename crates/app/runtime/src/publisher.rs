@@ -17,6 +17,7 @@ use crate::periphery_track::PeripheryTrack;
 use crate::rt::MonotonicClock;
 use crate::shared::Controls;
 use crate::signal_port::SignalPort;
+use crate::stop_watch::StopWatch;
 
 /// Time between two status snapshots.
 const STATUS_EVERY_NS: u64 = 50_000_000;
@@ -75,6 +76,7 @@ impl Publishing {
         mut queue: Consumer<DueSetpoint>,
         mut track: PeripheryTrack,
         mut signals: Option<SignalPort>,
+        mut stops: Option<StopWatch>,
         ready: &Sender<Result<usize, BusError>>,
     ) -> PublishReport {
         let mut report = PublishReport::default();
@@ -124,6 +126,9 @@ impl Publishing {
                     report.failed += 1;
                 }
                 last = message;
+                if let Some(stops) = &mut stops {
+                    stops.follow(&due);
+                }
                 if switched {
                     let now = track.now();
                     status.spindle_rpm = now.outputs.signed_rpm();
@@ -158,6 +163,9 @@ impl Publishing {
             if now >= next_status || over {
                 next_status = now + STATUS_EVERY_NS;
                 report.see_listeners(&bus);
+                if let Some(stops) = &mut stops {
+                    stops.fill(&mut status);
+                }
                 self.fill(&mut status, &last, now, &bus, &report);
                 let _lost = bus.publish_status(&status);
                 if let Some(signals) = &mut signals {

@@ -32,6 +32,7 @@ use crate::signal_loop::{InputSource, SignalLoop};
 use crate::signal_port::{CHANGES, SAMPLES, SignalPort};
 use crate::stages::Stages;
 use crate::standby::Standby;
+use crate::stop_watch::StopWatch;
 use crate::summary::{Outcome, Summary, TimingSummary, axis_summaries, late_for_nobody};
 use crate::turning_tally::TurningTally;
 use crate::user_code::UserCodes;
@@ -190,6 +191,7 @@ pub fn run_seen(
                 let (ready_sender, ready) = mpsc::channel();
                 let publishing = publishing(job, controls);
                 let track = PeripheryTrack::new(setup.tool, periphery_orders);
+                let stops = StopWatch::start(setup, job.clock)?;
                 let request = realtime_request(job, 1);
                 let handle =
                     thread::Builder::new()
@@ -199,7 +201,7 @@ pub fn run_seen(
                                 // The cycle's thread asks for the same and more, and reports.
                                 let _granted = apply_to_this_thread(&request);
                             }
-                            publishing.run(queue, track, port, &ready_sender)
+                            publishing.run(queue, track, port, stops, &ready_sender)
                         })?;
                 match ready.recv_timeout(BUS_TIMEOUT) {
                     Ok(Ok(subscribers)) if subscribers < job.wait_for_subscribers => {

@@ -144,8 +144,16 @@ payload! {
         tool_change: u32,
         /// Where `tool_change` is not 0: the tool to put into the spindle; 0 to empty the spindle.
         tool_wanted: u32,
+        /// Longest path that a hold needs to rest at any moment of `job` so far, in mm, with a margin; 0 where none is known.
+        longest_stop_mm: f64,
+        /// Time of that stop, in s.
+        longest_stop_s: f64,
+        /// Line of the program at which that hold comes.
+        longest_stop_line: u32,
         /// Zero; for later versions.
-        reserved: [u64; 15],
+        reserved_word: u32,
+        /// Zero; for later versions.
+        reserved: [u64; 12],
     }
 }
 

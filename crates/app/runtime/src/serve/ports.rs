@@ -11,6 +11,7 @@ use crate::periphery_track::PeripheryTrack;
 use crate::publisher::{PublishReport, Publishing};
 use crate::rt::MonotonicClock;
 use crate::signal_port::SignalPort;
+use crate::stop_watch::StopWatch;
 
 /// Longest sleep between two looks at the queue.
 const LONGEST_SLEEP_NS: u64 = 1_000_000;
@@ -34,6 +35,7 @@ pub(crate) struct Ports {
     /// Outputs and inputs of the machine, where it has any.
     pub signals: Option<SignalPort>,
     pub periphery: PeripheryTrack,
+    pub stops: Option<StopWatch>,
     /// To control: late and failed setpoints so far, subscribers.
     pub counts: Producer<(PublishReport, usize)>,
 }
@@ -71,6 +73,9 @@ impl Ports {
                 if bus.publish_setpoint(&message).is_err() {
                     report.failed += 1;
                 }
+                if let Some(stops) = &mut self.stops {
+                    stops.follow(&due);
+                }
             }
             // A bridge of another version is as good as none.
             while let Ok(Some(feedback)) = bus.unchecked_feedback() {
@@ -88,7 +93,10 @@ impl Ports {
             while let Ok(Some(load)) = bus.load() {
                 publishing.controls.see_load(load.value, load.range_max);
             }
-            while let Ok(snapshot) = self.snapshots.pop() {
+            while let Ok(mut snapshot) = self.snapshots.pop() {
+                if let Some(stops) = &mut self.stops {
+                    stops.fill(&mut snapshot.status);
+                }
                 // A status or an event that does not leave is replaced by the next.
                 let _lost = bus.publish_status(&snapshot.status);
                 if let Some(event) = snapshot.event {

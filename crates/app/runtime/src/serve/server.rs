@@ -40,6 +40,7 @@ use crate::run::{CYCLE_TIMEOUT, RunSource, StartError, optional_ring, rescue_lef
 use crate::shared::Controls;
 use crate::signal_loop::{InputSource, SignalChange, SignalLoop};
 use crate::signal_port::{CHANGES, SAMPLES, SignalPort};
+use crate::stop_watch::StopWatch;
 
 /// Time between two looks of the control thread, at the most and at the least: so long a command waits at the most on a host
 /// that is not busy. In between it is a quarter of the period, so that a hold takes no more than lead and two cycles.
@@ -171,6 +172,7 @@ pub fn serve(
         answers: to_control,
         signals: has_signals.then(|| SignalPort::new(signal_settings, tool, input_samples, changes)),
         periphery: PeripheryTrack::new(tool, periphery_orders),
+        stops: StopWatch::start(setup, Clock::Realtime)?,
         counts: to_count,
     };
     let publishing_config = publishing.config.clone();

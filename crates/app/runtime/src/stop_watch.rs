@@ -1,0 +1,302 @@
+//! The longest stop of the job that runs: what a hold at any moment of it so far would have needed, for the status.
+//!
+//! A hold is followed over the path that was driven behind it, so its stop is known when as much path has gone by: a fraction
+//! of a second later. That takes 30 ms of work at a time, so a thread of its own does it, of the normal scheduler.
+
+use std::io;
+use std::thread;
+use std::time::Duration;
+
+use evolvent_bus::Status;
+use evolvent_machine::{Limits, PlannerKind};
+use evolvent_motion::{LongestStop, Setpoint, StoppingDistance};
+use evolvent_path::Axes;
+use rtrb::{Consumer, Producer, RingBuffer};
+
+use crate::due_setpoint::DueSetpoint;
+use crate::job::{Clock, Setup};
+
+/// Seconds of setpoints that wait for the thread, and the least number of them. It works up to 30 ms without a look.
+const QUEUE_SECONDS: f64 = 0.25;
+const MIN_QUEUE: usize = 1024;
+/// Found stops that wait for the publisher. The thread keeps what finds no room.
+const FOUND: usize = 16;
+/// Between two looks of the thread.
+const POLL_INTERVAL: Duration = Duration::from_millis(5);
+
+/// The longest stop of a job so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct JobStop {
+    job: u64,
+    stop: LongestStop,
+}
+
+/// The publisher's end: hands setpoints to the thread and writes what it finds into the status.
+#[derive(Debug)]
+pub(crate) struct StopWatch {
+    driven: Producer<(u64, Setpoint)>,
+    found: Consumer<JobStop>,
+    newest: JobStop,
+    moved: bool,
+}
+
+impl StopWatch {
+    /// Starts the thread, which ends with the watch. None where holds are not followed: with the classic planner they are
+    /// profiles of their own, and where time is not real setpoints come faster than they can be followed.
+    pub(crate) fn start(setup: &Setup, clock: Clock) -> io::Result<Option<Self>> {
+        if clock != Clock::Realtime || setup.machine.path.planner == PlannerKind::Classic {
+            return Ok(None);
+        }
+        let length = ((setup.rate_hz() * QUEUE_SECONDS) as usize).max(MIN_QUEUE);
+        let (driven, queue) = RingBuffer::new(length);
+        let (to_publisher, found) = RingBuffer::new(FOUND);
+        let follower = Follower::new(setup.machine.limits(), setup.period_ns as f64 * 1e-9);
+        let _detached = thread::Builder::new()
+            .name("stops".into())
+            .spawn(move || follower.run(queue, to_publisher))?;
+        Ok(Some(Self {
+            driven,
+            found,
+            newest: JobStop::default(),
+            moved: false,
+        }))
+    }
+
+    /// A setpoint that leaves. Does not wait: what finds no room is a gap, and what is in motion there is not followed.
+    pub(crate) fn follow(&mut self, due: &DueSetpoint) {
+        let moves = due.setpoint.line > 0 && !is_at_rest(&due.setpoint);
+        if moves || self.moved {
+            let _full = self.driven.push((due.job, due.setpoint));
+        }
+        self.moved = moves;
+    }
+
+    /// Writes the longest stop of the status's job; nothing where none is known yet.
+    pub(crate) fn fill(&mut self, status: &mut Status) {
+        while let Ok(found) = self.found.pop() {
+            self.newest = found;
+        }
+        let stop = if self.newest.job == status.job {
+            self.newest.stop
+        } else {
+            LongestStop::default()
+        };
+        status.longest_stop_mm = stop.path_mm;
+        status.longest_stop_s = stop.seconds;
+        status.longest_stop_line = stop.line;
+    }
+}
+
+fn is_at_rest(setpoint: &Setpoint) -> bool {
+    setpoint.velocity == Axes::zeros() && setpoint.acceleration == Axes::zeros()
+}
+
+/// The thread's end.
+struct Follower {
+    limits: Limits,
+    period_s: f64,
+    stops: StoppingDistance,
+    last: u64,
+    longest: JobStop,
+}
+
+impl Follower {
+    fn new(limits: Limits, period_s: f64) -> Self {
+        Self {
+            limits,
+            period_s,
+            stops: StoppingDistance::new(limits, period_s),
+            last: 0,
+            longest: JobStop::default(),
+        }
+    }
+
+    fn run(mut self, mut driven: Consumer<(u64, Setpoint)>, mut found: Producer<JobStop>) {
+        let mut sent = self.longest;
+        loop {
+            let over = driven.is_abandoned();
+            while let Ok((job, setpoint)) = driven.pop() {
+                self.push(job, &setpoint);
+                if self.longest != sent && found.push(self.longest).is_ok() {
+                    sent = self.longest;
+                }
+            }
+            if over {
+                return;
+            }
+            thread::sleep(POLL_INTERVAL);
+        }
+    }
+
+    fn push(&mut self, job: u64, setpoint: &Setpoint) {
+        if job != self.longest.job {
+            self.longest = JobStop {
+                job,
+                ..JobStop::default()
+            };
+            self.begin();
+        } else if setpoint.sequence != self.last + 1 {
+            // Lost setpoints, or axes that stood or moved for something else meanwhile.
+            self.begin();
+        }
+        self.last = setpoint.sequence;
+        self.stops.push(setpoint);
+        if let Some(stop) = self.stops.longest()
+            && stop.path_mm > self.longest.stop.path_mm
+        {
+            self.longest.stop = stop;
+        }
+    }
+
+    fn begin(&mut self) {
+        self.stops = StoppingDistance::new(self.limits, self.period_s);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Instant;
+
+    use super::*;
+    use evolvent_motion::State;
+    use evolvent_path::AXES;
+
+    const PERIOD_S: f64 = 0.001;
+    const J: f64 = 50_000.0;
+    const A: f64 = 2000.0;
+
+    fn limits() -> Limits {
+        let mut present = [false; AXES];
+        present[0] = true;
+        Limits {
+            present,
+            velocity: Axes::repeat(300.0),
+            acceleration: Axes::repeat(A),
+            jerk: Axes::repeat(J),
+            travel_min: Axes::repeat(-1e4),
+            travel_max: Axes::repeat(1e4),
+            home: Axes::zeros(),
+        }
+    }
+
+    /// X from rest to `v` and back to rest along a straight line, with constant jerk from one ms to the next.
+    fn line(v: f64, first: u64) -> Vec<Setpoint> {
+        let ramp = |sign: f64| {
+            let (up, level) = ((A / J / PERIOD_S) as usize, ((v / A - A / J) / PERIOD_S) as usize);
+            [vec![sign * J; up], vec![0.0; level], vec![-sign * J; up]].concat()
+        };
+        let jerks = [ramp(1.0), vec![0.0; 400], ramp(-1.0), vec![0.0; 5]].concat();
+        let (mut s, mut velocity, mut acceleration) = (0.0, 0.0_f64, 0.0_f64);
+        let mut out = Vec::new();
+        for (k, jerk) in jerks.iter().enumerate() {
+            let t = PERIOD_S;
+            s += t * (velocity + t * (acceleration / 2.0 + t * jerk / 6.0));
+            velocity += t * (acceleration + t * jerk / 2.0);
+            acceleration += t * jerk;
+            // Sums of equal steps: what is left at rest is rounding.
+            let clean = |x: f64| if x.abs() < 1e-6 { 0.0 } else { x };
+            (velocity, acceleration) = (clean(velocity), clean(acceleration));
+            let x = |x: f64| Axes::from_fn(|i, _| if i == 0 { x } else { 0.0 });
+            out.push(Setpoint {
+                sequence: first + k as u64,
+                position: x(s),
+                velocity: x(velocity),
+                acceleration: x(acceleration),
+                jerk: x(*jerk),
+                path_mm: s,
+                feed_mm_s: velocity,
+                feed_override: 1.0,
+                line: 7,
+                block: 0,
+                state: State::Running,
+                flags: 0,
+                actions: 0,
+            });
+        }
+        out
+    }
+
+    /// The hold that needs the longest path comes where the acceleration `A` is about to fall, at `v - A^2/2J`: `J` to `-A` in
+    /// `2A/J`, `A` down to `A^2/2J`, and `J` to zero. Reports have 20 % and 1 ms on top at 1 kHz; the stop itself may take 3 % and
+    /// two steps more, and holds are 10 ms apart.
+    fn expect(found: LongestStop, v: f64) {
+        let (bend, time) = (A * A / (2.0 * J), A / J);
+        let from = v - bend;
+        let path = 2.0 * time * (from + bend * 2.0 / 3.0)
+            + (from * from - bend * bend) / (2.0 * A)
+            + bend * time / 3.0;
+        let seconds = 3.0 * time + (from - bend) / A;
+        let range = 0.97 * 1.2 * path..=1.2 * (1.03 * path + 0.002 * v) + 0.001 * v;
+        assert!(range.contains(&found.path_mm), "{found:?} of {range:?}");
+        assert!(
+            (0.94 * seconds..1.03 * seconds + 0.002).contains(&found.seconds),
+            "{found:?} of {seconds}"
+        );
+        assert_eq!(found.line, 7);
+    }
+
+    #[test]
+    fn the_longest_stop_is_that_of_the_job_and_of_setpoints_without_gaps() {
+        let mut follower = Follower::new(limits(), PERIOD_S);
+        let (fast, slow) = (line(200.0, 0), line(120.0, 10_000));
+        fast.iter().for_each(|setpoint| follower.push(1, setpoint));
+        expect(follower.longest.stop, 200.0);
+        // Slower ones of the same job change nothing, another job begins again.
+        slow.iter().for_each(|setpoint| follower.push(1, setpoint));
+        expect(follower.longest.stop, 200.0);
+        slow.iter().for_each(|setpoint| follower.push(2, setpoint));
+        expect(follower.longest.stop, 120.0);
+        // What lies on both sides of lost setpoints is no one motion. The hold above is not over by then, others are: from the
+        // cruise at the least, in v/A + A/J and half of that time's path.
+        let gap = fast
+            .iter()
+            .filter(|setpoint| !(250..300).contains(&setpoint.sequence));
+        gap.for_each(|setpoint| follower.push(3, setpoint));
+        let path = follower.longest.stop.path_mm;
+        assert!((16.8..25.0).contains(&path), "{path}");
+    }
+
+    #[test]
+    fn the_status_has_the_stop_of_its_job() {
+        let (driven, queue) = RingBuffer::new(MIN_QUEUE);
+        let (to_publisher, found) = RingBuffer::new(FOUND);
+        let follower = Follower::new(limits(), PERIOD_S);
+        let thread = thread::spawn(move || follower.run(queue, to_publisher));
+        let mut watch = StopWatch {
+            driven,
+            found,
+            newest: JobStop::default(),
+            moved: false,
+        };
+        let mut status = Status {
+            job: 4,
+            ..Status::default()
+        };
+        for setpoint in line(200.0, 0) {
+            watch.follow(&DueSetpoint {
+                setpoint,
+                due_time_ns: 0,
+                drive: crate::due_setpoint::DriveRequest::ON,
+                job: 4,
+            });
+        }
+        let begun = Instant::now();
+        // Those at the start of the motion are known first.
+        while status.longest_stop_mm < 25.0 && begun.elapsed() < Duration::from_secs(20) {
+            watch.fill(&mut status);
+            thread::sleep(POLL_INTERVAL);
+        }
+        let stop = LongestStop {
+            path_mm: status.longest_stop_mm,
+            seconds: status.longest_stop_s,
+            line: status.longest_stop_line,
+            sequence: 0,
+        };
+        expect(stop, 200.0);
+        status.job = 5;
+        watch.fill(&mut status);
+        assert_eq!((status.longest_stop_mm, status.longest_stop_line), (0.0, 0));
+        drop(watch);
+        assert!(thread.join().is_ok());
+    }
+}
