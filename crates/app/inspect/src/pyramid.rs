@@ -135,25 +135,12 @@ impl Pyramid {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn random(seed: u64) -> impl FnMut() -> u64 {
-        let mut state = seed;
-        move || {
-            state ^= state << 13;
-            state ^= state >> 7;
-            state ^= state << 17;
-            state
-        }
-    }
+    use evolvent_random::Random;
 
     #[test]
     fn every_sample_lies_within_its_stretch_and_no_extreme_is_lost() {
-        let seed = std::env::var("EVOLVENT_SEED")
-            .ok()
-            .and_then(|text| text.parse().ok());
-        let seed = seed.unwrap_or(0x5EED_u64);
-        println!("EVOLVENT_SEED={seed}");
-        let mut next = random(seed | 1);
+        let mut random = Random::seeded(0x5EED);
+        let mut next = || random.bits();
         for _ in 0..40 {
             let count = 1 + next() % 30_000;
             let samples: Vec<f64> = (0..count)

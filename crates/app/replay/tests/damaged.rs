@@ -5,6 +5,7 @@
     reason = "tests fail and talk as tests do"
 )]
 
+use evolvent_random::{Random, cases};
 use std::path::Path;
 
 use crate::common::{PROGRAM, cycles, record};
@@ -41,22 +42,8 @@ fn read(path: &Path) -> (Vec<CycleRecord>, bool) {
 
 #[test]
 fn five_hundred_flipped_bits_never_give_a_wrong_figure() {
-    let seed = std::env::var("EVOLVENT_SEED")
-        .ok()
-        .and_then(|text| text.parse().ok());
-    let seed: u64 = seed.unwrap_or(0x00C0_FFEE);
-    let cases: usize = std::env::var("EVOLVENT_CASES")
-        .ok()
-        .and_then(|text| text.parse().ok())
-        .unwrap_or(500);
-    println!("EVOLVENT_SEED={seed} EVOLVENT_CASES={cases}");
-    let mut state = seed | 1;
-    let mut random = move |below: usize| {
-        state ^= state << 13;
-        state ^= state >> 7;
-        state ^= state << 17;
-        (state % below as u64) as usize
-    };
+    let (mut random, cases) = (Random::seeded(0x00C0_FFEE), cases(500));
+    let mut random = move |below: usize| random.below(below);
     // One is recorded in messages, the other in columns.
     for name in ["run", "runs"] {
         flip(name, cases, &mut random);

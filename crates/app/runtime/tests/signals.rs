@@ -7,6 +7,7 @@
     reason = "helpers of tests fail as tests do"
 )]
 
+use evolvent_random::Random;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, mpsc};
 use std::time::Duration;
@@ -454,23 +455,11 @@ fn a_trace_is_left() {
     assert!(ran.trace.is_file());
 }
 
-/// A small generator, so that a seed names a program.
-struct Random(u64);
-
-impl Random {
-    fn below(&mut self, n: u64) -> u64 {
-        self.0 ^= self.0 << 13;
-        self.0 ^= self.0 >> 7;
-        self.0 ^= self.0 << 17;
-        self.0 % n
-    }
-}
-
 /// Moves along X, each farther than the one before, and between them whatever sets outputs. Gives the program, and for each
 /// synchronised change of an output the X at which its move begins, its number in the trace and its value: told apart from what
 /// the core knows, by the rule of the language alone.
 fn random_program(random: &mut Random) -> (String, Vec<(f64, u32, f64)>) {
-    let mode = ["G61", "G61.1", "G64 P0.01", "G64"][random.below(4) as usize];
+    let mode = ["G61", "G61.1", "G64 P0.01", "G64"][random.below(4)];
     let mut text = format!("G21 {mode} F{}\n", 300 + random.below(6000));
     let (mut x, mut expected) = (0.0_f64, Vec::new());
     // As they stand, safe at the start: only what differs is a change.
@@ -482,7 +471,7 @@ fn random_program(random: &mut Random) -> (String, Vec<(f64, u32, f64)>) {
                 0..=3 => {
                     let (number, on) = (random.below(3), random.below(2));
                     text += &format!("M{} P{number}\n", 63 - on);
-                    pending[number as usize] = Some(on as f64);
+                    pending[number] = Some(on as f64);
                 }
                 4 | 5 => {
                     let value = random.below(100);
@@ -510,12 +499,12 @@ fn random_program(random: &mut Random) -> (String, Vec<(f64, u32, f64)>) {
 fn in_random_programs_every_synchronised_output_changes_with_the_first_setpoint_of_its_move() {
     let (mut changes, mut runs) = (0, 0);
     for seed in 1..=40_u64 {
-        let mut random = Random(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15));
+        let mut random = Random::mixed(seed);
         let (program, expected) = random_program(&mut random);
-        let rate = [250.0, 1000.0, 3333.0, 8000.0, 35_000.0][random.below(5) as usize];
-        let planner = [PlannerKind::Optimal, PlannerKind::Classic][random.below(2) as usize];
+        let rate = [250.0, 1000.0, 3333.0, 8000.0, 35_000.0][random.below(5)];
+        let planner = [PlannerKind::Optimal, PlannerKind::Classic][random.below(2)];
         // A hold somewhere changes nothing of it.
-        let hold_at = random.below(1500);
+        let hold_at = random.below(1500) as u64;
         let operate = move |controls: &Controls, setpoint: &Setpoint| {
             controls.set_hold((hold_at..hold_at + 40).contains(&setpoint.sequence));
             controls.set_override(if setpoint.sequence > hold_at / 2 { 0.7 } else { 1.0 });

@@ -9,6 +9,7 @@
     reason = "the gallery is a fixture of the tests"
 )]
 
+use evolvent_random::Random;
 use std::f64::consts::PI;
 
 use evolvent_path::{Arc, Axes, Blend, Curve, Involute, Jet, Line, Plane, Sense};
@@ -395,18 +396,6 @@ fn gallery() -> Vec<Case> {
     all
 }
 
-/// Deterministic numbers in 0..1.
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self) -> f64 {
-        self.0 ^= self.0 << 13;
-        self.0 ^= self.0 >> 7;
-        self.0 ^= self.0 << 17;
-        (self.0 >> 11) as f64 / (1u64 << 53) as f64
-    }
-}
-
 /// Speed in the feed metric, by its definition.
 fn speed(first: &Axes) -> f64 {
     let group = |i: usize| first.fixed_rows::<3>(i).norm();
@@ -476,11 +465,11 @@ fn difference(f: impl Fn(f64) -> Axes, u: f64, h: f64) -> Axes {
 fn jets_are_the_derivatives_of_position() {
     let seed = 0x5EED_0001;
     println!("seed {seed:#x}");
-    let mut random = Random(seed);
+    let mut random = Random::from_state(seed);
     for Case { name, curve, scale } in gallery() {
         let domain = curve.domain();
         for _ in 0..40 {
-            let u = domain * (0.02 + 0.96 * random.next());
+            let u = domain * (0.02 + 0.96 * random.unit());
             let jet = curve.jet(u);
             let ratio = |a: &Axes, b: &Axes| if b.norm() > 0.0 { a.norm() / b.norm() } else { 0.0 };
             let bend = ratio(&jet.second, &jet.first).max(ratio(&jet.third, &jet.second));
@@ -641,10 +630,10 @@ fn reversing_gives_the_same_points_backwards_and_twice_the_same_curve() {
 fn bounds_hold_every_point_and_are_reached() {
     let seed = 0x5EED_0002;
     println!("seed {seed:#x}");
-    let mut random = Random(seed);
+    let mut random = Random::from_state(seed);
     for Case { name, curve, scale } in gallery() {
         for _ in 0..12 {
-            let (a, b) = (random.next() * curve.domain(), random.next() * curve.domain());
+            let (a, b) = (random.unit() * curve.domain(), random.unit() * curve.domain());
             let (low, high) = curve.bounds(a, b);
             let samples = 4000;
             let (mut least, mut most) = (curve.position(a), curve.position(a));
@@ -676,15 +665,15 @@ fn bounds_hold_every_point_and_are_reached() {
 fn derivative_and_curvature_bounds_hold_everywhere_and_are_tight_on_short_stretches() {
     let seed = 0x5EED_0003;
     println!("seed {seed:#x}");
-    let mut random = Random(seed);
+    let mut random = Random::from_state(seed);
     for Case { name, curve, .. } in gallery() {
         for round in 0..60 {
-            let a = random.next() * curve.domain();
+            let a = random.unit() * curve.domain();
             let short = round % 2 == 0;
             let b = if short {
                 (a + 1e-5 * curve.domain()).min(curve.domain())
             } else {
-                random.next() * curve.domain()
+                random.unit() * curve.domain()
             };
             let (d1, d2, d3) = curve.derivative_bounds(a, b);
             let bend = curve.curvature_bound(a, b);

@@ -85,13 +85,8 @@ fn angle_of(curve: &Curve, u: f64, centre: [f64; 2]) -> f64 {
 fn passes_join_with_tangent_and_curvature_for_every_start_sense_and_plane() {
     let seed = 0x0B0E_5EEDu64;
     println!("seed {seed:#x}");
-    let mut state = seed;
-    let mut random = || {
-        state ^= state << 13;
-        state ^= state >> 7;
-        state ^= state << 17;
-        (state >> 11) as f64 / (1u64 << 53) as f64
-    };
+    let mut generator = evolvent_random::Random::from_state(seed);
+    let mut random = || generator.unit();
     for round in 0..400 {
         let plane = [Plane::Xy, Plane::Zx, Plane::Yz][round % 3];
         let milling = [Milling::Climb, Milling::Conventional][round % 2];

@@ -151,7 +151,7 @@ fn the_line_at_a_stop_is_the_same_whether_the_next_move_is_known_yet_or_not() {
 #[test]
 fn steps_made_final_for_want_of_room_are_the_same_steps_and_keep_every_limit() {
     let scenario = straight(equal_axes(1e4, 50.0, 1e6), 6000, 6.0, [2500.0, 2500.1], 4_000_000);
-    let mut random = Random(0xde7e_0002);
+    let mut random = Random::from_state(0xde7e_0002);
     let setpoints = assert_same(&scenario, &mut random, "weak");
     assert!(setpoints.iter().all(|s| s.flags & flags::STARVED == 0));
     let (setpoints, motion) = run(&scenario, |_| Inputs::default());

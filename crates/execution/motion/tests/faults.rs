@@ -287,7 +287,7 @@ fn a_position_that_is_no_number_never_leaves() {
 
 #[test]
 fn an_override_that_is_no_number_stands_still() {
-    let mut random = Random(7);
+    let mut random = Random::from_state(7);
     let scenario = scenario(&mut random, PathMode::ExactPath, false);
     let mut queue = common::plan(&scenario);
     let mut motion = PathExecutor::new(

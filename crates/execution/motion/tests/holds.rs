@@ -227,7 +227,7 @@ fn lowered_overrides_on_dense_contours_are_met_without_a_planner() {
 /// The end of a step was a hair before the place that its look ahead went to, with a jump of the plan's jerk between them.
 #[test]
 fn a_jump_of_the_plan_at_the_end_of_a_step_is_seen_ahead() {
-    let mut random = Random(79);
+    let mut random = Random::from_state(79);
     for case in 0..=32 {
         let (scenario, part, factor) = lowered_case(&mut random, case);
         if case == 32 {
@@ -286,7 +286,7 @@ fn the_longest_stop_of_a_plan_is_what_a_hold_there_needs() {
 /// The plan's jerk jumped down in the first third of a step, after the acceleration had met its limit.
 #[test]
 fn a_peak_of_acceleration_early_in_a_step_is_seen_ahead() {
-    let mut random = Random(77);
+    let mut random = Random::from_state(77);
     for case in 0..=9 {
         let (scenario, parts) = longest_stop_case(&mut random, case);
         if case == 9 {

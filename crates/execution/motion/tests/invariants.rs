@@ -60,7 +60,7 @@ fn holds_and_overrides_at_any_moment_keep_every_limit_and_the_path() {
         scenario.planner = PLANNERS[case % 2];
         let mut inputs = Inputs::default();
         let mut next = 0;
-        let history = Random(random.0 ^ 0xabcd);
+        let history = Random::from_state(random.state() ^ 0xabcd);
         let mut history_of = history;
         let (setpoints, motion) = run(&scenario, |cycle| {
             if cycle >= next {

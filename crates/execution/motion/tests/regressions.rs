@@ -11,7 +11,7 @@ use evolvent_path::PathMode;
 /// to rest that was a step of acceleration, which the guard refused.
 #[test]
 fn rounding_of_the_speed_does_not_carry_a_rest_beyond_its_place() {
-    let mut random = Random(1000);
+    let mut random = Random::from_state(1000);
     let mut case = 0;
     let scenario = loop {
         let mode = if case % 2 == 0 { BLEND } else { PathMode::ExactPath };
@@ -23,7 +23,7 @@ fn rounding_of_the_speed_does_not_carry_a_rest_beyond_its_place() {
     };
     let mut inputs = Inputs::default();
     let mut next = 0;
-    let mut history = Random(random.0 ^ 0xabcd);
+    let mut history = Random::from_state(random.state() ^ 0xabcd);
     let (setpoints, motion) = run(&scenario, |cycle| {
         if cycle >= next {
             next = cycle + history.log(1.0, 400.0) as u64;

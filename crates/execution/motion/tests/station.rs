@@ -101,7 +101,7 @@ impl Measure {
 fn jogs_that_turn_stop_and_begin_again_keep_every_limit_number_and_place_without_allocating() {
     let seed = 0x57a7_1001;
     println!("seed {seed:#x}");
-    let mut random = Random(seed);
+    let mut random = Random::from_state(seed);
     let mut station = MachineState::new(limits(), PERIOD_NS, Axes::zeros());
     let mut measure = Measure::default();
     let mut counted = 0;
@@ -154,7 +154,7 @@ fn jogs_that_turn_stop_and_begin_again_keep_every_limit_number_and_place_without
 fn a_jog_that_stops_comes_to_rest_no_later_than_the_transfer_that_it_leaves() {
     let seed = 0x57a7_1002;
     println!("seed {seed:#x}");
-    let mut random = Random(seed);
+    let mut random = Random::from_state(seed);
     for _ in 0..200 {
         // To the very edge of the travel: stopping must not lead beyond it.
         let mut station = MachineState::new(limits(), PERIOD_NS, Axes::zeros());
@@ -202,7 +202,7 @@ fn what_begins_elsewhere_is_not_taken_up() {
 fn an_emergency_brings_every_axis_to_rest_by_itself_within_its_limits() {
     let seed = 0x57a7_1003;
     println!("seed {seed:#x}");
-    let mut random = Random(seed);
+    let mut random = Random::from_state(seed);
     for _ in 0..200 {
         let mut station = MachineState::new(limits(), PERIOD_NS, Axes::zeros());
         let mut measure = Measure::default();

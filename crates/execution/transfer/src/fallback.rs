@@ -147,7 +147,7 @@ mod tests {
 
     #[test]
     fn a_stop_ends_at_rest_and_is_as_short_as_the_limits_permit() {
-        let mut random = Random(0xfa_0001);
+        let mut random = Random::from_state(0xfa_0001);
         for case in 0..2000 {
             let task = task(&mut random);
             let steps = stop(task.from, &task.limits);
@@ -166,7 +166,7 @@ mod tests {
 
     #[test]
     fn rest_to_rest_covers_its_distance_symmetrically() {
-        let mut random = Random(0xfa_0002);
+        let mut random = Random::from_state(0xfa_0002);
         for case in 0..2000 {
             let AxisTask { limits, .. } = task(&mut random);
             let distance = random.log(1e-6, 1e4);
@@ -192,7 +192,7 @@ mod tests {
 
     #[test]
     fn stop_and_go_leads_to_every_target_at_one_time() {
-        let mut random = Random(0xfa_0003);
+        let mut random = Random::from_state(0xfa_0003);
         for case in 0..500 {
             let tasks: Vec<AxisTask> = (0..4).map(|_| task(&mut random)).collect();
             let all = stop_and_go(&tasks);

@@ -120,7 +120,7 @@ mod tests {
 
     #[test]
     fn what_is_missing_is_made_up_for_with_hardly_any_jerk() {
-        let mut random = Random(0x1a_0001);
+        let mut random = Random::from_state(0x1a_0001);
         for case in 0..2000 {
             let count = 1 + (random.unit() * 12.0) as usize;
             let jerk = random.log(1e2, 1e6);

@@ -198,7 +198,7 @@ mod tests {
 
     #[test]
     fn planted_pieces_are_found_with_their_times_and_jerks() {
-        let mut random = Random(0x4e_0001);
+        let mut random = Random::from_state(0x4e_0001);
         for case in 0..500 {
             // As a solver gives them: full jerk, none, full jerk the other way, short and long ones beside each other.
             let planted: Steps = (0..7)
@@ -253,7 +253,7 @@ mod tests {
         });
         assert_eq!(recover(&mut nan, 0, 1.0, 1.0), None);
         // Noise is no motion of few pieces: given up, not searched for ever.
-        let mut random = Random(0x4e_0002);
+        let mut random = Random::from_state(0x4e_0002);
         let mut noise = Recorded::new(1, |_| {
             vec![AxisState {
                 p: random.unit(),

@@ -127,23 +127,10 @@ impl AxisTask {
 pub(crate) mod tests {
     use super::*;
 
-    pub(crate) struct Random(pub u64);
+    pub(crate) use evolvent_random::Random;
 
-    impl Random {
-        pub(crate) fn unit(&mut self) -> f64 {
-            self.0 ^= self.0 >> 12;
-            self.0 ^= self.0 << 25;
-            self.0 ^= self.0 >> 27;
-            (self.0.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 11) as f64 / (1_u64 << 53) as f64
-        }
-
-        pub(crate) fn log(&mut self, low: f64, high: f64) -> f64 {
-            low * (high / low).powf(self.unit())
-        }
-
-        fn within(&mut self, limit: f64) -> f64 {
-            limit * (2.0 * self.unit() - 1.0)
-        }
+    fn within(random: &mut Random, limit: f64) -> f64 {
+        limit * (2.0 * random.unit() - 1.0)
     }
 
     /// Limits over decades and two states that keep them.
@@ -154,10 +141,10 @@ pub(crate) mod tests {
             j: random.log(100.0, 1e7),
         };
         let mut state = || {
-            let a = random.within(limits.a.min((limits.v * limits.j).sqrt()));
+            let a = within(random, limits.a.min((limits.v * limits.j).sqrt()));
             AxisState {
-                p: random.within(300.0),
-                v: random.within(limits.v - a * a / (2.0 * limits.j)),
+                p: within(random, 300.0),
+                v: within(random, limits.v - a * a / (2.0 * limits.j)),
                 a,
             }
         };
@@ -167,7 +154,7 @@ pub(crate) mod tests {
 
     #[test]
     fn limits_are_never_less_than_a_state_needs() {
-        let mut random = Random(0x57_0001);
+        let mut random = Random::from_state(0x57_0001);
         for _ in 0..1000 {
             let mut task = task(&mut random);
             task.from = AxisState {

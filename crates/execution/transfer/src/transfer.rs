@@ -455,7 +455,7 @@ mod tests {
 
     #[test]
     fn axes_at_rest_are_slowed_down_to_the_time_of_the_others_and_still_arrive() {
-        let mut random = Random(0x74_0001);
+        let mut random = Random::from_state(0x74_0001);
         for case in 0..200 {
             let tasks = mixed(&mut random);
             let Some(all) = together(&tasks, ATTEMPTS[0]) else {
@@ -478,7 +478,7 @@ mod tests {
 
     #[test]
     fn where_the_solver_fails_the_slower_move_is_verified_just_as_well() {
-        let mut random = Random(0x74_0002);
+        let mut random = Random::from_state(0x74_0002);
         for case in 0..500 {
             let count = 1 + case % AXES;
             let tasks: Vec<AxisTask> = (0..count).map(|_| task(&mut random)).collect();

@@ -209,7 +209,7 @@ fn a_straight_transfer_keeps_to_its_line_also_when_it_starts_and_ends_moving() {
         let limits = limits(&mut random, 5);
         let mut way = Axes::zeros();
         for i in 0..5 {
-            way[i] = random.sign() * random.log(0.01, 300.0);
+            way[i] = common::sign(&mut random) * random.log(0.01, 300.0);
         }
         let mut from = AxesState::at_rest(Axes::zeros());
         let mut to = AxesState::at_rest(way);

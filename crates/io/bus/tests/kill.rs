@@ -1,14 +1,11 @@
 //! Cores that are killed at any moment, and what is left of them.
-#![expect(
-    clippy::expect_used,
-    clippy::print_stdout,
-    reason = "helpers of tests fail as tests do"
-)]
+#![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
 mod common;
 
 use common::PrivateDomain;
 use evolvent_bus::{BusConfig, BusError, CoreBus, EventKind, Setpoint, Status};
+use evolvent_random::Random;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
@@ -58,27 +55,10 @@ fn kill(mut child: Child) {
     child.wait().expect("waited");
 }
 
-/// A small generator of pseudo-random numbers (Marsaglia's xorshift64).
-fn random(state: &mut u64) -> u64 {
-    *state ^= *state << 13;
-    *state ^= *state >> 7;
-    *state ^= *state << 17;
-    *state
-}
-
-fn seed() -> u64 {
-    let given = std::env::var("EVOLVENT_SEED")
-        .ok()
-        .and_then(|text| text.parse().ok());
-    let seed = given.unwrap_or_else(|| u64::from(std::process::id()) | 1 << 40);
-    println!("EVOLVENT_SEED={seed}");
-    seed
-}
-
 #[test]
 fn a_core_killed_at_any_moment_starts_again() {
     let domain = PrivateDomain::new();
-    let mut state = seed();
+    let mut random = Random::new();
     let mut slowest = Duration::ZERO;
     let rounds = std::env::var("EVOLVENT_KILLS")
         .ok()
@@ -87,7 +67,7 @@ fn a_core_killed_at_any_moment_starts_again() {
     for round in 0..rounds {
         let child = start(&domain.prefix);
         // Opening takes some 20 ms: half of the kills fall into it.
-        std::thread::sleep(Duration::from_micros(random(&mut state) % 60_000));
+        std::thread::sleep(Duration::from_micros(random.bits() % 60_000));
         kill(child);
         let begin = Instant::now();
         let mut core = CoreBus::open(&domain.core("mill")).unwrap_or_else(|e| panic!("round {round}: {e}"));
@@ -165,7 +145,7 @@ fn nodes_whose_monitor_is_not_whole_are_cleared_away_with_their_domain() {
 #[test]
 fn clients_survive_the_death_of_their_core_and_read_the_next() {
     let domain = PrivateDomain::new();
-    let mut state = seed();
+    let mut random = Random::new();
     let child = start(&domain.prefix);
     let client = domain.client("mill");
     let mut setpoints = client.setpoints().expect("a reader");
@@ -185,7 +165,7 @@ fn clients_survive_the_death_of_their_core_and_read_the_next() {
                 "round {round}: no setpoints"
             );
         }
-        std::thread::sleep(Duration::from_micros(random(&mut state) % 30_000));
+        std::thread::sleep(Duration::from_micros(random.bits() % 30_000));
         kill(child);
         while setpoints.receive().expect("received").is_some() {}
         events.wait(Duration::ZERO).expect("no broken connection");

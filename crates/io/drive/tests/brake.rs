@@ -1,9 +1,7 @@
 //! Braking: within the limits, to rest, and no later than can be.
 
-mod common;
-
-use common::Random;
 use evolvent_drive::{Brake, BrakeState};
+use evolvent_random::Random;
 
 fn cases() -> usize {
     std::env::var("EVOLVENT_CASES")

@@ -1,7 +1,7 @@
 //! Feedback at entry: random bits in every field, judged by what the contract says of the field.
-#![expect(clippy::print_stdout, reason = "random tests tell their seed")]
 
 use evolvent_drive::{DriveAlarm, FeedbackBounds};
+use evolvent_random::Random;
 use evolvent_wire::{AXES, BRIDGE_STATES, Feedback};
 
 const NOW_NS: u64 = 5_000_000_000_000;
@@ -28,27 +28,13 @@ fn good() -> Feedback {
     }
 }
 
-struct Random(u64);
+/// Numbers of any magnitude.
+trait AnyMagnitude {
+    fn whole(&mut self) -> u64;
+    fn real(&mut self) -> f64;
+}
 
-impl Random {
-    fn new() -> Self {
-        let given = std::env::var("EVOLVENT_SEED").ok();
-        let seed: u64 = given.and_then(|text| text.parse().ok()).unwrap_or_else(|| {
-            std::time::SystemTime::now()
-                .duration_since(std::time::UNIX_EPOCH)
-                .map_or(1, |since| since.as_nanos() as u64)
-        });
-        println!("EVOLVENT_SEED={seed}");
-        Self(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1)
-    }
-
-    fn bits(&mut self) -> u64 {
-        self.0 ^= self.0 >> 12;
-        self.0 ^= self.0 << 25;
-        self.0 ^= self.0 >> 27;
-        self.0.wrapping_mul(0x2545_F491_4F6C_DD1D)
-    }
-
+impl AnyMagnitude for Random {
     /// Of any magnitude: small numbers are as likely as large ones.
     fn whole(&mut self) -> u64 {
         let shift = self.bits() % 64;

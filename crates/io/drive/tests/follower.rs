@@ -2,12 +2,10 @@
 
 #![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
-mod common;
-
-use common::Random;
 use evolvent_drive::{
     BridgeState, Follower, FollowerSettings, Note, PowerRequest, Rejection, SettingsError, Target,
 };
+use evolvent_random::Random;
 use evolvent_wire::{AXES, Setpoint};
 
 const PERIOD_NS: u64 = 1_000_000;

@@ -2,12 +2,10 @@
 
 #![allow(clippy::expect_used, reason = "a test may fail")]
 
-mod common;
-
 use std::collections::VecDeque;
 
-use common::Random;
 use evolvent_drive::{MAX_CORRECTION_RATIO, PhaseLock, PhaseSettings};
+use evolvent_random::Random;
 
 /// Cycles until the drift is known to a tenth for good, where the errors come with every `row`th cycle only.
 fn cycles_to_the_drift(row: usize, delay: usize) -> usize {

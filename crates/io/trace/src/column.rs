@@ -269,14 +269,10 @@ mod tests {
 
     #[test]
     fn any_bits_come_back_as_they_were() {
-        let mut state = 0x9E37_79B9_7F4A_7C15_u64;
+        let state = 0x9E37_79B9_7F4A_7C15_u64;
         println!("seed {state:#x}");
-        let mut next = move || {
-            state ^= state << 13;
-            state ^= state >> 7;
-            state ^= state << 17;
-            state
-        };
+        let mut random = evolvent_random::Random::from_state(state);
+        let mut next = move || random.bits();
         let odd = [
             0,
             1 << 63,

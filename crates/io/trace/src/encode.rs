@@ -131,14 +131,10 @@ mod tests {
 
     #[test]
     fn hand_written_bytes_are_those_of_prost() {
-        let mut seed = 0x9e37_79b9_7f4a_7c15_u64;
+        let seed = 0x9e37_79b9_7f4a_7c15_u64;
         println!("seed {seed:#x}");
-        let mut random = move || {
-            seed ^= seed << 13;
-            seed ^= seed >> 7;
-            seed ^= seed << 17;
-            seed
-        };
+        let mut generator = evolvent_random::Random::from_state(seed);
+        let mut random = move || generator.bits();
         for round in 0..20_000 {
             // Shifts give numbers of every length, and now and then zero.
             let mut number = || {

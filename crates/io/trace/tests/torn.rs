@@ -10,7 +10,9 @@
 use std::fs;
 use std::path::Path;
 
-use crate::common::{self, Random, assert_same, cycle, info, record, record_into};
+use evolvent_random::Random;
+
+use crate::common::{self, assert_same, cycle, info, record, record_into};
 use evolvent_trace::{Recorder, RecoverError, Recovered, TraceFile, part_path, recover, recover_leftovers};
 
 const AXES: &str = "XYZ";
@@ -87,8 +89,8 @@ fn cut_anywhere_way() {
     assert!(ends.len() > 20, "{} chunks", ends.len());
     let seed = 0x5eed_0001_u64;
     println!("seed {seed:#x}");
-    let mut random = Random(seed);
-    let mut cuts: Vec<u64> = (0..500).map(|_| random.below(bytes.len() as u64)).collect();
+    let mut random = Random::from_state(seed);
+    let mut cuts: Vec<u64> = (0..500).map(|_| random.below(bytes.len()) as u64).collect();
     // The places where it matters: around the ends of chunks and of the file.
     cuts.extend(ends.iter().take(5).flat_map(|&(end, _)| [end - 1, end, end + 1]));
     cuts.extend([0, 1, 7, 8, 9, 16, 17, 18, bytes.len() as u64 - 1]);
@@ -129,14 +131,14 @@ fn flipped_bits_way() {
     let damaged_path = folder.path().join("damaged.mcap");
     let seed = 0x5eed_0002_u64;
     println!("seed {seed:#x}");
-    let mut random = Random(seed);
+    let mut random = Random::from_state(seed);
     let (mut errors, mut losses, mut harmless) = (0, 0, 0);
     for round in 0..500 {
         let mut bytes = good.clone();
         // Every fourth flip in the first part, where the descriptions are.
         let range = if round % 4 == 0 { 8000 } else { good.len() as u64 };
         for _ in 0..1 + round % 3 {
-            let at = random.below(range) as usize;
+            let at = random.below(range as usize);
             bytes[at] ^= 1 << random.below(8);
         }
         // The reader: an error, or the truth.

@@ -520,13 +520,8 @@ mod tests {
         // Blocks of random length and feed; the limits of a straight line are those of the axis.
         let seed = 0x100c_0001_u64;
         println!("seed {seed:#x}");
-        let mut state = seed;
-        let mut unit = || {
-            state ^= state >> 12;
-            state ^= state << 25;
-            state ^= state >> 27;
-            (state.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 11) as f64 / (1_u64 << 53) as f64
-        };
+        let mut random = evolvent_random::Random::from_state(seed);
+        let mut unit = || random.unit();
         let mut ahead = ahead();
         let mut at = 0.0;
         for _ in 0..1500 {

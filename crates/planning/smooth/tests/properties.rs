@@ -22,7 +22,7 @@ const ANY: Kind = Kind {
 fn random_programs_stay_within_the_tolerance_and_are_smooth() {
     let (mut random, cases) = campaign(0x5300_0001, 24);
     for case in 0..cases {
-        let seed = random.0;
+        let seed = random.state();
         let tolerance = random.log(1e-3, 1.0);
         let smallest = random.log(1e-3, 1.0);
         let kind = Kind {
@@ -52,7 +52,7 @@ fn random_programs_stay_within_the_tolerance_and_are_smooth() {
 fn programs_of_mixed_modes_and_axes_stay_within_the_tolerance() {
     let (mut random, cases) = campaign(0x5300_0002, 24);
     for case in 0..cases {
-        let seed = random.0;
+        let seed = random.state();
         let smallest = random.log(1e-3, 0.3);
         let kind = Kind {
             smallest,

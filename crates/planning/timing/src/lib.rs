@@ -33,8 +33,6 @@ mod memory;
 mod optimizer;
 mod piece;
 mod profile;
-#[cfg(test)]
-mod random;
 mod reach;
 mod resume;
 mod riccati;

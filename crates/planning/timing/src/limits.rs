@@ -191,7 +191,7 @@ mod tests {
     use evolvent_path::{Arc, Plane, Sense};
 
     use super::*;
-    use crate::random::Random;
+    use evolvent_random::Random;
 
     fn axes(velocity: f64, acceleration: f64, jerk: f64) -> Limits {
         Limits {
@@ -209,7 +209,7 @@ mod tests {
     fn every_state_within_the_limits_of_the_parameter_keeps_those_of_the_axes() {
         let seed = 0x11_0001;
         println!("seed {seed:#x}");
-        let mut random = Random(seed);
+        let mut random = Random::from_state(seed);
         for case in 0..3000 {
             let mut limits = axes(1.0, 1.0, 1.0);
             let mut bounds = DerivativeBounds {

@@ -47,7 +47,7 @@ pub fn lasting_speed(exit: f64, highest: f64, length: f64, limits: &ScalarLimits
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::Random;
+    use evolvent_random::Random;
 
     const LIMITS: ScalarLimits = ScalarLimits {
         velocity: 200.0,
@@ -59,7 +59,7 @@ mod tests {
     fn reachable_speed_is_the_highest_from_which_the_exit_is_met() {
         let seed = 0x5eed_0003;
         println!("seed {seed:#x}");
-        let mut random = Random(seed);
+        let mut random = Random::from_state(seed);
         for _ in 0..20_000 {
             let exit = if random.unit() < 0.2 {
                 0.0
@@ -96,7 +96,7 @@ mod tests {
     fn a_lasting_speed_meets_every_exit_and_is_the_highest_that_does() {
         let seed = 0x5eed_0005;
         println!("seed {seed:#x}");
-        let mut random = Random(seed);
+        let mut random = Random::from_state(seed);
         for case in 0..2000 {
             let length = random.log(1e-4, 1e2);
             let exit = if random.unit() < 0.5 {

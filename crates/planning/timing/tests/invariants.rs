@@ -159,7 +159,7 @@ fn speed_does_not_creep_above_its_limit_from_plan_to_plan() {
 fn campaign(seed: u64, cases: std::ops::Range<u64>, most_steps: Option<f64>) -> (u64, u64) {
     let (mut replans, mut refused) = (0, 0);
     for case in cases {
-        let mut random = Random(seed ^ (case + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15));
+        let mut random = Random::from_state(seed ^ (case + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15));
         let limits = random_limits(&mut random);
         let path = random_path(&mut random);
         let path_limits = loose(limits);

@@ -4,6 +4,7 @@
 
 use evolvent_cutting::{LawDefinition, Tool, law_schema};
 use evolvent_file_tests::{Edit, assert_refused, assert_schema, edit};
+use evolvent_random::Random;
 
 const GOOD: &str = include_str!("../../../../config/laws/40x-r1.toml");
 
@@ -94,15 +95,12 @@ fn power_laws_and_tables_are_read() {
 /// Random damage never panics.
 #[test]
 fn damaged_files_are_refused_or_read() {
-    let mut state = 0x9e37_79b9_u64;
+    let mut random = Random::from_state(0x9e37_79b9);
     for _ in 0..2000 {
         let mut bytes = GOOD.as_bytes().to_vec();
         for _ in 0..3 {
-            state = state
-                .wrapping_mul(6_364_136_223_846_793_005)
-                .wrapping_add(1_442_695_040_888_963_407);
-            let at = (state >> 33) as usize % bytes.len();
-            bytes[at] = b"0.e-]=[\"\n9"[(state >> 20) as usize % 10];
+            let at = random.below(bytes.len());
+            bytes[at] = *random.one_of(b"0.e-]=[\"\n9");
         }
         let text = String::from_utf8_lossy(&bytes);
         let tool = Tool {

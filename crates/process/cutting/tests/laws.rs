@@ -2,11 +2,11 @@
 
 #![expect(
     clippy::unwrap_used,
-    clippy::print_stdout,
     reason = "helpers of tests fail as tests do, and print their seed"
 )]
 
 use evolvent_cutting::{Cut, ForceError, ForceLaw, ForceTable, LawDefinition, LawError, PowerLaw, Tool};
+use evolvent_random::Random;
 
 fn steel(rake_deg: f64, lead_deg: f64) -> ForceLaw {
     let definition = LawDefinition::built_in("40x-r1").unwrap();
@@ -18,28 +18,6 @@ fn cut(speed_m_min: f64, depth_mm: f64, feed_mm_rev: f64) -> Cut {
         speed_m_min,
         depth_mm,
         feed_mm_rev,
-    }
-}
-
-/// A small generator, so that these tests need no crate for it.
-struct Random(u64);
-
-impl Random {
-    fn new() -> Self {
-        let seed = std::env::var("EVOLVENT_SEED")
-            .ok()
-            .and_then(|seed| seed.parse().ok());
-        let seed = seed.unwrap_or(0x0c07_7106);
-        println!("EVOLVENT_SEED={seed}");
-        Self(seed)
-    }
-
-    fn between(&mut self, low: f64, high: f64) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut x = self.0;
-        x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        low + (high - low) * ((x ^ (x >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
     }
 }
 
@@ -147,7 +125,7 @@ fn derivatives_agree(
 
 #[test]
 fn derivatives_agree_with_differences() {
-    let mut random = Random::new();
+    let mut random = Random::seeded(0x0c07_7106);
     for (rake, lead) in [(10.0, 60.0), (-10.0, 45.0), (25.0, 90.0)] {
         derivatives_agree(
             &steel(rake, lead),
@@ -201,7 +179,7 @@ fn sampled(feeds: &[f64], depths: &[f64], speeds: &[f64], force: impl Fn(Cut) ->
 fn a_table_of_a_power_law_is_that_power_law() {
     let law = ForceLaw::from(power().checked().unwrap());
     let closed = |v: f64, t: f64, s: f64| 2943.0 * 1.1 * v.powf(-0.15) * t * s.powf(0.75);
-    let mut random = Random::new();
+    let mut random = Random::seeded(0x0c07_7106);
     for (speeds, depths, feeds) in [
         (
             &[10.0, 11.0, 40.0, 200.0][..],
@@ -236,7 +214,7 @@ fn a_fine_table_follows_the_law_it_was_sampled_from() {
     let force_n = sampled(&[0.49], &[4.0], &speeds, |at| law.force(at).unwrap().tangential_n);
     let table = ForceTable::new(&speeds, &[4.0], &[0.49], &force_n, [None, Some(0.852), Some(0.8)]).unwrap();
     let table = ForceLaw::from(table);
-    let mut random = Random::new();
+    let mut random = Random::seeded(0x0c07_7106);
     for _ in 0..300 {
         let at = cut(random.between(6.0, 180.0), random.between(0.1, 6.0), 0.49);
         let (force, expected) = (table.force(at).unwrap(), law.force(at).unwrap());

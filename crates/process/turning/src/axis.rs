@@ -196,13 +196,8 @@ mod tests {
     fn whatever_it_is_told_and_when_the_limits_hold_in_its_positions() {
         let seed = 0x5eed_0101_u64;
         println!("seed {seed:#x}");
-        let mut random = seed;
-        let mut unit = || {
-            random ^= random >> 12;
-            random ^= random << 25;
-            random ^= random >> 27;
-            (random.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 11) as f64 / (1_u64 << 53) as f64
-        };
+        let mut random = evolvent_random::Random::from_state(seed);
+        let mut unit = || random.unit();
         for period in [0.001, 0.000_25] {
             let mut axis = AxisDrive::new(3.0, &LIMITS);
             let mut past = [3.0; 4];

@@ -243,7 +243,7 @@ fn campaign(
     blank_of: impl Fn(&mut Random) -> Blank,
     strategies: &[(&'static str, TurningSettings)],
 ) -> (Vec<Tally>, f64, f64) {
-    let mut random = Random::new(seed);
+    let mut random = Random::seeded(seed);
     let count = cases(usual);
     let (mut same_s, mut known_s) = (0.0, 0.0);
     let mut tallies: Vec<_> = strategies
@@ -339,13 +339,13 @@ fn random_stocks_that_are_not_round_come_to_size_within_the_load() {
 
 #[test]
 fn random_stocks_too_thick_for_the_edge_are_left_at_their_face_and_missing_ones_are_told() {
-    let mut random = Random::new(9);
+    let mut random = Random::seeded(9);
     for case in 0..cases(6) {
         let settings = [safe(), fast()][case % 2];
-        let height = random.within(10.5, 15.0);
-        let behind = random.within(0.5, 15.0);
+        let height = random.between(10.5, 15.0);
+        let behind = random.between(0.5, 15.0);
         let blanks = [
-            Blank::outline(&[(0.0, height), (random.within(5.0, 200.0), behind)]),
+            Blank::outline(&[(0.0, height), (random.between(5.0, 200.0), behind)]),
             Blank::uniform(0.0),
         ];
         for (blank, missing) in blanks.into_iter().zip([false, true]) {
@@ -420,7 +420,7 @@ fn the_safe_strategy_saves_a_sixth_on_every_stock_of_the_cases() {
 
 #[test]
 fn safe_jobs_take_two_passes_more_than_equation_5_at_most() {
-    let mut random = Random::new(7);
+    let mut random = Random::seeded(7);
     let count = cases(8);
     let mut beyond = Vec::new();
     for case in 0..count {

@@ -63,8 +63,8 @@ fn feeds(state: TurningState) -> bool {
 /// Settings of many kinds that are not refused.
 fn random_settings(random: &mut Random, case: usize) -> TurningSettings {
     let mut settings = [safe(), fast(), literal()][case % 3];
-    settings.spindle_rpm = random.within(150.0, 550.0);
-    settings.sensor_stale_s = random.within(0.002, 0.02);
+    settings.spindle_rpm = random.between(150.0, 550.0);
+    settings.sensor_stale_s = random.between(0.002, 0.02);
     if settings.check().is_err() {
         (settings.spindle_rpm, settings.sensor_stale_s) = (500.0, 0.01);
     }
@@ -131,7 +131,7 @@ fn fail(mut sim: Simulation, mut limits: Limits, fault: SensorFault, what: &str)
 
 #[test]
 fn a_sensor_that_fails_at_any_tick_on_any_stock_stops_the_axial_feed_within_a_revolution() {
-    let mut random = Random::new(1);
+    let mut random = Random::seeded(1);
     let (mut stopped, mut states) = (0, [0_u32; 10]);
     let count = cases(6);
     for case in 0..count {
@@ -147,7 +147,7 @@ fn a_sensor_that_fails_at_any_tick_on_any_stock_stops_the_axial_feed_within_a_re
         );
         let mut sim = simulation(settings, blank, case as u64);
         let mut limits = Limits::new(&settings);
-        let mut next_s = random.within(0.0, 10.0);
+        let mut next_s = random.between(0.0, 10.0);
         // From the same run at many of its ticks.
         while !sim.controller.is_over() {
             let (output, _) = sim.step(RUN, None);
@@ -160,7 +160,7 @@ fn a_sensor_that_fails_at_any_tick_on_any_stock_stops_the_axial_feed_within_a_re
             if fault == SensorFault::Frozen && output.load < settings.contact_load_n {
                 continue;
             }
-            next_s += random.within(0.0, 20.0);
+            next_s += random.between(0.0, 20.0);
             if fail(sim.clone(), limits.clone(), fault, &what) {
                 stopped += 1;
                 states[output.state as usize] += 1;
@@ -173,7 +173,7 @@ fn a_sensor_that_fails_at_any_tick_on_any_stock_stops_the_axial_feed_within_a_re
 
 #[test]
 fn a_sensor_that_is_away_for_moments_slows_the_job_and_for_longer_ends_it_without_overload() {
-    let mut random = Random::new(6);
+    let mut random = Random::seeded(6);
     let (mut done, mut faults, mut gaps) = (0, 0, 0);
     let count = cases(4);
     for case in 0..count {
@@ -184,7 +184,7 @@ fn a_sensor_that_is_away_for_moments_slows_the_job_and_for_longer_ends_it_withou
         let blank = random_stock(&mut random);
         let mut sim = simulation(settings, blank.clone(), case as u64);
         let mut limits = Limits::new(&settings);
-        let (mut fault, mut until_s) = (None, random.within(0.0, 5.0));
+        let (mut fault, mut until_s) = (None, random.between(0.0, 5.0));
         let mut reason = None;
         while !sim.controller.is_over() {
             if sim.figures.time_s >= until_s {
@@ -195,7 +195,7 @@ fn a_sensor_that_is_away_for_moments_slows_the_job_and_for_longer_ends_it_withou
                     Some(distrusted(&mut random))
                 };
                 let least_s = if fault.is_some() { 0.0 } else { 0.5 };
-                until_s += least_s + random.within(0.0, if fault.is_some() { longest_s } else { 10.0 });
+                until_s += least_s + random.between(0.0, if fault.is_some() { longest_s } else { 10.0 });
             }
             let (output, _) = sim.step(RUN, fault);
             limits.see(&output);
@@ -222,12 +222,12 @@ fn a_sensor_that_is_away_for_moments_slows_the_job_and_for_longer_ends_it_withou
 
 #[test]
 fn an_overload_at_any_moment_draws_the_tool_out() {
-    let mut random = Random::new(2);
+    let mut random = Random::seeded(2);
     for case in 0..cases(12) {
         let settings = safe();
         let mut sim = simulation(settings, stocks()[case % 4].1.clone(), case as u64);
         let mut limits = Limits::new(&settings);
-        if !run_for(&mut sim, random.within(0.0, 100.0), &mut limits) {
+        if !run_for(&mut sim, random.between(0.0, 100.0), &mut limits) {
             continue;
         }
         while sim.controller.state() != TurningState::Cut && run_for(&mut sim, PERIOD_S, &mut limits) {}
@@ -351,7 +351,7 @@ fn cuts_that_are_not_round_are_held_at_their_deepest() {
 
 #[test]
 fn holds_and_overrides_at_random_moments_end_at_size_without_overload() {
-    let mut random = Random::new(4);
+    let mut random = Random::seeded(4);
     for case in 0..cases(6) {
         let settings = [safe(), fast()][case % 2];
         let mut sim = simulation(settings, stocks()[case % 4].1.clone(), case as u64);
@@ -370,7 +370,7 @@ fn holds_and_overrides_at_random_moments_end_at_size_without_overload() {
                 inputs.feed_override = if random.unit() < 0.1 {
                     0.0
                 } else {
-                    random.within(0.4, 2.0)
+                    random.between(0.4, 2.0)
                 };
             }
             let (output, _) = sim.step(inputs, None);
@@ -512,7 +512,7 @@ fn a_load_that_goes_away_after_a_shoulder_with_slots_does_not_end_as_done() {
 
 #[test]
 fn a_load_that_goes_away_in_a_cut_is_a_fault_in_a_turn() {
-    let mut random = Random::new(11);
+    let mut random = Random::seeded(11);
     let (mut told, mut most, mut silent) = (0, 0.0_f64, 0);
     let count = cases(6);
     for case in 0..count {
@@ -520,7 +520,7 @@ fn a_load_that_goes_away_in_a_cut_is_a_fault_in_a_turn() {
         let blank = random_stock(&mut random);
         let mut sim = simulation(settings, blank.clone(), case as u64);
         let mut limits = Limits::new(&settings);
-        let mut next_s = random.within(0.0, 6.0);
+        let mut next_s = random.between(0.0, 6.0);
         // Depths of the last revolution.
         let mut depths = vec![0.0; (TURN_S / PERIOD_S) as usize];
         while !sim.controller.is_over() {
@@ -537,7 +537,7 @@ fn a_load_that_goes_away_in_a_cut_is_a_fault_in_a_turn() {
             if !cutting || depths.iter().any(|depth| *depth < 1.5) || ahead < output.out.position + 1.5 {
                 continue;
             }
-            next_s += random.within(2.0, 25.0);
+            next_s += random.between(2.0, 25.0);
             let before = sim.clone();
             let (reason, turns, done) = lose_load(sim.clone(), limits.clone());
             let what = format!(
@@ -561,7 +561,7 @@ fn a_load_that_goes_away_in_a_cut_is_a_fault_in_a_turn() {
 
 #[test]
 fn no_job_is_done_without_load_while_stock_stands() {
-    let mut random = Random::new(12);
+    let mut random = Random::seeded(12);
     let (mut told, mut states) = (0, [0_u32; 10]);
     let count = cases(6);
     for case in 0..count {
@@ -575,14 +575,14 @@ fn no_job_is_done_without_load_while_stock_stands() {
         blank.grooves_mm.clear();
         let mut sim = simulation(settings, blank.clone(), case as u64);
         let mut limits = Limits::new(&settings);
-        let mut next_s = random.within(0.0, 6.0);
+        let mut next_s = random.between(0.0, 6.0);
         while !sim.controller.is_over() {
             let (output, _) = sim.step(RUN, None);
             limits.see(&output);
             if sim.figures.time_s < next_s {
                 continue;
             }
-            next_s += random.within(1.0, 15.0);
+            next_s += random.between(1.0, 15.0);
             let stands = sim.piece.residual_mm();
             if stands < 1.0 {
                 continue;

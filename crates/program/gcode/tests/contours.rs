@@ -3,6 +3,7 @@
 //!
 //! The generator and the checks know nothing of how the path is found: they sample it.
 
+use evolvent_random::{Random, cases, cases_are_given};
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 use std::fmt::Write as _;
 
@@ -13,30 +14,6 @@ use evolvent_path::{Axes, Curve};
 const STRAIGHT_LOSS: f64 = 0.00125;
 
 type Point = [f64; 2];
-
-/// The next of a row of numbers from 0 to 1 (Steele and Vigna's mix).
-fn random(state: &mut u64) -> f64 {
-    *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    let mut mixed = *state;
-    mixed = (mixed ^ mixed >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    mixed = (mixed ^ mixed >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-    ((mixed ^ mixed >> 31) >> 11) as f64 / (1_u64 << 53) as f64
-}
-
-fn between(state: &mut u64, low: f64, high: f64) -> f64 {
-    low + (high - low) * random(state)
-}
-
-fn number(name: &str) -> Option<u64> {
-    std::env::var(name).ok()?.parse().ok()
-}
-
-fn seed() -> u64 {
-    number("EVOLVENT_SEED").unwrap_or_else(|| {
-        let time = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
-        time.map_or(1, |time| time.as_nanos() as u64)
-    })
-}
 
 fn distance(a: Point, b: Point) -> f64 {
     (a[0] - b[0]).hypot(a[1] - b[1])
@@ -285,31 +262,31 @@ fn samples(step: &Move) -> impl Iterator<Item = Point> {
 
 /// A landscape: the contour goes on in X, whatever it does in Y, so it never meets itself. Turned by any angle; seen
 /// from below where the tool is on the right.
-fn landscape(state: &mut u64) -> Case {
-    let radius = between(state, 0.5, 8.0);
-    let left = random(state) < 0.5;
-    let decimals = [6, 6, 4, 3][(4.0 * random(state)) as usize];
-    let size = |state: &mut u64| radius * between(state, -1.5, 3.0).exp();
+fn landscape(random: &mut Random) -> Case {
+    let radius = random.between(0.5, 8.0);
+    let left = random.unit() < 0.5;
+    let decimals = [6, 6, 4, 3][(4.0 * random.unit()) as usize];
+    let size = |random: &mut Random| radius * random.between(-1.5, 3.0).exp();
     let mut at = [0.0, 0.0];
     let mut chain: Vec<Piece> = vec![Piece::line(at, 0.0, 4.0 * radius)];
     at = chain[0].end;
-    for _ in 0..3 + (5.0 * random(state)) as usize {
-        let smooth = random(state) < 0.3;
+    for _ in 0..3 + (5.0 * random.unit()) as usize {
+        let smooth = random.unit() < 0.3;
         let first = if smooth {
             chain[chain.len() - 1].direction(1.0)
         } else {
-            between(state, -1.5, 1.5)
+            random.between(-1.5, 1.5)
         };
-        let piece = if random(state) < 0.6 {
-            Piece::line(at, first, size(state))
+        let piece = if random.unit() < 0.6 {
+            Piece::line(at, first, size(random))
         } else {
-            Piece::arc(at, first, size(state), between(state, -1.5, 1.5) - first)
+            Piece::arc(at, first, size(random), random.between(-1.5, 1.5) - first)
         };
         at = piece.end;
         chain.push(piece);
     }
     chain.push(Piece::line(at, 0.0, 4.0 * radius));
-    let turn = between(state, -PI, PI);
+    let turn = random.between(-PI, PI);
     let place = |[x, y]: Point| {
         let y = if left { y } else { -y };
         [turn.cos() * x - turn.sin() * y, turn.sin() * x + turn.cos() * y]
@@ -325,11 +302,10 @@ fn landscape(state: &mut u64) -> Case {
 
 #[test]
 fn landscapes_are_never_cut_and_refused_only_if_too_narrow() {
-    let mut state = seed();
-    println!("EVOLVENT_SEED={state}");
+    let mut random = Random::new();
     let (mut accepted, mut refused) = (0, 0);
-    for _ in 0..number("EVOLVENT_CASES").unwrap_or(3000) {
-        let case = landscape(&mut state);
+    for _ in 0..cases(3000) {
+        let case = landscape(&mut random);
         let text = &case.program;
         match case.run() {
             Ok(moves) => {
@@ -387,29 +363,28 @@ fn landscapes_are_never_cut_and_refused_only_if_too_narrow() {
 
 #[test]
 fn no_move_of_any_contour_is_reversed_or_runs_round() {
-    let mut state = seed();
-    println!("EVOLVENT_SEED={state}");
+    let mut random = Random::new();
     let mut accepted = 0;
-    for _ in 0..number("EVOLVENT_CASES").unwrap_or(3000) {
-        let radius = between(&mut state, 0.5, 8.0);
-        let left = random(&mut state) < 0.5;
-        let (mut at, mut angle) = ([0.0, 0.0], between(&mut state, -PI, PI));
+    for _ in 0..cases(3000) {
+        let radius = random.between(0.5, 8.0);
+        let left = random.unit() < 0.5;
+        let (mut at, mut angle) = ([0.0, 0.0], random.between(-PI, PI));
         let mut pieces = vec![Piece::line(at, angle, 4.0 * radius)];
         at = pieces[0].end;
-        for _ in 0..3 + (4.0 * random(&mut state)) as usize {
-            angle += match (10.0 * random(&mut state)) as u32 {
+        for _ in 0..3 + (4.0 * random.unit()) as usize {
+            angle += match (10.0 * random.unit()) as u32 {
                 0 => 0.0,
-                1 => between(&mut state, -0.1, 0.1),
+                1 => random.between(-0.1, 0.1),
                 2 => FRAC_PI_2,
                 3 => -FRAC_PI_2,
-                _ => between(&mut state, -3.05, 3.05),
+                _ => random.between(-3.05, 3.05),
             };
-            let size = radius * between(&mut state, -2.0, 2.5).exp();
-            let piece = if random(&mut state) < 0.55 {
+            let size = radius * random.between(-2.0, 2.5).exp();
+            let piece = if random.unit() < 0.55 {
                 Piece::line(at, angle, size)
             } else {
-                let sweep = between(&mut state, 0.05, 6.2);
-                let sweep = if random(&mut state) < 0.5 { sweep } else { -sweep };
+                let sweep = random.between(0.05, 6.2);
+                let sweep = if random.unit() < 0.5 { sweep } else { -sweep };
                 angle += sweep;
                 Piece::arc(at, angle - sweep, size, sweep)
             };
@@ -426,5 +401,5 @@ fn no_move_of_any_contour_is_reversed_or_runs_round() {
         }
     }
     println!("{accepted} accepted");
-    assert!(accepted > 300 || number("EVOLVENT_CASES").is_some());
+    assert!(accepted > 300 || cases_are_given());
 }

@@ -4,6 +4,7 @@
 
 use evolvent_gcode::{Action, Code, Diagnostic, Interpreter, Move, Settings, ToolTable};
 use evolvent_path::Curve;
+use evolvent_random::Random;
 
 /// Tool 3 is a mill; tool 1 has a nose of 0.8 mm whose tip points towards -X and -Z.
 const TOOLS: &str = "T1 P1 D1.6 I95 J155 Q2\nT3 P3 Z50 D12\nT4 P4 Z20 D4";
@@ -332,28 +333,11 @@ fn an_island_too_near_to_the_wall_of_its_pocket_is_told_of() {
     assert_eq!(near(&program(9.0, -5.0, 39.5)), []);
 }
 
-/// Numbers from 0 to 1.
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self) -> f64 {
-        self.0 = self
-            .0
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 11) as f64 / (1_u64 << 53) as f64
-    }
-
-    fn between(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * self.next()
-    }
-}
-
 /// A closed contour of lines and arcs about the origin, its program from inside or outside, and its points at most 0.15 apart.
 fn random_contour(random: &mut Random) -> (String, f64, Vec<[f64; 2]>) {
-    let corners = 5 + (9.0 * random.next()) as usize;
+    let corners = 5 + (9.0 * random.unit()) as usize;
     let radius = random.between(1.0, 6.0);
-    let clockwise = random.next() < 0.5;
+    let clockwise = random.unit() < 0.5;
     let mut points: Vec<[f64; 2]> = (0..corners)
         .map(|k| {
             let angle = std::f64::consts::TAU * (k as f64 + random.between(-0.3, 0.3)) / corners as f64;
@@ -372,7 +356,7 @@ fn random_contour(random: &mut Random) -> (String, f64, Vec<[f64; 2]>) {
     let along = [second[0] - first[0], second[1] - first[1]];
     let size = along[0].hypot(along[1]);
     let along = along.map(|value| value / size);
-    let is_left = random.next() < 0.5;
+    let is_left = random.unit() < 0.5;
     let side = if is_left { 1.0 } else { -1.0 };
     let aside = [-side * along[1], side * along[0]];
     let near = |a: f64, b: f64| {
@@ -398,10 +382,10 @@ fn random_contour(random: &mut Random) -> (String, f64, Vec<[f64; 2]>) {
     for (index, to) in points.iter().enumerate().skip(1) {
         let way = [to[0] - at[0], to[1] - at[1]];
         let chord = way[0].hypot(way[1]);
-        let is_arc = index > 1 && index + 1 < points.len() && random.next() < 0.4;
+        let is_arc = index > 1 && index + 1 < points.len() && random.unit() < 0.4;
         if is_arc {
             // The centre beside the middle of the chord.
-            let off = random.between(0.3, 2.0) * chord * if random.next() < 0.5 { 1.0 } else { -1.0 };
+            let off = random.between(0.3, 2.0) * chord * if random.unit() < 0.5 { 1.0 } else { -1.0 };
             let centre = [
                 at[0] + 0.5 * way[0] - off * way[1] / chord,
                 at[1] + 0.5 * way[1] + off * way[0] / chord,
@@ -452,7 +436,7 @@ fn distance_to(outline: &[[f64; 2]], point: [f64; 2]) -> f64 {
 
 #[test]
 fn random_closed_contours_are_told_of_where_samples_show_a_cut() {
-    let mut random = Random(20_261_123);
+    let mut random = Random::mixed(20_261_123);
     let (mut cut, mut clean, mut refused) = (0, 0, 0);
     for _ in 0..1000 {
         let (program, radius, outline) = random_contour(&mut random);

@@ -4,6 +4,7 @@
 //! another run and how long it is: `EVOLVENT_CASES=10000000 cargo test --release -p evolvent-gcode --test mutations`.
 
 use evolvent_gcode::{Action, Interpreter, Settings, ToolTable};
+use evolvent_random::{Random, cases, seed, seed_of_time};
 
 /// What programs consist of, to be put anywhere.
 const DICTIONARY: &[&str] = &[
@@ -172,34 +173,6 @@ const DICTIONARY: &[&str] = &[
     "\u{e4}",
 ];
 
-struct Random(u64);
-
-impl Random {
-    fn new(seed: u64, case: u64) -> Self {
-        // Steele, Lea and Flood's mix, so that neighbouring seeds have nothing in common.
-        let mut mixed = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15).wrapping_add(case);
-        mixed = (mixed ^ mixed >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        mixed = (mixed ^ mixed >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-        Self(mixed ^ mixed >> 31 | 1)
-    }
-
-    fn next(&mut self) -> u64 {
-        // xorshift64*
-        self.0 ^= self.0 >> 12;
-        self.0 ^= self.0 << 25;
-        self.0 ^= self.0 >> 27;
-        self.0.wrapping_mul(0x2545_f491_4f6c_dd1d)
-    }
-
-    fn below(&mut self, limit: usize) -> usize {
-        (self.next() >> 11) as usize % limit.max(1)
-    }
-}
-
-fn number(name: &str) -> Option<u64> {
-    std::env::var(name).ok()?.parse().ok()
-}
-
 /// Damages a program in a few places.
 fn damage(program: &mut Vec<u8>, other: &[u8], random: &mut Random) {
     for _ in 0..=random.below(4) {
@@ -328,15 +301,10 @@ fn damaged_programs_neither_panic_nor_hang_and_moves_chain() {
         load_channel: true,
         ..settings.clone()
     };
-    let seed = number("EVOLVENT_SEED").unwrap_or_else(|| {
-        let time = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
-        time.map_or(1, |time| time.as_nanos() as u64)
-    });
-    println!("EVOLVENT_SEED={seed}");
-    let cases = number("EVOLVENT_CASES").unwrap_or(8000);
+    let (seed, cases) = (seed(seed_of_time()), cases(8000) as u64);
     for case in 0..cases {
         // Each case has a seed of its own, so that it can be run alone.
-        let mut random = Random::new(seed, case);
+        let mut random = Random::mixed(seed.wrapping_add(case));
         let mut program = corpus[random.below(corpus.len())].clone();
         let other = &corpus[random.below(corpus.len())];
         damage(&mut program, other, &mut random);

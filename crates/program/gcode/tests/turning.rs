@@ -4,6 +4,7 @@
 
 use evolvent_gcode::{Action, Code, Diagnostic, Interpreter, Move, MoveKind, Settings};
 use evolvent_path::{Axes, Curve};
+use evolvent_random::{Random, cases};
 
 fn actions(program: &str) -> Result<Vec<Action>, Diagnostic> {
     Interpreter::new(program.as_bytes(), Settings::default())
@@ -18,19 +19,6 @@ fn moves(program: &str) -> Vec<Move> {
         _ => None,
     });
     moves.collect()
-}
-
-/// The next of a row of numbers from 0 to 1 (Steele and Vigna's mix).
-fn random(state: &mut u64) -> f64 {
-    *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    let mut mixed = *state;
-    mixed = (mixed ^ mixed >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    mixed = (mixed ^ mixed >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
-    ((mixed ^ mixed >> 31) >> 11) as f64 / (1_u64 << 53) as f64
-}
-
-fn number(name: &str) -> Option<u64> {
-    std::env::var(name).ok()?.parse().ok()
 }
 
 /// Height of a chain of points above `z`, which falls along the chain; the greatest where several are.
@@ -48,20 +36,16 @@ fn height(chain: &[(f64, f64)], z: f64) -> Option<f64> {
 
 #[test]
 fn roughing_leaves_the_distance_and_finishing_the_profile_whatever_its_shape() {
-    let mut seed = number("EVOLVENT_SEED").unwrap_or_else(|| {
-        let time = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
-        time.map_or(1, |time| time.as_nanos() as u64)
-    });
-    println!("EVOLVENT_SEED={seed}");
-    for case in 0..number("EVOLVENT_CASES").unwrap_or(200) {
+    let mut random = Random::new();
+    for case in 0..cases(200) {
         // A profile of straight lines with pockets, below a stock of radius 30.
-        let mut chain = vec![(0.0, 5.0 + (10.0 * random(&mut seed)).round())];
+        let mut chain = vec![(0.0, 5.0 + (10.0 * random.unit()).round())];
         let mut text = format!("G0 X{} Z0\n", chain[0].1);
         for _ in 0..8 {
             let (z, _) = chain[chain.len() - 1];
             let next = (
-                z - (1.0 + (5.0 * random(&mut seed)).round()),
-                5.0 + (20.0 * random(&mut seed)).round(),
+                z - (1.0 + (5.0 * random.unit()).round()),
+                5.0 + (20.0 * random.unit()).round(),
             );
             text += &format!("G1 X{} Z{}\n", next.1, next.0);
             chain.push(next);

@@ -2,10 +2,10 @@
 //! limits. Core and drives as pure models, by simulated time.
 #![expect(
     clippy::expect_used,
-    clippy::print_stdout,
     reason = "helpers of tests fail as tests do, and tell their seed"
 )]
 
+use evolvent_random::Random;
 use std::collections::VecDeque;
 
 use evolvent_bridge_sim::{Fault, FaultKind, SimBridge, SimSettings};
@@ -19,31 +19,6 @@ const PERIOD_S: f64 = 1e-3;
 const LEAD: u64 = 2;
 /// Velocity, acceleration, jerk.
 const LIMITS: [f64; 3] = [500.0, 5_000.0, 200_000.0];
-
-struct Random(u64);
-
-impl Random {
-    fn new() -> Self {
-        let given = std::env::var("EVOLVENT_SEED")
-            .ok()
-            .and_then(|text| text.parse().ok());
-        let seed: u64 = given.unwrap_or_else(|| {
-            std::time::SystemTime::now()
-                .duration_since(std::time::UNIX_EPOCH)
-                .map_or(1, |since| since.as_nanos() as u64)
-        });
-        println!("EVOLVENT_SEED={seed}");
-        Self(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1)
-    }
-
-    fn between(&mut self, low: f64, high: f64) -> f64 {
-        self.0 ^= self.0 >> 12;
-        self.0 ^= self.0 << 25;
-        self.0 ^= self.0 >> 27;
-        let bits = self.0.wrapping_mul(0x2545_F491_4F6C_DD1D);
-        low + (high - low) * (bits >> 11) as f64 / (1_u64 << 53) as f64
-    }
-}
 
 fn settings() -> SimSettings {
     let mut settings = SimSettings::usual("XYZ", PERIOD_NS);

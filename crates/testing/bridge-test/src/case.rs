@@ -1,5 +1,6 @@
 //! What a case is, and how one is run.
 
+use evolvent_random::Random;
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 
@@ -53,10 +54,10 @@ impl Stage<'_> {
 
     /// A random number of `low` to `high`.
     pub(crate) fn between(&mut self, low: f64, high: f64) -> f64 {
-        self.seed ^= self.seed << 13;
-        self.seed ^= self.seed >> 7;
-        self.seed ^= self.seed << 17;
-        low + (high - low) * (self.seed >> 11) as f64 / (1_u64 << 53) as f64
+        let mut random = Random::from_state(self.seed);
+        let number = random.between(low, high);
+        self.seed = random.state();
+        number
     }
 }
 

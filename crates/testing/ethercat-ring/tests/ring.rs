@@ -293,13 +293,8 @@ fn frames_are_lost_late_and_overtaken() {
 #[test]
 fn no_frame_whatever_is_in_it_stops_the_ring() {
     let mut ring = ring();
-    let mut state = 0x9E37_79B9_7F4A_7C15_u64;
-    let mut random = move || {
-        state ^= state << 13;
-        state ^= state >> 7;
-        state ^= state << 17;
-        state
-    };
+    let mut generator = evolvent_random::Random::from_state(0x9E37_79B9_7F4A_7C15);
+    let mut random = move || generator.bits();
     for i in 0..20_000_u64 {
         let length = (random() % 120) as usize;
         let mut bytes: Vec<u8> = (0..length).map(|_| random() as u8).collect();

@@ -6,6 +6,7 @@ mod common;
 
 use common::{Motion, PEAKS, axes, judge, kinds, machine, xyz};
 use evolvent_path::AxisLetter;
+use evolvent_random::{Random, seed};
 use evolvent_verifier::{Kind, Verdict};
 
 const XYZ: &str = "XYZ";
@@ -563,18 +564,8 @@ fn steps_of_curvature_in_exact_path_mode_are_judged_by_the_joint_time() {
 
 #[test]
 fn the_deviation_is_that_of_a_search_over_the_whole_program() {
-    let seed: u64 = std::env::var("EVOLVENT_SEED")
-        .ok()
-        .and_then(|text| text.parse().ok())
-        .unwrap_or(0x5eed_0007);
-    println!("EVOLVENT_SEED={seed}");
-    let mut bits = seed | 1;
-    let mut unit = || {
-        bits ^= bits >> 12;
-        bits ^= bits << 25;
-        bits ^= bits >> 27;
-        (bits.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 11) as f64 / (1_u64 << 53) as f64
-    };
+    let mut random = Random::from_state(seed(0x5eed_0007) | 1);
+    let mut unit = || random.unit();
     for case in 0..20 {
         // Always on to the right, so that the nearest of all lies on the way.
         let mut corners = vec![[0.0, 0.0]];

@@ -12,26 +12,7 @@ use evolvent_machine::{Limits, PlannerKind};
 use evolvent_motion::{Inputs, PathExecutor, PlanConsumer, PlanProducer, Setpoint, flags, plan_queue};
 use evolvent_path::{AXES, Arc, Axes, Curve, Involute, Line, Move, MoveKind, PathMode, Plane, Sense};
 use evolvent_planner::{PathLimits, PathRules, Planner};
-
-pub struct Random(pub u64);
-
-impl Random {
-    pub fn unit(&mut self) -> f64 {
-        self.0 ^= self.0 >> 12;
-        self.0 ^= self.0 << 25;
-        self.0 ^= self.0 >> 27;
-        (self.0.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 11) as f64 / (1_u64 << 53) as f64
-    }
-    pub fn between(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * self.unit()
-    }
-    pub fn log(&mut self, low: f64, high: f64) -> f64 {
-        low * (high / low).powf(self.unit())
-    }
-    pub fn pick(&mut self, n: usize) -> usize {
-        ((self.unit() * n as f64) as usize).min(n - 1)
-    }
-}
+pub use evolvent_random::Random;
 
 /// The same limits on every axis, and travel that nothing leaves.
 pub fn equal_axes(velocity: f64, acceleration: f64, jerk: f64) -> Limits {
@@ -445,11 +426,8 @@ pub const BLEND: PathMode = PathMode::Blend {
 
 /// Seed and number of cases: those of the test, or `EVOLVENT_SEED` and `EVOLVENT_CASES` for a longer search.
 pub fn campaign(seed: u64, cases: usize) -> (Random, usize) {
-    let number = |name: &str| std::env::var(name).ok().and_then(|text| text.parse::<u64>().ok());
-    let seed = number("EVOLVENT_SEED").unwrap_or(seed).max(1);
-    println!("EVOLVENT_SEED={seed}");
     (
-        Random(seed),
-        number("EVOLVENT_CASES").map_or(cases, |cases| cases as usize),
+        Random::from_state(evolvent_random::seed(seed)),
+        evolvent_random::cases(cases),
     )
 }

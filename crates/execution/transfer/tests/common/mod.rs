@@ -10,40 +10,19 @@
 
 use evolvent_machine::Limits;
 use evolvent_path::{AXES, Axes};
+pub use evolvent_random::Random;
 use evolvent_transfer::AxesState;
 
-#[derive(Clone, Copy)]
-pub struct Random(pub u64);
-
-impl Random {
-    pub fn unit(&mut self) -> f64 {
-        self.0 ^= self.0 >> 12;
-        self.0 ^= self.0 << 25;
-        self.0 ^= self.0 >> 27;
-        (self.0.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 11) as f64 / (1_u64 << 53) as f64
-    }
-
-    pub fn log(&mut self, low: f64, high: f64) -> f64 {
-        low * (high / low).powf(self.unit())
-    }
-
-    pub fn sign(&mut self) -> f64 {
-        if self.unit() < 0.5 { -1.0 } else { 1.0 }
-    }
+pub fn sign(random: &mut Random) -> f64 {
+    if random.unit() < 0.5 { -1.0 } else { 1.0 }
 }
 
 /// Seed and number of cases; both may be given in the environment.
 pub fn campaign(seed: u64, cases: usize) -> (Random, usize) {
-    let number = |name: &str| std::env::var(name).ok();
-    let seed = number("EVOLVENT_SEED").map_or(seed, |text| {
-        text.strip_prefix("0x").map_or_else(
-            || text.parse().unwrap(),
-            |hex| u64::from_str_radix(hex, 16).unwrap(),
-        )
-    });
-    let cases = number("EVOLVENT_CASES").map_or(cases, |text| text.parse().unwrap());
-    println!("EVOLVENT_SEED={seed:#x} EVOLVENT_CASES={cases}");
-    (Random(seed), cases)
+    (
+        Random::from_state(evolvent_random::seed(seed)),
+        evolvent_random::cases(cases),
+    )
 }
 
 /// Limits over four decades, unlike on every axis.
@@ -71,7 +50,7 @@ pub fn state(random: &mut Random, limits: &Limits, from: &Axes, rest: f64) -> Ax
     let mut state = AxesState::at_rest(*from);
     for i in (0..AXES).filter(|&i| limits.present[i]) {
         if random.unit() < 0.8 {
-            state.position[i] += random.sign() * random.log(1e-4, 500.0);
+            state.position[i] += sign(random) * random.log(1e-4, 500.0);
         }
         if random.unit() < rest {
             continue;
@@ -79,12 +58,12 @@ pub fn state(random: &mut Random, limits: &Limits, from: &Axes, rest: f64) -> Ax
         let (v, a, j) = (limits.velocity[i], limits.acceleration[i], limits.jerk[i]);
         // A cruise at the limit is what a jog is most of its time.
         if random.unit() < 0.15 {
-            state.velocity[i] = random.sign() * v;
+            state.velocity[i] = sign(random) * v;
             continue;
         }
-        state.acceleration[i] = random.sign() * random.unit() * a.min((v * j).sqrt());
+        state.acceleration[i] = sign(random) * random.unit() * a.min((v * j).sqrt());
         let spent = state.acceleration[i] * state.acceleration[i] / (2.0 * j);
-        state.velocity[i] = random.sign() * random.unit() * (v - spent).max(0.0);
+        state.velocity[i] = sign(random) * random.unit() * (v - spent).max(0.0);
     }
     state
 }

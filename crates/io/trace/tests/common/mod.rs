@@ -198,22 +198,6 @@ pub fn assert_same(found: &CycleRecord, wanted: &CycleRecord) {
     assert_eq!(bits(found), bits(wanted), "{found:?} is not {wanted:?}");
 }
 
-/// Small and seeded.
-pub struct Random(pub u64);
-
-impl Random {
-    pub fn next(&mut self) -> u64 {
-        self.0 ^= self.0 << 13;
-        self.0 ^= self.0 >> 7;
-        self.0 ^= self.0 << 17;
-        self.0
-    }
-
-    pub fn below(&mut self, bound: u64) -> u64 {
-        self.next() % bound
-    }
-}
-
 /// How a full disk behaves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Manners {

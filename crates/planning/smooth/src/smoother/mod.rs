@@ -427,7 +427,7 @@ mod tests {
     /// Programs of which some zones are given up at random places, as if they had failed.
     #[test]
     fn a_path_whose_zones_are_given_up_anywhere_still_keeps_to_the_tolerance() {
-        let mut random = Random(0x5300_0011);
+        let mut random = Random::from_state(0x5300_0011);
         let mut given_up = 0;
         for case in 0..16 {
             let smallest = random.log(1e-3, 0.3);

@@ -9,39 +9,15 @@
 
 use evolvent_machine::Limits;
 use evolvent_path::{AXES, Arc, Axes, Curve, Involute, Line, Plane, Sense};
+pub use evolvent_random::Random;
 use evolvent_smooth::{Block, Output, Settings, Smoother, Stretch, Tolerance};
-
-pub struct Random(pub u64);
-
-impl Random {
-    pub fn unit(&mut self) -> f64 {
-        self.0 ^= self.0 >> 12;
-        self.0 ^= self.0 << 25;
-        self.0 ^= self.0 >> 27;
-        (self.0.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 11) as f64 / (1_u64 << 53) as f64
-    }
-    pub fn between(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * self.unit()
-    }
-    pub fn log(&mut self, low: f64, high: f64) -> f64 {
-        low * (high / low).powf(self.unit())
-    }
-    pub fn pick(&mut self, n: usize) -> usize {
-        ((self.unit() * n as f64) as usize).min(n - 1)
-    }
-}
 
 /// Seed and number of cases, from `EVOLVENT_SEED` and `EVOLVENT_CASES` if set; printed.
 pub fn campaign(seed: u64, cases: usize) -> (Random, usize) {
-    let of = |name: &str| {
-        std::env::var(name)
-            .ok()
-            .and_then(|value| value.parse::<u64>().ok())
-    };
-    let seed = of("EVOLVENT_SEED").unwrap_or(seed);
-    let cases = of("EVOLVENT_CASES").map_or(cases, |cases| cases as usize);
-    println!("EVOLVENT_SEED={seed} EVOLVENT_CASES={cases}");
-    (Random(seed | 1), cases)
+    (
+        Random::from_state(evolvent_random::seed(seed) | 1),
+        evolvent_random::cases(cases),
+    )
 }
 
 pub fn equal_limits(velocity: f64, acceleration: f64, jerk: f64) -> Limits {

@@ -6,25 +6,9 @@ use std::f64::consts::PI;
 
 use evolvent_machine::Limits;
 use evolvent_path::{AXES, Arc, Axes, Blend, Curve, Involute, Line, Plane, Sense};
+#[allow(unused_imports, reason = "each test uses a part")]
+pub(crate) use evolvent_random::Random;
 use evolvent_timing::{Grid, PathLimits, Piece};
-
-/// xorshift64*.
-pub(crate) struct Random(pub(crate) u64);
-
-impl Random {
-    pub(crate) fn unit(&mut self) -> f64 {
-        self.0 ^= self.0 >> 12;
-        self.0 ^= self.0 << 25;
-        self.0 ^= self.0 >> 27;
-        (self.0.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 11) as f64 / (1_u64 << 53) as f64
-    }
-    pub(crate) fn log(&mut self, low: f64, high: f64) -> f64 {
-        low * (high / low).powf(self.unit())
-    }
-    pub(crate) fn between(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * self.unit()
-    }
-}
 
 /// Equal limits on the first `count` axes.
 pub(crate) fn axes(count: usize, velocity: f64, acceleration: f64, jerk: f64) -> Limits {

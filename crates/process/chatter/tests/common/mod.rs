@@ -11,6 +11,7 @@ pub mod oracle;
 
 use evolvent_chatter::{CuttingTool, PrincipalAxis};
 use evolvent_cutting::{ForceLaw, LawDefinition, Tool};
+pub use evolvent_random::Random;
 
 pub fn steel() -> ForceLaw {
     let tool = Tool {
@@ -36,26 +37,11 @@ pub fn tool(speed_m_min: f64, second_ratio: f64) -> CuttingTool {
     }
 }
 
-pub struct Random(u64);
-
-impl Random {
-    pub fn between(&mut self, low: f64, high: f64) -> f64 {
-        self.0 ^= self.0 >> 12;
-        self.0 ^= self.0 << 25;
-        self.0 ^= self.0 >> 27;
-        let unit = (self.0.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 11) as f64 / (1_u64 << 53) as f64;
-        low + (high - low) * unit
-    }
-}
-
 /// Seed and number of cases: those of the test, or `EVOLVENT_SEED` and `EVOLVENT_CASES` for a longer search.
 pub fn campaign(seed: u64, cases: usize) -> (Random, usize) {
-    let number = |name: &str| std::env::var(name).ok().and_then(|text| text.parse::<u64>().ok());
-    let seed = number("EVOLVENT_SEED").unwrap_or(seed).max(1);
-    println!("EVOLVENT_SEED={seed}");
     (
-        Random(seed),
-        number("EVOLVENT_CASES").map_or(cases, |cases| cases as usize),
+        Random::from_state(evolvent_random::seed(seed)),
+        evolvent_random::cases(cases),
     )
 }
 

@@ -6,6 +6,8 @@
     reason = "a test may fail, and prints its seed"
 )]
 
+#[allow(unused_imports, reason = "each test uses a part")]
+pub use evolvent_random::{Random, cases};
 use evolvent_turning::{
     BackOff, Blank, CutLaw, Regime, RegimeInput, SensorModel, Strategy, Tool, TurningOutput, TurningSettings,
 };
@@ -95,72 +97,38 @@ pub fn stocks() -> [(&'static str, Blank); 4] {
     ]
 }
 
-#[derive(Clone, Debug)]
-pub struct Random(pub u64);
-
-impl Random {
-    /// Seeded from EVOLVENT_SEED, or as given; printed.
-    pub fn new(seed: u64) -> Self {
-        let seed = std::env::var("EVOLVENT_SEED")
-            .ok()
-            .and_then(|text| text.parse().ok())
-            .unwrap_or(seed);
-        println!("EVOLVENT_SEED={seed}");
-        Self(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1)
-    }
-
-    pub fn unit(&mut self) -> f64 {
-        self.0 ^= self.0 >> 12;
-        self.0 ^= self.0 << 25;
-        self.0 ^= self.0 >> 27;
-        (self.0.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 11) as f64 / (1_u64 << 53) as f64
-    }
-
-    pub fn within(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * self.unit()
-    }
-}
-
-/// How many cases: EVOLVENT_CASES, or as given.
-pub fn cases(usual: usize) -> usize {
-    std::env::var("EVOLVENT_CASES")
-        .ok()
-        .and_then(|text| text.parse().ok())
-        .unwrap_or(usual)
-}
-
 /// A stock nobody has chosen: pieces of straight outline with steps, at times a groove or a hard spot.
 pub fn random_stock(random: &mut Random) -> Blank {
     let mut points = Vec::new();
     let mut place = 0.0;
-    let mut height = random.within(1.0, 9.5);
+    let mut height = random.between(1.0, 9.5);
     while place < 200.0 {
         points.push((place, height));
-        place += random.within(20.0, 120.0);
+        place += random.between(20.0, 120.0);
         let end = if random.unit() < 0.5 {
             height
         } else {
-            random.within(0.5, 9.5)
+            random.between(0.5, 9.5)
         };
         points.push((place, end));
         height = if random.unit() < 0.6 {
             end
         } else {
-            random.within(0.5, 9.5)
+            random.between(0.5, 9.5)
         };
     }
     let mut blank = Blank::outline(&points);
     if random.unit() < 0.3 {
-        let from = random.within(10.0, 150.0);
+        let from = random.between(10.0, 150.0);
         blank
             .grooves_mm
-            .push((from, from + random.within(5.0, 60.0), 0.0));
+            .push((from, from + random.between(5.0, 60.0), 0.0));
     }
     if random.unit() < 0.3 {
-        let from = random.within(10.0, 150.0);
+        let from = random.between(10.0, 150.0);
         blank
             .hard_spots
-            .push((from, from + random.within(5.0, 60.0), random.within(0.8, 1.35)));
+            .push((from, from + random.between(5.0, 60.0), random.between(0.8, 1.35)));
     }
     blank
 }
@@ -222,13 +190,13 @@ pub fn random_rough_stock(random: &mut Random) -> Blank {
     let kind = random.unit();
     if kind < 0.6 {
         // The edge reaches 10.4 mm.
-        blank.runout_mm = random.within(0.05, 0.6);
+        blank.runout_mm = random.between(0.05, 0.6);
     }
     if kind > 0.4 {
         let count = 1 + (3.0 * random.unit()) as usize;
         for k in 0..count {
-            let from = (k as f64 + random.within(0.0, 0.3)) / count as f64;
-            let to = from + random.within(0.05, 0.5) / count as f64;
+            let from = (k as f64 + random.between(0.0, 0.3)) / count as f64;
+            let to = from + random.between(0.05, 0.5) / count as f64;
             blank.slots.push((from, to));
         }
     }

@@ -2,7 +2,9 @@
 
 use std::f64::consts::TAU;
 
-use super::pen::{Pen, Random};
+use evolvent_random::Random;
+
+use super::pen::Pen;
 
 /// A circle of 25 mm radius in so many chords.
 pub(crate) fn circle(pen: &mut Pen, chords: usize) {
@@ -42,7 +44,7 @@ pub(crate) fn folded(pen: &mut Pen) {
 
 /// A wandering line of 1 um steps with noise of its own size.
 pub(crate) fn noise(pen: &mut Pen) {
-    let mut random = Random::new(0x5eed_0001);
+    let mut random = Random::from_state(0x5eed_0001 | 1);
     pen.rapid([-2.5, 0.0, 0.0]);
     pen.feed(24_000.0);
     pen.line([0.0, 0.0, 0.0]);
@@ -71,7 +73,7 @@ pub(crate) fn relief(pen: &mut Pen) {
             z + top * libm::exp(-square)
         })
     };
-    let mut random = Random::new(0x5eed_0002);
+    let mut random = Random::from_state(0x5eed_0002 | 1);
     pen.rapid([0.0, 0.0, height(0.0, 0.0)]);
     pen.feed(12_000.0);
     for pass in 0..21 {

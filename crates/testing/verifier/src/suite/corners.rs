@@ -1,6 +1,8 @@
 //! Lines between true corners.
 
-use super::pen::{Pen, Random, Turn};
+use evolvent_random::Random;
+
+use super::pen::{Pen, Turn};
 
 /// Corners of every angle between lines of 0.2 to 20 mm.
 pub(crate) fn corners(pen: &mut Pen) {
@@ -84,7 +86,7 @@ pub(crate) fn letters(pen: &mut Pen) {
 
 /// Moves from 1 um to 5 mm, lengths evenly spread over the decades, in every direction.
 pub(crate) fn tiny(pen: &mut Pen) {
-    let mut random = Random::new(0x5eed_0003);
+    let mut random = Random::from_state(0x5eed_0003 | 1);
     pen.feed(12_000.0);
     for _ in 0..600 {
         let length = libm::exp(random.between(libm::log(0.001), libm::log(5.0)));
