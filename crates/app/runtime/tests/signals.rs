@@ -98,7 +98,11 @@ impl Ran {
 
     /// The first setpoint beyond a place at which X rests; nothing moves back.
     fn leaves(&self, x: f64) -> u64 {
-        let beyond = |setpoint: &Setpoint| setpoint.position[0] > x + 1e-12;
+        // A move that begins just before a setpoint has come 1e-14 mm far in it, but speeds up.
+        let beyond = |setpoint: &Setpoint| {
+            let past = setpoint.position[0] - x;
+            past > 1e-12 || (past > -1e-12 && setpoint.acceleration[0] > 0.0)
+        };
         self.setpoints.iter().position(beyond).unwrap() as u64
     }
 }
