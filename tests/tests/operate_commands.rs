@@ -89,6 +89,50 @@ fn mdi_remembers_modes_moves_and_is_refused_before_anything_moves() {
 }
 
 #[test]
+fn parameters_of_mdi_count_for_later_blocks_and_not_for_programs() {
+    unless_disturbed(|| {
+        let scene = Scene::new("op-parameters");
+        let mut operator = scene.operator();
+        operator.brings_up();
+        operator.says_number("MODE", 2);
+        let mut block = |text: &str| {
+            let job = operator.says_text("MDI", text).job;
+            operator.sees_end(job)
+        };
+        assert_eq!(block("#100 = 7.5 #1 = [1/3]").job_result, DONE);
+        assert_eq!(block("#<depth> = -2 #<_side> = 4").job_result, DONE);
+        assert_eq!(block("G90 G0 X[-#100] Y[-#<_side>]").job_result, DONE);
+        let status = block("G0 Z#<depth>");
+        let at = status.position_machine;
+        assert!(
+            (at[0] + 7.5).abs() < 1e-9 && (at[1] + 4.0).abs() < 1e-9 && (at[2] + 2.0).abs() < 1e-9,
+            "{at:?}"
+        );
+        // Three times a third is one, to the bit.
+        assert_eq!(block("#101 = [#100 + [#1 * 3 EQ 1]]").job_result, DONE);
+        assert!((block("G0 X[-#101]").position_machine[0] + 8.5).abs() < 1e-9);
+        // What was never set is an error as before, and a block with an error changes nothing.
+        let mut wrong = command("MDI");
+        assert!(wrong.set_text("#100 = 1 G0 X#<height>"));
+        assert_eq!(operator.ask(&wrong).alarm, 923);
+        let job = operator.says_text("MDI", "G0 X[-#100]").job;
+        assert!((operator.sees_end(job).position_machine[0] + 7.5).abs() < 1e-9);
+        // A program begins without them and leaves none of its own.
+        let file = scene.workshop.write("own.ngc", "G0 X[-#100 - 1]\n#102 = 3\nM2\n");
+        let file = file.to_str().expect("UTF-8");
+        operator.says_number("MODE", 0);
+        operator.says_text("LOAD", file);
+        let job = operator.says_text("START", file).job;
+        assert!((operator.sees_end(job).position_machine[0] + 1.0).abs() < 1e-9);
+        operator.says_number("MODE", 2);
+        let job = operator.says_text("MDI", "G0 X[-#100 - #102]").job;
+        assert!((operator.sees_end(job).position_machine[0] + 7.5).abs() < 1e-9);
+        drop(operator);
+        scene.end();
+    });
+}
+
+#[test]
 fn stale_serials_rubbish_and_floods_change_nothing() {
     unless_disturbed(|| {
         let scene = Scene::new("op-rubbish");

@@ -18,6 +18,8 @@ pub struct ProgramMemory {
     pub kept: Option<KeptParameters>,
     /// Where they are kept.
     pub kept_file: Option<PathBuf>,
+    /// Lines that set the parameters of the last program again that are not kept; nothing before it.
+    pub volatile: String,
     /// Folders of subroutines, after the program's own.
     pub folders: Vec<PathBuf>,
 }

@@ -6,7 +6,7 @@ use std::io::BufReader;
 use std::path::Path;
 
 use evolvent_config::open_regular;
-use evolvent_gcode::{Command, Diagnostic, Interpreter, Modal, Restart};
+use evolvent_gcode::{Command, Diagnostic, Interpreter, KeptParameters, Modal, Restart};
 use evolvent_machine::MachineKind;
 use evolvent_path::AxisLetter;
 
@@ -130,6 +130,10 @@ impl Commands {
         if let Some(kept) = &mut left.kept {
             kept.update(&self.interpreter);
         }
+        left.volatile = match &left.kept {
+            Some(kept) => self.interpreter.volatile_parameters(kept),
+            None => self.interpreter.volatile_parameters(&KeptParameters::default()),
+        };
         if let Some(tools) = self.interpreter.tools() {
             left.tools = Some(tools.clone());
         }

@@ -64,6 +64,8 @@ pub(crate) struct Operator {
     pub(super) desk: OperatorState,
     pub(super) keep: StateStore,
     pub(super) modes: Modes,
+    /// Lines that set the parameters that blocks of MDI have left.
+    pub(super) parameters: String,
     pub(super) message: String,
     pub(super) track: Track,
     pub(super) view: CycleView,
@@ -157,6 +159,7 @@ impl Operator {
         }
         let mut operator = Self {
             modes: Modes::at_start(&setup.interpreter_settings()).map_err(|error| error.to_string())?,
+            parameters: String::new(),
             setup,
             desk,
             keep,

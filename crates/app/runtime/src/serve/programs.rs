@@ -509,7 +509,11 @@ impl Operator {
             self.modes.modal = modal;
         }
         match (result, planned, after) {
-            (JobResult::Done, _, Some(after)) => {
+            (JobResult::Done, planned, Some(after)) => {
+                // As it was planned, not foreseen: a parameter may be what an input gave.
+                if let Ok(Some(left)) = planned {
+                    self.parameters.clone_from(&left.volatile);
+                }
                 self.keep.memory.kept = Some(after.kept);
                 self.keep.memory.tools = after.tools.or_else(|| self.keep.memory.tools.take());
                 self.modes = after.modes;

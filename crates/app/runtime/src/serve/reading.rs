@@ -150,7 +150,7 @@ impl Operator {
         let mut setup = self.setup_here();
         setup.is_mdi = true;
         MdiBlock {
-            preamble: self.modes.preamble(),
+            preamble: format!("{}{}", self.parameters, self.modes.preamble()),
             text: text.to_owned(),
             settings: Settings {
                 max_lines_before_start: MAX_LINES_OF_MDI,

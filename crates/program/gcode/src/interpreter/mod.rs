@@ -6,6 +6,7 @@ pub(crate) mod effects;
 pub(crate) mod modal;
 pub(crate) mod o_words;
 pub(crate) mod restart;
+pub(crate) mod volatile;
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::io::BufRead;

@@ -110,6 +110,14 @@ impl Names {
         self.add(name).map(|(id, _)| id)
     }
 
+    /// All names met so far, in no particular order; those of O-words are among them.
+    pub(crate) fn all(&self) -> impl Iterator<Item = (&str, NameId, NameKind)> {
+        self.ids.iter().filter_map(|(name, id)| {
+            let name = std::str::from_utf8(name).ok()?;
+            Some((name, *id, self.kinds[*id as usize]))
+        })
+    }
+
     fn add(&mut self, name: &Normal) -> Option<(NameId, NameKind)> {
         if self.kinds.len() >= MOST {
             return None;

@@ -164,6 +164,17 @@ impl Parameters {
         true
     }
 
+    /// Those with a name that count here, by their names.
+    pub(crate) fn all_named(&self) -> Vec<(&str, f64)> {
+        let mut found: Vec<_> = self
+            .names
+            .all()
+            .filter_map(|(name, id, kind)| Some((name, self.named(id, kind)?)))
+            .collect();
+        found.sort_unstable_by_key(|(name, _)| *name);
+        found
+    }
+
     /// The changes so far are for good.
     #[inline]
     pub(crate) fn commit(&mut self) {
