@@ -434,6 +434,114 @@ fn distance_to(outline: &[[f64; 2]], point: [f64; 2]) -> f64 {
     squares.fold(f64::INFINITY, f64::min).sqrt()
 }
 
+/// An open contour of lines and arcs in any direction, its program, and the points of its pieces at most 0.15 apart. A straight move
+/// leads there and one away.
+fn random_open_contour(random: &mut Random) -> (String, f64, Vec<Vec<[f64; 2]>>) {
+    let radius = random.between(1.0, 5.0);
+    let word = if random.unit() < 0.5 { "G41.1" } else { "G42.1" };
+    let mut heading = random.between(-3.0, 3.0);
+    let step =
+        |at: [f64; 2], heading: f64, size: f64| [at[0] + size * heading.cos(), at[1] + size * heading.sin()];
+    let start = step([0.0; 2], heading, -3.0 * radius);
+    let mut text = format!(
+        "G21 F600\nG0 X{} Y{}\n{word} D{}\nG1 X0 Y0\n",
+        start[0],
+        start[1],
+        2.0 * radius
+    );
+    let (mut at, mut pieces) = ([0.0; 2], vec![vec![start, [0.0; 2]]]);
+    for piece in 0..5 + (6.0 * random.unit()) as usize {
+        if piece > 0 {
+            heading += random.between(-2.2, 2.2);
+        }
+        // First and last are lines, as the ways there and away are told from arcs beside them.
+        if random.unit() < 0.35 && (1..5).contains(&piece) {
+            let (size, sweep) = (random.between(0.3, 5.0) * radius, random.between(-3.0, 3.0));
+            let centre = step(at, heading + 0.5 * std::f64::consts::PI * sweep.signum(), size);
+            let from = (at[1] - centre[1]).atan2(at[0] - centre[0]);
+            let steps = (sweep.abs() * size / 0.15).ceil();
+            let points: Vec<_> = (0..=steps as u32)
+                .map(|k| step(centre, from + sweep * f64::from(k) / steps, size))
+                .collect();
+            let (code, to) = (if sweep > 0.0 { "G3" } else { "G2" }, points[points.len() - 1]);
+            text.push_str(&format!(
+                "{code} X{} Y{} I{} J{}\n",
+                to[0],
+                to[1],
+                centre[0] - at[0],
+                centre[1] - at[1]
+            ));
+            (at, heading) = (to, heading + sweep);
+            pieces.push(points);
+        } else {
+            let to = step(at, heading, random.between(1.0, 9.0) * radius);
+            text.push_str(&format!("G1 X{} Y{}\n", to[0], to[1]));
+            pieces.push(vec![at, to]);
+            at = to;
+        }
+    }
+    let out = step(at, heading, 3.0 * radius);
+    text.push_str(&format!("G40 G1 X{} Y{}\nM2\n", out[0], out[1]));
+    (text, radius, pieces)
+}
+
+#[test]
+fn random_open_contours_are_told_of_where_samples_show_a_cut() {
+    let mut random = Random::mixed(20_261_124);
+    let (mut cut, mut clean, mut refused) = (0, 0, 0);
+    for _ in 0..2000 {
+        let (program, radius, pieces) = random_open_contour(&mut random);
+        let Ok(actions) = run(&program) else {
+            refused += 1;
+            continue;
+        };
+        let steps: Vec<Move> = actions
+            .iter()
+            .filter_map(|action| match action {
+                Action::Move(step) => Some(*step),
+                _ => None,
+            })
+            .collect();
+        let told = actions.iter().any(|action| matches!(action, Action::Warning(_)));
+        let depth = |pieces: &[Vec<[f64; 2]>]| {
+            let mut least = f64::INFINITY;
+            // Without the rapid, the move that leads there, and the one away, which is not compensated.
+            for step in &steps[2..steps.len() - 1] {
+                let count = (step.curve.length() / 0.1).ceil().max(1.0) as u32;
+                for k in 0..=count {
+                    let u = step.curve.length() * f64::from(k) / f64::from(count);
+                    let point = step.curve.jet(u).position;
+                    let near = pieces
+                        .iter()
+                        .map(|piece| distance_to(piece, [point[0], point[1]]));
+                    least = near.fold(least, f64::min);
+                }
+            }
+            radius - least
+        };
+        // The last edge may lead away for all that the program says, and arcs before it.
+        let away = pieces
+            .iter()
+            .rev()
+            .skip(1)
+            .take_while(|piece| piece.len() > 2)
+            .count();
+        let there = pieces.iter().skip(1).take_while(|piece| piece.len() > 2).count();
+        let sure = &pieces[1 + there..pieces.len() - 1 - away];
+        if depth(sure) > 0.02 + 0.002 * radius {
+            assert!(told, "{} deep, and nothing is told of\n{program}", depth(sure));
+            cut += 1;
+        } else if depth(&pieces[1..]) < 0.005 {
+            assert!(!told, "nothing is cut\n{program}");
+            clean += 1;
+        }
+    }
+    assert!(
+        cut > 100 && clean > 100,
+        "{cut} cut, {clean} clean, {refused} refused"
+    );
+}
+
 #[test]
 fn random_closed_contours_are_told_of_where_samples_show_a_cut() {
     let mut random = Random::mixed(20_261_123);

@@ -2,9 +2,10 @@
 //! island too near to the wall.
 //!
 //! Compensation knows the neighbours of a move only, as in LinuxCNC: where the tool passes a narrow throat beside one wall it
-//! cuts into the other one. So closed contours are kept, with the path beside each, and compared when compensation ends. Only
-//! closed contours: of an open one it is not known which moves are edges and which lead there and away, and those may be
-//! crossed.
+//! cuts into the other one. So closed contours are kept, with the path beside each, and compared when compensation ends. Of an
+//! open one it is not known which moves are edges and which lead there and away, and those may be crossed: the first and
+//! the last move of the compensation, and arcs that follow the one and precede the other, do not count as edges. A cut into an edge
+//! is found from either side, so one of two near parts may be among those.
 
 use std::collections::VecDeque;
 use std::f64::consts::TAU;
@@ -346,11 +347,17 @@ impl Loop {
         deepest
     }
 
-    fn warning(&self, cut: Cut) -> Command {
+    /// `is_known`: all edges are edges of the part.
+    fn warning(&self, cut: Cut, is_known: bool) -> Command {
         let unit = self.tool.unit;
+        let unless = if is_known {
+            ""
+        } else {
+            " (nothing is wrong where that line only leads to the part or away)"
+        };
         let text = format!(
             "the tool of radius {:.4} beside this move cuts {:.4} deep into the contour of line {}, which is near but not next to \
-             it; take a smaller tool, or leave out what it cannot reach",
+             it; take a smaller tool, or leave out what it cannot reach{unless}",
             self.tool.radius / unit,
             cut.depth / unit,
             cut.edge
@@ -496,11 +503,11 @@ impl ContourWatch {
                 if contour.edges.is_empty() {
                     continue;
                 }
-                found.extend(contour.cut(&contour).map(|cut| contour.warning(cut)));
+                found.extend(contour.cut(&contour).map(|cut| contour.warning(cut, true)));
                 for other in &self.loops {
                     if contour.is_island_in(other) || other.is_island_in(&contour) {
-                        found.extend(contour.cut(other).map(|cut| contour.warning(cut)));
-                        found.extend(other.cut(&contour).map(|cut| other.warning(cut)));
+                        found.extend(contour.cut(other).map(|cut| contour.warning(cut, true)));
+                        found.extend(other.cut(&contour).map(|cut| other.warning(cut, true)));
                     }
                 }
                 self.loops.push_back(contour);
@@ -508,10 +515,25 @@ impl ContourWatch {
                     self.loops.pop_front();
                 }
             }
+            if closed.is_empty() {
+                let edges = open(&self.edges).iter().filter(|edge| edge.is_feed);
+                let contour = Loop::new(tool, edges.copied().collect(), self.path.clone());
+                found.extend(contour.cut(&contour).map(|cut| contour.warning(cut, false)));
+            }
         }
         self.forget();
         self.findings.extend(found);
     }
+}
+
+/// The moves of an open contour between those that may lead there and away.
+fn open(edges: &[Piece]) -> &[Piece] {
+    fn leads<'a>(mut moves: impl Iterator<Item = &'a Piece>) -> usize {
+        let first = usize::from(moves.next().is_some());
+        first + moves.take_while(|piece| piece.arc.is_some()).count()
+    }
+    let (there, away) = (leads(edges.iter()), leads(edges.iter().rev()));
+    edges.get(there..edges.len().saturating_sub(away)).unwrap_or(&[])
 }
 
 /// First and last edge of each closed contour.

@@ -22,8 +22,8 @@ impl<R: BufRead> Interpreter<R> {
     /// ```
     /// use evolvent_gcode::{Interpreter, KeptParameters, Settings};
     ///
-    /// let mut interpreter = Interpreter::new("#31 = 5\n#<depth> = -2.5\n".as_bytes(), Settings::default());
-    /// assert!(interpreter.by_ref().next().is_none());
+    /// let mut interpreter = Interpreter::new("#31 = 5\n#<depth> = -2.5\nM2\n".as_bytes(), Settings::default());
+    /// assert!(interpreter.by_ref().all(|command| command.is_ok()));
     /// let lines = interpreter.volatile_parameters(&KeptParameters::default());
     /// assert_eq!(lines, "#31=5\n#<depth>=-2.5\n");
     /// ```
