@@ -8,7 +8,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use clap::Args;
-use evolvent_bus::{BusError, ClientBus, ClientConfig, STATES, Status, StatusReader};
+use evolvent_bus::{BusError, ClientBus, ClientConfig, STATES, Status, StatusReader, switches};
 use serde_json::json;
 
 use crate::terminal::Terminal;
@@ -205,6 +205,13 @@ fn picture(name: &str, status: &Status, axes: &str, stale: Option<Duration>, col
         );
         let _ = writeln!(text, "{}", paint(RED, words.trim_end()));
     }
+    if status.switches & switches::CHAIN_OPEN != 0 {
+        let words = "the emergency-stop chain is open, or no bridge reads it";
+        let _ = writeln!(text, "{}", paint(RED, words));
+    }
+    if status.switches & switches::INPUT_WAIT != 0 {
+        let _ = writeln!(text, "waits for an input (M66)");
+    }
     let program = match status.program_name() {
         "" => "no program",
         program => program,
@@ -349,6 +356,8 @@ fn to_json(name: &str, status: &Status, axes: &str) -> serde_json::Value {
         "dropped_records": status.dropped_records,
         "dropped_setpoints": status.dropped_setpoints,
         "setpoint_subscribers": status.setpoint_subscribers,
+        "chain_open": status.switches & switches::CHAIN_OPEN != 0,
+        "input_wait": status.switches & switches::INPUT_WAIT != 0,
         "alarms": status.listed_alarms(),
         "alarm_text": status.alarm_sentence(),
         "message": status.operator_message(),
@@ -379,6 +388,7 @@ mod tests {
     #[test]
     fn the_picture_names_state_axes_feed_and_what_is_wrong() {
         let mut status = status();
+        status.switches = switches::CHAIN_OPEN | switches::INPUT_WAIT;
         status.push_alarm(200);
         status.set_alarm_text("the guard refused\x1b[2J a setpoint");
         let text = picture("mill", &status, "XZ", Some(Duration::from_secs(3)), false);
@@ -392,6 +402,8 @@ mod tests {
             "override 120 %",
             "late setpoints 3",
             "ALARM 200",
+            "emergency-stop chain is open",
+            "waits for an input",
         ] {
             assert!(text.contains(part), "{part} is not in\n{text}");
         }
