@@ -420,8 +420,29 @@ fn outputs_are_set_by_hand_within_what_the_machine_file_says() {
         bridge.waits("both", 0, |message| {
             message.digital & 2 != 0 && message.analog[3] == 4.5
         });
-        // A jog and its end leave them alone, and so does a program that keeps them.
+        // A jog and its end leave them alone, and the spindle; and so does a program that keeps them.
+        operator.says_number("MODE", 2);
+        let job = operator.says_text("MDI", "M3 S700").job;
+        assert_eq!(operator.sees_end(job).job_result, DONE);
+        let is_turning =
+            |message: &MachineOutputs| message.spindle_rpm[0] == 700.0 && message.spindle_direction[0] == 1;
+        bridge.waits("the spindle", 0, is_turning);
         operator.says_number("MODE", 1);
+        let mut long = ControlRequest {
+            axes_mask: 1,
+            index: 1,
+            amount: 20.0,
+            ..command("JOG")
+        };
+        long.values[0] = -100.0;
+        let job = operator.does(&long).job;
+        operator.waits("a jog", |status| {
+            status.feed_mm_s > 1.0 || status.velocity[0] < -1.0
+        });
+        operator.says("JOG_STOP");
+        operator.sees_end(job);
+        let from = bridge.heard().len();
+        assert!(is_turning(&bridge.waits("outputs behind it", from + 1, |_| true)));
         let mut jog = ControlRequest {
             axes_mask: 1,
             index: 1,

@@ -51,6 +51,8 @@ pub(crate) struct Computed {
     pub drive: DriveRequest,
     /// The job to whose program it belongs, or to whose program the last one did.
     pub job: u64,
+    /// Whether it belongs to a program, and not to a jog, to homing or to rest.
+    pub is_of_program: bool,
     /// What it depended on, as bits of the trace.
     pub input_bits: u32,
 }
@@ -144,6 +146,7 @@ impl CoreLoop {
                     due_time_ns: cycle.map_or(path_time_ns, |cycle| cycle.due_ns),
                     drive: computed.drive,
                     job: computed.job,
+                    is_of_program: computed.is_of_program,
                 };
                 counts.dropped_setpoints += u64::from(!hand_over(bus, due, is_realtime));
             }

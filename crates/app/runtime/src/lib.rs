@@ -45,6 +45,7 @@ mod shared;
 mod signal_check;
 mod signal_loop;
 mod signal_port;
+mod signal_recorder;
 mod signals_again;
 mod source;
 mod stages;

@@ -68,11 +68,15 @@ impl PeripheryTrack {
                 PeripheryOrder::Behind { sequence, periphery } => {
                     self.behind.push_back((sequence, periphery));
                 }
-                PeripheryOrder::Program { job, planned } => self.programs.push_back(Program {
-                    job,
-                    planned,
-                    ahead: VecDeque::new(),
-                }),
+                PeripheryOrder::Program { job, planned } => {
+                    // One of the same number was never begun.
+                    self.programs.retain(|program| program.job != job);
+                    self.programs.push_back(Program {
+                        job,
+                        planned,
+                        ahead: VecDeque::new(),
+                    });
+                }
             }
         }
         while let Some(&(sequence, periphery)) = self.behind.front()
@@ -95,7 +99,8 @@ impl PeripheryTrack {
                 program.ahead.pop_front();
             }
         }
-        let is_over = matches!(due.setpoint.state, State::Stopped | State::Fault);
+        let is_stopped = due.is_of_program && due.setpoint.state == State::Stopped;
+        let is_over = is_stopped || due.setpoint.state == State::Fault;
         if is_over || due.drive.power != PowerRequest::On {
             self.now.switch_off();
         }
@@ -135,6 +140,7 @@ mod tests {
             due_time_ns: 0,
             drive: DriveRequest::ON,
             job,
+            is_of_program: state != State::Idle,
         }
     }
 
@@ -187,7 +193,12 @@ mod tests {
         assert_eq!(speed(&track), 0.0);
         track.follow(&due(15, 2, 32, State::Running));
         assert_eq!(speed(&track), 3100.0);
-        let mut without_power = due(16, 2, 32, State::Running);
+        // A jog that is stopped is no program.
+        let mut jogged = due(16, 2, 32, State::Stopped);
+        jogged.is_of_program = false;
+        track.follow(&jogged);
+        assert_eq!(speed(&track), 3100.0);
+        let mut without_power = due(17, 2, 32, State::Running);
         without_power.drive = DriveRequest::OFF;
         assert!(track.follow(&without_power));
         assert_eq!(speed(&track), 0.0);

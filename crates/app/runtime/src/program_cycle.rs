@@ -138,6 +138,7 @@ impl<F: FnMut(&Seen<'_>)> SetpointSource for ProgramCycle<F> {
             setpoint,
             drive: DriveRequest::ON,
             job: 0,
+            is_of_program: true,
             input_bits: input_bits(&inputs, &self.motion),
         }
     }

@@ -10,7 +10,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use evolvent_config::open_regular;
-use evolvent_machine::{OnFull, SignalSettings};
+use evolvent_machine::OnFull;
 use evolvent_motion::{State, flags};
 use evolvent_trace::{
     BlockRecord, CycleRecord, EventKind, EventRecord, LogLevel, RecordError, Recorder, RunInfo, inputs,
@@ -22,7 +22,7 @@ use crate::news::{BlockPlan, ExternalEvent, ExternalEventKind, FeederEvent, Noti
 use crate::program_copy::{FromStart, ProgramCopy, ProgramText};
 use crate::serve::{FileProgress, TraceSeries};
 use crate::shared::Controls;
-use crate::signal_loop::SignalChange;
+use crate::signal_recorder::SignalRecorder;
 use crate::switches::Switched;
 use evolvent_control::Alarm;
 
@@ -39,8 +39,8 @@ const POLL_INTERVAL: Duration = Duration::from_millis(1);
 pub(crate) struct Recording {
     pub recorder: Recorder,
     pub queue: Consumer<CycleSample>,
-    /// Inputs and outputs that change, each before its cycle; and how the machine calls them.
-    pub signals: Option<(Consumer<SignalChange>, SignalSettings)>,
+    /// Inputs and outputs that change, where the machine has any.
+    pub signals: Option<SignalRecorder>,
     pub news: Receiver<FeederEvent>,
     pub on_full: OnFull,
     pub controls: Arc<Controls>,
@@ -194,9 +194,13 @@ impl Recording {
                     next_file = None;
                     tracks.wait_for_copies();
                     let attached = tracks.attach(&mut self.recorder, last_ns);
-                    if let Err(error) =
-                        attached.and_then(|()| further.go_on(&mut self.recorder, sample.record.sequence))
-                    {
+                    let goes_on = attached
+                        .and_then(|()| further.go_on(&mut self.recorder, sample.record.sequence))
+                        .and_then(|()| match &self.signals {
+                            Some(signals) => signals.repeat(&mut self.recorder, &sample.record),
+                            None => Ok(()),
+                        });
+                    if let Err(error) = goes_on {
                         lost += 1;
                         let _gone = failed.send(error.clone());
                         failure = Some(error);
@@ -216,9 +220,13 @@ impl Recording {
                         }
                     }
                 }
-                let recorded = tracks
-                    .record(&mut self.recorder, &sample)
-                    .and_then(|()| record_signals(&mut self.recorder, &mut self.signals, &sample.record));
+                let recorded =
+                    tracks
+                        .record(&mut self.recorder, &sample)
+                        .and_then(|()| match &mut self.signals {
+                            Some(signals) => signals.record(&mut self.recorder, &sample.record),
+                            None => Ok(()),
+                        });
                 if let Err(error) = recorded {
                     lost += 1;
                     if self.on_full == OnFull::Stop {
@@ -271,35 +279,6 @@ impl Recording {
         }
         RecordReport { result, lost }
     }
-}
-
-/// Inputs and outputs that have changed up to a cycle.
-fn record_signals(
-    recorder: &mut Recorder,
-    signals: &mut Option<(Consumer<SignalChange>, SignalSettings)>,
-    cycle: &CycleRecord,
-) -> Result<(), RecordError> {
-    let Some((changes, settings)) = signals else {
-        return Ok(());
-    };
-    while let Ok(change) = changes.peek()
-        && change.sequence <= cycle.sequence
-    {
-        recorder.event(&EventRecord {
-            time_ns: cycle.due_time_ns,
-            sequence: change.sequence,
-            kind: if change.is_output {
-                EventKind::Output
-            } else {
-                EventKind::Input
-            },
-            code: change.code(),
-            text: change.text(settings),
-            value: change.value,
-        })?;
-        let _taken = changes.pop();
-    }
-    Ok(())
 }
 
 impl Tracks {

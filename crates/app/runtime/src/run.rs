@@ -30,6 +30,7 @@ use crate::rt::{RealtimeRequest, apply_to_this_thread};
 use crate::shared::Controls;
 use crate::signal_loop::{InputSource, SignalLoop};
 use crate::signal_port::{CHANGES, SAMPLES, SignalPort};
+use crate::signal_recorder::SignalRecorder;
 use crate::stages::Stages;
 use crate::standby::Standby;
 use crate::stop_watch::StopWatch;
@@ -246,7 +247,8 @@ pub fn run_seen(
                 let recording = Recording {
                     recorder,
                     queue,
-                    signals: signal_record.map(|changes| (changes, signal_settings.clone())),
+                    signals: signal_record
+                        .map(|changes| SignalRecorder::new(changes, signal_settings.clone())),
                     news,
                     on_full: setup.machine.trace.on_full,
                     controls: Arc::clone(controls),

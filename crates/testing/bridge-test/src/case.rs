@@ -207,12 +207,12 @@ pub const CASES: [Case; 22] = [
         signals
     ),
     case!(
-        outputs,
+        output_due,
         "sets outputs when they are due and not when they come, and tells which it has set last",
         signals
     ),
     case!(
-        safe_outputs,
+        output_safe,
         "sets the safe values by itself where its core falls silent, and follows the next one",
         signals
     ),

@@ -64,7 +64,7 @@ pub(crate) fn inputs(stage: &mut Stage<'_>) -> Judged {
     })
 }
 
-pub(crate) fn outputs(stage: &mut Stage<'_>) -> Judged {
+pub(crate) fn output_due(stage: &mut Stage<'_>) -> Judged {
     let mut core = signalling(stage)?;
     for round in 0..2 * stage.moments.max(1) {
         let on = round % 2 == 0;
@@ -108,7 +108,7 @@ pub(crate) fn outputs(stage: &mut Stage<'_>) -> Judged {
     Ok(())
 }
 
-pub(crate) fn safe_outputs(stage: &mut Stage<'_>) -> Judged {
+pub(crate) fn output_safe(stage: &mut Stage<'_>) -> Judged {
     let mut core = signalling(stage)?;
     core.set_output(true);
     core.rest(0.8);

@@ -200,6 +200,7 @@ impl SetpointSource for ServedCycle {
             setpoint,
             drive: now.drive,
             job: now.job,
+            is_of_program: now.input_bits & recorded::FOLLOWS != 0,
             input_bits: now.input_bits,
         }
     }

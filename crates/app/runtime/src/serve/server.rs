@@ -10,7 +10,6 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use evolvent_bus::{BusConfig, ControlServer};
 use evolvent_drive::{FeedbackWatch, PhaseLock};
-use evolvent_machine::SignalSettings;
 use evolvent_motion::MachineState;
 use evolvent_signals::Signals;
 use evolvent_trace::{RecordError, Recorder};
@@ -38,8 +37,9 @@ use crate::rt::{
 };
 use crate::run::{CYCLE_TIMEOUT, RunSource, StartError, optional_ring, rescue_leftovers, run_info};
 use crate::shared::Controls;
-use crate::signal_loop::{InputSource, SignalChange, SignalLoop};
+use crate::signal_loop::{InputSource, SignalLoop};
 use crate::signal_port::{CHANGES, SAMPLES, SignalPort};
+use crate::signal_recorder::SignalRecorder;
 use crate::stop_watch::StopWatch;
 
 /// Time between two looks of the control thread, at the most and at the least: so long a command waits at the most on a host
@@ -206,7 +206,7 @@ pub fn serve(
         None => None,
         Some(path) => {
             let further = series.clone().map(|series| (series, Arc::clone(&progress)));
-            let signals = signal_record.map(|changes| (changes, signal_settings.clone()));
+            let signals = signal_record.map(|changes| SignalRecorder::new(changes, signal_settings.clone()));
             let started = start_recording(
                 config,
                 path,
@@ -496,7 +496,7 @@ fn start_recording(
     config: &ServeConfig,
     path: &Path,
     further: Option<(TraceSeries, Arc<FileProgress>)>,
-    (length, signals): (usize, Option<(Consumer<SignalChange>, SignalSettings)>),
+    (length, signals): (usize, Option<SignalRecorder>),
     start_unix_ns: u64,
     note: &mut impl FnMut(&str),
 ) -> Result<Started, StartError> {
