@@ -278,6 +278,7 @@ mod tests {
                 due_time_ns: 0,
                 drive: crate::due_setpoint::DriveRequest::ON,
                 job: 4,
+                is_of_program: true,
             });
         }
         let begun = Instant::now();
