@@ -21,7 +21,10 @@ const ESTOP: u32 = 0;
 const CHAIN: u64 = 1 << 5;
 const READY: u64 = 1 << 2;
 
+/// A bridge on a busy host may be silent for a second.
 const SIGNALS: &str = "
+[signals]
+input_timeout_ms = 1000
 [[input]]
 name = \"chain\"
 number = 5
