@@ -1,5 +1,6 @@
 //! `evolvent bridge ethercat`: EtherCAT drives as the axes of a machine.
 
+use std::fs::File;
 use std::io::Write;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -8,8 +9,12 @@ use std::time::Duration;
 
 use clap::Args;
 use evolvent_bus::BusError;
-use evolvent_ethercat::{Network, RunError, RunSettings, check_fit, run as run_bridge};
+use evolvent_ethercat::{
+    Network, RunError, RunSettings, ScanError, check_fit, network_text, run as run_bridge, scan, scan_json,
+    scan_text,
+};
 use evolvent_machine::Machine;
+use evolvent_path::AxisLetter;
 use serde_json::json;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
@@ -21,12 +26,18 @@ use crate::{CommandError, Ending};
 /// capability then. So far it was shown with simulated devices only: see docs/ethercat.md.
 #[derive(Args, Debug)]
 pub(crate) struct EthercatArgs {
-    /// Machine file: name, axes and limits, as of the core.
-    #[arg(long, value_name = "FILE")]
-    machine: PathBuf,
+    /// Machine file: name, axes and limits, as of the core. With --scan, its axes get the drives in their order.
+    #[arg(long, value_name = "FILE", required_unless_present = "scan")]
+    machine: Option<PathBuf>,
     /// Network file: devices, and which axis each drive turns.
-    #[arg(long, value_name = "FILE")]
-    network: PathBuf,
+    #[arg(long, value_name = "FILE", required_unless_present = "scan")]
+    network: Option<PathBuf>,
+    /// List what is on the wire, and end. Takes every device to INIT: not while a bridge runs.
+    #[arg(long, requires = "interface", conflicts_with_all = ["network", "machine_name", "bus_prefix", "seconds"])]
+    scan: bool,
+    /// Write a network file to start from, which must not exist; its axes hold guesses, with which no bridge runs.
+    #[arg(long, value_name = "FILE", requires = "scan")]
+    write: Option<PathBuf>,
     /// Network interface, in place of the network file's.
     #[arg(long, value_name = "NAME")]
     interface: Option<String>,
@@ -39,9 +50,54 @@ pub(crate) struct EthercatArgs {
     /// End after so many seconds; without it, at Ctrl-C.
     #[arg(long, value_name = "N")]
     seconds: Option<f64>,
-    /// Print one JSON object at the end.
+    /// Print one JSON object at the end, or as the list.
     #[arg(long)]
     json: bool,
+}
+
+fn scan_wire(args: &EthercatArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Ending, CommandError> {
+    let usage = CommandError::Usage;
+    let failed =
+        |error: std::io::Error| CommandError::Failed(format!("the report cannot be written: {error}"));
+    let interface = args.interface.as_deref().unwrap_or_default();
+    let letters: Vec<AxisLetter> = match &args.machine {
+        Some(path) => {
+            let machine = Machine::load(path).map_err(|error| usage(error.to_string()))?;
+            machine.axes.iter().map(|axis| axis.letter).collect()
+        }
+        None => AxisLetter::ALL.to_vec(),
+    };
+    let devices = scan(interface).map_err(|error| match error {
+        ScanError::Interface { .. } => usage(error.to_string()),
+        error => CommandError::Failed(error.to_string()),
+    })?;
+    if args.json {
+        writeln!(out, "{}", scan_json(&devices)).map_err(failed)?;
+    } else {
+        write!(out, "{}", scan_text(&devices)).map_err(failed)?;
+    }
+    let Some(path) = &args.write else {
+        return Ok(Ending::Clean);
+    };
+    let text = network_text(&devices, interface, &letters).ok_or_else(|| {
+        CommandError::Failed(
+            "no device is a CiA 402 drive: a network file needs one, so none was written".to_owned(),
+        )
+    })?;
+    let written = File::create_new(path).and_then(|mut file| file.write_all(text.as_bytes()));
+    written.map_err(|error| {
+        usage(format!(
+            "{}: the network file cannot be written: {error}; choose a path that does not exist",
+            path.display()
+        ))
+    })?;
+    writeln!(
+        err,
+        "{}: check each [device.axis], then remove `unchecked`",
+        path.display()
+    )
+    .map_err(failed)?;
+    Ok(Ending::Clean)
 }
 
 pub(crate) fn run(
@@ -52,9 +108,12 @@ pub(crate) fn run(
     let usage = |text: String| CommandError::Usage(text);
     let failed =
         |error: std::io::Error| CommandError::Failed(format!("the report cannot be written: {error}"));
-    let machine = Machine::load(&args.machine).map_err(|error| usage(error.to_string()))?;
-    let network = Network::load(&args.network).map_err(|error| usage(error.to_string()))?;
-    check_fit(&machine, &network).map_err(|error| usage(format!("{}: {error}", args.network.display())))?;
+    let (false, Some(machine_path), Some(network_path)) = (args.scan, &args.machine, &args.network) else {
+        return scan_wire(args, out, err);
+    };
+    let machine = Machine::load(machine_path).map_err(|error| usage(error.to_string()))?;
+    let network = Network::load(network_path).map_err(|error| usage(error.to_string()))?;
+    check_fit(&machine, &network).map_err(|error| usage(format!("{}: {error}", network_path.display())))?;
     let interface = args
         .interface
         .clone()
@@ -62,7 +121,7 @@ pub(crate) fn run(
         .ok_or_else(|| {
             usage(format!(
                 "{}: no interface is named: give --interface, or `interface` in the file",
-                args.network.display()
+                network_path.display()
             ))
         })?;
     let duration = match args.seconds {

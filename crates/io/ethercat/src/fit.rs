@@ -12,6 +12,11 @@ const MAX_INCREMENTS_PER_S: f64 = 1e9;
 /// Why a network does not fit a machine.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 pub enum FitError {
+    /// The file is as a scan wrote it.
+    #[error(
+        "`unchecked` is true: the axes hold guesses; check increments, gear, turn and direction of each, then remove that line"
+    )]
+    Unchecked,
     /// A device drives an axis that the machine has not.
     #[error(
         "a device drives {letter}, which the machine file does not have: remove it, or add the axis there"
@@ -65,6 +70,9 @@ pub enum FitError {
 /// # Errors
 /// The first thing that does not fit.
 pub fn check_fit(machine: &Machine, network: &Network) -> Result<(), FitError> {
+    if network.is_unchecked {
+        return Err(FitError::Unchecked);
+    }
     let driven = network.devices.iter().filter_map(|device| device.axis);
     for axis in driven.clone() {
         if !machine

@@ -21,6 +21,8 @@
 //! # Ok::<(), evolvent_config::ConfigError>(())
 //! ```
 //!
+//! [`scan`] lists what is on the wire, and [`network_text`] makes a network file of it to start from.
+//!
 //! [`run`] is the bridge. The MainDevice is `ethercrab`, driven by the thread of the cycle itself: a future is polled until its
 //! frames are back, so a cycle has no other thread to wait for. Whatever ends a session (frames lost, a device gone) stops the
 //! feedback, which for the core is a stop; then the network is brought up again, under a new instance.
@@ -29,20 +31,26 @@ mod axis;
 mod drive_set;
 mod fault_text;
 mod fit;
+mod found;
 mod network;
 mod pdo;
 mod privileges;
 mod pump;
 mod run;
 mod scale;
+mod scan;
 mod session;
+mod sii;
 mod socket;
 mod time_driver;
 
 pub use fault_text::fault_text;
 pub use fit::{FitError, check_fit};
+pub use found::{FoundDevice, network_text, scan_json, scan_text};
 pub use network::{MAX_DEVICES, Network, NetworkAxis, NetworkDevice, NetworkError, Startup, network_schema};
 pub use pdo::PdoError;
 pub use run::{BridgeReport, RunError, RunSettings, run};
 pub use scale::{Scale, ScaleError};
+pub use scan::{ScanError, scan};
 pub use session::SessionError;
+pub use sii::{Pdo, PdoEntry, SiiContents};

@@ -51,6 +51,9 @@ pub(crate) struct NetworkFile {
     /// Whether drives take over targets by their distributed clocks (SYNC0); else as frames come.
     #[serde(default = "yes")]
     distributed_clocks: bool,
+    /// The axes hold guesses, as after a scan: the bridge does not run.
+    #[serde(default)]
+    unchecked: bool,
     /// The devices in their order on the wire.
     device: Vec<DeviceFile>,
 }
@@ -153,6 +156,8 @@ pub struct Network {
     pub max_lost_cycles: u32,
     /// Whether SYNC0 is used.
     pub distributed_clocks: bool,
+    /// Whether its axes hold guesses.
+    pub is_unchecked: bool,
     /// The devices in their order.
     pub devices: Vec<NetworkDevice>,
 }
@@ -298,6 +303,7 @@ impl Network {
             interface: read.interface,
             max_lost_cycles: read.max_lost_cycles,
             distributed_clocks: read.distributed_clocks,
+            is_unchecked: read.unchecked,
             devices,
         })
     }

@@ -1,7 +1,9 @@
 //! The bridge on the bus, in real time: a thread for the bus, one for the cycle.
 
+use core::panic::AssertUnwindSafe;
 use core::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use core::time::Duration;
+use std::panic::catch_unwind;
 
 use evolvent_bus::{
     BusError, ClientBus, ClientConfig, Feedback, FeedbackSender, ReceiveError, SetpointReader,
@@ -14,6 +16,7 @@ use thiserror::Error;
 use crate::fault_text::fault_text;
 use crate::network::Network;
 use crate::privileges::{drop_capabilities, raise_priority};
+use crate::scan::panic_text;
 use crate::session::{Counters, Ends, Incoming, Notice, SessionError, run_session};
 use crate::socket::PacketSocket;
 use crate::time_driver::monotonic_ns;
@@ -135,7 +138,16 @@ pub fn run(
                     stop: &ended,
                     period_ns: &period_ns,
                 };
-                if let Err(error) = run_session(&socket, &settings.network, &settings.machine, &mut ends) {
+                // ethercrab asserts what devices answer; drives stop by their watchdogs then.
+                let ended = catch_unwind(AssertUnwindSafe(|| {
+                    run_session(&socket, &settings.network, &settings.machine, &mut ends)
+                }))
+                .unwrap_or_else(|panic| {
+                    Err(SessionError::Library {
+                        what: panic_text(panic.as_ref()),
+                    })
+                });
+                if let Err(error) = ended {
                     let _nobody = failures.send(error);
                     std::thread::sleep(RETRY);
                 }

@@ -126,6 +126,14 @@ pub enum SessionError {
         /// How many.
         frames: u32,
     },
+    /// The library gave up.
+    #[error(
+        "a device answered what the EtherCAT library cannot handle (an emergency message, or a broken EEPROM): {what}"
+    )]
+    Library {
+        /// What it said.
+        what: String,
+    },
     /// A device left OP, or does not answer.
     #[error("the network broke: {states}")]
     Broken {
@@ -447,6 +455,8 @@ impl<S: core::ops::Deref<Target = ethercrab::SubDevice>> Objects<'_, '_, S> {
         let why = match error {
             Error::Mailbox(MailboxError::Aborted { code, .. }) => format!("the device refuses it: {code}"),
             Error::Timeout(_) => "the device does not answer".to_owned(),
+            // What ethercrab makes of an emergency message, where it does not assert that there is none.
+            Error::Wire(_) => "what came is no answer to it; an emergency message, perhaps".to_owned(),
             error => error.to_string(),
         };
         SessionError::Object {

@@ -343,6 +343,28 @@ fn frames_that_are_lost_stop_the_feedback_and_the_drives_stop_themselves() {
     });
 }
 
+/// A drive that tells by an emergency message that its motor is blocked, while the network comes up.
+#[test]
+fn an_emergency_message_at_start_is_told_and_the_network_comes_up_after_it() {
+    unless_disturbed(|| {
+        on_bench(devices(), |ring| {
+            begin(ring, FaultKind::Emergency, 2, Some(2_000_000_000));
+            let report = with_bridge(
+                |_| {},
+                ring,
+                |core, _, told| {
+                    core.bring_up();
+                    assert!(
+                        was_told(told, "what the EtherCAT library cannot handle"),
+                        "{told:?}"
+                    );
+                },
+            );
+            assert!(report.sessions >= 2, "{report:?}");
+        });
+    });
+}
+
 #[test]
 fn a_network_that_is_not_the_one_of_the_file_is_told_in_plain_words() {
     type Edit = fn(&mut Network);

@@ -36,11 +36,13 @@ pub enum FaultKind {
     SdoWrong,
     /// The mailbox takes 300 ms for an answer.
     SlowMailbox,
+    /// An emergency message (7121h) comes before each answer to an SDO.
+    Emergency,
 }
 
 impl FaultKind {
     /// All kinds with their names.
-    pub const ALL: [(Self, &'static str); 14] = [
+    pub const ALL: [(Self, &'static str); 15] = [
         (Self::Loss, "loss"),
         (Self::Delay, "delay"),
         (Self::Reorder, "reorder"),
@@ -55,6 +57,7 @@ impl FaultKind {
         (Self::SdoAbort, "sdo-abort"),
         (Self::SdoWrong, "sdo-wrong"),
         (Self::SlowMailbox, "slow-mailbox"),
+        (Self::Emergency, "emergency"),
     ];
 
     /// The name on the command line.

@@ -25,7 +25,7 @@
 //! [`Ring`] is the whole of it as a pure model: time comes in as an argument. [`run`] puts it on a network interface.
 //! Registers follow ETG.1000.4 and Beckhoff's data sheet of the ET1100, objects CiA 301 and 402. It is made to test MainDevices
 //! and was tried with SOEM (`pysoem`), KickCAT and ethercrab; it is no reference for devices. What it leaves out: bootstrap,
-//! EoE, FoE, SoE, emergencies, SYNC1, latch inputs, redundancy, and devices that fork the line.
+//! EoE, FoE, SoE, emergencies but on demand, SYNC1, latch inputs, redundancy, and devices that fork the line.
 
 mod application_layer;
 mod bench;

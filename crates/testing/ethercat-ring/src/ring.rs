@@ -137,6 +137,7 @@ impl Ring {
                     aborts_sdo: is(FaultKind::SdoAbort),
                     answers_wrong: is(FaultKind::SdoWrong),
                     slow_mailbox: is(FaultKind::SlowMailbox),
+                    sends_emergencies: is(FaultKind::Emergency),
                 },
             );
             let fault = if is(FaultKind::Drive) {

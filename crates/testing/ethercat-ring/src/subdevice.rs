@@ -80,7 +80,11 @@ pub(crate) struct Trouble {
     pub(crate) aborts_sdo: bool,
     pub(crate) answers_wrong: bool,
     pub(crate) slow_mailbox: bool,
+    pub(crate) sends_emergencies: bool,
 }
+
+/// Service 1 of CoE (ETG.1000.6, 5.6.4): error code 7121h, motor blocked; the error register's general bit, no data.
+const EMERGENCY: [u8; 10] = [0x00, 0x10, 0x21, 0x71, 0x01, 0, 0, 0, 0, 0];
 
 /// One device of the ring.
 #[derive(Clone, Debug)]
@@ -511,6 +515,11 @@ impl SubDevice {
             self.server.handle(message.data, &mut self.objects, configurable)
         };
         let Reply::Messages(messages) = reply else { return };
+        if self.trouble.sends_emergencies {
+            let counter = self.next_counter();
+            self.replies
+                .push_back((due_ns, encode(COE, counter, &EMERGENCY, usize::from(MAILBOX))));
+        }
         for mut data in messages {
             if let (true, Some(low)) = (self.trouble.answers_wrong, data.get_mut(3)) {
                 *low ^= 0x55;
