@@ -35,6 +35,11 @@ pub fn chord_error_increments(feed_mm_s: f64, rate_hz: f64, radius_mm: f64, incr
 /// because it belongs to the arc that is longer than half a turn; the shorter arc misses by less than its radius, hence
 /// by less than `D`, for any chord up to the diameter `2 R`: that is the bound here, continuous with the other.
 /// At `2 R k <= D` the whole circle lies within the permitted error and the step is not limited (infinite).
+/// ```
+/// // On a radius of 20 mm a step of 0.4 mm misses the circle by 1 um: 0.4^2 / (8 20).
+/// let chord_mm = evolvent_machine::longest_chord_mm(20.0, 1000.0, 1.0);
+/// assert!((chord_mm - 0.4).abs() < 1e-4);
+/// ```
 #[must_use]
 pub fn longest_chord_mm(radius_mm: f64, increments_per_mm: f64, permitted_error_increments: f64) -> f64 {
     let radius = radius_mm * increments_per_mm;

@@ -14,6 +14,14 @@
 //! - [`chord_feed_limit_mm_s`]: rate, curvature and permitted error are given: how fast may the path be run? The
 //!   planner keeps this limit, so the error stays permitted at any rate and too low a rate costs time instead.
 //!
+//! ```
+//! use evolvent_machine::{chord_error_increments, rate_for};
+//!
+//! // 6 m/min on a radius of 10 mm, to 1 um on a grid of 1000 increments/mm:
+//! let rate_hz = rate_for(100.0, 10.0, 1000.0, 1.0);
+//! assert!((chord_error_increments(100.0, rate_hz, 10.0, 1000.0) - 1.0).abs() < 1e-6);
+//! assert!(rate_hz > 353.5 && rate_hz < 353.6);
+//! ```
 //! [`figures_svg`] draws the diagrams that belong to it. Nothing here starts threads or knows G-code; the functions of
 //! the chord error are free of allocation, everything else is for start-up.
 

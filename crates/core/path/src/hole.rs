@@ -208,6 +208,22 @@ impl Hole {
     ///
     /// # Errors
     /// What is impossible, by name and with both numbers: see [`HoleError`].
+    /// ```
+    /// use evolvent_path::{Axes, Hole, HoleStart, Milling, Plane};
+    ///
+    /// let hole = Hole {
+    ///     plane: Plane::Xy,
+    ///     centre_mm: [0.0, 0.0],
+    ///     diameter_mm: 200.0,
+    ///     tool_diameter_mm: 40.0,
+    ///     milling: Milling::Climb,
+    /// };
+    /// let pass = hole.rough(4.0, None, 1.0, HoleStart::Centre, &Axes::zeros())?;
+    /// // 80 mm to the wall, 1 mm of allowance, at most 4 mm a turn: 20 turns.
+    /// assert_eq!((pass.radius_mm, pass.turns), (79.0, 20));
+    /// assert_eq!(pass.blocks.len(), 2);
+    /// # Ok::<(), evolvent_path::HoleError>(())
+    /// ```
     pub fn rough(
         &self,
         pitch_mm: f64,

@@ -18,6 +18,21 @@
 //! [`Spline`] is one cubic piece of a spline.
 //! [`Hole`] plans the milling of a hole along involutes and gives these curves with their role.
 //!
+//! A quarter circle of 10 mm in the XY plane:
+//!
+//! ```
+//! use evolvent_path::{Arc, Axes, Curve, Plane, Sense};
+//!
+//! let (mut start, mut end) = (Axes::zeros(), Axes::zeros());
+//! (start[0], end[1]) = (10.0, 10.0);
+//! let arc = Arc::new(Plane::Xy, start, end, [0.0, 0.0], Sense::CounterClockwise, 0)?;
+//! let curve = Curve::from(arc);
+//! assert!((curve.length() - 5.0 * std::f64::consts::PI).abs() < 1e-12);
+//! assert!((curve.curvature(3.0) - 0.1).abs() < 1e-12);
+//! // Both ends are as given, to the last bit.
+//! assert_eq!(curve.at(curve.length()).position, end);
+//! # Ok::<(), evolvent_path::CurveError>(())
+//! ```
 //! Nothing here knows of time, machine limits or files, and nothing panics: what comes from outside is checked
 //! when a curve is built, and everything after that is total.
 

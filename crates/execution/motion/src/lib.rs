@@ -4,6 +4,48 @@
 //! [`Guard`] check the result, and returns a [`Setpoint`]. Time enters only as the period. The plan comes through a
 //! wait-free queue ([`plan_queue`]); feed hold, override and stop come as [`Inputs`].
 //!
+//! ```
+//! use evolvent_machine::{Limits, PlannerKind};
+//! use evolvent_motion::{Inputs, PathExecutor, plan_queue};
+//! use evolvent_path::{AXES, Axes, Line, Move, MoveKind, PathMode};
+//! use evolvent_planner::{PathLimits, PathRules, Planner};
+//!
+//! let limits = Limits {
+//!     present: [true; AXES],
+//!     velocity: Axes::repeat(100.0),
+//!     acceleration: Axes::repeat(1000.0),
+//!     jerk: Axes::repeat(20_000.0),
+//!     travel_min: Axes::repeat(-500.0),
+//!     travel_max: Axes::repeat(500.0),
+//!     home: Axes::zeros(),
+//! };
+//! let (start, mut end) = (Axes::zeros(), Axes::zeros());
+//! end[0] = 10.0;
+//! // The planner's side: one line, planned to its end.
+//! let (producer, mut queue) = plan_queue(|| false);
+//! let rules = PathRules {
+//!     blend_tolerance_mm: 0.01,
+//!     joint_time_s: 0.001,
+//!     planner: PlannerKind::Classic,
+//!     feed_override: 1.0,
+//! };
+//! let mut planner = Planner::new(PathLimits::new(limits, 1000.0, 0.001), rules, producer);
+//! let line = Move {
+//!     curve: Line::new(start, end).unwrap().into(),
+//!     kind: MoveKind::Feed,
+//!     feed: 50.0,
+//!     path_mode: PathMode::ExactPath,
+//! };
+//! planner.push(&line, 1, 0).unwrap();
+//! planner.finish(2).unwrap();
+//! // The cycle: a setpoint each millisecond until the plan is over.
+//! let mut executor = PathExecutor::new(limits, 1_000_000, start);
+//! let mut last = executor.step(&Inputs::default(), &mut queue);
+//! while !executor.is_over() {
+//!     last = executor.step(&Inputs::default(), &mut queue);
+//! }
+//! assert_eq!((last.position, last.velocity), (end, Axes::zeros()));
+//! ```
 //! A time-optimal plan is only evaluated. For a hold, a stop or a lower override the step slows it down by itself, beginning
 //! with the setpoint that the input comes with, and needs no planner for that. For a higher override, and to go on at full
 //! speed after a lower one, it requests another plan, from the position where it will be 10 ms later. The runs of a classic

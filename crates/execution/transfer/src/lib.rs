@@ -17,6 +17,30 @@
 //! crate. Where ruckig fails, a slower move of our own takes its place: each axis comes to rest, all move in a
 //! straight line, each speeds up to its target ([`Method::StopAndGo`]).
 //!
+//! ```
+//! use evolvent_machine::Limits;
+//! use evolvent_path::{AXES, Axes};
+//! use evolvent_transfer::{AxesState, Sync, Transfer};
+//!
+//! let limits = Limits {
+//!     present: [true; AXES],
+//!     velocity: Axes::repeat(100.0),
+//!     acceleration: Axes::repeat(1000.0),
+//!     jerk: Axes::repeat(20_000.0),
+//!     travel_min: Axes::repeat(-500.0),
+//!     travel_max: Axes::repeat(500.0),
+//!     home: Axes::zeros(),
+//! };
+//! let mut target = Axes::zeros();
+//! target[0] = 100.0;
+//! let (from, to) = (AxesState::at_rest(Axes::zeros()), AxesState::at_rest(target));
+//! let transfer = Transfer::solve(&limits, &from, &to, Sync::Time)?;
+//! assert!((transfer.duration_s() - 1.15).abs() < 1e-6);
+//! // The solver stays a little below the limit.
+//! let speed_mm_s = transfer.at(0.575).velocity[0];
+//! assert!(speed_mm_s > 99.99 && speed_mm_s <= 100.0, "{speed_mm_s}");
+//! # Ok::<(), evolvent_transfer::TransferError>(())
+//! ```
 //! [`Transfer::solve`] belongs on the planner's side. What it gives is a plain value without heap: the real-time cycle
 //! owns a copy and calls [`Transfer::at`], which is a few multiplications an axis.
 //!

@@ -13,6 +13,33 @@
 //!   core ◄── control ──► operator    a command with a serial number, answered accepted or rejected
 //! ```
 //!
+//! ```
+//! use std::time::Duration;
+//!
+//! use evolvent_bus::{BusConfig, ClientBus, ClientConfig, CoreBus, Setpoint, remove_private_domain};
+//!
+//! // A prefix of one's own keeps these two apart from all others.
+//! let prefix = Some(format!("doc{}_", std::process::id()));
+//! let mut core = CoreBus::open(&BusConfig {
+//!     prefix: prefix.clone(),
+//!     ..BusConfig::new("mill", "XYZ", 1_000_000)
+//! })?;
+//! let client = ClientBus::open(&ClientConfig {
+//!     prefix: prefix.clone(),
+//!     ..ClientConfig::new("mill")
+//! })?;
+//! let mut reader = client.setpoints()?;
+//! core.wait_for_setpoint_subscribers(1, Duration::from_secs(10));
+//! let sent = Setpoint {
+//!     sequence: 7,
+//!     ..Setpoint::default()
+//! };
+//! core.publish_setpoint(&sent)?;
+//! assert_eq!(reader.receive()?, Some(sent));
+//! drop((reader, client, core));
+//! remove_private_domain(&prefix.unwrap_or_default())?;
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 //! The messages themselves are in `evolvent-wire`, re-exported here: plain numbers in a fixed layout.
 //! Version, period and axes are also attributes of the services, so a client that does not fit fails when it
 //! opens and not when it moves.

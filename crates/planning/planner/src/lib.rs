@@ -13,6 +13,22 @@
 //! override comes in: everything that it needs for that is in the run and in its exit speed, so it answers within
 //! one cycle and asks nobody. A planner that dies leaves a plan that ends at rest on the path.
 //!
+//! ```
+//! use evolvent_path::{Axes, Curve, Line};
+//! use evolvent_planner::round_corner;
+//!
+//! // A right angle of two lines of 10 mm, rounded within 0.1 mm.
+//! let (start, mut corner, mut end) = (Axes::zeros(), Axes::zeros(), Axes::zeros());
+//! (corner[0], end[0], end[1]) = (10.0, 10.0, 10.0);
+//! let left: Curve = Line::new(start, corner).unwrap().into();
+//! let right: Curve = Line::new(corner, end).unwrap().into();
+//! let rounding = round_corner(&left, &right, 0.1, 5.0).unwrap();
+//! assert!(rounding.deviation > 0.09 && rounding.deviation <= 0.1);
+//! // It begins on the left line with that line's direction.
+//! let begin = Curve::from(rounding.blend).jet(0.0);
+//! assert!((begin.position[0] - (10.0 - rounding.stretch)).abs() < 1e-12);
+//! assert!((begin.first - left.jet(0.0).first).amax() < 1e-12);
+//! ```
 //! That is the classic planner: safe, simple, and the fallback. The near-optimal one, the default, has the path from
 //! `evolvent-smooth` and the time law from `evolvent-timing`, in windows whose tail always ends at rest, and hands on
 //! [`TimedSegment`]s, which the cycle only evaluates. Holds and overrides reach it as [`Request`]s. [`Planner`] is both of it;

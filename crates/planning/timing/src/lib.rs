@@ -18,6 +18,23 @@
 //! [`PathLimits`] holds the axes' limits, the control rate and the chord error. [`Profile`] is the classic motion
 //! under constant limits along one parameter, exact on lines, and what a lower feed override tries first.
 //!
+//! 100 mm from rest to rest, at 100 mm/s, 1000 mm/s2 and 20 000 mm/s3:
+//!
+//! ```
+//! use evolvent_timing::{Profile, ScalarLimits, ScalarState};
+//!
+//! let limits = ScalarLimits {
+//!     velocity: 100.0,
+//!     acceleration: 1000.0,
+//!     jerk: 20_000.0,
+//! };
+//! let profile = Profile::solve(ScalarState::default(), 100.0, 0.0, 0.0, &limits);
+//! // Speeding up takes v/a + a/j, and as long as half of that is lost to it.
+//! let ramp_s = 100.0 / 1000.0 + 1000.0 / 20_000.0;
+//! assert!((profile.duration() - (1.0 + ramp_s)).abs() < 1e-9);
+//! let (middle, jerk) = profile.at(0.5 * profile.duration());
+//! assert!((middle.x - 50.0).abs() < 1e-9 && (middle.v - 100.0).abs() < 1e-9 && jerk == 0.0);
+//! ```
 //! Only [`TimeLaw`], [`Piece`] and [`Profile`] are for the real-time cycle.
 
 mod barrier;
