@@ -1,4 +1,5 @@
-//! Documents: every link leads to a file, every page is in the book, every command exists with its options.
+//! Documents: every link leads to a file, every page is in the book, every command exists with its options. Files of tests:
+//! each is part of an executable.
 #![expect(clippy::expect_used, reason = "tests fail as tests do")]
 
 use std::collections::BTreeMap;
@@ -236,4 +237,43 @@ fn every_command_has_a_man_page_and_completions() {
     }
     run(["completions", "csh"]).expect_code(&[2]);
     run(["man", "/proc/none/man"]).expect_code(&[1]);
+}
+
+/// A file that no `main.rs` names would not be compiled, and nobody would miss its tests.
+#[test]
+fn every_file_of_tests_is_in_the_executable_of_its_crate() {
+    let root = repository();
+    let (mut left_out, mut count) = (Vec::new(), 0);
+    let floors = fs::read_dir(root.join("crates")).expect("the crates");
+    let crates = floors
+        .filter_map(|floor| fs::read_dir(floor.expect("a floor").path()).ok())
+        .flatten()
+        .map(|entry| entry.expect("a crate").path())
+        .chain([root.join("tests")]);
+    for folder in crates {
+        let Ok(manifest) = fs::read_to_string(folder.join("Cargo.toml")) else {
+            continue;
+        };
+        let Some(main) = manifest
+            .lines()
+            .find_map(|line| line.strip_prefix("path = \"")?.strip_suffix("main.rs\""))
+            .filter(|_| manifest.contains("autotests = false"))
+        else {
+            continue;
+        };
+        let tests = folder.join(main);
+        let listed = fs::read_to_string(tests.join("main.rs")).expect("the list of tests");
+        for entry in fs::read_dir(&tests).expect("the tests") {
+            let name = entry.expect("a file").file_name().to_string_lossy().into_owned();
+            let Some(name) = name.strip_suffix(".rs").filter(|name| *name != "main") else {
+                continue;
+            };
+            count += 1;
+            if !listed.contains(&format!("mod {name};")) {
+                left_out.push(format!("{}/{name}.rs", tests.display()));
+            }
+        }
+    }
+    assert!(count > 60, "{count} files");
+    assert!(left_out.is_empty(), "name them in main.rs: {left_out:#?}");
 }

@@ -1,10 +1,7 @@
 //! The cycle does not allocate: counted, not believed.
 #![expect(clippy::expect_used, reason = "tests fail as tests do")]
 
-mod common;
-
-use common::{BLEND, PLANNERS, Pair, Random, scenario};
-use evolvent_counting::{CountingAllocator, calls};
+use evolvent_counting::calls;
 use evolvent_machine::Limits;
 use evolvent_motion::{Inputs, PathExecutor, State, Turning, TurningFrame, plan_queue};
 use evolvent_path::{AXES, Axes, AxisLetter};
@@ -14,8 +11,7 @@ use evolvent_turning::{
     TurningController, TurningSettings, TurningState, Workpiece,
 };
 
-#[global_allocator]
-static ALLOCATOR: CountingAllocator = CountingAllocator;
+use crate::common::{BLEND, PLANNERS, Pair, Random, scenario};
 
 #[test]
 fn the_cycle_does_not_allocate() {

@@ -2,13 +2,12 @@
 
 #![allow(clippy::expect_used, reason = "a test may fail")]
 
-mod common;
-
-use common::{BLEND, Pair, Random, Scenario, campaign, check, equal_axes, run, scenario};
 use evolvent_machine::{Limits, PlannerKind};
 use evolvent_motion::{Inputs, PathExecutor, STEPS_AHEAD, Setpoint, flags};
 use evolvent_path::{Axes, Curve, Line, Move, MoveKind, PathMode};
 use evolvent_planner::Step;
+
+use crate::common::{BLEND, Pair, Random, Scenario, campaign, check, equal_axes, run, scenario};
 
 fn inputs(cycle: u64) -> Inputs {
     Inputs {

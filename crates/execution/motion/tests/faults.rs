@@ -2,15 +2,14 @@
 
 #![allow(clippy::expect_used, reason = "a test may fail")]
 
-mod common;
-
-use common::{BLEND, Random, campaign, check, scenario};
 use evolvent_machine::{Limits, PlannerKind};
 use evolvent_motion::{Inputs, PathExecutor, QueueClosed, State, flags, plan_queue};
 use evolvent_path::{AXES, Axes, Curve, Line, Move, MoveKind, PathMode};
 use evolvent_planner::{
     ExitSpeeds, PathLimits, PathRules, PlanSink, Planner, Run, ScalarLimits, Segment, SegmentMarks, Step,
 };
+
+use crate::common::{BLEND, Random, campaign, check, scenario};
 
 const RULES: PathRules = PathRules {
     blend_tolerance_mm: 0.01,
@@ -289,7 +288,7 @@ fn a_position_that_is_no_number_never_leaves() {
 fn an_override_that_is_no_number_stands_still() {
     let mut random = Random::from_state(7);
     let scenario = scenario(&mut random, PathMode::ExactPath, false);
-    let mut queue = common::plan(&scenario);
+    let mut queue = crate::common::plan(&scenario);
     let mut motion = PathExecutor::new(
         scenario.limits,
         scenario.period_ns,

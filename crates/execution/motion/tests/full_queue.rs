@@ -2,17 +2,16 @@
 
 #![allow(clippy::expect_used, reason = "a test may fail")]
 
-mod common;
-
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
-use common::{BLEND, Scenario, check, equal_axes};
 use evolvent_machine::PlannerKind;
 use evolvent_motion::{Inputs, Setpoint, State, plan_queue};
 use evolvent_path::{Axes, Curve, Line, Move, MoveKind};
 use evolvent_planner::Step;
+
+use crate::common::{BLEND, Scenario, check, equal_axes};
 
 /// How long the planner may keep the cycle waiting before the test gives up.
 const PATIENCE: Duration = Duration::from_secs(60);

@@ -2,9 +2,6 @@
 
 #![allow(clippy::expect_used, reason = "a test may fail")]
 
-mod common;
-
-use common::{BLEND, Pair, Random, Scenario, campaign, check, equal_axes, program, ratios, run};
 use evolvent_machine::PlannerKind;
 use evolvent_motion::{
     Inputs, PathExecutor, PlanConsumer, PlanProducer, QueueClosed, Setpoint, flags, plan_queue,
@@ -13,6 +10,8 @@ use evolvent_planner::{
     Answer, BlockMark, ExitSpeeds, PathLimits, PathRules, PlanSink, Planner, Request, Segment, Step,
 };
 use evolvent_timing::TimeLaw;
+
+use crate::common::{BLEND, Pair, Random, Scenario, campaign, check, equal_axes, program, ratios, run};
 
 const RATES: [f64; 3] = [1000.0, 4000.0, 35_000.0];
 

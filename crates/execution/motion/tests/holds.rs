@@ -2,12 +2,11 @@
 
 #![allow(clippy::expect_used, reason = "a test may fail")]
 
-mod common;
-
-use common::{BLEND, Pair, Random, Scenario, campaign, check, equal_axes, run};
 use evolvent_machine::{Limits, PlannerKind};
 use evolvent_motion::{Inputs, Setpoint, State, StoppingDistance};
 use evolvent_path::{AXES, Axes, Curve, Line, Move, MoveKind};
+
+use crate::common::{BLEND, Pair, Random, Scenario, campaign, check, equal_axes, run};
 
 /// A contour in chords of 0.01 to 0.2 mm in three axes, with plunges, as CAM writes it.
 fn dense(random: &mut Random, chords: usize, limits: Limits) -> Scenario {

@@ -1,11 +1,10 @@
 //! The invariants of motion over random programs, limits, override histories and hold moments.
 
-mod common;
-
-use common::{BLEND, PLANNERS, Random, campaign, check, run, scenario};
 use evolvent_machine::PlannerKind;
 use evolvent_motion::{Inputs, State};
 use evolvent_path::PathMode;
+
+use crate::common::{BLEND, PLANNERS, Random, campaign, check, run, scenario};
 
 #[test]
 fn every_setpoint_keeps_every_limit_and_the_path() {

@@ -2,18 +2,17 @@
 
 #![allow(clippy::expect_used, reason = "a test may fail")]
 
-mod common;
-
 use std::cell::Cell;
 use std::rc::Rc;
 
-use common::{BLEND, Scenario, campaign, check, equal_axes, scenario};
 use evolvent_machine::PlannerKind;
 use evolvent_motion::{Inputs, PlanConsumer, PlanProducer, QueueClosed, Setpoint, State, plan_queue};
 use evolvent_path::{Axes, Curve, Line, Move, MoveKind};
 use evolvent_planner::{
     Answer, BlockMark, ExitSpeeds, PathLimits, PathRules, PlanSink, Planner, Request, Segment, Step,
 };
+
+use crate::common::{BLEND, Scenario, campaign, check, equal_axes, scenario};
 
 /// Loses so many answers: the same to the cycle as if they came too late.
 struct Losing<S> {

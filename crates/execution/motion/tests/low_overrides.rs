@@ -2,12 +2,11 @@
 
 #![allow(clippy::expect_used, reason = "a test may fail")]
 
-mod common;
-
-use common::{BLEND, Pair, Scenario, check, equal_axes};
 use evolvent_machine::PlannerKind;
 use evolvent_motion::{Inputs, Setpoint};
 use evolvent_path::{Arc, Axes, Curve, Line, Move, MoveKind, PathMode, Plane, Sense};
+
+use crate::common::{BLEND, Pair, Scenario, check, equal_axes};
 
 /// By how much the feed may miss the wish.
 const ALLOWED: f64 = 1e-3;

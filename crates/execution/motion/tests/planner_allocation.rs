@@ -2,16 +2,12 @@
 
 #![allow(clippy::expect_used, reason = "a test may fail")]
 
-mod common;
-
-use common::{BLEND, Pair, Scenario, equal_axes};
-use evolvent_counting::{CountingAllocator, allocations};
+use evolvent_counting::allocations;
 use evolvent_machine::PlannerKind;
 use evolvent_motion::Inputs;
 use evolvent_path::{Axes, Curve, Line, Move, MoveKind};
 
-#[global_allocator]
-static ALLOCATOR: CountingAllocator = CountingAllocator;
+use crate::common::{BLEND, Pair, Scenario, equal_axes};
 
 /// A wavy contour in 20 um chords with a corner now and then.
 fn contour(blocks: usize) -> Vec<Move> {

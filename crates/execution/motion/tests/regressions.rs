@@ -1,10 +1,9 @@
 //! Cases that once went wrong, each named for its cause.
 
-mod common;
-
-use common::{BLEND, Random, check, run, scenario};
 use evolvent_motion::Inputs;
 use evolvent_path::PathMode;
+
+use crate::common::{BLEND, Random, check, run, scenario};
 
 /// The speed at which an override is changed is known to its last digit; the time of the change that is still
 /// to be made is the root of what is left. Left at that, the run ended nanometres late, and where the path came

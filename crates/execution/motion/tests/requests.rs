@@ -2,21 +2,20 @@
 
 #![allow(clippy::expect_used, reason = "a test may fail")]
 
-mod common;
-
-use common::{BLEND, Pair, campaign, check, equal_axes, run, scenario};
 use evolvent_machine::PlannerKind;
 use evolvent_motion::{Inputs, Setpoint, State, flags};
 use evolvent_path::{Axes, Curve, Line, Move, MoveKind, PathMode};
 use evolvent_planner::Step;
 
+use crate::common::{BLEND, Pair, campaign, check, equal_axes, run, scenario};
+
 /// Time from a wish to where it takes over, s.
 const LEAD: f64 = 0.010;
 
-fn straight(feed: f64, length: f64, period_ns: u64) -> common::Scenario {
+fn straight(feed: f64, length: f64, period_ns: u64) -> crate::common::Scenario {
     let mut end = Axes::zeros();
     end[0] = length;
-    common::Scenario {
+    crate::common::Scenario {
         limits: equal_axes(if feed > 250.0 { 1000.0 } else { 250.0 }, 2000.0, 50_000.0),
         period_ns,
         moves: vec![Move {

@@ -1,19 +1,15 @@
 //! What goes on from job to job: numbers, the guard's memory, and places; and steering, which has no path.
 #![expect(clippy::expect_used, reason = "tests fail as tests do")]
 
-mod common;
-
-use common::Random;
-use evolvent_counting::{CountingAllocator, calls};
+use evolvent_counting::calls;
 use evolvent_machine::Limits;
 use evolvent_motion::{MachineState, Setpoint, State, TransferExecutor};
 use evolvent_path::{AXES, Axes};
 use evolvent_transfer::{AxesState, Sync, Transfer};
 
-const PERIOD_NS: u64 = 1_000_000;
+use crate::common::Random;
 
-#[global_allocator]
-static ALLOCATOR: CountingAllocator = CountingAllocator;
+const PERIOD_NS: u64 = 1_000_000;
 
 fn limits() -> Limits {
     let mut present = [false; AXES];

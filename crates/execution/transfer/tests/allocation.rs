@@ -2,13 +2,10 @@
 
 use std::hint::black_box;
 
-use evolvent_counting::{CountingAllocator, calls};
+use evolvent_counting::calls;
 use evolvent_machine::Limits;
 use evolvent_path::{AXES, Axes};
 use evolvent_transfer::{AxesState, Sync, Transfer};
-
-#[global_allocator]
-static ALLOCATOR: CountingAllocator = CountingAllocator;
 
 #[test]
 fn a_transfer_is_copied_and_evaluated_without_the_heap() {

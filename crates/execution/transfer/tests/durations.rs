@@ -2,14 +2,13 @@
 
 #![expect(clippy::panic, reason = "a test may fail")]
 
-mod common;
-
-use common::{campaign, limits, state};
 use evolvent_path::Axes;
 use evolvent_transfer::{AxesState, Sync, Transfer};
 use rsruckig::prelude::{
     IgnoreErrorHandler, InputParameter, Ruckig, RuckigResult, Synchronization, Trajectory,
 };
+
+use crate::common::{campaign, limits, state};
 
 /// One axis: limits, position, velocity and acceleration at both ends.
 #[derive(Clone, Copy, Debug)]

@@ -6,12 +6,11 @@
     reason = "a test may fail, and tells its figures"
 )]
 
-mod common;
-
-use common::{campaign, limits, state};
 use evolvent_machine::Limits;
 use evolvent_path::{AXES, Axes, AxisLetter};
 use evolvent_transfer::{AxesState, Method, Sync, Transfer};
+
+use crate::common::{campaign, limits, state};
 
 /// Checks the transfer as one would a stranger's: by samples and by differences between them.
 fn verify(limits: &Limits, from: &AxesState, to: &AxesState, transfer: &Transfer, what: &str) {
@@ -209,7 +208,7 @@ fn a_straight_transfer_keeps_to_its_line_also_when_it_starts_and_ends_moving() {
         let limits = limits(&mut random, 5);
         let mut way = Axes::zeros();
         for i in 0..5 {
-            way[i] = common::sign(&mut random) * random.log(0.01, 300.0);
+            way[i] = crate::common::sign(&mut random) * random.log(0.01, 300.0);
         }
         let mut from = AxesState::at_rest(Axes::zeros());
         let mut to = AxesState::at_rest(way);

@@ -1,14 +1,11 @@
 //! What the cycle and a bridge call once a period does not allocate: counted, not believed.
 
-use evolvent_counting::{CountingAllocator, calls};
+use evolvent_counting::calls;
 use evolvent_drive::{
     Cia402, Command, DriveEvents, DriveMachine, FeedbackWatch, Follower, FollowerSettings, PhaseLock,
     PhaseSettings, PowerRequest, QuickStopOption, WatchSettings,
 };
 use evolvent_wire::{AXES, Feedback, Setpoint};
-
-#[global_allocator]
-static ALLOCATOR: CountingAllocator = CountingAllocator;
 
 #[test]
 fn a_period_of_watch_lock_follower_and_state_machine_allocates_nothing() {

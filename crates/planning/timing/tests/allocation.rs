@@ -1,14 +1,10 @@
 //! A planner that has warmed up allocates nothing, so that its time does not depend on the allocator.
 #![allow(clippy::expect_used, reason = "a test may fail")]
 
-mod common;
-
-use common::{axes, loose, square};
-use evolvent_counting::{CountingAllocator, allocations};
+use evolvent_counting::allocations;
 use evolvent_timing::{Entry, Exit, Grid, Optimizer, Piece, Place};
 
-#[global_allocator]
-static ALLOCATOR: CountingAllocator = CountingAllocator;
+use crate::common::{axes, loose, square};
 
 /// A plan from rest, its continuation at a lower feed, and a stop.
 fn round(grid: &Grid, optimizer: &mut Optimizer, out: &mut Vec<Piece>) {

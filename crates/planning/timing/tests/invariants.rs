@@ -8,11 +8,10 @@
     reason = "a test may fail, and prints its seed"
 )]
 
-mod common;
-
-use common::{Path, Player, Random, assert_chained, axes, loose, measure_all, point};
 use evolvent_machine::Limits;
 use evolvent_timing::{Entry, Exit, FeedError, Grid, MAX_INTERVALS, Optimizer, Piece, Place};
+
+use crate::common::{Path, Player, Random, assert_chained, axes, loose, measure_all, point};
 
 /// What the guard of the real-time side allows.
 const VELOCITY: f64 = 1.001;

@@ -1,10 +1,9 @@
 //! The same question has the same answer, to the bit.
 #![allow(clippy::expect_used, reason = "a test may fail")]
 
-mod common;
-
-use common::{Path, axes, loose, square};
 use evolvent_timing::{Entry, Exit, FeedError, Grid, Optimizer, Piece, Place};
+
+use crate::common::{Path, axes, loose, square};
 
 const START: Place = Place { interval: 0, x: 0.0 };
 

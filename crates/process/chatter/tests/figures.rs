@@ -3,13 +3,12 @@
 
 #![expect(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
 
-mod common;
-
-use common::{near, steel, tool};
 use evolvent_chatter::{
     Assessor, ChatterError, CuttingTool, Cycle, Measure, Model, Prediction, Scanner, Verdict, Verified,
     least_squares, verify,
 };
+
+use crate::common::{near, steel, tool};
 
 fn scanned(tool: CuttingTool, harmonics: usize) -> (Prediction, Vec<Verified>) {
     let law = steel();

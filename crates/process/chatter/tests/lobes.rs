@@ -2,12 +2,11 @@
 
 #![expect(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
 
-mod common;
-
-use common::{campaign, near};
 use evolvent_chatter::{
     ChatterError, ChatterKind, Lobes, Milling, MillingCut, MillingDelay, Mode, Turning, TurningMode,
 };
+
+use crate::common::{campaign, near};
 
 /// Y. Altintas' turning tool: two modes at 30 and -45 degrees to the chip's thickness, 1000 N/mm2.
 fn altintas() -> Turning {

@@ -1,13 +1,12 @@
 //! Identities: symmetry, energy, convergence.
 
-mod common;
-
-use common::{campaign, near, steel, tool};
 use evolvent_chatter::{
     Accuracy, Assessor, ChatterError, CuttingTool, Integrator, Mapper, Model, PrincipalAxis, Scanner, State,
     verify,
 };
 use nalgebra::SVector;
+
+use crate::common::{campaign, near, steel, tool};
 
 /// With equal axes every direction is a principal one: the angle must not matter.
 #[test]

@@ -2,12 +2,11 @@
 
 #![expect(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
 
-mod common;
-
-use common::oracle::Oracle;
-use common::{near, steel, tool};
 use evolvent_chatter::{Assessor, CuttingTool, Laws, Mapper, Measure, Model, Verdict, least_squares};
 use evolvent_cutting::{ForceLaw, LawDefinition, Tool};
+
+use crate::common::oracle::Oracle;
+use crate::common::{near, steel, tool};
 
 fn law(text: &str) -> ForceLaw {
     let angles = Tool {

@@ -2,14 +2,13 @@
 
 #![expect(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
 
-mod common;
-
-use common::oracle::{End, Oracle};
-use common::{campaign, near, tool};
 use evolvent_chatter::{
     Assessment, Assessor, CuttingTool, DropReason, Mapper, Model, PrincipalAxis, Verdict, nearest_stable,
 };
 use evolvent_cutting::{ForceLaw, LawDefinition, Tool};
+
+use crate::common::oracle::{End, Oracle};
+use crate::common::{campaign, near, tool};
 
 struct Sample {
     tool: CuttingTool,

@@ -1,12 +1,11 @@
 //! Adaptive feed on the simulated process: fast and slow sensors, sensors that only come late, noise.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test may fail")]
 
-mod common;
-
 use std::collections::VecDeque;
 
-use common::{PERIOD_S, SET, TURN_S, law, tool};
 use evolvent_turning::{AdaptiveFeed, AdaptiveSettings, Blank, Sensor, SensorModel, Workpiece};
+
+use crate::common::{PERIOD_S, SET, TURN_S, law, tool};
 
 /// The programmed feed, mm/rev.
 const FEED: f64 = 0.4;

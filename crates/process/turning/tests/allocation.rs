@@ -1,13 +1,9 @@
 //! The controller allocates nothing once it is set up: counted, not believed.
 
-mod common;
-
-use common::{fast, literal, safe, sensor, stocks};
-use evolvent_counting::{CountingAllocator, calls};
+use evolvent_counting::calls;
 use evolvent_turning::{Sensor, TurningController, TurningInputs, TurningState, Workpiece};
 
-#[global_allocator]
-static ALLOCATOR: CountingAllocator = CountingAllocator;
+use crate::common::{fast, literal, safe, sensor, stocks};
 
 #[test]
 fn a_whole_job_allocates_nothing() {
@@ -16,7 +12,7 @@ fn a_whole_job_allocates_nothing() {
     assert!(calls() >= start + 2, "the allocator does not count");
     for (settings, (name, blank)) in [safe(), fast(), literal()].into_iter().zip(stocks()) {
         let mut controller = TurningController::new(settings).unwrap();
-        let mut piece = Workpiece::new(blank, 200.0, common::law(), settings.tool, 60.0);
+        let mut piece = Workpiece::new(blank, 200.0, crate::common::law(), settings.tool, 60.0);
         let mut reader = Sensor::new(sensor(1), settings.period_s);
         let (mut load, mut counted, mut cycles) = (0.0, 0, 0_u32);
         while !controller.is_over() {

@@ -6,10 +6,9 @@
     reason = "a test may fail, and prints its table"
 )]
 
-mod common;
-
-use common::{SET, TURN_S, fast, law, safe, sensor};
 use evolvent_turning::{Blank, Simulation, TurningSettings, run_fixed_at_load};
+
+use crate::common::{SET, TURN_S, fast, law, safe, sensor};
 
 /// Grid of heights, mm: coarser than the cells of the stock, and rounded down.
 const HEIGHT_MM: f64 = 0.1;
@@ -78,7 +77,7 @@ fn bound_s(blank: &Blank, settings: &TurningSettings) -> (f64, usize) {
 }
 
 fn stocks() -> Vec<(&'static str, Blank)> {
-    let mut all = common::stocks().to_vec();
+    let mut all = crate::common::stocks().to_vec();
     all.push(("uniform 3", Blank::uniform(3.0)));
     all.push(("uniform 10", Blank::uniform(10.0)));
     all.push(("taper 5 to 10", Blank::outline(&[(0.0, 5.0), (200.0, 10.0)])));

@@ -5,15 +5,14 @@
     reason = "a test may fail, and prints its figures"
 )]
 
-mod common;
-
-use common::{
-    Limits, Random, SET, TURN_S, cases, fast, law, literal, random_rough_stock, random_stock, regime, safe,
-    sensor, stocks, tool,
-};
 use evolvent_turning::{
     BackOff, Blank, Figures, FixedPasses, OnThin, Reason, Simulation, Strategy, TurningSettings, Workpiece,
     run_fixed, run_fixed_at_load,
+};
+
+use crate::common::{
+    Limits, Random, SET, TURN_S, cases, fast, law, literal, random_rough_stock, random_stock, regime, safe,
+    sensor, stocks, tool,
 };
 
 fn turn(settings: TurningSettings, blank: &Blank, seed: u64) -> Figures {
@@ -31,7 +30,7 @@ fn turn(settings: TurningSettings, blank: &Blank, seed: u64) -> Figures {
 }
 
 fn fixed(blank: &Blank, depth: f64, feed: f64) -> Figures {
-    let steps = TURN_S / common::PERIOD_S;
+    let steps = TURN_S / crate::common::PERIOD_S;
     let piece = Workpiece::new(blank.clone(), 200.0, law(), tool(), steps);
     run_fixed(
         FixedPasses::new(&safe(), blank.highest_mm(200.0), depth, feed),

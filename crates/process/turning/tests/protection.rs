@@ -6,14 +6,13 @@
     reason = "a test may fail, and prints its figures"
 )]
 
-mod common;
-
-use common::{
-    Limits, PERIOD_S, Random, SET, TURN_S, cases, fast, literal, random_rough_stock, random_stock, safe,
-    sensor, stocks,
-};
 use evolvent_turning::{
     Blank, Reason, SensorFault, SensorTrouble, Simulation, TurningInputs, TurningSettings, TurningState,
+};
+
+use crate::common::{
+    Limits, PERIOD_S, Random, SET, TURN_S, cases, fast, literal, random_rough_stock, random_stock, safe,
+    sensor, stocks,
 };
 
 const RUN: TurningInputs = TurningInputs {
@@ -24,7 +23,7 @@ const RUN: TurningInputs = TurningInputs {
 };
 
 fn simulation(settings: TurningSettings, blank: Blank, seed: u64) -> Simulation {
-    Simulation::new(settings, blank, common::law(), sensor(seed)).unwrap()
+    Simulation::new(settings, blank, crate::common::law(), sensor(seed)).unwrap()
 }
 
 /// Runs for a time; tells whether the job still runs.

@@ -1,13 +1,12 @@
 //! Sensors of torque, power and current: the job comes out as by a force, and a dead one is told from air.
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a test may fail")]
 
-mod common;
-
-use common::{SET, TURN_S, law, safe, sensor};
 use evolvent_turning::{
     Blank, Job, LoadScale, Reason, SensorFault, SensorModel, SensorTrouble, Simulation, TurningInputs,
     TurningSettings,
 };
+
+use crate::common::{SET, TURN_S, law, safe, sensor};
 
 fn shaft(sensor: &str) -> Result<Job, String> {
     let file = concat!(
@@ -104,7 +103,7 @@ fn facing_by_torque_power_or_current_keeps_the_set_load() {
     for (text, _) in kinds() {
         let job = facing(text, 55.0).unwrap();
         let settings = TurningSettings {
-            period_s: common::PERIOD_S,
+            period_s: crate::common::PERIOD_S,
             ..job.settings
         };
         let law = settings.regime.law;

@@ -1,9 +1,8 @@
 //! What readings of the load are taken for: the depth of the cut by the force law, and trouble at its limits.
 
-mod common;
-
-use common::{SET, TURN_S, law};
 use evolvent_turning::{LoadSample, LoadView, LoadWatch, SensorTrouble};
+
+use crate::common::{SET, TURN_S, law};
 
 const PERIOD_S: f64 = 0.001;
 const STALE_S: f64 = 0.01;

@@ -349,7 +349,7 @@ fn every_rendered_fault_shows_code_message_and_place() {
     }
 }
 
-/// `docs/errors.md` is written by `EVOLVENT_WRITE_CODES=1 cargo test -p evolvent-gcode --test bad_input`.
+/// `docs/errors.md` is written by `EVOLVENT_WRITE_CODES=1 cargo test -p evolvent-gcode --test all bad_input`.
 #[test]
 fn every_code_is_listed_in_the_docs_with_its_meaning() {
     let mut text = String::from(
@@ -371,7 +371,7 @@ fn every_code_is_listed_in_the_docs_with_its_meaning() {
     let shipped = std::fs::read_to_string(&path).unwrap_or_default();
     assert!(
         shipped == text,
-        "docs/errors.md is out of date: run EVOLVENT_WRITE_CODES=1 cargo test -p evolvent-gcode --test bad_input"
+        "docs/errors.md is out of date: run EVOLVENT_WRITE_CODES=1 cargo test -p evolvent-gcode --test all bad_input"
     );
 }
 

@@ -1,13 +1,10 @@
 //! Violations of every kind, planted into motions that are right without them, are found; and nothing else is.
 
-#![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
-
-mod common;
-
-use common::{Motion, PEAKS, axes, judge, kinds, machine, xyz};
 use evolvent_path::AxisLetter;
 use evolvent_random::{Random, seed};
 use evolvent_verifier::{Kind, Verdict};
+
+use crate::common::{Motion, PEAKS, axes, judge, kinds, machine, xyz};
 
 const XYZ: &str = "XYZ";
 
@@ -513,7 +510,7 @@ fn blocks_of_ten_micrometres_are_followed_at_full_speed() {
         assert!(verdict.deviation_mm.value < 1e-6, "{:?}", verdict.deviation_mm);
         // The other way round it is not the program.
         let back = Motion::new(rate_hz).turn([0, 1], [-radius, 0.0], -360.0, 0.0, 1.6);
-        assert!(common::kinds(&judge(&program, &back, &machine(XYZ))).contains(&Kind::Order));
+        assert!(crate::common::kinds(&judge(&program, &back, &machine(XYZ))).contains(&Kind::Order));
     }
 }
 

@@ -1,5 +1,6 @@
 //! Motions computed from formulas, without any planner: rest to rest along each piece by a polynomial of degree seven.
 
+#![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 use evolvent_gcode::Settings;
 use evolvent_machine::Machine;
 use evolvent_path::{Axes, AxisLetter};

@@ -1,0 +1,4 @@
+//! Configurations of other controls, all in one executable.
+
+mod configurations;
+mod hostile;

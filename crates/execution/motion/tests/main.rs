@@ -1,0 +1,21 @@
+//! Plans carried out, held, changed and guarded, all in one executable.
+
+mod common;
+
+mod allocation;
+mod determinism;
+mod faults;
+mod full_queue;
+mod guard;
+mod holds;
+mod invariants;
+mod late_answers;
+mod low_overrides;
+mod planner_allocation;
+mod regressions;
+mod requests;
+mod station;
+
+// It counts by thread, so that tests beside each other do not count together.
+#[global_allocator]
+static ALLOCATOR: evolvent_counting::CountingAllocator = evolvent_counting::CountingAllocator;

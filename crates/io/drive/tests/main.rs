@@ -1,0 +1,14 @@
+//! Feedback, phase, followers and state machines, all in one executable.
+
+mod allocation;
+mod brake;
+mod cia402;
+mod entry;
+mod follower;
+mod input_entry;
+mod phase;
+mod watch;
+
+// It counts by thread, so that tests beside each other do not count together.
+#[global_allocator]
+static ALLOCATOR: evolvent_counting::CountingAllocator = evolvent_counting::CountingAllocator;

@@ -1,0 +1,4 @@
+//! Cutting force laws and their files, all in one executable.
+
+mod law_files;
+mod laws;

@@ -1,0 +1,17 @@
+//! Turning passes, protection and adaptive feed, all in one executable.
+
+mod common;
+
+mod adaptive;
+mod adaptive_files;
+mod allocation;
+mod bound;
+mod campaign;
+mod process_files;
+mod protection;
+mod sensors;
+mod watch;
+
+// It counts by thread, so that tests beside each other do not count together.
+#[global_allocator]
+static ALLOCATOR: evolvent_counting::CountingAllocator = evolvent_counting::CountingAllocator;

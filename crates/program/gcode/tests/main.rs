@@ -1,0 +1,15 @@
+//! The language, its errors and its cycles, all in one executable.
+
+mod bad_input;
+mod contours;
+mod curves;
+mod cutters;
+mod dialects;
+mod flow;
+mod language;
+mod mutations;
+mod programs;
+mod random;
+mod reference;
+mod turning;
+mod turning_passes;
