@@ -69,7 +69,7 @@ impl SizeRecord {
         }
     }
 
-    /// The edge has cut all round up to a place of the tip, at a height; `felt` and `sure` as in [`Cell`]. Only ways
+    /// The edge has cut all round up to a place of the tip, at a height; `felt` and `sure` as in `Cell`. Only ways
     /// forward count.
     pub fn sweep(&mut self, along_mm: f64, out_mm: f64, felt: bool, sure: bool) {
         let before = self.swept_to;

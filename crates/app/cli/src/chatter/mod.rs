@@ -18,6 +18,10 @@ use crate::{CommandError, Ending};
 ///
 /// A case with [cut], [force] and [tool] asks for self-oscillation; one with [turning] or [milling] asks for stability
 /// lobes. docs/theory-self-oscillation.md leads through an example.
+#[allow(
+    rustdoc::broken_intra_doc_links,
+    reason = "sections of a file, and `--help` shows this text as it is"
+)]
 #[derive(Debug, Args, Default)]
 pub(crate) struct ChatterArgs {
     /// The case file (TOML, or JSON with the same keys)
