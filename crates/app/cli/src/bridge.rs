@@ -105,7 +105,7 @@ struct SimArgs {
 
 #[derive(Args, Debug)]
 struct TestArgs {
-    /// Only the cases whose name contains this.
+    /// Only the case of this name, or the cases whose name contains this.
     #[arg(long, value_name = "WORD")]
     only: Option<String>,
     /// Random moments for each case that has some.
@@ -339,7 +339,12 @@ fn drives_of(machine: &Machine, args: &SimArgs) -> Result<SimSettings, String> {
 }
 
 fn test(args: &TestArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Ending, CommandError> {
-    let wanted = |name: &str| args.only.as_deref().is_none_or(|word| name.contains(word));
+    let exact = CASES.iter().any(|case| args.only.as_deref() == Some(case.name));
+    let wanted = |name: &str| match args.only.as_deref() {
+        None => true,
+        Some(word) if exact => name == word,
+        Some(word) => name.contains(word),
+    };
     let cases: Vec<_> = CASES.iter().filter(|case| wanted(case.name)).collect();
     if cases.is_empty() {
         return Err(CommandError::Usage(
