@@ -13,6 +13,7 @@ use evolvent_turning::Job as TurningJob;
 
 use crate::input_script::InputScript;
 use crate::memory::ProgramMemory;
+use crate::rt::RealtimeRequest;
 
 /// Which clock drives the cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -68,6 +69,16 @@ pub struct Setup {
 }
 
 impl Setup {
+    /// What a real-time thread of this machine asks for: the cycle itself, or one so many priorities below it.
+    pub(crate) fn realtime_request(&self, below: u8) -> RealtimeRequest {
+        let settings = &self.machine.realtime;
+        RealtimeRequest {
+            priority: Some(settings.priority.saturating_sub(below).max(1)),
+            core: if below == 0 { settings.core } else { None },
+            lock_memory: settings.lock_memory && below == 0,
+        }
+    }
+
     /// The machine at a rate, or at the rate of its file.
     ///
     /// # Errors

@@ -5,7 +5,7 @@ use std::io::{BufRead, BufReader, Cursor, Read};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use std::sync::mpsc::{Receiver, Sender};
+use std::sync::mpsc::{self, Receiver, Sender};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -41,7 +41,7 @@ pub(crate) struct Recording {
     pub queue: Consumer<CycleSample>,
     /// Inputs and outputs that change, where the machine has any.
     pub signals: Option<SignalRecorder>,
-    pub news: Receiver<FeederEvent>,
+    pub lines: RecorderLines,
     pub on_full: OnFull,
     pub controls: Arc<Controls>,
     pub program: PathBuf,
@@ -91,6 +91,43 @@ impl Further {
 
 /// Metadata of a file that goes on where another one ends: its first setpoint.
 pub(crate) const CONTINUES: &str = "continues_at";
+
+/// The recorder's ends of its channels.
+pub(crate) struct RecorderLines {
+    news: Receiver<FeederEvent>,
+    closing: Receiver<Closing>,
+    failed: Sender<RecordError>,
+}
+
+impl RecorderLines {
+    /// Theirs and the ends of whoever is recorded.
+    pub(crate) fn new() -> (Self, RecordedLines) {
+        let (news_sender, news) = mpsc::channel();
+        let (closing_sender, closing) = mpsc::channel();
+        let (failed, failures) = mpsc::channel();
+        let recorder = Self {
+            news,
+            closing,
+            failed,
+        };
+        let recorded = RecordedLines {
+            news: news_sender,
+            closing: closing_sender,
+            failures,
+        };
+        (recorder, recorded)
+    }
+}
+
+/// The ends of whoever is recorded.
+pub(crate) struct RecordedLines {
+    /// What planners have read.
+    pub news: Sender<FeederEvent>,
+    /// How the trace ends, once nobody sends news any more.
+    pub closing: Sender<Closing>,
+    /// Why the trace has ended early, as soon as it has.
+    pub failures: Receiver<RecordError>,
+}
 
 /// What the trace says of the run as a whole, at its end.
 pub(crate) struct Closing {
@@ -146,13 +183,8 @@ struct Tracks {
 }
 
 impl Recording {
-    /// Records until the cycle has gone and the queue is empty, then finishes the file with what `closing` brings.
-    pub(crate) fn run(
-        mut self,
-        period_ns: u64,
-        closing: &Receiver<Closing>,
-        failed: &Sender<RecordError>,
-    ) -> RecordReport {
+    /// Records until the cycle has gone and the queue is empty, then finishes the file with what its closing brings.
+    pub(crate) fn run(mut self, period_ns: u64) -> RecordReport {
         let mut tracks = Tracks {
             plans: VecDeque::new(),
             notices: VecDeque::new(),
@@ -202,7 +234,7 @@ impl Recording {
                         });
                     if let Err(error) = goes_on {
                         lost += 1;
-                        let _gone = failed.send(error.clone());
+                        let _gone = self.lines.failed.send(error.clone());
                         failure = Some(error);
                         continue;
                     }
@@ -212,7 +244,7 @@ impl Recording {
                 if count % 256 == 1 || news {
                     // What follows the order for a new file is for that file.
                     while next_file.is_none()
-                        && let Ok(news) = self.news.try_recv()
+                        && let Ok(news) = self.lines.news.try_recv()
                     {
                         match news {
                             FeederEvent::NextFile(last) => next_file = self.further.is_some().then_some(last),
@@ -232,7 +264,7 @@ impl Recording {
                     if self.on_full == OnFull::Stop {
                         self.controls.stop();
                     }
-                    let _gone = failed.send(error.clone());
+                    let _gone = self.lines.failed.send(error.clone());
                     failure = Some(error);
                 }
             }
@@ -249,7 +281,7 @@ impl Recording {
                     if self.on_full == OnFull::Stop {
                         self.controls.stop();
                     }
-                    let _gone = failed.send(error.clone());
+                    let _gone = self.lines.failed.send(error.clone());
                 }
             }
             if over && self.queue.is_empty() {
@@ -260,10 +292,10 @@ impl Recording {
             }
         }
         // The feeder ends soon after the cycle, and with it the news; one that hangs in a file system is not waited for.
-        while let Ok(news) = self.news.recv_timeout(LAST_NEWS) {
+        while let Ok(news) = self.lines.news.recv_timeout(LAST_NEWS) {
             tracks.hear(news);
         }
-        let ended = closing.recv().ok();
+        let ended = self.lines.closing.recv().ok();
         if failure.is_none() {
             let alarm = ended.as_ref().and_then(|closing| closing.alarm.as_ref());
             failure = tracks.end(&mut self.recorder, last_ns, alarm).err();

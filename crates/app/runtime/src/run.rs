@@ -7,7 +7,7 @@ use std::sync::mpsc;
 use std::thread;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-use evolvent_bus::{BusConfig, BusError};
+use evolvent_bus::BusError;
 use evolvent_machine::{CycleRecording, FeedbackWish, ToolChange};
 use evolvent_motion::{PathExecutor, Setpoint, plan_queue};
 use evolvent_signals::{Signals, schedule};
@@ -23,10 +23,12 @@ use crate::memory::ProgramMemory;
 use crate::observer::{DRIVES_UNWATCHED, LookingOn, RunObserver};
 use crate::periphery_track::{PeripheryOrder, PeripheryTrack};
 use crate::program_cycle::{ProgramCycle, ProgramState, Seen, turning_alarm};
-use crate::publisher::Publishing;
-use crate::recording::{Closing, Recording};
+use crate::publisher::{BUS_TIMEOUT, Publisher};
+use crate::publishing::Publishing;
+use crate::recording::{Closing, RecorderLines, Recording};
 use crate::refusal::ProgramError;
-use crate::rt::{RealtimeRequest, apply_to_this_thread};
+use crate::rt::apply_to_this_thread;
+use crate::run_status::RunStatus;
 use crate::shared::Controls;
 use crate::signal_loop::{InputSource, SignalLoop};
 use crate::signal_port::{CHANGES, SAMPLES, SignalPort};
@@ -54,8 +56,6 @@ const COMMANDS_AHEAD: usize = 4096;
 /// Told where a program is held until there is a load.
 const AWAITS_LOAD: &str =
     "the program begins once a cutting load comes over the bus, and drives that answer follow";
-/// How long to wait for the bus: opening clears what killed runs have left, and may wait for subscribers.
-const BUS_TIMEOUT: Duration = Duration::from_secs(30);
 /// How long to wait for an emergency-stop chain that is closed.
 const CHAIN_TIMEOUT: Duration = Duration::from_secs(10);
 /// How often it is looked at meanwhile.
@@ -189,33 +189,31 @@ pub fn run_seen(
         let publisher = match bus_consumer {
             None => None,
             Some(queue) => {
-                let (ready_sender, ready) = mpsc::channel();
-                let publishing = publishing(job, controls);
-                let track = PeripheryTrack::new(setup.tool, periphery_orders);
-                let stops = StopWatch::start(setup, job.clock)?;
-                let request = realtime_request(job, 1);
-                let handle =
-                    thread::Builder::new()
-                        .name("publisher".into())
-                        .spawn_scoped(scope, move || {
-                            if let Some(request) = request {
-                                // The cycle's thread asks for the same and more, and reports.
-                                let _granted = apply_to_this_thread(&request);
-                            }
-                            publishing.run(queue, track, port, stops, &ready_sender)
-                        })?;
-                match ready.recv_timeout(BUS_TIMEOUT) {
-                    Ok(Ok(subscribers)) if subscribers < job.wait_for_subscribers => {
-                        let text = format!(
-                            "{subscribers} of {} subscribers came; the run starts without the others",
-                            job.wait_for_subscribers
-                        );
-                        observer.note(&text);
-                        notes.push(text);
-                    }
-                    Ok(Ok(_)) => {}
-                    Ok(Err(error)) => return Err(StartError::Bus(error)),
-                    Err(_) => return Err(StartError::BusTimeout),
+                let mut publishing =
+                    Publishing::new(setup, job.clock, job.bus_prefix.as_deref(), Arc::clone(controls));
+                publishing.wait_for_subscribers = job.wait_for_subscribers;
+                let status = RunStatus::new(job, &publishing);
+                let publisher = Publisher {
+                    publishing,
+                    setpoints: queue,
+                    periphery: PeripheryTrack::new(setup.tool, periphery_orders),
+                    signals: port,
+                    stops: StopWatch::start(setup, job.clock)?,
+                    status,
+                };
+                let request = (job.clock == Clock::Realtime).then(|| setup.realtime_request(1));
+                let (publish, opening) = publisher.prepare(request);
+                let handle = thread::Builder::new()
+                    .name("publisher".into())
+                    .spawn_scoped(scope, publish)?;
+                let subscribers = opening.wait()?;
+                if subscribers < job.wait_for_subscribers {
+                    let text = format!(
+                        "{subscribers} of {} subscribers came; the run starts without the others",
+                        job.wait_for_subscribers
+                    );
+                    observer.note(&text);
+                    notes.push(text);
                 }
                 if job.clock == Clock::Realtime && signal_settings.estop.is_some() {
                     await_chain(controls)?;
@@ -238,18 +236,16 @@ pub fn run_seen(
         };
         let (news, notices) = mpsc::channel();
         let mut listeners = vec![news];
-        let (closing_sender, closing) = mpsc::channel();
-        let (failure_sender, failures) = mpsc::channel();
+        let (recorder_lines, recorded) = RecorderLines::new();
         let recording = match (recorder, trace_consumer) {
             (Some(recorder), Some(queue)) => {
-                let (news_sender, news) = mpsc::channel();
-                listeners.push(news_sender);
+                listeners.push(recorded.news);
                 let recording = Recording {
                     recorder,
                     queue,
                     signals: signal_record
                         .map(|changes| SignalRecorder::new(changes, signal_settings.clone())),
-                    news,
+                    lines: recorder_lines,
                     on_full: setup.machine.trace.on_full,
                     controls: Arc::clone(controls),
                     program: job.program.clone(),
@@ -259,7 +255,7 @@ pub fn run_seen(
                 Some(
                     thread::Builder::new()
                         .name("recorder".into())
-                        .spawn_scoped(scope, move || recording.run(period_ns, &closing, &failure_sender))?,
+                        .spawn_scoped(scope, move || recording.run(period_ns))?,
                 )
             }
             _ => None,
@@ -377,7 +373,7 @@ pub fn run_seen(
         if needs_load {
             observer.note(AWAITS_LOAD);
         }
-        let request = realtime_request(job, 0);
+        let request = (job.clock == Clock::Realtime).then(|| setup.realtime_request(0));
         let (granted_sender, granted) = mpsc::channel();
         let cycle_thread = thread::Builder::new()
             .name("cycle".into())
@@ -399,7 +395,7 @@ pub fn run_seen(
             observer.note(&text);
             notes.push(text);
         }
-        let mut looking_on = LookingOn::new(job, controls, &notices, &failures);
+        let mut looking_on = LookingOn::new(job, controls, &notices, &recorded.failures);
         looking_on.until(observer, || cycle_thread.is_finished());
 
         let report = join(cycle_thread)?;
@@ -476,7 +472,7 @@ pub fn run_seen(
         summary.error = alarm.as_ref().map(|(_, text)| text.clone());
         let mut trace_error = None;
         if let Some(recording) = recording {
-            let _gone = closing_sender.send(Closing {
+            let _gone = recorded.closing.send(Closing {
                 summary: trace_summary(&summary),
                 alarm,
             });
@@ -570,36 +566,6 @@ fn unix_ns() -> u64 {
     SystemTime::now()
         .duration_since(UNIX_EPOCH)
         .map_or(0, |since| since.as_nanos() as u64)
-}
-
-fn realtime_request(job: &Job, below: u8) -> Option<RealtimeRequest> {
-    let settings = &job.setup.machine.realtime;
-    (job.clock == Clock::Realtime).then(|| RealtimeRequest {
-        priority: Some(settings.priority.saturating_sub(below).max(1)),
-        core: if below == 0 { settings.core } else { None },
-        lock_memory: settings.lock_memory && below == 0,
-    })
-}
-
-fn publishing(job: &Job, controls: &Arc<Controls>) -> Publishing {
-    let machine = &job.setup.machine;
-    let mut config = BusConfig::new(&machine.name, &machine.axis_letters(), job.setup.period_ns);
-    config.prefix.clone_from(&job.bus_prefix);
-    let axes_mask = machine
-        .axes
-        .iter()
-        .fold(0, |mask, axis| mask | 1 << axis.letter.index());
-    Publishing {
-        config,
-        lead_cycles: machine.lead_cycles(job.setup.period_ns),
-        clock: job.clock,
-        increments: machine.increments(),
-        axes_mask,
-        program: job.program.display().to_string(),
-        wait_for_subscribers: job.wait_for_subscribers,
-        home: machine.limits().home,
-        controls: Arc::clone(controls),
-    }
 }
 
 /// What is recorded: one program, or whatever a served machine does.

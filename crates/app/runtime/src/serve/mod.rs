@@ -12,12 +12,13 @@ mod operator;
 mod orders;
 mod outputs;
 mod periphery_desk;
-mod ports;
+
 mod programs;
 mod reading;
 mod recorded;
 mod series;
 mod served_cycle;
+mod served_status;
 mod server;
 mod snapshot;
 mod state_store;

@@ -8,7 +8,7 @@ use std::sync::mpsc;
 use std::thread;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-use evolvent_bus::{BusConfig, ControlServer};
+use evolvent_bus::ControlServer;
 use evolvent_drive::{FeedbackWatch, PhaseLock};
 use evolvent_motion::MachineState;
 use evolvent_signals::Signals;
@@ -20,9 +20,9 @@ use super::files::READING_TIMEOUT;
 use super::notify::SystemdNotifier;
 use super::operator::{Operator, OperatorConfig};
 use super::orders::CycleView;
-use super::ports::{Ports, Snapshot};
 use super::series::{FileProgress, TraceSeries};
 use super::served_cycle::{ServedCycle, ServedParts};
+use super::served_status::{ServedStatus, Snapshot};
 use super::snapshot::{Mark, Pulse, snapshot};
 use super::state_store::StateStore;
 use crate::core_loop::CoreLoop;
@@ -30,11 +30,11 @@ use crate::drives::{phase_settings, watch_settings};
 use crate::job::{Clock, Setup};
 use crate::pacing::wake_interval_ns;
 use crate::periphery_track::PeripheryTrack;
-use crate::publisher::{PublishReport, Publishing};
-use crate::recording::{Closing, Further, RecordReport, Recording};
-use crate::rt::{
-    MonotonicClock, RealtimeRequest, apply_to_this_thread, raise_priority, separate_large_blocks,
-};
+use crate::publish_report::PublishReport;
+use crate::publisher::Publisher;
+use crate::publishing::Publishing;
+use crate::recording::{Closing, Further, RecordReport, RecorderLines, Recording};
+use crate::rt::{MonotonicClock, apply_to_this_thread, raise_priority, separate_large_blocks};
 use crate::run::{CYCLE_TIMEOUT, RunSource, StartError, optional_ring, rescue_leftovers, run_info};
 use crate::shared::Controls;
 use crate::signal_loop::{InputSource, SignalLoop};
@@ -50,8 +50,6 @@ const CONTROL_EVERY_AT_LEAST: Duration = Duration::from_micros(100);
 const STATUS_EVERY_NS: u64 = 50_000_000;
 /// Requests that are answered in one look at the most.
 const MAX_REQUESTS: usize = 32;
-/// How long to wait for the bus.
-const BUS_TIMEOUT: Duration = Duration::from_secs(30);
 /// How long coming to rest may take before the process ends anyway.
 const END_TIMEOUT: Duration = Duration::from_secs(30);
 /// Seconds of setpoints and records that the queues hold, and bounds of their length.
@@ -150,7 +148,10 @@ pub fn serve(
     let manager = SystemdNotifier::of_environment();
     let mut notes = Vec::new();
 
-    let publishing = publishing(config);
+    let controls = Arc::new(Controls::new(1.0));
+    let prefix = config.bus_prefix.as_deref();
+    let publishing = Publishing::new(setup, Clock::Realtime, prefix, Arc::clone(&controls));
+    let bus_config = publishing.config.clone();
     let (bus, setpoints) = RingBuffer::new(length);
     let (mut snapshots, to_publish) = RingBuffer::new(64);
     let (to_cycle, feedback) = RingBuffer::new(256);
@@ -164,31 +165,23 @@ pub fn serve(
     let (input_samples, samples) = RingBuffer::new(SAMPLES);
     let (periphery, periphery_orders) = mpsc::channel();
     let tool = setup.tool;
-    let (ready_sender, ready) = mpsc::channel();
-    let ports = Ports {
+    let publisher = Publisher {
+        publishing,
         setpoints,
-        snapshots: to_publish,
-        feedback: to_cycle,
-        answers: to_control,
-        signals: has_signals.then(|| SignalPort::new(signal_settings, tool, input_samples, changes)),
         periphery: PeripheryTrack::new(tool, periphery_orders),
+        signals: has_signals.then(|| SignalPort::new(signal_settings, tool, input_samples, changes)),
         stops: StopWatch::start(setup, Clock::Realtime)?,
-        counts: to_count,
+        status: ServedStatus {
+            snapshots: to_publish,
+            feedback: to_cycle,
+            answers: to_control,
+            counts: to_count,
+        },
     };
-    let publishing_config = publishing.config.clone();
-    let controls = Arc::clone(&publishing.controls);
-    let request = realtime_request(setup, 1);
-    let publisher = thread::Builder::new().name("publisher".into()).spawn(move || {
-        // The cycle's thread asks for the same and more, and reports.
-        let _granted = apply_to_this_thread(&request);
-        ports.run(&publishing, &ready_sender)
-    })?;
-    match ready.recv_timeout(BUS_TIMEOUT) {
-        Ok(Ok(())) => {}
-        Ok(Err(error)) => return Err(StartError::Bus(error)),
-        Err(_) => return Err(StartError::BusTimeout),
-    }
-    let mut server = ControlServer::open(&publishing_config)?;
+    let (publish, opening) = publisher.prepare(Some(setup.realtime_request(1)));
+    let publisher = thread::Builder::new().name("publisher".into()).spawn(publish)?;
+    let _nobody_asked_for = opening.wait()?;
+    let mut server = ControlServer::open(&bus_config)?;
 
     let series = match &config.trace {
         TraceTo::Folder { folder, limit_bytes } => {
@@ -255,7 +248,7 @@ pub fn serve(
         controls,
     };
     let (granted_sender, granted) = mpsc::channel();
-    let request = realtime_request(setup, 0);
+    let request = setup.realtime_request(0);
     let cycle = thread::Builder::new().name("cycle".into()).spawn(move || {
         let _gone = granted_sender.send(apply_to_this_thread(&request).notes);
         core.run(&mut ServedCycle::new(parts))
@@ -428,35 +421,6 @@ fn wait_for_view(views: &mut Consumer<CycleView>) -> Result<CycleView, ()> {
     }
 }
 
-fn realtime_request(setup: &Setup, below: u8) -> RealtimeRequest {
-    let settings = &setup.machine.realtime;
-    RealtimeRequest {
-        priority: Some(settings.priority.saturating_sub(below).max(1)),
-        core: if below == 0 { settings.core } else { None },
-        lock_memory: settings.lock_memory && below == 0,
-    }
-}
-
-fn publishing(config: &ServeConfig) -> Publishing {
-    let machine = &config.setup.machine;
-    let mut bus = BusConfig::new(&machine.name, &machine.axis_letters(), config.setup.period_ns);
-    bus.prefix.clone_from(&config.bus_prefix);
-    Publishing {
-        config: bus,
-        lead_cycles: machine.lead_cycles(config.setup.period_ns),
-        clock: Clock::Realtime,
-        increments: machine.increments(),
-        axes_mask: machine
-            .axes
-            .iter()
-            .fold(0, |mask, axis| mask | 1 << axis.letter.index()),
-        program: String::new(),
-        wait_for_subscribers: 0,
-        home: machine.limits().home,
-        controls: Arc::new(Controls::new(1.0)),
-    }
-}
-
 /// A recorder at work.
 struct AtWork {
     thread: thread::JoinHandle<RecordReport>,
@@ -510,14 +474,12 @@ fn start_recording(
         let _left = series.trim(path);
     }
     let (producer, queue) = RingBuffer::new(length);
-    let (news, heard) = mpsc::channel();
-    let (closing, closes) = mpsc::channel();
-    let (failed, failures) = mpsc::channel();
+    let (lines, recorded) = RecorderLines::new();
     let recording = Recording {
         recorder,
         queue,
         signals,
-        news: heard,
+        lines,
         on_full: config.setup.machine.trace.on_full,
         controls: Arc::new(Controls::new(1.0)),
         program: PathBuf::new(),
@@ -531,11 +493,11 @@ fn start_recording(
     let period_ns = config.setup.period_ns;
     let thread = thread::Builder::new()
         .name("recorder".into())
-        .spawn(move || recording.run(period_ns, &closes, &failed))?;
+        .spawn(move || recording.run(period_ns))?;
     let at_work = AtWork {
         thread,
-        closing,
-        failures,
+        closing: recorded.closing,
+        failures: recorded.failures,
     };
-    Ok((producer, news, at_work))
+    Ok((producer, recorded.news, at_work))
 }

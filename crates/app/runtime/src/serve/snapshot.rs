@@ -9,7 +9,8 @@ use evolvent_trace::Histogram;
 use super::operator::Operator;
 use super::orders::CycleView;
 use crate::periphery::Periphery;
-use crate::publisher::{PublishReport, event_of};
+use crate::publish_report::PublishReport;
+use crate::status_source::event_of;
 
 /// What the cycles so far were like.
 #[derive(Default)]

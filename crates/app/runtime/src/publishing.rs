@@ -1,0 +1,90 @@
+//! What the publisher knows of the machine: how setpoints become messages.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use evolvent_bus::{BusConfig, CoreBus};
+use evolvent_path::{AXES, Axes};
+
+use crate::due_setpoint::DueSetpoint;
+use crate::job::{Clock, Setup};
+use crate::shared::Controls;
+
+/// How long to wait for subscribers that were asked for.
+const SUBSCRIBER_TIMEOUT: Duration = Duration::from_secs(10);
+/// How often a stop is looked for meanwhile.
+const SUBSCRIBER_POLL: Duration = Duration::from_millis(50);
+
+/// What the publisher needs to know of the machine.
+pub(crate) struct Publishing {
+    pub config: BusConfig,
+    pub lead_cycles: u32,
+    pub clock: Clock,
+    pub increments: Axes,
+    pub axes_mask: u32,
+    pub wait_for_subscribers: usize,
+    pub controls: Arc<Controls>,
+}
+
+impl Publishing {
+    /// Of this machine, on the bus of this prefix.
+    pub(crate) fn new(setup: &Setup, clock: Clock, prefix: Option<&str>, controls: Arc<Controls>) -> Self {
+        let machine = &setup.machine;
+        let mut config = BusConfig::new(&machine.name, &machine.axis_letters(), setup.period_ns);
+        config.prefix = prefix.map(str::to_owned);
+        Self {
+            config,
+            lead_cycles: machine.lead_cycles(setup.period_ns),
+            clock,
+            increments: machine.increments(),
+            axes_mask: machine
+                .axes
+                .iter()
+                .fold(0, |mask, axis| mask | 1 << axis.letter.index()),
+            wait_for_subscribers: 0,
+            controls,
+        }
+    }
+
+    /// A setpoint as it leaves.
+    pub(crate) fn message(&self, due: &DueSetpoint) -> evolvent_bus::Setpoint {
+        let setpoint = &due.setpoint;
+        let mut increments = [0; AXES];
+        for i in 0..AXES {
+            // The guard has checked the travel, so this fits by far.
+            increments[i] = (setpoint.position[i] * self.increments[i]).round() as i64;
+        }
+        evolvent_bus::Setpoint {
+            sequence: setpoint.sequence,
+            due_time_ns: due.due_time_ns,
+            period_ns: self.config.period_ns,
+            position: setpoint.position.into(),
+            velocity: setpoint.velocity.into(),
+            acceleration: setpoint.acceleration.into(),
+            position_increments: increments,
+            state: setpoint.state as u32,
+            flags: setpoint.flags,
+            line: setpoint.line,
+            axes_mask: self.axes_mask,
+            feed_mm_s: setpoint.feed_mm_s,
+            override_ratio: setpoint.feed_override,
+            path_mm: setpoint.path_mm,
+            power_request: due.drive.power.number(),
+            fault_reset: due.drive.fault_reset,
+            datum: due.drive.datum,
+            ..evolvent_bus::Setpoint::default()
+        }
+    }
+
+    /// Waits for as many subscribers as were asked for, not beyond a stop.
+    pub(crate) fn await_subscribers(&self, bus: &CoreBus) -> usize {
+        let deadline = Instant::now() + SUBSCRIBER_TIMEOUT;
+        loop {
+            let found = bus.wait_for_setpoint_subscribers(self.wait_for_subscribers, SUBSCRIBER_POLL);
+            let enough = found >= self.wait_for_subscribers;
+            if enough || self.controls.is_stopping() || Instant::now() >= deadline {
+                return found;
+            }
+        }
+    }
+}

@@ -1,0 +1,128 @@
+//! The status of a run: one program, and no operator.
+
+use std::sync::Arc;
+
+use evolvent_bus::{EventKind, Feedback, Setpoint, Status};
+use evolvent_drive::BridgeState;
+use evolvent_motion::State;
+
+use crate::due_setpoint::DueSetpoint;
+use crate::job::Job;
+use crate::periphery::Periphery;
+use crate::publishing::Publishing;
+use crate::rt::MonotonicClock;
+use crate::shared::Controls;
+use crate::status_source::{StatusPort, StatusSource, event_of};
+
+/// Numbers of [`evolvent_bus::MACHINE_STATES`], [`evolvent_bus::ACTIVITIES`] and power of a machine that runs a program.
+const READY: u32 = 2;
+const PROGRAM: u32 = 1;
+const POWER_ON: u32 = 1;
+
+/// What the status of a run says.
+pub(crate) struct RunStatus {
+    status: Status,
+    /// The setpoint that has left last.
+    last: Setpoint,
+    state: State,
+    has_started: bool,
+    controls: Arc<Controls>,
+}
+
+impl RunStatus {
+    /// Of this job, before its first setpoint.
+    pub(crate) fn new(job: &Job, publishing: &Publishing) -> Self {
+        let mut status = Status {
+            machine_state: READY,
+            activity: PROGRAM,
+            power: POWER_ON,
+            axes_mask: publishing.axes_mask,
+            rapid_override_ratio: 1.0,
+            spindle_override_ratio: 1.0,
+            ..Status::default()
+        };
+        status.set_program(&job.program.display().to_string());
+        let controls = Arc::clone(&publishing.controls);
+        Self {
+            status,
+            last: Setpoint {
+                period_ns: publishing.config.period_ns,
+                position: job.setup.machine.limits().home.into(),
+                override_ratio: controls.feed_override(),
+                ..Setpoint::default()
+            },
+            state: State::Idle,
+            has_started: false,
+            controls,
+        }
+    }
+
+    fn show(&mut self, periphery: &Periphery) {
+        let status = &mut self.status;
+        status.spindle_rpm = periphery.outputs.signed_rpm();
+        status.coolant = periphery.coolant_bits();
+        status.tool = periphery.tool;
+        (status.tool_change, status.tool_wanted) = periphery.change_numbers();
+    }
+}
+
+impl StatusSource for RunStatus {
+    fn begin(&mut self, port: &mut StatusPort<'_>) {
+        self.show(port.periphery);
+        self.refresh(port);
+    }
+
+    fn follow(
+        &mut self,
+        port: &mut StatusPort<'_>,
+        due: &DueSetpoint,
+        message: &Setpoint,
+        is_switched: bool,
+    ) {
+        if !self.has_started {
+            self.has_started = true;
+            port.notify(EventKind::Started);
+        }
+        self.last = *message;
+        if is_switched {
+            self.show(port.periphery);
+        }
+        let state = due.setpoint.state;
+        if state != self.state || is_switched {
+            let event = event_of(self.state, state);
+            self.state = state;
+            // Whoever is woken finds the reason in the status.
+            self.refresh(port);
+            port.notify(event);
+        }
+    }
+
+    /// Nobody looks at what they say: see the note of the run.
+    fn hear(&mut self, feedback: &Feedback) {
+        let follow = feedback.bridge_state == BridgeState::Following.number();
+        self.controls.see_drives(follow);
+    }
+
+    fn look(&mut self, _: &mut StatusPort<'_>) {}
+
+    fn refresh(&mut self, port: &mut StatusPort<'_>) {
+        let status = &mut self.status;
+        status.sequence += 1;
+        status.time_ns = MonotonicClock::now_ns();
+        status.cycles = self.controls.progress().cycles;
+        status.period_ns = self.last.period_ns;
+        status.follow(&self.last);
+        status.late_cycles = port.report.late;
+        status.dropped_setpoints = port.report.failed;
+        status.setpoint_subscribers = port.subscribers() as u32;
+        let alarm = self.controls.alarm();
+        if alarm != 0 && status.alarm_count == 0 {
+            status.push_alarm(alarm);
+        }
+        port.publish(status);
+    }
+
+    fn is_over(&self) -> bool {
+        true
+    }
+}

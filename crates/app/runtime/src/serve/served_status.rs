@@ -1,0 +1,57 @@
+//! The status of a served machine, which control makes, and what drives answer to cycle and control.
+
+use evolvent_bus::{EventKind, Feedback, Setpoint, Status};
+use rtrb::{Consumer, Producer};
+
+use crate::due_setpoint::DueSetpoint;
+use crate::publish_report::PublishReport;
+use crate::status_source::{StatusPort, StatusSource};
+
+/// A snapshot on its way out, and what it explains.
+pub(crate) struct Snapshot {
+    pub status: Status,
+    pub event: Option<EventKind>,
+}
+
+/// The publisher's ends of the queues to control and cycle.
+pub(crate) struct ServedStatus {
+    pub snapshots: Consumer<Snapshot>,
+    /// To the cycle.
+    pub feedback: Producer<Feedback>,
+    /// To control: every one, in order.
+    pub answers: Producer<Feedback>,
+    /// To control: late and failed setpoints so far, subscribers.
+    pub counts: Producer<(PublishReport, usize)>,
+}
+
+impl StatusSource for ServedStatus {
+    fn begin(&mut self, _: &mut StatusPort<'_>) {}
+
+    fn follow(&mut self, _: &mut StatusPort<'_>, _: &DueSetpoint, _: &Setpoint, _: bool) {}
+
+    fn hear(&mut self, feedback: &Feedback) {
+        // What the cycle does not take in time is older than what it has. Its watch names what is no number; nobody else
+        // sees it.
+        let _full = self.feedback.push(*feedback);
+        if feedback.is_finite() {
+            let _full = self.answers.push(*feedback);
+        }
+    }
+
+    fn look(&mut self, port: &mut StatusPort<'_>) {
+        while let Ok(mut snapshot) = self.snapshots.pop() {
+            port.publish(&mut snapshot.status);
+            if let Some(event) = snapshot.event {
+                port.notify(event);
+            }
+        }
+    }
+
+    fn refresh(&mut self, port: &mut StatusPort<'_>) {
+        let _full = self.counts.push((*port.report, port.subscribers()));
+    }
+
+    fn is_over(&self) -> bool {
+        self.snapshots.is_abandoned()
+    }
+}
