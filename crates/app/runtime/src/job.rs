@@ -228,3 +228,10 @@ pub struct Job {
     /// Wait at M0, M1 and M60 until told to go on; otherwise go on at once.
     pub stop_at_program_stops: bool,
 }
+
+impl Job {
+    /// Whether it runs against the clock, and not as fast as it computes.
+    pub(crate) fn is_realtime(&self) -> bool {
+        self.clock == Clock::Realtime
+    }
+}

@@ -4,7 +4,6 @@
 //! [`StatusSource`]'s.
 
 use std::sync::mpsc::{self, Receiver, Sender};
-use std::time::Duration;
 
 use evolvent_bus::{BusError, CoreBus};
 use rtrb::Consumer;
@@ -16,8 +15,8 @@ use crate::periphery_track::PeripheryTrack;
 use crate::publish_report::PublishReport;
 use crate::publishing::Publishing;
 use crate::rt::{MonotonicClock, RealtimeRequest, apply_to_this_thread};
-use crate::run::StartError;
 use crate::signal_port::SignalPort;
+use crate::start_error::{BUS_TIMEOUT, StartError};
 use crate::status_source::{StatusPort, StatusSource};
 use crate::stop_watch::StopWatch;
 
@@ -25,8 +24,6 @@ use crate::stop_watch::StopWatch;
 const REFRESH_EVERY_NS: u64 = 50_000_000;
 /// Longest sleep between two looks at the queues.
 const LONGEST_SLEEP_NS: u64 = 1_000_000;
-/// How long to wait for the bus: opening clears what killed runs have left, and may wait for subscribers.
-pub(crate) const BUS_TIMEOUT: Duration = Duration::from_secs(30);
 
 /// A bus that is being opened by the publisher's thread.
 pub(crate) struct Opening(Receiver<Result<usize, BusError>>);

@@ -1,5 +1,6 @@
 //! What a run came to, against every limit.
 
+use std::collections::BTreeMap;
 use std::fmt;
 
 use evolvent_machine::Machine;
@@ -183,6 +184,27 @@ impl Summary {
     #[must_use]
     pub fn is_lossy(&self) -> bool {
         (self.late_cycles > 0 && self.listeners > 0) || self.dropped_records > 0 || self.dropped_setpoints > 0
+    }
+
+    /// What of it goes into the trace's metadata.
+    pub(crate) fn to_metadata(&self) -> BTreeMap<String, String> {
+        let pairs = [
+            ("outcome", self.outcome.name().to_owned()),
+            ("duration_s", self.duration_s.to_string()),
+            ("path_length_mm", self.path_length_mm.to_string()),
+            ("late_cycles", self.late_cycles.to_string()),
+            ("dropped_records", self.dropped_records.to_string()),
+            ("max_chord_error_mm", self.max_chord_error_mm.to_string()),
+            ("max_path_error_mm", self.max_path_error_mm.to_string()),
+        ];
+        let notes = (!self.notes.is_empty()).then(|| ("notes", self.notes.join("\n")));
+        let error = self.error.clone().map(|text| ("error", text));
+        pairs
+            .into_iter()
+            .chain(notes)
+            .chain(error)
+            .map(|(key, value)| (key.to_owned(), value))
+            .collect()
     }
 }
 

@@ -2,6 +2,8 @@
 
 mod calls;
 mod checking;
+mod config;
+mod control_loop;
 mod files;
 mod homing;
 mod jobs;
@@ -20,15 +22,20 @@ mod series;
 mod served_cycle;
 mod served_status;
 mod server;
+mod session_trace;
 mod snapshot;
 mod state_store;
+mod status_writer;
+mod summary;
 mod track;
 
+pub use config::{ServeConfig, ServeNews, TraceTo};
 pub(crate) use jobs::{Planning, ProgramJob};
 pub(crate) use orders::Following;
 pub(crate) use series::{FileProgress, TraceSeries};
-pub use server::{ServeConfig, ServeNews, ServeSummary, TraceTo, serve};
+pub use server::serve;
 pub use state_store::state_folder;
+pub use summary::ServeSummary;
 
 #[cfg(test)]
 mod tests {

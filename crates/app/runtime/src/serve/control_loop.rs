@@ -1,0 +1,154 @@
+//! The control thread's loop: commands, jobs, status, and signs of life.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use evolvent_bus::{ControlServer, Feedback};
+use rtrb::Consumer;
+
+use super::calls::Calls;
+use super::config::ServeNews;
+use super::notify::SystemdNotifier;
+use super::operator::Operator;
+use super::orders::{CycleEvent, CycleView};
+use super::session_trace::SessionTrace;
+use super::snapshot::Pulse;
+use super::status_writer::StatusWriter;
+use crate::job::Setup;
+use crate::pacing::wake_interval_ns;
+use crate::publish_report::PublishReport;
+use crate::rt::MonotonicClock;
+
+/// Time between two looks of the control thread, at the most and at the least: so long a command waits at the most on a host
+/// that is not busy. In between it is a quarter of the period, so that a hold takes no more than lead and two cycles.
+pub(super) const CONTROL_EVERY: Duration = Duration::from_micros(500);
+const CONTROL_EVERY_AT_LEAST: Duration = Duration::from_micros(100);
+/// Requests that are answered in one look at the most.
+const MAX_REQUESTS: usize = 32;
+/// How long coming to rest may take before the process ends anyway.
+const END_TIMEOUT: Duration = Duration::from_secs(30);
+
+/// What cycle and publisher tell control.
+pub(super) struct ControlQueues {
+    pub views: Consumer<CycleView>,
+    pub events: Consumer<CycleEvent>,
+    pub answers: Consumer<Feedback>,
+    pub counts: Consumer<(PublishReport, usize)>,
+}
+
+/// Everything that the control thread owns.
+pub(super) struct ControlLoop {
+    pub operator: Operator,
+    pub server: ControlServer,
+    pub queues: ControlQueues,
+    pub status: StatusWriter,
+    pub trace: Option<SessionTrace>,
+    pub manager: SystemdNotifier,
+    /// What the publisher counted so far, and its readers.
+    pub published: (PublishReport, usize),
+    calls: Calls,
+    pulse: Pulse,
+    next_sign: Instant,
+    /// The setpoint at the last sign of life.
+    seen: u64,
+}
+
+impl ControlLoop {
+    pub(super) fn new(
+        operator: Operator,
+        server: ControlServer,
+        queues: ControlQueues,
+        status: StatusWriter,
+        trace: Option<SessionTrace>,
+        manager: SystemdNotifier,
+    ) -> Self {
+        Self {
+            operator,
+            server,
+            queues,
+            status,
+            trace,
+            manager,
+            published: (PublishReport::default(), 0),
+            calls: Calls::default(),
+            pulse: Pulse::default(),
+            next_sign: Instant::now(),
+            seen: 0,
+        }
+    }
+
+    /// Until the cycle has ended, which `stop` makes it do, or does not end in time.
+    pub(super) fn run(
+        &mut self,
+        setup: &Setup,
+        stop: &AtomicBool,
+        is_cycle_over: impl Fn() -> bool,
+        tell: &mut impl FnMut(ServeNews<'_>),
+    ) {
+        let lead_cycles = setup.machine.lead_cycles(setup.period_ns);
+        let every = Duration::from_nanos(wake_interval_ns(setup.period_ns, lead_cycles) / 4)
+            .clamp(CONTROL_EVERY_AT_LEAST, CONTROL_EVERY);
+        let mut ending: Option<Instant> = None;
+        loop {
+            let now_ns = MonotonicClock::now_ns();
+            self.answer(now_ns, tell);
+            while let Ok(count) = self.queues.counts.pop() {
+                self.published = count;
+            }
+            if let Some(trace) = &mut self.trace {
+                trace.look(&mut self.operator);
+            }
+            if stop.load(Ordering::Relaxed) && ending.is_none() {
+                ending = Some(Instant::now());
+                self.manager.tell("STOPPING=1");
+                self.operator.end();
+            }
+            let is_over = is_cycle_over();
+            self.status
+                .write(&self.operator, &self.pulse, &self.published, now_ns, is_over);
+            self.give_sign();
+            if is_over || ending.is_some_and(|since| since.elapsed() > END_TIMEOUT) {
+                return;
+            }
+            thread::sleep(every);
+        }
+    }
+
+    /// Answers what clients ask. Commands are judged by what the newest cycle has left.
+    fn answer(&mut self, now_ns: u64, tell: &mut impl FnMut(ServeNews<'_>)) {
+        let queues = &mut self.queues;
+        let pulse = &mut self.pulse;
+        self.operator.tick(
+            now_ns,
+            &mut queues.views,
+            &mut queues.events,
+            &mut queues.answers,
+            |view| pulse.count(view),
+        );
+        for _ in 0..MAX_REQUESTS {
+            match self.server.receive() {
+                Ok(Some(call)) => self.calls.take(call, &mut self.operator, now_ns),
+                Ok(None) => break,
+                Err(error) => {
+                    tell(ServeNews::Note(&error.to_string()));
+                    break;
+                }
+            }
+        }
+        self.calls.go_on(&mut self.operator, now_ns);
+    }
+
+    /// Of the cycle, not of this thread alone.
+    fn give_sign(&mut self) {
+        let sequence = self.operator.view.setpoint.sequence;
+        if let Some(every) = self.manager.watchdog
+            && Instant::now() >= self.next_sign
+            && sequence != self.seen
+        {
+            self.seen = sequence;
+            self.next_sign = Instant::now() + every;
+            self.manager.tell("WATCHDOG=1");
+        }
+    }
+}

@@ -1,0 +1,54 @@
+//! When the status of a served machine leaves: now and then, and as soon as something changes.
+
+use rtrb::Producer;
+
+use super::operator::Operator;
+use super::served_status::Snapshot;
+use super::snapshot::{Mark, Pulse, snapshot};
+use crate::publish_report::PublishReport;
+
+/// Time between two snapshots where nothing changes.
+const STATUS_EVERY_NS: u64 = 50_000_000;
+
+/// Hands snapshots to the publisher.
+pub(super) struct StatusWriter {
+    snapshots: Producer<Snapshot>,
+    sequence: u64,
+    mark: Option<Mark>,
+    next_ns: u64,
+}
+
+impl StatusWriter {
+    pub(super) const fn new(snapshots: Producer<Snapshot>) -> Self {
+        Self {
+            snapshots,
+            sequence: 0,
+            mark: None,
+            next_ns: 0,
+        }
+    }
+
+    /// Writes one where it is time, something has changed, or `is_over`.
+    pub(super) fn write(
+        &mut self,
+        operator: &Operator,
+        pulse: &Pulse,
+        published: &(PublishReport, usize),
+        now_ns: u64,
+        is_over: bool,
+    ) {
+        let now_mark = Mark::of(operator);
+        let changed = self.mark != Some(now_mark);
+        if !changed && now_ns < self.next_ns && !is_over {
+            return;
+        }
+        self.next_ns = now_ns + STATUS_EVERY_NS;
+        self.sequence += 1;
+        let status = snapshot(operator, pulse, published, self.sequence, now_ns);
+        let before = self.mark.filter(|_| changed);
+        let event = before.map(|before| now_mark.event(before));
+        // A publisher that hangs gets the next one.
+        let _full = self.snapshots.push(Snapshot { status, event });
+        self.mark = Some(now_mark);
+    }
+}
