@@ -405,3 +405,119 @@ fn a_network_that_is_not_the_one_of_the_file_is_told_in_plain_words() {
         });
     });
 }
+
+/// Brings the drives up, moves X, begins a fault, and waits until the feedback shows it and no drive turns any more.
+fn while_moving(
+    kind: FaultKind,
+    device: usize,
+    seen: fn(&Feedback) -> bool,
+    expected: &'static [&'static str],
+) {
+    unless_disturbed(move || {
+        on_bench(devices(), move |ring| {
+            with_bridge(
+                |_| {},
+                ring,
+                |core, ring, told| {
+                    core.bring_up();
+                    core.velocity_x = 20.0;
+                    for _ in 0..100 {
+                        core.cycle();
+                    }
+                    assert!(speeds(ring)[0] > 1.0, "X moves: {:?}", speeds(ring));
+                    begin(ring, kind, device, Some(1_000_000_000));
+                    core.until("the fault", seen);
+                    core.velocity_x = 0.0;
+                    let begin = Instant::now();
+                    while speeds(ring).iter().any(|speed| *speed > 0.02) {
+                        core.cycle();
+                        assert!(begin.elapsed() < Duration::from_secs(5), "{:?}", speeds(ring));
+                    }
+                    for text in expected {
+                        assert!(was_told(told, text), "{text}: {told:?}");
+                    }
+                },
+            );
+        });
+    });
+}
+
+#[test]
+fn a_cable_that_opens_stops_the_drives_before_and_behind_it() {
+    while_moving(
+        FaultKind::Break,
+        3,
+        |feedback| feedback.error_code == 0x7500 && states(feedback)[2] == Some(DriveState::Fault),
+        &["`z-drive` does not answer"],
+    );
+}
+
+#[test]
+fn a_device_that_does_not_count_stops_all_drives() {
+    while_moving(
+        FaultKind::WorkingCounter,
+        1,
+        |feedback| feedback.error_code == 0x7500,
+        &["working counter"],
+    );
+}
+
+#[test]
+fn safe_torque_off_of_one_drive_stops_all() {
+    while_moving(
+        FaultKind::TorqueOff,
+        2,
+        |feedback| {
+            states(feedback)
+                .iter()
+                .all(|state| *state != Some(DriveState::OperationEnabled))
+        },
+        &[],
+    );
+}
+
+#[test]
+fn an_overcurrent_is_told_with_its_code() {
+    while_moving(
+        FaultKind::Drive,
+        1,
+        |feedback| feedback.error_code == 0x2310,
+        &["drive of X: fault 2310h"],
+    );
+}
+
+#[test]
+fn a_load_that_is_blocked_is_a_following_error() {
+    while_moving(
+        FaultKind::Blocked,
+        1,
+        |feedback| feedback.error_code == 0x8611,
+        &["drive of X: fault 8611h"],
+    );
+}
+
+/// The switches of Z, which the network file names; those of X, which it does not, say nothing.
+#[test]
+fn limit_switches_are_told_where_the_network_file_names_them() {
+    unless_disturbed(|| {
+        on_bench(devices(), |ring| {
+            with_bridge(
+                |_| {},
+                ring,
+                |core, ring, _| {
+                    let before = core.bring_up();
+                    assert_eq!((before.negative_limit_mask, before.positive_limit_mask), (0, 0));
+                    for device in [1, 3] {
+                        begin(ring, FaultKind::Limit, device, Some(1_000_000_000));
+                    }
+                    core.until("both switches of Z", |feedback| {
+                        (feedback.negative_limit_mask, feedback.positive_limit_mask) == (0b100, 0b100)
+                    });
+                    core.until("none", |feedback| {
+                        (feedback.negative_limit_mask, feedback.positive_limit_mask) == (0, 0)
+                    });
+                },
+            );
+        });
+    });
+}
