@@ -1,16 +1,17 @@
 //! Whether a network fits a machine.
 
-use evolvent_machine::Machine;
+use evolvent_machine::{Machine, SignalKind};
 use evolvent_path::AxisLetter;
 use thiserror::Error;
 
-use crate::network::Network;
+use crate::network::{Network, NetworkDevice};
+use crate::signal::{Channel, ChannelForm, NetworkOutput, OutputSource};
 
 /// Increments a second that fit the velocity offset (60B1h) twice over.
 const MAX_INCREMENTS_PER_S: f64 = 1e9;
 
 /// Why a network does not fit a machine.
-#[derive(Clone, Copy, Debug, PartialEq, Error)]
+#[derive(Clone, Debug, PartialEq, Error)]
 pub enum FitError {
     /// The file is as a scan wrote it.
     #[error(
@@ -63,9 +64,52 @@ pub enum FitError {
         /// Increments a second.
         increments: f64,
     },
+    /// A device has a signal that the machine has not.
+    #[error(
+        "device `{device}` has the {direction} `{name}`, which the machine file does not have: check the name, or add [[{direction}]] there"
+    )]
+    NoSignal {
+        /// The device.
+        device: String,
+        /// `input` or `output`.
+        direction: &'static str,
+        /// Name of the signal, or `spindle` with its number.
+        name: String,
+    },
+    /// One file says digital and the other analog.
+    #[error(
+        "device `{device}`: the {direction} `{name}` is {machine} in the machine file; an entry with `values` is analog, one without is digital"
+    )]
+    SignalKind {
+        /// The device.
+        device: String,
+        /// `input` or `output`.
+        direction: &'static str,
+        /// Name of the signal.
+        name: String,
+        /// Kind in the machine file.
+        machine: &'static str,
+    },
+    /// The machine file lets programs ask for more than the channel gives.
+    #[error(
+        "device `{device}`: the output `{name}` may be {asked} by the machine file, its channel gives {least} to {most}: set min and max there, or `raw` and `values` here"
+    )]
+    SignalRange {
+        /// The device.
+        device: String,
+        /// Name of the signal, or `spindle` with its number.
+        name: String,
+        /// What may be asked for.
+        asked: f64,
+        /// Lowest value of the channel.
+        least: f64,
+        /// Highest value of the channel.
+        most: f64,
+    },
 }
 
-/// Compares axes, resolution, travel and velocity of both files.
+/// Compares axes, resolution, travel and velocity of both files, and signals: those of the network file exist in the machine file,
+/// digital ones as digital ones, and analog outputs reach what programs may ask for.
 ///
 /// # Errors
 /// The first thing that does not fit.
@@ -116,5 +160,110 @@ pub fn check_fit(machine: &Machine, network: &Network) -> Result<(), FitError> {
             });
         }
     }
+    for device in &network.devices {
+        check_inputs(machine, device)?;
+        for output in &device.outputs {
+            check_output(machine, device, output)?;
+        }
+    }
     Ok(())
+}
+
+const fn kind(channel: &Channel) -> SignalKind {
+    if channel.is_analog() {
+        SignalKind::Analog
+    } else {
+        SignalKind::Digital
+    }
+}
+
+fn check_inputs(machine: &Machine, device: &NetworkDevice) -> Result<(), FitError> {
+    for input in &device.inputs {
+        let listed = machine
+            .signals
+            .inputs
+            .iter()
+            .find(|listed| listed.name == input.name);
+        let (device, direction, name) = (device.name.clone(), "input", input.name.clone());
+        match listed {
+            None => {
+                return Err(FitError::NoSignal {
+                    device,
+                    direction,
+                    name,
+                });
+            }
+            Some(listed) if listed.kind != kind(&input.channel) => {
+                return Err(FitError::SignalKind {
+                    device,
+                    direction,
+                    name,
+                    machine: listed.kind.name(),
+                });
+            }
+            Some(_) => {}
+        }
+    }
+    Ok(())
+}
+
+fn check_output(machine: &Machine, device: &NetworkDevice, output: &NetworkOutput) -> Result<(), FitError> {
+    let device = device.name.clone();
+    let direction = "output";
+    let (name, asked) = match &output.source {
+        OutputSource::Named(name) => {
+            let listed = machine.signals.outputs.iter().find(|listed| listed.name == *name);
+            let name = name.clone();
+            match listed {
+                None => {
+                    return Err(FitError::NoSignal {
+                        device,
+                        direction,
+                        name,
+                    });
+                }
+                Some(listed) if listed.kind != kind(&output.channel) => {
+                    return Err(FitError::SignalKind {
+                        device,
+                        direction,
+                        name,
+                        machine: listed.kind.name(),
+                    });
+                }
+                Some(listed) => (name, [listed.range[0], listed.range[1], listed.safe]),
+            }
+        }
+        OutputSource::Function(function, number) if function.is_of_spindle() => {
+            let name = format!("spindle {number}");
+            match machine.signals.spindle(*number) {
+                None => {
+                    return Err(FitError::NoSignal {
+                        device,
+                        direction,
+                        name,
+                    });
+                }
+                Some(spindle) => (name, [0.0, spindle.max_rpm, 0.0]),
+            }
+        }
+        OutputSource::Function(..) => return Ok(()),
+    };
+    let ChannelForm::Analog(analog) = output.channel.form else {
+        return Ok(());
+    };
+    let [least, most] = analog.range();
+    // Without min and max in the machine file a program may ask for anything; the channel bounds it.
+    let asked = asked
+        .into_iter()
+        .find(|asked| asked.is_finite() && !(least..=most).contains(asked));
+    match asked {
+        Some(asked) => Err(FitError::SignalRange {
+            device,
+            name,
+            asked,
+            least,
+            most,
+        }),
+        None => Ok(()),
+    }
 }

@@ -78,6 +78,8 @@ impl FoundDevice {
 
 fn pdo_lines(device: &FoundDevice, mut line: impl FnMut(String)) {
     for (direction, pdos) in [("outputs", device.outputs()), ("inputs", device.inputs())] {
+        // By which signals are named in a network file.
+        let mut bit = 0;
         for pdo in pdos {
             line(
                 format!("{direction} {:04X}h {}", pdo.index, pdo.name)
@@ -86,14 +88,15 @@ fn pdo_lines(device: &FoundDevice, mut line: impl FnMut(String)) {
             );
             for entry in &pdo.entries {
                 let text = if entry.index == 0 {
-                    format!("  {} bits unused", entry.bits)
+                    format!("  bit {bit}: {} unused", entry.bits)
                 } else {
                     format!(
-                        "  {:04X}h:{:02X} {} bits {}",
+                        "  bit {bit}: {:04X}h:{:02X} {} bits {}",
                         entry.index, entry.sub_index, entry.bits, entry.name
                     )
                 };
                 line(text.trim_end().to_owned());
+                bit += u32::from(entry.bits);
             }
         }
     }

@@ -4,6 +4,7 @@
 //!   bus ── Setpoint ──► bus thread ══ queue ══► cycle: Follower ── target ─► Cia402 ──► process data ──► EtherCAT
 //!    ▲                      ▲                                                                            │
 //!    └───── Feedback ───────┴═════ queue ═══════ drives' positions, status words, switches ◄─────────────┘
+//!   bus ── MachineOutputs ──► OutputFollower ── bits and numbers ──► terminals ── MachineInputs ──► bus, by the same queues
 //! ```
 //!
 //! [`Network`] is what a network file says: devices with identity, start-up objects, and the axis of each drive with its [`Scale`],
@@ -40,6 +41,8 @@ mod run;
 mod scale;
 mod scan;
 mod session;
+mod signal;
+mod signal_set;
 mod sii;
 mod socket;
 mod time_driver;
@@ -53,4 +56,7 @@ pub use run::{BridgeReport, RunError, RunSettings, run};
 pub use scale::{Scale, ScaleError};
 pub use scan::{ScanError, scan};
 pub use session::SessionError;
+pub use signal::{
+    AnalogChannel, Channel, ChannelForm, NetworkInput, NetworkOutput, OutputFunction, OutputSource,
+};
 pub use sii::{Pdo, PdoEntry, SiiContents};

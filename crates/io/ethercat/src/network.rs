@@ -9,6 +9,7 @@ use serde::Deserialize;
 use thiserror::Error;
 
 use crate::scale::Scale;
+use crate::signal::{InputFile, NetworkInput, NetworkOutput, OutputFile, OutputSource, overlap};
 
 /// The largest file that is read, bytes.
 const MAX_FILE_BYTES: u64 = 1 << 20;
@@ -75,6 +76,12 @@ struct DeviceFile {
     startup: Vec<StartupFile>,
     /// The axis that this device drives; without it the device is a coupler or terminal.
     axis: Option<AxisFile>,
+    /// Inputs of the machine file that this device reads.
+    #[serde(default)]
+    input: Vec<InputFile>,
+    /// Outputs of the machine file that this device sets.
+    #[serde(default)]
+    output: Vec<OutputFile>,
 }
 
 /// An object to be written.
@@ -177,6 +184,10 @@ pub struct NetworkDevice {
     pub startup: Vec<Startup>,
     /// What it turns.
     pub axis: Option<NetworkAxis>,
+    /// Inputs that it reads.
+    pub inputs: Vec<NetworkInput>,
+    /// Outputs that it sets.
+    pub outputs: Vec<NetworkOutput>,
 }
 
 /// An object to be written, with its bytes.
@@ -283,6 +294,7 @@ impl Network {
                     "give each drive its own axis",
                 ));
             }
+            let (inputs, outputs) = check_signals(&sheet, &key, &device, &devices)?;
             devices.push(NetworkDevice {
                 name: device.name,
                 vendor: device.vendor,
@@ -290,6 +302,8 @@ impl Network {
                 revision: device.revision,
                 startup,
                 axis,
+                inputs,
+                outputs,
             });
         }
         if devices.iter().all(|device| device.axis.is_none()) {
@@ -308,6 +322,14 @@ impl Network {
         })
     }
 
+    /// Whether a device reads an input or sets an output.
+    #[must_use]
+    pub fn has_signals(&self) -> bool {
+        self.devices
+            .iter()
+            .any(|device| !device.inputs.is_empty() || !device.outputs.is_empty())
+    }
+
     /// Bit i set: axis i is driven.
     #[must_use]
     pub fn axes_mask(&self) -> u32 {
@@ -316,6 +338,57 @@ impl Network {
             .filter_map(|device| device.axis)
             .fold(0, |mask, axis| mask | 1 << axis.axis)
     }
+}
+
+/// Inputs and outputs of one device: each name once in the file, each bit once in the device.
+fn check_signals(
+    sheet: &ConfigDocument<'_>,
+    key: &str,
+    device: &DeviceFile,
+    before: &[NetworkDevice],
+) -> Result<(Vec<NetworkInput>, Vec<NetworkOutput>), ConfigError> {
+    let is_drive = device.axis.is_some();
+    let twice = |key: String, name: &str| {
+        let what = format!("`{name}` is a signal of another entry, too");
+        sheet.error(&key, what, "give each signal one place")
+    };
+    let shared = |key: String, bit: u32| {
+        let what = format!("bit {bit} belongs to another signal of this device, too");
+        sheet.error(&key, what, "give each signal its own bits")
+    };
+    let mut inputs: Vec<NetworkInput> = Vec::new();
+    for (i, entry) in device.input.iter().enumerate() {
+        let key = format!("{key}.input[{i}]");
+        let input = entry.check(sheet, &key, is_drive)?;
+        let mut others = before.iter().flat_map(|device| &device.inputs).chain(&inputs);
+        if others.any(|other| other.name == input.name) {
+            return Err(twice(format!("{key}.name"), &input.name));
+        }
+        if inputs.iter().any(|other| overlap(&other.channel, &input.channel)) {
+            return Err(shared(format!("{key}.bit"), input.channel.bit));
+        }
+        inputs.push(input);
+    }
+    let mut outputs: Vec<NetworkOutput> = Vec::new();
+    for (i, entry) in device.output.iter().enumerate() {
+        let key = format!("{key}.output[{i}]");
+        let output = entry.check(sheet, &key, is_drive)?;
+        let mut others = before.iter().flat_map(|device| &device.outputs).chain(&outputs);
+        // What a function shows may be shown twice: a lamp and a valve.
+        if let OutputSource::Named(name) = &output.source
+            && others.any(|other| other.source == output.source)
+        {
+            return Err(twice(format!("{key}.name"), name));
+        }
+        if outputs
+            .iter()
+            .any(|other| overlap(&other.channel, &output.channel))
+        {
+            return Err(shared(format!("{key}.bit"), output.channel.bit));
+        }
+        outputs.push(output);
+    }
+    Ok((inputs, outputs))
 }
 
 impl StartupFile {

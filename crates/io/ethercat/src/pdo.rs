@@ -196,6 +196,17 @@ impl PdoLayout {
         })
     }
 
+    /// First bit of the digital inputs; 0 where they are neither there nor needed.
+    pub(crate) fn digital_inputs_at(&self, needed: bool) -> Result<u32, PdoError> {
+        match self.digital_inputs {
+            Some(at) => Ok(8 * at as u32),
+            None if needed => Err(PdoError::Missing {
+                index: DIGITAL_INPUTS.index,
+            }),
+            None => Ok(0),
+        }
+    }
+
     pub(crate) fn write(&self, outputs: &DriveOutputs, image: &mut [u8]) {
         put(image, self.control_word, outputs.control_word.to_le_bytes());
         put(image, self.mode, outputs.mode.to_le_bytes());

@@ -6,7 +6,8 @@ use core::time::Duration;
 use std::panic::catch_unwind;
 
 use evolvent_bus::{
-    BusError, ClientBus, ClientConfig, Feedback, FeedbackSender, ReceiveError, SetpointReader,
+    BusError, ClientBus, ClientConfig, Feedback, FeedbackSender, InputSender, MachineInputs, OutputReader,
+    ReceiveError, SetpointReader,
 };
 use evolvent_machine::Machine;
 use evolvent_path::AxisLetter;
@@ -96,6 +97,8 @@ pub enum RunError {
 struct Ports {
     setpoints: SetpointReader,
     feedback: FeedbackSender,
+    /// Where the network has signals.
+    signals: Option<(OutputReader, InputSender)>,
     /// Ports live in the client's node.
     _client: ClientBus,
 }
@@ -117,6 +120,7 @@ pub fn run(
     let ended = AtomicBool::new(false);
     let (mut setpoints_in, mut setpoints) = RingBuffer::new(ROOM);
     let (mut feedback, mut feedback_out) = RingBuffer::new(ROOM);
+    let (mut inputs, mut inputs_out) = RingBuffer::new(ROOM);
     let (mut notices, mut notices_out) = RingBuffer::new(64);
     let (failures, failures_out) = std::sync::mpsc::channel::<SessionError>();
     std::thread::scope(|scope| {
@@ -133,6 +137,7 @@ pub fn run(
                 let mut ends = Ends {
                     setpoints: &mut setpoints,
                     feedback: &mut feedback,
+                    inputs: &mut inputs,
                     notices: &mut notices,
                     counters: &counters,
                     stop: &ended,
@@ -159,6 +164,7 @@ pub fn run(
             period_ns: &period_ns,
             setpoints: &mut setpoints_in,
             feedback: &mut feedback_out,
+            inputs: &mut inputs_out,
             connections: 0,
         };
         let result = drop_capabilities()
@@ -182,6 +188,7 @@ struct BusSide<'a> {
     period_ns: &'a AtomicU64,
     setpoints: &'a mut Producer<Incoming>,
     feedback: &'a mut Consumer<Feedback>,
+    inputs: &'a mut Consumer<MachineInputs>,
     connections: u32,
 }
 
@@ -214,9 +221,14 @@ impl BusSide<'_> {
                     Err(error) => return Err(error.into()),
                 }
             }
-            let is_broken = ports
-                .as_mut()
-                .is_some_and(|ports| self.pass_on(ports, &mut heard_ns));
+            let is_broken = match ports.as_mut() {
+                Some(ports) => self.pass_on(ports, &mut heard_ns),
+                None => {
+                    // The next core shall not hear what was meant for the last.
+                    while self.feedback.pop().is_ok() || self.inputs.pop().is_ok() {}
+                    false
+                }
+            };
             if is_broken || ports.is_some() && monotonic_ns().saturating_sub(heard_ns) > RECONNECT_NS {
                 ports = None;
             }
@@ -259,6 +271,15 @@ impl BusSide<'_> {
             // What does not leave is replaced by the next.
             let _lost = ports.feedback.send(&feedback);
         }
+        if let Some((outputs, inputs)) = &mut ports.signals {
+            // What comes damaged is followed by a message that is complete.
+            while let Ok(Some(message)) = outputs.receive() {
+                let _full = self.setpoints.push(Incoming::Outputs(message));
+            }
+            while let Ok(message) = self.inputs.pop() {
+                let _lost = inputs.send(&message);
+            }
+        }
         false
     }
 
@@ -276,6 +297,11 @@ impl BusSide<'_> {
         let ports = Ports {
             setpoints: client.bridge_setpoints()?,
             feedback: client.feedback_sender()?,
+            signals: if self.settings.network.has_signals() {
+                Some((client.outputs()?, client.input_sender()?))
+            } else {
+                None
+            },
             _client: client,
         };
         Ok((ports, letters, period_ns))

@@ -9,7 +9,7 @@ use ethercrab::{
     AlStatusCode, Command, DcSync, DefaultLock, MainDevice, MainDeviceConfig, PduStorage, RegisterAddress,
     SubDeviceGroup, SubDeviceRef, SubDeviceState, Timeouts,
 };
-use evolvent_bus::{Feedback, Setpoint};
+use evolvent_bus::{Feedback, MachineInputs, MachineOutputs, Setpoint};
 use evolvent_drive::{InterpolationError, InterpolationTime, SettingsError};
 use evolvent_machine::Machine;
 use rtrb::{Consumer, Producer};
@@ -21,6 +21,8 @@ use crate::drive_set::DriveSet;
 use crate::network::{MAX_DEVICES, Network, NetworkAxis, NetworkDevice, Startup};
 use crate::pdo::{Mapped, PdoError, PdoLayout, wanted_inputs, wanted_outputs};
 use crate::pump::Pump;
+use crate::signal::NetworkInput;
+use crate::signal_set::SignalSet;
 use crate::socket::PacketSocket;
 use crate::time_driver::monotonic_ns;
 
@@ -98,6 +100,20 @@ pub enum SessionError {
         /// What is wrong.
         why: PdoError,
     },
+    /// A signal of the file lies beyond the process data.
+    #[error(
+        "`{name}`: the network file has a signal up to bit {bit} of its {direction}s, of which there are {bits}: `--scan` lists them"
+    )]
+    SignalPlace {
+        /// Name in the file.
+        name: String,
+        /// `input` or `output`.
+        direction: &'static str,
+        /// The last bit of the signal.
+        bit: u32,
+        /// Bits that there are.
+        bits: usize,
+    },
     /// The period cannot be told to a drive.
     #[error(transparent)]
     Period(#[from] InterpolationError),
@@ -157,12 +173,9 @@ pub(crate) enum Notice {
 
 /// What comes from the bus.
 #[derive(Clone, Copy, Debug)]
-#[expect(
-    clippy::large_enum_variant,
-    reason = "a box would be freed by the cycle, and nearly all are setpoints"
-)]
 pub(crate) enum Incoming {
     Setpoint(Setpoint),
+    Outputs(MachineOutputs),
     OtherVersion,
 }
 
@@ -178,6 +191,7 @@ pub(crate) struct Counters {
 pub(crate) struct Ends<'a> {
     pub(crate) setpoints: &'a mut Consumer<Incoming>,
     pub(crate) feedback: &'a mut Producer<Feedback>,
+    pub(crate) inputs: &'a mut Producer<MachineInputs>,
     pub(crate) notices: &'a mut Producer<Notice>,
     pub(crate) counters: &'a Counters,
     pub(crate) stop: &'a AtomicBool,
@@ -219,30 +233,29 @@ impl Devices {
         }
     }
 
-    /// Calls with outputs and inputs of a device.
-    fn with_image<'m, R>(
+    /// Calls with the outputs of a device.
+    fn with_outputs<'m, R>(
         &self,
         main: &'m MainDevice<'m>,
         device: usize,
-        call: impl FnOnce(&mut [u8], &[u8]) -> R,
+        call: impl FnOnce(&mut [u8]) -> R,
     ) -> Result<R, Error> {
-        macro_rules! image {
-            ($group:expr) => {{
-                let subdevice = $group.subdevice(main, device)?;
-                let outputs_then = {
-                    let inputs = subdevice.inputs_raw();
-                    let mut copy = [0_u8; 256];
-                    let length = inputs.len().min(copy.len());
-                    copy[..length].copy_from_slice(&inputs[..length]);
-                    (copy, length)
-                };
-                let mut outputs = subdevice.outputs_raw_mut();
-                Ok(call(&mut outputs, &outputs_then.0[..outputs_then.1]))
-            }};
-        }
         match self {
-            Self::Clocked(group) => image!(group),
-            Self::Free(group) => image!(group),
+            Self::Clocked(group) => Ok(call(&mut group.subdevice(main, device)?.outputs_raw_mut())),
+            Self::Free(group) => Ok(call(&mut group.subdevice(main, device)?.outputs_raw_mut())),
+        }
+    }
+
+    /// Calls with the inputs of a device.
+    fn with_inputs<'m, R>(
+        &self,
+        main: &'m MainDevice<'m>,
+        device: usize,
+        call: impl FnOnce(&[u8]) -> R,
+    ) -> Result<R, Error> {
+        match self {
+            Self::Clocked(group) => Ok(call(&group.subdevice(main, device)?.inputs_raw())),
+            Self::Free(group) => Ok(call(&group.subdevice(main, device)?.inputs_raw())),
         }
     }
 }
@@ -283,13 +296,26 @@ pub(crate) fn run_session(
         Some(Err(error)) => return Err(error),
         None => return Err(failed("bringing the network up", &"it took more than a minute")),
     };
-    let drives = DriveSet::new(machine, network, period_ns, monotonic_ns())?;
+    let instance = monotonic_ns();
+    let drives = DriveSet::new(machine, network, period_ns, instance)?;
+    let mut signals = SignalSet::new(machine, network, instance);
+    let driving = (network.devices.iter().enumerate()).filter(|(_, device)| device.axis.is_some());
+    for ((device, listed), layout) in driving.zip(&layouts) {
+        let place = layout
+            .digital_inputs_at(!listed.inputs.is_empty())
+            .map_err(|why| SessionError::ProcessData {
+                name: listed.name.clone(),
+                why,
+            })?;
+        signals.move_inputs(device, place);
+    }
     let mut cycle = Cycle {
         main: &main,
         network,
         devices,
         layouts,
         drives,
+        signals,
         period_ns,
         expected: 0,
         lost: 0,
@@ -553,6 +579,7 @@ struct Cycle<'a, 'm> {
     devices: Devices,
     layouts: Vec<PdoLayout>,
     drives: DriveSet,
+    signals: SignalSet,
     period_ns: u64,
     /// Working counter of all devices.
     expected: u16,
@@ -578,6 +605,7 @@ impl<'m> Cycle<'_, 'm> {
             while let Ok(incoming) = ends.setpoints.pop() {
                 match incoming {
                     Incoming::Setpoint(setpoint) => self.drives.offer(now_ns, &setpoint),
+                    Incoming::Outputs(outputs) => self.signals.offer(now_ns, &outputs),
                     Incoming::OtherVersion => self.drives.refuse_version(),
                 }
             }
@@ -588,6 +616,7 @@ impl<'m> Cycle<'_, 'm> {
                 Err(error @ SessionError::Broken { .. }) => {
                     // Devices that still answer stop first.
                     self.drives.end();
+                    self.signals.end();
                     ending.get_or_insert((now_ns, Err(error)));
                     0
                 }
@@ -603,6 +632,7 @@ impl<'m> Cycle<'_, 'm> {
                 ends.stop.load(Ordering::Relaxed) || ends.period_ns.load(Ordering::Relaxed) != self.period_ns;
             if asked && ending.is_none() {
                 self.drives.end();
+                self.signals.end();
                 ending = Some((now_ns, Ok(())));
             }
             if let Some((since_ns, _)) = &ending
@@ -631,14 +661,48 @@ impl<'m> Cycle<'_, 'm> {
     /// The working counter of a frame that reaches every device: 2 for outputs, 1 for inputs.
     fn count(&self) -> Result<u16, SessionError> {
         let mut expected = 0;
-        for device in 0..self.network.devices.len() {
-            let counts = self.devices.with_image(self.main, device, |outputs, inputs| {
-                2 * u16::from(!outputs.is_empty()) + u16::from(!inputs.is_empty())
-            });
-            expected += counts.map_err(|error| SessionError::Main {
-                doing: "looking at process data",
-                why: error.to_string(),
-            })?;
+        let failed = |error: Error| SessionError::Main {
+            doing: "looking at process data",
+            why: error.to_string(),
+        };
+        for (device, listed) in self.network.devices.iter().enumerate() {
+            let outputs = (self.devices)
+                .with_outputs(self.main, device, |image| image.len())
+                .map_err(failed)?;
+            let inputs = (self.devices)
+                .with_inputs(self.main, device, |image| image.len())
+                .map_err(failed)?;
+            expected += 2 * u16::from(outputs > 0) + u16::from(inputs > 0);
+            let read =
+                |input: &NetworkInput| input.error_bit.map_or(0, |bit| bit + 1).max(input.channel.end());
+            let last = [
+                (
+                    "output",
+                    listed.outputs.iter().map(|output| output.channel.end()).max(),
+                    outputs,
+                ),
+                (
+                    "input",
+                    listed
+                        .inputs
+                        .iter()
+                        .filter(|_| listed.axis.is_none())
+                        .map(read)
+                        .max(),
+                    inputs,
+                ),
+            ];
+            for (direction, end, bytes) in last {
+                let bits = 8 * bytes;
+                if let Some(end) = end.filter(|end| *end as usize > bits) {
+                    return Err(SessionError::SignalPlace {
+                        name: listed.name.clone(),
+                        direction,
+                        bit: end - 1,
+                        bits,
+                    });
+                }
+            }
         }
         Ok(expected)
     }
@@ -651,6 +715,7 @@ impl<'m> Cycle<'_, 'm> {
         };
         if self.operational {
             self.drives.step(now_ns);
+            self.signals.step(now_ns);
         }
         let axes = self
             .network
@@ -661,8 +726,15 @@ impl<'m> Cycle<'_, 'm> {
         for (axis, (device, _)) in axes.clone().enumerate() {
             let (outputs, layout) = (self.drives.outputs(axis), self.layouts[axis]);
             self.devices
-                .with_image(self.main, device, |image, _| layout.write(&outputs, image))
+                .with_outputs(self.main, device, |image| layout.write(&outputs, image))
                 .map_err(internal)?;
+        }
+        for (device, listed) in self.network.devices.iter().enumerate() {
+            if !listed.outputs.is_empty() {
+                self.devices
+                    .with_outputs(self.main, device, |image| self.signals.write(device, image))
+                    .map_err(internal)?;
+            }
         }
         let answer = pump.complete(now_ns + self.period_ns * 9 / 10, self.devices.exchange(self.main));
         let exchanged = match answer {
@@ -688,16 +760,28 @@ impl<'m> Cycle<'_, 'm> {
         self.lost = 0;
         let all = self.all();
         let is_whole = exchanged.working_counter == self.expected;
+        // Where a device is missing the inputs of the others are good; where none is, nobody knows whose are not.
+        let is_known = |device: usize| {
+            is_whole || exchanged.operational & all != all && exchanged.operational >> device & 1 == 1
+        };
         for (axis, (device, _)) in axes.enumerate() {
             let layout = self.layouts[axis];
             let inputs = self
                 .devices
-                .with_image(self.main, device, |_, image| layout.read(image))
+                .with_inputs(self.main, device, |image| layout.read(image))
                 .map_err(internal)?;
-            // Where a device is missing the inputs of the others are good; where none is, nobody knows whose are not.
-            let is_known = exchanged.operational & all != all && exchanged.operational >> device & 1 == 1;
-            if is_whole || is_known {
+            if is_known(device) {
                 self.drives.take(axis, inputs);
+            }
+        }
+        for (device, listed) in self.network.devices.iter().enumerate() {
+            if !listed.inputs.is_empty() {
+                let signals = &mut self.signals;
+                self.devices
+                    .with_inputs(self.main, device, |image| {
+                        signals.read(device, is_known(device).then_some(image));
+                    })
+                    .map_err(internal)?;
             }
         }
         let judged = self.judge(&exchanged, ends);
@@ -705,6 +789,9 @@ impl<'m> Cycle<'_, 'm> {
             // What finds no room is replaced by the next.
             if let Some(feedback) = self.drives.feedback(monotonic_ns()) {
                 let _full = ends.feedback.push(feedback);
+            }
+            if let Some(message) = self.signals.message(monotonic_ns()) {
+                let _full = ends.inputs.push(message);
             }
         }
         judged?;

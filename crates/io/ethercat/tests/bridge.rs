@@ -26,8 +26,24 @@ fn devices() -> Vec<SubDevice> {
         ));
     }
     devices.push(SubDevice::terminal(TerminalKind::DigitalInput, 5));
+    devices.push(SubDevice::terminal(TerminalKind::DigitalOutput, 6));
     devices
 }
+
+/// Bit 2 of the outputs is output 0, bit 2 of the inputs input 0; the ring wires them.
+const SIGNALS: &str = r#"
+input = [{ name = "echo", bit = 2 }]
+
+[[device]]
+name = "outputs"
+vendor = 0x4556534D
+product = 0x2008
+output = [{ name = "lamp", bit = 2 }]
+"#;
+const MACHINE_SIGNALS: &str = r#"
+input = [{ name = "echo", number = 0 }]
+output = [{ name = "lamp", number = 0 }]
+"#;
 
 /// The bridge on a thread of this process.
 struct EthercatBridge {
@@ -38,7 +54,7 @@ struct EthercatBridge {
 impl BridgeUnderTest for EthercatBridge {
     fn start(&mut self, machine_name: &str, prefix: &str) -> Result<(), StartError> {
         self.end();
-        let mut network = Network::parse(NETWORK, "sim-mill.toml").expect("a network");
+        let mut network = Network::parse(&format!("{NETWORK}{SIGNALS}"), "sim-mill.toml").expect("a network");
         // The suite's period is 2 ms, the devices' watchdog 100 ms; a host that is busy may be late for so long.
         network.max_lost_cycles = 40;
         let settings = RunSettings {
@@ -86,10 +102,12 @@ fn it_does_what_every_bridge_must() {
     let wanted = std::env::var("EVOLVENT_CASE").ok();
     unless_disturbed(|| {
         let wanted = wanted.clone();
-        on_bench(devices(), move |_ring| {
+        on_bench(devices(), move |ring| {
+            ring.lock().expect("no panic").wire(5, 4);
             let text = evolvent_file_tests::shipped("machines/mill-3axis.toml");
             let mut bridge = EthercatBridge {
-                machine: Machine::parse(&text, "mill-3axis.toml").expect("a machine"),
+                machine: Machine::parse(&format!("{MACHINE_SIGNALS}{text}"), "mill-3axis.toml")
+                    .expect("a machine"),
                 running: None,
             };
             let mut failures = Vec::new();
@@ -104,7 +122,7 @@ fn it_does_what_every_bridge_must() {
                     core_program: None,
                     seed: 1,
                     moments: 2,
-                    has_signals: false,
+                    has_signals: true,
                 };
                 let result = run_case(case, &mut stage);
                 println!("{}: {result:?}", case.name);

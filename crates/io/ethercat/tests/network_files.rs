@@ -115,3 +115,161 @@ fn machine_and_network_are_compared() {
     let fine = text.replacen("turn_mm = 5 ", "turn_mm = 0.1 ", 1);
     assert!(matches!(check(&fine), Err(FitError::Travel { letter: 'X', .. })));
 }
+
+/// Inputs and outputs behind the shipped file's last device.
+const SIGNALS: &str = r#"
+input = [
+    { name = "door", bit = 0 },
+    { name = "level", bit = 8, values = [0, 10] },
+]
+output = [
+    { name = "clamp", bit = 0 },
+    { function = "spindle-speed", bit = 8, values = [0, 6000] },
+]
+"#;
+
+#[test]
+fn signals_are_refused_where_they_are_wrong() {
+    let good = format!("{}{SIGNALS}", shipped("networks/sim-mill.toml"));
+    assert!(Network::parse(&good, "good.toml").is_ok());
+    for (from, to, what) in [
+        (
+            "name = \"level\"",
+            "name = \"door\"",
+            "`door` is a signal of another entry, too",
+        ),
+        (
+            "bit = 8, values = [0, 10]",
+            "bit = 0",
+            "bit 0 belongs to another signal",
+        ),
+        (
+            "bit = 0 },\n    { name = \"level\"",
+            "bit = 15 },\n    { name = \"level\"",
+            "bit 8 belongs",
+        ),
+        ("bit = 8, values = [0, 10]", "bit = 8192", "out of range"),
+        (
+            "bit = 8, values = [0, 10]",
+            "bit = 8, bits = 12",
+            "a key of analog signals",
+        ),
+        ("values = [0, 10]", "values = [1, 1]", "two different values"),
+        ("values = [0, 10]", "values = [nan, 1]", "two different values"),
+        (
+            "values = [0, 10]",
+            "values = [0, 10], raw = [0, 32768]",
+            "numbers of 16 bits",
+        ),
+        (
+            "values = [0, 10]",
+            "values = [0, 10], bits = 12",
+            "numbers of 12 bits",
+        ),
+        ("values = [0, 10]", "values = [0, 10], bits = 33", "out of range"),
+        (
+            "values = [0, 10]",
+            "values = [0, 10], inverted = true",
+            "exchange the two numbers",
+        ),
+        (
+            "name = \"clamp\", bit = 0",
+            "bit = 0",
+            "needs `name` or `function`",
+        ),
+        (
+            "name = \"clamp\", bit",
+            "name = \"clamp\", function = \"flood\", bit",
+            "and not both",
+        ),
+        (
+            "name = \"clamp\", bit",
+            "name = \"clamp\", spindle = 0, bit",
+            "none of a spindle",
+        ),
+        (
+            "name = \"clamp\", bit",
+            "function = \"spindle-on\", spindle = 4, bit",
+            "out of range",
+        ),
+        (
+            "name = \"clamp\", bit",
+            "function = \"air\", bit",
+            "unknown variant",
+        ),
+        (
+            "name = \"clamp\", bit",
+            "function = \"spindle-speed\", bit",
+            "give `values`, in rpm",
+        ),
+        (", values = [0, 6000]", "", "give `values`, in rpm"),
+        (
+            "turn_mm = 5.08\n",
+            "turn_mm = 5.08\n[[device.output]]\nname = \"x\"\nbit = 0\n",
+            "outputs of a drive",
+        ),
+        (
+            "turn_mm = 5.08\n",
+            "turn_mm = 5.08\n[[device.input]]\nname = \"x\"\nbit = 32\n",
+            "digital inputs (60FDh)",
+        ),
+    ] {
+        // `limit_switches` of the shipped file follows the lead.
+        let text = good.replace("limit_switches = true ", "#");
+        assert!(text.contains(from), "{from}");
+        let error = Network::parse(&text.replacen(from, to, 1), "bad.toml")
+            .expect_err(to)
+            .to_string();
+        assert!(
+            error.starts_with("bad.toml:") && error.contains(what),
+            "{to}: {error}"
+        );
+    }
+}
+
+#[test]
+fn signals_are_compared_with_the_machine_file() {
+    let network = Network::parse(
+        &format!("{}{SIGNALS}", shipped("networks/sim-mill.toml")),
+        "network.toml",
+    )
+    .expect("a network");
+    let check = |signals: &str| {
+        let text = format!("{signals}\n{}", shipped("machines/mill-3axis.toml"));
+        check_fit(&Machine::parse(&text, "mill.toml").expect(signals), &network)
+    };
+    let good = r#"
+        input = [{ name = "door", number = 1 }, { name = "level", number = 2, kind = "analog" }]
+        output = [{ name = "clamp", number = 0 }]
+        spindle = [{ max_rpm = 6000 }]
+    "#;
+    assert_eq!(check(good), Ok(()));
+    for (from, to, what) in [
+        (
+            "\"door\"",
+            "\"gate\"",
+            "has the input `door`, which the machine file does not have",
+        ),
+        ("\"clamp\"", "\"vice\"", "has the output `clamp`"),
+        (
+            ", kind = \"analog\"",
+            "",
+            "the input `level` is digital in the machine file",
+        ),
+        (
+            "number = 0",
+            "number = 0, kind = \"analog\"",
+            "the output `clamp` is analog",
+        ),
+        ("spindle = [{ max_rpm = 6000 }]", "", "has the output `spindle 0`"),
+        (
+            "6000",
+            "6001",
+            "may be 6001 by the machine file, its channel gives 0 to 6000",
+        ),
+    ] {
+        assert!(good.contains(from), "{from}");
+        let error = check(&good.replacen(from, to, 1)).expect_err(to).to_string();
+        assert!(error.contains(what), "{to}: {error}");
+    }
+}

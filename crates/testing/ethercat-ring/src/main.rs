@@ -24,6 +24,9 @@ struct Arguments {
     /// A device; may be given several times, in the order of the ring. Default: coupler and one drive.
     #[arg(long = "device", value_enum, value_name = "KIND")]
     devices: Vec<Kind>,
+    /// Wires the outputs of a device to the inputs of another; may be given several times, devices count from 0.
+    #[arg(long = "wire", value_name = "FROM:TO", value_parser = parse_wire)]
+    wires: Vec<(usize, usize)>,
     /// A fault so many seconds after all devices were in OP: loss, delay, reorder, wkc, break, gone, drive, temperature, sto,
     /// blocked, limit, sdo-abort, sdo-wrong or slow-mailbox. May be given several times; devices count from 0.
     #[arg(long = "fault", value_name = "KIND@SECONDS[+DURATION][:DEVICE]")]
@@ -50,6 +53,8 @@ enum Kind {
     DigitalOut,
     /// 2 analog inputs.
     AnalogIn,
+    /// 2 analog outputs.
+    AnalogOut,
 }
 
 impl Kind {
@@ -62,8 +67,15 @@ impl Kind {
             Self::DigitalIn => terminal(TerminalKind::DigitalInput),
             Self::DigitalOut => terminal(TerminalKind::DigitalOutput),
             Self::AnalogIn => terminal(TerminalKind::AnalogInput),
+            Self::AnalogOut => terminal(TerminalKind::AnalogOutput),
         }
     }
+}
+
+fn parse_wire(text: &str) -> Result<(usize, usize), String> {
+    text.split_once(':')
+        .and_then(|(from, to)| Some((from.parse().ok()?, to.parse().ok()?)))
+        .ok_or_else(|| format!("`{text}` is no wire: expected FROM:TO, for example 5:4"))
 }
 
 fn main() -> ExitCode {
@@ -92,6 +104,9 @@ fn serve(arguments: &Arguments) -> std::io::Result<()> {
     let mut ring = Ring::new(devices, monotonic_ns());
     for fault in &arguments.faults {
         ring.add_fault(*fault);
+    }
+    for &(from, to) in &arguments.wires {
+        ring.wire(from, to);
     }
     let socket = PacketSocket::open(&arguments.interface).map_err(|error| {
         std::io::Error::new(

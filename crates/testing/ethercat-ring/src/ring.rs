@@ -28,6 +28,8 @@ pub struct Ring {
     devices: Vec<SubDevice>,
     faults: Vec<Fault>,
     has_supply: Vec<bool>,
+    /// From outputs to inputs.
+    wires: Vec<[usize; 2]>,
     operating_since_ns: Option<u64>,
     /// A frame that is to be overtaken.
     held: Option<Vec<u8>>,
@@ -45,6 +47,7 @@ impl Ring {
             has_supply: vec![true; devices.len()],
             devices,
             faults: Vec::new(),
+            wires: Vec::new(),
             operating_since_ns: None,
             held: None,
             frames: 0,
@@ -60,6 +63,11 @@ impl Ring {
     /// One device, to change what it sees.
     pub fn device_mut(&mut self, position: usize) -> Option<&mut SubDevice> {
         self.devices.get_mut(position)
+    }
+
+    /// Wires the outputs of one terminal to the inputs of another, both digital or both analog.
+    pub fn wire(&mut self, from: usize, to: usize) {
+        self.wires.push([from, to]);
     }
 
     /// Frames that came.
@@ -115,6 +123,13 @@ impl Ring {
             self.operating_since_ns = Some(now_ns);
         }
         self.apply_faults(now_ns);
+        for &[from, to] in &self.wires {
+            let outputs = self.devices.get(from).and_then(SubDevice::as_terminal).cloned();
+            let inputs = self.devices.get_mut(to).and_then(SubDevice::as_terminal_mut);
+            if let (Some(outputs), Some(inputs)) = (outputs, inputs) {
+                inputs.hear(&outputs);
+            }
+        }
         for (device, _) in self
             .devices
             .iter_mut()

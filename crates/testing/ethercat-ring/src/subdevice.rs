@@ -253,6 +253,15 @@ impl SubDevice {
     }
 
     /// The terminal, where it is one.
+    #[must_use]
+    pub const fn as_terminal(&self) -> Option<&Terminal> {
+        match &self.device {
+            Device::Terminal(terminal) => Some(terminal),
+            Device::Drive(_) => None,
+        }
+    }
+
+    /// The terminal, where it is one, to change what it sees.
     pub const fn as_terminal_mut(&mut self) -> Option<&mut Terminal> {
         match &mut self.device {
             Device::Terminal(terminal) => Some(terminal),

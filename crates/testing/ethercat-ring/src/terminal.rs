@@ -13,6 +13,8 @@ pub enum TerminalKind {
     DigitalOutput,
     /// 2 analog inputs of 16 bits with a status word, as EL3102. It has a mailbox.
     AnalogInput,
+    /// 2 analog outputs of 16 bits, as EL4102. It has a mailbox.
+    AnalogOutput,
 }
 
 /// One terminal.
@@ -21,7 +23,10 @@ pub struct Terminal {
     kind: TerminalKind,
     /// Digital inputs, or outputs as they are driven.
     bits: u8,
+    /// Analog inputs, or outputs as they are driven.
     analog: [i16; 2],
+    /// An analog input that is broken: bit 6 of its status.
+    broken: bool,
 }
 
 impl Terminal {
@@ -30,6 +35,7 @@ impl Terminal {
             kind,
             bits: 0,
             analog: [0; 2],
+            broken: false,
         }
     }
 
@@ -45,6 +51,26 @@ impl Terminal {
         self.bits
     }
 
+    /// Its analog inputs, or its outputs as they are driven.
+    #[must_use]
+    pub const fn analog(&self) -> [i16; 2] {
+        self.analog
+    }
+
+    /// Breaks the wires of the analog inputs: their status says so by bit 6.
+    pub const fn set_broken(&mut self, broken: bool) {
+        self.broken = broken;
+    }
+
+    /// Another terminal's outputs as they come in here.
+    pub(crate) const fn hear(&mut self, other: &Self) {
+        match (other.kind, self.kind) {
+            (TerminalKind::DigitalOutput, TerminalKind::DigitalInput) => self.bits = other.bits,
+            (TerminalKind::AnalogOutput, TerminalKind::AnalogInput) => self.analog = other.analog,
+            _ => {}
+        }
+    }
+
     /// Sets digital inputs.
     pub const fn set_inputs(&mut self, bits: u8) {
         if matches!(self.kind, TerminalKind::DigitalInput) {
@@ -54,7 +80,7 @@ impl Terminal {
 
     /// Sets an analog input.
     pub const fn set_analog(&mut self, channel: usize, value: i16) {
-        if channel < self.analog.len() {
+        if channel < self.analog.len() && matches!(self.kind, TerminalKind::AnalogInput) {
             self.analog[channel] = value;
         }
     }
@@ -65,11 +91,12 @@ impl Terminal {
             TerminalKind::DigitalInput => (0x1008, "SIM-EL1008", "8 digital inputs (test simulator)"),
             TerminalKind::DigitalOutput => (0x2008, "SIM-EL2008", "8 digital outputs (test simulator)"),
             TerminalKind::AnalogInput => (0x3102, "SIM-EL3102", "2 analog inputs (test simulator)"),
+            TerminalKind::AnalogOutput => (0x4102, "SIM-EL4102", "2 analog outputs (test simulator)"),
         }
     }
 
     pub(crate) const fn has_mailbox(&self) -> bool {
-        matches!(self.kind, TerminalKind::AnalogInput)
+        matches!(self.kind, TerminalKind::AnalogInput | TerminalKind::AnalogOutput)
     }
 
     /// Its objects, and its PDOs: each with the entries that it maps.
@@ -96,6 +123,18 @@ impl Terminal {
                         "Digital output",
                         ObjectCode::Record,
                         vec![bit],
+                    );
+                    (0x1600 + channel, vec![(0x7000 + 0x10 * channel, 1)])
+                })
+                .collect(),
+            TerminalKind::AnalogOutput => (0..2)
+                .map(|channel| {
+                    let value = Entry::integer("Value", t::INTEGER16, 0).output();
+                    objects.compound(
+                        0x7000 + 0x10 * channel,
+                        "Analog output",
+                        ObjectCode::Record,
+                        vec![value],
                     );
                     (0x1600 + channel, vec![(0x7000 + 0x10 * channel, 1)])
                 })
@@ -129,6 +168,12 @@ impl Terminal {
             });
             self.bits = if operational { driven } else { 0 };
         }
+        if self.kind == TerminalKind::AnalogOutput {
+            for (channel, value) in (0_u16..).zip(&mut self.analog) {
+                let driven = objects.integer(0x7000 + 0x10 * channel, 1) as i16;
+                *value = if operational { driven } else { 0 };
+            }
+        }
     }
 
     pub(crate) fn give_inputs(&self, objects: &mut Dictionary) {
@@ -139,11 +184,13 @@ impl Terminal {
                 }
             }
             TerminalKind::AnalogInput => {
+                let status = i64::from(self.broken) << 6;
                 for (channel, &value) in (0_u16..).zip(&self.analog) {
+                    objects.set_integer(0x6000 + 0x10 * channel, 1, status);
                     objects.set_integer(0x6000 + 0x10 * channel, 2, i64::from(value));
                 }
             }
-            TerminalKind::Coupler | TerminalKind::DigitalOutput => {}
+            TerminalKind::Coupler | TerminalKind::DigitalOutput | TerminalKind::AnalogOutput => {}
         }
     }
 }
