@@ -29,6 +29,7 @@
 //! feedback, which for the core is a stop; then the network is brought up again, under a new instance.
 
 mod axis;
+mod cycle_times;
 mod drive_set;
 mod fault_text;
 mod fit;
@@ -47,12 +48,13 @@ mod sii;
 mod socket;
 mod time_driver;
 
+pub use cycle_times::{CycleTime, CycleTimes};
 pub use fault_text::fault_text;
 pub use fit::{FitError, check_fit};
 pub use found::{FoundDevice, network_text, scan_json, scan_text};
 pub use network::{MAX_DEVICES, Network, NetworkAxis, NetworkDevice, NetworkError, Startup, network_schema};
 pub use pdo::PdoError;
-pub use run::{BridgeReport, RunError, RunSettings, run};
+pub use run::{BridgeReport, RunError, RunSettings, run, run_measured};
 pub use scale::{Scale, ScaleError};
 pub use scan::{ScanError, scan};
 pub use session::SessionError;

@@ -19,6 +19,8 @@ pub(crate) struct Pump<'s> {
     rx: PduRx<'s>,
     socket: &'s PacketSocket,
     buffer: [u8; 1600],
+    /// Time that was spent waiting for frames, ns.
+    waited_ns: u64,
 }
 
 impl<'s> Pump<'s> {
@@ -28,7 +30,13 @@ impl<'s> Pump<'s> {
             rx,
             socket,
             buffer: [0; 1600],
+            waited_ns: 0,
         }
+    }
+
+    /// Time that was spent waiting for frames since it was made, ns.
+    pub(crate) const fn waited_ns(&self) -> u64 {
+        self.waited_ns
     }
 
     /// Runs a future to its end, but not beyond `until_ns`: then it is dropped, and what it waited for is lost.
@@ -54,6 +62,7 @@ impl<'s> Pump<'s> {
                 .saturating_sub(now_ns)
                 .min(PATIENCE_NS);
             self.socket.wait(wait_ns);
+            self.waited_ns += monotonic_ns() - now_ns;
             while let Some(frame) = self.socket.receive(&mut self.buffer) {
                 // Late frames, of futures that are gone, and other traffic.
                 let _unknown = self.rx.receive_frame(frame);

@@ -14,6 +14,7 @@ use evolvent_path::AxisLetter;
 use rtrb::{Consumer, Producer, RingBuffer};
 use thiserror::Error;
 
+use crate::cycle_times::CycleTimes;
 use crate::fault_text::fault_text;
 use crate::network::Network;
 use crate::privileges::{drop_capabilities, raise_priority};
@@ -113,6 +114,19 @@ pub fn run(
     stop: &AtomicBool,
     tell: impl FnMut(&str),
 ) -> Result<BridgeReport, RunError> {
+    run_measured(settings, stop, tell, None)
+}
+
+/// As [`run`], and takes the times of its cycles.
+///
+/// # Errors
+/// As there.
+pub fn run_measured(
+    settings: &RunSettings,
+    stop: &AtomicBool,
+    tell: impl FnMut(&str),
+    times: Option<&CycleTimes>,
+) -> Result<BridgeReport, RunError> {
     let interface = settings.interface.clone();
     let socket =
         PacketSocket::open(&interface).map_err(|source| RunError::Interface { interface, source })?;
@@ -140,6 +154,7 @@ pub fn run(
                     inputs: &mut inputs,
                     notices: &mut notices,
                     counters: &counters,
+                    times,
                     stop: &ended,
                     period_ns: &period_ns,
                 };

@@ -17,6 +17,7 @@ use rustix::thread::clock_nanosleep_absolute;
 use rustix::time::{ClockId, Timespec};
 use thiserror::Error;
 
+use crate::cycle_times::{CycleTime, CycleTimes};
 use crate::drive_set::DriveSet;
 use crate::network::{MAX_DEVICES, Network, NetworkAxis, NetworkDevice, Startup};
 use crate::pdo::{Mapped, PdoError, PdoLayout, wanted_inputs, wanted_outputs};
@@ -24,7 +25,7 @@ use crate::pump::Pump;
 use crate::signal::NetworkInput;
 use crate::signal_set::SignalSet;
 use crate::socket::PacketSocket;
-use crate::time_driver::monotonic_ns;
+use crate::time_driver::{monotonic_ns, thread_ns};
 
 /// Frames on their way at once, and the data of each.
 const FRAMES: usize = 16;
@@ -194,6 +195,8 @@ pub(crate) struct Ends<'a> {
     pub(crate) inputs: &'a mut Producer<MachineInputs>,
     pub(crate) notices: &'a mut Producer<Notice>,
     pub(crate) counters: &'a Counters,
+    /// For benchmarks.
+    pub(crate) times: Option<&'a CycleTimes>,
     pub(crate) stop: &'a AtomicBool,
     /// The core's period; another one ends the session.
     pub(crate) period_ns: &'a AtomicU64,
@@ -601,6 +604,8 @@ impl<'m> Cycle<'_, 'm> {
         let mut ending: Option<(u64, Result<(), SessionError>)> = None;
         loop {
             sleep_until(next_ns);
+            let (woken_ns, waited_ns) = (monotonic_ns(), pump.waited_ns());
+            let processor_ns = ends.times.map_or(0, |_| thread_ns());
             let now_ns = next_ns;
             while let Ok(incoming) = ends.setpoints.pop() {
                 match incoming {
@@ -641,6 +646,16 @@ impl<'m> Cycle<'_, 'm> {
                 && let Some((_, result)) = ending.take()
             {
                 return result;
+            }
+            if let Some(times) = ends.times.filter(|_| self.operational) {
+                let whole_ns = monotonic_ns() - woken_ns;
+                let capped = |ns: u64| u32::try_from(ns).unwrap_or(u32::MAX);
+                times.take(CycleTime {
+                    late_ns: capped(woken_ns.saturating_sub(next_ns)),
+                    work_ns: capped(whole_ns.saturating_sub(pump.waited_ns() - waited_ns)),
+                    whole_ns: capped(whole_ns),
+                    processor_ns: capped(thread_ns() - processor_ns),
+                });
             }
             next_ns = next_ns
                 .wrapping_add(self.period_ns)

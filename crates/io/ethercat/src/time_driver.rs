@@ -12,6 +12,12 @@ pub(crate) fn monotonic_ns() -> u64 {
     now.tv_sec.unsigned_abs() * 1_000_000_000 + now.tv_nsec.unsigned_abs()
 }
 
+/// Processor time of the calling thread in ns.
+pub(crate) fn thread_ns() -> u64 {
+    let now = clock_gettime(ClockId::ThreadCPUTime);
+    now.tv_sec.unsigned_abs() * 1_000_000_000 + now.tv_nsec.unsigned_abs()
+}
+
 /// When a timer that was polled is over, in ticks.
 static NEXT: AtomicU64 = AtomicU64::new(u64::MAX);
 

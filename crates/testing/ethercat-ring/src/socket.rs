@@ -61,11 +61,11 @@ impl PacketSocket {
         Ok(Self { descriptor })
     }
 
-    /// The next frame; none within the time.
+    /// Waits for a frame; whether there is one.
     ///
     /// # Errors
     /// The interface is gone.
-    pub fn receive(&self, patience: Duration) -> io::Result<Option<Vec<u8>>> {
+    pub fn wait(&self, patience: Duration) -> io::Result<bool> {
         let mut poll = libc::pollfd {
             fd: self.descriptor.as_raw_fd(),
             events: libc::POLLIN,
@@ -78,10 +78,20 @@ impl PacketSocket {
         // SAFETY: one entry, a time, and no mask of signals.
         let ready = unsafe { libc::ppoll(&raw mut poll, 1, &raw const patience, core::ptr::null()) };
         match checked(i64::from(ready)) {
-            Ok(0) => return Ok(None),
-            Err(error) if error.kind() == io::ErrorKind::Interrupted => return Ok(None),
-            other => other?,
-        };
+            Ok(ready) => Ok(ready > 0),
+            Err(error) if error.kind() == io::ErrorKind::Interrupted => Ok(false),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// The next frame; none within the time.
+    ///
+    /// # Errors
+    /// The interface is gone.
+    pub fn receive(&self, patience: Duration) -> io::Result<Option<Vec<u8>>> {
+        if !self.wait(patience)? {
+            return Ok(None);
+        }
         let mut frame = vec![0_u8; 1600];
         // SAFETY: the buffer has the length that is told.
         let length = unsafe {
