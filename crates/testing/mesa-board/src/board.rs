@@ -1,0 +1,700 @@
+//! A board: its memory spaces, modules, pins, and what happens to packets.
+
+use crate::encoder::Encoder;
+use crate::fault::{Fault, FaultKind};
+use crate::layout::{BoardModel, PORT_WIDTH, tag};
+use crate::lbp16::{Memory, carry_out};
+use crate::step_generator::StepGenerator;
+
+/// Clock of the modules, and of the fast ones (PWM), Hz.
+const CLOCK_LOW: u32 = 100_000_000;
+const CLOCK_HIGH: u32 = 200_000_000;
+/// ns of one clock.
+const CLOCK_NS: u64 = 10;
+/// What the watchdog does not count with.
+const WATCHDOG_OFF: u32 = 1 << 31;
+/// How late replies are with [`FaultKind::Delay`], ns.
+const DELAY_NS: u64 = 5_000_000;
+/// How long a board needs to start again, ns.
+const START_NS: u64 = 100_000_000;
+const COOKIE: u32 = 0x55AA_CAFE;
+
+/// One I/O port.
+#[derive(Clone, Copy, Debug, Default)]
+struct Port {
+    output: u32,
+    direction: u32,
+    alternate: u32,
+    open_drain: u32,
+    invert: u32,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Pwm {
+    value: u32,
+    mode: u32,
+}
+
+impl Pwm {
+    /// -1 to 1.
+    fn duty(self) -> f64 {
+        let bits = 9 + (self.mode & 3);
+        let magnitude = f64::from(self.value >> 16 & 0xFFF) / f64::from((1_u32 << bits) - 1);
+        let magnitude = magnitude.min(1.0);
+        if self.value >> 31 == 1 {
+            -magnitude
+        } else {
+            magnitude
+        }
+    }
+}
+
+/// How many packets and registers were served.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Traffic {
+    /// Packets that came.
+    pub packets: u64,
+    /// Their bytes.
+    pub bytes_in: u64,
+    /// Replies that left.
+    pub replies: u64,
+    /// Their bytes.
+    pub bytes_out: u64,
+    /// Registers of HostMot2 that were read.
+    pub reads: u64,
+    /// Registers of HostMot2 that were written.
+    pub writes: u64,
+    /// Times that the watchdog was fed.
+    pub feeds: u64,
+    /// Commands that made no sense.
+    pub refused: u64,
+}
+
+/// A simulated board. Time comes in as an argument, in ns of any clock that never goes back.
+#[derive(Clone, Debug)]
+pub struct Board {
+    model: BoardModel,
+    now_ns: u64,
+    ports: Vec<Port>,
+    /// What the world drives the pins with.
+    levels: Vec<bool>,
+    /// Pins that are wired to others: from, to.
+    wires: Vec<(usize, usize)>,
+    functions: Vec<(u8, u8, u8)>,
+    step_generators: Vec<StepGenerator>,
+    dds: u32,
+    encoders: Vec<Encoder>,
+    encoder_divider: u32,
+    encoder_filter: u32,
+    pwms: Vec<Pwm>,
+    pwm_rate: u32,
+    pdm_rate: u32,
+    pwm_enable: u32,
+    leds: u32,
+    watchdog_timer: u32,
+    watchdog_left: u64,
+    watchdog_bitten: bool,
+    scratch: [u16; 8],
+    pointers: [u16; 8],
+    counters: [u16; 16],
+    traffic: Traffic,
+    faults: Vec<Fault>,
+    /// When the watchdog was fed first: faults count from here.
+    armed_ns: Option<u64>,
+    bite_is_over: bool,
+    reset_is_over: bool,
+    starts_ns: u64,
+    half: bool,
+    held: Option<Vec<u8>>,
+    late: Vec<(u64, Vec<u8>)>,
+    log: Option<Vec<(u16, bool)>>,
+}
+
+impl Board {
+    /// A board that was just supplied.
+    #[must_use]
+    pub fn new(model: BoardModel, now_ns: u64) -> Self {
+        Self {
+            model,
+            now_ns,
+            ports: vec![Port::default(); model.ports()],
+            levels: vec![true; model.pins()],
+            wires: Vec::new(),
+            functions: model.pin_functions(),
+            step_generators: vec![StepGenerator::default(); model.step_generators()],
+            dds: u32::MAX,
+            encoders: vec![Encoder::default(); model.encoders()],
+            encoder_divider: 0,
+            encoder_filter: 0xFFF,
+            pwms: vec![Pwm::default(); model.pwms()],
+            pwm_rate: 0,
+            pdm_rate: 0,
+            pwm_enable: 0,
+            leds: 0,
+            watchdog_timer: u32::MAX,
+            watchdog_left: 0,
+            watchdog_bitten: false,
+            scratch: [0; 8],
+            pointers: [0; 8],
+            counters: [0; 16],
+            traffic: Traffic::default(),
+            faults: Vec::new(),
+            armed_ns: None,
+            bite_is_over: false,
+            reset_is_over: false,
+            starts_ns: now_ns,
+            half: false,
+            held: None,
+            late: Vec::new(),
+            log: None,
+        }
+    }
+
+    /// Puts a fault on the schedule.
+    pub fn add_fault(&mut self, fault: Fault) {
+        self.faults.push(fault);
+    }
+
+    /// Takes all faults off, and lets those that happen once happen again.
+    pub fn clear_faults(&mut self) {
+        self.faults.clear();
+        (self.bite_is_over, self.reset_is_over) = (false, false);
+    }
+
+    /// A fault from now on, for so long.
+    pub fn fault_now(&mut self, kind: FaultKind, duration_ns: Option<u64>) {
+        (self.bite_is_over, self.reset_is_over) = (false, false);
+        let armed_ns = *self.armed_ns.get_or_insert(self.now_ns);
+        self.faults.push(Fault {
+            kind,
+            at_ns: self.now_ns - armed_ns,
+            duration_ns,
+        });
+    }
+
+    /// Steps that the motor of a step generator has turned; 0 where there is none.
+    #[must_use]
+    pub fn motor_steps(&self, unit: usize) -> f64 {
+        self.step_generators
+            .get(unit)
+            .map_or(0.0, StepGenerator::motor_position)
+    }
+
+    /// How often that motor fell out of step.
+    #[must_use]
+    pub fn motor_stalls(&self, unit: usize) -> u32 {
+        self.step_generators
+            .get(unit)
+            .map_or(0, StepGenerator::motor_stalls)
+    }
+
+    /// Steps/s of a step generator as it is set.
+    #[must_use]
+    pub fn step_rate(&self, unit: usize) -> f64 {
+        self.step_generators.get(unit).map_or(0.0, |generator| {
+            f64::from(generator.rate as i32) * f64::from(CLOCK_LOW) / 4_294_967_296.0
+        })
+    }
+
+    /// What the motor of a step generator can do: highest rate, steps/s, and by how much it may change at once.
+    pub fn set_motor(&mut self, unit: usize, max_rate: f64, max_jump: f64) {
+        if let Some(generator) = self.step_generators.get_mut(unit) {
+            generator.set_motor(max_rate, max_jump);
+        }
+    }
+
+    /// Step length, step space, direction setup and hold of a step generator, in ns.
+    #[must_use]
+    pub fn step_times_ns(&self, unit: usize) -> [u64; 4] {
+        self.step_generators.get(unit).map_or([0; 4], |generator| {
+            [
+                (u64::from(generator.step_length) + 1) * CLOCK_NS,
+                (u64::from(generator.step_space) + 1) * CLOCK_NS,
+                u64::from(generator.dir_setup) * CLOCK_NS,
+                u64::from(generator.dir_hold) * CLOCK_NS,
+            ]
+        })
+    }
+
+    /// Counts of a shaft since the beginning.
+    #[must_use]
+    pub fn shaft(&self, unit: usize) -> f64 {
+        self.encoders.get(unit).map_or(0.0, Encoder::shaft)
+    }
+
+    /// Puts a shaft somewhere.
+    pub fn set_shaft(&mut self, unit: usize, counts: f64) {
+        if let Some(encoder) = self.encoders.get_mut(unit) {
+            encoder.set_shaft(counts);
+        }
+    }
+
+    /// Counts a turn of a shaft, and counts/s at full PWM of its number.
+    pub fn set_drive(&mut self, unit: usize, counts_per_turn: i64, full_speed: f64) {
+        if let Some(encoder) = self.encoders.get_mut(unit) {
+            encoder.set_drive(counts_per_turn, full_speed);
+        }
+    }
+
+    /// -1 to 1, as the pin of a PWM generator has it.
+    #[must_use]
+    pub fn duty(&self, unit: usize) -> f64 {
+        let runs = self.pwm_enable >> unit & 1 == 1 && self.is_connected(tag::PWM, unit, 0x81);
+        if runs { self.pwms[unit].duty() } else { 0.0 }
+    }
+
+    /// What the world drives a pin with.
+    pub fn set_level(&mut self, pin: usize, on: bool) {
+        if let Some(level) = self.levels.get_mut(pin) {
+            *level = on;
+        }
+    }
+
+    /// Wires an output to an input.
+    pub fn wire(&mut self, from: usize, to: usize) {
+        self.wires.push((from, to));
+    }
+
+    /// The level at a pin; pins that nobody drives are high.
+    #[must_use]
+    pub fn level(&self, pin: usize) -> bool {
+        let port = self.ports[pin / PORT_WIDTH];
+        let bit = |register: u32| register >> (pin % PORT_WIDTH) & 1 == 1;
+        if bit(port.open_drain) {
+            return bit(port.output) ^ bit(port.invert);
+        }
+        if bit(port.direction) && !bit(port.alternate) {
+            return bit(port.output) ^ bit(port.invert);
+        }
+        let wired = self.wires.iter().find(|(from, to)| *to == pin && *from != pin);
+        wired.map_or(self.levels[pin], |(from, _)| self.level(*from))
+    }
+
+    /// Whether the board drives a pin.
+    #[must_use]
+    pub fn is_driven(&self, pin: usize) -> bool {
+        self.ports[pin / PORT_WIDTH].direction >> (pin % PORT_WIDTH) & 1 == 1
+    }
+
+    /// Whether the watchdog has bitten.
+    #[must_use]
+    pub const fn has_bitten(&self) -> bool {
+        self.watchdog_bitten
+    }
+
+    /// What was served so far.
+    #[must_use]
+    pub const fn traffic(&self) -> Traffic {
+        self.traffic
+    }
+
+    /// From now on every access to a register of HostMot2 is kept: its address, and whether it was written.
+    pub fn keep_log(&mut self) {
+        self.log = Some(Vec::new());
+    }
+
+    /// The accesses since then, or since the last call.
+    pub fn take_log(&mut self) -> Vec<(u16, bool)> {
+        self.log.as_mut().map(std::mem::take).unwrap_or_default()
+    }
+
+    fn is_active(&self, kind: FaultKind) -> bool {
+        let Some(armed_ns) = self.armed_ns else {
+            return self
+                .faults
+                .iter()
+                .any(|fault| fault.kind == kind && fault.at_ns == 0);
+        };
+        let since_ns = self.now_ns.saturating_sub(armed_ns);
+        self.faults
+            .iter()
+            .any(|fault| fault.kind == kind && fault.is_active(since_ns))
+    }
+
+    /// Whether a pin of a module is an output of that module.
+    fn is_connected(&self, tag: u8, unit: usize, pin: u8) -> bool {
+        let found = self
+            .functions
+            .iter()
+            .position(|function| *function == (tag, unit as u8, pin));
+        found.is_some_and(|pin| {
+            let port = self.ports[pin / PORT_WIDTH];
+            (port.direction & port.alternate) >> (pin % PORT_WIDTH) & 1 == 1
+        })
+    }
+
+    /// Goes on to a moment.
+    pub fn advance(&mut self, now_ns: u64) {
+        let clocks = now_ns.saturating_sub(self.now_ns) / CLOCK_NS;
+        if clocks == 0 {
+            return;
+        }
+        self.now_ns += clocks * CLOCK_NS;
+        // Until the watchdog bites, and from then on.
+        let is_awake = self.watchdog_timer & WATCHDOG_OFF == 0 && !self.watchdog_bitten;
+        if is_awake && clocks > self.watchdog_left {
+            let left = self.watchdog_left;
+            self.turn(left);
+            self.bite();
+            self.turn(clocks - left);
+        } else {
+            if is_awake {
+                self.watchdog_left -= clocks;
+            }
+            self.turn(clocks);
+        }
+        if self.is_active(FaultKind::Bite) && !self.bite_is_over {
+            self.bite_is_over = true;
+            self.bite();
+        }
+        if self.is_active(FaultKind::Reset) && !self.reset_is_over {
+            self.reset_is_over = true;
+            self.reset();
+        }
+    }
+
+    fn turn(&mut self, clocks: u64) {
+        let time_s = clocks as f64 / f64::from(CLOCK_LOW);
+        for unit in 0..self.step_generators.len() {
+            let step = self.is_connected(tag::STEP_GENERATOR, unit, 0x81);
+            let reaches = step && self.is_connected(tag::STEP_GENERATOR, unit, 0x82);
+            self.step_generators[unit].advance(clocks, f64::from(CLOCK_LOW), reaches);
+        }
+        let timestamp = (self.now_ns / 1000) as u16;
+        for unit in 0..self.encoders.len() {
+            let duty = if unit < self.pwms.len() {
+                self.duty(unit)
+            } else {
+                0.0
+            };
+            self.encoders[unit].advance(time_s, duty, timestamp);
+        }
+    }
+
+    /// All pins become inputs; the modules go on.
+    fn bite(&mut self) {
+        self.watchdog_bitten = true;
+        for port in &mut self.ports {
+            (port.direction, port.open_drain) = (0, 0);
+        }
+    }
+
+    fn reset(&mut self) {
+        self.starts_ns = self.now_ns + START_NS;
+        self.ports.fill(Port::default());
+        self.step_generators.iter_mut().for_each(StepGenerator::reset);
+        self.encoders.iter_mut().for_each(Encoder::reset);
+        self.pwms.fill(Pwm::default());
+        (self.pwm_enable, self.leds) = (0, 0);
+        (self.watchdog_timer, self.watchdog_bitten) = (u32::MAX, false);
+        (self.scratch, self.counters, self.pointers) = ([0; 8], [0; 16], [0; 8]);
+    }
+
+    /// A packet has come. The replies that leave at once are handed to `send`; see [`Board::due`] for those that leave later.
+    pub fn receive(&mut self, now_ns: u64, packet: &[u8], mut send: impl FnMut(&[u8])) {
+        self.advance(now_ns);
+        self.half = !self.half;
+        let is_lost = self.is_active(FaultKind::LossIn)
+            || self.now_ns < self.starts_ns
+            || self.is_active(FaultKind::Half) && self.half;
+        if is_lost {
+            return;
+        }
+        self.traffic.packets += 1;
+        self.traffic.bytes_in += packet.len() as u64;
+        self.counters[4] = self.counters[4].wrapping_add(1);
+        self.counters[5] = self.counters[5].wrapping_add(1);
+        let (mut reply, mut pointers) = (Vec::new(), self.pointers);
+        carry_out(packet, &mut pointers, self, &mut reply);
+        self.pointers = pointers;
+        if reply.is_empty() {
+            return;
+        }
+        self.counters[7] = self.counters[7].wrapping_add(1);
+        self.counters[8] = self.counters[8].wrapping_add(1);
+        if self.is_active(FaultKind::LossOut) {
+            return;
+        }
+        if self.is_active(FaultKind::Short) {
+            reply.truncate(reply.len() / 2);
+        }
+        self.traffic.replies += 1;
+        self.traffic.bytes_out += reply.len() as u64;
+        if self.is_active(FaultKind::Delay) {
+            self.late.push((self.now_ns + DELAY_NS, reply));
+        } else if self.is_active(FaultKind::Reorder) && self.held.is_none() {
+            self.held = Some(reply);
+        } else {
+            send(&reply);
+            if let Some(held) = self.held.take() {
+                send(&held);
+            }
+        }
+    }
+
+    /// Replies whose time has come.
+    pub fn due(&mut self, now_ns: u64, mut send: impl FnMut(&[u8])) {
+        self.advance(now_ns);
+        self.late.retain(|(due_ns, reply)| {
+            if *due_ns <= now_ns {
+                send(reply);
+            }
+            *due_ns > now_ns
+        });
+    }
+
+    fn idrom(&self, address: u16) -> u32 {
+        let name = self.model.idrom_name();
+        let part = |i: usize| u32::from_le_bytes([name[i], name[i + 1], name[i + 2], name[i + 3]]);
+        match address {
+            0x400 => 3,
+            0x404 => 0x40,
+            0x408 => 0x200,
+            0x40C => part(0),
+            0x410 => part(4),
+            0x414 => 9,
+            0x418 => 144,
+            0x41C => self.model.ports() as u32,
+            0x420 => self.model.pins() as u32,
+            0x424 => PORT_WIDTH as u32,
+            0x428 => CLOCK_LOW,
+            0x42C => CLOCK_HIGH,
+            0x430 => 4,
+            0x434 => 0x40,
+            0x438 => 0x100,
+            0x43C => 4,
+            0x440..0x600 => {
+                let modules = self.model.modules();
+                let Some(module) = modules.get(usize::from(address - 0x440) / 12) else {
+                    return 0;
+                };
+                match (address - 0x440) % 12 / 4 {
+                    0 => u32::from_le_bytes([
+                        module.tag,
+                        module.version,
+                        1 + u8::from(module.is_fast),
+                        module.instances,
+                    ]),
+                    1 => u32::from(module.base) | u32::from(module.registers) << 16,
+                    _ => module.multiple,
+                }
+            }
+            0x600..0x800 => {
+                let function = self.functions.get(usize::from(address - 0x600) / 4);
+                function.map_or(0, |&(tag, unit, pin)| {
+                    u32::from_le_bytes([pin, tag, unit, tag::IO_PORT])
+                })
+            }
+            _ => 0,
+        }
+    }
+
+    fn read_register(&mut self, address: u16) -> u32 {
+        self.traffic.reads += 1;
+        if let Some(log) = &mut self.log {
+            log.push((address, false));
+        }
+        let unit = usize::from(address & 0xFF) / 4;
+        let generator = |get: fn(&StepGenerator) -> u32| self.step_generators.get(unit).map_or(0, get);
+        match address & 0xFF00 {
+            0x0100 => match address {
+                0x100 if self.is_active(FaultKind::Cookie) => 0x1234_5678,
+                0x100 => COOKIE,
+                0x104 => u32::from_le_bytes(*b"HOST"),
+                0x108 => u32::from_le_bytes(*b"MOT2"),
+                0x10C => 0x400,
+                _ => 0,
+            },
+            0x0200 => self.leds,
+            0x0400..=0x0700 => self.idrom(address),
+            0x0C00 => self.watchdog_timer,
+            0x0D00 => u32::from(self.watchdog_bitten),
+            0x1000 if unit < self.ports.len() => {
+                let pins = unit * PORT_WIDTH..(unit + 1) * PORT_WIDTH;
+                pins.rev()
+                    .fold(0, |bits, pin| bits << 1 | u32::from(self.level(pin)))
+            }
+            0x1100 => self.ports.get(unit).map_or(0, |port| port.direction),
+            0x1200 => self.ports.get(unit).map_or(0, |port| port.alternate),
+            0x1300 => self.ports.get(unit).map_or(0, |port| port.open_drain),
+            0x1400 => self.ports.get(unit).map_or(0, |port| port.invert),
+            0x2000 => generator(|generator| generator.rate),
+            0x2100 => generator(StepGenerator::accumulator),
+            0x3000 => self.encoders.get(unit).map_or(0, Encoder::count),
+            0x3100 => self.encoders.get(unit).map_or(0, Encoder::control),
+            0x3200 => self.encoder_divider,
+            0x3300 => (self.now_ns / 1000) as u32 & 0xFFFF,
+            0x3400 => self.encoder_filter,
+            0x4000 => self.pwms.get(unit).map_or(0, |pwm| pwm.value),
+            0x4100 => self.pwms.get(unit).map_or(0, |pwm| pwm.mode),
+            _ => 0,
+        }
+    }
+
+    fn write_register(&mut self, address: u16, value: u32) {
+        self.traffic.writes += 1;
+        if let Some(log) = &mut self.log {
+            log.push((address, true));
+        }
+        let unit = usize::from(address & 0xFF) / 4;
+        let area = address & 0xFF00;
+        match area {
+            0x0200 => self.leds = value,
+            0x0C00 => self.watchdog_timer = value,
+            0x0D00 => self.watchdog_bitten = value & 1 == 1,
+            0x0E00 if value >> 24 == 0x5A => {
+                self.traffic.feeds += 1;
+                self.watchdog_left = u64::from(self.watchdog_timer) + 1;
+                self.armed_ns.get_or_insert(self.now_ns);
+            }
+            0x1000..=0x1400 => {
+                let is_bitten = self.watchdog_bitten;
+                let Some(port) = self.ports.get_mut(unit) else {
+                    return;
+                };
+                match area {
+                    0x1000 => port.output = value,
+                    0x1100 if !is_bitten => port.direction = value,
+                    0x1200 => port.alternate = value,
+                    0x1300 if !is_bitten => port.open_drain = value,
+                    0x1400 => port.invert = value,
+                    _ => {}
+                }
+            }
+            0x2900 => self.dds = value,
+            0x2000..=0x2600 => {
+                let Some(generator) = self.step_generators.get_mut(unit) else {
+                    return;
+                };
+                let time = value & 0x3FFF;
+                match area {
+                    0x2000 => generator.rate = value,
+                    0x2100 => generator.set_accumulator(value),
+                    0x2200 => generator.mode = value & 3,
+                    0x2300 => generator.dir_setup = time,
+                    0x2400 => generator.dir_hold = time,
+                    0x2500 => generator.step_length = time,
+                    _ => generator.step_space = time,
+                }
+            }
+            0x3000 => {
+                if let Some(encoder) = self.encoders.get_mut(unit) {
+                    encoder.clear();
+                }
+            }
+            0x3100 => {
+                if let Some(encoder) = self.encoders.get_mut(unit) {
+                    encoder.set_control(value);
+                }
+            }
+            0x3200 => self.encoder_divider = value,
+            0x3400 => self.encoder_filter = value,
+            0x4000 | 0x4100 => {
+                let Some(pwm) = self.pwms.get_mut(unit) else {
+                    return;
+                };
+                if area == 0x4000 {
+                    pwm.value = value;
+                } else {
+                    pwm.mode = value;
+                }
+            }
+            0x4200 => self.pwm_rate = value,
+            0x4300 => self.pdm_rate = value,
+            0x4400 => self.pwm_enable = value,
+            _ => {}
+        }
+    }
+
+    /// A word of the spaces that are 16 bits wide.
+    fn read_word(&self, space: u8, address: u16) -> u16 {
+        let index = usize::from(address) / 2;
+        match space {
+            // The EEPROM: MAC address, name, address of the board.
+            2 => match address {
+                0x02 => 0x0001,
+                0x04 => 0x1B20,
+                0x06 => 0x0060,
+                0x10..0x20 => name_word(self.model.card_name(), index - 8),
+                0x20 => 0x0179,
+                0x22 => 0xC0A8,
+                _ => 0xFFFF,
+            },
+            4 => match address {
+                0x00 => (self.now_ns / 1000) as u16,
+                0x10..0x20 => self.scratch[index - 8],
+                _ => 0,
+            },
+            6 => self.counters.get(index).copied().unwrap_or(0),
+            7 => match address {
+                0x00..0x10 => name_word(self.model.card_name(), index),
+                0x10 => 3,
+                0x12 => 18,
+                _ => 0,
+            },
+            _ => 0,
+        }
+    }
+}
+
+/// Two characters of a name, low byte first.
+fn name_word(name: &str, index: usize) -> u16 {
+    let byte = |i: usize| name.as_bytes().get(i).copied().unwrap_or(0);
+    u16::from_le_bytes([byte(2 * index), byte(2 * index + 1)])
+}
+
+impl Memory for Board {
+    fn read(&mut self, space: u8, address: u16, bytes: usize) -> u64 {
+        match (space, bytes) {
+            (0, 4) => u64::from(self.read_register(address & !3)),
+            (0, _) => {
+                let register = self.read_register(address & !3);
+                u64::from(register) >> (8 * (address & 3))
+            }
+            (_, 1) => u64::from(self.read_word(space, address & !1)) >> (8 * (address & 1)),
+            (_, 2) => u64::from(self.read_word(space, address)),
+            _ => {
+                self.refused();
+                0
+            }
+        }
+    }
+
+    fn write(&mut self, space: u8, address: u16, bytes: usize, value: u64) {
+        match (space, bytes) {
+            (0, 4) => self.write_register(address & !3, value as u32),
+            (4, 2) if (0x10..0x20).contains(&address) => {
+                self.scratch[usize::from(address - 0x10) / 2] = value as u16;
+            }
+            (6, 2) if address < 0x20 => self.counters[usize::from(address) / 2] = value as u16,
+            // Waiting times and the LEDs of the protocol.
+            (4 | 6 | 7, 2) => {}
+            _ => self.refused(),
+        }
+    }
+
+    fn information(&mut self, space: u8, address: u16) -> u16 {
+        const NAMES: [&str; 8] = [
+            "HostMot2", "KSZ8851", "EtherEEP", "FPGAFlsh", "Timers", "", "LBP16RW", "LBP16RO",
+        ];
+        match address {
+            0 => 0x5A00 | u16::from(space),
+            2 => {
+                if space == 0 {
+                    4
+                } else {
+                    2
+                }
+            }
+            4 => 16,
+            6 => self.pointers[usize::from(space)],
+            8..16 => name_word(NAMES[usize::from(space)], usize::from(address - 8) / 2),
+            _ => 0,
+        }
+    }
+
+    fn refused(&mut self) {
+        self.traffic.refused += 1;
+        self.counters[1] = self.counters[1].wrapping_add(1);
+    }
+}

@@ -1,0 +1,158 @@
+//! Which modules a simulated board has, and what is at its pins.
+
+/// Function tags of modules and pins.
+pub(crate) mod tag {
+    pub(crate) const WATCHDOG: u8 = 0x02;
+    pub(crate) const IO_PORT: u8 = 0x03;
+    pub(crate) const ENCODER: u8 = 0x04;
+    pub(crate) const STEP_GENERATOR: u8 = 0x05;
+    pub(crate) const PWM: u8 = 0x06;
+    pub(crate) const LED: u8 = 0x80;
+}
+
+/// Pins of one connector of these boards.
+pub(crate) const PORT_WIDTH: usize = 17;
+
+/// A board that is simulated.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BoardModel {
+    /// Two connectors of 17 pins: 5 step generators and an encoder on the first.
+    B7i92,
+    /// 11 inputs, 6 outputs, 5 step generators, an encoder, a PWM generator.
+    B7i96s,
+    /// 5 step generators and an encoder.
+    B7i76e,
+    /// 6 encoders, 6 PWM generators for analog outputs.
+    B7i97,
+}
+
+/// A module descriptor's figures.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Module {
+    pub(crate) tag: u8,
+    pub(crate) version: u8,
+    pub(crate) is_fast: bool,
+    pub(crate) instances: u8,
+    pub(crate) base: u16,
+    pub(crate) registers: u8,
+    pub(crate) multiple: u32,
+}
+
+impl BoardModel {
+    /// All models with their names on the command line.
+    pub const ALL: [(Self, &'static str); 4] = [
+        (Self::B7i92, "7i92"),
+        (Self::B7i96s, "7i96s"),
+        (Self::B7i76e, "7i76e"),
+        (Self::B7i97, "7i97"),
+    ];
+
+    /// What the board calls itself.
+    #[must_use]
+    pub const fn card_name(self) -> &'static str {
+        match self {
+            Self::B7i92 => "7I92",
+            Self::B7i96s => "7I96S",
+            Self::B7i76e => "7I76E-16",
+            Self::B7i97 => "7I97",
+        }
+    }
+
+    /// The name in the IDROM.
+    pub(crate) const fn idrom_name(self) -> &'static [u8; 8] {
+        match self {
+            Self::B7i92 => b"MESA7I92",
+            Self::B7i96s => b"MESA7I96",
+            Self::B7i76e => b"MESA7I76",
+            Self::B7i97 => b"MESA7I97",
+        }
+    }
+
+    pub(crate) const fn ports(self) -> usize {
+        match self {
+            Self::B7i92 => 2,
+            _ => 3,
+        }
+    }
+
+    pub(crate) const fn pins(self) -> usize {
+        self.ports() * PORT_WIDTH
+    }
+
+    pub(crate) const fn step_generators(self) -> usize {
+        match self {
+            Self::B7i97 => 0,
+            _ => 5,
+        }
+    }
+
+    pub(crate) const fn encoders(self) -> usize {
+        match self {
+            Self::B7i97 => 6,
+            _ => 1,
+        }
+    }
+
+    pub(crate) const fn pwms(self) -> usize {
+        match self {
+            Self::B7i97 => 6,
+            Self::B7i96s => 1,
+            _ => 0,
+        }
+    }
+
+    pub(crate) fn modules(self) -> Vec<Module> {
+        let module = |tag, version, is_fast, instances: usize, base, registers, multiple| Module {
+            tag,
+            version,
+            is_fast,
+            instances: instances as u8,
+            base,
+            registers,
+            multiple,
+        };
+        let mut modules = vec![
+            module(tag::WATCHDOG, 0, false, 1, 0x0C00, 3, 0),
+            module(tag::IO_PORT, 0, false, self.ports(), 0x1000, 5, 0x1F),
+        ];
+        if self.step_generators() > 0 {
+            let count = self.step_generators();
+            modules.push(module(tag::STEP_GENERATOR, 2, false, count, 0x2000, 10, 0x1FF));
+        }
+        modules.push(module(tag::ENCODER, 2, false, self.encoders(), 0x3000, 5, 3));
+        if self.pwms() > 0 {
+            modules.push(module(tag::PWM, 0, true, self.pwms(), 0x4000, 5, 3));
+        }
+        modules.push(module(tag::LED, 0, false, 1, 0x0200, 1, 0));
+        modules
+    }
+
+    /// Secondary function of each pin: tag, unit, pin of the unit (bit 7: an output).
+    pub(crate) fn pin_functions(self) -> Vec<(u8, u8, u8)> {
+        let mut pins = vec![(0, 0, 0); self.pins()];
+        let mut next = match self {
+            // Inputs and outputs come first.
+            Self::B7i96s => PORT_WIDTH,
+            _ => 0,
+        };
+        let mut put = |function| {
+            pins[next] = function;
+            next += 1;
+        };
+        for unit in 0..self.step_generators() as u8 {
+            put((tag::STEP_GENERATOR, unit, 0x82));
+            put((tag::STEP_GENERATOR, unit, 0x81));
+        }
+        for unit in 0..self.encoders() as u8 {
+            for pin in 1..=3 {
+                put((tag::ENCODER, unit, pin));
+            }
+        }
+        for unit in 0..self.pwms() as u8 {
+            for pin in 0x81..=0x83 {
+                put((tag::PWM, unit, pin));
+            }
+        }
+        pins
+    }
+}

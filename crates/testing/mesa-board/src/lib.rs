@@ -1,0 +1,31 @@
+//! A TEST SIMULATOR: a Mesa Ethernet board (HostMot2 over LBP16, UDP) in a process, with motors at its pins.
+//!
+//! ```
+//! use evolvent_mesa_board::{Board, BoardModel};
+//!
+//! let mut board = Board::new(BoardModel::B7i96s, 0);
+//! // Read one register of 32 bits of HostMot2 (space 0), at 0x0100: the cookie of a configuration.
+//! let mut replies = Vec::new();
+//! board.receive(1_000, &[0x01, 0x42, 0x00, 0x01], |reply| replies.push(reply.to_vec()));
+//! assert_eq!(replies, [0x55AA_CAFE_u32.to_le_bytes()]);
+//! ```
+//!
+//! [`Board`] is pure: packets and time in, packets out. [`BoardServer`] puts it behind a socket. Registers are as Mesa's register map of
+//! HostMot2 has them; step generators count as theirs do, and the motors at them follow their pulses only while the pins are outputs
+//! of the generator. [`Fault`]s come on demand.
+//!
+//! It leaves out smart serial, the debouncing inputs and solid-state outputs of the 7I96S (InM, SSR), the DPLL, flash and
+//! configuration.
+
+mod board;
+mod encoder;
+mod fault;
+mod layout;
+mod lbp16;
+mod server;
+mod step_generator;
+
+pub use board::{Board, Traffic};
+pub use fault::{Fault, FaultError, FaultKind};
+pub use layout::BoardModel;
+pub use server::{BoardServer, PORT, SharedBoard, now_ns, serve};

@@ -1,0 +1,249 @@
+//! Foreign clients on the simulated board, over real sockets: Debian's `mesaflash` and LinuxCNC's `hm2_eth`.
+//!
+//! They need the packages `mesaflash` and `linuxcnc-uspace`, `iptables`, and the right to make network namespaces.
+
+#![expect(clippy::expect_used, clippy::panic, clippy::print_stdout, reason = "a test")]
+
+use std::os::unix::fs::PermissionsExt;
+use std::process::{Command, Output, Stdio};
+
+use evolvent_mesa_board::{Board, BoardModel, BoardServer, PORT, now_ns};
+
+/// Address of the client and of the board, and of the board's interface as its EEPROM has it: `hm2_eth` takes it from there.
+const CLIENT: &str = "10.27.0.1/24";
+const BOARD: &str = "10.27.0.2";
+const MAC: &str = "00:60:1b:20:00:01";
+
+fn ip(arguments: &[&str]) -> Result<(), String> {
+    let ran = Command::new("ip").args(arguments).stdin(Stdio::null()).output();
+    match ran {
+        Ok(output) if output.status.success() => Ok(()),
+        Ok(output) => Err(String::from_utf8_lossy(&output.stderr).trim().to_owned()),
+        Err(error) => Err(format!("ip: {error}")),
+    }
+}
+
+fn own_namespace() -> Result<(), String> {
+    // SAFETY: a new namespace of the network for the calling thread alone; no memory is concerned.
+    let result = unsafe { libc::unshare(libc::CLONE_NEWNET) };
+    if result == 0 {
+        Ok(())
+    } else {
+        Err(format!(
+            "no network namespace: {}",
+            std::io::Error::last_os_error()
+        ))
+    }
+}
+
+/// A board in a namespace of its own, at the other end of a cable to the namespace of the calling thread.
+fn board_behind_cable(model: BoardModel) -> Result<BoardServer, String> {
+    own_namespace()?;
+    for arguments in [
+        "link add hm0 type veth peer name hm1",
+        "link set hm1 address 00:60:1b:20:00:01",
+        "link set lo up",
+    ] {
+        ip(&arguments.split(' ').collect::<Vec<_>>())?;
+    }
+    ip(&["addr", "add", CLIENT, "dev", "hm0"])?;
+    let (tell, told) = std::sync::mpsc::channel();
+    let (give, given) = std::sync::mpsc::channel();
+    // The socket stays in the namespace of the thread that has opened it.
+    let other = std::thread::spawn(move || {
+        own_namespace()?;
+        // SAFETY: no memory is concerned.
+        let thread = unsafe { libc::gettid() };
+        tell.send(thread).map_err(|error| error.to_string())?;
+        given.recv().map_err(|error| error.to_string())?;
+        ip(&["addr", "add", &format!("{BOARD}/24"), "dev", "hm1"])?;
+        ip(&["link", "set", "hm1", "up"])?;
+        std::net::UdpSocket::bind((BOARD, PORT)).map_err(|error| error.to_string())
+    });
+    if let Ok(thread) = told.recv() {
+        ip(&["link", "set", "hm1", "netns", &thread.to_string()])?;
+        give.send(()).map_err(|error| error.to_string())?;
+    }
+    let socket = other.join().map_err(|_| "the board's thread".to_owned())??;
+    ip(&["link", "set", "hm0", "up"])?;
+    std::thread::sleep(std::time::Duration::from_millis(200));
+    assert!(MAC.starts_with("00:60:1b"), "Mesa's");
+    BoardServer::with_socket(Board::new(model, now_ns()), socket).map_err(|error| error.to_string())
+}
+
+/// Runs a test with a board in a namespace, on a thread of its own. None where that is not possible, which is said.
+fn on_cable<R: Send + 'static>(
+    model: BoardModel,
+    programs: &'static [&'static str],
+    test: impl FnOnce(&BoardServer) -> R + Send + 'static,
+) -> Option<R> {
+    for program in programs {
+        let found = std::env::var_os("PATH").is_some_and(|path| {
+            std::env::split_paths(&path)
+                .chain(["/usr/sbin".into()])
+                .any(|folder| folder.join(program).exists())
+        });
+        if !found {
+            println!("not measured: {program} is not installed");
+            return None;
+        }
+    }
+    let thread = std::thread::spawn(move || match board_behind_cable(model) {
+        Ok(server) => Some(test(&server)),
+        Err(why) => {
+            println!("not measured: {why}");
+            None
+        }
+    });
+    thread
+        .join()
+        .unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+}
+
+fn text(output: &Output) -> String {
+    let both = [output.stdout.as_slice(), output.stderr.as_slice()].concat();
+    String::from_utf8_lossy(&both).into_owned()
+}
+
+#[test]
+fn mesaflash_reads_modules_and_pins() {
+    for (model, device, modules) in [
+        (BoardModel::B7i96s, "7i96s", "StepGen"),
+        (BoardModel::B7i92, "7i92", "StepGen"),
+        (BoardModel::B7i97, "7i97", "PWM"),
+    ] {
+        on_cable(model, &["mesaflash"], move |_| {
+            let output = Command::new("timeout")
+                .args([
+                    "20",
+                    "mesaflash",
+                    "--device",
+                    device,
+                    "--addr",
+                    BOARD,
+                    "--readhmid",
+                ])
+                .output()
+                .expect("mesaflash to start");
+            let said = text(&output);
+            assert!(output.status.success(), "{said}");
+            for wanted in [
+                "Clock Low frequency: 100.0000 MHz",
+                "WatchDog",
+                "IOPort",
+                "QCount",
+                modules,
+            ] {
+                assert!(said.contains(wanted), "{wanted}: {said}");
+            }
+            let pins = said.matches("IOPort ").count();
+            assert!(pins >= 34, "{pins} pins: {said}");
+        });
+    }
+}
+
+/// Runs `hm2_eth` with a HAL file. It runs as another user, as LinuxCNC does where root starts it.
+fn hal(file: &str) -> Output {
+    let folder = std::env::temp_dir().join(format!("evolvent-hal-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).expect("a folder");
+    std::fs::set_permissions(&folder, std::fs::Permissions::from_mode(0o777)).expect("its rights");
+    let path = folder.join("test.hal");
+    std::fs::write(&path, file).expect("a file");
+    let output = Command::new("timeout")
+        .args(["-k", "2", "40", "halrun", "-f"])
+        .arg(&path)
+        .current_dir(&folder)
+        .env("RTAPI_UID", "65534")
+        .env("HOME", &folder)
+        .env("RTAPI_FIFO_PATH", folder.join("fifo"))
+        .stdin(Stdio::null())
+        .output()
+        .expect("halrun to start");
+    let _left = std::fs::remove_dir_all(&folder);
+    output
+}
+
+/// The value that `getp` has printed after a mark.
+fn after(said: &str, mark: &str) -> f64 {
+    let rest = said.split(mark).nth(1).unwrap_or_default();
+    rest.lines()
+        .nth(1)
+        .and_then(|line| line.trim().parse().ok())
+        .unwrap_or_else(|| panic!("no number after {mark}: {said}"))
+}
+
+#[test]
+fn hm2_eth_drives_steps_pins_and_watchdog() {
+    const HAL: &str = "\
+loadrt hostmot2
+loadrt hm2_eth board_ip=10.27.0.2
+loadrt threads name1=t period1=5000000
+addf hm2_7i96s.0.read t
+addf hm2_7i96s.0.write t
+setp hm2_7i96s.0.watchdog.timeout_ns 200000000
+setp hm2_7i96s.0.packet-error-limit 1000
+setp hm2_7i96s.0.stepgen.00.control-type 1
+setp hm2_7i96s.0.stepgen.00.position-scale 100
+setp hm2_7i96s.0.stepgen.00.maxaccel 0
+setp hm2_7i96s.0.stepgen.00.steplen 2000
+setp hm2_7i96s.0.stepgen.00.stepspace 3000
+setp hm2_7i96s.0.stepgen.00.dirsetup 4000
+setp hm2_7i96s.0.stepgen.00.dirhold 5000
+setp hm2_7i96s.0.stepgen.00.velocity-cmd 50
+setp hm2_7i96s.0.stepgen.00.enable 1
+setp hm2_7i96s.0.gpio.011.is_output 1
+setp hm2_7i96s.0.gpio.011.out 1
+start
+loadusr -w sleep 1
+setp hm2_7i96s.0.stepgen.00.velocity-cmd -20
+loadusr -w sleep 0.5
+setp hm2_7i96s.0.stepgen.00.enable 0
+loadusr -w sleep 0.2
+loadusr -w echo counts
+getp hm2_7i96s.0.stepgen.00.counts
+loadusr -w echo wired
+getp hm2_7i96s.0.stepgen.00.position-fb
+";
+    const PROGRAMS: [&str; 2] = ["halrun", "iptables"];
+    on_cable(BoardModel::B7i96s, &PROGRAMS, |server| {
+        server.lock().wire(11, 3);
+        // On a host that is busy the client may give up a packet that takes longer than it waits.
+        let mut said = String::new();
+        for _ in 0..5 {
+            server.lock().keep_log();
+            let begin = server.lock().motor_steps(0);
+            let output = hal(HAL);
+            said = text(&output);
+            if said.contains("Resource temporarily unavailable") || !output.status.success() {
+                println!("again: {said}");
+                continue;
+            }
+            let board = server.lock();
+            let counts = after(&said, "counts");
+            let moved = board.motor_steps(0) - begin;
+            assert!((moved - counts).abs() <= 1.0, "motor {moved}, hm2_eth {counts}");
+            assert!(counts > 1000.0, "about 4000 steps: {counts}");
+            assert!((after(&said, "wired") * 100.0 - counts).abs() <= 1.0, "{said}");
+            assert_eq!(
+                board.step_times_ns(0)[..2],
+                [2010, 3010],
+                "the map says N + 1 clocks"
+            );
+            assert_eq!(board.step_times_ns(0)[2..], [4000, 5000]);
+            assert_eq!(board.motor_stalls(0), 0);
+            let traffic = board.traffic();
+            assert!(traffic.feeds > 100, "{traffic:?}");
+            assert_eq!(traffic.refused, 0, "{traffic:?}");
+            println!("{traffic:?}");
+            drop(board);
+            std::thread::sleep(std::time::Duration::from_millis(400));
+            assert!(
+                server.lock().has_bitten(),
+                "nobody feeds the watchdog any more, and it was set to 0.2 s"
+            );
+            assert!(!server.lock().is_driven(11));
+            return;
+        }
+        panic!("hm2_eth did not run: {said}");
+    });
+}
