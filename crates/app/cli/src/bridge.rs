@@ -1,4 +1,4 @@
-//! `evolvent bridge`: simulated drives, EtherCAT drives, and a test for drive bridges.
+//! `evolvent bridge`: simulated drives, EtherCAT drives, Mesa boards, and a test for drive bridges.
 
 use std::io::{self, Write};
 use std::path::PathBuf;
@@ -20,6 +20,7 @@ use serde_json::{Value, json};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
 use crate::bridge_ethercat as ethercat;
+use crate::bridge_mesa as mesa;
 use crate::{CommandError, Ending};
 
 /// Options of `evolvent bridge`.
@@ -35,6 +36,8 @@ enum BridgeCommand {
     Sim(SimArgs),
     /// EtherCAT drives (CiA 402, cyclic synchronous position) as the axes of a machine.
     Ethercat(ethercat::EthercatArgs),
+    /// A Mesa Ethernet board (HostMot2 over LBP16): step generators, analog servos and pins as the axes and signals of a machine.
+    Mesa(mesa::MesaArgs),
     /// Hold a drive bridge to what every bridge must do.
     ///
     /// The command after `--` starts the bridge; `{name}` and `{prefix}` in it stand for the machine's name and the bus's
@@ -149,6 +152,7 @@ pub(crate) fn run(
     match &args.command {
         BridgeCommand::Sim(args) => sim(args, out, err),
         BridgeCommand::Ethercat(args) => ethercat::run(args, out, err),
+        BridgeCommand::Mesa(args) => mesa::run(args, out, err),
         BridgeCommand::Test(args) => test(args, out, err),
         BridgeCommand::Core(args) => run_core(&args.machine_name, &args.bus_prefix, args.seconds)
             .map(|()| Ending::Clean)

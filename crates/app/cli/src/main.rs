@@ -3,6 +3,7 @@
 mod bore;
 mod bridge;
 mod bridge_ethercat;
+mod bridge_mesa;
 mod chatter;
 mod check;
 mod completions;
@@ -71,7 +72,7 @@ enum Command {
     Doctor(doctor::DoctorArgs),
     /// Write a machine file from the configuration of another control.
     Import(import::ImportArgs),
-    /// Drive bridges: EtherCAT, simulated drives, and a test for bridges.
+    /// Drive bridges: EtherCAT, Mesa boards, simulated drives, and a test for bridges.
     Bridge(bridge::BridgeArgs),
     /// Turn a step in passes that find themselves from the cutting load, on a simulated workpiece.
     Turn(turn::TurnArgs),

@@ -1,0 +1,139 @@
+//! `evolvent bridge mesa`: a Mesa Ethernet board as the axes of a machine.
+
+use std::io::Write;
+use std::net::IpAddr;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::time::Duration;
+
+use clap::Args;
+use evolvent_bus::BusError;
+use evolvent_machine::Machine;
+use evolvent_mesa::{BoardSettings, Link, RunError, RunSettings, check_fit, fit_notes, run as run_bridge};
+use serde_json::json;
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+
+use crate::{CommandError, Ending};
+
+/// Options of `evolvent bridge mesa`.
+///
+/// Waits for the core and the board, in any order, and outlives both. Gives up every capability once its threads have their priority.
+/// So far it was shown with a simulated board only: see docs/mesa.md.
+#[derive(Args, Debug)]
+pub(crate) struct MesaArgs {
+    /// Machine file: name, axes and limits, as of the core.
+    #[arg(long, value_name = "FILE", required_unless_present = "describe")]
+    machine: Option<PathBuf>,
+    /// Board file: what moves each axis, and what is at the pins.
+    #[arg(long, value_name = "FILE", required_unless_present = "describe")]
+    board: Option<PathBuf>,
+    /// Print what the board at an address is (modules and pins), and end; nothing is written to it.
+    #[arg(long, value_name = "ADDRESS", conflicts_with_all = ["machine", "board", "machine_name", "bus_prefix", "seconds", "json"])]
+    describe: Option<IpAddr>,
+    /// Address of the board, in place of the board file's.
+    #[arg(long, value_name = "ADDRESS")]
+    address: Option<IpAddr>,
+    /// Name on the bus, in place of the machine file's.
+    #[arg(long, value_name = "NAME")]
+    machine_name: Option<String>,
+    /// Prefix of the bus's files, as of the core.
+    #[arg(long, value_name = "PREFIX")]
+    bus_prefix: Option<String>,
+    /// End after so many seconds; without it, at Ctrl-C.
+    #[arg(long, value_name = "N")]
+    seconds: Option<f64>,
+    /// Print one JSON object at the end.
+    #[arg(long)]
+    json: bool,
+}
+
+fn describe(address: IpAddr, out: &mut dyn Write) -> Result<Ending, CommandError> {
+    let board = Link::open(address)
+        .and_then(|link| link.explore())
+        .map_err(|error| CommandError::Failed(error.to_string()))?;
+    write!(out, "{}", board.text())
+        .map_err(|error| CommandError::Failed(format!("the report cannot be written: {error}")))?;
+    Ok(Ending::Clean)
+}
+
+pub(crate) fn run(args: &MesaArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Ending, CommandError> {
+    let usage = |text: String| CommandError::Usage(text);
+    let failed =
+        |error: std::io::Error| CommandError::Failed(format!("the report cannot be written: {error}"));
+    if let Some(address) = args.describe {
+        return describe(address, out);
+    }
+    let (Some(machine_path), Some(board_path)) = (&args.machine, &args.board) else {
+        return Err(usage("--machine and --board are needed".to_owned()));
+    };
+    let machine = Machine::load(machine_path).map_err(|error| usage(error.to_string()))?;
+    let mut board = BoardSettings::load(board_path).map_err(|error| usage(error.to_string()))?;
+    check_fit(&machine, &board).map_err(|error| usage(format!("{}: {error}", board_path.display())))?;
+    for note in fit_notes(&machine, &board) {
+        writeln!(err, "note: {note}").map_err(failed)?;
+    }
+    board.address = args.address.unwrap_or(board.address);
+    let duration = match args.seconds {
+        None => None,
+        Some(seconds) if (0.0..=1e9).contains(&seconds) => Some(Duration::from_secs_f64(seconds)),
+        Some(seconds) => {
+            return Err(usage(format!(
+                "--seconds {seconds} is out of range: choose 0 to 1000000000"
+            )));
+        }
+    };
+    let settings = RunSettings {
+        machine,
+        machine_name: args.machine_name.clone(),
+        board,
+        prefix: args.bus_prefix.clone(),
+        duration,
+    };
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM, SIGHUP] {
+        signal_hook::flag::register(signal, Arc::clone(&stop))
+            .map_err(|error| CommandError::Failed(format!("signals cannot be caught: {error}")))?;
+    }
+    let name = settings
+        .machine_name
+        .as_ref()
+        .unwrap_or(&settings.machine.name)
+        .clone();
+    writeln!(
+        err,
+        "Mesa board of {name} at {}: waiting for its core",
+        settings.board.address
+    )
+    .map_err(failed)?;
+    let report = run_bridge(&settings, &stop, |text| {
+        // With standard error gone there is nobody left to tell.
+        let _told = writeln!(err, "{text}");
+    });
+    let report = report.map_err(|error| match error {
+        RunError::Bus(BusError::Name(_) | BusError::Prefix { .. }) | RunError::Axes { .. } => {
+            usage(error.to_string())
+        }
+        error => CommandError::Failed(error.to_string()),
+    })?;
+    if args.json {
+        let object = json!({
+            "machine": name,
+            "connections": report.connections,
+            "sessions": report.sessions,
+            "cycles": report.cycles,
+            "lost_replies": report.lost_replies,
+            "lost_writes": report.lost_writes,
+            "stale_replies": report.stale_replies,
+        });
+        writeln!(out, "{object}").map_err(failed)?;
+    } else {
+        writeln!(
+            err,
+            "{} cycles, {} replies lost, {} writes lost, {} replies too late",
+            report.cycles, report.lost_replies, report.lost_writes, report.stale_replies
+        )
+        .map_err(failed)?;
+    }
+    Ok(Ending::Clean)
+}

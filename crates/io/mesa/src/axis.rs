@@ -1,0 +1,304 @@
+//! One axis: its position from counts, its velocity command, and the power states of its drive.
+
+use evolvent_drive::{
+    Brake, BrakeState, Cia402, DriveEvents, DriveMachine, DriveState, PowerRequest, QuickStopOption, Target,
+};
+
+use crate::board_file::{Actuator, BoardAxis};
+
+/// Share of the position error that a stepper takes away in one period. Where a rate counts a whole period after the reading it is
+/// made of, the error follows e' = e - g e(one before), whose roots are real up to g = 1/4: the fastest without overshoot.
+const GAIN: f64 = 0.25;
+/// Velocity that the correction may add, as a fraction of the largest.
+const CORRECTION: f64 = 0.2;
+/// Highest velocity command, as a fraction of the largest.
+const HIGHEST: f64 = 1.2;
+/// Largest contribution of the integral, as a fraction of the largest velocity.
+const INTEGRAL: f64 = 0.2;
+
+/// Object 603Fh: external error, by the drive's fault output.
+pub(crate) const EXTERNAL: u16 = 0x9000;
+/// Object 603Fh: communication.
+pub(crate) const COMMUNICATION: u16 = 0x7500;
+
+/// What an axis gets for one period.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct AxisOrder {
+    /// Steps/s, or -1 to 1 of a servo.
+    pub(crate) value: f64,
+    /// Whether its drive has torque.
+    pub(crate) is_enabled: bool,
+}
+
+/// Limits of an axis, a second.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct AxisLimits {
+    pub(crate) max_velocity: f64,
+    pub(crate) max_acceleration: f64,
+    pub(crate) max_jerk: f64,
+}
+
+/// An axis as the bridge sees it. May be called by the cycle.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct MesaAxis {
+    settings: BoardAxis,
+    limits: AxisLimits,
+    machine: DriveMachine,
+    controller: Option<Cia402>,
+    raw: Option<u32>,
+    /// 1/65536 of a step, or counts.
+    total: i64,
+    /// Added to the position of the counts for the machine's coordinate.
+    offset: f64,
+    velocity: f64,
+    measured_ns: u64,
+    /// Velocity that was commanded last, of the axis.
+    commanded: f64,
+    /// The axis's own ramp, and for how long it has gone on.
+    ramp: Option<(Brake, f64)>,
+    integral: f64,
+    last_error: f64,
+    has_fault: bool,
+    is_lost: bool,
+    switches: [bool; 3],
+}
+
+impl MesaAxis {
+    pub(crate) const fn new(settings: BoardAxis, limits: AxisLimits) -> Self {
+        Self {
+            settings,
+            limits,
+            machine: DriveMachine::new(QuickStopOption::ThenDisabled),
+            controller: None,
+            raw: None,
+            total: 0,
+            offset: settings.zero,
+            velocity: 0.0,
+            measured_ns: 0,
+            commanded: 0.0,
+            ramp: None,
+            integral: 0.0,
+            last_error: 0.0,
+            has_fault: false,
+            is_lost: false,
+            switches: [false; 3],
+        }
+    }
+
+    pub(crate) const fn settings(&self) -> &BoardAxis {
+        &self.settings
+    }
+
+    pub(crate) const fn index(&self) -> usize {
+        self.settings.axis
+    }
+
+    pub(crate) const fn state(&self) -> DriveState {
+        self.machine.state()
+    }
+
+    pub(crate) const fn status_word(&self) -> u16 {
+        self.machine.status_word()
+    }
+
+    pub(crate) const fn error_code(&self) -> u16 {
+        self.machine.error_code()
+    }
+
+    pub(crate) const fn has_torque(&self) -> bool {
+        self.machine.has_torque()
+    }
+
+    pub(crate) fn resets_done(&self) -> u32 {
+        self.controller.map_or(0, |controller| controller.resets_done())
+    }
+
+    pub(crate) const fn switches(&self) -> [bool; 3] {
+        self.switches
+    }
+
+    pub(crate) const fn velocity(&self) -> f64 {
+        self.velocity
+    }
+
+    /// Its board does not answer any more.
+    pub(crate) const fn set_lost(&mut self) {
+        self.is_lost = true;
+    }
+
+    pub(crate) fn rename(&mut self, shift: f64) {
+        self.offset += shift;
+        if let Some((brake, time_s)) = &mut self.ramp {
+            // The ramp is by the old names; it goes on from where it is.
+            let state = brake.at(*time_s);
+            *brake = Brake::new(
+                BrakeState {
+                    position: state.position + shift,
+                    ..state
+                },
+                self.limits.max_acceleration,
+                self.limits.max_jerk,
+            );
+            *time_s = 0.0;
+        }
+    }
+
+    fn sign(&self) -> f64 {
+        if self.settings.inverted { -1.0 } else { 1.0 }
+    }
+
+    fn counts_per_unit(&self) -> f64 {
+        match self.settings.actuator {
+            Actuator::Steps { .. } => 65536.0 * self.settings.per_unit,
+            Actuator::Servo { .. } => self.settings.per_unit,
+        }
+    }
+
+    /// The machine coordinate at the last reading.
+    pub(crate) fn position(&self) -> f64 {
+        self.sign() * self.total as f64 / self.counts_per_unit() + self.offset
+    }
+
+    /// Takes a reading in.
+    pub(crate) fn take(&mut self, raw: u32, measured_ns: u64, has_fault: bool, switches: [bool; 3]) {
+        let step = match (self.raw, self.settings.actuator) {
+            (None, _) => 0,
+            // The top of an accumulator of 16 bits of steps; a counter of 16 bits.
+            (Some(last), Actuator::Steps { .. }) => i64::from(raw.wrapping_sub(last) as i32),
+            (Some(last), Actuator::Servo { .. }) => i64::from((raw as u16).wrapping_sub(last as u16) as i16),
+        };
+        self.total += step;
+        let time_s = measured_ns.saturating_sub(self.measured_ns) as f64 * 1e-9;
+        if self.raw.is_some() && time_s > 0.0 {
+            self.velocity = self.sign() * step as f64 / self.counts_per_unit() / time_s;
+        }
+        self.raw = Some(raw);
+        self.measured_ns = measured_ns;
+        self.has_fault = has_fault;
+        self.switches = switches;
+    }
+
+    /// One period at a time of the bus's clock.
+    pub(crate) fn step(
+        &mut self,
+        target: &Target,
+        power: PowerRequest,
+        now_ns: u64,
+        period_s: f64,
+    ) -> AxisOrder {
+        let axis = self.settings.axis;
+        let setpoint = target.position[axis];
+        // Resets that were asked for before this session are over.
+        let controller = self.controller.get_or_insert(Cia402::new(target.fault_reset));
+        let order = controller.step(
+            self.machine.status_word(),
+            power,
+            target.fault_reset,
+            setpoint,
+            0.0,
+        );
+        let ramp_ends = self
+            .ramp
+            .is_none_or(|(brake, time_s)| time_s >= brake.duration_s());
+        let fault = match (self.is_lost, self.has_fault) {
+            (true, _) => Some(COMMUNICATION),
+            (false, true) => Some(EXTERNAL),
+            (false, false) => None,
+        };
+        let before = self.machine.state();
+        let state = self.machine.step(
+            order.control_word,
+            DriveEvents {
+                ready: self.raw.is_some(),
+                fault,
+                at_rest: before != DriveState::OperationEnabled && ramp_ends,
+            },
+        );
+        let velocity = match state {
+            DriveState::OperationEnabled => {
+                self.ramp = None;
+                if order.follows && before == DriveState::OperationEnabled {
+                    let (velocity, acceleration) = (target.velocity[axis], target.acceleration[axis]);
+                    self.follow(setpoint, velocity, acceleration, now_ns, period_s)
+                } else {
+                    0.0
+                }
+            }
+            DriveState::QuickStopActive | DriveState::FaultReactionActive => {
+                if self.ramp.is_none() {
+                    let limit = self.limits.max_acceleration;
+                    let start = BrakeState {
+                        position: self.position(),
+                        velocity: self.commanded,
+                        acceleration: target.acceleration[axis].clamp(-limit, limit),
+                    };
+                    self.ramp = Some((Brake::new(start, limit, self.limits.max_jerk), 0.0));
+                }
+                match &mut self.ramp {
+                    Some((brake, time_s)) => {
+                        let state = brake.at(*time_s);
+                        *time_s += period_s;
+                        self.follow(
+                            state.position,
+                            state.velocity,
+                            state.acceleration,
+                            now_ns,
+                            period_s,
+                        )
+                    }
+                    None => 0.0,
+                }
+            }
+            _ => {
+                (self.ramp, self.integral) = (None, 0.0);
+                0.0
+            }
+        };
+        self.commanded = velocity;
+        let velocity = self.sign() * velocity;
+        let is_enabled = self.machine.has_torque();
+        AxisOrder {
+            value: match self.settings.actuator {
+                Actuator::Steps { .. } => velocity * self.settings.per_unit,
+                Actuator::Servo { full_velocity, .. } => (velocity / full_velocity).clamp(-1.0, 1.0),
+            },
+            is_enabled,
+        }
+    }
+
+    /// The velocity that brings the axis to a place that moves. The reading is of another moment than the setpoint: the setpoint is
+    /// taken there.
+    fn follow(&mut self, position: f64, velocity: f64, acceleration: f64, now_ns: u64, period_s: f64) -> f64 {
+        let later_s = (self.measured_ns as i128 - i128::from(now_ns)) as f64 * 1e-9;
+        // An old reading, of a packet before the last, is brought forward by the commanded velocity.
+        let (later_s, here) = if later_s < 0.0 {
+            (0.0, self.position() - later_s * self.commanded)
+        } else {
+            (later_s.min(period_s), self.position())
+        };
+        let error = position + velocity * later_s - here;
+        let most = self.limits.max_velocity;
+        // Faster than its times allow a step generator counts what its pins do not show.
+        let possible = match self.settings.actuator {
+            Actuator::Steps { timing, .. } => {
+                0.999e9 / (timing.length_ns + timing.space_ns + 20.0) / self.settings.per_unit
+            }
+            Actuator::Servo { full_velocity, .. } => full_velocity,
+        };
+        let wanted = match self.settings.actuator {
+            Actuator::Steps { .. } => {
+                let correction = (GAIN / period_s * error).clamp(-CORRECTION * most, CORRECTION * most);
+                velocity + 0.5 * acceleration * period_s + correction
+            }
+            Actuator::Servo { gains, .. } => {
+                self.integral =
+                    (self.integral + gains.i * error * period_s).clamp(-INTEGRAL * most, INTEGRAL * most);
+                let rate = (error - self.last_error) / period_s;
+                self.last_error = error;
+                velocity + gains.p * error + self.integral + gains.d * rate
+            }
+        };
+        let highest = (HIGHEST * most).min(possible);
+        wanted.clamp(-highest, highest)
+    }
+}

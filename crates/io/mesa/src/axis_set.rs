@@ -1,0 +1,227 @@
+//! All axes of a session behind one follower: setpoints in, rates out, feedback back.
+
+use evolvent_bus::{AXES, Feedback, Setpoint};
+use evolvent_drive::{DriveState, Follower, FollowerSettings, PowerRequest, SettingsError, Target};
+use evolvent_machine::Machine;
+
+use crate::axis::{AxisLimits, MesaAxis};
+use crate::board_file::{Actuator, BoardSettings, Pin};
+use crate::plan::{Inputs, Outputs, Plan};
+
+/// For how many periods the last motion goes on where setpoints are missing.
+const BRIDGE_CYCLES: u32 = 10;
+/// How far from the axis a setpoint may lie with which following begins, mm or degrees.
+const SYNC_TOLERANCE: f64 = 0.5;
+
+/// Axes of one session. Nothing but the constructor allocates.
+#[derive(Debug)]
+pub(crate) struct AxisSet {
+    follower: Follower,
+    axes: Vec<MesaAxis>,
+    period_s: f64,
+    instance: u64,
+    axes_mask: u32,
+    was_enabled: bool,
+    /// One axis has left operation: the others are stopped until power is requested again.
+    group_stop: bool,
+    /// The session ends: all axes stop.
+    ending: bool,
+    target: Option<Target>,
+    measured_ns: u64,
+}
+
+impl AxisSet {
+    pub(crate) fn new(
+        machine: &Machine,
+        board: &BoardSettings,
+        period_ns: u64,
+        instance: u64,
+    ) -> Result<Self, SettingsError> {
+        let mut settings = FollowerSettings {
+            period_ns,
+            bridge_cycles: BRIDGE_CYCLES,
+            axes_mask: board.axes_mask(),
+            max_velocity: [1.0; AXES],
+            max_acceleration: [1.0; AXES],
+            max_jerk: [1.0; AXES],
+            sync_tolerance: [SYNC_TOLERANCE; AXES],
+        };
+        for axis in &machine.axes {
+            let index = axis.letter.index();
+            settings.max_velocity[index] = axis.max_velocity;
+            settings.max_acceleration[index] = axis.max_acceleration;
+            settings.max_jerk[index] = axis.max_jerk;
+            settings.sync_tolerance[index] = SYNC_TOLERANCE.min(axis.following_error);
+        }
+        let axes = board.axes.iter().map(|axis| {
+            let limits = AxisLimits {
+                max_velocity: settings.max_velocity[axis.axis],
+                max_acceleration: settings.max_acceleration[axis.axis],
+                max_jerk: settings.max_jerk[axis.axis],
+            };
+            MesaAxis::new(*axis, limits)
+        });
+        Ok(Self {
+            axes: axes.collect(),
+            follower: Follower::new(settings)?,
+            period_s: period_ns as f64 * 1e-9,
+            instance,
+            axes_mask: settings.axes_mask,
+            was_enabled: false,
+            group_stop: false,
+            ending: false,
+            target: None,
+            measured_ns: 0,
+        })
+    }
+
+    pub(crate) fn offer(&mut self, now_ns: u64, setpoint: &Setpoint) {
+        let _noted = self.follower.offer(now_ns, setpoint);
+    }
+
+    pub(crate) fn refuse_version(&mut self) {
+        self.follower.refuse_version();
+    }
+
+    pub(crate) fn axes(&self) -> &[MesaAxis] {
+        &self.axes
+    }
+
+    /// The board does not answer any more, or cannot be trusted.
+    pub(crate) fn set_lost(&mut self) {
+        for axis in &mut self.axes {
+            axis.set_lost();
+        }
+    }
+
+    /// From now on all axes stop, whatever the core asks for.
+    pub(crate) const fn end(&mut self) {
+        self.ending = true;
+    }
+
+    pub(crate) fn has_torque(&self) -> bool {
+        self.axes.iter().any(MesaAxis::has_torque)
+    }
+
+    pub(crate) fn take(&mut self, plan: &Plan, inputs: &Inputs, measured_ns: u64) {
+        self.measured_ns = measured_ns;
+        for axis in &mut self.axes {
+            let settings = *axis.settings();
+            let is_on = |pin: Option<Pin>| pin.is_some_and(|pin| level(plan, inputs, pin));
+            let raw = match settings.actuator {
+                Actuator::Steps { unit, .. } => inputs.accumulators[unit],
+                Actuator::Servo { encoder, .. } => inputs.counts[encoder],
+            };
+            axis.take(
+                raw,
+                measured_ns,
+                is_on(settings.fault),
+                settings.switches.map(is_on),
+            );
+        }
+    }
+
+    /// One period at a time of the bus's clock.
+    pub(crate) fn step(&mut self, now_ns: u64, plan: &Plan, outputs: &mut Outputs) {
+        let enabled = self
+            .axes
+            .iter()
+            .all(|axis| axis.state() == DriveState::OperationEnabled);
+        let mut actual = [0.0; AXES];
+        for axis in &self.axes {
+            actual[axis.index()] = axis.position();
+        }
+        let target = self.follower.step(now_ns, enabled, &actual);
+        if let Some(shift) = target.datum_shift {
+            for axis in &mut self.axes {
+                axis.rename(shift[axis.index()]);
+            }
+        }
+        // Axes that cannot follow together do not follow at all.
+        if target.power == PowerRequest::Off {
+            self.group_stop = false;
+        } else if self.was_enabled && !enabled {
+            self.group_stop = true;
+        }
+        self.was_enabled = enabled;
+        let power = if self.ending || self.group_stop {
+            PowerRequest::QuickStop
+        } else {
+            target.power
+        };
+        for axis in &mut self.axes {
+            let order = axis.step(&target, power, now_ns, self.period_s);
+            let settings = axis.settings();
+            match settings.actuator {
+                Actuator::Steps { unit, .. } => outputs.rates[unit] = order.value,
+                Actuator::Servo { pwm, .. } => {
+                    outputs.duties[pwm] = order.value;
+                    outputs.pwm_enable &= !(1 << pwm);
+                    outputs.pwm_enable |= u32::from(order.is_enabled) << pwm;
+                }
+            }
+            if let Some(pin) = settings.enable {
+                set(plan, outputs, pin, order.is_enabled);
+            }
+        }
+        self.target = Some(target);
+    }
+
+    /// What the axes have said last.
+    pub(crate) fn feedback(&self) -> Option<Feedback> {
+        let target = self.target.as_ref()?;
+        let mut feedback = Feedback {
+            sequence: target.sequence,
+            time_ns: self.measured_ns,
+            phase_error_ns: target.phase_error_ns,
+            axes_mask: self.axes_mask,
+            bridge_state: target.state.number(),
+            note: self.follower.note().number(),
+            fault_reset_done: u32::MAX,
+            missed_setpoints: self.follower.missed(),
+            datum: target.datum,
+            instance: self.instance,
+            ..Feedback::default()
+        };
+        for axis in &self.axes {
+            let index = axis.index();
+            feedback.position[index] = axis.position();
+            feedback.velocity[index] = axis.velocity();
+            feedback.following_error[index] = target.position[index] - axis.position();
+            feedback.status_word[index] = u32::from(axis.status_word());
+            let [home, negative, positive] = axis.switches();
+            feedback.home_switch_mask |= u32::from(home) << index;
+            feedback.negative_limit_mask |= u32::from(negative) << index;
+            feedback.positive_limit_mask |= u32::from(positive) << index;
+            if feedback.error_code == 0 {
+                feedback.error_code = u32::from(axis.error_code());
+            }
+            feedback.fault_reset_done = feedback.fault_reset_done.min(axis.resets_done());
+        }
+        Some(feedback)
+    }
+
+    /// The same where no reading has come: the axes have stopped answering, which is news of now.
+    pub(crate) fn lost_feedback(&self, now_ns: u64) -> Option<Feedback> {
+        let feedback = self.feedback()?;
+        Some(Feedback {
+            time_ns: now_ns,
+            ..feedback
+        })
+    }
+}
+
+/// Whether a pin is on.
+pub(crate) const fn level(plan: &Plan, inputs: &Inputs, pin: Pin) -> bool {
+    let (port, bit) = plan.place(pin.pin);
+    (inputs.ports[port] >> bit & 1 == 1) != pin.inverted
+}
+
+/// Puts a pin on or off.
+pub(crate) const fn set(plan: &Plan, outputs: &mut Outputs, pin: Pin, on: bool) {
+    let (port, bit) = plan.place(pin.pin);
+    outputs.ports[port] &= !(1 << bit);
+    if on != pin.inverted {
+        outputs.ports[port] |= 1 << bit;
+    }
+}

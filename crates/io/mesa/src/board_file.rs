@@ -1,0 +1,615 @@
+//! The board file: which step generator, or encoder and PWM generator, moves which axis, and what is at the pins.
+
+use std::net::IpAddr;
+use std::path::Path;
+
+use evolvent_config::{ConfigDocument, ConfigError, read_regular};
+use evolvent_path::AxisLetter;
+use schemars::JsonSchema;
+use serde::Deserialize;
+use thiserror::Error;
+
+/// The largest file that is read, bytes.
+const MAX_FILE_BYTES: u64 = 1 << 20;
+/// Pins of HostMot2 at most.
+const MAX_PINS: f64 = 143.0;
+/// Units of one module at most.
+const MAX_UNITS: f64 = 15.0;
+/// Longest time of a step generator: 14 bits of 10 ns.
+const MAX_TIME_NS: f64 = 163_830.0;
+
+/// Why a board file was refused.
+#[derive(Debug, Error)]
+pub enum BoardFileError {
+    /// The file cannot be read.
+    #[error("{file}: cannot read the board file: {source}; check the path and its permissions")]
+    Read {
+        /// The file as given.
+        file: String,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// The file is not text.
+    #[error("{file}: not UTF-8 text; save the file as UTF-8")]
+    NotText {
+        /// The file as given.
+        file: String,
+    },
+    /// A key is unknown, missing, or makes no sense.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+}
+
+/// A Mesa Ethernet board: `evolvent bridge mesa --board FILE`.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(title = "Evolvent Mesa board file")]
+pub(crate) struct BoardFile {
+    /// Address of the board, such as 192.168.1.121.
+    address: String,
+    /// What the board calls itself, such as 7I96S; another board is refused. Without it any.
+    name: Option<String>,
+    /// Packets in a row that may be lost, each way, before the axes are stopped.
+    #[serde(default = "five")]
+    #[schemars(range(min = 1, max = 50))]
+    max_lost_packets: u32,
+    /// Time without packets after which the board takes its pins away by itself, ms.
+    #[serde(default = "fifty")]
+    #[schemars(range(min = 2, max = 1000))]
+    watchdog_ms: f64,
+    /// Frequency of the PWM generators, Hz.
+    #[serde(default = "twenty_thousand")]
+    #[schemars(range(min = 100, max = 48000))]
+    pwm_hz: f64,
+    /// The axes.
+    axis: Vec<AxisFile>,
+    /// Inputs of the machine file that are read at pins.
+    #[serde(default)]
+    input: Vec<InputPinFile>,
+    /// Outputs of the machine file that are set at pins or PWM generators.
+    #[serde(default)]
+    output: Vec<OutputPinFile>,
+    /// A spindle with analog speed.
+    spindle: Option<SpindleFile>,
+    /// Pin for flood coolant.
+    flood: Option<PinFile>,
+    /// Pin for mist coolant.
+    mist: Option<PinFile>,
+}
+
+/// A pin.
+#[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+struct PinFile {
+    /// Its number on the board, from 0.
+    #[schemars(range(max = 143))]
+    pin: u32,
+    /// Low is on.
+    #[serde(default)]
+    inverted: bool,
+}
+
+/// An axis.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+struct AxisFile {
+    /// Letter of the axis in the machine file.
+    letter: String,
+    /// A stepper: number of the step generator.
+    #[schemars(range(max = 15))]
+    stepgen: Option<u32>,
+    /// Steps a mm; of a rotary axis steps a degree.
+    #[serde(rename = "steps_per_unit")]
+    steps: Option<f64>,
+    /// How long a step pulse is, ns.
+    step_length_ns: Option<f64>,
+    /// Shortest time between two step pulses, ns.
+    step_space_ns: Option<f64>,
+    /// How long the direction stands before a step, ns.
+    direction_setup_ns: Option<f64>,
+    /// How long the direction stands after a step, ns.
+    direction_hold_ns: Option<f64>,
+    /// A servo: number of the encoder.
+    #[schemars(range(max = 15))]
+    encoder: Option<u32>,
+    /// Counts a mm (four to a line); of a rotary axis counts a degree.
+    #[serde(rename = "counts_per_unit")]
+    counts: Option<f64>,
+    /// Number of the PWM generator (or analog output) that gives the drive its velocity.
+    #[schemars(range(max = 15))]
+    pwm: Option<u32>,
+    /// Velocity at full output, mm/s; of a rotary axis degrees/s.
+    full_velocity: Option<f64>,
+    /// Proportional gain of the position loop, 1/s.
+    p_gain: Option<f64>,
+    /// Integral gain, 1/s2.
+    #[serde(default)]
+    i_gain: f64,
+    /// Derivative gain.
+    #[serde(default)]
+    d_gain: f64,
+    /// The motor turns against the axis.
+    #[serde(default)]
+    inverted: bool,
+    /// The machine coordinate at which the axis stands when the board is set up, until it is homed.
+    #[serde(default)]
+    zero: f64,
+    /// Output that switches the drive on.
+    enable: Option<PinFile>,
+    /// Input by which the drive reports a fault.
+    fault: Option<PinFile>,
+    /// Home switch.
+    home_switch: Option<PinFile>,
+    /// Limit switch at the negative end.
+    negative_limit: Option<PinFile>,
+    /// Limit switch at the positive end.
+    positive_limit: Option<PinFile>,
+}
+
+/// An input of the machine file.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+struct InputPinFile {
+    /// Its name in the machine file.
+    name: String,
+    /// The pin.
+    #[schemars(range(max = 143))]
+    pin: u32,
+    /// Low is on.
+    #[serde(default)]
+    inverted: bool,
+}
+
+/// An output of the machine file.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+struct OutputPinFile {
+    /// Its name in the machine file.
+    name: String,
+    /// The pin of a digital output.
+    #[schemars(range(max = 143))]
+    pin: Option<u32>,
+    /// Low is on.
+    #[serde(default)]
+    inverted: bool,
+    /// The PWM generator of an analog output.
+    #[schemars(range(max = 15))]
+    pwm: Option<u32>,
+    /// Value at which an analog output is full.
+    full: Option<f64>,
+}
+
+/// A spindle.
+#[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+struct SpindleFile {
+    /// Number in the machine file.
+    #[serde(default)]
+    #[schemars(range(max = 3))]
+    number: u32,
+    /// The PWM generator of its speed.
+    #[schemars(range(max = 15))]
+    pwm: Option<u32>,
+    /// Speed at full output, rpm.
+    full_rpm: Option<f64>,
+    /// Output for clockwise.
+    forward: Option<PinFile>,
+    /// Output for counter-clockwise.
+    reverse: Option<PinFile>,
+}
+
+const fn five() -> u32 {
+    5
+}
+
+const fn fifty() -> f64 {
+    50.0
+}
+
+const fn twenty_thousand() -> f64 {
+    20_000.0
+}
+
+/// The JSON schema of board files.
+#[must_use]
+pub fn board_schema() -> serde_json::Value {
+    schemars::schema_for!(BoardFile).to_value()
+}
+
+/// A board file, checked.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BoardSettings {
+    /// Address of the board.
+    pub address: IpAddr,
+    /// What it has to call itself.
+    pub name: Option<String>,
+    /// Packets in a row that may be lost.
+    pub max_lost_packets: u32,
+    /// Time of the watchdog, s.
+    pub watchdog_s: f64,
+    /// Frequency of the PWM generators, Hz.
+    pub pwm_hz: f64,
+    /// The axes.
+    pub axes: Vec<BoardAxis>,
+    /// Inputs by name.
+    pub inputs: Vec<InputPin>,
+    /// Outputs by name.
+    pub outputs: Vec<OutputPin>,
+    /// A spindle.
+    pub spindle: Option<SpindlePins>,
+    /// Flood and mist.
+    pub coolant: [Option<Pin>; 2],
+}
+
+/// A pin.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Pin {
+    /// Number on the board.
+    pub pin: usize,
+    /// Low is on.
+    pub inverted: bool,
+}
+
+/// An input at a pin.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct InputPin {
+    /// Name in the machine file.
+    pub name: String,
+    /// The pin.
+    pub pin: Pin,
+}
+
+/// Where an output goes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum OutputTarget {
+    /// To a pin.
+    Pin(Pin),
+    /// To a PWM generator.
+    Pwm {
+        /// Number.
+        unit: usize,
+        /// Value at full output.
+        full: f64,
+    },
+}
+
+/// An output.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OutputPin {
+    /// Name in the machine file.
+    pub name: String,
+    /// Where it goes.
+    pub target: OutputTarget,
+}
+
+/// A spindle's outputs.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SpindlePins {
+    /// Number in the machine file.
+    pub number: usize,
+    /// PWM generator, and rpm at full output.
+    pub speed: Option<(usize, f64)>,
+    /// Clockwise.
+    pub forward: Option<Pin>,
+    /// Counter-clockwise.
+    pub reverse: Option<Pin>,
+}
+
+/// Times of a step generator, ns.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StepTiming {
+    /// Length of a pulse.
+    pub length_ns: f64,
+    /// Between two pulses.
+    pub space_ns: f64,
+    /// Direction before a step.
+    pub setup_ns: f64,
+    /// Direction after a step.
+    pub hold_ns: f64,
+}
+
+/// Gains of the position loop of a servo axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Gains {
+    /// Proportional, 1/s.
+    pub p: f64,
+    /// Integral, 1/s2.
+    pub i: f64,
+    /// Derivative.
+    pub d: f64,
+}
+
+/// What moves an axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Actuator {
+    /// A stepper, or a servo with step and direction.
+    Steps {
+        /// Step generator.
+        unit: usize,
+        /// Times of its pulses.
+        timing: StepTiming,
+    },
+    /// A servo with velocity as an analog value.
+    Servo {
+        /// Encoder.
+        encoder: usize,
+        /// PWM generator.
+        pwm: usize,
+        /// Velocity at full output, per second.
+        full_velocity: f64,
+        /// The loop.
+        gains: Gains,
+    },
+}
+
+/// An axis, checked.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BoardAxis {
+    /// Index into X Y Z A B C U V W.
+    pub axis: usize,
+    /// What moves it.
+    pub actuator: Actuator,
+    /// Steps or counts a mm or degree, positive.
+    pub per_unit: f64,
+    /// The motor turns against the axis.
+    pub inverted: bool,
+    /// Coordinate at the start.
+    pub zero: f64,
+    /// Switches the drive on.
+    pub enable: Option<Pin>,
+    /// The drive's fault.
+    pub fault: Option<Pin>,
+    /// Home switch, negative limit, positive limit.
+    pub switches: [Option<Pin>; 3],
+}
+
+impl BoardSettings {
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// It cannot be read, or what it says makes no sense.
+    pub fn load(path: &Path) -> Result<Self, BoardFileError> {
+        let file = path.display().to_string();
+        let bytes = read_regular(path, MAX_FILE_BYTES).map_err(|source| BoardFileError::Read {
+            file: file.clone(),
+            source,
+        })?;
+        let text = String::from_utf8(bytes).map_err(|_| BoardFileError::NotText { file: file.clone() })?;
+        Ok(Self::parse(&text, &file)?)
+    }
+
+    /// Reads the text of a file; `file` names it in errors.
+    ///
+    /// # Errors
+    /// Text that is not TOML, keys that are unknown, missing or make no sense: with line and column.
+    pub fn parse(text: &str, file: &str) -> Result<Self, ConfigError> {
+        let sheet = ConfigDocument::toml(text, file)?;
+        let read: BoardFile = sheet.read()?;
+        let address: IpAddr = read.address.parse().map_err(|_| {
+            let what = format!("`{}` is no address", read.address);
+            sheet.error("address", what, "give the board's, such as \"192.168.1.121\"")
+        })?;
+        sheet.number("max_lost_packets", f64::from(read.max_lost_packets), 1.0, 50.0)?;
+        sheet.number("watchdog_ms", read.watchdog_ms, 2.0, 1000.0)?;
+        sheet.number("pwm_hz", read.pwm_hz, 100.0, 48_000.0)?;
+        let mut axes: Vec<BoardAxis> = Vec::new();
+        for (i, axis) in read.axis.iter().enumerate() {
+            let key = format!("axis[{i}]");
+            let checked = axis.check(&sheet, &key)?;
+            if axes.iter().any(|other| other.axis == checked.axis) {
+                let what = "another entry moves this axis".to_owned();
+                return Err(sheet.error(&format!("{key}.letter"), what, "give each axis one entry"));
+            }
+            axes.push(checked);
+        }
+        if axes.is_empty() {
+            return Err(sheet.error(
+                "axis",
+                "no axis is listed".to_owned(),
+                "say what moves each axis: [[axis]]",
+            ));
+        }
+        let mut inputs = Vec::new();
+        for (i, input) in read.input.iter().enumerate() {
+            let pin = PinFile {
+                pin: input.pin,
+                inverted: input.inverted,
+            };
+            inputs.push(InputPin {
+                name: input.name.clone(),
+                pin: pin.check(&sheet, &format!("input[{i}]"))?,
+            });
+        }
+        let mut outputs = Vec::new();
+        for (i, output) in read.output.iter().enumerate() {
+            let key = format!("output[{i}]");
+            let target = match (output.pin, output.pwm, output.full) {
+                (Some(pin), None, None) => OutputTarget::Pin(
+                    PinFile {
+                        pin,
+                        inverted: output.inverted,
+                    }
+                    .check(&sheet, &key)?,
+                ),
+                (None, Some(unit), Some(full)) => {
+                    sheet.number(&format!("{key}.pwm"), f64::from(unit), 0.0, MAX_UNITS)?;
+                    sheet.number(&format!("{key}.full"), full, 1e-6, 1e9)?;
+                    OutputTarget::Pwm {
+                        unit: unit as usize,
+                        full,
+                    }
+                }
+                _ => {
+                    return Err(sheet.error(
+                        &key,
+                        "an output needs `pin`, or `pwm` and `full`".to_owned(),
+                        "give pin for a digital output, pwm and full for an analog one",
+                    ));
+                }
+            };
+            outputs.push(OutputPin {
+                name: output.name.clone(),
+                target,
+            });
+        }
+        let spindle = match &read.spindle {
+            Some(spindle) => Some(spindle.check(&sheet)?),
+            None => None,
+        };
+        Ok(Self {
+            address,
+            name: read.name,
+            max_lost_packets: read.max_lost_packets,
+            watchdog_s: read.watchdog_ms * 1e-3,
+            pwm_hz: read.pwm_hz,
+            axes,
+            inputs,
+            outputs,
+            spindle,
+            coolant: [
+                PinFile::check_any(read.flood, &sheet, "flood")?,
+                PinFile::check_any(read.mist, &sheet, "mist")?,
+            ],
+        })
+    }
+
+    /// Bit i set: axis i is driven.
+    #[must_use]
+    pub fn axes_mask(&self) -> u32 {
+        self.axes.iter().fold(0, |mask, axis| mask | 1 << axis.axis)
+    }
+}
+
+impl PinFile {
+    fn check(self, sheet: &ConfigDocument<'_>, key: &str) -> Result<Pin, ConfigError> {
+        sheet.number(&format!("{key}.pin"), f64::from(self.pin), 0.0, MAX_PINS)?;
+        Ok(Pin {
+            pin: self.pin as usize,
+            inverted: self.inverted,
+        })
+    }
+
+    fn check_any(
+        pin: Option<Self>,
+        sheet: &ConfigDocument<'_>,
+        key: &str,
+    ) -> Result<Option<Pin>, ConfigError> {
+        pin.map(|pin| pin.check(sheet, key)).transpose()
+    }
+}
+
+impl SpindleFile {
+    fn check(&self, sheet: &ConfigDocument<'_>) -> Result<SpindlePins, ConfigError> {
+        sheet.number("spindle.number", f64::from(self.number), 0.0, 3.0)?;
+        let speed = match (self.pwm, self.full_rpm) {
+            (None, None) => None,
+            (Some(unit), Some(full)) => {
+                sheet.number("spindle.pwm", f64::from(unit), 0.0, MAX_UNITS)?;
+                sheet.number("spindle.full_rpm", full, 1e-3, 1e6)?;
+                Some((unit as usize, full))
+            }
+            _ => {
+                return Err(sheet.error(
+                    "spindle",
+                    "pwm and full_rpm belong together".to_owned(),
+                    "give both, or none",
+                ));
+            }
+        };
+        Ok(SpindlePins {
+            number: self.number as usize,
+            speed,
+            forward: PinFile::check_any(self.forward, sheet, "spindle.forward")?,
+            reverse: PinFile::check_any(self.reverse, sheet, "spindle.reverse")?,
+        })
+    }
+}
+
+impl AxisFile {
+    fn check(&self, sheet: &ConfigDocument<'_>, key: &str) -> Result<BoardAxis, ConfigError> {
+        let at = |name: &str| format!("{key}.{name}");
+        let mut letters = self.letter.chars();
+        let letter = match (letters.next().and_then(AxisLetter::from_letter), letters.next()) {
+            (Some(letter), None) => letter,
+            _ => {
+                return Err(sheet.error(
+                    &at("letter"),
+                    format!("`{}` is no axis", self.letter),
+                    "give one of X Y Z A B C U V W",
+                ));
+            }
+        };
+        let missing =
+            |name: &str, of: &str| sheet.error(key, format!("{of} needs {name}"), format!("give {name}"));
+        let (actuator, per_unit) = match (self.stepgen, self.encoder) {
+            (Some(unit), None) => {
+                sheet.number(&at("stepgen"), f64::from(unit), 0.0, MAX_UNITS)?;
+                let per_unit = self
+                    .steps
+                    .ok_or_else(|| missing("steps_per_unit", "a step generator"))?;
+                sheet.number(&at("steps_per_unit"), per_unit, 1e-3, 1e7)?;
+                let time = |name: &str, value: Option<f64>| {
+                    let value = value.ok_or_else(|| missing(name, "a step generator"))?;
+                    sheet.number(&at(name), value, 20.0, MAX_TIME_NS)?;
+                    Ok::<_, ConfigError>(value)
+                };
+                let timing = StepTiming {
+                    length_ns: time("step_length_ns", self.step_length_ns)?,
+                    space_ns: time("step_space_ns", self.step_space_ns)?,
+                    setup_ns: time("direction_setup_ns", self.direction_setup_ns)?,
+                    hold_ns: time("direction_hold_ns", self.direction_hold_ns)?,
+                };
+                let unit = unit as usize;
+                (Actuator::Steps { unit, timing }, per_unit)
+            }
+            (None, Some(encoder)) => {
+                sheet.number(&at("encoder"), f64::from(encoder), 0.0, MAX_UNITS)?;
+                let needed = |name: &str, value: Option<f64>, least: f64, most: f64| {
+                    let value = value.ok_or_else(|| missing(name, "an encoder"))?;
+                    sheet.number(&at(name), value, least, most)?;
+                    Ok::<_, ConfigError>(value)
+                };
+                let per_unit = needed("counts_per_unit", self.counts, 1e-3, 1e7)?;
+                let pwm = needed("pwm", self.pwm.map(f64::from), 0.0, MAX_UNITS)? as usize;
+                let full_velocity = needed("full_velocity", self.full_velocity, 1e-3, 1e6)?;
+                let p = needed("p_gain", self.p_gain, 0.1, 1e4)?;
+                sheet.number(&at("i_gain"), self.i_gain, 0.0, 1e6)?;
+                sheet.number(&at("d_gain"), self.d_gain, 0.0, 10.0)?;
+                let servo = Actuator::Servo {
+                    encoder: encoder as usize,
+                    pwm,
+                    full_velocity,
+                    gains: Gains {
+                        p,
+                        i: self.i_gain,
+                        d: self.d_gain,
+                    },
+                };
+                (servo, per_unit)
+            }
+            _ => {
+                return Err(sheet.error(
+                    key,
+                    "an axis needs either `stepgen` or `encoder`".to_owned(),
+                    "give stepgen for step and direction, encoder and pwm for an analog servo",
+                ));
+            }
+        };
+        sheet.number(&at("zero"), self.zero, -1e6, 1e6)?;
+        let pin = |pin: Option<PinFile>, name: &str| PinFile::check_any(pin, sheet, &at(name));
+        Ok(BoardAxis {
+            axis: letter.index(),
+            actuator,
+            per_unit,
+            inverted: self.inverted,
+            zero: self.zero,
+            enable: pin(self.enable, "enable")?,
+            fault: pin(self.fault, "fault")?,
+            switches: [
+                pin(self.home_switch, "home_switch")?,
+                pin(self.negative_limit, "negative_limit")?,
+                pin(self.positive_limit, "positive_limit")?,
+            ],
+        })
+    }
+}

@@ -1,0 +1,290 @@
+//! What a board is: name, clocks, modules, pins, as it says itself.
+
+use thiserror::Error;
+
+/// The cookie of a HostMot2 configuration.
+const COOKIE: u32 = 0x55AA_CAFE;
+/// Modules and pins that a board may have.
+const MAX_MODULES: usize = 32;
+const MAX_PINS: u32 = 144;
+
+/// Function tags of modules, by Mesa's register map.
+pub mod tag {
+    /// Watchdog.
+    pub const WATCHDOG: u8 = 0x02;
+    /// Pins that are read and driven.
+    pub const IO_PORT: u8 = 0x03;
+    /// Quadrature counters.
+    pub const ENCODER: u8 = 0x04;
+    /// Step generators.
+    pub const STEP_GENERATOR: u8 = 0x05;
+    /// PWM generators.
+    pub const PWM: u8 = 0x06;
+    /// Multiplexed quadrature counters.
+    pub const MUXED_ENCODER: u8 = 0x0C;
+    /// Smart serial.
+    pub const SMART_SERIAL: u8 = 0xC1;
+
+    /// A name for messages.
+    #[must_use]
+    pub const fn name(tag: u8) -> &'static str {
+        match tag {
+            0x01 => "interrupt",
+            WATCHDOG => "watchdog",
+            IO_PORT => "I/O port",
+            ENCODER => "encoder",
+            STEP_GENERATOR => "step generator",
+            PWM => "PWM generator",
+            0x07 | 0x0E | 0x0F => "SPI",
+            0x08 => "SSI encoder",
+            0x09 | 0x0A | 0x1B | 0x1C => "UART",
+            MUXED_ENCODER => "multiplexed encoder",
+            0x0D => "encoder multiplexer",
+            0x13 => "three-phase PWM",
+            0x18 => "BiSS encoder",
+            0x1A => "DPLL",
+            0x80 => "LED",
+            0xC0 => "resolver",
+            SMART_SERIAL => "smart serial",
+            _ => "other",
+        }
+    }
+}
+
+/// One kind of module on a board.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Module {
+    /// Its function; see [`tag`].
+    pub tag: u8,
+    /// Version.
+    pub version: u8,
+    /// Hz of its clock.
+    pub clock_hz: u32,
+    /// How many there are.
+    pub instances: usize,
+    /// Address of its first register.
+    pub base: u16,
+    /// Registers.
+    pub registers: u8,
+    /// From one instance to the next, bytes.
+    pub instance_stride: u16,
+    /// From one register to the next, bytes.
+    pub register_stride: u16,
+}
+
+impl Module {
+    /// Address of a register of an instance.
+    #[must_use]
+    pub const fn address(&self, register: u16, instance: usize) -> u16 {
+        self.base
+            .wrapping_add(register.wrapping_mul(self.register_stride))
+            .wrapping_add((instance as u16).wrapping_mul(self.instance_stride))
+    }
+}
+
+/// What is at a pin beside plain input and output.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PinFunction {
+    /// Function of the module; 0 for none.
+    pub tag: u8,
+    /// Which instance.
+    pub unit: u8,
+    /// Which pin of the instance; bit 7: an output.
+    pub pin: u8,
+}
+
+/// What a board is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Description {
+    /// Its name: "7I96S".
+    pub name: String,
+    /// Pins of one port.
+    pub port_width: u32,
+    /// Ports.
+    pub ports: usize,
+    /// Modules in their order.
+    pub modules: Vec<Module>,
+    /// Pins in their order.
+    pub pins: Vec<PinFunction>,
+}
+
+/// Why what a board says describes none.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+pub enum DescriptionError {
+    /// No HostMot2.
+    #[error(
+        "the cookie at 0100h is {found:08X}h instead of 55AACAFEh: the board has no HostMot2 configuration, or has started with \
+         none; write its bit file with `mesaflash`"
+    )]
+    Cookie {
+        /// What is there.
+        found: u32,
+    },
+    /// Another configuration.
+    #[error(
+        "the configuration calls itself `{found}` instead of HOSTMOT2: write a HostMot2 bit file with `mesaflash`"
+    )]
+    Configuration {
+        /// Its name.
+        found: String,
+    },
+    /// An IDROM that nobody has defined.
+    #[error(
+        "the IDROM is of type {found}, and 2 or 3 are known: the firmware is newer than this software, or damaged"
+    )]
+    Idrom {
+        /// Its type.
+        found: u32,
+    },
+    /// A figure that cannot be.
+    #[error(
+        "the IDROM says {what} {value}: the configuration is damaged; write its bit file again with `mesaflash`"
+    )]
+    Figure {
+        /// Which.
+        what: &'static str,
+        /// Its value.
+        value: u32,
+    },
+}
+
+/// How registers are read while a board is explored.
+pub(crate) trait Registers {
+    type Error: From<DescriptionError>;
+
+    fn read(&mut self, address: u16, values: &mut [u32]) -> Result<(), Self::Error>;
+}
+
+impl Description {
+    /// Explores a board that calls itself `name`.
+    pub(crate) fn explore<R: Registers>(name: String, registers: &mut R) -> Result<Self, R::Error> {
+        let mut head = [0; 4];
+        registers.read(0x0100, &mut head)?;
+        if head[0] != COOKIE {
+            return Err(DescriptionError::Cookie { found: head[0] }.into());
+        }
+        let characters: Vec<u8> = head[1..3].iter().flat_map(|part| part.to_le_bytes()).collect();
+        if characters != b"HOSTMOT2" {
+            let found = String::from_utf8_lossy(&characters).escape_default().to_string();
+            return Err(DescriptionError::Configuration { found }.into());
+        }
+        let at = figure("its own address", head[3], 0x0100, 0xFF00)? as u16;
+        let mut idrom = [0; 16];
+        registers.read(at, &mut idrom)?;
+        if !matches!(idrom[0], 2 | 3) {
+            return Err(DescriptionError::Idrom { found: idrom[0] }.into());
+        }
+        let modules_at = at + figure("its modules at", idrom[1], 0x10, 0x1000)? as u16;
+        let pins_at = at + figure("its pins at", idrom[2], 0x10, 0x1000)? as u16;
+        let ports = figure("ports", idrom[7], 1, 8)? as usize;
+        let pins = figure("pins", idrom[8], 1, MAX_PINS)?;
+        let port_width = figure("pins a port", idrom[9], 1, 32)?;
+        let clocks = [
+            figure("a low clock of Hz", idrom[10], 1_000_000, 1_000_000_000)?,
+            figure("a high clock of Hz", idrom[11], 1_000_000, 1_000_000_000)?,
+        ];
+        let stride = |option: u32, first: usize| idrom[first + (option & 1) as usize] as u16;
+        let mut modules = Vec::new();
+        for i in 0..MAX_MODULES {
+            let mut words = [0; 3];
+            registers.read(modules_at + 12 * i as u16, &mut words)?;
+            let [tag, version, clock, instances] = words[0].to_le_bytes();
+            if tag == 0 {
+                break;
+            }
+            let [low, high, registers, strides] = words[1].to_le_bytes();
+            modules.push(Module {
+                tag,
+                version,
+                clock_hz: clocks[usize::from(clock == 2)],
+                instances: usize::from(instances),
+                base: u16::from_le_bytes([low, high]),
+                registers,
+                instance_stride: stride(u32::from(strides >> 4), 12),
+                register_stride: stride(u32::from(strides), 14),
+            });
+        }
+        let mut words = vec![0; pins as usize];
+        for (i, some) in words.chunks_mut(64).enumerate() {
+            registers.read(pins_at + 256 * i as u16, some)?;
+        }
+        let pins = words.iter().map(|word| {
+            let [pin, tag, unit, _] = word.to_le_bytes();
+            PinFunction { tag, unit, pin }
+        });
+        Ok(Self {
+            name,
+            port_width,
+            ports,
+            modules,
+            pins: pins.collect(),
+        })
+    }
+
+    /// The module with a function.
+    #[must_use]
+    pub fn module(&self, tag: u8) -> Option<&Module> {
+        self.modules.iter().find(|module| module.tag == tag)
+    }
+
+    /// The pin at which a pin of a module is.
+    #[must_use]
+    pub fn pin_of(&self, tag: u8, unit: usize, pin: u8) -> Option<usize> {
+        let wanted = PinFunction {
+            tag,
+            unit: unit as u8,
+            pin,
+        };
+        self.pins.iter().position(|function| *function == wanted)
+    }
+
+    /// A list for people.
+    #[must_use]
+    pub fn text(&self) -> String {
+        let mut text = format!(
+            "{}: {} pins in {} ports\n",
+            self.name,
+            self.pins.len(),
+            self.ports
+        );
+        for module in &self.modules {
+            text += &format!(
+                "  {:2} x {} (tag {:02X}h, version {}, at {:04X}h, {} MHz)\n",
+                module.instances,
+                tag::name(module.tag),
+                module.tag,
+                module.version,
+                module.base,
+                f64::from(module.clock_hz) / 1e6
+            );
+        }
+        for (i, function) in self.pins.iter().enumerate() {
+            let what = match (function.tag, function.pin) {
+                (0, _) => continue,
+                (tag::STEP_GENERATOR, 0x81) => "step",
+                (tag::STEP_GENERATOR, 0x82) => "direction",
+                (tag::ENCODER, 1) => "A",
+                (tag::ENCODER, 2) => "B",
+                (tag::ENCODER, 3) => "index",
+                (tag::PWM, 0x81) => "out",
+                (tag::PWM, 0x82) => "direction",
+                (tag::PWM, 0x83) => "enable",
+                _ => "pin",
+            };
+            text += &format!(
+                "  pin {i}: {} {} {what}\n",
+                tag::name(function.tag),
+                function.unit
+            );
+        }
+        text
+    }
+}
+
+fn figure(what: &'static str, value: u32, least: u32, most: u32) -> Result<u32, DescriptionError> {
+    if (least..=most).contains(&value) {
+        Ok(value)
+    } else {
+        Err(DescriptionError::Figure { what, value })
+    }
+}

@@ -1,0 +1,182 @@
+//! Whether a board file fits a machine file.
+
+use evolvent_machine::{Machine, SignalKind};
+use evolvent_path::AxisLetter;
+use thiserror::Error;
+
+use crate::board_file::{Actuator, BoardSettings, OutputTarget};
+
+/// Why a board file does not fit a machine file.
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum FitError {
+    /// The board moves an axis that the machine has not.
+    #[error(
+        "an entry moves {letter}, which the machine file does not have: remove it, or add the axis there"
+    )]
+    NoAxis {
+        /// The axis.
+        letter: char,
+    },
+    /// Nothing moves an axis.
+    #[error(
+        "nothing moves {letter}: add an [[axis]] with this letter, because the core speaks to one bridge"
+    )]
+    NoEntry {
+        /// The axis.
+        letter: char,
+    },
+    /// The step times do not allow the largest velocity.
+    #[error(
+        "{letter}: {needed:.0} steps/s needed, {possible:.0} possible: shorten step_length_ns or step_space_ns if the drive \
+         allows, take fewer steps a unit, or lower max_velocity in the machine file"
+    )]
+    StepRate {
+        /// The axis.
+        letter: char,
+        /// Steps/s at the largest velocity.
+        needed: f64,
+        /// Steps/s by length and space.
+        possible: f64,
+    },
+    /// The largest velocity is more than the drive has at full output.
+    #[error(
+        "{letter}: a velocity of {needed:.3} a second needed, {possible:.3} possible at full output: lower max_velocity in the \
+         machine file, or correct full_velocity"
+    )]
+    FullVelocity {
+        /// The axis.
+        letter: char,
+        /// Of the machine file.
+        needed: f64,
+        /// Of the board file.
+        possible: f64,
+    },
+    /// A name that the machine file does not have.
+    #[error(
+        "`{name}` is no {kind} {direction} of the machine file: correct the name, or add [[{direction}]] there"
+    )]
+    NoSignal {
+        /// The name.
+        name: String,
+        /// "digital" or "analog".
+        kind: &'static str,
+        /// "input" or "output".
+        direction: &'static str,
+    },
+    /// A spindle that the machine file does not have.
+    #[error("spindle {number} is none of the machine file: correct its number, or add [[spindle]] there")]
+    NoSpindle {
+        /// Its number.
+        number: usize,
+    },
+}
+
+fn letter_of(axis: usize) -> char {
+    let letter = AxisLetter::ALL.iter().find(|letter| letter.index() == axis);
+    letter.map_or('?', |letter| letter.letter())
+}
+
+/// Compares axes, velocities and names of both files.
+///
+/// # Errors
+/// The first thing that does not fit.
+pub fn check_fit(machine: &Machine, board: &BoardSettings) -> Result<(), FitError> {
+    for axis in &board.axes {
+        if !machine
+            .axes
+            .iter()
+            .any(|listed| listed.letter.index() == axis.axis)
+        {
+            let letter = letter_of(axis.axis);
+            return Err(FitError::NoAxis { letter });
+        }
+    }
+    for listed in &machine.axes {
+        let letter = listed.letter.letter();
+        let Some(axis) = board.axes.iter().find(|axis| axis.axis == listed.letter.index()) else {
+            return Err(FitError::NoEntry { letter });
+        };
+        match axis.actuator {
+            Actuator::Steps { timing, .. } => {
+                let needed = axis.per_unit * listed.max_velocity;
+                let possible = 1e9 / (timing.length_ns + timing.space_ns);
+                if needed > possible {
+                    return Err(FitError::StepRate {
+                        letter,
+                        needed,
+                        possible,
+                    });
+                }
+            }
+            Actuator::Servo { full_velocity, .. } => {
+                if listed.max_velocity > full_velocity {
+                    return Err(FitError::FullVelocity {
+                        letter,
+                        needed: listed.max_velocity,
+                        possible: full_velocity,
+                    });
+                }
+            }
+        }
+    }
+    let signals = &machine.signals;
+    for input in &board.inputs {
+        let known = |kind| {
+            signals
+                .inputs
+                .iter()
+                .any(|listed| listed.name == input.name && listed.kind == kind)
+        };
+        if !known(SignalKind::Digital) {
+            return Err(FitError::NoSignal {
+                name: input.name.clone(),
+                kind: SignalKind::Digital.name(),
+                direction: "input",
+            });
+        }
+    }
+    for output in &board.outputs {
+        let kind = match output.target {
+            OutputTarget::Pin(_) => SignalKind::Digital,
+            OutputTarget::Pwm { .. } => SignalKind::Analog,
+        };
+        let known = signals
+            .outputs
+            .iter()
+            .any(|listed| listed.name == output.name && listed.kind == kind);
+        if !known {
+            return Err(FitError::NoSignal {
+                name: output.name.clone(),
+                kind: kind.name(),
+                direction: "output",
+            });
+        }
+    }
+    if let Some(spindle) = &board.spindle
+        && signals.spindle(spindle.number as u32).is_none()
+    {
+        let number = spindle.number;
+        return Err(FitError::NoSpindle { number });
+    }
+    Ok(())
+}
+
+/// What fits, and people should know all the same: motors that are coarser than the machine's increments.
+#[must_use]
+pub fn fit_notes(machine: &Machine, board: &BoardSettings) -> Vec<String> {
+    let increments = machine.increments();
+    let coarse = board
+        .axes
+        .iter()
+        .filter(|axis| axis.per_unit < increments[axis.axis]);
+    coarse
+        .map(|axis| {
+            format!(
+                "{}: the motor has {} steps or counts a unit, the machine file {} increments: finer positions are between two steps",
+                letter_of(axis.axis),
+                axis.per_unit,
+                increments[axis.axis]
+            )
+        })
+        .collect()
+}

@@ -1,0 +1,60 @@
+//! A drive bridge to Mesa Ethernet boards: HostMot2 over LBP16 (UDP 27181).
+//!
+//! ```text
+//!   bus ── Setpoint ──► bus thread ══ queue ══► cycle: Follower ── target ─► position loops ──► rates ──► board
+//!    ▲                      ▲                                                                        │
+//!    └───── Feedback ───────┴═════ queue ═══════ accumulators, counts, pins ◄────────────────────────┘
+//! ```
+//!
+//! [`BoardSettings`] is what a board file says: which step generator, or encoder and PWM generator, moves which axis, and what is at
+//! the pins:
+//!
+//! ```
+//! use evolvent_mesa::BoardSettings;
+//!
+//! let board = BoardSettings::parse(
+//!     "address = \"192.168.1.121\"
+//!      [[axis]]
+//!      letter = \"X\"
+//!      stepgen = 0
+//!      steps_per_unit = 200
+//!      step_length_ns = 2500
+//!      step_space_ns = 2500
+//!      direction_setup_ns = 5000
+//!      direction_hold_ns = 5000",
+//!     "board.toml",
+//! )?;
+//! assert_eq!(board.axes_mask(), 1);
+//! # Ok::<(), evolvent_config::ConfigError>(())
+//! ```
+//!
+//! [`Link`] asks a board what it is ([`Description`]); [`Packet`] is the protocol. [`run`] is the bridge: one packet that reads and one
+//! that writes in each period. Whatever ends a session (packets lost, the watchdog, a board that has started again) stops the axes
+//! within their limits as far as the board hears, then the feedback, which for the core is a stop; then the board is set up again,
+//! under a new instance.
+
+mod axis;
+mod axis_set;
+mod board_file;
+mod clock;
+mod description;
+mod fit;
+mod link;
+mod packet;
+mod plan;
+mod privileges;
+mod run;
+mod session;
+mod signals;
+
+pub use board_file::{
+    Actuator, BoardAxis, BoardFileError, BoardSettings, Gains, InputPin, OutputPin, OutputTarget, Pin,
+    SpindlePins, StepTiming, board_schema,
+};
+pub use description::{Description, DescriptionError, Module, PinFunction, tag};
+pub use fit::{FitError, check_fit, fit_notes};
+pub use link::{Link, LinkError, PORT};
+pub use packet::{MAX_PACKET, Packet, PacketFull, Reply, Space};
+pub use plan::PlanError;
+pub use run::{BridgeReport, RunError, RunSettings, run, run_measured};
+pub use session::SessionError;

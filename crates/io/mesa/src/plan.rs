@@ -1,0 +1,516 @@
+//! Which registers of a board are written once, read every cycle, and written every cycle.
+
+use thiserror::Error;
+
+use crate::board_file::{Actuator, BoardSettings, OutputTarget, Pin};
+use crate::description::{Description, Module, tag};
+use crate::packet::{Packet, PacketFull, Space};
+
+/// Ports at most.
+pub(crate) const MAX_PORTS: usize = 8;
+/// Units of one module at most.
+pub(crate) const MAX_UNITS: usize = 16;
+/// Scratch words of the timer space: number of the write packet, of the read packet, and of the session.
+pub(crate) const SCRATCH: u16 = 0x10;
+/// Feeds the watchdog.
+const FEED: u32 = 0x5A00_0000;
+/// Pins of modules.
+const STEP: u8 = 0x81;
+const DIRECTION: u8 = 0x82;
+const PWM_OUT: u8 = 0x81;
+const PWM_DIRECTION: u8 = 0x82;
+const PWM_ENABLE: u8 = 0x83;
+/// Longest time of a step generator, clocks.
+const MAX_CLOCKS: f64 = 16_383.0;
+/// 12 bits, sawtooth, sign and magnitude.
+const PWM_MODE: u32 = 3;
+/// Counts of an encoder between two readings at most.
+const MAX_COUNTS: f64 = 30_000.0;
+
+/// Why a board cannot do what the board file asks for.
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum PlanError {
+    /// Another board.
+    #[error("the board calls itself {found}, the board file says {wanted}: correct `name` or `address`")]
+    Name {
+        /// On the wire.
+        found: String,
+        /// In the file.
+        wanted: String,
+    },
+    /// A kind of module is missing, or has too few instances.
+    #[error(
+        "the board file asks for {what} {unit}, and the firmware of this {board} has {instances}: correct the number, or write a \
+         bit file with more of them"
+    )]
+    Module {
+        /// Its function.
+        what: &'static str,
+        /// Its number, from 0.
+        unit: usize,
+        /// The board.
+        board: String,
+        /// How many there are.
+        instances: usize,
+    },
+    /// A module that the bridge does not know how to use.
+    #[error(
+        "the {what} module is of a kind that is not known (version {version}, {registers} registers, stride {stride}): the \
+         firmware is newer than this software"
+    )]
+    Kind {
+        /// Its function.
+        what: &'static str,
+        /// Its version.
+        version: u8,
+        /// Its registers.
+        registers: u8,
+        /// Its stride.
+        stride: u16,
+    },
+    /// A module's pin is at no pin of the board.
+    #[error("{what} {unit} has no pin on this board: choose another number")]
+    NoPin {
+        /// Its function.
+        what: &'static str,
+        /// Its number.
+        unit: usize,
+    },
+    /// A pin that the board has not.
+    #[error("pin {pin} is none of this board, which has {pins}: correct the number")]
+    Pin {
+        /// The pin.
+        pin: usize,
+        /// How many there are.
+        pins: usize,
+    },
+    /// A pin that is used twice.
+    #[error("pin {pin} is asked for twice: give each use its own")]
+    Taken {
+        /// The pin.
+        pin: usize,
+    },
+    /// A time that is too long.
+    #[error(
+        "{what} of {time_ns} ns is more than the step generators of this board can ({most_ns:.0} ns): shorten it"
+    )]
+    Time {
+        /// Which.
+        what: &'static str,
+        /// The time.
+        time_ns: f64,
+        /// The longest.
+        most_ns: f64,
+    },
+    /// Rounded up to clocks, the times do not allow the largest velocity.
+    #[error(
+        "step generator {unit}: {needed:.0} steps/s needed, {possible:.0} possible at this board's clock: shorten its times"
+    )]
+    StepRate {
+        /// Its number.
+        unit: usize,
+        /// Steps/s at the largest velocity.
+        needed: f64,
+        /// Steps/s by the times.
+        possible: f64,
+    },
+    /// More counts between two readings than a counter of 16 bits can tell.
+    #[error("encoder {unit} counts {counts:.0} in a period, more than 30000: choose a higher control rate")]
+    Counts {
+        /// Its number.
+        unit: usize,
+        /// At the largest velocity.
+        counts: f64,
+    },
+    /// More registers than a packet holds.
+    #[error(transparent)]
+    Full(#[from] PacketFull),
+}
+
+/// What is written every cycle.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Outputs {
+    /// Steps/s of each step generator.
+    pub(crate) rates: [f64; MAX_UNITS],
+    /// -1 to 1 of each PWM generator.
+    pub(crate) duties: [f64; MAX_UNITS],
+    /// Bit i: PWM generator i is enabled.
+    pub(crate) pwm_enable: u32,
+    /// Output registers of the ports.
+    pub(crate) ports: [u32; MAX_PORTS],
+}
+
+/// What is read every cycle.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Inputs {
+    pub(crate) write_number: u16,
+    pub(crate) read_number: u16,
+    pub(crate) session: u16,
+    pub(crate) has_bitten: bool,
+    pub(crate) ports: [u32; MAX_PORTS],
+    pub(crate) accumulators: [u32; MAX_UNITS],
+    pub(crate) counts: [u32; MAX_UNITS],
+}
+
+/// Addresses and numbers of one board and one board file.
+#[derive(Clone, Debug)]
+pub(crate) struct Plan {
+    watchdog: Module,
+    port: Module,
+    ports: usize,
+    port_width: usize,
+    step: Option<(Module, usize)>,
+    encoder: Option<(Module, usize)>,
+    pwm: Option<(Module, usize)>,
+    /// Bits of driven pins, and of those that modules drive.
+    driven: [u32; MAX_PORTS],
+    alternate: [u32; MAX_PORTS],
+    taken: [u32; MAX_PORTS],
+}
+
+impl Plan {
+    pub(crate) fn new(
+        board: &Description,
+        settings: &BoardSettings,
+        max_velocity: &[f64],
+        period_s: f64,
+    ) -> Result<Self, PlanError> {
+        if let Some(wanted) = settings.name.as_ref()
+            && !wanted.eq_ignore_ascii_case(&board.name)
+        {
+            return Err(PlanError::Name {
+                found: board.name.clone(),
+                wanted: wanted.clone(),
+            });
+        }
+        let mut plan = Self {
+            watchdog: module(board, tag::WATCHDOG, "watchdog", 0, 3)?,
+            port: module(board, tag::IO_PORT, "I/O port", 0, 5)?,
+            ports: board.ports.min(MAX_PORTS),
+            port_width: board.port_width as usize,
+            step: None,
+            encoder: None,
+            pwm: None,
+            driven: [0; MAX_PORTS],
+            alternate: [0; MAX_PORTS],
+            taken: [0; MAX_PORTS],
+        };
+        for (axis, max_velocity) in settings.axes.iter().zip(max_velocity) {
+            match axis.actuator {
+                Actuator::Steps { unit, timing } => {
+                    let found = module(board, tag::STEP_GENERATOR, "step generator", unit, 10)?;
+                    grow(&mut plan.step, found, unit);
+                    plan.connect(
+                        board,
+                        tag::STEP_GENERATOR,
+                        "step generator",
+                        unit,
+                        &[STEP, DIRECTION],
+                    )?;
+                    let clock_hz = f64::from(found.clock_hz);
+                    for (what, time_ns) in [
+                        ("step_length_ns", timing.length_ns),
+                        ("step_space_ns", timing.space_ns),
+                        ("direction_setup_ns", timing.setup_ns),
+                        ("direction_hold_ns", timing.hold_ns),
+                    ] {
+                        if time_ns * 1e-9 * clock_hz > MAX_CLOCKS {
+                            let most_ns = MAX_CLOCKS / clock_hz * 1e9;
+                            return Err(PlanError::Time {
+                                what,
+                                time_ns,
+                                most_ns,
+                            });
+                        }
+                    }
+                    let pulse = clocks(timing.length_ns, clock_hz) + clocks(timing.space_ns, clock_hz);
+                    let (needed, possible) = (axis.per_unit * max_velocity, clock_hz / f64::from(pulse));
+                    if needed > possible {
+                        return Err(PlanError::StepRate {
+                            unit,
+                            needed,
+                            possible,
+                        });
+                    }
+                }
+                Actuator::Servo { encoder, pwm, .. } => {
+                    let found = module(board, tag::ENCODER, "encoder", encoder, 5)?;
+                    grow(&mut plan.encoder, found, encoder);
+                    plan.use_pwm(board, pwm)?;
+                    let counts = axis.per_unit * max_velocity * period_s;
+                    if counts > MAX_COUNTS {
+                        return Err(PlanError::Counts {
+                            unit: encoder,
+                            counts,
+                        });
+                    }
+                }
+            }
+            let [home, negative, positive] = axis.switches;
+            for pin in [axis.fault, home, negative, positive].into_iter().flatten() {
+                plan.look_at(board, pin)?;
+            }
+            plan.drive_any(board, axis.enable)?;
+        }
+        for input in &settings.inputs {
+            plan.look_at(board, input.pin)?;
+        }
+        for output in &settings.outputs {
+            match output.target {
+                OutputTarget::Pin(pin) => plan.drive(board, pin)?,
+                OutputTarget::Pwm { unit, .. } => plan.use_pwm(board, unit)?,
+            }
+        }
+        if let Some(spindle) = &settings.spindle {
+            plan.drive_any(board, spindle.forward)?;
+            plan.drive_any(board, spindle.reverse)?;
+            if let Some((unit, _)) = spindle.speed {
+                plan.use_pwm(board, unit)?;
+            }
+        }
+        for pin in settings.coolant {
+            plan.drive_any(board, pin)?;
+        }
+        Ok(plan)
+    }
+
+    /// Port and bit of a pin.
+    pub(crate) const fn place(&self, pin: usize) -> (usize, usize) {
+        (pin / self.port_width, pin % self.port_width)
+    }
+
+    fn look_at(&self, board: &Description, pin: Pin) -> Result<(), PlanError> {
+        let (pin, pins) = (pin.pin, board.pins.len());
+        if pin < pins {
+            Ok(())
+        } else {
+            Err(PlanError::Pin { pin, pins })
+        }
+    }
+
+    fn drive_any(&mut self, board: &Description, pin: Option<Pin>) -> Result<(), PlanError> {
+        pin.map_or(Ok(()), |pin| self.drive(board, pin))
+    }
+
+    fn take(&mut self, pin: usize) -> Result<(usize, u32), PlanError> {
+        let (port, bit) = self.place(pin);
+        if self.taken[port] >> bit & 1 == 1 {
+            return Err(PlanError::Taken { pin });
+        }
+        self.taken[port] |= 1 << bit;
+        self.driven[port] |= 1 << bit;
+        Ok((port, 1 << bit))
+    }
+
+    fn drive(&mut self, board: &Description, pin: Pin) -> Result<(), PlanError> {
+        self.look_at(board, pin)?;
+        self.take(pin.pin).map(|_| ())
+    }
+
+    fn connect(
+        &mut self,
+        board: &Description,
+        tag: u8,
+        what: &'static str,
+        unit: usize,
+        pins: &[u8],
+    ) -> Result<(), PlanError> {
+        for pin in pins {
+            let Some(pin) = board.pin_of(tag, unit, *pin) else {
+                return Err(PlanError::NoPin { what, unit });
+            };
+            let (port, bit) = self.take(pin)?;
+            self.alternate[port] |= bit;
+        }
+        Ok(())
+    }
+
+    fn use_pwm(&mut self, board: &Description, unit: usize) -> Result<(), PlanError> {
+        let found = module(board, tag::PWM, "PWM generator", unit, 5)?;
+        grow(&mut self.pwm, found, unit);
+        self.connect(board, tag::PWM, "PWM generator", unit, &[PWM_OUT])?;
+        // Analog outputs on the board itself have no pins for these.
+        for pin in [PWM_DIRECTION, PWM_ENABLE] {
+            if board.pin_of(tag::PWM, unit, pin).is_some() {
+                self.connect(board, tag::PWM, "PWM generator", unit, &[pin])?;
+            }
+        }
+        Ok(())
+    }
+
+    /// What is written once, in this order: all at rest first, pins last. `outputs` are those that do nothing.
+    pub(crate) fn set_up(
+        &self,
+        settings: &BoardSettings,
+        outputs: &Outputs,
+        session: u16,
+    ) -> Result<Vec<Packet>, PacketFull> {
+        let mut packets = Vec::new();
+        let mut packet = Packet::new();
+        let zeros = [0; MAX_PORTS];
+        packet.write(self.port.address(1, 0), &zeros[..self.ports])?;
+        packet.write(self.port.address(3, 0), &zeros[..self.ports])?;
+        packet.write(self.port.address(4, 0), &zeros[..self.ports])?;
+        if let Some((step, count)) = self.step {
+            packet.write(step.address(0, 0), &[0; MAX_UNITS][..count])?;
+            packet.write(step.address(9, 0), &[u32::MAX])?;
+        }
+        packets.push(packet.clone());
+        packet.clear();
+        for axis in &settings.axes {
+            if let (Actuator::Steps { unit, timing }, Some((step, _))) = (axis.actuator, self.step) {
+                let clock_hz = f64::from(step.clock_hz);
+                // N + 1 clocks for the pulse and its space, N for the direction.
+                for (register, value) in [
+                    (2, 0),
+                    (3, clocks(timing.setup_ns, clock_hz)),
+                    (4, clocks(timing.hold_ns, clock_hz)),
+                    (5, clocks(timing.length_ns, clock_hz) - 1),
+                    (6, clocks(timing.space_ns, clock_hz) - 1),
+                ] {
+                    packet.write(step.address(register, unit), &[value])?;
+                }
+            }
+            if let (Actuator::Servo { encoder, .. }, Some((module, _))) = (axis.actuator, self.encoder) {
+                // Quadrature, with the long filter.
+                packet.write(module.address(1, encoder), &[1 << 11])?;
+            }
+        }
+        packets.push(packet.clone());
+        packet.clear();
+        if let Some((pwm, count)) = self.pwm {
+            let clock = settings.pwm_hz * 4096.0;
+            let rate = (clock * 65536.0 / f64::from(pwm.clock_hz))
+                .round()
+                .clamp(1.0, 65535.0);
+            packet.write(pwm.address(0, 0), &[0; MAX_UNITS][..count])?;
+            packet.write(pwm.address(1, 0), &[PWM_MODE; MAX_UNITS][..count])?;
+            packet.write(pwm.address(2, 0), &[rate as u32])?;
+            packet.write(pwm.address(4, 0), &[0])?;
+        }
+        let ticks = settings.watchdog_s * f64::from(self.watchdog.clock_hz) - 1.0;
+        packet.write(self.watchdog.address(0, 0), &[ticks as u32])?;
+        packet.write(self.watchdog.address(2, 0), &[FEED])?;
+        packet.write(self.watchdog.address(1, 0), &[0])?;
+        packet.write(self.port.address(0, 0), &outputs.ports[..self.ports])?;
+        packet.write(self.port.address(2, 0), &self.alternate[..self.ports])?;
+        packet.write(self.port.address(1, 0), &self.driven[..self.ports])?;
+        packet.write_word(Space::Timer, SCRATCH, 0)?;
+        packet.write_word(Space::Timer, SCRATCH + 4, session)?;
+        packets.push(packet);
+        Ok(packets)
+    }
+
+    /// The packet that reads everything.
+    pub(crate) fn read(&self, packet: &mut Packet, number: u16) -> Result<(), PacketFull> {
+        packet.clear();
+        packet.write_word(Space::Timer, SCRATCH + 2, number)?;
+        packet.read(Space::Timer, SCRATCH, 3)?;
+        packet.read(Space::HostMot2, self.watchdog.address(1, 0), 1)?;
+        packet.read(Space::HostMot2, self.port.address(0, 0), self.ports)?;
+        if let Some((step, count)) = self.step {
+            packet.read(Space::HostMot2, step.address(1, 0), count)?;
+        }
+        if let Some((encoder, count)) = self.encoder {
+            packet.read(Space::HostMot2, encoder.address(0, 0), count)?;
+        }
+        Ok(())
+    }
+
+    /// Its reply.
+    pub(crate) fn take_reply(&self, mut reply: crate::packet::Reply<'_>) -> Inputs {
+        let mut inputs = Inputs {
+            write_number: reply.word(),
+            read_number: reply.word(),
+            session: reply.word(),
+            has_bitten: reply.value() & 1 == 1,
+            ..Inputs::default()
+        };
+        inputs.ports[..self.ports].fill_with(|| reply.value());
+        if let Some((_, count)) = self.step {
+            inputs.accumulators[..count].fill_with(|| reply.value());
+        }
+        if let Some((_, count)) = self.encoder {
+            inputs.counts[..count].fill_with(|| reply.value());
+        }
+        inputs
+    }
+
+    /// The packet that writes everything and feeds the watchdog.
+    pub(crate) fn write(
+        &self,
+        packet: &mut Packet,
+        outputs: &Outputs,
+        number: u16,
+    ) -> Result<(), PacketFull> {
+        packet.clear();
+        if let Some((step, count)) = self.step {
+            let scale = 4_294_967_296.0 / f64::from(step.clock_hz);
+            let rates = outputs.rates.map(|rate| (rate * scale).round() as i32 as u32);
+            packet.write(step.address(0, 0), &rates[..count])?;
+        }
+        if let Some((pwm, count)) = self.pwm {
+            let values = outputs.duties.map(|duty| {
+                let magnitude = (duty.abs().min(1.0) * 4095.0).round() as u32;
+                magnitude << 16 | u32::from(duty < 0.0) << 31
+            });
+            packet.write(pwm.address(0, 0), &values[..count])?;
+            packet.write(pwm.address(4, 0), &[outputs.pwm_enable])?;
+        }
+        packet.write(self.port.address(0, 0), &outputs.ports[..self.ports])?;
+        packet.write(self.watchdog.address(2, 0), &[FEED])?;
+        packet.write_word(Space::Timer, SCRATCH, number)
+    }
+
+    /// The packet that gives every pin back.
+    pub(crate) fn release(&self, packet: &mut Packet) -> Result<(), PacketFull> {
+        packet.clear();
+        if let Some((step, count)) = self.step {
+            packet.write(step.address(0, 0), &[0; MAX_UNITS][..count])?;
+        }
+        if let Some((pwm, count)) = self.pwm {
+            packet.write(pwm.address(0, 0), &[0; MAX_UNITS][..count])?;
+            packet.write(pwm.address(4, 0), &[0])?;
+        }
+        packet.write(self.port.address(1, 0), &[0; MAX_PORTS][..self.ports])
+    }
+}
+
+/// A time in clocks, rounded up, at least 1.
+fn clocks(time_ns: f64, clock_hz: f64) -> u32 {
+    // A hundredth of a clock is rounding.
+    (time_ns * 1e-9 * clock_hz - 0.01).ceil().max(1.0) as u32
+}
+
+fn grow(module: &mut Option<(Module, usize)>, found: Module, unit: usize) {
+    let count = module.map_or(0, |(_, count)| count).max(unit + 1);
+    *module = Some((found, count));
+}
+
+fn module(
+    board: &Description,
+    tag: u8,
+    what: &'static str,
+    unit: usize,
+    registers: u8,
+) -> Result<Module, PlanError> {
+    let found = board.module(tag).copied();
+    let instances = found.map_or(0, |module| module.instances.min(MAX_UNITS));
+    let Some(module) = found.filter(|_| unit < instances) else {
+        return Err(PlanError::Module {
+            what,
+            unit,
+            board: board.name.clone(),
+            instances,
+        });
+    };
+    if module.registers < registers || module.instance_stride != 4 || module.register_stride == 0 {
+        return Err(PlanError::Kind {
+            what,
+            version: module.version,
+            registers: module.registers,
+            stride: module.instance_stride,
+        });
+    }
+    Ok(module)
+}

@@ -1,0 +1,406 @@
+//! One session with a board: set-up, the cycle, and what ended it.
+
+use core::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use core::time::Duration;
+
+use evolvent_bus::{AXES, Feedback, MachineInputs, MachineOutputs, Setpoint};
+use evolvent_drive::SettingsError;
+use evolvent_machine::Machine;
+use rtrb::{Consumer, Producer};
+use thiserror::Error;
+
+use crate::axis_set::AxisSet;
+use crate::board_file::BoardSettings;
+use crate::clock::{monotonic_ns, sleep_until};
+use crate::description::Description;
+use crate::link::{Link, LinkError};
+use crate::packet::{MAX_PACKET, Packet, PacketFull, Reply};
+use crate::plan::{Inputs, Outputs, Plan, PlanError};
+use crate::signals::Signals;
+
+/// How long axes may take to stop where the session ends, ns.
+const STOP_NS: u64 = 1_500_000_000;
+/// For how long a fault is told to the core before the feedback ends, periods.
+const TELL: u64 = 20;
+/// Share of a period within which a reply has to come.
+const REPLY: (u64, u64) = (6, 10);
+
+/// Why a session did not begin, or why it ended.
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum SessionError {
+    /// The board does not answer, or is none.
+    #[error(transparent)]
+    Link(#[from] LinkError),
+    /// It cannot do what the board file asks for.
+    #[error(transparent)]
+    Plan(#[from] PlanError),
+    /// A limit of the machine is none.
+    #[error(transparent)]
+    Limits(#[from] SettingsError),
+    /// More registers than a packet holds.
+    #[error(transparent)]
+    Full(#[from] PacketFull),
+    /// Packets stopped coming back.
+    #[error(
+        "{packets} packets in a row did not come back in time: check cable, supply and network interface"
+    )]
+    Lost {
+        /// How many.
+        packets: u32,
+    },
+    /// What was written did not arrive.
+    #[error("{packets} packets in a row did not reach the board: check cable and network interface")]
+    Unheard {
+        /// How many.
+        packets: u32,
+    },
+    /// The watchdog of the board has taken its pins away.
+    #[error(
+        "the board's watchdog has bitten: no packet came for {watchdog_ms:.0} ms; see what kept this computer from running \
+         (evolvent doctor), or allow more (watchdog_ms)"
+    )]
+    Bitten {
+        /// Its time.
+        watchdog_ms: f64,
+    },
+    /// The board has started again, or somebody else writes to it.
+    #[error(
+        "the board does not know this session any more: it has lost its supply and started again, or another program writes to it"
+    )]
+    Restarted,
+}
+
+/// What happens during a session, for people.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Notice {
+    /// The board is set up.
+    Operational,
+    /// A drive is in fault.
+    DriveFault { axis: usize, code: u16 },
+}
+
+/// What comes from the bus.
+#[derive(Clone, Copy, Debug)]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "a box would be freed by the cycle, and nearly all are setpoints"
+)]
+pub(crate) enum Incoming {
+    Setpoint(Setpoint),
+    OtherVersion,
+}
+
+/// Counters over all sessions.
+#[derive(Debug, Default)]
+pub(crate) struct Counters {
+    pub(crate) cycles: AtomicU64,
+    /// Replies that did not come in time.
+    pub(crate) lost: AtomicU64,
+    /// Writes that did not arrive.
+    pub(crate) unheard: AtomicU64,
+    /// Replies to other packets than the last.
+    pub(crate) stale: AtomicU64,
+}
+
+/// The cycle's ends of the queues, and what ends it.
+pub(crate) struct Ends<'a> {
+    pub(crate) setpoints: &'a mut Consumer<Incoming>,
+    pub(crate) outputs: &'a mut Consumer<MachineOutputs>,
+    pub(crate) feedback: &'a mut Producer<Feedback>,
+    pub(crate) inputs: &'a mut Producer<MachineInputs>,
+    pub(crate) notices: &'a mut Producer<Notice>,
+    pub(crate) counters: &'a Counters,
+    pub(crate) stop: &'a AtomicBool,
+    /// The core's period; another one ends the session.
+    pub(crate) period_ns: &'a AtomicU64,
+    /// Called with each cycle's own work, ns: without sleeping, and without waiting for the reply.
+    pub(crate) measure: Option<&'a mut dyn FnMut(u64)>,
+}
+
+/// Sets the board up and runs the cycle until something ends it; `Ok` where it was asked to stop.
+pub(crate) fn run_session(
+    link: &Link,
+    board: &Description,
+    settings: &BoardSettings,
+    machine: &Machine,
+    ends: &mut Ends<'_>,
+) -> Result<(), SessionError> {
+    let period_ns = ends.period_ns.load(Ordering::Relaxed);
+    let max_velocity: Vec<f64> = settings
+        .axes
+        .iter()
+        .map(|axis| {
+            let listed = machine
+                .axes
+                .iter()
+                .find(|listed| listed.letter.index() == axis.axis);
+            listed.map_or(0.0, |listed| listed.max_velocity)
+        })
+        .collect();
+    let plan = Plan::new(board, settings, &max_velocity, period_ns as f64 * 1e-9)?;
+    let instance = monotonic_ns();
+    // Never zero, as in a board that has just started.
+    let session = (instance / 1000) as u16 | 1;
+    let mut cycle = Cycle {
+        link,
+        settings,
+        axes: AxisSet::new(machine, settings, period_ns, instance)?,
+        signals: Signals::new(machine, settings, instance),
+        plan,
+        period_ns,
+        session,
+        outputs: Outputs::default(),
+        packet: Packet::new(),
+        buffer: [0; MAX_PACKET + 8],
+        read_number: 0,
+        write_number: 0,
+        lost: 0,
+        unheard: 0,
+        reported: [0; AXES],
+    };
+    cycle.set_up()?;
+    // What was sent while the board was being set up is void.
+    while ends.setpoints.pop().is_ok() {}
+    let _full = ends.notices.push(Notice::Operational);
+    cycle.run(ends)
+}
+
+struct Cycle<'a> {
+    link: &'a Link,
+    settings: &'a BoardSettings,
+    plan: Plan,
+    axes: AxisSet,
+    signals: Signals,
+    period_ns: u64,
+    session: u16,
+    outputs: Outputs,
+    packet: Packet,
+    buffer: [u8; MAX_PACKET + 8],
+    read_number: u16,
+    write_number: u16,
+    lost: u32,
+    unheard: u32,
+    /// Fault codes that were told.
+    reported: [u16; AXES],
+}
+
+impl Cycle<'_> {
+    fn set_up(&mut self) -> Result<(), SessionError> {
+        // Everything off, by what the pins say when nothing is wanted.
+        self.signals.step(u64::MAX, &self.plan, &mut self.outputs);
+        for axis in self.axes.axes() {
+            if let Some(pin) = axis.settings().enable {
+                crate::axis_set::set(&self.plan, &mut self.outputs, pin, false);
+            }
+        }
+        let packets = self.plan.set_up(self.settings, &self.outputs, self.session)?;
+        let mut check = Packet::new();
+        for packet in &packets {
+            self.link.send(packet);
+        }
+        // A reading that knows the session shows that all has arrived; else once more.
+        self.plan.read(&mut check, 0)?;
+        for attempt in 0..3 {
+            let mut found = Inputs::default();
+            let plan = &self.plan;
+            self.link.ask(&check, |reply| found = plan.take_reply(reply))?;
+            if found.session == self.session && !found.has_bitten {
+                return Ok(());
+            }
+            if attempt < 2 {
+                for packet in &packets {
+                    self.link.send(packet);
+                }
+            }
+        }
+        Err(SessionError::Restarted)
+    }
+
+    fn run(&mut self, ends: &mut Ends<'_>) -> Result<(), SessionError> {
+        let mut next_ns = monotonic_ns() + self.period_ns;
+        let mut ending: Option<(u64, Result<(), SessionError>)> = None;
+        // The first write tells the board the number to be found by the first reading.
+        self.plan.write(&mut self.packet, &self.outputs, 0)?;
+        self.link.send(&self.packet);
+        loop {
+            sleep_until(next_ns);
+            let now_ns = next_ns;
+            while let Ok(incoming) = ends.setpoints.pop() {
+                match incoming {
+                    Incoming::Setpoint(setpoint) => self.axes.offer(now_ns, &setpoint),
+                    Incoming::OtherVersion => self.axes.refuse_version(),
+                }
+            }
+            while let Ok(message) = ends.outputs.pop() {
+                self.signals.offer(now_ns, &message);
+            }
+            let outcome = self.cycle(now_ns, ends, ending.is_some());
+            ends.counters.cycles.fetch_add(1, Ordering::Relaxed);
+            if let Err(error) = outcome
+                && ending.is_none()
+            {
+                // What of the axes still hears brakes within its limits.
+                self.axes.set_lost();
+                self.axes.end();
+                ending = Some((now_ns, Err(error)));
+            }
+            let asked =
+                ends.stop.load(Ordering::Relaxed) || ends.period_ns.load(Ordering::Relaxed) != self.period_ns;
+            if asked && ending.is_none() {
+                self.axes.end();
+                ending = Some((now_ns, Ok(())));
+            }
+            if let Some((since_ns, _)) = &ending {
+                let passed_ns = now_ns.saturating_sub(*since_ns);
+                let is_over =
+                    passed_ns > STOP_NS || !self.axes.has_torque() && passed_ns > TELL * self.period_ns;
+                if is_over && let Some((_, result)) = ending.take() {
+                    self.give_back()?;
+                    return result;
+                }
+            }
+            next_ns += self.period_ns;
+            let late_ns = monotonic_ns().saturating_sub(next_ns);
+            if late_ns > self.period_ns {
+                // Cycles that were slept through are left out.
+                next_ns += late_ns / self.period_ns * self.period_ns;
+            }
+        }
+    }
+
+    /// Outputs to their safe values, then pins to inputs.
+    fn give_back(&mut self) -> Result<(), SessionError> {
+        self.signals.step(u64::MAX, &self.plan, &mut self.outputs);
+        self.plan
+            .write(&mut self.packet, &self.outputs, self.write_number)?;
+        self.link.send(&self.packet);
+        self.plan.release(&mut self.packet)?;
+        self.link.send(&self.packet);
+        Ok(())
+    }
+
+    /// One period: read, think, write.
+    fn cycle(&mut self, now_ns: u64, ends: &mut Ends<'_>, is_ending: bool) -> Result<(), SessionError> {
+        let begin_ns = monotonic_ns();
+        self.read_number = self.read_number.wrapping_add(1);
+        self.plan.read(&mut self.packet, self.read_number)?;
+        self.link.send(&self.packet);
+        let sent_ns = monotonic_ns();
+        let mut waited_ns = 0;
+        let found = self.collect(ends, sent_ns, &mut waited_ns);
+        let judged = match found {
+            Some((inputs, measured_ns)) => self.judge(&inputs, measured_ns, ends),
+            None => self.miss(ends),
+        };
+        if let Err(error) = judged
+            && !is_ending
+        {
+            // From here on the axes are lost, and brake.
+            self.axes.set_lost();
+            self.axes.end();
+            self.command(now_ns)?;
+            return Err(error);
+        }
+        self.command(now_ns)?;
+        let feedback = if is_ending {
+            self.axes.lost_feedback(now_ns)
+        } else if found.is_some() {
+            self.axes.feedback()
+        } else {
+            None
+        };
+        // What finds no room is replaced by the next.
+        if let Some(feedback) = feedback {
+            let _full = ends.feedback.push(feedback);
+        }
+        if let Some((inputs, measured_ns)) = found
+            && let Some(message) = self.signals.read(measured_ns, &self.plan, &inputs)
+        {
+            let _full = ends.inputs.push(message);
+        }
+        self.tell_faults(ends);
+        if let Some(measure) = &mut ends.measure {
+            measure((monotonic_ns() - begin_ns).saturating_sub(waited_ns));
+        }
+        Ok(())
+    }
+
+    fn command(&mut self, now_ns: u64) -> Result<(), PacketFull> {
+        self.axes.step(now_ns, &self.plan, &mut self.outputs);
+        self.signals.step(now_ns, &self.plan, &mut self.outputs);
+        self.write_number = self.write_number.wrapping_add(1);
+        self.plan
+            .write(&mut self.packet, &self.outputs, self.write_number)?;
+        self.link.send(&self.packet);
+        Ok(())
+    }
+
+    /// The reply to the reading that was just sent, and when the board has carried it out.
+    fn collect(&mut self, ends: &Ends<'_>, sent_ns: u64, waited_ns: &mut u64) -> Option<(Inputs, u64)> {
+        let until_ns = sent_ns + self.period_ns * REPLY.0 / REPLY.1;
+        loop {
+            let before_ns = monotonic_ns();
+            if let Some(bytes) = self.link.receive(&mut self.buffer) {
+                if bytes.len() == self.packet.reply_bytes() {
+                    let inputs = self.plan.take_reply(Reply::new(bytes));
+                    if inputs.read_number == self.read_number {
+                        // Half of the way there and back.
+                        return Some((inputs, sent_ns + (before_ns - sent_ns) / 2));
+                    }
+                }
+                ends.counters.stale.fetch_add(1, Ordering::Relaxed);
+                continue;
+            }
+            let left_ns = until_ns.saturating_sub(before_ns);
+            if left_ns == 0 {
+                return None;
+            }
+            self.link.wait(Duration::from_nanos(left_ns));
+            *waited_ns += monotonic_ns() - before_ns;
+        }
+    }
+
+    fn judge(&mut self, inputs: &Inputs, measured_ns: u64, ends: &Ends<'_>) -> Result<(), SessionError> {
+        self.lost = 0;
+        if inputs.session != self.session {
+            return Err(SessionError::Restarted);
+        }
+        if inputs.has_bitten {
+            return Err(SessionError::Bitten {
+                watchdog_ms: self.settings.watchdog_s * 1e3,
+            });
+        }
+        self.axes.take(&self.plan, inputs, measured_ns);
+        if inputs.write_number == self.write_number {
+            self.unheard = 0;
+            return Ok(());
+        }
+        ends.counters.unheard.fetch_add(1, Ordering::Relaxed);
+        self.unheard += 1;
+        if self.unheard > self.settings.max_lost_packets {
+            return Err(SessionError::Unheard {
+                packets: self.unheard,
+            });
+        }
+        Ok(())
+    }
+
+    fn miss(&mut self, ends: &Ends<'_>) -> Result<(), SessionError> {
+        ends.counters.lost.fetch_add(1, Ordering::Relaxed);
+        self.lost += 1;
+        if self.lost > self.settings.max_lost_packets {
+            return Err(SessionError::Lost { packets: self.lost });
+        }
+        Ok(())
+    }
+
+    fn tell_faults(&mut self, ends: &mut Ends<'_>) {
+        for axis in self.axes.axes() {
+            let (index, code) = (axis.index(), axis.error_code());
+            if code != 0 && self.reported[index] != code {
+                let _full = ends.notices.push(Notice::DriveFault { axis: index, code });
+            }
+            self.reported[index] = code;
+        }
+    }
+}

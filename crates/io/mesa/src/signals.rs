@@ -1,0 +1,119 @@
+//! Inputs and outputs of the machine at pins and PWM generators.
+
+use evolvent_bus::{MachineInputs, MachineOutputs};
+use evolvent_drive::OutputFollower;
+use evolvent_machine::{Machine, SignalKind};
+
+use crate::axis_set::{level, set};
+use crate::board_file::{BoardSettings, OutputTarget, Pin, SpindlePins};
+use crate::plan::{Inputs, Outputs, Plan};
+
+/// Time between two messages of inputs that do not change, ns.
+const INPUTS_EVERY_NS: u64 = 5_000_000;
+/// Directions of a spindle on the bus.
+const CLOCKWISE: u32 = 1;
+const COUNTER_CLOCKWISE: u32 = 2;
+
+/// Signals of one session. Nothing but the constructor allocates.
+#[derive(Debug)]
+pub(crate) struct Signals {
+    follower: OutputFollower,
+    /// Number on the bus and pin.
+    inputs: Vec<(u32, Pin)>,
+    /// Number on the bus and where it goes.
+    outputs: Vec<(u32, OutputTarget)>,
+    spindle: Option<SpindlePins>,
+    coolant: [Option<Pin>; 2],
+    sent: MachineInputs,
+    outputs_sequence: u64,
+}
+
+impl Signals {
+    /// Names that the machine does not have are left out; [`crate::check_fit`] names them.
+    pub(crate) fn new(machine: &Machine, board: &BoardSettings, instance: u64) -> Self {
+        let signals = &machine.signals;
+        let inputs = board.inputs.iter().filter_map(|input| {
+            let listed = signals.inputs.iter().find(|listed| listed.name == input.name)?;
+            (listed.kind == SignalKind::Digital).then_some((listed.number, input.pin))
+        });
+        let outputs = board.outputs.iter().filter_map(|output| {
+            let listed = signals.outputs.iter().find(|listed| listed.name == output.name)?;
+            Some((listed.number, output.target))
+        });
+        Self {
+            follower: OutputFollower::default(),
+            inputs: inputs.collect(),
+            outputs: outputs.collect(),
+            spindle: board.spindle,
+            coolant: board.coolant,
+            sent: MachineInputs {
+                instance,
+                ..MachineInputs::default()
+            },
+            outputs_sequence: 0,
+        }
+    }
+
+    pub(crate) fn offer(&mut self, now_ns: u64, message: &MachineOutputs) {
+        // What comes damaged is followed by a message that is complete.
+        let _damaged = self.follower.offer(now_ns, message);
+    }
+
+    /// The outputs of this moment; far in the future they are safe.
+    pub(crate) fn step(&mut self, now_ns: u64, plan: &Plan, outputs: &mut Outputs) {
+        let wanted = self.follower.step(now_ns);
+        self.outputs_sequence = wanted.sequence;
+        for (number, target) in &self.outputs {
+            match *target {
+                OutputTarget::Pin(pin) => set(plan, outputs, pin, wanted.digital >> number & 1 == 1),
+                OutputTarget::Pwm { unit, full } => {
+                    let value = wanted.analog.get(*number as usize).copied().unwrap_or(0.0);
+                    put(outputs, unit, value / full, value != 0.0);
+                }
+            }
+        }
+        for (bit, pin) in [1, 0].into_iter().zip(self.coolant) {
+            if let Some(pin) = pin {
+                set(plan, outputs, pin, wanted.coolant >> bit & 1 == 1);
+            }
+        }
+        if let Some(spindle) = self.spindle {
+            let direction = wanted.spindle_direction[spindle.number];
+            let turns = matches!(direction, CLOCKWISE | COUNTER_CLOCKWISE);
+            if let Some(pin) = spindle.forward {
+                set(plan, outputs, pin, direction == CLOCKWISE);
+            }
+            if let Some(pin) = spindle.reverse {
+                set(plan, outputs, pin, direction == COUNTER_CLOCKWISE);
+            }
+            if let Some((unit, full_rpm)) = spindle.speed {
+                let rpm = wanted.spindle_rpm[spindle.number];
+                put(outputs, unit, if turns { rpm / full_rpm } else { 0.0 }, turns);
+            }
+        }
+    }
+
+    /// What was read, where it has to be sent.
+    pub(crate) fn read(&mut self, measured_ns: u64, plan: &Plan, inputs: &Inputs) -> Option<MachineInputs> {
+        let mut message = self.sent;
+        (message.digital_mask, message.digital) = (0, 0);
+        for (number, pin) in &self.inputs {
+            message.digital_mask |= 1 << number;
+            message.digital |= u64::from(level(plan, inputs, *pin)) << number;
+        }
+        message.outputs_sequence = self.outputs_sequence;
+        let is_old = measured_ns.saturating_sub(self.sent.time_ns) >= INPUTS_EVERY_NS;
+        if message == self.sent && !is_old {
+            return None;
+        }
+        (message.sequence, message.time_ns) = (self.sent.sequence + 1, measured_ns);
+        self.sent = message;
+        Some(message)
+    }
+}
+
+fn put(outputs: &mut Outputs, unit: usize, duty: f64, is_enabled: bool) {
+    outputs.duties[unit] = duty.clamp(-1.0, 1.0);
+    outputs.pwm_enable &= !(1 << unit);
+    outputs.pwm_enable |= u32::from(is_enabled) << unit;
+}

@@ -1,0 +1,66 @@
+//! The bridge on the simulated board, over real sockets: what every bridge must do.
+
+use evolvent_bridge_test::{BridgeUnderTest, CASES, Stage, run_case};
+use evolvent_mesa::{BoardSettings, OutputTarget};
+use evolvent_mesa_board::BoardModel;
+use evolvent_tests::unless_disturbed;
+
+use crate::common::{MesaBridge, machine, router, serve};
+
+/// What the suite's core drives: the machine of the suite has X, Y and Z.
+fn suite(board: impl Fn(std::net::IpAddr) -> BoardSettings, model: BoardModel, has_signals: bool) {
+    let wanted = std::env::var("EVOLVENT_CASE").ok();
+    unless_disturbed(|| {
+        let (server, address) = serve(model);
+        let mut settings = board(address);
+        // The suite's period is 2 ms; a host that is busy may be late for so long.
+        (settings.max_lost_packets, settings.watchdog_s) = (40, 0.5);
+        for axis in &settings.axes {
+            if let Some(pin) = axis.switches[0] {
+                server.lock().set_level(pin.pin, true);
+            }
+        }
+        server.lock().wire(14, 3);
+        let mut bridge = MesaBridge::new(machine("router-3axis"), settings);
+        let mut failures = Vec::new();
+        for case in CASES
+            .iter()
+            .filter(|case| wanted.as_ref().is_none_or(|wanted| case.name == wanted))
+        {
+            let mut stage = Stage {
+                bridge: &mut bridge,
+                machine_name: "bridge-test".to_owned(),
+                prefix: format!("mesabt{}_{}", std::process::id(), u8::from(has_signals)),
+                core_program: None,
+                seed: 1,
+                moments: 2,
+                has_signals,
+            };
+            let result = run_case(case, &mut stage);
+            println!("{}: {result:?}", case.name);
+            failures.extend(result.err().map(|error| format!("{}: {error}", case.name)));
+            bridge.end();
+        }
+        let board = server.lock();
+        println!("{:?}", board.traffic());
+        assert_eq!(board.traffic().refused, 0, "every command makes sense");
+        assert!(
+            (0..3).all(|unit| board.motor_stalls(unit) == 0),
+            "no motor fell out of step"
+        );
+        drop(board);
+        assert!(failures.is_empty(), "{failures:#?}");
+    });
+}
+
+#[test]
+fn it_does_what_every_bridge_must() {
+    suite(router, BoardModel::B7i96s, true);
+}
+
+#[test]
+fn outputs_go_to_pins() {
+    let board = router(std::net::IpAddr::from([127, 0, 0, 1]));
+    assert!(matches!(board.outputs[0].target, OutputTarget::Pin(pin) if pin.pin == 14));
+    assert_eq!(board.inputs[0].pin.pin, 3);
+}

@@ -1,0 +1,319 @@
+//! Faults of the cable, of the board and of drives, on the simulated board over real sockets: what the core is told, and what the motors
+//! do.
+
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+use evolvent_bridge_sim::monotonic_ns;
+use evolvent_bus::{BusConfig, CoreBus, Feedback, Setpoint, remove_private_domain};
+use evolvent_drive::{DriveState, PowerRequest};
+use evolvent_mesa::{BoardSettings, BridgeReport, RunSettings, run};
+use evolvent_mesa_board::{BoardModel, BoardServer, FaultKind};
+use evolvent_random::Random;
+use evolvent_tests::unless_disturbed;
+
+use crate::common::{machine, router, serve};
+
+const PERIOD_NS: u64 = 2_000_000;
+const LEAD: u64 = 50;
+/// Steps a mm of X in the router's board file.
+const STEPS: f64 = 320.0;
+
+/// A core that stands, or moves X evenly.
+struct Core {
+    bus: CoreBus,
+    sequence: u64,
+    next_ns: u64,
+    position: [f64; 9],
+    velocity_x: f64,
+    power: PowerRequest,
+    fault_reset: u32,
+    heard: Option<(Instant, Feedback)>,
+}
+
+impl Core {
+    fn open(prefix: &str) -> Self {
+        let mut config = BusConfig::new("mesa-faults", "XYZ", PERIOD_NS);
+        config.prefix = Some(prefix.to_owned());
+        Self {
+            bus: CoreBus::open(&config).expect("a bus"),
+            sequence: 0,
+            next_ns: monotonic_ns(),
+            position: [0.0; 9],
+            velocity_x: 0.0,
+            power: PowerRequest::Off,
+            fault_reset: 0,
+            heard: None,
+        }
+    }
+
+    fn cycle(&mut self) {
+        self.position[0] += self.velocity_x * PERIOD_NS as f64 * 1e-9;
+        let mut setpoint = Setpoint {
+            sequence: self.sequence,
+            due_time_ns: self.next_ns + LEAD * PERIOD_NS,
+            period_ns: PERIOD_NS,
+            position: self.position,
+            axes_mask: 0b111,
+            state: 1,
+            override_ratio: 1.0,
+            power_request: self.power.number(),
+            fault_reset: self.fault_reset,
+            ..Setpoint::default()
+        };
+        setpoint.velocity[0] = self.velocity_x;
+        self.sequence += 1;
+        let _reached = self.bus.publish_setpoint(&setpoint);
+        self.next_ns = (self.next_ns + PERIOD_NS).max(monotonic_ns().saturating_sub(LEAD * PERIOD_NS / 2));
+        std::thread::sleep(Duration::from_nanos(self.next_ns.saturating_sub(monotonic_ns())));
+        self.bus.admit_readers();
+        while let Ok(Some(feedback)) = self.bus.unchecked_feedback() {
+            self.heard = Some((Instant::now(), feedback));
+        }
+    }
+
+    fn rest(&mut self, seconds: f64) {
+        for _ in 0..(seconds * 1e9) as u64 / PERIOD_NS {
+            self.cycle();
+        }
+    }
+
+    /// Cycles until fresh feedback shows something.
+    fn until(&mut self, what: &str, mut seen: impl FnMut(&Feedback) -> bool) -> Feedback {
+        let begin = Instant::now();
+        loop {
+            self.cycle();
+            if let Some((_, feedback)) = self
+                .heard
+                .filter(|(at, feedback)| at.elapsed() < Duration::from_millis(100) && seen(feedback))
+            {
+                return feedback;
+            }
+            assert!(
+                begin.elapsed() < Duration::from_secs(20),
+                "{what}: not within 20 s; {:?}",
+                self.heard
+            );
+        }
+    }
+
+    /// Where the axes stand, with power.
+    fn bring_up(&mut self) -> Feedback {
+        (self.power, self.velocity_x) = (PowerRequest::Off, 0.0);
+        let here = self.until("feedback with the drives off", |feedback| {
+            states(feedback) == [Some(DriveState::SwitchOnDisabled); 3]
+        });
+        self.position = here.position;
+        self.rest(0.2);
+        self.power = PowerRequest::On;
+        self.until("operation", |feedback| {
+            states(feedback) == [Some(DriveState::OperationEnabled); 3] && feedback.bridge_state == 1
+        })
+    }
+}
+
+fn states(feedback: &Feedback) -> [Option<DriveState>; 3] {
+    core::array::from_fn(|axis| DriveState::decode(feedback.status_word[axis] as u16))
+}
+
+type Told = Mutex<Vec<String>>;
+
+/// Runs the bridge, with what it tells, around a test.
+fn with_bridge(
+    edit: impl Fn(&mut BoardSettings),
+    test: impl Fn(&mut Core, &BoardServer, &Told),
+) -> BridgeReport {
+    static NUMBER: AtomicU32 = AtomicU32::new(0);
+    unless_disturbed(|| {
+        let number = NUMBER.fetch_add(1, Ordering::Relaxed);
+        let prefix = format!("mesaft{}-{number}_", std::process::id());
+        let (server, address) = serve(BoardModel::B7i96s);
+        let mut board = router(address);
+        board.watchdog_s = 0.1;
+        board.max_lost_packets = 20;
+        edit(&mut board);
+        let settings = RunSettings {
+            machine: machine("router-3axis"),
+            machine_name: Some("mesa-faults".to_owned()),
+            board,
+            prefix: Some(prefix.clone()),
+            duration: None,
+        };
+        let (stop, told) = (Arc::new(AtomicBool::new(false)), Arc::new(Mutex::new(Vec::new())));
+        let bridge = std::thread::spawn({
+            let (stop, told) = (Arc::clone(&stop), Arc::clone(&told));
+            move || {
+                run(&settings, &stop, |text| {
+                    told.lock().expect("no panic").push(text.to_owned());
+                })
+            }
+        });
+        let mut core = Core::open(&prefix);
+        let result =
+            std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| test(&mut core, &server, &told)));
+        stop.store(true, Ordering::Relaxed);
+        let report = bridge.join().expect("no panic");
+        drop(core);
+        let _swept = remove_private_domain(&prefix);
+        println!("{told:#?} {report:?}");
+        if let Err(panic) = result {
+            std::panic::resume_unwind(panic);
+        }
+        report.expect("a bridge that fits")
+    })
+}
+
+fn was_told(told: &Told, what: &str) -> bool {
+    let told = told.lock().expect("no panic");
+    told.iter().any(|text| text.contains(what))
+}
+
+#[test]
+fn the_motor_turns_as_many_steps_as_the_setpoints_say() {
+    with_bridge(
+        |_| {},
+        |core, server, _| {
+            let here = core.bring_up();
+            let (from, motor) = (here.position[0], server.lock().motor_steps(0));
+            core.velocity_x = 40.0;
+            core.rest(1.0);
+            core.velocity_x = 0.0;
+            core.rest(0.5);
+            let wanted = (core.position[0] - from) * STEPS;
+            let turned = server.lock().motor_steps(0) - motor;
+            assert!(
+                wanted > 10_000.0 && (turned - wanted).abs() <= 2.0,
+                "{turned} of {wanted}"
+            );
+            assert_eq!(server.lock().step_times_ns(0), [2500, 2500, 5000, 5000]);
+            assert!(server.lock().level(11), "the drive of X is enabled");
+            // Y is inverted.
+            let motor = server.lock().motor_steps(1);
+            for _ in 0..500 {
+                core.position[1] += 0.01;
+                core.cycle();
+            }
+            core.rest(0.5);
+            let turned = server.lock().motor_steps(1) - motor;
+            assert!((turned + 5.0 * STEPS).abs() <= 2.0, "{turned}");
+            core.power = PowerRequest::Off;
+            core.rest(0.5);
+            assert!(!server.lock().level(11));
+        },
+    );
+}
+
+/// Losses that are shorter than the configured number leave no trace but their count.
+#[test]
+fn short_losses_are_counted_and_ridden_through() {
+    for kind in [
+        FaultKind::LossOut,
+        FaultKind::LossIn,
+        FaultKind::Half,
+        FaultKind::Delay,
+        FaultKind::Reorder,
+        FaultKind::Short,
+    ] {
+        let report = with_bridge(
+            |board| board.max_lost_packets = 45,
+            |core, server, told| {
+                let mut random = Random::seeded(kind as u64);
+                core.bring_up();
+                let motor = server.lock().motor_steps(0) - core.position[0] * STEPS;
+                for _ in 0..3 {
+                    core.velocity_x = random.between(-40.0, 40.0);
+                    core.rest(random.between(0.05, 0.3));
+                    server.lock().fault_now(kind, Some(20_000_000));
+                    core.rest(0.1);
+                }
+                core.velocity_x = 0.0;
+                core.rest(0.5);
+                let (_, feedback) = core.heard.expect("feedback");
+                assert_eq!(states(&feedback), [Some(DriveState::OperationEnabled); 3]);
+                assert!(!was_told(told, "in a row"), "{told:?}");
+                let off = server.lock().motor_steps(0) - core.position[0] * STEPS - motor;
+                assert!(off.abs() <= 2.0, "{kind:?}: {off} steps off");
+                assert_eq!(server.lock().motor_stalls(0), 0);
+            },
+        );
+        assert_eq!(report.sessions, 1, "{kind:?}: {report:?}");
+        let counted = report.lost_replies + report.lost_writes + report.stale_replies;
+        assert!(counted > 0, "{kind:?}: {report:?}");
+    }
+}
+
+/// What does not pass ends in a stop of every axis, a fault for the core, and a new session once it is over.
+#[test]
+fn longer_losses_and_lost_boards_stop_every_axis() {
+    for (kind, wanted) in [
+        (FaultKind::LossOut, "did not come back in time"),
+        (FaultKind::Short, "did not come back in time"),
+        (FaultKind::LossIn, "did not come back in time"),
+        (FaultKind::Bite, "watchdog has bitten"),
+        (FaultKind::Reset, "in a row"),
+    ] {
+        let report = with_bridge(
+            |_| {},
+            |core, server, told| {
+                let mut random = Random::seeded(7 + kind as u64);
+                let before = core.bring_up();
+                core.velocity_x = 30.0;
+                core.rest(random.between(0.1, 0.5));
+                let duration_ns =
+                    (!matches!(kind, FaultKind::Bite | FaultKind::Reset)).then_some(1_500_000_000);
+                server.lock().fault_now(kind, duration_ns);
+                let feedback = core.until("a fault", |feedback| {
+                    states(feedback)
+                        .iter()
+                        .any(|state| state.is_some_and(DriveState::is_fault))
+                });
+                assert_eq!(feedback.error_code, 0x7500, "{kind:?}");
+                (core.power, core.velocity_x) = (PowerRequest::Off, 0.0);
+                core.rest(0.6);
+                let motor = server.lock().motor_steps(0);
+                core.rest(0.2);
+                let moved = server.lock().motor_steps(0) - motor;
+                assert!(moved.abs() < 1.0, "{kind:?}: {moved} steps after the stop");
+                assert!(was_told(told, wanted), "{kind:?}: {told:?}");
+                // The core has seen the fault, and resets it.
+                core.rest(1.5);
+                core.fault_reset += 1;
+                let after = core.bring_up();
+                assert_ne!(after.instance, before.instance, "another session");
+            },
+        );
+        assert!(report.sessions >= 2, "{kind:?}: {report:?}");
+    }
+}
+
+#[test]
+fn a_drive_in_fault_stops_all_quickly() {
+    with_bridge(
+        |board| {
+            board.axes[1].fault = Some(evolvent_mesa::Pin {
+                pin: 5,
+                inverted: true,
+            });
+        },
+        |core, server, told| {
+            core.bring_up();
+            core.velocity_x = 30.0;
+            core.rest(0.3);
+            server.lock().set_level(5, false);
+            let feedback = core.until("a fault of Y", |feedback| {
+                states(feedback)[1] == Some(DriveState::Fault)
+            });
+            assert_eq!(feedback.error_code, 0x9000);
+            core.until("X off", |feedback| {
+                states(feedback)[0] == Some(DriveState::SwitchOnDisabled)
+            });
+            assert!(server.lock().step_rate(0).abs() < 1.0);
+            assert!(!server.lock().level(11) && !server.lock().level(12));
+            assert!(was_told(told, "Y: 9000h"), "{told:?}");
+            server.lock().set_level(5, true);
+            core.fault_reset += 1;
+            core.bring_up();
+        },
+    );
+}

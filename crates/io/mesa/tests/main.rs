@@ -1,0 +1,10 @@
+//! The tests of the bridge to Mesa boards, in one executable.
+
+#![expect(clippy::expect_used, clippy::print_stdout, reason = "tests")]
+
+mod common;
+
+mod board_files;
+mod bridge;
+mod discovery;
+mod faults;

@@ -1,0 +1,188 @@
+//! The cycle's own work for 4 axes, beside a bare loop on the same sockets, and its allocations: none once it runs.
+//!
+//! An executable of its own, because its allocator counts.
+
+#![expect(clippy::expect_used, clippy::print_stdout, reason = "a test")]
+
+use std::net::IpAddr;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use evolvent_bridge_sim::monotonic_ns;
+use evolvent_bus::{BusConfig, CoreBus, Setpoint, remove_private_domain};
+use evolvent_counting::{CountingAllocator, calls};
+use evolvent_drive::{DriveState, PowerRequest};
+use evolvent_machine::Machine;
+use evolvent_mesa::{BoardSettings, Link, Packet, RunSettings, Space, run_measured};
+use evolvent_mesa_board::{Board, BoardModel, BoardServer, now_ns};
+
+#[global_allocator]
+static ALLOCATOR: CountingAllocator = CountingAllocator;
+
+const PERIOD_NS: u64 = 1_000_000;
+const LEAD: u64 = 50;
+/// How long is measured, s.
+const SECONDS: u64 = 5;
+
+fn files(address: IpAddr) -> (Machine, BoardSettings) {
+    let machine = evolvent_file_tests::shipped("machines/router-3axis.toml");
+    let u = "[[axis]]\nletter = \"U\"\ntravel_min_mm = 0\ntravel_max_mm = 600\nmax_velocity_mm_min = 9000\nmax_acceleration_m_s2 = 1.5\nmax_jerk_m_s3 = 40\n\n";
+    let machine = machine.replacen("[[input]]", &format!("{u}[[input]]"), 1);
+    let board = evolvent_file_tests::shipped("boards/7i96s-router.toml");
+    let u = "[[axis]]\nletter = \"U\"\nstepgen = 3\nsteps_per_unit = 320\nstep_length_ns = 2500\nstep_space_ns = 2500\ndirection_setup_ns = 5000\ndirection_hold_ns = 5000\n\n";
+    let board = board.replacen("[[input]]", &format!("{u}[[input]]"), 1);
+    let mut board = BoardSettings::parse(&board, "board.toml").expect("a board file");
+    // A host that is busy may keep the bridge from running for longer than a machine would let it.
+    (board.address, board.max_lost_packets, board.watchdog_s) = (address, 50, 1.0);
+    (
+        Machine::parse(&machine, "machine.toml").expect("a machine"),
+        board,
+    )
+}
+
+fn quantile(sorted: &[u64], share: f64) -> f64 {
+    let index = ((sorted.len() - 1) as f64 * share) as usize;
+    sorted.get(index).copied().unwrap_or(0) as f64 / 1000.0
+}
+
+fn say(what: &str, times_ns: &mut [u64]) {
+    times_ns.sort_unstable();
+    println!(
+        "{what}: p50 {:.1}, p99.9 {:.1}, at most {:.1} us of {} cycles",
+        quantile(times_ns, 0.5),
+        quantile(times_ns, 0.999),
+        quantile(times_ns, 1.0),
+        times_ns.len()
+    );
+}
+
+/// The same packets without a bridge: one reading that is waited for, and one write.
+fn bare_loop(address: IpAddr) -> Vec<u64> {
+    let link = Link::open(address).expect("a socket");
+    let (mut reading, mut writing) = (Packet::new(), Packet::new());
+    reading.write_word(Space::Timer, 0x12, 1).expect("room");
+    reading.read(Space::Timer, 0x10, 3).expect("room");
+    for (register, count) in [(0x0D00, 1), (0x1000, 3), (0x2100, 4)] {
+        reading.read(Space::HostMot2, register, count).expect("room");
+    }
+    writing.write(0x2000, &[0; 4]).expect("room");
+    writing.write(0x4000, &[0]).expect("room");
+    writing.write(0x4400, &[0]).expect("room");
+    writing.write(0x1000, &[0; 3]).expect("room");
+    writing.write(0x0E00, &[0x5A00_0000]).expect("room");
+    writing.write_word(Space::Timer, 0x10, 1).expect("room");
+    let mut buffer = [0; evolvent_mesa::MAX_PACKET + 8];
+    let mut times = Vec::new();
+    let mut next = Instant::now();
+    while times.len() < (SECONDS * 1_000_000_000 / PERIOD_NS) as usize {
+        next += Duration::from_nanos(PERIOD_NS);
+        std::thread::sleep(next.saturating_duration_since(Instant::now()));
+        let (begin, mut waited) = (Instant::now(), Duration::ZERO);
+        link.send(&reading);
+        for _ in 0..5 {
+            let before = Instant::now();
+            if link.receive(&mut buffer).is_some() {
+                break;
+            }
+            link.wait(Duration::from_micros(600));
+            waited += before.elapsed();
+        }
+        link.send(&writing);
+        times.push((begin.elapsed().saturating_sub(waited)).as_nanos() as u64);
+    }
+    times
+}
+
+#[test]
+fn a_cycle_allocates_nothing_and_its_work_is_told() {
+    let process = std::process::id();
+    let address = IpAddr::from([127, 31, (process >> 8) as u8, process as u8]);
+    let server = BoardServer::start(Board::new(BoardModel::B7i96s, now_ns()), address).expect("an address");
+    let (machine, board) = files(address);
+    let prefix = format!("mesaw{process}_");
+    let settings = RunSettings {
+        machine,
+        machine_name: Some("mesa-work".to_owned()),
+        board,
+        prefix: Some(prefix.clone()),
+        duration: None,
+    };
+    let stop = Arc::new(AtomicBool::new(false));
+    let bridge = std::thread::spawn({
+        let stop = Arc::clone(&stop);
+        move || {
+            let (mut times, mut allocating) = (Vec::with_capacity(1 << 20), 0_u64);
+            let mut last: Option<u64> = None;
+            let mut measure = |work_ns: u64| {
+                let now = calls();
+                allocating += u64::from(last.is_some_and(|last| last != now));
+                if times.len() < times.capacity() {
+                    times.push(work_ns);
+                }
+                last = Some(calls());
+            };
+            let report = run_measured(&settings, &stop, |text| println!("{text}"), Some(&mut measure));
+            (report, times, allocating)
+        }
+    });
+    let mut config = BusConfig::new("mesa-work", "XYZU", PERIOD_NS);
+    config.prefix = Some(prefix.clone());
+    let mut core = CoreBus::open(&config).expect("a bus");
+    let mut setpoint = Setpoint {
+        period_ns: PERIOD_NS,
+        axes_mask: 0b100_0111,
+        state: 1,
+        override_ratio: 1.0,
+        ..Setpoint::default()
+    };
+    let (mut next_ns, mut enabled, begin) = (monotonic_ns(), 0_u64, Instant::now());
+    // Back and forth from the moment on at which all four are in operation.
+    while enabled < SECONDS * 1_000_000_000 / PERIOD_NS {
+        assert!(
+            begin.elapsed() < Duration::from_secs(60),
+            "operation within a minute"
+        );
+        setpoint.sequence += 1;
+        setpoint.due_time_ns = next_ns + LEAD * PERIOD_NS;
+        setpoint.power_request = if setpoint.sequence > 1000 {
+            PowerRequest::On.number()
+        } else {
+            PowerRequest::Off.number()
+        };
+        let time = enabled as f64 * PERIOD_NS as f64 * 1e-9;
+        for axis in [0, 1, 2, 6] {
+            // 1 mm at 2 Hz, from rest.
+            let w = std::f64::consts::TAU * 2.0;
+            setpoint.position[axis] = 0.5 * (1.0 - (w * time).cos());
+            setpoint.velocity[axis] = 0.5 * w * (w * time).sin();
+            setpoint.acceleration[axis] = 0.5 * w * w * (w * time).cos();
+        }
+        if enabled == 0 {
+            (setpoint.velocity, setpoint.acceleration) = ([0.0; 9], [0.0; 9]);
+        }
+        let _reached = core.publish_setpoint(&setpoint);
+        next_ns = (next_ns + PERIOD_NS).max(monotonic_ns().saturating_sub(LEAD * PERIOD_NS / 2));
+        std::thread::sleep(Duration::from_nanos(next_ns.saturating_sub(monotonic_ns())));
+        core.admit_readers();
+        while let Ok(Some(feedback)) = core.unchecked_feedback() {
+            let on = [0, 1, 2, 6].iter().all(|axis: &usize| {
+                DriveState::decode(feedback.status_word[*axis] as u16) == Some(DriveState::OperationEnabled)
+            });
+            if on && feedback.bridge_state == 1 && enabled == 0 {
+                enabled = 1;
+            }
+        }
+        enabled += u64::from(enabled > 0);
+    }
+    stop.store(true, Ordering::Relaxed);
+    let (report, mut times, allocating) = bridge.join().expect("no panic");
+    drop(core);
+    let _swept = remove_private_domain(&prefix);
+    println!("{:?} {:?}", report.expect("a bridge"), server.lock().traffic());
+    assert!(server.lock().motor_steps(0).abs() > 0.0, "it has moved");
+    say("bridge, 4 axes", &mut times);
+    say("bare loop", &mut bare_loop(address));
+    assert!(times.len() > 3000, "{} cycles", times.len());
+    assert_eq!(allocating, 0, "cycles that have allocated or freed");
+}
