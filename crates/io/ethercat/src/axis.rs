@@ -2,8 +2,10 @@
 
 use evolvent_drive::{Cia402, DriveState, PowerRequest, Target, bits, control};
 
+use crate::homing::{HOMING_MODE, HomingProgress};
 use crate::network::NetworkAxis;
 use crate::pdo::{DriveInputs, DriveOutputs};
+use crate::touch_probe::TouchProbe;
 
 /// For how many periods the bit of a fault reset is held: a drive may miss a single one between two frames.
 const RESET_PERIODS: u32 = 5;
@@ -23,6 +25,11 @@ pub(crate) struct DriveAxis {
     is_lost: bool,
     /// Periods for which a fault reset is still held.
     reset_periods: u32,
+    homing: HomingProgress,
+    /// Where a drive that has homed waits for the others.
+    hold: i32,
+    holds: bool,
+    probe: TouchProbe,
 }
 
 impl DriveAxis {
@@ -37,6 +44,9 @@ impl DriveAxis {
                 error_code: 0,
                 digital_inputs: 0,
                 torque: 0,
+                following_error: None,
+                probe_status: 0,
+                probe_position: 0,
             },
             increments: 0,
             has_position: false,
@@ -44,15 +54,59 @@ impl DriveAxis {
             velocity: 0.0,
             is_lost: false,
             reset_periods: 0,
+            homing: if settings.homing.is_some() {
+                HomingProgress::Needed
+            } else {
+                HomingProgress::Done
+            },
+            hold: 0,
+            holds: false,
+            probe: TouchProbe {
+                is_armed: false,
+                trips: 0,
+                latched: 0,
+            },
         }
+    }
+
+    pub(crate) const fn homing(&self) -> HomingProgress {
+        self.homing
+    }
+
+    /// Its place in the sequence of homing.
+    pub(crate) fn homing_order(&self) -> u32 {
+        self.settings.homing.map_or(0, |homing| homing.order)
+    }
+
+    /// Touch probe: edges, and the machine coordinate that was latched at the last.
+    pub(crate) fn latched(&self) -> Option<(u64, f64)> {
+        self.settings.touch_probe.then(|| {
+            // The latch is next to where the axis is.
+            let away = i64::from(self.probe.latched.wrapping_sub(self.inputs.position));
+            let position = self.settings.scale.position(self.increments + away);
+            (self.probe.trips, self.sign() * position + self.offset)
+        })
+    }
+
+    /// Whether the probe's input is on, where one is named.
+    pub(crate) fn probe_input(&self) -> Option<bool> {
+        let bit = self.settings.probe_input_bit?;
+        Some(self.inputs.digital_inputs >> bit & 1 == 1)
+    }
+
+    /// The following error by the drive itself, where it tells.
+    pub(crate) fn following_error(&self) -> Option<f64> {
+        let error = self.inputs.following_error?;
+        Some(self.sign() * self.settings.scale.position(i64::from(error)))
     }
 
     pub(crate) const fn index(&self) -> usize {
         self.settings.axis
     }
 
-    pub(crate) const fn is_absolute(&self) -> bool {
-        self.settings.absolute
+    /// Its positions count from the machine's zero: by its encoder, or because it has homed.
+    pub(crate) fn is_absolute(&self) -> bool {
+        self.settings.absolute || self.settings.homing.is_some() && self.homing == HomingProgress::Done
     }
 
     pub(crate) fn state(&self) -> Option<DriveState> {
@@ -98,10 +152,69 @@ impl DriveAxis {
             self.has_position = true;
         }
         self.inputs = inputs;
+        if self.settings.touch_probe {
+            let _edge = self.probe.step(inputs.probe_status, inputs.probe_position);
+        }
     }
 
-    /// What the drive gets. Without an order of the core (`target` none) it has no torque.
-    pub(crate) fn outputs(&mut self, target: Option<&Target>, power: PowerRequest) -> DriveOutputs {
+    /// The drive has found its zero and counts from there.
+    fn rename_by_drive(&mut self) {
+        if let Some(homing) = self.settings.homing {
+            self.increments = i64::from(self.inputs.position);
+            self.offset = homing.position;
+            self.velocity = 0.0;
+            self.hold = self.inputs.position;
+        }
+    }
+
+    /// One period of homing; whether the drive is in mode 6. `power`: the core wants it; `turn`: no axis has to home before it.
+    fn home(&mut self, power: bool, turn: bool, period_s: f64) -> bool {
+        let Some(homing) = self.settings.homing else {
+            return false;
+        };
+        if !power {
+            if self.homing != HomingProgress::Done {
+                self.homing = HomingProgress::Needed;
+            }
+            return false;
+        }
+        if self.state() != Some(DriveState::OperationEnabled) || !turn {
+            if matches!(self.homing, HomingProgress::Running(_)) {
+                self.homing = HomingProgress::Failed;
+            }
+            return false;
+        }
+        if matches!(self.homing, HomingProgress::Done | HomingProgress::Failed) {
+            return false;
+        }
+        let most_periods = (homing.timeout_s / period_s) as u32;
+        let shows_mode = self.inputs.mode == HOMING_MODE;
+        self.homing = self
+            .homing
+            .step(self.inputs.status_word, shows_mode, most_periods);
+        if self.homing == HomingProgress::Done {
+            self.rename_by_drive();
+        }
+        matches!(self.homing, HomingProgress::Needed | HomingProgress::Running(_))
+    }
+
+    /// What the drive gets. Without an order of the core (`target` none) it has no torque. While drives home (`turn` is the order
+    /// of those whose turn it is) those that have homed hold, and those behind wait without torque.
+    pub(crate) fn outputs(
+        &mut self,
+        target: Option<&Target>,
+        power: PowerRequest,
+        turn: Option<u32>,
+        period_s: f64,
+    ) -> DriveOutputs {
+        // A homing that has failed is no reason to keep torque on.
+        let power = if self.homing == HomingProgress::Failed && power == PowerRequest::On {
+            PowerRequest::QuickStop
+        } else {
+            power
+        };
+        let is_its_turn = turn.is_none_or(|turn| self.homing_order() <= turn);
+        let homes = self.home(power != PowerRequest::Off, is_its_turn, period_s);
         let axis = self.settings.axis;
         let fault_reset = target.map_or(0, |target| target.fault_reset);
         let setpoint = target.map_or(f64::NAN, |target| target.position[axis]);
@@ -121,9 +234,26 @@ impl DriveAxis {
             },
             mode: order.mode_of_operation,
             target: self.inputs.position,
+            probe_function: self.probe.function(),
             ..DriveOutputs::default()
         };
-        if let (true, Some(target)) = (order.follows, target) {
+        let enables = order.control_word == control::ENABLE_OPERATION;
+        if homes && enables {
+            outputs.mode = HOMING_MODE;
+            outputs.control_word |= self.homing.control_bits();
+        } else if turn.is_some() && enables && self.homing != HomingProgress::Done && !is_its_turn {
+            outputs.control_word = control::SWITCH_ON;
+        } else if turn.is_some() {
+            if self.settings.homing.is_some() && self.homing == HomingProgress::Done {
+                outputs.target = self.hold;
+            } else if self.state() == Some(DriveState::OperationEnabled) {
+                // It held still from its first period in operation on.
+                if !self.holds {
+                    (self.holds, self.hold) = (true, self.inputs.position);
+                }
+                outputs.target = self.hold;
+            }
+        } else if let (true, Some(target)) = (order.follows, target) {
             let sign = self.sign();
             let scale = self.settings.scale;
             outputs.target = scale.increments(sign * (setpoint - self.offset)) as i32;
@@ -134,6 +264,11 @@ impl DriveAxis {
                 (sign * target.acceleration[axis] * self.settings.torque_per_acceleration) as i16;
         }
         outputs
+    }
+
+    /// A homing that was broken off by power begins again with it; where it stands is where it will hold.
+    pub(crate) const fn forget_hold(&mut self) {
+        self.holds = false;
     }
 
     /// The status word of the feedback. A drive that does not answer is in fault for the core.
@@ -194,6 +329,10 @@ mod tests {
             torque_per_acceleration: 0.0,
             home_switch_bit: Some(2),
             limit_switches: true,
+            following_error: false,
+            touch_probe: false,
+            probe_input_bit: None,
+            homing: None,
         })
     }
 
@@ -239,7 +378,7 @@ mod tests {
             DriveState::SwitchedOn,
         ] {
             axis.take(status(state), 1e-3);
-            assert_eq!(axis.outputs(None, PowerRequest::On).target, 4321);
+            assert_eq!(axis.outputs(None, PowerRequest::On, None, 1e-3).target, 4321);
         }
     }
 

@@ -5,6 +5,7 @@ use evolvent_drive::{DriveState, Follower, FollowerSettings, PowerRequest, Setti
 use evolvent_machine::Machine;
 
 use crate::axis::DriveAxis;
+use crate::homing::HomingProgress;
 use crate::network::Network;
 use crate::pdo::{DriveInputs, DriveOutputs};
 
@@ -12,6 +13,16 @@ use crate::pdo::{DriveInputs, DriveOutputs};
 const BRIDGE_CYCLES: u32 = 10;
 /// How far from the axis a setpoint may lie with which following begins, mm or degrees.
 const SYNC_TOLERANCE: f64 = 0.5;
+
+/// What drives say of the probe.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct ProbeReading {
+    /// Whether it is tripped, where an input is named.
+    pub(crate) input: Option<bool>,
+    pub(crate) trips: u64,
+    pub(crate) position: [f64; AXES],
+    pub(crate) latched_mask: u32,
+}
 
 /// Drives of one session. Nothing but the constructor allocates.
 #[derive(Debug)]
@@ -21,12 +32,13 @@ pub(crate) struct DriveSet {
     period_s: f64,
     instance: u64,
     axes_mask: u32,
-    absolute_mask: u32,
     was_enabled: bool,
     /// One drive has left operation: the others are stopped until power is requested anew.
     group_stop: bool,
     /// The session ends: all drives stop.
     ending: bool,
+    /// Order of the axes that home now; none where all have.
+    homing: Option<u32>,
     target: Option<Target>,
     power: PowerRequest,
 }
@@ -60,10 +72,8 @@ impl DriveSet {
             .filter_map(|device| device.axis)
             .map(DriveAxis::new)
             .collect();
-        let absolute = axes.iter().filter(|axis| axis.is_absolute());
         Ok(Self {
             follower: Follower::new(settings)?,
-            absolute_mask: absolute.fold(0, |mask, axis| mask | 1 << axis.index()),
             axes,
             period_s: period_ns as f64 * 1e-9,
             instance,
@@ -71,6 +81,7 @@ impl DriveSet {
             was_enabled: false,
             group_stop: false,
             ending: false,
+            homing: None,
             target: None,
             power: PowerRequest::Off,
         })
@@ -118,10 +129,17 @@ impl DriveSet {
 
     /// One period at a time of the bus's clock; then outputs and feedback are those of this period.
     pub(crate) fn step(&mut self, now_ns: u64) {
-        let enabled = self
+        let homed = self.homing;
+        let pending = self
             .axes
             .iter()
-            .all(|axis| axis.state() == Some(DriveState::OperationEnabled));
+            .filter(|axis| axis.homing() != HomingProgress::Done);
+        self.homing = pending.map(DriveAxis::homing_order).min();
+        let enabled = self.homing.is_none()
+            && self
+                .axes
+                .iter()
+                .all(|axis| axis.state() == Some(DriveState::OperationEnabled));
         let mut actual = [0.0; AXES];
         for axis in &self.axes {
             actual[axis.index()] = axis.position();
@@ -133,9 +151,19 @@ impl DriveSet {
             }
         }
         // Axes that cannot follow together do not follow at all.
+        let fails = |axis: &DriveAxis| {
+            axis.homing() == HomingProgress::Failed || axis.state().is_none_or(DriveState::is_fault)
+        };
         if target.power == PowerRequest::Off {
             self.group_stop = false;
-        } else if self.was_enabled && !enabled {
+            for axis in &mut self.axes {
+                axis.forget_hold();
+            }
+        } else if self.was_enabled && !enabled
+            || self.homing.is_some() && self.axes.iter().any(fails)
+            || homed.is_some() && self.homing.is_none()
+        {
+            // Where drives have found their zero, the core has to see it without power before it follows.
             self.group_stop = true;
         }
         self.was_enabled = enabled;
@@ -148,7 +176,29 @@ impl DriveSet {
     }
 
     pub(crate) fn outputs(&mut self, axis: usize) -> DriveOutputs {
-        self.axes[axis].outputs(self.target.as_ref(), self.power)
+        self.axes[axis].outputs(self.target.as_ref(), self.power, self.homing, self.period_s)
+    }
+
+    /// What touch probes have latched: the state of the probe, edges, and which axes have latched where at the last.
+    pub(crate) fn probe(&self) -> ProbeReading {
+        let inputs = self.axes.iter().filter_map(DriveAxis::probe_input);
+        let mut reading = ProbeReading {
+            input: inputs.reduce(|one, other| one || other),
+            ..ProbeReading::default()
+        };
+        let latches = || {
+            self.axes
+                .iter()
+                .filter_map(|axis| Some((axis.index(), axis.latched()?)))
+        };
+        reading.trips = latches().map(|(_, (trips, _))| trips).max().unwrap_or(0);
+        for (axis, (trips, position)) in latches() {
+            if trips == reading.trips && trips > 0 {
+                reading.position[axis] = position;
+                reading.latched_mask |= 1 << axis;
+            }
+        }
+        reading
     }
 
     /// What the drives have said last.
@@ -165,16 +215,24 @@ impl DriveSet {
             missed_setpoints: self.follower.missed(),
             datum: target.datum,
             instance: self.instance,
-            absolute_mask: self.absolute_mask,
             ..Feedback::default()
         };
         for drive in &self.axes {
             let axis = drive.index();
             feedback.position[axis] = drive.position();
             feedback.velocity[axis] = drive.velocity();
-            feedback.following_error[axis] = target.position[axis] - drive.position();
+            feedback.following_error[axis] = drive
+                .following_error()
+                .unwrap_or(target.position[axis] - drive.position());
             feedback.torque_ratio[axis] = drive.torque_ratio();
-            feedback.status_word[axis] = u32::from(drive.status_word());
+            let homes = self.homing.is_some() && drive.state() == Some(DriveState::OperationEnabled);
+            feedback.status_word[axis] = u32::from(if homes {
+                // The core may not send it anywhere yet.
+                DriveState::SwitchedOn.code()
+            } else {
+                drive.status_word()
+            });
+            feedback.absolute_mask |= u32::from(drive.is_absolute()) << axis;
             let [home, negative, positive] = drive.switches();
             feedback.home_switch_mask |= u32::from(home) << axis;
             feedback.negative_limit_mask |= u32::from(negative) << axis;

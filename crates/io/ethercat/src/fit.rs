@@ -64,6 +64,14 @@ pub enum FitError {
         /// Increments a second.
         increments: f64,
     },
+    /// Both the core and the drive would home it.
+    #[error(
+        "{letter} is homed by its drive and has [[homing]] in the machine file: remove one of them, and set drives.enable_timeout_ms there as long as homing takes"
+    )]
+    HomedTwice {
+        /// The axis.
+        letter: char,
+    },
     /// A device has a signal that the machine has not.
     #[error(
         "device `{device}` has the {direction} `{name}`, which the machine file does not have: check the name, or add [[{direction}]] there"
@@ -136,6 +144,9 @@ pub fn check_fit(machine: &Machine, network: &Network) -> Result<(), FitError> {
         let Some(axis) = driven.clone().find(|axis| axis.axis == listed.letter.index()) else {
             return Err(FitError::NoDevice { letter });
         };
+        if axis.homing.is_some() && machine.homing.iter().any(|homing| homing.axis == listed.letter) {
+            return Err(FitError::HomedTwice { letter });
+        }
         let per_unit = axis.scale.per_unit();
         let grid = increments[axis.axis];
         if per_unit < grid {

@@ -8,6 +8,8 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use thiserror::Error;
 
+use crate::homing::HomingOnDrive;
+use crate::pdo::Extras;
 use crate::scale::Scale;
 use crate::signal::{InputFile, NetworkInput, NetworkOutput, OutputFile, OutputSource, overlap};
 
@@ -140,6 +142,52 @@ struct AxisFile {
     /// Bits 0 and 1 of the digital inputs (60FDh) are limit switches.
     #[serde(default)]
     limit_switches: bool,
+    /// The following error of the feedback is the drive's own (60F4h).
+    #[serde(default)]
+    following_error: bool,
+    /// Touch probe 1 (60B8h, 60B9h, 60BAh) latches positions at its rising edge.
+    #[serde(default)]
+    touch_probe: bool,
+    /// Bit of the digital inputs (60FDh) with the probe.
+    #[schemars(range(max = 31))]
+    probe_input_bit: Option<u8>,
+    /// The drive finds its machine zero by itself when power is first requested: the axis moves then.
+    homing: Option<HomingFile>,
+}
+
+/// Homing on the drive (mode of operation 6). One unit each: mm for a linear axis, degrees for a rotary one.
+#[derive(Clone, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+struct HomingFile {
+    /// Object 6098h, as the drive's manual lists methods.
+    method: i8,
+    /// Speed of the search (6099h:1), mm/s.
+    search_mm_s: Option<f64>,
+    /// The same in degrees/s.
+    search_deg_s: Option<f64>,
+    /// Speed of the latch (6099h:2), mm/s.
+    latch_mm_s: Option<f64>,
+    /// The same in degrees/s.
+    latch_deg_s: Option<f64>,
+    /// Acceleration (609Ah), mm/s2; the drive's own where it is not given.
+    acceleration_mm_s2: Option<f64>,
+    /// The same in degrees/s2.
+    acceleration_deg_s2: Option<f64>,
+    /// Machine coordinate of the place that the drive finds, mm or degrees.
+    #[serde(default)]
+    position: f64,
+    /// Place in the sequence: axes with the smallest number begin, equal ones together.
+    #[serde(default)]
+    #[schemars(range(max = 100))]
+    order: u32,
+    /// How long it may take, s.
+    #[serde(default = "minute")]
+    #[schemars(range(min = 1, max = 600))]
+    timeout_s: f64,
+}
+
+const fn minute() -> f64 {
+    60.0
 }
 
 const fn three() -> u32 {
@@ -226,6 +274,25 @@ pub struct NetworkAxis {
     pub home_switch_bit: Option<u8>,
     /// Whether bits 0 and 1 of 60FDh are limit switches.
     pub limit_switches: bool,
+    /// Whether 60F4h is the following error of the feedback.
+    pub following_error: bool,
+    /// Whether touch probe 1 latches positions.
+    pub touch_probe: bool,
+    /// Bit of the probe in 60FDh.
+    pub probe_input_bit: Option<u8>,
+    /// How the drive finds its machine zero, where it does.
+    pub homing: Option<HomingOnDrive>,
+}
+
+impl NetworkAxis {
+    pub(crate) const fn extras(&self) -> Extras {
+        Extras {
+            velocity_offset: self.velocity_offset,
+            torque_offset: self.torque_per_acceleration != 0.0,
+            following_error: self.following_error,
+            touch_probe: self.touch_probe,
+        }
+    }
 }
 
 /// The JSON schema of network files.
@@ -322,12 +389,15 @@ impl Network {
         })
     }
 
-    /// Whether a device reads an input or sets an output.
+    /// Whether a device reads an input, sets an output, or latches the position of a probe.
     #[must_use]
     pub fn has_signals(&self) -> bool {
-        self.devices
-            .iter()
-            .any(|device| !device.inputs.is_empty() || !device.outputs.is_empty())
+        self.devices.iter().any(|device| {
+            let probes = device
+                .axis
+                .is_some_and(|axis| axis.touch_probe || axis.probe_input_bit.is_some());
+            probes || !device.inputs.is_empty() || !device.outputs.is_empty()
+        })
     }
 
     /// Bit i set: axis i is driven.
@@ -472,6 +542,20 @@ impl AxisFile {
         if let Some(bit) = self.home_switch_bit {
             sheet.number(&at("home_switch_bit"), f64::from(bit), 0.0, 31.0)?;
         }
+        if let Some(bit) = self.probe_input_bit {
+            sheet.number(&at("probe_input_bit"), f64::from(bit), 0.0, 31.0)?;
+        }
+        let homing = match &self.homing {
+            Some(homing) => Some(homing.check(sheet, &at("homing"), scale, letter.is_rotary())?),
+            None => None,
+        };
+        if homing.is_some() && self.absolute {
+            return Err(sheet.error(
+                &at("absolute"),
+                "an encoder that knows its position needs no homing".to_owned(),
+                "remove `absolute` or `homing`",
+            ));
+        }
         Ok(NetworkAxis {
             axis: letter.index(),
             scale,
@@ -483,6 +567,68 @@ impl AxisFile {
             torque_per_acceleration,
             home_switch_bit: self.home_switch_bit,
             limit_switches: self.limit_switches,
+            following_error: self.following_error,
+            touch_probe: self.touch_probe,
+            probe_input_bit: self.probe_input_bit,
+            homing,
+        })
+    }
+}
+
+impl HomingFile {
+    fn check(
+        &self,
+        sheet: &ConfigDocument<'_>,
+        key: &str,
+        scale: Scale,
+        is_rotary: bool,
+    ) -> Result<HomingOnDrive, ConfigError> {
+        // Of the axis's unit, in increments.
+        let increments = |name: &str, mm: Option<f64>, deg: Option<f64>| {
+            let unit = if is_rotary { "deg" } else { "mm" };
+            let value = match (mm, deg, is_rotary) {
+                (Some(value), None, false) | (None, Some(value), true) => value,
+                (None, None, _) => return Ok(None),
+                _ => {
+                    return Err(sheet.error(
+                        key,
+                        format!("{name} has another unit than the axis"),
+                        format!("give it in {unit}"),
+                    ));
+                }
+            };
+            let increments = value * scale.per_unit();
+            if !(1.0..=f64::from(u32::MAX)).contains(&increments) {
+                return Err(sheet.error(
+                    key,
+                    format!("{name} is {increments:.0} increments, which is none of 1 to 4294967295"),
+                    "give another speed or acceleration",
+                ));
+            }
+            Ok(Some(increments.round() as u32))
+        };
+        let needed = |name: &str, value: Option<u32>| {
+            value.ok_or_else(|| {
+                sheet.error(
+                    key,
+                    format!("homing needs {name}"),
+                    "give it in the unit of the axis",
+                )
+            })
+        };
+        sheet.number(&format!("{key}.position"), self.position, -1e6, 1e6)?;
+        sheet.number(&format!("{key}.order"), f64::from(self.order), 0.0, 100.0)?;
+        sheet.number(&format!("{key}.timeout_s"), self.timeout_s, 1.0, 600.0)?;
+        let search = increments("search", self.search_mm_s, self.search_deg_s)?;
+        let latch = increments("latch", self.latch_mm_s, self.latch_deg_s)?;
+        Ok(HomingOnDrive {
+            method: self.method,
+            search: needed("the speed of the search", search)?,
+            latch: needed("the speed of the latch", latch)?,
+            acceleration: increments("acceleration", self.acceleration_mm_s2, self.acceleration_deg_s2)?,
+            position: self.position,
+            order: self.order,
+            timeout_s: self.timeout_s,
         })
     }
 }

@@ -50,19 +50,37 @@ const TORQUE_OFFSET: Mapped = Mapped::new(0x60B2, 16);
 const ERROR_CODE: Mapped = Mapped::new(0x603F, 16);
 const DIGITAL_INPUTS: Mapped = Mapped::new(0x60FD, 32);
 const TORQUE: Mapped = Mapped::new(0x6077, 16);
+const FOLLOWING_ERROR: Mapped = Mapped::new(0x60F4, 32);
+const PROBE_FUNCTION: Mapped = Mapped::new(0x60B8, 16);
+const PROBE_STATUS: Mapped = Mapped::new(0x60B9, 16);
+const PROBE_POSITION: Mapped = Mapped::new(0x60BA, 32);
+
+/// What the network file asks for beyond what every drive needs.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Extras {
+    pub(crate) velocity_offset: bool,
+    pub(crate) torque_offset: bool,
+    pub(crate) following_error: bool,
+    pub(crate) touch_probe: bool,
+}
 
 /// What is written as the drive's outputs.
-pub(crate) fn wanted_outputs(velocity_offset: bool, torque_offset: bool) -> Vec<Mapped> {
+pub(crate) fn wanted_outputs(extras: Extras) -> Vec<Mapped> {
     let mut wanted = NEEDED_OUTPUTS.to_vec();
-    wanted.extend(velocity_offset.then_some(VELOCITY_OFFSET));
-    wanted.extend(torque_offset.then_some(TORQUE_OFFSET));
+    wanted.extend(extras.velocity_offset.then_some(VELOCITY_OFFSET));
+    wanted.extend(extras.torque_offset.then_some(TORQUE_OFFSET));
+    wanted.extend(extras.touch_probe.then_some(PROBE_FUNCTION));
     wanted
 }
 
 /// What is written as its inputs.
-pub(crate) fn wanted_inputs() -> Vec<Mapped> {
+pub(crate) fn wanted_inputs(extras: Extras) -> Vec<Mapped> {
     let mut wanted = NEEDED_INPUTS.to_vec();
     wanted.extend([ERROR_CODE, DIGITAL_INPUTS, TORQUE]);
+    wanted.extend(extras.following_error.then_some(FOLLOWING_ERROR));
+    if extras.touch_probe {
+        wanted.extend([PROBE_STATUS, PROBE_POSITION]);
+    }
     wanted
 }
 
@@ -105,6 +123,9 @@ pub(crate) struct PdoLayout {
     error_code: Option<usize>,
     digital_inputs: Option<usize>,
     torque: Option<usize>,
+    following_error: Option<usize>,
+    /// Function, status and position of touch probe 1, where they are asked for.
+    touch_probe: Option<[usize; 3]>,
 }
 
 /// The outputs of one period.
@@ -115,6 +136,7 @@ pub(crate) struct DriveOutputs {
     pub(crate) target: i32,
     pub(crate) velocity_offset: i32,
     pub(crate) torque_offset: i16,
+    pub(crate) probe_function: u16,
 }
 
 /// The inputs of one period.
@@ -127,6 +149,10 @@ pub(crate) struct DriveInputs {
     pub(crate) digital_inputs: u32,
     /// Thousandths of the rated torque.
     pub(crate) torque: i16,
+    /// Object 60F4h, where it is asked for.
+    pub(crate) following_error: Option<i32>,
+    pub(crate) probe_status: u16,
+    pub(crate) probe_position: i32,
 }
 
 fn find(mapped: &[Mapped], wanted: Mapped) -> Result<Option<usize>, PdoError> {
@@ -167,11 +193,7 @@ fn get<const N: usize>(image: &[u8], at: usize) -> [u8; N] {
 
 impl PdoLayout {
     /// Finds the objects in what a drive has mapped.
-    pub(crate) fn new(
-        outputs: &[Mapped],
-        inputs: &[Mapped],
-        offsets: (bool, bool),
-    ) -> Result<Self, PdoError> {
+    pub(crate) fn new(outputs: &[Mapped], inputs: &[Mapped], extras: Extras) -> Result<Self, PdoError> {
         let [control_word, mode, target] = NEEDED_OUTPUTS;
         let [status_word, mode_display, position] = NEEDED_INPUTS;
         let offset = |wanted: bool, object| {
@@ -185,14 +207,28 @@ impl PdoLayout {
             control_word: need(outputs, control_word)?,
             mode: need(outputs, mode)?,
             target: need(outputs, target)?,
-            velocity_offset: offset(offsets.0, VELOCITY_OFFSET)?,
-            torque_offset: offset(offsets.1, TORQUE_OFFSET)?,
+            velocity_offset: offset(extras.velocity_offset, VELOCITY_OFFSET)?,
+            torque_offset: offset(extras.torque_offset, TORQUE_OFFSET)?,
             status_word: need(inputs, status_word)?,
             mode_display: need(inputs, mode_display)?,
             position: need(inputs, position)?,
             error_code: find(inputs, ERROR_CODE)?,
             digital_inputs: find(inputs, DIGITAL_INPUTS)?,
             torque: find(inputs, TORQUE)?,
+            following_error: if extras.following_error {
+                Some(need(inputs, FOLLOWING_ERROR)?)
+            } else {
+                None
+            },
+            touch_probe: if extras.touch_probe {
+                Some([
+                    need(outputs, PROBE_FUNCTION)?,
+                    need(inputs, PROBE_STATUS)?,
+                    need(inputs, PROBE_POSITION)?,
+                ])
+            } else {
+                None
+            },
         })
     }
 
@@ -217,6 +253,9 @@ impl PdoLayout {
         if let Some(at) = self.torque_offset {
             put(image, at, outputs.torque_offset.to_le_bytes());
         }
+        if let Some([at, ..]) = self.touch_probe {
+            put(image, at, outputs.probe_function.to_le_bytes());
+        }
     }
 
     pub(crate) fn read(&self, image: &[u8]) -> DriveInputs {
@@ -229,6 +268,13 @@ impl PdoLayout {
                 .digital_inputs
                 .map_or(0, |at| u32::from_le_bytes(get(image, at))),
             torque: self.torque.map_or(0, |at| i16::from_le_bytes(get(image, at))),
+            following_error: self.following_error.map(|at| i32::from_le_bytes(get(image, at))),
+            probe_status: self
+                .touch_probe
+                .map_or(0, |[_, at, _]| u16::from_le_bytes(get(image, at))),
+            probe_position: self
+                .touch_probe
+                .map_or(0, |[.., at]| i32::from_le_bytes(get(image, at))),
         }
     }
 }
@@ -237,12 +283,47 @@ impl PdoLayout {
 mod tests {
     use super::*;
 
+    const VELOCITY: Extras = Extras {
+        velocity_offset: true,
+        torque_offset: false,
+        following_error: false,
+        touch_probe: false,
+    };
+
+    #[test]
+    fn what_is_asked_for_is_mapped_and_read() {
+        let extras = Extras {
+            following_error: true,
+            touch_probe: true,
+            ..Extras::default()
+        };
+        let (outputs, inputs) = (wanted_outputs(extras), wanted_inputs(extras));
+        let layout = PdoLayout::new(&outputs, &inputs, extras).expect("complete");
+        let mut image = [0_u8; 9];
+        let written = DriveOutputs {
+            probe_function: 0x11,
+            ..DriveOutputs::default()
+        };
+        layout.write(&written, &mut image);
+        assert_eq!(image, [0, 0, 0, 0, 0, 0, 0, 0x11, 0]);
+        // 6041h, 6061h, 6064h, 603Fh, 60FDh, 6077h are 15 bytes.
+        let mut image = [0_u8; 25];
+        image[15..].copy_from_slice(&[0xFD, 0xFF, 0xFF, 0xFF, 3, 0, 0, 0, 1, 0]);
+        let read = layout.read(&image);
+        assert_eq!(
+            (read.following_error, read.probe_status, read.probe_position),
+            (Some(-3), 3, 0x1_0000)
+        );
+        let without = PdoLayout::new(&outputs, &wanted_inputs(VELOCITY), extras);
+        assert_eq!(without, Err(PdoError::Missing { index: 0x60F4 }));
+    }
+
     #[test]
     fn objects_are_found_behind_gaps_and_missing_ones_are_named() {
         let gap = Mapped::from_number(0x0000_0008);
         let mut outputs = vec![gap];
-        outputs.extend(wanted_outputs(true, false));
-        let layout = PdoLayout::new(&outputs, &wanted_inputs(), (true, false)).expect("complete");
+        outputs.extend(wanted_outputs(VELOCITY));
+        let layout = PdoLayout::new(&outputs, &wanted_inputs(VELOCITY), VELOCITY).expect("complete");
         let mut image = [0_u8; 12];
         let written = DriveOutputs {
             control_word: 0x0F,
@@ -250,16 +331,24 @@ mod tests {
             target: -2,
             velocity_offset: 7,
             torque_offset: 9,
+            ..DriveOutputs::default()
         };
         layout.write(&written, &mut image);
         assert_eq!(image, [0, 0x0F, 0, 8, 0xFE, 0xFF, 0xFF, 0xFF, 7, 0, 0, 0]);
         assert_eq!(
-            PdoLayout::new(&outputs, &wanted_inputs(), (true, true)),
+            PdoLayout::new(
+                &outputs,
+                &wanted_inputs(VELOCITY),
+                Extras {
+                    torque_offset: true,
+                    ..VELOCITY
+                }
+            ),
             Err(PdoError::Missing { index: 0x60B2 })
         );
         outputs[0].bits = 3;
         assert!(matches!(
-            PdoLayout::new(&outputs, &wanted_inputs(), (false, false)),
+            PdoLayout::new(&outputs, &wanted_inputs(VELOCITY), Extras::default()),
             Err(PdoError::Unaligned { index: 0x6040, .. })
         ));
     }

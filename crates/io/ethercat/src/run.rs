@@ -351,12 +351,19 @@ impl BusSide<'_> {
                 "network: all devices are in OP, without distributed clocks".to_owned()
             }
             Notice::DriveFault { axis, code } => {
-                let letter = AxisLetter::ALL
-                    .iter()
-                    .find(|letter| letter.index() == axis)
-                    .map_or('?', |letter| letter.letter());
+                let letter = letter(axis);
                 format!("drive of {letter}: fault {code:04X}h: {}", fault_text(code))
             }
+            Notice::Homed { axis, found: true } => {
+                format!(
+                    "drive of {}: machine zero found; when all have, switch power off and on",
+                    letter(axis)
+                )
+            }
+            Notice::Homed { axis, found: false } => format!(
+                "drive of {}: homing failed: all drives stop; check its switch, method and timeout_s, then switch power off and on",
+                letter(axis)
+            ),
             Notice::DeviceLost { device } => {
                 let name = self
                     .settings
@@ -371,4 +378,11 @@ impl BusSide<'_> {
             }
         }
     }
+}
+
+fn letter(axis: usize) -> char {
+    AxisLetter::ALL
+        .iter()
+        .find(|letter| letter.index() == axis)
+        .map_or('?', |letter| letter.letter())
 }

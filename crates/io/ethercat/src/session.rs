@@ -19,6 +19,7 @@ use thiserror::Error;
 
 use crate::cycle_times::{CycleTime, CycleTimes};
 use crate::drive_set::DriveSet;
+use crate::homing::HomingProgress;
 use crate::network::{MAX_DEVICES, Network, NetworkAxis, NetworkDevice, Startup};
 use crate::pdo::{Mapped, PdoError, PdoLayout, wanted_inputs, wanted_outputs};
 use crate::pump::Pump;
@@ -166,6 +167,8 @@ pub(crate) enum Notice {
     Operational { clocks: bool },
     /// A drive is in fault.
     DriveFault { axis: usize, code: u16 },
+    /// A drive has found its machine zero, or has not.
+    Homed { axis: usize, found: bool },
     /// A device does not answer, or has left OP.
     DeviceLost { device: usize },
     /// Process data came back with a working counter that is too small.
@@ -324,6 +327,7 @@ pub(crate) fn run_session(
         lost: 0,
         short: 0,
         operational: false,
+        homing: [HomingProgress::Needed; evolvent_bus::AXES],
         reported: [0; evolvent_bus::AXES],
     };
     match cycle.run(&mut pump, ends) {
@@ -521,14 +525,31 @@ impl<S: core::ops::Deref<Target = ethercrab::SubDevice>> Objects<'_, '_, S> {
                 Err(error) => return Err(self.refused(0x60C2, sub_index, "written", error)),
             }
         }
-        let offsets = (axis.velocity_offset, axis.torque_per_acceleration != 0.0);
+        if let Some(homing) = axis.homing {
+            let write = |index, sub_index, bytes, value| {
+                self.write(Startup {
+                    index,
+                    sub_index,
+                    bytes,
+                    value,
+                })
+            };
+            write(0x6098, 0, 1, i32::from(homing.method) as u32).await?;
+            write(0x6099, 1, 4, homing.search).await?;
+            write(0x6099, 2, 4, homing.latch).await?;
+            if let Some(acceleration) = homing.acceleration {
+                write(0x609A, 0, 4, acceleration).await?;
+            }
+            // What the drive finds is its zero; where that is the network file says.
+            write(0x607C, 0, 4, 0).await?;
+        }
+        let extras = axis.extras();
         if axis.map {
-            self.map(0x1C12, 0x1600, &wanted_outputs(offsets.0, offsets.1))
-                .await?;
-            self.map(0x1C13, 0x1A00, &wanted_inputs()).await?;
+            self.map(0x1C12, 0x1600, &wanted_outputs(extras)).await?;
+            self.map(0x1C13, 0x1A00, &wanted_inputs(extras)).await?;
         }
         let (outputs, inputs) = (self.mapped(0x1C12).await?, self.mapped(0x1C13).await?);
-        PdoLayout::new(&outputs, &inputs, offsets).map_err(|why| SessionError::ProcessData {
+        PdoLayout::new(&outputs, &inputs, extras).map_err(|why| SessionError::ProcessData {
             name: self.device.name.clone(),
             why,
         })
@@ -590,6 +611,8 @@ struct Cycle<'a, 'm> {
     short: u32,
     /// All devices were in OP.
     operational: bool,
+    /// Progress of homing when it was looked at last.
+    homing: [HomingProgress; evolvent_bus::AXES],
     /// Fault codes that were told.
     reported: [u16; evolvent_bus::AXES],
 }
@@ -805,7 +828,9 @@ impl<'m> Cycle<'_, 'm> {
             if let Some(feedback) = self.drives.feedback(monotonic_ns()) {
                 let _full = ends.feedback.push(feedback);
             }
-            if let Some(message) = self.signals.message(monotonic_ns()) {
+            let read_ns = monotonic_ns();
+            self.signals.read_probe(&self.drives.probe(), read_ns);
+            if let Some(message) = self.signals.message(read_ns) {
                 let _full = ends.inputs.push(message);
             }
         }
@@ -864,6 +889,16 @@ impl<'m> Cycle<'_, 'm> {
                 let _full = ends.notices.push(Notice::DriveFault { axis: index, code });
             }
             self.reported[index] = code;
+            let homing = axis.homing();
+            if homing != self.homing[index] {
+                let ended = matches!(homing, HomingProgress::Done | HomingProgress::Failed);
+                let runs = matches!(self.homing[index], HomingProgress::Running(_));
+                if ended && runs {
+                    let found = homing == HomingProgress::Done;
+                    let _full = ends.notices.push(Notice::Homed { axis: index, found });
+                }
+                self.homing[index] = homing;
+            }
         }
     }
 

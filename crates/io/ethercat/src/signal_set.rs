@@ -1,9 +1,10 @@
 //! Signals of a session: outputs of the core into process data, inputs out of them.
 
-use evolvent_bus::{MachineInputs, MachineOutputs};
+use evolvent_bus::{AXES, MachineInputs, MachineOutputs};
 use evolvent_drive::OutputFollower;
 use evolvent_machine::{Machine, SignalKind};
 
+use crate::drive_set::ProbeReading;
 use crate::network::Network;
 use crate::signal::{Channel, ChannelForm, OutputFunction, OutputSource};
 
@@ -55,6 +56,7 @@ pub(crate) struct SignalSet {
     read: MachineInputs,
     sent: MachineInputs,
     ending: bool,
+    speaks: bool,
 }
 
 impl SignalSet {
@@ -112,6 +114,7 @@ impl SignalSet {
             read: message,
             sent: message,
             ending: false,
+            speaks: network.has_signals(),
         }
     }
 
@@ -216,9 +219,33 @@ impl SignalSet {
         }
     }
 
+    /// What the drives say of the probe.
+    pub(crate) fn read_probe(&mut self, reading: &ProbeReading, now_ns: u64) {
+        let message = &mut self.read;
+        message.probe = match reading.input {
+            None => 0,
+            Some(false) => 1,
+            Some(true) => 2,
+        };
+        if reading.trips != message.probe_trips {
+            message.probe_trips = reading.trips;
+            message.probe_time_ns = now_ns;
+            message.probe_position = [0.0; AXES];
+            message.probe_latched_mask = 0;
+        }
+        for (axis, place) in message.probe_position.iter_mut().enumerate() {
+            // Latched once: the datum may change behind it.
+            let is_new = reading.latched_mask >> axis & 1 == 1 && message.probe_latched_mask >> axis & 1 == 0;
+            if is_new {
+                *place = reading.position[axis];
+                message.probe_latched_mask |= 1 << axis;
+            }
+        }
+    }
+
     /// The message of this period, where one is due: a change, or the last is old.
     pub(crate) fn message(&mut self, now_ns: u64) -> Option<MachineInputs> {
-        if self.inputs.is_empty() && self.outputs.is_empty() {
+        if !self.speaks {
             return None;
         }
         self.read.outputs_sequence = self.in_force.sequence;

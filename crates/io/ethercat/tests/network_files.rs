@@ -273,3 +273,60 @@ fn signals_are_compared_with_the_machine_file() {
         assert!(error.contains(what), "{to}: {error}");
     }
 }
+
+#[test]
+fn homing_on_the_drive_is_checked_and_never_twice() {
+    let homing = "\n[device.axis.homing]\nmethod = 17\nsearch_mm_s = 20\nlatch_mm_s = 0.5\norder = 1\n";
+    let good = shipped("networks/sim-mill.toml").replacen(
+        "[[device]]\nname = \"y-drive\"",
+        &format!("{homing}\n[[device]]\nname = \"y-drive\""),
+        1,
+    );
+    let network = Network::parse(&good, "good.toml").expect("a network");
+    let found = network.devices[1]
+        .axis
+        .and_then(|axis| axis.homing)
+        .expect("homing");
+    // 2^20 increments are 5 mm.
+    assert_eq!((found.search, found.latch), (4 << 20, 104_858));
+    for (from, to, what) in [
+        (
+            "search_mm_s = 20",
+            "search_deg_s = 20",
+            "another unit than the axis",
+        ),
+        ("search_mm_s = 20\n", "", "needs the speed of the search"),
+        ("latch_mm_s = 0.5", "latch_mm_s = 0", "none of 1 to 4294967295"),
+        ("latch_mm_s = 0.5", "latch_mm_s = nan", "none of 1 to 4294967295"),
+        ("order = 1", "timeout_s = 0", "out of range"),
+        ("order = 1", "order = 101", "out of range"),
+        (
+            "letter = \"X\"",
+            "letter = \"X\"\nabsolute = true",
+            "needs no homing",
+        ),
+        (
+            "letter = \"X\"",
+            "letter = \"X\"\nprobe_input_bit = 32",
+            "out of range",
+        ),
+    ] {
+        assert!(good.contains(from), "{from}");
+        let error = Network::parse(&good.replacen(from, to, 1), "bad.toml")
+            .expect_err(to)
+            .to_string();
+        assert!(
+            error.starts_with("bad.toml:") && error.contains(what),
+            "{to}: {error}"
+        );
+    }
+    let machine = format!(
+        "{}\n[[homing]]\naxis = \"X\"\ntowards = \"negative\"\nsearch_mm_s = 20\nlatch_mm_s = 1\nswitch_mm = -399\n",
+        shipped("machines/mill-3axis.toml")
+    );
+    let machine = Machine::parse(&machine, "mill.toml").expect("a machine");
+    assert_eq!(
+        check_fit(&machine, &network),
+        Err(FitError::HomedTwice { letter: 'X' })
+    );
+}

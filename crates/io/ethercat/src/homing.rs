@@ -1,0 +1,105 @@
+//! Homing on the drive (mode of operation 6): the bridge's side of one axis.
+
+/// The mode of operation.
+pub(crate) const HOMING_MODE: i8 = 6;
+/// Bit 4 of the control word: homing begins at its rising edge.
+pub(crate) const START: u16 = 1 << 4;
+/// Bits of the status word in this mode.
+const TARGET_REACHED: u16 = 1 << 10;
+const ATTAINED: u16 = 1 << 12;
+const ERROR: u16 = 1 << 13;
+/// Periods for which what the drive says of an older homing is not believed.
+const BLIND_PERIODS: u32 = 10;
+
+/// How one drive finds its machine zero.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HomingOnDrive {
+    /// Object 6098h.
+    pub method: i8,
+    /// Object 6099h:1, increments/s.
+    pub search: u32,
+    /// Object 6099h:2, increments/s.
+    pub latch: u32,
+    /// Object 609Ah, increments/s2; the drive's own where none.
+    pub acceleration: Option<u32>,
+    /// Machine coordinate of the place that the drive finds.
+    pub position: f64,
+    /// Its place in the sequence, the smallest first.
+    pub order: u32,
+    /// How long it may take, s.
+    pub timeout_s: f64,
+}
+
+/// How far it is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum HomingProgress {
+    /// Not begun since the session began, or broken off.
+    #[default]
+    Needed,
+    /// For so many periods.
+    Running(u32),
+    /// The drive knows where it is.
+    Done,
+    /// It has given up, or took too long; until power was off.
+    Failed,
+}
+
+impl HomingProgress {
+    /// One period of a drive in operation in mode 6. `shows_mode`: the drive says that it is in this mode.
+    pub(crate) const fn step(self, status_word: u16, shows_mode: bool, most_periods: u32) -> Self {
+        match self {
+            Self::Needed if shows_mode => Self::Running(0),
+            Self::Running(periods) if periods > most_periods => Self::Failed,
+            Self::Running(periods) if periods < BLIND_PERIODS => Self::Running(periods + 1),
+            Self::Running(_) if status_word & ERROR != 0 => Self::Failed,
+            Self::Running(_) if status_word & ATTAINED != 0 && status_word & TARGET_REACHED != 0 => {
+                Self::Done
+            }
+            Self::Running(periods) => Self::Running(periods + 1),
+            other => other,
+        }
+    }
+
+    /// The start bit is low for the first periods, so that its edge is seen.
+    pub(crate) const fn control_bits(self) -> u16 {
+        match self {
+            Self::Running(periods) if periods >= BLIND_PERIODS / 2 => START,
+            _ => 0,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn old_bits_are_not_believed_and_errors_and_time_end_it() {
+        let run = |status_word: u16, most: u32| {
+            let mut progress = HomingProgress::Needed;
+            let mut edge = None;
+            for period in 0..100 {
+                progress = progress.step(status_word, period >= 3, most);
+                if edge.is_none() && progress.control_bits() != 0 {
+                    edge = Some(period);
+                }
+                if matches!(progress, HomingProgress::Done | HomingProgress::Failed) {
+                    return (progress, edge.expect("an edge"), period);
+                }
+            }
+            (progress, edge.expect("an edge"), 100)
+        };
+        let (progress, edge, end) = run(ATTAINED | TARGET_REACHED, 1000);
+        assert_eq!(progress, HomingProgress::Done);
+        assert!(
+            edge > 3 && end > edge + 2,
+            "low, high, then believed: {edge} {end}"
+        );
+        assert_eq!(
+            run(ATTAINED | TARGET_REACHED | ERROR, 1000).0,
+            HomingProgress::Failed
+        );
+        assert_eq!(run(ATTAINED, 30).0, HomingProgress::Failed, "too long");
+        assert!(matches!(run(ATTAINED, 1000).0, HomingProgress::Running(_)));
+    }
+}

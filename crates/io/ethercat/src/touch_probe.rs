@@ -1,0 +1,68 @@
+//! Touch probe 1 of a drive (60B8h, 60B9h, 60BAh): armed for the next rising edge, always.
+
+/// Enabled, first event, probe input, rising edge.
+const ARM: u16 = 1 | 1 << 4;
+/// Bits of 60B9h.
+const ENABLED: u16 = 1;
+const STORED: u16 = 1 << 1;
+
+/// What one drive has latched.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct TouchProbe {
+    pub(crate) is_armed: bool,
+    /// Edges since the session began.
+    pub(crate) trips: u64,
+    /// Increments at the last.
+    pub(crate) latched: i32,
+}
+
+impl TouchProbe {
+    /// One period: status and latched position of the drive. Whether an edge has come.
+    pub(crate) fn step(&mut self, status: u16, latched: i32) -> bool {
+        if !self.is_armed {
+            // The last edge is stored until the function has been off.
+            self.is_armed = status & (ENABLED | STORED) == 0;
+            return false;
+        }
+        if status & (ENABLED | STORED) != ENABLED | STORED {
+            return false;
+        }
+        (self.is_armed, self.latched) = (false, latched);
+        self.trips += 1;
+        true
+    }
+
+    /// Object 60B8h.
+    pub(crate) const fn function(&self) -> u16 {
+        if self.is_armed { ARM } else { 0 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A drive as CiA 402 has it: what is stored stays until the function is off, and is off when it is on again.
+    #[test]
+    fn each_edge_counts_once_and_it_is_armed_again() {
+        let (mut probe, mut stored) = (TouchProbe::default(), Some(5));
+        let mut seen = Vec::new();
+        for period in 0..40 {
+            let mut enabled = period < 2;
+            if probe.function() == 0 && period >= 2 {
+                stored = None;
+            } else {
+                enabled = true;
+                if [10, 11, 20].contains(&period) && stored.is_none() {
+                    stored = Some(100 + period);
+                }
+            }
+            let status = u16::from(enabled) | u16::from(stored.is_some()) << 1;
+            if probe.step(status, stored.unwrap_or(0)) {
+                seen.push(probe.latched);
+            }
+        }
+        assert_eq!(seen, [110, 120], "one of a session before counts not");
+        assert_eq!(probe.trips, 2);
+    }
+}

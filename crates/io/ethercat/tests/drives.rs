@@ -1,0 +1,279 @@
+//! What drives do by themselves, on the simulated ring over real sockets: homing, touch probe, following error.
+//!
+//! Needs the right to make a network namespace.
+
+#![expect(clippy::expect_used, reason = "a test")]
+
+use std::time::{Duration, Instant};
+
+use evolvent_drive::{DriveState, PowerRequest};
+use evolvent_ethercat::{HomingOnDrive, Network};
+use evolvent_ethercat_ring::{DriveSettings, FaultKind, SharedRing, SubDevice, TerminalKind, on_bench};
+use evolvent_tests::unless_disturbed;
+
+mod support;
+
+use support::*;
+
+/// X has its lower limit switch 3 turns away, Y 2, Z none near; the probe of X closes 2 turns away.
+fn devices() -> Vec<SubDevice> {
+    let mut devices = vec![SubDevice::terminal(TerminalKind::Coupler, 1)];
+    for (serial, lower) in [(2, -3.0), (3, -2.0), (4, -200.0)] {
+        let settings = DriveSettings {
+            limits_turns: [lower, 200.0],
+            start_increments: 777_777 * serial as i32,
+            probe_turns: if serial == 2 { 2.25 } else { 1000.0 },
+            ..DriveSettings::default()
+        };
+        devices.push(SubDevice::drive(settings, serial, 10.0 * f64::from(serial)));
+    }
+    devices.push(SubDevice::terminal(TerminalKind::DigitalInput, 5));
+    devices
+}
+
+fn homing(order: u32, position: f64) -> HomingOnDrive {
+    HomingOnDrive {
+        // The negative limit switch.
+        method: 17,
+        search: 4 << 20,
+        latch: 1 << 18,
+        acceleration: Some(100 << 20),
+        position,
+        order,
+        timeout_s: 20.0,
+    }
+}
+
+fn set_homing(network: &mut Network, device: usize, homing: HomingOnDrive) {
+    let axis = network.devices[device].axis.as_mut().expect("an axis");
+    axis.homing = Some(homing);
+}
+
+fn turns(ring: &SharedRing) -> Vec<f64> {
+    let ring = ring.lock().expect("no panic");
+    let drives = ring.devices().iter().filter_map(|device| device.as_drive());
+    drives.map(|drive| drive.motor_turns()).collect()
+}
+
+/// Y first, then X; Z has no homing and holds. Without power nothing moves, and in operation the axes are where the files say.
+#[test]
+fn drives_find_their_zero_in_order_when_power_is_requested() {
+    unless_disturbed(|| {
+        on_bench(devices(), |ring| {
+            with_bridge(
+                |network| {
+                    set_homing(network, 1, homing(2, -380.0));
+                    set_homing(network, 2, homing(1, 25.0));
+                },
+                ring,
+                |core, ring, told| {
+                    let (_, before) = core.until("feedback", |_| true);
+                    assert_eq!(before.absolute_mask, 0);
+                    for _ in 0..200 {
+                        core.cycle();
+                    }
+                    assert!(
+                        turns(ring).iter().all(|turns| turns.abs() < 1e-3),
+                        "without power nothing moves"
+                    );
+                    core.power = PowerRequest::On;
+                    let begin = Instant::now();
+                    let (mut x_first, mut z_most) = (false, 0.0_f64);
+                    while !was_told(told, "drive of X: machine zero found") {
+                        core.cycle();
+                        let turns = turns(ring);
+                        x_first |= turns[0].abs() > 0.1 && !was_told(told, "drive of Y: machine zero found");
+                        z_most = z_most.max(turns[2].abs());
+                        let (_, feedback) = core.heard.expect("feedback");
+                        assert!(
+                            states(&feedback)
+                                .iter()
+                                .all(|state| *state != Some(DriveState::OperationEnabled)),
+                            "not in operation before all have homed"
+                        );
+                        assert!(
+                            begin.elapsed() < Duration::from_secs(20),
+                            "{turns:?} {told:?} {feedback:?}"
+                        );
+                    }
+                    assert!(!x_first, "Y homes before X moves");
+                    assert!(z_most < 0.01, "Z holds: {z_most} turns");
+                    // Not in operation until power was off, so that the core takes the new positions over first.
+                    for _ in 0..200 {
+                        core.cycle();
+                    }
+                    assert!(core.heard.is_some_and(|(_, feedback)| {
+                        states(&feedback)
+                            .iter()
+                            .all(|state| *state != Some(DriveState::OperationEnabled))
+                    }));
+                    let here = core.bring_up();
+                    assert_eq!(here.absolute_mask, 0b011);
+                    // 5 mm a turn; the motor of Y turns against its axis. Switches close at load turns -3 and -2.
+                    let turns = turns(ring);
+                    let expected = [-380.0 + 5.0 * (turns[0] + 3.0), 25.0 - 5.0 * (turns[1] + 2.0)];
+                    for axis in 0..2 {
+                        assert!(
+                            (here.position[axis] - expected[axis]).abs() < 0.05,
+                            "{axis}: {} instead of {}",
+                            here.position[axis],
+                            expected[axis]
+                        );
+                    }
+                    // And it follows from there.
+                    core.velocity_x = 20.0;
+                    for _ in 0..100 {
+                        core.cycle();
+                    }
+                    core.velocity_x = 0.0;
+                    let goal = core.position[0];
+                    core.until("the goal", |feedback| (feedback.position[0] - goal).abs() < 1e-3);
+                },
+            );
+        });
+    });
+}
+
+#[test]
+fn a_homing_that_is_broken_off_or_finds_nothing_ends_at_rest() {
+    unless_disturbed(|| {
+        on_bench(devices(), |ring| {
+            with_bridge(
+                |network| {
+                    // Z has no switch within 20 turns.
+                    set_homing(
+                        network,
+                        3,
+                        HomingOnDrive {
+                            timeout_s: 1.0,
+                            ..homing(0, 0.0)
+                        },
+                    );
+                },
+                ring,
+                |core, ring, told| {
+                    core.until("feedback", |_| true);
+                    core.power = PowerRequest::On;
+                    let moves = |ring: &SharedRing| speeds(ring)[2] > 0.5;
+                    core.until("motion", |_| moves(ring));
+                    // Power off in the middle: at rest at once, and no word of failure.
+                    core.power = PowerRequest::Off;
+                    core.until("rest", |_| speeds(ring).iter().all(|speed| *speed < 0.02));
+                    let stands = turns(ring)[2];
+                    for _ in 0..300 {
+                        core.cycle();
+                    }
+                    assert!((turns(ring)[2] - stands).abs() < 0.01);
+                    core.power = PowerRequest::On;
+                    let begin = Instant::now();
+                    while !was_told(told, "drive of Z: homing failed") {
+                        core.cycle();
+                        assert!(begin.elapsed() < Duration::from_secs(20), "{told:?}");
+                    }
+                    core.until("rest after the failure", |_| {
+                        speeds(ring).iter().all(|speed| *speed < 0.02)
+                    });
+                    let stands = turns(ring)[2];
+                    for _ in 0..500 {
+                        core.cycle();
+                    }
+                    assert!(
+                        (turns(ring)[2] - stands).abs() < 0.01,
+                        "it does not try again by itself"
+                    );
+                },
+            );
+        });
+    });
+}
+
+#[test]
+fn a_fault_of_another_drive_ends_homing() {
+    unless_disturbed(|| {
+        on_bench(devices(), |ring| {
+            with_bridge(
+                |network| set_homing(network, 3, homing(0, 0.0)),
+                ring,
+                |core, ring, told| {
+                    core.until("feedback", |_| true);
+                    core.power = PowerRequest::On;
+                    core.until("motion", |_| speeds(ring)[2] > 0.5);
+                    begin(ring, FaultKind::Drive, 1, Some(100_000_000));
+                    core.until("rest", |_| speeds(ring).iter().all(|speed| *speed < 0.02));
+                    assert!(was_told(told, "drive of X: fault 2310h"), "{told:?}");
+                },
+            );
+        });
+    });
+}
+
+/// The probe of X closes at 2.25 turns of 5 mm; the drive knows where within a period.
+#[test]
+fn the_touch_probe_latches_and_the_drive_tells_its_following_error() {
+    unless_disturbed(|| {
+        on_bench(devices(), |ring| {
+            with_bridge(
+                |network| {
+                    let axis = network.devices[1].axis.as_mut().expect("an axis");
+                    (axis.touch_probe, axis.probe_input_bit, axis.following_error) = (true, Some(16), true);
+                    // Without it the drive trails by speed over gain.
+                    axis.velocity_offset = false;
+                },
+                ring,
+                |core, ring, _| {
+                    let start = core.bring_up().position[0];
+                    let at = |turns: f64, ring: &SharedRing, position: f64| {
+                        position + 5.0 * (turns - self::turns(ring)[0])
+                    };
+                    let (_, here) = core.until("feedback", |_| true);
+                    let closes = at(2.25, ring, here.position[0]);
+                    assert!(closes - start > 10.0);
+                    let inputs = core.inputs.expect("inputs");
+                    assert_eq!((inputs.probe, inputs.probe_trips), (1, 0), "open");
+                    for trips in 1..=2_u64 {
+                        core.velocity_x = 10.0;
+                        for _ in 0..300 {
+                            core.cycle();
+                        }
+                        let (_, moving) = core.heard.expect("feedback");
+                        if trips == 1 {
+                            // 2 turns a second over a gain of 80 /s: 0.025 turns, 0.125 mm.
+                            assert!(
+                                (moving.following_error[0] - 0.125).abs() < 0.03,
+                                "{} mm",
+                                moving.following_error[0]
+                            );
+                        }
+                        for _ in 0..500 {
+                            core.cycle();
+                        }
+                        core.velocity_x = 0.0;
+                        let goal = core.position[0];
+                        core.until("beyond the probe", |feedback| {
+                            (feedback.position[0] - goal).abs() < 1e-2
+                        });
+                        let inputs = core.inputs.expect("inputs");
+                        assert_eq!((inputs.probe, inputs.probe_trips), (2, trips), "{inputs:?}");
+                        assert_eq!(inputs.probe_latched_mask, 0b001);
+                        assert!(inputs.probe_time_ns > 0 && inputs.probe_time_ns <= inputs.time_ns);
+                        assert!(
+                            (inputs.probe_position[0] - closes).abs() < 2e-3,
+                            "{} instead of {closes}",
+                            inputs.probe_position[0]
+                        );
+                        // Back, and it is armed for the next.
+                        core.velocity_x = -10.0;
+                        for _ in 0..800 {
+                            core.cycle();
+                        }
+                        core.velocity_x = 0.0;
+                        let goal = core.position[0];
+                        core.until("before the probe", |feedback| {
+                            (feedback.position[0] - goal).abs() < 1e-2
+                        });
+                    }
+                },
+            );
+        });
+    });
+}
