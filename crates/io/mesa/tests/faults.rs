@@ -124,11 +124,19 @@ fn with_bridge(
     edit: impl Fn(&mut BoardSettings),
     test: impl Fn(&mut Core, &BoardServer, &Told),
 ) -> BridgeReport {
+    with_bridge_to(BoardModel::B7i96s, edit, test)
+}
+
+fn with_bridge_to(
+    model: BoardModel,
+    edit: impl Fn(&mut BoardSettings),
+    test: impl Fn(&mut Core, &BoardServer, &Told),
+) -> BridgeReport {
     static NUMBER: AtomicU32 = AtomicU32::new(0);
     unless_disturbed(|| {
         let number = NUMBER.fetch_add(1, Ordering::Relaxed);
         let prefix = format!("mesaft{}-{number}_", std::process::id());
-        let (server, address) = serve(BoardModel::B7i96s);
+        let (server, address) = serve(model);
         let mut board = router(address);
         board.watchdog_s = 0.1;
         board.max_lost_packets = 20;
@@ -314,6 +322,92 @@ fn a_drive_in_fault_stops_all_quickly() {
             server.lock().set_level(5, true);
             core.fault_reset += 1;
             core.bring_up();
+        },
+    );
+}
+
+/// Three analog servos: encoder, PWM, and a velocity drive with a lag of 2 ms behind it.
+fn servos(board: &mut BoardSettings) {
+    let rest = "name = \"7I97\"\n".to_owned();
+    let text = ["X", "Y", "Z"]
+        .iter()
+        .enumerate()
+        .fold(rest, |text, (unit, letter)| {
+            let inverted = unit == 1;
+            text + &format!(
+                "[[axis]]\nletter = \"{letter}\"\nencoder = {unit}\npwm = {unit}\ncounts_per_unit = 1000\n\
+                 full_velocity = 200\np_gain = 60\ni_gain = 200\ninverted = {inverted}\nzero = 5\n"
+            )
+        });
+    let text = format!("address = \"{}\"\n{text}", board.address);
+    *board = BoardSettings {
+        watchdog_s: 0.1,
+        max_lost_packets: 20,
+        ..BoardSettings::parse(&text, "servos.toml").expect("a board file")
+    };
+}
+
+#[test]
+fn analog_servos_follow_by_their_encoders() {
+    with_bridge_to(BoardModel::B7i97, servos, |core, server, _| {
+        let here = core.bring_up();
+        assert!(
+            (here.position[0] - 5.0).abs() < 0.01,
+            "`zero` is where they stand"
+        );
+        let x = server.lock().shaft(0);
+        let y = server.lock().shaft(1);
+        // 80 mm and back take the counter of 16 bits over its end.
+        let mut largest: f64 = 0.0;
+        for velocity in [60.0, -60.0, 60.0] {
+            core.velocity_x = velocity;
+            core.rest(1.3);
+            let (_, feedback) = core.heard.expect("feedback");
+            largest = largest.max(feedback.following_error[0].abs());
+        }
+        core.velocity_x = 0.0;
+        core.rest(1.0);
+        let wanted = (core.position[0] - here.position[0]) * 1000.0;
+        let turned = server.lock().shaft(0) - x;
+        assert!(
+            wanted.abs() > 70_000.0 && (turned - wanted).abs() < 20.0,
+            "{turned} of {wanted}"
+        );
+        assert!(largest < 1.0, "following error {largest} mm");
+        let drift = server.lock().shaft(1) - y;
+        assert!(drift.abs() < 20.0, "Y stands: {drift}");
+        core.power = PowerRequest::Off;
+        core.rest(0.5);
+        assert!(server.lock().duty(0).abs() < 1e-9);
+    });
+}
+
+#[test]
+fn a_spindle_turns_by_its_pwm_and_stops_with_the_core() {
+    use evolvent_bus::MachineOutputs;
+    with_bridge(
+        |_| {},
+        |core, server, _| {
+            core.bring_up();
+            let mut outputs = MachineOutputs {
+                spindle_mask: 1,
+                digital_mask: 1,
+                digital: 1,
+                ..MachineOutputs::default()
+            };
+            (outputs.spindle_direction[0], outputs.spindle_rpm[0]) = (1, 12_000.0);
+            for _ in 0..100 {
+                outputs.sequence += 1;
+                outputs.due_time_ns = monotonic_ns();
+                let _reached = core.bus.publish_outputs(&outputs);
+                core.rest(0.01);
+            }
+            let duty = server.lock().duty(0);
+            assert!((duty - 0.5).abs() < 0.001, "half of 24000 rpm: {duty}");
+            assert!(server.lock().level(15) && server.lock().level(14));
+            core.rest(0.6);
+            assert!(server.lock().duty(0).abs() < 1e-9, "no message for 0.6 s");
+            assert!(!server.lock().level(15) && !server.lock().level(14));
         },
     );
 }

@@ -172,6 +172,19 @@ fn after(said: &str, mark: &str) -> f64 {
         .unwrap_or_else(|| panic!("no number after {mark}: {said}"))
 }
 
+/// Registers read and written from one feeding of the watchdog to the next, as in most cycles.
+fn per_cycle(log: &[(u16, bool)]) -> (usize, usize) {
+    let cycles = log.split(|access| *access == (0x0E00, true));
+    let mut counts: Vec<(usize, usize)> = cycles
+        .map(|cycle| {
+            let writes = cycle.iter().filter(|(_, is_write)| *is_write).count();
+            (cycle.len() - writes, writes + 1)
+        })
+        .collect();
+    counts.sort_unstable();
+    counts.get(counts.len() / 2).copied().unwrap_or_default()
+}
+
 #[test]
 fn hm2_eth_drives_steps_pins_and_watchdog() {
     const HAL: &str = "\
@@ -236,6 +249,10 @@ getp hm2_7i96s.0.stepgen.00.position-fb
             assert_eq!(traffic.refused, 0, "{traffic:?}");
             println!("{traffic:?}");
             drop(board);
+            let log = server.lock().take_log();
+            let (reads, writes) = per_cycle(&log);
+            println!("hm2_eth: {reads} registers read and {writes} written in a cycle");
+            assert!(reads >= 8, "three ports and five accumulators, at least: {reads}");
             std::thread::sleep(std::time::Duration::from_millis(400));
             assert!(
                 server.lock().has_bitten(),
