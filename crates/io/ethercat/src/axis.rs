@@ -2,6 +2,7 @@
 
 use evolvent_drive::{Cia402, DriveState, PowerRequest, Target, bits, control};
 
+use crate::gantry::GantrySettings;
 use crate::homing::{HOMING_MODE, HomingProgress};
 use crate::network::NetworkAxis;
 use crate::pdo::{DriveInputs, DriveOutputs};
@@ -30,6 +31,12 @@ pub(crate) struct DriveAxis {
     hold: i32,
     holds: bool,
     probe: TouchProbe,
+    /// Way since power came, where it is the drive of a gantry.
+    moved: f64,
+    /// Added to the setpoint, where it is the second drive of a gantry.
+    apart: f64,
+    /// It is too far from the other drive of its gantry.
+    is_apart: bool,
 }
 
 impl DriveAxis {
@@ -66,7 +73,30 @@ impl DriveAxis {
                 trips: 0,
                 latched: 0,
             },
+            moved: 0.0,
+            apart: 0.0,
+            is_apart: false,
         }
+    }
+
+    pub(crate) const fn gantry(&self) -> Option<GantrySettings> {
+        self.settings.gantry
+    }
+
+    pub(crate) const fn moved(&self) -> f64 {
+        self.moved
+    }
+
+    pub(crate) const fn forget_way(&mut self) {
+        self.moved = 0.0;
+    }
+
+    pub(crate) const fn set_apart(&mut self, apart: f64) {
+        self.apart = apart;
+    }
+
+    pub(crate) const fn set_too_far_apart(&mut self, is_apart: bool) {
+        self.is_apart = is_apart;
     }
 
     pub(crate) const fn homing(&self) -> HomingProgress {
@@ -131,6 +161,11 @@ impl DriveAxis {
         self.sign() * self.settings.scale.position(self.increments) + self.offset
     }
 
+    /// The coordinate at which the other drive of a gantry stands while the beam is square.
+    pub(crate) fn squared_position(&self) -> f64 {
+        self.position() - self.settings.gantry.map_or(0.0, |gantry| gantry.squaring_offset)
+    }
+
     pub(crate) const fn velocity(&self) -> f64 {
         self.velocity
     }
@@ -140,13 +175,18 @@ impl DriveAxis {
         self.offset += shift;
     }
 
-    /// Takes inputs in, `period_s` after the last.
-    pub(crate) fn take(&mut self, inputs: DriveInputs, period_s: f64) {
+    /// Takes inputs in, `period_s` after the last. Faster than `max_velocity` the axis cannot be.
+    pub(crate) fn take(&mut self, inputs: DriveInputs, period_s: f64, max_velocity: f64) {
         if self.has_position {
             // Counters of 32 bits wrap around.
             let step = inputs.position.wrapping_sub(self.inputs.position);
             self.increments += i64::from(step);
-            self.velocity = self.sign() * self.settings.scale.position(i64::from(step)) / period_s;
+            let way = self.sign() * self.settings.scale.position(i64::from(step));
+            self.velocity = way / period_s;
+            // A drive that has homed counts from elsewhere: that is no way.
+            if way.abs() <= max_velocity * period_s {
+                self.moved += way;
+            }
         } else {
             self.increments = i64::from(inputs.position);
             self.has_position = true;
@@ -217,7 +257,10 @@ impl DriveAxis {
         let homes = self.home(power != PowerRequest::Off, is_its_turn, period_s);
         let axis = self.settings.axis;
         let fault_reset = target.map_or(0, |target| target.fault_reset);
-        let setpoint = target.map_or(f64::NAN, |target| target.position[axis]);
+        let squaring_offset = self.settings.gantry.map_or(0.0, |gantry| gantry.squaring_offset);
+        let setpoint = target.map_or(f64::NAN, |target| {
+            target.position[axis] + squaring_offset + self.apart
+        });
         // Resets that were asked for before this drive was there are over.
         let controller = self.controller.get_or_insert(Cia402::new(fault_reset));
         let order = controller.step(self.inputs.status_word, power, fault_reset, setpoint, 0.0);
@@ -273,7 +316,7 @@ impl DriveAxis {
 
     /// The status word of the feedback. A drive that does not answer is in fault for the core.
     pub(crate) const fn status_word(&self) -> u16 {
-        if self.is_lost {
+        if self.is_lost || self.is_apart {
             DriveState::Fault.code()
         } else {
             self.inputs.status_word
@@ -284,6 +327,8 @@ impl DriveAxis {
     pub(crate) const fn error_code(&self) -> u16 {
         if self.is_lost {
             0x7500
+        } else if self.is_apart {
+            0x8611
         } else if self.inputs.status_word & bits::FAULT != 0 {
             self.inputs.error_code
         } else {
@@ -333,6 +378,7 @@ mod tests {
             touch_probe: false,
             probe_input_bit: None,
             homing: None,
+            gantry: None,
         })
     }
 
@@ -347,6 +393,7 @@ mod tests {
                     ..DriveInputs::default()
                 },
                 1e-3,
+                1e6,
             );
             let before = axis.position();
             axis.take(
@@ -355,6 +402,7 @@ mod tests {
                     ..DriveInputs::default()
                 },
                 1e-3,
+                1e6,
             );
             assert!(
                 (axis.position() - before - sign).abs() < 1e-6,
@@ -377,7 +425,7 @@ mod tests {
             DriveState::ReadyToSwitchOn,
             DriveState::SwitchedOn,
         ] {
-            axis.take(status(state), 1e-3);
+            axis.take(status(state), 1e-3, 1e6);
             assert_eq!(axis.outputs(None, PowerRequest::On, None, 1e-3).target, 4321);
         }
     }
@@ -391,6 +439,7 @@ mod tests {
                 ..DriveInputs::default()
             },
             1e-3,
+            1e6,
         );
         assert_eq!(axis.switches(), [true, false, true]);
     }

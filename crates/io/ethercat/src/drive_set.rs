@@ -5,6 +5,7 @@ use evolvent_drive::{DriveState, Follower, FollowerSettings, PowerRequest, Setti
 use evolvent_machine::Machine;
 
 use crate::axis::DriveAxis;
+use crate::gantry::Squaring;
 use crate::homing::HomingProgress;
 use crate::network::Network;
 use crate::pdo::{DriveInputs, DriveOutputs};
@@ -39,6 +40,13 @@ pub(crate) struct DriveSet {
     ending: bool,
     /// Order of the axes that home now; none where all have.
     homing: Option<u32>,
+    /// Second drives of gantries: the two drives, and the way to a square beam.
+    gantries: Vec<(usize, usize, Squaring)>,
+    /// A gantry whose drives were too far apart, until power is off.
+    apart: Option<(usize, f64)>,
+    /// Twice the largest velocity of each axis.
+    max_velocity: [f64; AXES],
+    aligned: bool,
     target: Option<Target>,
     power: PowerRequest,
 }
@@ -72,7 +80,19 @@ impl DriveSet {
             .filter_map(|device| device.axis)
             .map(DriveAxis::new)
             .collect();
+        let gantries = (0..axes.len())
+            .filter(|&second| axes[second].gantry().is_some())
+            .filter_map(|second| {
+                let is_first =
+                    |axis: &DriveAxis| axis.index() == axes[second].index() && axis.gantry().is_none();
+                Some((axes.iter().position(is_first)?, second, Squaring::default()))
+            })
+            .collect();
         Ok(Self {
+            gantries,
+            apart: None,
+            max_velocity: settings.max_velocity.map(|velocity| 2.0 * velocity),
+            aligned: false,
             follower: Follower::new(settings)?,
             axes,
             period_s: period_ns as f64 * 1e-9,
@@ -124,7 +144,8 @@ impl DriveSet {
     }
 
     pub(crate) fn take(&mut self, axis: usize, inputs: DriveInputs) {
-        self.axes[axis].take(inputs, self.period_s);
+        let drive = &mut self.axes[axis];
+        drive.take(inputs, self.period_s, self.max_velocity[drive.index()]);
     }
 
     /// One period at a time of the bus's clock; then outputs and feedback are those of this period.
@@ -140,8 +161,9 @@ impl DriveSet {
                 .axes
                 .iter()
                 .all(|axis| axis.state() == Some(DriveState::OperationEnabled));
+        self.align();
         let mut actual = [0.0; AXES];
-        for axis in &self.axes {
+        for axis in self.axes.iter().filter(|axis| axis.gantry().is_none()) {
             actual[axis.index()] = axis.position();
         }
         let target = self.follower.step(now_ns, enabled, &actual);
@@ -150,6 +172,7 @@ impl DriveSet {
                 axis.rename(shift[axis.index()]);
             }
         }
+        self.watch_gantries(enabled, target.power);
         // Axes that cannot follow together do not follow at all.
         let fails = |axis: &DriveAxis| {
             axis.homing() == HomingProgress::Failed || axis.state().is_none_or(DriveState::is_fault)
@@ -162,6 +185,7 @@ impl DriveSet {
         } else if self.was_enabled && !enabled
             || self.homing.is_some() && self.axes.iter().any(fails)
             || homed.is_some() && self.homing.is_none()
+            || self.apart.is_some()
         {
             // Where drives have found their zero, the core has to see it without power before it follows.
             self.group_stop = true;
@@ -173,6 +197,55 @@ impl DriveSet {
             target.power
         };
         self.target = Some(target);
+    }
+
+    /// Encoders that do not know their position: the beam is taken as it stands until both drives have homed.
+    fn align(&mut self) {
+        if core::mem::replace(&mut self.aligned, true) {
+            return;
+        }
+        for &(first, second, _) in &self.gantries {
+            if !self.axes[second].is_absolute() {
+                let by = self.axes[first].position() - self.axes[second].squared_position();
+                self.axes[second].rename(by);
+            }
+        }
+    }
+
+    /// Moves second drives until the beam is square, and stops all where it cannot be.
+    fn watch_gantries(&mut self, enabled: bool, power: PowerRequest) {
+        if power == PowerRequest::Off {
+            self.apart = None;
+            for axis in &mut self.axes {
+                axis.set_too_far_apart(false);
+                if self.homing.is_some() {
+                    axis.forget_way();
+                }
+            }
+        }
+        for (first, second, squaring) in &mut self.gantries {
+            let (one, other) = (self.axes[*first], self.axes[*second]);
+            let Some(settings) = other.gantry() else { continue };
+            let difference = other.squared_position() - one.position();
+            let most = settings.square_speed * self.period_s;
+            self.axes[*second].set_apart(squaring.step(enabled, difference, most));
+            // Before both drives know where they are it counts from where they began.
+            let strain = if self.homing.is_some() {
+                other.moved() - one.moved()
+            } else {
+                difference
+            };
+            if strain.abs() > settings.max_difference && power != PowerRequest::Off {
+                self.apart.get_or_insert((other.index(), strain));
+                self.axes[*first].set_too_far_apart(true);
+                self.axes[*second].set_too_far_apart(true);
+            }
+        }
+    }
+
+    /// The axis of a gantry whose drives are too far apart, and by how much.
+    pub(crate) const fn apart(&self) -> Option<(usize, f64)> {
+        self.apart
     }
 
     pub(crate) fn outputs(&mut self, axis: usize) -> DriveOutputs {
@@ -217,24 +290,37 @@ impl DriveSet {
             instance: self.instance,
             ..Feedback::default()
         };
+        let mut has_word = [false; AXES];
         for drive in &self.axes {
             let axis = drive.index();
-            feedback.position[axis] = drive.position();
-            feedback.velocity[axis] = drive.velocity();
-            feedback.following_error[axis] = drive
-                .following_error()
-                .unwrap_or(target.position[axis] - drive.position());
-            feedback.torque_ratio[axis] = drive.torque_ratio();
+            let is_first = drive.gantry().is_none();
+            if is_first {
+                feedback.position[axis] = drive.position();
+                feedback.velocity[axis] = drive.velocity();
+                feedback.following_error[axis] = drive
+                    .following_error()
+                    .unwrap_or(target.position[axis] - drive.position());
+            }
+            // Of two drives the one that works harder.
+            if drive.torque_ratio().abs() >= feedback.torque_ratio[axis].abs() {
+                feedback.torque_ratio[axis] = drive.torque_ratio();
+            }
             let homes = self.homing.is_some() && drive.state() == Some(DriveState::OperationEnabled);
-            feedback.status_word[axis] = u32::from(if homes {
+            let word = u32::from(if homes {
                 // The core may not send it anywhere yet.
                 DriveState::SwitchedOn.code()
             } else {
                 drive.status_word()
             });
+            // Of two drives the one that is farther from operation.
+            let shown = DriveState::decode(feedback.status_word[axis] as u16);
+            if !has_word[axis] || shown == Some(DriveState::OperationEnabled) || drive.error_code() != 0 {
+                feedback.status_word[axis] = word;
+            }
+            has_word[axis] = true;
             feedback.absolute_mask |= u32::from(drive.is_absolute()) << axis;
             let [home, negative, positive] = drive.switches();
-            feedback.home_switch_mask |= u32::from(home) << axis;
+            feedback.home_switch_mask |= u32::from(home && is_first) << axis;
             feedback.negative_limit_mask |= u32::from(negative) << axis;
             feedback.positive_limit_mask |= u32::from(positive) << axis;
             if feedback.error_code == 0 {

@@ -141,34 +141,40 @@ pub fn check_fit(machine: &Machine, network: &Network) -> Result<(), FitError> {
     let increments = machine.increments();
     for listed in &machine.axes {
         let letter = listed.letter.letter();
-        let Some(axis) = driven.clone().find(|axis| axis.axis == listed.letter.index()) else {
+        let mut drives = driven
+            .clone()
+            .filter(|axis| axis.axis == listed.letter.index())
+            .peekable();
+        if drives.peek().is_none() {
             return Err(FitError::NoDevice { letter });
-        };
-        if axis.homing.is_some() && machine.homing.iter().any(|homing| homing.axis == listed.letter) {
-            return Err(FitError::HomedTwice { letter });
         }
-        let per_unit = axis.scale.per_unit();
-        let grid = increments[axis.axis];
-        if per_unit < grid {
-            return Err(FitError::Coarse {
-                letter,
-                drive: per_unit,
-                machine: grid,
-            });
-        }
-        let travel = per_unit * (listed.travel_max - listed.travel_min);
-        if travel > f64::from(u32::MAX) {
-            return Err(FitError::Travel {
-                letter,
-                increments: travel,
-            });
-        }
-        let velocity = per_unit * listed.max_velocity;
-        if velocity > MAX_INCREMENTS_PER_S {
-            return Err(FitError::Velocity {
-                letter,
-                increments: velocity,
-            });
+        for axis in drives {
+            if axis.homing.is_some() && machine.homing.iter().any(|homing| homing.axis == listed.letter) {
+                return Err(FitError::HomedTwice { letter });
+            }
+            let per_unit = axis.scale.per_unit();
+            let grid = increments[axis.axis];
+            if per_unit < grid {
+                return Err(FitError::Coarse {
+                    letter,
+                    drive: per_unit,
+                    machine: grid,
+                });
+            }
+            let travel = per_unit * (listed.travel_max - listed.travel_min);
+            if travel > f64::from(u32::MAX) {
+                return Err(FitError::Travel {
+                    letter,
+                    increments: travel,
+                });
+            }
+            let velocity = per_unit * listed.max_velocity;
+            if velocity > MAX_INCREMENTS_PER_S {
+                return Err(FitError::Velocity {
+                    letter,
+                    increments: velocity,
+                });
+            }
         }
     }
     for device in &network.devices {

@@ -8,6 +8,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use thiserror::Error;
 
+use crate::gantry::GantrySettings;
 use crate::homing::HomingOnDrive;
 use crate::pdo::Extras;
 use crate::scale::Scale;
@@ -153,6 +154,26 @@ struct AxisFile {
     probe_input_bit: Option<u8>,
     /// The drive finds its machine zero by itself when power is first requested: the axis moves then.
     homing: Option<HomingFile>,
+    /// This is the second drive of a gantry: another device without it drives the same axis.
+    gantry: Option<GantryFile>,
+}
+
+/// The second drive of an axis. One unit each: mm for a linear axis, degrees for a rotary one.
+#[derive(Clone, Copy, Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+struct GantryFile {
+    /// By how much this drive's coordinate exceeds that of the first where the beam is square, mm or degrees.
+    #[serde(default)]
+    squaring_offset: f64,
+    /// By how much the drives may be apart beyond that before all drives stop, mm or degrees.
+    max_difference: f64,
+    /// Speed at which this drive is moved until the beam is square, when power comes, mm/s or degrees/s.
+    #[serde(default = "slow")]
+    square_speed: f64,
+}
+
+const fn slow() -> f64 {
+    1.0
 }
 
 /// Homing on the drive (mode of operation 6). One unit each: mm for a linear axis, degrees for a rotary one.
@@ -282,6 +303,8 @@ pub struct NetworkAxis {
     pub probe_input_bit: Option<u8>,
     /// How the drive finds its machine zero, where it does.
     pub homing: Option<HomingOnDrive>,
+    /// Where it is the second drive of its axis.
+    pub gantry: Option<GantrySettings>,
 }
 
 impl NetworkAxis {
@@ -351,14 +374,14 @@ impl Network {
                 devices
                     .iter()
                     .filter_map(|other| other.axis)
-                    .any(|other| other.axis == axis.axis)
+                    .any(|other| other.axis == axis.axis && other.gantry.is_some() == axis.gantry.is_some())
             });
             if taken {
                 let what = "another device drives this axis".to_owned();
                 return Err(sheet.error(
                     &format!("{key}.axis.letter"),
                     what,
-                    "give each drive its own axis",
+                    "give each drive its own axis, or make it the second of a gantry: [device.axis.gantry]",
                 ));
             }
             let (inputs, outputs) = check_signals(&sheet, &key, &device, &devices)?;
@@ -372,6 +395,31 @@ impl Network {
                 inputs,
                 outputs,
             });
+        }
+        for (i, device) in devices.iter().enumerate() {
+            let Some(axis) = device.axis.filter(|axis| axis.gantry.is_some()) else {
+                continue;
+            };
+            let mut others = devices.iter().filter_map(|other| other.axis);
+            let first = others.find(|other| other.axis == axis.axis && other.gantry.is_none());
+            let key = format!("device[{i}].axis.gantry");
+            let Some(first) = first else {
+                return Err(sheet.error(
+                    &key,
+                    "no other device drives this axis".to_owned(),
+                    "give the first drive of the gantry the same letter, without [device.axis.gantry]",
+                ));
+            };
+            // Else one drive would know where it is and the other not.
+            let alike = first.absolute == axis.absolute
+                && first.homing.map(|homing| homing.order) == axis.homing.map(|homing| homing.order);
+            if !alike {
+                return Err(sheet.error(
+                    &key,
+                    "the drives of a gantry find their zero in different ways".to_owned(),
+                    "give both `absolute`, or both homing with the same `order`, or neither",
+                ));
+            }
         }
         if devices.iter().all(|device| device.axis.is_none()) {
             return Err(sheet.error(
@@ -571,6 +619,23 @@ impl AxisFile {
             touch_probe: self.touch_probe,
             probe_input_bit: self.probe_input_bit,
             homing,
+            gantry: match &self.gantry {
+                Some(gantry) => Some(gantry.check(sheet, &at("gantry"))?),
+                None => None,
+            },
+        })
+    }
+}
+
+impl GantryFile {
+    fn check(self, sheet: &ConfigDocument<'_>, key: &str) -> Result<GantrySettings, ConfigError> {
+        sheet.number(&format!("{key}.squaring_offset"), self.squaring_offset, -1e3, 1e3)?;
+        sheet.number(&format!("{key}.max_difference"), self.max_difference, 1e-4, 1e3)?;
+        sheet.number(&format!("{key}.square_speed"), self.square_speed, 1e-3, 1e3)?;
+        Ok(GantrySettings {
+            squaring_offset: self.squaring_offset,
+            max_difference: self.max_difference,
+            square_speed: self.square_speed,
         })
     }
 }

@@ -354,6 +354,10 @@ impl BusSide<'_> {
                 let letter = letter(axis);
                 format!("drive of {letter}: fault {code:04X}h: {}", fault_text(code))
             }
+            Notice::Apart { axis, by } => format!(
+                "gantry of {}: the second drive is {by:.3} from the first, more than max_difference: all drives stop; find what holds it, then make the beam square by hand or home again",
+                letter(axis)
+            ),
             Notice::Homed { axis, found: true } => {
                 format!(
                     "drive of {}: machine zero found; when all have, switch power off and on",

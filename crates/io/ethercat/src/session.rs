@@ -161,12 +161,14 @@ pub enum SessionError {
 }
 
 /// What happens during a session, for people.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Notice {
     /// All devices are in OP.
     Operational { clocks: bool },
     /// A drive is in fault.
     DriveFault { axis: usize, code: u16 },
+    /// The drives of a gantry are too far apart.
+    Apart { axis: usize, by: f64 },
     /// A drive has found its machine zero, or has not.
     Homed { axis: usize, found: bool },
     /// A device does not answer, or has left OP.
@@ -327,8 +329,9 @@ pub(crate) fn run_session(
         lost: 0,
         short: 0,
         operational: false,
-        homing: [HomingProgress::Needed; evolvent_bus::AXES],
-        reported: [0; evolvent_bus::AXES],
+        homing: [HomingProgress::Needed; MAX_DEVICES],
+        reported: [0; MAX_DEVICES],
+        was_apart: false,
     };
     match cycle.run(&mut pump, ends) {
         Err(SessionError::Broken { .. }) => Err(SessionError::Broken {
@@ -612,9 +615,10 @@ struct Cycle<'a, 'm> {
     /// All devices were in OP.
     operational: bool,
     /// Progress of homing when it was looked at last.
-    homing: [HomingProgress; evolvent_bus::AXES],
+    homing: [HomingProgress; MAX_DEVICES],
     /// Fault codes that were told.
-    reported: [u16; evolvent_bus::AXES],
+    reported: [u16; MAX_DEVICES],
+    was_apart: bool,
 }
 
 impl<'m> Cycle<'_, 'm> {
@@ -883,21 +887,26 @@ impl<'m> Cycle<'_, 'm> {
     }
 
     fn tell_faults(&mut self, ends: &mut Ends<'_>) {
-        for axis in self.drives.axes() {
+        let apart = self.drives.apart();
+        if let (Some((axis, by)), false) = (apart, self.was_apart) {
+            let _full = ends.notices.push(Notice::Apart { axis, by });
+        }
+        self.was_apart = apart.is_some();
+        for (place, axis) in self.drives.axes().iter().enumerate() {
             let (index, code) = (axis.index(), axis.error_code());
-            if code != 0 && self.reported[index] != code {
+            if code != 0 && self.reported[place] != code {
                 let _full = ends.notices.push(Notice::DriveFault { axis: index, code });
             }
-            self.reported[index] = code;
+            self.reported[place] = code;
             let homing = axis.homing();
-            if homing != self.homing[index] {
+            if homing != self.homing[place] {
                 let ended = matches!(homing, HomingProgress::Done | HomingProgress::Failed);
-                let runs = matches!(self.homing[index], HomingProgress::Running(_));
+                let runs = matches!(self.homing[place], HomingProgress::Running(_));
                 if ended && runs {
                     let found = homing == HomingProgress::Done;
                     let _full = ends.notices.push(Notice::Homed { axis: index, found });
                 }
-                self.homing[index] = homing;
+                self.homing[place] = homing;
             }
         }
     }

@@ -1,0 +1,229 @@
+//! Two drives of one axis on the simulated ring, over real sockets: squaring, and the limit of their difference.
+//!
+//! Needs the right to make a network namespace.
+
+#![expect(clippy::expect_used, reason = "a test")]
+
+use std::time::{Duration, Instant};
+
+use evolvent_drive::{DriveState, PowerRequest};
+use evolvent_ethercat::{GantrySettings, HomingOnDrive, Network, NetworkAxis};
+use evolvent_ethercat_ring::{DriveSettings, FaultKind, SharedRing, SubDevice, TerminalKind, on_bench};
+use evolvent_tests::unless_disturbed;
+
+mod support;
+
+use support::*;
+
+/// X, Y, Z and a second drive of X; lower limit switches of the two of X at -2 and -2.5 turns.
+fn devices() -> Vec<SubDevice> {
+    let mut devices = vec![SubDevice::terminal(TerminalKind::Coupler, 1)];
+    for (serial, lower, start) in [(2, -2.0, 0), (3, -200.0, 0), (4, -200.0, 0)] {
+        devices.push(drive(serial, lower, start));
+    }
+    devices.push(SubDevice::terminal(TerminalKind::DigitalInput, 5));
+    devices.push(drive(6, -2.5, 5_000_000));
+    devices
+}
+
+fn drive(serial: u32, lower: f64, start_increments: i32) -> SubDevice {
+    let settings = DriveSettings {
+        limits_turns: [lower, 200.0],
+        start_increments,
+        ..DriveSettings::default()
+    };
+    SubDevice::drive(settings, serial, 10.0 * f64::from(serial))
+}
+
+/// The second drive of X behind the shipped network.
+fn add_second(network: &mut Network, edit: impl Fn(&mut NetworkAxis)) {
+    let mut second = network.devices[1].clone();
+    second.name = "x2-drive".to_owned();
+    let gantry = GantrySettings {
+        squaring_offset: 0.0,
+        max_difference: 0.5,
+        square_speed: 2.0,
+    };
+    second.axis.as_mut().expect("an axis").gantry = Some(gantry);
+    network.devices.push(second);
+    for device in [1, 5] {
+        edit(network.devices[device].axis.as_mut().expect("an axis"));
+    }
+}
+
+fn set_gantry(axis: &mut NetworkAxis, change: impl Fn(&mut GantrySettings)) {
+    if let Some(gantry) = &mut axis.gantry {
+        change(gantry);
+    }
+}
+
+/// Turns of the first and the second drive of X.
+fn turns(ring: &SharedRing) -> [f64; 2] {
+    let ring = ring.lock().expect("no panic");
+    [1, 5].map(|device| ring.devices()[device].as_drive().expect("a drive").motor_turns())
+}
+
+#[test]
+fn both_drives_move_together_whatever_their_counters_say() {
+    unless_disturbed(|| {
+        on_bench(devices(), |ring| {
+            with_bridge(
+                |network| add_second(network, |_| {}),
+                ring,
+                |core, ring, _| {
+                    core.bring_up();
+                    core.velocity_x = 20.0;
+                    let mut apart = 0.0_f64;
+                    for _ in 0..250 {
+                        core.cycle();
+                        let [one, other] = turns(ring);
+                        apart = apart.max((one - other).abs() * 5.0);
+                    }
+                    core.velocity_x = 0.0;
+                    let goal = core.position[0];
+                    core.until("the goal", |feedback| {
+                        (feedback.position[0] - goal).abs() < 1e-3 && feedback.velocity[0].abs() < 0.5
+                    });
+                    let [one, other] = turns(ring);
+                    assert!((one * 5.0 - goal).abs() < 2e-3 && (other * 5.0 - goal).abs() < 2e-3);
+                    assert!(apart < 0.05, "{apart} mm apart in motion");
+                },
+            );
+        });
+    });
+}
+
+/// The second drive's load is blocked; its own window of following errors is a turn, 5 mm.
+#[test]
+fn drives_that_come_apart_stop_before_the_limit_is_far_behind() {
+    unless_disturbed(|| {
+        on_bench(devices(), |ring| {
+            with_bridge(
+                |network| add_second(network, |_| {}),
+                ring,
+                |core, ring, told| {
+                    core.bring_up();
+                    core.velocity_x = 20.0;
+                    for _ in 0..100 {
+                        core.cycle();
+                    }
+                    begin(ring, FaultKind::Blocked, 5, Some(2_000_000_000));
+                    let (_, feedback) = core.until("the fault", |feedback| feedback.error_code == 0x8611);
+                    assert_eq!(states(&feedback)[0], Some(DriveState::Fault));
+                    core.velocity_x = 0.0;
+                    core.until("rest", |_| speeds(ring).iter().all(|speed| *speed < 0.02));
+                    let [one, other] = turns(ring);
+                    let apart = (one - other).abs() * 5.0;
+                    // 0.5 mm, the frame's way at 20 mm/s and the way of the quick stop.
+                    assert!((0.3..1.5).contains(&apart), "{apart} mm apart");
+                    assert!(was_told(told, "gantry of X: the second drive is"), "{told:?}");
+                },
+            );
+        });
+    });
+}
+
+/// Each drive homes at its own switch; where the beam is square the second one's coordinate is 0.3 mm above that of the first. Then the
+/// second moves at 2 mm/s until it is so.
+#[test]
+fn a_beam_is_made_square_after_homing() {
+    unless_disturbed(|| {
+        on_bench(devices(), |ring| {
+            with_bridge(
+                |network| {
+                    let homing = HomingOnDrive {
+                        method: 17,
+                        search: 2 << 20,
+                        latch: 1 << 18,
+                        acceleration: Some(100 << 20),
+                        position: -100.0,
+                        order: 0,
+                        timeout_s: 20.0,
+                    };
+                    // Switches half a turn apart: 2.5 mm, on which the frame may twist while each is searched.
+                    add_second(network, |axis| {
+                        axis.homing = Some(homing);
+                        set_gantry(axis, |gantry| {
+                            (gantry.squaring_offset, gantry.max_difference) = (0.3, 4.0);
+                        });
+                    });
+                },
+                ring,
+                |core, ring, told| {
+                    core.until("feedback", |_| true);
+                    core.power = PowerRequest::On;
+                    let begin = Instant::now();
+                    while told
+                        .lock()
+                        .expect("no panic")
+                        .iter()
+                        .filter(|text| text.contains("drive of X: machine zero found"))
+                        .count()
+                        < 2
+                    {
+                        core.cycle();
+                        assert!(begin.elapsed() < Duration::from_secs(20), "{told:?}");
+                    }
+                    for _ in 0..100 {
+                        core.cycle();
+                    }
+                    let before = turns(ring);
+                    assert!(
+                        (before[0] - before[1] - 0.5).abs() < 0.1,
+                        "at their switches: {before:?}"
+                    );
+                    core.bring_up();
+                    let begun = Instant::now();
+                    let switch_apart = |ring: &SharedRing| {
+                        let [one, other] = turns(ring);
+                        // Coordinates of both, by where their switches are.
+                        let (one, other) = (-100.0 + 5.0 * (one + 2.0), -100.0 + 5.0 * (other + 2.5));
+                        other - one
+                    };
+                    core.until("a square beam", |_| (switch_apart(ring) - 0.3).abs() < 0.05);
+                    assert!(begun.elapsed() < Duration::from_secs(5));
+                    core.velocity_x = 20.0;
+                    for _ in 0..200 {
+                        core.cycle();
+                        assert!((switch_apart(ring) - 0.3).abs() < 0.1, "{}", switch_apart(ring));
+                    }
+                    assert!(!was_told(told, "gantry of X"), "{told:?}");
+                },
+            );
+        });
+    });
+}
+
+#[test]
+fn a_second_drive_needs_a_first_that_finds_its_zero_alike() {
+    let text = evolvent_file_tests::shipped("networks/sim-mill.toml");
+    let second = |letter: &str, more: &str| {
+        format!(
+            "{text}\n[[device]]\nname = \"second\"\nvendor = 1\nproduct = 2\n[device.axis]\nletter = \"{letter}\"\n\
+             increments_per_turn = 1048576\nturn_mm = 5\n{more}\n[device.axis.gantry]\nmax_difference = 0.5\n"
+        )
+    };
+    assert!(Network::parse(&second("X", ""), "good.toml").is_ok());
+    for (text, what) in [
+        (second("U", ""), "no other device drives this axis"),
+        (
+            second("X", "absolute = true"),
+            "find their zero in different ways",
+        ),
+        (
+            second("X", "").replace("max_difference = 0.5", "max_difference = 0"),
+            "out of range",
+        ),
+        (
+            second("X", "").replace("max_difference = 0.5", ""),
+            "max_difference",
+        ),
+        (
+            second("X", "").replace("\n[device.axis.gantry]\nmax_difference = 0.5", ""),
+            "[device.axis.gantry]",
+        ),
+    ] {
+        let error = Network::parse(&text, "bad.toml").expect_err(what).to_string();
+        assert!(error.starts_with("bad.toml:") && error.contains(what), "{error}");
+    }
+}
