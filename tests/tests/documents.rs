@@ -21,9 +21,12 @@ fn pages() -> Vec<PathBuf> {
     while let Some(folder) = open.pop() {
         for entry in fs::read_dir(&folder).expect("a folder of the repository") {
             let path = entry.expect("an entry").path();
-            if path.is_dir() && path.file_name().is_some_and(|name| name != "target") {
+            let foreign = path
+                .file_name()
+                .is_some_and(|name| name == "target" || name == "node_modules");
+            if path.is_dir() && !foreign {
                 open.push(path);
-            } else if path.extension().is_some_and(|ending| ending == "md") {
+            } else if !foreign && path.extension().is_some_and(|ending| ending == "md") {
                 pages.push(path);
             }
         }

@@ -23,6 +23,7 @@ mod operate_programs;
 mod operate_service;
 mod real_programs;
 mod same_bits;
+mod screen_page;
 mod served_drives;
 mod served_recording;
 mod served_signals;

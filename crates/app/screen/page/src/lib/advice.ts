@@ -1,0 +1,46 @@
+// "What to do next": one sentence that the state of the machine calls for. The core judges every command by itself; this only
+// says beforehand what it would answer.
+import type { Texts } from '../texts/en';
+import type { Machine, ProgramInfo, Status } from './model';
+
+export interface Advice {
+  text: string;
+  tone: 'calm' | 'ask' | 'bad';
+}
+
+export interface AdviceInputs {
+  connected: boolean;
+  coreAlive: boolean;
+  machine: Machine | null;
+  status: Status | null;
+  program: ProgramInfo | null;
+  /** of the program that runs */
+  message: string;
+}
+
+export function advise(texts: Texts, { connected, coreAlive, machine, status, program, message }: AdviceInputs): Advice {
+  const a = texts.advice;
+  if (!connected) return { text: a.noServer, tone: 'bad' };
+  if (!coreAlive || status === null || machine === null) return { text: a.noCore, tone: 'bad' };
+  if (status.chainOpen) return { text: a.chainOpen, tone: 'bad' };
+  // A fault switches off and latches its alarm; leaving the emergency stop comes first either way.
+  if (status.machineState === 'estop') return { text: a.estop, tone: 'ask' };
+  if (status.alarms.length > 0) return { text: a.alarm, tone: 'bad' };
+  if (status.machineState === 'off') return { text: a.off, tone: 'ask' };
+  if (status.toolChange === 'operator') return { text: a.toolChange(status.toolWanted), tone: 'ask' };
+  if (status.toolChange === 'program') return { text: a.toolChanging(status.toolWanted), tone: 'calm' };
+  if (status.activity === 'homing') return { text: a.homing, tone: 'calm' };
+  if (status.activity === 'jog') return { text: a.jogging, tone: 'calm' };
+  if (status.activity === 'program' || status.activity === 'mdi') {
+    if (status.state === 'program_stop') return { text: message || a.programStop, tone: 'ask' };
+    if (status.state === 'held' || status.hold) return { text: a.held, tone: 'ask' };
+    if (status.inputWait) return { text: a.inputWait, tone: 'calm' };
+    return { text: a.running(status.line), tone: 'calm' };
+  }
+  const unhomed = machine.axes.filter((_, index) => !status.homed[index]).map((axis) => axis.letter);
+  if (unhomed.length > 0) return { text: a.home(unhomed.join(' ')), tone: 'ask' };
+  if (!status.program) return { text: a.noProgram, tone: 'calm' };
+  if (program && program.errors.length > 0) return { text: a.programErrors(program.errors.length), tone: 'bad' };
+  if (program && !program.checked) return { text: a.checking, tone: 'calm' };
+  return { text: a.ready(status.program.replace(/^.*\//, '')), tone: 'calm' };
+}

@@ -1,0 +1,28 @@
+// What happened, as this page saw it: alarms, states, jobs, rejections, the connection. It survives a reload in this browser.
+import type { Texts } from '../texts/en';
+import type { EventEntry, Status } from './model';
+
+/** The entries that the change from one status to the next is worth. */
+export function changes(texts: Texts, before: Status | null, now: Status): Omit<EventEntry, 'id' | 'at'>[] {
+  const entries: Omit<EventEntry, 'id' | 'at'>[] = [];
+  const state = (text: string): void => void entries.push({ kind: 'state', number: null, text, cure: null });
+  const fresh = now.alarms.filter((number) => !before?.alarms.includes(number));
+  fresh.forEach((number, at) => {
+    // The status has the sentence of the newest alarm; of the others what their number means.
+    const known: readonly [string, string] | undefined = (texts.alarmTexts as Record<number, readonly [string, string]>)[number];
+    const newest = at === fresh.length - 1 ? now.alarmText : '';
+    entries.push({ kind: 'alarm', number, text: newest || known?.[0] || texts.alarms.unknown, cure: known?.[1] ?? null });
+  });
+  if (before === null) return entries;
+  if (before.alarms.length > 0 && now.alarms.length === 0) state(texts.events.cleared);
+  if (before.machineState !== now.machineState) state(now.machineState === 'on' ? texts.events.on : texts.state[now.machineState]);
+  if (before.activity !== now.activity && now.activity !== 'none' && now.activity !== 'jog') {
+    state(now.activity === 'program' ? texts.events.started(now.program.replace(/^.*\//, '')) : texts.activity[now.activity]);
+  }
+  if (before.activity !== 'none' && before.activity !== 'jog' && now.activity === 'none') {
+    state(texts.events.ended[now.jobResult]);
+  }
+  if (now.message !== '' && now.message !== before.message) entries.push({ kind: 'message', number: null, text: now.message, cure: null });
+  if (before.program !== now.program && now.program !== '') state(texts.events.loaded(now.program.replace(/^.*\//, '')));
+  return entries;
+}

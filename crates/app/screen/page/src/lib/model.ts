@@ -1,0 +1,173 @@
+// What the page knows of a machine, in the words that the views use. `link/` makes it from the server's messages.
+
+export type AxisKind = 'linear' | 'rotary';
+
+export interface Axis {
+  letter: string;
+  kind: AxisKind;
+  /** mm or degrees, machine coordinates */
+  min: number;
+  max: number;
+  /** mm/s or degrees/s */
+  maxVelocity: number;
+  hasHomeSwitch: boolean;
+}
+
+export interface Machine {
+  name: string;
+  description: string;
+  kind: 'mill' | 'lathe';
+  /** in the order of the machine file; every list of a status has this order */
+  axes: Axis[];
+  periodNs: number;
+  version: string;
+}
+
+export type MachineState = 'estop' | 'off' | 'on';
+export type Mode = 'auto' | 'manual' | 'mdi';
+export type Activity = 'none' | 'program' | 'mdi' | 'jog' | 'homing';
+export type RunState =
+  | 'idle'
+  | 'running'
+  | 'holding'
+  | 'held'
+  | 'stopping'
+  | 'stopped'
+  | 'dwell'
+  | 'program_stop'
+  | 'fault'
+  | 'done';
+export type JobResult = 'none' | 'done' | 'stopped' | 'failed' | 'fault';
+
+/** One coherent moment of the machine. Lengths in mm, angles in degrees, times in s. */
+export interface Status {
+  time: number;
+  machineState: MachineState;
+  mode: Mode;
+  activity: Activity;
+  state: RunState;
+  line: number;
+  job: number;
+  jobResult: JobResult;
+  program: string;
+  homed: boolean[];
+  machine: number[];
+  work: number[];
+  toGo: number[];
+  velocity: number[];
+  workOffset: number[];
+  toolOffset: number[];
+  actual: number[] | null;
+  followingError: number[] | null;
+  feed: number;
+  feedProgrammed: number;
+  override: number;
+  rapidOverride: number;
+  spindleOverride: number;
+  spindleRpm: number;
+  coolant: number;
+  tool: number;
+  toolChange: 'none' | 'operator' | 'program';
+  toolWanted: number;
+  workSystem: string;
+  modal: string[];
+  alarms: number[];
+  alarmText: string;
+  message: string;
+  singleStep: boolean;
+  optionalStop: boolean;
+  blockDelete: boolean;
+  hold: boolean;
+  chainOpen: boolean;
+  inputWait: boolean;
+  pathDone: number;
+  pathToGo: number;
+  lateCycles: number;
+  latenessNs: number;
+  longestStopMm: number;
+  longestStopS: number;
+}
+
+/** Commands of the contract, by the names and units of docs/contract.md. */
+export type Command =
+  | { name: 'estop' | 'estop_reset' | 'on' | 'off' | 'hold' | 'resume' | 'step' | 'stop' | 'reset' | 'clear_alarms' }
+  | { name: 'mode'; mode: Mode }
+  | { name: 'start'; line: number; program: string }
+  | { name: 'single_step' | 'optional_stop' | 'block_delete'; on: boolean }
+  | { name: 'feed_override' | 'rapid_override' | 'spindle_override'; ratio: number }
+  | { name: 'mdi'; block: string }
+  | { name: 'home'; axes: number[] }
+  | { name: 'work_offset'; system: number; values: AxisValue[] }
+  | { name: 'touch_off'; system: number; values: AxisValue[] }
+  | { name: 'tool'; tool: number; values: AxisValue[]; diameter: number | null }
+  | { name: 'jog_distance'; values: AxisValue[]; speed: number }
+  | { name: 'jog'; values: AxisValue[]; speed: number }
+  | { name: 'jog_keep' }
+  | { name: 'jog_stop' };
+
+/** `axis` counts in the order of the machine file. */
+export interface AxisValue {
+  axis: number;
+  value: number;
+}
+
+export interface Answer {
+  accepted: boolean;
+  alarm: number;
+  text: string;
+}
+
+export interface Lease {
+  /** this page may command */
+  mine: boolean;
+  /** name of the page that may, if any does */
+  holder: string | null;
+  /** this page may only watch, whatever it asks for */
+  readOnly: boolean;
+}
+
+export interface EventEntry {
+  id: number;
+  /** ms since 1970 */
+  at: number;
+  kind: 'alarm' | 'warning' | 'state' | 'command' | 'message' | 'link';
+  number: number | null;
+  text: string;
+  cure: string | null;
+}
+
+export interface Finding {
+  line: number;
+  column: number;
+  length: number;
+  code: string;
+  message: string;
+  help: string;
+  file: string | null;
+}
+
+export interface ProgramInfo {
+  name: string;
+  bytes: number;
+  lines: number;
+  errors: Finding[];
+  warnings: Finding[];
+  checked: boolean;
+  plannedS: number | null;
+}
+
+/** G54 to G59.3, counted from 1; `values` in machine coordinates, null where this page has not been told. */
+export interface WorkOffset {
+  system: number;
+  values: (number | null)[];
+}
+
+export interface Tool {
+  number: number;
+  /** an offset per axis */
+  offsets: number[];
+  diameter: number;
+  comment: string;
+}
+
+export const WORK_SYSTEMS = ['G54', 'G55', 'G56', 'G57', 'G58', 'G59', 'G59.1', 'G59.2', 'G59.3'] as const;

@@ -1,0 +1,212 @@
+// The one place where the page keeps what it has been told, and from which commands go out.
+import type { Incoming, Sample } from '../link/incoming';
+import type { Source } from '../link/source';
+import type { Answer, Command, EventEntry, Lease, Machine, ProgramInfo, Status, Tool, WorkOffset } from './model';
+import { changes } from './journal';
+import { settings } from './settings.svelte';
+
+const MAX_EVENTS = 500;
+/** Seconds of samples that the page keeps for the scope and the trail. */
+export const HISTORY_S = 60;
+
+/** Ring of samples in typed arrays, so that 60 s at the rate of the server do not become garbage. */
+export class History {
+  readonly capacity: number;
+  readonly axes: number;
+  readonly time: Float64Array;
+  readonly line: Uint32Array;
+  readonly feed: Float32Array;
+  readonly load: Float32Array;
+  readonly position: Float32Array[];
+  readonly velocity: Float32Array[];
+  readonly acceleration: Float32Array[];
+  readonly error: Float32Array[];
+  readonly lateness: Float32Array;
+  /** samples ever written; the newest is at (count - 1) % capacity */
+  count = 0;
+
+  constructor(axes: number, capacity: number) {
+    this.axes = axes;
+    this.capacity = capacity;
+    const list = (): Float32Array[] => Array.from({ length: axes }, () => new Float32Array(capacity));
+    this.time = new Float64Array(capacity);
+    this.line = new Uint32Array(capacity);
+    this.feed = new Float32Array(capacity);
+    this.load = new Float32Array(capacity);
+    this.lateness = new Float32Array(capacity);
+    this.position = list();
+    this.velocity = list();
+    this.acceleration = list();
+    this.error = list();
+  }
+
+  push(sample: Sample, latenessUs: number): void {
+    const at = this.count % this.capacity;
+    this.time[at] = sample.time;
+    this.line[at] = sample.line;
+    this.feed[at] = sample.feed;
+    this.load[at] = sample.load ?? NaN;
+    this.lateness[at] = latenessUs;
+    for (let axis = 0; axis < this.axes; axis += 1) {
+      this.position[axis]![at] = sample.position[axis] ?? NaN;
+      this.velocity[axis]![at] = sample.velocity[axis] ?? NaN;
+      this.acceleration[axis]![at] = sample.acceleration[axis] ?? NaN;
+      this.error[axis]![at] = sample.error?.[axis] ?? NaN;
+    }
+    this.count += 1;
+  }
+}
+
+class Session {
+  connection = $state<'connecting' | 'open' | 'lost' | 'refused'>('connecting');
+  reason = $state('');
+  coreAlive = $state(false);
+  machine = $state.raw<Machine | null>(null);
+  status = $state.raw<Status | null>(null);
+  lease = $state.raw<Lease>({ mine: false, holder: null, readOnly: false });
+  events = $state.raw<EventEntry[]>(settings.entries('events'));
+  program = $state.raw<ProgramInfo | null>(null);
+  offsets = $state.raw<WorkOffset[]>([]);
+  tools = $state.raw<Tool[]>([]);
+  /** The latest rejection, shown until the next command. */
+  rejection = $state.raw<Answer | null>(null);
+  history: History | null = null;
+
+  #source: Source | null = null;
+  #pending: Status | null = null;
+  /** the job in which the message came */
+  #messageJob = -1;
+  /** the newest status, drawn or not */
+  #seen: Status | null = null;
+  #frame = 0;
+
+  get connected(): boolean {
+    return this.connection === 'open';
+  }
+
+  /** Whether a command from this page has a chance: the controls are off otherwise. */
+  get mayCommand(): boolean {
+    return this.connected && this.coreAlive && this.lease.mine && !this.lease.readOnly;
+  }
+
+  /** The program's message, where it is of the job that runs. */
+  get message(): string {
+    const status = this.status;
+    if (status === null || status.activity === 'none' || status.job !== this.#messageJob) return '';
+    return status.message;
+  }
+
+  start(source: Source): void {
+    this.#source = source;
+    source.start((message) => this.#take(message));
+  }
+
+  get source(): Source | null {
+    return this.#source;
+  }
+
+  async send(command: Command): Promise<Answer> {
+    const source = this.#source;
+    if (source === null) return { accepted: false, alarm: 0, text: settings.texts.link.lost };
+    const answer = await source.send(command);
+    // A jog that is kept alive must not wipe away what an operator still reads.
+    if (command.name !== 'jog_keep') this.rejection = answer.accepted ? null : answer;
+    if (!answer.accepted) this.note({ kind: 'warning', number: answer.alarm || null, text: `${command.name}: ${answer.text}`, cure: null });
+    return answer;
+  }
+
+  note(entry: Omit<EventEntry, 'id' | 'at'>): void {
+    const id = (this.events.at(-1)?.id ?? 0) + 1;
+    this.events = [...this.events, { ...entry, id, at: Date.now() }].slice(-MAX_EVENTS);
+    settings.keep('events', this.events);
+  }
+
+  forget(): void {
+    this.events = [];
+    settings.keep('events', []);
+  }
+
+  /** Sends several one after the other, and stops at the first that is rejected. */
+  async sendAll(commands: Command[]): Promise<boolean> {
+    for (const command of commands) {
+      const answer = await this.send(command);
+      if (!answer.accepted) return false;
+    }
+    return true;
+  }
+
+  /** Commands that belong to a mode change it first, as `evolvent ctl` does. */
+  async inMode(mode: Status['mode'], command: Command): Promise<boolean> {
+    const commands: Command[] = this.status?.mode === mode ? [command] : [{ name: 'mode', mode }, command];
+    return this.sendAll(commands);
+  }
+
+  #take(message: Incoming): void {
+    switch (message.kind) {
+      case 'connection':
+        if (message.state !== this.connection) {
+          const events = settings.texts.events;
+          if (message.state === 'open') this.note({ kind: 'link', number: null, text: events.connected, cure: null });
+          else if (this.connection === 'open') this.note({ kind: 'link', number: null, text: events.disconnected, cure: null });
+        }
+        this.connection = message.state;
+        this.reason = message.reason;
+        if (message.state !== 'open') {
+          this.lease = { ...this.lease, mine: false };
+        }
+        break;
+      case 'core':
+        this.coreAlive = message.alive;
+        break;
+      case 'machine':
+        if (this.history === null || this.history.axes !== message.machine.axes.length) {
+          // The server thins samples to at most 1 kHz.
+          this.history = new History(message.machine.axes.length, HISTORY_S * 1000);
+        }
+        this.machine = message.machine;
+        break;
+      case 'status':
+        for (const entry of changes(settings.texts, this.#seen, message.status)) this.note(entry);
+        // A message stays in the status after its program: what came in this job counts.
+        if (this.#seen === null) this.#messageJob = message.status.state === 'program_stop' ? message.status.job : -1;
+        else if (message.status.message !== this.#seen.message) this.#messageJob = message.status.job;
+        this.#seen = message.status;
+        // Of several that come within a frame only the last is drawn.
+        this.#pending = message.status;
+        if (this.#frame === 0) {
+          this.#frame = requestAnimationFrame(() => this.#draw());
+        }
+        if (document.hidden) this.#draw();
+        break;
+      case 'lease':
+        if (this.lease.mine && !message.lease.mine && message.lease.holder !== null) {
+          const text = settings.texts.lease.lost(message.lease.holder);
+          this.note({ kind: 'warning', number: null, text, cure: null });
+          this.rejection = { accepted: false, alarm: 0, text };
+        }
+        this.lease = message.lease;
+        break;
+      case 'program':
+        this.program = message.program;
+        break;
+      case 'offsets':
+        this.offsets = message.offsets;
+        break;
+      case 'tools':
+        this.tools = message.tools;
+        break;
+      case 'samples':
+        for (const sample of message.samples) this.history?.push(sample, (this.status?.latenessNs ?? 0) / 1000);
+        break;
+    }
+  }
+
+  #draw(): void {
+    cancelAnimationFrame(this.#frame);
+    this.#frame = 0;
+    if (this.#pending !== null) this.status = this.#pending;
+    this.#pending = null;
+  }
+}
+
+export const session = new Session();

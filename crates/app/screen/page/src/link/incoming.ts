@@ -1,0 +1,26 @@
+import type { Lease, Machine, ProgramInfo, Status, Tool, WorkOffset } from '../lib/model';
+
+/** One value per axis, in the order of the machine file. */
+export interface Sample {
+  /** s, of the machine's clock */
+  time: number;
+  line: number;
+  feed: number;
+  position: ArrayLike<number>;
+  velocity: ArrayLike<number>;
+  acceleration: ArrayLike<number>;
+  error: ArrayLike<number> | null;
+  load: number | null;
+}
+
+/** What a source hands to the session. */
+export type Incoming =
+  | { kind: 'connection'; state: 'connecting' | 'open' | 'lost' | 'refused'; reason: string }
+  | { kind: 'core'; alive: boolean }
+  | { kind: 'machine'; machine: Machine }
+  | { kind: 'status'; status: Status }
+  | { kind: 'lease'; lease: Lease }
+  | { kind: 'program'; program: ProgramInfo | null }
+  | { kind: 'offsets'; offsets: WorkOffset[] }
+  | { kind: 'tools'; tools: Tool[] }
+  | { kind: 'samples'; samples: Sample[] };

@@ -1,0 +1,141 @@
+// A machine that exists in the page only, to work on views without a core: `npm run dev`, then `/?made-up`.
+import type { Answer, Command, Machine, Status } from '../lib/model';
+import { programText } from '../lib/program-text.svelte';
+import { CHUNK_VERTICES } from '../path/chunk';
+import { path } from '../path/store.svelte';
+import type { Incoming } from './incoming';
+import type { Source } from './source';
+
+const machine: Machine = {
+  name: 'mill-3axis',
+  description: 'Three-axis mill, made up',
+  kind: 'mill',
+  axes: [
+    { letter: 'X', kind: 'linear', min: -400, max: 400, maxVelocity: 500, hasHomeSwitch: true },
+    { letter: 'Y', kind: 'linear', min: -250, max: 250, maxVelocity: 500, hasHomeSwitch: true },
+    { letter: 'Z', kind: 'linear', min: -400, max: 100, maxVelocity: 333, hasHomeSwitch: true },
+  ],
+  periodNs: 1_000_000,
+  version: '0.1.0',
+};
+
+export class MadeUp implements Source {
+  #handle: (message: Incoming) => void = () => {};
+  #status: Status = {
+    time: 0, machineState: 'estop', mode: 'manual', activity: 'none', state: 'idle', line: 0, job: 0, jobResult: 'none',
+    program: 'bore-200.ngc', homed: [false, false, false], machine: [0, 0, 0], work: [0, 0, 0], toGo: [0, 0, 0], velocity: [0, 0, 0],
+    workOffset: [10, -20, 5.5], toolOffset: [0, 0, 0], actual: null, followingError: null, feed: 0, feedProgrammed: 0,
+    override: 1, rapidOverride: 1, spindleOverride: 1, spindleRpm: 0, coolant: 0, tool: 3, toolChange: 'none', toolWanted: 0,
+    workSystem: 'G54', modal: ['G0', 'G17', 'G21', 'G54', 'G90', 'G94'], alarms: [], alarmText: '', message: '', singleStep: false,
+    optionalStop: false, blockDelete: false, hold: false, chainOpen: false, inputWait: false, pathDone: 0, pathToGo: 0, lateCycles: 0,
+    latenessNs: 12_000, longestStopMm: 0, longestStopS: 0,
+  };
+  #jogUntil = 0;
+
+  start(handle: (message: Incoming) => void): void {
+    this.#handle = handle;
+    handle({ kind: 'connection', state: 'open', reason: '' });
+    handle({ kind: 'machine', machine });
+    handle({ kind: 'core', alive: true });
+    handle({ kind: 'lease', lease: { mine: false, holder: null, readOnly: false } });
+    handle({ kind: 'program', program: { name: 'bore-200.ngc', bytes: 1234, lines: 42, errors: [], warnings: [], checked: true, plannedS: 45.2 } });
+    this.#path();
+    programText.load('./made-up.ngc');
+    Object.assign(globalThis, { loadMadeUpText: (url: string) => programText.load(url) });
+    setInterval(() => this.#tick(), 16);
+  }
+
+  /** Spirals in layers: half a million vertices. */
+  #path(): void {
+    path.clear();
+    for (let layer = 0; layer < 8; layer += 1) {
+      const chunk = { position: new Float32Array(3 * CHUNK_VERTICES), feed: new Float32Array(CHUNK_VERTICES), line: new Uint32Array(CHUNK_VERTICES) };
+      for (let i = 0; i < CHUNK_VERTICES; i += 1) {
+        const [t, r] = [i * 0.01, 10 + (i / CHUNK_VERTICES) * 90];
+        chunk.position.set([r * Math.cos(t), r * Math.sin(t), -5 * layer], 3 * i);
+        chunk.feed[i] = i < 2 ? -1 : 20 + 80 * (r / 100);
+        chunk.line[i] = i >> 4;
+      }
+      path.add(chunk, { min: [-100, -100, -40], max: [100, 100, 0] }, 100);
+    }
+    path.progress = 1;
+  }
+
+  #tick(): void {
+    const s = this.#status;
+    const now = performance.now();
+    const dt = 0.016;
+    if (s.activity === 'jog' && now > this.#jogUntil) this.#end();
+    if (s.activity === 'program' && !s.hold) {
+      const t = now / 1000;
+      s.machine = [50 * Math.cos(t), 50 * Math.sin(t), -5];
+      s.line = 1 + (Math.floor(t) % 42);
+      s.feed = 50;
+      s.feedProgrammed = 50;
+    }
+    s.machine = s.machine.map((value, axis) => value + (s.velocity[axis] ?? 0) * dt);
+    s.work = s.machine.map((value, axis) => value - (s.workOffset[axis] ?? 0));
+    s.time = now / 1000;
+    this.#handle({ kind: 'status', status: { ...s } });
+    this.#handle({
+      kind: 'samples',
+      samples: [{ time: s.time, line: s.line, feed: s.feed, position: s.machine, velocity: s.velocity, acceleration: [0, 0, 0], error: null, load: null }],
+    });
+  }
+
+  #end(): void {
+    Object.assign(this.#status, { activity: 'none', state: 'idle', velocity: [0, 0, 0], feed: 0 });
+  }
+
+  async send(command: Command): Promise<Answer> {
+    const s = this.#status;
+    const reject = (alarm: number, text: string): Answer => ({ accepted: false, alarm, text });
+    switch (command.name) {
+      case 'estop': this.#end(); s.machineState = 'estop'; break;
+      case 'estop_reset': s.machineState = 'off'; break;
+      case 'on': s.machineState = 'on'; break;
+      case 'off': s.machineState = 'off'; break;
+      case 'mode': s.mode = command.mode; break;
+      case 'home': s.homed = [true, true, true]; break;
+      case 'jog':
+        if (s.machineState !== 'on') return reject(912, 'the machine is off');
+        s.activity = 'jog';
+        s.state = 'running';
+        s.velocity = [0, 0, 0];
+        for (const { axis, value } of command.values) s.velocity[axis] = value * command.speed;
+        this.#jogUntil = performance.now() + 90;
+        break;
+      case 'jog_distance': for (const { axis, value } of command.values) s.machine[axis]! += value; break;
+      case 'jog_stop': if (s.activity === 'jog') this.#end(); break;
+      case 'start':
+        if (s.homed.includes(false)) return reject(916, 'axis X is not homed');
+        Object.assign(s, { activity: 'program', state: 'running' });
+        break;
+      case 'hold': Object.assign(s, { hold: true, state: 'held', feed: 0 }); break;
+      case 'resume': Object.assign(s, { hold: false, state: 'running' }); break;
+      case 'stop': this.#end(); s.hold = false; break;
+      case 'feed_override': s.override = command.ratio; break;
+      case 'rapid_override': s.rapidOverride = command.ratio; break;
+      case 'spindle_override': s.spindleOverride = command.ratio; break;
+      case 'touch_off': for (const { axis, value } of command.values) s.workOffset[axis] = s.machine[axis]! - value; break;
+      default: break;
+    }
+    return { accepted: true, alarm: 0, text: '' };
+  }
+
+  keep(): void {
+    this.#jogUntil = performance.now() + 90;
+  }
+
+  takeLease(): void {
+    this.#handle({ kind: 'lease', lease: { mine: true, holder: 'this page', readOnly: false } });
+  }
+
+  releaseLease(): void {
+    this.#handle({ kind: 'lease', lease: { mine: false, holder: null, readOnly: false } });
+  }
+
+  async upload(): Promise<Answer> {
+    return { accepted: true, alarm: 0, text: '' };
+  }
+}

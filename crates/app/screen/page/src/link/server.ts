@@ -1,0 +1,306 @@
+// The server that the page came from: what it says becomes the words of `model`.
+import type { Activity, Answer, Command, Finding, JobResult, Lease, Machine, MachineState, Mode, RunState, Status, Tool, WorkOffset } from '../lib/model';
+import { programText } from '../lib/program-text.svelte';
+import { settings } from '../lib/settings.svelte';
+import { path } from '../path/store.svelte';
+import { AXES, codeName, encode, systemName } from './commands';
+import type { Incoming, Sample } from './incoming';
+import { Socket } from './socket';
+import type { Source } from './source';
+
+const SWITCH = { singleStep: 1, optionalStop: 2, blockDelete: 4, hold: 8, chainOpen: 16, inputWait: 32 } as const;
+/** Bytes of a sample: time f64, line u32, 0 u32, feed f64, then position, velocity and acceleration of nine axes, f32. */
+const SAMPLE_BYTES = 24 + 27 * 4;
+
+interface BusStatus {
+  time_ns: number;
+  machine_state: MachineState;
+  mode: Mode;
+  activity: Activity;
+  state: RunState;
+  job_result: JobResult;
+  line: number;
+  job: number;
+  program: string;
+  homed_mask: number;
+  position_machine: number[];
+  position_work: number[];
+  distance_to_go: number[];
+  velocity: number[];
+  work_offset: number[];
+  tool_offset: number[];
+  position_actual: number[];
+  following_error: number[];
+  feedback_age_ns: number;
+  feed_mm_s: number;
+  feed_programmed_mm_s: number;
+  override_ratio: number;
+  rapid_override_ratio: number;
+  spindle_override_ratio: number;
+  spindle_rpm: number;
+  coolant: number;
+  tool: number;
+  tool_change: 'none' | 'operator' | 'program';
+  tool_wanted: number;
+  work_system: number;
+  modal: number[];
+  alarms: number[];
+  alarm_text: string;
+  message: string;
+  switches: number;
+  path_mm: number;
+  path_to_go_mm: number;
+  late_cycles: number;
+  wake_lateness_ns: number;
+  longest_stop_mm: number;
+  longest_stop_s: number;
+}
+
+interface ServerProgram {
+  name: string;
+  bytes: number;
+  errors: Partial<Finding>[];
+  warnings: Partial<Finding>[];
+  checked: boolean;
+  planned_s: number | null;
+}
+
+interface ServerMachine {
+  name: string;
+  description: string;
+  kind: 'mill' | 'lathe';
+  axes: { letter: string; kind: 'linear' | 'rotary'; min: number; max: number; max_velocity: number; has_home_switch: boolean }[];
+}
+
+type Message =
+  | { type: 'machine'; machine: ServerMachine; version: string }
+  | { type: 'status'; status: BusStatus }
+  | { type: 'core'; alive: boolean }
+  | { type: 'lease'; mine: boolean; holder: string | null; read_only: boolean }
+  | { type: 'program'; program: ServerProgram | null }
+  | { type: 'kept'; offsets: WorkOffset[]; tools: Tool[] }
+  | ({ type: 'answer'; id: number } & Answer);
+
+function finding(found: Partial<Finding>): Finding {
+  const { line = 0, column = 0, length = 0, code = '', message = '', help = '', file = null } = found;
+  return { line, column, length, code, message, help, file };
+}
+
+export class Server implements Source {
+  #handle: (message: Incoming) => void = () => {};
+  #socket: Socket | null = null;
+  #machine: Machine | null = null;
+  #pending = new Map<number, (answer: Answer) => void>();
+  #next = 1;
+  #program: ServerProgram | null = null;
+  /** offsets and tools, to notice their changes */
+  #kept = '';
+  /** bits of the machine's axes, in its order */
+  #bits: number[] = [];
+
+  start(handle: (message: Incoming) => void): void {
+    this.#handle = handle;
+    const url = new URL('ws', location.href);
+    url.protocol = url.protocol.replace('http', 'ws');
+    this.#socket = new Socket(url.href, {
+      opened: () => {},
+      text: (text) => this.#take(JSON.parse(text) as Message),
+      binary: (buffer) => this.#samples(buffer),
+      lost: (reason, final) => this.#lost(reason, final),
+    });
+    this.#socket.open();
+  }
+
+  send(command: Command): Promise<Answer> {
+    const nothing = (text: string): Answer => ({ accepted: false, alarm: 0, text });
+    if (this.#machine === null || this.#socket === null) return Promise.resolve(nothing(settings.texts.link.lost));
+    const id = this.#next;
+    this.#next += 1;
+    return new Promise((resolve) => {
+      this.#pending.set(id, resolve);
+      if (this.#socket!.send(JSON.stringify({ type: 'command', id, ...encode(this.#machine!, command) }))) return;
+      this.#pending.delete(id);
+      resolve(nothing(settings.texts.link.lost));
+    });
+  }
+
+  keep(): void {
+    this.#socket?.send('{"type":"keep"}');
+  }
+
+  takeLease(force: boolean): void {
+    this.#socket?.send(JSON.stringify({ type: 'take', force }));
+  }
+
+  releaseLease(): void {
+    this.#socket?.send('{"type":"give"}');
+  }
+
+  upload(file: File, progress: (ratio: number) => void): Promise<Answer> {
+    // `fetch` tells nothing of how much has gone out.
+    return new Promise((resolve) => {
+      const request = new XMLHttpRequest();
+      request.open('PUT', `programs/${encodeURIComponent(file.name)}`);
+      request.upload.onprogress = (event) => progress(event.total > 0 ? event.loaded / event.total : 0);
+      request.onload = () => {
+        try {
+          resolve(JSON.parse(request.responseText) as Answer);
+        } catch {
+          resolve({ accepted: false, alarm: 0, text: `${request.status} ${request.statusText}` });
+        }
+      };
+      request.onerror = () => resolve({ accepted: false, alarm: 0, text: settings.texts.link.lost });
+      request.send(file);
+    });
+  }
+
+  #lost(reason: string, final: boolean): void {
+    const text = settings.texts.link.unknown;
+    for (const resolve of this.#pending.values()) resolve({ accepted: false, alarm: 0, text });
+    this.#pending.clear();
+    this.#handle({ kind: 'connection', state: final ? 'refused' : 'lost', reason });
+  }
+
+  #take(message: Message): void {
+    switch (message.type) {
+      case 'machine': {
+        const { axes, ...rest } = message.machine;
+        this.#bits = axes.map((axis) => AXES.indexOf(axis.letter));
+        this.#machine = {
+          ...rest,
+          axes: axes.map(({ max_velocity: maxVelocity, has_home_switch: hasHomeSwitch, ...axis }) => ({ ...axis, maxVelocity, hasHomeSwitch })),
+          periodNs: 0,
+          version: message.version,
+        };
+        this.#handle({ kind: 'machine', machine: this.#machine });
+        this.#handle({ kind: 'connection', state: 'open', reason: '' });
+        break;
+      }
+      case 'status':
+        this.#handle({ kind: 'core', alive: true });
+        this.#handle({ kind: 'status', status: this.#status(message.status) });
+        break;
+      case 'core':
+        this.#handle({ kind: 'core', alive: message.alive });
+        break;
+      case 'lease': {
+        const lease: Lease = { mine: message.mine, holder: message.holder, readOnly: message.read_only };
+        this.#handle({ kind: 'lease', lease });
+        break;
+      }
+      case 'program': {
+        const program = message.program;
+        programText.load(program === null ? '' : `programs/${encodeURIComponent(program.name)}`);
+        this.#program = program;
+        this.#path();
+        this.#handle({
+          kind: 'program',
+          program: program && {
+            name: program.name,
+            bytes: program.bytes,
+            lines: 0,
+            errors: program.errors.map(finding),
+            warnings: program.warnings.map(finding),
+            checked: program.checked,
+            plannedS: program.planned_s,
+          },
+        });
+        break;
+      }
+      case 'kept':
+        this.#handle({ kind: 'offsets', offsets: message.offsets });
+        this.#handle({ kind: 'tools', tools: message.tools });
+        this.#kept = JSON.stringify([message.offsets, message.tools]);
+        this.#path();
+        break;
+      case 'answer': {
+        const { id, accepted, alarm, text } = message;
+        this.#pending.get(id)?.({ accepted, alarm, text });
+        this.#pending.delete(id);
+        break;
+      }
+    }
+  }
+
+  /** Offsets and tools change where the path is: it is read again with them, once the program has been checked. */
+  #path(): void {
+    const program = this.#program;
+    if (program === null) path.load('', '');
+    else if (program.checked && this.#kept !== '') {
+      path.load(`path/${encodeURIComponent(program.name)}`, `${program.name}/${program.bytes}/${this.#kept}`);
+    }
+  }
+
+  #status(status: BusStatus): Status {
+    const of = (list: number[]): number[] => this.#bits.map((bit) => list[bit] ?? NaN);
+    const on = (bit: number): boolean => (status.switches & bit) !== 0;
+    // Ages above a minute are those of a bridge that never was.
+    const answered = status.feedback_age_ns < 60e9;
+    return {
+      time: status.time_ns * 1e-9,
+      machineState: status.machine_state,
+      mode: status.mode,
+      activity: status.activity,
+      state: status.state,
+      line: status.line,
+      job: status.job,
+      jobResult: status.job_result,
+      program: status.program,
+      homed: this.#bits.map((bit) => ((status.homed_mask >> bit) & 1) === 1),
+      machine: of(status.position_machine),
+      work: of(status.position_work),
+      toGo: of(status.distance_to_go),
+      velocity: of(status.velocity),
+      workOffset: of(status.work_offset),
+      toolOffset: of(status.tool_offset),
+      actual: answered ? of(status.position_actual) : null,
+      followingError: answered ? of(status.following_error) : null,
+      feed: status.feed_mm_s,
+      feedProgrammed: status.feed_programmed_mm_s,
+      override: status.override_ratio,
+      rapidOverride: status.rapid_override_ratio,
+      spindleOverride: status.spindle_override_ratio,
+      spindleRpm: status.spindle_rpm,
+      coolant: status.coolant,
+      tool: status.tool,
+      toolChange: status.tool_change,
+      toolWanted: status.tool_wanted,
+      workSystem: systemName(status.work_system),
+      modal: status.modal.map(codeName),
+      alarms: status.alarms,
+      alarmText: status.alarm_text,
+      message: status.message,
+      singleStep: on(SWITCH.singleStep),
+      optionalStop: on(SWITCH.optionalStop),
+      blockDelete: on(SWITCH.blockDelete),
+      hold: on(SWITCH.hold),
+      chainOpen: on(SWITCH.chainOpen),
+      inputWait: on(SWITCH.inputWait),
+      pathDone: status.path_mm,
+      pathToGo: status.path_to_go_mm,
+      lateCycles: status.late_cycles,
+      latenessNs: status.wake_lateness_ns,
+      longestStopMm: status.longest_stop_mm,
+      longestStopS: status.longest_stop_s,
+    };
+  }
+
+  #samples(buffer: ArrayBuffer): void {
+    const view = new DataView(buffer);
+    const samples: Sample[] = [];
+    for (let at = 0; at + SAMPLE_BYTES <= buffer.byteLength; at += SAMPLE_BYTES) {
+      const list = (first: number): number[] => this.#bits.map((bit) => view.getFloat32(at + 24 + 4 * (first + bit), true));
+      samples.push({
+        time: view.getFloat64(at, true),
+        line: view.getUint32(at + 8, true),
+        feed: view.getFloat64(at + 16, true),
+        position: list(0),
+        velocity: list(9),
+        acceleration: list(18),
+        error: null,
+        load: null,
+      });
+    }
+    this.#handle({ kind: 'samples', samples });
+  }
+}

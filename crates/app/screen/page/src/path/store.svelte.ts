@@ -1,0 +1,114 @@
+// The path of the loaded program, as it comes in chunks.
+import { session } from '../lib/session.svelte';
+import type { PathReply, PathRequest } from '../workers/path.worker';
+import type { PathChunk } from './chunk';
+import { emptyBox, type Box } from './view';
+
+class PathStore {
+  #worker: Worker | null = null;
+  #id = 0;
+  #key = '';
+
+  chunks: PathChunk[] = [];
+  box: Box = emptyBox();
+  /** grows with every change, so that views notice */
+  version = $state(0);
+  /** 1 when all of it is here */
+  progress = $state(1);
+  fastest = $state(0);
+  note = $state('');
+  /** path in mm and time in s, in turn */
+  #profile = $state.raw<Float64Array>(new Float64Array(0));
+
+  clear(): void {
+    this.chunks = [];
+    this.box = emptyBox();
+    this.progress = 0;
+    this.fastest = 0;
+    this.note = '';
+    this.#profile = new Float64Array(0);
+    this.version += 1;
+  }
+
+  add(chunk: PathChunk, box: Box, fastest: number): void {
+    this.chunks.push(chunk);
+    for (const i of [0, 1, 2] as const) {
+      this.box.min[i] = Math.min(this.box.min[i], box.min[i]);
+      this.box.max[i] = Math.max(this.box.max[i], box.max[i]);
+    }
+    this.fastest = Math.max(this.fastest, fastest);
+    this.version += 1;
+  }
+
+  /** Reads the path from `url`, again whenever `key` (program and what it was planned with) is another; an empty one empties it. */
+  load(url: string, key: string): void {
+    if (key === this.#key) return;
+    this.#key = key;
+    this.clear();
+    this.#id += 1;
+    if (this.#worker === null) {
+      this.#worker = new Worker(new URL('../workers/path.worker.ts', import.meta.url), { type: 'module', name: 'path' });
+      this.#worker.onmessage = (event: MessageEvent<PathReply>) => this.#take(event.data);
+    }
+    const request: PathRequest = url === '' ? { kind: 'clear', id: this.#id } : { kind: 'load', url: new URL(url, document.baseURI).href, id: this.#id };
+    this.#worker.postMessage(request);
+    if (url === '') this.progress = 1;
+  }
+
+  #take(reply: PathReply): void {
+    if (reply.id !== this.#id) return;
+    switch (reply.kind) {
+      case 'chunk':
+        this.add(reply.chunk, reply.box, reply.fastest);
+        break;
+      case 'complete':
+        this.progress = 1;
+        this.version += 1;
+        this.#profile = reply.profile;
+        break;
+      case 'failed':
+        this.progress = 1;
+        this.note = reply.text;
+        break;
+    }
+  }
+
+  /** The fraction of the program's time that is over `mm` along its path; null where the path is not here. */
+  timeFraction(mm: number): number | null {
+    const profile = this.#profile;
+    const total = profile.at(-1) ?? 0;
+    if (!(total > 0)) return null;
+    let [low, high] = [0, profile.length / 2 - 1];
+    while (high - low > 1) {
+      const middle = (low + high) >> 1;
+      if (profile[2 * middle]! <= mm) low = middle;
+      else high = middle;
+    }
+    const [from, to] = [profile[2 * low]!, profile[2 * high]!];
+    const part = to > from ? Math.min(1, Math.max(0, (mm - from) / (to - from))) : 1;
+    return (profile[2 * low + 1]! + part * (profile[2 * high + 1]! - profile[2 * low + 1]!)) / total;
+  }
+
+  /** Seconds that the running program still needs as it was planned; null where that is not known. */
+  get remainingS(): number | null {
+    const planned = session.program?.plannedS ?? null;
+    const status = session.status;
+    if (planned === null || status?.activity !== 'program') return null;
+    const over = this.timeFraction(status.pathDone);
+    return over === null ? null : planned * (1 - over);
+  }
+
+  /** The travel of X, Y and Z; axes that the machine has not are flat. */
+  travel(): Box | null {
+    const axes = session.machine?.axes;
+    if (!axes) return null;
+    const box: Box = { min: [0, 0, 0], max: [0, 0, 0] };
+    ['X', 'Y', 'Z'].forEach((letter, i) => {
+      const axis = axes.find((entry) => entry.letter === letter);
+      if (axis) [box.min[i], box.max[i]] = [axis.min, axis.max];
+    });
+    return box;
+  }
+}
+
+export const path = new PathStore();
