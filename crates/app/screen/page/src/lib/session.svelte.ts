@@ -76,6 +76,8 @@ class Session {
   #pending: Status | null = null;
   /** the job in which the message came */
   #messageJob = -1;
+  /** the server keeps a log of alarms, commands and messages */
+  #serverLogs = false;
   /** the newest status, drawn or not */
   #seen: Status | null = null;
   #frame = 0;
@@ -111,13 +113,25 @@ class Session {
     const answer = await source.send(command);
     // A jog that is kept alive must not wipe away what an operator still reads.
     if (command.name !== 'jog_keep') this.rejection = answer.accepted ? null : answer;
-    if (!answer.accepted) this.note({ kind: 'warning', number: answer.alarm || null, text: `${command.name}: ${answer.text}`, cure: null });
+    if (!answer.accepted && !this.#serverLogs) this.note({ kind: 'warning', number: answer.alarm || null, text: `${command.name}: ${answer.text}`, cure: null });
     return answer;
   }
 
   note(entry: Omit<EventEntry, 'id' | 'at'>): void {
-    const id = (this.events.at(-1)?.id ?? 0) + 1;
+    const id = this.events.reduce((highest, entry) => Math.max(highest, entry.id), 0) + 1;
     this.events = [...this.events, { ...entry, id, at: Date.now() }].slice(-MAX_EVENTS);
+    settings.keep('events', this.events);
+  }
+
+  /** Entries of the server's log among our own, by their times; it sends those that it keeps on every connection. */
+  #merge(entries: Omit<EventEntry, 'id'>[]): void {
+    const known = new Set(this.events.map((entry) => `${entry.at} ${entry.kind} ${entry.text}`));
+    let id = this.events.reduce((highest, entry) => Math.max(highest, entry.id), 0);
+    const fresh = entries
+      .filter((entry) => !known.has(`${entry.at} ${entry.kind} ${entry.text}`))
+      .map(({ at, kind, number, text, cure }) => ({ id: (id += 1), at, kind, number, text, cure }));
+    if (fresh.length === 0) return;
+    this.events = [...this.events, ...fresh].sort((a, b) => a.at - b.at).slice(-MAX_EVENTS);
     settings.keep('events', this.events);
   }
 
@@ -166,7 +180,10 @@ class Session {
         this.machine = message.machine;
         break;
       case 'status':
-        for (const entry of changes(settings.texts, this.#seen, message.status)) this.note(entry);
+        for (const entry of changes(settings.texts, this.#seen, message.status)) {
+          // What the server logs, too, is listed once.
+          if (!this.#serverLogs || entry.kind === 'state') this.note(entry);
+        }
         // A message stays in the status after its program: what came in this job counts.
         if (this.#seen === null) this.#messageJob = message.status.state === 'program_stop' ? message.status.job : -1;
         else if (message.status.message !== this.#seen.message) this.#messageJob = message.status.job;
@@ -194,6 +211,10 @@ class Session {
         break;
       case 'tools':
         this.tools = message.tools;
+        break;
+      case 'log':
+        this.#serverLogs = true;
+        this.#merge(message.entries);
         break;
       case 'samples':
         for (const sample of message.samples) this.history?.push(sample, (this.status?.latenessNs ?? 0) / 1000);

@@ -1,4 +1,4 @@
-import type { Lease, Machine, ProgramInfo, Status, Tool, WorkOffset } from '../lib/model';
+import type { EventEntry, Lease, Machine, ProgramInfo, Status, Tool, WorkOffset } from '../lib/model';
 
 /** One value per axis, in the order of the machine file. */
 export interface Sample {
@@ -23,4 +23,5 @@ export type Incoming =
   | { kind: 'program'; program: ProgramInfo | null }
   | { kind: 'offsets'; offsets: WorkOffset[] }
   | { kind: 'tools'; tools: Tool[] }
+  | { kind: 'log'; entries: Omit<EventEntry, 'id'>[] }
   | { kind: 'samples'; samples: Sample[] };

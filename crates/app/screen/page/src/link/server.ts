@@ -1,5 +1,5 @@
 // The server that the page came from: what it says becomes the words of `model`.
-import type { Activity, Answer, Command, Finding, JobResult, Lease, Machine, MachineState, Mode, RunState, Status, Tool, WorkOffset } from '../lib/model';
+import type { Activity, Answer, Command, EventEntry, Finding, JobResult, Lease, Machine, MachineState, Mode, RunState, Status, Tool, WorkOffset } from '../lib/model';
 import { programText } from '../lib/program-text.svelte';
 import { settings } from '../lib/settings.svelte';
 import { path } from '../path/store.svelte';
@@ -72,6 +72,9 @@ interface ServerMachine {
   axes: { letter: string; kind: 'linear' | 'rotary'; min: number; max: number; max_velocity: number; has_home_switch: boolean }[];
 }
 
+/** An entry of the server's log; `at` in ms since 1970. */
+export type LogEntry = Omit<EventEntry, 'id'>;
+
 type Message =
   | { type: 'machine'; machine: ServerMachine; version: string }
   | { type: 'status'; status: BusStatus }
@@ -79,6 +82,7 @@ type Message =
   | { type: 'lease'; mine: boolean; holder: string | null; read_only: boolean }
   | { type: 'program'; program: ServerProgram | null }
   | { type: 'kept'; offsets: WorkOffset[]; tools: Tool[] }
+  | { type: 'log'; entries: LogEntry[] }
   | ({ type: 'answer'; id: number } & Answer);
 
 function finding(found: Partial<Finding>): Finding {
@@ -212,6 +216,9 @@ export class Server implements Source {
         this.#handle({ kind: 'tools', tools: message.tools });
         this.#kept = JSON.stringify([message.offsets, message.tools]);
         this.#path();
+        break;
+      case 'log':
+        this.#handle({ kind: 'log', entries: message.entries });
         break;
       case 'answer': {
         const { id, accepted, alarm, text } = message;
