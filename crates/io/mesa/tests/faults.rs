@@ -30,6 +30,7 @@ struct Core {
     power: PowerRequest,
     fault_reset: u32,
     heard: Option<(Instant, Feedback)>,
+    board: Option<std::net::IpAddr>,
 }
 
 impl Core {
@@ -45,6 +46,7 @@ impl Core {
             power: PowerRequest::Off,
             fault_reset: 0,
             heard: None,
+            board: None,
         }
     }
 
@@ -158,6 +160,7 @@ fn with_bridge_to(
             }
         });
         let mut core = Core::open(&prefix);
+        core.board = Some(address);
         let result =
             std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| test(&mut core, &server, &told)));
         stop.store(true, Ordering::Relaxed);
@@ -293,6 +296,35 @@ fn longer_losses_and_lost_boards_stop_every_axis() {
         );
         assert!(report.sessions >= 2, "{kind:?}: {report:?}");
     }
+}
+
+#[test]
+fn another_program_at_the_board_ends_the_session() {
+    let report = with_bridge(
+        |_| {},
+        |core, server, told| {
+            core.bring_up();
+            core.velocity_x = 30.0;
+            core.rest(0.3);
+            let address = core.board.expect("an address");
+            let mut packet = evolvent_mesa::Packet::new();
+            packet
+                .write_word(evolvent_mesa::Space::Timer, 0x14, 0)
+                .expect("room");
+            evolvent_mesa::Link::open(address)
+                .expect("a socket")
+                .send(&packet);
+            let feedback = core.until("a fault", |feedback| {
+                states(feedback)[0].is_some_and(DriveState::is_fault)
+            });
+            assert_eq!(feedback.error_code, 0x7500);
+            core.rest(0.3);
+            assert!(server.lock().step_rate(0).abs() < 1.0, "it has braked");
+            assert!(was_told(told, "does not know this session"), "{told:?}");
+            core.until("another session", |later| later.instance != feedback.instance);
+        },
+    );
+    assert!(report.sessions >= 2, "{report:?}");
 }
 
 #[test]
