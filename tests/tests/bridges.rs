@@ -91,7 +91,11 @@ fn a_bridge_that_does_nothing_fails() {
 fn systemd_finds_nothing_wrong_with_the_units() {
     let workshop = Workshop::new();
     let mut files = Vec::new();
-    for unit in ["evolvent@.service", "evolvent-bridge@.service"] {
+    for unit in [
+        "evolvent@.service",
+        "evolvent-bridge@.service",
+        "evolvent-ethercat@.service",
+    ] {
         let text = read_to_string(repository().join("tools/systemd").join(unit)).expect("a unit");
         for line in ["RemoveIPC=no", "LimitMEMLOCK=infinity", "LimitRTPRIO="] {
             assert!(text.contains(line), "{unit}: {line}");

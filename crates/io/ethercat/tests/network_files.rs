@@ -55,6 +55,14 @@ fn each_error_names_its_place() {
     );
 }
 
+#[test]
+fn the_shipped_lathe_fits_its_network() {
+    let machine = Machine::parse(&shipped("machines/lathe-ethercat.toml"), "lathe.toml").expect("a machine");
+    let network = Network::parse(&shipped("networks/sim-lathe.toml"), "sim-lathe.toml").expect("a network");
+    assert_eq!(check_fit(&machine, &network), Ok(()));
+    assert!(network.has_signals());
+}
+
 /// Whole sections: the place is the beginning of the section.
 #[test]
 fn an_axis_without_a_scale_is_refused() {
