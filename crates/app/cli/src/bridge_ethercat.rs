@@ -23,7 +23,8 @@ use crate::{CommandError, Ending};
 /// Options of `evolvent bridge ethercat`.
 ///
 /// Waits for the core and the network, in any order, and outlives both. Needs CAP_NET_RAW to open the interface, and gives up every
-/// capability then. So far it was shown with simulated devices only: see docs/ethercat.md.
+/// capability then. Terminals are the inputs and outputs of the machine file, two drives may turn one axis, and drives that home by
+/// themselves move their axes when power is first requested. So far it was shown with simulated devices only: see docs/ethercat.md.
 #[derive(Args, Debug)]
 pub(crate) struct EthercatArgs {
     /// Machine file: name, axes and limits, as of the core. With --scan, its axes get the drives in their order.
