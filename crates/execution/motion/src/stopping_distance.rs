@@ -7,6 +7,7 @@
 use std::collections::VecDeque;
 
 use evolvent_machine::Limits;
+use evolvent_path::AXES;
 
 use crate::plan_preview::{LONGEST_PREVIEW_S, Sample};
 use crate::setpoint::Setpoint;
@@ -162,7 +163,7 @@ impl StoppingDistance {
         if length < 1.5 * SAMPLE_S {
             return;
         }
-        let mut middle = between(&left, right, left.time + 0.5 * length);
+        let mut middle = between(&left, right, left.time + 0.5 * length, AXES);
         middle.third = (right.second - left.second) * (1.5 / length) - (left.third + right.third) * 0.25;
         self.samples.push_back((middle, 0.5 * (path_before + path)));
     }

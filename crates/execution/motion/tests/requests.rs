@@ -73,8 +73,10 @@ fn a_hold_stops_in_the_least_time_after_the_lead() {
         let took = rest as f64 * period;
         let allowed = 1.1 * least_stop(feed) + LEAD + 2.0 * period;
         assert!(took <= allowed, "{feed} mm/s: {took} s of {allowed} s");
+        // The axes still have their speed in the setpoint before the first that brakes: a period earlier. 0.1 % is rounding of
+        // the jerk, of which a slowdown may have 1.002.
         assert!(
-            took >= least_stop(feed),
+            took + period >= 0.999 * least_stop(feed),
             "{feed} mm/s: {took} s is less than the limits allow"
         );
         assert_eq!(setpoints[until as usize - 1].state, State::Held);
