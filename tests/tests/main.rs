@@ -28,6 +28,7 @@ mod served_drives;
 mod served_recording;
 mod served_signals;
 mod served_traces;
+mod spindles;
 mod systemd_units;
 mod tool_changes;
 mod top;

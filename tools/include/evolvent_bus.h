@@ -83,6 +83,12 @@ extern "C" {
 #define EVOLVENT_DIRECTION_STOPPED 0u
 #define EVOLVENT_DIRECTION_CLOCKWISE 1u
 #define EVOLVENT_DIRECTION_COUNTER_CLOCKWISE 2u
+#define EVOLVENT_DIRECTION_ORIENT 3u
+
+/* Values of `spindle_way` in MachineOutputs. */
+#define EVOLVENT_WAY_SHORTER 0u
+#define EVOLVENT_WAY_CLOCKWISE 1u
+#define EVOLVENT_WAY_COUNTER_CLOCKWISE 2u
 
 /* Values of `probe` in MachineInputs. */
 #define EVOLVENT_PROBE_NONE 0u
@@ -93,6 +99,7 @@ extern "C" {
 #define EVOLVENT_SPINDLE_AT_SPEED 1u
 #define EVOLVENT_SPINDLE_FAULT 2u
 #define EVOLVENT_SPINDLE_INDEXED 4u
+#define EVOLVENT_SPINDLE_ORIENTED 8u
 
 /* Numbers on the event channel. */
 #define EVOLVENT_EVENT_CORE_OPENED 1u
@@ -620,8 +627,12 @@ typedef struct evolvent_machineoutputs {
     uint32_t tool_wanted;
     /* Tool in the spindle; 0 for none. */
     uint32_t tool;
+    /* Where a spindle of direction ORIENT shall stand, degrees from its index pulse, 0 up to, not including, 360. */
+    double spindle_angle[4];
+    /* Its way there, a number of the list of ways. */
+    uint32_t spindle_way[4];
     /* Zero; for later versions. */
-    uint64_t reserved[8];
+    uint64_t reserved[2];
 } evolvent_machineoutputs_t;
 
 EVOLVENT_STATIC_ASSERT(sizeof(evolvent_machineoutputs_t) == 448, "size of MachineOutputs");
@@ -643,7 +654,9 @@ EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineoutputs_t, coolant) == 368, "off
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineoutputs_t, tool_change) == 372, "offset of MachineOutputs.tool_change");
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineoutputs_t, tool_wanted) == 376, "offset of MachineOutputs.tool_wanted");
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineoutputs_t, tool) == 380, "offset of MachineOutputs.tool");
-EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineoutputs_t, reserved) == 384, "offset of MachineOutputs.reserved");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineoutputs_t, spindle_angle) == 384, "offset of MachineOutputs.spindle_angle");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineoutputs_t, spindle_way) == 416, "offset of MachineOutputs.spindle_way");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_machineoutputs_t, reserved) == 432, "offset of MachineOutputs.reserved");
 
 /* The machine's inputs at one instant. Sent at every change, and at least four times in the machine file's
  * `signals.input_timeout_ms`: older ones are unknown to the core.
@@ -729,8 +742,10 @@ typedef struct evolvent_spindlefeedback {
     uint32_t spindle;
     /* Bits of the list of spindle flags. */
     uint32_t flags;
+    /* The `sequence` of the outputs that the spindle obeys, 0 for none: the flags are about these. */
+    uint64_t outputs_sequence;
     /* Zero; for later versions. */
-    uint64_t reserved[6];
+    uint64_t reserved[5];
 } evolvent_spindlefeedback_t;
 
 EVOLVENT_STATIC_ASSERT(sizeof(evolvent_spindlefeedback_t) == 112, "size of SpindleFeedback");
@@ -744,7 +759,8 @@ EVOLVENT_STATIC_ASSERT(offsetof(evolvent_spindlefeedback_t, fraction) == 40, "of
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_spindlefeedback_t, speed_rpm) == 48, "offset of SpindleFeedback.speed_rpm");
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_spindlefeedback_t, spindle) == 56, "offset of SpindleFeedback.spindle");
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_spindlefeedback_t, flags) == 60, "offset of SpindleFeedback.flags");
-EVOLVENT_STATIC_ASSERT(offsetof(evolvent_spindlefeedback_t, reserved) == 64, "offset of SpindleFeedback.reserved");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_spindlefeedback_t, outputs_sequence) == 64, "offset of SpindleFeedback.outputs_sequence");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_spindlefeedback_t, reserved) == 72, "offset of SpindleFeedback.reserved");
 
 /* A command to the core. Whoever sends it chooses a number for itself once, at random, and counts its commands
  * from 1 on: a command that is not newer than the last of the same client has no effect.

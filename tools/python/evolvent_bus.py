@@ -82,6 +82,12 @@ LOAD_RATIO_OF_RATED = 5
 DIRECTION_STOPPED = 0
 DIRECTION_CLOCKWISE = 1
 DIRECTION_COUNTER_CLOCKWISE = 2
+DIRECTION_ORIENT = 3
+
+# Values of `spindle_way` in MachineOutputs.
+WAY_SHORTER = 0
+WAY_CLOCKWISE = 1
+WAY_COUNTER_CLOCKWISE = 2
 
 # Values of `probe` in MachineInputs.
 PROBE_NONE = 0
@@ -92,6 +98,7 @@ PROBE_TRIPPED = 2
 SPINDLE_AT_SPEED = 1
 SPINDLE_FAULT = 2
 SPINDLE_INDEXED = 4
+SPINDLE_ORIENTED = 8
 
 # Numbers on the event channel.
 EVENT_CORE_OPENED = 1
@@ -638,6 +645,8 @@ class MachineOutputs(ctypes.Structure):
     tool_change: int
     tool_wanted: int
     tool: int
+    spindle_angle: ctypes.Array[ctypes.c_double]
+    spindle_way: ctypes.Array[ctypes.c_uint32]
     reserved: ctypes.Array[ctypes.c_uint64]
 
     _fields_ = [
@@ -677,8 +686,12 @@ class MachineOutputs(ctypes.Structure):
         ("tool_wanted", ctypes.c_uint32),
         # Tool in the spindle; 0 for none.
         ("tool", ctypes.c_uint32),
+        # Where a spindle of direction ORIENT shall stand, degrees from its index pulse, 0 up to, not including, 360.
+        ("spindle_angle", ctypes.c_double * 4),
+        # Its way there, a number of the list of ways.
+        ("spindle_way", ctypes.c_uint32 * 4),
         # Zero; for later versions.
-        ("reserved", ctypes.c_uint64 * 8),
+        ("reserved", ctypes.c_uint64 * 2),
     ]
 
     def __init__(self, **values: Any) -> None:
@@ -773,6 +786,7 @@ class SpindleFeedback(ctypes.Structure):
     speed_rpm: float
     spindle: int
     flags: int
+    outputs_sequence: int
     reserved: ctypes.Array[ctypes.c_uint64]
 
     _fields_ = [
@@ -796,8 +810,10 @@ class SpindleFeedback(ctypes.Structure):
         ("spindle", ctypes.c_uint32),
         # Bits of the list of spindle flags.
         ("flags", ctypes.c_uint32),
+        # The `sequence` of the outputs that the spindle obeys, 0 for none: the flags are about these.
+        ("outputs_sequence", ctypes.c_uint64),
         # Zero; for later versions.
-        ("reserved", ctypes.c_uint64 * 6),
+        ("reserved", ctypes.c_uint64 * 5),
     ]
 
     def __init__(self, **values: Any) -> None:

@@ -8,8 +8,8 @@ use std::time::{Duration, Instant};
 
 use clap::{Args, Subcommand};
 use evolvent_bridge_sim::{
-    Cutting, Fault, RunError, RunSettings, ServoSettings, Signalling, SimAxis, SimSettings, loopback,
-    run_cutting,
+    Cutting, Fault, RunError, RunSettings, ServoSettings, Signalling, SimAxis, SimSettings,
+    SpindleSimulation, loopback, run_cutting,
 };
 use evolvent_bridge_test::{CASES, ProcessBridge, Stage, ThreadBridge, run_case, run_core};
 use evolvent_bus::{AXES, BusError, MachineInputs, MachineOutputs, Setpoint};
@@ -62,7 +62,8 @@ struct SimArgs {
     bus_prefix: Option<String>,
     /// A fault: late, silent, frozen, stuck, fault, off, jump, blocked, nan, wild or ahead, so many seconds after the drives
     /// came into operation; of the load sensor (--process): load-zero, load-lost, load-frozen, load-nan, load-saturated or
-    /// load-negative. May be given several times.
+    /// load-negative; of spindles with feedback: spindle-fault, spindle-silent, spindle-slow or spindle-stall. May be given several
+    /// times.
     #[arg(long = "fault", value_name = "KIND@SECONDS[+DURATION][:AXIS]")]
     faults: Vec<Fault>,
     /// End after so many seconds; without it, at Ctrl-C.
@@ -98,6 +99,18 @@ struct SimArgs {
     /// known but the emergency-stop chain, which is closed.
     #[arg(long, value_name = "FILE.toml", requires = "machine")]
     inputs: Option<PathBuf>,
+    /// How fast the speed of spindles with feedback changes, rpm per second.
+    #[arg(long, value_name = "RPM_PER_S", default_value_t = 2000.0)]
+    spindle_acceleration: f64,
+    /// By how much their speed varies three times a turn, percent.
+    #[arg(long, value_name = "PERCENT", default_value_t = 0.0)]
+    spindle_ripple: f64,
+    /// Steps of their encoders a turn.
+    #[arg(long, value_name = "N", default_value_t = 4096)]
+    spindle_counts: u32,
+    /// How old their feedback is when it is sent, ms.
+    #[arg(long, value_name = "MS", default_value_t = 0.0)]
+    spindle_delay: f64,
     /// Each output is wired to the input of its number; the emergency-stop chain is closed.
     #[arg(long, conflicts_with = "inputs")]
     loopback: bool,
@@ -178,6 +191,10 @@ fn sim(args: &SimArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Endin
     within("damping", args.damping, 0.01, 100.0)?;
     within("drift-ppm", args.drift_ppm, -10_000.0, 10_000.0)?;
     within("reference-offset", args.reference_offset, -1e6, 1e6)?;
+    within("spindle-acceleration", args.spindle_acceleration, 1.0, 1e9)?;
+    within("spindle-ripple", args.spindle_ripple, 0.0, 50.0)?;
+    within("spindle-counts", f64::from(args.spindle_counts), 1.0, 1e9)?;
+    within("spindle-delay", args.spindle_delay, 0.0, 1000.0)?;
     let duration = match args.seconds {
         Some(seconds) => {
             within("seconds", seconds, 0.0, 1e9)?;
@@ -204,9 +221,13 @@ fn sim(args: &SimArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Endin
     let name = args
         .machine_name
         .clone()
-        .or_else(|| machine.map(|machine| machine.name))
+        .or_else(|| machine.as_ref().map(|machine| machine.name.clone()))
         .unwrap_or_default();
+    let spindles = machine
+        .as_ref()
+        .map_or_else(Vec::new, |machine| spindles_of(machine, args));
     let settings = RunSettings {
+        spindles,
         machine_name: name.clone(),
         prefix: args.bus_prefix.clone(),
         drives,
@@ -259,6 +280,7 @@ fn sim(args: &SimArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Endin
             "answers": report.answers,
             "loads": report.loads,
             "inputs": report.inputs,
+            "spindles": report.spindles,
             "connections": report.connections,
         });
         written(writeln!(out, "{object}"))?;
@@ -270,6 +292,21 @@ fn sim(args: &SimArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Endin
         ))?;
     }
     Ok(Ending::Clean)
+}
+
+/// The spindles of a machine that have feedback.
+fn spindles_of(machine: &Machine, args: &SimArgs) -> Vec<SpindleSimulation> {
+    let spindles = machine.signals.spindles.iter();
+    spindles
+        .filter(|spindle| spindle.has_feedback())
+        .map(|spindle| SpindleSimulation {
+            number: spindle.number,
+            acceleration_rpm_s: args.spindle_acceleration,
+            ripple: args.spindle_ripple / 100.0,
+            counts: args.spindle_counts,
+            delay_ns: (args.spindle_delay * 1e6) as u64,
+        })
+        .collect()
 }
 
 /// The stock of a job under the axes.

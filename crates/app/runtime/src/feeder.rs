@@ -7,11 +7,11 @@ use std::sync::mpsc::Sender;
 use std::time::Duration;
 
 use evolvent_gcode::{Action, Command, Diagnostic, Modal, Move, MoveKind};
-use evolvent_machine::SignalKind;
+use evolvent_machine::{AtSpeed, SignalKind};
 use evolvent_motion::{QueueClosed, Turning, TurningSender};
 use evolvent_path::Curve;
 use evolvent_planner::{PlanError, PlanSink, Step};
-use evolvent_signals::{Change, InputWait, Moment as SignalMoment, Scheduler, WaitMode};
+use evolvent_signals::{Awaited, Change, InputWait, Moment as SignalMoment, Scheduler, WaitMode};
 use evolvent_trace::BlockKind;
 use rtrb::Producer;
 
@@ -96,6 +96,8 @@ pub(crate) struct Feeder<'a, S> {
     periphery: Periphery,
     /// Who else receives them, by the number of the action.
     periphery_listener: Option<Sender<(u32, Periphery)>>,
+    /// The spindle was given a speed, and no feed has waited for it.
+    awaits_speed: bool,
     /// Somebody confirms tool changes, or nobody needs to.
     confirms_tools: bool,
     /// Where the machine's own commands are carried out.
@@ -162,8 +164,9 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
             periphery: Periphery {
                 outputs: setup.outputs,
                 tool: setup.tool,
-                change: None,
+                ..Periphery::default()
             },
+            awaits_speed: setup.outputs.signed_rpm() != 0.0,
             periphery_listener: None,
             confirms_tools: true,
             codes: None,
@@ -330,6 +333,34 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
                 });
             }
             self.tell_modal(&commands);
+            let is_feed = match &command.action {
+                Action::Move(motion) => motion.kind == MoveKind::Feed,
+                Action::Turning(_) => true,
+                _ => false,
+            };
+            if is_feed && std::mem::take(&mut self.awaits_speed) {
+                match self.await_speed(line) {
+                    Ok(None) => {}
+                    Ok(Some((message, help))) => {
+                        return Err(self.refused(&command, program, message, help));
+                    }
+                    Err(_gone) => break,
+                }
+            }
+            if let Action::OrientSpindle {
+                degrees, timeout_s, ..
+            } = command.action
+            {
+                match self.orient(&command.action, degrees, timeout_s, line) {
+                    Ok(None) => {}
+                    Ok(Some((message, help))) => {
+                        return Err(self.refused(&command, program, message, help));
+                    }
+                    Err(_gone) => break,
+                }
+                self.report_blocks(false);
+                continue;
+            }
             if let Action::Turning(cycle) = &command.action {
                 let turning = turning(cycle, self.setup).map_err(|what| ProgramError::Text {
                     file: self.file.clone(),
@@ -416,6 +447,83 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         self.planner.rest(&Step::Turning { line })
     }
 
+    /// A command that the machine has not carried out.
+    fn refused(&self, command: &Command, program: &Path, message: String, help: String) -> ProgramError {
+        ProgramError::Text {
+            file: self.file.clone(),
+            diagnostic: Box::new(at_origin(command, program, |file, line| {
+                about_line_with(message, Some(help), file, line)
+            })),
+        }
+    }
+
+    /// Waits until the spindle has the speed that it was given, where something tells that; why it has not, after the time for it.
+    fn await_speed(&mut self, line: u32) -> Result<Option<(String, String)>, QueueClosed> {
+        let rpm = self.periphery.outputs.signed_rpm();
+        let Some(spindle) = self.setup.machine.signals.spindle(0).filter(|_| rpm != 0.0) else {
+            return Ok(None);
+        };
+        let timeout_s = spindle.at_speed_timeout_s;
+        let awaited = match spindle.at_speed {
+            AtSpeed::Unknown => return Ok(None),
+            AtSpeed::Feedback => Awaited::AtSpeed {
+                spindle: spindle.number,
+                command: self.periphery.spindle_command,
+            },
+            AtSpeed::Input(number) => Awaited::Input {
+                kind: SignalKind::Digital,
+                number,
+                mode: WaitMode::High,
+            },
+        };
+        let text = format!("wait for spindle: {rpm} rpm, {timeout_s} s at most");
+        let reached = self.wait_for(awaited, timeout_s, line, true, &text)?.is_some();
+        Ok((!reached && !self.is_abandoned()).then(|| {
+            let message = format!("the spindle did not reach {rpm} rpm within {timeout_s} s, and feed waits for it");
+            let help = "see its drive and its speed; at_speed_timeout_s at its [[spindle]] in the machine file gives it more time";
+            (message, help.to_owned())
+        }))
+    }
+
+    /// Turns the stopped spindle to an angle and waits until it stands there (M19); why it does not, after the time for it.
+    fn orient(
+        &mut self,
+        action: &Action,
+        degrees: f64,
+        timeout_s: f64,
+        line: u32,
+    ) -> Result<Option<(String, String)>, QueueClosed> {
+        match self.switch(action, line) {
+            Ok(()) => {}
+            Err(PlanError::Sink(gone)) => return Err(gone),
+            // Nothing else can go wrong at rest.
+            Err(_) => return Ok(None),
+        }
+        self.awaits_speed = false;
+        let default_s = self.setup.machine.signals.spindle(0);
+        let timeout_s = if timeout_s > 0.0 {
+            timeout_s
+        } else {
+            default_s.map_or(10.0, |spindle| spindle.at_speed_timeout_s)
+        };
+        let awaited = Awaited::Oriented {
+            spindle: 0,
+            command: self.periphery.spindle_command,
+        };
+        let text = format!("wait for spindle: at {degrees} degrees, {timeout_s} s at most");
+        let reached = self.wait_for(awaited, timeout_s, line, true, &text)?.is_some();
+        Ok((!reached && !self.is_abandoned()).then(|| {
+            let message = format!("M19: the spindle does not stand at {degrees} degrees after {timeout_s} s");
+            let help = "see its drive; Q of M19 gives it more time, in seconds";
+            (message, help.to_owned())
+        }))
+    }
+
+    /// Whether nothing is driven, or what is driven has ended: nobody answers any more.
+    fn is_abandoned(&self) -> bool {
+        self.signals.as_ref().is_none_or(Scheduler::is_abandoned)
+    }
+
     /// Comes to rest, waits for an input there, and gives its value.
     fn wait_for_input(
         &mut self,
@@ -425,11 +533,6 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         timeout_s: f64,
         line: u32,
     ) -> Result<Option<f64>, QueueClosed> {
-        let action = self.actions;
-        self.actions += 1;
-        if let Some(onlooker) = &self.onlooker {
-            let _gone = onlooker.send(FeederEvent::Stop(action, StopKind::Input));
-        }
         let signals = &self.setup.machine.signals;
         let name = signals.input(kind, number).map_or("", |input| &input.name);
         let what = ["its value", "its rise", "its fall", "on", "off"];
@@ -438,12 +541,32 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
             0 => format!("read input {name} (M66)"),
             _ => format!("wait for input {name}: {what}, {timeout_s} s at most (M66)"),
         };
-        self.announce(Moment::Rest(action), line, mode != 0, &text);
-        let wait = InputWait {
-            action,
+        let awaited = Awaited::Input {
             kind,
             number,
             mode: WaitMode::from_number(mode).unwrap_or(WaitMode::Immediate),
+        };
+        self.wait_for(awaited, timeout_s, line, mode != 0, &text)
+    }
+
+    /// Comes to rest and waits there; none after the timeout, and where nothing is driven.
+    fn wait_for(
+        &mut self,
+        awaited: Awaited,
+        timeout_s: f64,
+        line: u32,
+        is_message: bool,
+        text: &str,
+    ) -> Result<Option<f64>, QueueClosed> {
+        let action = self.actions;
+        self.actions += 1;
+        if let Some(onlooker) = &self.onlooker {
+            let _gone = onlooker.send(FeederEvent::Stop(action, StopKind::Input));
+        }
+        self.announce(Moment::Rest(action), line, is_message, text);
+        let wait = InputWait {
+            action,
+            awaited,
             // A cast saturates, and a wait of the largest number is one for ever.
             timeout_cycles: (timeout_s * 1e9 / self.setup.period_ns as f64).ceil() as u64,
         };
@@ -550,6 +673,10 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
     /// Something of the periphery takes effect at rest.
     fn switch(&mut self, action: &Action, line: u32) -> Result<(), PlanError<QueueClosed>> {
         self.periphery.apply(action);
+        if matches!(action, Action::Spindle { .. } | Action::OrientSpindle { .. }) {
+            self.periphery.spindle_command = u64::from(self.actions) + 1;
+            self.awaits_speed = true;
+        }
         self.tell_periphery(self.actions);
         match describe(action) {
             Some(text) => self.act(line, &text),

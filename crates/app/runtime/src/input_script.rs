@@ -3,9 +3,9 @@
 use std::path::Path;
 
 use evolvent_config::{ConfigDocument, ConfigError, read_regular};
-use evolvent_machine::{SignalKind, SignalSettings};
+use evolvent_machine::{AtSpeed, SignalKind, SignalSettings};
 use evolvent_motion::Setpoint;
-use evolvent_signals::InputImage;
+use evolvent_signals::{InputImage, SpindleState};
 use serde::Deserialize;
 
 /// No file of inputs is longer.
@@ -87,13 +87,20 @@ pub enum InputScriptError {
 }
 
 impl InputScript {
-    /// No input is known, and the emergency-stop chain is closed.
+    /// No input is known, the emergency-stop chain is closed, and spindles do at once what they are told.
     #[must_use]
     pub fn without_file(settings: &SignalSettings) -> Self {
         let mut begin = InputImage::default();
         if let Some(estop) = settings.estop {
             let closed = f64::from(u8::from(estop.closed));
             begin.set(SignalKind::Digital, estop.input, Some(closed));
+        }
+        for spindle in &settings.spindles {
+            begin.set_spindle(spindle.number, Some(SpindleState::OBEDIENT));
+            // What tells of the speed is on as long as the file does not say otherwise.
+            if let AtSpeed::Input(number) = spindle.at_speed {
+                begin.set(SignalKind::Digital, number, Some(1.0));
+            }
         }
         Self {
             begin,

@@ -89,7 +89,7 @@ pub use rt::{LowLatencyHold, MonotonicClock, RealtimeGranted, RealtimeRequest, a
 pub use run::{RunOutcome, run, run_seen};
 pub use serve::{ServeConfig, ServeNews, ServeSummary, TraceTo, serve, state_folder};
 pub use shared::{Controls, Progress};
-pub use signal_loop::SignalChange;
+pub use signal_loop::{SignalChange, SignalName};
 pub use signals_again::OutputDifference;
 pub use source::{Commands, Start};
 pub use start_error::StartError;

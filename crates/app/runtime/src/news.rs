@@ -176,6 +176,7 @@ pub(crate) fn describe(action: &Action) -> Option<String> {
             SpindleDirection::Clockwise => format!("spindle clockwise {speed_rpm} rpm"),
             SpindleDirection::CounterClockwise => format!("spindle counter-clockwise {speed_rpm} rpm"),
         },
+        Action::OrientSpindle { degrees, .. } => format!("spindle to {degrees} degrees (M19)"),
         Action::Coolant { mist, flood } => {
             let word = |on: bool| if on { "on" } else { "off" };
             format!("mist {}, flood {}", word(*mist), word(*flood))

@@ -17,10 +17,22 @@ pub(crate) enum Changer {
     Program = 2,
 }
 
+/// An angle that the stopped spindle is to turn to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Orientation {
+    pub degrees: f64,
+    /// The way; none for the shorter one.
+    pub direction: Option<SpindleDirection>,
+}
+
 /// State of spindle, coolant and tool.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Periphery {
     pub outputs: Outputs,
+    /// The stopped spindle turns to an angle (M19), until it is told something else.
+    pub orientation: Option<Orientation>,
+    /// Number of the last command to the spindle. Numbers grow, from job to job as well.
+    pub spindle_command: u64,
     /// Tool in the spindle; 0 for none.
     pub tool: u32,
     /// The tool change that the program waits for: by whom, and the tool; 0 empties the spindle.
@@ -35,8 +47,24 @@ impl Periphery {
                 (self.tool, self.change) = (tool, None);
                 true
             }
+            Action::OrientSpindle {
+                degrees, direction, ..
+            } => {
+                self.outputs.direction = SpindleDirection::Stopped;
+                self.orientation = Some(Orientation { degrees, direction });
+                true
+            }
+            Action::Spindle { .. } => {
+                self.orientation = None;
+                self.outputs.apply(action)
+            }
             _ => self.outputs.apply(action),
         }
+    }
+
+    /// Whether the spindle is to turn, or to hold an angle.
+    pub(crate) fn drives_spindle(&self) -> bool {
+        self.outputs.direction != SpindleDirection::Stopped || self.orientation.is_some()
     }
 
     /// Spindle and coolant off, no tool change pending: after a stop, a fault or an emergency stop.
@@ -47,6 +75,7 @@ impl Periphery {
             flood: false,
             ..self.outputs
         };
+        self.orientation = None;
         self.change = None;
     }
 

@@ -65,6 +65,8 @@ pub(crate) struct ProgramState {
     pub adaptive_stop: Option<AdaptiveStop>,
     /// The emergency-stop chain was opened, or not closed.
     pub estopped: bool,
+    /// A spindle in fault, or whose feedback has stopped.
+    pub spindle_trouble: Option<u32>,
     /// Why the program was not begun.
     pub not_begun: Option<NotBegun>,
     /// The plan ended before the program did.
@@ -93,6 +95,7 @@ impl ProgramState {
             planner_died: false,
             adaptive_stop: None,
             estopped: false,
+            spindle_trouble: None,
             not_begun: None,
             program_failed: false,
             program_stops_passed: 0,
@@ -225,7 +228,13 @@ impl<F> ProgramCycle<F> {
             self.now.estopped = true;
             self.controls.raise(Alarm::EmergencyStopChain);
         }
-        inputs.stop |= self.now.estopped;
+        if self.now.spindle_trouble.is_none()
+            && let Some(spindle) = signals.spindle_in_trouble()
+        {
+            self.now.spindle_trouble = Some(spindle);
+            self.controls.raise(Alarm::Spindle);
+        }
+        inputs.stop |= self.now.estopped || self.now.spindle_trouble.is_some();
         if signals.is_over() {
             let (motion, queue) = (&self.motion, &mut self.queue);
             if !self.is_realtime && motion.state() == State::ProgramStop && !inputs.stop {

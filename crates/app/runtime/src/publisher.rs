@@ -104,6 +104,7 @@ impl<S: StatusSource> Publisher<S> {
                     // Who has joined, and who has lost one, needs the outputs in force.
                     signals.send(&mut bus);
                     report.refused_inputs = signals.refused();
+                    report.refused_spindles = signals.refused_spindles();
                 }
                 self.tell(&mut bus, &report, S::refresh);
             }

@@ -126,7 +126,7 @@ pub fn recompute(
         {
             wait_for_planner(|| motion.is_ready(&mut queue) || (inputs.stop && motion.is_at_rest()));
             while let Some(change) = changes.next_if(|change| change.sequence <= cycles) {
-                image.set(change.kind, change.number, change.value);
+                change.enter(&mut image);
                 signals.see(&image);
             }
             // As in the run: before the first inputs the chain is none that is open.

@@ -189,11 +189,7 @@ impl Ended {
     ) -> (RunOutcome, Option<(Alarm, String)>) {
         let (feed, program) = self.fed;
         let (report, published) = (self.report, self.published);
-        for text in published
-            .refusal_note()
-            .into_iter()
-            .chain(notes_of(job, &report, &feed))
-        {
+        for text in published.refusal_notes().chain(notes_of(job, &report, &feed)) {
             observer.note(&text);
             notes.push(text);
         }

@@ -61,6 +61,10 @@ impl RunReport {
                 Alarm::EmergencyStopChain.sentence().to_owned(),
             ));
         }
+        if let Some(spindle) = self.now.spindle_trouble {
+            let text = format!("spindle {spindle}: {}", Alarm::Spindle.sentence());
+            return Some((Alarm::Spindle, text));
+        }
         if let Some(why) = self.now.not_begun {
             return Some((Alarm::LoadSensor, why.text()));
         }

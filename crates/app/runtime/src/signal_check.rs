@@ -1,7 +1,7 @@
 //! What the machine has against a command for its outputs, inputs and spindles.
 
 use evolvent_gcode::{Action, SpindleDirection};
-use evolvent_machine::{SignalKind, SignalSettings};
+use evolvent_machine::{SignalKind, SignalSettings, SpindleSettings};
 
 /// Why the machine cannot carry out an action, and what to do; none where it can, or where the action is none of a signal's.
 pub(crate) fn signal_objection(signals: &SignalSettings, action: &Action) -> Option<(String, String)> {
@@ -74,6 +74,17 @@ pub(crate) fn signal_objection(signals: &SignalSettings, action: &Action) -> Opt
                 )
             })
         }
+        Action::OrientSpindle { .. } => {
+            let has_feedback = signals.spindle(0).is_some_and(SpindleSettings::has_feedback);
+            (!has_feedback).then(|| {
+                let help = "add feedback = true to a [[spindle]] of number 0 in the machine file, and a bridge that turns it to an \
+                            angle";
+                (
+                    "M19: the machine file has no spindle 0 with feedback".to_owned(),
+                    help.to_owned(),
+                )
+            })
+        }
         _ => None,
     }
 }
@@ -102,7 +113,7 @@ fn advice(table: &str, kind: SignalKind, index: u32, there: &[String]) -> String
 #[cfg(test)]
 mod tests {
     use super::*;
-    use evolvent_machine::{OutputRule, OutputSettings, SpindleSettings};
+    use evolvent_machine::{AtSpeed, OutputRule, OutputSettings};
 
     #[test]
     fn what_the_machine_lacks_is_named_with_what_it_has() {
@@ -123,6 +134,8 @@ mod tests {
         ];
         signals.spindles = vec![SpindleSettings {
             number: 0,
+            at_speed: AtSpeed::Unknown,
+            at_speed_timeout_s: 10.0,
             max_rpm: 8000.0,
             reverse: false,
         }];

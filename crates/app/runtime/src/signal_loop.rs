@@ -1,8 +1,10 @@
 //! Outputs and inputs in the loop around the cycle: samples in, changes out to bus and trace.
 
-use evolvent_machine::{MAX_ANALOG, MAX_DIGITAL, SignalKind, SignalSettings};
+use evolvent_machine::{MAX_ANALOG, MAX_DIGITAL, MAX_SPINDLES, SignalKind, SignalSettings};
 use evolvent_motion::{Setpoint, State};
-use evolvent_signals::{Change, InputImage, OutputImage, Phase, Progress, ScheduleConsumer, Signals};
+use evolvent_signals::{
+    Change, InputImage, OutputImage, Phase, Progress, ScheduleConsumer, Signals, SpindleState,
+};
 use rtrb::{Consumer, Producer};
 
 use crate::input_script::InputScript;
@@ -21,49 +23,87 @@ pub struct SignalChange {
     pub sequence: u64,
     /// Whether it is an output.
     pub is_output: bool,
-    /// Digital or analog.
-    pub kind: SignalKind,
     /// Which.
-    pub number: u32,
-    /// What it is from then on; none of an input that is not known.
+    pub name: SignalName,
+    /// What it is from then on; none of an input that is not known. Of a spindle the number of a [`SpindleState`].
     pub value: Option<f64>,
 }
 
+/// Which signal of a machine.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SignalName {
+    /// An input or output of a number.
+    Signal(SignalKind, u32),
+    /// How a spindle is: an input.
+    Spindle(u32),
+}
+
 impl SignalChange {
-    /// The number in the trace: 64 more of an analog signal.
+    /// The number in the trace: 64 more of an analog signal, 80 more of a spindle.
     #[must_use]
     pub const fn code(&self) -> u32 {
-        match self.kind {
-            SignalKind::Digital => self.number,
-            SignalKind::Analog => MAX_DIGITAL + self.number,
+        match self.name {
+            SignalName::Signal(SignalKind::Digital, number) => number,
+            SignalName::Signal(SignalKind::Analog, number) => MAX_DIGITAL + number,
+            SignalName::Spindle(number) => MAX_DIGITAL + MAX_ANALOG + number,
         }
     }
 
-    /// Kind and number of a number in the trace.
+    /// Which signal has a number in the trace.
     #[must_use]
-    pub const fn of_code(code: u32) -> (SignalKind, u32) {
+    pub const fn of_code(code: u32) -> SignalName {
         match code.checked_sub(MAX_DIGITAL) {
-            None => (SignalKind::Digital, code),
-            Some(number) => (SignalKind::Analog, number),
+            None => SignalName::Signal(SignalKind::Digital, code),
+            Some(number) => match number.checked_sub(MAX_ANALOG) {
+                None => SignalName::Signal(SignalKind::Analog, number),
+                Some(number) => SignalName::Spindle(number),
+            },
+        }
+    }
+
+    /// Makes an image of the inputs so.
+    pub(crate) fn enter(&self, image: &mut InputImage) {
+        match self.name {
+            SignalName::Signal(kind, number) => image.set(kind, number, self.value),
+            SignalName::Spindle(number) => {
+                image.set_spindle(number, self.value.and_then(SpindleState::from_number));
+            }
         }
     }
 
     /// For people, with the machine's name of it: `output clamp on`.
     pub(crate) fn text(&self, settings: &SignalSettings) -> String {
+        let (kind, number) = match self.name {
+            SignalName::Signal(kind, number) => (kind, number),
+            SignalName::Spindle(number) => {
+                return format!("spindle {number} {}", spindle_text(self.value));
+            }
+        };
         let name = if self.is_output {
-            settings.output(self.kind, self.number).map(|output| &output.name)
+            settings.output(kind, number).map(|output| &output.name)
         } else {
-            settings.input(self.kind, self.number).map(|input| &input.name)
+            settings.input(kind, number).map(|input| &input.name)
         };
         let way = if self.is_output { "output" } else { "input" };
-        let name = name.map_or_else(|| self.number.to_string(), Clone::clone);
-        match (self.kind, self.value) {
+        let name = name.map_or_else(|| number.to_string(), Clone::clone);
+        match (kind, self.value) {
             (_, None) => format!("{way} {name} unknown"),
             (SignalKind::Digital, Some(value)) => {
                 format!("{way} {name} {}", if value == 0.0 { "off" } else { "on" })
             }
             (SignalKind::Analog, Some(value)) => format!("{way} {name} {value}"),
         }
+    }
+}
+
+fn spindle_text(value: Option<f64>) -> &'static str {
+    match value.and_then(SpindleState::from_number) {
+        None => "unknown",
+        Some(state) if state.fault => "in fault",
+        Some(state) if state.silent => "silent",
+        Some(state) if state.oriented => "oriented",
+        Some(state) if state.at_speed => "at speed",
+        Some(_) => "not at speed",
     }
 }
 
@@ -161,6 +201,11 @@ impl SignalLoop {
         self.estopped
     }
 
+    /// A spindle that is in fault, or of which nobody tells how it turns.
+    pub(crate) fn spindle_in_trouble(&self) -> Option<u32> {
+        self.signals.spindle_in_trouble()
+    }
+
     /// Whether the chain is open now, or not known.
     pub(crate) fn is_estop_open(&self) -> bool {
         self.signals.is_estop_open()
@@ -217,11 +262,21 @@ impl SignalLoop {
                     self.record(SignalChange {
                         sequence,
                         is_output: false,
-                        kind,
-                        number,
+                        name: SignalName::Signal(kind, number),
                         value,
                     });
                 }
+            }
+        }
+        for number in 0..MAX_SPINDLES {
+            let state = sample.spindle(number);
+            if state != before.spindle(number) {
+                self.record(SignalChange {
+                    sequence,
+                    is_output: false,
+                    name: SignalName::Spindle(number),
+                    value: state.map(SpindleState::to_number),
+                });
             }
         }
     }
@@ -255,8 +310,7 @@ pub(crate) fn for_each_change(
     let change = |kind, number, value| SignalChange {
         sequence,
         is_output: true,
-        kind,
-        number,
+        name: SignalName::Signal(kind, number),
         value: Some(value),
     };
     for number in 0..MAX_DIGITAL {

@@ -1,10 +1,10 @@
 //! Outputs and inputs at the bus: what the publisher's thread does for them.
 
-use evolvent_bus::{CoreBus, MachineOutputs};
-use evolvent_drive::{InputEntry, InputFault, KnownInputs};
+use evolvent_bus::{CoreBus, MachineOutputs, spindle_flags};
+use evolvent_drive::{InputEntry, InputFault, KnownInputs, SpindleEntry, SpindleFault};
 use evolvent_gcode::SpindleDirection;
 use evolvent_machine::{SignalKind, SignalSettings};
-use evolvent_signals::{InputImage, OutputImage};
+use evolvent_signals::{InputImage, OutputImage, SpindleState};
 use rtrb::{Consumer, Producer};
 
 use crate::due_setpoint::DueSetpoint;
@@ -16,10 +16,23 @@ pub(crate) const SAMPLES: usize = 1024;
 /// Changes of outputs on the way to the bus.
 pub(crate) const CHANGES: usize = 4096;
 
+/// What programs have commanded of spindle 0. They name no other yet.
+#[derive(Clone, Copy, Debug, Default)]
+struct SpindleCommand {
+    /// Number of the command.
+    number: u64,
+    /// The message of outputs that brought it to the bridge.
+    sequence: u64,
+    /// When that is due, where the spindle is to turn.
+    turns_since_ns: Option<u64>,
+}
+
 /// Outputs of the cycle out, inputs of the bridges in.
 #[derive(Debug)]
 pub(crate) struct SignalPort {
     entry: InputEntry,
+    spindles: SpindleEntry,
+    commanded: SpindleCommand,
     settings: SignalSettings,
     samples: Producer<InputImage>,
     changes: Consumer<DueOutputs>,
@@ -66,11 +79,18 @@ impl SignalPort {
             }
         }
         (message.digital, message.analog) = (message.safe_digital, message.safe_analog);
+        let timeout_ns = (settings.input_timeout_s * 1e9) as u64;
+        let mut spindles = SpindleEntry::new(timeout_ns);
         for spindle in &settings.spindles {
             message.spindle_mask |= 1 << spindle.number;
+            if spindle.has_feedback() {
+                spindles = spindles.with_spindle(spindle.number, spindle.max_rpm);
+            }
         }
         Self {
             entry,
+            spindles,
+            commanded: SpindleCommand::default(),
             settings: settings.clone(),
             samples,
             changes,
@@ -88,14 +108,63 @@ impl SignalPort {
                 self.hand_on(now_ns);
             }
         }
+        while let Ok(Some(message)) = bus.unchecked_spindle() {
+            if self.spindles.take(&message, now_ns).is_ok() {
+                self.hand_on(now_ns);
+            }
+        }
         self.hand_on(now_ns);
     }
 
     fn hand_on(&mut self, now_ns: u64) {
-        let image = image_of(&self.entry.known(now_ns));
+        let mut image = image_of(&self.entry.known(now_ns));
+        for spindle in self
+            .settings
+            .spindles
+            .iter()
+            .filter(|spindle| spindle.has_feedback())
+        {
+            image.set_spindle(spindle.number, self.spindle_state(spindle.number, now_ns));
+        }
         if self.sent != Some(image) && self.samples.push(image).is_ok() {
             self.sent = Some(image);
         }
+    }
+
+    /// How a spindle is with respect to what it was commanded last.
+    fn spindle_state(&self, number: u32, now_ns: u64) -> Option<SpindleState> {
+        // Of another spindle nothing was commanded.
+        let command = if number == 0 {
+            self.commanded
+        } else {
+            SpindleCommand::default()
+        };
+        let timeout_ns = (self.settings.input_timeout_s * 1e9) as u64;
+        let Some(known) = self.spindles.known(now_ns, number) else {
+            let since_ns = command.turns_since_ns?;
+            // A bridge that is about to come up has time for it.
+            return (now_ns > since_ns.saturating_add(timeout_ns)).then_some(SpindleState {
+                command: command.number,
+                silent: true,
+                ..SpindleState::default()
+            });
+        };
+        let has = |flag: u32| known.flags & flag != 0;
+        let obeys = command.sequence > 0 && known.outputs_sequence >= command.sequence;
+        Some(SpindleState {
+            command: command.number,
+            at_speed: obeys && has(spindle_flags::AT_SPEED),
+            oriented: obeys && has(spindle_flags::ORIENTED),
+            fault: has(spindle_flags::FAULT),
+            silent: false,
+            indexed: has(spindle_flags::INDEXED),
+        })
+    }
+
+    /// Messages of spindles that were refused, and what was wrong with the last; none if none were.
+    pub(crate) fn refused_spindles(&self) -> Option<(u64, SpindleFault)> {
+        let (count, fault) = self.spindles.refused();
+        fault.map(|fault| (count, fault))
     }
 
     /// Whether the emergency-stop chain is closed, or there is none.
@@ -126,13 +195,7 @@ impl SignalPort {
             (self.message.digital, self.message.analog) = (outputs.digital, outputs.analog);
         }
         if let Some(periphery) = periphery {
-            let direction = match periphery.outputs.direction {
-                SpindleDirection::Stopped => 0,
-                SpindleDirection::Clockwise => 1,
-                SpindleDirection::CounterClockwise => 2,
-            };
-            (self.message.spindle_direction[0], self.message.spindle_rpm[0]) =
-                (direction, periphery.outputs.speed_rpm);
+            self.command_spindle(periphery, due.due_time_ns);
             self.message.coolant = periphery.coolant_bits();
             self.message.tool = periphery.tool;
             (self.message.tool_change, self.message.tool_wanted) = periphery.change_numbers();
@@ -144,10 +207,52 @@ impl SignalPort {
         }
     }
 
+    fn command_spindle(&mut self, periphery: &Periphery, due_time_ns: u64) {
+        let before = (
+            self.message.spindle_direction[0],
+            self.message.spindle_rpm[0],
+            self.message.spindle_angle[0],
+            self.message.spindle_way[0],
+        );
+        let now = (
+            match periphery.orientation {
+                Some(_) => ORIENT,
+                None => direction_number(periphery.outputs.direction),
+            },
+            periphery.outputs.speed_rpm,
+            // 360 degrees are the same as none.
+            periphery.orientation.map_or(0.0, |orient| orient.degrees % 360.0),
+            (periphery.orientation.and_then(|orient| orient.direction)).map_or(0, direction_number),
+        );
+        (
+            self.message.spindle_direction[0],
+            self.message.spindle_rpm[0],
+            self.message.spindle_angle[0],
+            self.message.spindle_way[0],
+        ) = now;
+        self.commanded.number = periphery.spindle_command;
+        self.commanded.turns_since_ns = periphery.drives_spindle().then_some(due_time_ns);
+        if now != before || self.commanded.sequence == 0 {
+            // The number of the message that leaves next.
+            self.commanded.sequence = self.message.sequence + 1;
+        }
+    }
+
     /// Sends the outputs in force. A message that does not leave is replaced by the next.
     pub(crate) fn send(&mut self, bus: &mut CoreBus) {
         self.message.sequence += 1;
         let _lost = bus.publish_outputs(&self.message);
+    }
+}
+
+/// `spindle_direction` of a spindle that turns to an angle.
+const ORIENT: u32 = 3;
+
+fn direction_number(direction: SpindleDirection) -> u32 {
+    match direction {
+        SpindleDirection::Stopped => 0,
+        SpindleDirection::Clockwise => 1,
+        SpindleDirection::CounterClockwise => 2,
     }
 }
 
@@ -157,5 +262,6 @@ fn image_of(known: &KnownInputs) -> InputImage {
         digital: known.digital,
         analog_known: known.analog_known,
         analog: known.analog,
+        ..InputImage::default()
     }
 }

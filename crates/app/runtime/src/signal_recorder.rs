@@ -73,6 +73,7 @@ mod tests {
     use rtrb::RingBuffer;
 
     use super::*;
+    use crate::signal_loop::SignalName;
 
     fn cycle(sequence: u64) -> CycleRecord {
         CycleRecord {
@@ -99,8 +100,7 @@ mod tests {
         let change = |sequence, is_output, number, value| SignalChange {
             sequence,
             is_output,
-            kind: SignalKind::Digital,
-            number,
+            name: SignalName::Signal(SignalKind::Digital, number),
             value,
         };
         for change in [

@@ -7,7 +7,7 @@ use evolvent_motion::{PathExecutor, PlanConsumer, Setpoint, State};
 use evolvent_signals::{InputImage, OutputImage, Phase, ScheduleConsumer, Signals};
 
 use crate::recompute::wait_for_planner;
-use crate::signal_loop::{ProgramProgress, SignalChange, phase_of};
+use crate::signal_loop::{ProgramProgress, SignalChange, SignalName, phase_of};
 
 /// An output that a program has set otherwise than recorded.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -74,7 +74,7 @@ impl SignalsAgain {
     /// Takes the inputs that count for a setpoint.
     pub(crate) fn see_inputs(&mut self, sequence: u64) {
         while let Some(change) = pop_due(&mut self.inputs, sequence) {
-            self.image.set(change.kind, change.number, change.value);
+            change.enter(&mut self.image);
             self.signals.see(&self.image);
         }
     }
@@ -105,8 +105,9 @@ impl SignalsAgain {
     pub(crate) fn step(&mut self, setpoint: &Setpoint, is_of_program: bool) {
         let sequence = setpoint.sequence;
         while let Some(change) = pop_due(&mut self.outputs, sequence) {
-            let value = change.value.unwrap_or(0.0);
-            self.recorded.set(change.kind, change.number, value);
+            if let SignalName::Signal(kind, number) = change.name {
+                self.recorded.set(kind, number, change.value.unwrap_or(0.0));
+            }
         }
         // What a fault has made safe, and since when, is no matter of the program.
         if !is_of_program || setpoint.state == State::Fault {

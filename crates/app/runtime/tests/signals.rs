@@ -153,12 +153,10 @@ fn drive(
         let event = event.unwrap();
         let is_output = event.kind == EventKind::Output;
         if is_output || event.kind == EventKind::Input {
-            let (kind, number) = SignalChange::of_code(event.code);
             changes.push(SignalChange {
                 sequence: event.sequence,
                 is_output,
-                kind,
-                number,
+                name: SignalChange::of_code(event.code),
                 value: event.value,
             });
         }

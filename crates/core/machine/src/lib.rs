@@ -55,6 +55,6 @@ pub use rate::{
     rational_rate,
 };
 pub use signals::{
-    EstopSettings, InputSettings, MAX_ANALOG, MAX_DIGITAL, MAX_SPINDLES, OutputRule, OutputSettings,
+    AtSpeed, EstopSettings, InputSettings, MAX_ANALOG, MAX_DIGITAL, MAX_SPINDLES, OutputRule, OutputSettings,
     SignalKind, SignalSettings, SpindleSettings,
 };

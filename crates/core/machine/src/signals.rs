@@ -116,6 +116,17 @@ pub(crate) struct SpindleFile {
     pub(crate) max_rpm: f64,
     /// Whether it turns counter-clockwise, too (M4); true where it is not given.
     pub(crate) reverse: Option<bool>,
+    /// Whether a bridge measures it (service `spindle`): feed then waits until the speed is reached, and a spindle that is in fault
+    /// or falls silent stops the machine. False where it is not given.
+    #[serde(default)]
+    pub(crate) feedback: bool,
+    /// Name of the digital input that is on while the commanded speed is reached, where the spindle has no feedback: feed waits
+    /// for it.
+    pub(crate) at_speed_input: Option<String>,
+    /// How long feed waits for the speed, and M19 without Q for the angle, before the program is stopped, s; 10 where it is not
+    /// given.
+    #[schemars(range(min = 0.1, max = 600))]
+    pub(crate) at_speed_timeout_s: Option<f64>,
 }
 
 /// The emergency-stop chain as it is written.
@@ -181,6 +192,30 @@ pub struct SpindleSettings {
     pub max_rpm: f64,
     /// Whether it turns counter-clockwise, too.
     pub reverse: bool,
+    /// What tells that the commanded speed is reached.
+    pub at_speed: AtSpeed,
+    /// How long is waited for that, s.
+    pub at_speed_timeout_s: f64,
+}
+
+/// What tells that a spindle has reached its speed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum AtSpeed {
+    /// Nothing: feed begins at once.
+    #[default]
+    Unknown,
+    /// The spindle's feedback, which tells more besides.
+    Feedback,
+    /// This digital input.
+    Input(u32),
+}
+
+impl SpindleSettings {
+    /// Whether a bridge measures it.
+    #[must_use]
+    pub fn has_feedback(&self) -> bool {
+        self.at_speed == AtSpeed::Feedback
+    }
 }
 
 /// The emergency-stop chain.

@@ -104,6 +104,8 @@ alarms! {
     HomeSwitchStuck = 421, Fault, "the home switch does not release; see its wiring";
     /// The emergency-stop chain is open, or not known.
     EmergencyStopChain = 430, Fault, "the emergency-stop chain is open, or nobody reads it; close it, see that its bridge runs, then reset";
+    /// A spindle's drive is in fault, or its feedback has stopped.
+    Spindle = 440, Fault, "a spindle is in fault, or its feedback has stopped; see its drive and its bridge, then start again";
     /// The cutting load was above its limit.
     CuttingLoad = 500, Fault, "the cutting load was too high; look at tool and stock, then start again";
     /// The load sensor cannot be believed.

@@ -1,8 +1,9 @@
 //! All outputs, or all inputs, of one instant.
 
-use evolvent_machine::{MAX_ANALOG, SignalKind};
+use evolvent_machine::{MAX_ANALOG, MAX_SPINDLES, SignalKind};
 
 use crate::schedule::{Change, Moment};
+use crate::spindle_state::SpindleState;
 
 const ANALOG: usize = MAX_ANALOG as usize;
 
@@ -59,6 +60,8 @@ pub struct InputImage {
     pub analog_known: u32,
     /// Values of the analog inputs; 0 where they are not known.
     pub analog: [f64; ANALOG],
+    /// How the spindles are; none of one that is not known.
+    pub spindles: [Option<SpindleState>; MAX_SPINDLES as usize],
 }
 
 impl InputImage {
@@ -74,6 +77,19 @@ impl InputImage {
                 Some(self.analog[index])
             }
             _ => None,
+        }
+    }
+
+    /// How a spindle is; none while it is not known, or of a number that there is not. Real-time safe.
+    #[must_use]
+    pub fn spindle(&self, number: u32) -> Option<SpindleState> {
+        self.spindles.get(number as usize).copied().flatten()
+    }
+
+    /// Sets how a spindle is; none makes it unknown. Numbers that there are not are left alone. Real-time safe.
+    pub fn set_spindle(&mut self, number: u32, state: Option<SpindleState>) {
+        if let Some(slot) = self.spindles.get_mut(number as usize) {
+            *slot = state;
         }
     }
 

@@ -30,9 +30,11 @@
 mod image;
 mod schedule;
 mod signals;
+mod spindle_state;
 mod wait;
 
 pub use image::{InputImage, OutputImage};
 pub use schedule::{Change, Moment, ScheduleConsumer, Scheduler, schedule};
 pub use signals::{Phase, Progress, Signals};
-pub use wait::{InputWait, WaitMode, WaitResult};
+pub use spindle_state::SpindleState;
+pub use wait::{Awaited, InputWait, WaitMode, WaitResult};

@@ -4,6 +4,7 @@ use evolvent_machine::{EstopSettings, OutputRule, OutputSettings, SignalKind, Si
 
 use crate::image::{InputImage, OutputImage};
 use crate::schedule::{Change, Moment, ScheduleConsumer, Scheduled};
+use crate::spindle_state::SpindleState;
 use crate::wait::ActiveWait;
 
 /// What the machine is doing, as far as outputs have a rule for it.
@@ -155,6 +156,15 @@ impl Signals {
             let closed = f64::from(u8::from(estop.closed));
             self.inputs.value(SignalKind::Digital, estop.input) != Some(closed)
         })
+    }
+
+    /// A spindle whose drive is in fault, or of which nobody tells how it turns.
+    #[must_use]
+    pub fn spindle_in_trouble(&self) -> Option<u32> {
+        let in_trouble =
+            |state: &Option<SpindleState>| state.is_some_and(|state| state.fault || state.silent);
+        let found = self.inputs.spindles.iter().position(in_trouble);
+        found.map(|number| number as u32)
     }
 
     /// Whether the machine rests for a wait, over or not: only this goes on from there.

@@ -34,17 +34,41 @@ impl WaitMode {
     }
 }
 
-/// A wait for an input, at rest.
+/// What a wait is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Awaited {
+    /// An input (M66). An analog one knows [`WaitMode::Immediate`] only.
+    Input {
+        /// Digital or analog.
+        kind: SignalKind,
+        /// Which input.
+        number: u32,
+        /// What is waited for.
+        mode: WaitMode,
+    },
+    /// A spindle that has reached its speed.
+    AtSpeed {
+        /// Which.
+        spindle: u32,
+        /// The command that it has to obey, or a later one.
+        command: u64,
+    },
+    /// A spindle that stands at its angle (M19), likewise.
+    Oriented {
+        /// Which.
+        spindle: u32,
+        /// The command that it has to obey, or a later one.
+        command: u64,
+    },
+}
+
+/// A wait for an input or a spindle, at rest.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InputWait {
     /// The action with which the machine comes to rest for it.
     pub action: u32,
-    /// Digital or analog.
-    pub kind: SignalKind,
-    /// Which input.
-    pub number: u32,
-    /// What is waited for. An analog input knows [`WaitMode::Immediate`] only.
-    pub mode: WaitMode,
+    /// What it is for.
+    pub awaited: Awaited,
     /// Setpoints until it is given up.
     pub timeout_cycles: u64,
 }
@@ -54,7 +78,7 @@ pub struct InputWait {
 pub struct WaitResult {
     /// The wait's action.
     pub action: u32,
-    /// The input's value; none after the timeout, or where it was not known.
+    /// The input's value, 1 of a spindle that is as it should be; none after the timeout, or where it was not known.
     pub value: Option<f64>,
 }
 
@@ -84,11 +108,12 @@ impl ActiveWait {
 
     /// Looks at one sample of the inputs: an edge between two setpoints counts as well.
     pub(crate) fn see(&mut self, inputs: &InputImage) {
-        let now = inputs
-            .value(self.wait.kind, self.wait.number)
-            .map(|value| value != 0.0);
+        let Awaited::Input { kind, number, mode } = self.wait.awaited else {
+            return;
+        };
+        let now = inputs.value(kind, number).map(|value| value != 0.0);
         if self.lead == 0 {
-            self.edge |= match (self.wait.mode, self.before, now) {
+            self.edge |= match (mode, self.before, now) {
                 (WaitMode::Rise, Some(before), Some(now)) => !before && now,
                 (WaitMode::Fall, Some(before), Some(now)) => before && !now,
                 _ => false,
@@ -103,21 +128,33 @@ impl ActiveWait {
             self.lead -= 1;
             return None;
         }
-        let value = inputs.value(self.wait.kind, self.wait.number);
         let result = |value| WaitResult {
             action: self.wait.action,
             value,
         };
-        let done = match self.wait.mode {
-            WaitMode::Immediate => return Some(result(value)),
-            WaitMode::Rise | WaitMode::Fall => self.edge,
-            WaitMode::High => value.is_some_and(|value| value != 0.0),
-            WaitMode::Low => value == Some(0.0),
+        let done = match self.wait.awaited {
+            Awaited::Input { kind, number, mode } => {
+                let value = inputs.value(kind, number);
+                match mode {
+                    WaitMode::Immediate => return Some(result(value)),
+                    // What was waited for, even where the input has changed back since.
+                    WaitMode::Rise => self.edge.then_some(1.0),
+                    WaitMode::Fall => self.edge.then_some(0.0),
+                    WaitMode::High => value.filter(|value| *value != 0.0).map(|_| 1.0),
+                    WaitMode::Low => value.filter(|value| *value == 0.0),
+                }
+            }
+            Awaited::AtSpeed { spindle, command } => inputs
+                .spindle(spindle)
+                .filter(|state| state.command >= command && state.at_speed)
+                .map(|_| 1.0),
+            Awaited::Oriented { spindle, command } => inputs
+                .spindle(spindle)
+                .filter(|state| state.command >= command && state.oriented)
+                .map(|_| 1.0),
         };
-        if done {
-            // What was waited for, even where the input has changed back since.
-            let on = matches!(self.wait.mode, WaitMode::Rise | WaitMode::High);
-            return Some(result(Some(f64::from(u8::from(on)))));
+        if done.is_some() {
+            return Some(result(done));
         }
         self.waited += 1;
         (self.waited >= self.wait.timeout_cycles).then(|| result(None))

@@ -2,7 +2,9 @@
 
 use evolvent_counting::{CountingAllocator, calls};
 use evolvent_machine::{SignalKind, SignalSettings};
-use evolvent_signals::{Change, InputImage, InputWait, Moment, Phase, Progress, Signals, WaitMode, schedule};
+use evolvent_signals::{
+    Awaited, Change, InputImage, InputWait, Moment, Phase, Progress, Signals, WaitMode, schedule,
+};
 
 #[global_allocator]
 static ALLOCATOR: CountingAllocator = CountingAllocator;
@@ -21,9 +23,11 @@ fn a_full_queue_is_carried_out_without_the_allocator_and_in_order() {
     }
     let wait = InputWait {
         action: 0,
-        kind: SignalKind::Digital,
-        number: 3,
-        mode: WaitMode::High,
+        awaited: Awaited::Input {
+            kind: SignalKind::Digital,
+            number: 3,
+            mode: WaitMode::High,
+        },
         timeout_cycles: 1000,
     };
     assert!(scheduler.wait(wait));
@@ -64,9 +68,11 @@ fn a_wait_begins_a_lead_later_and_ends_by_its_timeout() {
         assert!(signals.begin_program(consumer).is_none());
         let wait = InputWait {
             action: 4,
-            kind: SignalKind::Digital,
-            number: 0,
-            mode: WaitMode::Low,
+            awaited: Awaited::Input {
+                kind: SignalKind::Digital,
+                number: 0,
+                mode: WaitMode::Low,
+            },
             timeout_cycles: 25,
         };
         assert!(scheduler.wait(wait));

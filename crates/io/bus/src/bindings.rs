@@ -5,8 +5,8 @@ use crate::{
     ACTIVITIES, ANALOG_SIGNALS, BRIDGE_NOTES, BRIDGE_STATES, COMMANDS, ControlAnswer, ControlRequest,
     DIGITAL_SIGNALS, EventKind, Feedback, INTERFACE_VERSION, JOB_RESULTS, LOAD_KINDS, Load, MACHINE_STATES,
     MODES, MachineInputs, MachineOutputs, PLACES_FOR_BRIDGES, PLACES_FOR_OPERATORS, POWER_REQUESTS,
-    PROBE_STATES, SETPOINT_FLAGS, SPINDLE_DIRECTIONS, SPINDLE_FLAGS, SPINDLES, STATES, SWITCHES, Setpoint,
-    SpindleFeedback, Status, VERDICTS,
+    PROBE_STATES, SETPOINT_FLAGS, SPINDLE_DIRECTIONS, SPINDLE_FLAGS, SPINDLE_WAYS, SPINDLES, STATES,
+    SWITCHES, Setpoint, SpindleFeedback, Status, VERDICTS,
 };
 use evolvent_wire::{AXES, FieldLayout, Payload, Scalar, StructLayout};
 use std::fmt::Write;
@@ -28,7 +28,7 @@ const COMMAND: &str = "cargo run -p evolvent-bus --example generate-bindings";
 /// A group of named numbers: the group's name, what it is, the entries.
 type Constants = (&'static str, &'static str, Vec<(&'static str, u32)>);
 
-fn constants() -> [Constants; 17] {
+fn constants() -> [Constants; 18] {
     [
         (
             "STATE",
@@ -56,6 +56,11 @@ fn constants() -> [Constants; 17] {
             "DIRECTION",
             "Values of `spindle_direction` in MachineOutputs.",
             SPINDLE_DIRECTIONS.to_vec(),
+        ),
+        (
+            "WAY",
+            "Values of `spindle_way` in MachineOutputs.",
+            SPINDLE_WAYS.to_vec(),
         ),
         (
             "PROBE",

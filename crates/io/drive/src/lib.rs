@@ -51,6 +51,7 @@ mod interpolation;
 mod output_follower;
 mod phase;
 mod power;
+mod spindle_entry;
 mod status_word;
 mod watch;
 
@@ -66,6 +67,7 @@ pub use interpolation::{InterpolationError, InterpolationTime};
 pub use output_follower::{OutputFault, OutputFollower};
 pub use phase::{MAX_CORRECTION_RATIO, PhaseLock, PhaseSettings};
 pub use power::{BridgeState, Note, PowerRequest};
+pub use spindle_entry::{SpindleEntry, SpindleFault};
 pub use status_word::{DriveState, bits};
 pub use watch::{FeedbackWatch, Presence, WatchMode, WatchSettings};
 

@@ -13,7 +13,7 @@ const LONGEST_LEAD_NS: u64 = 10_000_000_000;
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum OutputFault {
     /// A value is none.
-    #[error("an analog value or the speed of a spindle is not a number")]
+    #[error("an analog value, or the speed or angle of a spindle, is not a number")]
     NotFinite,
     /// Due too late to be true.
     #[error("it is due {0} ns from now")]
@@ -73,7 +73,8 @@ impl OutputFollower {
     pub fn offer(&mut self, now_ns: u64, message: &MachineOutputs) -> Result<(), OutputFault> {
         let mut numbers = (message.analog.iter())
             .chain(&message.safe_analog)
-            .chain(&message.spindle_rpm);
+            .chain(&message.spindle_rpm)
+            .chain(&message.spindle_angle);
         if numbers.any(|number| !number.is_finite()) {
             return Err(OutputFault::NotFinite);
         }

@@ -55,7 +55,7 @@ pub use layout::{AXES, FieldLayout, Payload, Scalar, StructLayout};
 pub use setpoint::{POWER_REQUESTS, SETPOINT_FLAGS, STATES, Setpoint, flags};
 pub use signals::{
     ANALOG_SIGNALS, DIGITAL_SIGNALS, MachineInputs, MachineOutputs, PROBE_STATES, SPINDLE_DIRECTIONS,
-    SPINDLE_FLAGS, SPINDLES, SpindleFeedback, spindle_flags,
+    SPINDLE_FLAGS, SPINDLE_WAYS, SPINDLES, SpindleFeedback, spindle_flags,
 };
 pub use status::{MAX_ALARMS, MAX_MODAL_CODES, SENTENCE_BYTES, Status, TEXT_BYTES};
 

@@ -47,8 +47,12 @@ payload! {
         tool_wanted: u32,
         /// Tool in the spindle; 0 for none.
         tool: u32,
+        /// Where a spindle of direction ORIENT shall stand, degrees from its index pulse, 0 up to, not including, 360.
+        spindle_angle: [f64; SPINDLES],
+        /// Its way there, a number of the list of ways.
+        spindle_way: [u32; SPINDLES],
         /// Zero; for later versions.
-        reserved: [u64; 8],
+        reserved: [u64; 2],
     }
 }
 
@@ -108,13 +112,23 @@ payload! {
         spindle: u32,
         /// Bits of the list of spindle flags.
         flags: u32,
+        /// The `sequence` of the outputs that the spindle obeys, 0 for none: the flags are about these.
+        outputs_sequence: u64,
         /// Zero; for later versions.
-        reserved: [u64; 6],
+        reserved: [u64; 5],
     }
 }
 
 /// Names and numbers of `spindle_direction`.
-pub const SPINDLE_DIRECTIONS: [(&str, u32); 3] = [("STOPPED", 0), ("CLOCKWISE", 1), ("COUNTER_CLOCKWISE", 2)];
+pub const SPINDLE_DIRECTIONS: [(&str, u32); 4] = [
+    ("STOPPED", 0),
+    ("CLOCKWISE", 1),
+    ("COUNTER_CLOCKWISE", 2),
+    ("ORIENT", 3),
+];
+
+/// Names and numbers of `spindle_way`.
+pub const SPINDLE_WAYS: [(&str, u32); 3] = [("SHORTER", 0), ("CLOCKWISE", 1), ("COUNTER_CLOCKWISE", 2)];
 
 /// Names and numbers of `probe`.
 pub const PROBE_STATES: [(&str, u32); 3] = [("NONE", 0), ("OPEN", 1), ("TRIPPED", 2)];
@@ -127,13 +141,16 @@ pub mod spindle_flags {
     pub const FAULT: u32 = 1 << 1;
     /// The index pulse has been seen: `fraction` is counted from it.
     pub const INDEXED: u32 = 1 << 2;
+    /// The spindle stands at the angle that it was to turn to, and holds it.
+    pub const ORIENTED: u32 = 1 << 3;
 }
 
 /// Names and bits of `flags` in [`SpindleFeedback`].
-pub const SPINDLE_FLAGS: [(&str, u32); 3] = [
+pub const SPINDLE_FLAGS: [(&str, u32); 4] = [
     ("AT_SPEED", spindle_flags::AT_SPEED),
     ("FAULT", spindle_flags::FAULT),
     ("INDEXED", spindle_flags::INDEXED),
+    ("ORIENTED", spindle_flags::ORIENTED),
 ];
 
 impl MachineInputs {

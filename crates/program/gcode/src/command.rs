@@ -239,7 +239,6 @@ impl Action {
     #[must_use]
     pub fn unsupported_feature(&self) -> Option<&'static str> {
         Some(match self {
-            Self::OrientSpindle { .. } => "orienting the spindle (M19)",
             Self::SurfaceSpeed { .. } => "constant surface speed (G96)",
             Self::Thread { .. } => "motion in step with the spindle (G33, G76)",
             Self::RigidTap { .. } => "rigid tapping (G33.1)",

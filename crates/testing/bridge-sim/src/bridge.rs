@@ -112,6 +112,20 @@ impl SimBridge {
         self.faults.push(fault);
     }
 
+    /// What is wrong with the spindles at a time.
+    #[must_use]
+    pub fn spindle_faults(&self, now_ns: u64) -> Vec<FaultKind> {
+        let Some(since_ns) = self.operating_since_ns else {
+            return Vec::new();
+        };
+        let age_ns = now_ns.saturating_sub(since_ns);
+        let faults = self.faults.iter();
+        faults
+            .filter(|fault| fault.kind.is_of_spindle() && fault.is_active(age_ns))
+            .map(|fault| fault.kind)
+            .collect()
+    }
+
     /// When the drives came into operation first, ns.
     #[must_use]
     pub const fn operating_since_ns(&self) -> Option<u64> {

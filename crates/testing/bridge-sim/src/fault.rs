@@ -45,11 +45,19 @@ pub enum FaultKind {
     LoadSaturated,
     /// The load sensor reads far below zero, as with a broken wire.
     LoadNegative,
+    /// The drives of the spindles go into fault.
+    SpindleFault,
+    /// Spindles send nothing.
+    SpindleSilent,
+    /// Spindles keep half of their speed.
+    SpindleSlow,
+    /// Spindles are stopped by what they cut.
+    SpindleStall,
 }
 
 impl FaultKind {
     /// All kinds with their names.
-    pub const ALL: [(Self, &'static str); 17] = [
+    pub const ALL: [(Self, &'static str); 21] = [
         (Self::Late, "late"),
         (Self::Silent, "silent"),
         (Self::Frozen, "frozen"),
@@ -67,6 +75,10 @@ impl FaultKind {
         (Self::LoadNan, "load-nan"),
         (Self::LoadSaturated, "load-saturated"),
         (Self::LoadNegative, "load-negative"),
+        (Self::SpindleFault, "spindle-fault"),
+        (Self::SpindleSilent, "spindle-silent"),
+        (Self::SpindleSlow, "spindle-slow"),
+        (Self::SpindleStall, "spindle-stall"),
     ];
 
     /// Whether it is one of the load sensor, of which the drives know nothing.
@@ -80,6 +92,15 @@ impl FaultKind {
                 | Self::LoadNan
                 | Self::LoadSaturated
                 | Self::LoadNegative
+        )
+    }
+
+    /// Whether it is one of spindles, likewise.
+    #[must_use]
+    pub const fn is_of_spindle(self) -> bool {
+        matches!(
+            self,
+            Self::SpindleFault | Self::SpindleSilent | Self::SpindleSlow | Self::SpindleStall
         )
     }
 
@@ -122,7 +143,8 @@ impl Fault {
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 #[error(
     "{text:?} is no fault: write KIND@SECONDS[+DURATION][:AXIS] with one of late, silent, frozen, stuck, fault, off, \
-     jump, blocked, nan, wild, ahead, load-zero, load-lost, load-frozen, load-nan, load-saturated, load-negative, as in `jump@2.5:Y`"
+     jump, blocked, nan, wild, ahead, load-zero, load-lost, load-frozen, load-nan, load-saturated, load-negative, \
+     spindle-fault, spindle-silent, spindle-slow, spindle-stall, as in `jump@2.5:Y`"
 )]
 pub struct FaultError {
     text: String,

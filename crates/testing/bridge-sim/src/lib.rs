@@ -24,6 +24,7 @@ mod loopback;
 mod run;
 mod servo;
 mod settings;
+mod spindle;
 
 pub use bridge::SimBridge;
 pub use clock::{DriveClock, monotonic_ns};
@@ -33,3 +34,4 @@ pub use loopback::loopback;
 pub use run::{Cutting, RunError, RunSettings, Signalling, SimReport, run, run_cutting};
 pub use servo::{Servo, ServoSettings};
 pub use settings::{SimAxis, SimSettings};
+pub use spindle::{SimSpindle, SpindleSimulation};

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use evolvent_bus::{
     AXES, BusError, ClientBus, ClientConfig, FeedbackSender, InputSender, Load, LoadSender, MachineInputs,
-    MachineOutputs, OutputReader, ReceiveError, Setpoint, SetpointReader,
+    MachineOutputs, OutputReader, ReceiveError, Setpoint, SetpointReader, SpindleSender,
 };
 use evolvent_drive::{OutputFollower, SettingsError};
 use thiserror::Error;
@@ -13,6 +13,7 @@ use thiserror::Error;
 use crate::bridge::SimBridge;
 use crate::clock::{DriveClock, monotonic_ns};
 use crate::settings::SimSettings;
+use crate::spindle::{SimSpindle, SpindleSimulation};
 
 /// Without a setpoint for so long the connection is made anew: the core may be another one.
 const RECONNECT_NS: u64 = 1_000_000_000;
@@ -38,6 +39,8 @@ pub struct RunSettings {
     pub drives: Option<SimSettings>,
     /// Faults, where usual drives are taken.
     pub faults: Vec<crate::Fault>,
+    /// Spindles whose feedback is sent every period.
+    pub spindles: Vec<SpindleSimulation>,
     /// By how much the drives' periods are longer than the core's.
     pub drift_ppm: f64,
     /// Ends by itself after so long; never if none.
@@ -59,6 +62,8 @@ pub struct SimReport {
     pub loads: u64,
     /// Messages of inputs that were sent.
     pub inputs: u64,
+    /// Messages of spindles that were sent.
+    pub spindles: u64,
     /// Times at which a core was found.
     pub connections: u32,
 }
@@ -78,7 +83,9 @@ struct Ports {
     setpoints: SetpointReader,
     feedback: FeedbackSender,
     load: Option<LoadSender>,
-    signals: Option<(OutputReader, InputSender)>,
+    outputs: Option<OutputReader>,
+    inputs: Option<InputSender>,
+    spindles: Option<SpindleSender>,
     /// Ports live in the client's node.
     _client: ClientBus,
 }
@@ -128,6 +135,10 @@ pub fn run_cutting(
     let (mut cutting, mut cut) = (Some(cutting), None);
     let (mut last, mut outputs) = (None, OutputFollower::default());
     let mut sent = MachineInputs::default();
+    let spindles = settings.spindles.iter();
+    let mut spindles: Vec<SimSpindle> = spindles
+        .map(|spindle| SimSpindle::new(*spindle, begin_ns))
+        .collect();
     while !over() {
         if ports.is_none() {
             let measures = cut.is_some() || cutting.is_some();
@@ -178,9 +189,25 @@ pub fn run_cutting(
                 }
             }
         }
+        if let Some(reader) = ports.as_mut().and_then(|open| open.outputs.as_mut()) {
+            // What comes damaged is followed by a message that is complete.
+            while let Ok(Some(message)) = reader.receive() {
+                let _damaged = outputs.offer(now_ns, &message);
+            }
+        }
         while clock.next_ns() <= now_ns {
             report.periods += 1;
             let tick_ns = clock.tick();
+            let in_force = outputs.step(tick_ns);
+            for spindle in &mut spindles {
+                let faults = bridge.spindle_faults(tick_ns);
+                let feedback = spindle.step(tick_ns, &in_force, &faults);
+                if let (Some(feedback), Some(sender)) =
+                    (feedback, ports.as_mut().and_then(|open| open.spindles.as_mut()))
+                {
+                    report.spindles += u64::from(sender.send(&feedback).is_ok());
+                }
+            }
             let feedback = bridge.step(tick_ns);
             let reading = cut.as_mut().and_then(|cut| cut(&bridge.true_positions()));
             if let Some(reading) = reading.and_then(|reading| bridge.load_reading(tick_ns, reading))
@@ -194,14 +221,10 @@ pub fn run_cutting(
                 report.answers += u64::from(open.feedback.send(&feedback).is_ok());
             }
         }
-        if let (Some(read), Some((reader, sender))) = (
+        if let (Some(read), Some(sender)) = (
             &mut signalling,
-            ports.as_mut().and_then(|open| open.signals.as_mut()),
+            ports.as_mut().and_then(|open| open.inputs.as_mut()),
         ) {
-            // What comes damaged is followed by a message that is complete.
-            while let Ok(Some(message)) = reader.receive() {
-                let _damaged = outputs.offer(now_ns, &message);
-            }
             let outputs = outputs.step(now_ns);
             let mut message = read(last.as_ref(), &outputs);
             (message.sequence, message.time_ns, message.instance) = (sent.sequence, sent.time_ns, begin_ns);
@@ -247,6 +270,7 @@ fn connect(settings: &RunSettings, measures: bool, signals: bool) -> Result<(Por
     config.wait = ATTEMPT;
     let client = ClientBus::open(&config)?;
     let (letters, period_ns) = (client.axes().to_owned(), client.period_ns());
+    let has_spindles = !settings.spindles.is_empty();
     let ports = Ports {
         setpoints: client.bridge_setpoints()?,
         feedback: client.feedback_sender()?,
@@ -255,8 +279,18 @@ fn connect(settings: &RunSettings, measures: bool, signals: bool) -> Result<(Por
         } else {
             None
         },
-        signals: if signals {
-            Some((client.outputs()?, client.input_sender()?))
+        outputs: if signals || has_spindles {
+            Some(client.outputs()?)
+        } else {
+            None
+        },
+        inputs: if signals {
+            Some(client.input_sender()?)
+        } else {
+            None
+        },
+        spindles: if has_spindles {
+            Some(client.spindle_sender()?)
         } else {
             None
         },

@@ -129,6 +129,7 @@ impl BridgeUnderTest for ThreadBridge {
     fn start(&mut self, machine_name: &str, prefix: &str) -> Result<(), StartError> {
         self.end();
         let settings = RunSettings {
+            spindles: Vec::new(),
             machine_name: machine_name.to_owned(),
             prefix: Some(prefix.to_owned()),
             drives: None,

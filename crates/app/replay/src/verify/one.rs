@@ -4,7 +4,7 @@ use std::cell::{Cell, RefCell};
 use std::io::BufReader;
 
 use evolvent_motion::Inputs;
-use evolvent_runtime::{RecordedInputs, SignalChange, recompute};
+use evolvent_runtime::{RecordedInputs, SignalChange, SignalName, recompute};
 use evolvent_trace::{CycleRecord, inputs as bits};
 use evolvent_turning::LoadSample;
 use evolvent_verifier::{Judge, Route};
@@ -171,9 +171,12 @@ fn compare_outputs(again: &Again<'_>, recomputed: &[SignalChange], verified: &mu
     };
     verified.differing += 1;
     let settings = &again.setup.machine.signals;
-    let name = settings
-        .output(first.kind, first.number)
-        .map_or_else(|| first.number.to_string(), |output| output.name.clone());
+    let name = match first.name {
+        SignalName::Signal(kind, number) => settings
+            .output(kind, number)
+            .map_or_else(|| number.to_string(), |output| output.name.clone()),
+        SignalName::Spindle(number) => format!("of spindle {number}"),
+    };
     let difference = Difference {
         sequence: first.sequence,
         time_s: first.sequence as f64 * again.comparing.period_s,

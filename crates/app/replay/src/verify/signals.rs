@@ -21,12 +21,10 @@ impl RecordedSignals {
             if !is_output && event.kind != EventKind::Input {
                 continue;
             }
-            let (kind, number) = SignalChange::of_code(event.code);
             let change = SignalChange {
                 sequence: event.sequence,
                 is_output,
-                kind,
-                number,
+                name: SignalChange::of_code(event.code),
                 value: event.value,
             };
             if is_output {

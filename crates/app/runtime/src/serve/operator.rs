@@ -640,6 +640,10 @@ impl Operator {
             CycleEvent::Turning { sequence, reason } => {
                 self.raise(sequence, turning_alarm(&reason), reason.text());
             }
+            CycleEvent::Spindle { sequence, spindle } => {
+                let text = format!("spindle {spindle}: {}", Alarm::Spindle.sentence());
+                self.raise(sequence, Alarm::Spindle, text);
+            }
             CycleEvent::Late { sequence } => {
                 self.raise(sequence, Alarm::Lateness, Alarm::Lateness.sentence().to_owned());
             }

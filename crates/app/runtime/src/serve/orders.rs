@@ -128,6 +128,11 @@ pub(crate) enum CycleEvent {
     PlannerGone {
         sequence: u64,
     },
+    /// A spindle is in fault, or its feedback has stopped.
+    Spindle {
+        sequence: u64,
+        spindle: u32,
+    },
     /// A turning cycle has given up.
     Turning {
         sequence: u64,
@@ -178,6 +183,7 @@ impl CycleEvent {
             | Self::Guard { sequence, .. }
             | Self::PlannerGone { sequence }
             | Self::EstopChain { sequence }
+            | Self::Spindle { sequence, .. }
             | Self::Turning { sequence, .. }
             | Self::Late { sequence }
             | Self::Drive { sequence, .. }

@@ -544,9 +544,15 @@ impl ServedParts {
             // Only the wait's end goes on from here.
             now.inputs.resume = signals.is_over() && job.motion.can_leave_wait(&mut job.queue);
         }
+        let trouble = self.signals.as_ref().and_then(SignalLoop::spindle_in_trouble);
+        now.inputs.stop |= trouble.is_some();
         let before = job.motion.plan_step();
         let mut setpoint = job.motion.step(&now.inputs, &mut job.queue);
         now.has_left_wait = signals.is_some() && now.inputs.resume && job.motion.plan_step() != before;
+        if let (Some(spindle), false) = (trouble, now.faulted) {
+            let sequence = setpoint.sequence;
+            self.tell_once(now, CycleEvent::Spindle { sequence, spindle });
+        }
         if let (Some(reason), false) = (job.motion.turning_fault(), now.faulted) {
             let sequence = setpoint.sequence;
             self.tell_once(now, CycleEvent::Turning { sequence, reason });

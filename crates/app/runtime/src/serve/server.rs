@@ -232,7 +232,7 @@ impl Service {
             return summary;
         }
         summary.cycles = join(self.cycle).cycles;
-        summary.notes.extend(join(self.publisher).refusal_note());
+        summary.notes.extend(join(self.publisher).refusal_notes());
         if let Some(trace) = trace {
             let record = trace.finish(&summary);
             summary.dropped_records += record.lost;

@@ -8,8 +8,8 @@ use super::{ABSURD, Check};
 use crate::error::MachineError;
 use crate::file::MachineFile;
 use crate::signals::{
-    EstopSettings, InputFile, InputSettings, MAX_SPINDLES, OutputFile, OutputSettings, SignalKind,
-    SignalSettings, SpindleSettings,
+    AtSpeed, EstopSettings, InputFile, InputSettings, MAX_SPINDLES, OutputFile, OutputSettings, SignalKind,
+    SignalSettings, SpindleFile, SpindleSettings,
 };
 
 /// Names, and numbers of a kind, with the entry that has them.
@@ -37,7 +37,7 @@ impl Check<'_> {
         let timeout = raw.signals.input_timeout_ms;
         let timeout_ms = self.or_default("signals.input_timeout_ms", timeout, 100.0, [1.0, 10_000.0])?;
         Ok(SignalSettings {
-            spindles: self.spindles(raw)?,
+            spindles: self.spindles(raw, &inputs)?,
             estop: self.estop(raw, &inputs)?,
             inputs,
             outputs,
@@ -149,7 +149,11 @@ impl Check<'_> {
         Ok(range)
     }
 
-    fn spindles(&self, raw: &MachineFile) -> Result<Vec<SpindleSettings>, MachineError> {
+    fn spindles(
+        &self,
+        raw: &MachineFile,
+        inputs: &[InputSettings],
+    ) -> Result<Vec<SpindleSettings>, MachineError> {
         let mut spindles: Vec<SpindleSettings> = Vec::new();
         for (index, spindle) in raw.spindle.iter().enumerate() {
             let key = format!("spindle[{index}].number");
@@ -163,9 +167,50 @@ impl Check<'_> {
                 number,
                 max_rpm: spindle.max_rpm,
                 reverse: spindle.reverse.unwrap_or(true),
+                at_speed: self.at_speed(index, spindle, inputs)?,
+                at_speed_timeout_s: self.or_default(
+                    &format!("spindle[{index}].at_speed_timeout_s"),
+                    spindle.at_speed_timeout_s,
+                    10.0,
+                    [0.1, 600.0],
+                )?,
             });
         }
         Ok(spindles)
+    }
+
+    fn at_speed(
+        &self,
+        index: usize,
+        spindle: &SpindleFile,
+        inputs: &[InputSettings],
+    ) -> Result<AtSpeed, MachineError> {
+        let key = format!("spindle[{index}].at_speed_input");
+        let Some(name) = &spindle.at_speed_input else {
+            return Ok(if spindle.feedback {
+                AtSpeed::Feedback
+            } else {
+                AtSpeed::Unknown
+            });
+        };
+        if spindle.feedback {
+            let what = "the spindle has feedback, which tells when the speed is reached".to_owned();
+            return Err(self.error(&key, what, "leave one of both out"));
+        }
+        Ok(AtSpeed::Input(self.digital_input(&key, name, inputs)?))
+    }
+
+    /// The number of a digital input that a key names.
+    fn digital_input(&self, key: &str, name: &str, inputs: &[InputSettings]) -> Result<u32, MachineError> {
+        let Some(input) = inputs.iter().find(|input| input.name == name) else {
+            let what = format!("there is no input called {:?}", shortened(name));
+            return Err(self.error(key, what, "name one of the file's [[input]], or add it"));
+        };
+        if input.kind != SignalKind::Digital {
+            let what = format!("the input {:?} is analog", input.name);
+            return Err(self.error(key, what, "name a digital input"));
+        }
+        Ok(input.number)
     }
 
     fn estop(
@@ -174,17 +219,8 @@ impl Check<'_> {
         inputs: &[InputSettings],
     ) -> Result<Option<EstopSettings>, MachineError> {
         let Some(estop) = &raw.estop else { return Ok(None) };
-        let Some(input) = inputs.iter().find(|input| input.name == estop.input) else {
-            let what = format!("there is no input called {:?}", shortened(&estop.input));
-            let advice = "name one of the file's [[input]], or add it";
-            return Err(self.error("estop.input", what, advice));
-        };
-        if input.kind != SignalKind::Digital {
-            let what = format!("the input {:?} is analog", input.name);
-            return Err(self.error("estop.input", what, "name a digital input"));
-        }
         Ok(Some(EstopSettings {
-            input: input.number,
+            input: self.digital_input("estop.input", &estop.input, inputs)?,
             closed: estop.closed.unwrap_or(true),
         }))
     }

@@ -1,0 +1,93 @@
+//! How a spindle is, as far as the cycle goes by it.
+
+/// Bits below the number of the command.
+const BITS: u32 = 5;
+/// Numbers of commands above this one cannot be told in a double beside the bits.
+const MOST_COMMANDS: u64 = (1 << (f64::MANTISSA_DIGITS - BITS)) - 1;
+
+/// A spindle with respect to what it was commanded last.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SpindleState {
+    /// The command that it was given last: the number that the program's thread has given to it. Numbers grow.
+    pub command: u64,
+    /// It obeys that command and has reached its speed.
+    pub at_speed: bool,
+    /// It obeys that command and stands at its angle.
+    pub oriented: bool,
+    /// Its drive is in fault.
+    pub fault: bool,
+    /// It is to turn, and nobody tells how it does.
+    pub silent: bool,
+    /// Its angle is counted from the index pulse.
+    pub indexed: bool,
+}
+
+impl SpindleState {
+    /// Does what it is told at once: a spindle where time is not real.
+    pub const OBEDIENT: Self = Self {
+        command: MOST_COMMANDS,
+        at_speed: true,
+        oriented: true,
+        fault: false,
+        silent: false,
+        indexed: true,
+    };
+
+    /// As one number, exactly: for a trace.
+    #[must_use]
+    pub fn to_number(self) -> f64 {
+        let bits = [
+            self.at_speed,
+            self.oriented,
+            self.fault,
+            self.silent,
+            self.indexed,
+        ];
+        let low = bits
+            .iter()
+            .rev()
+            .fold(0, |number, bit| number << 1 | u64::from(*bit));
+        (self.command.min(MOST_COMMANDS) << BITS | low) as f64
+    }
+
+    /// Of that number; none of one that is no state.
+    #[must_use]
+    pub fn from_number(number: f64) -> Option<Self> {
+        let whole = number as u64;
+        if whole as f64 != number || whole >> BITS > MOST_COMMANDS {
+            return None;
+        }
+        let bit = |at: u32| whole >> at & 1 == 1;
+        Some(Self {
+            command: whole >> BITS,
+            at_speed: bit(0),
+            oriented: bit(1),
+            fault: bit(2),
+            silent: bit(3),
+            indexed: bit(4),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_state_comes_back_from_its_number() {
+        for command in [0, 1, 77, u64::from(u32::MAX), MOST_COMMANDS] {
+            for bits in 0..32_u64 {
+                let number = (command << BITS | bits) as f64;
+                let state = SpindleState::from_number(number).unwrap();
+                assert_eq!((state.command, state.to_number()), (command, number));
+            }
+        }
+        assert_eq!(
+            SpindleState::from_number(SpindleState::OBEDIENT.to_number()),
+            Some(SpindleState::OBEDIENT)
+        );
+        for number in [-1.0, 0.5, f64::NAN, f64::INFINITY, 1e300] {
+            assert_eq!(SpindleState::from_number(number), None, "{number}");
+        }
+    }
+}

@@ -1,0 +1,270 @@
+//! What bridges say of spindles, checked where it enters.
+
+use evolvent_wire::{SPINDLES, SpindleFeedback};
+
+/// A speed above the spindle's highest by more than this factor is none that was measured.
+const MOST_OVERSPEED: f64 = 2.0;
+
+/// Why a message was not used. The spindle stays as it was, and is unknown when no better message comes in time.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum SpindleFault {
+    /// A number that cannot be: spindle, flags, fraction of a turn or speed.
+    #[error("its spindle, flags, fraction of a turn or speed cannot be")]
+    Invalid,
+    /// The machine file has no such spindle.
+    #[error("the machine has no spindle {0} with feedback")]
+    NoSpindle(u32),
+    /// More than twice its highest speed.
+    #[error("spindle {spindle} turns at {speed_rpm} rpm, more than twice its max_rpm")]
+    Overspeed {
+        /// Which.
+        spindle: u32,
+        /// Its speed.
+        speed_rpm: f64,
+    },
+    /// The time is ahead of this computer's clock.
+    #[error("its time is {0} ns ahead of this computer's clock")]
+    Ahead(u64),
+    /// The time is longer ago than feedback may be.
+    #[error("its time is {0} ns ago")]
+    Past(u64),
+    /// The number or the time does not grow.
+    #[error("its number or time is not above that of the message before")]
+    Repeated,
+    /// Another bridge speaks for the same spindle.
+    #[error("another bridge speaks for its spindle")]
+    Claimed,
+}
+
+/// Checks every message and knows how the spindles turn. Neither allocates nor waits.
+///
+/// ```
+/// use evolvent_drive::{SpindleEntry, SpindleFault};
+/// use evolvent_wire::SpindleFeedback;
+///
+/// let mut entry = SpindleEntry::new(100_000_000).with_spindle(0, 6000.0);
+/// let message = SpindleFeedback { sequence: 1, time_ns: 5_000_000, speed_rpm: 800.0, ..Default::default() };
+/// entry.take(&message, 6_000_000)?;
+/// assert_eq!(entry.known(6_000_000, 0).map(|known| known.speed_rpm), Some(800.0));
+/// assert_eq!(entry.known(200_000_000, 0), None, "too long ago");
+/// let runaway = SpindleFeedback { sequence: 2, speed_rpm: 13_000.0, ..message };
+/// assert!(matches!(entry.take(&runaway, 6_000_000), Err(SpindleFault::Overspeed { .. })));
+/// # Ok::<(), SpindleFault>(())
+/// ```
+#[derive(Clone, Debug)]
+pub struct SpindleEntry {
+    /// Highest speed of each spindle that has feedback, rpm.
+    max_rpm: [Option<f64>; SPINDLES],
+    timeout_ns: u64,
+    newest: [Option<SpindleFeedback>; SPINDLES],
+    refused: u64,
+    last_fault: Option<SpindleFault>,
+}
+
+impl SpindleEntry {
+    /// For a machine without spindles. `timeout_ns`: how old the newest message of a spindle may be.
+    #[must_use]
+    pub const fn new(timeout_ns: u64) -> Self {
+        Self {
+            max_rpm: [None; SPINDLES],
+            timeout_ns,
+            newest: [None; SPINDLES],
+            refused: 0,
+            last_fault: None,
+        }
+    }
+
+    /// With a spindle that has feedback. Numbers that there are not are left alone.
+    #[must_use]
+    pub fn with_spindle(mut self, number: u32, max_rpm: f64) -> Self {
+        if let Some(slot) = self.max_rpm.get_mut(number as usize) {
+            *slot = Some(max_rpm);
+        }
+        self
+    }
+
+    /// Messages that were not used, and why the last was not.
+    #[must_use]
+    pub const fn refused(&self) -> (u64, Option<SpindleFault>) {
+        (self.refused, self.last_fault)
+    }
+
+    /// Takes a message that has come at `now_ns` of CLOCK_MONOTONIC.
+    ///
+    /// # Errors
+    /// What is wrong with it; it is not used then, and counted.
+    pub fn take(&mut self, message: &SpindleFeedback, now_ns: u64) -> Result<(), SpindleFault> {
+        let result = self.check(message, now_ns);
+        match result {
+            Ok(()) => {
+                let mut message = *message;
+                // Never later than it came.
+                message.time_ns = message.time_ns.min(now_ns);
+                self.newest[message.spindle as usize] = Some(message);
+            }
+            Err(fault) => {
+                self.refused += 1;
+                self.last_fault = Some(fault);
+            }
+        }
+        result
+    }
+
+    /// What was said last of a spindle, where that is not too long ago.
+    #[must_use]
+    pub fn known(&self, now_ns: u64, spindle: u32) -> Option<SpindleFeedback> {
+        let newest = (*self.newest.get(spindle as usize)?)?;
+        (now_ns.saturating_sub(newest.time_ns) <= self.timeout_ns).then_some(newest)
+    }
+
+    fn check(&self, message: &SpindleFeedback, now_ns: u64) -> Result<(), SpindleFault> {
+        if !message.is_valid() {
+            return Err(SpindleFault::Invalid);
+        }
+        let spindle = message.spindle;
+        let max_rpm = self.max_rpm[spindle as usize].ok_or(SpindleFault::NoSpindle(spindle))?;
+        if message.speed_rpm.abs() > MOST_OVERSPEED * max_rpm {
+            let speed_rpm = message.speed_rpm;
+            return Err(SpindleFault::Overspeed { spindle, speed_rpm });
+        }
+        if message.time_ns > now_ns.saturating_add(self.timeout_ns) {
+            return Err(SpindleFault::Ahead(message.time_ns - now_ns));
+        }
+        if now_ns.saturating_sub(message.time_ns) > self.timeout_ns {
+            return Err(SpindleFault::Past(now_ns - message.time_ns));
+        }
+        match &self.newest[spindle as usize] {
+            Some(before) if before.instance == message.instance => {
+                if message.sequence > before.sequence && message.time_ns >= before.time_ns {
+                    Ok(())
+                } else {
+                    Err(SpindleFault::Repeated)
+                }
+            }
+            Some(_) if self.known(now_ns, spindle).is_some() => Err(SpindleFault::Claimed),
+            _ => Ok(()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MS: u64 = 1_000_000;
+
+    fn entry() -> SpindleEntry {
+        SpindleEntry::new(100 * MS)
+            .with_spindle(0, 3000.0)
+            .with_spindle(2, 500.0)
+    }
+
+    fn message(sequence: u64, time_ns: u64) -> SpindleFeedback {
+        SpindleFeedback {
+            sequence,
+            time_ns,
+            instance: 7,
+            fraction: 0.25,
+            speed_rpm: 1000.0,
+            ..SpindleFeedback::default()
+        }
+    }
+
+    #[test]
+    fn each_kind_of_wrong_message_is_refused_and_changes_nothing() {
+        let now = 1000 * MS;
+        let good = message(5, now);
+        let wrong = [
+            (
+                SpindleFeedback {
+                    fraction: 1.0,
+                    ..good
+                },
+                SpindleFault::Invalid,
+            ),
+            (
+                SpindleFeedback {
+                    fraction: f64::NAN,
+                    ..good
+                },
+                SpindleFault::Invalid,
+            ),
+            (SpindleFeedback { spindle: 4, ..good }, SpindleFault::Invalid),
+            (
+                SpindleFeedback {
+                    flags: 1 << 9,
+                    ..good
+                },
+                SpindleFault::Invalid,
+            ),
+            (SpindleFeedback { spindle: 1, ..good }, SpindleFault::NoSpindle(1)),
+            (
+                SpindleFeedback {
+                    speed_rpm: -6001.0,
+                    ..good
+                },
+                SpindleFault::Overspeed {
+                    spindle: 0,
+                    speed_rpm: -6001.0,
+                },
+            ),
+            (
+                SpindleFeedback {
+                    time_ns: now + 101 * MS,
+                    ..good
+                },
+                SpindleFault::Ahead(101 * MS),
+            ),
+            (
+                SpindleFeedback {
+                    time_ns: now - 101 * MS,
+                    ..good
+                },
+                SpindleFault::Past(101 * MS),
+            ),
+            (message(4, now), SpindleFault::Repeated),
+            (message(5, now - MS), SpindleFault::Repeated),
+            (
+                SpindleFeedback {
+                    instance: 8,
+                    ..message(1, now)
+                },
+                SpindleFault::Claimed,
+            ),
+        ];
+        for (at, (message, fault)) in wrong.into_iter().enumerate() {
+            let mut entry = entry();
+            entry.take(&self::message(4, now), now).unwrap();
+            assert_eq!(entry.take(&message, now), Err(fault), "{at}");
+            assert_eq!(entry.known(now, 0), Some(self::message(4, now)), "{at}");
+            assert_eq!(entry.refused(), (1, Some(fault)), "{at}");
+            entry.take(&good, now).unwrap();
+        }
+    }
+
+    #[test]
+    fn a_bridge_that_was_started_again_is_heard_when_the_last_one_is_forgotten() {
+        let mut entry = entry();
+        entry.take(&message(9, 1000 * MS), 1000 * MS).unwrap();
+        let next = SpindleFeedback {
+            instance: 8,
+            ..message(1, 1100 * MS)
+        };
+        assert_eq!(entry.take(&next, 1100 * MS), Err(SpindleFault::Claimed));
+        let later = SpindleFeedback {
+            time_ns: 1101 * MS,
+            ..next
+        };
+        entry.take(&later, 1101 * MS).unwrap();
+        assert_eq!(entry.known(1101 * MS, 0), Some(later));
+        assert_eq!(entry.known(1202 * MS, 0), None);
+    }
+
+    #[test]
+    fn a_time_that_is_a_little_ahead_counts_as_now() {
+        let mut entry = entry();
+        entry.take(&message(1, 1050 * MS), 1000 * MS).unwrap();
+        assert!(entry.known(1100 * MS, 0).is_some());
+        assert!(entry.known(1101 * MS, 0).is_none());
+    }
+}

@@ -1,0 +1,214 @@
+//! Spindles with feedback: feed waits for the speed, an angle is waited for, and trouble stops the machine.
+#![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
+
+use std::path::{Path, PathBuf};
+
+use evolvent_tests::{
+    Cycle, Domain, Drives, Finished, Launch, Operator, Served, Workshop, cycles, evolvent, unless_disturbed,
+};
+use evolvent_trace::{EventKind, TraceFile};
+
+/// The number in a trace of how spindle 0 is, behind 64 digital and 16 analog inputs.
+const SPINDLE: u32 = 80;
+const SPINDLE_ALARM: u32 = 440;
+const FAULT: u32 = 4;
+
+/// A mill whose spindle is measured. A bridge on a busy host may be silent for half a second.
+fn machine(workshop: &Workshop, name: &str, timeout_s: f64) -> PathBuf {
+    let file = workshop.mill(name, &[]);
+    let text = std::fs::read_to_string(&file).expect("the machine file");
+    let spindle = format!(
+        "\n[signals]\ninput_timeout_ms = 500\n[[spindle]]\nmax_rpm = 8000\nfeedback = true\nat_speed_timeout_s = {timeout_s}\n"
+    );
+    workshop.write("machine.toml", text + &spindle)
+}
+
+/// Runs a program beside a simulated spindle, and gives what came of it and its trace.
+fn drive(workshop: &Workshop, program: &str, timeout_s: f64, options: &[&str]) -> (Finished, PathBuf) {
+    let domain = Domain::new();
+    let machine = machine(workshop, "spun", timeout_s);
+    let program = workshop.write("program.ngc", program);
+    let trace = workshop.path("run.mcap");
+    let _drives = Drives::start(&machine, &domain, options);
+    let finished = Launch::in_real_time(&program, &machine, &domain)
+        .trace(&trace)
+        .finish();
+    (finished, trace)
+}
+
+/// Every change of the spindle in a trace: the setpoint, and what is told of it.
+fn spindle(trace: &Path) -> Vec<(u64, String)> {
+    let mut file = TraceFile::open(trace).expect("a trace");
+    let events = file.events().map(|event| event.expect("a readable event"));
+    events
+        .filter(|event| event.kind == EventKind::Input && event.code == SPINDLE)
+        .map(|event| (event.sequence, event.text))
+        .collect()
+}
+
+fn first(cycles: &[Cycle], when: impl Fn(&Cycle) -> bool) -> u64 {
+    let found = cycles.iter().find(|cycle| when(cycle));
+    found.expect("such a cycle").sequence
+}
+
+fn verifies(trace: &Path) {
+    let output = evolvent().args(["trace", "verify"]).arg(trace).output();
+    Finished::from(output.expect("the binary to start")).expect_code(&[0]);
+}
+
+#[test]
+fn feed_waits_for_each_speed_and_rapids_do_not() {
+    unless_disturbed(|| {
+        let workshop = Workshop::new();
+        let program =
+            "G21 G90 G94 F1200\nM3 S1000\nG0 X5\nG1 X10\nX15\nS2000\nG1 X20\nG0 X0\nM5\nG0 X1\nM2\n";
+        let (finished, trace) = drive(&workshop, program, 20.0, &["--spindle-acceleration", "1500"]);
+        finished.expect_code(&[0, 3]);
+        let cycles = cycles(&trace);
+        let told = spindle(&trace);
+        // At speed twice, each time before the feed that it is for, and behind the rapid.
+        let at_speed: Vec<u64> = (told.iter())
+            .filter(|(_, text)| text == "spindle 0 at speed")
+            .map(|(sequence, _)| *sequence)
+            .collect();
+        let begins = |x: f64| first(&cycles, |cycle| cycle.position[0] > x);
+        let reaches = |x: f64| first(&cycles, |cycle| cycle.position[0] > x - 1e-9);
+        let [rapid, feed, faster] = [begins(0.0), begins(5.0), begins(15.0)];
+        assert!(rapid < feed, "{told:?}");
+        let before = |limit: u64| at_speed.iter().filter(|sequence| **sequence < limit).max();
+        assert!(
+            before(feed).is_some_and(|sequence| *sequence > reaches(5.0)),
+            "{told:?}"
+        );
+        assert!(
+            before(faster).is_some_and(|sequence| *sequence > reaches(15.0)),
+            "{told:?}"
+        );
+        // 1000 rpm at 1500 rpm/s less 2 %, then as much once more: so long the machine stands at least.
+        let due_s = |sequence: u64| cycles[sequence as usize].due_time_ns as f64 * 1e-9;
+        let stands = |at: f64, until: u64| due_s(until) - due_s(reaches(at));
+        let ramp_s = 0.98 * 1000.0 / 1500.0;
+        assert!(stands(15.0, faster) >= 0.9 * ramp_s, "{}", stands(15.0, faster));
+        verifies(&trace);
+    });
+}
+
+#[test]
+fn a_spindle_that_stays_slow_ends_the_program_before_the_feed() {
+    unless_disturbed(|| {
+        let workshop = Workshop::new();
+        let program = "G21 G90 G94 F1200\nM4 S1000\nG0 X5\nG1 X10\nM2\n";
+        let (finished, trace) = drive(&workshop, program, 1.5, &["--fault", "spindle-slow@0"]);
+        let said = finished.out.clone() + &finished.err;
+        finished.expect_code(&[1]);
+        assert!(said.contains("program.ngc:4"), "{said}");
+        assert!(said.contains("did not reach -1000 rpm within 1.5 s"), "{said}");
+        assert!(cycles(&trace).iter().all(|cycle| cycle.position[0] < 5.0 + 1e-9));
+        verifies(&trace);
+    });
+}
+
+#[test]
+fn a_spindle_that_fails_or_falls_silent_stops_the_run_on_its_path() {
+    for fault in ["spindle-fault", "spindle-silent"] {
+        unless_disturbed(|| {
+            let workshop = Workshop::new();
+            let program = "G21 G90 G94 F600\nM3 S1000\nG1 X200\nM2\n";
+            let fault = format!("{fault}@3");
+            let (finished, trace) = drive(&workshop, program, 20.0, &["--fault", &fault]);
+            let summary = finished.expect_code(&[1]).json();
+            assert_eq!(summary["alarm"], SPINDLE_ALARM, "{summary}");
+            let cycles = cycles(&trace);
+            let last = cycles.last().expect("cycles");
+            assert!(
+                last.position[0] > 0.0 && last.position[0] < 100.0,
+                "{fault}: {last:?}"
+            );
+            assert!(last.velocity[0].abs() < 1e-9 && last.position[1].abs() < 1e-9);
+            verifies(&trace);
+        });
+    }
+}
+
+#[test]
+fn an_angle_is_waited_for_before_the_program_goes_on() {
+    unless_disturbed(|| {
+        let workshop = Workshop::new();
+        // It has seen its index pulse before it is told to stop.
+        let program = "G21 G90 G94 F1200\nM3 S600\nG1 X5\nM19 R90 P1\nG0 X10\nM5\nM2\n";
+        let (finished, trace) = drive(&workshop, program, 20.0, &[]);
+        finished.expect_code(&[0, 3]);
+        let told = spindle(&trace);
+        let oriented = told.iter().find(|(_, text)| text == "spindle 0 oriented");
+        let oriented = oriented.expect("an angle").0;
+        let cycles = cycles(&trace);
+        assert!(
+            oriented < first(&cycles, |cycle| cycle.position[0] > 5.0 + 1e-9),
+            "{told:?}"
+        );
+        verifies(&trace);
+        let program = "G21 G90\nM3 S600\nG4 P3\nM19 R90 Q1.5\nG0 X10\nM2\n";
+        let (finished, _) = drive(&workshop, program, 20.0, &["--spindle-acceleration", "100"]);
+        let said = finished.out.clone() + &finished.err;
+        finished.expect_code(&[1]);
+        assert!(
+            said.contains("program.ngc:4") && said.contains("90 degrees after 1.5 s"),
+            "{said}"
+        );
+    });
+}
+
+#[test]
+fn without_a_measured_spindle_m19_is_refused_and_nothing_waits() {
+    let workshop = Workshop::new();
+    let machine = workshop.mill("plain", &[]);
+    let program = workshop.write("program.ngc", "G21 G90 G94 F1200\nM3 S600\nG1 X5\nM19 R90\nM2\n");
+    let finished = Launch::in_virtual_time(&program, &machine).finish();
+    let said = finished.out.clone() + &finished.err;
+    finished.expect_code(&[1]);
+    assert!(
+        said.contains("program.ngc:4") && said.contains("feedback = true"),
+        "{said}"
+    );
+    // Where time is not real spindles do at once what they are told.
+    let measured = self::machine(&workshop, "spun", 20.0);
+    let program = workshop.write(
+        "program.ngc",
+        "G21 G90 G94 F1200\nM3 S600\nG1 X5\nM19 R90\nG1 X6\nM2\n",
+    );
+    Launch::in_virtual_time(&program, &measured)
+        .finish()
+        .expect_code(&[0]);
+}
+
+#[test]
+fn a_served_machine_waits_for_the_speed_and_stops_for_a_spindle_in_trouble() {
+    unless_disturbed(|| {
+        let (workshop, domain) = (Workshop::new(), Domain::new());
+        let machine = machine(&workshop, "spun", 20.0);
+        let options = ["--spindle-acceleration", "1000", "--fault", "spindle-silent@10"];
+        let _drives = Drives::start(&machine, &domain, &options);
+        let served = Served::start(&machine, "spun", &domain, &workshop.path("state"), &[]);
+        let mut operator = Operator::join("spun", &domain);
+        operator.brings_up();
+        operator.says_number("MODE", 2);
+        operator.says_text("MDI", "G21 G90 G94 F1200 M3 S1000");
+        operator.waits("the end of the block", |status| status.activity == 0);
+        operator.says_text("MDI", "G1 X5");
+        let status = operator.waits("the end of the feed", |status| {
+            status.activity == 0 && status.position_machine[0] > 5.0 - 1e-6
+        });
+        assert_eq!(status.spindle_rpm, 1000.0);
+        operator.says_text("MDI", "G1 X200 F60");
+        operator.waits("motion", |status| status.position_machine[0] > 5.5);
+        let status = operator.waits("an alarm", |status| status.alarm_count > 0);
+        assert_eq!(status.alarms[0], SPINDLE_ALARM, "{:?}", status.alarms);
+        let status = operator.waits("rest", |status| status.activity == 0);
+        assert_eq!(status.job_result, FAULT);
+        assert!(
+            status.position_machine[0] < 100.0 && status.spindle_rpm == 0.0,
+            "{status:?}"
+        );
+        served.end().expect_code(&[0, 1, 3]);
+    });
+}
