@@ -1,0 +1,36 @@
+//! The machine as its file describes it.
+
+use serde::Serialize;
+use ts_rs::TS;
+
+/// One axis.
+#[derive(Clone, Debug, PartialEq, Serialize, TS)]
+pub struct AxisInfo {
+    /// X Y Z A B C U V W.
+    pub letter: String,
+    /// `linear` or `rotary`.
+    #[ts(type = "'linear' | 'rotary'")]
+    pub kind: &'static str,
+    /// Travel, mm or degrees.
+    pub min: f64,
+    /// Travel, mm or degrees.
+    pub max: f64,
+    /// mm/s or degrees/s.
+    pub max_velocity: f64,
+    /// It is homed by a switch.
+    pub has_home_switch: bool,
+}
+
+/// The machine.
+#[derive(Clone, Debug, PartialEq, Serialize, TS)]
+pub struct MachineInfo {
+    /// Its name.
+    pub name: String,
+    /// One line.
+    pub description: String,
+    /// `mill` or `lathe`.
+    #[ts(type = "'mill' | 'lathe'")]
+    pub kind: &'static str,
+    /// In the order of the machine file.
+    pub axes: Vec<AxisInfo>,
+}

@@ -1,0 +1,60 @@
+//! Messages to a page.
+
+use serde::Serialize;
+use ts_rs::TS;
+
+use super::{Lease, LogEntry, MachineInfo, ProgramInfo, ScreenStatus, ToolEntry, WorkOffset};
+
+/// A text message to a page. Binary ones are samples ([`put_sample`](super::put_sample)).
+#[derive(Clone, Debug, PartialEq, Serialize, TS)]
+#[serde(tag = "type", rename_all = "snake_case")]
+pub enum ToPage {
+    /// First of all on a connection.
+    Machine {
+        /// The machine.
+        machine: MachineInfo,
+        /// Version of the server.
+        version: String,
+    },
+    /// The latest status, up to 60 a second.
+    Status {
+        /// The status.
+        status: Box<ScreenStatus>,
+    },
+    /// Whether a status comes.
+    Core {
+        /// False while none comes.
+        alive: bool,
+    },
+    /// Who may command.
+    Lease(Lease),
+    /// The program that pages have loaded.
+    Program {
+        /// None before the first.
+        program: Option<ProgramInfo>,
+    },
+    /// Offsets and tools as they are kept.
+    Kept {
+        /// All nine systems.
+        offsets: Vec<WorkOffset>,
+        /// The table.
+        tools: Vec<ToolEntry>,
+    },
+    /// Answer to a command.
+    Answer {
+        /// Of the command.
+        #[ts(type = "number")]
+        id: u64,
+        /// Whether it takes effect.
+        accepted: bool,
+        /// Number of the alarm where it does not.
+        alarm: u32,
+        /// What was wrong and what to do.
+        text: String,
+    },
+    /// New entries of the log; on connecting those that are kept.
+    Log {
+        /// The oldest first.
+        entries: Vec<LogEntry>,
+    },
+}

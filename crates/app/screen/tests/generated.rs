@@ -1,0 +1,35 @@
+//! The page's TypeScript is what the Rust types say.
+
+use std::path::Path;
+
+use evolvent_screen::messages::{FromPage, ToPage};
+use ts_rs::{Config, TS};
+
+/// `EVOLVENT_WRITE=1` writes them anew.
+#[test]
+fn the_generated_types_match() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("page/src/generated");
+    let fresh = tempfile::tempdir().unwrap();
+    let write = std::env::var_os("EVOLVENT_WRITE").is_some();
+    let target = if write { folder.as_path() } else { fresh.path() };
+    let config = Config::new().with_out_dir(target);
+    ToPage::export_all(&config).unwrap();
+    FromPage::export_all(&config).unwrap();
+    let list = |folder: &Path| {
+        let mut files: Vec<(String, String)> = std::fs::read_dir(folder)
+            .unwrap()
+            .map(|entry| entry.unwrap())
+            .map(|entry| {
+                (
+                    entry.file_name().into_string().unwrap(),
+                    std::fs::read_to_string(entry.path()).unwrap(),
+                )
+            })
+            .collect();
+        files.sort();
+        files
+    };
+    let made = list(target);
+    assert!(made.len() > 8, "types were made");
+    assert_eq!(made, list(&folder), "run this test with EVOLVENT_WRITE=1");
+}

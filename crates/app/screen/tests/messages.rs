@@ -1,0 +1,84 @@
+//! Messages as the page sends and reads them.
+
+use evolvent_screen::messages::{
+    FromPage, PathChunk, SAMPLE_BYTES, ScreenStatus, ToPage, VERTEX_BYTES, put_sample,
+};
+use evolvent_wire::{Setpoint, Status};
+
+#[test]
+fn what_the_page_sends_is_understood() {
+    let read = |text: &str| serde_json::from_str::<FromPage>(text);
+    assert_eq!(read(r#"{"type":"keep"}"#).unwrap(), FromPage::Keep);
+    assert_eq!(
+        read(r#"{"type":"take","force":true}"#).unwrap(),
+        FromPage::Take { force: true }
+    );
+    assert_eq!(read(r#"{"type":"give"}"#).unwrap(), FromPage::Give);
+    let jog =
+        r#"{"type":"command","id":7,"command":20,"index":0,"amount":12.5,"axes_mask":2,"values":{"1":-1}}"#;
+    let FromPage::Command(jog) = read(jog).unwrap() else {
+        panic!("a command");
+    };
+    assert_eq!(
+        (jog.id, jog.command, jog.axes_mask, jog.values["1"]),
+        (7, 20, 2, -1.0)
+    );
+    for wrong in [
+        "",
+        "{}",
+        "[]",
+        r#"{"type":"reboot"}"#,
+        r#"{"type":"command","id":-1,"command":1}"#,
+    ] {
+        read(wrong).unwrap_err();
+    }
+}
+
+#[test]
+fn a_status_has_names_instead_of_numbers() {
+    let status = Status {
+        machine_state: 2,
+        state: 7,
+        tool_change: 1,
+        ..Status::default()
+    };
+    let message = ToPage::Status {
+        status: Box::new(ScreenStatus::from(&status)),
+    };
+    let json = serde_json::to_value(&message).unwrap();
+    assert_eq!(json["type"], "status");
+    let status = &json["status"];
+    assert_eq!(
+        (&status["machine_state"], &status["state"], &status["tool_change"]),
+        (&"on".into(), &"program_stop".into(), &"operator".into())
+    );
+    assert_eq!(status["position_machine"].as_array().unwrap().len(), 9);
+}
+
+#[test]
+fn binary_messages_have_their_layout() {
+    let mut bytes = Vec::new();
+    let mut setpoint = Setpoint {
+        line: 12,
+        due_time_ns: 2_500_000_000,
+        ..Setpoint::default()
+    };
+    setpoint.velocity[8] = 3.0;
+    put_sample(&mut bytes, &setpoint);
+    assert_eq!(bytes.len(), SAMPLE_BYTES);
+    assert_eq!(bytes[0..8], 2.5_f64.to_le_bytes());
+    assert_eq!(bytes[8..12], 12_u32.to_le_bytes());
+    let at = 24 + 4 * (9 + 8);
+    assert_eq!(bytes[at..at + 4], 3.0_f32.to_le_bytes());
+
+    let mut chunk = PathChunk::default();
+    chunk.push([1.0, 2.0, 3.0], 50.0, 4);
+    chunk.push([5.0, 6.0, 7.0], -90.0, 8);
+    let bytes = chunk.take_bytes();
+    assert!(chunk.is_empty());
+    assert_eq!(bytes.len(), 4 + 2 * VERTEX_BYTES);
+    assert_eq!(bytes[0..4], 2_u32.to_le_bytes());
+    assert_eq!(bytes[16..20], 5.0_f32.to_le_bytes(), "second vertex");
+    assert_eq!(bytes[32..36], (-90.0_f32).to_le_bytes(), "second feed");
+    assert_eq!(bytes[40..44], 8_u32.to_le_bytes(), "second line");
+}
