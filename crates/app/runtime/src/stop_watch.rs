@@ -216,21 +216,47 @@ mod tests {
         out
     }
 
-    /// The hold that needs the longest path comes where the acceleration `A` is about to fall, at `v - A^2/2J`: `J` to `-A` in
-    /// `2A/J`, `A` down to `A^2/2J`, and `J` to zero. Reports have 20 % and 1 ms on top at 1 kHz; the stop itself may take 3 % and
-    /// two steps more, and holds are 10 ms apart.
+    /// The least path and time to rest along X from a speed and an acceleration, by steps of 5 us: the jerk limit down to `-A`, and
+    /// back to none where the rest of the speed is just used up.
+    fn least_stop(mut v: f64, mut a: f64) -> (f64, f64) {
+        const STEP_S: f64 = 5e-6;
+        let (mut path, mut seconds) = (0.0, 0.0);
+        while v > 0.0 {
+            let leaves_brake = a < 0.0 && v <= a * a / (2.0 * J);
+            let jerk = if leaves_brake { J } else { -J };
+            a = (a + STEP_S * jerk).max(-A);
+            if leaves_brake && a >= 0.0 {
+                break;
+            }
+            v += STEP_S * a;
+            path += STEP_S * v;
+            seconds += STEP_S;
+        }
+        (path, seconds)
+    }
+
+    /// The longest of the holds 10 ms apart is not longer than the longest at any moment, and not shorter than where these holds
+    /// lie worst. Reports have 20 % and 1 ms on top at 1 kHz; the stop itself may take 3 % and two steps more.
     fn expect(found: LongestStop, v: f64) {
-        let (bend, time) = (A * A / (2.0 * J), A / J);
-        let from = v - bend;
-        let path = 2.0 * time * (from + bend * 2.0 / 3.0)
-            + (from * from - bend * bend) / (2.0 * A)
-            + bend * time / 3.0;
-        let seconds = 3.0 * time + (from - bend) / A;
-        let range = 0.97 * 1.2 * path..=1.2 * (1.03 * path + 0.002 * v) + 0.001 * v;
+        let stops: Vec<(f64, f64)> = (line(v, 0).iter())
+            .map(|setpoint| least_stop(setpoint.velocity[0], setpoint.acceleration[0]))
+            .collect();
+        let longest = |begin: usize, step: usize| {
+            let holds = stops.iter().skip(begin).step_by(step);
+            holds.fold((0.0_f64, 0.0_f64), |(path, seconds), stop| {
+                (path.max(stop.0), seconds.max(stop.1))
+            })
+        };
+        let most = longest(0, 1);
+        let least = (0..10)
+            .map(|begin| longest(begin, 10).0)
+            .fold(f64::INFINITY, f64::min);
+        let range = 1.2 * least..=1.2 * (1.03 * most.0 + 0.002 * v) + 0.001 * v;
         assert!(range.contains(&found.path_mm), "{found:?} of {range:?}");
         assert!(
-            (0.94 * seconds..1.03 * seconds + 0.002).contains(&found.seconds),
-            "{found:?} of {seconds}"
+            (0.9 * most.1..1.03 * most.1 + 0.002).contains(&found.seconds),
+            "{found:?} of {}",
+            most.1
         );
         assert_eq!(found.line, 7);
     }
