@@ -10,6 +10,7 @@ use std::time::Duration;
 use evolvent_gcode::Move;
 use evolvent_machine::PlannerKind;
 use evolvent_motion::QueueClosed;
+use evolvent_path::Axes;
 use evolvent_planner::{MoveValidator, PathItem, PathStage, PlanError, PlanSink, Planner, Step, TimingStage};
 
 use crate::job::Setup;
@@ -86,6 +87,14 @@ impl<S: PlanSink<Error = QueueClosed>> Stages<S> {
         match self {
             Self::One(planner) => planner.rest(step),
             Self::Two(relay) => relay.rest(*step),
+        }
+    }
+
+    /// See [`Planner::stand_at`].
+    pub(crate) fn stand_at(&mut self, position: &Axes) {
+        match self {
+            Self::One(planner) => planner.stand_at(position),
+            Self::Two(relay) => relay.admission.stand_at(position),
         }
     }
 

@@ -15,7 +15,7 @@ use crate::machine::{
     ControlRate, CycleRecording, FeedbackWish, Kinematics, MAX_RATE_HZ, MIN_RATE_HZ, MachineKind, OnFull,
     PathMode, PlannerKind, ToolChange, TurningWords, WithoutToolTable,
 };
-use crate::signals::{EstopFile, InputFile, OutputFile, SignalsFile, SpindleFile};
+use crate::signals::{EstopFile, InputFile, OutputFile, ProbeFile, SignalsFile, SpindleFile};
 
 /// A machine as Evolvent controls it: axes, limits, and how the control loop runs.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -85,6 +85,8 @@ pub(crate) struct MachineFile {
     pub(crate) spindle: Vec<SpindleFile>,
     /// The emergency-stop chain, where an input reads it.
     pub(crate) estop: Option<EstopFile>,
+    /// The probe, where there is one.
+    pub(crate) probe: Option<ProbeFile>,
     /// How inputs are watched.
     #[serde(default)]
     pub(crate) signals: SignalsFile,

@@ -19,6 +19,21 @@ pub enum SignalKind {
     Digital,
     /// A number.
     Analog,
+    /// What the probe says, as [`probe_numbers`] count it; no kind of a machine file.
+    #[serde(skip)]
+    Probe,
+}
+
+/// Numbers of the values of a probe.
+pub mod probe_numbers {
+    /// Its state: 0 open, 1 tripped, 2 where time is not real and no contact is known.
+    pub const STATE: u32 = 0;
+    /// Changes whose position is known.
+    pub const CHANGES: u32 = 1;
+    /// The position of axis 0 at the last of them; those of the other axes follow.
+    pub const POSITION: u32 = 2;
+    /// How many numbers there are.
+    pub const COUNT: u32 = POSITION + 9;
 }
 
 impl SignalKind {
@@ -28,6 +43,7 @@ impl SignalKind {
         match self {
             Self::Digital => MAX_DIGITAL,
             Self::Analog => MAX_ANALOG,
+            Self::Probe => probe_numbers::COUNT,
         }
     }
 
@@ -37,6 +53,7 @@ impl SignalKind {
         match self {
             Self::Digital => "digital",
             Self::Analog => "analog",
+            Self::Probe => "probe",
         }
     }
 }
@@ -127,6 +144,15 @@ pub(crate) struct SpindleFile {
     /// given.
     #[schemars(range(min = 0.1, max = 600))]
     pub(crate) at_speed_timeout_s: Option<f64>,
+}
+
+/// The probe as it is written.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct ProbeFile {
+    /// How far the machine may go on after contact, mm: probing at a feed that needs more is refused. No bound where it is not given.
+    #[schemars(range(min = 0.0001, max = 1000.0))]
+    pub(crate) overtravel_mm: Option<f64>,
 }
 
 /// The emergency-stop chain as it is written.
@@ -227,6 +253,13 @@ pub struct EstopSettings {
     pub closed: bool,
 }
 
+/// The probe.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ProbeSettings {
+    /// How far the machine may go on after contact, mm; probing that needs more is refused.
+    pub overtravel_mm: Option<f64>,
+}
+
 /// What the machine has beside its axes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SignalSettings {
@@ -238,6 +271,8 @@ pub struct SignalSettings {
     pub spindles: Vec<SpindleSettings>,
     /// The emergency-stop chain, where an input reads it.
     pub estop: Option<EstopSettings>,
+    /// The probe, where there is one.
+    pub probe: Option<ProbeSettings>,
     /// Inputs whose newest message is older than this are unknown, s.
     pub input_timeout_s: f64,
 }
@@ -249,6 +284,7 @@ impl Default for SignalSettings {
             outputs: Vec::new(),
             spindles: Vec::new(),
             estop: None,
+            probe: None,
             input_timeout_s: 0.1,
         }
     }
@@ -280,6 +316,6 @@ impl SignalSettings {
     /// Whether the machine has anything beside its axes.
     #[must_use]
     pub fn is_empty(&self) -> bool {
-        self.inputs.is_empty() && self.outputs.is_empty() && self.spindles.is_empty()
+        self.inputs.is_empty() && self.outputs.is_empty() && self.spindles.is_empty() && self.probe.is_none()
     }
 }

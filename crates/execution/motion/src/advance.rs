@@ -166,6 +166,7 @@ impl PathExecutor {
                     return false;
                 }
                 cursor.starved = !is_final;
+                cursor.stands_at = None;
                 cursor.drive = ActiveMotion::Run(RunDrive::new(
                     &run,
                     from,
@@ -218,6 +219,16 @@ impl PathExecutor {
                 if queue.is_final(cursor.step) && !self.withhold {
                     cursor.state = State::Running;
                     cursor.turns = true;
+                } else {
+                    self.waited = true;
+                }
+                return false;
+            }
+            Step::Probe { line } => {
+                cursor.line = line;
+                if queue.is_final(cursor.step) && !self.withhold {
+                    cursor.state = State::Running;
+                    cursor.probes = true;
                 } else {
                     self.waited = true;
                 }
@@ -325,6 +336,11 @@ impl PathExecutor {
         if cursor.is_still() && last && segment.length - x <= END_ROUNDING {
             place.position = segment.curve.end();
         }
+        if cursor.is_still()
+            && let Some(position) = cursor.stands_at
+        {
+            return (Jet::at_rest(position), Some(segment));
+        }
         if cursor.is_still() {
             // Zero times a derivative may be -0.0, and whether there is a segment yet is a matter of the planner's speed.
             return (Jet::at_rest(place.position), Some(segment));
@@ -343,6 +359,7 @@ impl Cursor {
     /// Drives a piece from its start.
     pub(crate) fn start(&mut self, flow: TimedSegment) {
         self.drive = ActiveMotion::TimedSegment { flow, time: 0.0 };
+        self.stands_at = None;
         self.interval = flow.piece.interval;
         self.piece_at = Some((flow.piece.stretch, flow.piece.from));
         self.travelled = flow.path;

@@ -1,5 +1,6 @@
 //! Where the cycle is in the plan.
 
+use evolvent_path::Axes;
 use evolvent_planner::{Profile, ScalarLimits, ScalarState, TimedSegment};
 
 use crate::slowdown::Slowdown;
@@ -66,6 +67,10 @@ pub(crate) struct Cursor {
     pub(crate) stays: bool,
     /// At rest where a turning cycle begins.
     pub(crate) turns: bool,
+    /// At rest where a probing move begins.
+    pub(crate) probes: bool,
+    /// At rest here and not at the end of the path: a probing move has ended here.
+    pub(crate) stands_at: Option<Axes>,
 }
 
 impl Cursor {
@@ -91,6 +96,8 @@ impl Cursor {
             slowdown: None,
             stays: false,
             turns: false,
+            probes: false,
+            stands_at: None,
         }
     }
 

@@ -54,6 +54,9 @@
 //! Jog and homing have no path: a [`TransferExecutor`] drives a transfer that was solved before. A [`MachineState`] carries sequence
 //! numbers and the guard's memory from job to job.
 //!
+//! Where the plan says so, a [`Probing`] move takes over at rest, stops where the probe in the inputs trips, and hands its result
+//! back; the plan goes on where the axes stand then.
+//!
 //! Where the plan says so, a [`Turning`] cycle takes over at rest, finds its passes from the cutting load in the inputs,
 //! and comes back to the same place; its setpoints pass the same guard.
 //!
@@ -66,6 +69,7 @@ mod guard;
 mod machine_state;
 mod path_executor;
 mod plan_preview;
+mod probing;
 mod queue;
 mod quick_stop;
 mod replan;
@@ -81,7 +85,8 @@ pub use evolvent_wire::flags;
 pub use guard::{Extremes, Guard, Quantity, Violation};
 pub use machine_state::MachineState;
 pub use path_executor::PathExecutor;
-pub use queue::{PlanConsumer, PlanProducer, QueueClosed, STEPS_AHEAD, TurningSender, plan_queue};
+pub use probing::{ProbeMove, ProbeResult, ProbeVerdict, Probing};
+pub use queue::{PlanConsumer, PlanProducer, QueueClosed, ProbingSender, STEPS_AHEAD, TurningSender, plan_queue};
 pub use setpoint::{Inputs, Setpoint};
 pub use state::State;
 pub use stopping_distance::{LongestStop, StoppingDistance};

@@ -9,6 +9,7 @@ use evolvent_wire::flags;
 use crate::cursor::{ActiveMotion, Cursor};
 use crate::guard::{Extremes, Guard, Violation};
 use crate::plan_preview::PlanPreview;
+use crate::probing::Probing;
 use crate::queue::PlanConsumer;
 use crate::quick_stop::QuickStop;
 use crate::replan::ReplanState;
@@ -51,7 +52,9 @@ pub struct PathExecutor {
     pub(crate) refuse: bool,
     /// A turning cycle that moves the axes, or that has ended the run.
     pub(crate) turning: Option<Box<Turning>>,
-    /// What it gave out in the last step.
+    /// A probing move that moves the axes.
+    pub(crate) probing: Option<Box<Probing>>,
+    /// What the turning cycle gave out in the last step.
     pub(crate) turned: Option<TurningOutput>,
     /// Why it has ended the run.
     pub(crate) turning_fault: Option<Reason>,
@@ -81,6 +84,7 @@ impl PathExecutor {
             refused: false,
             refuse: false,
             turning: None,
+            probing: None,
             turned: None,
             turning_fault: None,
         }
@@ -129,7 +133,8 @@ impl PathExecutor {
     pub fn is_at_rest(&self) -> bool {
         let state = self.cursor.now().0;
         let turns = self.turning.as_ref().is_some_and(|turning| !turning.is_at_rest());
-        self.quick_stop.is_none() && state.v == 0.0 && state.a == 0.0 && !turns
+        let probes = self.probing.as_ref().is_some_and(|probing| !probing.is_at_rest());
+        self.quick_stop.is_none() && state.v == 0.0 && state.a == 0.0 && !turns && !probes
     }
 
     /// The feed that the axes are driven at after the last step, as a factor of the programmed one: less than the override
@@ -206,6 +211,9 @@ impl PathExecutor {
         if self.quick_stop.is_none() && self.turning.is_some() {
             return self.turn(inputs, queue);
         }
+        if self.quick_stop.is_none() && self.probing.is_some() {
+            return self.probe(inputs, queue);
+        }
         if self.quick_stop.is_none() {
             let mut cursor = self.cursor;
             self.slow_down(&mut cursor, inputs, queue);
@@ -231,6 +239,9 @@ impl PathExecutor {
                 self.ask(inputs, queue);
                 if cursor.turns {
                     self.turning = queue.take_turning();
+                }
+                if cursor.probes {
+                    self.probing = queue.take_probing();
                 }
                 return setpoint;
             }

@@ -20,6 +20,7 @@ use evolvent_planner::{
 };
 use rtrb::{Consumer, Producer, RingBuffer};
 
+use crate::probing::{ProbeResult, Probing};
 use crate::turning::Turning;
 
 /// Steps that are final and waiting, beyond what the look-ahead needs for itself.
@@ -46,7 +47,7 @@ struct Table {
     links: Box<[AtomicU64]>,
     finalised: AtomicU64,
     complete: AtomicU64,
-    /// The last wait for an input + 1: nothing comes behind it before it is over.
+    /// The last wait for an input or probing move + 1: nothing comes behind it before it is over.
     waits_at: AtomicU64,
     reached: AtomicU64,
     taken: AtomicU64,
@@ -73,6 +74,8 @@ pub fn plan_queue<W: FnMut() -> bool>(wait: W) -> (PlanProducer<W>, PlanConsumer
     let (answer_producer, answer_consumer) = RingBuffer::new(REQUESTS);
     let (turning_producer, turning_consumer) = RingBuffer::new(TURNINGS);
     let (spent_producer, spent_consumer) = RingBuffer::new(SPENT);
+    let (probing_producer, probing_consumer) = RingBuffer::new(TURNINGS);
+    let (probed_producer, probed_consumer) = RingBuffer::new(SPENT);
     let table = Arc::new(Table {
         exits: (0..steps)
             .map(|_| [AtomicU64::new(0), AtomicU64::new(0)])
@@ -94,6 +97,10 @@ pub fn plan_queue<W: FnMut() -> bool>(wait: W) -> (PlanProducer<W>, PlanConsumer
             turnings: turning_producer,
             spent: spent_consumer,
         }),
+        probings: Some(ProbingSender {
+            probings: probing_producer,
+            probed: probed_consumer,
+        }),
         table: Arc::clone(&table),
         appended: 0,
         wait,
@@ -106,6 +113,8 @@ pub fn plan_queue<W: FnMut() -> bool>(wait: W) -> (PlanProducer<W>, PlanConsumer
         answers: answer_consumer,
         turnings: turning_consumer,
         spent: spent_producer,
+        probings: probing_consumer,
+        probed: probed_producer,
         table,
         taken: 0,
         taken_segments: 0,
@@ -128,6 +137,7 @@ pub struct PlanProducer<W> {
     requests: Consumer<Request>,
     answers: Producer<Answer>,
     turnings: Option<TurningSender>,
+    probings: Option<ProbingSender>,
     table: Arc<Table>,
     appended: u64,
     wait: W,
@@ -159,7 +169,42 @@ impl TurningSender {
     }
 }
 
+/// Hands probing moves to the cycle, each before its [`Step::Probe`], and takes back what came of them.
+#[derive(Debug)]
+pub struct ProbingSender {
+    probings: Producer<Box<Probing>>,
+    probed: Consumer<Box<Probing>>,
+}
+
+impl ProbingSender {
+    /// Hands one on, or back where there is no room.
+    ///
+    /// # Errors
+    /// The probing move, to be tried again.
+    pub fn send(&mut self, probing: Box<Probing>) -> Result<(), Box<Probing>> {
+        self.probings
+            .push(probing)
+            .map_err(|rtrb::PushError::Full(probing)| probing)
+    }
+
+    /// What came of the oldest that is over, once.
+    pub fn result(&mut self) -> Option<ProbeResult> {
+        self.probed.pop().ok().and_then(|probing| probing.result())
+    }
+
+    /// Whether nobody takes them any more.
+    #[must_use]
+    pub fn is_abandoned(&self) -> bool {
+        self.probings.is_abandoned()
+    }
+}
+
 impl<W> PlanProducer<W> {
+    /// The way of probing moves to the cycle, once.
+    pub fn take_probings(&mut self) -> Option<ProbingSender> {
+        self.probings.take()
+    }
+
     /// The way of turning cycles to the cycle, once.
     pub fn take_turnings(&mut self) -> Option<TurningSender> {
         self.turnings.take()
@@ -187,7 +232,7 @@ impl<W: FnMut() -> bool> PlanSink for PlanProducer<W> {
         if matches!(step, Step::End { .. }) {
             self.table.complete.store(self.appended + 1, Ordering::Release);
         }
-        if matches!(step, Step::InputWait { .. }) {
+        if matches!(step, Step::InputWait { .. } | Step::Probe { .. }) {
             self.table.waits_at.store(self.appended + 1, Ordering::Release);
         }
         self.appended += 1;
@@ -263,6 +308,8 @@ pub struct PlanConsumer {
     answers: Consumer<Answer>,
     turnings: Consumer<Box<Turning>>,
     spent: Producer<Box<Turning>>,
+    probings: Consumer<Box<Probing>>,
+    probed: Producer<Box<Probing>>,
     table: Arc<Table>,
     taken: u64,
     taken_segments: u64,
@@ -424,6 +471,19 @@ impl PlanConsumer {
         if let Err(rtrb::PushError::Full(turning)) = self.spent.push(turning) {
             // There is room for all that can be on the way. Freeing memory is not for the cycle.
             std::mem::forget(turning);
+        }
+    }
+
+    /// The probing move of the step that was reached.
+    pub(crate) fn take_probing(&mut self) -> Option<Box<Probing>> {
+        self.probings.pop().ok()
+    }
+
+    /// Hands back a probing move that is over, with its result.
+    pub(crate) fn return_probing(&mut self, probing: Box<Probing>) {
+        if let Err(rtrb::PushError::Full(probing)) = self.probed.push(probing) {
+            // The program waits for each before the next. Freeing memory is not for the cycle.
+            std::mem::forget(probing);
         }
     }
 

@@ -264,7 +264,7 @@ impl PathExecutor {
 
     /// Whether the axes stand, not at the plan's end, and nobody is left to plan on.
     pub fn is_stuck(&self, queue: &mut PlanConsumer) -> bool {
-        if !queue.has_no_planner() || !self.is_at_rest() || self.is_over() || self.turning.is_some() {
+        if !queue.has_no_planner() || !self.is_at_rest() || self.is_over() || self.turning.is_some() || self.probing.is_some() {
             return false;
         }
         let step = self.cursor.step;
@@ -299,7 +299,7 @@ impl PathExecutor {
     /// As [`is_ready`](Self::is_ready), where the next step begins with plan step `from`.
     fn is_ready_from(&self, from: u64, queue: &mut PlanConsumer) -> bool {
         let cursor = &self.cursor;
-        if self.is_over() || self.quick_stop.is_some() || self.turning.is_some() || queue.is_abandoned() {
+        if self.is_over() || self.quick_stop.is_some() || self.turning.is_some() || self.probing.is_some() || queue.is_abandoned() {
             return true;
         }
         // With the virtual clock a request that finds no room is made in the next step: the planner takes the older ones.
@@ -339,7 +339,7 @@ impl PathExecutor {
                     Some(Step::TimedSegment(_)) => return false,
                     // The machine stands at a wait for one step at least before it goes on.
                     Some(Step::Wait | Step::InputWait { .. } | Step::End { .. }) => return true,
-                    Some(Step::Turning { .. }) => return queue.is_final(step),
+                    Some(Step::Turning { .. } | Step::Probe { .. }) => return queue.is_final(step),
                     Some(Step::Dwell { seconds, .. }) if seconds > 0.0 => return queue.is_final(step),
                     Some(Step::Dwell { .. } | Step::Action { .. } | Step::ProgramStop { .. }) => step += 1,
                 }

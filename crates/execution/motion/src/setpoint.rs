@@ -1,6 +1,7 @@
 //! What a cycle takes in and gives out.
 
 use evolvent_path::Axes;
+use evolvent_signals::ProbeInput;
 use evolvent_turning::LoadSample;
 
 use crate::State;
@@ -19,6 +20,8 @@ pub struct Inputs {
     pub resume: bool,
     /// The newest reading of the cutting load, the same again where there is no newer one: what turning cycles go by.
     pub load: Option<LoadSample>,
+    /// The probe: what probing moves go by.
+    pub probe: ProbeInput,
 }
 
 impl Default for Inputs {
@@ -29,6 +32,7 @@ impl Default for Inputs {
             stop: false,
             resume: false,
             load: None,
+            probe: ProbeInput::default(),
         }
     }
 }

@@ -2,6 +2,7 @@
 
 use evolvent_machine::{MAX_ANALOG, MAX_SPINDLES, SignalKind};
 
+use crate::probe_image::ProbeImage;
 use crate::schedule::{Change, Moment};
 use crate::spindle_state::SpindleState;
 
@@ -26,6 +27,7 @@ impl OutputImage {
                 .checked_shr(number)
                 .map_or(0.0, |bits| (bits & 1) as f64),
             SignalKind::Analog => self.analog.get(number as usize).copied().unwrap_or(0.0),
+            SignalKind::Probe => 0.0,
         }
     }
 
@@ -35,6 +37,7 @@ impl OutputImage {
         match kind {
             SignalKind::Digital => change.set_digital(number, value != 0.0),
             SignalKind::Analog => change.set_analog(number, value),
+            SignalKind::Probe => {}
         }
         self.apply(&change);
     }
@@ -62,6 +65,8 @@ pub struct InputImage {
     pub analog: [f64; ANALOG],
     /// How the spindles are; none of one that is not known.
     pub spindles: [Option<SpindleState>; MAX_SPINDLES as usize],
+    /// What the probe says.
+    pub probe: ProbeImage,
 }
 
 impl InputImage {
@@ -76,6 +81,7 @@ impl InputImage {
             SignalKind::Analog if index < ANALOG && self.analog_known >> number & 1 == 1 => {
                 Some(self.analog[index])
             }
+            SignalKind::Probe => self.probe.value(number),
             _ => None,
         }
     }
@@ -113,6 +119,7 @@ impl InputImage {
                     self.analog[number as usize] = value;
                 }
             }
+            SignalKind::Probe => self.probe.set(number, value),
             _ => {}
         }
     }

@@ -28,12 +28,14 @@
 //! dropped. The same schedule, progress and inputs give the same outputs, cycle by cycle.
 
 mod image;
+mod probe_image;
 mod schedule;
 mod signals;
 mod spindle_state;
 mod wait;
 
 pub use image::{InputImage, OutputImage};
+pub use probe_image::{ProbeImage, ProbeInput, ProbeState};
 pub use schedule::{Change, Moment, ScheduleConsumer, Scheduler, schedule};
 pub use signals::{Phase, Progress, Signals};
 pub use spindle_state::SpindleState;

@@ -3,6 +3,7 @@
 use evolvent_machine::{EstopSettings, OutputRule, OutputSettings, SignalKind, SignalSettings};
 
 use crate::image::{InputImage, OutputImage};
+use crate::probe_image::ProbeInput;
 use crate::schedule::{Change, Moment, ScheduleConsumer, Scheduled};
 use crate::spindle_state::SpindleState;
 use crate::wait::ActiveWait;
@@ -47,6 +48,7 @@ impl Mask {
             match output.kind {
                 SignalKind::Digital => mask.digital |= 1 << output.number,
                 SignalKind::Analog => mask.analog |= 1 << output.number,
+                SignalKind::Probe => {}
             }
         }
         mask
@@ -77,6 +79,7 @@ pub struct Signals {
     /// As the program has set them.
     programmed: OutputImage,
     inputs: InputImage,
+    probe: ProbeInput,
     wait: Option<ActiveWait>,
     /// The wait is over, and the program may go on.
     go_on: bool,
@@ -92,6 +95,7 @@ impl Signals {
             match output.kind {
                 SignalKind::Digital => safe.digital |= u64::from(output.safe != 0.0) << output.number,
                 SignalKind::Analog => safe.analog[output.number as usize] = output.safe,
+                SignalKind::Probe => {}
             }
         }
         Self {
@@ -105,6 +109,7 @@ impl Signals {
             estop: settings.estop,
             programmed: safe,
             inputs: InputImage::default(),
+            probe: ProbeInput::default(),
             wait: None,
             go_on: false,
         }
@@ -144,9 +149,15 @@ impl Signals {
     /// Takes newer inputs: each sample in order, before the step of the setpoint that goes by them.
     pub fn see(&mut self, inputs: &InputImage) {
         self.inputs = *inputs;
+        self.probe.see(&inputs.probe);
         if let Some(wait) = &mut self.wait {
             wait.see(inputs);
         }
+    }
+
+    /// What the next setpoint goes by of the probe. Once for each setpoint, after its samples.
+    pub fn take_probe(&mut self) -> ProbeInput {
+        self.probe.take()
     }
 
     /// Whether the emergency-stop chain is open: its input is, or is not known.

@@ -28,6 +28,11 @@ impl MoveValidator {
         }
     }
 
+    /// The axes stand elsewhere than the last move ended: a probing move has brought them there.
+    pub fn stand_at(&mut self, position: &Axes) {
+        self.end = Some(*position);
+    }
+
     /// Checks the next move. One that is refused leaves no trace: the next has to follow on the last that was taken.
     ///
     /// # Errors

@@ -131,6 +131,11 @@ impl<S: PlanSink> Planner<S> {
         }
     }
 
+    /// The next move starts here: a probing move ([`Step::Probe`]) has brought the axes there.
+    pub fn stand_at(&mut self, position: &evolvent_path::Axes) {
+        self.admission.stand_at(position);
+    }
+
     /// Appends a move. Nothing is planned of a move that is refused.
     ///
     /// # Errors

@@ -95,6 +95,12 @@ pub enum Step {
         /// Program line.
         line: u32,
     },
+    /// A probing move begins here, at rest, and ends where the probe trips. Nothing follows in the plan until its result is known, and
+    /// what follows then begins where the axes stand.
+    Probe {
+        /// Program line.
+        line: u32,
+    },
     /// The program ends here, at rest.
     End {
         /// Program line.

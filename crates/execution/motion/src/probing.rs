@@ -1,0 +1,345 @@
+//! Probing: a straight move that ends where the probe trips, between two steps of a plan.
+//!
+//! The plan stands still meanwhile, and is not read on before: it goes on where the axes have come to rest.
+
+use evolvent_machine::Limits;
+use evolvent_path::{Axes, Curve, Jet};
+use evolvent_planner::{Profile, ScalarLimits, ScalarState};
+use evolvent_signals::{ProbeInput, ProbeState};
+use evolvent_wire::flags;
+
+use crate::path_executor::PathExecutor;
+use crate::queue::PlanConsumer;
+use crate::setpoint::{Inputs, Setpoint};
+use crate::state::State;
+
+/// Rest before the move, s, beside the lead: the position of an earlier contact has come by then, and is not taken for one of
+/// this move. Drives settle in less.
+const SETTLE_S: f64 = 0.03;
+/// Rest at the end of a move without contact, s, beside the lead: axes follow late, and what they touch is told late.
+const LINGER_S: f64 = 0.03;
+/// How long the position of a contact may take to come, s.
+const POSITION_TIMEOUT_S: f64 = 0.5;
+/// Share of acceleration and jerk that is used: third differences of doubles are noisy.
+const SHARE: f64 = 0.99;
+
+/// What is asked of a probing move.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ProbeMove {
+    /// Where it goes at most: a straight line.
+    pub curve: Curve,
+    /// Speed along it, mm/s (degrees/s where only rotary axes move).
+    pub feed: f64,
+    /// Until contact is made; otherwise until it is lost.
+    pub toward: bool,
+}
+
+impl ProbeMove {
+    /// The limits of the axes along the line.
+    fn limits(&self, limits: &Limits) -> ScalarLimits {
+        let direction = self.curve.jet(0.0).first;
+        let least = |of: &Axes| {
+            (0..direction.len())
+                .filter(|&axis| limits.present[axis] && direction[axis] != 0.0)
+                .map(|axis| of[axis] / direction[axis].abs())
+                .fold(f64::INFINITY, f64::min)
+        };
+        ScalarLimits {
+            velocity: self.feed.min(least(&limits.velocity)),
+            acceleration: SHARE * least(&limits.acceleration),
+            jerk: SHARE * least(&limits.jerk),
+        }
+    }
+
+    /// How far the axes go on at most after the cycle has seen the contact, mm. It is less near the end of the move.
+    #[must_use]
+    pub fn stopping_distance(&self, limits: &Limits) -> f64 {
+        let limits = self.limits(limits);
+        let from = ScalarState {
+            x: 0.0,
+            v: limits.velocity,
+            a: 0.0,
+        };
+        Profile::brake(from, f64::INFINITY, 0.0, &limits).end().x
+    }
+}
+
+/// How a probing move has ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ProbeVerdict {
+    /// The probe has changed as was asked for.
+    Contact,
+    /// It has not up to the end.
+    NoContact,
+    /// It had changed before the move, which was not begun.
+    ChangedBefore,
+    /// Nobody says anything of the probe any more: the axes have stopped.
+    Lost,
+    /// Nobody has said anything of the probe before the move, which was not begun.
+    Unknown,
+    /// Nobody has said in time where the contact was.
+    NoPosition,
+    /// Time is not real and no contact is known: the axes are at the end of the move.
+    Imagined,
+}
+
+/// What came of a probing move.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ProbeResult {
+    /// How it has ended.
+    pub verdict: ProbeVerdict,
+    /// Where the contact was, machine coordinates (mm, degrees); without contact where the axes stand.
+    pub position: Axes,
+    /// Where the axes stand.
+    pub stands_at: Axes,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Phase {
+    /// At rest before the move, for so many seconds more.
+    Settling(f64),
+    Moving,
+    /// At rest at the end without contact, for so many seconds more.
+    Lingering(f64),
+    /// At rest behind a contact whose position has yet to come, for so many seconds more.
+    Awaiting(f64),
+    Over,
+}
+
+/// What the profile in force was solved for.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Wanted {
+    Rest,
+    Speed(f64),
+}
+
+/// A probing move, driven setpoint by setpoint. Built outside the cycle and handed over in a box by a
+/// [`ProbingSender`](crate::ProbingSender), before the plan's [`Step::Probe`](evolvent_planner::Step::Probe), which hands it back with
+/// its result.
+#[derive(Clone, Debug)]
+pub struct Probing {
+    order: ProbeMove,
+    limits: ScalarLimits,
+    lead_s: f64,
+    phase: Phase,
+    profile: Profile,
+    time: f64,
+    wanted: Wanted,
+    verdict: Option<ProbeVerdict>,
+    /// Changes of the probe before the move.
+    changes_before: u32,
+    contact: Option<Axes>,
+    result: Option<ProbeResult>,
+}
+
+impl Probing {
+    /// A move from rest. `lead_s`: from the computing of a setpoint until it is due.
+    #[must_use]
+    pub fn new(order: ProbeMove, limits: &Limits, lead_s: f64) -> Self {
+        Self {
+            order,
+            limits: order.limits(limits),
+            lead_s,
+            phase: Phase::Settling(lead_s + SETTLE_S),
+            profile: Profile::at_rest(0.0),
+            time: 0.0,
+            wanted: Wanted::Rest,
+            verdict: None,
+            changes_before: 0,
+            contact: None,
+            result: None,
+        }
+    }
+
+    /// What came of it, once it is over.
+    #[must_use]
+    pub fn result(&self) -> Option<ProbeResult> {
+        self.result
+    }
+
+    /// Whether nothing moves. Real-time safe.
+    pub(crate) fn is_at_rest(&self) -> bool {
+        self.phase != Phase::Moving || self.has_stopped()
+    }
+
+    fn has_stopped(&self) -> bool {
+        self.wanted == Wanted::Rest && self.time >= self.profile.duration()
+    }
+
+    fn position(&self) -> Axes {
+        self.order.curve.jet(self.profile.at(self.time).0.x.min(self.order.curve.domain())).position
+    }
+
+    /// Looks at the probe: a change counts however short it was.
+    fn look(&mut self, probe: &ProbeInput) {
+        let has_changed = if self.order.toward {
+            probe.was_tripped
+        } else {
+            probe.was_open
+        };
+        match self.phase {
+            Phase::Settling(_) => self.changes_before = probe.now.changes,
+            Phase::Moving | Phase::Lingering(_) if self.verdict.is_none() => {
+                if has_changed {
+                    self.verdict = Some(ProbeVerdict::Contact);
+                } else if probe.now.state == ProbeState::Unknown {
+                    self.verdict = Some(ProbeVerdict::Lost);
+                }
+            }
+            _ => {}
+        }
+        // The first position behind the start of the move: those of a bounce come after it.
+        if self.verdict == Some(ProbeVerdict::Contact)
+            && self.contact.is_none()
+            && probe.now.changes != self.changes_before
+        {
+            self.contact = Some(Axes::from_column_slice(&probe.now.position));
+        }
+    }
+
+    /// Whether the move may begin; otherwise why not.
+    fn objection(&self, probe: &ProbeInput) -> Option<ProbeVerdict> {
+        match (probe.now.state, self.order.toward) {
+            (ProbeState::Unknown, _) => Some(ProbeVerdict::Unknown),
+            (ProbeState::Tripped, true) | (ProbeState::Open, false) => Some(ProbeVerdict::ChangedBefore),
+            _ => None,
+        }
+    }
+
+    fn drive(&mut self, wanted: Wanted) {
+        if wanted == self.wanted {
+            return;
+        }
+        let (from, _) = self.profile.at(self.time);
+        let length = self.order.curve.domain();
+        self.profile = match wanted {
+            Wanted::Rest => Profile::brake(from, length, 0.0, &self.limits),
+            Wanted::Speed(velocity) => {
+                let limits = ScalarLimits {
+                    velocity,
+                    ..self.limits
+                };
+                Profile::solve(from, length, 0.0, 0.0, &limits)
+            }
+        };
+        (self.wanted, self.time) = (wanted, 0.0);
+    }
+
+    /// One period: `brake` for a hold or stop, `factor` of the feed.
+    fn advance(&mut self, probe: &ProbeInput, brake: bool, factor: f64, period: f64) -> Jet {
+        self.look(probe);
+        match self.phase {
+            Phase::Settling(left) if left > 0.0 => self.phase = Phase::Settling(left - period),
+            Phase::Settling(_) if brake => {}
+            Phase::Settling(_) => {
+                self.verdict = self.objection(probe);
+                self.phase = if self.verdict.is_some() { Phase::Over } else { Phase::Moving };
+            }
+            _ => {}
+        }
+        let mut jet = Jet::at_rest(self.position());
+        if self.phase == Phase::Moving {
+            let stops = brake || self.verdict.is_some() || factor <= 0.0;
+            // Never faster than programmed: the error of the position grows with the speed.
+            let speed = self.limits.velocity * factor.min(1.0);
+            self.drive(if stops { Wanted::Rest } else { Wanted::Speed(speed) });
+            self.time += period;
+            let (now, jerk) = self.profile.at(self.time);
+            let length = self.order.curve.domain();
+            if self.time < self.profile.duration() {
+                jet = self.order.curve.jet(now.x.min(length)).compose(now.v, now.a, jerk);
+            } else {
+                jet = Jet::at_rest(self.position());
+                let is_imagined = probe.now.state == ProbeState::Imagined;
+                self.phase = match self.verdict {
+                    Some(ProbeVerdict::Contact) => Phase::Awaiting(POSITION_TIMEOUT_S),
+                    Some(_) => Phase::Over,
+                    // Held or stopped on the way.
+                    None if self.wanted == Wanted::Rest => Phase::Moving,
+                    None if is_imagined => {
+                        self.verdict = Some(ProbeVerdict::Imagined);
+                        Phase::Over
+                    }
+                    None => Phase::Lingering(self.lead_s + LINGER_S),
+                };
+            }
+        } else if let Phase::Lingering(left) = self.phase {
+            self.phase = match self.verdict {
+                Some(ProbeVerdict::Contact) => Phase::Awaiting(POSITION_TIMEOUT_S),
+                Some(_) => Phase::Over,
+                None if left > 0.0 => Phase::Lingering(left - period),
+                None => {
+                    self.verdict = Some(ProbeVerdict::NoContact);
+                    Phase::Over
+                }
+            };
+        }
+        if let Phase::Awaiting(left) = self.phase {
+            if self.contact.is_some() {
+                self.phase = Phase::Over;
+            } else if left > 0.0 {
+                self.phase = Phase::Awaiting(left - period);
+            } else {
+                self.verdict = Some(ProbeVerdict::NoPosition);
+                self.phase = Phase::Over;
+            }
+        }
+        if let (Phase::Over, Some(verdict)) = (self.phase, self.verdict) {
+            let stands_at = jet.position;
+            let position = self.contact.unwrap_or(stands_at);
+            self.result = Some(ProbeResult {
+                verdict,
+                position,
+                stands_at,
+            });
+        }
+        jet
+    }
+}
+
+impl PathExecutor {
+    /// One setpoint of a probing move.
+    pub(crate) fn probe(&mut self, inputs: &Inputs, queue: &mut PlanConsumer) -> Setpoint {
+        let Some(probing) = &mut self.probing else {
+            return self.step_quick_stop();
+        };
+        let brake = inputs.hold || self.stop;
+        let jet = probing.advance(&inputs.probe, brake, self.feed_override, self.period);
+        let (at_rest, is_over) = (probing.is_at_rest(), probing.result.is_some());
+        if let Err(violation) = self.guard.check(&jet.position, false, false) {
+            self.fault.get_or_insert(violation);
+            self.start_quick_stop();
+            return self.step_quick_stop();
+        }
+        self.guard.publish(&jet.position, false);
+        self.last = jet;
+        let stands = inputs.hold && !self.stop;
+        self.cursor.probes = false;
+        self.cursor.state = match (self.stop, stands) {
+            (true, _) if at_rest => State::Stopped,
+            (true, _) => State::Stopping,
+            (_, true) if at_rest => State::Held,
+            (_, true) => State::Holding,
+            _ => State::Running,
+        };
+        if is_over && !self.stop {
+            // The path ends elsewhere, and what follows begins here.
+            self.cursor.stands_at = Some(jet.position);
+            self.cursor.pass_rest();
+            if let Some(probing) = self.probing.take() {
+                queue.return_probing(probing);
+            }
+        }
+        let mut bits = 0;
+        for (set, bit) in [
+            (stands, flags::HOLD),
+            (self.fault.is_some(), flags::GUARD),
+            (self.is_over(), flags::LAST),
+        ] {
+            if set {
+                bits |= bit;
+            }
+        }
+        self.setpoint(jet, self.cursor.path(), bits)
+    }
+}
