@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use clap::{Args, Subcommand};
 use evolvent_bridge_sim::{
-    Cutting, Fault, RunError, RunSettings, ServoSettings, Signalling, SimAxis, SimSettings,
+    Cutting, Fault, ProbeSettings, RunError, RunSettings, ServoSettings, Signalling, SimAxis, SimSettings,
     SpindleSimulation, loopback, run_cutting,
 };
 use evolvent_bridge_test::{CASES, ProcessBridge, Stage, ThreadBridge, run_case, run_core};
@@ -111,6 +111,11 @@ struct SimArgs {
     /// How old their feedback is when it is sent, ms.
     #[arg(long, value_name = "MS", default_value_t = 0.0)]
     spindle_delay: f64,
+    /// A touch probe, by what it can touch in the machine's coordinates: plane:Z<-3, bore:X,Y,DIAMETER,TOP, boss:X,Y,DIAMETER,TOP or
+    /// block:X1,X2,Y1,Y2,Z1,Z2; several with + between them. Behind ; the rest: delay=MS until the contact is told, late=MS by which
+    /// its time is wrong, bounces=N, lost=MS after which nothing is said, latched where the drives latch their positions.
+    #[arg(long, value_name = "SURFACES[;...]")]
+    probe: Option<ProbeSettings>,
     /// Each output is wired to the input of its number; the emergency-stop chain is closed.
     #[arg(long, conflicts_with = "inputs")]
     loopback: bool,
@@ -210,12 +215,15 @@ fn sim(args: &SimArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Endin
         Some(machine) => Some(drives_of(machine, args).map_err(usage)?),
         None => None,
     };
-    let signalling = match &machine {
+    let signalling: Option<Signalling> = match &machine {
         _ if args.loopback => Some(loopback(machine.as_ref().map_or(0, closed_chain))),
         Some(machine) if !machine.signals.inputs.is_empty() => Some(signalling(
             crate::program::inputs(args.inputs.as_deref(), machine)?
                 .unwrap_or_else(|| InputScript::without_file(&machine.signals)),
         )),
+        _ if args.probe.is_some() => Some(Box::new(|_: Option<&Setpoint>, _: &MachineOutputs| {
+            MachineInputs::default()
+        })),
         _ => None,
     };
     let name = args
@@ -232,6 +240,7 @@ fn sim(args: &SimArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Endin
         prefix: args.bus_prefix.clone(),
         drives,
         faults: args.faults.clone(),
+        probe: args.probe.clone(),
         drift_ppm: args.drift_ppm,
         duration,
     };

@@ -6,10 +6,12 @@ use std::path::Path;
 
 use evolvent_config::open_regular;
 use evolvent_gcode::{Action, Code, Command, Diagnostic, Interpreter, Move};
+use evolvent_motion::ProbeMove;
 use evolvent_planner::{MoveValidator, PlanError};
 
 use crate::job::Setup;
 use crate::periphery::{Changer, TOOL_CHANGE_CODE, nobody_changes, waits_for};
+use crate::probing::{ProbeObjection, objection as probe_objection};
 use crate::refusal::{about_line, about_line_with, at_origin, cannot_turn, explain, refuse};
 use crate::signal_check::signal_objection;
 use crate::source::reader_of;
@@ -167,6 +169,16 @@ pub(crate) fn check_while(
                 has_strayed |= matches!(refused, Some(PlanError::Travel { .. }));
                 refused.filter(|_| !follows).map(Objection::Plan)
             }
+            (Action::Probe { curve, feed, toward, .. }, None) => {
+                // What follows begins where the probe stops.
+                admission.stand_at(&curve.end());
+                let order = ProbeMove {
+                    curve: *curve,
+                    feed: *feed,
+                    toward: *toward,
+                };
+                probe_objection(&order, setup).map(Objection::Probe)
+            }
             (action, None) => match signal_objection(&setup.machine.signals, action) {
                 Some(objection) => Some(Objection::Tool(objection)),
                 None => machine.objection(action),
@@ -203,6 +215,7 @@ enum Objection {
     Words(String),
     Tool((String, String)),
     Turning(String),
+    Probe(ProbeObjection),
 }
 
 impl Objection {
@@ -213,6 +226,7 @@ impl Objection {
             Self::Words(text) => about_line(text, file, line),
             Self::Tool((message, help)) => about_line_with(message, Some(help), file, line),
             Self::Turning(what) => cannot_turn(what, file, line),
+            Self::Probe(objection) => objection.told(file, line),
         }
     }
 }

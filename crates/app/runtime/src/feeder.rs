@@ -8,8 +8,8 @@ use std::time::Duration;
 
 use evolvent_gcode::{Action, Command, Diagnostic, Modal, Move, MoveKind};
 use evolvent_machine::{AtSpeed, SignalKind};
-use evolvent_motion::{QueueClosed, Turning, TurningSender};
-use evolvent_path::Curve;
+use evolvent_motion::{ProbeMove, ProbeResult, ProbeVerdict, ProbingSender, QueueClosed, Turning, TurningSender};
+use evolvent_path::{Axes, AxisLetter, Curve};
 use evolvent_planner::{PlanError, PlanSink, Step};
 use evolvent_signals::{Awaited, Change, InputWait, Moment as SignalMoment, Scheduler, WaitMode};
 use evolvent_trace::BlockKind;
@@ -21,6 +21,7 @@ use crate::news::{BlockPlan, FeederEvent, Moment, Notice, QueuedBlock, StopKind,
 use crate::periphery::{
     Changer, Periphery, TOOL_CHANGE_CODE, nobody_changes, tool_change_call, tool_request, waits_for,
 };
+use crate::probing::{complaint, objection, probing};
 use crate::refusal::{ProgramError, about_line, about_line_with, at_origin, cannot_turn, explain, refuse};
 use crate::shared::Controls;
 use crate::signal_check::signal_objection;
@@ -105,6 +106,8 @@ pub(crate) struct Feeder<'a, S> {
     carrier: Option<ToCarrier>,
     /// The way of turning cycles to the cycle; none where nothing is driven.
     turnings: Option<TurningSender>,
+    /// The way of probing moves to the cycle; none where nothing is driven.
+    probings: Option<ProbingSender>,
     /// The way of outputs and waits to the cycle; none where nothing is driven.
     signals: Option<Scheduler>,
     /// Outputs that change with the next block (M62, M63, M67), and the line that has set them last.
@@ -172,6 +175,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
             codes: None,
             carrier: None,
             turnings: None,
+            probings: None,
             signals: None,
             with_next_block: Change::at(SignalMoment::Block(0)),
             with_next_line: 0,
@@ -196,6 +200,12 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
     /// Hands turning cycles on here.
     pub(crate) fn turning_by(mut self, turnings: Option<TurningSender>) -> Self {
         self.turnings = turnings;
+        self
+    }
+
+    /// Hands probing moves on here.
+    pub(crate) fn probing_by(mut self, probings: Option<ProbingSender>) -> Self {
+        self.probings = probings;
         self
     }
 
@@ -393,6 +403,30 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
                 self.report_blocks(false);
                 continue;
             }
+            if let Action::Probe {
+                curve,
+                feed,
+                toward,
+                must,
+            } = command.action
+            {
+                let order = ProbeMove { curve, feed, toward };
+                if let Some(objection) = objection(&order, self.setup) {
+                    return Err(self.wrong(at_origin(&command, program, |file, line| {
+                        objection.told(file, line)
+                    })));
+                }
+                let Ok(result) = self.probe(order, line) else { break };
+                if let Some((message, help)) = complaint(&result, toward, must) {
+                        return Err(self.wrong(at_origin(&command, program, |file, line| {
+                        about_line_with(message, Some(help), file, line)
+                    })));
+                }
+                let tripped = result.verdict == ProbeVerdict::Contact;
+                commands.answer_probe(&result.position, &result.stands_at, tripped);
+                self.report_blocks(false);
+                continue;
+            }
             match self.execute(&command) {
                 Ok(true) => {}
                 Ok(false) => {
@@ -522,6 +556,88 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
     /// Whether nothing is driven, or what is driven has ended: nobody answers any more.
     fn is_abandoned(&self) -> bool {
         self.signals.as_ref().is_none_or(Scheduler::is_abandoned)
+    }
+
+    fn wrong(&self, diagnostic: Diagnostic) -> ProgramError {
+        ProgramError::Text {
+            file: self.file.clone(),
+            diagnostic: Box::new(diagnostic),
+        }
+    }
+
+    /// Comes to rest, probes, and gives the result. What follows begins where the axes stand then.
+    fn probe(&mut self, order: ProbeMove, line: u32) -> Result<ProbeResult, QueueClosed> {
+        let mut change = std::mem::replace(&mut self.with_next_block, Change::at(SignalMoment::Block(0)));
+        let action = self.actions;
+        self.actions += 1;
+        if !change.is_empty() {
+            // The move is no block: what is to change with it changes where it begins, at rest.
+            change.moment = SignalMoment::Rest(action);
+            self.schedule(|signals| signals.change(change))?;
+        }
+        let text = if order.toward { "probe until contact (G38)" } else { "probe until contact is lost (G38)" };
+        self.announce(Moment::Rest(action), line, false, text);
+        self.last_line = 0;
+        self.planner.rest(&Step::Action { action, line })?;
+        let end = order.curve.end();
+        let mut probing = Box::new(probing(order, self.setup));
+        let without_contact = ProbeResult {
+            verdict: ProbeVerdict::Imagined,
+            position: end,
+            stands_at: end,
+        };
+        let result = loop {
+            let Some(probings) = &mut self.probings else {
+                // Nothing is driven.
+                break without_contact;
+            };
+            match probings.send(probing) {
+                Ok(()) => {
+                    self.planner.rest(&Step::Probe { line })?;
+                    break self.await_probe()?;
+                }
+                Err(_) if probings.is_abandoned() => return Err(QueueClosed),
+                Err(back) => probing = back,
+            }
+            self.planner.poll()?;
+            std::thread::sleep(TURNING_NAP);
+        };
+        self.planner.stand_at(&result.stands_at);
+        let place = |position: &Axes| {
+            let present = self.setup.machine.limits().present;
+            let words = AxisLetter::ALL.iter().filter(|axis| present[axis.index()]);
+            let words = words.map(|axis| format!("{}{:.4}", axis.letter(), position[axis.index()]));
+            words.collect::<Vec<_>>().join(" ")
+        };
+        let text = match result.verdict {
+            ProbeVerdict::Contact => format!("probe changed at {} (machine coordinates)", place(&result.position)),
+            ProbeVerdict::Imagined => {
+                "warning: time is not real and no contact is known: the move goes to its end, as if the probe had not changed".to_owned()
+            }
+            _ => "probe: no change".to_owned(),
+        };
+        if result.verdict != ProbeVerdict::Imagined || self.warned.insert(line) {
+            self.announce(Moment::Block(self.next_block), line, true, &text);
+        }
+        Ok(result)
+    }
+
+    fn await_probe(&mut self) -> Result<ProbeResult, QueueClosed> {
+        loop {
+            let Some(probings) = &mut self.probings else {
+                return Err(QueueClosed);
+            };
+            if let Some(result) = probings.result() {
+                return Ok(result);
+            }
+            if probings.is_abandoned() {
+                return Err(QueueClosed);
+            }
+            // Holds and overrides are answered meanwhile.
+            self.planner.poll()?;
+            self.report_blocks(false);
+            std::thread::sleep(INPUT_NAP);
+        }
     }
 
     /// Comes to rest, waits for an input there, and gives its value.

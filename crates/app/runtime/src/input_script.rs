@@ -3,13 +3,17 @@
 use std::path::Path;
 
 use evolvent_config::{ConfigDocument, ConfigError, read_regular};
-use evolvent_machine::{AtSpeed, SignalKind, SignalSettings};
+use evolvent_machine::{AtSpeed, SignalKind, SignalSettings, probe_numbers};
 use evolvent_motion::Setpoint;
-use evolvent_signals::{InputImage, SpindleState};
+use evolvent_signals::{InputImage, ProbeState, SpindleState};
 use serde::Deserialize;
 
 /// No file of inputs is longer.
 const MAX_BYTES: u64 = 1024 * 1024;
+/// What a file calls the probe.
+const PROBE: &str = "probe";
+/// What to do about a change of which nobody knows when.
+const WHEN: &str = "give one of at_s, at_path_mm and at_line";
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -36,6 +40,21 @@ struct ChangeFile {
     at_path_mm: Option<f64>,
     /// Line of the program that is reached.
     at_line: Option<u32>,
+}
+
+impl ChangeFile {
+    /// When it takes place; none for from the start.
+    fn when(&self) -> Result<Option<When>, String> {
+        match (self.at_s, self.at_path_mm, self.at_line) {
+            (None, None, None) => Ok(None),
+            (Some(seconds), None, None) if seconds >= 0.0 && seconds.is_finite() => {
+                Ok(Some(When::Seconds(seconds)))
+            }
+            (None, Some(path), None) if path >= 0.0 && path.is_finite() => Ok(Some(When::Path(path))),
+            (None, None, Some(line)) => Ok(Some(When::Line(line))),
+            _ => Err("when it changes is not told by one number of 0 or more".to_owned()),
+        }
+    }
 }
 
 /// When a change takes place.
@@ -102,6 +121,9 @@ impl InputScript {
                 begin.set(SignalKind::Digital, number, Some(1.0));
             }
         }
+        if settings.probe.is_some() {
+            begin.probe.state = ProbeState::Imagined;
+        }
         Self {
             begin,
             ..Self::default()
@@ -135,6 +157,31 @@ impl InputScript {
             let wrong = |key: &str, what: String, advice: &str| {
                 document.error(&format!("change[{index}].{key}"), what, advice.to_owned())
             };
+            if settings.probe.is_some() && change.input == PROBE {
+                let value = match (change.on, change.value, change.unknown) {
+                    (Some(on), None, false) => Some(f64::from(u8::from(on))),
+                    (None, None, true) => None,
+                    _ => {
+                        let what = "the probe needs one state".to_owned();
+                        let advice = "write on = true (tripped), on = false (open), or unknown = true";
+                        return Err(wrong("input", what, advice).into());
+                    }
+                };
+                if script.begin.probe.state == ProbeState::Imagined {
+                    script.begin.probe.state = ProbeState::Open;
+                }
+                match change.when().map_err(|what| wrong("input", what, WHEN))? {
+                    None => script.begin.set(SignalKind::Probe, probe_numbers::STATE, value),
+                    Some(when) => script.changes.push(ScriptedChange {
+                        when,
+                        kind: SignalKind::Probe,
+                        number: probe_numbers::STATE,
+                        value,
+                        done: false,
+                    }),
+                }
+                continue;
+            }
             let Some(input) = settings.inputs.iter().find(|input| input.name == change.input) else {
                 let names: Vec<_> = settings.inputs.iter().map(|input| input.name.as_str()).collect();
                 let what = format!("the machine has no input called {:?}", change.input);
@@ -165,20 +212,9 @@ impl InputScript {
                     return Err(wrong("input", what, advice).into());
                 }
             };
-            let when = match (change.at_s, change.at_path_mm, change.at_line) {
-                (None, None, None) => {
-                    script.begin.set(input.kind, input.number, value);
-                    continue;
-                }
-                (Some(seconds), None, None) if seconds >= 0.0 && seconds.is_finite() => {
-                    When::Seconds(seconds)
-                }
-                (None, Some(path), None) if path >= 0.0 && path.is_finite() => When::Path(path),
-                (None, None, Some(line)) => When::Line(line),
-                _ => {
-                    let what = "when it changes is not told by one number of 0 or more".to_owned();
-                    return Err(wrong("input", what, "give one of at_s, at_path_mm and at_line").into());
-                }
+            let Some(when) = change.when().map_err(|what| wrong("input", what, WHEN))? else {
+                script.begin.set(input.kind, input.number, value);
+                continue;
             };
             script.changes.push(ScriptedChange {
                 when,
@@ -199,7 +235,17 @@ impl InputScript {
         last: Option<&Setpoint>,
     ) -> Option<InputImage> {
         let seconds = sequence as f64 * (period_ns as f64 * 1e-9);
-        self.step(seconds, last.map(|last| (last.path_mm, last.line)))
+        let before = self.now.probe.state;
+        let mut image = self.step(seconds, last.map(|last| (last.path_mm, last.line)))?;
+        if image.probe.state != before
+            && let Some(last) = last
+        {
+            let mut position = [0.0; 9];
+            position.copy_from_slice(last.position.as_slice());
+            self.now.probe.locate_change(position);
+            image = self.now;
+        }
+        Some(image)
     }
 
     /// The next change that has come after so many seconds, and at this path (mm) and line; likewise.

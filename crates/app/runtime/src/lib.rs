@@ -32,6 +32,8 @@ mod observer;
 mod pacing;
 mod periphery;
 mod periphery_track;
+mod probe_locator;
+mod probing;
 mod program_copy;
 mod program_cycle;
 mod publish_report;

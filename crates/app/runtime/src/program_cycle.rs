@@ -224,6 +224,7 @@ impl<F> ProgramCycle<F> {
             return false;
         };
         signals.see_inputs(number, self.period_ns, self.now.last.as_ref());
+        inputs.probe = signals.take_probe();
         if signals.is_estopped() && !self.now.estopped {
             self.now.estopped = true;
             self.controls.raise(Alarm::EmergencyStopChain);

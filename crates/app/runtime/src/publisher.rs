@@ -139,6 +139,9 @@ impl<S: StatusSource> Publisher<S> {
         while let Ok(Some(feedback)) = bus.unchecked_feedback() {
             report.listeners = report.listeners.max(1);
             self.status.hear(&feedback);
+            if let Some(signals) = &mut self.signals {
+                signals.see_feedback(&feedback);
+            }
         }
         let controls = &self.publishing.controls;
         if let Some(signals) = &mut self.signals {

@@ -94,7 +94,7 @@ pub fn recompute(
         thread::sleep(PLANNER_NAP);
         !waiting.load(Ordering::Acquire)
     });
-    let turnings = producer.take_turnings();
+    let (turnings, probings) = (producer.take_turnings(), producer.take_probings());
     let mut motion = PathExecutor::new(limits, setup.period_ns, limits.home).planned_for(feed_override);
     let planner = Stages::two(setup, feed_override, producer)?;
     let settings = &setup.machine.signals;
@@ -113,6 +113,7 @@ pub fn recompute(
                 // With blocks, as every recorded run: the line of the end is the last block's.
                 Feeder::new(program, setup, planner, Vec::new(), true, optional_stop)
                     .turning_by(turnings)
+                    .probing_by(probings)
                     .signalling_by(Some(scheduler))
                     .feed(program, || failing.store(true, Ordering::Release))
             })?;
@@ -129,6 +130,7 @@ pub fn recompute(
                 change.enter(&mut image);
                 signals.see(&image);
             }
+            inputs.probe = signals.take_probe();
             // As in the run: before the first inputs the chain is none that is open.
             estopped |= signals.is_estop_open();
             let at_wait = signals.is_waiting();

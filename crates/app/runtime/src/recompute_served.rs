@@ -224,6 +224,9 @@ impl ServedAgain {
         let sequence = self.station.sequence();
         if let Some(signals) = &mut self.signals {
             signals.see_inputs(sequence);
+            if !matches!(moved, Moved::ByPlan(_)) {
+                let _of_no_program = signals.take_probe();
+            }
         }
         let setpoint = self.move_axes(moved, feed_override);
         if let (Some(signals), Some(setpoint)) = (&mut self.signals, &setpoint)
@@ -324,6 +327,9 @@ fn follow(
     wait_for_planner(|| motion.is_ready(queue) || (inputs.stop && motion.is_at_rest()));
     motion.replay_starved(recorded.waited);
     motion.refuse_plan(recorded.refused);
+    if let Some(signals) = &mut signals {
+        inputs.probe = signals.take_probe();
+    }
     let at_wait = signals.as_ref().is_some_and(|signals| signals.is_waiting());
     if let Some(signals) = &signals {
         inputs.resume = signals.resumes(inputs.resume, motion, queue);

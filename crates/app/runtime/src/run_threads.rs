@@ -228,7 +228,7 @@ impl<'scope, 'env> RunThreads<'_, 'scope, 'env> {
         let controls = Arc::clone(self.controls);
         let builder = thread::Builder::new().name("planner".into());
         let planner = builder.spawn_scoped(self.scope, move || {
-            let turnings = ends.plan.take_turnings();
+            let (turnings, probings) = (ends.plan.take_turnings(), ends.plan.take_probings());
             let stages = Stages::one(&job.setup, job.feed_override, ends.plan);
             let mut feeder = Feeder::new(
                 &job.program,
@@ -239,6 +239,7 @@ impl<'scope, 'env> RunThreads<'_, 'scope, 'env> {
                 job.optional_stop,
             )
             .turning_by(turnings)
+            .probing_by(probings)
             .signalling_by(ends.scheduler)
             .periphery_to(ends.periphery)
             .unattended(job.is_realtime() && !job.stop_at_program_stops);

@@ -201,6 +201,7 @@ impl Controls {
             stop: self.stop.load(Ordering::Relaxed),
             resume: resume && at_stop,
             load: self.load(),
+            ..Inputs::default()
         }
     }
 

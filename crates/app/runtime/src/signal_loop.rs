@@ -1,9 +1,10 @@
 //! Outputs and inputs in the loop around the cycle: samples in, changes out to bus and trace.
 
-use evolvent_machine::{MAX_ANALOG, MAX_DIGITAL, MAX_SPINDLES, SignalKind, SignalSettings};
+use evolvent_machine::{MAX_ANALOG, MAX_DIGITAL, MAX_SPINDLES, SignalKind, SignalSettings, probe_numbers};
 use evolvent_motion::{Setpoint, State};
+use evolvent_path::AxisLetter;
 use evolvent_signals::{
-    Change, InputImage, OutputImage, Phase, Progress, ScheduleConsumer, Signals, SpindleState,
+    Change, InputImage, OutputImage, Phase, ProbeInput, Progress, ScheduleConsumer, Signals, SpindleState,
 };
 use rtrb::{Consumer, Producer};
 
@@ -91,7 +92,24 @@ impl SignalChange {
             (SignalKind::Digital, Some(value)) => {
                 format!("{way} {name} {}", if value == 0.0 { "off" } else { "on" })
             }
-            (SignalKind::Analog, Some(value)) => format!("{way} {name} {value}"),
+            (_, Some(value)) => format!("{way} {name} {value}"),
+        }
+    }
+}
+
+/// For people: what a value of the probe says.
+fn probe_text(number: u32, value: Option<f64>) -> String {
+    let value_or_nan = value.unwrap_or(f64::NAN);
+    match (number, value) {
+        (probe_numbers::STATE, None) => "probe unknown".to_owned(),
+        (probe_numbers::STATE, Some(0.0)) => "probe open".to_owned(),
+        (probe_numbers::STATE, Some(1.0)) => "probe tripped".to_owned(),
+        (probe_numbers::STATE, Some(_)) => "probe: time is not real, no contact is known".to_owned(),
+        (probe_numbers::CHANGES, _) => format!("probe: position of change {value_or_nan}"),
+        _ => {
+            let axis = AxisLetter::ALL.get((number - probe_numbers::POSITION) as usize);
+            let letter = axis.map_or('?', |axis| axis.letter());
+            format!("probe: changed at {letter}{value_or_nan}")
         }
     }
 }
@@ -196,6 +214,11 @@ impl SignalLoop {
         self.estopped |= self.signals.is_estop_open();
     }
 
+    /// What the next setpoint goes by of the probe. Once for each setpoint, after its inputs.
+    pub(crate) fn take_probe(&mut self) -> ProbeInput {
+        self.signals.take_probe()
+    }
+
     /// Whether the emergency-stop chain was open at this setpoint or at one before.
     pub(crate) fn is_estopped(&self) -> bool {
         self.estopped
@@ -255,7 +278,7 @@ impl SignalLoop {
         if before == *sample {
             return;
         }
-        for kind in [SignalKind::Digital, SignalKind::Analog] {
+        for kind in [SignalKind::Digital, SignalKind::Analog, SignalKind::Probe] {
             for number in 0..kind.most() {
                 let value = sample.value(kind, number);
                 if value != before.value(kind, number) {

@@ -1,14 +1,15 @@
 //! Outputs and inputs at the bus: what the publisher's thread does for them.
 
-use evolvent_bus::{CoreBus, MachineOutputs, spindle_flags};
-use evolvent_drive::{InputEntry, InputFault, KnownInputs, SpindleEntry, SpindleFault};
+use evolvent_bus::{CoreBus, Feedback, MachineOutputs, spindle_flags};
+use evolvent_drive::{InputEntry, InputFault, KnownInputs, KnownProbe, SpindleEntry, SpindleFault};
 use evolvent_gcode::SpindleDirection;
 use evolvent_machine::{SignalKind, SignalSettings};
-use evolvent_signals::{InputImage, OutputImage, SpindleState};
+use evolvent_signals::{InputImage, OutputImage, ProbeImage, ProbeState, SpindleState};
 use rtrb::{Consumer, Producer};
 
 use crate::due_setpoint::DueSetpoint;
 use crate::periphery::Periphery;
+use crate::probe_locator::ProbeLocator;
 use crate::signal_loop::DueOutputs;
 
 /// Samples of the inputs on the way to the cycle.
@@ -39,6 +40,10 @@ pub(crate) struct SignalPort {
     /// The sample that the cycle has, or will have.
     sent: Option<InputImage>,
     message: MachineOutputs,
+    /// What was said of the probe last.
+    probe: Option<KnownProbe>,
+    probe_image: ProbeImage,
+    locator: ProbeLocator,
 }
 
 impl SignalPort {
@@ -55,6 +60,7 @@ impl SignalPort {
             match input.kind {
                 SignalKind::Digital => digital |= 1 << input.number,
                 SignalKind::Analog => entry_of_analog.push((input.number, input.range)),
+                SignalKind::Probe => {}
             }
         }
         let mut entry = InputEntry::new(digital, (settings.input_timeout_s * 1e9) as u64);
@@ -76,6 +82,7 @@ impl SignalPort {
                     message.analog_mask |= bit as u32;
                     message.safe_analog[output.number as usize] = output.safe;
                 }
+                SignalKind::Probe => {}
             }
         }
         (message.digital, message.analog) = (message.safe_digital, message.safe_analog);
@@ -96,6 +103,9 @@ impl SignalPort {
             changes,
             sent: None,
             message,
+            probe: None,
+            probe_image: ProbeImage::default(),
+            locator: ProbeLocator::new(),
         }
     }
 
@@ -114,21 +124,6 @@ impl SignalPort {
             }
         }
         self.hand_on(now_ns);
-    }
-
-    fn hand_on(&mut self, now_ns: u64) {
-        let mut image = image_of(&self.entry.known(now_ns));
-        for spindle in self
-            .settings
-            .spindles
-            .iter()
-            .filter(|spindle| spindle.has_feedback())
-        {
-            image.set_spindle(spindle.number, self.spindle_state(spindle.number, now_ns));
-        }
-        if self.sent != Some(image) && self.samples.push(image).is_ok() {
-            self.sent = Some(image);
-        }
     }
 
     /// How a spindle is with respect to what it was commanded last.
@@ -167,6 +162,65 @@ impl SignalPort {
         fault.map(|fault| (count, fault))
     }
 
+    /// A sample of the drives, from which the position of a contact is interpolated.
+    pub(crate) fn see_feedback(&mut self, feedback: &Feedback) {
+        if self.settings.probe.is_some() {
+            self.locator.see_feedback(feedback);
+        }
+    }
+
+    fn hand_on(&mut self, now_ns: u64) {
+        let known = self.entry.known(now_ns);
+        let probe = known.probe.filter(|_| self.settings.probe.is_some());
+        let (mut image, bounces) = (image_of(&known), self.follow_probe(probe, now_ns));
+        let measured = self.settings.spindles.iter().filter(|spindle| spindle.has_feedback());
+        for spindle in measured {
+            image.set_spindle(spindle.number, self.spindle_state(spindle.number, now_ns));
+        }
+        if bounces {
+            // Open again already: the contact counts all the same.
+            image.probe = ProbeImage {
+                state: ProbeState::Tripped,
+                ..self.probe_image
+            };
+            self.send_sample(&image);
+        }
+        self.probe_image.state = match probe {
+            None => ProbeState::Unknown,
+            Some(probe) if probe.is_tripped => ProbeState::Tripped,
+            Some(_) => ProbeState::Open,
+        };
+        image.probe = self.probe_image;
+        self.send_sample(&image);
+        // Positions come after the changes that they belong to.
+        while let Some(position) = self.locator.next(now_ns) {
+            self.probe_image.locate_change(position);
+            image.probe = self.probe_image;
+            self.send_sample(&image);
+        }
+    }
+
+    fn send_sample(&mut self, image: &InputImage) {
+        if self.sent != Some(*image) && self.samples.push(*image).is_ok() {
+            self.sent = Some(*image);
+        }
+    }
+
+    /// Whether the probe has tripped and opened again since it was looked at last.
+    fn follow_probe(&mut self, probe: Option<KnownProbe>, now_ns: u64) -> bool {
+        let (Some(now), Some(before)) = (probe, std::mem::replace(&mut self.probe, probe)) else {
+            return false;
+        };
+        if now.instance != before.instance {
+            return false;
+        }
+        let has_tripped = now.trips > before.trips;
+        if has_tripped || now.is_tripped != before.is_tripped {
+            self.locator.see_change(&now, now_ns);
+        }
+        has_tripped && !now.is_tripped
+    }
+
     /// Whether the emergency-stop chain is closed, or there is none.
     pub(crate) fn is_chain_closed(&self) -> bool {
         self.settings.estop.is_none_or(|estop| {
@@ -184,6 +238,9 @@ impl SignalPort {
 
     /// Sends what has changed with a setpoint, before the setpoint itself. `periphery`: where it has changed.
     pub(crate) fn follow(&mut self, bus: &mut CoreBus, due: &DueSetpoint, periphery: Option<&Periphery>) {
+        if self.settings.probe.is_some() {
+            self.locator.see_setpoint(due);
+        }
         let mut outputs: Option<OutputImage> = None;
         while let Ok(change) = self.changes.peek()
             && change.sequence <= due.setpoint.sequence

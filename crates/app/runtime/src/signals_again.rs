@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use evolvent_machine::{MAX_ANALOG, MAX_DIGITAL, SignalKind, SignalSettings};
 use evolvent_motion::{PathExecutor, PlanConsumer, Setpoint, State};
-use evolvent_signals::{InputImage, OutputImage, Phase, ScheduleConsumer, Signals};
+use evolvent_signals::{InputImage, OutputImage, Phase, ProbeInput, ScheduleConsumer, Signals};
 
 use crate::recompute::wait_for_planner;
 use crate::signal_loop::{ProgramProgress, SignalChange, SignalName, phase_of};
@@ -89,6 +89,11 @@ impl SignalsAgain {
             wait_for_planner(|| motion.can_leave_wait(queue) || queue.is_abandoned());
         }
         self.signals.is_over()
+    }
+
+    /// What the next setpoint goes by of the probe.
+    pub(crate) fn take_probe(&mut self) -> ProbeInput {
+        self.signals.take_probe()
     }
 
     /// Whether the machine rests for a wait.

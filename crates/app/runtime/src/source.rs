@@ -8,7 +8,7 @@ use std::path::Path;
 use evolvent_config::open_regular;
 use evolvent_gcode::{Command, Diagnostic, Interpreter, KeptParameters, Modal, Restart};
 use evolvent_machine::MachineKind;
-use evolvent_path::AxisLetter;
+use evolvent_path::{Axes, AxisLetter};
 
 use crate::job::Setup;
 use crate::memory::ProgramMemory;
@@ -100,6 +100,11 @@ impl Commands {
     /// What an input gave (M66), before the next command is asked for.
     pub(crate) fn answer_input(&mut self, value: f64) {
         self.interpreter.answer_input(value);
+    }
+
+    /// What came of a probing move, before the next command is asked for.
+    pub(crate) fn answer_probe(&mut self, contact: &Axes, stands_at: &Axes, tripped: bool) {
+        let _is_position = self.interpreter.answer_probe(contact, stands_at, tripped);
     }
 
     /// Lines that begin with `/`, as far as they were read: skipped, executed.

@@ -1,9 +1,12 @@
 //! What bridges say of the machine's inputs, checked where it enters.
 
-use evolvent_wire::{ANALOG_SIGNALS, MachineInputs, PROBE_STATES};
+use evolvent_wire::{ANALOG_SIGNALS, AXES, MachineInputs, PROBE_STATES};
 
 /// Bridges that read inputs at the same time, at most: as many as the bus has places for.
 const SOURCES: usize = 4;
+/// States of the probe, as of [`PROBE_STATES`].
+const PROBE_NONE: u32 = 0;
+const PROBE_TRIPPED: u32 = 2;
 
 /// Why a message was not used. The inputs stay as they are, and are unknown when no better message comes in time.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
@@ -45,6 +48,23 @@ pub enum InputFault {
     TooMany,
 }
 
+/// What a bridge says of the probe.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct KnownProbe {
+    /// It makes contact.
+    pub is_tripped: bool,
+    /// Times that it has tripped since the bridge started.
+    pub trips: u64,
+    /// When it changed last, ns of CLOCK_MONOTONIC, never ahead of this computer's clock; none where the bridge does not know.
+    pub time_ns: Option<u64>,
+    /// Positions that the drives latched then.
+    pub position: [f64; AXES],
+    /// Bit i set: the drive of axis i has.
+    pub latched_mask: u32,
+    /// The start of the bridge.
+    pub instance: u64,
+}
+
 /// The inputs of a machine, as far as they are known.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct KnownInputs {
@@ -56,6 +76,8 @@ pub struct KnownInputs {
     pub analog_known: u32,
     /// Values of the analog inputs; 0 where they are not known.
     pub analog: [f64; ANALOG_SIGNALS],
+    /// The probe; none where nobody says anything of it.
+    pub probe: Option<KnownProbe>,
 }
 
 /// What one bridge has said last.
@@ -145,6 +167,16 @@ impl InputEntry {
                     *value = message.analog[index];
                 }
             }
+            if message.probe != PROBE_NONE {
+                known.probe = Some(KnownProbe {
+                    is_tripped: message.probe == PROBE_TRIPPED,
+                    trips: message.probe_trips,
+                    time_ns: (message.probe_time_ns > 0).then_some(message.probe_time_ns.min(source.time_ns)),
+                    position: message.probe_position,
+                    latched_mask: message.probe_latched_mask,
+                    instance: message.instance,
+                });
+            }
         }
         known
     }
@@ -198,6 +230,7 @@ impl InputEntry {
                 place = place.or(Some(index));
             } else if before.digital_mask & message.digital_mask != 0
                 || before.analog_mask & message.analog_mask != 0
+                || before.probe != PROBE_NONE && message.probe != PROBE_NONE
             {
                 return Err(InputFault::Claimed);
             }

@@ -62,7 +62,7 @@ pub use command::Command;
 pub use drive_machine::{DriveEvents, DriveMachine, QuickStopOption};
 pub use entry::FeedbackBounds;
 pub use follower::{Follower, FollowerSettings, Rejection, SettingsError, Target};
-pub use input_entry::{InputEntry, InputFault, KnownInputs};
+pub use input_entry::{InputEntry, InputFault, KnownInputs, KnownProbe};
 pub use interpolation::{InterpolationError, InterpolationTime};
 pub use output_follower::{OutputFault, OutputFollower};
 pub use phase::{MAX_CORRECTION_RATIO, PhaseLock, PhaseSettings};

@@ -80,9 +80,9 @@ payload! {
         probe: u32,
         /// Times that the probe has tripped since the bridge started.
         probe_trips: u64,
-        /// When it tripped last, in ns of CLOCK_MONOTONIC; 0 where it has not.
+        /// When it tripped or opened last, in ns of CLOCK_MONOTONIC; 0 where that is not known.
         probe_time_ns: u64,
-        /// Positions that the drives latched when it tripped: mm, degrees for A B C.
+        /// Positions that the drives latched then: mm, degrees for A B C.
         probe_position: [f64; AXES],
         /// Bit i set: the drive of axis i has latched its position.
         probe_latched_mask: u32,

@@ -242,7 +242,6 @@ impl Action {
             Self::SurfaceSpeed { .. } => "constant surface speed (G96)",
             Self::Thread { .. } => "motion in step with the spindle (G33, G76)",
             Self::RigidTap { .. } => "rigid tapping (G33.1)",
-            Self::Probe { .. } => "probing (G38)",
             Self::Overrides {
                 feed: true,
                 spindle: true,

@@ -275,8 +275,8 @@ fn what_inputs_and_probes_answer_is_there_for_the_next_line() {
             Action::Probe { curve, .. } => {
                 let mut at = curve.end();
                 at[2] = -3.5;
-                assert!(interpreter.answer_probe(&at, true));
-                assert!(!interpreter.answer_probe(&Axes::repeat(f64::NAN), true));
+                assert!(interpreter.answer_probe(&at, &at, true));
+                assert!(!interpreter.answer_probe(&at, &Axes::repeat(f64::NAN), true));
             }
             Action::Move(step) => {
                 ends.push((step.curve.start()[2], step.curve.end()[0], step.curve.end()[1]));

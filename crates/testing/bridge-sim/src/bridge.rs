@@ -95,6 +95,16 @@ impl SimBridge {
         positions
     }
 
+    /// What the encoders show.
+    #[must_use]
+    pub fn shown_positions(&self) -> [f64; AXES] {
+        let mut positions = [0.0; AXES];
+        for drive in &self.drives {
+            positions[drive.axis().axis] = drive.shown();
+        }
+        positions
+    }
+
     /// The last target of the follower; none before the first period.
     #[must_use]
     pub const fn last_target(&self) -> Option<&Target> {

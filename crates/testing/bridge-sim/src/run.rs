@@ -12,6 +12,7 @@ use thiserror::Error;
 
 use crate::bridge::SimBridge;
 use crate::clock::{DriveClock, monotonic_ns};
+use crate::probe::{ProbeSettings, SimProbe};
 use crate::settings::SimSettings;
 use crate::spindle::{SimSpindle, SpindleSimulation};
 
@@ -41,6 +42,8 @@ pub struct RunSettings {
     pub faults: Vec<crate::Fault>,
     /// Spindles whose feedback is sent every period.
     pub spindles: Vec<SpindleSimulation>,
+    /// The probe, where there is one. Its messages need [`Signalling`].
+    pub probe: Option<ProbeSettings>,
     /// By how much the drives' periods are longer than the core's.
     pub drift_ppm: f64,
     /// Ends by itself after so long; never if none.
@@ -139,6 +142,7 @@ pub fn run_cutting(
     let mut spindles: Vec<SimSpindle> = spindles
         .map(|spindle| SimSpindle::new(*spindle, begin_ns))
         .collect();
+    let mut probe = settings.probe.clone().map(SimProbe::new);
     while !over() {
         if ports.is_none() {
             let measures = cut.is_some() || cutting.is_some();
@@ -209,6 +213,9 @@ pub fn run_cutting(
                 }
             }
             let feedback = bridge.step(tick_ns);
+            if let Some(probe) = &mut probe {
+                probe.step(tick_ns, &bridge.true_positions(), &bridge.shown_positions());
+            }
             let reading = cut.as_mut().and_then(|cut| cut(&bridge.true_positions()));
             if let Some(reading) = reading.and_then(|reading| bridge.load_reading(tick_ns, reading))
                 && let Some(sender) = ports.as_mut().and_then(|open| open.load.as_mut())
@@ -226,7 +233,21 @@ pub fn run_cutting(
             ports.as_mut().and_then(|open| open.inputs.as_mut()),
         ) {
             let outputs = outputs.step(now_ns);
+            // Each change of the probe in a message of its own.
+            while let Some(probe) = &mut probe
+                && probe.advance()
+            {
+                let mut message = read(last.as_ref(), &outputs);
+                (message.sequence, message.time_ns, message.instance) = (sent.sequence + 1, now_ns, begin_ns);
+                message.outputs_sequence = outputs.sequence;
+                probe.describe(&mut message);
+                report.inputs += u64::from(sender.send(&message).is_ok());
+                sent = message;
+            }
             let mut message = read(last.as_ref(), &outputs);
+            if let Some(probe) = &probe {
+                probe.describe(&mut message);
+            }
             (message.sequence, message.time_ns, message.instance) = (sent.sequence, sent.time_ns, begin_ns);
             message.outputs_sequence = outputs.sequence;
             let is_old = now_ns.saturating_sub(sent.time_ns) >= INPUTS_EVERY_NS;

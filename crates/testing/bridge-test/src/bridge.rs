@@ -134,6 +134,7 @@ impl BridgeUnderTest for ThreadBridge {
             prefix: Some(prefix.to_owned()),
             drives: None,
             faults: Vec::new(),
+            probe: None,
             drift_ppm: 50.0,
             duration: None,
         };

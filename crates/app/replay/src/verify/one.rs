@@ -226,6 +226,7 @@ pub(super) fn recorded_inputs(record: &CycleRecord, load: Option<LoadSample>) ->
                     f64::INFINITY
                 },
             }),
+            ..Inputs::default()
         },
         waited: record.inputs & bits::WAITED != 0,
         refused: record.inputs & bits::REFUSED != 0,

@@ -74,7 +74,7 @@ impl Planning {
         let setup = &job.setup;
         let motion = PathExecutor::new(setup.machine.limits(), setup.period_ns, setup.start())
             .planned_for(job.feed_override);
-        let turnings = producer.take_turnings();
+        let (turnings, probings) = (producer.take_turnings(), producer.take_probings());
         let (onlooker, news) = mpsc::channel();
         let of_thread = Arc::clone(&flags);
         let (scheduler, schedule) = (!setup.machine.signals.is_empty()).then(schedule).unzip();
@@ -97,6 +97,7 @@ impl Planning {
                 job.switches.optional_stop,
             )
             .turning_by(turnings)
+            .probing_by(probings)
             .signalling_by(scheduler)
             .periphery_to(job.periphery)
             .numbered_from(job.numbered_from.0, job.numbered_from.1)

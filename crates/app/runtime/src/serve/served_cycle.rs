@@ -8,7 +8,7 @@ use evolvent_drive::{Command, DriveAlarm, FeedbackWatch, PhaseLock, PowerRequest
 use evolvent_machine::Limits;
 use evolvent_motion::{Inputs, MachineState, Setpoint, State, TransferExecutor, flags};
 use evolvent_path::{AXES, Axes};
-use evolvent_signals::Phase;
+use evolvent_signals::{Phase, ProbeInput};
 use evolvent_trace::{CycleRecord, inputs as recorded};
 use evolvent_turning::Transition;
 use rtrb::{Consumer, Producer};
@@ -78,6 +78,8 @@ pub(crate) struct ServedParts {
     pub watch: FeedbackWatch,
     /// Outputs and inputs, where the machine has any.
     pub signals: Option<SignalLoop>,
+    /// What the next setpoint goes by of the probe.
+    pub probe: ProbeInput,
     /// None where the drives' clock is not followed.
     pub phase: Option<PhaseLock>,
     /// The newest cutting load.
@@ -431,6 +433,7 @@ impl ServedParts {
     fn see_inputs(&mut self) {
         if let Some(signals) = &mut self.signals {
             signals.see_inputs(self.station.sequence(), self.period_ns, None);
+            self.probe = signals.take_probe();
         }
     }
 
@@ -547,6 +550,7 @@ impl ServedParts {
         let trouble = self.signals.as_ref().and_then(SignalLoop::spindle_in_trouble);
         now.inputs.stop |= trouble.is_some();
         let before = job.motion.plan_step();
+        now.inputs.probe = self.probe;
         let mut setpoint = job.motion.step(&now.inputs, &mut job.queue);
         now.has_left_wait = signals.is_some() && now.inputs.resume && job.motion.plan_step() != before;
         if let (Some(spindle), false) = (trouble, now.faulted) {
@@ -729,6 +733,7 @@ mod tests {
             feedback,
             watch: FeedbackWatch::new(WatchSettings::new(period_ns, 0)),
             signals: None,
+            probe: ProbeInput::default(),
             phase: None,
             controls: Arc::new(Controls::new(1.0)),
         };
@@ -823,6 +828,7 @@ mod tests {
             feedback,
             watch: FeedbackWatch::new(WatchSettings::new(period_ns, 0)),
             signals: Some(signals),
+            probe: ProbeInput::default(),
             phase: None,
             controls: Arc::new(Controls::new(1.0)),
         });

@@ -6,6 +6,7 @@ use std::sync::mpsc;
 use std::thread::{self, JoinHandle};
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
+use evolvent_signals::ProbeInput;
 use evolvent_bus::ControlServer;
 use evolvent_drive::{FeedbackWatch, PhaseLock};
 use evolvent_motion::MachineState;
@@ -140,6 +141,7 @@ impl Service {
             trace: cycles,
         };
         let parts = ServedParts {
+            probe: ProbeInput::default(),
             station: MachineState::new(limits, setup.period_ns, limits.home),
             limits,
             period_ns: setup.period_ns,

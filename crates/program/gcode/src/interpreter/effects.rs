@@ -23,20 +23,23 @@ impl<R: BufRead> Interpreter<R> {
         self.parameters.commit();
     }
 
-    /// Where a probe tripped, machine coordinates (mm, degrees), or where it came to rest without: to be called when
-    /// [`Action::Probe`] has been carried out and the machine stands at `at`, before the next command is asked for. The place in
-    /// program coordinates and units becomes #5061 to #5069, and whether it tripped #5070. `false`, and nothing happens, if `at`
-    /// is no place.
-    pub fn answer_probe(&mut self, at: &Axes, tripped: bool) -> bool {
-        if !at.iter().all(|value| value.abs() <= MAX_COORDINATE) {
+    /// What came of a probing move: to be called when [`Action::Probe`] has been carried out, before the next command is asked for.
+    /// `contact` is where the probe tripped, machine coordinates (mm, degrees), and `stands_at` where the machine has stopped; without
+    /// contact they are the same. The contact in program coordinates and units becomes #5061 to #5069, and whether there was one
+    /// #5070. `false`, and nothing happens, if one of them is no position.
+    pub fn answer_probe(&mut self, contact: &Axes, stands_at: &Axes, tripped: bool) -> bool {
+        let mut both = contact.iter().chain(stands_at.iter());
+        if !both.all(|value| value.abs() <= MAX_COORDINATE) {
             return false;
         }
-        self.state.position = *at;
         self.state.is_probed = false;
+        // Program coordinates are those of the position in force.
+        self.state.position = *contact;
         for axis in 0..AXES {
             let value = self.state.program_position(axis);
             self.parameters.set_numbered(PROBED + axis, value);
         }
+        self.state.position = *stands_at;
         self.parameters
             .set_numbered(PROBE_TRIPPED, f64::from(u8::from(tripped)));
         self.parameters.commit();

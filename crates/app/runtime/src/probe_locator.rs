@@ -1,0 +1,215 @@
+//! Where the axes were when the probe changed.
+//!
+//! The position that the drives have latched, where they have; otherwise between the two samples of feedback around the time of the
+//! change, by straight interpolation. Within a period T at an acceleration a this is wrong by a T^2 / 8 at most, beside what feedback
+//! and time themselves are wrong by. Where no bridge sends feedback the setpoints stand for it.
+
+use std::collections::VecDeque;
+
+use evolvent_bus::{AXES, Feedback};
+use evolvent_drive::KnownProbe;
+
+use crate::due_setpoint::DueSetpoint;
+
+/// Samples that are kept: 0.1 s at 35 kHz, and more than a second below 3.5 kHz.
+const SAMPLES: usize = 4096;
+/// How long the sample after the change is waited for, ns.
+const PATIENCE_NS: u64 = 20_000_000;
+/// Feedback older than this says nothing of now, ns.
+const STALE_NS: u64 = 100_000_000;
+
+#[derive(Clone, Copy, Debug)]
+struct Sample {
+    time_ns: u64,
+    datum: u64,
+    position: [f64; AXES],
+}
+
+/// A change whose position is not known yet.
+#[derive(Clone, Copy, Debug)]
+struct Change {
+    time_ns: u64,
+    latched_mask: u32,
+    latched: [f64; AXES],
+    /// When it was told of.
+    told_ns: u64,
+}
+
+/// Positions over time, and the changes that they belong to.
+#[derive(Debug)]
+pub(crate) struct ProbeLocator {
+    axes_mask: u32,
+    feedback: VecDeque<Sample>,
+    setpoints: VecDeque<Sample>,
+    changes: VecDeque<Change>,
+}
+
+impl ProbeLocator {
+    pub(crate) fn new() -> Self {
+        Self {
+            axes_mask: u32::MAX,
+            feedback: VecDeque::with_capacity(SAMPLES),
+            setpoints: VecDeque::with_capacity(SAMPLES),
+            changes: VecDeque::new(),
+        }
+    }
+
+    /// A sample of the drives, each once.
+    pub(crate) fn see_feedback(&mut self, feedback: &Feedback) {
+        self.axes_mask = feedback.axes_mask;
+        let sound = (0..AXES).all(|axis| feedback.axes_mask >> axis & 1 == 0 || feedback.position[axis].is_finite());
+        if sound {
+            keep(
+                &mut self.feedback,
+                Sample {
+                    time_ns: feedback.time_ns,
+                    datum: feedback.datum,
+                    position: feedback.position,
+                },
+            );
+        }
+    }
+
+    /// A setpoint, each once.
+    pub(crate) fn see_setpoint(&mut self, due: &DueSetpoint) {
+        let mut position = [0.0; AXES];
+        position.copy_from_slice(due.setpoint.position.as_slice());
+        keep(
+            &mut self.setpoints,
+            Sample {
+                time_ns: due.due_time_ns,
+                datum: due.drive.datum,
+                position,
+            },
+        );
+    }
+
+    /// The probe has changed.
+    pub(crate) fn see_change(&mut self, probe: &KnownProbe, now_ns: u64) {
+        if self.changes.len() < SAMPLES {
+            self.changes.push_back(Change {
+                time_ns: probe.time_ns.unwrap_or(now_ns),
+                latched_mask: probe.latched_mask,
+                latched: probe.position,
+                told_ns: now_ns,
+            });
+        }
+    }
+
+    /// The position of the oldest change that had none, once.
+    pub(crate) fn next(&mut self, now_ns: u64) -> Option<[f64; AXES]> {
+        let change = *self.changes.front()?;
+        let mut position = [0.0; AXES];
+        if change.latched_mask & self.axes_mask != self.axes_mask {
+            position = self.at(&change, now_ns)?;
+        }
+        for (axis, value) in position.iter_mut().enumerate() {
+            if change.latched_mask >> axis & 1 == 1 {
+                *value = change.latched[axis];
+            }
+        }
+        self.changes.pop_front();
+        Some(position)
+    }
+
+    /// Where the axes were; none while that may yet become known.
+    fn at(&self, change: &Change, now_ns: u64) -> Option<[f64; AXES]> {
+        let has_drives = (self.feedback.back())
+            .is_some_and(|sample| sample.time_ns.saturating_add(STALE_NS) >= change.time_ns);
+        let samples = if has_drives { &self.feedback } else { &self.setpoints };
+        let newest = samples.back()?;
+        let is_over = now_ns.saturating_sub(change.told_ns) > PATIENCE_NS;
+        if newest.time_ns < change.time_ns && !is_over {
+            return None;
+        }
+        Some(interpolate(samples, change.time_ns).unwrap_or(newest.position))
+    }
+}
+
+fn keep(samples: &mut VecDeque<Sample>, sample: Sample) {
+    // A clock that goes back, or another datum, begins anew.
+    if samples
+        .back()
+        .is_some_and(|last| last.time_ns >= sample.time_ns || last.datum != sample.datum)
+    {
+        samples.clear();
+    }
+    if samples.len() == SAMPLES {
+        samples.pop_front();
+    }
+    samples.push_back(sample);
+}
+
+/// Between the samples around a time; none where it lies before or behind all of them.
+fn interpolate(samples: &VecDeque<Sample>, time_ns: u64) -> Option<[f64; AXES]> {
+    let after = samples.partition_point(|sample| sample.time_ns < time_ns);
+    let right = samples.get(after)?;
+    if right.time_ns == time_ns {
+        return Some(right.position);
+    }
+    let left = samples.get(after.checked_sub(1)?)?;
+    let share = (time_ns - left.time_ns) as f64 / (right.time_ns - left.time_ns) as f64;
+    Some(std::array::from_fn(|axis| {
+        left.position[axis] + share * (right.position[axis] - left.position[axis])
+    }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn probe(time_ns: u64, latched_mask: u32) -> KnownProbe {
+        KnownProbe {
+            is_tripped: true,
+            trips: 1,
+            time_ns: Some(time_ns),
+            position: [7.0; AXES],
+            latched_mask,
+            instance: 1,
+        }
+    }
+
+    fn feedback(time_ns: u64, x: f64) -> Feedback {
+        let mut feedback = Feedback {
+            time_ns,
+            axes_mask: 0b11,
+            ..Feedback::default()
+        };
+        feedback.position[0] = x;
+        feedback.position[1] = -x;
+        feedback
+    }
+
+    #[test]
+    fn a_contact_lies_between_the_samples_around_its_time() {
+        let mut locator = ProbeLocator::new();
+        locator.see_feedback(&feedback(1_000_000, 1.0));
+        locator.see_change(&probe(1_250_000, 0), 1_300_000);
+        assert_eq!(locator.next(1_300_000), None, "the sample behind it has not come");
+        locator.see_feedback(&feedback(2_000_000, 3.0));
+        let position = locator.next(2_000_000).unwrap();
+        assert_eq!(position[..2], [1.5, -1.5]);
+        assert_eq!(locator.next(2_000_000), None, "each is told once");
+    }
+
+    #[test]
+    fn what_the_drives_have_latched_counts_and_the_rest_is_interpolated() {
+        let mut locator = ProbeLocator::new();
+        locator.see_feedback(&feedback(1_000_000, 1.0));
+        locator.see_feedback(&feedback(2_000_000, 3.0));
+        locator.see_change(&probe(1_500_000, 0b01), 2_000_000);
+        assert_eq!(locator.next(2_000_000).unwrap()[..2], [7.0, -2.0]);
+        // All are latched: nothing is waited for.
+        locator.see_change(&probe(9_000_000, 0b11), 9_000_000);
+        assert_eq!(locator.next(9_000_000).unwrap()[..2], [7.0, 7.0]);
+    }
+
+    #[test]
+    fn a_sample_that_never_comes_is_not_waited_for_without_end() {
+        let mut locator = ProbeLocator::new();
+        locator.see_feedback(&feedback(1_000_000, 1.0));
+        locator.see_change(&probe(2_000_000, 0), 2_000_000);
+        assert_eq!(locator.next(2_000_000), None);
+        assert_eq!(locator.next(2_000_000 + PATIENCE_NS + 1).unwrap()[0], 1.0);
+    }
+}

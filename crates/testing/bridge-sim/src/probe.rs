@@ -1,0 +1,347 @@
+//! A simulated touch probe: a surface in the machine's space, a delay, bouncing contacts.
+
+use std::str::FromStr;
+
+use evolvent_bus::{AXES, MachineInputs};
+
+/// Numbers of the states on the bus.
+const OPEN: u32 = 1;
+const TRIPPED: u32 = 2;
+
+/// Where contact is made. Positions are true ones of the machine, mm.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Surface {
+    /// Beyond a coordinate of one axis: above it, or below it.
+    Plane {
+        /// Index of the axis.
+        axis: usize,
+        /// Where the plane is.
+        at: f64,
+        /// Contact is made above it; otherwise below it.
+        above: bool,
+    },
+    /// Outside a bore along Z.
+    Bore {
+        /// X and Y of the centre.
+        centre: [f64; 2],
+        /// Radius.
+        radius: f64,
+        /// Its edge: above this Z there is no contact.
+        top: f64,
+    },
+    /// Inside a boss along Z.
+    Boss {
+        /// X and Y of the centre.
+        centre: [f64; 2],
+        /// Radius.
+        radius: f64,
+        /// Its face.
+        top: f64,
+    },
+    /// Inside a block.
+    Block {
+        /// Lowest X, Y, Z.
+        low: [f64; 3],
+        /// Highest X, Y, Z.
+        high: [f64; 3],
+    },
+}
+
+impl Surface {
+    /// Whether a point touches it.
+    #[must_use]
+    pub fn touches(&self, position: &[f64; AXES]) -> bool {
+        let from = |centre: &[f64; 2]| (position[0] - centre[0]).hypot(position[1] - centre[1]);
+        match self {
+            Self::Plane { axis, at, above } => {
+                if *above {
+                    position[*axis] >= *at
+                } else {
+                    position[*axis] <= *at
+                }
+            }
+            Self::Bore { centre, radius, top } => position[2] <= *top && from(centre) >= *radius,
+            Self::Boss { centre, radius, top } => position[2] <= *top && from(centre) <= *radius,
+            Self::Block { low, high } => (0..3).all(|axis| (low[axis]..=high[axis]).contains(&position[axis])),
+        }
+    }
+}
+
+/// A probe.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ProbeSettings {
+    /// What it can touch.
+    pub surfaces: Vec<Surface>,
+    /// From the contact until the message says so, ns. The time in the message is that of the contact, less `unknown_delay_ns`.
+    pub delay_ns: u64,
+    /// By how much the time in the message is too late, ns: what nobody has measured.
+    pub unknown_delay_ns: u64,
+    /// The drives latch their positions.
+    pub latches: bool,
+    /// It opens and closes so many times when it trips, one period each.
+    pub bounces: u32,
+    /// It says nothing any more so long after its first contact, or after the start where that is none, ns.
+    pub lost_after_ns: Option<u64>,
+}
+
+impl Default for ProbeSettings {
+    fn default() -> Self {
+        Self {
+            surfaces: Vec::new(),
+            delay_ns: 0,
+            unknown_delay_ns: 0,
+            latches: false,
+            bounces: 0,
+            lost_after_ns: None,
+        }
+    }
+}
+
+/// `plane:X>12.5`, `plane:Z<-3`, `bore:CX,CY,DIAMETER,TOP`, `boss:CX,CY,DIAMETER,TOP` or `block:X1,X2,Y1,Y2,Z1,Z2`; several with `+` between them.
+/// Behind a `;` the rest, in any order: `delay=MS`, `late=MS`, `bounces=N`, `lost=MS`, `latched`.
+impl FromStr for ProbeSettings {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let mut parts = text.split(';');
+        let mut settings = Self::default();
+        for surface in parts.next().unwrap_or_default().split('+') {
+            settings.surfaces.push(surface_of(surface.trim())?);
+        }
+        for part in parts {
+            let part = part.trim();
+            let Some((key, value)) = part.split_once('=') else {
+                if part == "latched" {
+                    settings.latches = true;
+                    continue;
+                }
+                return Err(format!("{part:?} is no property of a probe: write delay=MS, late=MS, bounces=N, lost=MS or latched"));
+            };
+            let milliseconds = || {
+                let number = number(value)?;
+                if (0.0..=60_000.0).contains(&number) {
+                    Ok((number * 1e6) as u64)
+                } else {
+                    Err(format!("{value} ms is out of range: choose 0 to 60000"))
+                }
+            };
+            match key {
+                "delay" => settings.delay_ns = milliseconds()?,
+                "late" => settings.unknown_delay_ns = milliseconds()?,
+                "lost" => settings.lost_after_ns = Some(milliseconds()?),
+                "bounces" => {
+                    settings.bounces = value.parse().map_err(|_| format!("{value:?} is no number of bounces"))?;
+                }
+                _ => return Err(format!("{key:?} is no property of a probe: write delay, late, bounces, lost or latched")),
+            }
+        }
+        Ok(settings)
+    }
+}
+
+fn number(text: &str) -> Result<f64, String> {
+    match text.trim().parse::<f64>() {
+        Ok(value) if value.is_finite() && value.abs() <= 1e6 => Ok(value),
+        _ => Err(format!("{text:?} is no number of at most a million")),
+    }
+}
+
+fn surface_of(text: &str) -> Result<Surface, String> {
+    let shapes = "write plane:Z<-3, bore:X,Y,DIAMETER,TOP, boss:X,Y,DIAMETER,TOP or block:X1,X2,Y1,Y2,Z1,Z2";
+    let (kind, rest) = text
+        .split_once(':')
+        .ok_or_else(|| format!("{text:?} is no surface: {shapes}"))?;
+    if kind == "plane" {
+        let axis = rest.chars().next().and_then(|letter| "XYZABCUVW".find(letter.to_ascii_uppercase()));
+        let sign = rest.get(1..2).unwrap_or_default();
+        let (Some(axis), "<" | ">") = (axis, sign) else {
+            return Err(format!("{rest:?} is no plane: write an axis, < or >, and a coordinate, as in Z<-3"));
+        };
+        let at = number(rest.get(2..).unwrap_or_default())?;
+        return Ok(Surface::Plane {
+            axis,
+            at,
+            above: sign == ">",
+        });
+    }
+    let numbers = rest.split(',').map(number).collect::<Result<Vec<_>, _>>()?;
+    match (kind, &numbers[..]) {
+        ("bore", &[x, y, diameter, top]) if diameter > 0.0 => Ok(Surface::Bore {
+            centre: [x, y],
+            radius: 0.5 * diameter,
+            top,
+        }),
+        ("boss", &[x, y, diameter, top]) if diameter > 0.0 => Ok(Surface::Boss {
+            centre: [x, y],
+            radius: 0.5 * diameter,
+            top,
+        }),
+        ("block", &[x1, x2, y1, y2, z1, z2]) if x1 < x2 && y1 < y2 && z1 < z2 => Ok(Surface::Block {
+            low: [x1, y1, z1],
+            high: [x2, y2, z2],
+        }),
+        _ => Err(format!("{text:?} is no surface: {shapes}")),
+    }
+}
+
+/// A change that nobody has been told of yet.
+#[derive(Clone, Copy, Debug)]
+struct Change {
+    tell_ns: u64,
+    is_tripped: bool,
+    time_ns: u64,
+    position: [f64; AXES],
+}
+
+/// The probe over time.
+#[derive(Clone, Debug)]
+pub struct SimProbe {
+    settings: ProbeSettings,
+    before: Option<(u64, [f64; AXES], bool)>,
+    changes: std::collections::VecDeque<Change>,
+    first_contact_ns: Option<u64>,
+    begin_ns: Option<u64>,
+    now_ns: u64,
+    told: Option<Change>,
+    trips: u64,
+}
+
+impl SimProbe {
+    /// A probe that has touched nothing yet.
+    #[must_use]
+    pub fn new(settings: ProbeSettings) -> Self {
+        Self {
+            settings,
+            before: None,
+            changes: std::collections::VecDeque::new(),
+            first_contact_ns: None,
+            begin_ns: None,
+            now_ns: 0,
+            told: None,
+            trips: 0,
+        }
+    }
+
+    /// The true positions after one period; `shown` are those that the encoders name. Between two periods the axes move straight, and
+    /// the contact is found on the way.
+    pub fn step(&mut self, now_ns: u64, position: &[f64; AXES], shown: &[f64; AXES]) {
+        self.begin_ns.get_or_insert(now_ns);
+        self.now_ns = now_ns;
+        let touches = |at: &[f64; AXES]| self.settings.surfaces.iter().any(|surface| surface.touches(at));
+        let is_now = touches(position);
+        if let Some((time_ns, from, was)) = self.before
+            && was != is_now
+        {
+            let at = |share: f64| -> [f64; AXES] {
+                std::array::from_fn(|axis| from[axis] + share * (position[axis] - from[axis]))
+            };
+            let (mut low, mut high) = (0.0, 1.0);
+            for _ in 0..60 {
+                let middle = 0.5 * (low + high);
+                if touches(&at(middle)) == was {
+                    low = middle;
+                } else {
+                    high = middle;
+                }
+            }
+            let contact_ns = time_ns + ((now_ns - time_ns) as f64 * high) as u64;
+            let truly = at(high);
+            let offset: [f64; AXES] = std::array::from_fn(|axis| shown[axis] - position[axis]);
+            let named: [f64; AXES] = std::array::from_fn(|axis| truly[axis] + offset[axis]);
+            let period_ns = now_ns - time_ns;
+            let change = |number: u64, is_tripped| Change {
+                tell_ns: contact_ns + self.settings.delay_ns + self.settings.unknown_delay_ns + number * period_ns,
+                is_tripped,
+                time_ns: contact_ns + self.settings.unknown_delay_ns + number * period_ns,
+                position: named,
+            };
+            self.changes.push_back(change(0, is_now));
+            if is_now {
+                self.first_contact_ns.get_or_insert(contact_ns);
+                for bounce in 0..u64::from(self.settings.bounces) {
+                    self.changes.push_back(change(2 * bounce + 1, false));
+                    self.changes.push_back(change(2 * bounce + 2, true));
+                }
+            }
+        } else if self.before.is_none() && is_now {
+            self.changes.push_back(Change {
+                tell_ns: now_ns,
+                is_tripped: true,
+                time_ns: now_ns,
+                position: *shown,
+            });
+        }
+        self.before = Some((now_ns, *position, is_now));
+    }
+
+    /// Goes on to the next change that is to be told by now; whether there was one.
+    pub fn advance(&mut self) -> bool {
+        let is_due = self.changes.front().is_some_and(|change| change.tell_ns <= self.now_ns);
+        if is_due {
+            self.told = self.changes.pop_front();
+            self.trips += u64::from(self.told.is_some_and(|change| change.is_tripped));
+        }
+        is_due
+    }
+
+    /// Says in a message what it is.
+    pub fn describe(&self, message: &mut MachineInputs) {
+        let since = if self.settings.surfaces.is_empty() { self.begin_ns } else { self.first_contact_ns.or(self.begin_ns) };
+        let is_lost = match (self.settings.lost_after_ns, since) {
+            (Some(after_ns), Some(since_ns)) => self.now_ns >= since_ns + after_ns,
+            _ => false,
+        };
+        if is_lost {
+            message.probe = 0;
+            return;
+        }
+        message.probe = OPEN;
+        message.probe_trips = self.trips;
+        if let Some(told) = &self.told {
+            message.probe = if told.is_tripped { TRIPPED } else { OPEN };
+            message.probe_time_ns = told.time_ns;
+            if self.settings.latches {
+                message.probe_position = told.position;
+                message.probe_latched_mask = (1 << AXES) - 1;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_contact_is_found_between_two_periods_and_told_after_its_delay() {
+        let settings: ProbeSettings = "plane:Z<-3;delay=2;latched".parse().unwrap();
+        let mut probe = SimProbe::new(settings);
+        let mut message = MachineInputs::default();
+        let at = |z: f64| {
+            let mut position = [0.0; AXES];
+            position[2] = z;
+            position
+        };
+        for (period, z) in [(0, -2.0), (1, -2.5), (2, -3.25), (3, -3.25)] {
+            probe.step(period * 1_000_000, &at(z), &at(z + 10.0));
+            assert!(!probe.advance());
+            probe.describe(&mut message);
+            assert_eq!(message.probe, OPEN);
+        }
+        probe.step(4_000_000, &at(-3.25), &at(6.75));
+        assert!(probe.advance());
+        probe.describe(&mut message);
+        assert_eq!((message.probe, message.probe_trips), (TRIPPED, 1));
+        assert!(message.probe_time_ns.abs_diff(1_666_667) <= 1, "{}", message.probe_time_ns);
+        // By the names that the encoders give.
+        assert!((message.probe_position[2] - 7.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn what_is_no_probe_is_refused_with_a_cure() {
+        for text in ["", "plane:Q<1", "plane:Z=1", "bore:1,2,0,4", "ball:1", "plane:Z<1;delay=-1", "plane:Z<1;slow"] {
+            let said = text.parse::<ProbeSettings>().unwrap_err();
+            assert!(said.contains("write") || said.contains("choose"), "{text}: {said}");
+        }
+    }
+}
