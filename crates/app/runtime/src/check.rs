@@ -169,7 +169,12 @@ pub(crate) fn check_while(
                 has_strayed |= matches!(refused, Some(PlanError::Travel { .. }));
                 refused.filter(|_| !follows).map(Objection::Plan)
             }
-            (Action::Probe { curve, feed, toward, .. }, None) => {
+            (
+                Action::Probe {
+                    curve, feed, toward, ..
+                },
+                None,
+            ) => {
                 // What follows begins where the probe stops.
                 admission.stand_at(&curve.end());
                 let order = ProbeMove {

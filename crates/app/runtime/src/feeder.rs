@@ -416,9 +416,11 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
                         objection.told(file, line)
                     })));
                 }
-                let Ok(result) = self.probe(order, line) else { break };
+                let Ok(result) = self.probe(order, line) else {
+                    break;
+                };
                 if let Some((message, help)) = complaint(&result, toward, must) {
-                        return Err(self.wrong(at_origin(&command, program, |file, line| {
+                    return Err(self.wrong(at_origin(&command, program, |file, line| {
                         about_line_with(message, Some(help), file, line)
                     })));
                 }
@@ -575,7 +577,11 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
             change.moment = SignalMoment::Rest(action);
             self.schedule(|signals| signals.change(change))?;
         }
-        let text = if order.toward { "probe until contact (G38)" } else { "probe until contact is lost (G38)" };
+        let text = if order.toward {
+            "probe until contact (G38)"
+        } else {
+            "probe until contact is lost (G38)"
+        };
         self.announce(Moment::Rest(action), line, false, text);
         self.last_line = 0;
         self.planner.rest(&Step::Action { action, line })?;

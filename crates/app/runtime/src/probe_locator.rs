@@ -57,7 +57,8 @@ impl ProbeLocator {
     /// A sample of the drives, each once.
     pub(crate) fn see_feedback(&mut self, feedback: &Feedback) {
         self.axes_mask = feedback.axes_mask;
-        let sound = (0..AXES).all(|axis| feedback.axes_mask >> axis & 1 == 0 || feedback.position[axis].is_finite());
+        let sound =
+            (0..AXES).all(|axis| feedback.axes_mask >> axis & 1 == 0 || feedback.position[axis].is_finite());
         if sound {
             keep(
                 &mut self.feedback,
@@ -116,7 +117,11 @@ impl ProbeLocator {
     fn at(&self, change: &Change, now_ns: u64) -> Option<[f64; AXES]> {
         let has_drives = (self.feedback.back())
             .is_some_and(|sample| sample.time_ns.saturating_add(STALE_NS) >= change.time_ns);
-        let samples = if has_drives { &self.feedback } else { &self.setpoints };
+        let samples = if has_drives {
+            &self.feedback
+        } else {
+            &self.setpoints
+        };
         let newest = samples.back()?;
         let is_over = now_ns.saturating_sub(change.told_ns) > PATIENCE_NS;
         if newest.time_ns < change.time_ns && !is_over {

@@ -94,7 +94,8 @@ pub(crate) fn complaint(result: &ProbeResult, toward: bool, must: bool) -> Optio
             "move it clear first (G38.4 away from the part), and check its wiring and sense".to_owned(),
         ),
         ProbeVerdict::ChangedBefore => (
-            "the probe is open before the move begins, so there is no contact to lose; nothing has moved".to_owned(),
+            "the probe is open before the move begins, so there is no contact to lose; nothing has moved"
+                .to_owned(),
             "make contact first (G38.2)".to_owned(),
         ),
         ProbeVerdict::Lost => (

@@ -86,7 +86,9 @@ pub use guard::{Extremes, Guard, Quantity, Violation};
 pub use machine_state::MachineState;
 pub use path_executor::PathExecutor;
 pub use probing::{ProbeMove, ProbeResult, ProbeVerdict, Probing};
-pub use queue::{PlanConsumer, PlanProducer, QueueClosed, ProbingSender, STEPS_AHEAD, TurningSender, plan_queue};
+pub use queue::{
+    PlanConsumer, PlanProducer, ProbingSender, QueueClosed, STEPS_AHEAD, TurningSender, plan_queue,
+};
 pub use setpoint::{Inputs, Setpoint};
 pub use state::State;
 pub use stopping_distance::{LongestStop, StoppingDistance};

@@ -167,7 +167,10 @@ impl Probing {
     }
 
     fn position(&self) -> Axes {
-        self.order.curve.jet(self.profile.at(self.time).0.x.min(self.order.curve.domain())).position
+        self.order
+            .curve
+            .jet(self.profile.at(self.time).0.x.min(self.order.curve.domain()))
+            .position
     }
 
     /// Looks at the probe: a change counts however short it was.
@@ -233,7 +236,11 @@ impl Probing {
             Phase::Settling(_) if brake => {}
             Phase::Settling(_) => {
                 self.verdict = self.objection(probe);
-                self.phase = if self.verdict.is_some() { Phase::Over } else { Phase::Moving };
+                self.phase = if self.verdict.is_some() {
+                    Phase::Over
+                } else {
+                    Phase::Moving
+                };
             }
             _ => {}
         }
@@ -247,7 +254,11 @@ impl Probing {
             let (now, jerk) = self.profile.at(self.time);
             let length = self.order.curve.domain();
             if self.time < self.profile.duration() {
-                jet = self.order.curve.jet(now.x.min(length)).compose(now.v, now.a, jerk);
+                jet = self
+                    .order
+                    .curve
+                    .jet(now.x.min(length))
+                    .compose(now.v, now.a, jerk);
             } else {
                 jet = Jet::at_rest(self.position());
                 let is_imagined = probe.now.state == ProbeState::Imagined;

@@ -264,7 +264,12 @@ impl PathExecutor {
 
     /// Whether the axes stand, not at the plan's end, and nobody is left to plan on.
     pub fn is_stuck(&self, queue: &mut PlanConsumer) -> bool {
-        if !queue.has_no_planner() || !self.is_at_rest() || self.is_over() || self.turning.is_some() || self.probing.is_some() {
+        if !queue.has_no_planner()
+            || !self.is_at_rest()
+            || self.is_over()
+            || self.turning.is_some()
+            || self.probing.is_some()
+        {
             return false;
         }
         let step = self.cursor.step;
@@ -299,7 +304,12 @@ impl PathExecutor {
     /// As [`is_ready`](Self::is_ready), where the next step begins with plan step `from`.
     fn is_ready_from(&self, from: u64, queue: &mut PlanConsumer) -> bool {
         let cursor = &self.cursor;
-        if self.is_over() || self.quick_stop.is_some() || self.turning.is_some() || self.probing.is_some() || queue.is_abandoned() {
+        if self.is_over()
+            || self.quick_stop.is_some()
+            || self.turning.is_some()
+            || self.probing.is_some()
+            || queue.is_abandoned()
+        {
             return true;
         }
         // With the virtual clock a request that finds no room is made in the next step: the planner takes the older ones.

@@ -12,6 +12,7 @@ mod invariants;
 mod late_answers;
 mod low_overrides;
 mod planner_allocation;
+mod probing;
 mod regressions;
 mod requests;
 mod station;

@@ -62,7 +62,9 @@ impl Surface {
             }
             Self::Bore { centre, radius, top } => position[2] <= *top && from(centre) >= *radius,
             Self::Boss { centre, radius, top } => position[2] <= *top && from(centre) <= *radius,
-            Self::Block { low, high } => (0..3).all(|axis| (low[axis]..=high[axis]).contains(&position[axis])),
+            Self::Block { low, high } => {
+                (0..3).all(|axis| (low[axis]..=high[axis]).contains(&position[axis]))
+            }
         }
     }
 }
@@ -115,7 +117,9 @@ impl FromStr for ProbeSettings {
                     settings.latches = true;
                     continue;
                 }
-                return Err(format!("{part:?} is no property of a probe: write delay=MS, late=MS, bounces=N, lost=MS or latched"));
+                return Err(format!(
+                    "{part:?} is no property of a probe: write delay=MS, late=MS, bounces=N, lost=MS or latched"
+                ));
             };
             let milliseconds = || {
                 let number = number(value)?;
@@ -130,9 +134,15 @@ impl FromStr for ProbeSettings {
                 "late" => settings.unknown_delay_ns = milliseconds()?,
                 "lost" => settings.lost_after_ns = Some(milliseconds()?),
                 "bounces" => {
-                    settings.bounces = value.parse().map_err(|_| format!("{value:?} is no number of bounces"))?;
+                    settings.bounces = value
+                        .parse()
+                        .map_err(|_| format!("{value:?} is no number of bounces"))?;
                 }
-                _ => return Err(format!("{key:?} is no property of a probe: write delay, late, bounces, lost or latched")),
+                _ => {
+                    return Err(format!(
+                        "{key:?} is no property of a probe: write delay, late, bounces, lost or latched"
+                    ));
+                }
             }
         }
         Ok(settings)
@@ -152,10 +162,15 @@ fn surface_of(text: &str) -> Result<Surface, String> {
         .split_once(':')
         .ok_or_else(|| format!("{text:?} is no surface: {shapes}"))?;
     if kind == "plane" {
-        let axis = rest.chars().next().and_then(|letter| "XYZABCUVW".find(letter.to_ascii_uppercase()));
+        let axis = rest
+            .chars()
+            .next()
+            .and_then(|letter| "XYZABCUVW".find(letter.to_ascii_uppercase()));
         let sign = rest.get(1..2).unwrap_or_default();
         let (Some(axis), "<" | ">") = (axis, sign) else {
-            return Err(format!("{rest:?} is no plane: write an axis, < or >, and a coordinate, as in Z<-3"));
+            return Err(format!(
+                "{rest:?} is no plane: write an axis, < or >, and a coordinate, as in Z<-3"
+            ));
         };
         let at = number(rest.get(2..).unwrap_or_default())?;
         return Ok(Surface::Plane {
@@ -250,7 +265,10 @@ impl SimProbe {
             let named: [f64; AXES] = std::array::from_fn(|axis| truly[axis] + offset[axis]);
             let period_ns = now_ns - time_ns;
             let change = |number: u64, is_tripped| Change {
-                tell_ns: contact_ns + self.settings.delay_ns + self.settings.unknown_delay_ns + number * period_ns,
+                tell_ns: contact_ns
+                    + self.settings.delay_ns
+                    + self.settings.unknown_delay_ns
+                    + number * period_ns,
                 is_tripped,
                 time_ns: contact_ns + self.settings.unknown_delay_ns + number * period_ns,
                 position: named,
@@ -276,7 +294,10 @@ impl SimProbe {
 
     /// Goes on to the next change that is to be told by now; whether there was one.
     pub fn advance(&mut self) -> bool {
-        let is_due = self.changes.front().is_some_and(|change| change.tell_ns <= self.now_ns);
+        let is_due = self
+            .changes
+            .front()
+            .is_some_and(|change| change.tell_ns <= self.now_ns);
         if is_due {
             self.told = self.changes.pop_front();
             self.trips += u64::from(self.told.is_some_and(|change| change.is_tripped));
@@ -286,7 +307,11 @@ impl SimProbe {
 
     /// Says in a message what it is.
     pub fn describe(&self, message: &mut MachineInputs) {
-        let since = if self.settings.surfaces.is_empty() { self.begin_ns } else { self.first_contact_ns.or(self.begin_ns) };
+        let since = if self.settings.surfaces.is_empty() {
+            self.begin_ns
+        } else {
+            self.first_contact_ns.or(self.begin_ns)
+        };
         let is_lost = match (self.settings.lost_after_ns, since) {
             (Some(after_ns), Some(since_ns)) => self.now_ns >= since_ns + after_ns,
             _ => false,
@@ -332,16 +357,31 @@ mod tests {
         assert!(probe.advance());
         probe.describe(&mut message);
         assert_eq!((message.probe, message.probe_trips), (TRIPPED, 1));
-        assert!(message.probe_time_ns.abs_diff(1_666_667) <= 1, "{}", message.probe_time_ns);
+        assert!(
+            message.probe_time_ns.abs_diff(1_666_667) <= 1,
+            "{}",
+            message.probe_time_ns
+        );
         // By the names that the encoders give.
         assert!((message.probe_position[2] - 7.0).abs() < 1e-9);
     }
 
     #[test]
     fn what_is_no_probe_is_refused_with_a_cure() {
-        for text in ["", "plane:Q<1", "plane:Z=1", "bore:1,2,0,4", "ball:1", "plane:Z<1;delay=-1", "plane:Z<1;slow"] {
+        for text in [
+            "",
+            "plane:Q<1",
+            "plane:Z=1",
+            "bore:1,2,0,4",
+            "ball:1",
+            "plane:Z<1;delay=-1",
+            "plane:Z<1;slow",
+        ] {
             let said = text.parse::<ProbeSettings>().unwrap_err();
-            assert!(said.contains("write") || said.contains("choose"), "{text}: {said}");
+            assert!(
+                said.contains("write") || said.contains("choose"),
+                "{text}: {said}"
+            );
         }
     }
 }

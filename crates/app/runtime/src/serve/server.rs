@@ -6,10 +6,10 @@ use std::sync::mpsc;
 use std::thread::{self, JoinHandle};
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
-use evolvent_signals::ProbeInput;
 use evolvent_bus::ControlServer;
 use evolvent_drive::{FeedbackWatch, PhaseLock};
 use evolvent_motion::MachineState;
+use evolvent_signals::ProbeInput;
 use rtrb::{Consumer, RingBuffer};
 
 use super::config::{ServeConfig, ServeNews, TraceTo};

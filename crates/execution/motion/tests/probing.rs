@@ -1,0 +1,322 @@
+//! Probing moves at random moments: where they stop, what they tell, that no limit is broken and nothing is allocated.
+#![expect(clippy::expect_used, reason = "tests fail as tests do")]
+
+use evolvent_counting::calls;
+use evolvent_machine::{Limits, PlannerKind};
+use evolvent_motion::{
+    Inputs, PathExecutor, PlanConsumer, ProbeMove, ProbeResult, ProbeVerdict, Probing, ProbingSender,
+    Setpoint, State, plan_queue,
+};
+use evolvent_path::{AXES, Axes, Curve, Line, Move, MoveKind, PathMode};
+use evolvent_planner::{PathLimits, PathRules, Planner, Step};
+use evolvent_signals::{ProbeInput, ProbeState};
+
+use crate::common::{PLANNERS, Random, equal_axes, limits};
+
+/// What the probe does, by the cycle since the move began to move.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Scene {
+    /// It changes in this cycle, for this many cycles (a bounce is open again after one).
+    Changes {
+        cycle: u64,
+        lasts: u64,
+    },
+    /// Nobody says anything from this cycle on.
+    Lost(u64),
+    Never,
+    Before,
+    Silent,
+}
+
+struct Outcome {
+    result: ProbeResult,
+    /// Of the probing move alone.
+    moved: Vec<Setpoint>,
+    all: Vec<Setpoint>,
+    seen_at: Option<Axes>,
+    allocations: usize,
+}
+
+fn line(from: Axes, to: Axes) -> Curve {
+    Curve::Line(Line::new(from, to).expect("two points"))
+}
+
+fn feed_move(from: Axes, to: Axes, feed: f64) -> Move {
+    Move {
+        curve: line(from, to),
+        kind: MoveKind::Feed,
+        feed,
+        path_mode: PathMode::ExactPath,
+    }
+}
+
+/// Moves, probes, and moves on from where that has stopped.
+#[expect(clippy::too_many_arguments, reason = "a case is many things")]
+fn run(
+    machine: Limits,
+    period_ns: u64,
+    kind: PlannerKind,
+    start: Axes,
+    order: ProbeMove,
+    toward_next: Axes,
+    scene: Scene,
+    hold: std::ops::Range<u64>,
+) -> Outcome {
+    let (mut producer, mut queue) = plan_queue(|| panic!("no room"));
+    let mut probings: ProbingSender = producer.take_probings().expect("once");
+    let rules = PathRules {
+        blend_tolerance_mm: 0.01,
+        joint_time_s: 0.001,
+        planner: kind,
+        feed_override: 1.0,
+    };
+    let chord = PathLimits::new(machine, 1e9 / period_ns as f64, 0.01);
+    let mut planner = Planner::new(chord, rules, producer);
+    let mut motion = PathExecutor::new(machine, period_ns, start);
+    let from = order.curve.start();
+    planner
+        .push(&feed_move(start, from, order.feed), 1, 0)
+        .expect("a move");
+    probings
+        .send(Box::new(Probing::new(order, &machine, 0.002)))
+        .expect("room");
+    planner.rest(&Step::Probe { line: 2 }).expect("room");
+    planner.poll().expect("taken");
+    let (mut all, mut moved) = (Vec::<Setpoint>::new(), Vec::new());
+    let (mut result, mut begun, mut allocations) = (None, None, 0);
+    let mut probe = ProbeInput::default();
+    let away = if order.toward {
+        ProbeState::Open
+    } else {
+        ProbeState::Tripped
+    };
+    let changed = if order.toward {
+        ProbeState::Tripped
+    } else {
+        ProbeState::Open
+    };
+    probe.now.state = match scene {
+        Scene::Before => changed,
+        Scene::Silent => ProbeState::Unknown,
+        _ => away,
+    };
+    let mut seen_at = None;
+    while !motion.is_over() {
+        if result.is_none() {
+            planner.poll().expect("taken");
+        }
+        let line_now = all.last().map_or(0, |last: &Setpoint| last.line);
+        let is_moving = line_now == 2 && all.last().is_some_and(|last| last.position != from);
+        if begun.is_none() && is_moving {
+            begun = Some(all.len() as u64 - 1);
+        }
+        let since = begun.map(|begun| all.len() as u64 - begun);
+        (probe.was_tripped, probe.was_open) = (false, false);
+        match (scene, since) {
+            (Scene::Changes { cycle, lasts }, Some(since)) if since >= cycle => {
+                let is_on = since < cycle + lasts;
+                probe.now.state = if is_on { changed } else { away };
+                if since == cycle {
+                    let at = all.last().expect("one").position;
+                    seen_at = Some(at);
+                    probe.now.locate_change(std::array::from_fn(|axis| at[axis]));
+                }
+            }
+            (Scene::Lost(cycle), Some(since)) if since >= cycle => probe.now.state = ProbeState::Unknown,
+            _ => {}
+        }
+        match probe.now.state {
+            ProbeState::Tripped => probe.was_tripped = true,
+            ProbeState::Open => probe.was_open = true,
+            _ => {}
+        }
+        let inputs = Inputs {
+            probe,
+            hold: since.is_some_and(|since| hold.contains(&since)),
+            ..Inputs::default()
+        };
+        let before = calls();
+        let setpoint = motion.step(&inputs, &mut queue);
+        allocations += (calls() - before) as usize;
+        all.push(setpoint);
+        if setpoint.line == 2 && result.is_none() {
+            moved.push(setpoint);
+        }
+        if result.is_none()
+            && let Some(told) = probings.result()
+        {
+            result = Some(told);
+            planner.stand_at(&told.stands_at);
+            planner
+                .push(&feed_move(told.stands_at, toward_next, order.feed), 3, 1)
+                .expect("it begins where the axes stand");
+            planner.finish(3).expect("taken");
+        }
+        assert!(all.len() < 20_000_000, "no end");
+    }
+    assert_eq!(motion.fault(), None);
+    assert_eq!(motion.state(), State::Done);
+    let end = all.last().expect("one").position;
+    assert!((end - toward_next).abs().max() < 1e-9, "{end:?}");
+    consume(queue);
+    Outcome {
+        result: result.expect("a result"),
+        moved,
+        all,
+        seen_at,
+        allocations,
+    }
+}
+
+fn consume(queue: PlanConsumer) {
+    drop(queue);
+}
+
+/// By differences of the positions, which know nothing of the code.
+fn assert_within(all: &[Setpoint], machine: &Limits, period_ns: u64, what: &str) {
+    let period = period_ns as f64 * 1e-9;
+    // Rounding of positions, in each difference.
+    let noise = 64.0 * f64::EPSILON * 200.0;
+    for axis in 0..AXES {
+        let of = |k: usize| all[k].position[axis];
+        for k in 3..all.len() {
+            let first = (of(k) - of(k - 1)) / period;
+            let second = (of(k) - 2.0 * of(k - 1) + of(k - 2)) / period.powi(2);
+            let third = (of(k) - 3.0 * of(k - 1) + 3.0 * of(k - 2) - of(k - 3)) / period.powi(3);
+            assert!(
+                first.abs() <= 1.001 * machine.velocity[axis] + noise / period,
+                "{what}: velocity, cycle {k}"
+            );
+            assert!(
+                second.abs() <= 1.001 * machine.acceleration[axis] + noise / period.powi(2),
+                "{what}: acceleration {second}, cycle {k}"
+            );
+            // At the joint of exact path nothing moves, so jerk is bounded everywhere.
+            assert!(
+                third.abs() <= 1.02 * machine.jerk[axis] + noise / period.powi(3),
+                "{what}: jerk {third} of {}, axis {axis}, cycle {k}",
+                machine.jerk[axis]
+            );
+        }
+    }
+}
+
+#[test]
+fn a_probing_move_stops_at_any_moment_within_the_limits_and_the_plan_goes_on_from_there() {
+    let seed = 0x0b0b_0001;
+    println!("seed {seed:#x}");
+    let mut random = Random::from_state(seed);
+    let mut met = [0; 5];
+    for case in 0..60 {
+        let rate = if case % 5 == 0 {
+            35_000.0
+        } else {
+            random.log(250.0, 35_000.0)
+        };
+        let period_ns = (1e9 / rate).round() as u64;
+        let machine = limits(&mut random);
+        let kind = PLANNERS[case % 2];
+        let direction = |random: &mut Random| {
+            let mut way = Axes::zeros();
+            for axis in 0..3 {
+                way[axis] = random.between(-1.0, 1.0);
+            }
+            way
+        };
+        let start = 20.0 * direction(&mut random);
+        let from = start + 3.0 * direction(&mut random);
+        let to = from + random.log(0.02, 20.0) * direction(&mut random);
+        let order = ProbeMove {
+            curve: line(from, to),
+            feed: random.log(1.0, 60.0),
+            toward: random.unit() < 0.5,
+        };
+        // How long the move takes without contact, to find worst moments in it.
+        let free = run(machine, period_ns, kind, start, order, start, Scene::Never, 0..0);
+        assert_eq!(free.result.verdict, ProbeVerdict::NoContact, "case {case}");
+        assert!((free.result.stands_at - to).abs().max() < 1e-9);
+        let moving = free
+            .moved
+            .windows(2)
+            .filter(|pair| pair[0].position != pair[1].position)
+            .count() as u64;
+        let cycle = match case % 4 {
+            0 => 1,
+            1 => moving.saturating_sub(1).max(1),
+            // While the axes are on the way to rest at the end, or behind that: drives are late.
+            2 => moving + 1,
+            _ => 1 + (random.unit() * moving as f64) as u64,
+        };
+        let scene = match case % 7 {
+            0 => Scene::Lost(cycle),
+            1 => Scene::Changes { cycle, lasts: 1 },
+            5 if random.unit() < 0.5 => Scene::Before,
+            5 => Scene::Silent,
+            _ => Scene::Changes {
+                cycle,
+                lasts: u64::MAX / 2,
+            },
+        };
+        let hold = if case % 3 == 0 { 2..40 } else { 0..0 };
+        let what = format!("case {case}, {rate:.0} Hz, {kind:?}, {scene:?}");
+        let next = from + 2.0 * direction(&mut random);
+        let outcome = run(machine, period_ns, kind, start, order, next, scene, hold);
+        assert_eq!(outcome.allocations, 0, "{what}");
+        assert_within(&outcome.all, &machine, period_ns, &what);
+        let result = outcome.result;
+        let length = (to - from).norm();
+        match scene {
+            Scene::Changes { .. } => {
+                met[0] += 1;
+                assert_eq!(result.verdict, ProbeVerdict::Contact, "{what}");
+                let seen = outcome.seen_at.expect("a contact");
+                assert_eq!(result.position, seen, "{what}");
+                // The way after the contact: no farther than what was promised, and never beyond the end.
+                let beyond = (result.stands_at - seen).norm();
+                let most = order.stopping_distance(&machine) + 1e-9;
+                assert!(beyond <= most, "{what}: {beyond} mm of {most}");
+                assert!((result.stands_at - from).norm() <= length + 1e-9, "{what}");
+            }
+            Scene::Lost(_) => {
+                met[1] += 1;
+                assert_eq!(result.verdict, ProbeVerdict::Lost, "{what}");
+            }
+            Scene::Before => {
+                met[2] += 1;
+                assert_eq!(result.verdict, ProbeVerdict::ChangedBefore, "{what}");
+                assert_eq!(result.stands_at, from, "{what}: nothing has moved");
+            }
+            Scene::Silent => {
+                met[3] += 1;
+                assert_eq!(result.verdict, ProbeVerdict::Unknown, "{what}");
+                assert_eq!(result.stands_at, from, "{what}: nothing has moved");
+            }
+            Scene::Never => met[4] += 1,
+        }
+        // On the line all the way.
+        for setpoint in &outcome.moved {
+            let along = (setpoint.position - from).dot(&(to - from)) / length;
+            let off = (setpoint.position - from - (to - from) * (along / length)).norm();
+            assert!(off < 1e-9, "{what}: {off} mm off the line");
+        }
+    }
+    assert!(met[..4].iter().all(|&count| count > 0), "{met:?}");
+}
+
+#[test]
+fn the_stop_of_a_probe_is_as_long_as_the_textbook_says() {
+    // From v with acceleration A and jerk J, A reached: v^2 / (2 A) + v A / (2 J).
+    let machine = equal_axes(1000.0, 500.0, 50_000.0);
+    let order = ProbeMove {
+        curve: line(Axes::zeros(), {
+            let mut to = Axes::zeros();
+            to[0] = 100.0;
+            to
+        }),
+        feed: 20.0,
+        toward: true,
+    };
+    let (v, a, j) = (20.0, 0.99 * 500.0, 0.99 * 50_000.0);
+    let expected = v * v / (2.0 * a) + v * a / (2.0 * j);
+    assert!((order.stopping_distance(&machine) - expected).abs() < 1e-9);
+}
