@@ -687,9 +687,9 @@ typedef struct evolvent_machineinputs {
     uint32_t probe;
     /* Times that the probe has tripped since the bridge started. */
     uint64_t probe_trips;
-    /* When it tripped last, in ns of CLOCK_MONOTONIC; 0 where it has not. */
+    /* When it tripped or opened last, in ns of CLOCK_MONOTONIC; 0 where that is not known. */
     uint64_t probe_time_ns;
-    /* Positions that the drives latched when it tripped: mm, degrees for A B C. */
+    /* Positions that the drives latched then: mm, degrees for A B C. */
     double probe_position[9];
     /* Bit i set: the drive of axis i has latched its position. */
     uint32_t probe_latched_mask;

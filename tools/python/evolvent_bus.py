@@ -751,9 +751,9 @@ class MachineInputs(ctypes.Structure):
         ("probe", ctypes.c_uint32),
         # Times that the probe has tripped since the bridge started.
         ("probe_trips", ctypes.c_uint64),
-        # When it tripped last, in ns of CLOCK_MONOTONIC; 0 where it has not.
+        # When it tripped or opened last, in ns of CLOCK_MONOTONIC; 0 where that is not known.
         ("probe_time_ns", ctypes.c_uint64),
-        # Positions that the drives latched when it tripped: mm, degrees for A B C.
+        # Positions that the drives latched then: mm, degrees for A B C.
         ("probe_position", ctypes.c_double * 9),
         # Bit i set: the drive of axis i has latched its position.
         ("probe_latched_mask", ctypes.c_uint32),

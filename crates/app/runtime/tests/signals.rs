@@ -539,3 +539,78 @@ fn in_random_programs_every_synchronised_output_changes_with_the_first_setpoint_
         "{changes} changes in {runs} runs prove little"
     );
 }
+
+const PROBE: &str = "[probe]\n";
+const PROBING: &str = "G21\nG38.2 Z-10 F600\nG1 X[0-#5063] F600\nG1 Y#5070\nM2\n";
+
+fn probes(program: &str, inputs: &str, planner: PlannerKind, rate: f64) -> Ran {
+    drive(program, setup(PROBE, Some(rate), planner), inputs, |_, _| {})
+}
+
+#[test]
+fn a_program_goes_on_from_where_the_probe_has_stopped_and_knows_where_it_tripped() {
+    for planner in [PlannerKind::Optimal, PlannerKind::Classic] {
+        for rate in [250.0, 1000.0, 35_000.0] {
+            let trip = "[[change]]\ninput = \"probe\"\non = true\nat_s = 0.5\n";
+            let ran = probes(PROBING, trip, planner, rate);
+            let said = format!("{planner:?} {rate} {:?}", ran.outcome.program);
+            assert_eq!(ran.outcome.summary.outcome, Outcome::Done, "{said}");
+            let period_s = (1e9 / rate).round() * 1e-9;
+            let before = |setpoint: &&Setpoint| (setpoint.sequence as f64) * period_s < 0.5;
+            let seen = ran.setpoints.iter().filter(before).next_back().unwrap().position;
+            assert!((-5.0..-4.0).contains(&seen[2]), "{said}: {}", seen[2]);
+            let last = ran.setpoints.last().unwrap();
+            // The program's X is what it was told of Z, and Y that there was contact.
+            assert!(
+                (last.position[0] + seen[2]).abs() < 1e-9,
+                "{said}: {} {}",
+                last.position[0],
+                seen[2]
+            );
+            assert_eq!(last.position[1], 1.0, "{said}");
+            assert!(
+                last.position[2] < seen[2] && last.position[2] > seen[2] - 1.0,
+                "{said}"
+            );
+        }
+    }
+}
+
+#[test]
+fn without_contact_a_probing_move_that_must_make_it_is_an_error_with_its_line() {
+    let open = "[[change]]\ninput = \"probe\"\non = false\n";
+    let ran = probes(PROBING, open, PlannerKind::Optimal, 1000.0);
+    assert_eq!(ran.outcome.summary.outcome, Outcome::Failed);
+    let error = ran.outcome.program.unwrap_err().to_string();
+    assert!(
+        error.contains(":2:") && error.contains("without contact"),
+        "{error}"
+    );
+    let ran = probes(
+        &PROBING.replace("G38.2", "G38.3"),
+        open,
+        PlannerKind::Optimal,
+        1000.0,
+    );
+    assert_eq!(ran.outcome.summary.outcome, Outcome::Done);
+    let last = ran.setpoints.last().unwrap().position;
+    assert_eq!((last[0], last[1], last[2]), (10.0, 0.0, -10.0));
+    // Tripped before: nothing moves.
+    let tripped = "[[change]]\ninput = \"probe\"\non = true\n";
+    let ran = probes(PROBING, tripped, PlannerKind::Optimal, 1000.0);
+    let error = ran.outcome.program.unwrap_err().to_string();
+    assert!(error.contains("tripped before"), "{error}");
+    assert!(ran.setpoints.iter().all(|setpoint| setpoint.position[2] == 0.0));
+}
+
+#[test]
+fn where_nobody_says_anything_of_the_probe_the_move_goes_to_its_end() {
+    let ran = probes(PROBING, "", PlannerKind::Optimal, 1000.0);
+    assert_eq!(
+        ran.outcome.summary.outcome,
+        Outcome::Done,
+        "{:?}",
+        ran.outcome.program
+    );
+    assert_eq!(ran.setpoints.last().unwrap().position[2], -10.0);
+}

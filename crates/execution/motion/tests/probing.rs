@@ -152,7 +152,12 @@ fn run(
                 .expect("it begins where the axes stand");
             planner.finish(3).expect("taken");
         }
-        assert!(all.len() < 20_000_000, "no end");
+        assert!(
+            all.len() < 200_000,
+            "no end: {:?}, {:?}",
+            motion.state(),
+            all.last()
+        );
     }
     assert_eq!(motion.fault(), None);
     assert_eq!(motion.state(), State::Done);
@@ -224,11 +229,11 @@ fn a_probing_move_stops_at_any_moment_within_the_limits_and_the_plan_goes_on_fro
             way
         };
         let start = 20.0 * direction(&mut random);
-        let from = start + 3.0 * direction(&mut random);
-        let to = from + random.log(0.02, 20.0) * direction(&mut random);
+        let from = start + 0.3 * direction(&mut random);
+        let to = from + random.log(0.02, 2.0) * direction(&mut random);
         let order = ProbeMove {
             curve: line(from, to),
-            feed: random.log(1.0, 60.0),
+            feed: random.log(4.0, 60.0),
             toward: random.unit() < 0.5,
         };
         // How long the move takes without contact, to find worst moments in it.
@@ -259,7 +264,7 @@ fn a_probing_move_stops_at_any_moment_within_the_limits_and_the_plan_goes_on_fro
         };
         let hold = if case % 3 == 0 { 2..40 } else { 0..0 };
         let what = format!("case {case}, {rate:.0} Hz, {kind:?}, {scene:?}");
-        let next = from + 2.0 * direction(&mut random);
+        let next = from + 0.3 * direction(&mut random);
         let outcome = run(machine, period_ns, kind, start, order, next, scene, hold);
         assert_eq!(outcome.allocations, 0, "{what}");
         assert_within(&outcome.all, &machine, period_ns, &what);
