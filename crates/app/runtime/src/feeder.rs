@@ -8,7 +8,9 @@ use std::time::Duration;
 
 use evolvent_gcode::{Action, Command, Diagnostic, Modal, Move, MoveKind};
 use evolvent_machine::{AtSpeed, SignalKind};
-use evolvent_motion::{ProbeMove, ProbeResult, ProbeVerdict, ProbingSender, QueueClosed, Turning, TurningSender};
+use evolvent_motion::{
+    ProbeMove, ProbeResult, ProbeVerdict, ProbingSender, QueueClosed, Turning, TurningSender,
+};
 use evolvent_path::{Axes, AxisLetter, Curve};
 use evolvent_planner::{PlanError, PlanSink, Step};
 use evolvent_signals::{Awaited, Change, InputWait, Moment as SignalMoment, Scheduler, WaitMode};

@@ -3,10 +3,12 @@
 use std::path::Path;
 
 use evolvent_config::{ConfigDocument, ConfigError, read_regular};
-use evolvent_machine::{AtSpeed, SignalKind, SignalSettings, probe_numbers};
+use evolvent_machine::{AtSpeed, SignalKind, SignalSettings};
 use evolvent_motion::Setpoint;
-use evolvent_signals::{InputImage, ProbeState, SpindleState};
+use evolvent_signals::{InputImage, ProbeState, SpindleState, probe_numbers};
 use serde::Deserialize;
+
+use crate::signal_loop::SignalName;
 
 /// No file of inputs is longer.
 const MAX_BYTES: u64 = 1024 * 1024;
@@ -68,8 +70,7 @@ enum When {
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct ScriptedChange {
     when: When,
-    kind: SignalKind,
-    number: u32,
+    name: SignalName,
     value: Option<f64>,
     done: bool,
 }
@@ -171,11 +172,10 @@ impl InputScript {
                     script.begin.probe.state = ProbeState::Open;
                 }
                 match change.when().map_err(|what| wrong("input", what, WHEN))? {
-                    None => script.begin.set(SignalKind::Probe, probe_numbers::STATE, value),
+                    None => script.begin.probe.set(probe_numbers::STATE, value),
                     Some(when) => script.changes.push(ScriptedChange {
                         when,
-                        kind: SignalKind::Probe,
-                        number: probe_numbers::STATE,
+                        name: SignalName::Probe(probe_numbers::STATE),
                         value,
                         done: false,
                     }),
@@ -218,8 +218,7 @@ impl InputScript {
             };
             script.changes.push(ScriptedChange {
                 when,
-                kind: input.kind,
-                number: input.number,
+                name: SignalName::Signal(input.kind, input.number),
                 value,
                 done: false,
             });
@@ -263,7 +262,7 @@ impl InputScript {
                 }
         })?;
         due.done = true;
-        self.now.set(due.kind, due.number, due.value);
+        due.name.enter(&mut self.now, due.value);
         Some(self.now)
     }
 }

@@ -1,10 +1,11 @@
 //! Outputs and inputs in the loop around the cycle: samples in, changes out to bus and trace.
 
-use evolvent_machine::{MAX_ANALOG, MAX_DIGITAL, MAX_SPINDLES, SignalKind, SignalSettings, probe_numbers};
+use evolvent_machine::{MAX_ANALOG, MAX_DIGITAL, MAX_SPINDLES, SignalKind, SignalSettings};
 use evolvent_motion::{Setpoint, State};
 use evolvent_path::AxisLetter;
 use evolvent_signals::{
     Change, InputImage, OutputImage, Phase, ProbeInput, Progress, ScheduleConsumer, Signals, SpindleState,
+    probe_numbers,
 };
 use rtrb::{Consumer, Producer};
 
@@ -37,39 +38,51 @@ pub enum SignalName {
     Signal(SignalKind, u32),
     /// How a spindle is: an input.
     Spindle(u32),
+    /// A value of the probe, as [`probe_numbers`] count them: an input.
+    Probe(u32),
+}
+
+impl SignalName {
+    /// Gives an input this value in an image; none makes it unknown. Real-time safe.
+    pub(crate) fn enter(self, image: &mut InputImage, value: Option<f64>) {
+        match self {
+            Self::Signal(kind, number) => image.set(kind, number, value),
+            Self::Spindle(number) => {
+                image.set_spindle(number, value.and_then(SpindleState::from_number));
+            }
+            Self::Probe(number) => image.probe.set(number, value),
+        }
+    }
 }
 
 impl SignalChange {
-    /// The number in the trace: 64 more of an analog signal, 80 more of a spindle.
+    /// The number in the trace: 64 more of an analog signal, 80 more of a spindle, 84 more of a value of the probe.
     #[must_use]
     pub const fn code(&self) -> u32 {
         match self.name {
             SignalName::Signal(SignalKind::Digital, number) => number,
             SignalName::Signal(SignalKind::Analog, number) => MAX_DIGITAL + number,
             SignalName::Spindle(number) => MAX_DIGITAL + MAX_ANALOG + number,
+            SignalName::Probe(number) => MAX_DIGITAL + MAX_ANALOG + MAX_SPINDLES + number,
         }
     }
 
     /// Which signal has a number in the trace.
     #[must_use]
     pub const fn of_code(code: u32) -> SignalName {
-        match code.checked_sub(MAX_DIGITAL) {
-            None => SignalName::Signal(SignalKind::Digital, code),
-            Some(number) => match number.checked_sub(MAX_ANALOG) {
-                None => SignalName::Signal(SignalKind::Analog, number),
-                Some(number) => SignalName::Spindle(number),
-            },
+        const SPINDLES: u32 = MAX_DIGITAL + MAX_ANALOG;
+        const PROBE: u32 = SPINDLES + MAX_SPINDLES;
+        match code {
+            0..MAX_DIGITAL => SignalName::Signal(SignalKind::Digital, code),
+            MAX_DIGITAL..SPINDLES => SignalName::Signal(SignalKind::Analog, code - MAX_DIGITAL),
+            SPINDLES..PROBE => SignalName::Spindle(code - SPINDLES),
+            PROBE.. => SignalName::Probe(code - PROBE),
         }
     }
 
     /// Makes an image of the inputs so.
     pub(crate) fn enter(&self, image: &mut InputImage) {
-        match self.name {
-            SignalName::Signal(kind, number) => image.set(kind, number, self.value),
-            SignalName::Spindle(number) => {
-                image.set_spindle(number, self.value.and_then(SpindleState::from_number));
-            }
-        }
+        self.name.enter(image, self.value);
     }
 
     /// For people, with the machine's name of it: `output clamp on`.
@@ -79,6 +92,7 @@ impl SignalChange {
             SignalName::Spindle(number) => {
                 return format!("spindle {number} {}", spindle_text(self.value));
             }
+            SignalName::Probe(number) => return probe_text(number, self.value),
         };
         let name = if self.is_output {
             settings.output(kind, number).map(|output| &output.name)
@@ -278,7 +292,7 @@ impl SignalLoop {
         if before == *sample {
             return;
         }
-        for kind in [SignalKind::Digital, SignalKind::Analog, SignalKind::Probe] {
+        for kind in [SignalKind::Digital, SignalKind::Analog] {
             for number in 0..kind.most() {
                 let value = sample.value(kind, number);
                 if value != before.value(kind, number) {
@@ -289,6 +303,17 @@ impl SignalLoop {
                         value,
                     });
                 }
+            }
+        }
+        for number in 0..probe_numbers::COUNT {
+            let value = sample.probe.value(number);
+            if value != before.probe.value(number) {
+                self.record(SignalChange {
+                    sequence,
+                    is_output: false,
+                    name: SignalName::Probe(number),
+                    value,
+                });
             }
         }
         for number in 0..MAX_SPINDLES {

@@ -60,7 +60,6 @@ impl SignalPort {
             match input.kind {
                 SignalKind::Digital => digital |= 1 << input.number,
                 SignalKind::Analog => entry_of_analog.push((input.number, input.range)),
-                SignalKind::Probe => {}
             }
         }
         let mut entry = InputEntry::new(digital, (settings.input_timeout_s * 1e9) as u64);
@@ -82,7 +81,6 @@ impl SignalPort {
                     message.analog_mask |= bit as u32;
                     message.safe_analog[output.number as usize] = output.safe;
                 }
-                SignalKind::Probe => {}
             }
         }
         (message.digital, message.analog) = (message.safe_digital, message.safe_analog);
@@ -173,7 +171,11 @@ impl SignalPort {
         let known = self.entry.known(now_ns);
         let probe = known.probe.filter(|_| self.settings.probe.is_some());
         let (mut image, bounces) = (image_of(&known), self.follow_probe(probe, now_ns));
-        let measured = self.settings.spindles.iter().filter(|spindle| spindle.has_feedback());
+        let measured = self
+            .settings
+            .spindles
+            .iter()
+            .filter(|spindle| spindle.has_feedback());
         for spindle in measured {
             image.set_spindle(spindle.number, self.spindle_state(spindle.number, now_ns));
         }

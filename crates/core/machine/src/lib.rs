@@ -56,5 +56,5 @@ pub use rate::{
 };
 pub use signals::{
     AtSpeed, EstopSettings, InputSettings, MAX_ANALOG, MAX_DIGITAL, MAX_SPINDLES, OutputRule, OutputSettings,
-    ProbeSettings, SignalKind, SignalSettings, SpindleSettings, probe_numbers,
+    ProbeSettings, SignalKind, SignalSettings, SpindleSettings,
 };

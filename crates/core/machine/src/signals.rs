@@ -19,21 +19,6 @@ pub enum SignalKind {
     Digital,
     /// A number.
     Analog,
-    /// What the probe says, as [`probe_numbers`] count it; no kind of a machine file.
-    #[serde(skip)]
-    Probe,
-}
-
-/// Numbers of the values of a probe.
-pub mod probe_numbers {
-    /// Its state: 0 open, 1 tripped, 2 where time is not real and no contact is known.
-    pub const STATE: u32 = 0;
-    /// Changes whose position is known.
-    pub const CHANGES: u32 = 1;
-    /// The position of axis 0 at the last of them; those of the other axes follow.
-    pub const POSITION: u32 = 2;
-    /// How many numbers there are.
-    pub const COUNT: u32 = POSITION + 9;
 }
 
 impl SignalKind {
@@ -43,7 +28,6 @@ impl SignalKind {
         match self {
             Self::Digital => MAX_DIGITAL,
             Self::Analog => MAX_ANALOG,
-            Self::Probe => probe_numbers::COUNT,
         }
     }
 
@@ -53,7 +37,6 @@ impl SignalKind {
         match self {
             Self::Digital => "digital",
             Self::Analog => "analog",
-            Self::Probe => "probe",
         }
     }
 }

@@ -27,7 +27,6 @@ impl OutputImage {
                 .checked_shr(number)
                 .map_or(0.0, |bits| (bits & 1) as f64),
             SignalKind::Analog => self.analog.get(number as usize).copied().unwrap_or(0.0),
-            SignalKind::Probe => 0.0,
         }
     }
 
@@ -37,7 +36,6 @@ impl OutputImage {
         match kind {
             SignalKind::Digital => change.set_digital(number, value != 0.0),
             SignalKind::Analog => change.set_analog(number, value),
-            SignalKind::Probe => {}
         }
         self.apply(&change);
     }
@@ -81,7 +79,6 @@ impl InputImage {
             SignalKind::Analog if index < ANALOG && self.analog_known >> number & 1 == 1 => {
                 Some(self.analog[index])
             }
-            SignalKind::Probe => self.probe.value(number),
             _ => None,
         }
     }
@@ -119,7 +116,6 @@ impl InputImage {
                     self.analog[number as usize] = value;
                 }
             }
-            SignalKind::Probe => self.probe.set(number, value),
             _ => {}
         }
     }

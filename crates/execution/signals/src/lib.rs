@@ -35,7 +35,7 @@ mod spindle_state;
 mod wait;
 
 pub use image::{InputImage, OutputImage};
-pub use probe_image::{ProbeImage, ProbeInput, ProbeState};
+pub use probe_image::{ProbeImage, ProbeInput, ProbeState, probe_numbers};
 pub use schedule::{Change, Moment, ScheduleConsumer, Scheduler, schedule};
 pub use signals::{Phase, Progress, Signals};
 pub use spindle_state::SpindleState;

@@ -1,6 +1,18 @@
 //! The probe at one instant, and what a cycle goes by of it.
 
-use evolvent_machine::probe_numbers::{CHANGES, POSITION, STATE};
+use self::probe_numbers::{CHANGES, POSITION, STATE};
+
+/// Numbers of the values of a probe.
+pub mod probe_numbers {
+    /// Its state: 0 open, 1 tripped, 2 where time is not real and no contact is known.
+    pub const STATE: u32 = 0;
+    /// Changes whose position is known.
+    pub const CHANGES: u32 = 1;
+    /// The position of axis 0 at the last of them; those of the other axes follow.
+    pub const POSITION: u32 = 2;
+    /// How many numbers there are.
+    pub const COUNT: u32 = POSITION + 9;
+}
 
 /// Axes whose position a contact has.
 const AXES: usize = 9;
@@ -37,7 +49,7 @@ impl ProbeImage {
         self.position = position;
     }
 
-    /// A value by its number (see [`probe_numbers`](evolvent_machine::probe_numbers)). Real-time safe.
+    /// A value by its number (see [`probe_numbers`]). Real-time safe.
     #[must_use]
     pub fn value(&self, number: u32) -> Option<f64> {
         match number {

@@ -48,7 +48,6 @@ impl Mask {
             match output.kind {
                 SignalKind::Digital => mask.digital |= 1 << output.number,
                 SignalKind::Analog => mask.analog |= 1 << output.number,
-                SignalKind::Probe => {}
             }
         }
         mask
@@ -95,7 +94,6 @@ impl Signals {
             match output.kind {
                 SignalKind::Digital => safe.digital |= u64::from(output.safe != 0.0) << output.number,
                 SignalKind::Analog => safe.analog[output.number as usize] = output.safe,
-                SignalKind::Probe => {}
             }
         }
         Self {

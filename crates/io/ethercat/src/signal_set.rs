@@ -90,7 +90,7 @@ impl SignalSet {
                             let (number, safe) = (known.number, known.safe);
                             match known.kind {
                                 SignalKind::Digital => Source::Digital { number, safe },
-                                SignalKind::Analog | SignalKind::Probe => Source::Analog { number, safe },
+                                SignalKind::Analog => Source::Analog { number, safe },
                             }
                         }),
                     OutputSource::Function(function, spindle) => Some(Source::Function(*function, *spindle)),

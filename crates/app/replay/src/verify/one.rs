@@ -176,6 +176,7 @@ fn compare_outputs(again: &Again<'_>, recomputed: &[SignalChange], verified: &mu
             .output(kind, number)
             .map_or_else(|| number.to_string(), |output| output.name.clone()),
         SignalName::Spindle(number) => format!("of spindle {number}"),
+        SignalName::Probe(number) => format!("of probe {number}"),
     };
     let difference = Difference {
         sequence: first.sequence,

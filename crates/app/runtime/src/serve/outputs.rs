@@ -44,7 +44,7 @@ fn change_of(output: &OutputSettings, value: f64) -> Result<Change, Rejection> {
             );
             Err(Rejection::new(Alarm::BadNumber, text))
         }
-        SignalKind::Analog | SignalKind::Probe => {
+        SignalKind::Analog => {
             let [low, high] = output.range;
             if !(low..=high).contains(&value) {
                 let text = format!("the output {} takes {low} to {high}, not {value}", output.name);

@@ -8,8 +8,8 @@ use super::{ABSURD, Check};
 use crate::error::MachineError;
 use crate::file::MachineFile;
 use crate::signals::{
-    AtSpeed, EstopSettings, InputFile, InputSettings, MAX_SPINDLES, OutputFile, OutputSettings, ProbeSettings,
-    SignalKind, SignalSettings, SpindleFile, SpindleSettings,
+    AtSpeed, EstopSettings, InputFile, InputSettings, MAX_SPINDLES, OutputFile, OutputSettings,
+    ProbeSettings, SignalKind, SignalSettings, SpindleFile, SpindleSettings,
 };
 
 /// Names, and numbers of a kind, with the entry that has them.
@@ -69,7 +69,6 @@ impl Check<'_> {
                 return Err(self.error(&format!("{at}.safe_on"), what, "write safe_value and a number"));
             }
             (SignalKind::Digital, on, None) => f64::from(u8::from(on.unwrap_or(false))),
-            (SignalKind::Probe, ..) => 0.0,
             (SignalKind::Analog, None, value) => {
                 let safe = value.unwrap_or(0.0);
                 let key = format!("{at}.safe_value");
@@ -118,7 +117,7 @@ impl Check<'_> {
         let checked = self.whole_number(&key, number, 0, i64::from(kind.most()) - 1)?;
         let numbers = match kind {
             SignalKind::Digital => &mut taken.digital,
-            SignalKind::Analog | SignalKind::Probe => &mut taken.analog,
+            SignalKind::Analog => &mut taken.analog,
         };
         if let Some(first) = numbers.insert(number, at.to_owned()) {
             let what = format!("{} number {number} is that of {first} already", kind.name());
