@@ -94,7 +94,10 @@ impl Route {
                 | Action::AnalogOutput {
                     synchronised: true, ..
                 } => {}
-                Action::WaitInput { .. } => return Err(RouteError::ReadsInput { line: command.line }),
+                // Where a probing move ends the machine says.
+                Action::WaitInput { .. } | Action::Probe { .. } => {
+                    return Err(RouteError::ReadsInput { line: command.line });
+                }
                 Action::ProgramEnd => break,
                 Action::Turning(_) => return Err(RouteError::Finds { line: command.line }),
                 // Whatever else there is takes effect at rest.
