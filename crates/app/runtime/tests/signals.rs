@@ -557,7 +557,7 @@ fn a_program_goes_on_from_where_the_probe_has_stopped_and_knows_where_it_tripped
             assert_eq!(ran.outcome.summary.outcome, Outcome::Done, "{said}");
             let period_s = (1e9 / rate).round() * 1e-9;
             let before = |setpoint: &&Setpoint| (setpoint.sequence as f64) * period_s < 0.5;
-            let seen = ran.setpoints.iter().filter(before).next_back().unwrap().position;
+            let seen = ran.setpoints.iter().rfind(before).unwrap().position;
             assert!((-5.0..-4.0).contains(&seen[2]), "{said}: {}", seen[2]);
             let last = ran.setpoints.last().unwrap();
             // The program's X is what it was told of Z, and Y that there was contact.

@@ -62,7 +62,7 @@ fn run(
     scene: Scene,
     hold: std::ops::Range<u64>,
 ) -> Outcome {
-    let (mut producer, mut queue) = plan_queue(|| panic!("no room"));
+    let (mut producer, mut queue) = plan_queue(|| unreachable!("no room"));
     let mut probings: ProbingSender = producer.take_probings().expect("once");
     let rules = PathRules {
         blend_tolerance_mm: 0.01,

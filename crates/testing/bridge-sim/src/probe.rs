@@ -70,7 +70,7 @@ impl Surface {
 }
 
 /// A probe.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct ProbeSettings {
     /// What it can touch.
     pub surfaces: Vec<Surface>,
@@ -84,19 +84,6 @@ pub struct ProbeSettings {
     pub bounces: u32,
     /// It says nothing any more so long after its first contact, or after the start where that is none, ns.
     pub lost_after_ns: Option<u64>,
-}
-
-impl Default for ProbeSettings {
-    fn default() -> Self {
-        Self {
-            surfaces: Vec::new(),
-            delay_ns: 0,
-            unknown_delay_ns: 0,
-            latches: false,
-            bounces: 0,
-            lost_after_ns: None,
-        }
-    }
 }
 
 /// `plane:X>12.5`, `plane:Z<-3`, `bore:CX,CY,DIAMETER,TOP`, `boss:CX,CY,DIAMETER,TOP` or `block:X1,X2,Y1,Y2,Z1,Z2`; several with `+` between them.
