@@ -14,9 +14,12 @@ const SPINDLE_ALARM: u32 = 440;
 const DONE: u32 = 1;
 const FAULT: u32 = 4;
 
-/// A mill whose spindle is measured. A bridge on a busy host may be silent for half a second.
+/// A mill whose spindle is measured. A bridge on a busy host may be silent for a while.
 fn machine(workshop: &Workshop, name: &str, timeout_s: f64) -> PathBuf {
-    let file = workshop.mill(name, &[]);
+    let file = workshop.mill(
+        name,
+        &[("feedback_timeout_ms = 20 ", "feedback_timeout_ms = 1000 ")],
+    );
     let text = std::fs::read_to_string(&file).expect("the machine file");
     let spindle = format!(
         "\n[signals]\ninput_timeout_ms = 500\n[[spindle]]\nmax_rpm = 8000\nfeedback = true\nat_speed_timeout_s = {timeout_s}\n"
