@@ -5,7 +5,7 @@ use std::convert::Infallible;
 use std::path::Path;
 
 use evolvent_config::open_regular;
-use evolvent_gcode::{Action, Code, Command, Diagnostic, Interpreter, Move};
+use evolvent_gcode::{Action, Code, Command, Diagnostic, Interpreter, Move, Origin};
 use evolvent_motion::ProbeMove;
 use evolvent_planner::{MoveValidator, PlanError};
 
@@ -15,6 +15,7 @@ use crate::probing::{ProbeObjection, objection as probe_objection};
 use crate::refusal::{about_line, about_line_with, at_origin, cannot_turn, explain, refuse};
 use crate::signal_check::signal_objection;
 use crate::source::reader_of;
+use crate::threading::ThreadCheck;
 use crate::turning::turning;
 use crate::user_code::UserCodes;
 
@@ -117,6 +118,7 @@ pub(crate) fn check_while(
     // Places that the machine has refused or that were warned of: loops come by again and again.
     let mut told = BTreeSet::new();
     let mut has_strayed = false;
+    let mut threads = ThreadCheck::new(setup);
     let (mut commands, mut round, mut farthest) = (0, 0, 0);
     for command in Interpreter::new(reader, setup.interpreter_settings_for(program)) {
         let command = match command {
@@ -142,16 +144,22 @@ pub(crate) fn check_while(
             checked.up_to = Some(farthest);
             break;
         }
-        // The same line of a subroutine's file, whoever calls it.
-        let place = || match &command.origin {
-            Some(origin) => (Some(origin.clone()), 0),
-            None => (None, command.line),
-        };
+        let place = || place_of(&command);
         if let Action::Warning(text) = &command.action {
             if told.insert(place()) {
                 checked.warnings.push(Warning::of(&command, text.clone()));
             }
             continue;
+        }
+        if let Some((first, refusal)) = threads.see(&command, setup)
+            && told.insert(place_of(&first))
+        {
+            checked
+                .errors
+                .push(at_origin(&first, program, |file, line| refusal.told(file, line)));
+        }
+        if let Action::Thread { curve, .. } = &command.action {
+            admission.stand_at(&curve.end());
         }
         let objection = match (&command.action, command.action.unsupported_feature()) {
             (action, Some(what)) if machine.refuses_anew(action) => Some(Objection::Ability(what)),
@@ -202,6 +210,14 @@ pub(crate) fn check_while(
         }
     }
     Ok(checked)
+}
+
+/// The line of a command: the same of a subroutine's file, whoever calls it.
+fn place_of(command: &Command) -> (Option<Origin>, u32) {
+    match &command.origin {
+        Some(origin) => (Some(origin.clone()), 0),
+        None => (None, command.line),
+    }
 }
 
 /// Whether a move is beyond the travel only because it starts where a refused move was to lead.

@@ -1,5 +1,7 @@
 //! The planner's thread: program text in, plan out.
 
+mod threading;
+
 use std::collections::{BTreeSet, VecDeque};
 use std::path::Path;
 use std::sync::Arc;
@@ -9,7 +11,7 @@ use std::time::Duration;
 use evolvent_gcode::{Action, Command, Diagnostic, Modal, Move, MoveKind};
 use evolvent_machine::{AtSpeed, SignalKind};
 use evolvent_motion::{
-    ProbeMove, ProbeResult, ProbeVerdict, ProbingSender, QueueClosed, Turning, TurningSender,
+    ProbeMove, ProbeResult, ProbeVerdict, ProbingSender, QueueClosed, ThreadingSender, Turning, TurningSender,
 };
 use evolvent_path::{Axes, AxisLetter, Curve};
 use evolvent_planner::{PlanError, PlanSink, Step};
@@ -30,8 +32,11 @@ use crate::signal_check::signal_objection;
 use crate::source::Commands;
 use crate::stages::Stages;
 use crate::switches::{SwitchState, Switched, Switching};
+use crate::threading::ThreadChain;
 use crate::turning::turning;
 use crate::user_code::UserCodes;
+
+use threading::ThreadTrouble;
 
 /// How long the planner sleeps where too many commands lie ahead.
 const CARRIER_NAP: Duration = Duration::from_millis(5);
@@ -110,6 +115,10 @@ pub(crate) struct Feeder<'a, S> {
     turnings: Option<TurningSender>,
     /// The way of probing moves to the cycle; none where nothing is driven.
     probings: Option<ProbingSender>,
+    /// The way of passes of threading to the cycle; none where nothing is driven.
+    threadings: Option<ThreadingSender>,
+    /// The pieces of the next pass so far.
+    chain: ThreadChain,
     /// The way of outputs and waits to the cycle; none where nothing is driven.
     signals: Option<Scheduler>,
     /// Outputs that change with the next block (M62, M63, M67), and the line that has set them last.
@@ -178,6 +187,8 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
             carrier: None,
             turnings: None,
             probings: None,
+            threadings: None,
+            chain: ThreadChain::default(),
             signals: None,
             with_next_block: Change::at(SignalMoment::Block(0)),
             with_next_line: 0,
@@ -343,6 +354,12 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
                     file: self.file.clone(),
                     diagnostic: Box::new(diagnostic),
                 });
+            }
+            match self.collect_thread(&command, program) {
+                Ok(false) => {}
+                Ok(true) => continue,
+                Err(ThreadTrouble::Program(error)) => return Err(error),
+                Err(ThreadTrouble::Gone) => break,
             }
             self.tell_modal(&commands);
             let is_feed = match &command.action {

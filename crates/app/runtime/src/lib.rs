@@ -68,6 +68,7 @@ mod stop_watch;
 mod summary;
 mod switches;
 mod tally;
+mod threading;
 mod turning;
 mod turning_tally;
 mod user_code;

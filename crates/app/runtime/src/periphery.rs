@@ -33,6 +33,8 @@ pub(crate) struct Periphery {
     pub orientation: Option<Orientation>,
     /// Number of the last command to the spindle. Numbers grow, from job to job as well.
     pub spindle_command: u64,
+    /// The program follows the spindle's angle: the cycle needs each sample of it.
+    pub follows_angle: bool,
     /// Tool in the spindle; 0 for none.
     pub tool: u32,
     /// The tool change that the program waits for: by whom, and the tool; 0 empties the spindle.

@@ -225,6 +225,7 @@ impl<F> ProgramCycle<F> {
         };
         signals.see_inputs(number, self.period_ns, self.now.last.as_ref());
         inputs.probe = signals.take_probe();
+        inputs.spindle = signals.spindle_at(number);
         if signals.is_estopped() && !self.now.estopped {
             self.now.estopped = true;
             self.controls.raise(Alarm::EmergencyStopChain);

@@ -95,11 +95,16 @@ pub fn recompute(
         !waiting.load(Ordering::Acquire)
     });
     let (turnings, probings) = (producer.take_turnings(), producer.take_probings());
+    let threadings = producer.take_threadings();
     let mut motion = PathExecutor::new(limits, setup.period_ns, limits.home).planned_for(feed_override);
     let planner = Stages::two(setup, feed_override, producer)?;
     let settings = &setup.machine.signals;
     let (scheduler, consumer) = schedule();
-    let mut signals = Signals::new(settings, setup.machine.lead_cycles(setup.period_ns));
+    let mut signals = Signals::new(
+        settings,
+        setup.machine.lead_cycles(setup.period_ns),
+        setup.period_ns,
+    );
     let _none = signals.begin_program(consumer);
     let mut changes = changes.iter().peekable();
     let (mut image, mut sent) = (InputImage::default(), *signals.safe());
@@ -114,6 +119,7 @@ pub fn recompute(
                 Feeder::new(program, setup, planner, Vec::new(), true, optional_stop)
                     .turning_by(turnings)
                     .probing_by(probings)
+                    .threading_by(threadings)
                     .signalling_by(Some(scheduler))
                     .feed(program, || failing.store(true, Ordering::Release))
             })?;
@@ -131,6 +137,7 @@ pub fn recompute(
                 signals.see(&image);
             }
             inputs.probe = signals.take_probe();
+            inputs.spindle = signals.spindle_at(cycles);
             // As in the run: before the first inputs the chain is none that is open.
             estopped |= signals.is_estop_open();
             let at_wait = signals.is_waiting();

@@ -91,8 +91,8 @@ impl ServedAgain {
         let settings = &setup.machine.signals;
         let (outputs, inputs) = changes.iter().partition(|change| change.is_output);
         let lead_cycles = setup.machine.lead_cycles(self.period_ns);
-        self.signals =
-            (!settings.is_empty()).then(|| SignalsAgain::new(settings, lead_cycles, inputs, outputs));
+        self.signals = (!settings.is_empty())
+            .then(|| SignalsAgain::new(settings, lead_cycles, self.period_ns, inputs, outputs));
         self
     }
 
@@ -329,6 +329,7 @@ fn follow(
     motion.refuse_plan(recorded.refused);
     if let Some(signals) = &mut signals {
         inputs.probe = signals.take_probe();
+        inputs.spindle = signals.spindle_at(motion.next_sequence());
     }
     let at_wait = signals.as_ref().is_some_and(|signals| signals.is_waiting());
     if let Some(signals) = &signals {

@@ -229,6 +229,7 @@ impl<'scope, 'env> RunThreads<'_, 'scope, 'env> {
         let builder = thread::Builder::new().name("planner".into());
         let planner = builder.spawn_scoped(self.scope, move || {
             let (turnings, probings) = (ends.plan.take_turnings(), ends.plan.take_probings());
+            let threadings = ends.plan.take_threadings();
             let stages = Stages::one(&job.setup, job.feed_override, ends.plan);
             let mut feeder = Feeder::new(
                 &job.program,
@@ -240,6 +241,7 @@ impl<'scope, 'env> RunThreads<'_, 'scope, 'env> {
             )
             .turning_by(turnings)
             .probing_by(probings)
+            .threading_by(threadings)
             .signalling_by(ends.scheduler)
             .periphery_to(ends.periphery)
             .unattended(job.is_realtime() && !job.stop_at_program_stops);

@@ -136,6 +136,7 @@ mod tests {
             number: 0,
             at_speed: AtSpeed::Unknown,
             at_speed_timeout_s: 10.0,
+            acceleration_rpm_s: None,
             max_rpm: 8000.0,
             reverse: false,
         }];

@@ -78,9 +78,9 @@ impl SignalEnds {
             }
         };
         Self {
-            port: from_bus
-                .zip(changes)
-                .map(|(samples, changes)| SignalPort::new(settings, setup.tool, samples, changes)),
+            port: from_bus.zip(changes).map(|(samples, changes)| {
+                SignalPort::new(settings, setup.period_ns, setup.tool, samples, changes)
+            }),
             recorder: recorded.map(|changes| SignalRecorder::new(changes, settings.clone())),
             cycle: Some(SignalLoop::new(signals, source, to_bus, to_trace, is_realtime)),
             scheduler: None,
@@ -90,5 +90,9 @@ impl SignalEnds {
 
 fn signals(setup: &Setup) -> Signals {
     let machine = &setup.machine;
-    Signals::new(&machine.signals, machine.lead_cycles(setup.period_ns))
+    Signals::new(
+        &machine.signals,
+        machine.lead_cycles(setup.period_ns),
+        setup.period_ns,
+    )
 }

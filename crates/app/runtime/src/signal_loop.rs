@@ -4,8 +4,8 @@ use evolvent_machine::{MAX_ANALOG, MAX_DIGITAL, MAX_SPINDLES, SignalKind, Signal
 use evolvent_motion::{Setpoint, State};
 use evolvent_path::AxisLetter;
 use evolvent_signals::{
-    Change, InputImage, OutputImage, Phase, ProbeInput, Progress, ScheduleConsumer, Signals, SpindleState,
-    probe_numbers,
+    Change, InputImage, OutputImage, Phase, ProbeInput, Progress, ScheduleConsumer, Signals, SpindleAngle,
+    SpindleInput, SpindleState, probe_numbers,
 };
 use rtrb::{Consumer, Producer};
 
@@ -17,6 +17,9 @@ pub(crate) struct DueOutputs {
     pub sequence: u64,
     pub outputs: OutputImage,
 }
+
+/// Number in the trace of the angle of the spindle that motion follows.
+const ANGLE: u32 = 96;
 
 /// An input or output that has changed with a setpoint: what is recorded.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -40,6 +43,17 @@ pub enum SignalName {
     Spindle(u32),
     /// A value of the probe, as [`probe_numbers`] count them: an input.
     Probe(u32),
+    /// A value of the newest sample of the angle of the spindle that motion follows: an input.
+    Angle(AngleValue),
+}
+
+/// One of the two numbers of a sample of a spindle's angle. In the trace the turns come first: the sample is complete with its time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum AngleValue {
+    /// Turns since the index pulse.
+    Turns,
+    /// When that was, as the number of the setpoint that is due then.
+    Cycle,
 }
 
 impl SignalName {
@@ -51,12 +65,24 @@ impl SignalName {
                 image.set_spindle(number, value.and_then(SpindleState::from_number));
             }
             Self::Probe(number) => image.probe.set(number, value),
+            Self::Angle(number) => {
+                let mut angle = image.angle.unwrap_or_default();
+                match (number, value) {
+                    (_, None) => image.angle = None,
+                    (AngleValue::Turns, Some(turns)) => angle.turns = turns,
+                    (AngleValue::Cycle, Some(cycle)) => angle.cycle = cycle,
+                }
+                if value.is_some() {
+                    image.angle = Some(angle);
+                }
+            }
         }
     }
 }
 
 impl SignalChange {
-    /// The number in the trace: 64 more of an analog signal, 80 more of a spindle, 84 more of a value of the probe.
+    /// The number in the trace: 64 more of an analog signal, 80 more of a spindle, 84 more of a value of the probe;
+    /// 96 and 97 are the angle of a spindle and its time.
     #[must_use]
     pub const fn code(&self) -> u32 {
         match self.name {
@@ -64,6 +90,8 @@ impl SignalChange {
             SignalName::Signal(SignalKind::Analog, number) => MAX_DIGITAL + number,
             SignalName::Spindle(number) => MAX_DIGITAL + MAX_ANALOG + number,
             SignalName::Probe(number) => MAX_DIGITAL + MAX_ANALOG + MAX_SPINDLES + number,
+            SignalName::Angle(AngleValue::Turns) => ANGLE,
+            SignalName::Angle(AngleValue::Cycle) => ANGLE + 1,
         }
     }
 
@@ -76,7 +104,9 @@ impl SignalChange {
             0..MAX_DIGITAL => SignalName::Signal(SignalKind::Digital, code),
             MAX_DIGITAL..SPINDLES => SignalName::Signal(SignalKind::Analog, code - MAX_DIGITAL),
             SPINDLES..PROBE => SignalName::Spindle(code - SPINDLES),
-            PROBE.. => SignalName::Probe(code - PROBE),
+            PROBE..ANGLE => SignalName::Probe(code - PROBE),
+            ANGLE => SignalName::Angle(AngleValue::Turns),
+            _ => SignalName::Angle(AngleValue::Cycle),
         }
     }
 
@@ -93,6 +123,7 @@ impl SignalChange {
                 return format!("spindle {number} {}", spindle_text(self.value));
             }
             SignalName::Probe(number) => return probe_text(number, self.value),
+            SignalName::Angle(value) => return angle_text(value, self.value),
         };
         let name = if self.is_output {
             settings.output(kind, number).map(|output| &output.name)
@@ -108,6 +139,15 @@ impl SignalChange {
             }
             (_, Some(value)) => format!("{way} {name} {value}"),
         }
+    }
+}
+
+/// For people: a number of a sample of the angle.
+fn angle_text(name: AngleValue, value: Option<f64>) -> String {
+    match (name, value) {
+        (_, None) => "spindle 0: angle unknown".to_owned(),
+        (AngleValue::Turns, Some(turns)) => format!("spindle 0: turned by {turns}"),
+        (AngleValue::Cycle, Some(cycle)) => format!("spindle 0: at setpoint {cycle}"),
     }
 }
 
@@ -233,6 +273,11 @@ impl SignalLoop {
         self.signals.take_probe()
     }
 
+    /// How the spindle that motion follows turns when the setpoint of this number is due.
+    pub(crate) fn spindle_at(&self, sequence: u64) -> SpindleInput {
+        self.signals.spindle_at(sequence)
+    }
+
     /// Whether the emergency-stop chain was open at this setpoint or at one before.
     pub(crate) fn is_estopped(&self) -> bool {
         self.estopped
@@ -316,6 +361,28 @@ impl SignalLoop {
                 });
             }
         }
+        // Turns first: with its time a sample is complete.
+        for (name, value, value_before) in [
+            (
+                AngleValue::Turns,
+                sample.angle.map(turns_of),
+                before.angle.map(turns_of),
+            ),
+            (
+                AngleValue::Cycle,
+                sample.angle.map(cycle_of),
+                before.angle.map(cycle_of),
+            ),
+        ] {
+            if value != value_before {
+                self.record(SignalChange {
+                    sequence,
+                    is_output: false,
+                    name: SignalName::Angle(name),
+                    value,
+                });
+            }
+        }
         for number in 0..MAX_SPINDLES {
             let state = sample.spindle(number);
             if state != before.spindle(number) {
@@ -346,6 +413,14 @@ impl SignalLoop {
             self.lost += 1;
         }
     }
+}
+
+const fn turns_of(angle: SpindleAngle) -> f64 {
+    angle.turns
+}
+
+const fn cycle_of(angle: SpindleAngle) -> f64 {
+    angle.cycle
 }
 
 /// Calls `tell` for every output that differs.

@@ -4,7 +4,7 @@ use evolvent_bus::{CoreBus, Feedback, MachineOutputs, spindle_flags};
 use evolvent_drive::{InputEntry, InputFault, KnownInputs, KnownProbe, SpindleEntry, SpindleFault};
 use evolvent_gcode::SpindleDirection;
 use evolvent_machine::{SignalKind, SignalSettings};
-use evolvent_signals::{InputImage, OutputImage, ProbeImage, ProbeState, SpindleState};
+use evolvent_signals::{InputImage, OutputImage, ProbeImage, ProbeState, SpindleAngle, SpindleState};
 use rtrb::{Consumer, Producer};
 
 use crate::due_setpoint::DueSetpoint;
@@ -34,6 +34,11 @@ pub(crate) struct SignalPort {
     entry: InputEntry,
     spindles: SpindleEntry,
     commanded: SpindleCommand,
+    period_ns: u64,
+    /// The last setpoint: its number, and when it is due.
+    last_due: (u64, u64),
+    /// The program follows the spindle's angle.
+    follows_angle: bool,
     settings: SignalSettings,
     samples: Producer<InputImage>,
     changes: Consumer<DueOutputs>,
@@ -47,9 +52,10 @@ pub(crate) struct SignalPort {
 }
 
 impl SignalPort {
-    /// Every output at its safe value, with this tool in the spindle.
+    /// Every output at its safe value, with this tool in the spindle. `period_ns`: from one setpoint to the next.
     pub(crate) fn new(
         settings: &SignalSettings,
+        period_ns: u64,
         tool: u32,
         samples: Producer<InputImage>,
         changes: Consumer<DueOutputs>,
@@ -96,6 +102,9 @@ impl SignalPort {
             entry,
             spindles,
             commanded: SpindleCommand::default(),
+            period_ns,
+            last_due: (0, 0),
+            follows_angle: false,
             settings: settings.clone(),
             samples,
             changes,
@@ -154,6 +163,20 @@ impl SignalPort {
         })
     }
 
+    /// The newest sample of the angle of the spindle that motion follows, where a program follows it.
+    fn spindle_angle(&self, now_ns: u64) -> Option<SpindleAngle> {
+        let (sequence, due_ns) = self.last_due;
+        if !self.follows_angle || due_ns == 0 {
+            return None;
+        }
+        let known = self.spindles.known(now_ns, 0)?;
+        let since_due_ns = known.time_ns as i64 - due_ns as i64;
+        Some(SpindleAngle {
+            cycle: sequence as f64 + since_due_ns as f64 / self.period_ns as f64,
+            turns: known.turns as f64 + known.fraction,
+        })
+    }
+
     /// Messages of spindles that were refused, and what was wrong with the last; none if none were.
     pub(crate) fn refused_spindles(&self) -> Option<(u64, SpindleFault)> {
         let (count, fault) = self.spindles.refused();
@@ -179,6 +202,7 @@ impl SignalPort {
         for spindle in measured {
             image.set_spindle(spindle.number, self.spindle_state(spindle.number, now_ns));
         }
+        image.angle = self.spindle_angle(now_ns);
         if bounces {
             // Open again already: the contact counts all the same.
             image.probe = ProbeImage {
@@ -243,6 +267,7 @@ impl SignalPort {
         if self.settings.probe.is_some() {
             self.locator.see_setpoint(due);
         }
+        self.last_due = (due.setpoint.sequence, due.due_time_ns);
         let mut outputs: Option<OutputImage> = None;
         while let Ok(change) = self.changes.peek()
             && change.sequence <= due.setpoint.sequence
@@ -255,6 +280,7 @@ impl SignalPort {
         }
         if let Some(periphery) = periphery {
             self.command_spindle(periphery, due.due_time_ns);
+            self.follows_angle = periphery.follows_angle;
             self.message.coolant = periphery.coolant_bits();
             self.message.tool = periphery.tool;
             (self.message.tool_change, self.message.tool_wanted) = periphery.change_numbers();

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use evolvent_machine::{MAX_ANALOG, MAX_DIGITAL, SignalKind, SignalSettings};
 use evolvent_motion::{PathExecutor, PlanConsumer, Setpoint, State};
-use evolvent_signals::{InputImage, OutputImage, Phase, ProbeInput, ScheduleConsumer, Signals};
+use evolvent_signals::{InputImage, OutputImage, Phase, ProbeInput, ScheduleConsumer, Signals, SpindleInput};
 
 use crate::recompute::wait_for_planner;
 use crate::signal_loop::{ProgramProgress, SignalChange, SignalName, phase_of};
@@ -43,10 +43,11 @@ impl SignalsAgain {
     pub(crate) fn new(
         settings: &SignalSettings,
         lead_cycles: u32,
+        period_ns: u64,
         inputs: VecDeque<SignalChange>,
         outputs: VecDeque<SignalChange>,
     ) -> Self {
-        let signals = Signals::new(settings, lead_cycles);
+        let signals = Signals::new(settings, lead_cycles, period_ns);
         Self {
             recorded: *signals.safe(),
             signals,
@@ -94,6 +95,11 @@ impl SignalsAgain {
     /// What the next setpoint goes by of the probe.
     pub(crate) fn take_probe(&mut self) -> ProbeInput {
         self.signals.take_probe()
+    }
+
+    /// How the spindle that motion follows turns when the setpoint of this number is due.
+    pub(crate) fn spindle_at(&self, sequence: u64) -> SpindleInput {
+        self.signals.spindle_at(sequence)
     }
 
     /// Whether the machine rests for a wait.

@@ -127,6 +127,10 @@ pub(crate) struct SpindleFile {
     /// given.
     #[schemars(range(min = 0.1, max = 600))]
     pub(crate) at_speed_timeout_s: Option<f64>,
+    /// By how much its speed changes, rpm per second, when it is braked and turned back: rigid tapping turns it back so much before
+    /// the depth, and the tap stops there. Where it is not given it turns back at the depth, and the tap goes on meanwhile.
+    #[schemars(range(min = 1, max = 1e7))]
+    pub(crate) acceleration_rpm_s: Option<f64>,
 }
 
 /// The probe as it is written.
@@ -205,6 +209,8 @@ pub struct SpindleSettings {
     pub at_speed: AtSpeed,
     /// How long is waited for that, s.
     pub at_speed_timeout_s: f64,
+    /// By how much its speed changes, rpm per second, where that is known.
+    pub acceleration_rpm_s: Option<f64>,
 }
 
 /// What tells that a spindle has reached its speed.

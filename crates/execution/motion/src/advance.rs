@@ -234,6 +234,16 @@ impl PathExecutor {
                 }
                 return false;
             }
+            Step::Thread { line } => {
+                cursor.line = line;
+                if queue.is_final(cursor.step) && !self.withhold {
+                    cursor.state = State::Running;
+                    cursor.threads = true;
+                } else {
+                    self.waited = true;
+                }
+                return false;
+            }
             Step::End { line } => {
                 if line > 0 {
                     cursor.line = line;

@@ -69,7 +69,9 @@ pub(crate) struct Cursor {
     pub(crate) turns: bool,
     /// At rest where a probing move begins.
     pub(crate) probes: bool,
-    /// At rest here and not at the end of the path: a probing move has ended here.
+    /// At rest where a pass of threading begins.
+    pub(crate) threads: bool,
+    /// At rest here and not at the end of the path: a probing move or a pass of threading has ended here.
     pub(crate) stands_at: Option<Axes>,
 }
 
@@ -97,6 +99,7 @@ impl Cursor {
             stays: false,
             turns: false,
             probes: false,
+            threads: false,
             stands_at: None,
         }
     }

@@ -57,6 +57,8 @@
 //! Where the plan says so, a [`Probing`] move takes over at rest, stops where the probe in the inputs trips, and hands its result
 //! back; the plan goes on where the axes stand then.
 //!
+//! Where the plan says so, a pass of [`Threading`] takes over at rest and follows the angle of the spindle in the inputs.
+//!
 //! Where the plan says so, a [`Turning`] cycle takes over at rest, finds its passes from the cutting load in the inputs,
 //! and comes back to the same place; its setpoints pass the same guard.
 //!
@@ -78,6 +80,8 @@ mod setpoint;
 mod slowdown;
 mod state;
 mod stopping_distance;
+mod thread_cam;
+mod threading;
 mod transfer_executor;
 mod turning;
 
@@ -87,10 +91,13 @@ pub use machine_state::MachineState;
 pub use path_executor::PathExecutor;
 pub use probing::{ProbeMove, ProbeResult, ProbeVerdict, Probing};
 pub use queue::{
-    PlanConsumer, PlanProducer, ProbingSender, QueueClosed, STEPS_AHEAD, TurningSender, plan_queue,
+    PlanConsumer, PlanProducer, ProbingSender, QueueClosed, STEPS_AHEAD, ThreadingSender, TurningSender,
+    plan_queue,
 };
 pub use setpoint::{Inputs, Setpoint};
 pub use state::State;
 pub use stopping_distance::{LongestStop, StoppingDistance};
+pub use thread_cam::{ThreadLeg, ThreadObjection};
+pub use threading::{TapReturn, ThreadPass, ThreadResult, ThreadVerdict, Threading};
 pub use transfer_executor::TransferExecutor;
 pub use turning::{Turning, TurningFrame};

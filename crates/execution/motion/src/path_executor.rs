@@ -16,6 +16,7 @@ use crate::replan::ReplanState;
 use crate::setpoint::{Inputs, Setpoint};
 use crate::slowdown::{Lead, Slowdown};
 use crate::state::State;
+use crate::threading::Threading;
 use crate::turning::Turning;
 
 /// The least feed override that a plan is made for.
@@ -54,6 +55,8 @@ pub struct PathExecutor {
     pub(crate) turning: Option<Box<Turning>>,
     /// A probing move that moves the axes.
     pub(crate) probing: Option<Box<Probing>>,
+    /// A pass of threading that moves the axes.
+    pub(crate) threading: Option<Box<Threading>>,
     /// What the turning cycle gave out in the last step.
     pub(crate) turned: Option<TurningOutput>,
     /// Why it has ended the run.
@@ -85,6 +88,7 @@ impl PathExecutor {
             refuse: false,
             turning: None,
             probing: None,
+            threading: None,
             turned: None,
             turning_fault: None,
         }
@@ -134,7 +138,11 @@ impl PathExecutor {
         let state = self.cursor.now().0;
         let turns = self.turning.as_ref().is_some_and(|turning| !turning.is_at_rest());
         let probes = self.probing.as_ref().is_some_and(|probing| !probing.is_at_rest());
-        self.quick_stop.is_none() && state.v == 0.0 && state.a == 0.0 && !turns && !probes
+        let threads = self
+            .threading
+            .as_ref()
+            .is_some_and(|threading| !threading.is_at_rest());
+        self.quick_stop.is_none() && state.v == 0.0 && state.a == 0.0 && !turns && !probes && !threads
     }
 
     /// The feed that the axes are driven at after the last step, as a factor of the programmed one: less than the override
@@ -153,6 +161,12 @@ impl PathExecutor {
     #[must_use]
     pub fn turning(&self) -> Option<&TurningOutput> {
         self.turned.as_ref()
+    }
+
+    /// Number of the setpoint that [`step`](Self::step) computes next.
+    #[must_use]
+    pub fn next_sequence(&self) -> u64 {
+        self.sequence
     }
 
     /// Why a turning cycle has ended the run.
@@ -214,6 +228,9 @@ impl PathExecutor {
         if self.quick_stop.is_none() && self.probing.is_some() {
             return self.probe(inputs, queue);
         }
+        if self.quick_stop.is_none() && self.threading.is_some() {
+            return self.thread(inputs, queue);
+        }
         if self.quick_stop.is_none() {
             let mut cursor = self.cursor;
             self.slow_down(&mut cursor, inputs, queue);
@@ -242,6 +259,9 @@ impl PathExecutor {
                 }
                 if cursor.probes {
                     self.probing = queue.take_probing();
+                }
+                if cursor.threads {
+                    self.threading = queue.take_threading();
                 }
                 return setpoint;
             }

@@ -21,6 +21,7 @@ use evolvent_planner::{
 use rtrb::{Consumer, Producer, RingBuffer};
 
 use crate::probing::{ProbeResult, Probing};
+use crate::threading::{ThreadResult, Threading};
 use crate::turning::Turning;
 
 /// Steps that are final and waiting, beyond what the look-ahead needs for itself.
@@ -47,7 +48,7 @@ struct Table {
     links: Box<[AtomicU64]>,
     finalised: AtomicU64,
     complete: AtomicU64,
-    /// The last wait for an input or probing move + 1: nothing comes behind it before it is over.
+    /// The last wait for an input, probing move or thread + 1: nothing comes behind it before it is over.
     waits_at: AtomicU64,
     reached: AtomicU64,
     taken: AtomicU64,
@@ -76,6 +77,8 @@ pub fn plan_queue<W: FnMut() -> bool>(wait: W) -> (PlanProducer<W>, PlanConsumer
     let (spent_producer, spent_consumer) = RingBuffer::new(SPENT);
     let (probing_producer, probing_consumer) = RingBuffer::new(TURNINGS);
     let (probed_producer, probed_consumer) = RingBuffer::new(SPENT);
+    let (threading_producer, threading_consumer) = RingBuffer::new(TURNINGS);
+    let (threaded_producer, threaded_consumer) = RingBuffer::new(SPENT);
     let table = Arc::new(Table {
         exits: (0..steps)
             .map(|_| [AtomicU64::new(0), AtomicU64::new(0)])
@@ -101,6 +104,10 @@ pub fn plan_queue<W: FnMut() -> bool>(wait: W) -> (PlanProducer<W>, PlanConsumer
             probings: probing_producer,
             probed: probed_consumer,
         }),
+        threadings: Some(ThreadingSender {
+            threadings: threading_producer,
+            threaded: threaded_consumer,
+        }),
         table: Arc::clone(&table),
         appended: 0,
         wait,
@@ -115,6 +122,8 @@ pub fn plan_queue<W: FnMut() -> bool>(wait: W) -> (PlanProducer<W>, PlanConsumer
         spent: spent_producer,
         probings: probing_consumer,
         probed: probed_producer,
+        threadings: threading_consumer,
+        threaded: threaded_producer,
         table,
         taken: 0,
         taken_segments: 0,
@@ -138,6 +147,7 @@ pub struct PlanProducer<W> {
     answers: Producer<Answer>,
     turnings: Option<TurningSender>,
     probings: Option<ProbingSender>,
+    threadings: Option<ThreadingSender>,
     table: Arc<Table>,
     appended: u64,
     wait: W,
@@ -199,7 +209,42 @@ impl ProbingSender {
     }
 }
 
+/// Hands passes of threading to the cycle, each before its [`Step::Thread`], and takes back what came of them.
+#[derive(Debug)]
+pub struct ThreadingSender {
+    threadings: Producer<Box<Threading>>,
+    threaded: Consumer<Box<Threading>>,
+}
+
+impl ThreadingSender {
+    /// Hands one on, or back where there is no room.
+    ///
+    /// # Errors
+    /// The pass, to be tried again.
+    pub fn send(&mut self, threading: Box<Threading>) -> Result<(), Box<Threading>> {
+        self.threadings
+            .push(threading)
+            .map_err(|rtrb::PushError::Full(threading)| threading)
+    }
+
+    /// What came of the oldest that is over, once.
+    pub fn result(&mut self) -> Option<ThreadResult> {
+        self.threaded.pop().ok().and_then(|threading| threading.result())
+    }
+
+    /// Whether nobody takes them any more.
+    #[must_use]
+    pub fn is_abandoned(&self) -> bool {
+        self.threadings.is_abandoned()
+    }
+}
+
 impl<W> PlanProducer<W> {
+    /// The way of passes of threading to the cycle, once.
+    pub fn take_threadings(&mut self) -> Option<ThreadingSender> {
+        self.threadings.take()
+    }
+
     /// The way of probing moves to the cycle, once.
     pub fn take_probings(&mut self) -> Option<ProbingSender> {
         self.probings.take()
@@ -232,7 +277,10 @@ impl<W: FnMut() -> bool> PlanSink for PlanProducer<W> {
         if matches!(step, Step::End { .. }) {
             self.table.complete.store(self.appended + 1, Ordering::Release);
         }
-        if matches!(step, Step::InputWait { .. } | Step::Probe { .. }) {
+        if matches!(
+            step,
+            Step::InputWait { .. } | Step::Probe { .. } | Step::Thread { .. }
+        ) {
             self.table.waits_at.store(self.appended + 1, Ordering::Release);
         }
         self.appended += 1;
@@ -310,6 +358,8 @@ pub struct PlanConsumer {
     spent: Producer<Box<Turning>>,
     probings: Consumer<Box<Probing>>,
     probed: Producer<Box<Probing>>,
+    threadings: Consumer<Box<Threading>>,
+    threaded: Producer<Box<Threading>>,
     table: Arc<Table>,
     taken: u64,
     taken_segments: u64,
@@ -484,6 +534,19 @@ impl PlanConsumer {
         if let Err(rtrb::PushError::Full(probing)) = self.probed.push(probing) {
             // The program waits for each before the next. Freeing memory is not for the cycle.
             std::mem::forget(probing);
+        }
+    }
+
+    /// The pass of threading of the step that was reached.
+    pub(crate) fn take_threading(&mut self) -> Option<Box<Threading>> {
+        self.threadings.pop().ok()
+    }
+
+    /// Hands back a pass of threading that is over, with its result.
+    pub(crate) fn return_threading(&mut self, threading: Box<Threading>) {
+        if let Err(rtrb::PushError::Full(threading)) = self.threaded.push(threading) {
+            // The program waits for each before the next. Freeing memory is not for the cycle.
+            std::mem::forget(threading);
         }
     }
 

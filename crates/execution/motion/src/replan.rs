@@ -349,7 +349,9 @@ impl PathExecutor {
                     Some(Step::TimedSegment(_)) => return false,
                     // The machine stands at a wait for one step at least before it goes on.
                     Some(Step::Wait | Step::InputWait { .. } | Step::End { .. }) => return true,
-                    Some(Step::Turning { .. } | Step::Probe { .. }) => return queue.is_final(step),
+                    Some(Step::Turning { .. } | Step::Probe { .. } | Step::Thread { .. }) => {
+                        return queue.is_final(step);
+                    }
                     Some(Step::Dwell { seconds, .. }) if seconds > 0.0 => return queue.is_final(step),
                     Some(Step::Dwell { .. } | Step::Action { .. } | Step::ProgramStop { .. }) => step += 1,
                 }

@@ -1,7 +1,7 @@
 //! What a cycle takes in and gives out.
 
 use evolvent_path::Axes;
-use evolvent_signals::ProbeInput;
+use evolvent_signals::{ProbeInput, SpindleInput};
 use evolvent_turning::LoadSample;
 
 use crate::State;
@@ -22,6 +22,8 @@ pub struct Inputs {
     pub load: Option<LoadSample>,
     /// The probe: what probing moves go by.
     pub probe: ProbeInput,
+    /// The spindle when this setpoint is due: what threading goes by.
+    pub spindle: SpindleInput,
 }
 
 impl Default for Inputs {
@@ -33,6 +35,7 @@ impl Default for Inputs {
             resume: false,
             load: None,
             probe: ProbeInput::default(),
+            spindle: SpindleInput::default(),
         }
     }
 }

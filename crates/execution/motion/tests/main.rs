@@ -16,6 +16,7 @@ mod probing;
 mod regressions;
 mod requests;
 mod station;
+mod threading;
 
 // It counts by thread, so that tests beside each other do not count together.
 #[global_allocator]

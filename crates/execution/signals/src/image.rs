@@ -5,6 +5,7 @@ use evolvent_machine::{MAX_ANALOG, MAX_SPINDLES, SignalKind};
 use crate::probe_image::ProbeImage;
 use crate::schedule::{Change, Moment};
 use crate::spindle_state::SpindleState;
+use crate::spindle_tracker::SpindleAngle;
 
 const ANALOG: usize = MAX_ANALOG as usize;
 
@@ -63,6 +64,8 @@ pub struct InputImage {
     pub analog: [f64; ANALOG],
     /// How the spindles are; none of one that is not known.
     pub spindles: [Option<SpindleState>; MAX_SPINDLES as usize],
+    /// The newest sample of the angle of the spindle that motion follows; none where nobody tells it.
+    pub angle: Option<SpindleAngle>,
     /// What the probe says.
     pub probe: ProbeImage,
 }

@@ -7,7 +7,7 @@
 //! use evolvent_machine::SignalSettings;
 //! use evolvent_signals::{Change, Moment, Phase, Progress, Signals, schedule};
 //!
-//! let mut signals = Signals::new(&SignalSettings::default(), 2);
+//! let mut signals = Signals::new(&SignalSettings::default(), 2, 1_000_000);
 //! let (mut scheduler, consumer) = schedule();
 //! signals.begin_program(consumer);
 //! let mut change = Change::at(Moment::Block(3));
@@ -31,12 +31,16 @@ mod image;
 mod probe_image;
 mod schedule;
 mod signals;
+mod spindle_input;
 mod spindle_state;
+mod spindle_tracker;
 mod wait;
 
 pub use image::{InputImage, OutputImage};
 pub use probe_image::{ProbeImage, ProbeInput, ProbeState, probe_numbers};
 pub use schedule::{Change, Moment, ScheduleConsumer, Scheduler, schedule};
 pub use signals::{Phase, Progress, Signals};
+pub use spindle_input::{SpindleInput, SpindleKnowledge};
 pub use spindle_state::SpindleState;
+pub use spindle_tracker::{AngleJet, HARMONICS, SpindleAngle, SpindleMotion, SpindleTracker};
 pub use wait::{Awaited, InputWait, WaitMode, WaitResult};

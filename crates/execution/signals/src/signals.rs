@@ -5,8 +5,14 @@ use evolvent_machine::{EstopSettings, OutputRule, OutputSettings, SignalKind, Si
 use crate::image::{InputImage, OutputImage};
 use crate::probe_image::ProbeInput;
 use crate::schedule::{Change, Moment, ScheduleConsumer, Scheduled};
+use crate::spindle_input::{SpindleInput, SpindleKnowledge};
 use crate::spindle_state::SpindleState;
+use crate::spindle_tracker::SpindleTracker;
 use crate::wait::ActiveWait;
+
+/// How old a sample of the angle may be when it is used, beside the lead, s: by then the spindle has gone on by turns, and what it
+/// has done meanwhile is not known.
+const STALE_S: f64 = 0.05;
 
 /// What the machine is doing, as far as outputs have a rule for it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -79,6 +85,9 @@ pub struct Signals {
     programmed: OutputImage,
     inputs: InputImage,
     probe: ProbeInput,
+    tracker: SpindleTracker,
+    /// Setpoints after which a sample of the angle is too old.
+    stale_cycles: f64,
     wait: Option<ActiveWait>,
     /// The wait is over, and the program may go on.
     go_on: bool,
@@ -86,9 +95,10 @@ pub struct Signals {
 
 impl Signals {
     /// Every output at its safe value, no input known, no program. `lead_cycles`: from the computing of a setpoint until it
-    /// is due.
+    /// is due. `period_ns`: from one setpoint to the next.
     #[must_use]
-    pub fn new(settings: &SignalSettings, lead_cycles: u32) -> Self {
+    pub fn new(settings: &SignalSettings, lead_cycles: u32, period_ns: u64) -> Self {
+        let period_s = period_ns as f64 * 1e-9;
         let mut safe = OutputImage::default();
         for output in &settings.outputs {
             match output.kind {
@@ -108,6 +118,8 @@ impl Signals {
             programmed: safe,
             inputs: InputImage::default(),
             probe: ProbeInput::default(),
+            tracker: SpindleTracker::new(period_s),
+            stale_cycles: f64::from(lead_cycles) + STALE_S / period_s,
             wait: None,
             go_on: false,
         }
@@ -146,8 +158,17 @@ impl Signals {
 
     /// Takes newer inputs: each sample in order, before the step of the setpoint that goes by them.
     pub fn see(&mut self, inputs: &InputImage) {
+        let before = self.inputs.angle;
         self.inputs = *inputs;
         self.probe.see(&inputs.probe);
+        match (&inputs.angle, before) {
+            (None, Some(_)) => self.tracker.forget(),
+            // A sample is taken over when its time comes: a trace tells the two numbers one after the other.
+            (Some(now), before) if before.is_none_or(|before| before.cycle != now.cycle) => {
+                self.tracker.see(now);
+            }
+            _ => {}
+        }
         if let Some(wait) = &mut self.wait {
             wait.see(inputs);
         }
@@ -156,6 +177,32 @@ impl Signals {
     /// What the next setpoint goes by of the probe. Once for each setpoint, after its samples.
     pub fn take_probe(&mut self) -> ProbeInput {
         self.probe.take()
+    }
+
+    /// How the spindle that motion follows turns when the setpoint of this number is due.
+    #[must_use]
+    pub fn spindle_at(&self, sequence: u64) -> SpindleInput {
+        let cycle = sequence as f64;
+        let knowledge = match (self.inputs.spindle(0), self.tracker.newest_cycle()) {
+            (Some(SpindleState::OBEDIENT), None) => SpindleKnowledge::Imagined,
+            (Some(state), Some(newest)) if cycle - newest <= self.stale_cycles => {
+                if state.indexed && self.tracker.is_settled() {
+                    SpindleKnowledge::Tracked
+                } else {
+                    SpindleKnowledge::Seeking
+                }
+            }
+            _ => SpindleKnowledge::Unknown,
+        };
+        let motion = match knowledge {
+            SpindleKnowledge::Tracked => self.tracker.at(cycle).unwrap_or_default(),
+            _ => Default::default(),
+        };
+        SpindleInput {
+            knowledge,
+            mean: motion.mean,
+            ripple: motion.ripple,
+        }
     }
 
     /// Whether the emergency-stop chain is open: its input is, or is not known.

@@ -11,7 +11,7 @@ static ALLOCATOR: CountingAllocator = CountingAllocator;
 
 #[test]
 fn a_full_queue_is_carried_out_without_the_allocator_and_in_order() {
-    let mut signals = Signals::new(&SignalSettings::default(), 2);
+    let mut signals = Signals::new(&SignalSettings::default(), 2, 1_000_000);
     let (mut scheduler, consumer) = schedule();
     assert!(signals.begin_program(consumer).is_none());
     let blocks = 100_000;
@@ -63,7 +63,7 @@ fn a_full_queue_is_carried_out_without_the_allocator_and_in_order() {
 #[test]
 fn a_wait_begins_a_lead_later_and_ends_by_its_timeout() {
     for lead in [0, 1, 70] {
-        let mut signals = Signals::new(&SignalSettings::default(), lead);
+        let mut signals = Signals::new(&SignalSettings::default(), lead, 1_000_000);
         let (mut scheduler, consumer) = schedule();
         assert!(signals.begin_program(consumer).is_none());
         let wait = InputWait {

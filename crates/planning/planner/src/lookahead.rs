@@ -146,7 +146,10 @@ impl<S: PlanSink> LookAhead<S> {
             cap: ExitSpeeds::REST,
             exit: ExitSpeeds::REST,
         });
-        if matches!(step, Step::InputWait { .. } | Step::Probe { .. }) {
+        if matches!(
+            step,
+            Step::InputWait { .. } | Step::Probe { .. } | Step::Thread { .. }
+        ) {
             // Nothing more comes before the cycle has driven all of this.
             self.pass();
             self.finalise(self.pending.len());

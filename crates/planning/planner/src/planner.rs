@@ -131,7 +131,7 @@ impl<S: PlanSink> Planner<S> {
         }
     }
 
-    /// The next move starts here: a probing move ([`Step::Probe`]) has brought the axes there.
+    /// The next move starts here: a probing move ([`Step::Probe`]) or a thread ([`Step::Thread`]) has brought the axes there.
     pub fn stand_at(&mut self, position: &evolvent_path::Axes) {
         self.admission.stand_at(position);
     }

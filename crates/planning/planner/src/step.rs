@@ -101,6 +101,12 @@ pub enum Step {
         /// Program line.
         line: u32,
     },
+    /// A pass of threading begins here, at rest, and follows the angle of the spindle. Nothing follows in the plan until its result is
+    /// known, and what follows then begins where the axes stand.
+    Thread {
+        /// Program line.
+        line: u32,
+    },
     /// The program ends here, at rest.
     End {
         /// Program line.

@@ -123,6 +123,9 @@ pub enum Action {
         pitch_mm: f64,
         /// Rapids between the passes of G76 are [`Action::Move`]s.
         path_mode: PathMode,
+        /// Angle of the spindle at which it begins, degrees from the index pulse: threads of several starts. A piece that goes on
+        /// with another has that one's.
+        start_degrees: f64,
     },
     /// Turn a step, in passes that the cutting load finds (a lathe's G82 Q1, G75 Q1). Begins and ends at its start.
     Turning(TurningCycle),
@@ -240,8 +243,6 @@ impl Action {
     pub fn unsupported_feature(&self) -> Option<&'static str> {
         Some(match self {
             Self::SurfaceSpeed { .. } => "constant surface speed (G96)",
-            Self::Thread { .. } => "motion in step with the spindle (G33, G76)",
-            Self::RigidTap { .. } => "rigid tapping (G33.1)",
             Self::Overrides {
                 feed: true,
                 spindle: true,

@@ -75,6 +75,7 @@ impl Planning {
         let motion = PathExecutor::new(setup.machine.limits(), setup.period_ns, setup.start())
             .planned_for(job.feed_override);
         let (turnings, probings) = (producer.take_turnings(), producer.take_probings());
+        let threadings = producer.take_threadings();
         let (onlooker, news) = mpsc::channel();
         let of_thread = Arc::clone(&flags);
         let (scheduler, schedule) = (!setup.machine.signals.is_empty()).then(schedule).unzip();
@@ -98,6 +99,7 @@ impl Planning {
             )
             .turning_by(turnings)
             .probing_by(probings)
+            .threading_by(threadings)
             .signalling_by(scheduler)
             .periphery_to(job.periphery)
             .numbered_from(job.numbered_from.0, job.numbered_from.1)

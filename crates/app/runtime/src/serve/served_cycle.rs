@@ -551,6 +551,9 @@ impl ServedParts {
         now.inputs.stop |= trouble.is_some();
         let before = job.motion.plan_step();
         now.inputs.probe = self.probe;
+        if let Some(signals) = &self.signals {
+            now.inputs.spindle = signals.spindle_at(job.motion.next_sequence());
+        }
         let mut setpoint = job.motion.step(&now.inputs, &mut job.queue);
         now.has_left_wait = signals.is_some() && now.inputs.resume && job.motion.plan_step() != before;
         if let (Some(spindle), false) = (trouble, now.faulted) {
@@ -817,7 +820,13 @@ mod tests {
         let (mut inputs, samples) = RingBuffer::new(16);
         let (changes, mut outputs) = RingBuffer::new(64);
         let source = InputSource::Bus(samples);
-        let signals = SignalLoop::new(Signals::new(&settings, 2), source, Some(changes), None, true);
+        let signals = SignalLoop::new(
+            Signals::new(&settings, 2, 1_000_000),
+            source,
+            Some(changes),
+            None,
+            true,
+        );
         let mut cycle = ServedCycle::new(ServedParts {
             station: MachineState::new(limits, period_ns, limits.home),
             limits,

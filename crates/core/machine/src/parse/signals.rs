@@ -164,6 +164,9 @@ impl Check<'_> {
                 return Err(self.error(&key, what, "give every spindle a number of its own, 0 to 3"));
             }
             self.number(&format!("spindle[{index}].max_rpm"), spindle.max_rpm, 1e-3, 1e6)?;
+            if let Some(rate) = spindle.acceleration_rpm_s {
+                self.number(&format!("spindle[{index}].acceleration_rpm_s"), rate, 1.0, 1e7)?;
+            }
             spindles.push(SpindleSettings {
                 number,
                 max_rpm: spindle.max_rpm,
@@ -175,6 +178,7 @@ impl Check<'_> {
                     10.0,
                     [0.1, 600.0],
                 )?,
+                acceleration_rpm_s: spindle.acceleration_rpm_s,
             });
         }
         Ok(spindles)

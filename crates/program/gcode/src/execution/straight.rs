@@ -343,11 +343,22 @@ impl Executor<'_> {
             return Ok(());
         }
         let pitch_mm = self.pitch("G33", b'K')?;
+        let start_degrees = self.line.word(b'Q').unwrap_or(0.0);
+        if !(0.0..360.0).contains(&start_degrees) {
+            let message =
+                format!("G33: Q{start_degrees} is the angle at which the thread begins, 0 to 360 degrees");
+            return Err(Fault::new(Code::OutOfRange, self.line.span(b'Q'), message));
+        }
         let target = self.target()?;
-        self.put_thread(target, pitch_mm)
+        self.put_thread(target, pitch_mm, start_degrees)
     }
 
-    pub(crate) fn put_thread(&mut self, target: Axes, pitch_mm: f64) -> Result<(), Fault> {
+    pub(crate) fn put_thread(
+        &mut self,
+        target: Axes,
+        pitch_mm: f64,
+        start_degrees: f64,
+    ) -> Result<(), Fault> {
         if target == self.state.position {
             return Ok(());
         }
@@ -358,6 +369,7 @@ impl Executor<'_> {
             curve,
             pitch_mm,
             path_mode,
+            start_degrees,
         });
         Ok(())
     }

@@ -34,10 +34,10 @@ impl Statement {
             b'P' => fault.help(
                 "P belongs to G2, G3, G4, G5, G10, G64, G76, G82, G86, G88, G89 and M codes with a number",
             ),
-            b'Q' => fault.help("Q belongs to G5, G64, G73, G76, G83, M19, M61, M66, M67 and M68"),
+            b'Q' => fault.help("Q belongs to G5, G33, G64, G73, G76, G83, M19, M61, M66, M67 and M68"),
             b'L' => fault.help("L belongs to G10, G41.1, G42.1, the cycles G73 to G89, M66 and M98"),
             b'H' => fault.help("H belongs to G43, G43.2 and G76"),
-            b'D' => fault.help("D belongs to G41, G42 and G96"),
+            b'D' => fault.help("D belongs to G41, G42, G76 and G96"),
             _ => fault,
         }
     }

@@ -162,6 +162,7 @@ impl Printer {
                 curve,
                 pitch_mm,
                 path_mode,
+                ..
             } => {
                 let mode = path(*path_mode);
                 self.put(format!("thread{} K{pitch_mm:.5}{mode}", place(&curve.end())));

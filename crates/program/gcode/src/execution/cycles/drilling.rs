@@ -402,7 +402,8 @@ impl Executor<'_> {
     }
 
     /// G76: P pitch, Z end, I from the drive line to the thread's crest, J first depth, K full depth; R degression,
-    /// Q angle of the flank on which the tool advances, H spring passes, E length and L place of tapers.
+    /// Q angle of the flank on which the tool advances, H spring passes, E length and L place of tapers, D number of
+    /// starts (P is the lead of one then).
     pub(crate) fn thread_cycle(&mut self) -> Result<(), Fault> {
         let line = self.line;
         self.no_axes_but(b"Z", "G76")?;
@@ -458,8 +459,12 @@ impl Executor<'_> {
                 "G76: tapers (L1 entry, L2 exit, L3 both) have a length E of at most half the thread",
             );
         }
+        let starts = line.whole(b'D')?.unwrap_or(1);
+        if starts < 1 {
+            return range(b'D', "G76: D, the number of starts, is at least 1");
+        }
         let steps = libm::pow(full / first, degression).ceil();
-        if steps + f64::from(spring) > f64::from(MAX_REPEATS) {
+        if (steps + f64::from(spring)) * f64::from(starts) > f64::from(MAX_REPEATS) {
             return range(b'J', "G76 with far too many passes");
         }
         let outward = if crest < 0.0 { -1.0 } else { 1.0 };
@@ -478,31 +483,35 @@ impl Executor<'_> {
                 (at[0], at[2]) = (x, z);
                 at
             };
-            self.go(point(clear, begin), MoveKind::Rapid, PathMode::ExactPath)?;
-            if entry {
-                self.thread_to(point(edge, begin), steep_mm)?;
-                self.thread_to(point(bottom, begin + along * taper), steep_mm)?;
-            } else {
-                self.go(point(bottom, begin), MoveKind::Rapid, PathMode::ExactPath)?;
+            // Every start at one depth before the next depth.
+            for start in 0..starts {
+                let degrees = 360.0 * f64::from(start) / f64::from(starts);
+                self.go(point(clear, begin), MoveKind::Rapid, PathMode::ExactPath)?;
+                if entry {
+                    self.thread_to(point(edge, begin), steep_mm, degrees)?;
+                    self.thread_to(point(bottom, begin + along * taper), steep_mm, degrees)?;
+                } else {
+                    self.go(point(bottom, begin), MoveKind::Rapid, PathMode::ExactPath)?;
+                }
+                if exit {
+                    self.thread_to(point(bottom, end - along * taper), pitch_mm, degrees)?;
+                    self.thread_to(point(edge, end), steep_mm, degrees)?;
+                } else {
+                    self.thread_to(point(bottom, end), pitch_mm, degrees)?;
+                }
+                self.go(point(clear, end), MoveKind::Rapid, PathMode::ExactPath)?;
             }
-            if exit {
-                self.thread_to(point(bottom, end - along * taper), pitch_mm)?;
-                self.thread_to(point(edge, end), steep_mm)?;
-            } else {
-                self.thread_to(point(bottom, end), pitch_mm)?;
-            }
-            self.go(point(clear, end), MoveKind::Rapid, PathMode::ExactPath)?;
         }
         let mut end = start;
         end[2] = target[2];
         self.go(end, MoveKind::Rapid, PathMode::ExactPath)
     }
 
-    fn thread_to(&mut self, program: Axes, pitch_mm: f64) -> Result<(), Fault> {
+    fn thread_to(&mut self, program: Axes, pitch_mm: f64, start_degrees: f64) -> Result<(), Fault> {
         let target = self.state.machine_of(program);
         for axis in AxisLetter::ALL {
             check_coordinate(target[axis.index()], axis, self.line)?;
         }
-        self.put_thread(target, pitch_mm)
+        self.put_thread(target, pitch_mm, start_degrees)
     }
 }

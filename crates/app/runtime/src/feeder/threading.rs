@@ -1,0 +1,203 @@
+//! Threads: the feeder collects the pieces of a pass and waits for its end.
+
+use std::path::Path;
+
+use evolvent_gcode::{Command, Move, MoveKind, PathMode};
+use evolvent_motion::{QueueClosed, ThreadPass, ThreadResult, Threading, ThreadingSender};
+use evolvent_path::{Curve, Line};
+use evolvent_planner::{PlanError, PlanSink, Step};
+use evolvent_signals::{Change, Moment as SignalMoment};
+
+use super::{Feeder, INPUT_NAP, TURNING_NAP};
+use crate::news::Moment;
+use crate::refusal::{ProgramError, at_origin};
+use crate::threading::{ThreadChain, complaint};
+
+/// What keeps a pass from being over.
+pub(super) enum ThreadTrouble {
+    /// The program is wrong, or the machine has not done it.
+    Program(ProgramError),
+    /// Nobody drives any more.
+    Gone,
+}
+
+impl From<QueueClosed> for ThreadTrouble {
+    fn from(_: QueueClosed) -> Self {
+        Self::Gone
+    }
+}
+
+impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
+    /// Hands passes of threading on here.
+    pub(crate) fn threading_by(mut self, threadings: Option<ThreadingSender>) -> Self {
+        self.threadings = threadings;
+        self
+    }
+
+    /// Takes a piece of a thread. What is no piece, or begins another pass, has the pass before cut first. Returns whether it was
+    /// taken.
+    pub(super) fn collect_thread(
+        &mut self,
+        command: &Command,
+        program: &Path,
+    ) -> Result<bool, ThreadTrouble> {
+        if self.chain.take(command) {
+            return Ok(true);
+        }
+        if self.chain.is_empty() {
+            return Ok(false);
+        }
+        let chain = std::mem::take(&mut self.chain);
+        self.cut_thread(&chain, program)?;
+        Ok(self.chain.take(command))
+    }
+
+    /// Waits for the speed, comes to rest, and cuts a pass.
+    fn cut_thread(&mut self, chain: &ThreadChain, program: &Path) -> Result<(), ThreadTrouble> {
+        let Some(first) = chain.first() else {
+            return Ok(());
+        };
+        let line = first.line;
+        let rpm = self.periphery.outputs.signed_rpm();
+        let (pass, run_in_mm) = match chain.pass_on(rpm, self.setup) {
+            Ok(pass) => pass,
+            Err(refusal) => {
+                let diagnostic = at_origin(first, program, |file, line| refusal.told(file, line));
+                return Err(ThreadTrouble::Program(self.wrong(diagnostic)));
+            }
+        };
+        if std::mem::take(&mut self.awaits_speed)
+            && let Some((message, help)) = self.await_speed(line)?
+        {
+            return Err(ThreadTrouble::Program(
+                self.refused(first, program, message, help),
+            ));
+        }
+        if self.threadings.is_none() {
+            return self.preview_thread(chain, rpm, line);
+        }
+        let result = self.drive_thread(chain, pass, run_in_mm, line)?;
+        self.planner.stand_at(&result.stands_at);
+        if let Some((message, help)) = complaint(&result, rpm) {
+            return Err(ThreadTrouble::Program(
+                self.refused(first, program, message, help),
+            ));
+        }
+        self.report_blocks(false);
+        Ok(())
+    }
+
+    /// Nothing is driven: the path at the speed that the spindle would have.
+    fn preview_thread(&mut self, chain: &ThreadChain, rpm: f64, line: u32) -> Result<(), ThreadTrouble> {
+        let back = chain.is_tap().then(|| {
+            let mut back: Vec<_> = chain.curves().to_vec();
+            back.reverse();
+            for (curve, _) in &mut back {
+                if let Ok(line) = Line::new(curve.end(), curve.start()) {
+                    *curve = Curve::Line(line);
+                }
+            }
+            back
+        });
+        for (curve, pitch_mm) in chain.curves().iter().copied().chain(back.into_iter().flatten()) {
+            let motion = Move {
+                curve,
+                kind: MoveKind::Feed,
+                feed: pitch_mm * rpm.abs() / 60.0,
+                path_mode: PathMode::ExactPath,
+            };
+            match self.push_move(&motion, line) {
+                Ok(()) => {}
+                Err(PlanError::Sink(gone)) => return Err(gone.into()),
+                // Its travel was checked, and its speed.
+                Err(_) => return Err(ThreadTrouble::Gone),
+            }
+        }
+        Ok(())
+    }
+
+    fn drive_thread(
+        &mut self,
+        chain: &ThreadChain,
+        pass: ThreadPass,
+        run_in_mm: f64,
+        line: u32,
+    ) -> Result<ThreadResult, QueueClosed> {
+        let mut change = std::mem::replace(&mut self.with_next_block, Change::at(SignalMoment::Block(0)));
+        let action = self.actions;
+        self.actions += 1;
+        if !change.is_empty() {
+            // The pass is no block: what is to change with it changes where it begins, at rest.
+            change.moment = SignalMoment::Rest(action);
+            self.schedule(|signals| signals.change(change))?;
+        }
+        self.periphery.follows_angle = true;
+        self.tell_periphery(action);
+        let what = if chain.is_tap() { "tap" } else { "thread" };
+        let text = format!("{what} in step with the spindle: in phase {run_in_mm:.3} mm behind its start");
+        self.announce(Moment::Rest(action), line, false, &text);
+        if chain.is_tap() {
+            self.tell_reversal(pass.tap.map_or(0.0, |tap| 60.0 * tap.turns_per_s));
+        }
+        self.last_line = 0;
+        self.planner.rest(&Step::Action { action, line })?;
+        let mut threading = Box::new(Threading::new(pass, &self.setup.machine.limits()));
+        while let Some(threadings) = &mut self.threadings {
+            match threadings.send(threading) {
+                Ok(()) => break,
+                Err(_) if threadings.is_abandoned() => return Err(QueueClosed),
+                Err(back) => threading = back,
+            }
+            self.planner.poll()?;
+            std::thread::sleep(TURNING_NAP);
+        }
+        self.planner.rest(&Step::Thread { line })?;
+        let result = self.await_thread()?;
+        let text = format!(
+            "{what}: done, {:.4} mm at the most beside the spindle's angle",
+            result.worst_mm
+        );
+        if complaint(&result, 0.0).is_none() {
+            self.announce(Moment::Block(self.next_block), line, false, &text);
+        }
+        Ok(result)
+    }
+
+    /// The next two actions, which the pass itself carries out: the spindle turns back at this speed, and then as before.
+    fn tell_reversal(&mut self, back_rpm: f64) {
+        use evolvent_gcode::SpindleDirection::{Clockwise, CounterClockwise, Stopped};
+        let before = self.periphery;
+        let back = match before.outputs.direction {
+            Clockwise => CounterClockwise,
+            CounterClockwise => Clockwise,
+            Stopped => Stopped,
+        };
+        self.periphery.outputs.direction = back;
+        self.periphery.outputs.speed_rpm = back_rpm;
+        for outputs in [self.periphery.outputs, before.outputs] {
+            self.periphery.outputs = outputs;
+            self.periphery.spindle_command = u64::from(self.actions) + 1;
+            self.tell_periphery(self.actions);
+            self.actions += 1;
+        }
+        self.awaits_speed = true;
+    }
+
+    fn await_thread(&mut self) -> Result<ThreadResult, QueueClosed> {
+        loop {
+            let Some(threadings) = &mut self.threadings else {
+                return Err(QueueClosed);
+            };
+            if let Some(result) = threadings.result() {
+                return Ok(result);
+            }
+            if threadings.is_abandoned() {
+                return Err(QueueClosed);
+            }
+            // Holds and overrides are answered meanwhile.
+            self.planner.poll()?;
+            self.report_blocks(false);
+            std::thread::sleep(INPUT_NAP);
+        }
+    }
+}

@@ -1,0 +1,259 @@
+//! From threads of a program to passes of the machine, and what is said of their results.
+
+use std::convert::Infallible;
+use std::path::Path;
+
+use evolvent_gcode::{Action, Command, Diagnostic, Move, MoveKind, Outputs, PathMode};
+use evolvent_machine::SpindleSettings;
+use evolvent_motion::{TapReturn, ThreadLeg, ThreadObjection, ThreadPass, ThreadResult, ThreadVerdict};
+use evolvent_path::{Axes, AxisLetter, Curve};
+use evolvent_planner::{MoveValidator, PlanError};
+
+use crate::job::Setup;
+use crate::refusal::{about_line_with, explain};
+
+/// What the program says of the next pass: its straight pieces, one after the other.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct ThreadChain {
+    start: Axes,
+    legs: Vec<ThreadLeg>,
+    curves: Vec<(Curve, f64)>,
+    start_degrees: f64,
+    /// The command of the first piece.
+    first: Option<Command>,
+    /// Speed out as a multiple of that in.
+    return_factor: Option<f64>,
+}
+
+impl ThreadChain {
+    /// Whether there is nothing to cut.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.legs.is_empty()
+    }
+
+    /// The command that it begins with.
+    pub(crate) fn first(&self) -> Option<&Command> {
+        self.first.as_ref()
+    }
+
+    /// The pieces of the path and their pitches, mm.
+    pub(crate) fn curves(&self) -> &[(Curve, f64)] {
+        &self.curves
+    }
+
+    /// Whether the spindle turns back at its end.
+    pub(crate) fn is_tap(&self) -> bool {
+        self.return_factor.is_some()
+    }
+
+    /// Takes a piece that goes on with the one before; `false` of a command that is none, or begins another pass.
+    pub(crate) fn take(&mut self, command: &Command) -> bool {
+        let (curve, pitch_mm) = match &command.action {
+            Action::Thread {
+                curve,
+                pitch_mm,
+                start_degrees,
+                ..
+            } => {
+                if self.is_tap() || !self.is_empty() && *start_degrees != self.start_degrees {
+                    return false;
+                }
+                self.start_degrees = *start_degrees;
+                (*curve, *pitch_mm)
+            }
+            Action::RigidTap {
+                curve,
+                pitch_mm,
+                return_factor,
+            } => {
+                if !self.is_empty() {
+                    return false;
+                }
+                self.return_factor = Some(*return_factor);
+                (*curve, *pitch_mm)
+            }
+            _ => return false,
+        };
+        if self.legs.is_empty() {
+            self.start = curve.start();
+            self.first = Some(command.clone());
+        }
+        self.legs.push(ThreadLeg {
+            end: curve.end(),
+            turns: curve.length() / pitch_mm,
+            line: command.line,
+        });
+        self.curves.push((curve, pitch_mm));
+        true
+    }
+
+    /// The pass at a speed, rpm, negative counter-clockwise.
+    fn pass(&self, rpm: f64, spindle: &SpindleSettings) -> ThreadPass {
+        let turns_per_s = rpm / 60.0;
+        ThreadPass {
+            start: self.start,
+            legs: self.legs.clone().into(),
+            start_turns: self.start_degrees / 360.0,
+            turns_per_s,
+            tap: self.return_factor.map(|factor| TapReturn {
+                turns_per_s: factor * turns_per_s.abs(),
+                braking: spindle.acceleration_rpm_s.map(|rate| rate / 60.0),
+            }),
+        }
+    }
+
+    /// The pass, and its run-in in mm, where the machine can cut it at this speed.
+    pub(crate) fn pass_on(&self, rpm: f64, setup: &Setup) -> Result<(ThreadPass, f64), ThreadRefusal> {
+        let words = |message: &str, help: &str| ThreadRefusal::Words(message.to_owned(), help.to_owned());
+        let spindle = setup
+            .machine
+            .signals
+            .spindle(0)
+            .filter(|spindle| spindle.has_feedback());
+        let Some(spindle) = spindle else {
+            return Err(words(
+                "threads follow the angle of the spindle, and the machine file has no spindle 0 with feedback",
+                "add [[spindle]] with feedback = true to the machine file; a bridge tells the angle on the bus",
+            ));
+        };
+        if rpm == 0.0 {
+            return Err(words(
+                "a thread needs a spindle that turns, and its speed is 0 or not known",
+                "write S and M3 or M4 first, and G97 where G96 is in force",
+            ));
+        }
+        let limits = setup.machine.limits();
+        let mut admission = MoveValidator::new(&limits);
+        for (curve, _) in &self.curves {
+            let motion = Move {
+                curve: *curve,
+                kind: MoveKind::Feed,
+                feed: 1.0,
+                path_mode: PathMode::ExactPath,
+            };
+            admission.admit(&motion).map_err(ThreadRefusal::Travel)?;
+        }
+        let pass = self.pass(rpm, spindle);
+        match pass.check(&limits, setup.period_ns as f64 * 1e-9) {
+            Ok(run_in_mm) => Ok((pass, run_in_mm)),
+            Err(objection) => {
+                let (message, help) = objection_text(&objection, rpm);
+                Err(ThreadRefusal::Words(message, help))
+            }
+        }
+    }
+}
+
+/// Looks at the threads of a program, command after command.
+pub(crate) struct ThreadCheck {
+    chain: ThreadChain,
+    outputs: Outputs,
+}
+
+impl ThreadCheck {
+    pub(crate) fn new(setup: &Setup) -> Self {
+        Self {
+            chain: ThreadChain::default(),
+            outputs: setup.outputs,
+        }
+    }
+
+    /// What the machine has against the thread that ends before this command, and the command with which that begins.
+    pub(crate) fn see(&mut self, command: &Command, setup: &Setup) -> Option<(Command, ThreadRefusal)> {
+        if self.chain.take(command) {
+            return None;
+        }
+        let whole = std::mem::take(&mut self.chain);
+        let _begun = self.chain.take(command);
+        let rpm = self.outputs.signed_rpm();
+        self.outputs.apply(&command.action);
+        let first = whole.first()?.clone();
+        Some((first, whole.pass_on(rpm, setup).err()?))
+    }
+}
+
+/// Why a thread is refused before anything moves.
+pub(crate) enum ThreadRefusal {
+    Words(String, String),
+    Travel(PlanError<Infallible>),
+}
+
+impl ThreadRefusal {
+    pub(crate) fn told(self, file: &Path, line: u32) -> Diagnostic {
+        match self {
+            Self::Words(message, help) => about_line_with(message, Some(help), file, line),
+            Self::Travel(error) => explain(&error, file, line),
+        }
+    }
+}
+
+fn objection_text(objection: &ThreadObjection, rpm: f64) -> (String, String) {
+    match *objection {
+        ThreadObjection::TooFast {
+            axis,
+            needed,
+            permitted,
+        } => {
+            let letter = AxisLetter::ALL.get(axis).map_or('?', |axis| axis.letter());
+            (
+                format!(
+                    "at {:.0} rpm the pitch needs {:.0} mm/min of {letter} (5 % of reserve included), which may do {:.0} mm/min",
+                    rpm.abs(),
+                    needed * 60.0,
+                    permitted * 60.0
+                ),
+                format!(
+                    "turn the spindle at {:.0} rpm at the most",
+                    (rpm.abs() * permitted / needed).floor()
+                ),
+            )
+        }
+        ThreadObjection::TooShort {
+            run_in_mm,
+            run_out_mm,
+            length_mm,
+            ..
+        } => (
+            format!(
+                "at {:.0} rpm this needs {run_in_mm:.3} mm of run-in to be in phase, and {run_out_mm:.3} mm to run out: there are \
+                 {length_mm:.3} mm",
+                rpm.abs()
+            ),
+            "begin farther away from the thread, end farther behind it, or turn the spindle more slowly"
+                .to_owned(),
+        ),
+    }
+}
+
+/// What went wrong in a pass, and what to do; none where the program goes on.
+pub(crate) fn complaint(result: &ThreadResult, rpm: f64) -> Option<(String, String)> {
+    let (message, help) = match result.verdict {
+        ThreadVerdict::Done => return None,
+        ThreadVerdict::Refused(objection) => {
+            let (message, help) = objection_text(&objection, rpm);
+            (format!("the spindle is faster than it was told; {message}"), help)
+        }
+        ThreadVerdict::Unknown => (
+            "the angle of the spindle is not known: nothing has moved".to_owned(),
+            "a bridge has to tell it and to have seen the index pulse: `evolvent top NAME` shows the spindle"
+                .to_owned(),
+        ),
+        ThreadVerdict::Lost => (
+            "nothing was heard of the angle of the spindle any more; the axes have stopped in the thread"
+                .to_owned(),
+            "see the encoder and the bridge; bring the tool out before the spindle turns on".to_owned(),
+        ),
+        ThreadVerdict::Stalled => (
+            format!(
+                "the spindle does not keep {:.0} rpm, it has nearly stopped; so have the axes",
+                rpm.abs()
+            ),
+            "see the spindle's drive, and the depth of the cut".to_owned(),
+        ),
+        ThreadVerdict::OutOfPhase => (
+            "the axes cannot follow the spindle any more, and have stopped in the thread".to_owned(),
+            "turn more slowly, or see why the speed of the spindle changes".to_owned(),
+        ),
+    };
+    Some((message, help))
+}

@@ -1,0 +1,347 @@
+//! The path of a thread as a function of the spindle's angle.
+//!
+//! A thread is a polyline: so many millimetres of each axis a turn, and at its corners the slope changes. The axes cannot change
+//! their speed at once, so each corner is rounded by a kernel that is symmetric about it: on either side of it the path is the
+//! straight line that was programmed, at the same angle of the spindle whatever its speed. The first corner is the run-in, the
+//! last one the run-out: the axes start half a kernel before the angle at which the line begins, and are in phase half a kernel
+//! behind it.
+
+use evolvent_machine::Limits;
+use evolvent_path::{Axes, Jet};
+
+/// Share of the acceleration that the kernels use; the rest is for what the spindle does meanwhile.
+const ACCELERATION_SHARE: f64 = 0.8;
+/// The same of the jerk.
+const JERK_SHARE: f64 = 0.6;
+/// How much faster than now the spindle may turn during a pass.
+const SPEED_RESERVE: f64 = 1.05;
+
+/// One straight piece of a thread.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ThreadLeg {
+    /// Where it ends, machine coordinates (mm, degrees).
+    pub end: Axes,
+    /// Turns of the spindle along it.
+    pub turns: f64,
+    /// Line of the program.
+    pub line: u32,
+}
+
+/// Why a thread cannot be cut at a speed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ThreadObjection {
+    /// An axis would have to be faster than it can: its index, mm/s needed and permitted.
+    TooFast {
+        /// Index of the axis.
+        axis: usize,
+        /// What it needs, mm/s.
+        needed: f64,
+        /// What it may do, mm/s.
+        permitted: f64,
+    },
+    /// A leg is too short to get into phase on it, and out again.
+    TooShort {
+        /// Line of the leg.
+        line: u32,
+        /// How much of it the change of speed at its start takes, mm.
+        run_in_mm: f64,
+        /// How much of it the change of speed at its end takes, mm.
+        run_out_mm: f64,
+        /// How long it is, mm.
+        length_mm: f64,
+    },
+}
+
+/// A change of slope.
+#[derive(Clone, Copy, Debug, Default)]
+struct Corner {
+    at: f64,
+    /// Change of slope, mm a turn.
+    change: Axes,
+    /// Widths of the two boxes whose convolution is the kernel, turns; the first is the wider one.
+    widths: (f64, f64),
+}
+
+impl Corner {
+    fn half(&self) -> f64 {
+        0.5 * (self.widths.0 + self.widths.1)
+    }
+}
+
+/// Positions of the axes by the turns of the spindle since the thread begins.
+#[derive(Clone, Debug)]
+pub(crate) struct ThreadCam {
+    start: Axes,
+    legs: Box<[ThreadLeg]>,
+    corners: Box<[Corner]>,
+    /// The spindle does not go by the end: it comes back from there.
+    is_tap: bool,
+}
+
+impl ThreadCam {
+    /// Allocates; what follows does not. `is_tap`: the last leg has no end, since the spindle turns back.
+    pub(crate) fn new(start: Axes, legs: Box<[ThreadLeg]>, is_tap: bool) -> Self {
+        let corners = vec![Corner::default(); legs.len() + usize::from(!is_tap)];
+        Self {
+            start,
+            legs,
+            corners: corners.into(),
+            is_tap,
+        }
+    }
+
+    /// Rounds the corners for a spindle of this speed, turns/s.
+    pub(crate) fn shape(
+        &mut self,
+        turns_per_s: f64,
+        limits: &Limits,
+        period_s: f64,
+    ) -> Result<(), ThreadObjection> {
+        let speed = SPEED_RESERVE * turns_per_s;
+        let mut from = self.start;
+        let (mut at, mut slope) = (0.0, Axes::zeros());
+        for (corner, leg) in self.corners.iter_mut().zip(&self.legs) {
+            let next = (leg.end - from) / leg.turns;
+            for axis in 0..next.len() {
+                let (needed, permitted) = (speed * next[axis].abs(), limits.velocity[axis]);
+                if needed > permitted {
+                    return Err(ThreadObjection::TooFast {
+                        axis,
+                        needed,
+                        permitted,
+                    });
+                }
+            }
+            *corner = Corner {
+                at,
+                change: next - slope,
+                widths: widths(&(next - slope), speed, limits, period_s),
+            };
+            (from, at, slope) = (leg.end, at + leg.turns, next);
+        }
+        if !self.is_tap
+            && let Some(last) = self.corners.last_mut()
+        {
+            *last = Corner {
+                at,
+                change: -slope,
+                widths: widths(&slope, speed, limits, period_s),
+            };
+        }
+        self.check_room()
+    }
+
+    fn check_room(&self) -> Result<(), ThreadObjection> {
+        let mut from = self.start;
+        for (index, leg) in self.legs.iter().enumerate() {
+            let before = self.corners[index].half();
+            let behind = self.corners.get(index + 1).map_or(0.0, Corner::half);
+            if before + behind > leg.turns {
+                let length_mm = (leg.end - from).norm();
+                let a_turn = length_mm / leg.turns;
+                return Err(ThreadObjection::TooShort {
+                    line: leg.line,
+                    run_in_mm: before * a_turn,
+                    run_out_mm: behind * a_turn,
+                    length_mm,
+                });
+            }
+            from = leg.end;
+        }
+        Ok(())
+    }
+
+    /// Turns before the beginning of the thread at which the axes start.
+    pub(crate) fn run_in_turns(&self) -> f64 {
+        self.corners.first().map_or(0.0, Corner::half)
+    }
+
+    /// Turns from where the thread begins to where it ends.
+    pub(crate) fn turns(&self) -> f64 {
+        self.legs.iter().map(|leg| leg.turns).sum()
+    }
+
+    /// The turns at which the axes begin to come to rest, and at which they rest. Infinite where the spindle turns back.
+    pub(crate) fn run_out(&self) -> (f64, f64) {
+        match self.corners.last() {
+            Some(last) if !self.is_tap => (last.at - last.half(), last.at + last.half()),
+            _ => (f64::INFINITY, f64::INFINITY),
+        }
+    }
+
+    /// Where the thread ends.
+    pub(crate) fn end(&self) -> Axes {
+        self.legs.last().map_or(self.start, |leg| leg.end)
+    }
+
+    /// Where it begins.
+    pub(crate) fn start(&self) -> Axes {
+        self.start
+    }
+
+    /// Line of the program after so many turns.
+    pub(crate) fn line(&self, turns: f64) -> u32 {
+        let mut left = turns;
+        for leg in &self.legs {
+            left -= leg.turns;
+            if left < 0.0 {
+                return leg.line;
+            }
+        }
+        self.legs.last().map_or(0, |leg| leg.line)
+    }
+
+    /// How far the axes go a turn at the most, mm.
+    pub(crate) fn steepest(&self) -> f64 {
+        let mut from = self.start;
+        let mut most: f64 = 0.0;
+        for leg in &self.legs {
+            most = most.max(((leg.end - from) / leg.turns).abs().max());
+            from = leg.end;
+        }
+        most
+    }
+
+    /// Position and derivatives by the turns. Real-time safe.
+    pub(crate) fn at(&self, turns: f64) -> Jet {
+        let mut jet = Jet::at_rest(self.start);
+        for corner in &self.corners {
+            let [value, first, second, third] = ramp(turns - corner.at, corner.widths);
+            jet.position += corner.change * value;
+            jet.first += corner.change * first;
+            jet.second += corner.change * second;
+            jet.third += corner.change * third;
+        }
+        jet
+    }
+}
+
+/// Widths in turns of the boxes that keep every axis within its acceleration and jerk at this speed, turns/s.
+fn widths(change: &Axes, speed: f64, limits: &Limits, period_s: f64) -> (f64, f64) {
+    let (mut by_acceleration, mut by_jerk) = (0.0_f64, 0.0_f64);
+    for axis in 0..change.len() {
+        if change[axis] != 0.0 {
+            let step = speed * change[axis].abs();
+            by_acceleration = by_acceleration.max(step / (ACCELERATION_SHARE * limits.acceleration[axis]));
+            by_jerk = by_jerk.max(step / (JERK_SHARE * limits.jerk[axis]));
+        }
+    }
+    // The acceleration is the step by the wider box, the jerk by both. A setpoint or two see every part of it.
+    let least_s = 2.0 * period_s;
+    let wide = by_acceleration.max(by_jerk.sqrt()).max(least_s);
+    let narrow = (by_jerk / wide).max(least_s).min(wide);
+    (speed * wide, speed * narrow)
+}
+
+/// A ramp of slope 1 from 0 on, rounded by two boxes, and its derivatives.
+fn ramp(x: f64, (wide, narrow): (f64, f64)) -> [f64; 4] {
+    // What lies behind the corner mirrors what lies before it.
+    let y = 0.5 * (wide + narrow) - x.abs();
+    let before = if y <= 0.0 {
+        [0.0; 4]
+    } else if y < narrow {
+        let third = 1.0 / (wide * narrow);
+        [third * y * y * y / 6.0, third * y * y / 2.0, third * y, third]
+    } else {
+        let z = y - narrow;
+        let second = 1.0 / wide;
+        let first = 0.5 * narrow * second;
+        let value = narrow * narrow * second / 6.0 + first * z + 0.5 * second * z * z;
+        [value, first + second * z, second, 0.0]
+    };
+    let [value, first, second, third] = before;
+    if x <= 0.0 {
+        before
+    } else {
+        [x + value, 1.0 - first, second, -third]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use evolvent_path::AXES;
+
+    use super::*;
+
+    fn limits() -> Limits {
+        Limits {
+            present: [true; AXES],
+            velocity: Axes::repeat(200.0),
+            acceleration: Axes::repeat(2000.0),
+            jerk: Axes::repeat(50_000.0),
+            travel_min: Axes::repeat(-500.0),
+            travel_max: Axes::repeat(500.0),
+            home: Axes::zeros(),
+        }
+    }
+
+    fn leg(x: f64, z: f64, turns: f64) -> ThreadLeg {
+        let mut end = Axes::zeros();
+        (end[0], end[2]) = (x, z);
+        ThreadLeg { end, turns, line: 7 }
+    }
+
+    #[test]
+    fn derivatives_are_those_of_the_position_and_both_ends_are_met() {
+        // A taper in, the thread, a taper out.
+        let legs = [leg(-1.0, -6.0, 4.0), leg(-1.0, -30.0, 16.0), leg(0.0, -36.0, 4.0)];
+        let mut cam = ThreadCam::new(Axes::zeros(), legs.into(), false);
+        cam.shape(10.0, &limits(), 1e-3).unwrap();
+        let step = 1e-5;
+        for at in 0..30_000 {
+            let turns = -3.0 + 1e-3 * f64::from(at);
+            let [low, here, high] = [turns - step, turns, turns + step].map(|turns| cam.at(turns));
+            for axis in [0, 2] {
+                let first = (high.position[axis] - low.position[axis]) / (2.0 * step);
+                let second = (high.first[axis] - low.first[axis]) / (2.0 * step);
+                assert!((first - here.first[axis]).abs() < 1e-5, "{turns}");
+                assert!((second - here.second[axis]).abs() < 1e-2, "{turns}");
+            }
+        }
+        assert_eq!(cam.at(-cam.run_in_turns()).position, Axes::zeros());
+        assert!((cam.at(cam.run_out().1).position - cam.end()).norm() < 1e-12);
+        // Straight where it is to be: 1.5 mm a turn, whatever the corners.
+        let middle = cam.at(12.0);
+        assert!((middle.position[2] + 18.0).abs() < 1e-12 && (middle.first[2] + 1.5).abs() < 1e-12);
+    }
+
+    #[test]
+    fn limits_are_kept_at_the_speed_and_the_way_is_the_same_at_another() {
+        let limits = limits();
+        for turns_per_s in [1.0, 10.0, 60.0] {
+            let legs = [leg(0.0, -60.0, 40.0)];
+            let mut cam = ThreadCam::new(Axes::zeros(), legs.into(), false);
+            cam.shape(turns_per_s, &limits, 1e-3).unwrap();
+            for at in 0..50_000 {
+                let jet = cam.at(-4.0 + 1e-3 * f64::from(at));
+                let speed = jet.first[2].abs() * turns_per_s;
+                let acceleration = jet.second[2].abs() * turns_per_s.powi(2);
+                let jerk = jet.third[2].abs() * turns_per_s.powi(3);
+                assert!(speed <= 200.0 && acceleration <= 1600.0 && jerk <= 30_000.0);
+            }
+            assert!((cam.at(20.0).position[2] + 30.0).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_kept_is_told_with_its_numbers() {
+        let mut cam = ThreadCam::new(Axes::zeros(), [leg(0.0, -3.0, 1.5)].into(), false);
+        let Err(ThreadObjection::TooShort {
+            line,
+            run_in_mm,
+            run_out_mm,
+            length_mm,
+        }) = cam.shape(20.0, &limits(), 1e-3)
+        else {
+            unreachable!("it is too short")
+        };
+        // 42 mm/s: by the jerk, sqrt(42 / 30000) = 37.4 ms for each box, of which half lies before the corner, and half behind it.
+        assert_eq!((line, length_mm), (7, 3.0));
+        let expected = 42.0 * (42.0_f64 / 30_000.0).sqrt();
+        assert!((run_in_mm - expected).abs() < 1e-9, "{run_in_mm} {expected}");
+        assert_eq!(run_in_mm, run_out_mm);
+        let mut cam = ThreadCam::new(Axes::zeros(), [leg(0.0, -400.0, 100.0)].into(), false);
+        let objection = cam.shape(50.0, &limits(), 1e-3);
+        assert!(matches!(objection, Err(ThreadObjection::TooFast { axis: 2, .. })));
+    }
+}

@@ -1,0 +1,575 @@
+//! Threading: motion that follows the angle of the spindle, between two steps of a plan.
+//!
+//! The plan stands still meanwhile, and is not read on before. The path is a function of the spindle's angle
+//! ([`ThreadCam`](crate::thread_cam::ThreadCam)), so a thread lies in the same groove pass after pass, whatever the speed is and
+//! however the spindle comes to it: the axes start before the angle at which the thread begins, by as much as they need to
+//! be in phase there. A follower of third order drives them along it: what it adds for a spindle that is not even stays within
+//! what the path leaves of acceleration and jerk.
+
+use evolvent_machine::Limits;
+use evolvent_path::{AXES, Axes, Jet};
+use evolvent_signals::{AngleJet, SpindleInput, SpindleKnowledge};
+use evolvent_wire::flags;
+
+use crate::path_executor::PathExecutor;
+use crate::queue::PlanConsumer;
+use crate::quick_stop::QuickStop;
+use crate::setpoint::{Inputs, Setpoint};
+use crate::state::State;
+use crate::thread_cam::{ThreadCam, ThreadLeg, ThreadObjection};
+
+/// How fast an error of the position is made good, 1/s: three equal poles. A third of the rate at most.
+const FOLLOW_RATE: f64 = 120.0;
+const FOLLOW_SHARE: f64 = 0.3;
+/// Share of acceleration and jerk that following one harmonic of the turn may take. What needs more is left out.
+const RIPPLE_SHARE: f64 = 0.3;
+/// How far the axes may be from where the spindle's angle wants them before the pass is given up, mm.
+const PHASE_TOLERANCE_MM: f64 = 0.1;
+/// How much slower than at the start of a pass the spindle may turn, as a ratio: it is stalled then, or nearly.
+const STALL_RATIO: f64 = 0.2;
+/// The same faster: the path was rounded for the speed at the start.
+const RUNAWAY_RATIO: f64 = 1.2;
+/// How long the spindle's angle may take to be told and known before a pass, s.
+const KNOWLEDGE_TIMEOUT_S: f64 = 10.0;
+/// Turns before the run-in begins, at least: an angle that is just passed is not driven after.
+const HEAD_START_TURNS: f64 = 0.02;
+/// Duration of the last nanometres, s: what the follower leaves is taken up without a step.
+const LANDING_S: f64 = 0.03;
+/// Setpoints of a landing, at least.
+const LANDING_STEPS: f64 = 12.0;
+
+/// A spindle that turns back at the end of the thread: rigid tapping.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TapReturn {
+    /// Speed out of the hole, turns/s.
+    pub turns_per_s: f64,
+    /// How fast the spindle's speed changes, turns/s^2, where that is known: it is turned back that much earlier, and the tap
+    /// stops at the depth. Otherwise it is turned back at the depth, and goes on by what the spindle needs.
+    pub braking: Option<f64>,
+}
+
+/// What is asked of a pass.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ThreadPass {
+    /// Where it begins, machine coordinates (mm, degrees).
+    pub start: Axes,
+    /// Its straight pieces.
+    pub legs: Box<[ThreadLeg]>,
+    /// Angle at which it begins, as a part of a turn from the index pulse: 0 but for threads of several starts.
+    pub start_turns: f64,
+    /// Commanded speed, turns/s, negative counter-clockwise.
+    pub turns_per_s: f64,
+    /// The spindle turns back at the end, and the axes with it to the start.
+    pub tap: Option<TapReturn>,
+}
+
+impl ThreadPass {
+    /// Whether a machine can cut this at the commanded speed: the run-in, mm along the first leg.
+    ///
+    /// # Errors
+    /// What it cannot keep.
+    pub fn check(&self, limits: &Limits, period_s: f64) -> Result<f64, ThreadObjection> {
+        let mut cam = ThreadCam::new(self.start, self.legs.clone(), self.tap.is_some());
+        let out = self.tap.map_or(0.0, |tap| tap.turns_per_s);
+        cam.shape(self.turns_per_s.abs().max(out), limits, period_s)?;
+        let first = self
+            .legs
+            .first()
+            .map_or(0.0, |leg| (leg.end - self.start).norm() / leg.turns);
+        Ok(first * cam.run_in_turns())
+    }
+}
+
+/// How a pass has ended.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ThreadVerdict {
+    /// At its end; of a tap, back at its start.
+    Done,
+    /// Nobody tells the spindle's angle, or its index pulse was not seen: nothing has moved.
+    Unknown,
+    /// At the speed that the spindle has it cannot be cut: nothing has moved.
+    Refused(ThreadObjection),
+    /// Nobody has told the spindle's angle any more: the axes have stopped.
+    Lost,
+    /// The spindle has slowed down too much: the axes have stopped.
+    Stalled,
+    /// The axes could not follow the spindle: they have stopped.
+    OutOfPhase,
+}
+
+/// What came of a pass.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ThreadResult {
+    /// How it has ended.
+    pub verdict: ThreadVerdict,
+    /// Where the axes stand.
+    pub stands_at: Axes,
+    /// Largest distance of an axis from where the angle wanted it, mm, once it was in phase.
+    pub worst_mm: f64,
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Phase {
+    /// At rest before the pass, for so long.
+    Waiting(f64),
+    /// Following. `turned`: the spindle was told to turn back.
+    Following {
+        turned: bool,
+    },
+    /// Taking up what the follower has left.
+    Landing(Landing),
+    /// Given up.
+    Stopping(QuickStop, ThreadVerdict),
+    Over(ThreadVerdict),
+}
+
+/// Polynomials of fifth degree from a state nearly at rest to rest.
+#[derive(Clone, Copy, Debug)]
+struct Landing {
+    end: Axes,
+    coefficients: [[f64; 3]; AXES],
+    duration: f64,
+    time: f64,
+}
+
+impl Landing {
+    fn new(from: &Jet, end: Axes, limits: &Limits, period_s: f64) -> Self {
+        let mut duration = LANDING_S.max(LANDING_STEPS * period_s);
+        for axis in 0..AXES {
+            let (e, v) = ((from.position[axis] - end[axis]).abs(), from.first[axis].abs());
+            let (limit_a, limit_j) = (limits.acceleration[axis], limits.jerk[axis]);
+            if limits.present[axis] {
+                // A third of each limit for each of distance, speed and acceleration: the extremes of the polynomial are 60, 36
+                // and 9 of jerk, 5.8, 4 and 1 of acceleration.
+                duration = duration
+                    .max(libm::cbrt(180.0 * e / limit_j))
+                    .max((108.0 * v / limit_j).sqrt())
+                    .max(27.0 * from.second[axis].abs() / limit_j)
+                    .max((18.0 * e / limit_a).sqrt())
+                    .max(12.0 * v / limit_a);
+            }
+        }
+        let mut coefficients = [[0.0; 3]; AXES];
+        for (axis, of) in coefficients.iter_mut().enumerate() {
+            // By the time that is left, tau: e = c3 tau^3 + c4 tau^4 + c5 tau^5 rests at tau = 0.
+            let (t, e) = (duration, from.position[axis] - end[axis]);
+            let (v, a) = (from.first[axis], from.second[axis]);
+            *of = [
+                (10.0 * e + 4.0 * v * t + 0.5 * a * t * t) / (t * t * t),
+                (-15.0 * e - 7.0 * v * t - a * t * t) / (t * t * t * t),
+                (6.0 * e + 3.0 * v * t + 0.5 * a * t * t) / (t * t * t * t * t),
+            ];
+        }
+        Self {
+            end,
+            coefficients,
+            duration,
+            time: 0.0,
+        }
+    }
+
+    fn is_over(&self) -> bool {
+        self.time >= self.duration
+    }
+
+    fn advance(&mut self, period_s: f64) -> Jet {
+        self.time += period_s;
+        let mut jet = Jet::at_rest(self.end);
+        if self.is_over() {
+            return jet;
+        }
+        let t = self.duration - self.time;
+        for (axis, [c3, c4, c5]) in self.coefficients.iter().enumerate() {
+            jet.position[axis] += t * t * t * (c3 + t * (c4 + t * c5));
+            jet.first[axis] = -t * t * (3.0 * c3 + t * (4.0 * c4 + t * 5.0 * c5));
+            jet.second[axis] = t * (6.0 * c3 + t * (12.0 * c4 + t * 20.0 * c5));
+            jet.third[axis] = -(6.0 * c3 + t * (24.0 * c4 + t * 60.0 * c5));
+        }
+        jet
+    }
+}
+
+/// A spindle where time is not real: it does what it is told, but not at once.
+#[derive(Clone, Copy, Debug)]
+struct ImaginedSpindle {
+    motion: AngleJet,
+    wanted: f64,
+    braking: f64,
+}
+
+impl ImaginedSpindle {
+    /// So fast it speeds up where nothing is known of it: to the speed of the pass in so many seconds.
+    const SPEED_UP_S: f64 = 0.25;
+
+    fn new(turns_per_s: f64, tap: Option<TapReturn>) -> Self {
+        let known = tap.and_then(|tap| tap.braking);
+        Self {
+            motion: [0.0, turns_per_s, 0.0],
+            wanted: turns_per_s,
+            braking: known.unwrap_or(turns_per_s.abs() / Self::SPEED_UP_S),
+        }
+    }
+
+    fn advance(&mut self, period_s: f64) {
+        let [turns, speed, _] = self.motion;
+        let most = self.braking * period_s;
+        let change = (self.wanted - speed).clamp(-most, most);
+        let acceleration = change / period_s;
+        let next = speed + change;
+        self.motion = [turns + 0.5 * (speed + next) * period_s, next, acceleration];
+    }
+}
+
+/// A pass, driven setpoint by setpoint. Built outside the cycle and handed over in a box by a
+/// [`ThreadingSender`](crate::ThreadingSender), before the plan's [`Step::Thread`](evolvent_planner::Step::Thread), which hands it back
+/// with its result.
+#[derive(Clone, Debug)]
+pub struct Threading {
+    cam: ThreadCam,
+    limits: Limits,
+    start_turns: f64,
+    turns_per_s: f64,
+    tap: Option<TapReturn>,
+    phase: Phase,
+    imagined: ImaginedSpindle,
+    /// Angle of the spindle at which the thread begins, turns the way it turns.
+    origin: Option<f64>,
+    /// Speed at the start of the pass.
+    begun_at: f64,
+    /// What of each harmonic is followed, 0 to 1.
+    heeded: [f64; 3],
+    /// Last angle since the origin, and its speed.
+    turns: f64,
+    speed: f64,
+    now: Jet,
+    worst_mm: f64,
+    result: Option<ThreadResult>,
+}
+
+/// What a setpoint of a pass does beside moving.
+struct Driven {
+    jet: Jet,
+    /// The next action of the program takes effect: the spindle turns back, or forward again.
+    acts: bool,
+}
+
+impl Threading {
+    /// A pass from rest.
+    #[must_use]
+    pub fn new(pass: ThreadPass, limits: &Limits) -> Self {
+        let ThreadPass {
+            start,
+            legs,
+            start_turns,
+            turns_per_s,
+            tap,
+        } = pass;
+        Self {
+            cam: ThreadCam::new(start, legs, tap.is_some()),
+            limits: *limits,
+            start_turns,
+            turns_per_s,
+            tap,
+            phase: Phase::Waiting(0.0),
+            imagined: ImaginedSpindle::new(turns_per_s.abs(), tap),
+            origin: None,
+            begun_at: 0.0,
+            heeded: [0.0; 3],
+            turns: 0.0,
+            speed: 0.0,
+            now: Jet::at_rest(start),
+            worst_mm: 0.0,
+            result: None,
+        }
+    }
+
+    /// What came of it, once it is over.
+    #[must_use]
+    pub fn result(&self) -> Option<ThreadResult> {
+        self.result
+    }
+
+    /// Whether nothing moves. Real-time safe.
+    pub(crate) fn is_at_rest(&self) -> bool {
+        match &self.phase {
+            Phase::Waiting(_) | Phase::Over(_) => true,
+            Phase::Following { .. } | Phase::Landing(_) => false,
+            Phase::Stopping(stop, _) => stop.is_over(),
+        }
+    }
+
+    /// Angle the way the spindle turns, its speed and acceleration, and the third derivative of what is followed of its ripple.
+    fn angle(&self, spindle: &SpindleInput) -> Option<(AngleJet, f64)> {
+        match spindle.knowledge {
+            SpindleKnowledge::Imagined => Some((self.imagined.motion, 0.0)),
+            SpindleKnowledge::Tracked => {
+                let way = self.turns_per_s.signum();
+                let (mut angle, mut third) = (spindle.mean, 0.0);
+                for ((order, ripple), share) in spindle.ripple.iter().enumerate().zip(self.heeded) {
+                    let rate = std::f64::consts::TAU * (order + 1) as f64 * spindle.mean[1];
+                    for (value, ripple) in angle.iter_mut().zip(ripple) {
+                        *value += share * ripple;
+                    }
+                    third -= share * rate * rate * ripple[1];
+                }
+                Some((angle.map(|value| way * value), way * third))
+            }
+            SpindleKnowledge::Unknown | SpindleKnowledge::Seeking => None,
+        }
+    }
+
+    /// Chooses what of the spindle's ripple the axes can follow.
+    fn heed(&mut self, spindle: &SpindleInput) {
+        let steepest = self.cam.steepest();
+        for ((order, ripple), share) in spindle.ripple.iter().enumerate().zip(&mut self.heeded) {
+            let rate = std::f64::consts::TAU * (order + 1) as f64 * spindle.mean[1].abs();
+            let amplitude = steepest * libm::hypot(ripple[0], ripple[1] / rate);
+            *share = 1.0;
+            for axis in 0..AXES {
+                if self.limits.present[axis] {
+                    let jerk = amplitude * rate * rate * rate;
+                    let acceleration = amplitude * rate * rate;
+                    *share = share
+                        .min(RIPPLE_SHARE * self.limits.jerk[axis] / jerk)
+                        .min(RIPPLE_SHARE * self.limits.acceleration[axis] / acceleration);
+                }
+            }
+            // A ripple of nothing divides by nothing.
+            if share.is_nan() {
+                *share = 1.0;
+            }
+        }
+    }
+
+    /// At rest before the pass: begins it when the angle comes near.
+    fn wait(&mut self, spindle: &SpindleInput, waited: f64, period_s: f64) {
+        let Some((angle, _)) = self.angle(spindle) else {
+            self.phase = if waited > KNOWLEDGE_TIMEOUT_S {
+                Phase::Over(ThreadVerdict::Unknown)
+            } else {
+                Phase::Waiting(waited + period_s)
+            };
+            return;
+        };
+        if angle[1] < STALL_RATIO * self.turns_per_s.abs() {
+            self.phase = if waited > KNOWLEDGE_TIMEOUT_S {
+                Phase::Over(ThreadVerdict::Stalled)
+            } else {
+                Phase::Waiting(waited + period_s)
+            };
+            return;
+        }
+        // A tap comes out by the way that it went in, and perhaps faster.
+        let fastest = self.tap.map_or(angle[1], |tap| angle[1].max(tap.turns_per_s));
+        if let Err(objection) = self.cam.shape(fastest, &self.limits, period_s) {
+            self.phase = Phase::Over(ThreadVerdict::Refused(objection));
+            return;
+        }
+        if spindle.knowledge == SpindleKnowledge::Tracked {
+            self.heed(spindle);
+        }
+        self.begun_at = angle[1];
+        // The next turn whose run-in lies ahead.
+        let head_start = HEAD_START_TURNS + 2.0 * angle[1] * period_s;
+        let begins = angle[0] + head_start + self.cam.run_in_turns() - self.start_turns;
+        self.origin = Some(begins.ceil() + self.start_turns);
+        self.phase = Phase::Following { turned: false };
+    }
+
+    /// Gives the pass up: every axis comes to rest by itself. That is sooner than the run-out would be, so no axis goes by the end.
+    fn give_up(&mut self, verdict: ThreadVerdict) {
+        self.phase = Phase::Stopping(
+            QuickStop::new(&self.limits, self.now.position, &self.now),
+            verdict,
+        );
+    }
+
+    fn follow(&mut self, spindle: &SpindleInput, turned: bool, period_s: f64) -> bool {
+        let (run_out, ended) = self.cam.run_out();
+        let (angle, third) = match self.angle(spindle) {
+            Some((angle, third)) => ([angle[0] - self.origin.unwrap_or(0.0), angle[1], angle[2]], third),
+            // It ends here in any case, by the last speed that was known.
+            None if self.turns >= run_out => ([self.turns + self.speed * period_s, self.speed, 0.0], 0.0),
+            None => {
+                self.give_up(ThreadVerdict::Lost);
+                self.come_to_rest(period_s);
+                return false;
+            }
+        };
+        (self.turns, self.speed) = (angle[0], angle[1]);
+        let cam = self.cam.at(angle[0]);
+        let want = cam.compose(angle[1], angle[2], third);
+        self.drive(&want, period_s);
+        let error = (self.now.position - want.position).abs().max();
+        let run_in = self.cam.run_in_turns();
+        if angle[0] > -run_in {
+            self.worst_mm = self.worst_mm.max(error);
+        }
+        let ratio = match self.tap {
+            Some(tap) if turned => -angle[1] / tap.turns_per_s,
+            _ => angle[1] / self.begun_at,
+        };
+        let has_begun = angle[0] > -run_in;
+        if error > PHASE_TOLERANCE_MM || ratio > RUNAWAY_RATIO {
+            self.give_up(ThreadVerdict::OutOfPhase);
+            return false;
+        }
+        if let Some(tap) = self.tap {
+            let depth = self.cam.turns();
+            let braking = tap.braking.map_or(0.0, |rate| angle[1] * angle[1] / (2.0 * rate));
+            if !turned && angle[0] + braking >= depth {
+                self.imagined.wanted = -tap.turns_per_s;
+                self.phase = Phase::Following { turned: true };
+                return true;
+            }
+            if turned && angle[0] <= -run_in {
+                self.land(self.cam.start(), period_s);
+                self.imagined.wanted = self.turns_per_s.abs();
+                return true;
+            }
+        } else if angle[0] >= ended {
+            self.land(self.cam.end(), period_s);
+            return false;
+        }
+        if !turned && has_begun && ratio < STALL_RATIO {
+            self.give_up(ThreadVerdict::Stalled);
+        }
+        false
+    }
+
+    /// One period of the follower: a jerk for each axis.
+    fn drive(&mut self, want: &Jet, period_s: f64) {
+        let t = period_s;
+        let rate = FOLLOW_RATE.min(FOLLOW_SHARE / t);
+        let before = self.now;
+        for axis in 0..AXES {
+            // Where it should have been one period ago, by the same course.
+            let [x, v, a, j] = [
+                want.position[axis],
+                want.first[axis],
+                want.second[axis],
+                want.third[axis],
+            ];
+            let errors = [
+                x - t * v + 0.5 * t * t * a - t * t * t * j / 6.0 - before.position[axis],
+                v - t * a + 0.5 * t * t * j - before.first[axis],
+                a - t * j - before.second[axis],
+            ];
+            let (limit_a, limit_j) = (self.limits.acceleration[axis], self.limits.jerk[axis]);
+            let jerk = j + rate * (3.0 * errors[2] + rate * (3.0 * errors[1] + rate * errors[0]));
+            let most = ((limit_a - before.second[axis]) / t).min(limit_j);
+            let least = ((-limit_a - before.second[axis]) / t).max(-limit_j);
+            let jerk = if least <= most {
+                jerk.clamp(least, most)
+            } else {
+                0.0
+            };
+            self.now.third[axis] = jerk;
+            self.now.second[axis] = before.second[axis] + t * jerk;
+            self.now.first[axis] = before.first[axis] + t * (before.second[axis] + 0.5 * t * jerk);
+            self.now.position[axis] = before.position[axis]
+                + t * (before.first[axis] + t * (0.5 * before.second[axis] + t * jerk / 6.0));
+        }
+    }
+
+    /// One period of landing or stopping.
+    fn come_to_rest(&mut self, period_s: f64) {
+        match &mut self.phase {
+            Phase::Landing(landing) => {
+                self.now = landing.advance(period_s);
+                if landing.is_over() {
+                    self.phase = Phase::Over(ThreadVerdict::Done);
+                }
+            }
+            Phase::Stopping(stop, verdict) => {
+                self.now = stop.advance(period_s);
+                if stop.is_over() {
+                    self.phase = Phase::Over(*verdict);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn land(&mut self, end: Axes, period_s: f64) {
+        self.phase = Phase::Landing(Landing::new(&self.now, end, &self.limits, period_s));
+    }
+
+    /// One period: `hold` and `stop` as asked for.
+    fn advance(&mut self, spindle: &SpindleInput, hold: bool, stop: bool, period_s: f64) -> Driven {
+        if spindle.knowledge == SpindleKnowledge::Imagined {
+            self.imagined.advance(period_s);
+        }
+        let mut acts = false;
+        match self.phase {
+            Phase::Waiting(waited) if !hold && !stop => self.wait(spindle, waited, period_s),
+            Phase::Waiting(_) | Phase::Over(_) => {}
+            Phase::Following { .. } if stop => {
+                self.give_up(ThreadVerdict::Lost);
+                self.come_to_rest(period_s);
+            }
+            Phase::Following { turned } => acts = self.follow(spindle, turned, period_s),
+            Phase::Landing(_) | Phase::Stopping(..) => self.come_to_rest(period_s),
+        }
+        if let Phase::Over(verdict) = self.phase {
+            self.result = Some(ThreadResult {
+                verdict,
+                stands_at: self.now.position,
+                worst_mm: self.worst_mm,
+            });
+        }
+        Driven { jet: self.now, acts }
+    }
+}
+
+impl PathExecutor {
+    /// One setpoint of a pass.
+    pub(crate) fn thread(&mut self, inputs: &Inputs, queue: &mut PlanConsumer) -> Setpoint {
+        let Some(threading) = &mut self.threading else {
+            return self.step_quick_stop();
+        };
+        let Driven { jet, acts } = threading.advance(&inputs.spindle, inputs.hold, self.stop, self.period);
+        let (at_rest, is_over) = (threading.is_at_rest(), threading.result.is_some());
+        let line = threading.cam.line(threading.turns);
+        if let Err(violation) = self.guard.check(&jet.position, false, false) {
+            self.fault.get_or_insert(violation);
+            self.start_quick_stop();
+            return self.step_quick_stop();
+        }
+        self.guard.publish(&jet.position, false);
+        self.last = jet;
+        self.cursor.threads = false;
+        self.cursor.line = line;
+        if acts {
+            self.cursor.actions += 1;
+        }
+        let stands = inputs.hold && !self.stop;
+        self.cursor.state = match (self.stop, stands) {
+            (true, _) if at_rest => State::Stopped,
+            (true, _) => State::Stopping,
+            // A pass is driven to its end: a tool that stands in a groove that turns would spoil it, or break.
+            (_, true) if at_rest => State::Held,
+            (_, true) => State::Holding,
+            _ => State::Running,
+        };
+        if is_over && !self.stop {
+            // The path ends here, and what follows begins here.
+            self.cursor.stands_at = Some(jet.position);
+            self.cursor.pass_rest();
+            if let Some(threading) = self.threading.take() {
+                queue.return_threading(threading);
+            }
+        }
+        let mut bits = 0;
+        for (set, bit) in [
+            (stands, flags::HOLD),
+            (self.fault.is_some(), flags::GUARD),
+            (self.is_over(), flags::LAST),
+        ] {
+            if set {
+                bits |= bit;
+            }
+        }
+        self.setpoint(jet, self.cursor.path(), bits)
+    }
+}

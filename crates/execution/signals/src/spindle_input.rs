@@ -1,0 +1,28 @@
+//! What a cycle goes by of a spindle's angle.
+
+use crate::spindle_tracker::{AngleJet, HARMONICS};
+
+/// What is known of the angle.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum SpindleKnowledge {
+    /// Nobody tells it, or nobody has for too long.
+    #[default]
+    Unknown,
+    /// Time is not real and nobody tells it: the spindle turns as it is told.
+    Imagined,
+    /// It is told, but not for long enough, or the index pulse has not been seen.
+    Seeking,
+    /// It is known.
+    Tracked,
+}
+
+/// The motion of a spindle when a setpoint is due, turns and seconds.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SpindleInput {
+    /// What is known of it. Otherwise the rest is 0.
+    pub knowledge: SpindleKnowledge,
+    /// Angle since the index pulse, speed and acceleration of an even spindle.
+    pub mean: AngleJet,
+    /// What each harmonic of the turn adds to it.
+    pub ripple: [AngleJet; HARMONICS],
+}
