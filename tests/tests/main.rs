@@ -30,6 +30,7 @@ mod served_signals;
 mod served_traces;
 mod spindles;
 mod systemd_units;
+mod threads;
 mod tool_changes;
 mod top;
 mod travel_ends;

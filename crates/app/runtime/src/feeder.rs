@@ -95,6 +95,8 @@ pub(crate) struct Feeder<'a, S> {
     /// Commands that have been read.
     commands: u64,
     last_line: u32,
+    /// Line of what was planned last of all that moves, where anyone wants to hear of blocks: that of the end.
+    end_line: u32,
     path_mm: f64,
     modal: Option<Modal>,
     user_commands: u64,
@@ -170,6 +172,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
             job: 0,
             commands: 0,
             last_line: 0,
+            end_line: 0,
             path_mm: 0.0,
             modal: None,
             user_commands: 0,
@@ -275,7 +278,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         if result.is_err() {
             failed();
         }
-        let line = self.blocks.back().map_or(0, |open| open.line);
+        let line = self.end_line;
         // A consumer that has gone needs no end.
         let _gone = self.planner.finish(line);
         self.report_blocks(true);
@@ -602,7 +605,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
             "probe until contact is lost (G38)"
         };
         self.announce(Moment::Rest(action), line, false, text);
-        self.last_line = 0;
+        (self.last_line, self.end_line) = (0, line);
         self.planner.rest(&Step::Action { action, line })?;
         let end = order.curve.end();
         let mut probing = Box::new(probing(order, self.setup));
@@ -1035,6 +1038,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
             let _gone = onlooker.send(FeederEvent::Queued(queued));
         }
         if self.with_blocks {
+            self.end_line = line;
             let kind = match (motion.kind, &motion.curve) {
                 (MoveKind::Rapid, _) => BlockKind::Rapid,
                 (_, Curve::Line(_)) => BlockKind::Line,

@@ -66,7 +66,11 @@ impl SignalName {
             }
             Self::Probe(number) => image.probe.set(number, value),
             Self::Angle(number) => {
-                let mut angle = image.angle.unwrap_or_default();
+                // A sample without its time yet is none.
+                let mut angle = image.angle.unwrap_or(SpindleAngle {
+                    cycle: f64::NAN,
+                    turns: f64::NAN,
+                });
                 match (number, value) {
                     (_, None) => image.angle = None,
                     (AngleValue::Turns, Some(turns)) => angle.turns = turns,

@@ -141,8 +141,31 @@ impl PathExecutor {
         self.settle(cursor, standing, inputs);
     }
 
-    /// Enters the next step; `false` where it has to be waited for.
+    /// Enters the next step; `false` where it has to be waited for, and where nothing more is entered in this cycle.
     fn enter(
+        &mut self,
+        cursor: &mut Cursor,
+        from: ScalarState,
+        brake: bool,
+        inputs: &Inputs,
+        queue: &mut PlanConsumer,
+    ) -> bool {
+        if !cursor.awaits_plan {
+            return self.enter_step(cursor, from, brake, inputs, queue);
+        }
+        // Nothing was planned before what ended here was known. That the cycle has waited is recorded once for each cycle, so it has to
+        // mean this step, of whatever kind it is, and no other one behind it.
+        if self.withhold {
+            self.waited = true;
+            return false;
+        }
+        let step = cursor.step;
+        let goes_on = self.enter_step(cursor, from, brake, inputs, queue);
+        cursor.awaits_plan = cursor.step == step && cursor.is_still();
+        goes_on && !cursor.is_still()
+    }
+
+    fn enter_step(
         &mut self,
         cursor: &mut Cursor,
         from: ScalarState,

@@ -71,6 +71,8 @@ pub(crate) struct Cursor {
     pub(crate) probes: bool,
     /// At rest where a pass of threading begins.
     pub(crate) threads: bool,
+    /// Behind a probing move or a pass of threading: the plan goes on when its result is known.
+    pub(crate) awaits_plan: bool,
     /// At rest here and not at the end of the path: a probing move or a pass of threading has ended here.
     pub(crate) stands_at: Option<Axes>,
 }
@@ -100,6 +102,7 @@ impl Cursor {
             turns: false,
             probes: false,
             threads: false,
+            awaits_plan: false,
             stands_at: None,
         }
     }

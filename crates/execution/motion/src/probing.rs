@@ -337,6 +337,7 @@ impl PathExecutor {
             // The path ends elsewhere, and what follows begins here.
             self.cursor.stands_at = Some(jet.position);
             self.cursor.pass_rest();
+            self.cursor.awaits_plan = true;
             if let Some(probing) = self.probing.take() {
                 queue.return_probing(probing);
             }

@@ -556,6 +556,7 @@ impl PathExecutor {
             // The path ends here, and what follows begins here.
             self.cursor.stands_at = Some(jet.position);
             self.cursor.pass_rest();
+            self.cursor.awaits_plan = true;
             if let Some(threading) = self.threading.take() {
                 queue.return_threading(threading);
             }

@@ -37,6 +37,12 @@ pub enum RouteError {
         /// Program line.
         line: u32,
     },
+    /// The axes follow the spindle, and corners are rounded by its speed.
+    #[error("line {line}: the axes follow the angle of the spindle, whose speed is not in the program")]
+    FollowsSpindle {
+        /// Program line.
+        line: u32,
+    },
     /// A move starts elsewhere than where the one before ended.
     #[error(
         "line {line}: the move starts {distance} mm or degrees from where the last one ended; report this program"
@@ -97,6 +103,9 @@ impl Route {
                 // Where a probing move ends the machine says.
                 Action::WaitInput { .. } | Action::Probe { .. } => {
                     return Err(RouteError::ReadsInput { line: command.line });
+                }
+                Action::Thread { .. } | Action::RigidTap { .. } => {
+                    return Err(RouteError::FollowsSpindle { line: command.line });
                 }
                 Action::ProgramEnd => break,
                 Action::Turning(_) => return Err(RouteError::Finds { line: command.line }),

@@ -139,7 +139,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
         if chain.is_tap() {
             self.tell_reversal(pass.tap.map_or(0.0, |tap| 60.0 * tap.turns_per_s));
         }
-        self.last_line = 0;
+        (self.last_line, self.end_line) = (0, line);
         self.planner.rest(&Step::Action { action, line })?;
         let mut threading = Box::new(Threading::new(pass, &self.setup.machine.limits()));
         while let Some(threadings) = &mut self.threadings {

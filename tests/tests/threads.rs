@@ -1,0 +1,359 @@
+//! Threads beside a simulated spindle: phase by what its encoder said, holds, faults, taps, and what is refused.
+#![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
+
+use std::path::{Path, PathBuf};
+
+use evolvent_tests::{
+    Cycle, Domain, Drives, Finished, Launch, Operator, Served, Workshop, cycles, evolvent, unless_disturbed,
+};
+use evolvent_trace::{EventKind, TraceFile};
+
+/// Numbers in a trace of a sample of the spindle's angle, and of the setpoint that is due then.
+const TURNS: u32 = 96;
+const CYCLE: u32 = 97;
+const Z: usize = 2;
+
+const LATHE: &str = r#"
+name = "threader"
+description = "Two-axis lathe with a measured spindle"
+kind = "lathe"
+increments_per_mm = 10000
+rate = 1000
+[[axis]]
+letter = "X"
+kind = "linear"
+travel_min_mm = -10
+travel_max_mm = 200
+max_velocity_mm_min = 12000
+max_acceleration_m_s2 = 3
+max_jerk_m_s3 = 100
+home_mm = 20
+[[axis]]
+letter = "Z"
+kind = "linear"
+travel_min_mm = -100
+travel_max_mm = 600
+max_velocity_mm_min = 20000
+max_acceleration_m_s2 = 4
+max_jerk_m_s3 = 100
+home_mm = 10
+[drives]
+feedback_timeout_ms = 1000
+[signals]
+input_timeout_ms = 500
+[[spindle]]
+max_rpm = 4000
+feedback = true
+acceleration_rpm_s = 2000
+"#;
+
+fn lathe(workshop: &Workshop) -> PathBuf {
+    workshop.write("lathe.toml", LATHE)
+}
+
+/// Runs a program beside a simulated spindle, and gives what came of it and its trace.
+fn drive(workshop: &Workshop, program: &str, options: &[&str]) -> (Finished, PathBuf) {
+    let domain = Domain::new();
+    let machine = lathe(workshop);
+    let program = workshop.write("program.ngc", program);
+    let trace = workshop.path("run.mcap");
+    let _drives = Drives::start(&machine, &domain, options);
+    let finished = Launch::in_real_time(&program, &machine, &domain)
+        .with(&["--wait-for-clients", "1"])
+        .trace(&trace)
+        .finish();
+    (finished, trace)
+}
+
+/// Samples of the encoder: the setpoint that was due then, with its fraction, and the turns.
+fn angles(trace: &Path) -> Vec<(f64, f64)> {
+    let mut file = TraceFile::open(trace).expect("a trace");
+    let (mut turns, mut samples) = (0.0, Vec::new());
+    for event in file.events().map(|event| event.expect("a readable event")) {
+        match (event.kind, event.code, event.value) {
+            (EventKind::Input, TURNS, Some(value)) => turns = value,
+            (EventKind::Input, CYCLE, Some(value)) => samples.push((value, turns)),
+            _ => {}
+        }
+    }
+    samples
+}
+
+/// For each pass the largest error, mm, of a thread that begins at `start` and a whole turn, between these places.
+fn phases(trace: &Path, pitch: f64, start: f64, places: std::ops::Range<f64>, rev_s: f64) -> Vec<f64> {
+    let all = cycles(trace);
+    let first = all.first().expect("cycles").sequence;
+    let mut passes: Vec<f64> = Vec::new();
+    let mut last_cycle = f64::NEG_INFINITY;
+    for (cycle, turns) in angles(trace) {
+        let at = cycle - first as f64;
+        let (Some(here), Some(next)) = (all.get(at.floor() as usize), all.get(at.floor() as usize + 1))
+        else {
+            continue;
+        };
+        let z = here.position[Z] + at.fract() * (next.position[Z] - here.position[Z]);
+        let is_cutting = (here.velocity[Z] + pitch * rev_s).abs() < 0.05 * pitch * rev_s;
+        if !is_cutting || !places.contains(&z) {
+            continue;
+        }
+        if cycle > last_cycle + 50.0 {
+            passes.push(0.0);
+        }
+        last_cycle = cycle;
+        let turned = turns - (start - z) / pitch;
+        let error = (turned - turned.round()).abs() * pitch;
+        if let Some(worst) = passes.last_mut() {
+            *worst = worst.max(error);
+        }
+    }
+    passes
+}
+
+fn verifies(trace: &Path) {
+    let output = evolvent().args(["trace", "verify"]).arg(trace).output();
+    Finished::from(output.expect("the binary to start")).expect_code(&[0]);
+}
+
+#[test]
+fn every_pass_of_g76_lies_in_the_same_groove() {
+    for (rpm, pitch) in [(200, 2.0), (1200, 1.5)] {
+        unless_disturbed(|| {
+            let workshop = Workshop::new();
+            let program = format!(
+                "G21 G18 G90 G8\nS{rpm} M3\nG0 X15 Z5\nG76 P{pitch} Z-20 I-1 J0.4 K0.8 R1 H1\nG0 X20\nM5\nM2\n"
+            );
+            let options = ["--spindle-ripple", "2", "--spindle-delay", "2"];
+            let (finished, trace) = drive(&workshop, &program, &options);
+            finished.expect_code(&[0, 3]);
+            let passes = phases(&trace, pitch, 5.0, -17.0..2.0, f64::from(rpm) / 60.0);
+            println!("{rpm} rpm: {passes:?} mm");
+            // Two depths and a spring pass.
+            assert_eq!(passes.len(), 3, "{passes:?}");
+            for error in passes {
+                // 2 um, a step of the encoder, and one more of that for the sample compared with.
+                assert!(error <= 0.002 + 2.0 * pitch / 4096.0, "{rpm} rpm: {error} mm");
+            }
+            verifies(&trace);
+        });
+    }
+}
+
+#[test]
+fn a_thread_of_two_starts_begins_half_a_turn_later() {
+    unless_disturbed(|| {
+        let workshop = Workshop::new();
+        let program = "G21 G18 G90 G8\nS600 M4\nG0 X15 Z5\nG33 Z-15 K2\nG0 X20\nG0 Z5\nG0 X15\nG33 Z-15 K2 Q180\nG0 X20\nM5\nM2\n";
+        let (finished, trace) = drive(&workshop, program, &[]);
+        finished.expect_code(&[0, 3]);
+        // Counter-clockwise: the angle falls while the thread goes on.
+        let all = cycles(&trace);
+        let first = all.first().expect("cycles").sequence;
+        let mut starts: Vec<f64> = Vec::new();
+        let mut last_cycle = f64::NEG_INFINITY;
+        for (cycle, turns) in angles(&trace) {
+            let Some(here) = all.get((cycle - first as f64).floor() as usize) else {
+                continue;
+            };
+            if (here.velocity[Z] + 20.0).abs() < 0.5 && (-12.0..2.0).contains(&here.position[Z]) {
+                let z = here.position[Z] + cycle.fract() * here.velocity[Z] * 1e-3;
+                let start = -turns - (5.0 - z) / 2.0;
+                if cycle > last_cycle + 50.0 {
+                    starts.push(start.rem_euclid(1.0));
+                }
+                last_cycle = cycle;
+            }
+        }
+        assert_eq!(starts.len(), 2, "{starts:?}");
+        let apart = (starts[1] - starts[0]).rem_euclid(1.0);
+        assert!((apart - 0.5).abs() < 2e-3, "{starts:?}");
+        verifies(&trace);
+    });
+}
+
+#[test]
+fn a_tap_comes_back_to_its_start_with_the_spindle_turned_back() {
+    unless_disturbed(|| {
+        let workshop = Workshop::new();
+        let program = "G21 G18 G90 G8\nS500 M3\nG0 X0 Z5\nG33.1 Z-10 K1\nG0 X20\nM5\nM2\n";
+        let (finished, trace) = drive(&workshop, program, &["--spindle-delay", "1"]);
+        finished.expect_code(&[0, 3]);
+        let all = cycles(&trace);
+        let deepest = (all.iter())
+            .map(|cycle| cycle.position[Z])
+            .fold(f64::INFINITY, f64::min);
+        // The bridge hears of the order with its setpoint, and acts within a millisecond or two of it: 8 turns a second.
+        assert!((deepest + 10.0).abs() < 0.1, "{deepest}");
+        let out = all
+            .iter()
+            .position(|cycle| cycle.position[Z] == deepest)
+            .expect("one");
+        assert!(
+            all[out..].iter().any(|cycle| cycle.position[Z] == 5.0),
+            "back at its start"
+        );
+        // In and out by the same way: the turns fall as they rose.
+        let errors = phases(&trace, 1.0, 5.0, -7.0..4.0, 500.0 / 60.0);
+        assert!(errors.iter().all(|error| *error < 0.0025), "{errors:?}");
+        let samples = angles(&trace);
+        let first = all[0].sequence as f64;
+        for (cycle, turns) in samples {
+            let Some(here) = all.get((cycle - first).floor() as usize) else {
+                continue;
+            };
+            if (here.velocity[Z] - 500.0 / 60.0).abs() < 0.05 && (-7.0..4.0).contains(&here.position[Z]) {
+                let z = here.position[Z] + cycle.fract() * here.velocity[Z] * 1e-3;
+                let turned = turns - (5.0 - z);
+                assert!((turned - turned.round()).abs() < 0.0025, "{turned}");
+            }
+        }
+        verifies(&trace);
+    });
+}
+
+#[test]
+fn a_spindle_that_fails_in_a_pass_ends_it_at_rest_and_is_told() {
+    for (fault, told) in [
+        ("spindle-silent", "nothing was heard of the angle"),
+        ("spindle-stall", "spindle"),
+    ] {
+        unless_disturbed(|| {
+            let workshop = Workshop::new();
+            let program = "G21 G18 G90 G8\nS300 M3\nG0 X15 Z5\nG33 Z-60 K1\nG0 X20\nM5\nM2\n";
+            let fault = format!("{fault}@5");
+            let (finished, trace) = drive(&workshop, program, &["--fault", &fault]);
+            let said = finished.out.clone() + &finished.err;
+            finished.expect_code(&[1]);
+            assert!(
+                said.contains("program.ngc:4") && said.contains(told),
+                "{fault}: {said}"
+            );
+            let all = cycles(&trace);
+            let last = all.last().expect("cycles");
+            assert!(
+                last.position[Z] > -60.0 && last.position[Z] < 5.0,
+                "{fault}: {last:?}"
+            );
+            assert!(last.velocity[Z].abs() < 1e-9);
+            verifies(&trace);
+        });
+    }
+}
+
+#[test]
+fn a_hold_in_a_pass_holds_behind_it_and_the_next_pass_meets_the_groove() {
+    unless_disturbed(|| {
+        let (workshop, domain) = (Workshop::new(), Domain::new());
+        let machine = lathe(&workshop);
+        let options = ["--spindle-ripple", "1"];
+        let _drives = Drives::start(&machine, &domain, &options);
+        let program = workshop.write(
+            "held.ngc",
+            "G21 G18 G90 G8\nS600 M3\nG0 X15 Z5\nG33 Z-25 K1.5\nG0 X20\nG0 Z5\nG0 X15\nG33 Z-25 K1.5\nG0 X20\nM5\nM2\n",
+        );
+        let trace = workshop.path("served.mcap");
+        let to = trace.display().to_string();
+        let served = Served::start(
+            &machine,
+            "threader",
+            &domain,
+            &workshop.path("state"),
+            &["--trace", &to],
+        );
+        let mut operator = Operator::join("threader", &domain);
+        operator.brings_up();
+        operator.says_number("MODE", 0);
+        operator.says_text("LOAD", program.to_str().expect("a path"));
+        let job = operator.says("START").job;
+        operator.waits("the pass", |status| {
+            status.line == 4 && status.position_machine[Z] < 0.0
+        });
+        operator.says("HOLD");
+        let held = operator.waits("the hold", |status| status.state == 3);
+        // Behind the pass, not in it.
+        assert!((held.position_machine[Z] + 25.0).abs() < 1e-6, "{held:?}");
+        operator.says("RESUME");
+        let end = operator.sees_end(job);
+        assert_eq!(end.job_result, 1, "{end:?}");
+        served.end().expect_code(&[0, 1, 3]);
+        let passes = phases(&trace, 1.5, 5.0, -22.0..2.0, 10.0);
+        println!("{passes:?}");
+        assert_eq!(passes.len(), 2, "{passes:?}");
+        assert!(
+            passes.iter().all(|error| *error < 0.002 + 3.0 / 4096.0),
+            "{passes:?}"
+        );
+        verifies(&trace);
+    });
+}
+
+#[test]
+fn what_cannot_be_cut_is_refused_before_anything_moves() {
+    let workshop = Workshop::new();
+    let machine = lathe(&workshop);
+    let refused = |text: &str, told: &[&str]| {
+        let program = workshop.write("program.ngc", text);
+        let check = evolvent()
+            .arg("check")
+            .arg(&program)
+            .arg("--machine")
+            .arg(&machine)
+            .output()
+            .expect("the binary to start");
+        let finished = Finished::from(check);
+        let said = finished.out.clone() + &finished.err;
+        finished.expect_code(&[1]);
+        for told in told {
+            assert!(said.contains(told), "{told}: {said}");
+        }
+        let run = Launch::in_virtual_time(&program, &machine)
+            .with(&["--unchecked"])
+            .finish();
+        let said = run.out.clone() + &run.err;
+        run.expect_code(&[1]);
+        for told in told {
+            assert!(said.contains(told), "{told}: {said}");
+        }
+    };
+    refused(
+        "G21 G18 G90 G8\nS3000 M3\nG0 X15 Z5\nG33 Z2 K1.5\nM2\n",
+        &["program.ngc:4", "of run-in", "there are 3.000 mm"],
+    );
+    refused(
+        "G21 G18 G90 G8\nS4000 M3\nG0 X15 Z5\nG33 Z-90 K6\nM2\n",
+        &["program.ngc:4", "mm/min of Z", "rpm at the most"],
+    );
+    refused(
+        "G21 G18 G90 G8\nS300 M3\nG0 X15 Z5\nG33 Z-200 K1.5\nM2\n",
+        &["program.ngc:4", "Z", "-100"],
+    );
+    let program = workshop.write("program.ngc", "G21 G18 G90\nS300 M3\nG33 Z-2 K1\nM2\n");
+    let plain = workshop.write("plain.toml", LATHE.replace("feedback = true\n", ""));
+    let run = Launch::in_virtual_time(&program, &plain).finish();
+    let said = run.out.clone() + &run.err;
+    run.expect_code(&[1]);
+    assert!(
+        said.contains("program.ngc:3") && said.contains("feedback = true"),
+        "{said}"
+    );
+}
+
+#[test]
+fn the_last_cycle_of_a_thread_is_exactly_at_its_end() {
+    let workshop = Workshop::new();
+    let machine = lathe(&workshop);
+    let program = workshop.write(
+        "program.ngc",
+        "G21 G18 G90 G8\nS800 M3\nG0 X15 Z5\nG33 X15.5 Z-20 K1.25\nZ-30 K1.25\nG0 X20\nM5\nM2\n",
+    );
+    let trace = workshop.path("run.mcap");
+    Launch::in_virtual_time(&program, &machine)
+        .trace(&trace)
+        .finish()
+        .expect_code(&[0]);
+    let all: Vec<Cycle> = cycles(&trace);
+    assert!(
+        all.iter()
+            .any(|cycle| cycle.position[..3] == [15.5, 0.0, -30.0] && cycle.velocity[Z] == 0.0)
+    );
+    verifies(&trace);
+}
