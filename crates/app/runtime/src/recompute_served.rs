@@ -38,6 +38,10 @@ pub enum ServedError {
 
 /// What moved the axes at a cycle.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "one at a time is made, looked at and dropped"
+)]
 pub enum Moved {
     /// Nothing, or each axis was stopping by itself; with the state that was recorded.
     ByNothing(State),

@@ -109,6 +109,7 @@ pub struct ThreadResult {
 }
 
 #[derive(Clone, Copy, Debug)]
+#[expect(clippy::large_enum_variant, reason = "a box would be allocated in the cycle")]
 enum Phase {
     /// At rest before the pass, for so long.
     Waiting(f64),
