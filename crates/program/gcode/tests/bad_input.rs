@@ -239,7 +239,7 @@ const TABLE: &[(&str, Code, u32)] = {
         ("M3 S1\nG33 Z1 K-1", OutOfRange, 8),
         ("M3 S1\nG33 Z1 K1 F5", UnusedWord, 11),
         ("M3 S1\nG33 Z1 K1 Q360", OutOfRange, 11),
-        ("M3 S1\nG76 P1 Z-5 I-1 J0.2 K0.5 D0", OutOfRange, 28),
+        ("M3 S1\nG76 P1 Z-5 I-1 J0.2 K0.5 D0", OutOfRange, 26),
         ("F1\nG38.2", WordMissing, 1),
         ("F1\nG38.2 X0", OutOfRange, 1),
         ("G38.2 X5", FeedMissing, 1),
