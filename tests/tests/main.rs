@@ -31,6 +31,7 @@ mod served_traces;
 mod spindles;
 mod systemd_units;
 mod threads;
+mod tool_changer;
 mod tool_changes;
 mod top;
 mod travel_ends;

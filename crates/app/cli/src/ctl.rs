@@ -251,6 +251,12 @@ impl Session {
                 (start, wait.then_some(goes_on))
             }
             Action::Resume => (simple(CommandCode::Resume), None),
+            Action::Loaded { tool } => {
+                if let Some(objection) = objection_to_loaded(*tool, status) {
+                    return Err(CommandError::Failed(objection));
+                }
+                (simple(CommandCode::Resume), None)
+            }
             Action::Step => {
                 if status.activity == 0 {
                     self.need_mode(status, Mode::Auto)?;
@@ -627,4 +633,41 @@ fn tell(
         return Err(CommandError::Failed(format!("{text} ({number})")));
     }
     Ok(Ending::Clean)
+}
+/// Why a tool is not confirmed: the machine does not wait for it.
+fn objection_to_loaded(tool: Option<u32>, status: &Status) -> Option<String> {
+    let wanted = status.tool_wanted;
+    match (status.tool_change, tool) {
+        (1, Some(tool)) if tool != wanted => Some(format!(
+            "the machine waits for tool {wanted}, not for tool {tool}; put tool {wanted} into the spindle, or stop the program"
+        )),
+        (1, _) => None,
+        _ => Some("the machine waits for no tool".to_owned()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_the_tool_that_is_waited_for_is_confirmed() {
+        let waiting = Status {
+            tool_change: 1,
+            tool_wanted: 3,
+            ..Status::default()
+        };
+        assert_eq!(objection_to_loaded(Some(3), &waiting), None);
+        assert_eq!(objection_to_loaded(None, &waiting), None);
+        let other = objection_to_loaded(Some(4), &waiting);
+        assert!(other.is_some_and(|text| text.contains("waits for tool 3")));
+        // Neither a changer at work nor a program stop is confirmed by it.
+        for tool_change in [0, 2] {
+            let status = Status {
+                tool_change,
+                ..waiting
+            };
+            assert!(objection_to_loaded(None, &status).is_some());
+        }
+    }
 }

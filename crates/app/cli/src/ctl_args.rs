@@ -75,6 +75,11 @@ pub(crate) enum Action {
     Hold,
     /// Go on after a hold or a program stop.
     Resume,
+    /// Say that the tool that the machine waits for is in the spindle, and go on. Nothing else is resumed by it.
+    Loaded {
+        /// The tool, 0 for none; refused if the machine waits for another one.
+        tool: Option<u32>,
+    },
     /// Run one block.
     Step,
     /// Stop within the limits and end the job.

@@ -205,11 +205,11 @@ pub(crate) fn write_status(
         (0, _) => {}
         (1, 0) => writeln!(
             out,
-            "  waits for the operator: take the tool out of the spindle, then `evolvent ctl resume`"
+            "  waits for the operator: take the tool out of the spindle, then `evolvent ctl loaded`"
         )?,
         (1, tool) => writeln!(
             out,
-            "  waits for the operator: put tool {tool} into the spindle, then `evolvent ctl resume`"
+            "  waits for the operator: put tool {tool} into the spindle, then `evolvent ctl loaded`"
         )?,
         (_, tool) => writeln!(out, "  the changer puts tool {tool} into the spindle")?,
     }

@@ -120,11 +120,15 @@ const KEYS: &[(&str, &str, &str)] = &[
         "steps are made by the bridge or its board",
     ),
     ("EMCMOT", "", "LinuxCNC's own threads"),
-    ("EMCIO", "RANDOM_TOOLCHANGER", "random changers are not supported"),
+    (
+        "EMCIO",
+        "RANDOM_TOOLCHANGER",
+        "write program.tool_change = \"subroutine\" and magazine = \"random\", and the changer's subroutine",
+    ),
     (
         "EMCIO",
         "TOOL_CHANGE_",
-        "the place of tool changes: write the moves into the program, or into the executable M6",
+        "the place of tool changes: write the moves into a subroutine of program.tool_change = \"subroutine\"",
     ),
     (
         "EMCIO",

@@ -170,6 +170,7 @@ impl Opened {
             place: None,
             tool: tool.unwrap_or(0),
             selected_tool: None,
+            tool_unknown: None,
             outputs: Outputs::default(),
             is_mdi: false,
             block_delete: self

@@ -5,7 +5,7 @@ use std::convert::Infallible;
 use std::path::Path;
 
 use evolvent_config::open_regular;
-use evolvent_gcode::{Action, Code, Command, Diagnostic, Interpreter, Move, Origin};
+use evolvent_gcode::{Action, Code, Command, Diagnostic, Interpreter, Move, Origin, Settings};
 use evolvent_motion::ProbeMove;
 use evolvent_planner::{MoveValidator, PlanError};
 
@@ -120,7 +120,12 @@ pub(crate) fn check_while(
     let mut has_strayed = false;
     let mut threads = ThreadCheck::new(setup);
     let (mut commands, mut round, mut farthest) = (0, 0, 0);
-    for command in Interpreter::new(reader, setup.interpreter_settings_for(program)) {
+    let settings = Settings {
+        // What waits for an input goes on as on a machine that does its part.
+        waits_succeed: true,
+        ..setup.interpreter_settings_for(program)
+    };
+    for command in Interpreter::new(reader, settings) {
         let command = match command {
             Err(diagnostic) => {
                 let line = diagnostic.line;
@@ -261,6 +266,8 @@ struct MachineCheck<'a> {
     programs: BTreeMap<u32, Option<String>>,
     /// The tool in the spindle.
     tool: u32,
+    /// Which tool that is, is known.
+    is_tool_named: bool,
     /// Constant surface speed was refused, and is in force.
     has_refused_surface: bool,
 }
@@ -273,6 +280,7 @@ impl<'a> MachineCheck<'a> {
             codes: UserCodes::of(setup),
             programs: BTreeMap::new(),
             tool: setup.tool,
+            is_tool_named: setup.tool_unknown.is_none(),
             has_refused_surface: false,
         }
     }
@@ -297,7 +305,16 @@ impl<'a> MachineCheck<'a> {
     fn objection(&mut self, action: &Action) -> Option<Objection> {
         match action {
             Action::Spindle { .. } => self.has_refused_surface = false,
-            Action::ToolNumber(number) => self.tool = *number,
+            Action::ToolNumber(number) => {
+                self.tool = *number;
+                self.is_tool_named = true;
+            }
+            Action::BeginToolChange(_) | Action::ChangeTool(_) if !self.is_tool_named => {
+                // Once: what follows goes on as if it were known.
+                self.is_tool_named = true;
+                let text = self.setup.tool_unknown.clone().unwrap_or_default();
+                return Some(Objection::Words(text));
+            }
             Action::ChangeTool(number) => {
                 let present = std::mem::replace(&mut self.tool, *number);
                 match waits_for(self.setup.machine.program.tool_change, *number, present) {

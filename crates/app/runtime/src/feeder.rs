@@ -9,7 +9,7 @@ use std::sync::mpsc::Sender;
 use std::time::Duration;
 
 use evolvent_gcode::{Action, Command, Diagnostic, Modal, Move, MoveKind};
-use evolvent_machine::{AtSpeed, SignalKind};
+use evolvent_machine::{AtSpeed, SignalKind, ToolChange};
 use evolvent_motion::{
     ProbeMove, ProbeResult, ProbeVerdict, ProbingSender, QueueClosed, ThreadingSender, Turning, TurningSender,
 };
@@ -23,7 +23,8 @@ use crate::job::Setup;
 use crate::memory::ProgramMemory;
 use crate::news::{BlockPlan, FeederEvent, Moment, Notice, QueuedBlock, StopKind, UserCall, describe};
 use crate::periphery::{
-    Changer, Periphery, TOOL_CHANGE_CODE, nobody_changes, tool_change_call, tool_request, waits_for,
+    Changer, Periphery, TOOL_CHANGE_CODE, change_begins, nobody_changes, tool_change_call, tool_request,
+    waits_for,
 };
 use crate::probing::{complaint, objection, probing};
 use crate::refusal::{ProgramError, about_line, about_line_with, at_origin, cannot_turn, explain, refuse};
@@ -801,10 +802,12 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
     /// Waits for another tool, if the machine needs to, and takes it as the one in the spindle.
     fn change_tool(&mut self, action: &Action, tool: u32, line: u32) -> Result<(), PlanError<QueueClosed>> {
         let present = self.periphery.tool;
-        self.tool_changes += u64::from(tool != present);
+        let is_counted = self.setup.machine.program.tool_change == ToolChange::Subroutine;
+        self.tool_changes += u64::from(tool != present && !is_counted);
         let changer = waits_for(self.setup.machine.program.tool_change, tool, present);
         if let Some(changer) = changer {
             self.periphery.change = Some((changer, tool));
+            self.periphery.is_tool_known = false;
             let kind = match changer {
                 Changer::Operator => StopKind::ToolChange(tool),
                 Changer::Program => StopKind::User(tool_change_call(tool, present, line)),
@@ -866,6 +869,12 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
                 self.stop(line, StopKind::User(call))?;
             }
             Action::ProgramEnd => return Ok(false),
+            Action::BeginToolChange(tool) => {
+                let call = change_begins(*tool, self.periphery.tool, line);
+                self.tool_changes += 1;
+                self.periphery.apply(&command.action);
+                self.stop(line, StopKind::User(call))?;
+            }
             Action::ChangeTool(tool) => self.change_tool(&command.action, *tool, line)?,
             Action::Output {
                 index,

@@ -5,7 +5,8 @@ use std::sync::Arc;
 
 use evolvent_gcode as gcode;
 use evolvent_machine::{
-    ControlRate, Machine, MachineKind, PathMode, PeriodError, TurningWords, WithoutToolTable,
+    ControlRate, Machine, MachineKind, Magazine, PathMode, PeriodError, ToolChange, TurningWords,
+    WithoutToolTable,
 };
 use evolvent_path::{AXES, Axes};
 use evolvent_planner::{PathLimits, PathRules};
@@ -56,6 +57,8 @@ pub struct Setup {
     pub tool: u32,
     /// Tool that T has selected for the next M6, by MDI or in a program before.
     pub selected_tool: Option<u32>,
+    /// Why no tool can be changed: one before was broken off, and nobody has said which tool is in the spindle.
+    pub tool_unknown: Option<String>,
     /// Spindle and coolant as they stand.
     pub outputs: gcode::Outputs,
     /// The program is a block of MDI, which leaves spindle and coolant as they are at its end.
@@ -100,6 +103,7 @@ impl Setup {
             place: None,
             tool: 0,
             selected_tool: None,
+            tool_unknown: None,
             outputs: gcode::Outputs::default(),
             is_mdi: false,
             block_delete: false,
@@ -161,6 +165,10 @@ impl Setup {
         let program = &self.machine.program;
         let mut settings = gcode::Settings {
             tools: self.memory.tools.clone(),
+            tool_change: (program.tool_change == ToolChange::Subroutine).then(|| gcode::ToolChanger {
+                subroutine: program.tool_change_subroutine.clone(),
+                is_random: program.magazine == Magazine::Random,
+            }),
             user_codes: program.user_codes.clone(),
             lathe: self.machine.kind == MachineKind::Lathe,
             turning_words: match program.turning_cycles {

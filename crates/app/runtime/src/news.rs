@@ -7,7 +7,7 @@ use evolvent_gcode::{Action, Modal, SpindleDirection};
 use evolvent_path::Axes;
 use evolvent_trace::BlockKind;
 
-use crate::periphery::{Periphery, TOOL_CHANGE_CODE};
+use crate::periphery::{CHANGE_BEGINS, Periphery, TOOL_CHANGE_CODE};
 use crate::program_copy::{ProgramCopy, ProgramText};
 use crate::switches::Switched;
 
@@ -148,6 +148,9 @@ impl UserCall {
         if let (TOOL_CHANGE_CODE, [Some(tool), Some(present)]) = (self.number, self.words) {
             return format!("M6, tool {tool} for tool {present},");
         }
+        if let (CHANGE_BEGINS, [Some(tool), Some(present)]) = (self.number, self.words) {
+            return format!("the change to tool {tool} for tool {present}");
+        }
         let word = |letter: char, value: Option<f64>| value.map(|value| format!(" {letter}{value}"));
         let [p, q] = [word('P', self.words[0]), word('Q', self.words[1])].map(Option::unwrap_or_default);
         format!("M{}{p}{q}", self.number)
@@ -170,6 +173,7 @@ pub(crate) struct QueuedBlock {
 pub(crate) fn describe(action: &Action) -> Option<String> {
     Some(match action {
         Action::SelectTool(tool) => format!("select tool {tool}"),
+        Action::BeginToolChange(tool) => format!("the change to tool {tool} begins"),
         Action::ChangeTool(tool) => format!("change to tool {tool}"),
         Action::Spindle { direction, speed_rpm } => match direction {
             SpindleDirection::Stopped => "spindle stop".to_owned(),

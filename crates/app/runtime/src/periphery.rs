@@ -8,12 +8,15 @@ use crate::news::UserCall;
 /// Number of M6 where its executable is run like a user-defined M code.
 pub(crate) const TOOL_CHANGE_CODE: u32 = 6;
 
+/// Number of the call with which a tool change by a subroutine begins.
+pub(crate) const CHANGE_BEGINS: u32 = 0;
+
 /// Who carries out the tool change that the program waits for. The numbers are those of the status.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Changer {
     /// The operator, who confirms it.
     Operator = 1,
-    /// The machine's own program.
+    /// The machine's own program or subroutine.
     Program = 2,
 }
 
@@ -39,6 +42,8 @@ pub(crate) struct Periphery {
     pub tool: u32,
     /// The tool change that the program waits for: by whom, and the tool; 0 empties the spindle.
     pub change: Option<(Changer, u32)>,
+    /// A change has ended in this program, or M61 has named the tool: which tool is in the spindle is known.
+    pub is_tool_known: bool,
 }
 
 impl Periphery {
@@ -47,6 +52,12 @@ impl Periphery {
         match *action {
             Action::ChangeTool(tool) | Action::ToolNumber(tool) => {
                 (self.tool, self.change) = (tool, None);
+                self.is_tool_known = true;
+                true
+            }
+            Action::BeginToolChange(tool) => {
+                self.change = Some((Changer::Program, tool));
+                self.is_tool_known = false;
                 true
             }
             Action::OrientSpindle {
@@ -102,6 +113,14 @@ pub(crate) fn tool_change_call(tool: u32, present: u32, line: u32) -> UserCall {
     }
 }
 
+/// The call with which a change by a subroutine begins: a served machine notes that it is under way.
+pub(crate) fn change_begins(tool: u32, present: u32, line: u32) -> UserCall {
+    UserCall {
+        number: CHANGE_BEGINS,
+        ..tool_change_call(tool, present, line)
+    }
+}
+
 /// The request to the operator.
 pub(crate) fn tool_request(tool: u32, present: u32) -> String {
     match tool {
@@ -130,6 +149,7 @@ pub(crate) fn waits_for(policy: ToolChange, tool: u32, present: u32) -> Option<C
         _ if tool == present => None,
         ToolChange::Operator => Some(Changer::Operator),
         ToolChange::Program => Some(Changer::Program),
-        ToolChange::None => None,
+        // Behind its subroutine it is done.
+        ToolChange::Subroutine | ToolChange::None => None,
     }
 }

@@ -6,13 +6,13 @@ use std::io::BufReader;
 use std::path::Path;
 
 use evolvent_config::open_regular;
-use evolvent_gcode::{Command, Diagnostic, Interpreter, KeptParameters, Modal, Restart};
-use evolvent_machine::MachineKind;
+use evolvent_gcode::{Action, Command, Diagnostic, Interpreter, KeptParameters, Modal, Restart};
+use evolvent_machine::{MachineKind, ToolChange};
 use evolvent_path::{Axes, AxisLetter};
 
 use crate::job::Setup;
 use crate::memory::ProgramMemory;
-use crate::refusal::ProgramError;
+use crate::refusal::{ProgramError, about_line_with};
 
 /// Bytes that are read at once, at the most.
 const MAX_READ_AHEAD: u64 = 128 * 1024;
@@ -62,6 +62,21 @@ impl Commands {
                 diagnostic,
             };
             let restart = interpreter.start_at(line).map_err(wrong)?;
+            if setup.machine.program.tool_change == ToolChange::Subroutine
+                && let Some(Action::ChangeTool(tool)) = restart.actions.first()
+            {
+                let message = format!(
+                    "line {line} is reached with tool {tool}, and tool {} is in the spindle",
+                    setup.tool
+                );
+                let help = format!("change to it first, by MDI: T{tool} M6");
+                return Err(wrong(Box::new(about_line_with(
+                    message,
+                    Some(help),
+                    program,
+                    line,
+                ))));
+            }
             let axis = match setup.machine.kind {
                 MachineKind::Lathe => AxisLetter::X,
                 MachineKind::Mill => AxisLetter::Z,
@@ -188,7 +203,6 @@ impl Start {
 
 #[cfg(test)]
 mod tests {
-    use evolvent_gcode::Action;
     use evolvent_machine::Machine;
 
     use super::*;

@@ -12,8 +12,8 @@ use serde_json::json;
 
 use crate::homing::HomingFile;
 use crate::machine::{
-    ControlRate, CycleRecording, FeedbackWish, Kinematics, MAX_RATE_HZ, MIN_RATE_HZ, MachineKind, OnFull,
-    PathMode, PlannerKind, ToolChange, TurningWords, WithoutToolTable,
+    ControlRate, CycleRecording, FeedbackWish, Kinematics, MAX_RATE_HZ, MIN_RATE_HZ, MachineKind, Magazine,
+    OnFull, PathMode, PlannerKind, ToolChange, TurningWords, WithoutToolTable,
 };
 use crate::signals::{EstopFile, InputFile, OutputFile, ProbeFile, SignalsFile, SpindleFile};
 
@@ -252,9 +252,16 @@ pub(crate) struct ProgramFile {
     #[serde(default)]
     pub(crate) without_tool_table: WithoutToolTable,
     /// How M6 puts another tool into the spindle: "operator" stops and asks, "program" runs the executable M6 of
-    /// user_code_folder, "none" changes nothing and goes on; "operator" where it is not given.
+    /// user_code_folder, "subroutine" calls tool_change_subroutine, "none" changes nothing and goes on; "operator" where it is
+    /// not given.
     #[serde(default)]
     pub(crate) tool_change: ToolChange,
+    /// Name of the subroutine that changes tools, NAME.ngc in a folder of subroutines; "toolchange" where it is not given.
+    pub(crate) tool_change_subroutine: Option<String>,
+    /// Where its changer puts the tool that it takes out of the spindle: "fixed" into its own pocket, "random" into the pocket of
+    /// the tool that it fetches; "fixed" where it is not given.
+    #[serde(default)]
+    pub(crate) magazine: Magazine,
     /// File of the parameters that are kept from run to run, in LinuxCNC's format; nothing is kept where it is not given.
     pub(crate) parameters: Option<String>,
     /// Folders in which subroutines NAME.ngc are looked for, after the program's own.

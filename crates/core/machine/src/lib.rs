@@ -47,7 +47,7 @@ pub use homing::HomingSettings;
 pub use limits::Limits;
 pub use machine::{
     Axis, ControlRate, CycleRecording, DriveSettings, FeedbackWish, Kinematics, Lead, MAX_FILE_BYTES,
-    MAX_RATE_HZ, MIN_RATE_HZ, Machine, MachineKind, OnFull, PathMode, PathSettings, PlannerKind,
+    MAX_RATE_HZ, MIN_RATE_HZ, Machine, MachineKind, Magazine, OnFull, PathMode, PathSettings, PlannerKind,
     ProgramSettings, RealtimeSettings, ToolChange, TraceSettings, TurningWords, WithoutToolTable,
 };
 pub use rate::{

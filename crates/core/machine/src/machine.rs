@@ -241,6 +241,9 @@ pub enum TurningWords {
     Mode,
 }
 
+/// Name of the subroutine that changes tools, where the machine file names none.
+pub(crate) const DEFAULT_CHANGER: &str = "toolchange";
+
 /// How M6 puts another tool into the spindle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
@@ -250,8 +253,21 @@ pub enum ToolChange {
     Operator,
     /// An automatic changer: the executable M6 of the folder of user-defined M codes changes the tool.
     Program,
+    /// An automatic changer: a subroutine with moves, outputs and inputs changes the tool.
+    Subroutine,
     /// Nothing is changed: a bench or simulation without a spindle.
     None,
+}
+
+/// Where a changer puts the tool that it takes out of the spindle.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Magazine {
+    /// Into its own pocket.
+    #[default]
+    Fixed,
+    /// Into the pocket of the tool that it fetches.
+    Random,
 }
 
 /// What offsets and diameters of tools are where there is no tool table.
@@ -274,6 +290,10 @@ pub struct ProgramSettings {
     pub without_tool_table: WithoutToolTable,
     /// How M6 puts another tool into the spindle.
     pub tool_change: ToolChange,
+    /// Name of the subroutine that changes tools.
+    pub tool_change_subroutine: String,
+    /// Where its changer puts tools.
+    pub magazine: Magazine,
     /// File of the kept parameters, likewise.
     pub parameters: Option<PathBuf>,
     /// Folders of subroutines, likewise.
@@ -296,6 +316,8 @@ impl Default for ProgramSettings {
             tool_table: None,
             without_tool_table: WithoutToolTable::default(),
             tool_change: ToolChange::default(),
+            tool_change_subroutine: DEFAULT_CHANGER.to_owned(),
+            magazine: Magazine::default(),
             parameters: None,
             subroutines: Vec::new(),
             user_codes: Vec::new(),

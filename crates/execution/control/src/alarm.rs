@@ -52,6 +52,8 @@ alarms! {
     Mdi = 101, Job, "the MDI block has an error; nothing has moved";
     /// A command of the machine's own has failed.
     UserCommand = 102, Fault, "one of M100 to M199 has failed; see what it says, then clear the alarms";
+    /// A tool change was not finished.
+    ToolChange = 103, Fault, "a tool change was broken off and the tool in the spindle is not known; look, clear the alarms, and name it by M61";
     /// The guard refused a setpoint that would have broken a limit.
     Guard = 200, Fault, "the guard refused a setpoint and the machine was stopped; please report it with the trace";
     /// The planner ended without completing its plan.
@@ -166,6 +168,8 @@ alarms! {
     ChainOpen = 928, Rejection, "the emergency-stop chain is open, or nobody reads it; close it, and see that its bridge runs";
     /// The machine file has no such output.
     NoSignal = 929, Rejection, "the machine file has no output of this name";
+    /// The tool in the spindle is not known.
+    ToolUnknown = 930, Rejection, "a tool change was broken off and the tool in the spindle is not known; look, and name it by M61";
 }
 
 impl Alarm {

@@ -79,7 +79,10 @@ pub enum Action {
     },
     /// A tool is going to be needed (T): the changer may fetch it.
     SelectTool(u32),
-    /// Put this tool into the spindle (M6); 0 empties the spindle.
+    /// The machine's subroutine begins to put this tool into the spindle (M6); 0 empties the spindle. Which tool is in the
+    /// spindle is not known from here to [`Action::ChangeTool`].
+    BeginToolChange(u32),
+    /// Put this tool into the spindle (M6); 0 empties the spindle. After [`Action::BeginToolChange`] it is done.
     ChangeTool(u32),
     /// Spindle state after M3, M4, M5, or a new S word.
     Spindle {

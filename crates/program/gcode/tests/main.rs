@@ -11,5 +11,6 @@ mod mutations;
 mod programs;
 mod random;
 mod reference;
+mod tool_change;
 mod turning;
 mod turning_passes;

@@ -204,7 +204,7 @@ fn corner(left: &Curve, right: &Curve) -> Option<f64> {
 fn at_rest(action: &Action) -> Option<String> {
     Some(match action {
         Action::Dwell { seconds } => format!("a dwell of {seconds} s"),
-        Action::ChangeTool(tool) => format!("the change to tool {tool}"),
+        Action::BeginToolChange(tool) | Action::ChangeTool(tool) => format!("the change to tool {tool}"),
         Action::Spindle { .. } => "a spindle command".to_owned(),
         Action::Coolant { .. } => "a coolant command".to_owned(),
         Action::ProgramStop { optional: false, .. } => "a program stop".to_owned(),

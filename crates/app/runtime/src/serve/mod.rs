@@ -1,6 +1,7 @@
 //! A machine that is served: one long-lived cycle, and jobs that come and go.
 
 mod calls;
+mod change_mark;
 mod checking;
 mod config;
 mod control_loop;

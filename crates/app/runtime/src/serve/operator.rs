@@ -16,6 +16,7 @@ use evolvent_motion::State;
 use evolvent_path::Axes;
 use rtrb::{Consumer, Producer};
 
+use super::change_mark::ChangeMark;
 use super::checking::Checking;
 use super::files::{Readers, Reading};
 use super::jog::Steered;
@@ -24,7 +25,7 @@ use super::orders::{ActiveJob, CycleCommand, CycleEvent, CycleView, Order};
 use super::periphery_desk::PeripheryDesk;
 use super::programs::ProgramRun;
 use super::recorded::JobNotes;
-use super::state_store::StateStore;
+use super::state_store::{Saved, StateStore};
 use super::track::Track;
 use crate::drives::watch_settings;
 use crate::job::Setup;
@@ -107,6 +108,8 @@ pub(crate) struct Operator {
     pub(super) datum: u64,
     /// The way to the middle of the program, on its way.
     pub(super) way: Option<Receiver<String>>,
+    /// The tool in the spindle is being written.
+    pub(super) tool_savings: Vec<Receiver<Saved>>,
 }
 
 /// What the operator begins with.
@@ -157,6 +160,9 @@ impl Operator {
         for complaint in &keep.complaints {
             desk.raise(Alarm::NotRead, complaint.clone());
         }
+        if let Some(mark) = keep.change {
+            desk.raise(Alarm::ToolChange, mark.sentence());
+        }
         let mut operator = Self {
             modes: Modes::at_start(&setup.interpreter_settings()).map_err(|error| error.to_string())?,
             parameters: String::new(),
@@ -187,6 +193,7 @@ impl Operator {
             inbox: VecDeque::new(),
             datum: 0,
             way: None,
+            tool_savings: Vec::new(),
             checking: None,
             periphery: PeripheryDesk::new(tool, periphery),
             is_emergency: false,
@@ -205,6 +212,7 @@ impl Operator {
         setup.place = Some(self.view.setpoint.position);
         setup.tool = self.keep.tool;
         setup.selected_tool = self.modes.modal.selected_tool;
+        setup.tool_unknown = self.keep.change.map(ChangeMark::sentence);
         setup.outputs = self.periphery.now().outputs;
         setup.block_delete = self.desk.is_block_delete();
         setup.rapid_override = self.desk.overrides()[1];
@@ -724,6 +732,7 @@ impl Operator {
             // Back to the travel as it is.
             self.relocate(self.view.setpoint.position, false);
         }
+        self.judge_change();
         // A program that did not come to its end has not switched off what it had on.
         let is_broken_off = matches!(self.job, Job::Program(_)) && result != JobResult::Done;
         if is_broken_off || result == JobResult::Fault {

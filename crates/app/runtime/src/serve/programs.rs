@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 
 use evolvent_config::no_reply;
 use evolvent_control::{Activity, Alarm, Command, JobResult, Rejection};
+use evolvent_machine::Magazine;
 use evolvent_motion::State;
 
 use super::checking::Checking;
@@ -23,7 +24,7 @@ use super::track::Track;
 use crate::job::Setup;
 use crate::job_start::ProgramStart;
 use crate::news::{ExternalEventKind, StopKind, UserCall};
-use crate::periphery::Periphery;
+use crate::periphery::{CHANGE_BEGINS, Periphery, TOOL_CHANGE_CODE};
 use crate::refusal::ProgramError;
 use crate::rt::take_turns;
 use crate::source::{Commands, Start};
@@ -32,6 +33,9 @@ use crate::user_code::{UserCodes, UserNews, UserProgram};
 
 /// What the message says of a command of the machine's own.
 const AT_WORK: &str = " is being carried out";
+
+/// Why nothing is kept any more.
+const NO_SAVER: &str = "no thread to write with; restart the core";
 
 /// How long the planner's thread may take to end after the machine is through with a job. It ends in milliseconds unless a read of
 /// the program or of a subroutine hangs.
@@ -53,6 +57,8 @@ pub(super) struct ProgramRun {
     pub(super) first_block: u32,
     /// A command of the machine's own, carried out while the program waits.
     pub(super) command: Option<UserCommand>,
+    /// A tool change that begins once it is noted on the disk.
+    pub(super) beginning: Option<ChangeBeginning>,
     /// Such a command has failed.
     pub(super) has_failed: bool,
     /// When the machine was found to be through with it.
@@ -78,6 +84,14 @@ pub(super) struct UserCommand {
     program: UserProgram,
     is_done: bool,
     is_cancelled: bool,
+}
+
+/// A tool change that is being noted.
+pub(super) struct ChangeBeginning {
+    call: UserCall,
+    stop: u32,
+    saving: Receiver<Saved>,
+    begun: Instant,
 }
 
 /// Works out the way to the middle of a program beside: the lines before may be many. It comes as one line.
@@ -136,6 +150,9 @@ impl Operator {
     }
 
     pub(super) fn start(&mut self, line: u32, file: &ProgramFile) -> Result<u64, Rejection> {
+        if let Some(mark) = self.keep.change {
+            return Err(Rejection::new(Alarm::ToolUnknown, mark.sentence()));
+        }
         self.check_loaded(file)?;
         let mut setup = self.setup_here();
         setup.start_line = (line > 1).then_some(line);
@@ -236,6 +253,7 @@ impl Operator {
             step: None,
             first_block: self.numbers.0,
             command: None,
+            beginning: None,
             has_failed: false,
             ended_at: None,
             saving: None,
@@ -270,7 +288,7 @@ impl Operator {
 
     /// Whether the program waits for a command of the machine's own.
     pub(super) fn is_at_command(&self) -> bool {
-        matches!(&self.job, Job::Program(run) if run.command.is_some())
+        matches!(&self.job, Job::Program(run) if run.command.is_some() || run.beginning.is_some())
     }
 
     /// Whether the program waits for something that is no operator: a command of the machine's own, or an input.
@@ -309,6 +327,7 @@ impl Operator {
     }
 
     pub(super) fn follow_program(&mut self) {
+        self.follow_tool_savings();
         let setpoint = self.view.setpoint;
         let Job::Program(run) = &mut self.job else { return };
         self.track.hear(&run.planning.news);
@@ -328,6 +347,7 @@ impl Operator {
         if let Some(stop) = self.track.take_stop(&setpoint) {
             self.stands_at(stop);
         }
+        self.follow_beginning();
         self.follow_command();
         let Job::Program(run) = &mut self.job else { return };
         if run.saving.is_some() {
@@ -340,6 +360,7 @@ impl Operator {
                 .command
                 .as_ref()
                 .is_some_and(|command| !command.program.is_over())
+                || run.beginning.is_some()
             {
                 return;
             }
@@ -392,7 +413,89 @@ impl Operator {
     /// Spindle, coolant and tool as the program has them now.
     fn take_periphery(&mut self, periphery: Periphery) {
         self.periphery.reach(periphery);
-        self.keep.tool = periphery.tool;
+        let is_resolved = periphery.is_tool_known && self.keep.change.is_some();
+        if periphery.tool != self.keep.tool || is_resolved {
+            let is_random = self.setup.machine.program.magazine == Magazine::Random;
+            let saving = self.keep.take_tool(periphery.tool, is_random);
+            self.tool_savings.push(saving);
+        }
+    }
+
+    /// Hears whether the tool in the spindle was written.
+    fn follow_tool_savings(&mut self) {
+        let mut failures = Vec::new();
+        self.tool_savings.retain(|saving| match saving.try_recv() {
+            Err(TryRecvError::Empty) => true,
+            Ok(Ok(_)) => false,
+            Ok(Err(error)) => {
+                failures.push(error.to_string());
+                false
+            }
+            Err(TryRecvError::Disconnected) => {
+                failures.push(NO_SAVER.to_owned());
+                false
+            }
+        });
+        for text in failures {
+            self.keep.forget_saved();
+            self.raise(self.view.setpoint.sequence, Alarm::NotKept, text);
+        }
+    }
+
+    /// Goes on with a tool change once it is noted that it is under way.
+    fn follow_beginning(&mut self) {
+        let Job::Program(run) = &mut self.job else { return };
+        let Some(beginning) = &run.beginning else { return };
+        let failure = match beginning.saving.try_recv() {
+            Ok(Ok(_)) => None,
+            Ok(Err(error)) => Some(error.to_string()),
+            Err(TryRecvError::Empty) if beginning.begun.elapsed() < READING_TIMEOUT => return,
+            Err(TryRecvError::Empty) => Some(no_reply(READING_TIMEOUT).to_string()),
+            Err(TryRecvError::Disconnected) => Some(NO_SAVER.to_owned()),
+        };
+        let Some(ChangeBeginning { call, stop, .. }) = run.beginning.take() else {
+            return;
+        };
+        let is_over = run.ended.is_some() || self.stopping;
+        if failure.is_none() && !is_over {
+            self.carry_out_command(call, stop);
+            return;
+        }
+        // Nothing of it has been done.
+        let saving = self.keep.forget_change();
+        self.tool_savings.push(saving);
+        if let Some(text) = failure {
+            let text = format!("the tool change cannot be noted, so it does not begin: {text}");
+            if let Job::Program(run) = &mut self.job {
+                run.has_failed = true;
+            }
+            self.raise(self.view.setpoint.sequence, Alarm::UserCommand, text);
+            self.stopping = true;
+            self.order(CycleCommand::Stop);
+        }
+    }
+
+    /// Starts a command of the machine's own.
+    fn carry_out_command(&mut self, call: UserCall, stop: u32) {
+        let Job::Program(run) = &mut self.job else { return };
+        run.command = Some(UserCommand {
+            call,
+            stop,
+            program: UserCodes::of(&self.setup).start(call),
+            is_done: false,
+            is_cancelled: false,
+        });
+        self.message = format!("{}{AT_WORK}", call.text());
+    }
+
+    /// A job that ends in the middle of a tool change leaves a spindle of which nobody knows what is in it.
+    pub(super) fn judge_change(&mut self) {
+        if let Some(mark) = self.keep.change
+            && self.keep.is_change_under_way
+        {
+            self.keep.is_change_under_way = false;
+            self.raise(self.view.setpoint.sequence, Alarm::ToolChange, mark.sentence());
+        }
     }
 
     /// Spindle and coolant go off, whatever has switched them on.
@@ -439,14 +542,20 @@ impl Operator {
                 }
             }
             StopKind::User(call) => {
-                run.command = Some(UserCommand {
-                    call,
-                    stop: action + 1,
-                    program: UserCodes::of(&self.setup).start(call),
-                    is_done: false,
-                    is_cancelled: false,
-                });
-                self.message = format!("{}{AT_WORK}", call.text());
+                let changes = [TOOL_CHANGE_CODE, CHANGE_BEGINS].contains(&call.number);
+                match call.words {
+                    [Some(tool), _] if changes => {
+                        // Numbers of tools are whole.
+                        run.beginning = Some(ChangeBeginning {
+                            call,
+                            stop: action + 1,
+                            saving: self.keep.begin_change(tool as u32),
+                            begun: Instant::now(),
+                        });
+                        self.message = format!("{}{AT_WORK}", call.text());
+                    }
+                    _ => self.carry_out_command(call, action + 1),
+                }
             }
         }
     }
@@ -511,12 +620,19 @@ impl Operator {
         match (result, planned, after) {
             (JobResult::Done, planned, Some(after)) => {
                 // As it was planned, not foreseen: a parameter may be what an input gave.
-                if let Ok(Some(left)) = planned {
-                    self.parameters.clone_from(&left.volatile);
-                }
-                self.keep.memory.kept = Some(after.kept);
-                self.keep.memory.tools = after.tools.or_else(|| self.keep.memory.tools.take());
+                let followed = self.modes.modal.tool_offset;
+                let (kept, tools) = match planned {
+                    Ok(Some(left)) => {
+                        self.parameters.clone_from(&left.volatile);
+                        (left.kept, left.tools)
+                    }
+                    _ => (Some(after.kept), after.tools),
+                };
+                self.keep.memory.kept = kept;
+                self.keep.memory.tools = tools.or_else(|| self.keep.memory.tools.take());
                 self.modes = after.modes;
+                // A tool that was measured in the block is as long as it was found to be.
+                self.modes.modal.tool_offset = followed;
             }
             // A copy: what the planner's thread has allocated is to be free as a whole when it ends, so that the next one finds
             // its part of the heap as this one has found it.
@@ -552,7 +668,7 @@ impl Operator {
             Ok(Err(error)) => Some(error.to_string()),
             Err(TryRecvError::Empty) if begun.elapsed() < READING_TIMEOUT => return,
             Err(TryRecvError::Empty) => Some(no_reply(READING_TIMEOUT).to_string()),
-            Err(TryRecvError::Disconnected) => Some("no thread to write with; restart the core".to_owned()),
+            Err(TryRecvError::Disconnected) => Some(NO_SAVER.to_owned()),
         };
         if let Some(text) = failure {
             self.raise(self.view.setpoint.sequence, Alarm::NotKept, text);

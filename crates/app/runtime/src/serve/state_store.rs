@@ -9,6 +9,7 @@ use evolvent_control::ToolEntry;
 use evolvent_gcode::{KeptParameters, StoreError, Tool, ToolTable};
 use evolvent_path::AXES;
 
+use super::change_mark::ChangeMark;
 use crate::memory::ProgramMemory;
 
 /// Parameter that keeps which tool is in the spindle.
@@ -17,10 +18,42 @@ const TOOL_PARAMETER: u32 = 5400;
 /// What was written, or why it was not.
 pub(crate) type Saved = Result<ProgramMemory, StoreError>;
 
+/// What becomes of the mark of a tool change with what is saved.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Marking {
+    Leave,
+    /// Before anything else.
+    Set(ChangeMark),
+    /// After everything else.
+    Remove,
+}
+
 struct SaveOrder {
     memory: ProgramMemory,
     before: ProgramMemory,
+    marking: Marking,
+    folder: PathBuf,
     sender: Sender<Saved>,
+}
+
+impl SaveOrder {
+    fn carry_out(&self) -> Result<(), StoreError> {
+        for folder in [
+            self.memory.kept_file.as_ref().and_then(|file| file.parent()),
+            Some(&*self.folder),
+        ] {
+            // Where this fails, writing fails too, and says why.
+            let _ = std::fs::create_dir_all(folder.unwrap_or(Path::new("")));
+        }
+        if let Marking::Set(mark) = self.marking {
+            return mark.write(&self.folder);
+        }
+        self.memory.save(&self.before)?;
+        if self.marking == Marking::Remove {
+            ChangeMark::remove(&self.folder)?;
+        }
+        Ok(())
+    }
 }
 
 /// Starts the thread that writes. It ends with the sender. Without it every save fails, and says so.
@@ -28,12 +61,8 @@ fn saver() -> Option<(Sender<SaveOrder>, JoinHandle<()>)> {
     let (sender, orders) = mpsc::channel::<SaveOrder>();
     let started = thread::Builder::new().name("saver".into()).spawn(move || {
         for order in orders {
-            if let Some(folder) = order.memory.kept_file.as_ref().and_then(|file| file.parent()) {
-                // Where this fails, writing fails too, and says why.
-                let _ = std::fs::create_dir_all(folder);
-            }
-            let written = order.memory.save(&order.before);
-            let _gone = order.sender.send(written.map(|_files| order.memory));
+            let written = order.carry_out();
+            let _gone = order.sender.send(written.map(|()| order.memory));
         }
     });
     started.ok().map(|thread| (sender, thread))
@@ -46,6 +75,11 @@ pub(crate) struct StateStore {
     saved: ProgramMemory,
     /// Which tool is in the spindle.
     pub tool: u32,
+    /// A tool change that has begun: from there to its end, or until somebody names the tool, the tool is not known.
+    pub change: Option<ChangeMark>,
+    /// It is the present job's.
+    pub is_change_under_way: bool,
+    folder: PathBuf,
     /// What could not be read, and was set aside.
     pub complaints: Vec<String>,
     /// The thread that writes, and the way to it.
@@ -104,6 +138,9 @@ impl StateStore {
             saved: memory.clone(),
             memory,
             tool,
+            change: ChangeMark::read(folder),
+            is_change_under_way: false,
+            folder: folder.to_path_buf(),
             complaints,
             saver: saver(),
         }
@@ -111,17 +148,59 @@ impl StateStore {
 
     /// Has `memory` written where it differs from what was written last; what comes of it is received. Nobody waits here: a disk
     /// may take long, or for ever. Of several, each is written after the one before.
-    pub(crate) fn save(&self, mut memory: ProgramMemory) -> Receiver<Saved> {
+    pub(crate) fn save(&self, memory: ProgramMemory) -> Receiver<Saved> {
+        self.save_and_mark(memory, Marking::Leave)
+    }
+
+    /// Notes that a tool change begins. It may begin once that is written.
+    pub(crate) fn begin_change(&mut self, to: u32) -> Receiver<Saved> {
+        let mark = ChangeMark::new(self.tool, to);
+        (self.change, self.is_change_under_way) = (Some(mark), true);
+        self.save_and_mark(self.memory.clone(), Marking::Set(mark))
+    }
+
+    /// Another tool is in the spindle; where `is_random`, the one before is in its pocket.
+    pub(crate) fn take_tool(&mut self, tool: u32, is_random: bool) -> Receiver<Saved> {
+        if is_random && let Some(tools) = &mut self.memory.tools {
+            tools.swap_pockets(tool, self.tool);
+        }
+        (self.tool, self.change, self.is_change_under_way) = (tool, None, false);
+        let saving = self.save_and_mark(self.memory.clone(), Marking::Remove);
+        // A later save writes what differs from this one.
+        self.saved = self.with_tool_kept(self.memory.clone());
+        saving
+    }
+
+    /// It is not known what is on the disk: all is written next time.
+    pub(crate) fn forget_saved(&mut self) {
+        self.saved = ProgramMemory::default();
+    }
+
+    /// A tool change was noted and has not begun.
+    pub(crate) fn forget_change(&mut self) -> Receiver<Saved> {
+        (self.change, self.is_change_under_way) = (None, false);
+        self.save_and_mark(self.memory.clone(), Marking::Remove)
+    }
+
+    /// The memory with the tool in the spindle among its parameters.
+    fn with_tool_kept(&self, mut memory: ProgramMemory) -> ProgramMemory {
         if let Some(kept) = &mut memory.kept {
             let known = kept.get(TOOL_PARAMETER).unwrap_or(0.0);
             if known != f64::from(self.tool) {
                 kept.set(TOOL_PARAMETER, f64::from(self.tool));
             }
         }
+        memory
+    }
+
+    fn save_and_mark(&self, memory: ProgramMemory, marking: Marking) -> Receiver<Saved> {
+        let memory = self.with_tool_kept(memory);
         let (sender, result) = mpsc::channel();
         let order = SaveOrder {
             memory,
             before: self.saved.clone(),
+            marking,
+            folder: self.folder.clone(),
             sender,
         };
         // Without its thread the sender is dropped, which is an answer too.

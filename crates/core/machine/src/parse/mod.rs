@@ -13,10 +13,10 @@ use std::path::PathBuf;
 use evolvent_config::{ConfigDocument, shortened};
 
 use crate::error::MachineError;
-use crate::file::{DrivesFile, MachineFile};
+use crate::file::{DrivesFile, MachineFile, ProgramFile};
 use crate::machine::{
-    ControlRate, DriveSettings, Lead, MAX_RATE_HZ, MIN_RATE_HZ, Machine, PathMode, PathSettings,
-    ProgramSettings, RealtimeSettings, TraceSettings,
+    ControlRate, DEFAULT_CHANGER, DriveSettings, Lead, MAX_RATE_HZ, MIN_RATE_HZ, Machine, Magazine, PathMode,
+    PathSettings, ProgramSettings, RealtimeSettings, ToolChange, TraceSettings,
 };
 use crate::rate::DEFAULT_MIN_RADIUS_MM;
 
@@ -24,6 +24,9 @@ use crate::rate::DEFAULT_MIN_RADIUS_MM;
 const ABSURD: f64 = 1e9;
 /// No limit or grid is finer than this, in mm, degrees and seconds.
 const TINY: f64 = 1e-6;
+
+/// Longest name of the subroutine that changes tools, bytes.
+const MAX_CHANGER_BYTES: usize = 60;
 
 pub(crate) fn machine(text: &str, file: &str) -> Result<Machine, MachineError> {
     let sheet = ConfigDocument::toml(text, file)?;
@@ -197,6 +200,36 @@ impl Check<'_> {
         })
     }
 
+    /// The name of the subroutine that changes tools.
+    fn changer(&self, program: &ProgramFile) -> Result<String, MachineError> {
+        let by_subroutine = program.tool_change == ToolChange::Subroutine;
+        let name = program.tool_change_subroutine.as_deref();
+        if let Some(name) = name {
+            let is_name = name
+                .bytes()
+                .all(|byte| byte.is_ascii_alphanumeric() || byte == b'_' || byte == b'-');
+            if !is_name || name.is_empty() || name.len() > MAX_CHANGER_BYTES {
+                let problem = format!("\"{name}\" is no name of a subroutine");
+                let advice = "write letters, digits, - and _, such as \"toolchange\" for toolchange.ngc";
+                return Err(self.error("program.tool_change_subroutine", problem, advice));
+            }
+        }
+        for (key, is_given) in [
+            ("program.tool_change_subroutine", name.is_some()),
+            ("program.magazine", program.magazine == Magazine::Random),
+        ] {
+            if is_given && !by_subroutine {
+                let problem = "no subroutine changes tools here".to_owned();
+                return Err(self.error(
+                    key,
+                    problem,
+                    "add tool_change = \"subroutine\", or leave the key out",
+                ));
+            }
+        }
+        Ok(name.unwrap_or(DEFAULT_CHANGER).to_owned())
+    }
+
     fn program(&self, raw: &MachineFile) -> Result<ProgramSettings, MachineError> {
         let program = &raw.program;
         let path = |key: &str, text: &str| {
@@ -219,6 +252,8 @@ impl Check<'_> {
             tool_table: optional("tool_table", &program.tool_table)?,
             without_tool_table: program.without_tool_table,
             tool_change: program.tool_change,
+            tool_change_subroutine: self.changer(program)?,
+            magazine: program.magazine,
             parameters: optional("parameters", &program.parameters)?,
             subroutines: folders
                 .map(|(index, text)| path(&format!("subroutines[{index}]"), text))

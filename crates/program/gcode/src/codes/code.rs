@@ -167,6 +167,8 @@ codes! {
     SplineOpen = "G0416",
     /// M72 without modes that were saved.
     NothingSaved = "G0417",
+    /// What cannot be in a tool change, or the tool table contradicts it.
+    ToolChange = "G0418",
 
     /// An arc without I, J, K or R.
     ArcCentreMissing = "G0501",

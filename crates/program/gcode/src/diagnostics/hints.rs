@@ -99,6 +99,7 @@ impl Code {
             Self::WrongMode => "write G94 or G95 first",
             Self::SplineOpen => "a NURBS is a G5.2 line for each control point, and G5.3 at its end",
             Self::NothingSaved => "write M70 before",
+            Self::ToolChange => "look at the tool table and at the subroutine that changes tools",
             Self::ArcCentreMissing => "write the centre (I, J, K from the start) or the radius R",
             Self::ArcMixedFormat => "give either R or I, J, K",
             Self::ArcOffsetAcrossPlane => "centre words lie in the plane: I J in G17, I K in G18, J K in G19",

@@ -56,6 +56,20 @@ pub(crate) enum Request {
     Modes(MCode),
     /// G70 to G72.2: the profile is read from a subroutine first.
     Profile(RoughCall),
+    /// M6 by a subroutine.
+    ToolChange(ToolCall, Span),
+}
+
+/// What the subroutine of a tool change is told.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct ToolCall {
+    /// The tool for the spindle; 0 empties it.
+    pub(crate) tool: u32,
+    /// The tool that is in the spindle.
+    pub(crate) present: u32,
+    /// Where the tool is, and where the present one goes; 0 for nowhere.
+    pub(crate) from_pocket: u32,
+    pub(crate) to_pocket: u32,
 }
 
 impl Executor<'_> {
@@ -251,7 +265,7 @@ impl Executor<'_> {
             self.out(Action::SelectTool(tool));
         }
         self.outputs()?;
-        self.tool_change()?;
+        let changer = self.tool_change()?;
         let turned = line.m(Group::Spindle);
         match turned {
             Some(MCode::SpindleClockwise) => self.state.modes.spindle = SpindleDirection::Clockwise,
@@ -268,7 +282,7 @@ impl Executor<'_> {
         {
             self.spindle();
         }
-        let request = line.m(Group::Modes).map(Request::Modes);
+        let request = line.m(Group::Modes).map(Request::Modes).or(changer);
         if let Some(coolant) = line.m(Group::Coolant) {
             let modes = &mut self.state.modes;
             match coolant {
@@ -402,7 +416,13 @@ impl Executor<'_> {
                 if timeout_s <= 0.0 && mode != 0 {
                     return missing("M66 needs Q above 0, the longest wait in seconds");
                 }
-                self.parameters.set_numbered(INPUT_RESULT, -1.0);
+                // As a machine would have it whose inputs do what they are waited for, or as after a timeout.
+                let imagined = match (self.settings.waits_succeed, mode) {
+                    (true, 1 | 3) => 1.0,
+                    (true, 2 | 4) => 0.0,
+                    _ => -1.0,
+                };
+                self.parameters.set_numbered(INPUT_RESULT, imagined);
                 self.out(Action::WaitInput {
                     index,
                     analog: analog.is_some(),
@@ -414,33 +434,34 @@ impl Executor<'_> {
         Ok(())
     }
 
-    fn tool_change(&mut self) -> Result<(), Fault> {
+    fn tool_change(&mut self) -> Result<Option<Request>, Fault> {
         let line = self.line;
+        let span = line.group_span(Group::ToolChange);
         match line.m(Group::ToolChange) {
-            None => Ok(()),
+            None => Ok(None),
             Some(MCode::ToolNumber) => {
                 let Some(tool) = line.whole(b'Q')? else {
-                    let span = line.group_span(Group::ToolChange);
                     return Err(Fault::new(
                         Code::WordMissing,
                         span,
                         "M61 needs Q, the number of the tool",
                     ));
                 };
+                if self.state.tool != tool {
+                    self.move_pockets(tool);
+                }
                 self.load_tool(tool);
                 self.out(Action::ToolNumber(tool));
-                Ok(())
+                Ok(None)
             }
             Some(_) => {
                 let Some(tool) = self.state.selected_tool else {
-                    let span = line.group_span(Group::ToolChange);
                     return Err(
                         Fault::new(Code::ToolMissing, span, "M6, but no tool has been selected")
                             .help("write T and the tool's number before M6 or on its line"),
                     );
                 };
                 if self.state.cutter.is_on() {
-                    let span = line.group_span(Group::ToolChange);
                     return Err(Fault::new(
                         Code::CompensationActive,
                         span,
@@ -454,14 +475,104 @@ impl Executor<'_> {
                 }
                 // The tool is where it is, wherever the program was when compensation ended.
                 self.state.cutter.programmed = None;
+                if self.settings.tool_change.is_some() && tool != self.state.tool {
+                    let call = self.tool_call(tool, span)?;
+                    self.out(Action::BeginToolChange(tool));
+                    return Ok(Some(Request::ToolChange(call, span)));
+                }
                 self.load_tool(tool);
                 self.out(Action::ChangeTool(tool));
-                Ok(())
+                Ok(None)
             }
         }
     }
 
-    fn load_tool(&mut self, number: u32) {
+    /// Where the changer finds a tool, and where it puts the present one.
+    fn tool_call(&self, tool: u32, span: Span) -> Result<ToolCall, Fault> {
+        let present = self.state.tool;
+        let is_random = self
+            .settings
+            .tool_change
+            .as_ref()
+            .is_some_and(|changer| changer.is_random);
+        let row = |number: u32| self.tools.as_ref().and_then(|tools| tools.get(number));
+        let missing = |number: u32| {
+            let message = format!("tool {number} is not in the tool table, so its pocket is not known");
+            Fault::new(Code::UnknownTool, span, message)
+        };
+        let wrong =
+            |message: String, help: &str| Fault::new(Code::ToolChange, span, message).help(help.to_owned());
+        if !is_random {
+            let pocket = |number: u32, help: &str| match (number, row(number)) {
+                (0, _) => Ok(0),
+                (_, Some(tool)) => Ok(tool.pocket),
+                (_, None) => Err(missing(number).help(help.to_owned())),
+            };
+            return Ok(ToolCall {
+                tool,
+                present,
+                from_pocket: pocket(tool, "write its line, such as T3 P3, into the tool table")?,
+                to_pocket: pocket(
+                    present,
+                    "write its line into the tool table; M61 Q names the tool in the spindle if it is another",
+                )?,
+            });
+        }
+        let Some(known) = row(tool) else {
+            let help = if tool == 0 {
+                "a random changer puts the present tool into the pocket that T0 names: write a line such as T0 P5 for an empty pocket"
+            } else {
+                "write its line, such as T3 P3, into the tool table"
+            };
+            return Err(missing(tool).help(help));
+        };
+        let pocket = known.pocket;
+        if pocket == 0 {
+            let message = format!(
+                "tool {tool} has pocket 0 in the tool table, which is the spindle, but tool {present} is in it"
+            );
+            return Err(wrong(
+                message,
+                "give it its pocket in the tool table, or name the tool in the spindle by M61 Q",
+            ));
+        }
+        let others = self.tools.iter().flat_map(|tools| tools.tools());
+        if let Some(other) = others
+            .filter(|other| other.pocket == pocket)
+            .find(|other| other.number != tool && other.number != present)
+        {
+            let message = format!(
+                "pocket {pocket} has tool {tool} and tool {} in the tool table",
+                other.number
+            );
+            return Err(wrong(
+                message,
+                "look into the pocket, then correct P of the other one in the tool table",
+            ));
+        }
+        Ok(ToolCall {
+            tool,
+            present,
+            from_pocket: pocket,
+            to_pocket: pocket,
+        })
+    }
+
+    /// A random changer has put the present tool where the new one was.
+    pub(crate) fn move_pockets(&mut self, tool: u32) {
+        let present = self.state.tool;
+        if self
+            .settings
+            .tool_change
+            .as_ref()
+            .is_some_and(|changer| changer.is_random)
+            && let Some(tools) = self.tools
+        {
+            tools.swap_pockets(tool, present);
+        }
+    }
+
+    pub(crate) fn load_tool(&mut self, number: u32) {
         self.state.tool = number;
         let known = self.tools.as_ref().and_then(|tools| tools.get(number)).copied();
         let tool = known.unwrap_or_else(|| Tool::new(number));

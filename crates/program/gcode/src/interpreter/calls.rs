@@ -7,6 +7,7 @@ use crate::Code;
 use crate::diagnostics::diagnostic::{Fault, Span};
 use crate::interpreter::Interpreter;
 use crate::interpreter::o_words::{Definition, Frame, order};
+use crate::interpreter::tool_change::Resumed;
 use crate::parameters::names::{NameId, Normal};
 use crate::syntax::block::{Keyword, OWord};
 use crate::syntax::lines::{FileFault, Lines, Subroutine, find_file};
@@ -169,6 +170,9 @@ impl<R: BufRead> Interpreter<R> {
         }
         if let Some((modes, true)) = frame.saved {
             self.restore(modes);
+        }
+        if let Some(change) = frame.change {
+            self.resumed = Some(Resumed::Changed(change));
         }
     }
 

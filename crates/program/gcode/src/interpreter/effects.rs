@@ -50,6 +50,7 @@ impl<R: BufRead> Interpreter<R> {
         match request {
             Request::Call { number, times, span } => self.call_number(number, times, span),
             Request::Profile(call) => self.begin_profile(call),
+            Request::ToolChange(call, span) => self.call_changer(&call, span),
             Request::Return => {
                 if !self.return_number() {
                     self.end();

@@ -6,6 +6,7 @@ pub(crate) mod effects;
 pub(crate) mod modal;
 pub(crate) mod o_words;
 pub(crate) mod restart;
+pub(crate) mod tool_change;
 pub(crate) mod volatile;
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
@@ -22,6 +23,7 @@ use crate::execution::contour_watch::ContourWatch;
 use crate::execution::execute::{Executor, MAX_WAITING};
 use crate::interpreter::capture::Capture;
 use crate::interpreter::o_words::{Definition, Frame, Skip};
+use crate::interpreter::tool_change::Resumed;
 use crate::parameters::names::Names;
 use crate::parameters::values::Parameters;
 use crate::state::machine_state::{Modes, State};
@@ -43,7 +45,7 @@ const MAX_REPEATED_ERRORS: u32 = 10_000;
 const INTERRUPT_LINES: u64 = 1024;
 
 /// Where the line in hand stands. It is taken when the line is fetched: the line itself may leave the subroutine.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Place {
     /// The file, where it is not the program itself.
     pub(crate) file: Option<Shared<str>>,
@@ -105,6 +107,10 @@ pub struct Interpreter<R> {
     watch: ContourWatch,
     /// Outputs as the lines before a restart have left them, by kind and number.
     pub(crate) outputs_left: BTreeMap<(bool, u32), Action>,
+    /// The tool whose change has just begun.
+    pub(crate) begun_change: Option<u32>,
+    /// What is left of a line that its tool change has divided.
+    pub(crate) resumed: Option<Resumed>,
     /// The profile that is being read for a cycle.
     pub(crate) capture: Option<Box<Capture>>,
     /// Errors that were told before.
@@ -162,6 +168,8 @@ impl<R: BufRead> Interpreter<R> {
             changed: Vec::new(),
             watch: ContourWatch::default(),
             outputs_left: BTreeMap::new(),
+            begun_change: None,
+            resumed: None,
             capture: None,
             repeated_errors: 0,
             block_delete_lines: (0, 0),
@@ -239,7 +247,7 @@ impl<R: BufRead> Interpreter<R> {
 
     /// Whether a subroutine runs, or lines are skipped or collected.
     pub(crate) fn is_inside(&self) -> bool {
-        self.frames.len() > 1 || self.skip.is_some() || self.definition.is_some()
+        self.frames.len() > 1 || self.skip.is_some() || self.definition.is_some() || self.resumed.is_some()
     }
 
     /// Number of the line of the program that comes next.
@@ -372,6 +380,9 @@ impl<R: BufRead> Interpreter<R> {
             self.finished = true;
             return Err(self.locate(fault));
         }
+        if let Some(resumed) = self.resumed.take() {
+            return self.or_undone(|interpreter| interpreter.resume_line(resumed));
+        }
         if self.has_moved {
             self.take_place();
         }
@@ -383,9 +394,17 @@ impl<R: BufRead> Interpreter<R> {
                 return Err(Box::new(fault.locate(self.reader.line(), &self.text)));
             }
         }
+        self.or_undone(Self::interpret)
+    }
+
+    /// Executes something of a line; where it fails, the line has done nothing.
+    fn or_undone(
+        &mut self,
+        execute: impl FnOnce(&mut Self) -> Result<(), Fault>,
+    ) -> Result<(), Box<Diagnostic>> {
         let (before, mark) = (self.pending.len(), self.watch.mark());
         self.changed.clear();
-        self.interpret().map_err(|fault| {
+        execute(self).map_err(|fault| {
             self.watch.roll_back(mark);
             let fault = crate::diagnostics::foreign::explain(&self.text, fault);
             let removed = self.changed.iter().filter(|changed| changed.removed).count();
@@ -491,8 +510,14 @@ impl<R: BufRead> Interpreter<R> {
     fn end_of_lines(&mut self) -> Result<(), Box<Diagnostic>> {
         let open = self.unfinished();
         if self.frames.len() > 1 {
-            let whole_file = self.frames.last().is_some_and(Frame::is_whole_file);
-            let fault = open.filter(|_| !whole_file).map(|fault| self.locate(fault));
+            let may_end = self.frames.last().is_some_and(Frame::is_whole_file);
+            // A tool change that ends in the middle of a condition has not been done.
+            let is_cut_off =
+                self.skip.is_some() || self.definition.is_some() || !self.frame().open.is_empty();
+            let is_change = self.frame().change.is_some();
+            let fault = open
+                .filter(|_| !may_end || is_cut_off && is_change)
+                .map(|fault| self.locate(fault));
             self.skip = None;
             self.definition = None;
             self.return_from(None);
@@ -566,6 +591,19 @@ impl<R: BufRead> Interpreter<R> {
         if !self.block.comments.is_empty() {
             self.remarks(number)?;
         }
+        if self.divides()? {
+            return self.divide();
+        }
+        self.execute_statement()?;
+        if profile {
+            self.profile_line();
+        }
+        Ok(())
+    }
+
+    /// Executes the statement in hand; where it fails, the state is as before.
+    pub(crate) fn execute_statement(&mut self) -> Result<(), Fault> {
+        let number = self.shown_line();
         // What a line with nothing but a straight move changes is little, and long programs consist of such lines.
         let small = self.statement.is_plain_move() && self.state.is_plain();
         let few = self.state.few();
@@ -602,9 +640,6 @@ impl<R: BufRead> Interpreter<R> {
         }
         self.parameters.commit();
         self.finished |= self.state.ended;
-        if profile {
-            self.profile_line();
-        }
         Ok(())
     }
 

@@ -8,6 +8,7 @@ use std::sync::Arc as Shared;
 
 use crate::diagnostics::diagnostic::{Fault, Span};
 use crate::interpreter::Interpreter;
+use crate::interpreter::tool_change::DividedLine;
 use crate::parameters::names::NameId;
 use crate::state::machine_state::Modes;
 use crate::syntax::block::{Keyword, OWord};
@@ -35,12 +36,14 @@ pub(crate) struct Frame {
     pub(crate) own_parameters: bool,
     /// What M70 and M73 saved, and whether it comes back by itself.
     pub(crate) saved: Option<(Modes, bool)>,
+    /// The line with M6 whose tool it changes.
+    pub(crate) change: Option<Box<DividedLine>>,
 }
 
 impl Frame {
     /// Whether the lines are a file without a subroutine of its own, which may just end.
     pub(crate) fn is_whole_file(&self) -> bool {
-        self.first == 0 && !self.own_parameters
+        self.first == 0 && (!self.own_parameters || self.change.is_some())
     }
 }
 

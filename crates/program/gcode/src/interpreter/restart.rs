@@ -132,6 +132,7 @@ impl<R: BufRead> Interpreter<R> {
     pub fn start_at(&mut self, line: u32) -> Result<Restart, Box<Diagnostic>> {
         let tool = self.state().tool;
         let mut executed = 0_u64;
+        let waits_succeed = std::mem::replace(&mut self.settings.waits_succeed, true);
         while self.next_of_program() < line || self.is_inside() {
             executed += 1;
             if executed > self.settings.max_lines_before_start {
@@ -144,6 +145,7 @@ impl<R: BufRead> Interpreter<R> {
                 ));
             }
         }
+        self.settings.waits_succeed = waits_succeed;
         let state = *self.state();
         if state.cutter.is_on() || state.cutter.programmed.is_some() {
             return Err(Box::new(

@@ -23,6 +23,8 @@ pub struct Settings {
     pub inches: bool,
     /// Whether lines that begin with `/` are left out.
     pub block_delete: bool,
+    /// #5399 of a wait (M66) that nobody answers is what was waited for; otherwise -1, as after a timeout.
+    pub waits_succeed: bool,
     /// By how much an arc's radius at the end may differ from that at the start.
     pub arc: ArcTolerance,
     /// By how much an involute's programmed end may be off the involute, in mm: one increment, at least 1 um.
@@ -37,6 +39,8 @@ pub struct Settings {
     pub outputs: Outputs,
     /// The text is a block of MDI: where it ends without M2 or M30, spindle and coolant stay as they are.
     pub is_block: bool,
+    /// How M6 is carried out by a subroutine; otherwise it is handed on ([`crate::Action::ChangeTool`]).
+    pub tool_change: Option<ToolChanger>,
     /// The tool table. Without one, an offset or diameter of any tool but 0 is an error ([`crate::Code::UnknownTool`]).
     pub tools: Option<ToolTable>,
     /// Without a tool table, offsets and diameters of all tools are 0, and the program says so in a message.
@@ -62,6 +66,16 @@ pub struct Settings {
     pub max_silent_lines: u64,
     /// How many lines may be executed before the line at which a program begins: beyond that they go round for ever.
     pub max_lines_before_start: u64,
+}
+
+/// A tool changer that a subroutine operates. Its arguments: #1 the new tool (0 empties the spindle), #2 the present one, #3
+/// the pocket of the new tool, #4 the pocket for the present one (0 for nowhere).
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ToolChanger {
+    /// Its name: `O<name> sub` in a file `name.ngc`, or the whole file.
+    pub subroutine: String,
+    /// A tool goes back into the pocket of the one that is taken; otherwise into its own.
+    pub is_random: bool,
 }
 
 /// What X, R and U of a lathe's cycles G82 and G75 are.
@@ -119,6 +133,7 @@ impl Default for Settings {
             },
             inches: false,
             block_delete: true,
+            waits_succeed: false,
             arc: ArcTolerance::default(),
             involute_tolerance_mm: 0.001,
             max_line_bytes: 64 * 1024,
@@ -126,6 +141,7 @@ impl Default for Settings {
             selected_tool: None,
             outputs: Outputs::default(),
             is_block: false,
+            tool_change: None,
             tools: None,
             tools_without_table: false,
             parameters: Vec::new(),

@@ -111,6 +111,22 @@ impl Statement {
         self.check_use()
     }
 
+    /// Leaves T and M6 here and gives what else is on the line.
+    pub(crate) fn divide(&mut self) -> Self {
+        let mut rest = self.clone();
+        rest.m[Group::ToolChange as usize] = None;
+        rest.any_m = rest.m.iter().any(Option::is_some);
+        rest.present &= !bit(b'T');
+        let change = self.m[Group::ToolChange as usize];
+        self.g = [None; GROUPS];
+        self.m = [None; GROUPS];
+        self.m[Group::ToolChange as usize] = change;
+        self.present &= bit(b'T');
+        self.any_mode = false;
+        self.motion = None;
+        rest
+    }
+
     /// The G code of a group.
     #[inline]
     pub(crate) fn g(&self, group: Group) -> Option<GCode> {

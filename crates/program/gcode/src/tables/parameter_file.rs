@@ -8,7 +8,7 @@ use std::path::Path;
 use evolvent_path::{AXES, Axes};
 
 use crate::parameters::values::{G92, G92_ACTIVE, HOME_G28, HOME_G30, NUMBERED, WORK_OFFSET, WORK_OFFSET_1};
-use crate::tables::store::{read_text, replace};
+use crate::tables::store::{read_text, replace_file};
 use crate::{Interpreter, Settings, StoreError, WORK_OFFSETS};
 
 /// Greatest magnitude of a kept value, as of a number in a program.
@@ -141,7 +141,7 @@ impl KeptParameters {
     /// # Errors
     /// The file cannot be written.
     pub fn save(&self, path: &Path) -> Result<(), StoreError> {
-        replace(path, &self.to_text())
+        replace_file(path, &self.to_text())
     }
 
     /// The text of a file. LinuxCNC reads it too.

@@ -87,7 +87,10 @@ pub(crate) fn read_text(path: &Path) -> Result<Option<String>, StoreError> {
 }
 
 /// Replaces a file, or leaves it as it is: whoever reads it sees the old or the new text, also after a power cut.
-pub(crate) fn replace(path: &Path, text: &str) -> Result<(), StoreError> {
+///
+/// # Errors
+/// It cannot be written.
+pub fn replace_file(path: &Path, text: &str) -> Result<(), StoreError> {
     // A link stays one.
     let target = std::fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
     let mut name = OsString::from(".");

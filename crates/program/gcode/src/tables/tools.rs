@@ -7,7 +7,7 @@ use std::path::Path;
 use evolvent_path::{AXES, Axes, AxisLetter};
 
 use crate::StoreError;
-use crate::tables::store::{read_text, replace};
+use crate::tables::store::{read_text, replace_file};
 
 /// A tool: its number and what is known of its shape.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -123,7 +123,7 @@ impl ToolTable {
     /// # Errors
     /// The file cannot be written.
     pub fn save(&self, path: &Path) -> Result<(), StoreError> {
-        replace(path, &self.to_text())
+        replace_file(path, &self.to_text())
     }
 
     /// The table in LinuxCNC's format, a tool a line in the order read; remarks are kept.
@@ -242,6 +242,30 @@ impl ToolTable {
         match self.tools.iter_mut().find(|known| known.number == tool.number) {
             Some(known) => *known = tool,
             None => self.tools.push(tool),
+        }
+    }
+
+    /// A random changer has put tool `present` into the pocket of tool `new`, which is in the spindle now, pocket 0. An empty
+    /// pocket is a tool of number 0.
+    pub fn swap_pockets(&mut self, new: u32, present: u32) {
+        let Some(pocket) = self
+            .get(new)
+            .map(|tool| tool.pocket)
+            .filter(|pocket| *pocket != 0)
+        else {
+            return;
+        };
+        if new == present {
+            return;
+        }
+        for (number, pocket) in [(new, 0), (present, pocket)] {
+            match self.tools.iter_mut().find(|tool| tool.number == number) {
+                Some(tool) => tool.pocket = pocket,
+                None => self.tools.push(Tool {
+                    pocket,
+                    ..Tool::new(number)
+                }),
+            }
         }
     }
 

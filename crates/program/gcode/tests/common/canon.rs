@@ -130,6 +130,7 @@ impl Printer {
             }
             Action::Dwell { seconds } => self.put(format!("dwell {seconds:.4}")),
             Action::SelectTool(tool) => self.put(format!("select {tool}")),
+            Action::BeginToolChange(tool) => self.put(format!("begin change {tool}")),
             Action::ChangeTool(tool) => self.put(format!("change {tool}")),
             Action::ToolNumber(tool) => self.put(format!("number {tool}")),
             Action::Spindle {

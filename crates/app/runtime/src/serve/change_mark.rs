@@ -1,0 +1,126 @@
+//! A tool change under way, in a file of its own: after a power cut in the middle, nobody knows which tool is in the spindle.
+
+use std::path::{Path, PathBuf};
+
+use evolvent_config::read_regular;
+use evolvent_gcode::{StoreError, replace_file};
+
+/// Name of the file in the state folder. It exists from the beginning of a change to its end.
+const FILE: &str = "tool-change";
+
+/// Longest file that is one, bytes.
+const MAX_BYTES: u64 = 200;
+
+/// Greatest number of a tool.
+const MAX_TOOL: u32 = 99_999;
+
+/// The tools of a change that has begun and is not known to be done; none of a file that cannot be read.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct ChangeMark {
+    pub tools: Option<(u32, u32)>,
+}
+
+impl ChangeMark {
+    pub(crate) fn new(from: u32, to: u32) -> Self {
+        Self {
+            tools: Some((from, to)),
+        }
+    }
+
+    fn file(folder: &Path) -> PathBuf {
+        folder.join(FILE)
+    }
+
+    /// The change that was under way when the core last ended, if one was. What cannot be read was one, too.
+    pub(crate) fn read(folder: &Path) -> Option<Self> {
+        let bytes = match read_regular(&Self::file(folder), MAX_BYTES) {
+            Ok(bytes) => bytes,
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return None,
+            Err(_) => return Some(Self::default()),
+        };
+        let text = std::str::from_utf8(&bytes).unwrap_or_default();
+        let words: Vec<&str> = text.split_whitespace().collect();
+        let number = |word: &str| word.parse().ok().filter(|tool| *tool <= MAX_TOOL);
+        let tools = match words.as_slice() {
+            ["from", from, "to", to] => number(from).zip(number(to)),
+            _ => None,
+        };
+        Some(Self { tools })
+    }
+
+    /// Writes the file, on the disk when this returns.
+    pub(crate) fn write(self, folder: &Path) -> Result<(), StoreError> {
+        let (from, to) = self.tools.unwrap_or_default();
+        replace_file(&Self::file(folder), &format!("from {from} to {to}\n"))
+    }
+
+    /// The change is done, or was never begun.
+    pub(crate) fn remove(folder: &Path) -> Result<(), StoreError> {
+        let file = Self::file(folder);
+        match std::fs::remove_file(&file) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(StoreError::Write {
+                file: file.display().to_string(),
+                source: error,
+            }),
+            _ => Ok(()),
+        }
+    }
+
+    /// What is not known, and what to do.
+    pub(crate) fn sentence(self) -> String {
+        let what = match self.tools {
+            Some((from, to)) => {
+                let tool = |number: u32| match number {
+                    0 => "no tool".to_owned(),
+                    number => format!("tool {number}"),
+                };
+                format!("the change from {} to {} was broken off", tool(from), tool(to))
+            }
+            None => "a tool change was broken off".to_owned(),
+        };
+        format!(
+            "{what}, so it is not known which tool is in the spindle: look, see that the changer is clear, and name the tool by \
+             MDI, such as M61 Q3, or M61 Q0 for none"
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_mark_comes_back_and_a_damaged_one_is_one_too() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = folder.path();
+        assert_eq!(ChangeMark::read(at), None);
+        let mark = ChangeMark::new(3, 0);
+        mark.write(at).unwrap();
+        assert_eq!(ChangeMark::read(at), Some(mark));
+        assert!(
+            mark.sentence().contains("from tool 3 to no tool"),
+            "{}",
+            mark.sentence()
+        );
+        let file = at.join(FILE);
+        for text in [
+            "",
+            "from 3",
+            "from 3 to -1",
+            "from 3 to 100000",
+            "from x to 2",
+            "\u{0}",
+            &"x".repeat(300),
+        ] {
+            std::fs::write(&file, text).unwrap();
+            assert_eq!(ChangeMark::read(at), Some(ChangeMark::default()), "{text:?}");
+        }
+        std::fs::remove_file(&file).unwrap();
+        std::fs::create_dir(&file).unwrap();
+        assert_eq!(ChangeMark::read(at), Some(ChangeMark::default()));
+        assert!(ChangeMark::remove(at).is_err());
+        std::fs::remove_dir(&file).unwrap();
+        ChangeMark::remove(at).unwrap();
+        assert_eq!(ChangeMark::read(at), None);
+    }
+}

@@ -1,0 +1,168 @@
+//! M6 by a subroutine of the machine: the line is divided at the change.
+//!
+//! T and M6 count first, then the subroutine runs, then the tool counts as changed, and then what else is on the line. The
+//! subroutine finds the modes of the line and leaves none of its own.
+
+use std::io::BufRead;
+
+use crate::codes::modal_groups::{Group, MCode, Motion};
+use crate::diagnostics::diagnostic::{Fault, Span};
+use crate::execution::execute::ToolCall;
+use crate::interpreter::{Interpreter, Place};
+use crate::parameters::names::Normal;
+use crate::state::machine_state::{CycleModal, Modes};
+use crate::syntax::statement::Statement;
+use crate::{Action, Code};
+
+/// A line with M6 while its subroutine runs, and until its rest has been executed.
+#[derive(Debug)]
+pub(crate) struct DividedLine {
+    tool: u32,
+    /// What the line asks for beside the change.
+    rest: Statement,
+    text: Vec<u8>,
+    line: u32,
+    place: Place,
+    modes: Modes,
+    motion: Motion,
+    cycle: CycleModal,
+}
+
+/// What comes next of a divided line.
+#[derive(Debug)]
+pub(crate) enum Resumed {
+    /// The tool counts as changed.
+    Changed(Box<DividedLine>),
+    /// The rest of the line.
+    Rest(Box<DividedLine>),
+}
+
+impl<R: BufRead> Interpreter<R> {
+    /// Whether the subroutine of a tool change runs.
+    fn is_changing(&self) -> bool {
+        self.frames.iter().any(|frame| frame.change.is_some())
+    }
+
+    /// Whether the line in hand is to be divided.
+    pub(crate) fn divides(&self) -> Result<bool, Fault> {
+        if self.settings.tool_change.is_none() {
+            return Ok(false);
+        }
+        let changes = self.statement.m(Group::ToolChange) == Some(MCode::ToolChange);
+        if self.is_changing() {
+            let ends = matches!(self.statement.m(Group::Stop), Some(MCode::End(_)));
+            if let Some((group, message)) = [
+                (
+                    changes,
+                    Group::ToolChange,
+                    "M6 in the subroutine that changes tools",
+                ),
+                (
+                    ends,
+                    Group::Stop,
+                    "the program ends in the middle of a tool change",
+                ),
+            ]
+            .into_iter()
+            .find_map(|(found, group, message)| found.then_some((group, message)))
+            {
+                let span = self.statement.group_span(group);
+                return Err(Fault::new(Code::ToolChange, span, message).help(
+                    "leave it out; the change is done where its subroutine ends, and (ABORT, text) gives it up",
+                ));
+            }
+        }
+        Ok(changes)
+    }
+
+    /// Executes a line with M6 up to the change, and calls the subroutine if another tool is wanted.
+    pub(crate) fn divide(&mut self) -> Result<(), Fault> {
+        let rest = self.statement.divide();
+        self.execute_statement()?;
+        // The call has pushed a frame without the rest of its line.
+        let Some(tool) = self.begun_change.take() else {
+            self.statement = rest;
+            return self.execute_statement();
+        };
+        let divided = DividedLine {
+            tool,
+            rest,
+            text: self.text.clone(),
+            line: self.line,
+            place: self.place.clone(),
+            modes: self.state.modes,
+            motion: self.state.motion,
+            cycle: self.state.sticky,
+        };
+        self.frame().change = Some(Box::new(divided));
+        Ok(())
+    }
+
+    /// Enters the subroutine that changes the tool.
+    pub(crate) fn call_changer(&mut self, call: &ToolCall, span: Span) -> Result<(), Fault> {
+        let name = match &self.settings.tool_change {
+            Some(changer) => changer.subroutine.clone(),
+            None => return Ok(()),
+        };
+        let named = Normal::new(name.as_bytes());
+        let Some((text, label)) =
+            named.and_then(|text| self.labels.intern_label(&text).map(|label| (text, label)))
+        else {
+            let message = format!("\"{name}\" cannot be the name of a subroutine");
+            return Err(Fault::new(Code::BadName, span, message)
+                .help("program.tool_change_subroutine of the machine file names it"));
+        };
+        self.parameters.commit();
+        self.arguments.clear();
+        let words = [call.tool, call.present, call.from_pocket, call.to_pocket];
+        self.arguments.extend(words.map(f64::from));
+        self.enter(&text, label, span, true, 1).map_err(|fault| {
+            if fault.code == Code::SubroutineMissing {
+                let message = format!("M6 needs the subroutine O<{name}>, and there is none");
+                Fault::new(Code::SubroutineMissing, span, message).help(format!(
+                    "put {name}.ngc into a folder of program.subroutines; program.tool_change_subroutine of the machine file names it"
+                ))
+            } else {
+                fault
+            }
+        })?;
+        self.begun_change = Some(call.tool);
+        Ok(())
+    }
+
+    /// Goes on with a divided line.
+    pub(crate) fn resume_line(&mut self, resumed: Resumed) -> Result<(), Fault> {
+        match resumed {
+            Resumed::Changed(divided) => {
+                self.at_line_of(&divided);
+                self.restore(divided.modes);
+                self.state.motion = divided.motion;
+                self.state.sticky = divided.cycle;
+                let mut state = self.state;
+                let statement = Statement::new();
+                let number = self.shown_line();
+                let mut executor = self.executor(&statement, &mut state, number);
+                executor.move_pockets(divided.tool);
+                executor.load_tool(divided.tool);
+                executor.out(Action::ChangeTool(divided.tool));
+                self.parameters.commit();
+                self.state = state;
+                self.resumed = Some(Resumed::Rest(divided));
+                Ok(())
+            }
+            Resumed::Rest(divided) => {
+                self.at_line_of(&divided);
+                self.statement = divided.rest;
+                self.execute_statement()
+            }
+        }
+    }
+
+    /// Takes the place of the divided line again, for what is told of it.
+    fn at_line_of(&mut self, divided: &DividedLine) {
+        self.place = divided.place.clone();
+        self.line = divided.line;
+        self.text.clone_from(&divided.text);
+        self.has_moved = true;
+    }
+}
