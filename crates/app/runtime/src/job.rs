@@ -177,6 +177,7 @@ impl Setup {
                 TurningWords::Mode => gcode::TurningWords::Mode,
             },
             load_channel: program.load_channel,
+            rigid_tapping: (self.machine.signals.spindle(0)).is_some_and(|spindle| spindle.has_feedback()),
             subroutine_folders: self.memory.folders.clone(),
             start: self.start(),
             tool: self.tool,

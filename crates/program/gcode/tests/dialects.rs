@@ -376,6 +376,59 @@ fn tapping_is_refused_by_its_name() {
 }
 
 #[test]
+fn with_a_measured_spindle_tapping_is_rigid_and_its_pitch_feed_by_speed() {
+    let settings = Settings {
+        rigid_tapping: true,
+        ..Settings::default()
+    };
+    for (program, pitch) in [
+        (
+            "G21 G94 F600 S500 M3\nG0 Z5\nG84 X1 Y2 Z-8 R1\nX5\nG80\nM2\n",
+            1.2,
+        ),
+        (
+            "G21 G95 F1.2 S500 M3\nG0 Z5\nG98 G84 X1 Y2 Z-8 R1\nX5\nG80\nM2\n",
+            1.2,
+        ),
+        (
+            "G20\nG94 F25 S500 M4\nG0 Z0.2\nG74 X1 Y2 Z-0.3 R0.1\nX5\nG80\nM2\n",
+            1.27,
+        ),
+    ] {
+        let (commands, found) = interpret(program, settings.clone());
+        assert!(found.is_empty(), "{found:?}");
+        let taps: Vec<_> = (commands.iter())
+            .filter_map(|command| match &command.action {
+                Action::RigidTap {
+                    curve,
+                    pitch_mm,
+                    return_factor,
+                } => Some((curve.start(), curve.end(), *pitch_mm, *return_factor)),
+                _ => None,
+            })
+            .collect();
+        assert_eq!(taps.len(), 2, "{program}");
+        for (start, end, told, factor) in taps {
+            assert!((told - pitch).abs() < 1e-12 && factor == 1.0, "{told}");
+            assert!(start[2] > end[2] && start[0] == end[0] && start[1] == end[1]);
+        }
+        // No order to the spindle: the tap itself turns it back.
+        let orders = (commands.iter()).filter(|command| matches!(command.action, Action::Spindle { .. }));
+        assert_eq!(orders.count(), 2, "on and off: {program}");
+    }
+    let without_speed = "G21 G94 F600 S0 M3\nG0 Z5\nG84 X1 Y2 Z-8 R1\nM2\n";
+    let found = interpret(without_speed, settings.clone()).1;
+    assert_eq!(found.len(), 1, "{found:?}");
+    let with_dwell = "G21 G94 F600 S500 M3\nG0 Z5\nG84 X1 Y2 Z-8 R1 P2\nM2\n";
+    let warned = interpret(with_dwell, settings).0;
+    assert!(
+        warned
+            .iter()
+            .any(|command| matches!(&command.action, Action::Warning(text) if text.contains("G84: P")))
+    );
+}
+
+#[test]
 fn a_block_of_mdi_leaves_spindle_and_coolant_as_they_are() {
     let outputs = |program: &str, before: Outputs, is_block: bool| {
         let settings = Settings {

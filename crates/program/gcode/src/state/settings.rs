@@ -56,6 +56,8 @@ pub struct Settings {
     pub turning_words: TurningWords,
     /// A cutting load is measured, so that G82 Q1 and G75 Q1 may find their passes themselves.
     pub load_channel: bool,
+    /// Axes can follow the angle of the spindle, so that G84 and G74 tap rigidly ([`crate::Action::RigidTap`]).
+    pub rigid_tapping: bool,
     /// Where files of subroutines are looked for, in this order: `NAME.ngc` for `O<NAME> call`.
     pub subroutine_folders: Vec<std::path::PathBuf>,
     /// Most memory for the bodies of loops and subroutines, in bytes.
@@ -149,6 +151,7 @@ impl Default for Settings {
             lathe: false,
             turning_words: TurningWords::default(),
             load_channel: false,
+            rigid_tapping: false,
             subroutine_folders: Vec::new(),
             max_body_bytes: 256 * 1024 * 1024,
             max_call_depth: 100,

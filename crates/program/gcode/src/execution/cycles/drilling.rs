@@ -250,6 +250,40 @@ impl Executor<'_> {
         self.put_line_in(target, kind, path_mode)
     }
 
+    /// In and out with the angle of the spindle; the pitch is feed by speed, or the feed per revolution.
+    fn tap_rigidly(&mut self, cycle: Cycle, at: Axes, hole: &Hole) -> Result<(), Fault> {
+        let name = Motion::Cycle(cycle).name();
+        let modes = self.state.modes;
+        let feed = modes.feed.map_or(0.0, |feed| feed.linear);
+        let pitch_mm = match modes.feed_mode {
+            FeedMode::PerRevolution => feed,
+            _ => feed * 60.0 / modes.speed,
+        };
+        if modes.surface.is_some() || modes.speed <= 0.0 || !pitch_mm.is_finite() {
+            let message = format!("{name} needs a speed, which gives the pitch together with F");
+            return Err(
+                Fault::new(Code::SpindleSpeedMissing, self.line.motion_span(), message).help(
+                    "write S in revolutions per minute (G97); F is S times the pitch, or in G95 the pitch",
+                ),
+            );
+        }
+        if hole.p > 0.0 {
+            let text = format!("{name}: P has no effect, a rigid tap turns back at the depth without a stop");
+            self.out(Action::Warning(text));
+        }
+        let target = self.state.machine_of(with(at, hole.along, hole.bottom));
+        for axis in AxisLetter::ALL {
+            check_coordinate(target[axis.index()], axis, self.line)?;
+        }
+        let curve = self.line_to(target)?;
+        self.out(Action::RigidTap {
+            curve,
+            pitch_mm,
+            return_factor: 1.0,
+        });
+        Ok(())
+    }
+
     /// From R down and up again.
     fn body(&mut self, cycle: Cycle, mut at: Axes, hole: &Hole) -> Result<(), Fault> {
         let (along, mode) = (hole.along, hole.path_mode);
@@ -307,6 +341,14 @@ impl Executor<'_> {
                 self.turn_spindle(turning);
                 // The operator has taken the tool out.
                 return Ok(());
+            }
+            Cycle::Tap | Cycle::TapLeft if self.settings.rigid_tapping => {
+                self.tap_rigidly(cycle, at, hole)?;
+                return if hole.clear == hole.r {
+                    Ok(())
+                } else {
+                    self.go(with(at, along, hole.clear), rapid, mode)
+                };
             }
             Cycle::Tap | Cycle::TapLeft => {
                 let modes = self.state.modes;
@@ -514,4 +556,10 @@ impl Executor<'_> {
         }
         self.put_thread(target, pitch_mm, start_degrees)
     }
+}
+
+/// The same point at another height.
+fn with(mut at: Axes, along: usize, height: f64) -> Axes {
+    at[along] = height;
+    at
 }
