@@ -250,6 +250,11 @@ pub(crate) fn complaint(result: &ThreadResult, rpm: f64) -> Option<(String, Stri
             ),
             "see the spindle's drive, and the depth of the cut".to_owned(),
         ),
+        ThreadVerdict::NotTurnedBack => (
+            "the spindle has not turned back at the depth; the axes have stopped in the hole".to_owned(),
+            "see the spindle's drive; acceleration_rpm_s at its [[spindle]] says how fast it brakes"
+                .to_owned(),
+        ),
         ThreadVerdict::OutOfPhase => (
             "the axes cannot follow the spindle any more, and have stopped in the thread".to_owned(),
             "turn more slowly, or see why the speed of the spindle changes".to_owned(),

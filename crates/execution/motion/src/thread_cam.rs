@@ -60,6 +60,8 @@ struct Corner {
     change: Axes,
     /// Widths of the two boxes whose convolution is the kernel, turns; the first is the wider one.
     widths: (f64, f64),
+    /// Fastest speed of the spindle that it is wide enough for, turns/s.
+    shaped_for: f64,
 }
 
 impl Corner {
@@ -116,6 +118,7 @@ impl ThreadCam {
                 at,
                 change: next - slope,
                 widths: widths(&(next - slope), speed, limits, period_s),
+                shaped_for: speed,
             };
             (from, at, slope) = (leg.end, at + leg.turns, next);
         }
@@ -126,9 +129,29 @@ impl ThreadCam {
                 at,
                 change: -slope,
                 widths: widths(&slope, speed, limits, period_s),
+                shaped_for: speed,
             };
         }
         self.check_room()
+    }
+
+    /// Rounds corners that lie ahead anew where the spindle has become faster than they were rounded for. Real-time safe.
+    pub(crate) fn reshape(&mut self, turns: f64, turns_per_s: f64, limits: &Limits, period_s: f64) {
+        for corner in &mut self.corners {
+            if turns_per_s <= corner.shaped_for || turns >= corner.at - corner.half() {
+                continue;
+            }
+            let speed = SPEED_RESERVE * turns_per_s;
+            let wider = Corner {
+                widths: widths(&corner.change, speed, limits, period_s),
+                shaped_for: speed,
+                ..*corner
+            };
+            // One that would have begun already stays as it is.
+            if turns < wider.at - wider.half() {
+                *corner = wider;
+            }
+        }
     }
 
     fn check_room(&self) -> Result<(), ThreadObjection> {

@@ -27,8 +27,12 @@ const RIPPLE_SHARE: f64 = 0.3;
 const PHASE_TOLERANCE_MM: f64 = 0.1;
 /// How much slower than at the start of a pass the spindle may turn, as a ratio: it is stalled then, or nearly.
 const STALL_RATIO: f64 = 0.2;
-/// The same faster: the path was rounded for the speed at the start.
-const RUNAWAY_RATIO: f64 = 1.2;
+/// The same faster: nobody has asked for that.
+const RUNAWAY_RATIO: f64 = 1.5;
+/// How far behind its depth a tap may go because the spindle has not turned back yet: so many turns, and what it turns in so many
+/// seconds where nothing is known of its braking.
+const OVERRUN_TURNS: f64 = 2.0;
+const OVERRUN_S: f64 = 0.5;
 /// How long the spindle's angle may take to be told and known before a pass, s.
 const KNOWLEDGE_TIMEOUT_S: f64 = 10.0;
 /// Turns before the run-in begins, at least: an angle that is just passed is not driven after.
@@ -95,6 +99,8 @@ pub enum ThreadVerdict {
     Stalled,
     /// The axes could not follow the spindle: they have stopped.
     OutOfPhase,
+    /// The spindle has not turned back at the depth of a tap: the axes have stopped.
+    NotTurnedBack,
 }
 
 /// What came of a pass.
@@ -398,6 +404,7 @@ impl Threading {
             }
         };
         (self.turns, self.speed) = (angle[0], angle[1]);
+        self.cam.reshape(angle[0], angle[1].abs(), &self.limits, period_s);
         let cam = self.cam.at(angle[0]);
         let want = cam.compose(angle[1], angle[2], third);
         self.drive(&want, period_s);
@@ -422,6 +429,14 @@ impl Threading {
                 self.imagined.wanted = -tap.turns_per_s;
                 self.phase = Phase::Following { turned: true };
                 return true;
+            }
+            let overrun = match tap.braking {
+                Some(rate) => self.begun_at * self.begun_at / (2.0 * rate),
+                None => self.begun_at * OVERRUN_S,
+            };
+            if turned && angle[0] > depth + OVERRUN_TURNS + overrun {
+                self.give_up(ThreadVerdict::NotTurnedBack);
+                return false;
             }
             if turned && angle[0] <= -run_in {
                 self.land(self.cam.start(), period_s);

@@ -41,8 +41,10 @@ enum Trouble {
     Silent(f64),
     /// It slows down to a standstill from this time on.
     Stall(f64),
-    /// Its speed sinks by so much within its torque at this time: a tool begins to cut.
+    /// Its speed sinks by so much within its torque at this time: a tool begins to cut. Below 0 it rises: an override.
     Load(f64, f64),
+    /// It does not turn back.
+    Stubborn,
 }
 
 struct Track {
@@ -143,6 +145,7 @@ fn run(
         // The spindle obeys what has been due.
         if let Some(tap) = pass.tap
             && actions > 0
+            && trouble != Trouble::Stubborn
         {
             track.wanted = if actions == 1 {
                 -tap.turns_per_s
@@ -516,6 +519,7 @@ fn random_threads_keep_every_limit_whatever_the_spindle_does() {
                 );
             }
             Some(ThreadVerdict::Stalled | ThreadVerdict::OutOfPhase) => met[4] += 1,
+            Some(ThreadVerdict::NotTurnedBack) => unreachable!("{what}: no tap"),
         }
     }
     println!("{met:?}");
@@ -591,6 +595,84 @@ fn a_tap_goes_in_and_out_in_phase_and_stops_at_its_depth() {
         assert!(worst_turning <= 0.006, "{rpm} rpm: {worst_turning} mm");
         // By the ripple at the end, and the time that the order takes.
         assert!((deepest - 15.0).abs() < 0.02 * rev_s, "{deepest}");
+    }
+}
+
+#[test]
+fn a_tap_whose_spindle_does_not_turn_back_stops() {
+    for braking in [None, Some(33.0)] {
+        let spindle = Spindle {
+            rev_s: 10.0,
+            torque: 33.0,
+            ripple: 0.0,
+            order: 1.0,
+            counts: 4096.0,
+            delay_s: 0.001,
+            index: 0.3,
+        };
+        let pass = ThreadPass {
+            tap: Some(TapReturn {
+                turns_per_s: 10.0,
+                braking,
+            }),
+            ..straight(1.0, 15.0, 10.0)
+        };
+        let outcome = run(
+            lathe(),
+            1_000_000,
+            PlannerKind::Classic,
+            &pass,
+            &spindle,
+            Trouble::Stubborn,
+            0.0..0.0,
+            f64::INFINITY,
+        );
+        let result = outcome.result.expect("a result");
+        assert_eq!(result.verdict, ThreadVerdict::NotTurnedBack);
+        // Two turns and the way of its braking, or half a second, and the stop.
+        assert!((-23.0..-15.0).contains(&result.stands_at[2]), "{result:?}");
+        assert_within(&outcome.all, &lathe(), 1_000_000, "stubborn");
+    }
+}
+
+#[test]
+fn an_override_of_the_spindle_in_a_pass_is_followed_in_phase() {
+    for change in [-0.3, 0.3] {
+        let spindle = Spindle {
+            rev_s: 15.0,
+            torque: 20.0,
+            ripple: 0.005,
+            order: 1.0,
+            counts: 4096.0,
+            delay_s: 0.001,
+            index: 0.3,
+        };
+        let pass = straight(2.0, 60.0, 15.0);
+        // In phase at the faster of both speeds.
+        let fast = ThreadPass {
+            turns_per_s: 20.0,
+            ..pass.clone()
+        };
+        let run_in = fast.check(&lathe(), 1e-3).expect("room");
+        let outcome = run(
+            lathe(),
+            1_000_000,
+            PlannerKind::Optimal,
+            &pass,
+            &spindle,
+            Trouble::Load(0.6, -change),
+            0.0..0.0,
+            f64::INFINITY,
+        );
+        let result = outcome.result.expect("a result");
+        assert_eq!(
+            (result.verdict, result.stands_at[2]),
+            (ThreadVerdict::Done, -60.0)
+        );
+        assert_within(&outcome.all, &lathe(), 1_000_000, "override");
+        let (error, _) = phase_error(&outcome, &pass, 2.0, run_in, 1_000_000);
+        println!("override by {change}: {:.2} um", error * 1e3);
+        assert!(error < 0.008, "{error}");
     }
 }
 
