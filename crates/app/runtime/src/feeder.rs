@@ -68,6 +68,16 @@ pub(crate) struct FeedReport {
     pub next_action: u32,
 }
 
+/// What came of a command for whose end the program may wait.
+enum Waited {
+    /// It is none.
+    None,
+    /// It is carried out.
+    Over,
+    /// Nobody drives any more.
+    Gone,
+}
+
 /// Blocks that have been handed to the planner and not yet reported.
 struct Open {
     block: u32,
@@ -322,42 +332,8 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
                 diagnostic: Box::new(diagnostic),
             })?;
             line = command.line;
-            if let Some(what) = command.action.unsupported_feature() {
-                let diagnostic = Box::new(at_origin(&command, program, |file, line| {
-                    refuse(what, file, line)
-                }));
-                return Err(ProgramError::Text {
-                    file: self.file.clone(),
-                    diagnostic,
-                });
-            }
-            if let Some((message, help)) = signal_objection(&self.setup.machine.signals, &command.action) {
-                let diagnostic = Box::new(at_origin(&command, program, |file, line| {
-                    about_line_with(message, Some(help), file, line)
-                }));
-                return Err(ProgramError::Text {
-                    file: self.file.clone(),
-                    diagnostic,
-                });
-            }
-            if let (Action::UserCommand { number, .. }, Some(codes)) = (&command.action, &self.codes)
-                && let Some(objection) = codes.objection(*number)
-            {
-                let diagnostic = Box::new(at_origin(&command, program, |file, line| {
-                    about_line(objection, file, line)
-                }));
-                return Err(ProgramError::Text {
-                    file: self.file.clone(),
-                    diagnostic,
-                });
-            }
-            if let Action::ChangeTool(tool) = command.action
-                && let Some(diagnostic) = self.objection_to_tool(tool, program, &command)
-            {
-                return Err(ProgramError::Text {
-                    file: self.file.clone(),
-                    diagnostic: Box::new(diagnostic),
-                });
+            if let Some(diagnostic) = self.objection_to(&command, program) {
+                return Err(self.wrong(diagnostic));
             }
             match self.collect_thread(&command, program) {
                 Ok(false) => {}
@@ -380,77 +356,10 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
                     Err(_gone) => break,
                 }
             }
-            if let Action::OrientSpindle {
-                degrees, timeout_s, ..
-            } = command.action
-            {
-                match self.orient(&command.action, degrees, timeout_s, line) {
-                    Ok(None) => {}
-                    Ok(Some((message, help))) => {
-                        return Err(self.refused(&command, program, message, help));
-                    }
-                    Err(_gone) => break,
-                }
-                self.report_blocks(false);
-                continue;
-            }
-            if let Action::Turning(cycle) = &command.action {
-                let turning = turning(cycle, self.setup).map_err(|what| ProgramError::Text {
-                    file: self.file.clone(),
-                    diagnostic: Box::new(at_origin(&command, program, |file, line| {
-                        cannot_turn(what, file, line)
-                    })),
-                })?;
-                if self.turn(turning, command.line).is_err() {
-                    break;
-                }
-                continue;
-            }
-            if let Action::WaitInput {
-                index,
-                analog,
-                mode,
-                timeout_s,
-            } = command.action
-            {
-                let kind = if analog {
-                    SignalKind::Analog
-                } else {
-                    SignalKind::Digital
-                };
-                match self.wait_for_input(kind, index, mode, timeout_s, line) {
-                    // -1 as after a timeout where the input is not known.
-                    Ok(value) => commands.answer_input(value.unwrap_or(-1.0)),
-                    Err(_gone) => break,
-                }
-                self.report_blocks(false);
-                continue;
-            }
-            if let Action::Probe {
-                curve,
-                feed,
-                toward,
-                must,
-            } = command.action
-            {
-                let order = ProbeMove { curve, feed, toward };
-                if let Some(objection) = objection(&order, self.setup) {
-                    return Err(self.wrong(at_origin(&command, program, |file, line| {
-                        objection.told(file, line)
-                    })));
-                }
-                let Ok(result) = self.probe(order, line) else {
-                    break;
-                };
-                if let Some((message, help)) = complaint(&result, toward, must) {
-                    return Err(self.wrong(at_origin(&command, program, |file, line| {
-                        about_line_with(message, Some(help), file, line)
-                    })));
-                }
-                let tripped = result.verdict == ProbeVerdict::Contact;
-                commands.answer_probe(&result.position, &result.stands_at, tripped);
-                self.report_blocks(false);
-                continue;
+            match self.wait_out(&command, &mut commands, program)? {
+                Waited::None => {}
+                Waited::Over => continue,
+                Waited::Gone => break,
             }
             match self.execute(&command) {
                 Ok(true) => {}
@@ -475,6 +384,112 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
             self.report_blocks(false);
         }
         Ok(None)
+    }
+
+    /// What the machine has against a command, whatever it stands at.
+    fn objection_to(&self, command: &Command, program: &Path) -> Option<Diagnostic> {
+        if let Some(what) = command.action.unsupported_feature() {
+            return Some(at_origin(command, program, |file, line| refuse(what, file, line)));
+        }
+        if let Some((message, help)) = signal_objection(&self.setup.machine.signals, &command.action) {
+            return Some(at_origin(command, program, |file, line| {
+                about_line_with(message, Some(help), file, line)
+            }));
+        }
+        if let (Action::UserCommand { number, .. }, Some(codes)) = (&command.action, &self.codes)
+            && let Some(objection) = codes.objection(*number)
+        {
+            return Some(at_origin(command, program, |file, line| {
+                about_line(objection, file, line)
+            }));
+        }
+        match command.action {
+            Action::ChangeTool(tool) => self.objection_to_tool(tool, program, command),
+            _ => None,
+        }
+    }
+
+    /// Carries out a command for whose end the program waits.
+    fn wait_out(
+        &mut self,
+        command: &Command,
+        commands: &mut Commands,
+        program: &Path,
+    ) -> Result<Waited, ProgramError> {
+        let line = command.line;
+        if let Action::OrientSpindle {
+            degrees, timeout_s, ..
+        } = command.action
+        {
+            match self.orient(&command.action, degrees, timeout_s, line) {
+                Ok(None) => {}
+                Ok(Some((message, help))) => {
+                    return Err(self.refused(command, program, message, help));
+                }
+                Err(_gone) => return Ok(Waited::Gone),
+            }
+            self.report_blocks(false);
+            return Ok(Waited::Over);
+        }
+        if let Action::Turning(cycle) = &command.action {
+            let turning = turning(cycle, self.setup).map_err(|what| ProgramError::Text {
+                file: self.file.clone(),
+                diagnostic: Box::new(at_origin(command, program, |file, line| {
+                    cannot_turn(what, file, line)
+                })),
+            })?;
+            return Ok(match self.turn(turning, command.line) {
+                Ok(()) => Waited::Over,
+                Err(_gone) => Waited::Gone,
+            });
+        }
+        if let Action::WaitInput {
+            index,
+            analog,
+            mode,
+            timeout_s,
+        } = command.action
+        {
+            let kind = if analog {
+                SignalKind::Analog
+            } else {
+                SignalKind::Digital
+            };
+            match self.wait_for_input(kind, index, mode, timeout_s, line) {
+                // -1 as after a timeout where the input is not known.
+                Ok(value) => commands.answer_input(value.unwrap_or(-1.0)),
+                Err(_gone) => return Ok(Waited::Gone),
+            }
+            self.report_blocks(false);
+            return Ok(Waited::Over);
+        }
+        if let Action::Probe {
+            curve,
+            feed,
+            toward,
+            must,
+        } = command.action
+        {
+            let order = ProbeMove { curve, feed, toward };
+            if let Some(objection) = objection(&order, self.setup) {
+                return Err(self.wrong(at_origin(command, program, |file, line| {
+                    objection.told(file, line)
+                })));
+            }
+            let Ok(result) = self.probe(order, line) else {
+                return Ok(Waited::Gone);
+            };
+            if let Some((message, help)) = complaint(&result, toward, must) {
+                return Err(self.wrong(at_origin(command, program, |file, line| {
+                    about_line_with(message, Some(help), file, line)
+                })));
+            }
+            let tripped = result.verdict == ProbeVerdict::Contact;
+            commands.answer_probe(&result.position, &result.stands_at, tripped);
+            self.report_blocks(false);
+            return Ok(Waited::Over);
+        }
+        Ok(Waited::None)
     }
 
     /// Comes to rest and hands over to a turning cycle.

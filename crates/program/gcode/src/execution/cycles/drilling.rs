@@ -1,4 +1,4 @@
-//! Canned cycles: G73, G74, G81 to G89 in G17, G18 and G19, and the thread cycle G76.
+//! Canned cycles: G73, G74, G81 to G89 in G17, G18 and G19.
 //!
 //! RS274/NGC, 3.5.16, with LinuxCNC's sequence of moves, so that a program leaves the tool where it does there.
 
@@ -14,7 +14,7 @@ use crate::{Action, Code, MoveKind, PathMode, SpindleDirection};
 const CHIP_MM: f64 = 0.254;
 
 /// Most holes of one line.
-const MAX_REPEATS: u32 = 100_000;
+pub(super) const MAX_REPEATS: u32 = 100_000;
 
 /// Most pecks of one hole.
 const MAX_PECKS: f64 = 100_000.0;
@@ -441,120 +441,6 @@ impl Executor<'_> {
         self.go(back, MoveKind::Rapid, hole.path_mode)?;
         self.turn_spindle(turning);
         Ok(())
-    }
-
-    /// G76: P pitch, Z end, I from the drive line to the thread's crest, J first depth, K full depth; R degression,
-    /// Q angle of the flank on which the tool advances, H spring passes, E length and L place of tapers, D number of
-    /// starts (P is the lead of one then).
-    pub(crate) fn thread_cycle(&mut self) -> Result<(), Fault> {
-        let line = self.line;
-        self.no_axes_but(b"Z", "G76")?;
-        if self.state.cutter.is_on() {
-            let message = "G76 while cutter compensation is on";
-            return Err(
-                Fault::new(Code::CompensationActive, line.motion_span(), message).help("write G40 first")
-            );
-        }
-        let pitch_mm = self.pitch("G76", b'P')?;
-        // X is a diameter in G7, and so are the depths along X.
-        let unit = self.state.word_unit(0);
-        let (Some(crest), Some(first), Some(full)) = (line.word(b'I'), line.word(b'J'), line.word(b'K'))
-        else {
-            let message = "G76 needs I, J and K: the crest, the first depth and the full depth";
-            return Err(Fault::new(Code::WordMissing, line.motion_span(), message));
-        };
-        let range = |letter: u8, message: &str| {
-            Err(Fault::new(
-                Code::OutOfRange,
-                line.span(letter),
-                message.to_owned(),
-            ))
-        };
-        if crest == 0.0 {
-            return range(b'I', "G76: I is below 0 for outer and above 0 for inner threads");
-        }
-        if first <= 0.0 || full <= 0.0 || first > full {
-            return range(
-                b'J',
-                "G76: the first depth J is above 0 and at most the full depth K",
-            );
-        }
-        let degression = line.word(b'R').unwrap_or(1.0);
-        if degression < 1.0 {
-            return range(b'R', "G76: R is at least 1, for passes of equal depth");
-        }
-        let flank = line.word(b'Q').unwrap_or(0.0);
-        if !(0.0..80.0).contains(&flank) {
-            return range(b'Q', "G76: the angle Q of the flank is 0 to 80 degrees");
-        }
-        let spring = line.whole(b'H')?.unwrap_or(0);
-        let taper = line.word(b'E').unwrap_or(0.0) * self.state.unit_mm();
-        let tapers = line.whole(b'L')?.unwrap_or(0);
-        let (entry, exit) = (tapers & 1 == 1, tapers & 2 == 2);
-        let (crest, first, full) = (crest * unit, first * unit, full * unit);
-        let start = self.state.program_of(self.state.position);
-        let target = self.state.program_of(self.target()?);
-        let length = (target[2] - start[2]).abs();
-        if taper < 0.0 || tapers > 3 || tapers != 0 && taper <= 0.0 || 2.0 * taper > length {
-            return range(
-                b'E',
-                "G76: tapers (L1 entry, L2 exit, L3 both) have a length E of at most half the thread",
-            );
-        }
-        let starts = line.whole(b'D')?.unwrap_or(1);
-        if starts < 1 {
-            return range(b'D', "G76: D, the number of starts, is at least 1");
-        }
-        let steps = libm::pow(full / first, degression).ceil();
-        if (steps + f64::from(spring)) * f64::from(starts) > f64::from(MAX_REPEATS) {
-            return range(b'J', "G76 with far too many passes");
-        }
-        let outward = if crest < 0.0 { -1.0 } else { 1.0 };
-        let along = if target[2] < start[2] { -1.0 } else { 1.0 };
-        let slope = libm::tan(flank.to_radians());
-        let steep_mm = pitch_mm * libm::hypot(taper, full) / taper.max(f64::MIN_POSITIVE);
-        for pass in 1..=steps as u32 + spring {
-            let depth = (first * libm::pow(f64::from(pass), 1.0 / degression)).min(full);
-            let bottom = start[0] + outward * (crest.abs() + depth);
-            let edge = bottom - outward * full;
-            let clear = start[0] + outward * (depth - full);
-            let begin = start[2] + along * depth * slope;
-            let end = target[2] - along * (full - depth) * slope;
-            let point = |x: f64, z: f64| {
-                let mut at = start;
-                (at[0], at[2]) = (x, z);
-                at
-            };
-            // Every start at one depth before the next depth.
-            for start in 0..starts {
-                let degrees = 360.0 * f64::from(start) / f64::from(starts);
-                self.go(point(clear, begin), MoveKind::Rapid, PathMode::ExactPath)?;
-                if entry {
-                    self.thread_to(point(edge, begin), steep_mm, degrees)?;
-                    self.thread_to(point(bottom, begin + along * taper), steep_mm, degrees)?;
-                } else {
-                    self.go(point(bottom, begin), MoveKind::Rapid, PathMode::ExactPath)?;
-                }
-                if exit {
-                    self.thread_to(point(bottom, end - along * taper), pitch_mm, degrees)?;
-                    self.thread_to(point(edge, end), steep_mm, degrees)?;
-                } else {
-                    self.thread_to(point(bottom, end), pitch_mm, degrees)?;
-                }
-                self.go(point(clear, end), MoveKind::Rapid, PathMode::ExactPath)?;
-            }
-        }
-        let mut end = start;
-        end[2] = target[2];
-        self.go(end, MoveKind::Rapid, PathMode::ExactPath)
-    }
-
-    fn thread_to(&mut self, program: Axes, pitch_mm: f64, start_degrees: f64) -> Result<(), Fault> {
-        let target = self.state.machine_of(program);
-        for axis in AxisLetter::ALL {
-            check_coordinate(target[axis.index()], axis, self.line)?;
-        }
-        self.put_thread(target, pitch_mm, start_degrees)
     }
 }
 

@@ -3,4 +3,5 @@
 pub(crate) mod drilling;
 pub(crate) mod profile;
 pub(crate) mod roughing;
+pub(crate) mod threading;
 pub(crate) mod turning;

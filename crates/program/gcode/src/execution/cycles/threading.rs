@@ -1,0 +1,180 @@
+//! The thread cycle G76.
+//!
+//! LinuxCNC's sequence of passes: RS274/NGC has none.
+
+use evolvent_path::{Axes, AxisLetter};
+
+use super::drilling::MAX_REPEATS;
+use crate::diagnostics::diagnostic::Fault;
+use crate::execution::execute::Executor;
+use crate::execution::offsets::check_coordinate;
+use crate::{Code, MoveKind, PathMode};
+
+/// A thread in program coordinates, mm.
+struct ThreadCycle {
+    start: Axes,
+    /// Z of the end.
+    end: f64,
+    pitch_mm: f64,
+    /// Radial way from the drive line to the thread's crest.
+    crest: f64,
+    /// Which way X goes with the depth: -1 for outer threads, 1 for inner ones.
+    outward: f64,
+    first_depth: f64,
+    full_depth: f64,
+    degression: f64,
+    /// Way along Z for each depth, so that the tool cuts with one flank.
+    slope: f64,
+    steps: u32,
+    spring: u32,
+    taper: f64,
+    has_entry: bool,
+    has_exit: bool,
+    starts: u32,
+}
+
+impl Executor<'_> {
+    /// G76: P pitch, Z end, I from the drive line to the thread's crest, J first depth, K full depth; R degression,
+    /// Q angle of the flank on which the tool advances, H spring passes, E length and L place of tapers, D number of
+    /// starts (P is the lead of one then).
+    pub(crate) fn thread_cycle(&mut self) -> Result<(), Fault> {
+        let cycle = self.read_thread_cycle()?;
+        for pass in 1..=cycle.steps + cycle.spring {
+            // Every start at one depth before the next depth.
+            for start in 0..cycle.starts {
+                let degrees = 360.0 * f64::from(start) / f64::from(cycle.starts);
+                self.thread_pass(&cycle, pass, degrees)?;
+            }
+        }
+        let mut end = cycle.start;
+        end[2] = cycle.end;
+        self.go(end, MoveKind::Rapid, PathMode::ExactPath)
+    }
+
+    fn read_thread_cycle(&self) -> Result<ThreadCycle, Fault> {
+        let line = self.line;
+        self.no_axes_but(b"Z", "G76")?;
+        if self.state.cutter.is_on() {
+            let message = "G76 while cutter compensation is on";
+            return Err(
+                Fault::new(Code::CompensationActive, line.motion_span(), message).help("write G40 first")
+            );
+        }
+        let pitch_mm = self.pitch("G76", b'P')?;
+        let (Some(crest), Some(first), Some(full)) = (line.word(b'I'), line.word(b'J'), line.word(b'K'))
+        else {
+            let message = "G76 needs I, J and K: the crest, the first depth and the full depth";
+            return Err(Fault::new(Code::WordMissing, line.motion_span(), message));
+        };
+        let range = |letter: u8, message: &str| {
+            Err(Fault::new(
+                Code::OutOfRange,
+                line.span(letter),
+                message.to_owned(),
+            ))
+        };
+        if crest == 0.0 {
+            return range(b'I', "G76: I is below 0 for outer and above 0 for inner threads");
+        }
+        if first <= 0.0 || full <= 0.0 || first > full {
+            return range(
+                b'J',
+                "G76: the first depth J is above 0 and at most the full depth K",
+            );
+        }
+        let degression = line.word(b'R').unwrap_or(1.0);
+        if degression < 1.0 {
+            return range(b'R', "G76: R is at least 1, for passes of equal depth");
+        }
+        let flank = line.word(b'Q').unwrap_or(0.0);
+        if !(0.0..80.0).contains(&flank) {
+            return range(b'Q', "G76: the angle Q of the flank is 0 to 80 degrees");
+        }
+        let spring = line.whole(b'H')?.unwrap_or(0);
+        let taper = line.word(b'E').unwrap_or(0.0) * self.state.unit_mm();
+        let tapers = line.whole(b'L')?.unwrap_or(0);
+        let start = self.state.program_of(self.state.position);
+        let end = self.state.program_of(self.target()?)[2];
+        if taper < 0.0 || tapers > 3 || tapers != 0 && taper <= 0.0 || 2.0 * taper > (end - start[2]).abs() {
+            return range(
+                b'E',
+                "G76: tapers (L1 entry, L2 exit, L3 both) have a length E of at most half the thread",
+            );
+        }
+        let starts = line.whole(b'D')?.unwrap_or(1);
+        if starts < 1 {
+            return range(b'D', "G76: D, the number of starts, is at least 1");
+        }
+        let steps = libm::pow(full / first, degression).ceil();
+        if (steps + f64::from(spring)) * f64::from(starts) > f64::from(MAX_REPEATS) {
+            return range(b'J', "G76 with far too many passes");
+        }
+        // X is a diameter in G7, and so are the depths along X.
+        let unit = self.state.word_unit(0);
+        Ok(ThreadCycle {
+            start,
+            end,
+            pitch_mm,
+            crest: crest.abs() * unit,
+            outward: if crest < 0.0 { -1.0 } else { 1.0 },
+            first_depth: first * unit,
+            full_depth: full * unit,
+            degression,
+            slope: libm::tan(flank.to_radians()),
+            steps: steps as u32,
+            spring,
+            taper,
+            has_entry: tapers & 1 == 1,
+            has_exit: tapers & 2 == 2,
+            starts,
+        })
+    }
+
+    /// From the drive line in, along the thread, and out again.
+    fn thread_pass(&mut self, cycle: &ThreadCycle, pass: u32, degrees: f64) -> Result<(), Fault> {
+        let ThreadCycle {
+            start,
+            outward,
+            taper,
+            pitch_mm,
+            full_depth,
+            ..
+        } = *cycle;
+        let depth = (cycle.first_depth * libm::pow(f64::from(pass), 1.0 / cycle.degression)).min(full_depth);
+        let bottom = start[0] + outward * (cycle.crest + depth);
+        let edge = bottom - outward * full_depth;
+        let clear = start[0] + outward * (depth - full_depth);
+        let along = if cycle.end < start[2] { -1.0 } else { 1.0 };
+        let begin = start[2] + along * depth * cycle.slope;
+        let end = cycle.end - along * (full_depth - depth) * cycle.slope;
+        let point = |x: f64, z: f64| {
+            let mut at = start;
+            (at[0], at[2]) = (x, z);
+            at
+        };
+        // The same way along Z a turn as in the thread itself.
+        let steep_mm = pitch_mm * libm::hypot(taper, full_depth) / taper.max(f64::MIN_POSITIVE);
+        self.go(point(clear, begin), MoveKind::Rapid, PathMode::ExactPath)?;
+        if cycle.has_entry {
+            self.thread_to(point(edge, begin), steep_mm, degrees)?;
+            self.thread_to(point(bottom, begin + along * taper), steep_mm, degrees)?;
+        } else {
+            self.go(point(bottom, begin), MoveKind::Rapid, PathMode::ExactPath)?;
+        }
+        if cycle.has_exit {
+            self.thread_to(point(bottom, end - along * taper), pitch_mm, degrees)?;
+            self.thread_to(point(edge, end), steep_mm, degrees)?;
+        } else {
+            self.thread_to(point(bottom, end), pitch_mm, degrees)?;
+        }
+        self.go(point(clear, end), MoveKind::Rapid, PathMode::ExactPath)
+    }
+
+    fn thread_to(&mut self, program: Axes, pitch_mm: f64, start_degrees: f64) -> Result<(), Fault> {
+        let target = self.state.machine_of(program);
+        for axis in AxisLetter::ALL {
+            check_coordinate(target[axis.index()], axis, self.line)?;
+        }
+        self.put_thread(target, pitch_mm, start_degrees)
+    }
+}
