@@ -1,0 +1,203 @@
+//! One page at its WebSocket.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use axum::extract::ws::{Message, Utf8Bytes, WebSocket};
+use evolvent_bus::ControlRequest;
+use evolvent_control::CommandCode;
+use futures_util::stream::{SplitSink, SplitStream};
+use futures_util::{SinkExt, StreamExt};
+use tokio::sync::mpsc;
+
+use crate::command::{STOPPING, code_of, request_of};
+use crate::hub::text;
+use crate::messages::{CommandMessage, FromPage, LogKind, ToPage};
+use crate::orders::Answer;
+use crate::server::Server;
+
+/// A message that does not leave in this time ends the connection.
+const SLOW: Duration = Duration::from_secs(10);
+/// Messages at once, and a second.
+const BURST: f64 = 400.0;
+const RATE: f64 = 200.0;
+/// A renewal of a jog that has waited longer says nothing of the present.
+const KEEP_AGE: Duration = Duration::from_millis(40);
+/// The same of a jog.
+const JOG_AGE: Duration = Duration::from_millis(250);
+/// The same of other commands.
+const AGE: Duration = Duration::from_secs(5);
+
+/// Serves a page until its connection ends.
+pub(crate) async fn serve(server: Arc<Server>, socket: WebSocket, session: String) {
+    let Some((number, messages)) = server.hub.join(session) else {
+        return;
+    };
+    let (sink, stream) = socket.split();
+    // Whichever ends first ends the other.
+    tokio::select! {
+        () = write(&server, sink, messages) => {}
+        () = read(&server, stream, number) => {}
+    }
+    if server.hub.leave(number) {
+        stop_jog(&server);
+    }
+}
+
+/// A page that held a jog has gone or lost the lease: the core would notice by itself, 90 ms later.
+fn stop_jog(server: &Server) {
+    if server.jogged.swap(false, std::sync::atomic::Ordering::Relaxed) {
+        server.stops.send(plain(CommandCode::JogStop), AGE);
+    }
+}
+
+fn plain(code: CommandCode) -> ControlRequest {
+    ControlRequest {
+        command: code as u32,
+        ..ControlRequest::default()
+    }
+}
+
+async fn write(
+    server: &Server,
+    mut sink: SplitSink<WebSocket, Message>,
+    mut messages: mpsc::Receiver<Utf8Bytes>,
+) {
+    let mut frames = server.hub.frames();
+    loop {
+        let (first, second) = tokio::select! {
+            biased;
+            message = messages.recv() => match message {
+                Some(message) => (Message::Text(message), None),
+                None => return,
+            },
+            changed = frames.changed() => {
+                if changed.is_err() {
+                    return;
+                }
+                let frame = frames.borrow_and_update().clone();
+                let samples = (!frame.samples.is_empty()).then_some(Message::Binary(frame.samples));
+                (Message::Text(frame.status), samples)
+            }
+        };
+        for message in [Some(first), second].into_iter().flatten() {
+            match tokio::time::timeout(SLOW, sink.send(message)).await {
+                Ok(Ok(())) => {}
+                _ => return,
+            }
+        }
+    }
+}
+
+async fn read(server: &Arc<Server>, mut stream: SplitStream<WebSocket>, number: u64) {
+    let (mut left, mut counted, mut last_id) = (BURST, Instant::now(), 0);
+    while let Some(Ok(message)) = stream.next().await {
+        let now = Instant::now();
+        left = (left + RATE * (now - counted).as_secs_f64()).min(BURST) - 1.0;
+        counted = now;
+        if left < 0.0 {
+            server.hub.log(
+                LogKind::Link,
+                None,
+                format!("page {number} sent too many messages and was disconnected"),
+                None,
+            );
+            return;
+        }
+        let line = match message {
+            Message::Text(line) => line,
+            Message::Close(_) => return,
+            _ => continue,
+        };
+        match serde_json::from_str::<FromPage>(&line) {
+            Ok(FromPage::Keep) if server.hub.holds(number) => {
+                server.jogs.send(plain(CommandCode::JogKeep), KEEP_AGE);
+            }
+            Ok(FromPage::Keep) => {}
+            Ok(FromPage::Take { force }) => {
+                if server.hub.take(number, force) {
+                    stop_jog(server);
+                }
+            }
+            Ok(FromPage::Give) => {
+                if server.hub.give(number) {
+                    stop_jog(server);
+                }
+            }
+            Ok(FromPage::Command(command)) => {
+                let is_new = command.id > last_id;
+                last_id = last_id.max(command.id);
+                if is_new {
+                    // Others do not wait for its answer.
+                    tokio::spawn(carry_out(Arc::clone(server), number, command));
+                } else {
+                    let text = "a command with this number was given before; it has no effect";
+                    server.hub.answer(number, command.id, Answer::refused(text));
+                }
+            }
+            Err(error) => {
+                let text = format!("the message is none of this server's: {error}");
+                server.hub.answer(number, 0, Answer::refused(text));
+            }
+        }
+    }
+}
+
+async fn carry_out(server: Arc<Server>, number: u64, command: CommandMessage) {
+    let answer = answer_of(&server, number, &command).await;
+    if let Some(code) = code_of(command.command)
+        && code != CommandCode::JogKeep
+    {
+        let what = if answer.accepted {
+            format!("{} by page {number}", code.name())
+        } else {
+            format!("{} by page {number} was rejected: {}", code.name(), answer.text)
+        };
+        let alarm = (answer.alarm != 0).then_some(answer.alarm);
+        server.hub.log(LogKind::Command, alarm, what, None);
+    }
+    server.hub.answer(number, command.id, answer);
+}
+
+async fn answer_of(server: &Server, number: u64, command: &CommandMessage) -> Answer {
+    let request = match request_of(command, &server.programs) {
+        Ok(request) => request,
+        Err(text) => return Answer::refused(text),
+    };
+    let is_code = |code: &CommandCode| *code as u32 == command.command;
+    if STOPPING.iter().any(is_code) {
+        return server.stops.give(request, AGE).await;
+    }
+    if !server.hub.holds(number) {
+        return Answer::refused("this page does not have control; take it first");
+    }
+    match command.command {
+        code if code == CommandCode::Jog as u32 => {
+            server.jogged.store(true, std::sync::atomic::Ordering::Relaxed);
+            let answer = server.jogs.give(request, JOG_AGE).await;
+            // The page may have gone while the core judged.
+            if !server.hub.holds(number) {
+                stop_jog(server);
+            }
+            answer
+        }
+        code if code == CommandCode::JogKeep as u32 => server.jogs.give(request, KEEP_AGE).await,
+        _ => server.commands.give(request, AGE).await,
+    }
+}
+
+impl crate::hub::Hub {
+    /// Tells a page what became of its command.
+    pub(crate) fn answer(&self, number: u64, id: u64, answer: Answer) {
+        let Answer { accepted, alarm, text: what } = answer;
+        self.tell_one(
+            number,
+            text(&ToPage::Answer {
+                id,
+                accepted,
+                alarm,
+                text: what,
+            }),
+        );
+    }
+}

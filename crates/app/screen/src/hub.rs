@@ -1,0 +1,245 @@
+//! The pages, who of them may command, and what is told to all.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use axum::body::Bytes;
+use axum::extract::ws::Utf8Bytes;
+use tokio::sync::{mpsc, watch};
+
+use crate::messages::{Lease, LogEntry, LogKind, ProgramInfo, ToPage};
+use crate::watcher::Frame;
+
+/// Entries of the log that are kept.
+const LOG: usize = 500;
+/// Pages at the same time.
+const MAX_PAGES: usize = 64;
+/// Messages that may wait for a page that reads slowly; then it is disconnected.
+const WAITING: usize = 256;
+
+struct Page {
+    sender: mpsc::Sender<Utf8Bytes>,
+    session: String,
+}
+
+#[derive(Default)]
+struct Inner {
+    pages: BTreeMap<u64, Page>,
+    next_page: u64,
+    holder: Option<u64>,
+    log: VecDeque<LogEntry>,
+    next_entry: u64,
+    program: Option<ProgramInfo>,
+    kept: Option<ToPage>,
+}
+
+/// What all threads of the server share. No lock is held while anything is waited for.
+pub(crate) struct Hub {
+    inner: Mutex<Inner>,
+    frames: watch::Sender<Frame>,
+    machine: ToPage,
+}
+
+impl Hub {
+    pub(crate) fn new(machine: ToPage) -> Self {
+        Self {
+            inner: Mutex::default(),
+            frames: watch::Sender::new(Frame::default()),
+            machine,
+        }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Inner> {
+        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The latest frame, for pages that are ready for one.
+    pub(crate) fn frames(&self) -> watch::Receiver<Frame> {
+        self.frames.subscribe()
+    }
+
+    pub(crate) fn show(&self, status: &ToPage, samples: Bytes) {
+        let status = text(status);
+        self.frames.send_replace(Frame { status, samples });
+    }
+
+    /// Adds a page, which finds its snapshot in the channel; none where there are too many.
+    pub(crate) fn join(&self, session: String) -> Option<(u64, mpsc::Receiver<Utf8Bytes>)> {
+        let mut inner = self.lock();
+        if inner.pages.len() >= MAX_PAGES {
+            return None;
+        }
+        let (sender, receiver) = mpsc::channel(WAITING);
+        inner.next_page += 1;
+        let number = inner.next_page;
+        let mut snapshot = vec![self.machine.clone()];
+        snapshot.push(ToPage::Program {
+            program: inner.program.clone(),
+        });
+        snapshot.extend(inner.kept.clone());
+        snapshot.push(ToPage::Lease(inner.lease_of(number)));
+        snapshot.push(ToPage::Log {
+            entries: inner.log.iter().cloned().collect(),
+        });
+        for message in &snapshot {
+            // The channel is new and has room.
+            let _sent = sender.try_send(text(message));
+        }
+        inner.pages.insert(number, Page { sender, session });
+        Some((number, receiver))
+    }
+
+    /// Takes a page away; true where it had the lease.
+    pub(crate) fn leave(&self, number: u64) -> bool {
+        let mut inner = self.lock();
+        inner.pages.remove(&number);
+        let had = inner.holder == Some(number);
+        if had {
+            inner.holder = None;
+            inner.add(LogKind::Link, None, format!("page {number} has gone, which had control"), None);
+            inner.tell_leases();
+        }
+        had
+    }
+
+    pub(crate) fn holds(&self, number: u64) -> bool {
+        self.lock().holder == Some(number)
+    }
+
+    /// Whether a session is that of the page which may command.
+    pub(crate) fn session_holds(&self, session: &str) -> bool {
+        let inner = self.lock();
+        let holder = inner.holder.and_then(|number| inner.pages.get(&number));
+        holder.is_some_and(|page| !session.is_empty() && page.session == session)
+    }
+
+    /// Hands the lease to a page; true where another one lost it.
+    pub(crate) fn take(&self, number: u64, force: bool) -> bool {
+        let mut inner = self.lock();
+        let before = inner.holder;
+        if before == Some(number) || (before.is_some() && !force) {
+            inner.tell_leases();
+            return false;
+        }
+        inner.holder = Some(number);
+        let from = before.map_or(String::new(), |before| format!(" from page {before}"));
+        inner.add(LogKind::Link, None, format!("page {number} took control{from}"), None);
+        inner.tell_leases();
+        before.is_some()
+    }
+
+    /// Gives the lease back; true where it was this page's.
+    pub(crate) fn give(&self, number: u64) -> bool {
+        let mut inner = self.lock();
+        let had = inner.holder == Some(number);
+        if had {
+            inner.holder = None;
+            inner.add(LogKind::Link, None, format!("page {number} gave control back"), None);
+            inner.tell_leases();
+        }
+        had
+    }
+
+    /// A message to one page; one that does not read is dropped.
+    pub(crate) fn tell_one(&self, number: u64, line: Utf8Bytes) {
+        let mut inner = self.lock();
+        let page = inner.pages.get(&number);
+        if page.is_some_and(|page| page.sender.try_send(line).is_err()) {
+            inner.pages.remove(&number);
+        }
+    }
+
+    pub(crate) fn log(&self, kind: LogKind, number: Option<u32>, text: String, cure: Option<String>) {
+        self.lock().add(kind, number, text, cure);
+    }
+
+    pub(crate) fn tell_program(&self, program: ProgramInfo) {
+        let mut inner = self.lock();
+        inner.program = Some(program.clone());
+        inner.tell(&ToPage::Program {
+            program: Some(program),
+        });
+    }
+
+    /// Adds the planned time of the loaded program.
+    pub(crate) fn tell_planned(&self, name: &str, planned_s: Option<f64>) {
+        let program = self.lock().program.clone();
+        if let Some(program) = program.filter(|program| program.name == name && program.planned_s != planned_s) {
+            self.tell_program(ProgramInfo { planned_s, ..program });
+        }
+    }
+
+    /// Tells offsets and tools where they have changed.
+    pub(crate) fn tell_kept(&self, kept: ToPage) {
+        let mut inner = self.lock();
+        if inner.kept.as_ref() != Some(&kept) {
+            inner.tell(&kept);
+            inner.kept = Some(kept);
+        }
+    }
+}
+
+impl Inner {
+    fn lease_of(&self, number: u64) -> Lease {
+        Lease {
+            mine: self.holder == Some(number),
+            holder: self.holder.map(|holder| format!("page {holder}")),
+            read_only: false,
+        }
+    }
+
+    fn tell_leases(&mut self) {
+        let mut lost = Vec::new();
+        for (&number, page) in &self.pages {
+            if page
+                .sender
+                .try_send(text(&ToPage::Lease(self.lease_of(number))))
+                .is_err()
+            {
+                lost.push(number);
+            }
+        }
+        self.drop_pages(&lost);
+    }
+
+    /// A page whose channel is full has not read for long: it is dropped, which ends its connection.
+    fn tell(&mut self, message: &ToPage) {
+        let line = text(message);
+        let failed = |(&number, page): (&u64, &Page)| page.sender.try_send(line.clone()).is_err().then_some(number);
+        let lost: Vec<u64> = self.pages.iter().filter_map(failed).collect();
+        self.drop_pages(&lost);
+    }
+
+    fn drop_pages(&mut self, lost: &[u64]) {
+        for number in lost {
+            self.pages.remove(number);
+        }
+    }
+
+    fn add(&mut self, kind: LogKind, number: Option<u32>, text: String, cure: Option<String>) {
+        self.next_entry += 1;
+        let at = SystemTime::now()
+            .duration_since(UNIX_EPOCH)
+            .map_or(0, |since| since.as_millis() as u64);
+        let entry = LogEntry {
+            id: self.next_entry,
+            at,
+            kind,
+            number,
+            text,
+            cure,
+        };
+        if self.log.len() == LOG {
+            self.log.pop_front();
+        }
+        self.log.push_back(entry.clone());
+        self.tell(&ToPage::Log { entries: vec![entry] });
+    }
+}
+
+/// A message as JSON.
+pub(crate) fn text(message: &ToPage) -> Utf8Bytes {
+    // Numbers that are none become null; nothing else of these types can fail.
+    serde_json::to_string(message).unwrap_or_default().into()
+}

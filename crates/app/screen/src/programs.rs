@@ -1,0 +1,181 @@
+//! Programs that pages upload: checked, and planned for the picture, in threads of normal priority.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use axum::body::Bytes;
+use evolvent_bus::flags;
+use evolvent_gcode::Diagnostic;
+use evolvent_runtime::{CheckBounds, Clock, Controls, Job, Notice, RunObserver, Setup, Warning, check, run};
+use tokio::sync::mpsc;
+
+use crate::messages::{Finding, PathChunk, ProgramInfo, ToPage, ToolEntry, WorkOffset};
+
+/// Errors that are shown at most.
+const ERRORS: usize = 50;
+/// Vertices of a chunk of the path.
+const CHUNK: usize = 16_384;
+/// The first is small: it is on the screen at once.
+const FIRST_CHUNK: usize = 1024;
+/// Time between two vertices of the path, ns.
+const VERTEX_NS: u64 = 8_000_000;
+/// Longest name of a program, bytes: it fits into the status.
+const MAX_NAME: usize = 100;
+
+/// Whether a page may use it as the name of a file.
+pub(crate) fn is_good_name(name: &str) -> bool {
+    let good = |letter: char| letter.is_alphanumeric() || "._- +()".contains(letter);
+    !name.is_empty() && name.len() <= MAX_NAME && !name.starts_with('.') && name.chars().all(good)
+}
+
+/// The machine with the offsets and tools that are kept now.
+fn present_setup(setup: &Setup, state_folder: &Path) -> Setup {
+    let mut setup = setup.clone();
+    // Files that cannot be read are the core's to complain of; the picture is made without them.
+    let kept = setup.memory.kept_file.clone();
+    let _unread = setup.memory.load_parameters(kept.unwrap_or_else(|| state_folder.join("parameters.var")));
+    let tools = setup.memory.tools_file.clone();
+    let _unread = setup.memory.load_tools(tools.unwrap_or_else(|| state_folder.join("tools.tbl")));
+    setup
+}
+
+/// Offsets and tools as they are kept now.
+pub(crate) fn kept(setup: &Setup, state_folder: &Path) -> ToPage {
+    let memory = present_setup(setup, state_folder).memory;
+    let text = memory.kept.map(|kept| kept.to_text()).unwrap_or_default();
+    let parameter = |number: u32| {
+        text.lines().find_map(|line| {
+            let mut words = line.split_whitespace();
+            (words.next()?.parse() == Ok(number)).then(|| words.next()?.parse::<f64>().ok())?
+        })
+    };
+    let axes: Vec<usize> = setup.machine.axes.iter().map(|axis| axis.letter.index()).collect();
+    let offsets = (1..=9).map(|system| WorkOffset {
+        system,
+        values: axes
+            .iter()
+            .map(|&axis| parameter(5201 + 20 * system + axis as u32).unwrap_or(0.0))
+            .collect(),
+    });
+    let tools = memory.tools.iter().flat_map(|table| table.tools()).map(|tool| ToolEntry {
+        number: tool.number,
+        offsets: axes.iter().map(|&axis| tool.offset[axis]).collect(),
+        diameter: tool.diameter_mm,
+        comment: String::new(),
+    });
+    ToPage::Kept {
+        offsets: offsets.collect(),
+        tools: tools.collect(),
+    }
+}
+
+/// Checks a program, as `evolvent check` does.
+pub(crate) fn checked(file: &Path, info: &ProgramInfo, setup: &Setup, state_folder: &Path) -> ProgramInfo {
+    let setup = present_setup(setup, state_folder);
+    let (errors, warnings) = match check(file, &setup, CheckBounds::whole(ERRORS)) {
+        Ok(found) => (
+            found.errors.iter().map(error).collect(),
+            found.warnings.into_iter().map(warning).collect(),
+        ),
+        Err(cause) => (vec![unreadable(&cause)], Vec::new()),
+    };
+    ProgramInfo {
+        errors,
+        warnings,
+        checked: true,
+        ..info.clone()
+    }
+}
+
+fn error(found: &Diagnostic) -> Finding {
+    Finding {
+        line: found.line,
+        column: found.column,
+        length: found.length,
+        code: found.code.as_str().to_owned(),
+        message: found.message.clone(),
+        help: found.help.as_deref().unwrap_or_default().to_owned(),
+        file: found.file.as_deref().map(str::to_owned),
+    }
+}
+
+fn warning(found: Warning) -> Finding {
+    Finding {
+        line: found.line,
+        column: 0,
+        length: 0,
+        code: String::new(),
+        message: found.message,
+        help: String::new(),
+        file: found.file,
+    }
+}
+
+fn unreadable(cause: &std::io::Error) -> Finding {
+    Finding {
+        line: 0,
+        column: 0,
+        length: 0,
+        code: String::new(),
+        message: format!("the program cannot be read: {cause}"),
+        help: "upload it again".to_owned(),
+        file: None,
+    }
+}
+
+struct Quiet;
+
+impl RunObserver for Quiet {
+    fn progress(&mut self, _controls: &Controls) {}
+    fn notice(&mut self, _notice: &Notice) {}
+    fn note(&mut self, _text: &str) {}
+}
+
+/// Plans a program and hands its path over in chunks until nobody takes them any more. Returns the planned time, s, where it came to its end.
+pub(crate) fn plan(
+    file: PathBuf,
+    setup: &Setup,
+    state_folder: &Path,
+    chunks: &mpsc::Sender<Bytes>,
+) -> Option<f64> {
+    let setup = present_setup(setup, state_folder);
+    let every = (VERTEX_NS / setup.period_ns.max(1)).max(1);
+    let job = Job {
+        program: file,
+        setup,
+        clock: Clock::Virtual,
+        feed_override: 1.0,
+        trace: None,
+        bus: false,
+        bus_prefix: None,
+        wait_for_subscribers: 0,
+        inputs: None,
+        optional_stop: false,
+        stop_at_program_stops: false,
+    };
+    let controls = Arc::new(Controls::new(1.0));
+    let (mut chunk, mut full, mut line) = (PathChunk::default(), FIRST_CHUNK, u32::MAX);
+    let outcome = run(&job, &controls, &mut Quiet, |setpoint| {
+        if setpoint.sequence % every != 0 && setpoint.line == line {
+            return;
+        }
+        line = setpoint.line;
+        let [x, y, z] = [0, 1, 2].map(|axis| setpoint.position[axis] as f32);
+        let is_rapid = setpoint.flags & flags::RAPID != 0;
+        let feed = if is_rapid { -setpoint.feed_mm_s } else { setpoint.feed_mm_s };
+        chunk.push([x, y, z], feed as f32, setpoint.line);
+        if chunk.len() >= full {
+            full = CHUNK;
+            if chunks.blocking_send(chunk.take_bytes().into()).is_err() {
+                controls.stop();
+            }
+        }
+    });
+    if !chunk.is_empty() {
+        // Nobody may be there any more.
+        let _gone = chunks.blocking_send(chunk.take_bytes().into());
+    }
+    let outcome = outcome.ok()?;
+    (outcome.program.is_ok() && outcome.fault.is_none() && !controls.is_stopping())
+        .then_some(outcome.summary.duration_s)
+}

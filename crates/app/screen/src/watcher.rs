@@ -1,0 +1,123 @@
+//! What the core says, for pages.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use axum::body::Bytes;
+use axum::extract::ws::Utf8Bytes;
+use evolvent_bus::{ClientBus, ClientConfig, SetpointReader, Status, StatusReader, flags};
+use evolvent_control::{Alarm, AlarmKind};
+
+use crate::hub::Hub;
+use crate::messages::{LogKind, SAMPLE_BYTES, ScreenStatus, ToPage, put_sample};
+
+/// 60 a second.
+const FRAME: Duration = Duration::from_micros(16_667);
+/// A core without a status for so long is gone.
+const SILENCE: Duration = Duration::from_millis(500);
+/// Samples of a frame at most; of more the oldest are left out.
+const MAX_SAMPLES: usize = 4096;
+
+/// What pages draw next.
+#[derive(Clone, Default)]
+pub(crate) struct Frame {
+    pub(crate) status: Utf8Bytes,
+    pub(crate) samples: Bytes,
+}
+
+/// Starts the thread that reads the bus. It tries again where the core is not there yet.
+pub(crate) fn spawn(
+    config: ClientConfig,
+    hub: Arc<Hub>,
+    stop: Arc<AtomicBool>,
+) -> std::io::Result<JoinHandle<()>> {
+    std::thread::Builder::new().name("screen-bus".into()).spawn(move || {
+        while !stop.load(Ordering::Relaxed) {
+            let opened = ClientBus::open(&config).and_then(|bus| Ok((bus.status()?, bus.setpoints()?)));
+            match opened {
+                Ok((status, setpoints)) => watch(status, setpoints, &hub, &stop),
+                Err(_) => {
+                    hub.show(&ToPage::Core { alive: false }, Bytes::new());
+                    std::thread::sleep(SILENCE);
+                }
+            }
+        }
+    })
+}
+
+/// Until the connection breaks.
+fn watch(mut status_reader: StatusReader, mut setpoints: SetpointReader, hub: &Hub, stop: &AtomicBool) {
+    let (mut heard, mut last): (Instant, Option<Status>) = (Instant::now(), None);
+    while !stop.load(Ordering::Relaxed) {
+        std::thread::sleep(FRAME);
+        let mut samples: Vec<u8> = Vec::new();
+        let mut newest = None;
+        loop {
+            match setpoints.receive() {
+                Ok(Some(setpoint)) => {
+                    put_sample(&mut samples, &setpoint);
+                    newest = Some(setpoint);
+                }
+                Ok(None) => break,
+                Err(_) => return,
+            }
+        }
+        let excess = (samples.len() / SAMPLE_BYTES).saturating_sub(MAX_SAMPLES);
+        samples.drain(..excess * SAMPLE_BYTES);
+        match status_reader.latest() {
+            Ok(Some(status)) if last.is_none_or(|last| status.sequence != last.sequence) => {
+                heard = Instant::now();
+                if let Some(before) = &last {
+                    log_changes(hub, before, &status);
+                }
+                last = Some(status);
+            }
+            Ok(_) => {}
+            Err(_) => return,
+        }
+        if heard.elapsed() > SILENCE {
+            hub.show(&ToPage::Core { alive: false }, Bytes::new());
+            std::thread::sleep(SILENCE / 2);
+            continue;
+        }
+        let Some(mut shown) = last else { continue };
+        if let Some(setpoint) = newest {
+            shown.follow(&setpoint);
+            shown.time_ns = setpoint.due_time_ns;
+            for axis in 0..shown.position_work.len() {
+                shown.position_work[axis] =
+                    setpoint.position[axis] - shown.work_offset[axis] - shown.tool_offset[axis];
+            }
+            shown.flags &= !flags::LATE;
+        }
+        let status = Box::new(ScreenStatus::from(&shown));
+        hub.show(&ToPage::Status { status }, Bytes::from(samples));
+    }
+}
+
+fn log_changes(hub: &Hub, before: &Status, now: &Status) {
+    for &number in now.listed_alarms() {
+        if before.listed_alarms().contains(&number) {
+            continue;
+        }
+        let alarm = Alarm::from_number(number);
+        let kind = match alarm.map(Alarm::kind) {
+            Some(AlarmKind::Warning) => LogKind::Warning,
+            _ => LogKind::Alarm,
+        };
+        let cure = alarm.map(|alarm| alarm.sentence().to_owned());
+        let is_newest = now.listed_alarms().last() == Some(&number);
+        let text = match (is_newest, now.alarm_sentence(), &cure) {
+            (true, sentence, _) if !sentence.is_empty() => sentence.to_owned(),
+            (_, _, Some(cure)) => cure.clone(),
+            _ => format!("alarm {number}"),
+        };
+        hub.log(kind, Some(number), text, cure);
+    }
+    let message = now.operator_message();
+    if !message.is_empty() && message != before.operator_message() {
+        hub.log(LogKind::Message, None, message.to_owned(), None);
+    }
+}
