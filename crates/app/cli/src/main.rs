@@ -21,6 +21,7 @@ mod program;
 mod rate;
 mod run;
 mod screen;
+mod screen_args;
 mod serve;
 mod terminal;
 mod top;

@@ -7,11 +7,13 @@ use std::sync::Arc;
 use clap::{Args, ValueEnum};
 use evolvent_machine::PlannerKind;
 use evolvent_runtime::{Alarm, CheckBounds, Clock, Controls, Job, Outcome, RunOutcome, Setup, StartError};
+use evolvent_screen::ScreenScope;
 
 use crate::check::write_text;
 use crate::operator::{resume_on_enter, watch_signals};
 use crate::program::{ProgramArgs, check_output, default_trace, parse_override};
 use crate::screen::{Screen, write_summary};
+use crate::screen_args::{ScreenArgs, write_screen};
 use crate::{CommandError, Ending};
 
 /// Options of `evolvent run`.
@@ -58,6 +60,8 @@ pub(crate) struct RunArgs {
     /// Do not look through the program first; one with an error is then run up to the line before it.
     #[arg(long)]
     unchecked: bool,
+    #[command(flatten)]
+    browser: ScreenArgs,
     /// Print the summary as one JSON object.
     #[arg(long)]
     json: bool,
@@ -70,6 +74,12 @@ enum ClockArg {
 }
 
 pub(crate) fn run(args: &RunArgs, out: &mut dyn Write, err: &mut dyn Write) -> Result<Ending, CommandError> {
+    if args.browser.is_wanted() && (args.no_bus || args.clock == ClockArg::Virtual) {
+        return Err(CommandError::Usage(
+            "--screen shows what goes over the bus in real time: leave out --no-bus and --clock virtual"
+                .to_owned(),
+        ));
+    }
     let mut setup = args.program.setup()?;
     let adaptive = match &args.adaptive {
         None => None,
@@ -154,6 +164,14 @@ pub(crate) fn run(args: &RunArgs, out: &mut dyn Write, err: &mut dyn Write) -> R
         None => controls,
     });
     watch_signals(&controls)?;
+    let scope = ScreenScope::Watch {
+        program: job.program.clone(),
+    };
+    let browser = args.browser.start(&job.setup, job.bus_prefix.as_ref(), scope)?;
+    if let Some(browser) = &browser {
+        // With standard error gone there is nobody left to tell.
+        drop(write_screen(err, browser));
+    }
     if stop_at_program_stops {
         resume_on_enter(&controls);
     }

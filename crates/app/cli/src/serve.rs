@@ -12,8 +12,10 @@ use evolvent_runtime::{
     Clock, ProgramMemory, ServeConfig, ServeNews, ServeSummary, Setup, StartError, TraceTo, serve,
     state_folder,
 };
+use evolvent_screen::ScreenScope;
 
 use crate::program::parse_rate;
+use crate::screen_args::{ScreenArgs, write_screen};
 use crate::{CommandError, Ending};
 
 /// Options of `evolvent serve`.
@@ -47,6 +49,8 @@ pub(crate) struct ServeArgs {
     /// as of `evolvent turn`.
     #[arg(long, value_name = "FILE.toml")]
     process: Option<PathBuf>,
+    #[command(flatten)]
+    screen: ScreenArgs,
     /// Print the summary as one JSON object.
     #[arg(long)]
     json: bool,
@@ -82,11 +86,20 @@ pub(crate) fn run(
     };
     let stop = Arc::new(AtomicBool::new(false));
     watch_signals(&stop)?;
+    let scope = ScreenScope::Operate {
+        state_folder: config.state_folder.clone(),
+    };
+    let screen = args
+        .screen
+        .start(&config.setup, config.bus_prefix.as_ref(), scope)?;
     let summary = serve(&config, &stop, |news| {
         // With standard error gone there is nobody left to tell.
         drop(match news {
             ServeNews::Note(text) => writeln!(err, "note: {text}"),
-            ServeNews::Ready(trace) => write_ready(err, &config, trace),
+            ServeNews::Ready(trace) => write_ready(err, &config, trace).and_then(|()| match &screen {
+                Some(screen) => write_screen(err, screen),
+                None => Ok(()),
+            }),
         });
     })
     .map_err(|error| match (&error, &config.trace) {

@@ -19,7 +19,10 @@ pub(crate) const STOPPING: [CommandCode; 5] = [
 
 /// The code of a number.
 pub(crate) fn code_of(number: u32) -> Option<CommandCode> {
-    CommandCode::ALL.iter().copied().find(|&code| code as u32 == number)
+    CommandCode::ALL
+        .iter()
+        .copied()
+        .find(|&code| code as u32 == number)
 }
 
 /// The request; what is wrong with the message, where it is none.
@@ -33,7 +36,10 @@ pub(crate) fn request_of(message: &CommandMessage, programs: &Path) -> Result<Co
         ..ControlRequest::default()
     };
     for (axis, &value) in &message.values {
-        let slot = axis.parse().ok().and_then(|axis: usize| request.values.get_mut(axis));
+        let slot = axis
+            .parse()
+            .ok()
+            .and_then(|axis: usize| request.values.get_mut(axis));
         *slot.ok_or_else(|| format!("{axis} is no axis, they are 0 to {}", AXES - 1))? = value;
     }
     // A page names programs that were uploaded, never files of the computer.

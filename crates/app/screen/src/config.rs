@@ -8,32 +8,62 @@ use evolvent_runtime::Setup;
 /// What a screen is started with.
 #[derive(Clone, Debug)]
 pub struct ScreenConfig {
-    /// Where it listens: an address of this computer only. Port 0 takes a free one.
+    /// Where it listens. Port 0 takes a free one. Beyond loopback connections are encrypted.
     pub address: SocketAddr,
+    /// Names by which browsers may address this computer, besides its own name and addresses.
+    pub hosts: Vec<String>,
+    /// Certificate chain and private key, PEM. None: beyond loopback a certificate is made and kept in the state folder.
+    pub certificate: Option<(PathBuf, PathBuf)>,
     /// The machine that is served.
     pub setup: Setup,
     /// Prefix of the bus.
     pub bus_prefix: Option<String>,
-    /// The service's state: offsets and tools are read from here, programs of pages are kept in its folder `programs`.
-    pub state_folder: PathBuf,
+    /// What pages see and do.
+    pub scope: ScreenScope,
+}
+
+/// What pages see and do.
+#[derive(Clone, Debug)]
+pub enum ScreenScope {
+    /// They operate a machine that is served. Offsets and tools are read from this state folder; uploaded programs are
+    /// stored in its folder `programs`, an own certificate in its folder `screen`.
+    Operate {
+        /// The service's state folder.
+        state_folder: PathBuf,
+    },
+    /// They watch one program run.
+    Watch {
+        /// The program.
+        program: PathBuf,
+    },
 }
 
 /// Why a screen did not start.
 #[derive(Debug, thiserror::Error)]
 pub enum ScreenError {
-    /// Other computers could reach it.
-    #[error(
-        "the screen listens on this computer only, not on {0}: the connection would be open to everybody on the network; use \
-         127.0.0.1:PORT, and from elsewhere a tunnel: ssh -L PORT:127.0.0.1:PORT HOST"
-    )]
-    NotLoopback(SocketAddr),
     /// The address is taken or not this computer's.
-    #[error("the screen cannot listen on {address}: {source}; choose another port, as in --screen 127.0.0.1:5301")]
+    #[error(
+        "the screen cannot listen on {address}: {source}; choose another port, as in --screen=127.0.0.1:5301"
+    )]
     Listen {
         /// The address.
         address: SocketAddr,
         /// Why.
         source: std::io::Error,
+    },
+    /// A run is shown beyond loopback without a certificate.
+    #[error(
+        "the screen of a run has no folder to keep a certificate in: beyond this computer give one with --screen-certificate \
+         and --screen-key"
+    )]
+    NoCertificate,
+    /// The certificate or its key cannot be used.
+    #[error("{file}: {cause}; give PEM files of a certificate chain and of its private key")]
+    Certificate {
+        /// The file.
+        file: String,
+        /// What is wrong.
+        cause: String,
     },
     /// The folder of programs cannot be made, no random numbers, no threads.
     #[error("the screen cannot be started: {0}")]

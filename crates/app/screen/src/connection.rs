@@ -11,6 +11,7 @@ use futures_util::{SinkExt, StreamExt};
 use tokio::sync::mpsc;
 
 use crate::command::{STOPPING, code_of, request_of};
+use crate::gate::Role;
 use crate::hub::text;
 use crate::messages::{CommandMessage, FromPage, LogKind, ToPage};
 use crate::orders::Answer;
@@ -29,15 +30,15 @@ const JOG_AGE: Duration = Duration::from_millis(250);
 const AGE: Duration = Duration::from_secs(5);
 
 /// Serves a page until its connection ends.
-pub(crate) async fn serve(server: Arc<Server>, socket: WebSocket, session: String) {
-    let Some((number, messages)) = server.hub.join(session) else {
+pub(crate) async fn serve(server: Arc<Server>, socket: WebSocket, session: String, role: Role) {
+    let Some((number, messages)) = server.hub.join(session, role) else {
         return;
     };
     let (sink, stream) = socket.split();
     // Whichever ends first ends the other.
     tokio::select! {
         () = write(&server, sink, messages) => {}
-        () = read(&server, stream, number) => {}
+        () = read(&server, stream, number, role) => {}
     }
     if server.hub.leave(number) {
         stop_jog(&server);
@@ -89,7 +90,7 @@ async fn write(
     }
 }
 
-async fn read(server: &Arc<Server>, mut stream: SplitStream<WebSocket>, number: u64) {
+async fn read(server: &Arc<Server>, mut stream: SplitStream<WebSocket>, number: u64, role: Role) {
     let (mut left, mut counted, mut last_id) = (BURST, Instant::now(), 0);
     while let Some(Ok(message)) = stream.next().await {
         let now = Instant::now();
@@ -129,7 +130,7 @@ async fn read(server: &Arc<Server>, mut stream: SplitStream<WebSocket>, number: 
                 last_id = last_id.max(command.id);
                 if is_new {
                     // Others do not wait for its answer.
-                    tokio::spawn(carry_out(Arc::clone(server), number, command));
+                    tokio::spawn(carry_out(Arc::clone(server), number, role, command));
                 } else {
                     let text = "a command with this number was given before; it has no effect";
                     server.hub.answer(number, command.id, Answer::refused(text));
@@ -143,8 +144,8 @@ async fn read(server: &Arc<Server>, mut stream: SplitStream<WebSocket>, number: 
     }
 }
 
-async fn carry_out(server: Arc<Server>, number: u64, command: CommandMessage) {
-    let answer = answer_of(&server, number, &command).await;
+async fn carry_out(server: Arc<Server>, number: u64, role: Role, command: CommandMessage) {
+    let answer = answer_of(&server, number, role, &command).await;
     if let Some(code) = code_of(command.command)
         && code != CommandCode::JogKeep
     {
@@ -159,8 +160,11 @@ async fn carry_out(server: Arc<Server>, number: u64, command: CommandMessage) {
     server.hub.answer(number, command.id, answer);
 }
 
-async fn answer_of(server: &Server, number: u64, command: &CommandMessage) -> Answer {
-    let request = match request_of(command, &server.programs) {
+async fn answer_of(server: &Server, number: u64, role: Role, command: &CommandMessage) -> Answer {
+    let Some(programs) = server.programs.as_ref().filter(|_| role == Role::Operate) else {
+        return Answer::refused("this page may only watch");
+    };
+    let request = match request_of(command, programs) {
         Ok(request) => request,
         Err(text) => return Answer::refused(text),
     };
@@ -189,7 +193,11 @@ async fn answer_of(server: &Server, number: u64, command: &CommandMessage) -> An
 impl crate::hub::Hub {
     /// Tells a page what became of its command.
     pub(crate) fn answer(&self, number: u64, id: u64, answer: Answer) {
-        let Answer { accepted, alarm, text: what } = answer;
+        let Answer {
+            accepted,
+            alarm,
+            text: what,
+        } = answer;
         self.tell_one(
             number,
             text(&ToPage::Answer {

@@ -8,6 +8,7 @@ use axum::body::Bytes;
 use axum::extract::ws::Utf8Bytes;
 use tokio::sync::{mpsc, watch};
 
+use crate::gate::Role;
 use crate::messages::{Lease, LogEntry, LogKind, ProgramInfo, ToPage};
 use crate::watcher::Frame;
 
@@ -21,6 +22,7 @@ const WAITING: usize = 256;
 struct Page {
     sender: mpsc::Sender<Utf8Bytes>,
     session: String,
+    role: Role,
 }
 
 #[derive(Default)]
@@ -65,7 +67,7 @@ impl Hub {
     }
 
     /// Adds a page, which finds its snapshot in the channel; none where there are too many.
-    pub(crate) fn join(&self, session: String) -> Option<(u64, mpsc::Receiver<Utf8Bytes>)> {
+    pub(crate) fn join(&self, session: String, role: Role) -> Option<(u64, mpsc::Receiver<Utf8Bytes>)> {
         let mut inner = self.lock();
         if inner.pages.len() >= MAX_PAGES {
             return None;
@@ -78,7 +80,7 @@ impl Hub {
             program: inner.program.clone(),
         });
         snapshot.extend(inner.kept.clone());
-        snapshot.push(ToPage::Lease(inner.lease_of(number)));
+        snapshot.push(ToPage::Lease(inner.lease_of(number, role)));
         snapshot.push(ToPage::Log {
             entries: inner.log.iter().cloned().collect(),
         });
@@ -86,7 +88,14 @@ impl Hub {
             // The channel is new and has room.
             let _sent = sender.try_send(text(message));
         }
-        inner.pages.insert(number, Page { sender, session });
+        inner.pages.insert(
+            number,
+            Page {
+                sender,
+                session,
+                role,
+            },
+        );
         Some((number, receiver))
     }
 
@@ -97,7 +106,12 @@ impl Hub {
         let had = inner.holder == Some(number);
         if had {
             inner.holder = None;
-            inner.add(LogKind::Link, None, format!("page {number} has gone, which had control"), None);
+            inner.add(
+                LogKind::Link,
+                None,
+                format!("page {number} has gone, which had control"),
+                None,
+            );
             inner.tell_leases();
         }
         had
@@ -118,13 +132,22 @@ impl Hub {
     pub(crate) fn take(&self, number: u64, force: bool) -> bool {
         let mut inner = self.lock();
         let before = inner.holder;
-        if before == Some(number) || (before.is_some() && !force) {
+        let may = inner
+            .pages
+            .get(&number)
+            .is_some_and(|page| page.role == Role::Operate);
+        if !may || before == Some(number) || (before.is_some() && !force) {
             inner.tell_leases();
             return false;
         }
         inner.holder = Some(number);
         let from = before.map_or(String::new(), |before| format!(" from page {before}"));
-        inner.add(LogKind::Link, None, format!("page {number} took control{from}"), None);
+        inner.add(
+            LogKind::Link,
+            None,
+            format!("page {number} took control{from}"),
+            None,
+        );
         inner.tell_leases();
         before.is_some()
     }
@@ -135,7 +158,12 @@ impl Hub {
         let had = inner.holder == Some(number);
         if had {
             inner.holder = None;
-            inner.add(LogKind::Link, None, format!("page {number} gave control back"), None);
+            inner.add(
+                LogKind::Link,
+                None,
+                format!("page {number} gave control back"),
+                None,
+            );
             inner.tell_leases();
         }
         had
@@ -162,10 +190,20 @@ impl Hub {
         });
     }
 
+    /// Tells what is wrong with a program, unless another one is loaded by now.
+    pub(crate) fn tell_checked(&self, found: ProgramInfo) {
+        let is_present = |program: &ProgramInfo| program.name == found.name && program.bytes == found.bytes;
+        if self.lock().program.as_ref().is_some_and(is_present) {
+            self.tell_program(found);
+        }
+    }
+
     /// Adds the planned time of the loaded program.
     pub(crate) fn tell_planned(&self, name: &str, planned_s: Option<f64>) {
         let program = self.lock().program.clone();
-        if let Some(program) = program.filter(|program| program.name == name && program.planned_s != planned_s) {
+        if let Some(program) =
+            program.filter(|program| program.name == name && program.planned_s != planned_s)
+        {
             self.tell_program(ProgramInfo { planned_s, ..program });
         }
     }
@@ -181,22 +219,19 @@ impl Hub {
 }
 
 impl Inner {
-    fn lease_of(&self, number: u64) -> Lease {
+    fn lease_of(&self, number: u64, role: Role) -> Lease {
         Lease {
             mine: self.holder == Some(number),
             holder: self.holder.map(|holder| format!("page {holder}")),
-            read_only: false,
+            read_only: role == Role::Watch,
         }
     }
 
     fn tell_leases(&mut self) {
         let mut lost = Vec::new();
         for (&number, page) in &self.pages {
-            if page
-                .sender
-                .try_send(text(&ToPage::Lease(self.lease_of(number))))
-                .is_err()
-            {
+            let lease = ToPage::Lease(self.lease_of(number, page.role));
+            if page.sender.try_send(text(&lease)).is_err() {
                 lost.push(number);
             }
         }
@@ -206,7 +241,8 @@ impl Inner {
     /// A page whose channel is full has not read for long: it is dropped, which ends its connection.
     fn tell(&mut self, message: &ToPage) {
         let line = text(message);
-        let failed = |(&number, page): (&u64, &Page)| page.sender.try_send(line.clone()).is_err().then_some(number);
+        let failed =
+            |(&number, page): (&u64, &Page)| page.sender.try_send(line.clone()).is_err().then_some(number);
         let lost: Vec<u64> = self.pages.iter().filter_map(failed).collect();
         self.drop_pages(&lost);
     }

@@ -29,18 +29,25 @@ pub(crate) fn is_good_name(name: &str) -> bool {
 }
 
 /// The machine with the offsets and tools that are kept now.
-fn present_setup(setup: &Setup, state_folder: &Path) -> Setup {
+fn present_setup(setup: &Setup, state_folder: Option<&Path>) -> Setup {
     let mut setup = setup.clone();
+    let Some(state_folder) = state_folder else {
+        return setup;
+    };
     // Files that cannot be read are the core's to complain of; the picture is made without them.
     let kept = setup.memory.kept_file.clone();
-    let _unread = setup.memory.load_parameters(kept.unwrap_or_else(|| state_folder.join("parameters.var")));
+    let _unread = setup
+        .memory
+        .load_parameters(kept.unwrap_or_else(|| state_folder.join("parameters.var")));
     let tools = setup.memory.tools_file.clone();
-    let _unread = setup.memory.load_tools(tools.unwrap_or_else(|| state_folder.join("tools.tbl")));
+    let _unread = setup
+        .memory
+        .load_tools(tools.unwrap_or_else(|| state_folder.join("tools.tbl")));
     setup
 }
 
 /// Offsets and tools as they are kept now.
-pub(crate) fn kept(setup: &Setup, state_folder: &Path) -> ToPage {
+pub(crate) fn kept(setup: &Setup, state_folder: Option<&Path>) -> ToPage {
     let memory = present_setup(setup, state_folder).memory;
     let text = memory.kept.map(|kept| kept.to_text()).unwrap_or_default();
     let parameter = |number: u32| {
@@ -49,7 +56,12 @@ pub(crate) fn kept(setup: &Setup, state_folder: &Path) -> ToPage {
             (words.next()?.parse() == Ok(number)).then(|| words.next()?.parse::<f64>().ok())?
         })
     };
-    let axes: Vec<usize> = setup.machine.axes.iter().map(|axis| axis.letter.index()).collect();
+    let axes: Vec<usize> = setup
+        .machine
+        .axes
+        .iter()
+        .map(|axis| axis.letter.index())
+        .collect();
     let offsets = (1..=9).map(|system| WorkOffset {
         system,
         values: axes
@@ -57,12 +69,16 @@ pub(crate) fn kept(setup: &Setup, state_folder: &Path) -> ToPage {
             .map(|&axis| parameter(5201 + 20 * system + axis as u32).unwrap_or(0.0))
             .collect(),
     });
-    let tools = memory.tools.iter().flat_map(|table| table.tools()).map(|tool| ToolEntry {
-        number: tool.number,
-        offsets: axes.iter().map(|&axis| tool.offset[axis]).collect(),
-        diameter: tool.diameter_mm,
-        comment: String::new(),
-    });
+    let tools = memory
+        .tools
+        .iter()
+        .flat_map(|table| table.tools())
+        .map(|tool| ToolEntry {
+            number: tool.number,
+            offsets: axes.iter().map(|&axis| tool.offset[axis]).collect(),
+            diameter: tool.diameter_mm,
+            comment: String::new(),
+        });
     ToPage::Kept {
         offsets: offsets.collect(),
         tools: tools.collect(),
@@ -70,7 +86,12 @@ pub(crate) fn kept(setup: &Setup, state_folder: &Path) -> ToPage {
 }
 
 /// Checks a program, as `evolvent check` does.
-pub(crate) fn checked(file: &Path, info: &ProgramInfo, setup: &Setup, state_folder: &Path) -> ProgramInfo {
+pub(crate) fn checked(
+    file: &Path,
+    info: &ProgramInfo,
+    setup: &Setup,
+    state_folder: Option<&Path>,
+) -> ProgramInfo {
     let setup = present_setup(setup, state_folder);
     let (errors, warnings) = match check(file, &setup, CheckBounds::whole(ERRORS)) {
         Ok(found) => (
@@ -123,6 +144,19 @@ fn unreadable(cause: &std::io::Error) -> Finding {
     }
 }
 
+/// Niceness of what computes for pages: whatever moves the machine goes first.
+const NICE: i32 = 10;
+
+/// Runs something in a thread of its own that leaves the processor to others.
+pub(crate) fn background(name: &str, work: impl FnOnce() + Send + 'static) -> std::io::Result<()> {
+    std::thread::Builder::new().name(name.to_owned()).spawn(move || {
+        // On Linux the priority is a thread's own, and its children's.
+        let _kept = rustix::process::setpriority_process(Some(rustix::thread::gettid()), NICE);
+        work();
+    })?;
+    Ok(())
+}
+
 struct Quiet;
 
 impl RunObserver for Quiet {
@@ -135,7 +169,7 @@ impl RunObserver for Quiet {
 pub(crate) fn plan(
     file: PathBuf,
     setup: &Setup,
-    state_folder: &Path,
+    state_folder: Option<&Path>,
     chunks: &mpsc::Sender<Bytes>,
 ) -> Option<f64> {
     let setup = present_setup(setup, state_folder);
@@ -162,7 +196,11 @@ pub(crate) fn plan(
         line = setpoint.line;
         let [x, y, z] = [0, 1, 2].map(|axis| setpoint.position[axis] as f32);
         let is_rapid = setpoint.flags & flags::RAPID != 0;
-        let feed = if is_rapid { -setpoint.feed_mm_s } else { setpoint.feed_mm_s };
+        let feed = if is_rapid {
+            -setpoint.feed_mm_s
+        } else {
+            setpoint.feed_mm_s
+        };
         chunk.push([x, y, z], feed as f32, setpoint.line);
         if chunk.len() >= full {
             full = CHUNK;

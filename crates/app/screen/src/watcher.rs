@@ -33,18 +33,20 @@ pub(crate) fn spawn(
     hub: Arc<Hub>,
     stop: Arc<AtomicBool>,
 ) -> std::io::Result<JoinHandle<()>> {
-    std::thread::Builder::new().name("screen-bus".into()).spawn(move || {
-        while !stop.load(Ordering::Relaxed) {
-            let opened = ClientBus::open(&config).and_then(|bus| Ok((bus.status()?, bus.setpoints()?)));
-            match opened {
-                Ok((status, setpoints)) => watch(status, setpoints, &hub, &stop),
-                Err(_) => {
-                    hub.show(&ToPage::Core { alive: false }, Bytes::new());
-                    std::thread::sleep(SILENCE);
+    std::thread::Builder::new()
+        .name("screen-bus".into())
+        .spawn(move || {
+            while !stop.load(Ordering::Relaxed) {
+                let opened = ClientBus::open(&config).and_then(|bus| Ok((bus.status()?, bus.setpoints()?)));
+                match opened {
+                    Ok((status, setpoints)) => watch(status, setpoints, &hub, &stop),
+                    Err(_) => {
+                        hub.show(&ToPage::Core { alive: false }, Bytes::new());
+                        std::thread::sleep(SILENCE);
+                    }
                 }
             }
-        }
-    })
+        })
 }
 
 /// Until the connection breaks.

@@ -1,0 +1,88 @@
+//! The screen in the browser: options of `evolvent serve` and `evolvent run`.
+
+use std::io::Write;
+use std::net::SocketAddr;
+use std::path::PathBuf;
+
+use clap::Args;
+use evolvent_runtime::Setup;
+use evolvent_screen::{Screen, ScreenConfig, ScreenScope};
+
+use crate::CommandError;
+
+/// Options of the screen.
+#[derive(Debug, Args)]
+pub(crate) struct ScreenArgs {
+    /// Show the machine in the browser. Beyond 127.0.0.1 connections are encrypted and the address is printed as a QR code, too.
+    #[arg(
+        long = "screen",
+        value_name = "ADDRESS:PORT",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "127.0.0.1:5300"
+    )]
+    address: Option<SocketAddr>,
+    /// A name by which browsers may address this computer, besides its host name and addresses; may be repeated.
+    #[arg(long = "screen-host", value_name = "NAME", requires = "address")]
+    hosts: Vec<String>,
+    /// Certificate chain of the screen, PEM. Default beyond 127.0.0.1: one of its own, kept in the state folder.
+    #[arg(long = "screen-certificate", value_name = "FILE.pem", requires_all = ["address", "key"])]
+    certificate: Option<PathBuf>,
+    /// Private key of the certificate, PEM.
+    #[arg(
+        long = "screen-key",
+        value_name = "FILE.pem",
+        id = "key",
+        requires = "certificate"
+    )]
+    key: Option<PathBuf>,
+}
+
+impl ScreenArgs {
+    pub(crate) const fn is_wanted(&self) -> bool {
+        self.address.is_some()
+    }
+
+    /// Starts the screen, where one is wanted. Its threads get the priority of the caller.
+    pub(crate) fn start(
+        &self,
+        setup: &Setup,
+        bus_prefix: Option<&String>,
+        scope: ScreenScope,
+    ) -> Result<Option<Screen>, CommandError> {
+        let Some(address) = self.address else {
+            return Ok(None);
+        };
+        let config = ScreenConfig {
+            address,
+            hosts: self.hosts.clone(),
+            certificate: self.certificate.clone().zip(self.key.clone()),
+            setup: setup.clone(),
+            bus_prefix: bus_prefix.cloned(),
+            scope,
+        };
+        let started = Screen::start(config);
+        started
+            .map(Some)
+            .map_err(|error| CommandError::Failed(error.to_string()))
+    }
+}
+
+/// Where to look.
+pub(crate) fn write_screen(err: &mut dyn Write, screen: &Screen) -> std::io::Result<()> {
+    match screen.watch_address() {
+        Some(watch) => {
+            writeln!(
+                err,
+                "screen: {} (who has this address may command)",
+                screen.address()
+            )?;
+            writeln!(err, "        {watch} (to watch only)")?;
+        }
+        None => writeln!(err, "screen: {}", screen.address())?,
+    }
+    if let Some(code) = screen.code() {
+        writeln!(err, "{code}")?;
+    }
+    Ok(())
+}

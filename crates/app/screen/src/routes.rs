@@ -1,0 +1,165 @@
+//! What each address answers.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use axum::Router;
+use axum::body::{Body, Bytes};
+use axum::extract::ws::WebSocketUpgrade;
+use axum::extract::{Extension, Path as UrlPath, State};
+use axum::http::header::{CONTENT_TYPE, COOKIE, SET_COOKIE};
+use axum::http::{HeaderMap, StatusCode, Uri};
+use axum::middleware::from_fn_with_state;
+use axum::response::{Html, IntoResponse, Response};
+use axum::routing::get;
+use rust_embed::RustEmbed;
+use tokio::sync::mpsc;
+
+use crate::connection;
+use crate::gate::{Gate, Role, pass};
+use crate::programs::{background, plan};
+use crate::server::{Server, random_hex};
+use crate::upload::upload;
+
+/// Largest message of a page.
+const MAX_MESSAGE: usize = 16 << 10;
+/// Shown where no page was built.
+const NO_PAGE: &str = "<!doctype html><title>Evolvent</title><p>The page of the screen is not part of this program: see \
+     crates/app/screen/page.</p>";
+
+#[derive(RustEmbed)]
+#[folder = "page/dist"]
+#[allow_missing = true]
+struct Page;
+
+pub(crate) fn router(server: Arc<Server>, gate: Gate) -> Router {
+    Router::new()
+        .route("/{key}/", get(index))
+        .route("/{key}/ws", get(socket))
+        .route("/{key}/programs/{name}", get(text).put(upload))
+        .route("/{key}/path/{name}", get(path))
+        .route("/{key}/{*file}", get(file))
+        .layer(from_fn_with_state(gate, pass))
+        .with_state(server)
+}
+
+/// The session of a page, from its cookie.
+pub(crate) fn session_of(headers: &HeaderMap) -> Option<String> {
+    let cookies = headers.get(COOKIE)?.to_str().ok()?;
+    let found = cookies
+        .split(';')
+        .find_map(|cookie| cookie.trim().strip_prefix("evolvent_page="))?;
+    (found.len() == 32).then(|| found.to_owned())
+}
+
+async fn index(State(server): State<Arc<Server>>, uri: Uri, headers: HeaderMap) -> Response {
+    let mut response = embedded("index.html").unwrap_or_else(|| Html(NO_PAGE).into_response());
+    let secure = if server.is_encrypted { "; Secure" } else { "" };
+    let folder = uri.path();
+    if session_of(&headers).is_none()
+        && let Ok(session) = random_hex()
+        && let Ok(cookie) =
+            format!("evolvent_page={session}; Path={folder}; HttpOnly; SameSite=Strict{secure}").parse()
+    {
+        response.headers_mut().insert(SET_COOKIE, cookie);
+    }
+    response
+}
+
+fn embedded(name: &str) -> Option<Response> {
+    let file = Page::get(name)?;
+    let kind = match name.rsplit('.').next() {
+        Some("html") => "text/html; charset=utf-8",
+        Some("js") => "text/javascript; charset=utf-8",
+        Some("css") => "text/css; charset=utf-8",
+        Some("svg") => "image/svg+xml",
+        Some("json") => "application/json",
+        _ => "application/octet-stream",
+    };
+    Some(([(CONTENT_TYPE, kind)], file.data.into_owned()).into_response())
+}
+
+async fn file(UrlPath((_key, name)): UrlPath<(String, String)>) -> Response {
+    embedded(&name).unwrap_or_else(|| StatusCode::NOT_FOUND.into_response())
+}
+
+async fn socket(
+    State(server): State<Arc<Server>>,
+    Extension(role): Extension<Role>,
+    headers: HeaderMap,
+    upgrade: WebSocketUpgrade,
+) -> Response {
+    let session = session_of(&headers).unwrap_or_default();
+    upgrade
+        .max_message_size(MAX_MESSAGE)
+        .max_frame_size(MAX_MESSAGE)
+        .on_upgrade(move |socket| connection::serve(server, socket, session, role))
+}
+
+async fn text(
+    State(server): State<Arc<Server>>,
+    UrlPath((_key, name)): UrlPath<(String, String)>,
+) -> Response {
+    let open = move || server.file_of(&name).map(std::fs::File::open);
+    let Ok(Some(Ok(opened))) = tokio::task::spawn_blocking(open).await else {
+        return StatusCode::NOT_FOUND.into_response();
+    };
+    let (sender, receiver) = mpsc::channel(4);
+    // A reader that stalls must not hold a thread of those that all share.
+    let reading = background("screen-text", move || read_chunks(opened, &sender));
+    match reading {
+        Ok(()) => streamed("text/plain; charset=utf-8", receiver),
+        Err(_) => StatusCode::SERVICE_UNAVAILABLE.into_response(),
+    }
+}
+
+fn read_chunks(mut file: std::fs::File, sender: &mpsc::Sender<Bytes>) {
+    use std::io::Read;
+    let mut buffer = vec![0; 1 << 16];
+    while let Ok(count @ 1..) = file.read(&mut buffer) {
+        if sender
+            .blocking_send(Bytes::copy_from_slice(&buffer[..count]))
+            .is_err()
+        {
+            return;
+        }
+    }
+}
+
+fn streamed(kind: &'static str, receiver: mpsc::Receiver<Bytes>) -> Response {
+    let stream = futures_util::stream::unfold(receiver, |mut receiver| async {
+        receiver
+            .recv()
+            .await
+            .map(|bytes| (Ok::<_, std::io::Error>(bytes), receiver))
+    });
+    ([(CONTENT_TYPE, kind)], Body::from_stream(stream)).into_response()
+}
+
+async fn path(
+    State(server): State<Arc<Server>>,
+    UrlPath((_key, name)): UrlPath<(String, String)>,
+) -> Response {
+    let Some(file) = server.file_of(&name) else {
+        return StatusCode::NOT_FOUND.into_response();
+    };
+    let Ok(permit) = Arc::clone(&server.workers).acquire_owned().await else {
+        return StatusCode::SERVICE_UNAVAILABLE.into_response();
+    };
+    let (sender, receiver) = mpsc::channel(4);
+    let planning = background("screen-path", move || {
+        plan_path(&server, &name, file, &sender);
+        drop(permit);
+    });
+    match planning {
+        Ok(()) => streamed("application/octet-stream", receiver),
+        Err(_) => StatusCode::SERVICE_UNAVAILABLE.into_response(),
+    }
+}
+
+fn plan_path(server: &Server, name: &str, file: PathBuf, sender: &mpsc::Sender<Bytes>) {
+    let planned_s = plan(file, &server.setup, server.state_folder.as_deref(), sender);
+    if planned_s.is_some() {
+        server.hub.tell_planned(name, planned_s);
+    }
+}

@@ -1,0 +1,213 @@
+//! Programs from pages: received, stored, loaded, checked.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+
+use axum::body::{Body, Bytes};
+use axum::extract::{Extension, Path as UrlPath, State};
+use axum::http::header::CONTENT_TYPE;
+use axum::http::{HeaderMap, StatusCode};
+use axum::response::{IntoResponse, Response};
+use evolvent_bus::ControlRequest;
+use evolvent_control::{Alarm, CommandCode};
+use futures_util::StreamExt;
+use tokio::sync::mpsc;
+
+use crate::gate::Role;
+use crate::messages::{LogKind, ProgramInfo};
+use crate::orders::Answer;
+use crate::programs::{background, checked, is_good_name};
+use crate::routes::session_of;
+use crate::server::Server;
+
+/// Largest program, bytes.
+const MAX_PROGRAM: u64 = 256 << 20;
+/// All stored programs together, bytes.
+const MAX_STORED: u64 = 4 << 30;
+/// How long an upload may pause.
+const PAUSE: Duration = Duration::from_secs(20);
+/// How long a LOAD may wait for commands before it.
+const LOAD_AGE: Duration = Duration::from_secs(12);
+
+type Refusal = (StatusCode, String);
+
+pub(crate) async fn upload(
+    State(server): State<Arc<Server>>,
+    Extension(role): Extension<Role>,
+    UrlPath((_key, name)): UrlPath<(String, String)>,
+    headers: HeaderMap,
+    body: Body,
+) -> Response {
+    let (status, answer) = match store(&server, role, &name, &headers, body).await {
+        Ok(answer) => (StatusCode::OK, answer),
+        Err((status, text)) => (status, Answer::refused(text)),
+    };
+    let Answer {
+        accepted,
+        alarm,
+        text,
+    } = answer;
+    let json = serde_json::json!({"accepted": accepted, "alarm": alarm, "text": text});
+    (status, [(CONTENT_TYPE, "application/json")], json.to_string()).into_response()
+}
+
+async fn store(
+    server: &Arc<Server>,
+    role: Role,
+    name: &str,
+    headers: &HeaderMap,
+    body: Body,
+) -> Result<Answer, Refusal> {
+    let refuse = |status, text: &str| Err((status, text.to_owned()));
+    let Some(folder) = server.programs.as_ref().filter(|_| role == Role::Operate) else {
+        return refuse(StatusCode::FORBIDDEN, "this page may only watch");
+    };
+    let may_command = || session_of(headers).is_some_and(|session| server.hub.session_holds(&session));
+    if !may_command() {
+        return refuse(
+            StatusCode::FORBIDDEN,
+            "this page does not have control; take it first",
+        );
+    }
+    if !is_good_name(name) {
+        let text =
+            format!("{name:?} cannot be a program's name: letters, digits and . _ - + ( ), up to 100 bytes");
+        return Err((StatusCode::BAD_REQUEST, text));
+    }
+    let Ok(_turn) = server.receiving.try_acquire() else {
+        return refuse(
+            StatusCode::TOO_MANY_REQUESTS,
+            "another program is being received; try again when it is there",
+        );
+    };
+    let number = server.uploads.fetch_add(1, Ordering::Relaxed);
+    let part = folder.join(format!(".upload-{number}"));
+    let bytes = match receive(body, folder, part.clone()).await {
+        Ok(bytes) if may_command() => bytes,
+        outcome => {
+            // What came is of no use.
+            let _removed = std::fs::remove_file(&part);
+            return Err(outcome.err().unwrap_or_else(|| {
+                let text = "this page has lost control meanwhile; the program was not loaded".to_owned();
+                (StatusCode::FORBIDDEN, text)
+            }));
+        }
+    };
+    let file = folder.join(name);
+    std::fs::rename(&part, &file).map_err(|error| (StatusCode::INTERNAL_SERVER_ERROR, error.to_string()))?;
+    let mut request = ControlRequest {
+        command: CommandCode::Load as u32,
+        ..ControlRequest::default()
+    };
+    if !request.set_text(&file.display().to_string()) {
+        return refuse(StatusCode::BAD_REQUEST, "the state folder's name is too long");
+    }
+    let answer = server.commands.give(request, LOAD_AGE).await;
+    let alarm = (answer.alarm != 0).then_some(answer.alarm);
+    let outcome = if answer.accepted { "accepted" } else { &answer.text };
+    server
+        .hub
+        .log(LogKind::Command, alarm, format!("LOAD {name}: {outcome}"), None);
+    // What is wrong with a program is shown with its lines; START judges it again.
+    let faults = [Alarm::SoftLimit, Alarm::BadProgram].map(Alarm::number);
+    if !answer.accepted && !faults.contains(&answer.alarm) {
+        return Ok(answer);
+    }
+    let info = ProgramInfo {
+        name: name.to_owned(),
+        bytes,
+        errors: Vec::new(),
+        warnings: Vec::new(),
+        checked: false,
+        planned_s: None,
+    };
+    server.hub.tell_program(info.clone());
+    look_through(server, file, info);
+    Ok(Answer {
+        accepted: true,
+        alarm: 0,
+        text: String::new(),
+    })
+}
+
+/// Checks a program when its turn comes.
+fn look_through(server: &Arc<Server>, file: PathBuf, info: ProgramInfo) {
+    let server = Arc::clone(server);
+    tokio::spawn(async move {
+        let Ok(permit) = Arc::clone(&server.workers).acquire_owned().await else {
+            return;
+        };
+        // Without a thread the program stays unchecked; START judges it.
+        let _started = background("screen-check", move || {
+            let found = checked(&file, &info, &server.setup, server.state_folder.as_deref());
+            server.hub.tell_checked(found);
+            drop(permit);
+        });
+    });
+}
+
+/// Writes a body to a file, in a thread that the disk may hold up; its size.
+async fn receive(body: Body, folder: &Path, part: PathBuf) -> Result<u64, Refusal> {
+    let most = stored(folder).map_or(MAX_PROGRAM, |stored| {
+        MAX_PROGRAM.min(MAX_STORED.saturating_sub(stored))
+    });
+    let (sender, mut receiver) = mpsc::channel::<Bytes>(4);
+    let writer = tokio::task::spawn_blocking(move || write_chunks(&part, &mut receiver));
+    let mut stream = body.into_data_stream();
+    let mut bytes = 0;
+    loop {
+        let paused = |_| {
+            (
+                StatusCode::REQUEST_TIMEOUT,
+                "the upload paused for too long".to_owned(),
+            )
+        };
+        let Some(chunk) = tokio::time::timeout(PAUSE, stream.next()).await.map_err(paused)? else {
+            break;
+        };
+        let chunk =
+            chunk.map_err(|error| (StatusCode::BAD_REQUEST, format!("the upload broke off: {error}")))?;
+        bytes += chunk.len() as u64;
+        if bytes > most {
+            let text = if most < MAX_PROGRAM {
+                format!(
+                    "the programs in {} take {} GiB; remove some",
+                    folder.display(),
+                    MAX_STORED >> 30
+                )
+            } else {
+                format!("programs have at most {} MiB", MAX_PROGRAM >> 20)
+            };
+            return Err((StatusCode::PAYLOAD_TOO_LARGE, text));
+        }
+        if sender.send(chunk).await.is_err() {
+            break;
+        }
+    }
+    drop(sender);
+    let failed = |cause: &dyn std::fmt::Display| {
+        let text = format!("the program cannot be written: {cause}");
+        (StatusCode::INSUFFICIENT_STORAGE, text)
+    };
+    let written = writer.await.map_err(|error| failed(&error))?;
+    written.map_err(|error| failed(&error))?;
+    Ok(bytes)
+}
+
+/// Bytes of all stored programs.
+fn stored(folder: &Path) -> std::io::Result<u64> {
+    std::fs::read_dir(folder)?
+        .map(|entry| Ok(entry?.metadata()?.len()))
+        .sum()
+}
+
+fn write_chunks(part: &Path, chunks: &mut mpsc::Receiver<Bytes>) -> std::io::Result<()> {
+    let mut file = std::fs::File::create(part)?;
+    while let Some(chunk) = chunks.blocking_recv() {
+        file.write_all(&chunk)?;
+    }
+    file.sync_all()
+}
