@@ -1,5 +1,6 @@
 //! A machine that is served, and operators of it.
 
+use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
@@ -82,6 +83,35 @@ impl Served {
         let mut child = self.child.take().expect("a child");
         child.kill().expect("killed");
         child.wait().expect("a process that ends");
+    }
+
+    /// The addresses of its screen: for who commands and for who watches. What it writes afterwards is read and dropped.
+    ///
+    /// # Panics
+    /// It ends before it says them.
+    #[must_use]
+    pub fn screen(&mut self) -> [String; 2] {
+        let child = self.child.as_mut().expect("a child");
+        let mut lines = BufReader::new(child.stderr.take().expect("its notes"))
+            .lines()
+            .map_while(Result::ok);
+        let mut word = |heading: &str| {
+            let line = lines.find_map(|line| Some(line.trim().strip_prefix(heading)?.to_owned()));
+            let line = line.expect("an address");
+            line.split(' ').next().unwrap_or_default().to_owned()
+        };
+        let found = [word("screen: "), word("")];
+        std::thread::spawn(move || lines.for_each(drop));
+        found
+    }
+
+    /// Its process.
+    ///
+    /// # Panics
+    /// It has gone.
+    #[must_use]
+    pub fn process(&self) -> u32 {
+        self.child.as_ref().expect("a child").id()
     }
 
     /// Sends a signal.

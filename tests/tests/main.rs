@@ -24,6 +24,7 @@ mod operate_service;
 mod real_programs;
 mod same_bits;
 mod screen_page;
+mod screen_server;
 mod served_drives;
 mod served_recording;
 mod served_signals;

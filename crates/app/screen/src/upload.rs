@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use axum::body::{Body, Bytes};
 use axum::extract::{Extension, Path as UrlPath, State};
-use axum::http::header::CONTENT_TYPE;
+use axum::http::header::{CONTENT_LENGTH, CONTENT_TYPE};
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::{IntoResponse, Response};
 use evolvent_bus::ControlRequest;
@@ -76,6 +76,12 @@ async fn store(
         let text =
             format!("{name:?} cannot be a program's name: letters, digits and . _ - + ( ), up to 100 bytes");
         return Err((StatusCode::BAD_REQUEST, text));
+    }
+    let announced = headers
+        .get(CONTENT_LENGTH)
+        .and_then(|value| value.to_str().ok()?.parse::<u64>().ok());
+    if announced.is_some_and(|bytes| bytes > MAX_PROGRAM) {
+        return Err(too_large());
     }
     let Ok(_turn) = server.receiving.try_acquire() else {
         return refuse(
@@ -172,15 +178,14 @@ async fn receive(body: Body, folder: &Path, part: PathBuf) -> Result<u64, Refusa
             chunk.map_err(|error| (StatusCode::BAD_REQUEST, format!("the upload broke off: {error}")))?;
         bytes += chunk.len() as u64;
         if bytes > most {
-            let text = if most < MAX_PROGRAM {
-                format!(
-                    "the programs in {} take {} GiB; remove some",
-                    folder.display(),
-                    MAX_STORED >> 30
-                )
-            } else {
-                format!("programs have at most {} MiB", MAX_PROGRAM >> 20)
-            };
+            if most == MAX_PROGRAM {
+                return Err(too_large());
+            }
+            let text = format!(
+                "the programs in {} take {} GiB; remove some",
+                folder.display(),
+                MAX_STORED >> 30
+            );
             return Err((StatusCode::PAYLOAD_TOO_LARGE, text));
         }
         if sender.send(chunk).await.is_err() {
@@ -195,6 +200,11 @@ async fn receive(body: Body, folder: &Path, part: PathBuf) -> Result<u64, Refusa
     let written = writer.await.map_err(|error| failed(&error))?;
     written.map_err(|error| failed(&error))?;
     Ok(bytes)
+}
+
+fn too_large() -> Refusal {
+    let text = format!("programs have at most {} MiB", MAX_PROGRAM >> 20);
+    (StatusCode::PAYLOAD_TOO_LARGE, text)
 }
 
 /// Bytes of all stored programs.

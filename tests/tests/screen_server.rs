@@ -1,0 +1,197 @@
+//! The screen's server and the machine behind it, by clients that are not of this project.
+#![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
+
+use std::io::{BufRead, BufReader, Write};
+use std::process::{Child, Stdio};
+use std::time::Duration;
+
+use evolvent_runtime::MonotonicClock;
+use evolvent_tests::{Operator, Scene, python, unless_disturbed};
+use rustix::process::{Pid, Signal, kill_process};
+
+const STOPPED: u32 = 2;
+/// Stops in time, in a row, that show that the dead man works; `EVOLVENT_JOGS` asks for more.
+const IN_A_ROW: usize = 5;
+/// How often a jog is tried that a slow host may end early.
+const TRIALS: usize = 20;
+
+/// How a client of a jog is lost.
+#[derive(Clone, Copy, Debug)]
+enum Loss {
+    /// The process is killed; its system closes the connection.
+    Killed,
+    /// The process stands still; its connection stays.
+    Frozen,
+    /// The connection is reset.
+    Cut,
+}
+
+fn scene(name: &str) -> (Scene, [String; 2]) {
+    let mut scene = Scene::with(name, &["--screen=127.0.0.1:0"]);
+    let addresses = scene.served.as_mut().expect("a core").screen();
+    (scene, addresses)
+}
+
+/// Whether a script of the suite ran; it says "ok" at its end.
+fn client(words: &[&str]) -> Option<String> {
+    let mut command = python("screen_client.py")?;
+    let output = command.args(words).output().expect("Python to start");
+    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    let faults = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{said}\n{faults}");
+    println!("{said}");
+    Some(said)
+}
+
+#[test]
+fn a_jog_whose_page_is_killed_frozen_or_cut_stops_within_a_tenth_of_a_second() {
+    unless_disturbed(|| {
+        let (scene, [address, _]) = scene("screen-jog");
+        let mut operator = scene.operator();
+        operator.brings_up();
+        let wanted = std::env::var("EVOLVENT_JOGS").ok();
+        let wanted = wanted.map_or(IN_A_ROW, |text| text.parse().expect("a number"));
+        for loss in [Loss::Killed, Loss::Frozen, Loss::Cut] {
+            let (mut late, mut in_time, mut latest) = (Vec::new(), 0, 0.0_f64);
+            for _ in 0..TRIALS.max(3 * wanted) {
+                let Some(client) = jogger(&address) else { return };
+                let Some(begins_ms) = stop_behind(&mut operator, client, loss) else {
+                    continue;
+                };
+                if begins_ms > 100.0 + 5.0 * operator.now().period_ns as f64 * 1e-6 {
+                    in_time = 0;
+                    late.push(begins_ms);
+                    continue;
+                }
+                in_time += 1;
+                latest = latest.max(begins_ms);
+                if in_time == wanted {
+                    break;
+                }
+            }
+            println!("{loss:?}: {in_time} in a row, the latest {latest:.1} ms after it; late ones {late:?}");
+            assert_eq!(in_time, wanted, "{loss:?}: not in time, but after {late:?} ms");
+        }
+        drop(operator);
+        scene.end();
+    });
+}
+
+/// A page that jogs; none without Python.
+fn jogger(address: &str) -> Option<Child> {
+    let mut command = python("screen_client.py")?;
+    let started = command
+        .args(["jog", address])
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn();
+    Some(started.expect("Python to start"))
+}
+
+/// ms from the loss of a jog's page to the first setpoint that brakes. `None` where the jog had ended before.
+fn stop_behind(operator: &mut Operator, mut client: Child, loss: Loss) -> Option<f64> {
+    let mut said = BufReader::new(client.stdout.take().expect("its output")).lines();
+    let began = said
+        .next()
+        .is_some_and(|line| line.is_ok_and(|line| line == "jogging"));
+    // Longer than the dead-man's patience: it is kept going.
+    std::thread::sleep(Duration::from_millis(400));
+    let is_moving = operator.now().velocity[0] > 19.0;
+    while operator.setpoints.receive().expect("setpoints").is_some() {}
+    let lost_ns = MonotonicClock::now_ns();
+    let process = Pid::from_raw(client.id().cast_signed()).expect("a process");
+    match loss {
+        Loss::Killed => client.kill().expect("killed"),
+        Loss::Frozen => kill_process(process, Signal::STOP).expect("frozen"),
+        Loss::Cut => writeln!(client.stdin.as_ref().expect("its input"), "cut").expect("told"),
+    }
+    let slower = (began && is_moving).then(|| {
+        let mut top: f64 = 0.0;
+        let slower = operator.follows(
+            |setpoint| top = top.max(setpoint.velocity[0]),
+            |setpoint| setpoint.state != 1,
+        );
+        (slower, top)
+    });
+    let _gone = client.kill();
+    client.wait().expect("a process that ends");
+    let status = operator.waits("rest", |status| status.activity == 0);
+    assert_eq!(status.velocity[0], 0.0);
+    // Back, so that the travel suffices for many.
+    operator.says_number("MODE", 2);
+    let job = operator.says_text("MDI", "G53 G0 X0").job;
+    operator.sees_end(job);
+    let (slower, top) = slower?;
+    if slower.state != 4 || slower.due_time_ns < lost_ns || top == 0.0 {
+        return None;
+    }
+    assert_eq!(status.job_result, STOPPED);
+    assert!((top - 20.0).abs() < 0.01, "{top}");
+    Some((slower.due_time_ns - lost_ns) as f64 * 1e-6)
+}
+
+#[test]
+fn leases_numbers_roles_hosts_origins_and_uploads_keep_their_rules() {
+    let (scene, [address, watch]) = scene("screen-rules");
+    let _said = client(&["rules", &address, &watch]);
+    scene.end();
+}
+
+/// The machine stays in emergency stop: nothing of it may be taken for a command that moves.
+#[test]
+fn ten_thousand_mutated_messages_and_random_bytes_do_no_harm() {
+    let (scene, [address, _]) = scene("screen-hostile");
+    let served = scene.served.as_ref().expect("a core").process();
+    // What is allocated once is there.
+    let warm = client(&["hostile", &address, "2000", "1"]);
+    let before = resident_kib(served);
+    if warm.is_none() || client(&["hostile", &address, "10000", "7"]).is_none() {
+        return;
+    }
+    let grown = resident_kib(served).saturating_sub(before);
+    println!("resident memory grew by {grown} KiB in 10000 messages");
+    assert!(grown < 8 << 10, "{grown} KiB");
+    let mut operator = scene.operator();
+    let status = operator.now();
+    assert_eq!((status.machine_state, status.job), (0, 0));
+    drop(operator);
+    scene.end();
+}
+
+fn resident_kib(process: u32) -> u64 {
+    let text = std::fs::read_to_string(format!("/proc/{process}/status")).expect("a process");
+    let line = text
+        .lines()
+        .find(|line| line.starts_with("VmRSS:"))
+        .expect("its memory");
+    line.split_whitespace()
+        .nth(1)
+        .and_then(|word| word.parse().ok())
+        .expect("a number")
+}
+
+#[test]
+fn twenty_pages_look_on_while_a_program_runs_and_those_that_do_not_read_hold_nobody_up() {
+    unless_disturbed(|| {
+        let (scene, [address, _]) = scene("screen-crowd");
+        let mut operator = scene.operator();
+        operator.brings_up();
+        let program = std::fs::read_to_string(scene.workshop.long_program(60)).expect("a program");
+        let Some(said) = client(&["crowd", &address, &program, "20", "8"]) else {
+            return;
+        };
+        let found: serde_json::Value = serde_json::from_str(&said).expect("JSON");
+        let status = operator.now();
+        println!(
+            "late cycles {}, latest wake-up {} ns",
+            status.late_cycles, status.wake_lateness_max_ns
+        );
+        assert_eq!(status.activity, 1, "the program runs");
+        // 60 a second where the host has the time; a tenth of it tells that nobody waits for another.
+        assert!(found["least_frames"].as_u64() > Some(48), "{said}");
+        operator.says("STOP");
+        operator.waits("rest", |status| status.activity == 0);
+        drop(operator);
+        scene.end();
+    });
+}
