@@ -7,7 +7,7 @@
 
 use std::process::Command;
 
-use evolvent_tests::repository;
+use evolvent_tests::{Scene, repository};
 
 /// Runs a command at the root of the repository and hands on what it says; whether it was left out for want of npm or a browser.
 fn measured(command: &mut Command) -> bool {
@@ -28,4 +28,12 @@ fn the_committed_page_is_what_its_sources_give_and_a_browser_operates_it() {
         return;
     }
     let _said = measured(Command::new("node").arg("crates/app/screen/page/tests/made-up.mjs"));
+    let mut scene = Scene::with("screen-page", &["--screen=127.0.0.1:0"]);
+    let [address, _] = scene.served.as_mut().expect("a core").screen();
+    let _said = measured(
+        Command::new("node")
+            .arg("crates/app/screen/page/tests/against.mjs")
+            .arg(&address),
+    );
+    scene.end();
 }

@@ -1,5 +1,9 @@
 //! The screen's server and the machine behind it, by clients that are not of this project.
-#![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
+#![expect(
+    clippy::print_stdout,
+    clippy::expect_used,
+    reason = "helpers of tests fail and talk as tests do"
+)]
 
 use std::io::{BufRead, BufReader, Write};
 use std::process::{Child, Stdio};

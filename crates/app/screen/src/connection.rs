@@ -170,6 +170,10 @@ async fn answer_of(server: &Server, number: u64, role: Role, command: &CommandMe
     };
     let is_code = |code: &CommandCode| *code as u32 == command.command;
     if STOPPING.iter().any(is_code) {
+        if is_code(&CommandCode::JogStop) {
+            // Behind a jog that has not been sent yet, too: a short press must not begin after its end.
+            server.jogs.send(request, JOG_AGE);
+        }
         return server.stops.give(request, AGE).await;
     }
     if !server.hub.holds(number) {
