@@ -10,10 +10,6 @@ use crate::spindle_state::SpindleState;
 use crate::spindle_tracker::SpindleTracker;
 use crate::wait::ActiveWait;
 
-/// How old a sample of the angle may be when it is used, beside the lead, s: by then the spindle has gone on by turns, and what it
-/// has done meanwhile is not known.
-const STALE_S: f64 = 0.05;
-
 /// What the machine is doing, as far as outputs have a rule for it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Phase {
@@ -86,7 +82,7 @@ pub struct Signals {
     inputs: InputImage,
     probe: ProbeInput,
     tracker: SpindleTracker,
-    /// Setpoints after which a sample of the angle is too old.
+    /// Setpoints after which a sample of the angle is too old: what holds for every input, where the publisher says nothing either.
     stale_cycles: f64,
     wait: Option<ActiveWait>,
     /// The wait is over, and the program may go on.
@@ -119,7 +115,7 @@ impl Signals {
             inputs: InputImage::default(),
             probe: ProbeInput::default(),
             tracker: SpindleTracker::new(period_s),
-            stale_cycles: f64::from(lead_cycles) + STALE_S / period_s,
+            stale_cycles: f64::from(lead_cycles) + settings.input_timeout_s / period_s,
             wait: None,
             go_on: false,
         }
