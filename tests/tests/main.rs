@@ -21,6 +21,7 @@ mod operate_commands;
 mod operate_jogs;
 mod operate_programs;
 mod operate_service;
+mod probing;
 mod real_programs;
 mod same_bits;
 mod screen_page;

@@ -64,7 +64,11 @@ struct Shop {
 impl Shop {
     fn new(name: &'static str) -> Self {
         let workshop = Workshop::new();
-        let text = std::fs::read_to_string(workshop.mill(name, &[])).expect("a machine file");
+        let text = std::fs::read_to_string(workshop.mill(
+            name,
+            &[("feedback_timeout_ms = 20 ", "feedback_timeout_ms = 1000 ")],
+        ))
+        .expect("a machine file");
         let machine = workshop.write(&format!("{name}-changer.toml"), format!("{text}{EXTRA}"));
         std::fs::create_dir(workshop.path("subroutines")).expect("a folder");
         let _file = workshop.write("subroutines/toolchange.ngc", CHANGE);

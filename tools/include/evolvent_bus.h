@@ -180,6 +180,8 @@ extern "C" {
 #define EVOLVENT_SWITCH_HOLD 8u
 #define EVOLVENT_SWITCH_CHAIN_OPEN 16u
 #define EVOLVENT_SWITCH_INPUT_WAIT 32u
+#define EVOLVENT_SWITCH_PROBE_OPEN 64u
+#define EVOLVENT_SWITCH_PROBE_TRIPPED 128u
 
 /* Where every axis shall be at one instant, and how it shall move there.
  *

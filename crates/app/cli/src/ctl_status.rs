@@ -35,6 +35,15 @@ fn homed(status: &Status, axes: &str) -> String {
 }
 
 /// Who changes the tool that the program waits for.
+/// What the probe says; none where it is not known, or there is none.
+pub(crate) fn probe_state(status: &Status) -> Option<&'static str> {
+    match status.switches & (switches::PROBE_OPEN | switches::PROBE_TRIPPED) {
+        switches::PROBE_OPEN => Some("open"),
+        switches::PROBE_TRIPPED => Some("tripped"),
+        _ => None,
+    }
+}
+
 fn tool_change(status: &Status) -> &'static str {
     match status.tool_change {
         0 => "none",
@@ -100,6 +109,7 @@ pub(crate) fn status_to_json(status: &Status, axes: &str) -> Value {
         "hold": status.switches & 8 != 0,
         "chain_open": status.switches & switches::CHAIN_OPEN != 0,
         "input_wait": status.switches & switches::INPUT_WAIT != 0,
+        "probe": probe_state(status),
         "alarms": status.listed_alarms(),
         "alarm_text": status.alarm_sentence(),
         "message": status.operator_message(),
@@ -200,6 +210,9 @@ pub(crate) fn write_status(
     }
     if status.switches & switches::INPUT_WAIT != 0 {
         writeln!(out, "  waits for an input (M66)")?;
+    }
+    if let Some(state) = probe_state(status) {
+        writeln!(out, "  probe {state}")?;
     }
     match (status.tool_change, status.tool_wanted) {
         (0, _) => {}

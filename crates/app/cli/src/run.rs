@@ -6,7 +6,9 @@ use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
 use evolvent_machine::PlannerKind;
-use evolvent_runtime::{Alarm, CheckBounds, Clock, Controls, Job, Outcome, RunOutcome, Setup, StartError};
+use evolvent_runtime::{
+    Alarm, CheckBounds, Clock, Controls, Job, Outcome, RunOutcome, Setup, StartError, state_folder,
+};
 use evolvent_screen::ScreenScope;
 
 use crate::check::write_text;
@@ -143,6 +145,10 @@ pub(crate) fn run(args: &RunArgs, out: &mut dyn Write, err: &mut dyn Write) -> R
                 folder.display()
             ))
         })?;
+    }
+    if clock == Clock::Realtime {
+        let state = state_folder(&setup.machine.name);
+        setup = setup.logging(&state);
     }
     args.program.tell_start(&setup, err)?;
     let job = Job {

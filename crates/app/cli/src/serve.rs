@@ -71,6 +71,7 @@ pub(crate) fn run(
         .state
         .clone()
         .unwrap_or_else(|| state_folder(&setup.machine.name));
+    let setup = setup.logging(&state);
     let config = ServeConfig {
         bus_prefix: args.bus_prefix.clone(),
         trace: match &args.trace {

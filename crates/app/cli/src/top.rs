@@ -11,6 +11,7 @@ use clap::Args;
 use evolvent_bus::{BusError, ClientBus, ClientConfig, STATES, Status, StatusReader, switches};
 use serde_json::json;
 
+use crate::ctl_status::probe_state;
 use crate::terminal::Terminal;
 use crate::{CommandError, Ending};
 
@@ -212,6 +213,9 @@ fn picture(name: &str, status: &Status, axes: &str, stale: Option<Duration>, col
     if status.switches & switches::INPUT_WAIT != 0 {
         let _ = writeln!(text, "waits for an input (M66)");
     }
+    if let Some(state) = probe_state(status) {
+        let _ = writeln!(text, "probe {state}");
+    }
     let program = match status.program_name() {
         "" => "no program",
         program => program,
@@ -358,6 +362,7 @@ fn to_json(name: &str, status: &Status, axes: &str) -> serde_json::Value {
         "setpoint_subscribers": status.setpoint_subscribers,
         "chain_open": status.switches & switches::CHAIN_OPEN != 0,
         "input_wait": status.switches & switches::INPUT_WAIT != 0,
+        "probe": probe_state(status),
         "alarms": status.listed_alarms(),
         "alarm_text": status.alarm_sentence(),
         "message": status.operator_message(),
@@ -388,7 +393,7 @@ mod tests {
     #[test]
     fn the_picture_names_state_axes_feed_and_what_is_wrong() {
         let mut status = status();
-        status.switches = switches::CHAIN_OPEN | switches::INPUT_WAIT;
+        status.switches = switches::CHAIN_OPEN | switches::INPUT_WAIT | switches::PROBE_TRIPPED;
         status.push_alarm(200);
         status.set_alarm_text("the guard refused\x1b[2J a setpoint");
         let text = picture("mill", &status, "XZ", Some(Duration::from_secs(3)), false);
@@ -404,6 +409,7 @@ mod tests {
             "ALARM 200",
             "emergency-stop chain is open",
             "waits for an input",
+            "probe tripped",
         ] {
             assert!(text.contains(part), "{part} is not in\n{text}");
         }

@@ -171,6 +171,7 @@ impl Opened {
             tool: tool.unwrap_or(0),
             selected_tool: None,
             tool_unknown: None,
+            log_folder: None,
             outputs: Outputs::default(),
             is_mdi: false,
             block_delete: self

@@ -10,6 +10,7 @@ use evolvent_motion::ProbeMove;
 use evolvent_planner::{MoveValidator, PlanError};
 
 use crate::job::Setup;
+use crate::log_file::log_objection;
 use crate::periphery::{Changer, TOOL_CHANGE_CODE, nobody_changes, waits_for};
 use crate::probing::{ProbeObjection, objection as probe_objection};
 use crate::refusal::{about_line, about_line_with, at_origin, cannot_turn, explain, refuse};
@@ -326,6 +327,7 @@ impl<'a> MachineCheck<'a> {
                 }
             }
             Action::UserCommand { number, .. } => return self.program(*number),
+            Action::Log(log) => return log_objection(log).map(Objection::Tool),
             Action::Turning(cycle) => return turning(cycle, self.setup).err().map(Objection::Turning),
             _ => {}
         }

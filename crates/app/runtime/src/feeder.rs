@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::sync::mpsc::Sender;
 use std::time::Duration;
 
-use evolvent_gcode::{Action, Command, Diagnostic, Modal, Move, MoveKind};
+use evolvent_gcode::{Action, Command, Diagnostic, LogAction, Modal, Move, MoveKind};
 use evolvent_machine::{AtSpeed, SignalKind, ToolChange};
 use evolvent_motion::{
     ProbeMove, ProbeResult, ProbeVerdict, ProbingSender, QueueClosed, ThreadingSender, Turning, TurningSender,
@@ -20,6 +20,7 @@ use evolvent_trace::BlockKind;
 use rtrb::Producer;
 
 use crate::job::Setup;
+use crate::log_file::{LogFiles, LogKind, log_objection};
 use crate::memory::ProgramMemory;
 use crate::news::{BlockPlan, FeederEvent, Moment, Notice, QueuedBlock, StopKind, UserCall, describe};
 use crate::periphery::{
@@ -86,6 +87,12 @@ struct Open {
     length_mm: f64,
 }
 
+/// A log file that cannot be written, with the cure.
+fn no_log(message: String) -> (String, String) {
+    let help = "see the folder of the log files, program.log_folder of the machine file";
+    (message, help.to_owned())
+}
+
 /// Feeds one program.
 pub(crate) struct Feeder<'a, S> {
     file: String,
@@ -141,6 +148,8 @@ pub(crate) struct Feeder<'a, S> {
     subroutines: String,
     /// Files of subroutines that have been told of.
     files_told: usize,
+    /// Files that the program writes, from the first one on.
+    logs: Option<LogFiles>,
     /// Lines of which warnings were told.
     warned: BTreeSet<u32>,
 }
@@ -208,6 +217,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
             with_next_line: 0,
             subroutines: "subroutines/".to_owned(),
             files_told: 0,
+            logs: None,
             warned: BTreeSet::new(),
         }
     }
@@ -293,6 +303,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         // A consumer that has gone needs no end.
         let _gone = self.planner.finish(line);
         self.report_blocks(true);
+        self.finish_logs();
         // Holds and overrides are answered as long as the program runs.
         self.planner.attend();
         let report = FeedReport {
@@ -340,6 +351,12 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
                 Ok(true) => continue,
                 Err(ThreadTrouble::Program(error)) => return Err(error),
                 Err(ThreadTrouble::Gone) => break,
+            }
+            if let Action::Log(log) = &command.action {
+                if let Some((message, help)) = self.log(log, line) {
+                    return Err(self.refused(&command, program, message, help));
+                }
+                continue;
             }
             self.tell_modal(&commands);
             let is_feed = match &command.action {
@@ -486,10 +503,56 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
             }
             let tripped = result.verdict == ProbeVerdict::Contact;
             commands.answer_probe(&result.position, &result.stands_at, tripped);
+            if let Some((message, help)) = self.log_probe(commands, tripped) {
+                return Err(self.refused(command, program, message, help));
+            }
             self.report_blocks(false);
             return Ok(Waited::Over);
         }
         Ok(Waited::None)
+    }
+
+    /// Carries out a comment about files; why it cannot be.
+    fn log(&mut self, log: &LogAction, line: u32) -> Option<(String, String)> {
+        if let Some(objection) = log_objection(log) {
+            return Some(objection);
+        }
+        let Some(folder) = &self.setup.log_folder else {
+            if matches!(
+                log,
+                LogAction::Open(_) | LogAction::Append(_) | LogAction::OpenProbes(_)
+            ) && self.warned.insert(line)
+            {
+                let text = "warning: time is not real: the log file is not written";
+                self.announce(Moment::Block(self.next_block), line, true, text);
+            }
+            return None;
+        };
+        let logs = self.logs.get_or_insert_with(|| LogFiles::new(folder.clone()));
+        if matches!(log, LogAction::Line(_)) && !logs.is_open(LogKind::Lines) {
+            if self.warned.insert(line) {
+                let text =
+                    "warning: no log file is open, so this line goes nowhere: write (LOGOPEN,name) before it";
+                self.announce(Moment::Block(self.next_block), line, true, text);
+            }
+            return None;
+        }
+        logs.act(log).err().map(no_log)
+    }
+
+    /// Writes where the probe was, where a file is open for that.
+    fn log_probe(&mut self, commands: &Commands, tripped: bool) -> Option<(String, String)> {
+        let logs = self.logs.as_mut().filter(|_| tripped)?;
+        let text = commands.probed().map(|value| format!("{value:.6}")).join(" ");
+        logs.line(LogKind::Probes, text).err().map(no_log)
+    }
+
+    /// Closes the files that the program has left open, and waits for the disk.
+    fn finish_logs(&mut self) {
+        if let Some(Err(text)) = self.logs.take().map(LogFiles::finish) {
+            let text = format!("warning: {text}");
+            self.announce(Moment::Block(self.next_block), self.last_line, true, &text);
+        }
     }
 
     /// Comes to rest and hands over to a turning cycle.

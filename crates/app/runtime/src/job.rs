@@ -57,6 +57,8 @@ pub struct Setup {
     pub tool: u32,
     /// Tool that T has selected for the next M6, by MDI or in a program before.
     pub selected_tool: Option<u32>,
+    /// Where programs write their files; none where they write nothing.
+    pub log_folder: Option<PathBuf>,
     /// Why no tool can be changed: one before was broken off, and nobody has said which tool is in the spindle.
     pub tool_unknown: Option<String>,
     /// Spindle and coolant as they stand.
@@ -103,6 +105,7 @@ impl Setup {
             place: None,
             tool: 0,
             selected_tool: None,
+            log_folder: None,
             tool_unknown: None,
             outputs: gcode::Outputs::default(),
             is_mdi: false,
@@ -110,6 +113,17 @@ impl Setup {
             rapid_override: 1.0,
             process: None,
         })
+    }
+
+    /// Programs write their files where the machine file says, else in `logs` of the state folder.
+    #[must_use]
+    pub fn logging(mut self, state_folder: &Path) -> Self {
+        let beside = self.machine_file.parent().unwrap_or(Path::new(""));
+        self.log_folder = Some(match &self.machine.program.log_folder {
+            Some(folder) => beside.join(folder),
+            None => state_folder.join("logs"),
+        });
+        self
     }
 
     /// Where programs begin.

@@ -26,6 +26,7 @@ mod job;
 mod job_start;
 mod leftovers;
 mod load_cell;
+mod log_file;
 mod memory;
 mod news;
 mod observer;

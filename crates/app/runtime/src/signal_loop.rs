@@ -4,8 +4,8 @@ use evolvent_machine::{MAX_ANALOG, MAX_DIGITAL, MAX_SPINDLES, SignalKind, Signal
 use evolvent_motion::{Setpoint, State};
 use evolvent_path::AxisLetter;
 use evolvent_signals::{
-    Change, InputImage, OutputImage, Phase, ProbeInput, Progress, ScheduleConsumer, Signals, SpindleAngle,
-    SpindleInput, SpindleState, probe_numbers,
+    Change, InputImage, OutputImage, Phase, ProbeInput, ProbeState, Progress, ScheduleConsumer, Signals,
+    SpindleAngle, SpindleInput, SpindleState, probe_numbers,
 };
 use rtrb::{Consumer, Producer};
 
@@ -295,6 +295,11 @@ impl SignalLoop {
     /// Whether the chain is open now, or not known.
     pub(crate) fn is_estop_open(&self) -> bool {
         self.signals.is_estop_open()
+    }
+
+    /// What the probe says now.
+    pub(crate) fn probe(&self) -> ProbeState {
+        self.signals.probe_state()
     }
 
     /// Whether the machine rests for a wait.

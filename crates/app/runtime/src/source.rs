@@ -122,6 +122,11 @@ impl Commands {
         let _is_position = self.interpreter.answer_probe(contact, stands_at, tripped);
     }
 
+    /// Where the probe was last, in program coordinates and units: #5061 to #5069.
+    pub(crate) fn probed(&self) -> [f64; 9] {
+        std::array::from_fn(|axis| self.interpreter.parameter(5061 + axis as u32))
+    }
+
     /// Lines that begin with `/`, as far as they were read: skipped, executed.
     pub(crate) fn block_delete_lines(&self) -> (u64, u64) {
         self.interpreter.block_delete_lines()

@@ -264,6 +264,9 @@ pub(crate) struct ProgramFile {
     pub(crate) magazine: Magazine,
     /// File of the parameters that are kept from run to run, in LinuxCNC's format; nothing is kept where it is not given.
     pub(crate) parameters: Option<String>,
+    /// Folder of the files that programs write by LOGOPEN, LOGAPPEND and PROBEOPEN; "logs" in the state folder where it is not
+    /// given.
+    pub(crate) log_folder: Option<String>,
     /// Folders in which subroutines NAME.ngc are looked for, after the program's own.
     #[serde(default)]
     pub(crate) subroutines: Vec<String>,

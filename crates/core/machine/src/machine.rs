@@ -296,6 +296,8 @@ pub struct ProgramSettings {
     pub magazine: Magazine,
     /// File of the kept parameters, likewise.
     pub parameters: Option<PathBuf>,
+    /// Folder of the files that programs write (LOGOPEN, PROBEOPEN), likewise.
+    pub log_folder: Option<PathBuf>,
     /// Folders of subroutines, likewise.
     pub subroutines: Vec<PathBuf>,
     /// Which of M100 to M199 there are.
@@ -319,6 +321,7 @@ impl Default for ProgramSettings {
             tool_change_subroutine: DEFAULT_CHANGER.to_owned(),
             magazine: Magazine::default(),
             parameters: None,
+            log_folder: None,
             subroutines: Vec::new(),
             user_codes: Vec::new(),
             user_code_folder: None,

@@ -3,7 +3,7 @@
 use evolvent_machine::{EstopSettings, OutputRule, OutputSettings, SignalKind, SignalSettings};
 
 use crate::image::{InputImage, OutputImage};
-use crate::probe_image::ProbeInput;
+use crate::probe_image::{ProbeInput, ProbeState};
 use crate::schedule::{Change, Moment, ScheduleConsumer, Scheduled};
 use crate::spindle_input::{SpindleInput, SpindleKnowledge};
 use crate::spindle_state::SpindleState;
@@ -168,6 +168,12 @@ impl Signals {
         if let Some(wait) = &mut self.wait {
             wait.see(inputs);
         }
+    }
+
+    /// What the newest sample says of the probe. Real-time safe.
+    #[must_use]
+    pub fn probe_state(&self) -> ProbeState {
+        self.inputs.probe.state
     }
 
     /// What the next setpoint goes by of the probe. Once for each setpoint, after its samples.

@@ -161,14 +161,20 @@ pub mod switches {
     pub const CHAIN_OPEN: u32 = 1 << 4;
     /// The program rests until an input has come (M66).
     pub const INPUT_WAIT: u32 = 1 << 5;
+    /// The probe has no contact. Neither this nor the next where it is not known, or there is none.
+    pub const PROBE_OPEN: u32 = 1 << 6;
+    /// The probe has contact.
+    pub const PROBE_TRIPPED: u32 = 1 << 7;
 }
 
 /// Names and bits of `switches` in Status.
-pub const SWITCHES: [(&str, u32); 6] = [
+pub const SWITCHES: [(&str, u32); 8] = [
     ("SINGLE_STEP", switches::SINGLE_STEP),
     ("OPTIONAL_STOP", switches::OPTIONAL_STOP),
     ("BLOCK_DELETE", switches::BLOCK_DELETE),
     ("HOLD", switches::HOLD),
     ("CHAIN_OPEN", switches::CHAIN_OPEN),
     ("INPUT_WAIT", switches::INPUT_WAIT),
+    ("PROBE_OPEN", switches::PROBE_OPEN),
+    ("PROBE_TRIPPED", switches::PROBE_TRIPPED),
 ];

@@ -229,14 +229,19 @@ pub enum Action {
 /// What log comments ask for.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum LogAction {
-    /// `(LOGOPEN, file)`, `(PROBEOPEN file)`: begin a new file.
+    /// `(LOGOPEN, file)`: begin a new file.
     Open(String),
+    /// `(PROBEOPEN file)`: begin a new file of its own for the positions of probing moves that met something, in program
+    /// coordinates and units: #5061 to #5069.
+    OpenProbes(String),
     /// `(LOGAPPEND, file)`: go on in a file.
     Append(String),
     /// `(LOG, text)`.
     Line(String),
-    /// `(LOGCLOSE)`, `(PROBECLOSE)`.
+    /// `(LOGCLOSE)`.
     Close,
+    /// `(PROBECLOSE)`.
+    CloseProbes,
 }
 
 impl Action {
@@ -258,7 +263,6 @@ impl Action {
             } => "tapping left-hand threads (G74)",
             Self::Overrides { cycle: Some(_), .. } => "tapping (G84)",
             Self::Overrides { .. } => "switching overrides (M49 to M53)",
-            Self::Log(_) => "log files (LOG, PROBEOPEN)",
             _ => return None,
         })
     }

@@ -8,6 +8,7 @@ mod dialects;
 mod flow;
 mod language;
 mod mutations;
+mod probing_cycles;
 mod programs;
 mod random;
 mod reference;

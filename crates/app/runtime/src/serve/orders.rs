@@ -8,7 +8,7 @@ use evolvent_drive::{DriveAlarm, PowerRequest, Presence};
 use evolvent_machine::Limits;
 use evolvent_motion::{PathExecutor, PlanConsumer, Setpoint, TransferExecutor, Violation};
 use evolvent_path::Axes;
-use evolvent_signals::{Change, ScheduleConsumer};
+use evolvent_signals::{Change, ProbeState, ScheduleConsumer};
 use evolvent_turning::Reason;
 
 /// A job along a plan, from the control thread to the cycle and back to be dropped.
@@ -169,6 +169,8 @@ pub(crate) struct CycleView {
     pub at_wait: bool,
     /// The emergency-stop chain is open or not known; never where there is none.
     pub is_chain_open: bool,
+    /// Unknown where there is none.
+    pub probe: ProbeState,
 }
 
 impl CycleEvent {

@@ -233,6 +233,7 @@ impl SetpointSource for ServedCycle {
             at_rest: parts.station.is_at_rest() && matches!(now.work, ActiveJob::None),
             at_wait: parts.signals.as_ref().is_some_and(SignalLoop::is_waiting),
             is_chain_open: parts.signals.as_ref().is_some_and(SignalLoop::is_estop_open),
+            probe: parts.signals.as_ref().map(SignalLoop::probe).unwrap_or_default(),
         });
         if now.is_last {
             return Next::End;

@@ -4,6 +4,7 @@ use evolvent_bus::{EventKind, MAX_ALARMS, Status, switches};
 use evolvent_drive::{DriveState, PowerRequest};
 use evolvent_motion::{State, flags};
 use evolvent_path::{AXES, Axes};
+use evolvent_signals::ProbeState;
 use evolvent_trace::Histogram;
 
 use super::operator::Operator;
@@ -88,6 +89,11 @@ fn switches(operator: &Operator) -> u32 {
         (operator.is_holding(), switches::HOLD),
         (operator.view.is_chain_open, switches::CHAIN_OPEN),
         (operator.view.at_wait, switches::INPUT_WAIT),
+        (operator.view.probe == ProbeState::Open, switches::PROBE_OPEN),
+        (
+            operator.view.probe == ProbeState::Tripped,
+            switches::PROBE_TRIPPED,
+        ),
     ];
     bits.into_iter()
         .filter(|(on, _)| *on)

@@ -255,6 +255,7 @@ impl Check<'_> {
             tool_change_subroutine: self.changer(program)?,
             magazine: program.magazine,
             parameters: optional("parameters", &program.parameters)?,
+            log_folder: optional("log_folder", &program.log_folder)?,
             subroutines: folders
                 .map(|(index, text)| path(&format!("subroutines[{index}]"), text))
                 .collect::<Result<_, _>>()?,

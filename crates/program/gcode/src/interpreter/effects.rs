@@ -115,6 +115,8 @@ impl<R: BufRead> Interpreter<R> {
                 Remark::LogOpen(name) => Action::Log(LogAction::Open(name)),
                 Remark::LogAppend(name) => Action::Log(LogAction::Append(name)),
                 Remark::LogClose => Action::Log(LogAction::Close),
+                Remark::ProbeOpen(name) => Action::Log(LogAction::OpenProbes(name)),
+                Remark::ProbeClose => Action::Log(LogAction::CloseProbes),
                 Remark::Abort(text) => {
                     self.finished = true;
                     return Err(Fault::new(

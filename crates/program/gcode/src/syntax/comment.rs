@@ -20,6 +20,8 @@ pub(crate) enum Remark {
     LogOpen(String),
     LogAppend(String),
     LogClose,
+    ProbeOpen(String),
+    ProbeClose,
     Abort(String),
 }
 
@@ -39,17 +41,20 @@ pub(crate) fn remark(line: &[u8], inside: Span, scope: &Scope<'_>) -> Remark {
     if let Some(rest) = after_keyword(text, b"LOG,") {
         return Remark::Log(expanded(rest, scope));
     }
-    if let Some(rest) = after_keyword(text, b"LOGOPEN,").or_else(|| after_keyword(text, b"PROBEOPEN")) {
+    if let Some(rest) = after_keyword(text, b"LOGOPEN,") {
         return Remark::LogOpen(plain(rest));
+    }
+    if let Some(rest) = after_keyword(text, b"PROBEOPEN") {
+        return Remark::ProbeOpen(plain(rest));
     }
     if let Some(rest) = after_keyword(text, b"LOGAPPEND,") {
         return Remark::LogAppend(plain(rest));
     }
-    if after_keyword(text, b"LOGCLOSE")
-        .or_else(|| after_keyword(text, b"PROBECLOSE"))
-        .is_some()
-    {
+    if after_keyword(text, b"LOGCLOSE").is_some() {
         return Remark::LogClose;
+    }
+    if after_keyword(text, b"PROBECLOSE").is_some() {
+        return Remark::ProbeClose;
     }
     if let Some(rest) = after_keyword(text, b"ABORT,") {
         return Remark::Abort(expanded(rest, scope));
@@ -176,7 +181,7 @@ mod tests {
     #[test]
     fn logs_and_the_end_are_known() {
         assert_eq!(of(b"LOGOPEN, a.txt"), Remark::LogOpen("a.txt".into()));
-        assert_eq!(of(b"probeopen a.txt"), Remark::LogOpen("a.txt".into()));
+        assert_eq!(of(b"probeopen a.txt"), Remark::ProbeOpen("a.txt".into()));
         assert_eq!(of(b"LOGAPPEND,b"), Remark::LogAppend("b".into()));
         assert_eq!(of(b"LOG,x"), Remark::Log("x".into()));
         assert_eq!(of(b"LOGCLOSE"), Remark::LogClose);
