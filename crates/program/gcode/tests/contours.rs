@@ -265,7 +265,7 @@ fn samples(step: &Move) -> impl Iterator<Item = Point> {
 fn landscape(random: &mut Random) -> Case {
     let radius = random.between(0.5, 8.0);
     let left = random.unit() < 0.5;
-    let decimals = [6, 6, 4, 3][(4.0 * random.unit()) as usize];
+    let decimals: i32 = [6, 6, 4, 3][(4.0 * random.unit()) as usize];
     let size = |random: &mut Random| radius * random.between(-1.5, 3.0).exp();
     let mut at = [0.0, 0.0];
     let mut chain: Vec<Piece> = vec![Piece::line(at, 0.0, 4.0 * radius)];
@@ -280,7 +280,14 @@ fn landscape(random: &mut Random) -> Case {
         let piece = if random.unit() < 0.6 {
             Piece::line(at, first, size(random))
         } else {
-            Piece::arc(at, first, size(random), random.between(-1.5, 1.5) - first)
+            let arc = Piece::arc(at, first, size(random), random.between(-1.5, 1.5) - first);
+            let chord = (arc.end[0] - at[0]).hypot(arc.end[1] - at[1]);
+            // Written with these decimals a shorter one may end where it begins, which means a full circle.
+            if chord > 10_f64.powi(1 - decimals) {
+                arc
+            } else {
+                Piece::line(at, first, size(random))
+            }
         };
         at = piece.end;
         chain.push(piece);
@@ -297,7 +304,7 @@ fn landscape(random: &mut Random) -> Case {
         centre: place(piece.centre),
         sweep: if left { piece.sweep } else { -piece.sweep },
     });
-    Case::new(pieces.collect(), radius, left, decimals)
+    Case::new(pieces.collect(), radius, left, decimals as usize)
 }
 
 #[test]
