@@ -126,11 +126,12 @@ fn stop_behind(operator: &mut Operator, mut client: Child, loss: Loss) -> Option
     let job = operator.says_text("MDI", "G53 G0 X0").job;
     operator.sees_end(job);
     let (slower, top) = slower?;
-    if slower.state != 4 || slower.due_time_ns < lost_ns || top == 0.0 {
+    assert!(top < 20.01, "{top}");
+    // A jog that was not at its full speed any more had ended for a word of its page that came too late.
+    if slower.state != 4 || slower.due_time_ns < lost_ns || top < 19.99 {
         return None;
     }
     assert_eq!(status.job_result, STOPPED);
-    assert!((top - 20.0).abs() < 0.01, "{top}");
     Some((slower.due_time_ns - lost_ns) as f64 * 1e-6)
 }
 
