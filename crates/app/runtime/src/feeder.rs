@@ -15,7 +15,7 @@ use evolvent_motion::{
 };
 use evolvent_path::{Axes, AxisLetter, Curve};
 use evolvent_planner::{PlanError, PlanSink, Step};
-use evolvent_signals::{Awaited, Change, InputWait, Moment as SignalMoment, Scheduler, WaitMode};
+use evolvent_signals::{Awaited, Change, InputWait, Moment as SignalMoment, OverrideSwitches, Scheduler, WaitMode};
 use evolvent_trace::BlockKind;
 use rtrb::Producer;
 
@@ -144,6 +144,8 @@ pub(crate) struct Feeder<'a, S> {
     /// Outputs that change with the next block (M62, M63, M67), and the line that has set them last.
     with_next_block: Change,
     with_next_line: u32,
+    /// The feed override counts for what is read, and so does the rapid override.
+    override_counts: bool,
     /// Names of attached subroutines begin with this.
     subroutines: String,
     /// Files of subroutines that have been told of.
@@ -215,6 +217,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
             signals: None,
             with_next_block: Change::at(SignalMoment::Block(0)),
             with_next_line: 0,
+            override_counts: true,
             subroutines: "subroutines/".to_owned(),
             files_told: 0,
             logs: None,
@@ -848,9 +851,31 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         self.planner.rest(&dwell).map_err(PlanError::Sink)
     }
 
+    /// Which overrides count, from the next block on; a cycle that taps needs its feed from the first setpoint on, so it comes
+    /// to rest for it.
+    fn switch_overrides(
+        &mut self,
+        switches: OverrideSwitches,
+        cycle: Option<&'static str>,
+        line: u32,
+    ) -> Result<(), PlanError<QueueClosed>> {
+        self.override_counts = switches.feed;
+        let Some(cycle) = cycle else {
+            self.with_next_block.overrides = Some(switches);
+            return Ok(());
+        };
+        self.with_next_block.overrides = None;
+        let text = if switches.feed {
+            format!("overrides as before {cycle}")
+        } else {
+            format!("{cycle}: overrides off")
+        };
+        self.set_at_rest(line, &text, |change| change.overrides = Some(switches))
+    }
+
     /// Outputs that wait for a move that never comes, as in LinuxCNC.
     fn warn_of_outputs_without_move(&mut self) {
-        if self.with_next_block.is_empty() {
+        if !self.with_next_block.sets_outputs() {
             return;
         }
         let text = "warning: no move follows this output, so it does not change: write a move behind it, or M64, M65 or M68";
@@ -982,6 +1007,21 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
                     self.set_at_rest(line, &text, |change| change.set_analog(index, value))?;
                 }
             }
+            Action::Overrides {
+                feed,
+                spindle,
+                adaptive,
+                feed_stop,
+                cycle,
+            } => {
+                let switches = OverrideSwitches {
+                    feed: *feed,
+                    spindle: *spindle,
+                    adaptive: *adaptive,
+                    feed_stop: *feed_stop,
+                };
+                self.switch_overrides(switches, *cycle, line)?;
+            }
             Action::Spindle { .. } | Action::Coolant { .. } | Action::ToolNumber(_) => {
                 self.switch(&command.action, line)?;
             }
@@ -1096,7 +1136,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         if single_step && self.last_line != line && self.last_line > 0 {
             self.stop(self.last_line, StopKind::Step)?;
         }
-        if motion.kind == MoveKind::Rapid && rapid_override < 1.0 {
+        if motion.kind == MoveKind::Rapid && rapid_override < 1.0 && self.override_counts {
             motion.feed = rapid_override * self.rapid_speed(&motion.curve);
         }
         if let (MoveKind::Feed, Some(most)) = (motion.kind, self.setup.machine.max_feed_mm_s) {

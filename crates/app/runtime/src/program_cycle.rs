@@ -115,7 +115,9 @@ impl<F: FnMut(&Seen<'_>)> SetpointSource for ProgramCycle<F> {
     }
 
     fn step(&mut self, begin: &CycleBegin) -> Computed {
-        let mut inputs = self.controls.inputs();
+        let switches = self.signals.as_ref().map(SignalLoop::overrides);
+        let switches = switches.unwrap_or_default();
+        let mut inputs = self.controls.inputs().switched_by(&switches);
         if self.process.is_some() {
             inputs.load = self.now.simulated;
         }
@@ -124,7 +126,7 @@ impl<F: FnMut(&Seen<'_>)> SetpointSource for ProgramCycle<F> {
         let command = self.at_command();
         let at_wait = self.take_signals(begin.number, &mut inputs);
         self.pass_stops(command, at_wait, &mut inputs);
-        self.adapt(&mut inputs);
+        self.adapt(&mut inputs, switches.adaptive.unwrap_or(true));
         let before = self.motion.plan_step();
         let mut setpoint = self.motion.step(&inputs, &mut self.queue);
         let has_left = at_wait && inputs.resume && self.motion.plan_step() != before;
@@ -264,8 +266,8 @@ impl<F> ProgramCycle<F> {
     }
 
     /// Lets the cutting load scale the feed. Rapids are left alone; the operator's override counts below 100 % only, so that
-    /// the set load holds.
-    fn adapt(&mut self, inputs: &mut Inputs) {
+    /// the set load holds. Where the program has switched it off (M52 P0), it follows the load and scales nothing.
+    fn adapt(&mut self, inputs: &mut Inputs, counts: bool) {
         let Some(adaptive) = &mut self.adaptive else {
             return;
         };
@@ -273,7 +275,10 @@ impl<F> ProgramCycle<F> {
         let feeds = last.is_some_and(|last| last.state == State::Running && last.flags & flags::RAPID == 0);
         let driven = self.motion.feed_factor();
         let driven = driven.or(last.map(|last| last.feed_override)).unwrap_or_default();
-        let output = adaptive.step(inputs.load, driven, feeds);
+        let output = adaptive.step(inputs.load, driven, feeds && counts);
+        if !counts {
+            return;
+        }
         inputs.feed_override = inputs.feed_override.min(1.0) * output.factor;
         self.now.adaptive_stop = self.now.adaptive_stop.or(output.stop);
         inputs.stop |= self.now.adaptive_stop.is_some();

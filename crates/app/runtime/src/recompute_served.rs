@@ -95,8 +95,13 @@ impl ServedAgain {
         let settings = &setup.machine.signals;
         let (outputs, inputs) = changes.iter().partition(|change| change.is_output);
         let lead_cycles = setup.machine.lead_cycles(self.period_ns);
-        self.signals = (!settings.is_empty())
-            .then(|| SignalsAgain::new(settings, lead_cycles, self.period_ns, inputs, outputs));
+        self.signals = Some(SignalsAgain::new(
+            settings,
+            lead_cycles,
+            self.period_ns,
+            inputs,
+            outputs,
+        ));
         self
     }
 

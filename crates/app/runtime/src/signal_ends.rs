@@ -10,7 +10,7 @@ use crate::signal_loop::{InputSource, SignalLoop};
 use crate::signal_port::{CHANGES, SAMPLES, SignalPort};
 use crate::signal_recorder::SignalRecorder;
 
-/// The ends. All of a machine without signals are none.
+/// The ends. A machine without signals has those of cycle and planner alone, for the overrides that a program switches.
 #[derive(Default)]
 pub(crate) struct SignalEnds {
     /// Of the publisher, where there is one.
@@ -27,21 +27,20 @@ impl SignalEnds {
     /// Of a run, with room for so many changes on their way to the trace.
     pub(crate) fn of_run(job: &Job, trace_length: usize) -> Self {
         let settings = &job.setup.machine.signals;
-        if settings.is_empty() {
-            return Self::default();
-        }
-        let script = (!job.bus || !job.is_realtime()).then(|| {
+        let on_bus = job.bus && !settings.is_empty();
+        let script = (!on_bus || !job.is_realtime()).then(|| {
             let script = job.inputs.clone();
             script.unwrap_or_else(|| InputScript::without_file(settings))
         });
         let (scheduler, scheduled) = schedule();
         let mut signals = signals(&job.setup);
         let _none_before = signals.begin_program(scheduled);
-        let trace_length = job.trace.is_some().then_some(trace_length);
+        let is_recorded = job.trace.is_some() && !settings.is_empty();
+        let trace_length = is_recorded.then_some(trace_length);
         let ends = Self::new(
             &job.setup,
             signals,
-            (job.bus, script),
+            (on_bus, script),
             trace_length,
             job.is_realtime(),
         );
@@ -54,7 +53,8 @@ impl SignalEnds {
     /// Of a served machine, with room for so many changes on their way to the trace, if there is one.
     pub(crate) fn of_service(setup: &Setup, trace_length: Option<usize>) -> Self {
         if setup.machine.signals.is_empty() {
-            return Self::default();
+            let script = InputScript::without_file(&setup.machine.signals);
+            return Self::new(setup, signals(setup), (false, Some(script)), None, true);
         }
         Self::new(setup, signals(setup), (true, None), trace_length, true)
     }

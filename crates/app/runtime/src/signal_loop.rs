@@ -4,8 +4,8 @@ use evolvent_machine::{MAX_ANALOG, MAX_DIGITAL, MAX_SPINDLES, SignalKind, Signal
 use evolvent_motion::{Setpoint, State};
 use evolvent_path::AxisLetter;
 use evolvent_signals::{
-    Change, InputImage, OutputImage, Phase, ProbeInput, ProbeState, Progress, ScheduleConsumer, Signals,
-    SpindleAngle, SpindleInput, SpindleState, probe_numbers,
+    Change, InputImage, OutputImage, OverrideSwitches, Phase, ProbeInput, ProbeState, Progress,
+    ScheduleConsumer, Signals, SpindleAngle, SpindleInput, SpindleState, probe_numbers,
 };
 use rtrb::{Consumer, Producer};
 
@@ -280,6 +280,11 @@ impl SignalLoop {
     /// How the spindle that motion follows turns when the setpoint of this number is due.
     pub(crate) fn spindle_at(&self, sequence: u64) -> SpindleInput {
         self.signals.spindle_at(sequence)
+    }
+
+    /// Which overrides count for the next setpoint.
+    pub(crate) fn overrides(&self) -> OverrideSwitches {
+        *self.signals.overrides()
     }
 
     /// Whether the emergency-stop chain was open at this setpoint or at one before.

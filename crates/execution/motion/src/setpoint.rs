@@ -1,7 +1,7 @@
 //! What a cycle takes in and gives out.
 
 use evolvent_path::Axes;
-use evolvent_signals::{ProbeInput, SpindleInput};
+use evolvent_signals::{OverrideSwitches, ProbeInput, SpindleInput};
 use evolvent_turning::LoadSample;
 
 use crate::State;
@@ -37,6 +37,18 @@ impl Default for Inputs {
             probe: ProbeInput::default(),
             spindle: SpindleInput::default(),
         }
+    }
+}
+
+impl Inputs {
+    /// As a program lets them count: without feed override it is 1, and a hold waits. A stop always counts.
+    #[must_use]
+    pub fn switched_by(mut self, switches: &OverrideSwitches) -> Self {
+        if !switches.feed {
+            self.feed_override = 1.0;
+        }
+        self.hold &= switches.feed_stop;
+        self
     }
 }
 

@@ -28,6 +28,7 @@
 //! dropped. The same schedule, progress and inputs give the same outputs, cycle by cycle.
 
 mod image;
+mod override_switches;
 mod probe_image;
 mod schedule;
 mod signals;
@@ -37,6 +38,7 @@ mod spindle_tracker;
 mod wait;
 
 pub use image::{InputImage, OutputImage};
+pub use override_switches::OverrideSwitches;
 pub use probe_image::{ProbeImage, ProbeInput, ProbeState, probe_numbers};
 pub use schedule::{Change, Moment, ScheduleConsumer, Scheduler, schedule};
 pub use signals::{Phase, Progress, Signals};

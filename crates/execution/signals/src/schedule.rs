@@ -3,6 +3,7 @@
 use evolvent_machine::MAX_ANALOG;
 use rtrb::{Consumer, Producer, RingBuffer};
 
+use crate::override_switches::OverrideSwitches;
 use crate::wait::{InputWait, WaitResult};
 
 /// Changes and waits on the way: one for each block mark and step that a plan queue holds at most, 131 072 and 36 800, and for
@@ -33,6 +34,8 @@ pub struct Change {
     pub analog_mask: u32,
     /// Values of the analog outputs that are set.
     pub analog: [f64; MAX_ANALOG as usize],
+    /// Which overrides count from then on; none where that stays as it is.
+    pub overrides: Option<OverrideSwitches>,
 }
 
 impl Change {
@@ -45,6 +48,7 @@ impl Change {
             off: 0,
             analog_mask: 0,
             analog: [0.0; MAX_ANALOG as usize],
+            overrides: None,
         }
     }
 
@@ -70,7 +74,13 @@ impl Change {
     /// Whether nothing changes.
     #[must_use]
     pub fn is_empty(&self) -> bool {
-        self.on == 0 && self.off == 0 && self.analog_mask == 0
+        !self.sets_outputs() && self.overrides.is_none()
+    }
+
+    /// Whether an output changes.
+    #[must_use]
+    pub fn sets_outputs(&self) -> bool {
+        self.on != 0 || self.off != 0 || self.analog_mask != 0
     }
 }
 

@@ -3,6 +3,7 @@
 use evolvent_machine::{EstopSettings, OutputRule, OutputSettings, SignalKind, SignalSettings};
 
 use crate::image::{InputImage, OutputImage};
+use crate::override_switches::OverrideSwitches;
 use crate::probe_image::{ProbeInput, ProbeState};
 use crate::schedule::{Change, Moment, ScheduleConsumer, Scheduled};
 use crate::spindle_input::{SpindleInput, SpindleKnowledge};
@@ -79,6 +80,7 @@ pub struct Signals {
     estop: Option<EstopSettings>,
     /// As the program has set them.
     programmed: OutputImage,
+    overrides: OverrideSwitches,
     inputs: InputImage,
     probe: ProbeInput,
     tracker: SpindleTracker,
@@ -112,6 +114,7 @@ impl Signals {
             all: Mask::of(settings, |_| true),
             estop: settings.estop,
             programmed: safe,
+            overrides: OverrideSwitches::default(),
             inputs: InputImage::default(),
             probe: ProbeInput::default(),
             tracker: SpindleTracker::new(period_s),
@@ -129,9 +132,10 @@ impl Signals {
         before
     }
 
-    /// The program is over, and so is a wait of it. Hands its schedule back, to be dropped where time does not matter.
+    /// The program is over, and so is a wait of it; every override counts again. Hands its schedule back, to be dropped where time does not matter.
     pub fn end_program(&mut self) -> Option<ScheduleConsumer> {
         (self.wait, self.go_on) = (None, false);
+        self.overrides = OverrideSwitches::default();
         self.schedule.take()
     }
 
@@ -242,6 +246,12 @@ impl Signals {
         std::mem::take(&mut self.go_on)
     }
 
+    /// Which overrides count for the next setpoint, as the program has switched them up to the last one.
+    #[must_use]
+    pub fn overrides(&self) -> &OverrideSwitches {
+        &self.overrides
+    }
+
     /// Sets outputs by hand, from the next setpoint on. Its moment counts for nothing.
     pub fn set_by_hand(&mut self, change: &Change) {
         self.programmed.apply(change);
@@ -294,7 +304,10 @@ impl Signals {
                 break;
             };
             match *scheduled {
-                Scheduled::Change(change) => self.programmed.apply(&change),
+                Scheduled::Change(change) => {
+                    self.programmed.apply(&change);
+                    self.overrides = change.overrides.unwrap_or(self.overrides);
+                }
                 Scheduled::Wait(wait) => {
                     let mut wait = ActiveWait::new(wait, self.lead_cycles);
                     wait.see(&self.inputs);

@@ -191,8 +191,8 @@ pub enum Action {
         feed: bool,
         /// Spindle override counts.
         spindle: bool,
-        /// Adaptive feed is on.
-        adaptive: bool,
+        /// Adaptive feed is on (M52); none where the program has not said.
+        adaptive: Option<bool>,
         /// Feed stop counts.
         feed_stop: bool,
         /// The cycle that switches them, not the program: `G84` or `G74`.
@@ -251,18 +251,6 @@ impl Action {
     pub fn unsupported_feature(&self) -> Option<&'static str> {
         Some(match self {
             Self::SurfaceSpeed { .. } => "constant surface speed (G96)",
-            Self::Overrides {
-                feed: true,
-                spindle: true,
-                adaptive: false,
-                feed_stop: true,
-                ..
-            } => return None,
-            Self::Overrides {
-                cycle: Some("G74"), ..
-            } => "tapping left-hand threads (G74)",
-            Self::Overrides { cycle: Some(_), .. } => "tapping (G84)",
-            Self::Overrides { .. } => "switching overrides (M49 to M53)",
             _ => return None,
         })
     }

@@ -78,7 +78,7 @@ impl Planning {
         let threadings = producer.take_threadings();
         let (onlooker, news) = mpsc::channel();
         let of_thread = Arc::clone(&flags);
-        let (scheduler, schedule) = (!setup.machine.signals.is_empty()).then(schedule).unzip();
+        let (scheduler, schedule) = Some(schedule()).unzip();
         let (number, first_block) = (job.number, job.numbered_from.0);
         let planner = if job.in_two_threads {
             Stages::two(setup, job.feed_override, producer)?

@@ -555,7 +555,9 @@ impl ServedParts {
         if let Some(signals) = &self.signals {
             now.inputs.spindle = signals.spindle_at(job.motion.next_sequence());
         }
-        let mut setpoint = job.motion.step(&now.inputs, &mut job.queue);
+        let switches = self.signals.as_ref().map(SignalLoop::overrides);
+        let inputs = now.inputs.switched_by(&switches.unwrap_or_default());
+        let mut setpoint = job.motion.step(&inputs, &mut job.queue);
         now.has_left_wait = signals.is_some() && now.inputs.resume && job.motion.plan_step() != before;
         if let (Some(spindle), false) = (trouble, now.faulted) {
             let sequence = setpoint.sequence;
@@ -566,7 +568,7 @@ impl ServedParts {
             self.tell_once(now, CycleEvent::Turning { sequence, reason });
         }
         now.turned = job.motion.turning().and_then(|output| output.transition);
-        now.input_bits |= recorded::FOLLOWS | input_bits(&now.inputs, &job.motion);
+        now.input_bits |= recorded::FOLLOWS | input_bits(&inputs, &job.motion);
         now.at_stop = (setpoint.state == State::ProgramStop).then_some(setpoint.actions);
         self.station.follow(&job.motion, &setpoint);
         if setpoint.state == State::Done && job.flags.has_failed() {

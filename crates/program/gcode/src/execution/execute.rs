@@ -607,7 +607,7 @@ impl Executor<'_> {
             MCode::Overrides(on) => (modes.feed_override, modes.spindle_override) = (on, on),
             MCode::FeedOverride => modes.feed_override = on,
             MCode::SpindleOverride => modes.spindle_override = on,
-            MCode::AdaptiveFeed => modes.adaptive = on,
+            MCode::AdaptiveFeed => modes.adaptive = Some(on),
             _ => modes.feed_stop = on,
         }
         self.put_overrides(None);

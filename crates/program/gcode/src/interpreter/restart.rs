@@ -184,6 +184,7 @@ impl<R: BufRead> Interpreter<R> {
             });
         }
         actions.extend(std::mem::take(&mut self.outputs_left).into_values());
+        actions.extend(state.overrides_left());
         Ok(Restart {
             line: self.next_of_program(),
             position: state.position,
@@ -211,6 +212,20 @@ impl<R: BufRead> Interpreter<R> {
 }
 
 impl State {
+    /// What M48 to M53 have left, where that is not as at the start.
+    fn overrides_left(&self) -> Option<Action> {
+        let modes = &self.modes;
+        let (feed, spindle) = (modes.feed_override, modes.spindle_override);
+        let is_as_at_start = feed && spindle && modes.adaptive.is_none() && modes.feed_stop;
+        (!is_as_at_start).then_some(Action::Overrides {
+            feed,
+            spindle,
+            adaptive: modes.adaptive,
+            feed_stop: modes.feed_stop,
+            cycle: None,
+        })
+    }
+
     /// The feed of a move along XYZ.
     fn feed_mm_s(&self) -> Option<f64> {
         let feed = self.modes.feed?.linear;
@@ -301,6 +316,17 @@ impl State {
         words.push(format!("T{}", self.tool));
         for (on, code) in [(modes.mist, "M7"), (modes.flood, "M8")] {
             if on {
+                words.push(code.to_owned());
+            }
+        }
+        for (counts, code) in [
+            (modes.feed_override, "M50 P0"),
+            (modes.spindle_override, "M51 P0"),
+            (modes.adaptive != Some(true), "M52 P1"),
+            (modes.adaptive != Some(false), "M52 P0"),
+            (modes.feed_stop, "M53 P0"),
+        ] {
+            if !counts {
                 words.push(code.to_owned());
             }
         }

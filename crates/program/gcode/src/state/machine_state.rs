@@ -44,7 +44,7 @@ pub(crate) struct Modes {
     pub(crate) flood: bool,
     pub(crate) feed_override: bool,
     pub(crate) spindle_override: bool,
-    pub(crate) adaptive: bool,
+    pub(crate) adaptive: Option<bool>,
     pub(crate) feed_stop: bool,
 }
 
@@ -124,7 +124,7 @@ impl State {
                 flood: settings.outputs.flood,
                 feed_override: true,
                 spindle_override: true,
-                adaptive: false,
+                adaptive: None,
                 feed_stop: true,
             },
             work: Axes::zeros(),
@@ -298,7 +298,7 @@ impl State {
         match system {
             System::Absolute => truth(!modes.incremental),
             System::Incremental => truth(modes.incremental),
-            System::AdaptiveFeed => truth(modes.adaptive),
+            System::AdaptiveFeed => truth(modes.adaptive == Some(true)),
             System::CutterCompensation => match self.cutter.code {
                 Compensation::Off => 400.0,
                 Compensation::On { left, given } => {

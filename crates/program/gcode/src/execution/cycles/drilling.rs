@@ -353,6 +353,8 @@ impl Executor<'_> {
             Cycle::Tap | Cycle::TapLeft => {
                 let modes = self.state.modes;
                 (self.state.modes.feed_override, self.state.modes.spindle_override) = (false, false);
+                // A hold within would stop the feed and not the spindle.
+                self.state.modes.feed_stop = false;
                 self.put_overrides(Some(Motion::Cycle(cycle).name()));
                 to(self, hole.bottom, feed)?;
                 self.turn_spindle(SpindleDirection::Stopped);
@@ -366,6 +368,7 @@ impl Executor<'_> {
                 self.turn_spindle(turning);
                 self.state.modes.feed_override = modes.feed_override;
                 self.state.modes.spindle_override = modes.spindle_override;
+                self.state.modes.feed_stop = modes.feed_stop;
                 self.put_overrides(Some(Motion::Cycle(cycle).name()));
                 return Ok(());
             }
