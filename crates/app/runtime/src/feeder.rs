@@ -15,7 +15,9 @@ use evolvent_motion::{
 };
 use evolvent_path::{Axes, AxisLetter, Curve};
 use evolvent_planner::{PlanError, PlanSink, Step};
-use evolvent_signals::{Awaited, Change, InputWait, Moment as SignalMoment, OverrideSwitches, Scheduler, WaitMode};
+use evolvent_signals::{
+    Awaited, Change, InputWait, Moment as SignalMoment, OverrideSwitches, Scheduler, WaitMode,
+};
 use evolvent_trace::BlockKind;
 use rtrb::Producer;
 

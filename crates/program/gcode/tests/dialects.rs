@@ -358,21 +358,37 @@ fn a_probe_to_where_an_unanswered_one_ends_is_no_error() {
 }
 
 #[test]
-fn tapping_is_refused_by_its_name() {
-    for (program, name) in [
-        ("G21 F100 S500 M3\nG0 Z5\nG84 X1 Z-1 R1\nM2\n", "tapping (G84)"),
-        ("G21 F100 S500 M4\nG0 Z5\nG74 X1 Z-1 R1\nM2\n", "(G74)"),
+fn a_cycle_that_taps_switches_overrides_and_holds_off_and_leaves_them_as_they_were() {
+    for (program, cycle) in [
+        ("G21 F100 S500 M3\nM50 P0\nG0 Z5\nG84 X1 Z-1 R1\nM2\n", "G84"),
+        ("G21 F100 S500 M4\nM50 P0\nG0 Z5\nG74 X1 Z-1 R1\nM2\n", "G74"),
     ] {
         let (commands, found) = interpret(program, Settings::default());
         assert!(found.is_empty(), "{found:?}");
-        let missing: Vec<_> = commands
+        let switches: Vec<_> = commands
             .iter()
-            .filter_map(|command| command.action.unsupported_feature())
+            .map(|command| &command.action)
+            .filter(|action| matches!(action, Action::Overrides { .. }))
             .collect();
-        assert!(!missing.is_empty() && missing[0].contains(name), "{missing:?}");
+        let overrides = |spindle, feed_stop, cycle| Action::Overrides {
+            feed: false,
+            spindle,
+            adaptive: None,
+            feed_stop,
+            cycle,
+        };
+        let expected = [
+            overrides(true, true, None),
+            overrides(false, false, Some(cycle)),
+            overrides(true, true, Some(cycle)),
+        ];
+        assert_eq!(switches, expected.iter().collect::<Vec<_>>());
+        assert!(
+            commands
+                .iter()
+                .all(|command| command.action.unsupported_feature().is_none())
+        );
     }
-    let (commands, _) = interpret("M49\n", Settings::default());
-    assert!(commands[0].action.unsupported_feature().unwrap().contains("M49"));
 }
 
 #[test]
