@@ -99,7 +99,8 @@ impl Route {
                 }
                 | Action::AnalogOutput {
                     synchronised: true, ..
-                } => {}
+                }
+                | Action::Overrides { cycle: None, .. } => {}
                 // Where a probing move ends the machine says.
                 Action::WaitInput { .. } | Action::Probe { .. } => {
                     return Err(RouteError::ReadsInput { line: command.line });
