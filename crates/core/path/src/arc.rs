@@ -119,6 +119,25 @@ impl Arc {
         mix(self.plane.project(&self.start), 1.0, self.radial, -self.radius)
     }
 
+    /// The part from one arc length to another, which is greater, in mm. Both ends of the arc stay as they are, bit for bit.
+    #[must_use]
+    pub(crate) fn part(&self, from: f64, to: f64) -> Self {
+        let (u0, u1) = (self.parameter(from), self.parameter(to));
+        let (x0, x1) = (u0 / self.length, u1 / self.length);
+        let mut part = Self {
+            plane: self.plane,
+            start: self.position(u0),
+            end: self.position(u1),
+            radial: self.planar(x0).1,
+            radius: self.radius + self.drift * x0,
+            drift: self.drift * (x1 - x0),
+            sweep: self.sweep * (x1 - x0),
+            length: 1.0,
+        };
+        part.length = part.length_to(1.0);
+        part
+    }
+
     fn climb(&self) -> f64 {
         let normal = self.plane.axes().2;
         self.end[normal] - self.start[normal]

@@ -108,6 +108,22 @@ macro_rules! each {
 
 /// [`ParamCurve`]'s functions, without the need to import the trait.
 impl Curve {
+    /// The part of a line or an arc from one arc length to another, which is greater: 0 and the length leave an end as it is,
+    /// bit for bit. `None` for the other curves, and for a part without length. Cycle: no.
+    #[must_use]
+    pub fn part(&self, from: f64, to: f64) -> Option<Self> {
+        if !(to > from) {
+            return None;
+        }
+        match self {
+            Self::Line(line) => Line::new(line.position(from), line.position(to))
+                .ok()
+                .map(Self::Line),
+            Self::Arc(arc) => Some(Self::Arc(arc.part(from, to))),
+            Self::Involute(_) | Self::Blend(_) | Self::Spline(_) => None,
+        }
+    }
+
     /// See [`ParamCurve::length`].
     #[must_use]
     pub fn length(&self) -> f64 {

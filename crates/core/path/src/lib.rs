@@ -58,6 +58,7 @@ mod plane;
 mod polynomial;
 mod quadrature;
 mod roll;
+mod spindle_speed;
 mod spirals;
 mod spline;
 
@@ -75,5 +76,6 @@ pub use joint::{JointKind, JointLimits, classify_joint};
 pub use line::Line;
 pub use metric::{FeedMetric, feed_rate};
 pub use plane::{Plane, Sense};
+pub use spindle_speed::{SpindleSpeed, SurfaceSpeed};
 pub use spirals::{Archimedean, half_circle_radii_mm, half_circles_length_mm, helix_length_mm};
 pub use spline::Spline;

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use evolvent_path::{Curve, Move, PathMode};
+use evolvent_path::{Curve, Move, PathMode, SurfaceSpeed};
 
 use crate::{Call, TurningCycle};
 
@@ -17,6 +17,9 @@ pub struct Command {
     pub origin: Option<Origin>,
     /// The calls that have led to the line.
     pub calls: CallChain,
+    /// Of a feed move in G95: mm, or degrees where only rotary axes move, per revolution of the spindle. The `feed` of the move is
+    /// the one at the spindle's commanded speed.
+    pub feed_per_revolution: Option<f64>,
 }
 
 /// The calls of subroutines that have led to a line, shared by all that tell of it. Empty in the program itself.
@@ -109,14 +112,12 @@ pub enum Action {
         /// Longest wait for it in seconds; 0 for none.
         timeout_s: f64,
     },
-    /// Constant surface speed (G96): the spindle's speed follows the radius, X of the tool.
+    /// Constant surface speed (G96): the spindle's speed follows the radius, X of the tool. Again where offsets move the centre.
     SurfaceSpeed {
         /// Sense of rotation, or stopped.
         direction: SpindleDirection,
-        /// Commanded speed of the surface in metres per minute, not negative.
-        metres_per_minute: f64,
-        /// Never faster than this; infinite without D.
-        max_rpm: f64,
+        /// The speed of the surface, and where it is measured from.
+        surface: SurfaceSpeed,
     },
     /// A move in step with the spindle's angle (G33, G76).
     Thread {
@@ -242,18 +243,6 @@ pub enum LogAction {
     Close,
     /// `(PROBECLOSE)`.
     CloseProbes,
-}
-
-impl Action {
-    /// What the core cannot do of this yet; whoever moves a machine must refuse such an action and say so, never
-    /// leave it out. `None` for everything that can be executed.
-    #[must_use]
-    pub fn unsupported_feature(&self) -> Option<&'static str> {
-        Some(match self {
-            Self::SurfaceSpeed { .. } => "constant surface speed (G96)",
-            _ => return None,
-        })
-    }
 }
 
 /// Which way the spindle turns, seen along the tool from the spindle.

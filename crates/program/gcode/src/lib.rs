@@ -39,8 +39,9 @@
 //! | `diagnostics` | errors, hints, what other dialects mean |
 //!
 //! What comes out is free of modes: a [`Move`] carries a curve in machine coordinates in mm and degrees, a speed in mm/s
-//! and the path mode, so planners know nothing of units, planes, offsets, cycles or the cutter's radius. What the core
-//! cannot do yet comes out too, and [`Action::unsupported_feature`] says so: whoever moves a machine refuses it.
+//! and the path mode, so planners know nothing of units, planes, offsets, cycles or the cutter's radius.
+//! Along moves in G95 the feed is that at the commanded speed of the spindle, and the [`Command`] tells the feed per
+//! revolution; in G96 such a move comes in pieces of nearly one speed.
 //!
 //! Where the standard is silent, or LinuxCNC does otherwise, `docs/SPECNOTES.md` says what happens here;
 //! `tools/compare-rs274` compares both interpreters. Nothing here is for the real-time cycle: it allocates.

@@ -383,11 +383,6 @@ fn a_cycle_that_taps_switches_overrides_and_holds_off_and_leaves_them_as_they_we
             overrides(true, true, Some(cycle)),
         ];
         assert_eq!(switches, expected.iter().collect::<Vec<_>>());
-        assert!(
-            commands
-                .iter()
-                .all(|command| command.action.unsupported_feature().is_none())
-        );
     }
 }
 
@@ -458,11 +453,12 @@ fn a_block_of_mdi_leaves_spindle_and_coolant_as_they_are() {
         for command in &commands {
             after.apply(&command.action);
         }
-        (after.signed_rpm(), after.mist, after.flood)
+        (after.signed_rpm_at(0.0), after.mist, after.flood)
     };
     let on = Outputs {
         direction: SpindleDirection::Clockwise,
         speed_rpm: 600.0,
+        surface: None,
         mist: false,
         flood: true,
     };

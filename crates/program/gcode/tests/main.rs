@@ -12,6 +12,7 @@ mod probing_cycles;
 mod programs;
 mod random;
 mod reference;
+mod surface_speed;
 mod tool_change;
 mod turning;
 mod turning_passes;

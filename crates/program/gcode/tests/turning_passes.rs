@@ -286,10 +286,6 @@ fn what_cannot_be_turned_is_refused_and_a_mill_drills_with_g82() {
         assert_eq!((error.code, error.line), (Code::CompensationActive, 5), "{line}");
         assert!(error.help.is_some_and(|help| help.contains("G40")), "{line}");
     }
-    // A feed per revolution with a speed that follows the radius is not known.
-    let error = run_with("G21 G18 G0 X30 Z1\nG96 S80 M3\nG95 F0.2\nG1 Z-5\n", lathe()).unwrap_err();
-    assert_eq!((error.code, error.line), (Code::SpindleSpeedMissing, 4));
-    assert!(error.message.contains("G96") && error.help.is_some_and(|help| help.contains("G97")));
     let mill = run_with("G21 F60\nG82 X5 Y5 Z-3 R1 P2\nM2\n", Settings::default()).unwrap();
     assert!(mill.contains(&Action::Dwell { seconds: 2.0 }));
     let error = run_with("G75 X1 Z1\n", Settings::default()).unwrap_err();

@@ -367,6 +367,7 @@ impl Loop {
             action: Action::Warning(text),
             origin: None,
             calls: CallChain::default(),
+            feed_per_revolution: None,
         }
     }
 }

@@ -80,6 +80,7 @@ impl Executor<'_> {
             action,
             origin: self.origin.clone(),
             calls: self.calls.clone(),
+            feed_per_revolution: None,
         });
     }
 
@@ -113,6 +114,7 @@ impl Executor<'_> {
             self.state.sticky.running = None;
         }
         let mut called = self.called()?;
+        self.follow_centre();
         if let Some(motion) = line.motion() {
             self.motion(motion)?;
             if let Motion::Rough(rough) = motion {
@@ -239,6 +241,7 @@ impl Executor<'_> {
     /// Spindle, tools, coolant, outputs.
     fn periphery(&mut self) -> Result<Option<Request>, Fault> {
         let line = self.line;
+        let was_surface = self.state.modes.surface.is_some();
         if let Some(GCode::ConstantSurfaceSpeed(on)) = line.g(Group::SpindleMode) {
             if on && !line.has(b'S') {
                 let span = line.group_span(Group::SpindleMode);
@@ -253,7 +256,14 @@ impl Executor<'_> {
             {
                 return Err(crate::syntax::word_faults::negative('D', limit, line.span(b'D')));
             }
-            self.state.modes.surface = on.then(|| line.word(b'D').unwrap_or(f64::INFINITY));
+            if !on && self.state.modes.surface.is_some() && !line.has(b'S') {
+                // The spindle keeps the speed that it has here.
+                self.state.modes.speed = self.state.rpm();
+            }
+            self.state.modes.surface = on.then(|| {
+                let limit = line.word(b'D').unwrap_or(f64::INFINITY);
+                limit.min(self.settings.spindle_max_rpm)
+            });
         }
         if let Some(speed) = line.word(b'S') {
             // Feet per minute in G20.
@@ -278,7 +288,7 @@ impl Executor<'_> {
         }
         if turned.is_some()
             || line.has(b'S')
-            || line.g(Group::SpindleMode).is_some() && self.surface_changed()
+            || line.g(Group::SpindleMode).is_some() && (was_surface || self.state.modes.surface.is_some())
         {
             self.spindle();
         }
@@ -300,24 +310,20 @@ impl Executor<'_> {
         Ok(request)
     }
 
-    /// G97 after G96 tells the spindle its speed in revolutions again; G97 alone changes nothing.
-    fn surface_changed(&self) -> bool {
-        self.state.modes.surface.is_some()
+    pub(crate) fn spindle(&mut self) {
+        self.state.modes.told_centre_mm = self.state.centre_mm();
+        self.out(self.state.spindle_action());
     }
 
-    pub(crate) fn spindle(&mut self) {
-        let modes = self.state.modes;
-        self.out(match modes.surface {
-            Some(max_rpm) => Action::SurfaceSpeed {
-                direction: modes.spindle,
-                metres_per_minute: modes.speed,
-                max_rpm,
-            },
-            None => Action::Spindle {
-                direction: modes.spindle,
-                speed_rpm: modes.speed,
-            },
-        });
+    /// Offsets may have moved the centre to which the radius of G96 is measured.
+    fn follow_centre(&mut self) {
+        let modes = &self.state.modes;
+        if modes.surface.is_some()
+            && modes.spindle != SpindleDirection::Stopped
+            && modes.told_centre_mm != self.state.centre_mm()
+        {
+            self.spindle();
+        }
     }
 
     pub(crate) fn coolant(&mut self) {

@@ -155,6 +155,7 @@ impl Executor<'_> {
         let line = Line::new(self.state.position, target)
             .map_err(|error| Fault::new(Code::LineRefused, self.line.motion_span(), error.to_string()))?;
         let length = line.length();
+        let rotary = self.only_rotary(&target);
         let feed = match kind {
             MoveKind::Rapid => f64::INFINITY,
             MoveKind::Feed => {
@@ -164,7 +165,7 @@ impl Executor<'_> {
                     None => length,
                 };
                 let programmed = if programmed > 0.0 { programmed } else { length };
-                self.speed(programmed, self.only_rotary(&target))
+                self.speed(programmed, rotary)
             }
         };
         self.check_move(length, feed)?;
@@ -183,6 +184,7 @@ impl Executor<'_> {
             }),
             origin: self.origin.clone(),
             calls: self.calls.clone(),
+            feed_per_revolution: self.feed_per_revolution(kind, rotary),
         });
         Ok(())
     }
@@ -215,12 +217,18 @@ impl Executor<'_> {
             // After G40 the tool has come back to the programmed path.
             self.state.cutter.programmed = None;
         }
-        self.out(Action::Move(Move {
-            curve,
-            kind,
-            feed,
-            path_mode,
-        }));
+        self.out.push_back(Command {
+            line: self.number,
+            action: Action::Move(Move {
+                curve,
+                kind,
+                feed,
+                path_mode,
+            }),
+            origin: self.origin.clone(),
+            calls: self.calls.clone(),
+            feed_per_revolution: self.feed_per_revolution(kind, false),
+        });
         Ok(())
     }
 
@@ -238,6 +246,18 @@ impl Executor<'_> {
         let message = format!("a move of {length:e} mm at {feed:e} mm/s");
         Err(Fault::new(Code::LineRefused, self.line.motion_span(), message)
             .help("length or feed is too small to compute with"))
+    }
+
+    /// What a move in G95 is fed by each revolution of the spindle.
+    #[inline]
+    fn feed_per_revolution(&self, kind: MoveKind, rotary: bool) -> Option<f64> {
+        let modes = &self.state.modes;
+        if kind == MoveKind::Rapid || modes.feed_mode != FeedMode::PerRevolution {
+            return None;
+        }
+        modes
+            .feed
+            .map(|feed| if rotary { feed.rotary } else { feed.linear })
     }
 
     /// A feed move needs a speed.
@@ -266,14 +286,10 @@ impl Executor<'_> {
             let message = format!("{name} with feed F0");
             return Err(Fault::new(Code::FeedZero, span, message).help("write an F above 0"));
         }
-        if modes.feed_mode == FeedMode::PerRevolution && (modes.speed <= 0.0 || modes.surface.is_some()) {
-            let message = format!("{name} in G95, but the spindle speed is 0 or not known (G96)");
-            let help = if modes.surface.is_some() {
-                "with G96 the spindle's speed follows the radius: write G94 and a feed per minute, or G97 and S"
-            } else {
-                "feed per revolution needs a spindle speed: write S and M3 first"
-            };
-            return Err(Fault::new(Code::SpindleSpeedMissing, span, message).help(help));
+        if modes.feed_mode == FeedMode::PerRevolution && modes.speed <= 0.0 {
+            let message = format!("{name} in G95, but the spindle speed is 0");
+            return Err(Fault::new(Code::SpindleSpeedMissing, span, message)
+                .help("feed per revolution needs a spindle speed: write S and M3 first"));
         }
         Ok(())
     }
@@ -289,7 +305,8 @@ impl Executor<'_> {
             .feed
             .map_or(0.0, |feed| if rotary { feed.rotary } else { feed.linear });
         match modes.feed_mode {
-            FeedMode::PerRevolution => feed * modes.speed / 60.0,
+            // Along the move it is followed where the spindle's speed follows the radius.
+            FeedMode::PerRevolution => feed * self.state.rpm() / 60.0,
             _ => feed,
         }
     }

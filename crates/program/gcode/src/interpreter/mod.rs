@@ -6,6 +6,7 @@ pub(crate) mod effects;
 pub(crate) mod modal;
 pub(crate) mod o_words;
 pub(crate) mod restart;
+pub(crate) mod surface_feed;
 pub(crate) mod tool_change;
 pub(crate) mod volatile;
 
@@ -23,6 +24,7 @@ use crate::execution::contour_watch::ContourWatch;
 use crate::execution::execute::{Executor, MAX_WAITING};
 use crate::interpreter::capture::Capture;
 use crate::interpreter::o_words::{Definition, Frame, Skip};
+use crate::interpreter::surface_feed::SurfaceFeed;
 use crate::interpreter::tool_change::Resumed;
 use crate::parameters::names::Names;
 use crate::parameters::values::Parameters;
@@ -105,6 +107,8 @@ pub struct Interpreter<R> {
     pub(crate) changed: Vec<Changed>,
     /// Contours whose parts may be too near to each other.
     watch: ContourWatch,
+    /// Moves whose feed follows the spindle's speed.
+    pub(crate) surface_feed: SurfaceFeed,
     /// Outputs as the lines before a restart have left them, by kind and number.
     pub(crate) outputs_left: BTreeMap<(bool, u32), Action>,
     /// The tool whose change has just begun.
@@ -142,6 +146,8 @@ impl<R: BufRead> Interpreter<R> {
         state.publish(&settings, &mut parameters);
         state.load_work(&parameters);
         parameters.commit();
+        let mut surface_feed = SurfaceFeed::default();
+        surface_feed.set_speed(&state.spindle_action());
         Self {
             reader: LineReader::new(input, settings.max_line_bytes),
             before: state,
@@ -167,6 +173,7 @@ impl<R: BufRead> Interpreter<R> {
             pending: VecDeque::new(),
             changed: Vec::new(),
             watch: ContourWatch::default(),
+            surface_feed,
             outputs_left: BTreeMap::new(),
             begun_change: None,
             resumed: None,
@@ -648,7 +655,7 @@ impl<R: BufRead> Interpreter<R> {
         let held = &mut self.state.cutter.held;
         *held = held.map(|held| held - 1);
         self.watch.hands_out(&command);
-        Some(command)
+        Some(self.surface_feed.divide(command))
     }
 
     /// The end without M2.
@@ -672,6 +679,9 @@ impl<R: BufRead> Iterator for Interpreter<R> {
     type Item = Result<Command, Diagnostic>;
 
     fn next(&mut self) -> Option<Self::Item> {
+        if let Some(piece) = self.surface_feed.next() {
+            return Some(Ok(piece));
+        }
         loop {
             // A move that cutter compensation may still change waits, and all that comes after it.
             let waits = self.state.cutter.held;

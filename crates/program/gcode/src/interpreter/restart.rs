@@ -61,6 +61,7 @@ impl Restart {
                 action: action.clone(),
                 origin: None,
                 calls: CallChain::default(),
+                feed_per_revolution: None,
             });
         }
         let mut out = *from;
@@ -113,6 +114,7 @@ impl Restart {
                 }),
                 origin: None,
                 calls: CallChain::default(),
+                feed_per_revolution: None,
             });
             at = to;
         }
@@ -157,6 +159,7 @@ impl<R: BufRead> Interpreter<R> {
                 self.refuse(format!("line {line} is in the middle of a NURBS")),
             ));
         }
+        self.surface_feed.set_speed(&state.spindle_action());
         let mut actions = Vec::new();
         if state.tool != tool {
             actions.push(Action::ChangeTool(state.tool));
@@ -165,17 +168,7 @@ impl<R: BufRead> Interpreter<R> {
         let before = self.settings.outputs;
         let is_off = |direction| direction == SpindleDirection::Stopped;
         if !is_off(state.modes.spindle) || !is_off(before.direction) {
-            actions.push(match state.modes.surface {
-                Some(max_rpm) => Action::SurfaceSpeed {
-                    direction: state.modes.spindle,
-                    metres_per_minute: state.modes.speed,
-                    max_rpm,
-                },
-                None => Action::Spindle {
-                    direction: state.modes.spindle,
-                    speed_rpm: state.modes.speed,
-                },
-            });
+            actions.push(state.spindle_action());
         }
         if state.modes.mist || state.modes.flood || before.mist || before.flood {
             actions.push(Action::Coolant {
@@ -232,8 +225,7 @@ impl State {
         let feed = match self.modes.feed_mode {
             FeedMode::InverseTime => return None,
             FeedMode::PerMinute => feed,
-            FeedMode::PerRevolution if self.modes.surface.is_some() => return None,
-            FeedMode::PerRevolution => feed * self.modes.speed / 60.0,
+            FeedMode::PerRevolution => feed * self.rpm() / 60.0,
         };
         (feed > 0.0 && feed.is_finite()).then_some(feed)
     }
@@ -312,6 +304,12 @@ impl State {
             SpindleDirection::Clockwise => "M3",
             SpindleDirection::CounterClockwise => "M4",
         };
+        if let Some(max_rpm) = modes.surface {
+            words.push("G96".to_owned());
+            if max_rpm.is_finite() {
+                words.push(format!("D{max_rpm}"));
+            }
+        }
         words.push(format!("S{} {turning}", modes.speed));
         words.push(format!("T{}", self.tool));
         for (on, code) in [(modes.mist, "M7"), (modes.flood, "M8")] {

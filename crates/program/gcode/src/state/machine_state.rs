@@ -1,12 +1,12 @@
 //! The modal state.
 
-use evolvent_path::{AXES, Axes, AxisLetter, Plane};
+use evolvent_path::{AXES, Axes, AxisLetter, Plane, SurfaceSpeed};
 
 use crate::codes::modal_groups::{Compensation, FeedMode, Motion, PlaneCode};
 use crate::execution::compensation::CutterState;
 use crate::parameters::system::System;
 use crate::parameters::values::{G92, G92_ACTIVE, Parameters, WORK_OFFSET, WORK_OFFSET_1};
-use crate::{PathMode, Settings, SpindleDirection};
+use crate::{Action, Outputs, PathMode, Settings, SpindleDirection};
 
 /// Millimetres of an inch.
 pub(crate) const INCH_MM: f64 = 25.4;
@@ -40,6 +40,8 @@ pub(crate) struct Modes {
     pub(crate) speed: f64,
     /// G96: the greatest speed in revolutions per minute.
     pub(crate) surface: Option<f64>,
+    /// The machine was told that the spindle's centre is at this X, machine coordinates.
+    pub(crate) told_centre_mm: f64,
     pub(crate) mist: bool,
     pub(crate) flood: bool,
     pub(crate) feed_override: bool,
@@ -118,8 +120,12 @@ impl State {
                 retract_to_old: false,
                 diameter: false,
                 spindle: settings.outputs.direction,
-                speed: settings.outputs.speed_rpm,
-                surface: None,
+                speed: match settings.outputs.surface {
+                    Some(surface) => surface.metres_per_minute,
+                    None => settings.outputs.speed_rpm,
+                },
+                surface: settings.outputs.surface.map(|surface| surface.max_rpm),
+                told_centre_mm: settings.outputs.surface.map_or(0.0, |surface| surface.centre_mm),
                 mist: settings.outputs.mist,
                 flood: settings.outputs.flood,
                 feed_override: true,
@@ -266,6 +272,38 @@ impl State {
         }
         // In this order sums of offsets are what they were before the tool's length came in.
         self.work + self.g92 + self.tool_offset + program
+    }
+
+    /// What the spindle is told.
+    pub(crate) fn spindle_action(&self) -> Action {
+        let modes = &self.modes;
+        let direction = modes.spindle;
+        match modes.surface {
+            Some(max_rpm) => Action::SurfaceSpeed {
+                direction,
+                surface: SurfaceSpeed {
+                    metres_per_minute: modes.speed,
+                    max_rpm,
+                    centre_mm: self.centre_mm(),
+                },
+            },
+            None => Action::Spindle {
+                direction,
+                speed_rpm: modes.speed,
+            },
+        }
+    }
+
+    /// X of the program's zero in machine coordinates: the spindle's centre.
+    pub(crate) fn centre_mm(&self) -> f64 {
+        self.machine_of(Axes::zeros())[0]
+    }
+
+    /// The spindle's speed while it turns, where the tool is.
+    pub(crate) fn rpm(&self) -> f64 {
+        let mut outputs = Outputs::default();
+        outputs.apply(&self.spindle_action());
+        outputs.speed().rpm_at(self.position[0])
     }
 
     /// A point of machine coordinates in program coordinates (mm, degrees).

@@ -1,5 +1,7 @@
 //! Spindle and coolant: what a program switches on the machine.
 
+use evolvent_path::{SpindleSpeed, SurfaceSpeed};
+
 use crate::{Action, SpindleDirection};
 
 /// State of spindle and coolant, as the program has commanded it.
@@ -9,6 +11,8 @@ pub struct Outputs {
     pub direction: SpindleDirection,
     /// Speed of the last S word in revolutions per minute, not negative; kept while the spindle is stopped.
     pub speed_rpm: f64,
+    /// The speed follows the radius (G96), and `speed_rpm` counts for nothing.
+    pub surface: Option<SurfaceSpeed>,
     /// Mist coolant (M7) is on.
     pub mist: bool,
     /// Flood coolant (M8) is on.
@@ -20,7 +24,10 @@ impl Outputs {
     pub fn apply(&mut self, action: &Action) -> bool {
         match *action {
             Action::Spindle { direction, speed_rpm } => {
-                (self.direction, self.speed_rpm) = (direction, speed_rpm);
+                (self.direction, self.speed_rpm, self.surface) = (direction, speed_rpm, None);
+            }
+            Action::SurfaceSpeed { direction, surface } => {
+                (self.direction, self.surface) = (direction, Some(surface));
             }
             Action::Coolant { mist, flood } => (self.mist, self.flood) = (mist, flood),
             _ => return false,
@@ -28,13 +35,23 @@ impl Outputs {
         true
     }
 
-    /// Commanded speed in revolutions per minute, negative counter-clockwise, 0 where the spindle is stopped.
+    /// The speed of the spindle while it turns.
     #[must_use]
-    pub fn signed_rpm(&self) -> f64 {
+    pub fn speed(&self) -> SpindleSpeed {
+        match self.surface {
+            Some(surface) => SpindleSpeed::Surface(surface),
+            None => SpindleSpeed::Constant { rpm: self.speed_rpm },
+        }
+    }
+
+    /// Commanded speed in revolutions per minute where the tool is at X in machine coordinates, mm: negative counter-clockwise, 0
+    /// where the spindle is stopped.
+    #[must_use]
+    pub fn signed_rpm_at(&self, x_mm: f64) -> f64 {
         match self.direction {
             SpindleDirection::Stopped => 0.0,
-            SpindleDirection::Clockwise => self.speed_rpm,
-            SpindleDirection::CounterClockwise => -self.speed_rpm,
+            SpindleDirection::Clockwise => self.speed().rpm_at(x_mm),
+            SpindleDirection::CounterClockwise => -self.speed().rpm_at(x_mm),
         }
     }
 }

@@ -58,6 +58,8 @@ pub struct Settings {
     pub load_channel: bool,
     /// Axes can follow the angle of the spindle, so that G84 and G74 tap rigidly ([`crate::Action::RigidTap`]).
     pub rigid_tapping: bool,
+    /// The spindle turns no faster (G96 at small radii), rpm; infinite where nothing is known of it.
+    pub spindle_max_rpm: f64,
     /// Where files of subroutines are looked for, in this order: `NAME.ngc` for `O<NAME> call`.
     pub subroutine_folders: Vec<std::path::PathBuf>,
     /// Most memory for the bodies of loops and subroutines, in bytes.
@@ -138,6 +140,7 @@ impl Default for Settings {
             waits_succeed: false,
             arc: ArcTolerance::default(),
             involute_tolerance_mm: 0.001,
+            spindle_max_rpm: f64::INFINITY,
             max_line_bytes: 64 * 1024,
             tool: 0,
             selected_tool: None,

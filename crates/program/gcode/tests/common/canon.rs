@@ -139,9 +139,8 @@ impl Printer {
             } => self.turn(direction(*way), *speed_rpm),
             Action::SurfaceSpeed {
                 direction: way,
-                metres_per_minute,
-                ..
-            } => self.turn(direction(*way), *metres_per_minute),
+                surface,
+            } => self.turn(direction(*way), surface.metres_per_minute),
             Action::OrientSpindle { degrees, .. } => {
                 self.spindle.0 = "stop".to_owned();
                 self.put(format!("orient {degrees:.4}"));

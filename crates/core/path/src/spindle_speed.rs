@@ -1,0 +1,118 @@
+//! The speed of a spindle, as programs command it: the same everywhere, or that of the surface it cuts.
+
+use std::f64::consts::TAU;
+
+/// No spindle turns faster, rpm: a surface speed at the centre asks for any speed.
+const FASTEST_RPM: f64 = 1e6;
+
+/// A commanded speed of a spindle.
+///
+/// ```
+/// use evolvent_path::{SpindleSpeed, SurfaceSpeed};
+///
+/// let surface = SurfaceSpeed { metres_per_minute: 200.0, max_rpm: 3000.0, centre_mm: -5.0 };
+/// let speed = SpindleSpeed::Surface(surface);
+/// // 25 mm from the centre: 1000 * 200 / (2 pi * 25) rpm.
+/// assert!((speed.rpm_at(20.0) - 1273.239_544_735).abs() < 1e-9);
+/// // Near the centre it is limited.
+/// assert_eq!(speed.rpm_at(-5.0), 3000.0);
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum SpindleSpeed {
+    /// The same everywhere (G97).
+    Constant {
+        /// Not negative.
+        rpm: f64,
+    },
+    /// So fast that the surface has a speed (G96).
+    Surface(SurfaceSpeed),
+}
+
+/// A constant surface speed (G96): the spindle turns the faster the nearer the tool is to its centre.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SurfaceSpeed {
+    /// Speed of the surface, m/min, not negative.
+    pub metres_per_minute: f64,
+    /// Never faster than this, rpm; infinite where nothing bounds it.
+    pub max_rpm: f64,
+    /// X of the spindle's centre, mm in machine coordinates: where the program's X is 0.
+    pub centre_mm: f64,
+}
+
+impl SpindleSpeed {
+    /// The speed in rpm where the tool is at X in machine coordinates, mm. Finite, not negative. Real-time safe.
+    #[must_use]
+    pub fn rpm_at(&self, x_mm: f64) -> f64 {
+        let rpm = match self {
+            Self::Constant { rpm } => *rpm,
+            Self::Surface(surface) => surface.rpm_at(x_mm),
+        };
+        rpm.clamp(0.0, FASTEST_RPM)
+    }
+
+    /// The lowest and the highest speed in rpm between two X in machine coordinates, mm, the lower one first.
+    #[must_use]
+    pub fn range_rpm(&self, x_mm: (f64, f64)) -> (f64, f64) {
+        let ends = (self.rpm_at(x_mm.0), self.rpm_at(x_mm.1));
+        let (slow, fast) = (ends.0.min(ends.1), ends.0.max(ends.1));
+        match self {
+            Self::Surface(surface) if x_mm.0 < surface.centre_mm && surface.centre_mm < x_mm.1 => {
+                (slow, self.rpm_at(surface.centre_mm))
+            }
+            _ => (slow, fast),
+        }
+    }
+}
+
+impl SurfaceSpeed {
+    fn rpm_at(&self, x_mm: f64) -> f64 {
+        let radius_mm = (x_mm - self.centre_mm).abs();
+        if self.metres_per_minute == 0.0 {
+            // At the centre too.
+            return 0.0;
+        }
+        (1000.0 * self.metres_per_minute / (TAU * radius_mm)).min(self.max_rpm)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn surface(max_rpm: f64) -> SpindleSpeed {
+        SpindleSpeed::Surface(SurfaceSpeed {
+            metres_per_minute: 100.0,
+            max_rpm,
+            centre_mm: 2.0,
+        })
+    }
+
+    #[test]
+    fn the_surface_has_its_speed_on_both_sides_of_the_centre_up_to_the_limit() {
+        for radius_mm in [0.5, 7.0, 123.0] {
+            for x_mm in [2.0 - radius_mm, 2.0 + radius_mm] {
+                let rpm = surface(f64::INFINITY).rpm_at(x_mm);
+                let metres_per_minute = rpm * TAU * radius_mm / 1000.0;
+                assert!((metres_per_minute - 100.0).abs() < 1e-9, "{metres_per_minute}");
+            }
+        }
+        assert_eq!(surface(1500.0).rpm_at(2.0), 1500.0);
+        assert_eq!(surface(f64::INFINITY).rpm_at(2.0), FASTEST_RPM);
+        let still = SurfaceSpeed {
+            metres_per_minute: 0.0,
+            max_rpm: 1500.0,
+            centre_mm: 2.0,
+        };
+        assert_eq!(SpindleSpeed::Surface(still).rpm_at(2.0), 0.0);
+    }
+
+    #[test]
+    fn a_range_over_the_centre_goes_up_to_the_limit() {
+        let speed = surface(1500.0);
+        assert_eq!(speed.range_rpm((-30.0, 40.0)), (speed.rpm_at(40.0), 1500.0));
+        assert_eq!(
+            speed.range_rpm((20.0, 40.0)),
+            (speed.rpm_at(40.0), speed.rpm_at(20.0))
+        );
+    }
+}

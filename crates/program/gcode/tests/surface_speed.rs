@@ -1,0 +1,207 @@
+//! G96 with and without G95: what the spindle is told, and how moves are fed while its speed follows the radius.
+
+use std::f64::consts::TAU;
+
+use evolvent_gcode::{Action, Command, Interpreter, MoveKind, PathMode, Settings, SpindleDirection};
+use evolvent_path::SurfaceSpeed;
+
+fn run(program: &str) -> Vec<Command> {
+    let settings = Settings {
+        lathe: true,
+        spindle_max_rpm: 4000.0,
+        ..Settings::default()
+    };
+    let found: Result<Vec<_>, _> = Interpreter::new(program.as_bytes(), settings).collect();
+    found.unwrap()
+}
+
+fn spindles(commands: &[Command]) -> Vec<Action> {
+    let told = commands.iter().map(|command| command.action.clone());
+    told.filter(|action| matches!(action, Action::Spindle { .. } | Action::SurfaceSpeed { .. }))
+        .collect()
+}
+
+fn surface(metres_per_minute: f64, max_rpm: f64, centre_mm: f64) -> Action {
+    Action::SurfaceSpeed {
+        direction: SpindleDirection::Clockwise,
+        surface: SurfaceSpeed {
+            metres_per_minute,
+            max_rpm,
+            centre_mm,
+        },
+    }
+}
+
+/// The speed by the definition: the circumference that passes by in a minute.
+fn rpm(metres_per_minute: f64, max_rpm: f64, radius_mm: f64) -> f64 {
+    (metres_per_minute * 1000.0 / (TAU * radius_mm)).min(max_rpm)
+}
+
+/// Checks the pieces of a program's feed moves against the definition at many places of each, and returns their number.
+fn check_pieces(program: &str, law: impl Fn(f64) -> f64, feed_mm: f64) -> usize {
+    let commands = run(program);
+    let pieces: Vec<_> = commands
+        .iter()
+        .filter_map(|command| match &command.action {
+            Action::Move(motion) if motion.kind == MoveKind::Feed => Some((motion, command)),
+            _ => None,
+        })
+        .collect();
+    for pair in pieces.windows(2) {
+        assert_eq!(pair[0].0.curve.end(), pair[1].0.curve.start());
+        let [ends, begins] = [
+            pair[0].0.curve.at(pair[0].0.curve.length()).tangent(),
+            pair[1].0.curve.at(0.0).tangent(),
+        ];
+        assert!((ends - begins).norm() < 1e-9, "{ends} {begins}");
+    }
+    for (motion, command) in &pieces {
+        assert_eq!(command.feed_per_revolution, Some(feed_mm));
+        for k in 0..=20 {
+            let place = motion
+                .curve
+                .at(motion.curve.length() * f64::from(k) / 20.0)
+                .position;
+            let wanted = feed_mm * law(place[0]) / 60.0;
+            let off = motion.feed / wanted - 1.0;
+            // Half a piece's change, or the end of what is not divided any more.
+            assert!(
+                off.abs() < 0.0102 || motion.curve.length() < 0.02,
+                "{off} at {place}"
+            );
+        }
+    }
+    pieces.len()
+}
+
+#[test]
+fn a_face_is_cut_with_the_same_chip_from_the_rim_to_the_limit_of_speed() {
+    let law = |x: f64| rpm(200.0, 3000.0, x.abs());
+    let count = check_pieces(
+        "G21 G18 G8 G95 G96 S200 D3000 M3\nG0 X60 Z0\nG1 X-2 F0.2\nM2\n",
+        law,
+        0.2,
+    );
+    // ln(60 / 10.6) / ln(1.02) = 88 at the least, and twice that by halving; where the speed is limited there is one.
+    assert!((88..180).contains(&count), "{count}");
+    // Not limited by D: by the spindle, 4000 rpm.
+    let law = |x: f64| rpm(200.0, 4000.0, x.abs());
+    check_pieces(
+        "G21 G18 G8 G95 G96 S200 M3\nG0 X60 Z0\nG1 X0 F0.2\nM2\n",
+        law,
+        0.2,
+    );
+}
+
+#[test]
+fn arcs_are_divided_and_keep_their_shape_and_cylinders_are_not() {
+    let law = |x: f64| rpm(150.0, 2500.0, x);
+    let ball = "G21 G18 G8 G61.1 G95 G96 S150 D2500 M3\nG0 X1 Z20\nG3 X20 Z1 I0 K-19 F0.1\nM2\n";
+    let count = check_pieces(ball, law, 0.1);
+    assert!(count > 20, "{count}");
+    let moves: Vec<_> = run(ball)
+        .into_iter()
+        .filter_map(|command| match command.action {
+            Action::Move(motion) if motion.kind == MoveKind::Feed => Some(motion),
+            _ => None,
+        })
+        .collect();
+    // The stop is at the end of all alone.
+    let stops = moves
+        .iter()
+        .filter(|motion| motion.path_mode == PathMode::ExactStop);
+    assert_eq!(stops.count(), 1);
+    assert_eq!(moves[moves.len() - 1].path_mode, PathMode::ExactStop);
+    for motion in &moves {
+        for k in 0..=10 {
+            let place = motion
+                .curve
+                .at(motion.curve.length() * f64::from(k) / 10.0)
+                .position;
+            let radius = (place[0] - 1.0).hypot(place[2] - 1.0);
+            assert!((radius - 19.0).abs() < 1e-9, "{radius}");
+        }
+    }
+    let length: f64 = moves.iter().map(|motion| motion.curve.length()).sum();
+    assert!((length - 19.0 * TAU / 4.0).abs() < 1e-9, "{length}");
+    let cylinder = "G21 G18 G8 G95 G96 S150 D2500 M3\nG0 X20 Z1\nG1 Z-50 F0.3\nM2\n";
+    assert_eq!(check_pieces(cylinder, law, 0.3), 1);
+}
+
+#[test]
+fn the_centre_is_where_the_program_has_x_0_and_follows_offsets() {
+    let program =
+        "G21 G18 G8 G96 S100 D2000 M3\nG92 X5\nG10 L2 P2 X-30\nG55\nG43.1 X0.5\nG97 S600\nG54\nM5\nM2\n";
+    let told = spindles(&run(program));
+    let expected = [
+        surface(100.0, 2000.0, 0.0),
+        surface(100.0, 2000.0, -5.0),
+        surface(100.0, 2000.0, -35.0),
+        surface(100.0, 2000.0, -34.5),
+    ];
+    assert_eq!(&told[..4], &expected);
+    assert!(
+        matches!(told[4], Action::Spindle { speed_rpm: 600.0, .. }),
+        "{:?}",
+        told[4]
+    );
+    // Constant again: offsets count for nothing.
+    assert!(
+        matches!(
+            told[5],
+            Action::Spindle {
+                direction: SpindleDirection::Stopped,
+                ..
+            }
+        ),
+        "{:?}",
+        told[5]
+    );
+}
+
+#[test]
+fn g97_alone_keeps_the_speed_of_the_place() {
+    let told = spindles(&run("G21 G18 G8\nG0 X25\nG96 S100 M4\nG97\nM2\n"));
+    let Action::Spindle { direction, speed_rpm } = told[1] else {
+        panic!("{told:?}")
+    };
+    assert_eq!(direction, SpindleDirection::CounterClockwise);
+    assert!((speed_rpm - rpm(100.0, 4000.0, 25.0)).abs() < 1e-9, "{speed_rpm}");
+}
+
+#[test]
+fn feet_per_minute_are_those_of_the_surface_and_diameters_are_halved() {
+    // 300 ft/min at 1 inch of diameter: 300 * 12 / pi rpm.
+    let told = spindles(&run("G20 G18 G7\nG0 X1\nG96 S300 M3\nG97\nM2\n"));
+    let Action::Spindle { speed_rpm, .. } = told[1] else {
+        panic!("{told:?}")
+    };
+    assert!((speed_rpm - 3600.0 / (TAU / 2.0)).abs() < 1e-6, "{speed_rpm}");
+}
+
+#[test]
+fn a_restart_in_the_middle_knows_speed_and_feed() {
+    let program = "G21 G18 G8 G95 G96 S200 D3000 M3\nG0 X60 Z0\nG1 X40 F0.2\nX20\nM2\n";
+    let settings = Settings {
+        lathe: true,
+        ..Settings::default()
+    };
+    let mut interpreter = Interpreter::new(program.as_bytes(), settings);
+    let restart = interpreter.start_at(4).unwrap();
+    assert!(
+        restart.actions.contains(&surface(200.0, 3000.0, 0.0)),
+        "{:?}",
+        restart.actions
+    );
+    assert!(restart.modes.contains("G96 D3000 S200 M3"), "{}", restart.modes);
+    let rest: Vec<_> = interpreter.map(Result::unwrap).collect();
+    let feeds: Vec<f64> = rest
+        .iter()
+        .filter_map(|command| match &command.action {
+            Action::Move(motion) => Some(motion.feed),
+            _ => None,
+        })
+        .collect();
+    assert!(feeds.len() > 20, "{feeds:?}");
+    assert!(feeds.windows(2).all(|pair| pair[1] > pair[0]), "{feeds:?}");
+}
