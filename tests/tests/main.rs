@@ -31,6 +31,7 @@ mod served_recording;
 mod served_signals;
 mod served_traces;
 mod spindles;
+mod surface_speed;
 mod systemd_units;
 mod threads;
 mod tool_changer;

@@ -13,7 +13,7 @@ use crate::job::Setup;
 use crate::log_file::log_objection;
 use crate::periphery::{Changer, TOOL_CHANGE_CODE, nobody_changes, waits_for};
 use crate::probing::{ProbeObjection, objection as probe_objection};
-use crate::refusal::{about_line, about_line_with, at_origin, cannot_turn, explain, refuse};
+use crate::refusal::{about_line, about_line_with, at_origin, cannot_turn, explain};
 use crate::signal_check::signal_objection;
 use crate::source::reader_of;
 use crate::threading::ThreadCheck;
@@ -167,10 +167,8 @@ pub(crate) fn check_while(
         if let Action::Thread { curve, .. } = &command.action {
             admission.stand_at(&curve.end());
         }
-        let objection = match (&command.action, command.action.unsupported_feature()) {
-            (action, Some(what)) if machine.refuses_anew(action) => Some(Objection::Ability(what)),
-            (_, Some(_)) => None,
-            (Action::Move(motion), None) => {
+        let objection = match &command.action {
+            Action::Move(motion) => {
                 let refused = match admission.admit::<Infallible>(motion) {
                     // A move after one that was refused starts elsewhere: nothing new.
                     Err(PlanError::Gap { .. }) => {
@@ -183,12 +181,9 @@ pub(crate) fn check_while(
                 has_strayed |= matches!(refused, Some(PlanError::Travel { .. }));
                 refused.filter(|_| !follows).map(Objection::Plan)
             }
-            (
-                Action::Probe {
-                    curve, feed, toward, ..
-                },
-                None,
-            ) => {
+            Action::Probe {
+                curve, feed, toward, ..
+            } => {
                 // What follows begins where the probe stops.
                 admission.stand_at(&curve.end());
                 let order = ProbeMove {
@@ -198,7 +193,7 @@ pub(crate) fn check_while(
                 };
                 probe_objection(&order, setup).map(Objection::Probe)
             }
-            (action, None) => match signal_objection(&setup.machine.signals, action) {
+            action => match signal_objection(&setup.machine.signals, action) {
                 Some(objection) => Some(Objection::Tool(objection)),
                 None => machine.objection(action),
             },
@@ -237,7 +232,6 @@ fn was_there(error: &PlanError<Infallible>, motion: &Move) -> bool {
 
 /// What the machine has against a command.
 enum Objection {
-    Ability(&'static str),
     Plan(PlanError<Infallible>),
     Words(String),
     Tool((String, String)),
@@ -248,7 +242,6 @@ enum Objection {
 impl Objection {
     fn told(self, file: &Path, line: u32) -> Diagnostic {
         match self {
-            Self::Ability(what) => refuse(what, file, line),
             Self::Plan(error) => explain(&error, file, line),
             Self::Words(text) => about_line(text, file, line),
             Self::Tool((message, help)) => about_line_with(message, Some(help), file, line),
@@ -269,8 +262,6 @@ struct MachineCheck<'a> {
     tool: u32,
     /// Which tool that is, is known.
     is_tool_named: bool,
-    /// Constant surface speed was refused, and is in force.
-    has_refused_surface: bool,
 }
 
 impl<'a> MachineCheck<'a> {
@@ -282,15 +273,7 @@ impl<'a> MachineCheck<'a> {
             programs: BTreeMap::new(),
             tool: setup.tool,
             is_tool_named: setup.tool_unknown.is_none(),
-            has_refused_surface: false,
         }
-    }
-
-    /// Whether an ability that is missing is asked for here, and not by a line that has been refused before: G96 stays in
-    /// force, and M3, M5 and M2 come by it again.
-    fn refuses_anew(&mut self, action: &Action) -> bool {
-        let is_surface = matches!(action, Action::SurfaceSpeed { .. });
-        !is_surface || !std::mem::replace(&mut self.has_refused_surface, true)
     }
 
     /// The executable of a user-defined M code, or of M6.
@@ -305,7 +288,6 @@ impl<'a> MachineCheck<'a> {
 
     fn objection(&mut self, action: &Action) -> Option<Objection> {
         match action {
-            Action::Spindle { .. } => self.has_refused_surface = false,
             Action::ToolNumber(number) => {
                 self.tool = *number;
                 self.is_tool_named = true;

@@ -12,6 +12,8 @@ pub(crate) struct DueSetpoint {
     pub drive: DriveRequest,
     /// The job to whose program it belongs, or to whose program the last one did.
     pub job: u64,
+    /// By what the commanded speed of the spindle is multiplied: the override of the operator, where it counts.
+    pub spindle_override: f64,
     /// Whether it belongs to a program, and not to a jog, to homing or to rest.
     pub is_of_program: bool,
 }

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::sync::mpsc::Sender;
 use std::time::Duration;
 
-use evolvent_gcode::{Action, Command, Diagnostic, LogAction, Modal, Move, MoveKind};
+use evolvent_gcode::{Action, Command, Diagnostic, LogAction, Modal, Move, MoveKind, SpindleDirection};
 use evolvent_machine::{AtSpeed, SignalKind, ToolChange};
 use evolvent_motion::{
     ProbeMove, ProbeResult, ProbeVerdict, ProbingSender, QueueClosed, ThreadingSender, Turning, TurningSender,
@@ -16,7 +16,7 @@ use evolvent_motion::{
 use evolvent_path::{Axes, AxisLetter, Curve};
 use evolvent_planner::{PlanError, PlanSink, Step};
 use evolvent_signals::{
-    Awaited, Change, InputWait, Moment as SignalMoment, OverrideSwitches, Scheduler, WaitMode,
+    Awaited, Change, FeedLaw, InputWait, Moment as SignalMoment, OverrideSwitches, Scheduler, WaitMode,
 };
 use evolvent_trace::BlockKind;
 use rtrb::Producer;
@@ -30,7 +30,7 @@ use crate::periphery::{
     waits_for,
 };
 use crate::probing::{complaint, objection, probing};
-use crate::refusal::{ProgramError, about_line, about_line_with, at_origin, cannot_turn, explain, refuse};
+use crate::refusal::{ProgramError, about_line, about_line_with, at_origin, cannot_turn, explain};
 use crate::shared::Controls;
 use crate::signal_check::signal_objection;
 use crate::source::Commands;
@@ -146,6 +146,10 @@ pub(crate) struct Feeder<'a, S> {
     /// Outputs that change with the next block (M62, M63, M67), and the line that has set them last.
     with_next_block: Change,
     with_next_line: u32,
+    /// What the feed goes by, as scheduled last.
+    feed_law: FeedLaw,
+    /// A rapid has moved the tool along X since the spindle had the speed of its radius.
+    has_left_radius: bool,
     /// The feed override counts for what is read, and so does the rapid override.
     override_counts: bool,
     /// Names of attached subroutines begin with this.
@@ -207,7 +211,7 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
                 tool: setup.tool,
                 ..Periphery::default()
             },
-            awaits_speed: setup.outputs.signed_rpm() != 0.0,
+            awaits_speed: setup.outputs.direction != SpindleDirection::Stopped,
             periphery_listener: None,
             confirms_tools: true,
             codes: None,
@@ -219,6 +223,8 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
             signals: None,
             with_next_block: Change::at(SignalMoment::Block(0)),
             with_next_line: 0,
+            feed_law: FeedLaw::default(),
+            has_left_radius: false,
             override_counts: true,
             subroutines: "subroutines/".to_owned(),
             files_told: 0,
@@ -369,6 +375,19 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
                 Action::Turning(_) => true,
                 _ => false,
             };
+            if is_feed && std::mem::take(&mut self.has_left_radius) && self.knows_speed() {
+                // A command of its own, so that the wait is for the speed of this radius.
+                let action = self.surface_action();
+                match self.switch(&action, line) {
+                    Ok(()) => {}
+                    Err(PlanError::Sink(_gone)) => break,
+                    Err(error) => {
+                        return Err(self.wrong(at_origin(&command, program, |file, line| {
+                            about_line(error.to_string(), file, line)
+                        })));
+                    }
+                }
+            }
             if is_feed && std::mem::take(&mut self.awaits_speed) {
                 match self.await_speed(line) {
                     Ok(None) => {}
@@ -410,9 +429,6 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
 
     /// What the machine has against a command, whatever it stands at.
     fn objection_to(&self, command: &Command, program: &Path) -> Option<Diagnostic> {
-        if let Some(what) = command.action.unsupported_feature() {
-            return Some(at_origin(command, program, |file, line| refuse(what, file, line)));
-        }
         if let Some((message, help)) = signal_objection(&self.setup.machine.signals, &command.action) {
             return Some(at_origin(command, program, |file, line| {
                 about_line_with(message, Some(help), file, line)
@@ -562,6 +578,8 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
 
     /// Comes to rest and hands over to a turning cycle.
     fn turn(&mut self, turning: Turning, line: u32) -> Result<(), QueueClosed> {
+        // Its passes are fed at the speed that the cycle was planned for.
+        self.set_feed_law(FeedLaw::Time);
         let mut turning = Box::new(turning);
         while let Some(turnings) = &mut self.turnings {
             match turnings.send(turning) {
@@ -601,9 +619,14 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
 
     /// Waits until the spindle has the speed that it was given, where something tells that; why it has not, after the time for it.
     fn await_speed(&mut self, line: u32) -> Result<Option<(String, String)>, QueueClosed> {
-        let rpm = self.periphery.outputs.signed_rpm();
-        let Some(spindle) = self.setup.machine.signals.spindle(0).filter(|_| rpm != 0.0) else {
+        let outputs = &self.periphery.outputs;
+        let turns = outputs.direction != SpindleDirection::Stopped && outputs.speed().rpm_at(0.0) > 0.0;
+        let Some(spindle) = self.setup.machine.signals.spindle(0).filter(|_| turns) else {
             return Ok(None);
+        };
+        let speed = match outputs.surface {
+            Some(surface) => format!("{} m/min", surface.metres_per_minute),
+            None => format!("{} rpm", outputs.constant_rpm()),
         };
         let timeout_s = spindle.at_speed_timeout_s;
         let awaited = match spindle.at_speed {
@@ -618,10 +641,10 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
                 mode: WaitMode::High,
             },
         };
-        let text = format!("wait for spindle: {rpm} rpm, {timeout_s} s at most");
+        let text = format!("wait for spindle: {speed}, {timeout_s} s at most");
         let reached = self.wait_for(awaited, timeout_s, line, true, &text)?.is_some();
         Ok((!reached && !self.is_abandoned()).then(|| {
-            let message = format!("the spindle did not reach {rpm} rpm within {timeout_s} s, and feed waits for it");
+            let message = format!("the spindle did not reach {speed} within {timeout_s} s, and feed waits for it");
             let help = "see its drive and its speed; at_speed_timeout_s at its [[spindle]] in the machine file gives it more time";
             (message, help.to_owned())
         }))
@@ -922,10 +945,57 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
         self.switch(action, line)
     }
 
+    /// The feed of a move goes by time or by the spindle, from its block on.
+    fn go_by(&mut self, feed_per_revolution: Option<f64>, motion: &Move) {
+        let outputs = &self.periphery.outputs;
+        let turns = outputs.direction != SpindleDirection::Stopped;
+        if motion.kind == MoveKind::Rapid {
+            let moves_x = motion.curve.start()[0] != motion.curve.end()[0];
+            self.has_left_radius |= turns && outputs.surface.is_some() && moves_x;
+            return;
+        }
+        let law = match feed_per_revolution {
+            Some(_) if turns => FeedLaw::Revolution(outputs.speed()),
+            _ => FeedLaw::Time,
+        };
+        self.set_feed_law(law);
+    }
+
+    fn set_feed_law(&mut self, law: FeedLaw) {
+        if law != self.feed_law {
+            self.feed_law = law;
+            self.with_next_block.feed_law = Some(law);
+        }
+    }
+
+    /// Whether something tells that the spindle has its speed.
+    fn knows_speed(&self) -> bool {
+        let spindle = self.setup.machine.signals.spindle(0);
+        spindle.is_some_and(|spindle| spindle.at_speed != AtSpeed::Unknown)
+    }
+
+    /// The surface speed in force, once more.
+    fn surface_action(&self) -> Action {
+        let outputs = &self.periphery.outputs;
+        match outputs.surface {
+            Some(surface) => Action::SurfaceSpeed {
+                direction: outputs.direction,
+                surface,
+            },
+            None => Action::Spindle {
+                direction: outputs.direction,
+                speed_rpm: outputs.speed_rpm,
+            },
+        }
+    }
+
     /// Something of the periphery takes effect at rest.
     fn switch(&mut self, action: &Action, line: u32) -> Result<(), PlanError<QueueClosed>> {
         self.periphery.apply(action);
-        if matches!(action, Action::Spindle { .. } | Action::OrientSpindle { .. }) {
+        if matches!(
+            action,
+            Action::Spindle { .. } | Action::SurfaceSpeed { .. } | Action::OrientSpindle { .. }
+        ) {
             self.periphery.spindle_command = u64::from(self.actions) + 1;
             self.awaits_speed = true;
         }
@@ -950,7 +1020,10 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
     fn execute(&mut self, command: &Command) -> Result<bool, PlanError<QueueClosed>> {
         let line = command.line;
         match &command.action {
-            Action::Move(motion) => self.push_move(motion, line)?,
+            Action::Move(motion) => {
+                self.go_by(command.feed_per_revolution, motion);
+                self.push_move(motion, line)?;
+            }
             Action::Dwell { seconds } => {
                 self.planner
                     .rest(&Step::Dwell {
@@ -1024,7 +1097,10 @@ impl<'a, S: PlanSink<Error = QueueClosed>> Feeder<'a, S> {
                 };
                 self.switch_overrides(switches, *cycle, line)?;
             }
-            Action::Spindle { .. } | Action::Coolant { .. } | Action::ToolNumber(_) => {
+            Action::Spindle { .. }
+            | Action::SurfaceSpeed { .. }
+            | Action::Coolant { .. }
+            | Action::ToolNumber(_) => {
                 self.switch(&command.action, line)?;
             }
             other => {
@@ -1300,6 +1376,7 @@ mod tests {
                 action,
                 origin: None,
                 calls: evolvent_gcode::CallChain::default(),
+                feed_per_revolution: None,
             };
             assert!(feeder.execute(&command).unwrap());
         }

@@ -191,6 +191,7 @@ impl Setup {
                 TurningWords::Mode => gcode::TurningWords::Mode,
             },
             load_channel: program.load_channel,
+            spindle_max_rpm: crate::spindle_command::max_rpm(&self.machine.signals),
             rigid_tapping: (self.machine.signals.spindle(0)).is_some_and(|spindle| spindle.has_feedback()),
             subroutine_folders: self.memory.folders.clone(),
             start: self.start(),

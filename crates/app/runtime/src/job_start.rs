@@ -7,7 +7,7 @@ use std::fmt;
 
 use evolvent_gcode::{Outputs, SpindleDirection};
 use evolvent_machine::Limits;
-use evolvent_path::{AXES, Axes};
+use evolvent_path::{AXES, Axes, SurfaceSpeed};
 use evolvent_transfer::AxesState;
 
 use crate::switches::{SwitchState, pairs};
@@ -120,6 +120,13 @@ impl fmt::Display for JobStart {
                         "; spindle=M{direction}; speed_rpm={}; mist={}; flood={}",
                         outputs.speed_rpm, outputs.mist, outputs.flood
                     )?;
+                    if let Some(surface) = &outputs.surface {
+                        write!(
+                            out,
+                            "; surface_m_min={}; surface_max_rpm={}; surface_centre={}",
+                            surface.metres_per_minute, surface.max_rpm, surface.centre_mm
+                        )?;
+                    }
                 }
                 Ok(())
             }
@@ -197,6 +204,14 @@ impl JobStart {
                             _ => return None,
                         },
                         speed_rpm: number("speed_rpm")?,
+                        surface: match get("surface_m_min") {
+                            None => None,
+                            Some(_) => Some(SurfaceSpeed {
+                                metres_per_minute: number("surface_m_min")?,
+                                max_rpm: number("surface_max_rpm")?,
+                                centre_mm: number("surface_centre")?,
+                            }),
+                        },
                         mist: get("mist")?.parse().ok()?,
                         flood: get("flood")?.parse().ok()?,
                     }),
@@ -260,6 +275,11 @@ mod tests {
             outputs: Some(Outputs {
                 direction: SpindleDirection::CounterClockwise,
                 speed_rpm: 0.1 + 0.2,
+                surface: Some(SurfaceSpeed {
+                    metres_per_minute: 0.7 + 0.1,
+                    max_rpm: f64::INFINITY,
+                    centre_mm: -1.0 / 3.0,
+                }),
                 mist: true,
                 flood: false,
             }),

@@ -61,6 +61,8 @@ mod signal_port;
 mod signal_recorder;
 mod signals_again;
 mod source;
+mod spindle_command;
+mod spindle_speedometer;
 mod stages;
 mod standby;
 mod start_error;

@@ -180,6 +180,21 @@ pub(crate) fn describe(action: &Action) -> Option<String> {
             SpindleDirection::Clockwise => format!("spindle clockwise {speed_rpm} rpm"),
             SpindleDirection::CounterClockwise => format!("spindle counter-clockwise {speed_rpm} rpm"),
         },
+        Action::SurfaceSpeed { direction, surface } => {
+            let speed = surface.metres_per_minute;
+            let most = if surface.max_rpm.is_finite() {
+                format!(", {} rpm at most", surface.max_rpm)
+            } else {
+                String::new()
+            };
+            match direction {
+                SpindleDirection::Stopped => "spindle stop".to_owned(),
+                SpindleDirection::Clockwise => format!("spindle clockwise {speed} m/min{most}"),
+                SpindleDirection::CounterClockwise => {
+                    format!("spindle counter-clockwise {speed} m/min{most}")
+                }
+            }
+        }
         Action::OrientSpindle { degrees, .. } => format!("spindle to {degrees} degrees (M19)"),
         Action::Coolant { mist, flood } => {
             let word = |on: bool| if on { "on" } else { "off" };

@@ -67,7 +67,7 @@ impl Periphery {
                 self.orientation = Some(Orientation { degrees, direction });
                 true
             }
-            Action::Spindle { .. } => {
+            Action::Spindle { .. } | Action::SurfaceSpeed { .. } => {
                 self.orientation = None;
                 self.outputs.apply(action)
             }

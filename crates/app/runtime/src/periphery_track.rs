@@ -140,6 +140,7 @@ mod tests {
             due_time_ns: 0,
             drive: DriveRequest::ON,
             job,
+            spindle_override: 1.0,
             is_of_program: state != State::Idle,
         }
     }
@@ -178,7 +179,7 @@ mod tests {
         let (second, planned) = mpsc::channel();
         orders.send(PeripheryOrder::Program { job: 2, planned }).unwrap();
         second.send((31, spindle(3100.0))).unwrap();
-        let speed = |track: &PeripheryTrack| track.now().outputs.signed_rpm();
+        let speed = |track: &PeripheryTrack| track.now().outputs.constant_rpm();
         assert!(!track.follow(&due(10, 1, 0, State::Running)), "the tool is known");
         assert!(track.follow(&due(11, 1, 1, State::Running)));
         assert_eq!(speed(&track), 100.0);

@@ -127,6 +127,9 @@ impl<F: FnMut(&Seen<'_>)> SetpointSource for ProgramCycle<F> {
         let at_wait = self.take_signals(begin.number, &mut inputs);
         self.pass_stops(command, at_wait, &mut inputs);
         self.adapt(&mut inputs, switches.adaptive.unwrap_or(true));
+        let last = self.now.last.as_ref();
+        let signals = self.signals.as_mut();
+        inputs.feed_override *= signals.map_or(1.0, |signals| signals.feed_ratio(last, 1.0));
         let before = self.motion.plan_step();
         let mut setpoint = self.motion.step(&inputs, &mut self.queue);
         let has_left = at_wait && inputs.resume && self.motion.plan_step() != before;
@@ -144,6 +147,8 @@ impl<F: FnMut(&Seen<'_>)> SetpointSource for ProgramCycle<F> {
             drive: DriveRequest::ON,
             job: 0,
             is_of_program: true,
+            // Nobody overrides the spindle of a run.
+            spindle_override: 1.0,
             input_bits: input_bits(&inputs, &self.motion),
         }
     }

@@ -46,22 +46,6 @@ pub(crate) fn at_origin(
     diagnostic
 }
 
-/// Something that the core cannot do yet, with its place.
-pub(crate) fn refuse(what: &str, program: &Path, line: u32) -> Diagnostic {
-    // Its cycles switch the overrides off, which the core cannot do.
-    let help = what.starts_with("tapping").then(|| {
-        "write the moves, with feed and spindle override at 100 %: G1 in at F = S times the pitch, the spindle reversed, G1 out; \
-         the tool needs length compensation in its holder"
-            .to_owned()
-    });
-    about_line_with(
-        format!("{what}: not possible on this machine yet"),
-        help,
-        program,
-        line,
-    )
-}
-
 /// Something that cannot be done in this line.
 pub(crate) fn about_line(message: String, program: &Path, line: u32) -> Diagnostic {
     let text = line_text(program, line).unwrap_or_default();

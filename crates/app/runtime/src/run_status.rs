@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use evolvent_bus::{EventKind, Feedback, Setpoint, Status};
 use evolvent_drive::BridgeState;
+use evolvent_machine::SignalSettings;
 use evolvent_motion::State;
 
 use crate::due_setpoint::DueSetpoint;
@@ -12,6 +13,7 @@ use crate::periphery::Periphery;
 use crate::publishing::Publishing;
 use crate::rt::MonotonicClock;
 use crate::shared::Controls;
+use crate::spindle_command::shown_rpm;
 use crate::status_source::{StatusPort, StatusSource, event_of};
 
 /// Numbers of [`evolvent_bus::MACHINE_STATES`], [`evolvent_bus::ACTIVITIES`] and power of a machine that runs a program.
@@ -27,6 +29,7 @@ pub(crate) struct RunStatus {
     state: State,
     has_started: bool,
     controls: Arc<Controls>,
+    signals: SignalSettings,
 }
 
 impl RunStatus {
@@ -54,12 +57,18 @@ impl RunStatus {
             state: State::Idle,
             has_started: false,
             controls,
+            signals: job.setup.machine.signals.clone(),
         }
+    }
+
+    /// The commanded speed of the spindle, where the axes are.
+    fn show_speed(&mut self, periphery: &Periphery) {
+        let x_mm = self.last.position[0];
+        self.status.spindle_rpm = shown_rpm(&periphery.outputs, x_mm, 1.0, &self.signals);
     }
 
     fn show(&mut self, periphery: &Periphery) {
         let status = &mut self.status;
-        status.spindle_rpm = periphery.outputs.signed_rpm();
         status.coolant = periphery.coolant_bits();
         status.tool = periphery.tool;
         (status.tool_change, status.tool_wanted) = periphery.change_numbers();
@@ -106,6 +115,7 @@ impl StatusSource for RunStatus {
     fn look(&mut self, _: &mut StatusPort<'_>) {}
 
     fn refresh(&mut self, port: &mut StatusPort<'_>) {
+        self.show_speed(port.periphery);
         let status = &mut self.status;
         status.sequence += 1;
         status.time_ns = MonotonicClock::now_ns();

@@ -1,7 +1,7 @@
 //! Outputs and inputs in the loop around the cycle: samples in, changes out to bus and trace.
 
 use evolvent_machine::{MAX_ANALOG, MAX_DIGITAL, MAX_SPINDLES, SignalKind, SignalSettings};
-use evolvent_motion::{Setpoint, State};
+use evolvent_motion::{Setpoint, State, flags};
 use evolvent_path::AxisLetter;
 use evolvent_signals::{
     Change, InputImage, OutputImage, OverrideSwitches, Phase, ProbeInput, ProbeState, Progress,
@@ -18,8 +18,15 @@ pub(crate) struct DueOutputs {
     pub outputs: OutputImage,
 }
 
+/// While the spindle stands, rapids go on as with this feed override.
+const RAPID_RATIO: f64 = 0.01;
+
 /// Number in the trace of the angle of the spindle that motion follows.
 const ANGLE: u32 = 96;
+/// Number in the trace of its time.
+const ANGLE_CYCLE: u32 = ANGLE + 1;
+/// Number in the trace of the speed of the spindle that feed goes by.
+const SPEED: u32 = ANGLE + 2;
 
 /// An input or output that has changed with a setpoint: what is recorded.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -45,6 +52,8 @@ pub enum SignalName {
     Probe(u32),
     /// A value of the newest sample of the angle of the spindle that motion follows: an input.
     Angle(AngleValue),
+    /// How fast the spindle turns that feed goes by, rpm: an input.
+    Speed,
 }
 
 /// One of the two numbers of a sample of a spindle's angle. In the trace the turns come first: the sample is complete with its time.
@@ -65,6 +74,7 @@ impl SignalName {
                 image.set_spindle(number, value.and_then(SpindleState::from_number));
             }
             Self::Probe(number) => image.probe.set(number, value),
+            Self::Speed => image.speed_rpm = value,
             Self::Angle(number) => {
                 // A sample without its time yet is none.
                 let mut angle = image.angle.unwrap_or(SpindleAngle {
@@ -86,7 +96,7 @@ impl SignalName {
 
 impl SignalChange {
     /// The number in the trace: 64 more of an analog signal, 80 more of a spindle, 84 more of a value of the probe;
-    /// 96 and 97 are the angle of a spindle and its time.
+    /// 96 and 97 are the angle of a spindle and its time, 98 its speed.
     #[must_use]
     pub const fn code(&self) -> u32 {
         match self.name {
@@ -95,7 +105,8 @@ impl SignalChange {
             SignalName::Spindle(number) => MAX_DIGITAL + MAX_ANALOG + number,
             SignalName::Probe(number) => MAX_DIGITAL + MAX_ANALOG + MAX_SPINDLES + number,
             SignalName::Angle(AngleValue::Turns) => ANGLE,
-            SignalName::Angle(AngleValue::Cycle) => ANGLE + 1,
+            SignalName::Angle(AngleValue::Cycle) => ANGLE_CYCLE,
+            SignalName::Speed => SPEED,
         }
     }
 
@@ -110,7 +121,8 @@ impl SignalChange {
             SPINDLES..PROBE => SignalName::Spindle(code - SPINDLES),
             PROBE..ANGLE => SignalName::Probe(code - PROBE),
             ANGLE => SignalName::Angle(AngleValue::Turns),
-            _ => SignalName::Angle(AngleValue::Cycle),
+            ANGLE_CYCLE => SignalName::Angle(AngleValue::Cycle),
+            _ => SignalName::Speed,
         }
     }
 
@@ -128,6 +140,12 @@ impl SignalChange {
             }
             SignalName::Probe(number) => return probe_text(number, self.value),
             SignalName::Angle(value) => return angle_text(value, self.value),
+            SignalName::Speed => {
+                return match self.value {
+                    Some(rpm) => format!("spindle 0: {rpm:.1} rpm"),
+                    None => "spindle 0: speed unknown".to_owned(),
+                };
+            }
         };
         let name = if self.is_output {
             settings.output(kind, number).map(|output| &output.name)
@@ -287,6 +305,17 @@ impl SignalLoop {
         *self.signals.overrides()
     }
 
+    /// By what the feed of the plan is multiplied for the next setpoint. `last`: the one before.
+    pub(crate) fn feed_ratio(&mut self, last: Option<&Setpoint>, spindle_override: f64) -> f64 {
+        let Some(last) = last else { return 1.0 };
+        let ratio = self.signals.feed_ratio(last.position[0], spindle_override);
+        if last.flags & flags::RAPID == 0 {
+            return ratio;
+        }
+        // A rapid is as fast as ever, but with no feed at all it would stand.
+        ratio.max(RAPID_RATIO)
+    }
+
     /// Whether the emergency-stop chain was open at this setpoint or at one before.
     pub(crate) fn is_estopped(&self) -> bool {
         self.estopped
@@ -396,6 +425,14 @@ impl SignalLoop {
                     value,
                 });
             }
+        }
+        if sample.speed_rpm != before.speed_rpm {
+            self.record(SignalChange {
+                sequence,
+                is_output: false,
+                name: SignalName::Speed,
+                value: sample.speed_rpm,
+            });
         }
         for number in 0..MAX_SPINDLES {
             let state = sample.spindle(number);

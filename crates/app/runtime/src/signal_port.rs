@@ -11,6 +11,7 @@ use crate::due_setpoint::DueSetpoint;
 use crate::periphery::Periphery;
 use crate::probe_locator::ProbeLocator;
 use crate::signal_loop::DueOutputs;
+use crate::spindle_speedometer::Speedometer;
 
 /// Samples of the inputs on the way to the cycle.
 pub(crate) const SAMPLES: usize = 1024;
@@ -19,7 +20,7 @@ pub(crate) const CHANGES: usize = 4096;
 
 /// What programs have commanded of spindle 0. They name no other yet.
 #[derive(Clone, Copy, Debug, Default)]
-struct SpindleCommand {
+struct Commanded {
     /// Number of the command.
     number: u64,
     /// The message of outputs that brought it to the bridge.
@@ -33,7 +34,8 @@ struct SpindleCommand {
 pub(crate) struct SignalPort {
     entry: InputEntry,
     spindles: SpindleEntry,
-    commanded: SpindleCommand,
+    commanded: Commanded,
+    speedometer: Speedometer,
     period_ns: u64,
     /// The last setpoint: its number, and when it is due.
     last_due: (u64, u64),
@@ -101,7 +103,8 @@ impl SignalPort {
         Self {
             entry,
             spindles,
-            commanded: SpindleCommand::default(),
+            commanded: Commanded::default(),
+            speedometer: Speedometer::default(),
             period_ns,
             last_due: (0, 0),
             follows_angle: false,
@@ -139,7 +142,7 @@ impl SignalPort {
         let command = if number == 0 {
             self.commanded
         } else {
-            SpindleCommand::default()
+            Commanded::default()
         };
         let timeout_ns = (self.settings.input_timeout_s * 1e9) as u64;
         let Some(known) = self.spindles.known(now_ns, number) else {
@@ -203,6 +206,7 @@ impl SignalPort {
             image.set_spindle(spindle.number, self.spindle_state(spindle.number, now_ns));
         }
         image.angle = self.spindle_angle(now_ns);
+        image.speed_rpm = self.speedometer.rpm(self.spindles.known(now_ns, 0).as_ref());
         if bounces {
             // Open again already: the contact counts all the same.
             image.probe = ProbeImage {
@@ -262,8 +266,15 @@ impl SignalPort {
         fault.map(|fault| (count, fault))
     }
 
-    /// Sends what has changed with a setpoint, before the setpoint itself. `periphery`: where it has changed.
-    pub(crate) fn follow(&mut self, bus: &mut CoreBus, due: &DueSetpoint, periphery: Option<&Periphery>) {
+    /// Sends what has changed with a setpoint, before the setpoint itself. `periphery`: where it has changed; `rpm`: what the
+    /// spindle of number 0 is commanded.
+    pub(crate) fn follow(
+        &mut self,
+        bus: &mut CoreBus,
+        due: &DueSetpoint,
+        periphery: Option<&Periphery>,
+        rpm: f64,
+    ) {
         if self.settings.probe.is_some() {
             self.locator.see_setpoint(due);
         }
@@ -279,20 +290,25 @@ impl SignalPort {
             (self.message.digital, self.message.analog) = (outputs.digital, outputs.analog);
         }
         if let Some(periphery) = periphery {
-            self.command_spindle(periphery, due.due_time_ns);
+            self.command_spindle(periphery, rpm, due.due_time_ns);
             self.follows_angle = periphery.follows_angle;
             self.message.coolant = periphery.coolant_bits();
             self.message.tool = periphery.tool;
             (self.message.tool_change, self.message.tool_wanted) = periphery.change_numbers();
         }
-        if outputs.is_some() || periphery.is_some() {
+        let is_other_speed = periphery.is_none() && rpm != self.message.spindle_rpm[0];
+        if is_other_speed {
+            self.message.spindle_rpm[0] = rpm;
+            self.commanded.sequence = self.message.sequence + 1;
+        }
+        if outputs.is_some() || periphery.is_some() || is_other_speed {
             self.message.cycle = due.setpoint.sequence;
             self.message.due_time_ns = due.due_time_ns;
             self.send(bus);
         }
     }
 
-    fn command_spindle(&mut self, periphery: &Periphery, due_time_ns: u64) {
+    fn command_spindle(&mut self, periphery: &Periphery, rpm: f64, due_time_ns: u64) {
         let before = (
             self.message.spindle_direction[0],
             self.message.spindle_rpm[0],
@@ -304,7 +320,7 @@ impl SignalPort {
                 Some(_) => ORIENT,
                 None => direction_number(periphery.outputs.direction),
             },
-            periphery.outputs.speed_rpm,
+            rpm,
             // 360 degrees are the same as none.
             periphery.orientation.map_or(0.0, |orient| orient.degrees % 360.0),
             (periphery.orientation.and_then(|orient| orient.direction)).map_or(0, direction_number),

@@ -165,7 +165,7 @@ impl ThreadCheck {
         }
         let whole = std::mem::take(&mut self.chain);
         let _begun = self.chain.take(command);
-        let rpm = self.outputs.signed_rpm();
+        let rpm = self.outputs.constant_rpm();
         self.outputs.apply(&command.action);
         let first = whole.first()?.clone();
         Some((first, whole.pass_on(rpm, setup).err()?))

@@ -208,8 +208,7 @@ fn what_does_not_fit_is_refused_at_its_line_before_anything_moves() {
     ] {
         assert!(PROGRAM.contains(from), "{from}");
         let (line, text) = refused(&PROGRAM.replace(from, to), Some(process()));
-        // Constant surface speed is refused by itself already.
-        assert_eq!(line, if to.contains("G96") { 2 } else { 7 }, "{to}: {text}");
+        assert_eq!(line, 7, "{to}: {text}");
         assert!(text.contains(expected), "{to}: {text}");
     }
     let (line, text) = refused(PROGRAM, None);

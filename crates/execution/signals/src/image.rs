@@ -66,6 +66,8 @@ pub struct InputImage {
     pub spindles: [Option<SpindleState>; MAX_SPINDLES as usize],
     /// The newest sample of the angle of the spindle that motion follows; none where nobody tells it.
     pub angle: Option<SpindleAngle>,
+    /// How fast the spindle of number 0 turns, rpm, never negative; none where nobody tells it.
+    pub speed_rpm: Option<f64>,
     /// What the probe says.
     pub probe: ProbeImage,
 }

@@ -27,6 +27,7 @@
 //! Real-time safety: [`Signals`] neither allocates nor frees; what has been carried out goes back to the scheduler to be
 //! dropped. The same schedule, progress and inputs give the same outputs, cycle by cycle.
 
+mod feed_law;
 mod image;
 mod override_switches;
 mod probe_image;
@@ -37,6 +38,7 @@ mod spindle_state;
 mod spindle_tracker;
 mod wait;
 
+pub use feed_law::FeedLaw;
 pub use image::{InputImage, OutputImage};
 pub use override_switches::OverrideSwitches;
 pub use probe_image::{ProbeImage, ProbeInput, ProbeState, probe_numbers};

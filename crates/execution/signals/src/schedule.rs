@@ -3,6 +3,7 @@
 use evolvent_machine::MAX_ANALOG;
 use rtrb::{Consumer, Producer, RingBuffer};
 
+use crate::feed_law::FeedLaw;
 use crate::override_switches::OverrideSwitches;
 use crate::wait::{InputWait, WaitResult};
 
@@ -36,6 +37,8 @@ pub struct Change {
     pub analog: [f64; MAX_ANALOG as usize],
     /// Which overrides count from then on; none where that stays as it is.
     pub overrides: Option<OverrideSwitches>,
+    /// What the feed goes by from then on; none where that stays as it is.
+    pub feed_law: Option<FeedLaw>,
 }
 
 impl Change {
@@ -49,6 +52,7 @@ impl Change {
             analog_mask: 0,
             analog: [0.0; MAX_ANALOG as usize],
             overrides: None,
+            feed_law: None,
         }
     }
 
@@ -74,7 +78,7 @@ impl Change {
     /// Whether nothing changes.
     #[must_use]
     pub fn is_empty(&self) -> bool {
-        !self.sets_outputs() && self.overrides.is_none()
+        !self.sets_outputs() && self.overrides.is_none() && self.feed_law.is_none()
     }
 
     /// Whether an output changes.

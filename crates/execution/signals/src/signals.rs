@@ -2,6 +2,7 @@
 
 use evolvent_machine::{EstopSettings, OutputRule, OutputSettings, SignalKind, SignalSettings};
 
+use crate::feed_law::FeedLaw;
 use crate::image::{InputImage, OutputImage};
 use crate::override_switches::OverrideSwitches;
 use crate::probe_image::{ProbeInput, ProbeState};
@@ -10,6 +11,9 @@ use crate::spindle_input::{SpindleInput, SpindleKnowledge};
 use crate::spindle_state::SpindleState;
 use crate::spindle_tracker::SpindleTracker;
 use crate::wait::ActiveWait;
+
+/// The feed follows the measured speed of the spindle where they differ by more than this.
+const FEED_HYSTERESIS: f64 = 0.01;
 
 /// What the machine is doing, as far as outputs have a rule for it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -81,6 +85,11 @@ pub struct Signals {
     /// As the program has set them.
     programmed: OutputImage,
     overrides: OverrideSwitches,
+    feed_law: FeedLaw,
+    /// By what the feed of the plan was multiplied last.
+    feed_ratio: f64,
+    /// Highest speed of the spindle of number 0, rpm; infinite where it is not known.
+    max_rpm: f64,
     inputs: InputImage,
     probe: ProbeInput,
     tracker: SpindleTracker,
@@ -115,6 +124,11 @@ impl Signals {
             estop: settings.estop,
             programmed: safe,
             overrides: OverrideSwitches::default(),
+            feed_law: FeedLaw::default(),
+            feed_ratio: 1.0,
+            max_rpm: settings
+                .spindle(0)
+                .map_or(f64::INFINITY, |spindle| spindle.max_rpm),
             inputs: InputImage::default(),
             probe: ProbeInput::default(),
             tracker: SpindleTracker::new(period_s),
@@ -135,7 +149,7 @@ impl Signals {
     /// The program is over, and so is a wait of it; every override counts again. Hands its schedule back, to be dropped where time does not matter.
     pub fn end_program(&mut self) -> Option<ScheduleConsumer> {
         (self.wait, self.go_on) = (None, false);
-        self.overrides = OverrideSwitches::default();
+        (self.overrides, self.feed_law) = (OverrideSwitches::default(), FeedLaw::default());
         self.schedule.take()
     }
 
@@ -252,6 +266,20 @@ impl Signals {
         &self.overrides
     }
 
+    /// By what the feed of the plan is multiplied for the next setpoint, with the tool at X in machine coordinates, mm.
+    /// It stays as it is within 1 %, so that the plan is not asked for a feed of its own with each setpoint.
+    pub fn feed_ratio(&mut self, x_mm: f64, spindle_override: f64) -> f64 {
+        let measured_rpm = self.inputs.speed_rpm;
+        let ratio = self
+            .feed_law
+            .ratio(x_mm, measured_rpm, spindle_override, self.max_rpm);
+        let is_exact = ratio == 0.0 || measured_rpm.is_none();
+        if is_exact || (ratio - self.feed_ratio).abs() > FEED_HYSTERESIS * self.feed_ratio {
+            self.feed_ratio = ratio;
+        }
+        self.feed_ratio
+    }
+
     /// Sets outputs by hand, from the next setpoint on. Its moment counts for nothing.
     pub fn set_by_hand(&mut self, change: &Change) {
         self.programmed.apply(change);
@@ -307,6 +335,7 @@ impl Signals {
                 Scheduled::Change(change) => {
                     self.programmed.apply(&change);
                     self.overrides = change.overrides.unwrap_or(self.overrides);
+                    self.feed_law = change.feed_law.unwrap_or(self.feed_law);
                 }
                 Scheduled::Wait(wait) => {
                     let mut wait = ActiveWait::new(wait, self.lead_cycles);

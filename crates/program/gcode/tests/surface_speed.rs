@@ -193,7 +193,7 @@ fn a_restart_in_the_middle_knows_speed_and_feed() {
         "{:?}",
         restart.actions
     );
-    assert!(restart.modes.contains("G96 D3000 S200 M3"), "{}", restart.modes);
+    assert!(restart.modes.contains("S200 G96 D3000 M3"), "{}", restart.modes);
     let rest: Vec<_> = interpreter.map(Result::unwrap).collect();
     let feeds: Vec<f64> = rest
         .iter()

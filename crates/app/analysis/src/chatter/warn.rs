@@ -8,7 +8,7 @@ use std::path::Path;
 use evolvent_chatter::{CuttingTool, MapCell, Mapper, OscillationCase, Verdict, nearest_stable};
 use evolvent_gcode::{Action, Command, Move, MoveKind, SpindleDirection};
 use evolvent_machine::MachineKind;
-use evolvent_path::AxisLetter;
+use evolvent_path::{AxisLetter, SurfaceSpeed};
 use evolvent_runtime::{Commands, Setup};
 use serde::Serialize;
 
@@ -148,14 +148,10 @@ pub fn chatter_warnings(
                     _ => Spindle::Turns(speed_rpm),
                 };
             }
-            Action::SurfaceSpeed {
-                direction,
-                metres_per_minute,
-                max_rpm,
-            } => {
+            Action::SurfaceSpeed { direction, surface } => {
                 spindle = match direction {
                     SpindleDirection::Stopped => Spindle::Still,
-                    _ => Spindle::Surface(metres_per_minute, max_rpm),
+                    _ => Spindle::Surface(surface),
                 };
             }
             Action::Move(motion) if motion.kind == MoveKind::Feed => {
@@ -187,8 +183,7 @@ pub fn chatter_warnings(
 enum Spindle {
     Still,
     Turns(f64),
-    /// m/min, most rpm.
-    Surface(f64, f64),
+    Surface(SurfaceSpeed),
 }
 
 struct Look<'a> {
@@ -211,7 +206,9 @@ impl Look<'_> {
             let around = std::f64::consts::PI * diameter_mm / 1000.0;
             let speed_rpm = match spindle {
                 Spindle::Turns(rpm) => rpm,
-                Spindle::Surface(speed, most) => (speed / around.max(1e-9)).min(most),
+                Spindle::Surface(surface) => {
+                    (surface.metres_per_minute / around.max(1e-9)).min(surface.max_rpm)
+                }
                 Spindle::Still => return,
             };
             // A drill on the axis, a crawl: no cut that this model knows.

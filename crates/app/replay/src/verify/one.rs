@@ -178,6 +178,7 @@ fn compare_outputs(again: &Again<'_>, recomputed: &[SignalChange], verified: &mu
         SignalName::Spindle(number) => format!("of spindle {number}"),
         SignalName::Probe(number) => format!("of probe {number}"),
         SignalName::Angle(_) => "of the angle of a spindle".to_owned(),
+        SignalName::Speed => "of the speed of a spindle".to_owned(),
     };
     let difference = Difference {
         sequence: first.sequence,

@@ -58,7 +58,7 @@ impl<S: PlanSink<Error = QueueClosed>> Feeder<'_, S> {
             return Ok(());
         };
         let line = first.line;
-        let rpm = self.periphery.outputs.signed_rpm();
+        let rpm = self.periphery.outputs.constant_rpm();
         let (pass, run_in_mm) = match chain.pass_on(rpm, self.setup) {
             Ok(pass) => pass,
             Err(refusal) => {

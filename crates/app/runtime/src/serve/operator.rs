@@ -431,7 +431,11 @@ impl Operator {
             | Command::TouchOff { .. }
             | Command::Tool(_)
             | Command::ReloadTools => {}
-            Command::SetMode(_) | Command::SpindleOverride(_) => {}
+            Command::SpindleOverride(ratio) => {
+                self.send(CycleCommand::SpindleOverride(*ratio), command);
+                return Ok(0);
+            }
+            Command::SetMode(_) => {}
         }
         self.note_command(command);
         Ok(job)

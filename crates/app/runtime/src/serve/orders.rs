@@ -70,6 +70,7 @@ pub(crate) enum CycleCommand {
     GoOn(u32),
     Stop,
     Override(f64),
+    SpindleOverride(f64),
     /// Every axis stops by itself, and the drives stop by themselves.
     Emergency,
     /// Out of the emergency stop, without power yet.
@@ -171,6 +172,8 @@ pub(crate) struct CycleView {
     pub is_chain_open: bool,
     /// Unknown where there is none.
     pub probe: ProbeState,
+    /// By what the commanded speed of the spindle is multiplied.
+    pub spindle_override: f64,
 }
 
 impl CycleEvent {

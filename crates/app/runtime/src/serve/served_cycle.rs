@@ -41,6 +41,8 @@ impl ServedCycle {
             work: ActiveJob::None,
             turn: None,
             inputs: Inputs::default(),
+            spindle_override: 1.0,
+            last: None,
             go_on: None,
             at_stop: None,
             input_bits: 0,
@@ -98,6 +100,10 @@ struct CycleState {
     /// A change of the steered motion: behind which setpoint, number of the order.
     turn: Option<Turn>,
     inputs: Inputs,
+    /// Of the operator.
+    spindle_override: f64,
+    /// The setpoint before.
+    last: Option<Setpoint>,
     /// The program stop at which the machine may go on, and the one at which it stands, by the actions before them.
     go_on: Option<u32>,
     at_stop: Option<u32>,
@@ -187,6 +193,7 @@ impl SetpointSource for ServedCycle {
             parts.rebase_to_drives(now, feedback, taken_ns);
         }
         let mut setpoint = parts.step(now, begin.deadline_ns);
+        now.last = Some(setpoint);
         parts.check_drives(now, &setpoint, taken_ns, feedback.as_ref());
         now.note_following_error(feedback.as_ref());
         parts.set_outputs(now, &setpoint);
@@ -203,6 +210,7 @@ impl SetpointSource for ServedCycle {
             drive: now.drive,
             job: now.job,
             is_of_program: now.input_bits & recorded::FOLLOWS != 0,
+            spindle_override: parts.counted_override(now),
             input_bits: now.input_bits,
         }
     }
@@ -234,6 +242,7 @@ impl SetpointSource for ServedCycle {
             at_wait: parts.signals.as_ref().is_some_and(SignalLoop::is_waiting),
             is_chain_open: parts.signals.as_ref().is_some_and(SignalLoop::is_estop_open),
             probe: parts.signals.as_ref().map(SignalLoop::probe).unwrap_or_default(),
+            spindle_override: parts.counted_override(now),
         });
         if now.is_last {
             return Next::End;
@@ -261,6 +270,16 @@ impl ServedParts {
         // room anyway must not be dropped here, since dropping frees memory.
         if let Err(rtrb::PushError::Full(event)) = self.events.push(event) {
             std::mem::forget(event);
+        }
+    }
+
+    /// The spindle override where the program lets it count.
+    fn counted_override(&self, now: &CycleState) -> f64 {
+        let switches = self.signals.as_ref().map(SignalLoop::overrides);
+        if switches.unwrap_or_default().spindle {
+            now.spindle_override
+        } else {
+            1.0
         }
     }
 
@@ -329,6 +348,7 @@ impl ServedParts {
                 now.inputs.feed_override = factor;
                 self.station.set_override(factor);
             }
+            CycleCommand::SpindleOverride(factor) => now.spindle_override = factor,
             CycleCommand::Emergency => {
                 now.is_estop = true;
                 self.emergency(now);
@@ -543,8 +563,9 @@ impl ServedParts {
         // It counts for the stop that was meant, and for none behind it.
         let is_meant = now.go_on.is_some() && now.go_on == now.at_stop;
         now.inputs.resume = is_meant && !now.inputs.resume;
-        let signals = self.signals.as_ref().filter(|signals| signals.is_waiting());
-        if let Some(signals) = signals {
+        let waiting = self.signals.as_ref().filter(|signals| signals.is_waiting());
+        let at_wait = waiting.is_some();
+        if let Some(signals) = waiting {
             // Only the wait's end goes on from here.
             now.inputs.resume = signals.is_over() && job.motion.can_leave_wait(&mut job.queue);
         }
@@ -556,9 +577,13 @@ impl ServedParts {
             now.inputs.spindle = signals.spindle_at(job.motion.next_sequence());
         }
         let switches = self.signals.as_ref().map(SignalLoop::overrides);
-        let inputs = now.inputs.switched_by(&switches.unwrap_or_default());
+        let mut inputs = now.inputs.switched_by(&switches.unwrap_or_default());
+        let spindle_override = self.counted_override(now);
+        if let Some(signals) = &mut self.signals {
+            inputs.feed_override *= signals.feed_ratio(now.last.as_ref(), spindle_override);
+        }
         let mut setpoint = job.motion.step(&inputs, &mut job.queue);
-        now.has_left_wait = signals.is_some() && now.inputs.resume && job.motion.plan_step() != before;
+        now.has_left_wait = at_wait && now.inputs.resume && job.motion.plan_step() != before;
         if let (Some(spindle), false) = (trouble, now.faulted) {
             let sequence = setpoint.sequence;
             self.tell_once(now, CycleEvent::Spindle { sequence, spindle });

@@ -35,6 +35,7 @@ use crate::queues::queue_length;
 use crate::rt::{apply_to_this_thread, raise_priority, separate_large_blocks};
 use crate::shared::Controls;
 use crate::signal_ends::SignalEnds;
+use crate::spindle_command::SpindleCommand;
 use crate::start_error::{CYCLE_TIMEOUT, StartError};
 use crate::stop_watch::StopWatch;
 
@@ -107,6 +108,7 @@ impl Service {
             publishing,
             setpoints,
             periphery: PeripheryTrack::new(setup.tool, periphery_orders),
+            spindle: SpindleCommand::new(&setup.machine.signals),
             signals: signals.port,
             stops: StopWatch::start(setup, Clock::Realtime)?,
             status: ServedStatus {

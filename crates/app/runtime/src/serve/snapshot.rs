@@ -11,6 +11,7 @@ use super::operator::Operator;
 use super::orders::CycleView;
 use crate::periphery::Periphery;
 use crate::publish_report::PublishReport;
+use crate::spindle_command::shown_rpm;
 use crate::status_source::event_of;
 
 /// What the cycles so far were like.
@@ -137,7 +138,12 @@ pub(crate) fn snapshot(
         override_ratio: desk.overrides()[0],
         rapid_override_ratio: desk.overrides()[1],
         spindle_override_ratio: desk.overrides()[2],
-        spindle_rpm: periphery.outputs.signed_rpm(),
+        spindle_rpm: shown_rpm(
+            &periphery.outputs,
+            setpoint.position[0],
+            view.spindle_override,
+            &operator.setup.machine.signals,
+        ),
         late_cycles: view.late_cycles.max(published.0.late),
         dropped_records: view.dropped_records,
         dropped_setpoints: view.dropped_setpoints + published.0.failed,

@@ -231,7 +231,7 @@ codes! {
     BeyondTravel = "G0801",
     /// The machine cannot do a move for another reason.
     MoveRefused = "G0802",
-    /// Something that the core cannot do yet.
+    /// Something that this machine cannot do.
     MissingAbility = "G0803",
 }
 

@@ -196,6 +196,10 @@ impl Executor<'_> {
         let cooling = modes.mist || modes.flood;
         modes.spindle = SpindleDirection::Stopped;
         (modes.mist, modes.flood) = (false, false);
+        if modes.surface.take().is_some() {
+            // What follows begins in G97, where metres per minute are no speed.
+            modes.speed = 0.0;
+        }
         if turning {
             self.spindle();
         }

@@ -304,13 +304,15 @@ impl State {
             SpindleDirection::Clockwise => "M3",
             SpindleDirection::CounterClockwise => "M4",
         };
+        // From S on they are those of the periphery.
+        words.push(format!("S{}", modes.speed));
         if let Some(max_rpm) = modes.surface {
             words.push("G96".to_owned());
             if max_rpm.is_finite() {
                 words.push(format!("D{max_rpm}"));
             }
         }
-        words.push(format!("S{} {turning}", modes.speed));
+        words.push(turning.to_owned());
         words.push(format!("T{}", self.tool));
         for (on, code) in [(modes.mist, "M7"), (modes.flood, "M8")] {
             if on {

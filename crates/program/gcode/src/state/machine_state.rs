@@ -105,6 +105,8 @@ pub(crate) struct PlainMoveState {
 
 impl State {
     pub(crate) fn new(settings: &Settings) -> Self {
+        // A program begins in G97, where metres per minute are no speed; a block of MDI goes on in what is in force.
+        let surface = settings.outputs.surface.filter(|_| settings.is_block);
         let mut state = Self {
             position: settings.start,
             motion: Motion::None,
@@ -120,12 +122,13 @@ impl State {
                 retract_to_old: false,
                 diameter: false,
                 spindle: settings.outputs.direction,
-                speed: match settings.outputs.surface {
-                    Some(surface) => surface.metres_per_minute,
-                    None => settings.outputs.speed_rpm,
+                speed: match (surface, settings.outputs.surface) {
+                    (Some(surface), _) => surface.metres_per_minute,
+                    (None, Some(_)) => 0.0,
+                    (None, None) => settings.outputs.speed_rpm,
                 },
-                surface: settings.outputs.surface.map(|surface| surface.max_rpm),
-                told_centre_mm: settings.outputs.surface.map_or(0.0, |surface| surface.centre_mm),
+                surface: surface.map(|surface| surface.max_rpm),
+                told_centre_mm: surface.map_or(0.0, |surface| surface.centre_mm),
                 mist: settings.outputs.mist,
                 flood: settings.outputs.flood,
                 feed_override: true,

@@ -44,6 +44,16 @@ impl Outputs {
         }
     }
 
+    /// Commanded speed in revolutions per minute, negative counter-clockwise; 0 where the spindle is stopped, or has no speed that is
+    /// the same everywhere.
+    #[must_use]
+    pub fn constant_rpm(&self) -> f64 {
+        match self.surface {
+            Some(_) => 0.0,
+            None => self.signed_rpm_at(0.0),
+        }
+    }
+
     /// Commanded speed in revolutions per minute where the tool is at X in machine coordinates, mm: negative counter-clockwise, 0
     /// where the spindle is stopped.
     #[must_use]

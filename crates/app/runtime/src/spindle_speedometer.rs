@@ -1,0 +1,90 @@
+//! How fast a spindle turns, as feed goes by it: without the noise of its encoder, and told where it has changed.
+
+use evolvent_bus::SpindleFeedback;
+
+/// Time constant of the low pass, s: the ripple of a slow turn is no change of speed.
+const FILTER_S: f64 = 0.03;
+/// A speed is told again where it has changed by more than this part of itself, or by 1 rpm.
+const LEAST_CHANGE: f64 = 0.005;
+
+/// The speed of one spindle. Neither allocates nor waits.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Speedometer {
+    /// Number and time of the newest sample, and the speed behind the low pass, rpm.
+    newest: Option<(u64, u64, f64)>,
+    told_rpm: Option<f64>,
+}
+
+impl Speedometer {
+    /// The speed that is told, rpm, never negative; none where nobody measures it. `known`: the newest sample, where it is not
+    /// too old.
+    pub(crate) fn rpm(&mut self, known: Option<&SpindleFeedback>) -> Option<f64> {
+        let Some(sample) = known else {
+            *self = Self::default();
+            return None;
+        };
+        let rpm = sample.speed_rpm.abs();
+        let filtered = match self.newest {
+            Some((sequence, _, filtered)) if sequence == sample.sequence => filtered,
+            Some((_, time_ns, filtered)) => {
+                let passed_s = sample.time_ns.saturating_sub(time_ns) as f64 * 1e-9;
+                filtered + (rpm - filtered) * (1.0 - (-passed_s / FILTER_S).exp())
+            }
+            None => rpm,
+        };
+        self.newest = Some((sample.sequence, sample.time_ns, filtered));
+        let stays = self.told_rpm.is_some_and(|told| {
+            let stands = rpm == 0.0 && filtered < 1.0;
+            (filtered - told).abs() <= (LEAST_CHANGE * told).max(1.0) && (!stands || told == 0.0)
+        });
+        if !stays {
+            self.told_rpm = Some(if rpm == 0.0 && filtered < 1.0 {
+                0.0
+            } else {
+                filtered
+            });
+        }
+        self.told_rpm
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sample(sequence: u64, speed_rpm: f64) -> SpindleFeedback {
+        SpindleFeedback {
+            sequence,
+            time_ns: sequence * 1_000_000,
+            speed_rpm,
+            ..SpindleFeedback::default()
+        }
+    }
+
+    #[test]
+    fn ripple_is_not_told_a_change_is_within_its_time_and_silence_is_none() {
+        let mut meter = Speedometer::default();
+        let mut told = Vec::new();
+        for k in 1..=1000_u32 {
+            // 2 % of ripple, three times a turn.
+            let ripple = (std::f64::consts::TAU * 3.0 * 1500.0 / 60.0 * f64::from(k) * 1e-3).sin();
+            let rpm = meter.rpm(Some(&sample(k.into(), -1500.0 * (1.0 + 0.02 * ripple))));
+            told.push(rpm.unwrap());
+        }
+        told.dedup();
+        assert!(told.len() <= 4, "{told:?}");
+        assert!((told[told.len() - 1] / 1500.0 - 1.0).abs() < 0.01);
+        // A step to 1000 rpm: after three time constants 5 % of it are left.
+        let mut rpm = 0.0;
+        for k in 1001..=1090 {
+            rpm = meter.rpm(Some(&sample(k, 1000.0))).unwrap();
+        }
+        assert!((rpm - 1025.0).abs() < 10.0, "{rpm}");
+        for k in 1091..=2000 {
+            rpm = meter.rpm(Some(&sample(k, 0.0))).unwrap();
+        }
+        assert_eq!(rpm, 0.0);
+        assert_eq!(meter.rpm(None), None);
+        assert_eq!(meter.rpm(Some(&sample(1, 700.0))), Some(700.0), "another bridge");
+    }
+}

@@ -1,0 +1,110 @@
+//! G95 with G97 and G96 in runs with the virtual clock: the feed in the middle of cuts, and the same bits again.
+
+#![expect(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
+
+use std::f64::consts::TAU;
+use std::path::Path;
+use std::sync::{Arc, Mutex};
+
+use evolvent_machine::{Machine, PlannerKind};
+use evolvent_motion::{Setpoint, State};
+use evolvent_replay::verify;
+use evolvent_runtime::{Clock, Controls, Job, Notice, Outcome, RunObserver, Setup, run};
+
+struct Silent;
+
+impl RunObserver for Silent {
+    fn progress(&mut self, _: &Controls) {}
+    fn notice(&mut self, _: &Notice) {}
+    fn note(&mut self, _: &str) {}
+}
+
+/// Turns a program, and has the trace computed again.
+fn turn(program: &str, planner: PlannerKind) -> Vec<Setpoint> {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../config/machines/lathe-2axis.toml");
+    let text = std::fs::read_to_string(&file).unwrap();
+    let mut machine = Machine::parse(&text, "lathe.toml").unwrap();
+    machine.path.planner = planner;
+    let folder = tempfile::tempdir().unwrap();
+    let part = folder.path().join("part.ngc");
+    std::fs::write(&part, program).unwrap();
+    let trace = folder.path().join("run.mcap");
+    let job = Job {
+        program: part,
+        setup: Setup::new(machine, file, text, None).unwrap(),
+        clock: Clock::Virtual,
+        feed_override: 1.0,
+        trace: Some(trace.clone()),
+        bus: false,
+        bus_prefix: None,
+        wait_for_subscribers: 0,
+        inputs: None,
+        optional_stop: false,
+        stop_at_program_stops: false,
+    };
+    let controls = Arc::new(Controls::new(1.0));
+    let seen = Mutex::new(Vec::new());
+    let outcome = run(&job, &controls, &mut Silent, |setpoint| {
+        seen.lock().unwrap().push(*setpoint);
+    })
+    .unwrap();
+    assert_eq!(outcome.summary.outcome, Outcome::Done);
+    let verified = verify(&trace).unwrap();
+    assert!(verified.holds() && verified.recomputed, "{verified:?}");
+    assert_eq!(verified.compared, verified.cycles);
+    seen.into_inner().unwrap()
+}
+
+const PLANNERS: [PlannerKind; 2] = [PlannerKind::Classic, PlannerKind::Optimal];
+
+#[test]
+fn a_face_is_driven_with_the_same_feed_per_revolution_while_the_speed_rises() {
+    let program = "G21 G18 G8 G90 G95\nG0 X60 Z5\nG96 S100 D1200 M3\nG1 Z0 F0.25\nX8\nG0 Z5\nM5\nM2\n";
+    for planner in PLANNERS {
+        let setpoints = turn(program, planner);
+        let mut places = 0;
+        for setpoint in &setpoints {
+            let x = setpoint.position[0];
+            // Where nothing speeds up or slows down, and on the way along X.
+            if setpoint.state != State::Running || !(10.0..58.0).contains(&x) || setpoint.velocity[0] > -1e-6
+            {
+                continue;
+            }
+            let rpm = (100_000.0 / (TAU * x)).min(1200.0);
+            let per_turn = setpoint.velocity[0].abs() / (rpm / 60.0);
+            // Half of what the speed changes along a piece, and what the feed lags behind the pieces.
+            assert!(
+                (per_turn / 0.25 - 1.0).abs() < 0.02,
+                "{planner:?}: {per_turn} mm at {x}"
+            );
+            places += 1;
+        }
+        assert!(places > 1000, "{planner:?}: {places}");
+    }
+}
+
+#[test]
+fn a_ball_keeps_its_shape_and_its_feed_per_revolution() {
+    let program = "G21 G18 G8 G90 G95 G61\nG0 X2 Z60\nG96 S60 D2000 M3\nG1 Z50 F0.2\nG3 X40 Z12 I0 K-38\nG1 Z5\nM5\nM2\n";
+    for planner in PLANNERS {
+        let mut places = 0;
+        for setpoint in turn(program, planner) {
+            let (x, z) = (setpoint.position[0], setpoint.position[2]);
+            if z > 49.0 || z < 12.5 {
+                continue;
+            }
+            let radius = (x - 2.0).hypot(z - 12.0);
+            assert!((radius - 38.0).abs() < 1e-3, "{radius} at {x}, {z}");
+            let rpm = (60_000.0 / (TAU * x)).min(2000.0);
+            let per_turn = setpoint.velocity.norm() / (rpm / 60.0);
+            if x > 8.0 && x < 39.0 {
+                assert!(
+                    (per_turn / 0.2 - 1.0).abs() < 0.02,
+                    "{planner:?}: {per_turn} at {x}"
+                );
+                places += 1;
+            }
+        }
+        assert!(places > 500, "{planner:?}: {places}");
+    }
+}
