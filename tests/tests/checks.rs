@@ -83,12 +83,8 @@ fn what_the_machine_refuses_names_the_whole_chain_of_calls() {
 fn one_mistake_is_one_error_and_nothing_follows_from_it() {
     let workshop = Workshop::new();
     for (text, expected) in [
-        // G96 stays in force: M5 and M2 come by it again.
-        ("G96 S100 M3\nG0 X1\nM5\nM3\nM2\n", &[("G0803", 1)][..]),
-        (
-            "G96 S100 M3\nG97 S100\nG0 X1\nG96 S50\nM2\n",
-            &[("G0803", 1), ("G0803", 4)],
-        ),
+        // The mode stays as it was: what follows goes by G97.
+        ("G96 M3\nG97 S100\nG0 X1\nM5\nM3\nM2\n", &[("G0411", 1)][..]),
         (
             "G21 F100 S500 M3\nG0 Z5\nG84 X1 Z-1 R1\nX2\nG80\nM2\n",
             &[("G0803", 3), ("G0803", 4)],

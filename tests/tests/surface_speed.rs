@@ -261,11 +261,10 @@ fn the_override_of_the_spindle_reaches_the_bridge_where_it_counts_and_feed_per_r
         });
         operator.waits("twice the feed", |status| (status.feed_mm_s - 20.0).abs() < 0.6);
         operator.sees_end(job);
-        let speeds: Vec<f64> = (listener.messages().iter())
+        let mut changes: Vec<f64> = (listener.messages().iter())
             .filter(|message| message.spindle_direction[0] == 1)
             .map(|message| message.spindle_rpm[0])
             .collect();
-        let mut changes = speeds.clone();
         changes.dedup();
         assert_eq!(changes, [1000.0, 500.0, 1000.0, 500.0, 2000.0]);
         drop(operator);

@@ -90,7 +90,7 @@ fn a_ball_keeps_its_shape_and_its_feed_per_revolution() {
         let mut places = 0;
         for setpoint in turn(program, planner) {
             let (x, z) = (setpoint.position[0], setpoint.position[2]);
-            if z > 49.0 || z < 12.5 {
+            if !(12.5..=49.0).contains(&z) {
                 continue;
             }
             let radius = (x - 2.0).hypot(z - 12.0);

@@ -20,7 +20,7 @@ impl FeedLaw {
     pub fn ratio(&self, x_mm: f64, measured_rpm: Option<f64>, spindle_override: f64, max_rpm: f64) -> f64 {
         let Self::Revolution(speed) = self else { return 1.0 };
         let planned = speed.rpm_at(x_mm);
-        if !(planned > 0.0) {
+        if planned <= 0.0 {
             return 1.0;
         }
         let turns = measured_rpm.unwrap_or_else(|| (planned * spindle_override).min(max_rpm));

@@ -1,4 +1,5 @@
 //! G96 with and without G95: what the spindle is told, and how moves are fed while its speed follows the radius.
+#![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
 
 use std::f64::consts::TAU;
 
@@ -11,8 +12,9 @@ fn run(program: &str) -> Vec<Command> {
         spindle_max_rpm: 4000.0,
         ..Settings::default()
     };
-    let found: Result<Vec<_>, _> = Interpreter::new(program.as_bytes(), settings).collect();
-    found.unwrap()
+    Interpreter::new(program.as_bytes(), settings)
+        .map(|command| command.expect("a program without errors"))
+        .collect()
 }
 
 fn spindles(commands: &[Command]) -> Vec<Action> {
