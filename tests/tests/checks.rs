@@ -86,8 +86,13 @@ fn one_mistake_is_one_error_and_nothing_follows_from_it() {
         // The mode stays as it was: what follows goes by G97.
         ("G96 M3\nG97 S100\nG0 X1\nM5\nM3\nM2\n", &[("G0411", 1)][..]),
         (
-            "G21 F100 S500 M3\nG0 Z5\nG84 X1 Z-1 R1\nX2\nG80\nM2\n",
-            &[("G0803", 3), ("G0803", 4)],
+            "G21 F100
+M19 R10
+G0 X1
+M19 R20
+M2
+",
+            &[("G0803", 2), ("G0803", 4)],
         ),
         // Back from where a refused move was to lead.
         (
