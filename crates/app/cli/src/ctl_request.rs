@@ -5,7 +5,7 @@ use std::path::Path;
 
 use evolvent_bus::ControlRequest;
 use evolvent_control::CommandCode;
-use evolvent_path::{AXES, AxisLetter};
+use evolvent_path::{AXES, AxisLetter, AxisMask};
 
 use crate::CommandError;
 
@@ -61,7 +61,7 @@ pub(crate) fn valued(code: CommandCode, words: &[String]) -> Result<ControlReque
         let axis = axis_of(letters.next().ok_or_else(bad)?)?;
         let number = letters.as_str().trim_start_matches('=');
         values[axis] = number.parse().map_err(|_| bad())?;
-        wanted.axes_mask |= 1 << axis;
+        wanted.axes_mask |= AxisMask::one(axis).bits();
     }
     wanted.values = values;
     Ok(wanted)
@@ -94,7 +94,7 @@ pub(crate) fn jog(
             }
         };
         let axis = axis_of(letter)?;
-        wanted.axes_mask |= 1 << axis;
+        wanted.axes_mask |= AxisMask::one(axis).bits();
         wanted.values[axis] = sign * distance.unwrap_or(1.0);
     }
     Ok(wanted)

@@ -4,7 +4,7 @@ use std::io::{self, Write};
 
 use evolvent_bus::{ACTIVITIES, JOB_RESULTS, MACHINE_STATES, MODES, STATES, Status, switches};
 use evolvent_control::Alarm;
-use evolvent_path::AxisLetter;
+use evolvent_path::{AxisLetter, AxisMask};
 use serde_json::{Map, Value, json};
 
 fn name(list: &[(&str, u32)], number: u32) -> String {
@@ -29,7 +29,8 @@ fn modal_codes(status: &Status) -> Vec<String> {
 fn homed(status: &Status, axes: &str) -> String {
     axes.chars()
         .filter(|letter| {
-            AxisLetter::from_letter(*letter).is_some_and(|axis| status.homed_mask >> axis.index() & 1 == 1)
+            AxisLetter::from_letter(*letter)
+                .is_some_and(|axis| AxisMask::from_bits(status.homed_mask).contains(axis.index()))
         })
         .collect()
 }
@@ -173,7 +174,7 @@ pub(crate) fn write_status(
             status.position_work[i],
             status.distance_to_go[i],
             status.work_offset[i] + status.tool_offset[i],
-            if status.homed_mask >> i & 1 == 1 {
+            if AxisMask::from_bits(status.homed_mask).contains(i) {
                 "yes"
             } else {
                 "no"

@@ -1,5 +1,6 @@
 //! `evolvent top`: a running machine on a terminal, from its status service alone.
 
+use evolvent_path::AxisMask;
 use std::fmt::Write as _;
 use std::io::{self, IsTerminal, Write};
 use std::sync::Arc;
@@ -234,10 +235,10 @@ fn picture(name: &str, status: &Status, axes: &str, stale: Option<Duration>, col
         "machine", "work", "to go", "velocity", "error"
     );
     for (at, letter) in "XYZABCUVW".chars().enumerate() {
-        if status.axes_mask >> at & 1 == 0 || !axes.contains(letter) {
+        if !AxisMask::from_bits(status.axes_mask).contains(at) || !axes.contains(letter) {
             continue;
         }
-        let is_homed = status.homed_mask >> at & 1 == 1;
+        let is_homed = AxisMask::from_bits(status.homed_mask).contains(at);
         let unit = if "ABC".contains(letter) { "deg" } else { "mm" };
         let _ = writeln!(
             text,

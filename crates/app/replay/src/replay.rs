@@ -1,5 +1,6 @@
 //! Recorded setpoints on the bus again.
 
+use evolvent_path::AxisMask;
 use std::ops::ControlFlow;
 use std::path::Path;
 use std::time::Duration;
@@ -132,7 +133,9 @@ pub fn replay(
         .run
         .axes
         .iter()
-        .fold(0_u32, |mask, axis| mask | 1 << axis.index());
+        .map(|axis| axis.index())
+        .collect::<AxisMask>()
+        .bits();
     let mut status = Status::default();
     status.set_program(&format!("replay of {}", opened.run.program_name));
     status.period_ns = opened.run.period_ns;

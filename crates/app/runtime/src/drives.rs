@@ -2,6 +2,7 @@
 
 use evolvent_drive::{FeedbackBounds, PhaseSettings, WatchMode, WatchSettings};
 use evolvent_machine::{FeedbackWish, Machine};
+use evolvent_path::AxisMask;
 
 use crate::pacing::{cycles_per_wake, wake_interval_ns};
 
@@ -11,7 +12,7 @@ use crate::pacing::{cycles_per_wake, wake_interval_ns};
 #[must_use]
 pub fn watch_settings(machine: &Machine, period_ns: u64) -> WatchSettings {
     let ns = |seconds: f64| (seconds * 1e9) as u64;
-    let mut settings = WatchSettings::new(period_ns, 0);
+    let mut settings = WatchSettings::new(period_ns, AxisMask::NONE);
     settings.mode = match machine.drives.feedback {
         FeedbackWish::Ignore => WatchMode::Ignore,
         FeedbackWish::IfPresent => WatchMode::IfPresent,
@@ -24,7 +25,7 @@ pub fn watch_settings(machine: &Machine, period_ns: u64) -> WatchSettings {
     settings.bounds.ahead_ns = settings.stale_ns;
     for axis in &machine.axes {
         let index = axis.letter.index();
-        settings.axes_mask |= 1 << index;
+        settings.axes |= AxisMask::one(index);
         settings.following_floor[index] = axis.following_error;
         settings.following_time_s[index] = axis.following_time_s;
         settings.memory_s = settings.memory_s.max(2.0 * axis.following_time_s);
@@ -35,10 +36,10 @@ pub fn watch_settings(machine: &Machine, period_ns: u64) -> WatchSettings {
 /// What the feedback of a machine can say at all.
 #[must_use]
 pub(crate) fn feedback_bounds(machine: &Machine) -> FeedbackBounds {
-    let mut bounds = FeedbackBounds::new(0);
+    let mut bounds = FeedbackBounds::new(AxisMask::NONE);
     for axis in &machine.axes {
         let index = axis.letter.index();
-        bounds.axes_mask |= 1 << index;
+        bounds.axes |= AxisMask::one(index);
         bounds.set_axis(index, [axis.travel_min, axis.travel_max], axis.max_velocity);
     }
     bounds

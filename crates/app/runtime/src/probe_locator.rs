@@ -4,6 +4,7 @@
 //! change, by straight interpolation. Within a period T at an acceleration a this is wrong by a T^2 / 8 at most, beside what feedback
 //! and time themselves are wrong by. Where no bridge sends feedback the setpoints stand for it.
 
+use evolvent_path::AxisMask;
 use std::collections::VecDeque;
 
 use evolvent_bus::{AXES, Feedback};
@@ -57,8 +58,9 @@ impl ProbeLocator {
     /// A sample of the drives, each once.
     pub(crate) fn see_feedback(&mut self, feedback: &Feedback) {
         self.axes_mask = feedback.axes_mask;
-        let sound =
-            (0..AXES).all(|axis| feedback.axes_mask >> axis & 1 == 0 || feedback.position[axis].is_finite());
+        let sound = (0..AXES).all(|axis| {
+            !AxisMask::from_bits(feedback.axes_mask).contains(axis) || feedback.position[axis].is_finite()
+        });
         if sound {
             keep(
                 &mut self.feedback,
@@ -105,7 +107,7 @@ impl ProbeLocator {
             position = self.at(&change, now_ns)?;
         }
         for (axis, value) in position.iter_mut().enumerate() {
-            if change.latched_mask >> axis & 1 == 1 {
+            if AxisMask::from_bits(change.latched_mask).contains(axis) {
                 *value = change.latched[axis];
             }
         }

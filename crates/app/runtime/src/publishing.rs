@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use evolvent_bus::{BusConfig, CoreBus};
-use evolvent_path::{AXES, Axes};
+use evolvent_path::{AXES, Axes, AxisMask};
 
 use crate::due_setpoint::DueSetpoint;
 use crate::job::{Clock, Setup};
@@ -40,7 +40,9 @@ impl Publishing {
             axes_mask: machine
                 .axes
                 .iter()
-                .fold(0, |mask, axis| mask | 1 << axis.letter.index()),
+                .map(|axis| axis.letter.index())
+                .collect::<AxisMask>()
+                .bits(),
             wait_for_subscribers: 0,
             controls,
         }

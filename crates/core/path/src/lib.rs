@@ -43,6 +43,7 @@
 
 mod arc;
 mod axis;
+mod axis_mask;
 mod blend;
 mod canonical_move;
 mod curve;
@@ -64,6 +65,7 @@ mod spline;
 
 pub use arc::Arc;
 pub use axis::{AXES, Axes, AxisLetter};
+pub use axis_mask::AxisMask;
 pub use blend::Blend;
 pub use canonical_move::{Move, MoveKind, PathMode};
 pub use curve::{Curve, ParamCurve};

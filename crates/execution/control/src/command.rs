@@ -1,6 +1,6 @@
 //! Commands to the machine.
 
-use evolvent_path::{AXES, Axes, AxisLetter};
+use evolvent_path::{Axes, AxisLetter, AxisMask};
 
 use crate::command_code::CommandCode;
 use crate::interlock_state::Mode;
@@ -9,7 +9,7 @@ use crate::interlock_state::Mode;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JogCommand {
     /// Bit i set: axis i moves.
-    pub axes_mask: u32,
+    pub axes: AxisMask,
     /// By so much; none for as long as it is kept.
     pub distance: Option<Axes>,
     /// Signs of the directions of a continuous jog; 0 for axes that stand.
@@ -24,7 +24,7 @@ pub struct ToolEntry {
     /// The tool's number, from 1.
     pub number: u32,
     /// Which offsets are set.
-    pub axes_mask: u32,
+    pub axes: AxisMask,
     /// The offsets, mm or degrees.
     pub offset: Axes,
     /// Diameter, mm; none to leave it.
@@ -35,6 +35,7 @@ pub struct ToolEntry {
 ///
 /// ```
 /// use evolvent_control::{Alarm, Command, CommandCode, Mode, RawCommand};
+/// use evolvent_path::AxisMask;
 ///
 /// let mut raw = RawCommand {
 ///     command: CommandCode::Mode as u32,
@@ -44,11 +45,12 @@ pub struct ToolEntry {
 ///     values: [0.0; 9],
 ///     text: Some(""),
 /// };
-/// let (_, command) = Command::decode(&raw, 0b111)?;
+/// let xyz = AxisMask::from_bits(0b111);
+/// let (_, command) = Command::decode(&raw, xyz)?;
 /// assert_eq!(command, Command::SetMode(Mode::Manual));
 ///
 /// raw.amount = f64::NAN;
-/// assert_eq!(Command::decode(&raw, 0b111).unwrap_err().alarm, Alarm::BadNumber);
+/// assert_eq!(Command::decode(&raw, xyz).unwrap_err().alarm, Alarm::BadNumber);
 /// # Ok::<(), evolvent_control::Rejection>(())
 /// ```
 #[derive(Clone, Debug, PartialEq)]
@@ -98,13 +100,13 @@ pub enum Command {
     /// See [`CommandCode::JogStop`].
     JogStop,
     /// See [`CommandCode::Home`]: the axes, at least one.
-    Home(u32),
+    Home(AxisMask),
     /// See [`CommandCode::WorkOffset`].
     WorkOffset {
         /// 1 for G54 to 9 for G59.3; 0 for the active one.
         system: u32,
         /// Which axes.
-        axes_mask: u32,
+        axes: AxisMask,
         /// Work zero in machine coordinates.
         values: Axes,
     },
@@ -113,7 +115,7 @@ pub enum Command {
         /// 1 for G54 to 9 for G59.3; 0 for the active one.
         system: u32,
         /// Which axes.
-        axes_mask: u32,
+        axes: AxisMask,
         /// What the present positions are to read.
         values: Axes,
     },
@@ -184,12 +186,8 @@ impl Command {
 impl std::fmt::Display for Command {
     /// A few words, for the trace.
     fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let letters = |mask: u32| -> String {
-            (0..AXES)
-                .filter(|i| mask >> i & 1 == 1)
-                .map(|i| AxisLetter::ALL[i].letter())
-                .collect()
-        };
+        let letters =
+            |axes: AxisMask| -> String { axes.axes().map(|axis| AxisLetter::ALL[axis].letter()).collect() };
         let percent = |ratio: &f64| format!("{:.1} %", 100.0 * ratio);
         let on = |on: &bool| if *on { "on" } else { "off" };
         let text = match self {
@@ -214,21 +212,17 @@ impl std::fmt::Display for Command {
             Self::SpindleOverride(ratio) => format!("spindle override {}", percent(ratio)),
             Self::Mdi(text) => format!("MDI {text}"),
             Self::Jog(jog) => match &jog.distance {
-                Some(_) => format!("jog {} by an increment", letters(jog.axes_mask)),
-                None => format!("jog {}", letters(jog.axes_mask)),
+                Some(_) => format!("jog {} by an increment", letters(jog.axes)),
+                None => format!("jog {}", letters(jog.axes)),
             },
             Self::JogKeep => "jog goes on".to_owned(),
             Self::JogStop => "jog stop".to_owned(),
-            Self::Home(mask) => format!("home {}", letters(*mask)),
-            Self::WorkOffset {
-                system, axes_mask, ..
-            } => {
-                format!("work offset {system} of {}", letters(*axes_mask))
+            Self::Home(axes) => format!("home {}", letters(*axes)),
+            Self::WorkOffset { system, axes, .. } => {
+                format!("work offset {system} of {}", letters(*axes))
             }
-            Self::TouchOff {
-                system, axes_mask, ..
-            } => {
-                format!("touch off {} in work offset {system}", letters(*axes_mask))
+            Self::TouchOff { system, axes, .. } => {
+                format!("touch off {} in work offset {system}", letters(*axes))
             }
             Self::Tool(entry) => format!("tool {} set", entry.number),
             Self::ReloadTools => "tool table read again".to_owned(),

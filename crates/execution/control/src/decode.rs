@@ -1,6 +1,6 @@
 //! From the numbers of a request to a command with a meaning; whatever makes no sense is refused.
 
-use evolvent_path::{AXES, Axes};
+use evolvent_path::{AXES, Axes, AxisMask};
 
 use crate::alarm::Alarm;
 use crate::command::{Command, JogCommand, ToolEntry};
@@ -37,7 +37,7 @@ impl Command {
     ///
     /// # Errors
     /// The command is unknown, a number is not finite or out of range, an axis is missing, the text is none.
-    pub fn decode(raw: &RawCommand<'_>, present: u32) -> Result<(CommandCode, Self), Rejection> {
+    pub fn decode(raw: &RawCommand<'_>, present: AxisMask) -> Result<(CommandCode, Self), Rejection> {
         let Some(code) = CommandCode::from_number(raw.command) else {
             return Err(Rejection::new(
                 Alarm::UnknownCommand,
@@ -86,12 +86,12 @@ impl Command {
             CommandCode::Home => Self::Home(axes(raw, present)?),
             CommandCode::WorkOffset => Self::WorkOffset {
                 system: system(raw)?,
-                axes_mask: axes(raw, present)?,
+                axes: axes(raw, present)?,
                 values: values(raw)?,
             },
             CommandCode::TouchOff => Self::TouchOff {
                 system: system(raw)?,
-                axes_mask: axes(raw, present)?,
+                axes: axes(raw, present)?,
                 values: values(raw)?,
             },
             CommandCode::Tool if raw.index == 0 => Self::ReloadTools,
@@ -104,7 +104,7 @@ impl Command {
                 }
                 Self::Tool(ToolEntry {
                     number: raw.index,
-                    axes_mask: raw.axes_mask & present,
+                    axes: AxisMask::from_bits(raw.axes_mask) & present,
                     offset: values(raw)?,
                     // Below zero: not given.
                     diameter_mm: (raw.amount >= 0.0).then_some(raw.amount),
@@ -159,11 +159,11 @@ fn ratio(what: &str, raw: &RawCommand<'_>, most: f64) -> Result<f64, Rejection> 
     }
 }
 
-fn axes(raw: &RawCommand<'_>, present: u32) -> Result<u32, Rejection> {
-    if raw.axes_mask == 0 || raw.axes_mask & !present != 0 {
+fn axes(raw: &RawCommand<'_>, present: AxisMask) -> Result<AxisMask, Rejection> {
+    if raw.axes_mask == 0 || raw.axes_mask & !present.bits() != 0 {
         return Err(Alarm::NoAxis.into());
     }
-    Ok(raw.axes_mask)
+    Ok(AxisMask::from_bits(raw.axes_mask))
 }
 
 fn system(raw: &RawCommand<'_>) -> Result<u32, Rejection> {
@@ -185,11 +185,11 @@ fn values(raw: &RawCommand<'_>) -> Result<Axes, Rejection> {
     Ok(Axes::from(raw.values))
 }
 
-fn jog(raw: &RawCommand<'_>, present: u32) -> Result<JogCommand, Rejection> {
-    let axes_mask = axes(raw, present)?;
+fn jog(raw: &RawCommand<'_>, present: AxisMask) -> Result<JogCommand, Rejection> {
+    let axes = axes(raw, present)?;
     let mut values = values(raw)?;
     for i in 0..AXES {
-        if axes_mask >> i & 1 == 0 {
+        if !axes.contains(i) {
             values[i] = 0.0;
         } else if values[i] == 0.0 {
             return Err(Rejection::new(
@@ -207,7 +207,7 @@ fn jog(raw: &RawCommand<'_>, present: u32) -> Result<JogCommand, Rejection> {
         other => return Err(range("the kind of jog", f64::from(other), 0.0, 1.0)),
     };
     Ok(JogCommand {
-        axes_mask,
+        axes,
         distance: is_increment.then_some(values),
         direction: if is_increment {
             Axes::zeros()
@@ -232,7 +232,7 @@ fn sign(value: f64) -> f64 {
 mod tests {
     use super::*;
 
-    const XYZ: u32 = 0b111;
+    const XYZ: AxisMask = AxisMask::from_bits(0b111);
 
     fn raw(code: CommandCode) -> RawCommand<'static> {
         RawCommand {
@@ -416,7 +416,7 @@ mod tests {
         let tool = |number: u32, axes_mask: u32, diameter_mm: Option<f64>| {
             Command::Tool(ToolEntry {
                 number,
-                axes_mask,
+                axes: AxisMask::from_bits(axes_mask),
                 offset: Axes::from(values),
                 diameter_mm,
             })
@@ -451,7 +451,7 @@ mod tests {
                 of(CommandCode::WorkOffset, 9, 0.0),
                 Command::WorkOffset {
                     system: 9,
-                    axes_mask: xz,
+                    axes: AxisMask::from_bits(xz),
                     values: Axes::from(values),
                 },
                 "work offset 9 of XZ",
@@ -460,7 +460,7 @@ mod tests {
                 of(CommandCode::TouchOff, 0, 0.0),
                 Command::TouchOff {
                     system: 0,
-                    axes_mask: xz,
+                    axes: AxisMask::from_bits(xz),
                     values: Axes::from(values),
                 },
                 "touch off XZ in work offset 0",
@@ -468,14 +468,18 @@ mod tests {
             (
                 of(CommandCode::Jog, 1, 0.0),
                 Command::Jog(JogCommand {
-                    axes_mask: xz,
+                    axes: AxisMask::from_bits(xz),
                     distance: Some(Axes::from([MOST, 0.0, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])),
                     direction: Axes::zeros(),
                     speed: None,
                 }),
                 "jog XZ by an increment",
             ),
-            (of(CommandCode::Home, 0, 0.0), Command::Home(xz), "home XZ"),
+            (
+                of(CommandCode::Home, 0, 0.0),
+                Command::Home(AxisMask::from_bits(xz)),
+                "home XZ",
+            ),
             (raw(CommandCode::Home), Command::Home(XYZ), "home XYZ"),
             (of(CommandCode::Start, 0, 0.0), Command::Start(0), "start"),
             (of(CommandCode::Start, 1, 0.0), Command::Start(1), "start"),

@@ -4,7 +4,7 @@
 //! its known coordinate, move home. Every way has an end, so a switch that is missing or stuck ends the sequence with
 //! an alarm.
 
-use evolvent_path::{AXES, Axes, AxisLetter};
+use evolvent_path::{AXES, Axes, AxisLetter, AxisMask};
 
 use crate::alarm::Alarm;
 use crate::rejection::Rejection;
@@ -41,7 +41,7 @@ pub struct HomingSample {
     /// Actual positions in the drives' own coordinates.
     pub position: Axes,
     /// Bit i set: the home switch of axis i is closed.
-    pub switches: u32,
+    pub switches: AxisMask,
 }
 
 /// What is to be done next.
@@ -139,7 +139,7 @@ impl Homing {
         };
         let i = axis.axis.index();
         debug_assert!(i < AXES);
-        let closed = sample.switches >> i & 1 == 1;
+        let closed = sample.switches.contains(i);
         let missing = |what: &str| {
             HomingAction::Fail(Rejection::new(
                 Alarm::HomeSwitchMissing,
@@ -279,7 +279,7 @@ mod tests {
                 position[0] = self.position;
                 let sample = HomingSample {
                     position,
-                    switches: u32::from(closed),
+                    switches: AxisMask::one_if(0, closed),
                 };
                 let at_rest = self.position == self.target;
                 match homing.step(&sample, at_rest) {
@@ -356,7 +356,7 @@ mod tests {
     fn sees(homing: &mut Homing, closed: bool, at_rest: bool) -> HomingAction {
         let sample = HomingSample {
             position: Axes::zeros(),
-            switches: u32::from(closed),
+            switches: AxisMask::one_if(0, closed),
         };
         homing.step(&sample, at_rest)
     }
@@ -415,7 +415,13 @@ mod tests {
                 position[axis.axis.index()] = place;
                 // The other axes' switches mean nothing.
                 let switches = if closed { bit } else { !bit };
-                homing.step(&HomingSample { position, switches }, at_rest)
+                homing.step(
+                    &HomingSample {
+                        position,
+                        switches: AxisMask::from_bits(switches),
+                    },
+                    at_rest,
+                )
             };
             assert_eq!(step(false, false, 0.0), HomingAction::Wait);
             let HomingAction::Move { distance, .. } = step(false, true, 0.0) else {

@@ -11,9 +11,10 @@
 //!
 //! ```
 //! use evolvent_control::{Alarm, CommandCode, OperatorInputs, OperatorState, RawCommand};
+//! use evolvent_path::AxisMask;
 //!
 //! let mut state = OperatorState::default();
-//! let inputs = OperatorInputs { present: 0b111, ..OperatorInputs::default() };
+//! let inputs = OperatorInputs { present: AxisMask::from_bits(0b111), ..OperatorInputs::default() };
 //! let request = |code: CommandCode| RawCommand {
 //!     command: code as u32,
 //!     axes_mask: 0,

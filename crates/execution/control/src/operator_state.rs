@@ -1,5 +1,7 @@
 //! The operator's desk: what the machine is, and how commands and events change it.
 
+use evolvent_path::AxisMask;
+
 use crate::alarm::{Alarm, AlarmKind};
 use crate::command::Command;
 use crate::command_code::CommandCode;
@@ -47,7 +49,7 @@ pub enum JobResult {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct OperatorInputs {
     /// Bit i set: the machine has axis i.
-    pub present: u32,
+    pub present: AxisMask,
     /// The feed is held, or a program stop is waited at.
     pub is_held: bool,
     /// The process is about to end.
@@ -73,7 +75,7 @@ pub struct OperatorState {
     /// When the drives were asked to enable, while they are not.
     enabling_since_ns: Option<u64>,
     enable_timeout_ns: u64,
-    homed: u32,
+    homed: AxisMask,
     program: Option<String>,
     /// A program was to be loaded since, and was not: who starts now may mean that one.
     load_failed: bool,
@@ -101,7 +103,7 @@ impl Default for OperatorState {
             activity: Activity::None,
             enabling_since_ns: None,
             enable_timeout_ns: ENABLE_NS,
-            homed: 0,
+            homed: AxisMask::NONE,
             program: None,
             load_failed: false,
             feed_override: 1.0,
@@ -317,8 +319,8 @@ impl OperatorState {
     }
 
     /// The axes whose machine zero is known.
-    pub fn set_homed(&mut self, mask: u32) {
-        self.homed = mask;
+    pub fn set_homed(&mut self, homed: AxisMask) {
+        self.homed = homed;
     }
 
     fn situation(&self, facts: &OperatorInputs) -> InterlockState {
@@ -359,7 +361,7 @@ impl OperatorState {
 
     /// The axes whose machine zero is known.
     #[must_use]
-    pub fn homed(&self) -> u32 {
+    pub fn homed(&self) -> AxisMask {
         self.homed
     }
 

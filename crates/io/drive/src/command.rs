@@ -1,5 +1,6 @@
 //! What the core commands at one instant, as the watch needs it.
 
+use evolvent_path::AxisMask;
 use evolvent_wire::{AXES, Setpoint};
 
 use crate::power::PowerRequest;
@@ -20,7 +21,7 @@ pub struct Command {
     /// The counter of fault resets.
     pub fault_reset: u32,
     /// Bit i set: limit switches of axis i are looked at by somebody else, as in homing.
-    pub switches_expected_mask: u32,
+    pub switches_expected: AxisMask,
 }
 
 impl Command {
@@ -34,7 +35,7 @@ impl Command {
             datum: setpoint.datum,
             power: PowerRequest::from_number(setpoint.power_request),
             fault_reset: setpoint.fault_reset,
-            switches_expected_mask: 0,
+            switches_expected: AxisMask::NONE,
         }
     }
 }

@@ -3,6 +3,7 @@
 //! A message that fails is not used at all. One wrong field means that sender and receiver do not understand each other,
 //! so its other fields are not worth more.
 
+use evolvent_path::AxisMask;
 use evolvent_wire::{AXES, Feedback};
 
 use crate::alarm::DriveAlarm;
@@ -24,7 +25,7 @@ const REACH_FACTOR: f64 = 2.0;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FeedbackBounds {
     /// Bit i set: the machine has axis i. What is said of other axes is not looked at.
-    pub axes_mask: u32,
+    pub axes: AxisMask,
     /// By how much `time_ns` may be ahead of the receiver's clock, ns: the receiver may have been kept from running
     /// since it read its clock, and a bridge may convert a fieldbus time.
     pub ahead_ns: u64,
@@ -37,9 +38,9 @@ pub struct FeedbackBounds {
 impl FeedbackBounds {
     /// Bounds of a machine of which nothing but its axes is known: 20 ms, 1 km, 1 km/s.
     #[must_use]
-    pub const fn new(axes_mask: u32) -> Self {
+    pub const fn new(axes: AxisMask) -> Self {
         Self {
-            axes_mask,
+            axes,
             ahead_ns: 20_000_000,
             reach: [1e6; AXES],
             max_velocity: [1e6; AXES],
@@ -66,7 +67,7 @@ impl FeedbackBounds {
                 ahead_ns: feedback.time_ns - now_ns,
             });
         }
-        let all_axes = (1_u32 << AXES) - 1;
+        let all_axes = AxisMask::ALL.bits();
         let masks = [
             ("axes_mask", feedback.axes_mask),
             ("home_switch_mask", feedback.home_switch_mask),
@@ -88,8 +89,8 @@ impl FeedbackBounds {
         )?;
         let phase = feedback.phase_error_ns.unsigned_abs();
         within("phase_error_ns", None, phase as f64, MAX_PHASE_ERROR_NS as f64)?;
-        let here = self.axes_mask & feedback.axes_mask;
-        for axis in (0..AXES).filter(|axis| here >> axis & 1 == 1) {
+        let here = self.axes & AxisMask::from_bits(feedback.axes_mask);
+        for axis in here.axes() {
             let status_word = f64::from(feedback.status_word[axis]);
             within("status_word", Some(axis), status_word, f64::from(u16::MAX))?;
             // A following error is the difference of two positions.

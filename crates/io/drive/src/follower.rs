@@ -1,5 +1,6 @@
 //! The bridge's way from setpoints, as they happen to come, to a target for every period of the drives.
 
+use evolvent_path::AxisMask;
 use std::collections::VecDeque;
 
 use evolvent_wire::{AXES, Setpoint};
@@ -23,7 +24,7 @@ pub struct FollowerSettings {
     /// For how many periods the last motion goes on where setpoints are missing.
     pub bridge_cycles: u32,
     /// Bit i set: axis i is driven.
-    pub axes_mask: u32,
+    pub axes: AxisMask,
     /// Largest velocity of each axis.
     pub max_velocity: [f64; AXES],
     /// Largest acceleration.
@@ -162,7 +163,7 @@ impl Follower {
                 cycles: settings.bridge_cycles,
             });
         }
-        for axis in (0..AXES).filter(|axis| settings.axes_mask >> axis & 1 == 1) {
+        for axis in settings.axes.axes() {
             let limits = [
                 settings.max_velocity[axis],
                 settings.max_acceleration[axis],
@@ -227,8 +228,7 @@ impl Follower {
     }
 
     fn axes(&self) -> impl Iterator<Item = usize> + use<> {
-        let mask = self.settings.axes_mask;
-        (0..AXES).filter(move |axis| mask >> axis & 1 == 1)
+        self.settings.axes.axes()
     }
 
     fn accept(&mut self, now_ns: u64, setpoint: &Setpoint) -> Result<(), Rejection> {
@@ -250,7 +250,7 @@ impl Follower {
             fault_reset: setpoint.fault_reset,
             datum: setpoint.datum,
         };
-        for axis in (0..AXES).filter(|axis| self.settings.axes_mask >> axis & 1 == 0) {
+        for axis in AxisMask::ALL.without(self.settings.axes).axes() {
             (
                 point.position[axis],
                 point.velocity[axis],

@@ -1,5 +1,6 @@
 //! The core's watch over what comes back from the drives.
 
+use evolvent_path::AxisMask;
 use evolvent_wire::{AXES, Feedback};
 
 use crate::alarm::DriveAlarm;
@@ -31,7 +32,7 @@ pub struct WatchSettings {
     /// The control period, ns.
     pub period_ns: u64,
     /// Bit i set: the machine has axis i.
-    pub axes_mask: u32,
+    pub axes: AxisMask,
     /// What feedback can say at all.
     pub bounds: FeedbackBounds,
     /// The oldest sample allowed under power, ns.
@@ -51,12 +52,12 @@ impl WatchSettings {
     /// The usual settings: samples up to 20 ms old, 2 s to come into operation, a following error of 0.5 mm at rest and
     /// 20 ms of way in motion.
     #[must_use]
-    pub const fn new(period_ns: u64, axes_mask: u32) -> Self {
+    pub const fn new(period_ns: u64, axes: AxisMask) -> Self {
         Self {
             mode: WatchMode::IfPresent,
             period_ns,
-            axes_mask,
-            bounds: FeedbackBounds::new(axes_mask),
+            axes,
+            bounds: FeedbackBounds::new(axes),
             stale_ns: 20_000_000,
             enable_timeout_ns: 2_000_000_000,
             following_floor: [0.5; AXES],
@@ -117,7 +118,7 @@ pub struct FeedbackWatch {
     /// Whether the last message brought no newer sample.
     repeats: bool,
     /// Axes whose reference may have moved since it was last asked for.
-    reference_lost: u32,
+    reference_lost: AxisMask,
     /// Commanded travel, as far as it was answered, since an axis's position last changed.
     unanswered: [f64; AXES],
     /// Datum and commanded position of the setpoint that was answered last.
@@ -145,7 +146,7 @@ impl FeedbackWatch {
             sampled_ns: 0,
             newest_time_ns: 0,
             repeats: false,
-            reference_lost: 0,
+            reference_lost: AxisMask::NONE,
             unanswered: [0.0; AXES],
             answered: None,
             instance: None,
@@ -205,7 +206,7 @@ impl FeedbackWatch {
 
     /// Bit i set: since the last call the link was lost or axis i was moved faster than it can, so that its positions
     /// may count from another zero. Axes whose bridge calls them absolute are not among them, unless they jumped.
-    pub fn take_reference_lost(&mut self) -> u32 {
+    pub fn take_reference_lost(&mut self) -> AxisMask {
         core::mem::take(&mut self.reference_lost)
     }
 
@@ -229,18 +230,21 @@ impl FeedbackWatch {
     /// Without power nothing limits how an axis is moved but its mechanics: a step beyond that is of the encoder.
     fn watch_steps(&mut self, previous: &Feedback, feedback: &Feedback) {
         let interval_s = feedback.time_ns.saturating_sub(previous.time_ns) as f64 * 1e-9;
-        let both = previous.axes_mask & feedback.axes_mask;
-        for axis in self.axes().filter(|axis| both >> axis & 1 == 1) {
+        let both = AxisMask::from_bits(previous.axes_mask & feedback.axes_mask);
+        for axis in (self.settings.axes & both).axes() {
             let step = (feedback.position[axis] - previous.position[axis]).abs();
             let bound = 1.5 * self.settings.bounds.max_velocity[axis] * interval_s;
             if step > bound + self.settings.following_floor[axis] {
-                self.reference_lost |= 1 << axis;
+                self.reference_lost |= AxisMask::one(axis);
             }
         }
     }
 
     fn lose_reference(&mut self, last: &Feedback, still_absolute: u32) {
-        self.reference_lost |= self.settings.axes_mask & !(last.absolute_mask & still_absolute);
+        self.reference_lost |= self
+            .settings
+            .axes
+            .without(AxisMask::from_bits(last.absolute_mask & still_absolute));
     }
 
     /// Files the setpoint.
@@ -297,8 +301,7 @@ impl FeedbackWatch {
     }
 
     fn axes(&self) -> impl Iterator<Item = usize> + use<> {
-        let mask = self.settings.axes_mask;
-        (0..AXES).filter(move |axis| mask >> axis & 1 == 1)
+        self.settings.axes.axes()
     }
 
     fn check_life(&mut self, now_ns: u64, last: &Feedback) -> Result<(), DriveAlarm> {
@@ -336,7 +339,7 @@ impl FeedbackWatch {
     fn check_drives(&mut self, now_ns: u64, command: &Command, last: &Feedback) -> Result<(), DriveAlarm> {
         let mut waiting = None;
         for axis in self.axes() {
-            if last.axes_mask >> axis & 1 == 0 {
+            if !AxisMask::from_bits(last.axes_mask).contains(axis) {
                 return Err(DriveAlarm::AxisMissing { axis });
             }
             let status_word = last.status_word[axis];
@@ -402,14 +405,14 @@ impl FeedbackWatch {
     /// A switch stops motion towards it; away from it the axis may go.
     fn check_switches(&self, command: &Command, last: &Feedback) -> Result<(), DriveAlarm> {
         for axis in self.axes() {
-            if command.switches_expected_mask >> axis & 1 == 1 {
+            if command.switches_expected.contains(axis) {
                 continue;
             }
             let velocity = command.velocity[axis];
-            if last.positive_limit_mask >> axis & 1 == 1 && velocity > 0.0 {
+            if AxisMask::from_bits(last.positive_limit_mask).contains(axis) && velocity > 0.0 {
                 return Err(DriveAlarm::LimitSwitch { axis, positive: true });
             }
-            if last.negative_limit_mask >> axis & 1 == 1 && velocity < 0.0 {
+            if AxisMask::from_bits(last.negative_limit_mask).contains(axis) && velocity < 0.0 {
                 return Err(DriveAlarm::LimitSwitch {
                     axis,
                     positive: false,

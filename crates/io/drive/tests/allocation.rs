@@ -5,12 +5,13 @@ use evolvent_drive::{
     Cia402, Command, DriveEvents, DriveMachine, FeedbackWatch, Follower, FollowerSettings, PhaseLock,
     PhaseSettings, PowerRequest, QuickStopOption, WatchSettings,
 };
+use evolvent_path::AxisMask;
 use evolvent_wire::{AXES, Feedback, Setpoint};
 
 #[test]
 fn a_period_of_watch_lock_follower_and_state_machine_allocates_nothing() {
     let period_ns = 1_000_000;
-    let mut watch = FeedbackWatch::new(WatchSettings::new(period_ns, 0b111));
+    let mut watch = FeedbackWatch::new(WatchSettings::new(period_ns, AxisMask::from_bits(0b111)));
     let mut lock = PhaseLock::new(PhaseSettings {
         period_ns,
         delay_cycles: 4,
@@ -19,7 +20,7 @@ fn a_period_of_watch_lock_follower_and_state_machine_allocates_nothing() {
     let settings = FollowerSettings {
         period_ns,
         bridge_cycles: 3,
-        axes_mask: 0b111,
+        axes: AxisMask::from_bits(0b111),
         max_velocity: [500.0; AXES],
         max_acceleration: [5000.0; AXES],
         max_jerk: [2e5; AXES],

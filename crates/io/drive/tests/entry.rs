@@ -1,6 +1,7 @@
 //! Feedback at entry: random bits in every field, judged by what the contract says of the field.
 
 use evolvent_drive::{DriveAlarm, FeedbackBounds};
+use evolvent_path::AxisMask;
 use evolvent_random::Random;
 use evolvent_wire::{AXES, BRIDGE_STATES, Feedback};
 
@@ -9,7 +10,7 @@ const TRAVEL: [f64; 2] = [-400.0, 100.0];
 const MAX_VELOCITY: f64 = 500.0;
 
 fn bounds() -> FeedbackBounds {
-    let mut bounds = FeedbackBounds::new(0b111);
+    let mut bounds = FeedbackBounds::new(AxisMask::from_bits(0b111));
     for axis in 0..3 {
         bounds.set_axis(axis, TRAVEL, MAX_VELOCITY);
     }

@@ -5,6 +5,7 @@
 use evolvent_drive::{
     BridgeState, Follower, FollowerSettings, Note, PowerRequest, Rejection, SettingsError, Target,
 };
+use evolvent_path::AxisMask;
 use evolvent_random::Random;
 use evolvent_wire::{AXES, Setpoint};
 
@@ -16,7 +17,7 @@ fn settings() -> FollowerSettings {
     FollowerSettings {
         period_ns: PERIOD_NS,
         bridge_cycles: BRIDGED,
-        axes_mask: 0b11,
+        axes: AxisMask::from_bits(0b11),
         max_velocity: [LIMITS[0]; AXES],
         max_acceleration: [LIMITS[1]; AXES],
         max_jerk: [LIMITS[2]; AXES],

@@ -6,6 +6,7 @@ use evolvent_drive::{
     BridgeState, Command, DriveAlarm, DriveState, FeedbackWatch, Note, PowerRequest, Presence, WatchMode,
     WatchSettings, bits,
 };
+use evolvent_path::AxisMask;
 use evolvent_wire::{AXES, Feedback};
 
 const PERIOD_NS: u64 = 1_000_000;
@@ -16,7 +17,7 @@ const DELAY: u64 = 4;
 const LAG_S: f64 = 0.008;
 
 fn settings() -> WatchSettings {
-    let mut settings = WatchSettings::new(PERIOD_NS, AXES_MASK);
+    let mut settings = WatchSettings::new(PERIOD_NS, AxisMask::from_bits(AXES_MASK));
     settings.enable_timeout_ns = 100_000_000;
     settings
 }
@@ -66,7 +67,7 @@ impl Bench {
             datum: self.datum,
             power: self.power,
             fault_reset: 0,
-            switches_expected_mask: 0,
+            switches_expected: AxisMask::NONE,
         };
         command.position[0] = position + self.shift;
         command.velocity[0] = if self.cycle < 50 { 0.0 } else { velocity };
@@ -591,7 +592,7 @@ fn lost(bench: &mut Bench, cycles: u64) -> u32 {
     for _ in 0..cycles {
         let _alarm = bench.cycle(Some);
     }
-    bench.watch.take_reference_lost()
+    bench.watch.take_reference_lost().bits()
 }
 
 #[test]
@@ -609,11 +610,15 @@ fn a_reference_is_lost_with_the_link_unless_it_is_absolute() {
             for _ in 0..900 {
                 let _alarm = bench.cycle(|_| None);
             }
-            assert_eq!(bench.watch.take_reference_lost(), 0, "not gone yet");
+            assert_eq!(bench.watch.take_reference_lost().bits(), 0, "not gone yet");
             for _ in 0..200 {
                 let _alarm = bench.cycle(|_| None);
             }
-            assert_eq!(bench.watch.take_reference_lost(), 0b111 & !absolute_mask, "gone");
+            assert_eq!(
+                bench.watch.take_reference_lost().bits(),
+                0b111 & !absolute_mask,
+                "gone"
+            );
             // Who calls himself absolute only afterwards says nothing about the time before.
             let mut bench = Bench::new(settings());
             bench.power = power;
@@ -639,11 +644,11 @@ fn an_encoder_that_jumps_without_power_loses_its_reference() {
         });
         assert!(moved.is_ok());
     }
-    assert_eq!(bench.watch.take_reference_lost(), 0);
+    assert_eq!(bench.watch.take_reference_lost().bits(), 0);
     let jumped = bench.cycle(|mut answer| {
         answer.position[1] += 60.0;
         Some(answer)
     });
     assert!(jumped.is_ok());
-    assert_eq!(bench.watch.take_reference_lost(), 0b010);
+    assert_eq!(bench.watch.take_reference_lost().bits(), 0b010);
 }

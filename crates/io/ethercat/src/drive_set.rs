@@ -3,6 +3,7 @@
 use evolvent_bus::{AXES, Feedback, Setpoint};
 use evolvent_drive::{DriveState, Follower, FollowerSettings, PowerRequest, SettingsError, Target};
 use evolvent_machine::Machine;
+use evolvent_path::AxisMask;
 
 use crate::axis::DriveAxis;
 use crate::gantry::Squaring;
@@ -61,7 +62,7 @@ impl DriveSet {
         let mut settings = FollowerSettings {
             period_ns,
             bridge_cycles: BRIDGE_CYCLES,
-            axes_mask: network.axes_mask(),
+            axes: network.axes_mask(),
             max_velocity: [1.0; AXES],
             max_acceleration: [1.0; AXES],
             max_jerk: [1.0; AXES],
@@ -97,7 +98,7 @@ impl DriveSet {
             axes,
             period_s: period_ns as f64 * 1e-9,
             instance,
-            axes_mask: network.axes_mask(),
+            axes_mask: network.axes_mask().bits(),
             was_enabled: false,
             group_stop: false,
             ending: false,
@@ -268,7 +269,7 @@ impl DriveSet {
         for (axis, (trips, position)) in latches() {
             if trips == reading.trips && trips > 0 {
                 reading.position[axis] = position;
-                reading.latched_mask |= 1 << axis;
+                reading.latched_mask |= AxisMask::one(axis).bits();
             }
         }
         reading
@@ -318,11 +319,11 @@ impl DriveSet {
                 feedback.status_word[axis] = word;
             }
             has_word[axis] = true;
-            feedback.absolute_mask |= u32::from(drive.is_absolute()) << axis;
+            feedback.absolute_mask |= AxisMask::one_if(axis, drive.is_absolute()).bits();
             let [home, negative, positive] = drive.switches();
-            feedback.home_switch_mask |= u32::from(home && is_first) << axis;
-            feedback.negative_limit_mask |= u32::from(negative) << axis;
-            feedback.positive_limit_mask |= u32::from(positive) << axis;
+            feedback.home_switch_mask |= AxisMask::one_if(axis, home && is_first).bits();
+            feedback.negative_limit_mask |= AxisMask::one_if(axis, negative).bits();
+            feedback.positive_limit_mask |= AxisMask::one_if(axis, positive).bits();
             if feedback.error_code == 0 {
                 feedback.error_code = u32::from(drive.error_code());
             }

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use evolvent_config::{ConfigDocument, ConfigError, read_regular};
-use evolvent_path::AxisLetter;
+use evolvent_path::{AxisLetter, AxisMask};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use thiserror::Error;
@@ -448,13 +448,14 @@ impl Network {
         })
     }
 
-    /// Bit i set: axis i is driven.
+    /// Its axes.
     #[must_use]
-    pub fn axes_mask(&self) -> u32 {
+    pub fn axes_mask(&self) -> AxisMask {
         self.devices
             .iter()
             .filter_map(|device| device.axis)
-            .fold(0, |mask, axis| mask | 1 << axis.axis)
+            .map(|axis| axis.axis)
+            .collect()
     }
 }
 

@@ -10,7 +10,7 @@ use evolvent_bus::{
     ReceiveError, SetpointReader,
 };
 use evolvent_machine::Machine;
-use evolvent_path::AxisLetter;
+use evolvent_path::{AxisLetter, AxisMask};
 use rtrb::{Consumer, Producer, RingBuffer};
 use thiserror::Error;
 
@@ -323,19 +323,12 @@ impl BusSide<'_> {
     }
 
     fn check_axes(&self, letters: &str) -> Result<(), RunError> {
-        let mask = letters
-            .chars()
-            .filter_map(AxisLetter::from_letter)
-            .fold(0, |mask, letter| mask | 1 << letter.index());
+        let core: AxisMask = letters.chars().filter_map(AxisLetter::from_letter).collect();
         let driven = self.settings.network.axes_mask();
-        if mask == driven {
+        if core == driven {
             return Ok(());
         }
-        let network = AxisLetter::ALL
-            .iter()
-            .filter(|letter| driven >> letter.index() & 1 == 1)
-            .map(|letter| letter.letter())
-            .collect();
+        let network = driven.axes().map(|axis| AxisLetter::ALL[axis].letter()).collect();
         Err(RunError::Axes {
             core: letters.to_owned(),
             network,

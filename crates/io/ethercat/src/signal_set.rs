@@ -3,6 +3,7 @@
 use evolvent_bus::{AXES, MachineInputs, MachineOutputs};
 use evolvent_drive::OutputFollower;
 use evolvent_machine::{Machine, SignalKind};
+use evolvent_path::AxisMask;
 
 use crate::drive_set::ProbeReading;
 use crate::network::Network;
@@ -235,10 +236,11 @@ impl SignalSet {
         }
         for (axis, place) in message.probe_position.iter_mut().enumerate() {
             // Latched once: the datum may change behind it.
-            let is_new = reading.latched_mask >> axis & 1 == 1 && message.probe_latched_mask >> axis & 1 == 0;
+            let is_new = AxisMask::from_bits(reading.latched_mask).contains(axis)
+                && !AxisMask::from_bits(message.probe_latched_mask).contains(axis);
             if is_new {
                 *place = reading.position[axis];
-                message.probe_latched_mask |= 1 << axis;
+                message.probe_latched_mask |= AxisMask::one(axis).bits();
             }
         }
     }

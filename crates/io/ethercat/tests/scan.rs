@@ -71,7 +71,7 @@ fn devices_are_listed_and_the_file_of_them_fits_the_machine() {
         let text = network_text(&found, MAIN_INTERFACE, &letters("XYZ")).expect("drives");
         let network = Network::parse(&text, "scanned.toml").expect(&text);
         assert_eq!(network.devices.len(), 7);
-        assert_eq!(network.axes_mask(), 0b111);
+        assert_eq!(network.axes_mask().bits(), 0b111);
         let machine = Machine::parse(
             &evolvent_file_tests::shipped("machines/mill-3axis.toml"),
             "mill.toml",

@@ -3,6 +3,7 @@
 use evolvent_bus::{AXES, Feedback, Setpoint};
 use evolvent_drive::{DriveState, Follower, FollowerSettings, PowerRequest, SettingsError, Target};
 use evolvent_machine::Machine;
+use evolvent_path::AxisMask;
 
 use crate::axis::{AxisLimits, MesaAxis};
 use crate::board_file::{Actuator, BoardSettings, Pin};
@@ -40,7 +41,7 @@ impl AxisSet {
         let mut settings = FollowerSettings {
             period_ns,
             bridge_cycles: BRIDGE_CYCLES,
-            axes_mask: board.axes_mask(),
+            axes: board.axes_mask(),
             max_velocity: [1.0; AXES],
             max_acceleration: [1.0; AXES],
             max_jerk: [1.0; AXES],
@@ -66,7 +67,7 @@ impl AxisSet {
             follower: Follower::new(settings)?,
             period_s: period_ns as f64 * 1e-9,
             instance,
-            axes_mask: settings.axes_mask,
+            axes_mask: settings.axes.bits(),
             was_enabled: false,
             group_stop: false,
             ending: false,
@@ -190,9 +191,9 @@ impl AxisSet {
             feedback.following_error[index] = target.position[index] - axis.position();
             feedback.status_word[index] = u32::from(axis.status_word());
             let [home, negative, positive] = axis.switches();
-            feedback.home_switch_mask |= u32::from(home) << index;
-            feedback.negative_limit_mask |= u32::from(negative) << index;
-            feedback.positive_limit_mask |= u32::from(positive) << index;
+            feedback.home_switch_mask |= AxisMask::one_if(index, home).bits();
+            feedback.negative_limit_mask |= AxisMask::one_if(index, negative).bits();
+            feedback.positive_limit_mask |= AxisMask::one_if(index, positive).bits();
             if feedback.error_code == 0 {
                 feedback.error_code = u32::from(axis.error_code());
             }

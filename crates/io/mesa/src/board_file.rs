@@ -4,7 +4,7 @@ use std::net::IpAddr;
 use std::path::Path;
 
 use evolvent_config::{ConfigDocument, ConfigError, read_regular};
-use evolvent_path::AxisLetter;
+use evolvent_path::{AxisLetter, AxisMask};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use thiserror::Error;
@@ -473,10 +473,10 @@ impl BoardSettings {
         })
     }
 
-    /// Bit i set: axis i is driven.
+    /// Its axes.
     #[must_use]
-    pub fn axes_mask(&self) -> u32 {
-        self.axes.iter().fold(0, |mask, axis| mask | 1 << axis.axis)
+    pub fn axes_mask(&self) -> AxisMask {
+        self.axes.iter().map(|axis| axis.axis).collect()
     }
 }
 

@@ -24,7 +24,7 @@
 //!      direction_hold_ns = 5000",
 //!     "board.toml",
 //! )?;
-//! assert_eq!(board.axes_mask(), 1);
+//! assert_eq!(board.axes_mask().bits(), 1);
 //! # Ok::<(), evolvent_config::ConfigError>(())
 //! ```
 //!

@@ -8,7 +8,7 @@ use evolvent_bus::{
     OutputReader, ReceiveError, SetpointReader,
 };
 use evolvent_machine::Machine;
-use evolvent_path::AxisLetter;
+use evolvent_path::{AxisLetter, AxisMask};
 use rtrb::{Consumer, Producer, RingBuffer};
 use thiserror::Error;
 
@@ -303,19 +303,12 @@ impl BusSide<'_> {
     }
 
     fn check_axes(&self, letters: &str) -> Result<(), RunError> {
-        let mask = letters
-            .chars()
-            .filter_map(AxisLetter::from_letter)
-            .fold(0, |mask, letter| mask | 1 << letter.index());
+        let core: AxisMask = letters.chars().filter_map(AxisLetter::from_letter).collect();
         let driven = self.settings.board.axes_mask();
-        if mask == driven {
+        if core == driven {
             return Ok(());
         }
-        let board = AxisLetter::ALL
-            .iter()
-            .filter(|letter| driven >> letter.index() & 1 == 1)
-            .map(|letter| letter.letter())
-            .collect();
+        let board = driven.axes().map(|axis| AxisLetter::ALL[axis].letter()).collect();
         Err(RunError::Axes {
             core: letters.to_owned(),
             board,

@@ -1,5 +1,6 @@
 //! The whole bridge as a pure model.
 
+use evolvent_path::AxisMask;
 use std::collections::VecDeque;
 
 use evolvent_bus::{AXES, Feedback, Setpoint};
@@ -26,7 +27,7 @@ pub struct SimBridge {
     faults: Vec<Fault>,
     period_s: f64,
     instance: u64,
-    axes_mask: u32,
+    axes: AxisMask,
     absolute: bool,
     /// When the drives came into operation first: the faults' time zero.
     operating_since_ns: Option<u64>,
@@ -57,7 +58,7 @@ impl SimBridge {
             faults: settings.faults.clone(),
             period_s: settings.period_ns as f64 * 1e-9,
             instance: settings.instance,
-            axes_mask: settings.axes_mask(),
+            axes: settings.axes_mask(),
             absolute: settings.absolute,
             operating_since_ns: None,
             group_stop: false,
@@ -240,14 +241,14 @@ impl SimBridge {
             sequence: target.sequence,
             time_ns: now_ns,
             phase_error_ns: target.phase_error_ns,
-            axes_mask: self.axes_mask,
+            axes_mask: self.axes.bits(),
             bridge_state: target.state.number(),
             note: self.follower.note().number(),
             fault_reset_done: u32::MAX,
             missed_setpoints: self.follower.missed(),
             datum: target.datum,
             instance: self.instance,
-            absolute_mask: if self.absolute { self.axes_mask } else { 0 },
+            absolute_mask: if self.absolute { self.axes.bits() } else { 0 },
             ..Feedback::default()
         };
         for drive in &self.drives {
@@ -257,10 +258,10 @@ impl SimBridge {
             feedback.following_error[axis] = target.position[axis] - drive.shown();
             feedback.torque_ratio[axis] = drive.torque_ratio();
             feedback.status_word[axis] = u32::from(drive.status_word());
-            feedback.home_switch_mask |= u32::from(drive.at_home_switch()) << axis;
+            feedback.home_switch_mask |= AxisMask::one_if(axis, drive.at_home_switch()).bits();
             let [negative, positive] = drive.at_limit_switches();
-            feedback.negative_limit_mask |= u32::from(negative) << axis;
-            feedback.positive_limit_mask |= u32::from(positive) << axis;
+            feedback.negative_limit_mask |= AxisMask::one_if(axis, negative).bits();
+            feedback.positive_limit_mask |= AxisMask::one_if(axis, positive).bits();
             if feedback.error_code == 0 {
                 feedback.error_code = u32::from(drive.error_code());
             }
@@ -272,7 +273,7 @@ impl SimBridge {
     /// Faults of the way back.
     fn spoil(&mut self, now_ns: u64, mut feedback: Feedback) -> Option<Feedback> {
         for axis in 0..AXES {
-            if self.axes_mask >> axis & 1 == 0 {
+            if !self.axes.contains(axis) {
                 continue;
             }
             if self.is_active(FaultKind::Stuck, Some(axis), now_ns) {

@@ -2,6 +2,7 @@
 
 use evolvent_bus::AXES;
 use evolvent_drive::FollowerSettings;
+use evolvent_path::AxisMask;
 
 use crate::fault::Fault;
 use crate::servo::ServoSettings;
@@ -97,20 +98,21 @@ impl SimSettings {
         }
     }
 
-    /// Bit i set: axis i is driven.
+    /// Its axes.
     #[must_use]
-    pub fn axes_mask(&self) -> u32 {
+    pub fn axes_mask(&self) -> AxisMask {
         self.axes
             .iter()
             .filter(|axis| axis.axis < AXES)
-            .fold(0, |mask, axis| mask | 1 << axis.axis)
+            .map(|axis| axis.axis)
+            .collect()
     }
 
     pub(crate) fn follower(&self) -> FollowerSettings {
         let mut settings = FollowerSettings {
             period_ns: self.period_ns,
             bridge_cycles: self.bridge_cycles,
-            axes_mask: self.axes_mask(),
+            axes: self.axes_mask(),
             max_velocity: [1.0; AXES],
             max_acceleration: [1.0; AXES],
             max_jerk: [1.0; AXES],

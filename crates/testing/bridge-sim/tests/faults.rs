@@ -5,6 +5,7 @@
     reason = "helpers of tests fail as tests do, and tell their seed"
 )]
 
+use evolvent_path::AxisMask;
 use evolvent_random::Random;
 use std::collections::VecDeque;
 
@@ -45,7 +46,7 @@ struct Core {
 impl Core {
     fn new() -> Self {
         Self {
-            watch: FeedbackWatch::new(WatchSettings::new(PERIOD_NS, 0b111)),
+            watch: FeedbackWatch::new(WatchSettings::new(PERIOD_NS, AxisMask::from_bits(0b111))),
             cycle: 0,
             moving_since: None,
             stop: None,

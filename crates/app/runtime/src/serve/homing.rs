@@ -4,7 +4,7 @@ use evolvent_control::{
     Activity, Alarm, CommandCode, Homing, HomingAction, HomingAxis, HomingSample, JobResult, Rejection,
 };
 use evolvent_drive::Presence;
-use evolvent_path::{Axes, AxisLetter};
+use evolvent_path::{Axes, AxisLetter, AxisMask};
 use evolvent_transfer::AxesState;
 
 use super::jog::{FOR_EVER, limits_here, slowed, steering};
@@ -14,12 +14,12 @@ use super::recorded::steered_start;
 use crate::news::ExternalEventKind;
 
 impl Operator {
-    pub(super) fn home(&mut self, mask: u32) -> Result<u64, Rejection> {
+    pub(super) fn home(&mut self, wanted: AxisMask) -> Result<u64, Rejection> {
         let machine = &self.setup.machine;
         let axes: Vec<HomingAxis> = machine
             .homing
             .iter()
-            .filter(|homing| mask >> homing.axis.index() & 1 == 1)
+            .filter(|homing| wanted.contains(homing.axis.index()))
             .map(|homing| {
                 let i = homing.axis.index();
                 HomingAxis {
@@ -41,10 +41,8 @@ impl Operator {
             ));
         }
         // What is homed anew is not homed before it is done.
-        let unknown = axes
-            .iter()
-            .fold(0_u32, |mask, axis| mask | 1 << axis.axis.index());
-        self.desk.set_homed(self.desk.homed() & !unknown);
+        let unknown = axes.iter().map(|axis| axis.axis.index()).collect::<AxisMask>();
+        self.desk.set_homed(self.desk.homed().without(unknown));
         self.relocate(self.view.setpoint.position, false);
         self.order(CycleCommand::ExpectSwitches(unknown));
         let number = self.desk.job_begins(Activity::Homing);
@@ -74,22 +72,22 @@ impl Operator {
 
     /// The drives' positions of these axes may count from another zero. Axes without a home switch are where their drives
     /// say: there is nothing else to go by.
-    pub(super) fn lose_reference(&mut self, sequence: u64, axes_mask: u32) {
+    pub(super) fn lose_reference(&mut self, sequence: u64, axes: AxisMask) {
         let mut lost: Vec<AxisLetter> = self
             .setup
             .machine
             .homing
             .iter()
             .map(|homing| homing.axis)
-            .filter(|axis| axes_mask & self.desk.homed() & (1 << axis.index()) != 0)
+            .filter(|axis| (axes & self.desk.homed()).contains(axis.index()))
             .collect();
         if lost.is_empty() {
             return;
         }
         lost.sort_by_key(|axis| axis.index());
-        let mask = lost.iter().fold(0_u32, |mask, axis| mask | 1 << axis.index());
+        let unknown = lost.iter().map(|axis| axis.index()).collect::<AxisMask>();
         let letters: String = lost.iter().map(|axis| axis.letter()).collect();
-        self.desk.set_homed(self.desk.homed() & !mask);
+        self.desk.set_homed(self.desk.homed().without(unknown));
         self.cancel_homing();
         if matches!(self.job, Job::None) {
             self.relocate(self.view.setpoint.position, false);
@@ -150,7 +148,7 @@ impl Operator {
                 self.home_offset[i] -= shift;
                 self.datum = self.view.datum + 1;
                 self.view.setpoint.position = renamed;
-                self.desk.set_homed(self.desk.homed() | 1 << i);
+                self.desk.set_homed(self.desk.homed() | AxisMask::one(i));
                 self.relocate(renamed, true);
                 let text = format!("axis {}: machine zero set, shifted by {shift:.6}", axis.letter());
                 self.record(
@@ -176,11 +174,11 @@ impl Operator {
         let mut target = here;
         target[i] = to.clamp(limits.travel_min[i], limits.travel_max[i]);
         let from = AxesState::at_rest(here);
-        let solved = steering(&limits, &from, &target, 1 << i, Some(speed));
+        let solved = steering(&limits, &from, &target, AxisMask::one(i), Some(speed));
         match solved {
             Ok(solved) => {
                 let begun = self.steer(&limits, solved, target, FOR_EVER, None);
-                let start = slowed(&limits, &from, 1 << i, Some(speed));
+                let start = slowed(&limits, &from, AxisMask::one(i), Some(speed));
                 let start = steered_start(&start, &from, &target, false);
                 self.notes.sends(begun.order, self.desk.job(), start);
                 if let Job::Homing { steered, .. } = &mut self.job {

@@ -3,7 +3,7 @@
 use evolvent_control::{Activity, Alarm, Command, JogCommand, JogEnable, Rejection};
 use evolvent_machine::Limits;
 use evolvent_motion::TransferExecutor;
-use evolvent_path::{AXES, Axes, AxisLetter};
+use evolvent_path::{AXES, Axes, AxisLetter, AxisMask};
 use evolvent_transfer::{AxesState, Sync, Transfer};
 
 use super::operator::{Job, Operator};
@@ -19,13 +19,13 @@ const USUAL_FRACTION: f64 = 0.2;
 
 /// Limits for the axes as they are: an axis whose zero is unknown may go its travel's length either way, and one
 /// that stands beyond its travel may come back.
-pub(crate) fn limits_here(machine: &Limits, position: &Axes, homed: u32) -> Limits {
+pub(crate) fn limits_here(machine: &Limits, position: &Axes, homed: AxisMask) -> Limits {
     let mut limits = *machine;
     for i in 0..AXES {
         if !machine.present[i] {
             continue;
         }
-        if homed >> i & 1 == 0 {
+        if !homed.contains(i) {
             let length = 1.2 * (machine.travel_max[i] - machine.travel_min[i]);
             limits.travel_min[i] = position[i] - length;
             limits.travel_max[i] = position[i] + length;
@@ -43,7 +43,7 @@ pub(crate) fn limits_here(machine: &Limits, position: &Axes, homed: u32) -> Limi
 pub(crate) fn target(jog: &JogCommand, position: &Axes, limits: &Limits) -> Result<Axes, Rejection> {
     let mut target = *position;
     for i in 0..AXES {
-        if jog.axes_mask >> i & 1 == 0 {
+        if !jog.axes.contains(i) {
             continue;
         }
         let (low, high) = (limits.travel_min[i], limits.travel_max[i]);
@@ -78,10 +78,10 @@ pub(crate) fn steering(
     limits: &Limits,
     from: &AxesState,
     target: &Axes,
-    mask: u32,
+    axes: AxisMask,
     speed: Option<f64>,
 ) -> Result<TransferExecutor, Rejection> {
-    let slowed = slowed(limits, from, mask, speed);
+    let slowed = slowed(limits, from, axes, speed);
     let to = AxesState::at_rest(*target);
     Transfer::solve(&slowed, from, &to, Sync::Time)
         .map(TransferExecutor::new)
@@ -89,13 +89,13 @@ pub(crate) fn steering(
 }
 
 /// The limits of a steered motion: the axes of `mask` no faster than `speed` each.
-pub(super) fn slowed(limits: &Limits, from: &AxesState, mask: u32, speed: Option<f64>) -> Limits {
+pub(super) fn slowed(limits: &Limits, from: &AxesState, axes: AxisMask, speed: Option<f64>) -> Limits {
     let mut slowed = *limits;
     for i in 0..AXES {
         if !limits.present[i] {
             continue;
         }
-        let wanted = if mask >> i & 1 == 1 {
+        let wanted = if axes.contains(i) {
             speed.unwrap_or(USUAL_FRACTION * limits.velocity[i])
         } else {
             limits.velocity[i]
@@ -158,7 +158,7 @@ impl Operator {
                 from.position
             };
             let to = target(jog, &base, &limits)?;
-            let turned = steering(&limits, &from, &to, jog.axes_mask, jog.speed)?;
+            let turned = steering(&limits, &from, &to, jog.axes, jog.speed)?;
             let boxed = Box::new(turned);
             let id = self.send(
                 CycleCommand::Turn {
@@ -167,7 +167,7 @@ impl Operator {
                 },
                 command,
             );
-            let start = slowed(&limits, &from, jog.axes_mask, jog.speed);
+            let start = slowed(&limits, &from, jog.axes, jog.speed);
             self.notes
                 .sends(id, self.desk.job(), steered_start(&start, &from, &to, true));
             self.order(CycleCommand::KeepJogging(until));
@@ -180,9 +180,9 @@ impl Operator {
         }
         let to = target(jog, &here, &limits)?;
         let from = AxesState::at_rest(here);
-        let steering = steering(&limits, &from, &to, jog.axes_mask, jog.speed)?;
+        let steering = steering(&limits, &from, &to, jog.axes, jog.speed)?;
         let steered = self.steer(&limits, steering, to, until, Some(command));
-        let start = slowed(&limits, &from, jog.axes_mask, jog.speed);
+        let start = slowed(&limits, &from, jog.axes, jog.speed);
         let start = steered_start(&start, &from, &to, false);
         self.notes.sends(steered.order, self.desk.job() + 1, start);
         self.job = Job::Jog { steered, held };
@@ -257,7 +257,7 @@ mod tests {
             axes
         };
         JogCommand {
-            axes_mask: 1,
+            axes: AxisMask::one(0),
             distance: distance.map(along),
             direction: along(direction),
             speed: Some(20.0),
@@ -266,7 +266,7 @@ mod tests {
 
     #[test]
     fn a_continuous_jog_ends_at_the_soft_limit_and_an_increment_beyond_it_is_refused_with_how_much() {
-        let limits = limits_here(&machine(), &Axes::zeros(), 0b111);
+        let limits = limits_here(&machine(), &Axes::zeros(), AxisMask::from_bits(0b111));
         let to = target(&jog(None, -1.0), &Axes::zeros(), &limits).unwrap();
         assert_eq!(to.as_slice()[..3], [-400.0, 0.0, 0.0]);
         let refusal = target(&jog(Some(412.5), 0.0), &Axes::zeros(), &limits).unwrap_err();
@@ -281,7 +281,7 @@ mod tests {
     fn an_axis_that_is_not_homed_may_go_its_travel_s_length_and_one_beyond_may_come_back() {
         let mut position = Axes::zeros();
         (position[0], position[1]) = (1000.0, 401.0);
-        let limits = limits_here(&machine(), &position, 0b110);
+        let limits = limits_here(&machine(), &position, AxisMask::from_bits(0b110));
         assert_eq!((limits.travel_min[0], limits.travel_max[0]), (40.0, 1960.0));
         assert_eq!((limits.travel_min[1], limits.travel_max[1]), (-400.0, 401.0));
     }
@@ -294,7 +294,7 @@ mod tests {
             &limits,
             &start,
             &Axes::from_fn(|i, _| if i == 0 { 50.0 } else { 0.0 }),
-            1,
+            AxisMask::one(0),
             Some(20.0),
         )
         .unwrap();
@@ -305,7 +305,7 @@ mod tests {
             velocity: middle.velocity,
             acceleration: middle.acceleration,
         };
-        let back = steering(&limits, &moving, &Axes::zeros(), 1, Some(5.0)).unwrap();
+        let back = steering(&limits, &moving, &Axes::zeros(), AxisMask::one(0), Some(5.0)).unwrap();
         let end = back.transfer().at(back.transfer().duration_s());
         assert!(end.position[0].abs() < 1e-9);
     }

@@ -13,7 +13,7 @@ use evolvent_control::{
 use evolvent_drive::{FeedbackBounds, PowerRequest, Presence};
 use evolvent_machine::{Limits, OnFull};
 use evolvent_motion::State;
-use evolvent_path::Axes;
+use evolvent_path::{Axes, AxisMask};
 use rtrb::{Consumer, Producer};
 
 use super::change_mark::ChangeMark;
@@ -74,7 +74,7 @@ pub(crate) struct Operator {
     bounds: FeedbackBounds,
     pub(super) folder: PathBuf,
     pub(super) limits: Limits,
-    pub(super) present: u32,
+    pub(super) present: AxisMask,
     pub(super) orders: Producer<Order>,
     pub(super) next_id: u64,
     sent: VecDeque<PendingCommand>,
@@ -144,16 +144,18 @@ impl Operator {
         let present = machine
             .axes
             .iter()
-            .fold(0, |mask, axis| mask | 1 << axis.letter.index());
+            .map(|axis| axis.letter.index())
+            .collect::<AxisMask>();
         let to_home = machine
             .homing
             .iter()
-            .fold(0_u32, |mask, axis| mask | 1 << axis.axis.index());
+            .map(|axis| axis.axis.index())
+            .collect::<AxisMask>();
         let limits = machine.limits();
         let bounds = watch_settings(machine, setup.period_ns).bounds;
         let mut desk = OperatorState::default();
         // Axes without a switch stand where the machine file says, or where their drives say.
-        desk.set_homed(present & !to_home);
+        desk.set_homed(present.without(to_home));
         // The cycle's watch has the same time and knows which drive it is: this comes second.
         let enable_timeout_ns = (machine.drives.enable_timeout_s * 1e9) as u64;
         desk.set_enable_timeout_ns(enable_timeout_ns.saturating_add(ENABLE_MARGIN_NS));
@@ -588,7 +590,7 @@ impl Operator {
             if self.view.datum == feedback.datum && self.view.datum >= self.datum {
                 self.step_homing(&HomingSample {
                     position: Axes::from(feedback.position),
-                    switches: feedback.home_switch_mask,
+                    switches: AxisMask::from_bits(feedback.home_switch_mask),
                 });
             }
         }
@@ -667,7 +669,7 @@ impl Operator {
                 self.give_up_waiting(JobResult::Fault);
                 self.cancel_homing();
             }
-            CycleEvent::ReferenceLost { sequence, axes_mask } => self.lose_reference(sequence, axes_mask),
+            CycleEvent::ReferenceLost { sequence, axes } => self.lose_reference(sequence, axes),
         }
     }
 
@@ -732,7 +734,7 @@ impl Operator {
 
     pub(super) fn end_job(&mut self, result: JobResult) {
         if matches!(self.job, Job::Homing { .. }) {
-            self.order(CycleCommand::ExpectSwitches(0));
+            self.order(CycleCommand::ExpectSwitches(AxisMask::NONE));
             // Back to the travel as it is.
             self.relocate(self.view.setpoint.position, false);
         }
@@ -747,7 +749,7 @@ impl Operator {
         self.desk.job_ends(result);
     }
 
-    pub(crate) fn present(&self) -> u32 {
+    pub(crate) fn present(&self) -> AxisMask {
         self.present
     }
 }

@@ -7,7 +7,7 @@ use evolvent_control::JobResult;
 use evolvent_drive::{DriveAlarm, PowerRequest, Presence};
 use evolvent_machine::Limits;
 use evolvent_motion::{PathExecutor, PlanConsumer, Setpoint, TransferExecutor, Violation};
-use evolvent_path::Axes;
+use evolvent_path::{Axes, AxisMask};
 use evolvent_signals::{Change, ProbeState, ScheduleConsumer};
 use evolvent_turning::Reason;
 
@@ -91,7 +91,7 @@ pub(crate) enum CycleCommand {
     /// The next job has this travel: the guard minds it from now on, at rest.
     Within(Limits),
     /// Limit switches of these axes are looked at by the homing sequence.
-    ExpectSwitches(u32),
+    ExpectSwitches(AxisMask),
     /// The process ends once the axes rest.
     End,
 }
@@ -149,7 +149,7 @@ pub(crate) enum CycleEvent {
     /// The drives' positions may count from another zero: the link was lost, or an encoder jumped.
     ReferenceLost {
         sequence: u64,
-        axes_mask: u32,
+        axes: AxisMask,
     },
 }
 

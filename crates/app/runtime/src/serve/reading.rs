@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use evolvent_bus::{ControlAnswer, ControlRequest, Payload};
 use evolvent_control::{Alarm, Command, CommandCode, Rejection};
 use evolvent_gcode::Settings;
-use evolvent_path::Axes;
+use evolvent_path::{Axes, AxisMask};
 
 use super::files::{Found, MdiBlock, Reading, read_program, read_tools, written};
 use super::operator::{Job, Operator};
@@ -182,21 +182,13 @@ impl Operator {
     /// What is kept once an offset or a tool has been changed; none for other commands.
     pub(super) fn memory_after(&self, command: &Command) -> Option<ProgramMemory> {
         match command {
-            Command::WorkOffset {
-                system,
-                axes_mask,
-                values,
-            } => Some(self.with_offset(*system, |index, kept| {
-                merged(&kept.work_offset(index), values, *axes_mask)
+            Command::WorkOffset { system, axes, values } => Some(self.with_offset(*system, |index, kept| {
+                merged(&kept.work_offset(index), values, *axes)
             })),
-            Command::TouchOff {
-                system,
-                axes_mask,
-                values,
-            } => {
+            Command::TouchOff { system, axes, values } => {
                 let place = self.view.setpoint.position - self.modes.modal.tool_offset - self.g92();
                 Some(self.with_offset(*system, |index, kept| {
-                    merged(&kept.work_offset(index), &(place - values), *axes_mask)
+                    merged(&kept.work_offset(index), &(place - values), *axes)
                 }))
             }
             Command::Tool(entry) => Some(self.keep.with_tool(entry)),
@@ -205,6 +197,6 @@ impl Operator {
     }
 }
 
-fn merged(old: &Axes, new: &Axes, mask: u32) -> Axes {
-    Axes::from_fn(|i, _| if mask >> i & 1 == 1 { new[i] } else { old[i] })
+fn merged(old: &Axes, new: &Axes, axes: AxisMask) -> Axes {
+    Axes::from_fn(|i, _| if axes.contains(i) { new[i] } else { old[i] })
 }

@@ -7,7 +7,7 @@ use evolvent_control::JobResult;
 use evolvent_drive::{Command, DriveAlarm, FeedbackWatch, PhaseLock, PowerRequest, Presence};
 use evolvent_machine::Limits;
 use evolvent_motion::{Inputs, MachineState, Setpoint, State, TransferExecutor, flags};
-use evolvent_path::{AXES, Axes};
+use evolvent_path::{AXES, Axes, AxisMask};
 use evolvent_signals::{Phase, ProbeInput};
 use evolvent_trace::{CycleRecord, inputs as recorded};
 use evolvent_turning::Transition;
@@ -51,7 +51,7 @@ impl ServedCycle {
             faulted: false,
             power_off_at_rest: false,
             keep_until_ns: 0,
-            switches_expected: 0,
+            switches_expected: AxisMask::NONE,
             presence: Presence::Absent,
             ending: false,
             is_estop: true,
@@ -117,7 +117,7 @@ struct CycleState {
     /// Where it comes to rest the drives lose power.
     power_off_at_rest: bool,
     keep_until_ns: u64,
-    switches_expected: u32,
+    switches_expected: AxisMask,
     presence: Presence,
     ending: bool,
     /// In emergency stop: outputs are safe.
@@ -164,7 +164,7 @@ impl CycleState {
             return;
         };
         for (i, error) in self.following_error.iter_mut().enumerate() {
-            let is_there = feedback.axes_mask >> i & 1 == 1;
+            let is_there = AxisMask::from_bits(feedback.axes_mask).contains(i);
             *error = if is_there {
                 feedback.following_error[i]
             } else {
@@ -418,7 +418,7 @@ impl ServedParts {
         let mut position = self.station.position();
         let mut moved = false;
         for i in 0..position.len() {
-            if feedback.axes_mask >> i & 1 == 1 && feedback.position[i] != position[i] {
+            if AxisMask::from_bits(feedback.axes_mask).contains(i) && feedback.position[i] != position[i] {
                 position[i] = feedback.position[i];
                 // Beyond the travel it may stand, and come back.
                 self.limits.travel_min[i] = self.limits.travel_min[i].min(position[i]);
@@ -670,16 +670,16 @@ impl ServedParts {
             datum: now.drive.datum,
             power: now.drive.power,
             fault_reset: now.drive.fault_reset,
-            switches_expected_mask: now.switches_expected,
+            switches_expected: now.switches_expected,
         };
         match self.watch.step(time_ns, &command, feedback) {
             Ok(presence) => now.presence = presence,
             Err(alarm) => self.stop_for_drives(now, setpoint.sequence, alarm),
         }
-        let axes_mask = self.watch.take_reference_lost();
-        if axes_mask != 0 {
+        let axes = self.watch.take_reference_lost();
+        if !axes.is_empty() {
             let sequence = setpoint.sequence;
-            self.tell(CycleEvent::ReferenceLost { sequence, axes_mask });
+            self.tell(CycleEvent::ReferenceLost { sequence, axes });
         }
     }
 
@@ -762,7 +762,7 @@ mod tests {
             events: cycle_events,
             views: cycle_views,
             feedback,
-            watch: FeedbackWatch::new(WatchSettings::new(period_ns, 0)),
+            watch: FeedbackWatch::new(WatchSettings::new(period_ns, AxisMask::NONE)),
             signals: None,
             probe: ProbeInput::default(),
             phase: None,
@@ -863,7 +863,7 @@ mod tests {
             events: cycle_events,
             views: cycle_views,
             feedback,
-            watch: FeedbackWatch::new(WatchSettings::new(period_ns, 0)),
+            watch: FeedbackWatch::new(WatchSettings::new(period_ns, AxisMask::NONE)),
             signals: Some(signals),
             probe: ProbeInput::default(),
             phase: None,

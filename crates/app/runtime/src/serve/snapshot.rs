@@ -3,7 +3,7 @@
 use evolvent_bus::{EventKind, MAX_ALARMS, Status, switches};
 use evolvent_drive::{DriveState, PowerRequest};
 use evolvent_motion::{State, flags};
-use evolvent_path::{AXES, Axes};
+use evolvent_path::{AXES, Axes, AxisMask};
 use evolvent_signals::ProbeState;
 use evolvent_trace::Histogram;
 
@@ -40,7 +40,7 @@ pub(crate) struct Mark {
     alarms: u32,
     power: PowerRequest,
     switches: u32,
-    homed: u32,
+    homed: AxisMask,
     accepted: u64,
     periphery: Periphery,
 }
@@ -123,8 +123,8 @@ pub(crate) fn snapshot(
         machine_state: desk.machine() as u32,
         flags: setpoint.flags & !flags::LATE,
         line: setpoint.line,
-        axes_mask: operator.present(),
-        homed_mask: desk.homed(),
+        axes_mask: operator.present().bits(),
+        homed_mask: desk.homed().bits(),
         tool: periphery.tool,
         work_system: modal.work_system,
         setpoint_subscribers: published.1 as u32,
@@ -182,9 +182,9 @@ pub(crate) fn snapshot(
         status.feedback_age_ns = now_ns.saturating_sub(feedback.time_ns);
         status.position_actual = feedback.position;
         status.following_error = feedback.following_error;
-        for axis in (0..AXES).filter(|axis| feedback.axes_mask >> axis & 1 == 1) {
+        for axis in AxisMask::from_bits(feedback.axes_mask).axes() {
             let state = DriveState::decode((feedback.status_word[axis] & 0xFFFF) as u16);
-            status.enabled_mask |= u32::from(state == Some(DriveState::OperationEnabled)) << axis;
+            status.enabled_mask |= AxisMask::one_if(axis, state == Some(DriveState::OperationEnabled)).bits();
         }
     }
     status.set_program(desk.program().unwrap_or_default());

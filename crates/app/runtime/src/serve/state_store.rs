@@ -243,7 +243,7 @@ impl StateStore {
             .copied()
             .unwrap_or_else(|| Tool::new(entry.number));
         for i in 0..AXES {
-            if entry.axes_mask >> i & 1 == 1 {
+            if entry.axes.contains(i) {
                 tool.offset[i] = entry.offset[i];
             }
         }
@@ -271,7 +271,7 @@ mod tests {
         assert!(keep.memory.kept.as_mut().unwrap().set_work_offset(3, &offset));
         keep.memory = keep.with_tool(&ToolEntry {
             number: 7,
-            axes_mask: 0b100,
+            axes: evolvent_path::AxisMask::one(2),
             offset: Axes::repeat(12.5),
             diameter_mm: Some(6.0),
         });

@@ -1,12 +1,14 @@
 //! The desk, told and asked.
 
+use evolvent_path::AxisMask;
+
 use evolvent_path::AXES;
 
 use super::*;
 
 const FACTS: OperatorInputs = OperatorInputs {
     is_chain_open: false,
-    present: 0b111,
+    present: AxisMask::from_bits(0b111),
     is_held: false,
     is_ending: false,
 };
@@ -114,7 +116,7 @@ fn says(
 #[test]
 fn after_a_rejected_load_nothing_starts_unless_it_is_named() {
     let mut desk = OperatorState::default();
-    desk.set_homed(0b111);
+    desk.set_homed(AxisMask::from_bits(0b111));
     for command in [Command::EstopReset, Command::On, Command::SetMode(Mode::Auto)] {
         desk.commit(&command, 0, false);
     }
@@ -160,12 +162,12 @@ fn one_axis_that_is_not_homed_keeps_programs_from_starting() {
     ] {
         assert_eq!(client.sends(&mut desk, code, index), Ok(()));
     }
-    desk.set_homed(0b101);
+    desk.set_homed(AxisMask::from_bits(0b101));
     assert_eq!(
         client.sends(&mut desk, CommandCode::Start, 0),
         Err(Alarm::NotHomed)
     );
-    desk.set_homed(0b111);
+    desk.set_homed(AxisMask::from_bits(0b111));
     assert_eq!(client.sends(&mut desk, CommandCode::Start, 0), Ok(()));
 }
 
@@ -304,8 +306,8 @@ fn a_machine_is_brought_up_in_order_and_in_no_other() {
         client.sends(&mut desk, CommandCode::Start, 0),
         Err(Alarm::NotHomed)
     );
-    desk.set_homed(0b111);
-    assert_eq!(desk.homed(), 0b111);
+    desk.set_homed(AxisMask::from_bits(0b111));
+    assert_eq!(desk.homed().bits(), 0b111);
     assert_eq!(client.sends(&mut desk, CommandCode::Start, 0), Ok(()));
     assert_eq!(desk.job_begins(Activity::Program), 1);
     assert_eq!(client.sends(&mut desk, CommandCode::Start, 0), Err(Alarm::Busy));
