@@ -12,8 +12,8 @@ use evolvent_bus::{
 use evolvent_runtime::MonotonicClock;
 use rustix::process::{Pid, Signal, kill_process};
 
-use crate::host::tell_pause;
 use crate::{Domain, Finished, evolvent};
+use evolvent_disturbance::tell_pause;
 
 /// How long anything may take, on a host that is busy or stands still for seconds.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(120);

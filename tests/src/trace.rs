@@ -4,7 +4,7 @@ use std::path::Path;
 
 use evolvent_trace::TraceFile;
 
-use crate::host::tell_pause;
+use evolvent_disturbance::tell_pause;
 
 /// One cycle of a trace.
 pub type Cycle = evolvent_trace::CycleRecord;

@@ -8,12 +8,12 @@ use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
 use evolvent_bus::{ClientBus, ClientConfig, MachineInputs, MachineOutputs, remove_private_domain};
+use evolvent_disturbance::unless_disturbed;
 use evolvent_machine::{ControlRate, Machine};
 use evolvent_motion::State;
 use evolvent_runtime::{
     Clock, Controls, Job, MonotonicClock, Notice, Outcome, RunObserver, RunOutcome, Setup, StartError, run,
 };
-use evolvent_tests::unless_disturbed;
 
 const SIGNALS: &str = "
 [[input]]

@@ -7,13 +7,13 @@ use std::time::{Duration, Instant};
 
 use evolvent_bus::{BusConfig, CoreBus, MachineOutputs, Setpoint, remove_private_domain};
 use evolvent_counting::{CountingAllocator, calls};
+use evolvent_disturbance::unless_disturbed;
 use evolvent_drive::PowerRequest;
 use evolvent_ethercat::{CycleTimes, Network, RunSettings, run_measured};
 use evolvent_ethercat_ring::{
     DriveSettings, FaultKind, MAIN_INTERFACE, SubDevice, TerminalKind, monotonic_ns, on_bench,
 };
 use evolvent_machine::Machine;
-use evolvent_tests::unless_disturbed;
 
 #[global_allocator]
 static ALLOCATOR: CountingAllocator = CountingAllocator;

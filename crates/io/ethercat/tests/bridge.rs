@@ -9,10 +9,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 
 use evolvent_bridge_test::{BridgeUnderTest, CASES, Stage, StartError, run_case};
+use evolvent_disturbance::unless_disturbed;
 use evolvent_ethercat::{Network, RunSettings, run};
 use evolvent_ethercat_ring::{DriveSettings, MAIN_INTERFACE, SubDevice, TerminalKind, on_bench};
 use evolvent_machine::Machine;
-use evolvent_tests::unless_disturbed;
 
 const NETWORK: &str = include_str!("../../../../config/networks/sim-mill.toml");
 

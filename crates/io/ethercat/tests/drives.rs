@@ -6,10 +6,10 @@
 
 use std::time::{Duration, Instant};
 
+use evolvent_disturbance::unless_disturbed;
 use evolvent_drive::{DriveState, PowerRequest};
 use evolvent_ethercat::{HomingOnDrive, Network};
 use evolvent_ethercat_ring::{DriveSettings, FaultKind, SharedRing, SubDevice, TerminalKind, on_bench};
-use evolvent_tests::unless_disturbed;
 
 mod support;
 

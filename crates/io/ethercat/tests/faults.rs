@@ -5,10 +5,10 @@
 use std::time::{Duration, Instant};
 
 use evolvent_bus::Feedback;
+use evolvent_disturbance::unless_disturbed;
 use evolvent_drive::{DriveState, PowerRequest};
 use evolvent_ethercat::Network;
 use evolvent_ethercat_ring::{FaultKind, on_bench};
-use evolvent_tests::unless_disturbed;
 
 mod support;
 

@@ -9,12 +9,12 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use evolvent_bus::{BusConfig, CoreBus, MachineInputs, MachineOutputs, Setpoint, remove_private_domain};
+use evolvent_disturbance::unless_disturbed;
 use evolvent_ethercat::{Network, RunSettings, check_fit, run};
 use evolvent_ethercat_ring::{
     DriveSettings, FaultKind, MAIN_INTERFACE, SharedRing, SubDevice, TerminalKind, monotonic_ns, on_bench,
 };
 use evolvent_machine::Machine;
-use evolvent_tests::unless_disturbed;
 
 const PERIOD_NS: u64 = 2_000_000;
 const LEAD_NS: u64 = 40_000_000;

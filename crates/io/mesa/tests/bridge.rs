@@ -1,9 +1,9 @@
 //! The bridge on the simulated board, over real sockets: what every bridge must do.
 
 use evolvent_bridge_test::{BridgeUnderTest, CASES, Stage, run_case};
+use evolvent_disturbance::unless_disturbed;
 use evolvent_mesa::{BoardSettings, OutputTarget};
 use evolvent_mesa_board::BoardModel;
-use evolvent_tests::unless_disturbed;
 
 use crate::common::{MesaBridge, machine, router, serve};
 

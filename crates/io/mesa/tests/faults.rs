@@ -7,11 +7,11 @@ use std::time::{Duration, Instant};
 
 use evolvent_bridge_sim::monotonic_ns;
 use evolvent_bus::{BusConfig, CoreBus, Feedback, Setpoint, remove_private_domain};
+use evolvent_disturbance::unless_disturbed;
 use evolvent_drive::{DriveState, PowerRequest};
 use evolvent_mesa::{BoardSettings, BridgeReport, RunSettings, run};
 use evolvent_mesa_board::{BoardModel, BoardServer, FaultKind};
 use evolvent_random::Random;
-use evolvent_tests::unless_disturbed;
 
 use crate::common::{machine, router, serve};
 

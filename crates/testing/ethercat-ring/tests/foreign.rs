@@ -7,8 +7,8 @@
 use std::path::Path;
 use std::process::Command;
 
+use evolvent_disturbance::unless_disturbed;
 use evolvent_ethercat_ring::{DriveSettings, MAIN_INTERFACE, SharedRing, SubDevice, TerminalKind, on_bench};
-use evolvent_tests::unless_disturbed;
 
 fn devices() -> Vec<SubDevice> {
     vec![

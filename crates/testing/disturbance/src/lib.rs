@@ -1,4 +1,24 @@
-//! Hosts that keep processes from running: a test of real time that fails is asked whether it had the time.
+//! For tests of real time: a trial that failed is played again where the host kept its processes from running.
+//!
+//! ```
+//! use std::time::Duration;
+//!
+//! let woke = evolvent_disturbance::unless_disturbed(|| {
+//!     let begin = std::time::Instant::now();
+//!     std::thread::sleep(Duration::from_millis(1));
+//!     // Fails on a host that stops this process for longer; that is no fault of the code under test.
+//!     assert!(begin.elapsed() < Duration::from_millis(200));
+//!     true
+//! });
+//! assert!(woke);
+//! ```
+//!
+//! A process that the trial started and that records its own pauses is heard through [`tell_pause`].
+#![expect(
+    clippy::expect_used,
+    clippy::print_stdout,
+    reason = "helpers of tests fail and talk as tests do"
+)]
 
 use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
@@ -15,7 +35,7 @@ thread_local! {
 }
 
 /// Says that a process of the test was kept from running for so long, by what it recorded itself.
-pub(crate) fn tell_pause(pause_ns: u64) {
+pub fn tell_pause(pause_ns: u64) {
     TOLD_NS.with(|told| told.set(told.get().max(pause_ns)));
 }
 
@@ -58,4 +78,36 @@ fn watched<T>(work: impl FnOnce() -> T) -> (T, Duration) {
     let result = work();
     over.store(true, Ordering::Relaxed);
     (result, watch.join().expect("a watch"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn attempts(pause_ns: u64, fails: impl Fn(u32) -> bool) -> (u32, bool) {
+        let count = Cell::new(0);
+        let result = catch_unwind(AssertUnwindSafe(|| {
+            unless_disturbed(|| {
+                count.set(count.get() + 1);
+                tell_pause(pause_ns);
+                assert!(!fails(count.get()));
+            });
+        }));
+        (count.get(), result.is_ok())
+    }
+
+    #[test]
+    fn a_trial_that_passes_is_played_once() {
+        assert_eq!(attempts(1_000_000_000, |_| false), (1, true));
+    }
+
+    #[test]
+    fn a_failure_is_tried_again_after_a_pause() {
+        assert_eq!(attempts(60_000_000, |attempt| attempt < 3), (3, true));
+    }
+
+    #[test]
+    fn what_is_broken_fails_after_five_attempts() {
+        assert_eq!(attempts(60_000_000, |_| true), (5, false));
+    }
 }
