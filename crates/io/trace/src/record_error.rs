@@ -41,6 +41,12 @@ pub enum RecordError {
         /// The part file.
         part: PathBuf,
     },
+    /// The name is that of a folder.
+    #[error("{} is a folder, and a trace is one file: name it, as in {}", .path.display(), .path.join("session.mcap").display())]
+    Folder {
+        /// As it was given.
+        path: PathBuf,
+    },
     /// The file cannot be created.
     #[error("the trace {} cannot be created: {source}; choose another place with --trace", .path.display())]
     Create {

@@ -83,6 +83,11 @@ impl Recorder {
     /// # Errors
     /// [`RecordError`]: an invalid description, a left-over part file, no permission, a full disk.
     pub fn create(path: &Path, info: &RunInfo) -> Result<Self, RecordError> {
+        if path.is_dir() || path.as_os_str().as_encoded_bytes().ends_with(b"/") {
+            return Err(RecordError::Folder {
+                path: path.to_owned(),
+            });
+        }
         let part = part_path(path);
         let create = |source| RecordError::Create {
             path: part.clone(),

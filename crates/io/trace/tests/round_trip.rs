@@ -238,6 +238,18 @@ fn a_left_over_part_file_is_not_overwritten() {
     assert_eq!(fs::read(part_path(&path)).expect("part file"), before);
 }
 
+/// It would leave a hidden file in it that no end can rename.
+#[test]
+fn a_folder_is_refused_as_the_name_of_a_trace() {
+    let folder = common::folder();
+    for name in [folder.path().to_owned(), folder.path().join("none/")] {
+        let refused = Recorder::create(&name, &info("XYZ")).expect_err("a folder");
+        assert!(matches!(refused, RecordError::Folder { .. }), "{refused}");
+        assert!(refused.to_string().contains("session.mcap"), "{refused}");
+    }
+    assert_eq!(fs::read_dir(folder.path()).expect("the folder").count(), 0);
+}
+
 #[test]
 fn numbers_that_are_none_and_endless_texts_are_recorded_without_harm() {
     common::both_ways(numbers_that_way);

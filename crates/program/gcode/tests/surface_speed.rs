@@ -3,7 +3,7 @@
 
 use std::f64::consts::TAU;
 
-use evolvent_gcode::{Action, Command, Interpreter, MoveKind, PathMode, Settings, SpindleDirection};
+use evolvent_gcode::{Action, Command, Interpreter, MoveKind, Outputs, PathMode, Settings, SpindleDirection};
 use evolvent_path::SurfaceSpeed;
 
 fn run(program: &str) -> Vec<Command> {
@@ -206,4 +206,42 @@ fn a_restart_in_the_middle_knows_speed_and_feed() {
         .collect();
     assert!(feeds.len() > 20, "{feeds:?}");
     assert!(feeds.windows(2).all(|pair| pair[1] > pair[0]), "{feeds:?}");
+}
+
+/// Metres per minute taken for revolutions would be another speed.
+#[test]
+fn a_program_begins_in_g97_and_a_block_of_mdi_goes_on() {
+    let begins = |is_block: bool, text: &str| {
+        let settings = Settings {
+            is_block,
+            outputs: Outputs {
+                surface: Some(SurfaceSpeed {
+                    metres_per_minute: 180.0,
+                    max_rpm: 900.0,
+                    centre_mm: 0.0,
+                }),
+                speed_rpm: 700.0,
+                ..Outputs::default()
+            },
+            ..Settings::default()
+        };
+        let commands = Interpreter::new(text.as_bytes(), settings);
+        spindles(
+            &commands
+                .map(|command| command.expect("no error"))
+                .collect::<Vec<_>>(),
+        )
+    };
+    assert_eq!(begins(true, "M3\n"), [surface(180.0, 900.0, 0.0)]);
+    let constant = |speed_rpm| Action::Spindle {
+        direction: SpindleDirection::Clockwise,
+        speed_rpm,
+    };
+    assert_eq!(begins(false, "M3\n")[0], constant(0.0));
+    // After M2 as well.
+    let told = begins(true, "M3\nM2\n");
+    assert!(
+        matches!(told[1], Action::Spindle { direction: SpindleDirection::Stopped, speed_rpm } if speed_rpm == 0.0),
+        "{told:?}"
+    );
 }

@@ -75,7 +75,12 @@ pub(crate) fn simulate_modes(
 ) -> Result<After, Box<Diagnostic>> {
     let lines = text.lines().count() as u32;
     let padded = format!("{text}\n\n");
-    let mut interpreter = Interpreter::new(padded.as_bytes(), settings.clone());
+    // Modes go on from block to block, that of the spindle (G96) among them.
+    let settings = Settings {
+        is_block: true,
+        ..settings.clone()
+    };
+    let mut interpreter = Interpreter::new(padded.as_bytes(), settings);
     let restart = interpreter.start_at(lines + 1)?;
     let mut kept = kept.clone();
     kept.update(&interpreter);
@@ -144,5 +149,21 @@ mod tests {
         assert!(simulate_modes("G1 X1\n", &settings, &kept).is_err(), "no feed");
         let after = simulate_modes("G10 L2 P2 X7\n", &settings, &kept).unwrap();
         assert_eq!(after.kept.work_offset(1)[0], 7.0);
+    }
+
+    #[test]
+    fn the_mode_of_the_spindle_goes_on_from_block_to_block() {
+        let mut settings = Settings::default();
+        let kept = KeptParameters::default();
+        let after = simulate_modes("G96 D900 S180 M3\n", &settings, &kept).unwrap();
+        assert!(after.modes.modal.codes.contains(&960));
+        settings.outputs.surface = Some(evolvent_path::SurfaceSpeed {
+            metres_per_minute: 180.0,
+            max_rpm: 900.0,
+            centre_mm: 0.0,
+        });
+        let next = simulate_modes(&after.modes.preamble(), &settings, &kept).unwrap();
+        assert!(next.modes.modal.codes.contains(&960), "{:?}", next.modes.text);
+        assert_eq!(next.modes.text, after.modes.text.replace("M3", "M5"));
     }
 }
