@@ -10,8 +10,8 @@ use std::time::Duration;
 use clap::Args;
 use evolvent_bus::BusError;
 use evolvent_ethercat::{
-    Network, RunError, RunSettings, ScanError, check_fit, network_text, run as run_bridge, scan, scan_json,
-    scan_text,
+    BridgeError, Network, RunError, RunSettings, ScanError, check_fit, network_text, run as run_bridge, scan,
+    scan_json, scan_text,
 };
 use evolvent_machine::Machine;
 use evolvent_path::AxisLetter;
@@ -163,8 +163,9 @@ pub(crate) fn run(
         let _told = writeln!(err, "{text}");
     });
     let report = report.map_err(|error| match error {
-        RunError::Bus(BusError::Name(_) | BusError::Prefix { .. })
-        | RunError::Axes { .. }
+        RunError::Bridge(
+            BridgeError::Bus(BusError::Name(_) | BusError::Prefix { .. }) | BridgeError::Axes { .. },
+        )
         | RunError::Interface { .. } => usage(error.to_string()),
         error => CommandError::Failed(error.to_string()),
     })?;

@@ -10,7 +10,7 @@ use std::time::Duration;
 use clap::Args;
 use evolvent_bus::BusError;
 use evolvent_machine::Machine;
-use evolvent_mesa::{BoardSettings, Link, RunError, RunSettings, check_fit, fit_notes, run as run_bridge};
+use evolvent_mesa::{BoardSettings, BridgeError, Link, RunSettings, check_fit, fit_notes, run as run_bridge};
 use serde_json::json;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
@@ -111,7 +111,7 @@ pub(crate) fn run(args: &MesaArgs, out: &mut dyn Write, err: &mut dyn Write) -> 
         let _told = writeln!(err, "{text}");
     });
     let report = report.map_err(|error| match error {
-        RunError::Bus(BusError::Name(_) | BusError::Prefix { .. }) | RunError::Axes { .. } => {
+        BridgeError::Bus(BusError::Name(_) | BusError::Prefix { .. }) | BridgeError::Axes { .. } => {
             usage(error.to_string())
         }
         error => CommandError::Failed(error.to_string()),

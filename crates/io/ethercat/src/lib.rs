@@ -38,7 +38,6 @@ mod gantry;
 mod homing;
 mod network;
 mod pdo;
-mod privileges;
 mod pump;
 mod run;
 mod scale;
@@ -52,6 +51,7 @@ mod time_driver;
 mod touch_probe;
 
 pub use cycle_times::{CycleTime, CycleTimes};
+pub use evolvent_bridge::BridgeError;
 pub use fault_text::fault_text;
 pub use fit::{FitError, check_fit};
 pub use found::{FoundDevice, network_text, scan_json, scan_text};

@@ -6,9 +6,10 @@ use core::task::{Context, Poll, Waker};
 
 use ethercrab::error::Error;
 use ethercrab::{PduRx, PduTx};
+use evolvent_bridge::monotonic_ns;
 
 use crate::socket::PacketSocket;
-use crate::time_driver::{forget_timers, monotonic_ns, next_timer_ns};
+use crate::time_driver::{forget_timers, next_timer_ns};
 
 /// Longest wait for a frame, ns: timers are looked at in between.
 const PATIENCE_NS: u64 = 1_000_000;

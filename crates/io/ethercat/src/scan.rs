@@ -9,6 +9,7 @@ use ethercrab::{
     Command, MainDevice, MainDeviceConfig, PduStorage, RegisterAddress, SubDevice, SubDeviceRef,
     SubDeviceState, Timeouts,
 };
+use evolvent_bridge::monotonic_ns;
 use thiserror::Error;
 
 use crate::found::FoundDevice;
@@ -16,7 +17,6 @@ use crate::network::MAX_DEVICES;
 use crate::pump::Pump;
 use crate::sii::{HEAD_BYTES, MAX_BYTES, Pdo, PdoEntry, SiiContents, bytes_wanted};
 use crate::socket::PacketSocket;
-use crate::time_driver::monotonic_ns;
 
 const FRAMES: usize = 16;
 const FRAME_DATA: usize = PduStorage::element_size(1100);

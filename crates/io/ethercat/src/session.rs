@@ -1,6 +1,6 @@
 //! One session with the network: from INIT to OP, the cycle, and what ended it.
 
-use core::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use core::sync::atomic::{AtomicU64, Ordering};
 use core::time::Duration;
 
 use ethercrab::error::{Error, MailboxError};
@@ -9,10 +9,9 @@ use ethercrab::{
     AlStatusCode, Command, DcSync, DefaultLock, MainDevice, MainDeviceConfig, PduStorage, RegisterAddress,
     SubDeviceGroup, SubDeviceRef, SubDeviceState, Timeouts,
 };
-use evolvent_bus::{Feedback, MachineInputs, MachineOutputs, Setpoint};
+use evolvent_bridge::{BusEnds, Incoming, monotonic_ns};
 use evolvent_drive::{InterpolationError, InterpolationTime, SettingsError};
 use evolvent_machine::Machine;
-use rtrb::{Consumer, Producer};
 use rustix::thread::clock_nanosleep_absolute;
 use rustix::time::{ClockId, Timespec};
 use thiserror::Error;
@@ -26,7 +25,7 @@ use crate::pump::Pump;
 use crate::signal::NetworkInput;
 use crate::signal_set::SignalSet;
 use crate::socket::PacketSocket;
-use crate::time_driver::{monotonic_ns, thread_ns};
+use crate::time_driver::thread_ns;
 
 /// Frames on their way at once, and the data of each.
 const FRAMES: usize = 16;
@@ -162,7 +161,7 @@ pub enum SessionError {
 
 /// What happens during a session, for people.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum Notice {
+pub enum Notice {
     /// All devices are in OP.
     Operational { clocks: bool },
     /// A drive is in fault.
@@ -177,14 +176,6 @@ pub(crate) enum Notice {
     Short { found: u16, expected: u16 },
 }
 
-/// What comes from the bus.
-#[derive(Clone, Copy, Debug)]
-pub(crate) enum Incoming {
-    Setpoint(Setpoint),
-    Outputs(MachineOutputs),
-    OtherVersion,
-}
-
 /// Counters over all sessions.
 #[derive(Debug, Default)]
 pub(crate) struct Counters {
@@ -193,18 +184,12 @@ pub(crate) struct Counters {
     pub(crate) short: AtomicU64,
 }
 
-/// The cycle's ends of the queues, and what ends it.
-pub(crate) struct Ends<'a> {
-    pub(crate) setpoints: &'a mut Consumer<Incoming>,
-    pub(crate) feedback: &'a mut Producer<Feedback>,
-    pub(crate) inputs: &'a mut Producer<MachineInputs>,
-    pub(crate) notices: &'a mut Producer<Notice>,
+/// What a session is given: the ends of the bus, and where it counts.
+pub(crate) struct Ends<'a, 'b> {
+    pub(crate) bus: &'a mut BusEnds<'b, Notice>,
     pub(crate) counters: &'a Counters,
     /// For benchmarks.
     pub(crate) times: Option<&'a CycleTimes>,
-    pub(crate) stop: &'a AtomicBool,
-    /// The core's period; another one ends the session.
-    pub(crate) period_ns: &'a AtomicU64,
 }
 
 enum Devices {
@@ -273,9 +258,9 @@ pub(crate) fn run_session(
     socket: &PacketSocket,
     network: &Network,
     machine: &Machine,
-    ends: &mut Ends<'_>,
+    ends: &mut Ends<'_, '_>,
 ) -> Result<(), SessionError> {
-    let period_ns = ends.period_ns.load(Ordering::Relaxed);
+    let period_ns = ends.bus.period_ns.load(Ordering::Relaxed);
     let storage = PduStorage::<FRAMES, FRAME_DATA>::new();
     let failed = |doing, why: &dyn core::fmt::Display| SessionError::Main {
         doing,
@@ -622,10 +607,10 @@ struct Cycle<'a, 'm> {
 }
 
 impl<'m> Cycle<'_, 'm> {
-    fn run(&mut self, pump: &mut Pump<'_>, ends: &mut Ends<'_>) -> Result<(), SessionError> {
+    fn run(&mut self, pump: &mut Pump<'_>, ends: &mut Ends<'_, '_>) -> Result<(), SessionError> {
         self.expected = self.count()?;
         // What was sent while the network came up is void.
-        while ends.setpoints.pop().is_ok() {}
+        while ends.bus.incoming.pop().is_ok() {}
         let begin_ns = monotonic_ns();
         let mut next_ns = begin_ns + self.period_ns;
         let mut ending: Option<(u64, Result<(), SessionError>)> = None;
@@ -634,7 +619,7 @@ impl<'m> Cycle<'_, 'm> {
             let (woken_ns, waited_ns) = (monotonic_ns(), pump.waited_ns());
             let processor_ns = ends.times.map_or(0, |_| thread_ns());
             let now_ns = next_ns;
-            while let Ok(incoming) = ends.setpoints.pop() {
+            while let Ok(incoming) = ends.bus.incoming.pop() {
                 match incoming {
                     Incoming::Setpoint(setpoint) => self.drives.offer(now_ns, &setpoint),
                     Incoming::Outputs(outputs) => self.signals.offer(now_ns, &outputs),
@@ -660,8 +645,8 @@ impl<'m> Cycle<'_, 'm> {
                     states: String::new(),
                 });
             }
-            let asked =
-                ends.stop.load(Ordering::Relaxed) || ends.period_ns.load(Ordering::Relaxed) != self.period_ns;
+            let asked = ends.bus.stop.load(Ordering::Relaxed)
+                || ends.bus.period_ns.load(Ordering::Relaxed) != self.period_ns;
             if asked && ending.is_none() {
                 self.drives.end();
                 self.signals.end();
@@ -750,7 +735,12 @@ impl<'m> Cycle<'_, 'm> {
     }
 
     /// One period; by how many ns the next one is shorter, to stay with the reference clock.
-    fn cycle(&mut self, pump: &mut Pump<'_>, now_ns: u64, ends: &mut Ends<'_>) -> Result<i64, SessionError> {
+    fn cycle(
+        &mut self,
+        pump: &mut Pump<'_>,
+        now_ns: u64,
+        ends: &mut Ends<'_, '_>,
+    ) -> Result<i64, SessionError> {
         let internal = |error: Error| SessionError::Main {
             doing: "exchanging process data",
             why: error.to_string(),
@@ -830,19 +820,19 @@ impl<'m> Cycle<'_, 'm> {
         if self.operational {
             // What finds no room is replaced by the next.
             if let Some(feedback) = self.drives.feedback(monotonic_ns()) {
-                let _full = ends.feedback.push(feedback);
+                let _full = ends.bus.feedback.push(feedback);
             }
             let read_ns = monotonic_ns();
             self.signals.read_probe(&self.drives.probe(), read_ns);
             if let Some(message) = self.signals.message(read_ns) {
-                let _full = ends.inputs.push(message);
+                let _full = ends.bus.inputs.push(message);
             }
         }
         judged?;
         Ok(exchanged.time_ns.map_or(0, |time_ns| self.correction_ns(time_ns)))
     }
 
-    fn judge(&mut self, exchanged: &Exchanged, ends: &mut Ends<'_>) -> Result<(), SessionError> {
+    fn judge(&mut self, exchanged: &Exchanged, ends: &mut Ends<'_, '_>) -> Result<(), SessionError> {
         let all = self.all();
         let is_whole = exchanged.operational & all == all && exchanged.working_counter == self.expected;
         if is_whole {
@@ -850,7 +840,7 @@ impl<'m> Cycle<'_, 'm> {
             if !self.operational {
                 self.operational = true;
                 let clocks = matches!(self.devices, Devices::Clocked(_));
-                let _full = ends.notices.push(Notice::Operational { clocks });
+                let _full = ends.bus.notices.push(Notice::Operational { clocks });
             }
             self.tell_faults(ends);
             return Ok(());
@@ -865,13 +855,13 @@ impl<'m> Cycle<'_, 'm> {
         }
         if self.short == self.network.max_lost_cycles + 1 {
             let (found, expected) = (exchanged.working_counter, self.expected);
-            let _full = ends.notices.push(Notice::Short { found, expected });
+            let _full = ends.bus.notices.push(Notice::Short { found, expected });
         }
         let mut axis = 0;
         for (device, listed) in self.network.devices.iter().enumerate() {
             let is_lost = exchanged.operational >> device & 1 == 0;
             if is_lost && self.short == self.network.max_lost_cycles + 1 {
-                let _full = ends.notices.push(Notice::DeviceLost { device });
+                let _full = ends.bus.notices.push(Notice::DeviceLost { device });
             }
             if listed.axis.is_some() {
                 // Where all say that they are in OP nobody knows whose data are missing.
@@ -886,16 +876,16 @@ impl<'m> Cycle<'_, 'm> {
         })
     }
 
-    fn tell_faults(&mut self, ends: &mut Ends<'_>) {
+    fn tell_faults(&mut self, ends: &mut Ends<'_, '_>) {
         let apart = self.drives.apart();
         if let (Some((axis, by)), false) = (apart, self.was_apart) {
-            let _full = ends.notices.push(Notice::Apart { axis, by });
+            let _full = ends.bus.notices.push(Notice::Apart { axis, by });
         }
         self.was_apart = apart.is_some();
         for (place, axis) in self.drives.axes().iter().enumerate() {
             let (index, code) = (axis.index(), axis.error_code());
             if code != 0 && self.reported[place] != code {
-                let _full = ends.notices.push(Notice::DriveFault { axis: index, code });
+                let _full = ends.bus.notices.push(Notice::DriveFault { axis: index, code });
             }
             self.reported[place] = code;
             let homing = axis.homing();
@@ -904,7 +894,7 @@ impl<'m> Cycle<'_, 'm> {
                 let runs = matches!(self.homing[place], HomingProgress::Running(_));
                 if ended && runs {
                     let found = homing == HomingProgress::Done;
-                    let _full = ends.notices.push(Notice::Homed { axis: index, found });
+                    let _full = ends.bus.notices.push(Notice::Homed { axis: index, found });
                 }
                 self.homing[place] = homing;
             }

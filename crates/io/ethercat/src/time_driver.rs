@@ -4,13 +4,8 @@ use core::sync::atomic::{AtomicU64, Ordering};
 use core::task::Waker;
 
 use embassy_time_driver::{Driver, TICK_HZ, time_driver_impl};
+use evolvent_bridge::monotonic_ns;
 use rustix::time::{ClockId, clock_gettime};
-
-/// CLOCK_MONOTONIC in ns, the clock of the bus.
-pub(crate) fn monotonic_ns() -> u64 {
-    let now = clock_gettime(ClockId::Monotonic);
-    now.tv_sec.unsigned_abs() * 1_000_000_000 + now.tv_nsec.unsigned_abs()
-}
 
 /// Processor time of the calling thread in ns.
 pub(crate) fn thread_ns() -> u64 {

@@ -1,13 +1,7 @@
-//! The clock of the bus, and sleeping by it.
+//! Sleeping by the clock of the bus.
 
 use rustix::thread::clock_nanosleep_absolute;
-use rustix::time::{ClockId, Timespec, clock_gettime};
-
-/// CLOCK_MONOTONIC in ns.
-pub(crate) fn monotonic_ns() -> u64 {
-    let now = clock_gettime(ClockId::Monotonic);
-    now.tv_sec.unsigned_abs() * 1_000_000_000 + now.tv_nsec.unsigned_abs()
-}
+use rustix::time::{ClockId, Timespec};
 
 pub(crate) fn sleep_until(at_ns: u64) {
     let at = Timespec {

@@ -42,7 +42,6 @@ mod fit;
 mod link;
 mod packet;
 mod plan;
-mod privileges;
 mod run;
 mod session;
 mod signals;
@@ -52,9 +51,10 @@ pub use board_file::{
     SpindlePins, StepTiming, board_schema,
 };
 pub use description::{Description, DescriptionError, Module, PinFunction, tag};
+pub use evolvent_bridge::BridgeError;
 pub use fit::{FitError, check_fit, fit_notes};
 pub use link::{Link, LinkError, PORT};
 pub use packet::{MAX_PACKET, Packet, PacketFull, Reply, Space};
 pub use plan::PlanError;
-pub use run::{BridgeReport, RunError, RunSettings, run, run_measured};
+pub use run::{BridgeReport, RunSettings, run, run_measured};
 pub use session::SessionError;

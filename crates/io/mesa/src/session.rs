@@ -1,17 +1,17 @@
 //! One session with a board: set-up, the cycle, and what ended it.
 
-use core::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use core::sync::atomic::{AtomicU64, Ordering};
 use core::time::Duration;
 
-use evolvent_bus::{AXES, Feedback, MachineInputs, MachineOutputs, Setpoint};
+use evolvent_bridge::{BusEnds, Incoming, monotonic_ns};
+use evolvent_bus::AXES;
 use evolvent_drive::SettingsError;
 use evolvent_machine::Machine;
-use rtrb::{Consumer, Producer};
 use thiserror::Error;
 
 use crate::axis_set::AxisSet;
 use crate::board_file::BoardSettings;
-use crate::clock::{monotonic_ns, sleep_until};
+use crate::clock::sleep_until;
 use crate::description::Description;
 use crate::link::{Link, LinkError};
 use crate::packet::{MAX_PACKET, Packet, PacketFull, Reply};
@@ -72,22 +72,11 @@ pub enum SessionError {
 
 /// What happens during a session, for people.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Notice {
+pub enum Notice {
     /// The board is set up.
     Operational,
     /// A drive is in fault.
     DriveFault { axis: usize, code: u16 },
-}
-
-/// What comes from the bus.
-#[derive(Clone, Copy, Debug)]
-#[expect(
-    clippy::large_enum_variant,
-    reason = "a box would be freed by the cycle, and nearly all are setpoints"
-)]
-pub(crate) enum Incoming {
-    Setpoint(Setpoint),
-    OtherVersion,
 }
 
 /// Counters over all sessions.
@@ -102,17 +91,10 @@ pub(crate) struct Counters {
     pub(crate) stale: AtomicU64,
 }
 
-/// The cycle's ends of the queues, and what ends it.
-pub(crate) struct Ends<'a> {
-    pub(crate) setpoints: &'a mut Consumer<Incoming>,
-    pub(crate) outputs: &'a mut Consumer<MachineOutputs>,
-    pub(crate) feedback: &'a mut Producer<Feedback>,
-    pub(crate) inputs: &'a mut Producer<MachineInputs>,
-    pub(crate) notices: &'a mut Producer<Notice>,
+/// What a session is given: the ends of the bus, and where it counts.
+pub(crate) struct Ends<'a, 'b> {
+    pub(crate) bus: &'a mut BusEnds<'b, Notice>,
     pub(crate) counters: &'a Counters,
-    pub(crate) stop: &'a AtomicBool,
-    /// The core's period; another one ends the session.
-    pub(crate) period_ns: &'a AtomicU64,
     /// Called with each cycle's own work, ns: without sleeping, and without waiting for the reply.
     pub(crate) measure: Option<&'a mut dyn FnMut(u64)>,
 }
@@ -123,9 +105,9 @@ pub(crate) fn run_session(
     board: &Description,
     settings: &BoardSettings,
     machine: &Machine,
-    ends: &mut Ends<'_>,
+    ends: &mut Ends<'_, '_>,
 ) -> Result<(), SessionError> {
-    let period_ns = ends.period_ns.load(Ordering::Relaxed);
+    let period_ns = ends.bus.period_ns.load(Ordering::Relaxed);
     let max_velocity: Vec<f64> = settings
         .axes
         .iter()
@@ -159,9 +141,13 @@ pub(crate) fn run_session(
         reported: [0; AXES],
     };
     cycle.set_up()?;
-    // What was sent while the board was being set up is void.
-    while ends.setpoints.pop().is_ok() {}
-    let _full = ends.notices.push(Notice::Operational);
+    // Setpoints that were sent while the board was being set up are void.
+    while let Ok(incoming) = ends.bus.incoming.pop() {
+        if let Incoming::Outputs(outputs) = incoming {
+            cycle.signals.offer(monotonic_ns(), &outputs);
+        }
+    }
+    let _full = ends.bus.notices.push(Notice::Operational);
     cycle.run(ends)
 }
 
@@ -216,7 +202,7 @@ impl Cycle<'_> {
         Err(SessionError::Restarted)
     }
 
-    fn run(&mut self, ends: &mut Ends<'_>) -> Result<(), SessionError> {
+    fn run(&mut self, ends: &mut Ends<'_, '_>) -> Result<(), SessionError> {
         let mut next_ns = monotonic_ns() + self.period_ns;
         let mut ending: Option<(u64, Result<(), SessionError>)> = None;
         // The first write tells the board the number to be found by the first reading.
@@ -225,14 +211,12 @@ impl Cycle<'_> {
         loop {
             sleep_until(next_ns);
             let now_ns = next_ns;
-            while let Ok(incoming) = ends.setpoints.pop() {
+            while let Ok(incoming) = ends.bus.incoming.pop() {
                 match incoming {
                     Incoming::Setpoint(setpoint) => self.axes.offer(now_ns, &setpoint),
+                    Incoming::Outputs(outputs) => self.signals.offer(now_ns, &outputs),
                     Incoming::OtherVersion => self.axes.refuse_version(),
                 }
-            }
-            while let Ok(message) = ends.outputs.pop() {
-                self.signals.offer(now_ns, &message);
             }
             let outcome = self.cycle(now_ns, ends, ending.is_some());
             ends.counters.cycles.fetch_add(1, Ordering::Relaxed);
@@ -244,8 +228,8 @@ impl Cycle<'_> {
                 self.axes.end();
                 ending = Some((now_ns, Err(error)));
             }
-            let asked =
-                ends.stop.load(Ordering::Relaxed) || ends.period_ns.load(Ordering::Relaxed) != self.period_ns;
+            let asked = ends.bus.stop.load(Ordering::Relaxed)
+                || ends.bus.period_ns.load(Ordering::Relaxed) != self.period_ns;
             if asked && ending.is_none() {
                 self.axes.end();
                 ending = Some((now_ns, Ok(())));
@@ -280,7 +264,7 @@ impl Cycle<'_> {
     }
 
     /// One period: read, think, write.
-    fn cycle(&mut self, now_ns: u64, ends: &mut Ends<'_>, is_ending: bool) -> Result<(), SessionError> {
+    fn cycle(&mut self, now_ns: u64, ends: &mut Ends<'_, '_>, is_ending: bool) -> Result<(), SessionError> {
         let begin_ns = monotonic_ns();
         self.read_number = self.read_number.wrapping_add(1);
         self.plan.read(&mut self.packet, self.read_number)?;
@@ -311,12 +295,12 @@ impl Cycle<'_> {
         };
         // What finds no room is replaced by the next.
         if let Some(feedback) = feedback {
-            let _full = ends.feedback.push(feedback);
+            let _full = ends.bus.feedback.push(feedback);
         }
         if let Some((inputs, measured_ns)) = found
             && let Some(message) = self.signals.read(measured_ns, &self.plan, &inputs)
         {
-            let _full = ends.inputs.push(message);
+            let _full = ends.bus.inputs.push(message);
         }
         self.tell_faults(ends);
         if let Some(measure) = &mut ends.measure {
@@ -336,7 +320,7 @@ impl Cycle<'_> {
     }
 
     /// The reply to the reading that was just sent, and when the board has carried it out.
-    fn collect(&mut self, ends: &Ends<'_>, sent_ns: u64, waited_ns: &mut u64) -> Option<(Inputs, u64)> {
+    fn collect(&mut self, ends: &Ends<'_, '_>, sent_ns: u64, waited_ns: &mut u64) -> Option<(Inputs, u64)> {
         let until_ns = sent_ns + self.period_ns * REPLY.0 / REPLY.1;
         loop {
             let before_ns = monotonic_ns();
@@ -360,7 +344,7 @@ impl Cycle<'_> {
         }
     }
 
-    fn judge(&mut self, inputs: &Inputs, measured_ns: u64, ends: &Ends<'_>) -> Result<(), SessionError> {
+    fn judge(&mut self, inputs: &Inputs, measured_ns: u64, ends: &Ends<'_, '_>) -> Result<(), SessionError> {
         self.lost = 0;
         if inputs.session != self.session {
             return Err(SessionError::Restarted);
@@ -385,7 +369,7 @@ impl Cycle<'_> {
         Ok(())
     }
 
-    fn miss(&mut self, ends: &Ends<'_>) -> Result<(), SessionError> {
+    fn miss(&mut self, ends: &Ends<'_, '_>) -> Result<(), SessionError> {
         ends.counters.lost.fetch_add(1, Ordering::Relaxed);
         self.lost += 1;
         if self.lost > self.settings.max_lost_packets {
@@ -394,11 +378,11 @@ impl Cycle<'_> {
         Ok(())
     }
 
-    fn tell_faults(&mut self, ends: &mut Ends<'_>) {
+    fn tell_faults(&mut self, ends: &mut Ends<'_, '_>) {
         for axis in self.axes.axes() {
             let (index, code) = (axis.index(), axis.error_code());
             if code != 0 && self.reported[index] != code {
-                let _full = ends.notices.push(Notice::DriveFault { axis: index, code });
+                let _full = ends.bus.notices.push(Notice::DriveFault { axis: index, code });
             }
             self.reported[index] = code;
         }

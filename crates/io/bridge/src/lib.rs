@@ -1,0 +1,65 @@
+//! What drive bridges to hardware share: the bus side of a bridge, its two threads, and their rights.
+//!
+//! ```text
+//!   bus ── Setpoint, MachineOutputs ──► bus thread ══ queue ══► session: the cycle of the hardware
+//!    ▲                                      ▲                        │
+//!    └───── Feedback, MachineInputs ────────┴═════════ queues ═══════┘
+//! ```
+//!
+//! A bridge describes its [`Hardware`] and gives [`run_bridge`] a function that runs one session with it:
+//!
+//! ```no_run
+//! use core::sync::atomic::{AtomicBool, Ordering};
+//!
+//! use evolvent_bridge::{BridgeSettings, Hardware, run_bridge};
+//! use evolvent_machine::Machine;
+//! use evolvent_path::{AxisLetter, AxisMask};
+//!
+//! struct Nothing;
+//!
+//! impl Hardware for Nothing {
+//!     type Notice = String;
+//!     type Failure = String;
+//!     const NAME: &'static str = "bench";
+//!     const ENTRY: &'static str = "a drive";
+//!
+//!     fn axes(&self) -> AxisMask {
+//!         [AxisLetter::X, AxisLetter::Y, AxisLetter::Z].into_iter().collect()
+//!     }
+//!     fn has_signals(&self) -> bool {
+//!         false
+//!     }
+//!     fn text(&self, notice: String) -> String {
+//!         notice
+//!     }
+//! }
+//!
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let machine = Machine::load("machine.toml".as_ref())?;
+//! let settings = BridgeSettings { machine: &machine, machine_name: None, prefix: None, duration: None };
+//! let stop = AtomicBool::new(false);
+//! let runs = run_bridge(settings, &Nothing, &stop, |text| println!("{text}"), |ends| {
+//!     while !ends.stop.load(Ordering::Relaxed) {
+//!         while let Ok(message) = ends.incoming.pop() {
+//!             println!("{message:?}");
+//!         }
+//!     }
+//!     Ok(())
+//! })?;
+//! println!("{} sessions", runs.sessions);
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! The bus thread finds the core, outlives it and finds the next one. The session's thread has real-time priority. Both give
+//! up their capabilities, so sockets that need them are opened before.
+
+mod bridge;
+mod bus_side;
+mod clock;
+mod ends;
+mod privileges;
+
+pub use bridge::{BridgeError, BridgeRuns, BridgeSettings, Hardware, run_bridge};
+pub use clock::monotonic_ns;
+pub use ends::{BusEnds, Incoming};
