@@ -141,3 +141,42 @@ fn random_input_gives_a_total_curve_or_an_error() {
         "{built:?}"
     );
 }
+
+/// Lines, circles, helices and arcs whose radius grows: a part has the points of the whole, and parts join.
+#[test]
+fn a_part_of_a_line_or_an_arc_lies_on_it() {
+    let mut random = Random::seeded(47);
+    for _ in 0..2000 {
+        let place =
+            |random: &mut Random| Axes::from_fn(|i, _| if i < 3 { random.unit() * 80.0 - 40.0 } else { 0.0 });
+        let (start, end) = (place(&mut random), place(&mut random));
+        let centre = [random.unit() * 60.0 - 30.0, random.unit() * 60.0 - 30.0];
+        let sense = if random.bits().is_multiple_of(2) {
+            Sense::Clockwise
+        } else {
+            Sense::CounterClockwise
+        };
+        let turns = (random.bits() % 3) as u32;
+        let curve = if random.bits().is_multiple_of(3) {
+            Line::new(start, end).map(Curve::from)
+        } else {
+            Arc::new(Plane::Xy, start, end, centre, sense, turns).map(Curve::from)
+        };
+        let Ok(curve) = curve else { continue };
+        let length = curve.length();
+        let (a, b) = (random.unit() * length, random.unit() * length);
+        let (from, to) = (a.min(b), a.max(b));
+        assert!(curve.part(to, from).is_none() && curve.part(from, from).is_none());
+        let part = curve.part(from, to).unwrap();
+        assert!((part.length() - (to - from)).abs() < 1e-9 * length, "{curve:?}");
+        for k in 0..=7 {
+            let s = (to - from) * f64::from(k) / 7.0;
+            let off = (part.at(s).position - curve.at(from + s).position).norm();
+            assert!(off < 1e-9 * (length + 100.0), "{off} at {s} of {curve:?}");
+        }
+        let whole = curve.part(0.0, length).unwrap();
+        assert_eq!((whole.start(), whole.end()), (curve.start(), curve.end()));
+        let rest = curve.part(to, length).unwrap_or(whole);
+        assert_eq!(rest.end(), curve.end());
+    }
+}

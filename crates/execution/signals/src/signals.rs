@@ -273,7 +273,7 @@ impl Signals {
         let ratio = self
             .feed_law
             .ratio(x_mm, measured_rpm, spindle_override, self.max_rpm);
-        let is_exact = ratio == 0.0 || measured_rpm.is_none();
+        let is_exact = ratio == 0.0 || measured_rpm.is_none() || self.feed_law == FeedLaw::Time;
         if is_exact || (ratio - self.feed_ratio).abs() > FEED_HYSTERESIS * self.feed_ratio {
             self.feed_ratio = ratio;
         }
@@ -348,5 +348,56 @@ impl Signals {
                 std::mem::forget(scheduled);
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use evolvent_path::SpindleSpeed;
+
+    use super::*;
+    use crate::schedule::schedule;
+
+    #[test]
+    fn feed_goes_by_the_spindle_from_its_block_to_the_end_of_the_program() {
+        let mut signals = Signals::new(&SignalSettings::default(), 2, 1_000_000);
+        let (mut scheduler, consumer) = schedule();
+        signals.begin_program(consumer);
+        let change = Change {
+            feed_law: Some(FeedLaw::Revolution(SpindleSpeed::Constant { rpm: 1000.0 })),
+            ..Change::at(Moment::Block(3))
+        };
+        assert!(!change.is_empty() && !change.sets_outputs());
+        assert!(scheduler.change(change));
+        let at = |blocks| Progress {
+            actions: 0,
+            blocks,
+            phase: Phase::Runs,
+        };
+        let measured = |signals: &mut Signals, rpm: Option<f64>| {
+            signals.see(&InputImage {
+                speed_rpm: rpm,
+                ..InputImage::default()
+            });
+            signals.feed_ratio(0.0, 1.0)
+        };
+        signals.step(&at(3));
+        assert_eq!(
+            measured(&mut signals, Some(500.0)),
+            1.0,
+            "block 3 is not there yet"
+        );
+        signals.step(&at(4));
+        assert_eq!(measured(&mut signals, Some(500.0)), 0.5);
+        assert_eq!(measured(&mut signals, Some(504.0)), 0.5, "within 1 %");
+        assert_eq!(measured(&mut signals, Some(506.0)), 0.506);
+        assert_eq!(measured(&mut signals, Some(0.0)), 0.0, "it stands");
+        assert_eq!(measured(&mut signals, Some(1.0)), 0.001, "it turns again");
+        // Nobody measures it: as commanded, whatever was driven before.
+        assert_eq!(measured(&mut signals, None), 1.0);
+        assert_eq!(signals.feed_ratio(0.0, 0.9), 0.9);
+        assert_eq!(measured(&mut signals, Some(995.0)), 0.995);
+        drop(signals.end_program());
+        assert_eq!(signals.feed_ratio(0.0, 0.5), 1.0, "the program is over");
     }
 }

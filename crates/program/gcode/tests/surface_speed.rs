@@ -245,3 +245,96 @@ fn a_program_begins_in_g97_and_a_block_of_mdi_goes_on() {
         "{told:?}"
     );
 }
+
+#[test]
+fn what_cannot_be_divided_is_fed_at_its_slowest_place_and_behind_g97_nothing_is_divided() {
+    let feeds = |program: &str| -> Vec<f64> {
+        run(program)
+            .iter()
+            .filter_map(|command| match &command.action {
+                Action::Move(motion) if motion.kind == MoveKind::Feed => Some(motion.feed),
+                _ => None,
+            })
+            .collect()
+    };
+    // A spline from X10 to X30 in a few pieces of its own: none is faster than at its outer end.
+    let program = "G21 G17 G95 G96 S100 M3\nG0 X10 Y0\nG5 I5 J0 P-5 Q0 X30 Y10 F0.2\nM2\n";
+    let commands = run(program);
+    let pieces = commands.iter().filter_map(|command| match &command.action {
+        Action::Move(motion) if motion.kind == MoveKind::Feed => Some(motion),
+        _ => None,
+    });
+    let mut count = 0;
+    for motion in pieces {
+        let places = (0..=50).map(|k| motion.curve.position(motion.curve.domain() * f64::from(k) / 50.0)[0]);
+        let widest = places.fold(0.0, f64::max);
+        let slowest = 0.2 * rpm(100.0, 4000.0, widest) / 60.0;
+        assert!(
+            (motion.feed / slowest - 1.0).abs() < 0.0102,
+            "{} for {slowest}",
+            motion.feed
+        );
+        count += 1;
+    }
+    assert!(count > 0);
+    let behind = feeds("G21 G18 G8 G95 G96 S200 M3\nG0 X60 Z0\nG97 S600\nG1 X20 F0.2\nM2\n");
+    assert_eq!(behind, [2.0]);
+}
+
+#[test]
+fn a_block_of_mdi_divides_its_moves_and_a_stopped_spindle_hears_nothing_of_offsets() {
+    let settings = Settings {
+        is_block: true,
+        outputs: Outputs {
+            direction: SpindleDirection::Clockwise,
+            surface: Some(SurfaceSpeed {
+                metres_per_minute: 100.0,
+                max_rpm: 3000.0,
+                centre_mm: 0.0,
+            }),
+            ..Outputs::default()
+        },
+        ..Settings::default()
+    };
+    let block = Interpreter::new("G95\nG0 X50\nG1 X10 F0.1\n".as_bytes(), settings);
+    let moves = block.filter(|command| {
+        let command = command.as_ref().expect("no error");
+        matches!(&command.action, Action::Move(motion) if motion.kind == MoveKind::Feed)
+    });
+    assert!(moves.count() > 50);
+    let told = spindles(&run("G21 G96 S100 M3\nM5\nG92 X5\nG0 X1\nM2\n"));
+    assert_eq!(told.len(), 2, "{told:?}");
+}
+
+#[test]
+fn rotary_moves_are_fed_in_degrees_per_revolution() {
+    let commands = run("G20 G95 S120 M3\nG1 A90 F3\nG1 X1 F0.01\nM2\n");
+    let fed: Vec<f64> = commands
+        .iter()
+        .filter_map(|command| command.feed_per_revolution)
+        .collect();
+    // 3 degrees, and 0.01 inches.
+    assert_eq!(fed[0], 3.0);
+    assert!((fed[1] - 0.254).abs() < 1e-12, "{fed:?}");
+}
+
+#[test]
+fn outputs_have_the_way_and_the_speed_of_the_place() {
+    let mut outputs = Outputs::default();
+    let surface = SurfaceSpeed {
+        metres_per_minute: 100.0,
+        max_rpm: 3000.0,
+        centre_mm: -5.0,
+    };
+    let direction = SpindleDirection::CounterClockwise;
+    assert!(outputs.apply(&Action::SurfaceSpeed { direction, surface }));
+    assert_eq!(outputs.direction, direction);
+    assert!((outputs.signed_rpm_at(20.0) + rpm(100.0, 3000.0, 25.0)).abs() < 1e-9);
+    assert_eq!(outputs.constant_rpm(), 0.0);
+    let speed_rpm = 700.0;
+    assert!(outputs.apply(&Action::Spindle { direction, speed_rpm }));
+    assert_eq!(
+        (outputs.signed_rpm_at(20.0), outputs.constant_rpm()),
+        (-700.0, -700.0)
+    );
+}
