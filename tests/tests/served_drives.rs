@@ -31,7 +31,7 @@ impl Scene {
         let shipped = workshop.mill(name, &[]);
         let text = std::fs::read_to_string(shipped).expect("a machine file");
         // A machine that others keep busy: what comes late is not what is tested here.
-        let text = text.replace("feedback_timeout_ms = 20", "feedback_timeout_ms = 300");
+        let text = text.replace("feedback_timeout_ms = 20", "feedback_timeout_ms = 1000");
         let machine = workshop.write(&format!("{name}.toml"), format!("{text}\n{homing}"));
         let state = workshop.path("state");
         let trace = workshop.path("served.mcap");

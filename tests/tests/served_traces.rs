@@ -57,7 +57,7 @@ fn session(workshop: &Workshop, cycles: &str) -> PathBuf {
     let shipped = workshop.mill(&name, &[]);
     let text = std::fs::read_to_string(shipped).expect("a machine file");
     let text = text
-        .replace("feedback_timeout_ms = 20", "feedback_timeout_ms = 300")
+        .replace("feedback_timeout_ms = 20", "feedback_timeout_ms = 1000")
         .replace("[trace]\n", &format!("[trace]\ncycles = \"{cycles}\"\n"))
         // Before the first table: where subroutines are.
         + "\n[program]\nsubroutines = [\"library\"]\n";

@@ -29,7 +29,7 @@ fn session(workshop: &Workshop, lead: u32) -> PathBuf {
     let homing = HOMING.replace("switch_mm = -384", "switch_mm = -399.5");
     let text = text
         .replace("# lead_ms = 2 ", &format!("lead_cycles = {lead} # "))
-        .replace("feedback_timeout_ms = 20", "feedback_timeout_ms = 300");
+        .replace("feedback_timeout_ms = 20", "feedback_timeout_ms = 1000");
     let machine = workshop.write(&format!("{name}.toml"), format!("{text}\n{homing}"));
     let trace = workshop.path(&format!("{name}.mcap"));
     let options = ["--trace", trace.to_str().expect("UTF-8")];
