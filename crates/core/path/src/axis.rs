@@ -60,6 +60,13 @@ impl AxisLetter {
     }
 
     /// The axis of a letter, in either case.
+    ///
+    /// ```
+    /// use evolvent_path::AxisLetter;
+    ///
+    /// assert_eq!(AxisLetter::from_letter('b').map(AxisLetter::index), Some(4));
+    /// assert_eq!(AxisLetter::from_letter('E'), None);
+    /// ```
     #[must_use]
     pub fn from_letter(letter: char) -> Option<Self> {
         Self::ALL

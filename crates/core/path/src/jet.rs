@@ -45,6 +45,16 @@ impl Jet {
 
     /// Change of parameter by the chain rule: `d1`, `d2`, `d3` are the derivatives of this jet's parameter by
     /// the new one.
+    ///
+    /// ```
+    /// use evolvent_path::{Axes, Jet};
+    ///
+    /// // x = u along X, driven by u = t^3 at t = 2: x is 8, its derivatives by time 12, 12 and 6.
+    /// let mut jet = Jet::at_rest(Axes::repeat(8.0));
+    /// jet.first[0] = 1.0;
+    /// let by_time = jet.compose(12.0, 12.0, 6.0);
+    /// assert_eq!((by_time.first[0], by_time.second[0], by_time.third[0]), (12.0, 12.0, 6.0));
+    /// ```
     #[must_use]
     pub fn compose(&self, d1: f64, d2: f64, d3: f64) -> Self {
         Self {
@@ -58,6 +68,16 @@ impl Jet {
     /// The jet by arc length in the feed metric (XYZ where XYZ moves, else UVW, else ABC).
     ///
     /// A jet whose first derivative is zero has no direction: it comes back as it is.
+    ///
+    /// ```
+    /// use evolvent_path::{Axes, Jet};
+    ///
+    /// // A circle of 5 mm by its angle: by arc length the tangent is a unit, and the curvature 1/5.
+    /// let mut circle = Jet::at_rest(Axes::zeros());
+    /// (circle.first[1], circle.second[0], circle.third[1]) = (5.0, -5.0, -5.0);
+    /// let by_length = circle.by_arc_length();
+    /// assert!((by_length.first[1] - 1.0).abs() < 1e-15 && (by_length.second[0] + 0.2).abs() < 1e-15);
+    /// ```
     #[must_use]
     pub fn by_arc_length(&self) -> Self {
         let Some(metric) = FeedMetric::of(&self.first) else {

@@ -35,7 +35,14 @@ pub struct ScalarState {
 }
 
 impl ScalarState {
-    /// The state after `t` seconds of constant jerk.
+    /// The state after `t` seconds of constant jerk. Real-time safe.
+    ///
+    /// ```
+    /// use evolvent_timing::ScalarState;
+    ///
+    /// let end = ScalarState { x: 1.0, v: 2.0, a: 4.0 }.after(0.5, 12.0);
+    /// assert_eq!(end, ScalarState { x: 2.75, v: 5.5, a: 10.0 });
+    /// ```
     #[must_use]
     pub fn after(self, t: f64, jerk: f64) -> Self {
         Self {

@@ -101,6 +101,28 @@ impl PathLimits {
     /// derivative stands for `1/R`, which is exact where the parameter is arc length and otherwise bounds the
     /// distance from the chord as well (`|q''| (v/f)^2 / 8`). Below `R = e` the root would fall again, although
     /// a chord cannot miss by more than the radius: the value at `R = e` goes on as `sqrt(R)`.
+    ///
+    /// ```
+    /// use evolvent_machine::Limits;
+    /// use evolvent_path::{AXES, Axes};
+    /// use evolvent_timing::PathLimits;
+    ///
+    /// # let axes = Limits {
+    /// #     present: [true; AXES],
+    /// #     velocity: Axes::repeat(500.0),
+    /// #     acceleration: Axes::repeat(5000.0),
+    /// #     jerk: Axes::repeat(1e5),
+    /// #     travel_min: Axes::repeat(-1e3),
+    /// #     travel_max: Axes::repeat(1e3),
+    /// #     home: Axes::zeros(),
+    /// # };
+    /// // A circle of 10 mm radius at 1 kHz, to a micrometre: the chord of one period has that sagitta.
+    /// let mut second = Axes::zeros();
+    /// second[1] = 1.0 / 10.0;
+    /// let speed = PathLimits::new(axes, 1000.0, 0.001).chord_speed(&second);
+    /// let half_angle = speed / 1000.0 / 10.0 / 2.0;
+    /// assert!((10.0 * (1.0 - f64::cos(half_angle)) - 0.001).abs() < 1e-7);
+    /// ```
     #[must_use]
     pub fn chord_speed(&self, second: &Axes) -> f64 {
         let bend = xyz(second);

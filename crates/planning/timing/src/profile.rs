@@ -63,6 +63,17 @@ impl Profile {
     /// `limits.velocity` may lie below the present speed (an override was lowered): the speed then falls to
     /// it where the run is long enough. Where it is not, the exit may be faster than `wanted`, but never than
     /// `allowed`. Real-time safe.
+    ///
+    /// ```
+    /// use evolvent_timing::{Outcome, Profile, ScalarLimits, ScalarState};
+    ///
+    /// // 10 mm from rest to rest, with a cruise: 2 v/a + (10 - v v/a)/v without jerk, and a/j more with it.
+    /// let limits = ScalarLimits { velocity: 100.0, acceleration: 2000.0, jerk: 200_000.0 };
+    /// let profile = Profile::solve(ScalarState::default(), 10.0, 0.0, 0.0, &limits);
+    /// assert_eq!(profile.outcome(), Outcome::Exits);
+    /// assert!((profile.duration() - (10.0 / 100.0 + 100.0 / 2000.0 + 2000.0 / 200_000.0)).abs() < 1e-6);
+    /// assert!((profile.end().x - 10.0).abs() < 1e-9);
+    /// ```
     #[must_use]
     pub fn solve(from: ScalarState, length: f64, wanted: f64, allowed: f64, limits: &ScalarLimits) -> Self {
         let room = length - from.x;

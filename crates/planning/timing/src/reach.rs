@@ -8,6 +8,15 @@ use crate::change::{BISECTIONS, SPEED_ROUNDING, ScalarLimits};
 /// Closed form for the acceleration-limited case, a convex cubic by Newton's method otherwise; the result is
 /// rounded down by 1e-12 of the gain and by several roundings of the speed, so that the solver of the cycle finds
 /// it allowed even where rounding has made it enter a little faster.
+///
+/// ```
+/// use evolvent_timing::{ScalarLimits, reachable_speed};
+///
+/// let limits = ScalarLimits { velocity: 100.0, acceleration: 1000.0, jerk: 10_000.0 };
+/// // From rest to 10 mm/s by jerk alone takes 2 sqrt(10/10000) s at 5 mm/s on average: 0.316 mm.
+/// let length = 10.0 * (10.0_f64 / 10_000.0).sqrt();
+/// assert!((reachable_speed(0.0, length, &limits) - 10.0).abs() < 1e-8);
+/// ```
 #[must_use]
 pub fn reachable_speed(exit: f64, length: f64, limits: &ScalarLimits) -> f64 {
     let (a, j) = (limits.acceleration, limits.jerk);

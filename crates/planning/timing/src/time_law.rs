@@ -35,6 +35,15 @@ pub enum TimeLaw {
 
 impl TimeLaw {
     /// The same law driven `rate` times as fast, over the same length. Real-time safe.
+    ///
+    /// ```
+    /// use evolvent_timing::TimeLaw;
+    ///
+    /// let law = TimeLaw::Flow { v: 10.0, b: 4.0, c: -3.0 };
+    /// let (at_full, _) = law.at(0.2);
+    /// let (at_half, _) = law.slowed_down(0.5).at(0.4);
+    /// assert!((at_full.x - at_half.x).abs() < 1e-12 && (at_full.v - 2.0 * at_half.v).abs() < 1e-12);
+    /// ```
     #[must_use]
     pub fn slowed_down(self, rate: f64) -> Self {
         let square = rate * rate;
