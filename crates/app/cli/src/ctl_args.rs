@@ -121,7 +121,7 @@ pub(crate) enum Action {
         /// Percent.
         percent: f64,
     },
-    /// Spindle override, 0 to 200 percent.
+    /// Spindle override, 10 to 200 percent.
     Spindle {
         /// Percent.
         percent: f64,

@@ -12,6 +12,8 @@ use crate::rejection::Rejection;
 const MOST: f64 = 1e6;
 /// Largest feed and spindle override.
 const MAX_OVERRIDE: f64 = 2.0;
+/// Smallest spindle override: with none a spindle would stop in the cut, and the feed go on.
+const MIN_SPINDLE_OVERRIDE: f64 = 0.1;
 /// Work coordinate systems G54 to G59.3.
 const SYSTEMS: u32 = 9;
 
@@ -73,11 +75,15 @@ impl Command {
             CommandCode::SingleStep => Self::SingleStep(switch(raw)?),
             CommandCode::OptionalStop => Self::OptionalStop(switch(raw)?),
             CommandCode::BlockDelete => Self::BlockDelete(switch(raw)?),
-            CommandCode::FeedOverride => Self::FeedOverride(ratio("the feed override", raw, MAX_OVERRIDE)?),
-            CommandCode::RapidOverride => Self::RapidOverride(ratio("the rapid override", raw, 1.0)?),
-            CommandCode::SpindleOverride => {
-                Self::SpindleOverride(ratio("the spindle override", raw, MAX_OVERRIDE)?)
+            CommandCode::FeedOverride => {
+                Self::FeedOverride(ratio("the feed override", raw, (0.0, MAX_OVERRIDE))?)
             }
+            CommandCode::RapidOverride => Self::RapidOverride(ratio("the rapid override", raw, (0.0, 1.0))?),
+            CommandCode::SpindleOverride => Self::SpindleOverride(ratio(
+                "the spindle override",
+                raw,
+                (MIN_SPINDLE_OVERRIDE, MAX_OVERRIDE),
+            )?),
             CommandCode::Mdi => Self::Mdi(text(raw)?),
             CommandCode::Jog => Self::Jog(jog(raw, present)?),
             CommandCode::JogKeep => Self::JogKeep,
@@ -151,11 +157,11 @@ fn switch(raw: &RawCommand<'_>) -> Result<bool, Rejection> {
     }
 }
 
-fn ratio(what: &str, raw: &RawCommand<'_>, most: f64) -> Result<f64, Rejection> {
-    if (0.0..=most).contains(&raw.amount) {
+fn ratio(what: &str, raw: &RawCommand<'_>, (least, most): (f64, f64)) -> Result<f64, Rejection> {
+    if (least..=most).contains(&raw.amount) {
         Ok(raw.amount)
     } else {
-        Err(range(what, raw.amount, 0.0, most))
+        Err(range(what, raw.amount, least, most))
     }
 }
 
@@ -305,7 +311,7 @@ mod tests {
             ),
             (
                 RawCommand {
-                    amount: -0.1,
+                    amount: 0.099,
                     ..raw(CommandCode::SpindleOverride)
                 },
                 Alarm::BadNumber,
