@@ -1,6 +1,6 @@
 //! The modes between jobs: what a block of MDI finds, and what it leaves.
 
-use evolvent_gcode::{Diagnostic, Interpreter, KeptParameters, Modal, Settings, ToolTable};
+use evolvent_gcode::{Diagnostic, Interpreter, KeptParameters, Modal, Outputs, Settings, ToolTable};
 use evolvent_path::{Axes, AxisLetter};
 
 /// What lines leave behind.
@@ -80,10 +80,22 @@ pub(crate) fn simulate_modes(
         is_block: true,
         ..settings.clone()
     };
-    let mut interpreter = Interpreter::new(padded.as_bytes(), settings);
-    let restart = interpreter.start_at(lines + 1)?;
+    let mut interpreter = Interpreter::new(padded.as_bytes(), settings.clone());
+    let restart = interpreter.start_at(lines + 1);
     let mut kept = kept.clone();
     kept.update(&interpreter);
+    if interpreter.has_ended() {
+        // M2 or M30: what follows begins as a program does.
+        let tools = interpreter.tools().cloned();
+        let fresh = Settings {
+            outputs: Outputs::default(),
+            work_offsets: std::array::from_fn(|index| kept.work_offset(index)),
+            ..settings
+        };
+        let modes = Modes::at_start(&fresh)?;
+        return Ok(After { modes, kept, tools });
+    }
+    let restart = restart?;
     Ok(After {
         modes: Modes {
             modal: interpreter.modal(),
@@ -165,5 +177,24 @@ mod tests {
         let next = simulate_modes(&after.modes.preamble(), &settings, &kept).unwrap();
         assert!(next.modes.modal.codes.contains(&960), "{:?}", next.modes.text);
         assert_eq!(next.modes.text, after.modes.text.replace("M3", "M5"));
+    }
+
+    #[test]
+    fn behind_m2_the_modes_are_those_of_a_beginning_and_parameters_stay() {
+        let settings = Settings::default();
+        let kept = KeptParameters::default();
+        for end in ["M2", "M30"] {
+            let first = simulate_modes(&format!("G10 L2 P1 X9 {end}\n"), &settings, &kept).unwrap();
+            assert_eq!(first.modes.modal.work_offset[0], 9.0, "{end}");
+            let text = format!("G91 G20 G55 G95 G96 S100 M3\nG10 L2 P2 X7 {end}\n");
+            let after = simulate_modes(&text, &settings, &kept).unwrap();
+            let start = Modes::at_start(&settings).unwrap();
+            assert_eq!(after.modes.modal, start.modal, "{end}");
+            assert!((after.kept.work_offset(1)[0] - 177.8).abs() < 1e-9, "{end}");
+        }
+        assert!(
+            simulate_modes("G1 X1\nM2\n", &settings, &kept).is_err(),
+            "an error before it counts"
+        );
     }
 }

@@ -257,6 +257,12 @@ impl<R: BufRead> Interpreter<R> {
         self.frames.len() > 1 || self.skip.is_some() || self.definition.is_some() || self.resumed.is_some()
     }
 
+    /// Whether M2 or M30 has been executed.
+    #[must_use]
+    pub fn has_ended(&self) -> bool {
+        self.state.ended
+    }
+
     /// Number of the line of the program that comes next.
     pub(crate) fn next_of_program(&self) -> u32 {
         match self.tape.get(self.frames[0].at) {
