@@ -1,0 +1,146 @@
+//! What is reserved, and what is refused.
+
+use evolvent_compensation::{
+    AxisErrors, AxisLimits, Design, DesignError, Excess, MachineErrors, ScrewTable, ThermalSettings,
+};
+use evolvent_path::AXES;
+
+const LIMITS: AxisLimits = AxisLimits {
+    velocity: 500.0,
+    acceleration: 5000.0,
+    jerk: 200_000.0,
+};
+
+fn design(errors: &MachineErrors) -> Result<Design, DesignError> {
+    let mut drives = [None; AXES];
+    drives[..3].fill(Some(LIMITS));
+    Design::new(errors, &drives)
+}
+
+fn with_axis(axis: AxisErrors) -> MachineErrors {
+    let mut errors = MachineErrors::default();
+    errors.axes[0] = axis;
+    errors
+}
+
+/// 8 (B/2)/T^3 = 0.1 J gives T = (0.08/20000)^(1/3) = 15.874 ms; by hand: 1.5 0.01/T = 0.9449 mm/s, 4 0.01/T^2 = 158.74 mm/s2.
+#[test]
+fn the_reserve_for_backlash_is_that_of_the_formula() {
+    let design = design(&with_axis(AxisErrors {
+        backlash: 0.02,
+        ..AxisErrors::default()
+    }))
+    .unwrap();
+    let planned = design.planned(0).unwrap();
+    assert!((design.take_up_s(0).unwrap() - 3.0 * 0.015_874_01).abs() < 1e-7);
+    assert!(
+        (planned.velocity - (500.0 - 0.944_941)).abs() < 1e-5,
+        "{planned:?}"
+    );
+    assert!(
+        (planned.acceleration - (5000.0 - 158.740)).abs() < 1e-2,
+        "{planned:?}"
+    );
+    assert!((planned.jerk - 180_000.0).abs() < 1e-6, "{planned:?}");
+    assert_eq!(design.planned(1), Some(LIMITS));
+    assert_eq!(design.planned(3), None);
+    assert!((design.largest_correction()[0] - 0.01).abs() < 1e-15);
+}
+
+/// Two points: the derivatives of the curve are 1.6e-3 mm/mm, 5.12e-4 1/mm (at a quarter) and 2.56e-4 1/mm2 for 8 um over 10 mm.
+/// By the chain rule at 50 mm/s.
+#[test]
+fn the_reserve_for_a_table_is_that_of_the_chain_rule() {
+    let table = ScrewTable::new(&[0.0, 10.0], &[0.002, -0.006], None).unwrap();
+    let errors = with_axis(AxisErrors {
+        table: Some(table),
+        ..AxisErrors::default()
+    });
+    let mut drives = [None; AXES];
+    drives[0] = Some(AxisLimits {
+        velocity: 50.0,
+        ..LIMITS
+    });
+    let planned = Design::new(&errors, &drives).unwrap().planned(0).unwrap();
+    let v = 50.0 / 1.0016;
+    let a = (5000.0 - 6.4e-4 * v * v) / 1.0016;
+    let j = (200_000.0 - 3.0 * 6.4e-4 * v * a - 2.56e-4 * v * v * v) / 1.0016;
+    assert!((planned.velocity - v).abs() < 1e-9);
+    assert!((planned.acceleration - a).abs() < 1e-9, "{planned:?} {a}");
+    assert!((planned.jerk - j).abs() < 1e-6, "{planned:?} {j}");
+}
+
+#[test]
+fn nothing_wrong_reserves_nothing() {
+    let design = design(&MachineErrors::default()).unwrap();
+    assert!(design.is_none());
+    assert_eq!(design.planned(2), Some(LIMITS));
+}
+
+#[test]
+fn squareness_reserves_what_the_other_axes_add() {
+    let mut errors = MachineErrors::default();
+    errors.squareness.xy = -1e-3;
+    errors.squareness.yz = 2e-3;
+    let design = design(&errors).unwrap();
+    assert!((design.planned(0).unwrap().velocity - (500.0 - 0.5 - 0.001)).abs() < 1e-9);
+    assert!((design.planned(1).unwrap().jerk - (200_000.0 - 400.0)).abs() < 1e-9);
+    assert_eq!(design.planned(2), Some(LIMITS));
+}
+
+#[test]
+fn what_cannot_be_corrected_is_refused_with_the_axis_and_the_place() {
+    let positions: Vec<f64> = (0..40).map(f64::from).collect();
+    let mut values = vec![0.0; 40];
+    values[23] = 0.015;
+    let table = ScrewTable::new(&positions, &values, None).unwrap();
+    let refused = design(&with_axis(AxisErrors {
+        table: Some(table),
+        ..AxisErrors::default()
+    }));
+    let Err(DesignError::Reserve {
+        position: Some(position),
+        ..
+    }) = refused
+    else {
+        panic!("{refused:?}")
+    };
+    assert!((22.0..=24.0).contains(&position), "{position}");
+    values[23] = 0.4;
+    let table = ScrewTable::new(&positions, &values, None).unwrap();
+    let refused = design(&with_axis(AxisErrors {
+        table: Some(table),
+        ..AxisErrors::default()
+    }));
+    assert!(matches!(refused, Err(DesignError::Slope { .. })), "{refused:?}");
+    for backlash in [-0.01, f64::NAN, 11.0] {
+        let refused = design(&with_axis(AxisErrors {
+            backlash,
+            ..AxisErrors::default()
+        }));
+        assert!(matches!(refused, Err(DesignError::Value { .. })));
+    }
+    let mut errors = MachineErrors::default();
+    errors.squareness.xz = 0.02;
+    assert!(design(&errors).is_err());
+    let slow = AxisLimits {
+        velocity: 0.02,
+        ..LIMITS
+    };
+    let mut drives = [None; AXES];
+    drives[0] = Some(slow);
+    let thermal = with_axis(AxisErrors {
+        thermal: Some(ThermalSettings {
+            max_offset: 0.1,
+            rate: 0.015,
+        }),
+        ..AxisErrors::default()
+    });
+    assert!(matches!(
+        Design::new(&thermal, &drives),
+        Err(DesignError::Reserve {
+            quantity: Excess::Velocity,
+            ..
+        })
+    ));
+}
