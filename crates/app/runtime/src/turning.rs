@@ -3,7 +3,7 @@
 use evolvent_gcode::{TurningCycle, TurningKind};
 use evolvent_motion::{Turning, TurningFrame};
 use evolvent_path::AxisLetter;
-use evolvent_turning::{CutFile, CutKind, ScalarLimits, TurningController};
+use evolvent_turning::{Cone, CutFile, CutKind, ScalarLimits, TurningController};
 
 use crate::job::Setup;
 
@@ -20,12 +20,6 @@ pub(crate) fn turning(cycle: &TurningCycle, setup: &Setup) -> Result<Turning, St
                 .into(),
         );
     };
-    if cycle.cone_mm.is_some() {
-        return Err(
-            "a cone (R and L) is not found from the load: leave out Q1, or turn the cylinder with Q1 and the cone after it"
-                .into(),
-        );
-    }
     if cycle.spindle_rpm <= 0.0 {
         return Err(
             "passes that the load finds need a spindle that turns at a known speed: write S and M3 before, and G97 where \
@@ -61,10 +55,21 @@ pub(crate) fn turning(cycle: &TurningCycle, setup: &Setup) -> Result<Turning, St
             },
         ),
     };
-    let (length_mm, allowance_max_mm) = match kind {
+    let (step_mm, allowance_max_mm) = match kind {
         CutKind::Longitudinal => ((start.1 - size.1).abs(), (start.0 - size.0).abs()),
         CutKind::Facing => ((start.0 - size.0).abs(), (start.1 - size.1).abs()),
     };
+    let cone = match cycle.cone_mm {
+        Some([x, z]) => Cone::rising(step_mm, (x - to_x).abs(), (z - to_z).abs()),
+        None => None,
+    };
+    let mut length_mm = step_mm;
+    if let (Some(cone), Some([_, z])) = (&cone, cycle.cone_mm) {
+        cone.check(&process.settings.tool)
+            .map_err(|error| error.to_string())?;
+        // Above the corner at which the tool stands there is nothing to be cut.
+        length_mm = (step_mm + (z - to_z).abs()).min(cone.place_mm(allowance_max_mm));
+    }
     let diameter_mm = match kind {
         CutKind::Longitudinal => cycle.diameter_mm,
         CutKind::Facing => cycle.diameter_mm + 2.0 * length_mm,
@@ -74,6 +79,8 @@ pub(crate) fn turning(cycle: &TurningCycle, setup: &Setup) -> Result<Turning, St
         diameter_mm: diameter_mm.max(0.1),
         z_mm: start.1,
         length_mm,
+        cone_from_mm: cone.map(|cone| cone.from_mm),
+        cone_deg: cone.map(|cone| cone.angle_deg()),
         allowance_max_mm,
         spindle_rpm: cycle.spindle_rpm,
         speed_diameter_mm: process.cut.speed_diameter_mm,

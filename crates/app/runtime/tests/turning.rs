@@ -146,6 +146,44 @@ fn the_program_goes_on_behind_a_cycle_that_has_found_its_passes_and_the_same_bit
 }
 
 #[test]
+fn a_cone_behind_the_cylinder_is_at_size_and_the_finishing_pass_takes_the_rest() {
+    // 30 degrees from a radius of 30 mm at Z268 outwards, to beyond the stock.
+    let (end_z, end_x) = (250.0, 30.0 + 18.0 * 30.0_f64.to_radians().tan());
+    let program = PROGRAM.replace("Z260 H0.3", &format!("Z268 R{:.6} L{end_z} H0.3", 2.0 * end_x));
+    for planner in [PlannerKind::Optimal, PlannerKind::Classic] {
+        let mut here = setup(Some(process()));
+        here.machine.path.planner = planner;
+        let (looks, outcome) = drive(&program, here.clone(), |_, _, _| {});
+        assert!(outcome.program.is_ok(), "{:?}", outcome.program);
+        assert_eq!(outcome.summary.outcome.name(), "done");
+        keeps_limits(&looks, &here);
+        // The tip against the contour, left 0.3 mm along X and Z by the cycle.
+        let above = |look: &Look, left: f64| {
+            let [x, z] = look.position;
+            let contour = 30.0 + (268.0 + left - z).max(0.0) * 30.0_f64.to_radians().tan();
+            x - (contour + left)
+        };
+        let least = |turns: bool, left: f64| {
+            looks
+                .iter()
+                .filter(|look| look.turning.is_some() == turns)
+                .map(|look| above(look, left))
+                .fold(f64::INFINITY, f64::min)
+        };
+        assert!(least(true, 0.3).abs() < 1e-6, "{}", least(true, 0.3));
+        assert!(least(false, 0.0).abs() < 1e-3, "{}", least(false, 0.0));
+        assert!(looks.iter().any(|look| look.turning == Some(TurningState::Climb)));
+        // The stock that is left, heights above the final cylinder along the cut from Z300.
+        let cut = outcome.process.unwrap();
+        for along in [5.0, 20.0, 30.0, 33.0, 35.0, 37.0] {
+            let contour = (along - 32.0_f64).max(0.0) * 30.0_f64.to_radians().tan();
+            let left = cut.workpiece().height_mm(along) - contour;
+            assert!(left.abs() < 0.05, "{left} at {along}");
+        }
+    }
+}
+
+#[test]
 fn hold_override_and_stop_reach_the_cycle_wherever_it_is() {
     let (whole, _) = drive(PROGRAM, setup(Some(process())), |_, _, _| {});
     let first = whole.iter().position(|look| look.turning.is_some()).unwrap() as u64;
@@ -203,7 +241,7 @@ fn what_does_not_fit_is_refused_at_its_line_before_anything_moves() {
         ("S500 M3", "G96 S80 M3", "G96"),
         ("S500 M3", "S20000 M3", "revolution"),
         ("G0 X35", "G0 X60", "edge reaches"),
-        ("H0.3", "R80 L250", "cone"),
+        ("H0.3", "R66 L259", "lead angle"),
         ("G0 Z300\n", "G0 Z598\n", "room"),
     ] {
         assert!(PROGRAM.contains(from), "{from}");

@@ -49,6 +49,8 @@ pub struct AxisDrive {
     speed: f64,
     /// The profile only brakes: the target lies elsewhere.
     turns_back: bool,
+    /// Where another drive has led it; none while it goes by itself.
+    led: Option<AxisPoint>,
 }
 
 impl AxisDrive {
@@ -67,7 +69,14 @@ impl AxisDrive {
             target: position,
             speed: 0.0,
             turns_back: false,
+            led: None,
         }
+    }
+
+    /// Another drive leads it, and says where it is, until it is told to go or to stop. It goes forwards.
+    pub(crate) fn lead(&mut self, to: AxisPoint) {
+        self.led = Some(to);
+        (self.sign, self.target, self.speed) = (1.0, to.position, f64::NAN);
     }
 
     /// Goes to `target` at `speed` mm/s at the most; a speed of 0 stops on the way.
@@ -81,7 +90,7 @@ impl AxisDrive {
             return;
         }
         let now = self.point();
-        (self.target, self.speed) = (target, speed);
+        (self.target, self.speed, self.led) = (target, speed, None);
         self.solve(now);
     }
 
@@ -128,6 +137,9 @@ impl AxisDrive {
     /// Advances by a period and says where the axis is.
     pub fn advance(&mut self, period_s: f64) -> AxisPoint {
         self.time += period_s;
+        if let Some(point) = self.led {
+            return point;
+        }
         if self.time >= self.profile.duration() && self.turns_back && self.speed > 0.0 {
             // The rest of the period is lost, no more.
             let point = self.point();
@@ -143,6 +155,9 @@ impl AxisDrive {
     /// Where the axis is.
     #[must_use]
     pub fn point(&self) -> AxisPoint {
+        if let Some(point) = self.led {
+            return point;
+        }
         if self.time >= self.profile.duration() {
             let end = if self.turns_back || self.speed <= 0.0 {
                 self.origin + self.sign * self.profile.end().x
@@ -166,13 +181,16 @@ impl AxisDrive {
     /// Whether the axis stands at its target.
     #[must_use]
     pub fn has_arrived(&self) -> bool {
-        self.time >= self.profile.duration() && self.point().position == self.target
+        self.led.is_none() && self.time >= self.profile.duration() && self.point().position == self.target
     }
 
     /// Whether the axis stands.
     #[must_use]
     pub fn is_at_rest(&self) -> bool {
-        self.time >= self.profile.duration() && !(self.turns_back && self.speed > 0.0)
+        match self.led {
+            Some(point) => point.velocity == 0.0 && point.acceleration == 0.0,
+            None => self.time >= self.profile.duration() && !(self.turns_back && self.speed > 0.0),
+        }
     }
 
     /// Where it is told to go.

@@ -1,6 +1,7 @@
 //! Self-programmed turning: the controller that finds its passes from the load.
 
 use crate::axis::{AxisDrive, AxisPoint};
+use crate::climb::Climb;
 use crate::felt_stock::FeltStock;
 use crate::job_constants::JobConstants;
 use crate::load_loss::LoadLoss;
@@ -86,6 +87,8 @@ pub struct TurningController {
     pub(crate) feed: f64,
     pub(crate) plan: PassPlan,
     pub(crate) back: ReturnPath,
+    /// The climb under way, which leads both axes.
+    pub(crate) climb: Option<Climb>,
     pub(crate) felt: FeltStock,
     pub(crate) loss: LoadLoss,
     pub(crate) places: PlaceWatch,
@@ -157,7 +160,8 @@ impl TurningController {
                 settings.length_mm,
                 settings.tool.slope(),
                 settings.tool.overhang_mm(),
-            ),
+            )
+            .with_cone(settings.cone, settings.tolerance_mm),
             state: TurningState::Idle,
             cycle: 0,
             transition: None,
@@ -165,6 +169,7 @@ impl TurningController {
             feed: 0.0,
             plan: PassPlan::new(start, settings.length_mm),
             back: ReturnPath::new(start.1, home),
+            climb: None,
             felt: FeltStock::new(&settings),
             loss: LoadLoss::default(),
             places: PlaceWatch::default(),
@@ -221,6 +226,11 @@ impl TurningController {
             self.act(inputs, factor);
         }
         self.guard.start_seen = inputs.start;
+        if let Some(climb) = &mut self.climb {
+            let (along, out) = climb.advance(self.settings.period_s);
+            self.along.lead(along);
+            self.out.lead(out);
+        }
         let along = self.along.advance(self.settings.period_s);
         let out = self.out.advance(self.settings.period_s);
         self.trail.push(along.position, out.position);
@@ -231,7 +241,10 @@ impl TurningController {
             let ends = self.plan.end_s > 0.0;
             let felt = self.feels() || (ends && self.felt.contact_mm.is_some());
             let sure = felt && !ends && self.state == TurningState::Cut;
-            let cuts = matches!(self.state, TurningState::Engage | TurningState::Cut);
+            let cuts = matches!(
+                self.state,
+                TurningState::Engage | TurningState::Cut | TurningState::Climb
+            );
             let missed = self.loss.missing_s > 0.0 || (cuts && self.loss.air_s > 0.0);
             // Nor is it where known stock is met, until a load is felt.
             let meets = self.state == TurningState::Approach && self.sure_depth(0.0) > SURE_MM;
@@ -261,7 +274,11 @@ impl TurningController {
     pub(crate) fn feeds(&self) -> bool {
         matches!(
             self.state,
-            TurningState::Approach | TurningState::Engage | TurningState::Cut | TurningState::BackOff
+            TurningState::Approach
+                | TurningState::Engage
+                | TurningState::Cut
+                | TurningState::Climb
+                | TurningState::BackOff
         )
     }
 
@@ -271,7 +288,7 @@ impl TurningController {
     }
 
     pub(crate) fn go(&mut self, to: TurningState, reason: Reason) {
-        if to == TurningState::Approach {
+        if matches!(to, TurningState::Approach | TurningState::Climb) {
             self.felt.residue_n = self.view.now;
         }
         self.transition = Some(Transition {
@@ -308,8 +325,7 @@ impl TurningController {
         if let Some(trouble) = self.view.trouble
             && self.guard.blind_s > self.guard.blind_max_s
         {
-            self.along.stop();
-            self.out.stop();
+            self.stand();
             self.keep_shoulder();
             self.go(TurningState::Fault, Reason::Sensor(trouble));
             return true;
@@ -332,8 +348,7 @@ impl TurningController {
         if inputs.hold != (self.state == TurningState::Held) {
             if inputs.hold {
                 self.guard.before_hold = self.state;
-                self.along.stop();
-                self.out.stop();
+                self.stand();
                 self.go(TurningState::Held, Reason::Hold);
             } else {
                 let to = match self.guard.before_hold {
@@ -345,6 +360,14 @@ impl TurningController {
                         self.places.cautious_to_mm = Some(self.along.point().position + CAUTION_MM);
                         TurningState::Approach
                     }
+                    TurningState::Climb => {
+                        let depth = self.felt.engagement.depth_mm();
+                        self.lose_contact();
+                        self.expect(self.along.point().position, depth);
+                        self.felt.shoulder_mm = self.out.point().position + depth;
+                        self.feed = 0.0;
+                        TurningState::Climb
+                    }
                     other => other,
                 };
                 self.go(to, Reason::Hold);
@@ -354,8 +377,19 @@ impl TurningController {
         false
     }
 
+    /// Stops as soon as the limits allow: on the cone while climbing.
+    fn stand(&mut self) {
+        if let Some(climb) = &mut self.climb {
+            climb.stop();
+        } else {
+            self.along.stop();
+            self.out.stop();
+        }
+    }
+
     /// Away from the work as fast as the limits allow, while the axial feed stops.
     pub(crate) fn draw_out(&mut self) {
+        self.climb = None;
         self.along.stop();
         let to = self.out.point().position + self.settings.clear_out_mm + self.settings.regime.depth_max_mm;
         self.out.aim(to, self.settings.out_limits.velocity);
@@ -380,6 +414,7 @@ impl TurningController {
             TurningState::Engage => self.engage(factor),
             TurningState::BackOff => self.back_off(factor),
             TurningState::Cut => self.cut(factor),
+            TurningState::Climb => self.climb(factor),
             TurningState::Fault => {
                 if inputs.start && !self.guard.start_seen && !inputs.hold && self.is_over() {
                     self.guard.overload_s = 0.0;

@@ -31,7 +31,8 @@ impl SimulatedProcess {
                 settings.regime.law,
                 settings.tool,
                 steps_per_turn,
-            ),
+            )
+            .with_cone(settings.cone),
             sensor: Sensor::new(job.sensor, period_s),
             range_max: job.sensor.range_max,
             scale: settings.scale,

@@ -1,7 +1,7 @@
 //! Feeding: towards the stock, into it, and along it.
 
 use crate::controller::TurningController;
-use crate::missing::{LOSS_REV, SURE_MM};
+use crate::missing::SURE_MM;
 use crate::settings::{OnThin, PassDepth};
 use crate::state::{Reason, TurningState};
 
@@ -33,6 +33,13 @@ const HOLDER_MM: f64 = 0.3;
 impl TurningController {
     /// Feeds with a wish, within slew, preview, protection and override.
     pub(crate) fn drive(&mut self, wish: f64, factor: f64) {
+        self.limit_feed(wish);
+        let speed = self.settings.speed_mm_s(self.feed) * factor.min(1.0);
+        self.along.aim(self.pass_end_mm(), speed);
+    }
+
+    /// The feed after a period, for a wish: within slew, preview and protection.
+    pub(crate) fn limit_feed(&mut self, wish: f64) {
         let settings = &self.settings;
         let regime = &settings.regime;
         let mut wish = wish.min(regime.feed_max_mm_rev);
@@ -54,8 +61,6 @@ impl TurningController {
         let down = self.feed - settings.slew_down_mm_rev_s * settings.period_s;
         // From a stand the smallest feed is taken at once.
         self.feed = wish.clamp(down, up.max(regime.feed_min_mm_rev));
-        let speed = settings.speed_mm_s(self.feed) * factor.min(1.0);
-        self.along.aim(self.plan.end_mm, speed);
     }
 
     /// Largest feed for what earlier passes have left ahead.
@@ -88,14 +93,8 @@ impl TurningController {
             self.go(TurningState::Engage, Reason::Contact { load });
             return;
         }
-        let depth = self.sure_depth(MET_MM).max(self.expected_depth(here));
-        if depth <= SURE_MM {
-            self.loss.missing_s = 0.0;
-        } else if self.shows_chips(depth) {
-            self.loss.missing_s += settings.period_s;
-        }
-        if self.loss.missing_s > LOSS_REV * settings.turn_s() {
-            return self.report_broken(depth);
+        if self.misses_load(here) {
+            return;
         }
         // Air inside a pass is a thin place too.
         let gap = self.felt.in_air && here > 0.0;
@@ -111,7 +110,7 @@ impl TurningController {
     }
 
     /// Feed towards stock that has not been felt: what may stand there by the record is taken at the set load at once.
-    fn approach_feed(&self, here: f64) -> f64 {
+    pub(crate) fn approach_feed(&self, here: f64) -> f64 {
         let settings = &self.settings;
         let entry = settings.strategy.entry_feed_mm_rev;
         if !settings.strategy.preview || self.places.cautious_to_mm.is_some() {
@@ -139,7 +138,7 @@ impl TurningController {
             .record
             .next_above(here, out + 1e-9)
             .unwrap_or(settings.length_mm)
-            .min(self.plan.end_mm);
+            .min(self.pass_end_mm());
         let clear = self.record.clear_place_mm(stock, out) - settings.clear_along_mm;
         (clear - here > MIN_FREE_MM
             || (self.along.target() == clear && !self.along.has_arrived() && clear > here))
@@ -150,6 +149,11 @@ impl TurningController {
     pub(crate) fn sure_depth(&self, behind_mm: f64) -> f64 {
         let (along, out) = (self.along.point().position, self.out.point().position);
         self.record.depth_ahead_mm(along, out, -behind_mm, true)
+    }
+
+    /// Depth that must have been felt by now: known stock, and what was felt before, mm.
+    pub(crate) fn depth_to_be_met(&self, here: f64) -> f64 {
+        self.sure_depth(MET_MM).max(self.expected_depth(here))
     }
 
     pub(crate) fn report_broken(&mut self, depth_mm: f64) {
@@ -321,18 +325,20 @@ impl TurningController {
     /// At the end the tool stays for a revolution, so that the last of the cut is round.
     pub(crate) fn end_of_pass(&mut self) {
         let settings = self.settings;
-        if !self.along.has_arrived() || self.along.target() < self.plan.end_mm {
+        if !self.along.has_arrived() || self.along.target() < self.pass_end_mm() {
             self.plan.end_s = 0.0;
             return;
         }
         self.plan.end_s += settings.period_s;
-        if self.plan.end_s < 1.05 * settings.turn_s() {
-            return;
+        if self.plan.end_s >= settings.dwell_s() && !self.begin_climb() {
+            self.finish_pass();
         }
-        if self.plan.meets_unknown
-            && !self.plan.is_touched
-            && self.out.point().position <= settings.tolerance_mm
-        {
+    }
+
+    /// The pass is over: the way back, or a fault where it has shown that something is wrong.
+    pub(crate) fn finish_pass(&mut self) {
+        let settings = self.settings;
+        if self.plan.meets_unknown && !self.plan.is_touched && self.plan.out_mm <= settings.tolerance_mm {
             self.record.forget_from(self.plan.start_mm.max(0.0));
             self.draw_out();
             self.go(TurningState::Fault, Reason::NoStock);

@@ -5,6 +5,7 @@ use evolvent_cutting::{Cut, ForceLaw, LawDefinition};
 use evolvent_timing::ScalarLimits;
 
 use crate::blank::Blank;
+use crate::cone::Cone;
 use crate::job_file::{CutFile, CutKind, JobFile, SensorKind, StrategyName};
 use crate::law::CutLaw;
 use crate::regime::{BackOff, Regime, RegimeInput};
@@ -131,6 +132,7 @@ impl JobFile {
                 StrategyName::Safe => Strategy::safe(&regime),
                 StrategyName::Fast => Strategy::fast(&regime, self.strategy.face_is_known),
             },
+            cone: self.cone(sheet, &tool)?,
             allowance_max_mm: self.cut.allowance_max_mm,
             // The literal strategy overloads by itself.
             overload_n: self
@@ -162,6 +164,46 @@ impl JobFile {
             law_misfit,
             source: (sheet.file().to_owned(), sheet.text().to_owned()),
         })
+    }
+
+    /// The cone behind the cylinder.
+    fn cone(&self, sheet: &ConfigDocument<'_>, tool: &Tool) -> Result<Option<Cone>, ConfigError> {
+        let cut = &self.cut;
+        let (from_mm, angle_deg) = match (cut.cone_from_mm, cut.cone_deg) {
+            (Some(from), Some(angle)) => (from, angle),
+            (None, None) => return Ok(None),
+            (has, _) => {
+                let (key, lacks) = if has.is_some() {
+                    ("cut.cone_from_mm", "cone_deg")
+                } else {
+                    ("cut.cone_deg", "cone_from_mm")
+                };
+                let advice = "a cone has both: where it begins, and its angle";
+                return Err(sheet.error(key, format!("is given without {lacks}"), advice));
+            }
+        };
+        sheet.number("cut.cone_from_mm", from_mm, 0.0, cut.length_mm)?;
+        sheet.number("cut.cone_deg", angle_deg, 0.1, 88.0)?;
+        if cut.kind == CutKind::Facing {
+            let advice = "leave cone_from_mm and cone_deg out, or turn along Z";
+            return Err(sheet.error("cut.cone_deg", "belongs to longitudinal turning".into(), advice));
+        }
+        let cone = Cone::new(from_mm, angle_deg);
+        cone.check(tool)
+            .map_err(|error| sheet.error("cut.cone_deg", error.to_string(), "or a flatter cone"))?;
+        let top_mm = cone.height_mm(cut.length_mm);
+        if top_mm > cut.allowance_max_mm + 1e-9 {
+            let what = format!(
+                "makes the cone end {top_mm:.3} mm above the final size, and the stock stands at most {} mm above it",
+                cut.allowance_max_mm
+            );
+            return Err(sheet.error(
+                "cut.length_mm",
+                what,
+                "end the cut where the cone leaves the stock",
+            ));
+        }
+        Ok(Some(cone))
     }
 
     /// Prices as the cost of wear over that of time.

@@ -51,6 +51,14 @@ pub struct CutFile {
     /// Length of the cut: towards lower Z (longitudinal) or towards the axis (facing).
     #[schemars(range(min = 0.1, max = 1e4))]
     pub length_mm: f64,
+    /// Longitudinal: the place along the cut from which it is a cone, up to its end; with `cone_deg`.
+    #[serde(default)]
+    #[schemars(range(min = 0.0, max = 1e4))]
+    pub cone_from_mm: Option<f64>,
+    /// By how much that cone rises, against the axis of the work.
+    #[serde(default)]
+    #[schemars(range(min = 0.1, max = 88.0))]
+    pub cone_deg: Option<f64>,
     /// The most that the stock stands above the final size: radially (longitudinal) or along Z (facing).
     #[schemars(range(min = 0.01, max = 1e3))]
     pub allowance_max_mm: f64,

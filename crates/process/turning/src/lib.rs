@@ -50,6 +50,8 @@ mod axis;
 mod backing_off;
 mod blank;
 mod chip;
+mod climb;
+mod cone;
 mod controller;
 mod cutting;
 mod engagement;
@@ -84,6 +86,7 @@ pub use adaptive::{AdaptiveError, AdaptiveFeed, AdaptiveOutput, AdaptiveSettings
 pub use adaptive_file::adaptive_schema;
 pub use axis::{AxisDrive, AxisPoint};
 pub use blank::{Blank, BlankError};
+pub use cone::{Cone, ConeError};
 pub use controller::{TurningController, TurningInputs, TurningOutput};
 pub use cutting::SimulatedProcess;
 pub use evolvent_timing::ScalarLimits;

@@ -1,5 +1,6 @@
 //! A load that is missing: a gap in the stock, or a cut that nobody feels.
 
+use crate::climb::LoadAfter;
 use crate::controller::{MIN_CHIP, TurningController};
 use crate::state::{Reason, TurningState};
 
@@ -27,6 +28,21 @@ impl TurningController {
     /// Follows the load of a cut. Where it has been missing for a revolution the pass ends in a fault, or goes on as in
     /// air if the edge can have left the stock; returns whether it does either.
     pub(crate) fn has_lost_load(&mut self) -> bool {
+        match self.load_after() {
+            LoadAfter::There => return false,
+            LoadAfter::Broken { depth_mm } => self.report_broken(depth_mm),
+            LoadAfter::Air => {
+                let from = self.places.thin_from_mm;
+                self.lose_contact();
+                (self.felt.in_air, self.places.thin_from_mm) = (true, from);
+                self.go(TurningState::Approach, Reason::Air);
+            }
+        }
+        true
+    }
+
+    /// Follows the load of a cut, and says what has become of it.
+    pub(crate) fn load_after(&mut self) -> LoadAfter {
         let settings = self.settings;
         let turn_s = settings.turn_s();
         let (here, out) = (self.along.point().position, self.out.point().position);
@@ -45,13 +61,13 @@ impl TurningController {
             self.loss.before_n = self.view.mean;
             let depth = self.view.depth_now_mm.min(self.view.depth_mean_mm);
             self.felt.engagement.feel(here, out, depth);
-            return false;
+            return LoadAfter::There;
         }
         if self.shows_chips(self.felt.engagement.depth_mm()) {
             self.loss.air_s += settings.period_s;
         }
         if self.loss.air_s <= LOSS_REV * turn_s {
-            return false;
+            return LoadAfter::There;
         }
         // Where the cut is interrupted the edge may have left the stock within an interruption.
         let left = self
@@ -62,19 +78,16 @@ impl TurningController {
         let unfelt = NOISE * law.depth_mm(settings.contact_load_n, self.trail.chip_mm().max(self.feed));
         let sure = self.sure_depth(GONE_MM);
         if sure > SURE_MM || left > unfelt + ABRUPT_MM + DEPTH_NOISE * self.felt.grown_mm.0 {
-            self.report_broken(sure.max(left));
-            return true;
+            return LoadAfter::Broken {
+                depth_mm: sure.max(left),
+            };
         }
         if left > unfelt + GRADUAL_MM {
             self.felt
                 .unproven_mm
                 .get_or_insert(self.felt.engagement.place_mm());
         }
-        let from = self.places.thin_from_mm;
-        self.lose_contact();
-        (self.felt.in_air, self.places.thin_from_mm) = (true, from);
-        self.go(TurningState::Approach, Reason::Air);
-        true
+        LoadAfter::Air
     }
 
     /// Whether the tool advances fast enough for a depth to show in the load.
@@ -101,7 +114,11 @@ impl TurningController {
     /// Of a cut that ends in a fault the shoulder stays, and is expected when the job goes on.
     pub(crate) fn keep_shoulder(&mut self) {
         let depth = self.felt.engagement.depth_mm();
-        if depth > SURE_MM && matches!(self.state, TurningState::Engage | TurningState::Cut) {
+        let cuts = matches!(
+            self.state,
+            TurningState::Engage | TurningState::Cut | TurningState::Climb
+        );
+        if depth > SURE_MM && cuts {
             let (here, out) = (self.along.point().position, self.out.point().position);
             self.record.leave_shoulder(here, out + depth, true);
         }

@@ -15,6 +15,7 @@ impl TurningController {
             .lift(self.along.point().position, self.out.point().position);
         self.back.leg = Leg::Out;
         self.places.cautious_to_mm = None;
+        self.climb = None;
         self.along.stop();
         let here = self.out.point().position;
         self.back.out_mm = if self.plan.number > 0 {
@@ -50,7 +51,11 @@ impl TurningController {
             .last_above(self.plan.out_mm + tolerance)
             .unwrap_or(settings.length_mm);
         let clear = self.record.clear_place_mm(from, self.plan.out_mm);
-        self.plan.start_mm = clear - settings.clear_along_mm;
+        // What stands on the cone alone is reached along the pass before it.
+        let before_cone = settings
+            .cone
+            .map_or(f64::INFINITY, |cone| cone.place_mm(self.plan.out_mm));
+        self.plan.start_mm = clear.min(before_cone) - settings.clear_along_mm;
         self.plan.end_mm = end.min(settings.length_mm);
     }
 
@@ -59,7 +64,7 @@ impl TurningController {
         let (settings, regime) = (&self.settings, &self.settings.regime);
         let first = self.record.first_above(settings.tolerance_mm).unwrap_or(0.0);
         let there = self.record.at(first + 0.5 * settings.tool.overhang_mm());
-        if there.known && there.top_mm > regime.depth_max_mm {
+        if there.known && there.top_mm - there.final_mm > regime.depth_max_mm {
             there.top_mm - regime.depth_back_off_mm
         } else {
             0.0

@@ -1,5 +1,7 @@
 //! What the controller knows of the stock from its own passes.
 
+use crate::cone::Cone;
+
 /// Most cells of a record.
 const CELLS: usize = 4096;
 /// Of the highest place, what counts as level with it.
@@ -44,6 +46,8 @@ pub struct Cell {
     pub felt: bool,
     /// The tip has passed and was cutting over its whole depth: as much as `least_mm` does stand here.
     pub sure: bool,
+    /// What may stand here at the end, mm: more than nothing on a cone.
+    pub final_mm: f64,
     /// What stands at least where that is sure, mm. Below `top_mm` where the edge has been, but not for a whole turn.
     pub least_mm: f64,
 }
@@ -58,6 +62,7 @@ impl SizeRecord {
             known: false,
             felt: false,
             sure: false,
+            final_mm: 0.0,
             least_mm: 0.0,
         };
         Self {
@@ -67,6 +72,18 @@ impl SizeRecord {
             overhang_mm,
             swept_to: f64::NEG_INFINITY,
         }
+    }
+
+    /// The same with a cone on which `tolerance_mm` may be left.
+    #[must_use]
+    pub fn with_cone(mut self, cone: Option<Cone>, tolerance_mm: f64) -> Self {
+        if let Some(cone) = cone {
+            for (i, cell) in self.cells.iter_mut().enumerate() {
+                let height = cone.height_mm((i + 1) as f64 * self.cell_mm);
+                cell.final_mm = if height > 0.0 { height + tolerance_mm } else { 0.0 };
+            }
+        }
+        self
     }
 
     /// The edge has cut all round up to a place of the tip, at a height; `felt` and `sure` as in `Cell`. Only ways
@@ -148,24 +165,37 @@ impl SizeRecord {
         if cell.known { cell.top_mm } else { f64::INFINITY }
     }
 
-    /// The first place where more than `height_mm` may stand; none if nothing does.
+    /// Whether more may stand in a cell than a height, and than stays there.
+    fn is_above(cell: &Cell, height_mm: f64) -> bool {
+        Self::most(cell) > height_mm.max(cell.final_mm)
+    }
+
+    /// The first place where more than `height_mm` may stand, on a cone what is not at size; none if nothing does.
     #[must_use]
     pub fn first_above(&self, height_mm: f64) -> Option<f64> {
-        let cell = self.cells.iter().position(|cell| Self::most(cell) > height_mm)?;
+        let cell = self
+            .cells
+            .iter()
+            .position(|cell| Self::is_above(cell, height_mm))?;
         Some(cell as f64 * self.cell_mm)
     }
 
     /// The end of the last place where more than `height_mm` may stand.
     #[must_use]
     pub fn last_above(&self, height_mm: f64) -> Option<f64> {
-        let cell = self.cells.iter().rposition(|cell| Self::most(cell) > height_mm)?;
+        let cell = self
+            .cells
+            .iter()
+            .rposition(|cell| Self::is_above(cell, height_mm))?;
         Some((cell + 1) as f64 * self.cell_mm)
     }
 
     /// The most that stands anywhere that is known.
     #[must_use]
     pub fn highest_known_mm(&self) -> f64 {
-        self.known().fold(0.0, |most, cell| f64::max(most, cell.top_mm))
+        self.known()
+            .filter(|cell| cell.top_mm > cell.final_mm)
+            .fold(0.0, |most, cell| f64::max(most, cell.top_mm))
     }
 
     fn known(&self) -> impl Iterator<Item = &Cell> {
@@ -186,6 +216,7 @@ impl SizeRecord {
             known: true,
             felt: false,
             sure: false,
+            final_mm: 0.0,
             least_mm: 0.0,
         };
         if along_mm < 0.0 {
@@ -236,7 +267,7 @@ impl SizeRecord {
     pub fn is_level(&self, height_mm: f64) -> bool {
         let above = || {
             self.known()
-                .map(|cell| cell.top_mm - height_mm)
+                .map(|cell| cell.top_mm - height_mm.max(cell.final_mm))
                 .filter(|above| *above > 0.0)
         };
         let highest = above().fold(0.0, f64::max);

@@ -2,6 +2,7 @@
 
 use evolvent_timing::ScalarLimits;
 
+use crate::cone::{Cone, ConeError};
 use crate::regime::Regime;
 use crate::scale::LoadScale;
 use crate::tool::Tool;
@@ -114,6 +115,8 @@ pub struct TurningSettings {
     pub spindle_rpm: f64,
     /// Length of the cut, mm.
     pub length_mm: f64,
+    /// A cone behind the cylinder, up to the end of the cut.
+    pub cone: Option<Cone>,
     /// The most that the stock can stand above the final size, mm: beyond it the tool moves freely.
     pub allowance_max_mm: f64,
     /// Clearance outwards, mm.
@@ -207,6 +210,9 @@ pub enum SettingsError {
         /// Largest.
         most: f64,
     },
+    /// The cone does not suit the edge.
+    #[error(transparent)]
+    Cone(#[from] ConeError),
     /// Stock may stand higher than the edge.
     #[error(
         "the stock may stand {allowance_mm:.3} mm above the final size, and the edge reaches {reach_mm:.2} mm: rough it \
@@ -251,6 +257,7 @@ impl TurningSettings {
             strategy: Strategy::safe(&regime),
             spindle_rpm,
             length_mm,
+            cone: None,
             allowance_max_mm: tool.reach_mm(),
             clear_out_mm: 1.0,
             clear_along_mm: 1.0,
@@ -287,6 +294,12 @@ impl TurningSettings {
         60.0 / self.spindle_rpm
     }
 
+    /// How long the tool stays at the end of a cut, s: a revolution, so that the last of it is round.
+    #[must_use]
+    pub fn dwell_s(&self) -> f64 {
+        1.05 * self.turn_s()
+    }
+
     /// Speed of a feed, mm/s.
     #[must_use]
     pub fn speed_mm_s(&self, feed_mm_rev: f64) -> f64 {
@@ -308,6 +321,7 @@ impl TurningSettings {
     /// The first setting that makes no sense, with the numbers.
     pub fn check(&self) -> Result<(), SettingsError> {
         check_ranges(&self.process_numbers())?;
+        self.check_cone()?;
         check_ranges(&axis_numbers(&self.along_limits, ALONG))?;
         check_ranges(&axis_numbers(&self.out_limits, ACROSS))?;
         self.check_motion()?;
@@ -370,6 +384,28 @@ impl TurningSettings {
                 5.0,
             ),
         ]
+    }
+
+    /// The cone lies in the cut, and the edge does not cut into it.
+    fn check_cone(&self) -> Result<(), SettingsError> {
+        let Some(cone) = &self.cone else {
+            return Ok(());
+        };
+        cone.check(&self.tool)?;
+        check_ranges(&[
+            (
+                "the place of the cone in mm along the cut",
+                cone.from_mm,
+                0.0,
+                self.length_mm,
+            ),
+            (
+                "the height of the cone in mm",
+                cone.height_mm(self.length_mm),
+                0.0,
+                self.allowance_max_mm + 1e-9,
+            ),
+        ])
     }
 
     /// What the spindle and the axis along the cut can do.

@@ -75,7 +75,8 @@ impl Simulation {
         let steps = settings.turn_s() / settings.period_s;
         Ok(Self {
             controller,
-            piece: Workpiece::new(blank, settings.length_mm, law, settings.tool, steps),
+            piece: Workpiece::new(blank, settings.length_mm, law, settings.tool, steps)
+                .with_cone(settings.cone),
             sensor: Sensor::new(sensor, settings.period_s),
             figures: Figures::default(),
             set_load: settings.regime.set_load,
@@ -145,7 +146,9 @@ impl Figures {
         self.passes = output.pass;
         match output.state {
             TurningState::Return | TurningState::ReEnter => self.return_s += period_s,
-            TurningState::Approach | TurningState::Engage | TurningState::Cut if cut.load == 0.0 => {
+            TurningState::Approach | TurningState::Engage | TurningState::Cut | TurningState::Climb
+                if cut.load == 0.0 =>
+            {
                 self.air_s += period_s;
             }
             _ => {}

@@ -26,6 +26,8 @@ pub enum TurningState {
     Held = 8,
     /// The tool has been drawn out after a fault, or stands after one.
     Fault = 9,
+    /// Going up the cone at the end of a pass, the feed following the load.
+    Climb = 10,
 }
 
 impl TurningState {
@@ -43,6 +45,7 @@ impl TurningState {
             Self::Done => "done",
             Self::Held => "held",
             Self::Fault => "fault",
+            Self::Climb => "climb",
         }
     }
 }
@@ -90,6 +93,8 @@ pub enum Reason {
     Air,
     /// The end of the cut.
     EndOfPass,
+    /// The pass has met the cone.
+    ConeReached,
     /// Nothing stands above the final size.
     AtSize,
     /// The operator's hold, or its end.
@@ -145,6 +150,7 @@ impl Reason {
             Self::TooThin { depth_mm } => format!("only {depth_mm:.2} mm deep at the largest feed"),
             Self::Air => "no load for more than a revolution: a gap".into(),
             Self::EndOfPass => "end of the pass".into(),
+            Self::ConeReached => "the pass has met the cone".into(),
             Self::AtSize => "everything is at size".into(),
             Self::Hold => "feed hold".into(),
             Self::Sensor(trouble) => {

@@ -6,6 +6,7 @@
 //! tool: entry under a lead angle, shoulders parallel to the edge, stops, backing off.
 
 use crate::blank::Blank;
+use crate::cone::Cone;
 use crate::law::CutLaw;
 use crate::tool::Tool;
 
@@ -36,6 +37,7 @@ pub struct Workpiece {
     tool: Tool,
     blank: Blank,
     length_mm: f64,
+    cone: Option<Cone>,
     /// Mean height of the blank, cell by cell.
     raw: Vec<f64>,
     /// Lowest place of the edge over each cell, all round.
@@ -62,6 +64,7 @@ impl Workpiece {
             tool,
             blank,
             length_mm,
+            cone: None,
             cut: vec![f64::INFINITY; cells],
             raw,
             past: vec![far; steps],
@@ -69,6 +72,18 @@ impl Workpiece {
             turn: 0.0,
             turn_per_step: 1.0 / steps as f64,
         }
+    }
+
+    /// The same where the cut ends on a cone, above which [`Workpiece::residual_mm`] and [`Workpiece::undercut_mm`] count.
+    #[must_use]
+    pub fn with_cone(mut self, cone: Option<Cone>) -> Self {
+        self.cone = cone;
+        self
+    }
+
+    /// The final contour over a cell, mm.
+    fn contour_mm(&self, cell: usize) -> f64 {
+        self.cone.map_or(0.0, |cone| cone.height_mm(place(cell)))
     }
 
     /// The tool's tip is now at a place along the cut and a height, both in mm.
@@ -155,14 +170,17 @@ impl Workpiece {
         self.raw
             .iter()
             .zip(&self.cut)
-            .map(|(raw, cut)| (raw + self.blank.runout_mm).min(*cut))
+            .enumerate()
+            .map(|(cell, (raw, cut))| (raw + self.blank.runout_mm).min(*cut) - self.contour_mm(cell))
             .fold(0.0, f64::max)
     }
 
     /// The deepest that the tool has gone below the final size, mm.
     #[must_use]
     pub fn undercut_mm(&self) -> f64 {
-        self.cut.iter().fold(0.0, |most, cut| f64::max(most, -cut))
+        self.cut.iter().enumerate().fold(0.0, |most, (cell, cut)| {
+            f64::max(most, self.contour_mm(cell) - cut)
+        })
     }
 
     /// Length of the cut, mm.

@@ -1,6 +1,7 @@
 //! Turning passes, protection and adaptive feed, all in one executable.
 
 mod common;
+mod cone;
 
 mod adaptive;
 mod adaptive_files;

@@ -47,7 +47,8 @@ pub(crate) fn program(trial: &TurningTrial) -> String {
 pub(crate) fn cycle_program(job: &Job, words: TurningWords) -> String {
     let (cut, settings) = (&job.cut, &job.settings);
     let (x, z) = cut.position_mm(0.0, settings.allowance_max_mm);
-    let (end_x, end_z) = cut.position_mm(settings.length_mm, 0.0);
+    let step_mm = settings.cone.map_or(settings.length_mm, |cone| cone.from_mm);
+    let (end_x, end_z) = cut.position_mm(step_mm, 0.0);
     let (code, first, second) = match cut.kind {
         // Before the face, then down to the stock, then up to the face; or straight to the stock's outside.
         CutKind::Longitudinal => {
@@ -60,13 +61,18 @@ pub(crate) fn cycle_program(job: &Job, words: TurningWords) -> String {
         }
     };
     // In G8 X is a radius, but for turning cycles of machines where it never is one there.
-    let end_x = match words {
-        TurningWords::Diameter => 2.0 * end_x,
-        TurningWords::Radius | TurningWords::Mode => end_x,
+    let unit = match words {
+        TurningWords::Diameter => 2.0,
+        TurningWords::Radius | TurningWords::Mode => 1.0,
     };
+    let end_x = unit * end_x;
+    let cone = settings.cone.map_or_else(String::new, |cone| {
+        let (x, z) = cut.position_mm(settings.length_mm, cone.height_mm(settings.length_mm));
+        format!(" R{} L{z}", unit * x)
+    });
     format!(
         "({}: passes that the cutting load finds)\nG21 G18 G90 G94 G8 G61 G97\nS{} M3\n{first}\n{second}\nF100\n{code} X{end_x} \
-         Z{end_z} Q1\nM5\nM2\n",
+         Z{end_z}{cone} Q1\nM5\nM2\n",
         plain(&job.name),
         cut.spindle_rpm
     )
@@ -99,7 +105,11 @@ fn joined(stretches: &[Stretch], start: (f64, f64)) -> Vec<Stretch> {
         if let Some((last, before)) = list.last_mut() {
             let short = own.min(*before);
             let joins = match (last.turns, stretch.turns) {
-                (Some(turns), Some(more)) if short < SHORT_MM && last.to_out_mm == to.1 => {
+                (Some(turns), Some(more))
+                    if short < SHORT_MM
+                        && last.climbs == stretch.climbs
+                        && (stretch.climbs || last.to_out_mm == to.1) =>
+                {
                     last.turns = Some(turns + more);
                     true
                 }

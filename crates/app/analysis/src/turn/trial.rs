@@ -40,6 +40,8 @@ pub(crate) struct Stretch {
     pub(crate) to_out_mm: f64,
     /// Revolutions that it takes; none in rapid.
     pub(crate) turns: Option<f64>,
+    /// Along a cone: both axes move.
+    pub(crate) climbs: bool,
 }
 
 /// A job tried on its stock: what came out.
@@ -176,7 +178,7 @@ impl TurningTrial {
             );
             let feeds = matches!(
                 output.state,
-                TurningState::Approach | TurningState::Engage | TurningState::Cut
+                TurningState::Approach | TurningState::Engage | TurningState::Cut | TurningState::Climb
             );
             if let Some(change) = output.transition {
                 self.changes.push(change);
@@ -374,7 +376,7 @@ impl StretchWriter {
     }
 
     fn finish(&mut self, stretches: &mut Vec<Stretch>) {
-        let Some((_, rapid, _)) = self.kind.take() else {
+        let Some((axes, rapid, _)) = self.kind.take() else {
             return;
         };
         let length = (self.at.0 - self.from.0).abs() + (self.at.1 - self.from.1).abs();
@@ -385,6 +387,7 @@ impl StretchWriter {
             to_along_mm: self.at.0,
             to_out_mm: self.at.1,
             turns: (!rapid && self.turns > 0.0).then_some(self.turns),
+            climbs: !rapid && axes == 3,
         });
     }
 }

@@ -1,0 +1,210 @@
+//! Up the cone at the end of a pass, so that no step is left on it.
+
+use evolvent_timing::ScalarLimits;
+
+use crate::axis::{AxisDrive, AxisPoint};
+use crate::cone::Cone;
+use crate::controller::TurningController;
+use crate::missing::SURE_MM;
+use crate::settings::TurningSettings;
+use crate::state::{Reason, TurningState};
+
+/// The climb under way: one drive for the way along the cone, which leads both axes, so that they cannot leave the cone.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Climb {
+    drive: AxisDrive,
+    /// Place and height at which it began, mm.
+    from_mm: (f64, f64),
+    /// Share of a way that is along the cut, and across it.
+    direction: (f64, f64),
+    /// Its whole way, mm.
+    way_mm: f64,
+}
+
+impl Climb {
+    /// From a place of the cone to another one, mm along the cut.
+    fn new(cone: &Cone, settings: &TurningSettings, from_mm: (f64, f64), to_mm: f64) -> Self {
+        let long = libm::hypot(1.0, cone.slope);
+        let direction = (1.0 / long, cone.slope / long);
+        let (along, out) = (&settings.along_limits, &settings.out_limits);
+        let least = |along: f64, out: f64| (along / direction.0).min(out / direction.1);
+        let limits = ScalarLimits {
+            velocity: least(along.velocity, out.velocity),
+            acceleration: least(along.acceleration, out.acceleration),
+            jerk: least(along.jerk, out.jerk),
+        };
+        Self {
+            drive: AxisDrive::new(0.0, &limits),
+            from_mm,
+            direction,
+            way_mm: (to_mm - from_mm.0) / direction.0,
+        }
+    }
+
+    /// Stops as soon as the limits allow, on the cone.
+    pub(crate) fn stop(&mut self) {
+        self.drive.stop();
+    }
+
+    /// Advances by a period, and says where both axes are.
+    pub(crate) fn advance(&mut self, period_s: f64) -> (AxisPoint, AxisPoint) {
+        let way = self.drive.advance(period_s);
+        let axis = |from: f64, share: f64| AxisPoint {
+            position: from + share * way.position,
+            velocity: share * way.velocity,
+            acceleration: share * way.acceleration,
+            jerk: share * way.jerk,
+        };
+        (
+            axis(self.from_mm.0, self.direction.0),
+            axis(self.from_mm.1, self.direction.1),
+        )
+    }
+}
+
+impl TurningController {
+    /// Where the pass ends: at the cone if there is one, else where nothing stands any more, mm.
+    pub(crate) fn pass_end_mm(&self) -> f64 {
+        match &self.settings.cone {
+            Some(cone) => self.plan.end_mm.min(cone.place_mm(self.plan.out_mm)),
+            None => self.plan.end_mm,
+        }
+    }
+
+    /// Goes up the cone if stock may stand on it behind the pass; returns whether it does.
+    pub(crate) fn begin_climb(&mut self) -> bool {
+        let Some(cone) = self.settings.cone else {
+            return false;
+        };
+        let from = (self.along.point().position, self.out.point().position);
+        let beyond = self.plan.end_mm - from.0;
+        if beyond <= self.settings.tolerance_mm || from.0 < cone.place_mm(from.1) {
+            return false;
+        }
+        // What was cut to the end goes on, less what the edge leaves behind in a revolution at a wall.
+        let depth = self.felt.engagement.depth_mm();
+        let feed = self.settings.regime.feed_max_mm_rev;
+        let sure = depth - feed * (self.settings.tool.slope() + cone.slope);
+        self.lose_contact();
+        self.expect(from.0, sure);
+        self.felt.shoulder_mm = from.1 + depth;
+        self.climb = Some(Climb::new(&cone, &self.settings, from, self.plan.end_mm));
+        self.feed = 0.0;
+        self.plan.end_s = 0.0;
+        self.go(TurningState::Climb, Reason::ConeReached);
+        true
+    }
+
+    /// Leads both axes up the cone, the feed following the load.
+    pub(crate) fn climb(&mut self, factor: f64) {
+        let settings = self.settings;
+        let here = self.along.point().position;
+        self.plan.highest_mm = self.plan.highest_mm.max(self.out.point().position);
+        if self.feels() && self.view.trouble.is_none() && self.felt.contact_mm.is_none() {
+            self.felt.contact_mm = Some(here);
+            self.felt.expected_mm = None;
+            self.felt.in_air = false;
+            self.plan.is_touched = true;
+            self.loss.missing_s = 0.0;
+        }
+        let wish = if self.felt.contact_mm.is_some() {
+            if self.loses_load_on_cone() || self.too_deep_on_cone() {
+                return;
+            }
+            let turns =
+                settings.strategy.anticipation_rev * (1.0 + settings.sensor_lag_s / settings.turn_s());
+            let ahead = self.view.depth_now_mm + turns * self.view.growth_mm;
+            let felt = self.felt.engagement.depth_mm();
+            settings
+                .regime
+                .feed_mm_rev(self.view.depth_mm.max(ahead).max(felt))
+        } else {
+            if self.misses_load(here) {
+                return;
+            }
+            let left = self.felt.shoulder_mm - self.out.point().position;
+            self.approach_feed(here).min(settings.regime.feed_mm_rev(left))
+        };
+        self.limit_feed(wish);
+        let Some(climb) = &mut self.climb else {
+            return;
+        };
+        // Neither the way along the cut nor that along the cone has more than the feed.
+        let cosine = climb.direction.0;
+        let feed = (self.feed / cosine).min(settings.regime.feed_max_mm_rev);
+        climb
+            .drive
+            .aim(climb.way_mm, settings.speed_mm_s(feed) * factor.min(1.0));
+        if !climb.drive.has_arrived() {
+            self.plan.end_s = 0.0;
+            return;
+        }
+        self.plan.end_s += settings.period_s;
+        if self.plan.end_s >= settings.dwell_s() {
+            self.finish_pass();
+        }
+    }
+
+    /// Follows the load. Where it goes away the stock has ended, or the insert is broken.
+    fn loses_load_on_cone(&mut self) -> bool {
+        if self.plan.end_s > 0.0 {
+            return false;
+        }
+        match self.load_after() {
+            LoadAfter::There => false,
+            LoadAfter::Broken { depth_mm } => {
+                self.report_broken(depth_mm);
+                true
+            }
+            LoadAfter::Air => {
+                self.lose_contact();
+                (self.felt.in_air, self.felt.shoulder_mm) = (true, 0.0);
+                false
+            }
+        }
+    }
+
+    /// Backs off from stock that rises faster than the cone.
+    fn too_deep_on_cone(&mut self) -> bool {
+        let settings = self.settings;
+        let limit = settings.regime.depth_max_mm;
+        if !self.too_deep(self.view.depth_mm, limit, settings.confirm_s) {
+            return false;
+        }
+        // Out at once: the cone rises while the axis along it stops.
+        self.climb = None;
+        self.along.stop();
+        self.out.aim(self.plan.out_mm, settings.out_speed_mm_s);
+        true
+    }
+
+    /// Whether stock that was felt is not met: a fault.
+    pub(crate) fn misses_load(&mut self, here: f64) -> bool {
+        let settings = &self.settings;
+        let depth = self.depth_to_be_met(here);
+        if depth <= SURE_MM {
+            self.loss.missing_s = 0.0;
+        } else if self.shows_chips(depth) {
+            self.loss.missing_s += settings.period_s;
+        }
+        if self.loss.missing_s <= crate::missing::LOSS_REV * settings.turn_s() {
+            return false;
+        }
+        self.report_broken(depth);
+        true
+    }
+}
+
+/// What has become of the load of a cut.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum LoadAfter {
+    /// It is there, or has not been missing for a revolution.
+    There,
+    /// It went away where stock of a depth still stands, mm.
+    Broken {
+        /// Depth, mm.
+        depth_mm: f64,
+    },
+    /// The edge can have left the stock.
+    Air,
+}

@@ -1,0 +1,97 @@
+//! The cone behind the cylinder of a cut.
+
+use crate::tool::Tool;
+
+/// What a cone must be flatter than the edge, degrees.
+const CLEARANCE_DEG: f64 = 1.0;
+/// Flattest cone, degrees.
+const LEAST_DEG: f64 = 0.1;
+
+/// A cone that rises from the final size at the end of a cylinder up to the end of the cut.
+///
+/// ```
+/// use evolvent_turning::Cone;
+/// // A cylinder of 40 mm, then 30 degrees.
+/// let cone = Cone::new(40.0, 30.0);
+/// assert_eq!(cone.height_mm(40.0), 0.0);
+/// assert!((cone.height_mm(50.0) - 5.7735).abs() < 1e-4);
+/// assert!((cone.place_mm(5.7735) - 50.0).abs() < 1e-3);
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Cone {
+    /// Where it begins, mm along the cut.
+    pub from_mm: f64,
+    /// Height that it gains per mm along the cut: the tangent of its angle.
+    pub slope: f64,
+}
+
+/// Why a cone cannot be cut.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[error(
+    "the cone rises by {angle_deg:.2} degrees, and an edge with a lead angle of {lead_deg} degrees cuts cones from \
+     {LEAST_DEG} to {most_deg} degrees: take a tool with another lead angle"
+)]
+pub struct ConeError {
+    /// Of the cone.
+    pub angle_deg: f64,
+    /// Of the edge.
+    pub lead_deg: f64,
+    /// Steepest cone.
+    pub most_deg: f64,
+}
+
+impl Cone {
+    /// From a place along the cut (mm), rising by an angle in degrees.
+    #[must_use]
+    pub fn new(from_mm: f64, angle_deg: f64) -> Self {
+        Self {
+            from_mm,
+            slope: libm::tan(angle_deg.to_radians()),
+        }
+    }
+
+    /// From a place along the cut up to a height over a length, all in mm; none where it does not rise, or at once.
+    #[must_use]
+    pub fn rising(from_mm: f64, height_mm: f64, length_mm: f64) -> Option<Self> {
+        (height_mm > 0.0 && length_mm > 0.0).then(|| Self {
+            from_mm,
+            slope: height_mm / length_mm,
+        })
+    }
+
+    /// Its angle against the axis of the work, degrees.
+    #[must_use]
+    pub fn angle_deg(&self) -> f64 {
+        libm::atan(self.slope).to_degrees()
+    }
+
+    /// Whether an edge can cut it and does not cut into it.
+    ///
+    /// # Errors
+    /// Angles that are as steep as the edge, or none.
+    pub fn check(&self, tool: &Tool) -> Result<(), ConeError> {
+        let angle_deg = self.angle_deg();
+        let most_deg = tool.lead_deg() - CLEARANCE_DEG;
+        if (LEAST_DEG..=most_deg).contains(&angle_deg) {
+            Ok(())
+        } else {
+            Err(ConeError {
+                angle_deg,
+                lead_deg: tool.lead_deg(),
+                most_deg,
+            })
+        }
+    }
+
+    /// Height of the final contour above the final size at a place, mm. Real-time safe.
+    #[must_use]
+    pub fn height_mm(&self, along_mm: f64) -> f64 {
+        (along_mm - self.from_mm).max(0.0) * self.slope
+    }
+
+    /// Where the cone has a height, mm along the cut: a pass at this height meets it there. Real-time safe.
+    #[must_use]
+    pub fn place_mm(&self, height_mm: f64) -> f64 {
+        self.from_mm + height_mm.max(0.0) / self.slope
+    }
+}

@@ -1,0 +1,269 @@
+//! Passes that end on a cone: whatever the stock, the cone is at size in the end and never cut into.
+#![allow(
+    clippy::unwrap_used,
+    clippy::print_stdout,
+    reason = "a test may fail, and prints its figures"
+)]
+
+use evolvent_turning::{
+    Blank, Cone, Figures, Reason, SensorFault, SettingsError, Simulation, TurningInputs, TurningSettings,
+    TurningState,
+};
+
+use crate::common::{
+    Limits, Random, SET, cases, fast, law, literal, random_rough_stock, random_stock, safe, sensor, tool,
+};
+
+/// A field of heights of its own: what an edge leaves that goes where the tip went.
+struct Part {
+    tops: Vec<f64>,
+    slope: f64,
+    reach: f64,
+    deepest: f64,
+}
+
+const STEP_MM: f64 = 0.05;
+
+impl Part {
+    fn new(settings: &TurningSettings, blank: &Blank) -> Self {
+        let count = (settings.length_mm / STEP_MM) as usize;
+        Self {
+            tops: (0..count)
+                .map(|i| blank.height_mm(i as f64 * STEP_MM) + blank.runout_mm)
+                .collect(),
+            slope: tool().slope(),
+            reach: tool().overhang_mm(),
+            deepest: 0.0,
+        }
+    }
+
+    /// The tip is here, and the edge over the places before it.
+    fn cut(&mut self, cone: &Cone, along: f64, out: f64) {
+        self.deepest = self.deepest.max(cone.height_mm(along) - out);
+        let first = (along / STEP_MM).ceil().max(0.0) as usize;
+        for (i, top) in self.tops.iter_mut().enumerate().skip(first) {
+            let lead = i as f64 * STEP_MM - along;
+            if lead > self.reach {
+                break;
+            }
+            *top = top.min(out + lead * self.slope);
+        }
+    }
+
+    /// The most that stands above the cylinder and the cone.
+    fn left(&self, cone: &Cone) -> f64 {
+        self.tops
+            .iter()
+            .enumerate()
+            .map(|(i, top)| top - cone.height_mm(i as f64 * STEP_MM))
+            .fold(0.0, f64::max)
+    }
+}
+
+/// Turns it and checks all but the load: figures, largest load on the cone, and how often it was climbed. None where the stock alone, without a cone, ends in a fault as well.
+fn turn(settings: TurningSettings, blank: &Blank, seed: u64) -> Option<(Figures, f64, usize)> {
+    let cone = settings.cone.unwrap();
+    let mut limits = Limits::new(&settings);
+    let mut part = Part::new(&settings, blank);
+    let mut simulation = Simulation::new(settings, blank.clone(), law(), sensor(seed)).unwrap();
+    let (mut log, mut climbs) = (String::new(), 0);
+    let mut peak = 0.0_f64;
+    let (figures, _) = simulation.run(3000.0, |output, cut| {
+        if output.state == TurningState::Climb {
+            peak = peak.max(cut.load);
+        }
+        limits.see(output);
+        part.cut(&cone, output.along.position, output.out.position);
+        if let Some(transition) = output.transition {
+            log += &format!("{transition:?}\n");
+            climbs += usize::from(transition.to == TurningState::Climb);
+        }
+    });
+    if !figures.done {
+        let cylinder = TurningSettings {
+            cone: None,
+            ..settings
+        };
+        let mut simulation = Simulation::new(cylinder, blank.clone(), law(), sensor(seed)).unwrap();
+        let (figures, _) = simulation.run(3000.0, |_, _| {});
+        assert!(!figures.done, "{cone:?} {blank:?}\n{log}");
+        return None;
+    }
+    assert!(
+        part.deepest <= 1e-9,
+        "cut {} into the cone: {cone:?} {blank:?}\n{log}",
+        part.deepest
+    );
+    let left = part.left(&cone);
+    assert!(left <= 0.1, "{left} mm left: {cone:?} {blank:?}\n{log}");
+    Some((figures, peak, climbs))
+}
+
+fn with_cone(settings: TurningSettings, from_mm: f64, angle_deg: f64) -> TurningSettings {
+    TurningSettings {
+        cone: Some(Cone::new(from_mm, angle_deg)),
+        ..settings
+    }
+}
+
+#[test]
+fn a_cylinder_and_a_cone_come_out_of_a_bar() {
+    for settings in [safe(), fast(), literal()] {
+        for (from, angle) in [
+            (180.0, 15.0),
+            (150.0, 5.0),
+            (195.0, 45.0),
+            (0.0, 2.0),
+            (196.0, 58.9),
+        ] {
+            let settings = with_cone(settings, from, angle);
+            let (figures, _, climbs) = turn(settings, &Blank::uniform(8.0), 5).unwrap();
+            println!("{from} {angle}: {figures:?}, {climbs} climbs");
+            assert!(climbs > 0);
+            let literal = settings.overload_n > 5000.0;
+            assert!(
+                figures.peak <= if literal { 1.75 } else { 1.25 } * SET,
+                "{figures:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn random_stocks_leave_a_cone_at_size_and_whole() {
+    let seed = 0x5eed_c0e5_u64;
+    let mut random = Random::from_state(seed);
+    let (mut worst, mut backed, mut faults) = (0.0_f64, 0, 0);
+    for case in 0..cases(60) {
+        let blank = if random.unit() < 0.3 {
+            random_rough_stock(&mut random)
+        } else {
+            random_stock(&mut random)
+        };
+        let base = if random.unit() < 0.5 { safe() } else { fast() };
+        let base = TurningSettings {
+            strategy: match random.unit() {
+                x if x < 0.5 => base.strategy,
+                _ => evolvent_turning::Strategy::fast(&base.regime, false),
+            },
+            ..base
+        };
+        let angle = 0.5 + 58.0 * random.unit().powi(2);
+        let longest = (10.0 / angle.to_radians().tan()).min(199.0);
+        let settings = with_cone(base, 200.0 - longest * random.unit(), angle);
+        let Some((figures, peak, _)) = turn(settings, &blank, case as u64) else {
+            faults += 1;
+            continue;
+        };
+        backed += figures.back_offs;
+        if peak / SET > worst {
+            worst = peak / SET;
+            println!("case {case}: peak {worst:.3} {:?} {blank:?}", settings.cone);
+        }
+    }
+    println!(
+        "seed {seed:#x}: worst load on the cone {worst:.3}, {backed} times backed off, {faults} stocks that fault without a cone as well"
+    );
+    assert!(50 * faults <= cases(60), "{faults}");
+    assert!(worst <= 1.4, "{worst}");
+}
+
+#[test]
+fn a_cone_that_the_edge_would_cut_into_is_refused() {
+    let settings = with_cone(safe(), 150.0, 59.5);
+    assert!(matches!(
+        settings.check(),
+        Err(SettingsError::Cone(error)) if (error.most_deg - 59.0).abs() < 1e-9
+    ));
+    assert!(with_cone(safe(), 196.0, 58.9).check().is_ok());
+    assert!(with_cone(safe(), 201.0, 30.0).check().is_err());
+    assert!(with_cone(safe(), 150.0, f64::NAN).check().is_err());
+}
+
+#[test]
+fn a_hold_on_the_cone_stands_on_it_and_goes_on() {
+    let settings = with_cone(safe(), 180.0, 20.0);
+    let cone = settings.cone.unwrap();
+    let blank = Blank::uniform(7.0);
+    let mut simulation = Simulation::new(settings, blank.clone(), law(), sensor(3)).unwrap();
+    let mut limits = Limits::new(&settings);
+    let mut part = Part::new(&settings, &blank);
+    let (mut holds, mut climbing, mut hold) = (0, 0, 0);
+    for _ in 0..1_000_000 {
+        let inputs = TurningInputs {
+            hold: hold > 0,
+            ..TurningInputs::default()
+        };
+        let (output, _) = simulation.step(inputs, None);
+        limits.see(&output);
+        part.cut(&cone, output.along.position, output.out.position);
+        hold = (hold - 1).max(0);
+        climbing = if output.state == TurningState::Climb {
+            climbing + 1
+        } else {
+            0
+        };
+        if climbing == 300 {
+            (hold, holds) = (400, holds + 1);
+        }
+        if simulation.controller.is_over() {
+            break;
+        }
+    }
+    assert_eq!(simulation.controller.state(), TurningState::Done);
+    assert!(holds >= 2, "{holds}");
+    assert!(
+        part.deepest <= 1e-9 && part.left(&cone) <= 0.1,
+        "{} {}",
+        part.deepest,
+        part.left(&cone)
+    );
+}
+
+#[test]
+fn a_load_that_dies_on_the_cone_is_a_fault() {
+    let seed = 0x5eed_dead_u64;
+    let mut random = Random::from_state(seed);
+    let (mut seen, mut faults) = (0, 0);
+    for case in 0..cases(40) {
+        let settings = with_cone(safe(), 175.0, 5.0 + 16.0 * random.unit());
+        let blank = Blank::uniform(4.0 + 4.0 * random.unit());
+        let mut simulation = Simulation::new(settings, blank, law(), sensor(case as u64)).unwrap();
+        let (mut cut_s, mut dead, mut fault_at) = (0.0, None, None);
+        let wait = 0.3 + random.unit();
+        let mut depth = 0.0;
+        for _ in 0..2_000_000 {
+            let fault = dead.map(|_| SensorFault::Zero);
+            let (output, cut) = simulation.step(TurningInputs::default(), fault);
+            if output.state == TurningState::Climb {
+                cut_s += settings.period_s;
+            } else {
+                cut_s = 0.0;
+            }
+            if dead.is_none() && cut_s > wait && cut.depth_mm > 1.5 {
+                (dead, depth) = (Some(output.along.position), cut.depth_mm);
+            }
+            if output.state == TurningState::Fault {
+                fault_at = Some((output.along.position, output.transition.map(|t| t.reason)));
+                break;
+            }
+            if simulation.controller.is_over() {
+                break;
+            }
+        }
+        if let Some(at) = dead {
+            seen += 1;
+            let Some((fault, reason)) = fault_at else {
+                panic!("case {case}: no fault though {depth} mm stood at {at}");
+            };
+            faults += 1;
+            assert!(
+                matches!(reason, Some(Reason::BrokenInsert { .. } | Reason::Sensor(_))),
+                "{reason:?}"
+            );
+            assert!(fault - at < 2.0 * 0.7, "{at} to {fault}");
+        }
+    }
+    println!("seed {seed:#x}: {faults} of {seen}");
+    assert!(seen >= 10, "{seen}");
+}
