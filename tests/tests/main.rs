@@ -9,6 +9,7 @@ mod drive_faults;
 mod exact_path;
 mod foreign_clients;
 mod full_disks;
+mod handwheel;
 mod holds_in_programs;
 mod imports;
 mod killed_runs;

@@ -143,6 +143,7 @@ extern "C" {
 #define EVOLVENT_COMMAND_TOOL 26u
 #define EVOLVENT_COMMAND_CLEAR_ALARMS 27u
 #define EVOLVENT_COMMAND_SET_OUTPUT 28u
+#define EVOLVENT_COMMAND_HANDWHEEL 29u
 
 /* Values of `verdict` in ControlAnswer. */
 #define EVOLVENT_VERDICT_ACCEPTED 0u

@@ -13,7 +13,7 @@ use evolvent_control::{Alarm, CommandCode, JobResult, JogEnable, Mode};
 use serde_json::json;
 
 use crate::ctl_args::{Action, CtlArgs, ModeArg, Switch};
-use crate::ctl_request::{absolute, jog, letters_mask, request, system_number, valued, with_text};
+use crate::ctl_request::{absolute, handwheel, jog, letters_mask, request, system_number, valued, with_text};
 use crate::ctl_status::{status_to_json, write_status};
 use crate::{CommandError, Ending};
 
@@ -298,6 +298,12 @@ impl Session {
                     return self.jog_on(&jog, *seconds, out, err);
                 }
                 (jog, Some(Waiting::stopped_by(CommandCode::JogStop)))
+            }
+            Action::Handwheel { axis, step } => {
+                if axis.is_some() {
+                    self.need_mode(status, Mode::Manual)?;
+                }
+                (handwheel(axis.as_deref(), *step)?, None)
             }
             Action::Home { axes } => {
                 let axes_mask = match axes {

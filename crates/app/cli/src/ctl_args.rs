@@ -151,6 +151,14 @@ pub(crate) enum Action {
     },
     /// End a jog.
     JogStop,
+    /// Let the handwheel move an axis, in manual mode: `handwheel X --step 0.01`; without an axis it moves none.
+    Handwheel {
+        /// Letter of the axis.
+        axis: Option<String>,
+        /// Way a detent, mm or degrees. Default: the first step of the machine file.
+        #[arg(long, value_name = "MM", requires = "axis")]
+        step: Option<f64>,
+    },
     /// Home axes, all if none is named, and wait for the end.
     Home {
         /// Letters, as in XYZ.

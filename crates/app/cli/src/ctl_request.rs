@@ -100,6 +100,16 @@ pub(crate) fn jog(
     Ok(wanted)
 }
 
+/// One axis and its step, or none.
+pub(crate) fn handwheel(axis: Option<&str>, step: Option<f64>) -> Result<ControlRequest, CommandError> {
+    let axes_mask = axis.map_or(Ok(0), letters_mask)?;
+    Ok(ControlRequest {
+        axes_mask,
+        amount: step.unwrap_or(0.0),
+        ..request(CommandCode::Handwheel)
+    })
+}
+
 /// 1 for G54 to 9 for G59.3.
 pub(crate) fn system_number(name: &str) -> Result<u32, CommandError> {
     const NAMES: [&str; 9] = [

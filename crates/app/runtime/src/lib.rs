@@ -20,6 +20,7 @@ mod doctor;
 mod drives;
 mod due_setpoint;
 mod feeder;
+mod handwheel_view;
 mod host;
 mod input_script;
 mod job;

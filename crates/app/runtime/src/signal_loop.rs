@@ -9,6 +9,7 @@ use evolvent_signals::{
 };
 use rtrb::{Consumer, Producer};
 
+use crate::handwheel_view::HandwheelView;
 use crate::input_script::InputScript;
 
 /// Outputs on their way to the bus, from one setpoint on.
@@ -288,6 +289,15 @@ impl SignalLoop {
             self.signals.see(&sample);
         }
         self.estopped |= self.signals.is_estop_open();
+    }
+
+    /// What the handwheel says whose counts are an analog input.
+    pub(crate) fn handwheel(&self, counts: u32) -> HandwheelView {
+        let inputs = self.signals.inputs();
+        HandwheelView {
+            counts: inputs.value(SignalKind::Analog, counts),
+            digital: inputs.digital & inputs.digital_known,
+        }
     }
 
     /// What the next setpoint goes by of the probe. Once for each setpoint, after its inputs.

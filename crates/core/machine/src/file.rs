@@ -10,6 +10,7 @@ use serde::de::{Error, Visitor};
 use serde::{Deserialize, Deserializer};
 use serde_json::json;
 
+use crate::handwheel::HandwheelFile;
 use crate::homing::HomingFile;
 use crate::machine::{
     ControlRate, CycleRecording, FeedbackWish, Kinematics, MAX_RATE_HZ, MIN_RATE_HZ, MachineKind, Magazine,
@@ -87,6 +88,8 @@ pub(crate) struct MachineFile {
     pub(crate) estop: Option<EstopFile>,
     /// The probe, where there is one.
     pub(crate) probe: Option<ProbeFile>,
+    /// The handwheel, where there is one.
+    pub(crate) handwheel: Option<HandwheelFile>,
     /// How inputs are watched.
     #[serde(default)]
     pub(crate) signals: SignalsFile,

@@ -29,6 +29,7 @@ mod chord;
 mod error;
 mod figures;
 mod file;
+mod handwheel;
 mod homing;
 mod limits;
 mod machine;
@@ -43,6 +44,7 @@ pub use chord::{
 pub use error::{MachineError, PeriodError};
 pub use figures::{FigureError, figures_svg, figures_svg_of_axes};
 pub use file::machine_schema;
+pub use handwheel::{HandwheelSettings, MAX_WHEEL_STEPS};
 pub use homing::HomingSettings;
 pub use limits::Limits;
 pub use machine::{

@@ -8,6 +8,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{MachineError, PeriodError};
+use crate::handwheel::HandwheelSettings;
 use crate::homing::HomingSettings;
 use crate::limits::Limits;
 use crate::parse;
@@ -372,6 +373,8 @@ pub struct Machine {
     pub homing: Vec<HomingSettings>,
     /// Inputs, outputs, spindles and the emergency-stop chain.
     pub signals: SignalSettings,
+    /// The handwheel, where there is one.
+    pub handwheel: Option<HandwheelSettings>,
 }
 
 impl Machine {

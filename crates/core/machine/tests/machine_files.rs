@@ -800,3 +800,113 @@ fn bad_signals_are_refused_with_place_and_advice() {
         &["the unit is missing", "input_timeout_ms"],
     );
 }
+
+const WHEEL: &str = r#"
+[[input]]
+name = "counts"
+kind = "analog"
+number = 5
+[[input]]
+name = "axis-x"
+number = 40
+[[input]]
+name = "fine"
+number = 41
+[[input]]
+name = "coarse"
+number = 42
+[handwheel]
+counts = "counts"
+steps_mm = [0.01, 0.1]
+axis_inputs = { x = "axis-x" }
+step_inputs = ["fine", "coarse"]
+enable_input = "fine"
+"#;
+
+#[test]
+fn a_handwheel_is_read_and_a_bad_one_is_refused_with_place_and_advice() {
+    let text = format!("{GOOD}{WHEEL}");
+    let wheel = Machine::parse(&text, "good.toml").unwrap().handwheel.unwrap();
+    assert_eq!(
+        (wheel.counts, wheel.counts_per_detent, wheel.enable_input),
+        (5, 4.0, Some(41))
+    );
+    assert_eq!(wheel.axis_inputs, [(AxisLetter::X, 40)]);
+    assert_eq!(wheel.step_inputs, [41, 42]);
+    assert_eq!(wheel.step(AxisLetter::X, 1), Some(0.1));
+    // Degrees as the numbers of mm where they are not given.
+    assert_eq!(wheel.step(AxisLetter::A, 0), Some(0.01));
+    assert_eq!(wheel.step(AxisLetter::X, 2), None);
+    let usual = Machine::parse(
+        &text
+            .replace("steps_mm = [0.01, 0.1]\n", "")
+            .replace("step_inputs", "#"),
+        "usual.toml",
+    )
+    .unwrap()
+    .handwheel
+    .unwrap();
+    assert_eq!(usual.steps_mm, [0.001, 0.01, 0.1]);
+    assert!(Machine::parse(GOOD, "without.toml").unwrap().handwheel.is_none());
+
+    let refused = |from: &str, to: &str, parts: &[&str]| {
+        assert!(text.contains(from), "no {from:?}");
+        let message = Machine::parse(&text.replacen(from, to, 1), "bad.toml")
+            .unwrap_err()
+            .to_string();
+        for part in parts {
+            assert!(message.contains(part), "{to:?} gives {message}, without {part}");
+        }
+    };
+    let counts = "counts = \"counts\"";
+    refused(
+        counts,
+        "counts = \"fine\"",
+        &["handwheel.counts", "digital", "name an analog input"],
+    );
+    refused(
+        counts,
+        "counts = \"wheel\"",
+        &["handwheel.counts", "no input called \"wheel\"", "[[input]]"],
+    );
+    refused(
+        counts,
+        "counts = \"counts\"\ncounts_per_detent = 0",
+        &["handwheel.counts_per_detent"],
+    );
+    let steps = "[0.01, 0.1]";
+    refused(steps, "[]", &["handwheel.steps_mm", "0 steps", "1 to 8"]);
+    refused(steps, "[0.01, 11]", &["handwheel.steps_mm[1]"]);
+    refused(steps, "[0.01, nan]", &["handwheel.steps_mm[1]"]);
+    refused(
+        steps,
+        "[0.01, 0.1, 1]",
+        &["handwheel.step_inputs", "2 inputs", "3 steps"],
+    );
+    refused(
+        steps,
+        "[0.01, 0.1]\nsteps_deg = [1]",
+        &["handwheel.steps_deg", "1 steps", "as many"],
+    );
+    refused(
+        "x = \"axis-x\"",
+        "q = \"axis-x\"",
+        &["handwheel.axis_inputs.q", "no axis \"q\"", "X"],
+    );
+    refused(
+        "x = \"axis-x\"",
+        "x = \"counts\"",
+        &["handwheel.axis_inputs.x", "analog", "digital"],
+    );
+    refused(
+        "[\"fine\", \"coarse\"]",
+        "[\"fine\", \"none\"]",
+        &["handwheel.step_inputs[1]", "\"none\""],
+    );
+    refused(
+        "enable_input = \"fine\"",
+        "enable_input = \"?\"",
+        &["handwheel.enable_input"],
+    );
+    refused("enable_input", "button", &["button", "handwheel"]);
+}

@@ -170,6 +170,8 @@ alarms! {
     NoSignal = 929, Rejection, "the machine file has no output of this name";
     /// The tool in the spindle is not known.
     ToolUnknown = 930, Rejection, "a tool change was broken off and the tool in the spindle is not known; look, and name it by M61";
+    /// HANDWHEEL on a machine without one, or whose wheel has switches.
+    NoHandwheel = 931, Rejection, "the machine file has no [handwheel]; add it, or jog by command";
 }
 
 impl Alarm {

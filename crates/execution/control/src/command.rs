@@ -132,6 +132,13 @@ pub enum Command {
         /// 0 or 1 of a digital one.
         value: f64,
     },
+    /// See [`CommandCode::Handwheel`].
+    Handwheel {
+        /// Index of the axis; none lets the wheel move nothing.
+        axis: Option<usize>,
+        /// Way a detent, mm or degrees; none for the wheel's smallest.
+        step: Option<f64>,
+    },
 }
 
 impl Command {
@@ -167,6 +174,7 @@ impl Command {
             Self::Tool(_) | Self::ReloadTools => CommandCode::Tool,
             Self::ClearAlarms => CommandCode::ClearAlarms,
             Self::SetOutput { .. } => CommandCode::SetOutput,
+            Self::Handwheel { .. } => CommandCode::Handwheel,
         }
     }
 
@@ -228,6 +236,17 @@ impl std::fmt::Display for Command {
             Self::ReloadTools => "tool table read again".to_owned(),
             Self::ClearAlarms => "alarms cleared".to_owned(),
             Self::SetOutput { name, value } => format!("output {name} = {value}"),
+            Self::Handwheel { axis: None, .. } => "handwheel off".to_owned(),
+            Self::Handwheel {
+                axis: Some(axis),
+                step,
+            } => {
+                let letter = letters(AxisMask::one(*axis));
+                match step {
+                    Some(step) => format!("handwheel {letter} by {step}"),
+                    None => format!("handwheel {letter}"),
+                }
+            }
         };
         formatter.write_str(&text)
     }

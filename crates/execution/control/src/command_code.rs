@@ -83,6 +83,8 @@ codes! {
     ClearAlarms = 27, "CLEAR_ALARMS";
     /// Sets the output of the name `text` to `amount`: 0 or 1 of a digital one.
     SetOutput = 28, "SET_OUTPUT";
+    /// The handwheel moves the axis of `axes_mask`, none with 0, by `amount` mm or degrees a detent.
+    Handwheel = 29, "HANDWHEEL";
 }
 
 impl CommandCode {

@@ -10,6 +10,8 @@ use crate::rejection::Rejection;
 
 /// Largest magnitude of a coordinate, a distance or a speed in a command: mm, degrees, per s.
 const MOST: f64 = 1e6;
+/// Largest way of an axis a detent of the handwheel, mm or degrees.
+const MOST_STEP: f64 = 10.0;
 /// Largest feed and spindle override.
 const MAX_OVERRIDE: f64 = 2.0;
 /// Smallest spindle override: with none a spindle would stop in the cut, and the feed go on.
@@ -121,6 +123,7 @@ impl Command {
                 name: text(raw)?,
                 value: raw.amount,
             },
+            CommandCode::Handwheel => handwheel(raw, present)?,
         };
         Ok((code, command))
     }
@@ -131,6 +134,32 @@ fn range(what: &str, value: f64, low: f64, high: f64) -> Rejection {
         Alarm::BadNumber,
         format!("{what} is {value}, it must be {low} to {high}"),
     )
+}
+
+/// One axis or none, and its step; 0 for the wheel's smallest.
+fn handwheel(raw: &RawCommand<'_>, present: AxisMask) -> Result<Command, Rejection> {
+    if !(0.0..=MOST_STEP).contains(&raw.amount) {
+        return Err(range("the step of the handwheel", raw.amount, 0.0, MOST_STEP));
+    }
+    if raw.axes_mask == 0 {
+        return Ok(Command::Handwheel {
+            axis: None,
+            step: None,
+        });
+    }
+    let chosen = axes(raw, present)?;
+    let mut each = chosen.axes();
+    let axis = each.next();
+    if each.next().is_some() {
+        return Err(Rejection::new(
+            Alarm::NoAxis,
+            "the handwheel moves one axis: name one",
+        ));
+    }
+    Ok(Command::Handwheel {
+        axis,
+        step: (raw.amount > 0.0).then_some(raw.amount),
+    })
 }
 
 fn text(raw: &RawCommand<'_>) -> Result<String, Rejection> {
@@ -374,6 +403,27 @@ mod tests {
                     ..raw(CommandCode::TouchOff)
                 },
                 Alarm::BadNumber,
+            ),
+            (
+                RawCommand {
+                    amount: 10.1,
+                    ..raw(CommandCode::Handwheel)
+                },
+                Alarm::BadNumber,
+            ),
+            (
+                RawCommand {
+                    axes_mask: 3,
+                    ..raw(CommandCode::Handwheel)
+                },
+                Alarm::NoAxis,
+            ),
+            (
+                RawCommand {
+                    axes_mask: 8,
+                    ..raw(CommandCode::Handwheel)
+                },
+                Alarm::NoAxis,
             ),
             (
                 RawCommand {

@@ -48,7 +48,7 @@ const fn rule(command: Code, machine: [bool; 3], mode: [bool; 3], activity: [boo
 }
 
 /// Every command, in order of its number.
-pub const RULES: [Rule; 28] = [
+pub const RULES: [Rule; 29] = [
     rule(Code::Estop, ANY, ANY, ALWAYS),
     rule(Code::EstopReset, [YES, NO, NO], ANY, IDLE),
     Rule {
@@ -105,6 +105,8 @@ pub const RULES: [Rule; 28] = [
     rule(Code::ClearAlarms, ANY, ANY, IDLE),
     // A program's outputs are its own while it runs.
     rule(Code::SetOutput, AWAKE, ANY, [YES, NO, NO, YES, NO]),
+    // It only chooses: what the wheel moves is judged as a jog.
+    rule(Code::Handwheel, ANY, ANY, ALWAYS),
 ];
 
 /// Whether a command is accepted in a state.
@@ -209,7 +211,8 @@ mod tests {
         TOUCH_OFF        EFN ami -
         TOOL             EFN ami -
         CLEAR_ALARMS     EFN ami -
-        SET_OUTPUT       FN  ami -j";
+        SET_OUTPUT       FN  ami -j
+        HANDWHEEL        EFN ami -pbjh";
 
     fn situations() -> impl Iterator<Item = InterlockState> {
         let machines = [MachineState::Estop, MachineState::Off, MachineState::On];

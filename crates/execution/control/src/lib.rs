@@ -41,7 +41,7 @@
 //! it is accepted and what else it needs. Every rejection has a stable number and a sentence ([`Alarm`], [`Rejection`]).
 //!
 //! [`Homing`] is the sequence that finds machine zero with the switches of the drives; [`JogEnable`] ends a jog whose
-//! client no longer renews it.
+//! client no longer renews it; [`Handwheel`] makes ways of a wheel's counts.
 //!
 //! Nothing here is for the real-time cycle.
 
@@ -49,6 +49,7 @@ mod alarm;
 mod command;
 mod command_code;
 mod decode;
+mod handwheel;
 mod homing;
 mod interlock_state;
 mod interlocks;
@@ -61,6 +62,7 @@ pub use alarm::{Alarm, AlarmKind};
 pub use command::{Command, JogCommand, ToolEntry};
 pub use command_code::CommandCode;
 pub use decode::RawCommand;
+pub use handwheel::{Handwheel, HandwheelReading};
 pub use homing::{Homing, HomingAction, HomingAxis, HomingSample};
 pub use interlock_state::{Activity, InterlockState, MachineState, Mode};
 pub use interlocks::{RULES, Rule, judge};

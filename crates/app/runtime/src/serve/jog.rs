@@ -9,6 +9,7 @@ use evolvent_transfer::{AxesState, Sync, Transfer};
 use super::operator::{Job, Operator};
 use super::orders::CycleCommand;
 use super::recorded::steered_start;
+use crate::job_start::SteeredStart;
 
 /// Time from asking for a turn of a jog to where it counts, ns.
 const TURN_LEAD_NS: u64 = 12_000_000;
@@ -108,13 +109,37 @@ pub(super) fn slowed(limits: &Limits, from: &AxesState, axes: AxisMask, speed: O
     slowed
 }
 
+/// A jog: from where to where, and how fast.
+pub(super) struct JogWay {
+    pub(super) limits: Limits,
+    pub(super) from: AxesState,
+    pub(super) to: Axes,
+    pub(super) axes: AxisMask,
+    /// Of each axis at the most; none for the usual one.
+    pub(super) speed: Option<f64>,
+    /// When it ends by itself.
+    pub(super) until_ns: u64,
+}
+
+impl JogWay {
+    fn steering(&self) -> Result<TransferExecutor, Rejection> {
+        steering(&self.limits, &self.from, &self.to, self.axes, self.speed)
+    }
+
+    /// For the trace.
+    fn recorded(&self, is_turn: bool) -> SteeredStart {
+        let limits = slowed(&self.limits, &self.from, self.axes, self.speed);
+        steered_start(&limits, &self.from, &self.to, is_turn)
+    }
+}
+
 /// A steered motion: `t` of setpoint `n` is `(n + 1 - begin)` periods.
 pub(super) struct Steered {
     pub(super) steering: TransferExecutor,
     pub(super) order: u64,
     pub(super) begin: Option<u64>,
-    /// A change that is under way: its order, and how often it was tried.
-    pub(super) turn: Option<(u64, TransferExecutor, JogCommand)>,
+    /// A change that is under way, and its order.
+    pub(super) turn: Option<(u64, TransferExecutor)>,
     pub(super) stopping: bool,
     pub(super) target: Axes,
 }
@@ -143,7 +168,7 @@ impl Operator {
         let limits = limits_here(&self.limits, &here, self.desk.homed());
         let held = jog.distance.is_none().then(|| JogEnable::held(client, now_ns));
         let until = held.map_or(FOR_EVER, JogEnable::until_ns);
-        let after = self.view.setpoint.sequence + TURN_LEAD_NS.div_ceil(self.setup.period_ns).max(4);
+        let after = self.turn_behind();
         if let Job::Jog { steered, .. } = &self.job {
             let Some(from) = self.foreseen(steered, after).filter(|_| !steered.stopping) else {
                 return Err(Rejection::new(
@@ -157,36 +182,92 @@ impl Operator {
             } else {
                 from.position
             };
-            let to = target(jog, &base, &limits)?;
-            let turned = steering(&limits, &from, &to, jog.axes, jog.speed)?;
-            let boxed = Box::new(turned);
-            let id = self.send(
-                CycleCommand::Turn {
-                    after,
-                    steering: boxed,
-                },
-                command,
-            );
-            let start = slowed(&limits, &from, jog.axes, jog.speed);
-            self.notes
-                .sends(id, self.desk.job(), steered_start(&start, &from, &to, true));
-            self.order(CycleCommand::KeepJogging(until));
-            if let Job::Jog { steered, held: old } = &mut self.job {
-                steered.turn = Some((id, turned, *jog));
-                steered.target = to;
-                *old = held;
+            let way = JogWay {
+                to: target(jog, &base, &limits)?,
+                limits,
+                from,
+                axes: jog.axes,
+                speed: jog.speed,
+                until_ns: until,
+            };
+            self.turn_jog(&way, after, Some(command))?;
+            self.rest_handwheel();
+            if let Job::Jog {
+                held: old,
+                by_handwheel,
+                ..
+            } = &mut self.job
+            {
+                (*old, *by_handwheel) = (held, false);
             }
             return Ok(self.desk.job());
         }
-        let to = target(jog, &here, &limits)?;
-        let from = AxesState::at_rest(here);
-        let steering = steering(&limits, &from, &to, jog.axes, jog.speed)?;
-        let steered = self.steer(&limits, steering, to, until, Some(command));
-        let start = slowed(&limits, &from, jog.axes, jog.speed);
-        let start = steered_start(&start, &from, &to, false);
-        self.notes.sends(steered.order, self.desk.job() + 1, start);
-        self.job = Job::Jog { steered, held };
+        let way = JogWay {
+            to: target(jog, &here, &limits)?,
+            limits,
+            from: AxesState::at_rest(here),
+            axes: jog.axes,
+            speed: jog.speed,
+            until_ns: until,
+        };
+        self.rest_handwheel();
+        self.begin_jog(&way, held, false, Some(command))
+    }
+
+    /// The setpoint behind which a turn that is ordered now can count.
+    pub(super) fn turn_behind(&self) -> u64 {
+        self.view.setpoint.sequence + TURN_LEAD_NS.div_ceil(self.setup.period_ns).max(4)
+    }
+
+    /// Begins a jog at rest; the number of its job.
+    ///
+    /// # Errors
+    /// There is no such motion within the limits.
+    pub(super) fn begin_jog(
+        &mut self,
+        way: &JogWay,
+        held: Option<JogEnable>,
+        by_handwheel: bool,
+        command: Option<&Command>,
+    ) -> Result<u64, Rejection> {
+        let steering = way.steering()?;
+        let steered = self.steer(&way.limits, steering, way.to, way.until_ns, command);
+        self.notes
+            .sends(steered.order, self.desk.job() + 1, way.recorded(false));
+        self.job = Job::Jog {
+            steered,
+            held,
+            by_handwheel,
+        };
         Ok(self.desk.job_begins(Activity::Jog))
+    }
+
+    /// Turns the jog under way over behind a setpoint.
+    ///
+    /// # Errors
+    /// There is no such motion within the limits.
+    pub(super) fn turn_jog(
+        &mut self,
+        way: &JogWay,
+        after: u64,
+        command: Option<&Command>,
+    ) -> Result<(), Rejection> {
+        let turned = way.steering()?;
+        let what = CycleCommand::Turn {
+            after,
+            steering: Box::new(turned),
+        };
+        let id = match command {
+            Some(command) => self.send(what, command),
+            None => self.order(what),
+        };
+        self.notes.sends(id, self.desk.job(), way.recorded(true));
+        self.order(CycleCommand::KeepJogging(way.until_ns));
+        if let Job::Jog { steered, .. } = &mut self.job {
+            steered.turn = Some((id, turned));
+            steered.target = way.to;
+        }
+        Ok(())
     }
 
     /// The guard minds the travel for which the next job is planned: the trace has it, so that a stop at its end comes out the

@@ -6,6 +6,7 @@ mod checking;
 mod config;
 mod control_loop;
 mod files;
+mod handwheel;
 mod homing;
 mod jobs;
 mod jog;

@@ -19,6 +19,7 @@ use rtrb::{Consumer, Producer};
 use super::change_mark::ChangeMark;
 use super::checking::Checking;
 use super::files::{Readers, Reading};
+use super::handwheel::HandwheelDesk;
 use super::jog::Steered;
 use super::modes::{Modes, simulate_modes};
 use super::orders::{ActiveJob, CycleCommand, CycleEvent, CycleView, Order};
@@ -43,6 +44,7 @@ pub(super) enum Job {
     Jog {
         steered: Box<Steered>,
         held: Option<JogEnable>,
+        by_handwheel: bool,
     },
     Homing {
         homing: Homing,
@@ -101,6 +103,7 @@ pub(crate) struct Operator {
     pub(super) periphery: PeripheryDesk,
     /// The job was stopped by an emergency stop: what its program switches counts no more.
     pub(super) is_emergency: bool,
+    pub(super) handwheel: Option<HandwheelDesk>,
     pub(super) readers: Readers,
     /// The command whose files are being read.
     pub(super) reading: Option<Reading>,
@@ -140,6 +143,7 @@ impl Operator {
             view,
         } = beginning;
         let tool = keep.tool;
+        let handwheel = setup.machine.handwheel.as_ref().map(HandwheelDesk::new);
         let machine = &setup.machine;
         let present = machine
             .axes
@@ -199,6 +203,7 @@ impl Operator {
             checking: None,
             periphery: PeripheryDesk::new(tool, periphery),
             is_emergency: false,
+            handwheel,
             readers: Readers::default(),
             reading: None,
         };
@@ -437,6 +442,7 @@ impl Operator {
                 self.send(CycleCommand::SpindleOverride(*ratio), command);
                 return Ok(0);
             }
+            Command::Handwheel { axis, step } => self.choose_handwheel(*axis, *step)?,
             Command::SetMode(_) => {}
         }
         self.note_command(command);
@@ -598,6 +604,7 @@ impl Operator {
         let are_ready = matches!(self.view.presence, Presence::Operational | Presence::Absent);
         self.desk.enable(is_powered && are_ready, now_ns);
         self.follow_program();
+        self.follow_handwheel();
         if let Some(text) = self.way.as_ref().and_then(|way| way.try_recv().ok()) {
             self.way = None;
             // Who has stopped meanwhile needs it no more.
@@ -700,7 +707,7 @@ impl Operator {
         };
         if steered.order == id {
             steered.begin = Some(sequence);
-        } else if let Some((turn, steering, _)) = steered.turn.take_if(|(turn, ..)| *turn == id) {
+        } else if let Some((turn, steering)) = steered.turn.take_if(|(turn, _)| *turn == id) {
             let _same = turn;
             steered.steering = steering;
             steered.begin = Some(sequence);
@@ -715,7 +722,12 @@ impl Operator {
                 run.ended = Some(result);
                 self.cancel_command();
             }
-            Job::Jog { .. } => self.end_job(result),
+            Job::Jog { .. } => {
+                if result != JobResult::Done {
+                    self.rest_handwheel();
+                }
+                self.end_job(result);
+            }
             Job::Homing {
                 steered, cancelled, ..
             } => {

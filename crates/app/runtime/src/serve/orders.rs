@@ -11,6 +11,8 @@ use evolvent_path::{Axes, AxisMask};
 use evolvent_signals::{Change, ProbeState, ScheduleConsumer};
 use evolvent_turning::Reason;
 
+use crate::handwheel_view::HandwheelView;
+
 /// A job along a plan, from the control thread to the cycle and back to be dropped.
 pub(crate) struct Following {
     pub motion: PathExecutor,
@@ -174,6 +176,7 @@ pub(crate) struct CycleView {
     pub probe: ProbeState,
     /// By what the commanded speed of the spindle is multiplied.
     pub spindle_override: f64,
+    pub handwheel: HandwheelView,
 }
 
 impl CycleEvent {

@@ -17,6 +17,7 @@ use super::orders::{ActiveJob, CycleCommand, CycleEvent, CycleView, Following, O
 use crate::core_loop::{Computed, CycleBegin, CycleEnd, Next, SetpointSource};
 use crate::cycle_sample::{CycleSample, input_bits};
 use crate::due_setpoint::DriveRequest;
+use crate::handwheel_view::HandwheelView;
 use crate::rt::MonotonicClock;
 use crate::shared::Controls;
 use crate::signal_loop::{SignalLoop, phase_of};
@@ -84,6 +85,8 @@ pub(crate) struct ServedParts {
     pub probe: ProbeInput,
     /// None where the drives' clock is not followed.
     pub phase: Option<PhaseLock>,
+    /// Number of the analog input that counts the handwheel's turns, where there is one.
+    pub wheel_counts: Option<u32>,
     /// The newest cutting load.
     pub controls: Arc<Controls>,
 }
@@ -243,6 +246,7 @@ impl SetpointSource for ServedCycle {
             is_chain_open: parts.signals.as_ref().is_some_and(SignalLoop::is_estop_open),
             probe: parts.signals.as_ref().map(SignalLoop::probe).unwrap_or_default(),
             spindle_override: parts.counted_override(now),
+            handwheel: parts.handwheel(),
         });
         if now.is_last {
             return Next::End;
@@ -270,6 +274,14 @@ impl ServedParts {
         // room anyway must not be dropped here, since dropping frees memory.
         if let Err(rtrb::PushError::Full(event)) = self.events.push(event) {
             std::mem::forget(event);
+        }
+    }
+
+    /// What the handwheel says.
+    fn handwheel(&self) -> HandwheelView {
+        match (&self.signals, self.wheel_counts) {
+            (Some(signals), Some(counts)) => signals.handwheel(counts),
+            _ => HandwheelView::default(),
         }
     }
 
@@ -765,6 +777,7 @@ mod tests {
             watch: FeedbackWatch::new(WatchSettings::new(period_ns, AxisMask::NONE)),
             signals: None,
             probe: ProbeInput::default(),
+            wheel_counts: None,
             phase: None,
             controls: Arc::new(Controls::new(1.0)),
         };
@@ -866,6 +879,7 @@ mod tests {
             watch: FeedbackWatch::new(WatchSettings::new(period_ns, AxisMask::NONE)),
             signals: Some(signals),
             probe: ProbeInput::default(),
+            wheel_counts: None,
             phase: None,
             controls: Arc::new(Controls::new(1.0)),
         });

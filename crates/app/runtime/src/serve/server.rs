@@ -153,6 +153,7 @@ impl Service {
             feedback,
             watch: FeedbackWatch::new(watch_settings(machine, setup.period_ns)),
             signals: signals.cycle,
+            wheel_counts: machine.handwheel.as_ref().map(|wheel| wheel.counts),
             phase: phase_settings(machine, setup.period_ns).map(PhaseLock::new),
             controls,
         };

@@ -5,6 +5,7 @@
 //! the table by its dotted key.
 
 mod axes;
+mod handwheel;
 mod numbers;
 mod signals;
 
@@ -62,12 +63,14 @@ impl Check<'_> {
                 ("mm_s", raw.limits.max_feed_mm_s, 1.0),
             ],
         )?;
+        let signals = self.signals(&raw)?;
         let machine = Machine {
+            handwheel: self.handwheel(&raw, &axes, &signals.inputs)?,
             homing: self.homing(&raw.homing, &axes)?,
             path: self.path(&raw)?,
             realtime: self.realtime(&raw)?,
             program: self.program(&raw)?,
-            signals: self.signals(&raw)?,
+            signals,
             name: raw.name,
             description: raw.description,
             kind: raw.kind,

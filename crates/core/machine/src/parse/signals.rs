@@ -207,13 +207,25 @@ impl Check<'_> {
 
     /// The number of a digital input that a key names.
     fn digital_input(&self, key: &str, name: &str, inputs: &[InputSettings]) -> Result<u32, MachineError> {
+        self.input_of_kind(key, name, inputs, SignalKind::Digital)
+    }
+
+    /// The number of an input that a key names.
+    pub(super) fn input_of_kind(
+        &self,
+        key: &str,
+        name: &str,
+        inputs: &[InputSettings],
+        kind: SignalKind,
+    ) -> Result<u32, MachineError> {
         let Some(input) = inputs.iter().find(|input| input.name == name) else {
             let what = format!("there is no input called {:?}", shortened(name));
             return Err(self.error(key, what, "name one of the file's [[input]], or add it"));
         };
-        if input.kind != SignalKind::Digital {
-            let what = format!("the input {:?} is analog", input.name);
-            return Err(self.error(key, what, "name a digital input"));
+        if input.kind != kind {
+            let what = format!("the input {:?} is {}", input.name, input.kind.name());
+            let article = if kind == SignalKind::Analog { "an" } else { "a" };
+            return Err(self.error(key, what, format!("name {article} {} input", kind.name())));
         }
         Ok(input.number)
     }

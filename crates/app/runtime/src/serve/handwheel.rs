@@ -1,0 +1,221 @@
+//! The handwheel: its way driven as a jog that is turned over in motion.
+
+use evolvent_control::{Command, CommandCode, Handwheel, HandwheelReading, Rejection};
+use evolvent_machine::HandwheelSettings;
+use evolvent_path::{Axes, AxisLetter, AxisMask};
+use evolvent_transfer::AxesState;
+
+use super::jog::{FOR_EVER, JogWay, limits_here};
+use super::operator::{Job, Operator};
+use super::orders::CycleCommand;
+use crate::handwheel_view::HandwheelView;
+
+/// Time by which an axis follows the wheel, s: what is left of the way is driven as fast as it takes this long, so that the single
+/// counts of a hand melt into one motion.
+const FOLLOW_S: f64 = 0.08;
+/// Differences of places that are none, mm or degrees.
+const SAME: f64 = 1e-9;
+
+/// The wheel as the operator has it.
+pub(crate) struct HandwheelDesk {
+    settings: HandwheelSettings,
+    wheel: Handwheel,
+    /// Axis and step by command, where no inputs choose them.
+    axis: Option<usize>,
+    step: Option<f64>,
+    /// Where the axes are to go; none while nothing is left to do.
+    goal: Option<Axes>,
+}
+
+impl HandwheelDesk {
+    /// The wheel of a machine, moving nothing.
+    pub(crate) fn new(settings: &HandwheelSettings) -> Self {
+        Self {
+            wheel: Handwheel::new(settings.counts_per_detent),
+            settings: settings.clone(),
+            axis: None,
+            step: None,
+            goal: None,
+        }
+    }
+
+    /// What wheel and switches say.
+    fn reading(&self, view: &HandwheelView) -> HandwheelReading {
+        let is_on = |input: u32| view.digital >> input & 1 == 1;
+        let settings = &self.settings;
+        let axis = if settings.axis_inputs.is_empty() {
+            self.axis
+        } else {
+            // A selector between two places chooses none, and so does one with two.
+            let mut chosen = settings.axis_inputs.iter().filter(|(_, input)| is_on(*input));
+            match (chosen.next(), chosen.next()) {
+                (Some((axis, _)), None) => Some(axis.index()),
+                _ => None,
+            }
+        };
+        let number = if settings.step_inputs.is_empty() {
+            Some(0)
+        } else {
+            settings.step_inputs.iter().position(|input| is_on(*input))
+        };
+        let by_switch = |axis: usize| number.and_then(|number| settings.step(AxisLetter::ALL[axis], number));
+        let step = match (settings.step_inputs.is_empty(), self.step) {
+            (true, Some(step)) => Some(step),
+            _ => axis.and_then(by_switch),
+        };
+        HandwheelReading {
+            counts: view.counts,
+            // Without a step the wheel is followed by nothing.
+            axis: axis.filter(|_| step.is_some()),
+            step: step.unwrap_or(0.0),
+            is_enabled: settings.enable_input.is_none_or(is_on),
+        }
+    }
+
+    /// Nothing of what was turned is left to be driven.
+    pub(super) fn rest(&mut self) {
+        self.goal = None;
+    }
+}
+
+impl Operator {
+    /// Chooses axis and step.
+    ///
+    /// # Errors
+    /// There is no wheel, or its own switches choose.
+    pub(super) fn choose_handwheel(
+        &mut self,
+        axis: Option<usize>,
+        step: Option<f64>,
+    ) -> Result<(), Rejection> {
+        let Some(desk) = &mut self.handwheel else {
+            return Err(Rejection::by_rule(
+                evolvent_control::Alarm::NoHandwheel,
+                CommandCode::Handwheel,
+            ));
+        };
+        let switches = (axis.is_some() && !desk.settings.axis_inputs.is_empty())
+            || (step.is_some() && !desk.settings.step_inputs.is_empty());
+        if switches {
+            return Err(Rejection::new(
+                evolvent_control::Alarm::NoHandwheel,
+                "the handwheel has switches of its own for this: turn them",
+            ));
+        }
+        (desk.axis, desk.step) = (axis, step);
+        desk.goal = None;
+        Ok(())
+    }
+
+    /// Looks at the wheel, and has the axis follow it.
+    pub(super) fn follow_handwheel(&mut self) {
+        let Some(desk) = &mut self.handwheel else { return };
+        let reading = desk.reading(&self.view.handwheel);
+        let turned = desk.wheel.turn(&reading);
+        let is_released = !reading.is_enabled;
+        let is_driving = matches!(
+            &self.job,
+            Job::Jog {
+                by_handwheel: true,
+                ..
+            }
+        );
+        let may = (is_driving || self.is_idle()) && self.permits_jog() && !self.view.handwheel.is_silent();
+        let Some(desk) = &mut self.handwheel else { return };
+        if !may || is_released {
+            let is_under_way = desk.goal.take().is_some();
+            if is_driving && is_under_way {
+                self.stop_handwheel();
+            }
+            return;
+        }
+        if let Some((axis, way)) = turned {
+            let here = self.view.setpoint.position;
+            let limits = limits_here(&self.limits, &here, self.desk.homed());
+            let goal = desk.goal.get_or_insert(here);
+            // What is turned beyond the travel is not made up for on the way back.
+            goal[axis] = (goal[axis] + way).clamp(limits.travel_min[axis], limits.travel_max[axis]);
+        }
+        if let Some(goal) = desk.goal
+            && let Err(refusal) = self.drive_to(&goal, reading.step)
+        {
+            self.message = format!("the handwheel is not followed: {refusal}");
+            self.rest_handwheel();
+        }
+    }
+
+    fn permits_jog(&self) -> bool {
+        self.reading.is_none() && self.desk.permit(CommandCode::Jog, &self.facts()).is_ok()
+    }
+
+    /// The button was let go, or the wheel has fallen silent.
+    fn stop_handwheel(&mut self) {
+        if let Job::Jog { steered, .. } = &mut self.job
+            && !steered.stopping
+        {
+            steered.stopping = true;
+            self.send(CycleCommand::Stop, &Command::JogStop);
+        }
+    }
+
+    /// What was turned counts no more.
+    pub(super) fn rest_handwheel(&mut self) {
+        if let Some(desk) = &mut self.handwheel {
+            desk.rest();
+        }
+    }
+
+    /// Has the axes on their way to the goal, if they are not.
+    fn drive_to(&mut self, goal: &Axes, step: f64) -> Result<(), Rejection> {
+        let here = self.view.setpoint.position;
+        let limits = limits_here(&self.limits, &here, self.desk.homed());
+        let after = self.turn_behind();
+        let from = match &self.job {
+            Job::None => {
+                if moved(goal, &here).is_empty() {
+                    self.rest_handwheel();
+                    return Ok(());
+                }
+                AxesState::at_rest(here)
+            }
+            Job::Jog { steered, .. } => {
+                let transfer = steered.steering.transfer();
+                let end = transfer.at(transfer.duration_s()).position;
+                let is_right = moved(goal, &end).is_empty();
+                if is_right || steered.stopping || steered.turn.is_some() {
+                    return Ok(());
+                }
+                match self.foreseen(steered, after) {
+                    Some(from) => from,
+                    None => return Ok(()),
+                }
+            }
+            Job::Program(_) | Job::Homing { .. } => return Ok(()),
+        };
+        let axes = moved(goal, &from.position) | moved(&from.velocity, &Axes::zeros());
+        let farthest = axes
+            .axes()
+            .map(|axis| (goal[axis] - from.position[axis]).abs())
+            .fold(step, f64::max);
+        let way = JogWay {
+            limits,
+            from,
+            to: *goal,
+            axes,
+            // No faster than the axis: the wheel's way is longer then, and not lost.
+            speed: Some(farthest / FOLLOW_S),
+            until_ns: FOR_EVER,
+        };
+        if matches!(self.job, Job::None) {
+            self.begin_jog(&way, None, true, None)?;
+        } else {
+            self.turn_jog(&way, after, None)?;
+        }
+        Ok(())
+    }
+}
+
+/// The axes on which two places differ.
+fn moved(a: &Axes, b: &Axes) -> AxisMask {
+    (0..a.len()).filter(|i| (a[*i] - b[*i]).abs() > SAME).collect()
+}

@@ -1,0 +1,421 @@
+//! A handwheel at a served machine, turned by a hand that knows nothing of the core.
+#![expect(clippy::expect_used, reason = "helpers of tests fail as tests do")]
+
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, AtomicI64, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use evolvent_bus::{ControlRequest, MachineInputs};
+use evolvent_random::Random;
+use evolvent_replay::verify;
+use evolvent_runtime::MonotonicClock;
+use evolvent_tests::{Domain, Operator, Served, Workshop, command, cycles, unless_disturbed};
+
+const MANUAL: u32 = 1;
+const AUTO: u32 = 0;
+const NO_HANDWHEEL: u32 = 931;
+const COUNTS: u32 = 3;
+const SELECT_X: u64 = 1 << 10;
+const SELECT_Z: u64 = 1 << 11;
+const STEP_10: u64 = 1 << 13;
+const ENABLE: u64 = 1 << 20;
+const BUTTONS: u64 = 0b1111 << 10 | ENABLE;
+/// mm/s, mm/s2, mm/s3 of X.
+const LIMITS: [f64; 3] = [500.0, 5000.0, 200_000.0];
+
+/// A wheel whose axis and step are chosen by command.
+const BARE: &str = "
+[signals]
+input_timeout_ms = 500
+[[input]]
+name = \"wheel\"
+kind = \"analog\"
+number = 3
+[handwheel]
+counts = \"wheel\"
+";
+
+/// A pendant with selectors and an enabling button.
+const PENDANT: &str = "
+[signals]
+input_timeout_ms = 500
+[[input]]
+name = \"wheel\"
+kind = \"analog\"
+number = 3
+[[input]]
+name = \"wheel-x\"
+number = 10
+[[input]]
+name = \"wheel-z\"
+number = 11
+[[input]]
+name = \"times-1\"
+number = 12
+[[input]]
+name = \"times-10\"
+number = 13
+[[input]]
+name = \"button\"
+number = 20
+[handwheel]
+counts = \"wheel\"
+steps_mm = [0.001, 0.01]
+axis_inputs = { X = \"wheel-x\", Z = \"wheel-z\" }
+step_inputs = [\"times-1\", \"times-10\"]
+enable_input = \"button\"
+";
+
+/// What is turned and pressed, and told to the core every 2 ms.
+struct Pendant {
+    counts: Arc<AtomicI64>,
+    buttons: Arc<AtomicU64>,
+    is_silent: Arc<AtomicBool>,
+    is_over: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Pendant {
+    /// With buttons, or the wheel alone.
+    fn start(domain: &Domain, name: &str, buttons_there: u64) -> Self {
+        let client = domain.client(name);
+        // An encoder that has been turned for years.
+        let counts = Arc::new(AtomicI64::new(123_456));
+        let buttons = Arc::new(AtomicU64::new(0));
+        let (is_silent, is_over) = (Arc::new(AtomicBool::new(false)), Arc::new(AtomicBool::new(false)));
+        let (its_counts, its_buttons, its_silence, its_end) = (
+            Arc::clone(&counts),
+            Arc::clone(&buttons),
+            Arc::clone(&is_silent),
+            Arc::clone(&is_over),
+        );
+        let thread = std::thread::spawn(move || {
+            let mut sender = client.input_sender().expect("inputs");
+            let mut sequence = 0;
+            while !its_end.load(Ordering::Acquire) {
+                if !its_silence.load(Ordering::Acquire) {
+                    sequence += 1;
+                    let mut message = MachineInputs {
+                        sequence,
+                        instance: 78,
+                        time_ns: MonotonicClock::now_ns(),
+                        digital_mask: buttons_there,
+                        digital: its_buttons.load(Ordering::Acquire),
+                        analog_mask: 1 << COUNTS,
+                        ..MachineInputs::default()
+                    };
+                    message.analog[COUNTS as usize] = its_counts.load(Ordering::Acquire) as f64;
+                    let _gone = sender.send(&message);
+                }
+                std::thread::sleep(Duration::from_millis(2));
+            }
+        });
+        Self {
+            counts,
+            buttons,
+            is_silent,
+            is_over,
+            thread: Some(thread),
+        }
+    }
+
+    fn turns(&self, counts: i64) {
+        self.counts.fetch_add(counts, Ordering::AcqRel);
+    }
+
+    fn presses(&self, buttons: u64) {
+        self.buttons.store(buttons, Ordering::Release);
+    }
+
+    fn falls_silent(&self, silent: bool) {
+        self.is_silent.store(silent, Ordering::Release);
+    }
+}
+
+impl Drop for Pendant {
+    fn drop(&mut self) {
+        self.is_over.store(true, Ordering::Release);
+        if let Some(thread) = self.thread.take() {
+            let _panicked = thread.join();
+        }
+    }
+}
+
+struct Shop {
+    workshop: Workshop,
+    domain: Domain,
+    machine: PathBuf,
+    name: &'static str,
+}
+
+impl Shop {
+    fn new(name: &'static str, wheel: &str) -> Self {
+        let workshop = Workshop::new();
+        let text =
+            std::fs::read_to_string(workshop.mill(name, &[("rate = \"rational\"  ", "rate = 1000.0  ")]))
+                .expect("a machine file");
+        let machine = workshop.write(&format!("{name}.toml"), format!("{text}{wheel}"));
+        Self {
+            workshop,
+            domain: Domain::new(),
+            machine,
+            name,
+        }
+    }
+
+    fn serves(&self, trace: &str) -> Served {
+        let trace = self.workshop.path(trace).display().to_string();
+        Served::start(
+            &self.machine,
+            self.name,
+            &self.domain,
+            &self.workshop.path("state"),
+            &["--trace", &trace],
+        )
+    }
+
+    fn operator(&self) -> Operator {
+        let mut operator = Operator::join(self.name, &self.domain);
+        operator.brings_up();
+        operator.says_number("MODE", MANUAL);
+        operator
+    }
+}
+
+fn chooses(axes_mask: u32, step: f64) -> ControlRequest {
+    ControlRequest {
+        axes_mask,
+        amount: step,
+        ..command("HANDWHEEL")
+    }
+}
+
+/// Waits until nothing has moved for a tenth of a second; where the axes are then.
+#[track_caller]
+fn rests(operator: &mut Operator) -> [f64; 9] {
+    let mut last = ([f64::NAN; 9], 0);
+    let status = operator.waits("rest", |status| {
+        if status.position_machine != last.0 {
+            last = (status.position_machine, status.time_ns);
+        }
+        status.time_ns > last.1 + 100_000_000
+    });
+    status.position_machine
+}
+
+/// Whether the cycles of a trace keep the limits of X, by differences of its positions.
+fn keeps_limits(positions: &[f64], rate: f64) {
+    for (index, four) in positions.windows(4).enumerate() {
+        let [a, b, c, d] = [four[0], four[1], four[2], four[3]];
+        let rates = [
+            (d - c) * rate,
+            (d - 2.0 * c + b) * rate.powi(2),
+            (d - 3.0 * c + 3.0 * b - a) * rate.powi(3),
+        ];
+        for (order, (value, slack)) in rates.iter().zip([1.001, 1.001, 1.02]).enumerate() {
+            assert!(
+                value.abs() <= LIMITS[order] * slack + 1.0,
+                "derivative {} at {index}: {value}, {:?}",
+                order + 1,
+                &positions[index.saturating_sub(6)..(index + 8).min(positions.len())]
+            );
+        }
+    }
+}
+
+#[test]
+fn a_hand_that_turns_at_random_loses_no_count_and_breaks_no_limit() {
+    let seed = 0x5eed_3ee2_u64;
+    unless_disturbed(|| {
+        let shop = Shop::new("wheel-hand", BARE);
+        let served = shop.serves("hand.mcap");
+        let mut operator = shop.operator();
+        let pendant = Pendant::start(&shop.domain, shop.name, 0);
+        operator.does(&chooses(1, 0.1));
+        std::thread::sleep(Duration::from_millis(50));
+        let mut random = Random::from_state(seed);
+        let (mut speed, mut turned) = (0.0_f64, 0_i64);
+        for _ in 0..1500 {
+            // Up to 250 detents a second, with sudden turns; 25 mm/s of the axis and far more in the jumps.
+            speed = match random.unit() {
+                x if x < 0.01 => 4.0 * random.unit() - 2.0,
+                x if x < 0.02 => 0.0,
+                _ => speed + 0.1 * (random.unit() - 0.5),
+            };
+            let counts = (speed.clamp(-2.0, 2.0) + random.unit()).floor() as i64;
+            turned += counts;
+            pendant.turns(counts);
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        let end = rests(&mut operator);
+        let expected = 0.1 * turned as f64 / 4.0;
+        println!("seed {seed:#x}: {turned} counts, X {}", end[0]);
+        assert!((end[0] - expected).abs() < 1e-6, "{} and not {expected}", end[0]);
+        assert_eq!((end[1], end[2]), (0.0, 0.0));
+        drop(operator);
+        served.end().expect_code(&[0, 3]);
+        let recorded = cycles(&shop.workshop.path("hand.mcap"));
+        let x: Vec<f64> = recorded.iter().map(|cycle| cycle.position[0]).collect();
+        keeps_limits(&x, 1000.0);
+        let again = verify(&shop.workshop.path("hand.mcap")).expect("a readable trace");
+        assert!(again.holds() && again.uncompared == 0, "{again:?}");
+    });
+}
+
+#[test]
+fn an_even_hand_makes_an_even_motion_and_the_axis_stands_soon_after_it() {
+    unless_disturbed(|| {
+        let shop = Shop::new("wheel-even", BARE);
+        let served = shop.serves("even.mcap");
+        let mut operator = shop.operator();
+        let pendant = Pendant::start(&shop.domain, shop.name, 0);
+        operator.does(&chooses(1, 0.1));
+        std::thread::sleep(Duration::from_millis(50));
+        // A count each 5 ms: 50 detents a second, 5 mm/s.
+        for _ in 0..400 {
+            pendant.turns(1);
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        let end = rests(&mut operator);
+        assert!((end[0] - 10.0).abs() < 1e-6, "{}", end[0]);
+        drop(operator);
+        served.end().expect_code(&[0, 3]);
+        let recorded = cycles(&shop.workshop.path("even.mcap"));
+        let x: Vec<f64> = recorded.iter().map(|cycle| cycle.position[0]).collect();
+        let begin = x.iter().position(|x| *x > 0.0).expect("it moves");
+        let over = x.iter().rposition(|x| *x < 10.0 - 1e-9).expect("it moves");
+        let middle = &x[begin + 300..over - 300];
+        let speeds: Vec<f64> = middle.windows(2).map(|two| 1000.0 * (two[1] - two[0])).collect();
+        let mean = speeds.iter().sum::<f64>() / speeds.len() as f64;
+        let spread = (speeds.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / speeds.len() as f64).sqrt();
+        println!("mean {mean:.3} mm/s, spread {:.1} %", 100.0 * spread / mean);
+        assert!(spread < 0.35 * mean, "{spread} of {mean}");
+        let least = speeds.iter().fold(f64::INFINITY, |least, v| least.min(*v));
+        assert!(least > 0.0, "it stops between two counts: {least}");
+    });
+}
+
+#[test]
+fn only_a_pendant_that_is_chosen_enabled_and_heard_moves_an_axis() {
+    unless_disturbed(|| {
+        let shop = Shop::new("wheel-pendant", PENDANT);
+        let served = shop.serves("pendant.mcap");
+        let mut operator = shop.operator();
+        let pendant = Pendant::start(&shop.domain, shop.name, BUTTONS);
+        let turns = |counts: i64| {
+            std::thread::sleep(Duration::from_millis(30));
+            pendant.turns(counts);
+            std::thread::sleep(Duration::from_millis(30));
+        };
+        // The switches of the pendant choose, and nobody else.
+        let refused = operator.ask(&chooses(1, 0.0));
+        assert_eq!(
+            (refused.verdict, refused.alarm),
+            (1, NO_HANDWHEEL),
+            "{}",
+            refused.text()
+        );
+        // No axis, no step, no button: none of them moves anything, then or afterwards.
+        for buttons in [
+            ENABLE | STEP_10,
+            ENABLE | SELECT_X,
+            SELECT_X | STEP_10,
+            ENABLE | STEP_10 | SELECT_X | SELECT_Z,
+        ] {
+            pendant.presses(buttons);
+            turns(40);
+        }
+        pendant.presses(ENABLE | STEP_10 | SELECT_X);
+        assert_eq!(rests(&mut operator)[..3], [0.0; 3]);
+        turns(40);
+        assert!((rests(&mut operator)[0] - 0.1).abs() < 1e-9);
+        // Another axis takes over with its own counts.
+        pendant.presses(ENABLE | STEP_10 | SELECT_Z);
+        turns(-80);
+        let at = rests(&mut operator);
+        assert!((at[0] - 0.1).abs() < 1e-9 && (at[2] + 0.2).abs() < 1e-9, "{at:?}");
+        // Other modes and the emergency stop.
+        operator.says_number("MODE", AUTO);
+        turns(40);
+        operator.says_number("MODE", MANUAL);
+        operator.says("ESTOP");
+        turns(40);
+        operator.brings_up();
+        assert_eq!(rests(&mut operator)[2], at[2]);
+        // A bridge that falls silent while the wheel is turned, and one that counts from zero again.
+        pendant.falls_silent(true);
+        turns(400);
+        std::thread::sleep(Duration::from_millis(800));
+        pendant.falls_silent(false);
+        assert_eq!(rests(&mut operator)[2], at[2]);
+        pendant.counts.store(0, Ordering::Release);
+        assert_eq!(rests(&mut operator)[2], at[2]);
+        turns(40);
+        assert!((rests(&mut operator)[2] + 0.1).abs() < 1e-9);
+        drop(operator);
+        served.end().expect_code(&[0, 3]);
+        let again = verify(&shop.workshop.path("pendant.mcap")).expect("a readable trace");
+        assert!(again.holds() && again.uncompared == 0, "{again:?}");
+    });
+}
+
+#[test]
+fn letting_the_button_go_and_the_end_of_travel_end_the_way_and_nothing_is_made_up_for() {
+    unless_disturbed(|| {
+        let steps = PENDANT.replace("[0.001, 0.01]", "[0.001, 5.0]");
+        let shop = Shop::new("wheel-end", &steps);
+        let served = shop.serves("end.mcap");
+        let mut operator = shop.operator();
+        let pendant = Pendant::start(&shop.domain, shop.name, BUTTONS);
+        pendant.presses(ENABLE | STEP_10 | SELECT_X);
+        std::thread::sleep(Duration::from_millis(50));
+        // 300 mm to go: the button is let go on the way.
+        pendant.turns(240);
+        let moving = Arc::new(Mutex::new(0.0));
+        operator.waits("motion", |status| {
+            *moving.lock().expect("nobody panicked") = status.position_machine[0];
+            status.position_machine[0] > 20.0
+        });
+        pendant.presses(STEP_10 | SELECT_X);
+        let stopped = rests(&mut operator)[0];
+        // From 500 mm/s it stops within 35 mm, and the button is seen within a few ms.
+        let seen = *moving.lock().expect("nobody panicked");
+        assert!(stopped < seen + 80.0 && stopped < 299.0, "{seen} to {stopped}");
+        pendant.presses(ENABLE | STEP_10 | SELECT_X);
+        assert_eq!(rests(&mut operator)[0], stopped);
+        // Far beyond the end of the travel, in parts; the first detent back moves.
+        for _ in 0..4 {
+            pendant.turns(300);
+            std::thread::sleep(Duration::from_millis(40));
+        }
+        assert!((rests(&mut operator)[0] - 400.0).abs() < 1e-6);
+        pendant.turns(-4);
+        assert!((rests(&mut operator)[0] - 395.0).abs() < 1e-6);
+        // STOP, too, ends it for good.
+        pendant.turns(-240);
+        operator.waits("motion", |status| status.position_machine[0] < 380.0);
+        operator.says("STOP");
+        let stopped = rests(&mut operator)[0];
+        assert!(stopped > 100.0 && stopped < 380.0, "{stopped}");
+        drop(operator);
+        served.end().expect_code(&[0, 3]);
+        let recorded = cycles(&shop.workshop.path("end.mcap"));
+        let x: Vec<f64> = recorded.iter().map(|cycle| cycle.position[0]).collect();
+        keeps_limits(&x, 1000.0);
+        let again = verify(&shop.workshop.path("end.mcap")).expect("a readable trace");
+        assert!(again.holds() && again.uncompared == 0, "{again:?}");
+    });
+}
+
+#[test]
+fn a_machine_without_a_wheel_says_so() {
+    let shop = Shop::new("wheel-none", "");
+    let served = shop.serves("none.mcap");
+    let mut operator = shop.operator();
+    let refused = operator.ask(&chooses(1, 0.1));
+    assert_eq!((refused.verdict, refused.alarm), (1, NO_HANDWHEEL));
+    drop(operator);
+    served.end().expect_code(&[0, 3]);
+}
