@@ -364,7 +364,9 @@ fn only_a_pendant_that_is_chosen_enabled_and_heard_moves_an_axis() {
 #[test]
 fn letting_the_button_go_and_the_end_of_travel_end_the_way_and_nothing_is_made_up_for() {
     unless_disturbed(|| {
-        let steps = PENDANT.replace("[0.001, 0.01]", "[0.001, 5.0]");
+        let steps = PENDANT
+            .replace("[0.001, 0.01]", "[0.001, 5.0]")
+            .replace("input_timeout_ms = 500", "input_timeout_ms = 200");
         let shop = Shop::new("wheel-end", &steps);
         let served = shop.serves("end.mcap");
         let mut operator = shop.operator();
@@ -385,8 +387,16 @@ fn letting_the_button_go_and_the_end_of_travel_end_the_way_and_nothing_is_made_u
         assert!(stopped < seen + 80.0 && stopped < 299.0, "{seen} to {stopped}");
         pendant.presses(ENABLE | STEP_10 | SELECT_X);
         assert_eq!(rests(&mut operator)[0], stopped);
+        // The bridge dies on the way: 300 mm take 0.7 s, the inputs are unknown after 0.2 s.
+        pendant.turns(-240);
+        operator.waits("motion", |status| status.position_machine[0] < stopped - 1.0);
+        pendant.falls_silent(true);
+        let silent = rests(&mut operator)[0];
+        assert!(silent > stopped - 280.0, "{stopped} to {silent}");
+        pendant.falls_silent(false);
+        assert_eq!(rests(&mut operator)[0], silent);
         // Far beyond the end of the travel, in parts; the first detent back moves.
-        for _ in 0..4 {
+        for _ in 0..5 {
             pendant.turns(300);
             std::thread::sleep(Duration::from_millis(40));
         }
