@@ -115,7 +115,7 @@ fn a_gantry_router_in_inches_becomes_a_machine_that_runs() {
     let dropped = report["dropped"].to_string();
     for reason in [
         "joints 1 and 2 both drive Y",
-        "backlash",
+        "different backlash",
         "hm2_eth (a Mesa Ethernet board)",
         "not remapped",
     ] {
@@ -174,4 +174,48 @@ fn what_cannot_be_carried_over_at_all_is_refused_with_its_place() {
         assert!(finished.err.contains(expected), "{}", finished.err);
         assert!(!output.exists());
     }
+}
+
+#[test]
+fn backlash_and_a_table_of_screw_errors_come_over_and_are_corrected() {
+    let workshop = Workshop::new();
+    let ini = workshop.write(
+        "mill.ini",
+        "[KINS]\nKINEMATICS = trivkins coordinates=XY\n[TRAJ]\nCOORDINATES = XY\nLINEAR_UNITS = inch\n\
+         [AXIS_X]\nMIN_LIMIT = -5\nMAX_LIMIT = 5\nMAX_VELOCITY = 2\nMAX_ACCELERATION = 20\n\
+         [AXIS_Y]\nMIN_LIMIT = -5\nMAX_LIMIT = 5\nMAX_VELOCITY = 2\nMAX_ACCELERATION = 20\n\
+         [JOINT_0]\nBACKLASH = 0.001\n\
+         [JOINT_1]\nBACKLASH = 0.002\nCOMP_FILE = y.comp\nCOMP_FILE_TYPE = 0\n",
+    );
+    let _file = workshop.write("y.comp", "-4 -4.0004 -3.9996\n0 0.0002 0.0008\n4 4.0001 4.0007\n");
+    let machine = workshop.folder().join("mill.toml");
+    let report = import(&ini, &machine).expect_code(&[0]).json();
+    let dropped = report["dropped"].to_string();
+    assert!(dropped.contains("no effect beside COMP_FILE"), "{dropped}");
+    let file = std::fs::read_to_string(&machine).expect("a machine file");
+    for line in ["backlash_mm = 0.0254", "screw_table = \"mill-y.csv\""] {
+        assert!(
+            file.lines().any(|found| found == line),
+            "{line} is missing in\n{file}"
+        );
+    }
+    let program = workshop.write("p.ngc", "G21 G90\nG0 X10 Y10\nG0 X0 Y0\nG4 P1\nM2\n");
+    let trace = workshop.folder().join("p.mcap");
+    let words = ["--clock", "virtual", "--trace", text(&trace)];
+    run(["run", text(&program), "--machine", text(&machine)]
+        .into_iter()
+        .chain(words))
+    .expect_code(&[0]);
+    let last = *cycles(&trace).last().expect("cycles");
+    // Backwards at 0: half of the backlash less, and what LinuxCNC would add, nominal less reached.
+    assert!(
+        (last.drive_position[0] + 0.0127).abs() < 1e-12,
+        "{}",
+        last.drive_position[0]
+    );
+    assert!(
+        (last.drive_position[1] + 0.0008 * 25.4).abs() < 1e-12,
+        "{}",
+        last.drive_position[1]
+    );
 }

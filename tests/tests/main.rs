@@ -4,6 +4,7 @@ mod bad_input;
 mod bridges;
 mod checks;
 mod command_line;
+mod corrections;
 mod documents;
 mod drive_faults;
 mod exact_path;

@@ -23,11 +23,12 @@ from mcap_protobuf.decoder import DecoderFactory
 NAMES = {
     4: "wake_lateness_ns", 5: "work_ns", 6: "path_mm", 7: "feed_mm_s", 8: "position", 9: "velocity", 10: "acceleration",
     11: "jerk", 12: "line", 13: "state", 14: "flags", 15: "override", 16: "load", 17: "inputs", 18: "following_error",
+    19: "drive_position",
 }
 WHOLE = {4, 5, 12, 13, 14, 17}
-PER_AXIS = {8, 9, 10, 11, 18}
+PER_AXIS = {8, 9, 10, 11, 18, 19}
 JERK = 11
-ABSENT = {16, 18}
+ABSENT = {16, 18, 19}
 # First and second derivative, by field.
 DERIVATIVES = {10: (11, None), 9: (10, 11), 8: (9, 10)}
 MASK = (1 << 64) - 1

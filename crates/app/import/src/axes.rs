@@ -5,6 +5,7 @@ use evolvent_path::AxisLetter;
 use crate::error::ImportError;
 use crate::ini::Ini;
 use crate::report::Report;
+use crate::screws::{ScrewValues, screws};
 
 /// LinuxCNC's limits beyond this mean "none"; its default is 1e99.
 const NO_LIMIT: f64 = 1e8;
@@ -30,6 +31,9 @@ pub(crate) struct AxisValues {
     /// At rest, and the time of motion that is permitted, ms.
     pub(crate) following: (Option<f64>, Option<f64>),
     pub(crate) homing: Option<HomingValues>,
+    /// Degrees or mm of a unit of the configuration.
+    pub(crate) unit: f64,
+    pub(crate) screws: ScrewValues,
 }
 
 /// How an axis with a home switch is homed, in mm or degrees and seconds.
@@ -257,6 +261,8 @@ fn axis(
             time_ms,
         ),
         homing: homing(ini, &joint, (name, unit, velocity), report)?,
+        unit,
+        screws: screws(ini, joints, unit, report)?,
     })
 }
 

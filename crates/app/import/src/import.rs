@@ -1,18 +1,21 @@
 //! From an INI file to the files of a machine.
 
 use std::fs::{self, OpenOptions};
+use std::io;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use evolvent_config::read_regular;
 use evolvent_machine::Machine;
+use evolvent_path::AxisLetter;
 
-use crate::axes::{Units, axes};
+use crate::axes::{AxisValues, Units, axes};
 use crate::error::ImportError;
 use crate::hal::hardware;
 use crate::ini::{Entry, Ini, resolve};
 use crate::reasons::reason;
 use crate::report::{Dropped, Report};
+use crate::screws;
 use crate::settings::{Settings, drop_entry};
 use crate::tables;
 use crate::text::{self, Names};
@@ -77,6 +80,11 @@ pub fn import(ini: &Path, stem: &str) -> Result<Import, ImportError> {
             tables::parameters(text, units.linear).map_err(fault)
         })
         .or(new_parameters),
+        screws: Vec::new(),
+    };
+    let names = Names {
+        screws: screw_tables(&ini, &axes, stem, &mut tables, &mut report),
+        ..names
     };
     leave_out(&mut ini, &mut report);
     let source = ini
@@ -85,18 +93,74 @@ pub fn import(ini: &Path, stem: &str) -> Result<Import, ImportError> {
         .unwrap_or_default()
         .to_string_lossy()
         .into_owned();
-    let machine = text::machine(&source, &settings, &axes, &names);
-    if let Err(error) = Machine::parse(&machine, &format!("{stem}.toml")) {
-        return Err(ImportError::Machine {
-            path: ini.path,
-            reason: error.to_string(),
-        });
-    }
+    let mut names = names;
+    let machine = loop {
+        let machine = text::machine(&source, &settings, &axes, &names);
+        let Err(error) = checked(&machine, stem, &tables) else {
+            break machine;
+        };
+        // A table that is too rough for the limits is left out; the machine comes over without it.
+        let of_table = names
+            .screws
+            .iter()
+            .position(|(_, name)| error.contains(name.as_str()));
+        let Some(index) = of_table.or_else(|| names.screws.len().checked_sub(1)) else {
+            return Err(ImportError::Machine {
+                path: ini.path,
+                reason: error,
+            });
+        };
+        let (letter, name) = names.screws.remove(index);
+        tables.retain(|(table, _)| *table != name);
+        let axis = axes.iter().find(|axis| axis.letter == letter);
+        if let Some(table) = axis.and_then(|axis| axis.screws.table.as_ref()) {
+            drop_entry(&mut report, &table.entry, &error);
+        }
+    };
     Ok(Import {
         machine,
         tables,
         report,
     })
+}
+
+/// The tables of screw errors, converted.
+fn screw_tables(
+    ini: &Ini,
+    axes: &[AxisValues],
+    stem: &str,
+    tables: &mut Vec<(String, String)>,
+    report: &mut Report,
+) -> Vec<(AxisLetter, String)> {
+    let mut names = Vec::new();
+    for axis in axes {
+        let Some(table) = &axis.screws.table else { continue };
+        let is_rotary = axis.letter.is_rotary();
+        let convert = |text: &str| screws::table(text, table.is_trims, axis.unit, is_rotary);
+        match converted(ini, &table.entry, &convert) {
+            Ok(text) => {
+                let name = format!("{stem}-{}.csv", axis.letter.letter().to_ascii_lowercase());
+                tables.push((name.clone(), text));
+                names.push((axis.letter, name));
+            }
+            Err(why) => drop_entry(report, &table.entry, &why),
+        }
+    }
+    names
+}
+
+/// What is wrong with the machine file, with these files beside it.
+fn checked(machine: &str, stem: &str, tables: &[(String, String)]) -> Result<(), String> {
+    let read = |name: &Path| {
+        let table = tables.iter().find(|(table, _)| Path::new(table) == name);
+        match table {
+            Some((_, text)) => Ok(text.clone().into_bytes()),
+            None => Err(io::ErrorKind::NotFound.into()),
+        }
+    };
+    Machine::parse_with(machine, &format!("{stem}.toml"), read)
+        .map(|_| ())
+        .map_err(|error| error.to_string())
 }
 
 fn converted(
@@ -213,7 +277,7 @@ impl Import {
 }
 
 /// A file with this text: whole, or as it was before.
-fn replace(path: &Path, text: &str) -> std::io::Result<()> {
+fn replace(path: &Path, text: &str) -> io::Result<()> {
     let mut name = path.file_name().unwrap_or_default().to_owned();
     name.push(format!(".{}.new", std::process::id()));
     let new = path.with_file_name(name);

@@ -16,7 +16,7 @@
 //! let import = evolvent_import::import(&ini, "router")?;
 //! let machine = evolvent_machine::Machine::parse(import.machine(), "router.toml")?;
 //! assert_eq!(machine.axes[0].travel_max, 254.0);
-//! assert_eq!(import.report().dropped[0].key, "BACKLASH");
+//! assert!(import.machine().contains("backlash_mm = 0.254"));
 //! std::fs::remove_dir_all(&folder)?;
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
@@ -31,6 +31,7 @@ mod import;
 mod ini;
 mod reasons;
 mod report;
+mod screws;
 mod settings;
 mod tables;
 mod text;

@@ -23,9 +23,9 @@ const SECTIONS: &[(&str, &str)] = &[
 
 /// Keys, in sections that begin like this.
 const KEYS: &[(&str, &str, &str)] = &[
-    ("JOINT_", "BACKLASH", "backlash is not compensated"),
-    ("JOINT_", "COMP_FILE", "screw errors are not compensated"),
-    ("JOINT_", "COMP_FILE_TYPE", "screw errors are not compensated"),
+    ("JOINT_", "BACKLASH", "the joint drives no axis"),
+    ("JOINT_", "COMP_FILE", "the joint drives no axis"),
+    ("JOINT_", "COMP_FILE_TYPE", "the joint drives no axis"),
     (
         "JOINT_",
         "HOME_USE_INDEX",

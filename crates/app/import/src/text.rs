@@ -2,6 +2,8 @@
 
 use std::fmt::Write as _;
 
+use evolvent_path::AxisLetter;
+
 use crate::axes::{AxisValues, tidy};
 use crate::settings::{PathMode, Settings};
 
@@ -10,6 +12,8 @@ use crate::settings::{PathMode, Settings};
 pub(crate) struct Names {
     pub(crate) tool_table: Option<String>,
     pub(crate) parameters: Option<String>,
+    /// Tables of screw errors.
+    pub(crate) screws: Vec<(AxisLetter, String)>,
 }
 
 pub(crate) fn machine(source: &str, settings: &Settings, axes: &[AxisValues], names: &Names) -> String {
@@ -44,6 +48,9 @@ pub(crate) fn machine(source: &str, settings: &Settings, axes: &[AxisValues], na
     for axis in axes {
         line(String::new());
         axis_table(axis).into_iter().for_each(&mut line);
+        if let Some((_, name)) = names.screws.iter().find(|(letter, _)| *letter == axis.letter) {
+            line(format!("screw_table = {}", quoted(name)));
+        }
     }
     for axis in axes {
         if let Some(table) = homing_table(axis) {
@@ -81,6 +88,9 @@ fn axis_table(axis: &AxisValues) -> Vec<String> {
     ];
     if let Some(error) = axis.following.0 {
         lines.push(format!("following_error_{unit} = {}", tidy(error)));
+    }
+    if let Some(backlash) = axis.screws.backlash {
+        lines.push(format!("backlash_{unit} = {}", tidy(backlash)));
     }
     if let Some(time_ms) = axis.following.1 {
         lines.push(format!("following_time_ms = {}", tidy(time_ms)));

@@ -43,6 +43,8 @@ pub struct LimitCheck {
     travel: [Worst; 9],
     broken: u64,
     first_broken: Option<(u64, u32, String)>,
+    /// Of what the drives were sent, where that is something else.
+    drives: Option<Box<LimitCheck>>,
 }
 
 impl LimitCheck {
@@ -60,6 +62,27 @@ impl LimitCheck {
             travel: [Worst::default(); 9],
             broken: 0,
             first_broken: None,
+            drives: (!machine.corrections.is_none()).then(|| Box::new(Self::of_drives(machine, period_ns))),
+        }
+    }
+
+    /// Of corrected positions: the first ones are wherever they are, the travel is that of ideal positions.
+    fn of_drives(machine: &Machine, period_ns: u64) -> Self {
+        let mut limits = machine.drive_limits();
+        (limits.travel_min, limits.travel_max) =
+            (Axes::repeat(f64::NEG_INFINITY), Axes::repeat(f64::INFINITY));
+        Self {
+            limits,
+            rate_hz: 1e9 / period_ns as f64,
+            past: [[0.0; 9]; 3],
+            known: 0,
+            last_sequence: None,
+            since_joint: JOINT_CYCLES,
+            worst: [[Worst::default(); 3]; 9],
+            travel: [Worst::default(); 9],
+            broken: 0,
+            first_broken: None,
+            drives: None,
         }
     }
 
@@ -71,6 +94,16 @@ impl LimitCheck {
     /// Takes the next cycle in. Behind a gap differences begin anew. Gives the differences by axis: velocity,
     /// acceleration, jerk; `None` right behind a gap.
     pub fn cycle(&mut self, record: &CycleRecord) -> Option<[[f64; 3]; 9]> {
+        if let Some(drives) = &mut self.drives
+            && !record.drive_position.iter().all(|position| position.is_nan())
+        {
+            let mut sent = *record;
+            for (axis, position) in record.drive_position.iter().enumerate() {
+                // An axis that the trace does not carry stands.
+                sent.position[axis] = if position.is_nan() { 0.0 } else { *position };
+            }
+            drives.cycle(&sent);
+        }
         let follows = match self.last_sequence {
             None => record.sequence == 0,
             Some(last) => last.checked_add(1) == Some(record.sequence),
@@ -180,12 +213,22 @@ impl LimitCheck {
     /// How many samples broke a limit.
     #[must_use]
     pub fn broken(&self) -> u64 {
-        self.broken
+        self.broken + self.drives.as_ref().map_or(0, |drives| drives.broken)
+    }
+
+    /// The same as [`worst`](Self::worst) of what the drives were sent, where that is something else.
+    #[must_use]
+    pub fn worst_sent(&self, axis: usize) -> Option<&[Worst; 3]> {
+        self.drives.as_ref().map(|drives| &drives.worst[axis])
     }
 
     /// The first that did: cycle, line, and what in words.
     #[must_use]
     pub fn first_broken(&self) -> Option<&(u64, u32, String)> {
-        self.first_broken.as_ref()
+        let sent = self
+            .drives
+            .as_ref()
+            .and_then(|drives| drives.first_broken.as_ref());
+        self.first_broken.as_ref().or(sent)
     }
 }

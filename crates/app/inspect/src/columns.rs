@@ -57,6 +57,7 @@ enum Source {
     Acceleration(usize),
     Jerk(usize),
     FollowingError(usize),
+    DrivePosition(usize),
 }
 
 /// A table under construction.
@@ -84,12 +85,13 @@ impl Table {
         ];
         let unit = |axis: AxisLetter| if axis.is_rotary() { "deg" } else { "mm" };
         type Make = fn(usize) -> Source;
-        let quantities: [(&str, &str, Make); 5] = [
+        let quantities: [(&str, &str, Make); 6] = [
             ("position", "", Source::Position),
             ("velocity", "_s", Source::Velocity),
             ("acceleration", "_s2", Source::Acceleration),
             ("jerk", "_s3", Source::Jerk),
             ("following_error", "", Source::FollowingError),
+            ("drive_position", "", Source::DrivePosition),
         ];
         for (name, per, make) in quantities {
             for &axis in axes {
@@ -270,6 +272,7 @@ impl Source {
             Self::Acceleration(axis) => record.acceleration[axis],
             Self::Jerk(axis) => record.jerk[axis],
             Self::FollowingError(axis) => record.following_error[axis],
+            Self::DrivePosition(axis) => record.drive_position[axis],
             _ => f64::NAN,
         }
     }

@@ -1,11 +1,12 @@
 //! A trace with what is attached to it.
 
+use std::io;
 use std::path::Path;
 use std::sync::Arc;
 
 use evolvent_gcode::{KeptParameters, Outputs, ToolTable};
 use evolvent_machine::{Machine, PlannerKind, ToolChange, WithoutToolTable};
-use evolvent_runtime::{ProgramMemory, Setup};
+use evolvent_runtime::{ProgramMemory, Setup, TABLES};
 use evolvent_trace::{ReadError, RunInfo, TraceFile};
 use evolvent_turning::Job as TurningJob;
 
@@ -37,7 +38,7 @@ pub enum InspectError {
         /// What was attempted.
         what: String,
         /// Why it failed.
-        source: std::io::Error,
+        source: io::Error,
     },
 }
 
@@ -79,8 +80,14 @@ impl Opened {
             .ok_or_else(|| wrong("its machine file is missing".to_owned()))?;
         let machine_text =
             String::from_utf8(text).map_err(|_| wrong("its machine file is not UTF-8".to_owned()))?;
-        let mut machine = Machine::parse(&machine_text, &run.machine_file_name)
-            .map_err(|error| wrong(error.to_string()))?;
+        let mut machine = Machine::parse_with(&machine_text, &run.machine_file_name, |name| {
+            let attached = trace.attachment(&format!("{TABLES}{}", name.display()));
+            match attached.map_err(io::Error::other)? {
+                Some(bytes) => Ok(bytes),
+                None => Err(io::Error::other("it is not attached")),
+            }
+        })
+        .map_err(|error| wrong(error.to_string()))?;
         if let Some(kind) = run
             .extra
             .get("planner")

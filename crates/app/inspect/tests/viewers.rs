@@ -39,7 +39,14 @@ fn fields(message: &str) -> BTreeSet<String> {
 
 /// Of a list: its length on this machine.
 fn elements(field: &str, axes: usize) -> Option<usize> {
-    let per_axis = ["position", "velocity", "acceleration", "jerk", "following_error"];
+    let per_axis = [
+        "position",
+        "velocity",
+        "acceleration",
+        "jerk",
+        "following_error",
+        "drive_position",
+    ];
     per_axis.contains(&field).then_some(axes)
 }
 

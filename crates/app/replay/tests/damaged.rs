@@ -19,9 +19,16 @@ fn same(a: &CycleRecord, b: &CycleRecord) -> bool {
     let plain = |record: &CycleRecord| CycleRecord {
         load: 0.0,
         following_error: [0.0; 9],
+        drive_position: [0.0; 9],
         ..*record
     };
-    let odd = |record: &CycleRecord| (record.load.to_bits(), record.following_error.map(f64::to_bits));
+    let odd = |record: &CycleRecord| {
+        (
+            record.load.to_bits(),
+            record.following_error.map(f64::to_bits),
+            record.drive_position.map(f64::to_bits),
+        )
+    };
     plain(a) == plain(b) && odd(a) == odd(b)
 }
 

@@ -5,6 +5,7 @@
 //! planner and for room in the queues, because its time is not real).
 
 use evolvent_motion::{Setpoint, flags};
+use evolvent_path::Jet;
 use evolvent_trace::Histogram;
 use rtrb::Producer;
 
@@ -48,6 +49,8 @@ pub(crate) struct CycleBegin {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Computed {
     pub setpoint: Setpoint,
+    /// What the drives are sent, where that is something else.
+    pub corrected: Option<Jet>,
     pub drive: DriveRequest,
     /// The job to whose program it belongs, or to whose program the last one did.
     pub job: u64,
@@ -145,6 +148,7 @@ impl CoreLoop {
             if let Some(bus) = &mut self.bus {
                 let due = DueSetpoint {
                     setpoint,
+                    corrected: computed.corrected,
                     due_time_ns: cycle.map_or(path_time_ns, |cycle| cycle.due_ns),
                     drive: computed.drive,
                     job: computed.job,
@@ -157,6 +161,9 @@ impl CoreLoop {
                 let due_unix_ns = self.start_unix_ns + setpoint.sequence * self.period_ns;
                 let inputs = computed.input_bits;
                 let mut sample = CycleSample::new(&setpoint, due_unix_ns, lateness_ns, work_ns, inputs);
+                if let Some(corrected) = &computed.corrected {
+                    sample.record.drive_position = corrected.position.into();
+                }
                 source.describe(&mut sample);
                 counts.dropped_records += u64::from(!hand_over(trace, sample, is_realtime));
             }

@@ -43,6 +43,7 @@ impl CycleSample {
                 load: f64::NAN,
                 inputs,
                 following_error: [f64::NAN; AXES],
+                drive_position: [f64::NAN; AXES],
             },
             block: setpoint.block,
             actions: setpoint.actions,

@@ -40,7 +40,9 @@ pub(crate) fn feedback_bounds(machine: &Machine) -> FeedbackBounds {
     for axis in &machine.axes {
         let index = axis.letter.index();
         bounds.axes |= AxisMask::one(index);
-        bounds.set_axis(index, [axis.travel_min, axis.travel_max], axis.max_velocity);
+        let reach = machine.corrections.reach(machine)[index];
+        let travel = [axis.travel_min - reach, axis.travel_max + reach];
+        bounds.set_axis(index, travel, axis.max_velocity);
     }
     bounds
 }

@@ -2,11 +2,15 @@
 
 use evolvent_drive::PowerRequest;
 use evolvent_motion::Setpoint;
+use evolvent_path::{Axes, Jet};
 
 /// A setpoint on its way to the bus.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct DueSetpoint {
+    /// As it was planned: of a machine without errors.
     pub setpoint: Setpoint,
+    /// What the drives are sent, where that is something else.
+    pub corrected: Option<Jet>,
     /// When it counts, ns.
     pub due_time_ns: u64,
     pub drive: DriveRequest,
@@ -16,6 +20,17 @@ pub(crate) struct DueSetpoint {
     pub spindle_override: f64,
     /// Whether it belongs to a program, and not to a jog, to homing or to rest.
     pub is_of_program: bool,
+}
+
+impl DueSetpoint {
+    /// Position, velocity and acceleration that the drives are sent.
+    pub(crate) fn sent(&self) -> [Axes; 3] {
+        let setpoint = &self.setpoint;
+        match &self.corrected {
+            Some(jet) => [jet.position, jet.first, jet.second],
+            None => [setpoint.position, setpoint.velocity, setpoint.acceleration],
+        }
+    }
 }
 
 /// What is asked of the drives beside the setpoint.

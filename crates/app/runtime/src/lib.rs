@@ -15,6 +15,7 @@
 
 mod check;
 mod core_loop;
+mod corrections;
 mod cycle_sample;
 mod doctor;
 mod drives;
@@ -79,6 +80,7 @@ mod user_code;
 mod user_code_runner;
 
 pub use check::{CheckBounds, Checked, Warning, check};
+pub use corrections::Corrections;
 pub use doctor::{BareLoopError, DoctorReport, Finding, LatenessReport, Verdict, bare_loop, examine};
 pub use drives::{phase_settings, watch_settings};
 pub use evolvent_control::Alarm;
@@ -94,6 +96,7 @@ pub use recompute_served::{Moved, ServedAgain, ServedError};
 pub use refusal::ProgramError;
 pub use rt::{LowLatencyHold, MonotonicClock, RealtimeGranted, RealtimeRequest, apply_to_this_thread};
 pub use run::{RunOutcome, run, run_seen};
+pub use run_info::TABLES;
 pub use serve::{ServeConfig, ServeNews, ServeSummary, TraceTo, serve, state_folder};
 pub use shared::{Controls, Progress};
 pub use signal_loop::{SignalChange, SignalName};

@@ -137,6 +137,7 @@ mod tests {
         };
         DueSetpoint {
             setpoint,
+            corrected: None,
             due_time_ns: 0,
             drive: DriveRequest::ON,
             job,

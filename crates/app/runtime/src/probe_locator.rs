@@ -24,6 +24,8 @@ struct Sample {
     time_ns: u64,
     datum: u64,
     position: [f64; AXES],
+    /// Of a setpoint: by how much it was corrected.
+    shift: [f64; AXES],
 }
 
 /// A change whose position is not known yet.
@@ -62,12 +64,14 @@ impl ProbeLocator {
             !AxisMask::from_bits(feedback.axes_mask).contains(axis) || feedback.position[axis].is_finite()
         });
         if sound {
+            let shift = self.shift_at(feedback.time_ns);
             keep(
                 &mut self.feedback,
                 Sample {
                     time_ns: feedback.time_ns,
                     datum: feedback.datum,
-                    position: feedback.position,
+                    position: std::array::from_fn(|axis| feedback.position[axis] - shift[axis]),
+                    shift,
                 },
             );
         }
@@ -75,14 +79,14 @@ impl ProbeLocator {
 
     /// A setpoint, each once.
     pub(crate) fn see_setpoint(&mut self, due: &DueSetpoint) {
-        let mut position = [0.0; AXES];
-        position.copy_from_slice(due.setpoint.position.as_slice());
+        let [sent, ..] = due.sent();
         keep(
             &mut self.setpoints,
             Sample {
                 time_ns: due.due_time_ns,
                 datum: due.drive.datum,
-                position,
+                position: due.setpoint.position.into(),
+                shift: (sent - due.setpoint.position).into(),
             },
         );
     }
@@ -106,13 +110,21 @@ impl ProbeLocator {
         if change.latched_mask & self.axes_mask != self.axes_mask {
             position = self.at(&change, now_ns)?;
         }
+        let shift = self.shift_at(change.time_ns);
         for (axis, value) in position.iter_mut().enumerate() {
             if AxisMask::from_bits(change.latched_mask).contains(axis) {
-                *value = change.latched[axis];
+                *value = change.latched[axis] - shift[axis];
             }
         }
         self.changes.pop_front();
         Some(position)
+    }
+
+    /// By how much the setpoint was corrected that was due at a time, or the one nearest to it.
+    fn shift_at(&self, time_ns: u64) -> [f64; AXES] {
+        let after = self.setpoints.partition_point(|sample| sample.time_ns < time_ns);
+        let newest = self.setpoints.back();
+        (self.setpoints.get(after).or(newest)).map_or([0.0; AXES], |sample| sample.shift)
     }
 
     /// Where the axes were; none while that may yet become known.

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use evolvent_control::Alarm;
 use evolvent_motion::{Inputs, PathExecutor, PlanConsumer, Setpoint, State, flags};
+use evolvent_path::Jet;
 use evolvent_trace::inputs as recorded;
 use evolvent_turning::{
     AdaptiveFeed, AdaptiveStop, CutNow, LoadSample, Reason, SimulatedProcess, TurningOutput,
@@ -11,6 +12,7 @@ use evolvent_turning::{
 use rtrb::Consumer;
 
 use crate::core_loop::{Computed, CycleBegin, CycleEnd, Next, SetpointSource, wait_until};
+use crate::corrections::Corrections;
 use crate::cycle_sample::{CycleSample, input_bits};
 use crate::due_setpoint::DriveRequest;
 use crate::shared::Controls;
@@ -42,6 +44,8 @@ pub(crate) struct ProgramCycle<F> {
     pub commands: Option<Consumer<u32>>,
     /// Outputs and inputs, where the machine has any.
     pub signals: Option<SignalLoop>,
+    /// Where the machine is not as it should be.
+    pub corrections: Option<Corrections>,
     /// Whether a load is measured, and recorded.
     pub records_load: bool,
     /// The workpiece that the setpoints cut: with the virtual clock, whose load no sensor measures.
@@ -60,6 +64,8 @@ pub(crate) struct ProgramState {
     pub last: Option<Setpoint>,
     pub starved_cycles: u64,
     pub stopped_for_lateness: bool,
+    /// A corrected setpoint broke a limit.
+    pub miscorrected: bool,
     pub planner_died: bool,
     /// Why adaptive feed has stopped the run.
     pub adaptive_stop: Option<AdaptiveStop>,
@@ -92,6 +98,7 @@ impl ProgramState {
             last: None,
             starved_cycles: 0,
             stopped_for_lateness: false,
+            miscorrected: false,
             planner_died: false,
             adaptive_stop: None,
             estopped: false,
@@ -122,7 +129,7 @@ impl<F: FnMut(&Seen<'_>)> SetpointSource for ProgramCycle<F> {
             inputs.load = self.now.simulated;
         }
         self.hold_before_load(&mut inputs);
-        inputs.stop |= self.now.stopped_for_lateness;
+        inputs.stop |= self.now.stopped_for_lateness || self.now.miscorrected;
         let command = self.at_command();
         let at_wait = self.take_signals(begin.number, &mut inputs);
         self.pass_stops(command, at_wait, &mut inputs);
@@ -142,8 +149,10 @@ impl<F: FnMut(&Seen<'_>)> SetpointSource for ProgramCycle<F> {
             signals.step(&setpoint, phase_of(setpoint.state));
         }
         self.now.inputs = inputs;
+        let corrected = self.correct(&setpoint);
         Computed {
             setpoint,
+            corrected,
             drive: DriveRequest::ON,
             job: 0,
             is_of_program: true,
@@ -289,6 +298,18 @@ impl<F> ProgramCycle<F> {
         inputs.stop |= self.now.adaptive_stop.is_some();
     }
 
+    /// What the drives are sent for it.
+    fn correct(&mut self, setpoint: &Setpoint) -> Option<Jet> {
+        let corrections = self.corrections.as_mut()?;
+        let inputs = self.signals.as_ref().map(SignalLoop::inputs);
+        let corrected = corrections.step(setpoint, inputs);
+        if corrections.take_fault().is_some() {
+            self.now.miscorrected = true;
+            self.controls.raise(Alarm::Guard);
+        }
+        Some(corrected)
+    }
+
     /// What went wrong with this setpoint.
     fn note_faults(&mut self, setpoint: &mut Setpoint) {
         if setpoint.state == State::Done && self.controls.has_program_failed() {
@@ -382,6 +403,7 @@ mod tests {
             stops_at_program_stops: false,
             commands: None,
             signals: None,
+            corrections: None,
             records_load: false,
             process: None,
             standby: Standby::new(false, 1_000_000),

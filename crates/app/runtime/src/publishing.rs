@@ -51,18 +51,19 @@ impl Publishing {
     /// A setpoint as it leaves.
     pub(crate) fn message(&self, due: &DueSetpoint) -> evolvent_bus::Setpoint {
         let setpoint = &due.setpoint;
+        let [position, velocity, acceleration] = due.sent();
         let mut increments = [0; AXES];
         for i in 0..AXES {
             // The guard has checked the travel, so this fits by far.
-            increments[i] = (setpoint.position[i] * self.increments[i]).round() as i64;
+            increments[i] = (position[i] * self.increments[i]).round() as i64;
         }
         evolvent_bus::Setpoint {
             sequence: setpoint.sequence,
             due_time_ns: due.due_time_ns,
             period_ns: self.config.period_ns,
-            position: setpoint.position.into(),
-            velocity: setpoint.velocity.into(),
-            acceleration: setpoint.acceleration.into(),
+            position: position.into(),
+            velocity: velocity.into(),
+            acceleration: acceleration.into(),
             position_increments: increments,
             state: setpoint.state as u32,
             flags: setpoint.flags,

@@ -8,8 +8,10 @@ use std::thread;
 use std::time::Duration;
 
 use evolvent_motion::{Extremes, Inputs, PathExecutor, Setpoint, State, plan_queue};
+use evolvent_path::Jet;
 use evolvent_signals::{InputImage, Phase, Signals, schedule};
 
+use crate::corrections::Corrections;
 use crate::feeder::Feeder;
 use crate::job::Setup;
 use crate::refusal::ProgramError;
@@ -70,7 +72,8 @@ pub(crate) fn wait_for_planner(mut ready: impl FnMut() -> bool) {
 }
 
 /// Computes a run again, cycle by cycle, as the virtual clock does. `inputs` gives what came in at each cycle, `None`
-/// to end; `changes` are the recorded changes of digital and analog inputs, in order; `observe` sees every setpoint and says whether to go on.
+/// to end; `changes` are the recorded changes of digital and analog inputs, in order; `observe` sees every setpoint, with what the drives are sent
+/// where that is something else, and says whether to go on.
 ///
 /// The setpoints are those of the recorded run, bit for bit, if this program is the same version for the same kind of
 /// processor, unless the recorded run was starved: how much of a plan a real-time planner had ready is not recorded.
@@ -84,7 +87,7 @@ pub fn recompute(
     optional_stop: bool,
     changes: &[SignalChange],
     mut inputs: impl FnMut(u64) -> Option<RecordedInputs>,
-    mut observe: impl FnMut(&Setpoint) -> bool,
+    mut observe: impl FnMut(&Setpoint, Option<&Jet>) -> bool,
 ) -> io::Result<Recomputed> {
     let limits = setup.machine.limits();
     let abandoned = Arc::new(AtomicBool::new(false));
@@ -97,6 +100,7 @@ pub fn recompute(
     let (turnings, probings) = (producer.take_turnings(), producer.take_probings());
     let threadings = producer.take_threadings();
     let mut motion = PathExecutor::new(limits, setup.period_ns, limits.home).planned_for(feed_override);
+    let mut corrections = Corrections::new(&setup.machine, setup.period_ns, limits.home);
     let planner = Stages::two(setup, feed_override, producer)?;
     let settings = &setup.machine.signals;
     let (scheduler, consumer) = schedule();
@@ -172,7 +176,9 @@ pub fn recompute(
             sent = image;
             cycles += 1;
             state = setpoint.state;
-            if !observe(&setpoint) || motion.is_over() || is_stuck {
+            let corrected =
+                (corrections.as_mut()).map(|corrections| corrections.step(&setpoint, Some(signals.inputs())));
+            if !observe(&setpoint, corrected.as_ref()) || motion.is_over() || is_stuck {
                 break;
             }
         }

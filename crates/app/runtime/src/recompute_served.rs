@@ -5,11 +5,12 @@ use std::io;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use evolvent_machine::Limits;
+use evolvent_machine::{Limits, Machine};
 use evolvent_motion::{Inputs, MachineState, Setpoint, State, TransferExecutor};
-use evolvent_path::Axes;
+use evolvent_path::{Axes, Jet};
 use evolvent_transfer::{AxesState, Sync, Transfer, TransferError};
 
+use crate::corrections::Corrections;
 use crate::job::Setup;
 use crate::job_start::{ProgramStart, SteeredStart};
 use crate::recompute::{RecordedInputs, wait_for_planner};
@@ -73,6 +74,9 @@ pub struct ServedAgain {
     complaint: Option<ProgramError>,
     /// Outputs and inputs, where the machine has any.
     signals: Option<SignalsAgain>,
+    corrections: Option<Corrections>,
+    /// What the drives were sent with the last setpoint.
+    corrected: Option<Jet>,
 }
 
 impl ServedAgain {
@@ -86,7 +90,23 @@ impl ServedAgain {
             work: ActiveJob::None,
             complaint: None,
             signals: None,
+            corrections: None,
+            corrected: None,
         }
+    }
+
+    /// With the corrections of this machine.
+    #[must_use]
+    pub fn with_corrections(mut self, machine: &Machine) -> Self {
+        self.corrections = Corrections::new(machine, self.period_ns, self.limits.home);
+        self
+    }
+
+    /// What the drives were sent with the last setpoint, where that is something else and known: in which directions the axes
+    /// had moved is recorded by the motions alone, so it is lost with a gap.
+    #[must_use]
+    pub fn corrected(&self) -> Option<&Jet> {
+        self.corrected.as_ref()
     }
 
     /// With these outputs and inputs, and their recorded changes, in order.
@@ -132,6 +152,11 @@ impl ServedAgain {
     /// The axes have these coordinates from here on, within this travel.
     pub fn relocate(&mut self, travel: (Axes, Axes), position: Axes) {
         let limits = self.within(travel);
+        if self.station.position() != position
+            && let Some(corrections) = &mut self.corrections
+        {
+            corrections.relocate(&position);
+        }
         self.station.relocate(limits, position);
     }
 
@@ -146,6 +171,7 @@ impl ServedAgain {
     /// Goes on at rest elsewhere: what was before is not known.
     pub fn place_at(&mut self, travel: (Axes, Axes), sequence: u64, position: Axes, path_mm: f64) {
         self.end_work();
+        (self.corrections, self.corrected) = (None, None);
         let limits = self.within(travel);
         self.station.place_at(limits, sequence, position, path_mm);
     }
@@ -242,6 +268,11 @@ impl ServedAgain {
             && !matches!(moved, Moved::ByPlan(_))
         {
             signals.step(setpoint, false);
+        }
+        self.corrected = None;
+        if let (Some(corrections), Some(setpoint)) = (&mut self.corrections, &setpoint) {
+            let inputs = self.signals.as_ref().map(SignalsAgain::inputs);
+            self.corrected = Some(corrections.step(setpoint, inputs));
         }
         setpoint
     }

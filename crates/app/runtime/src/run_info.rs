@@ -11,6 +11,8 @@ use crate::job::{Clock, Job, Setup};
 /// Names of the attachments with what the program found.
 const TOOLS: &str = "tools.tbl";
 const PARAMETERS: &str = "parameters.var";
+/// Names of attached tables of screw errors begin with this.
+pub const TABLES: &str = "tables/";
 
 /// What is recorded: one program, or whatever a served machine does.
 pub(crate) enum RunSource<'a> {
@@ -70,6 +72,13 @@ pub(crate) fn run_info(setup: &Setup, source: &RunSource<'_>, start_time_ns: u64
             .kept
             .as_ref()
             .map(|kept| (PARAMETERS.to_owned(), kept.to_text().into_bytes())),
+        tables: setup
+            .machine
+            .corrections
+            .files
+            .iter()
+            .map(|file| (format!("{TABLES}{}", file.name.display()), file.bytes.clone()))
+            .collect(),
         axes: setup.machine.axes.iter().map(|axis| axis.letter).collect(),
         period_ns: setup.period_ns,
         start_time_ns,

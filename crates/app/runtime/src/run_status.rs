@@ -93,6 +93,9 @@ impl StatusSource for RunStatus {
             port.notify(EventKind::Started);
         }
         self.last = *message;
+        // People see the machine without its errors.
+        self.last.position = due.setpoint.position.into();
+        self.last.velocity = due.setpoint.velocity.into();
         if is_switched {
             self.show(port.periphery);
         }

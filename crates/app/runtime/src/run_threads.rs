@@ -13,6 +13,7 @@ use evolvent_turning::{AdaptiveFeed, SimulatedProcess};
 use rtrb::{Consumer, Producer, RingBuffer};
 
 use crate::core_loop::CoreLoop;
+use crate::corrections::Corrections;
 use crate::cycle_sample::CycleSample;
 use crate::due_setpoint::DueSetpoint;
 use crate::feeder::{FeedReport, Feeder, ToCarrier};
@@ -289,6 +290,7 @@ impl<'scope, 'env> RunThreads<'_, 'scope, 'env> {
             stops_at_program_stops: job.stop_at_program_stops,
             commands: ends.commands,
             signals: ends.signals,
+            corrections: Corrections::new(&setup.machine, setup.period_ns, limits.home),
             records_load: setup.process.is_some(),
             process: (job.clock == Clock::Virtual)
                 .then(|| SimulatedProcess::new(setup.process.as_ref()?, setup.period_ns as f64 * 1e-9))

@@ -310,6 +310,11 @@ impl SignalLoop {
         self.signals.spindle_at(sequence)
     }
 
+    /// The inputs that count for the setpoint of this cycle.
+    pub(crate) fn inputs(&self) -> &InputImage {
+        self.signals.inputs()
+    }
+
     /// Which overrides count for the next setpoint.
     pub(crate) fn overrides(&self) -> OverrideSwitches {
         *self.signals.overrides()

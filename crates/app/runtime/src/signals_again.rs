@@ -103,6 +103,10 @@ impl SignalsAgain {
     }
 
     /// Whether the machine rests for a wait.
+    pub(crate) fn inputs(&self) -> &InputImage {
+        self.signals.inputs()
+    }
+
     pub(crate) fn is_waiting(&self) -> bool {
         self.signals.is_waiting()
     }

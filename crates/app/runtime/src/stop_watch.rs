@@ -301,6 +301,7 @@ mod tests {
         for setpoint in line(200.0, 0) {
             watch.follow(&DueSetpoint {
                 setpoint,
+                corrected: None,
                 due_time_ns: 0,
                 drive: crate::due_setpoint::DriveRequest::ON,
                 job: 4,

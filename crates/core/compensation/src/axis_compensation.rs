@@ -80,6 +80,12 @@ impl AxisCompensation {
         ]
     }
 
+    /// The corrected position, as the direction stands.
+    pub(crate) fn corrected(&self, y: f64) -> f64 {
+        let m = self.table.as_ref().map_or(0.0, |table| table.mean().at(y)[0]);
+        y + (m + self.side.at()[0] * self.half(y)[0]) + self.offset()[0]
+    }
+
     /// Where the axis is, of a corrected position, as the direction stands.
     pub(crate) fn ideal(&self, corrected: f64) -> f64 {
         let (b, o) = (self.side.at()[0], self.offset()[0]);

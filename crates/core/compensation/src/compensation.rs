@@ -52,6 +52,19 @@ impl Compensation {
         corrected
     }
 
+    /// The corrected position of an ideal one, as directions and offsets stand: where the last step would have left the drives if the
+    /// machine rested there. Real-time safe.
+    #[must_use]
+    pub fn corrected_position(&self, ideal: &Axes) -> Axes {
+        let mut corrected = self.squareness.slides(ideal);
+        for (i, axis) in self.axes.iter().enumerate() {
+            if let Some(axis) = axis {
+                corrected[i] = axis.corrected(corrected[i]);
+            }
+        }
+        corrected
+    }
+
     /// Where the tool is when the drives are at `corrected`, as directions and offsets stand. Real-time safe.
     #[must_use]
     pub fn ideal_position(&self, corrected: &Axes) -> Axes {

@@ -208,6 +208,12 @@ impl Design {
         self.most
     }
 
+    /// By how much the way of axis `other` moves the slide of `axis`, as a ratio.
+    #[must_use]
+    pub fn coupling(&self, axis: usize, other: usize) -> f64 {
+        self.errors.squareness.coupling(axis, other)
+    }
+
     /// How long it takes an axis to take up its backlash, s.
     #[must_use]
     pub fn take_up_s(&self, axis: usize) -> Option<f64> {

@@ -92,6 +92,8 @@ fn corrected_setpoints_keep_the_limits_whatever_errors_and_motion() {
                 compensation.aim_thermal(random.below(3), random.between(-0.2, 0.2));
             }
             let corrected = compensation.step(&ideal);
+            let again = compensation.corrected_position(&ideal.position);
+            assert!((again - corrected.position).amax() < 1e-12);
             let back = compensation.ideal_position(&corrected.position);
             for i in 0..3 {
                 assert!((back[i] - ideal.position[i]).abs() < 1e-10, "axis {i}: inverse");

@@ -10,6 +10,7 @@ use serde::de::{Error, Visitor};
 use serde::{Deserialize, Deserializer};
 use serde_json::json;
 
+use crate::corrections::{SquarenessFile, TableFormat, TableUnit};
 use crate::handwheel::HandwheelFile;
 use crate::homing::HomingFile;
 use crate::machine::{
@@ -93,6 +94,9 @@ pub(crate) struct MachineFile {
     /// How inputs are watched.
     #[serde(default)]
     pub(crate) signals: SignalsFile,
+    /// How far X, Y and Z are off their right angles.
+    #[serde(default)]
+    pub(crate) squareness: SquarenessFile,
 }
 
 /// One axis: linear (X Y Z U V W) with keys in mm, or rotary (A B C) with keys in degrees.
@@ -145,6 +149,26 @@ pub(crate) struct AxisFile {
     pub(crate) following_error_deg: Option<f64>,
     /// Following error that is allowed in motion, as the time in which the axis travels it, ms; 20 where it is not given.
     pub(crate) following_time_ms: Option<f64>,
+    /// Lost motion of a linear axis at reversal, mm; 0 where it is not given.
+    #[schemars(range(min = 0, max = 10))]
+    pub(crate) backlash_mm: Option<f64>,
+    /// Lost motion of a rotary axis at reversal, degrees; 0 where it is not given.
+    #[schemars(range(min = 0, max = 10))]
+    pub(crate) backlash_deg: Option<f64>,
+    /// File of the screw's errors, relative to the folder of the machine file.
+    pub(crate) screw_table: Option<String>,
+    /// How that file is written; by the ending .csv or .json where it is not given.
+    pub(crate) screw_table_format: Option<TableFormat>,
+    /// Unit of the numbers in a file of LinuxCNC; "mm" where it is not given.
+    pub(crate) screw_table_unit: Option<TableUnit>,
+    /// Name of the analog input that gives how far a linear axis is to be shifted for its thermal growth, mm.
+    pub(crate) thermal_input: Option<String>,
+    /// Largest shift, mm; 0.1 where it is not given.
+    #[schemars(range(min = 0, max = 10))]
+    pub(crate) thermal_max_mm: Option<f64>,
+    /// How fast the shift is followed, um/s; 1 where it is not given.
+    #[schemars(range(min = 0.001, max = 1000))]
+    pub(crate) thermal_rate_um_s: Option<f64>,
 }
 
 /// Either the linear keys, each limit with exactly one unit, or the rotary ones.
@@ -172,6 +196,7 @@ fn axis_alternatives() -> serde_json::Value {
                 none_of(&[
                     "travel_min_deg", "travel_max_deg", "max_velocity_deg_min", "max_velocity_deg_s",
                     "max_acceleration_deg_s2", "max_jerk_deg_s3", "home_deg", "following_error_deg",
+                    "backlash_deg",
                 ]),
             ],
         },
@@ -187,7 +212,8 @@ fn axis_alternatives() -> serde_json::Value {
                 none_of(&[
                     "travel_min_mm", "travel_max_mm", "max_velocity_mm_min", "max_velocity_mm_s",
                     "max_acceleration_mm_s2", "max_acceleration_m_s2", "max_acceleration_g",
-                    "max_jerk_mm_s3", "max_jerk_m_s3", "home_mm", "following_error_mm",
+                    "max_jerk_mm_s3", "max_jerk_m_s3", "home_mm", "following_error_mm", "backlash_mm",
+                    "screw_table_unit", "thermal_input", "thermal_max_mm", "thermal_rate_um_s",
                 ]),
             ],
         },

@@ -26,6 +26,7 @@
 //! the chord error are free of allocation, everything else is for start-up.
 
 mod chord;
+mod corrections;
 mod error;
 mod figures;
 mod file;
@@ -35,12 +36,14 @@ mod limits;
 mod machine;
 mod parse;
 mod rate;
+mod screw_file;
 mod signals;
 
 pub use chord::{
     acceleration_feed_mm_s, acceleration_rate_hz, chord_error_increments, chord_feed_limit_mm_s,
     jerk_feed_mm_s, longest_chord_mm, rate_for, smallest_radius_mm,
 };
+pub use corrections::{CorrectionSettings, ScrewFile};
 pub use error::{MachineError, PeriodError};
 pub use figures::{FigureError, figures_svg, figures_svg_of_axes};
 pub use file::machine_schema;

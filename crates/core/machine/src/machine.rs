@@ -1,18 +1,21 @@
 //! A machine as the file describes it, checked and in one system of units.
 
 use std::fmt::Write as _;
+use std::io;
 use std::path::{Path, PathBuf};
 
 use evolvent_path::{Axes, AxisLetter};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::corrections::CorrectionSettings;
 use crate::error::{MachineError, PeriodError};
 use crate::handwheel::HandwheelSettings;
 use crate::homing::HomingSettings;
 use crate::limits::Limits;
 use crate::parse;
 use crate::rate::{RateError, RateInput, RationalRate, period_ns_of, rational_rate};
+use crate::screw_file::MAX_TABLE_BYTES;
 use crate::signals::SignalSettings;
 
 /// The lowest control rate that the loop runs, Hz.
@@ -375,6 +378,8 @@ pub struct Machine {
     pub signals: SignalSettings,
     /// The handwheel, where there is one.
     pub handwheel: Option<HandwheelSettings>,
+    /// Backlash, screw error, squareness and thermal offset.
+    pub corrections: CorrectionSettings,
 }
 
 impl Machine {
@@ -396,7 +401,16 @@ impl Machine {
             });
         }
         match String::from_utf8(bytes) {
-            Ok(text) => Self::parse(&text, &file),
+            Ok(text) => {
+                let folder = path.parent().unwrap_or(Path::new(""));
+                Self::parse_with(&text, &file, |name| {
+                    let bytes = evolvent_config::read_regular(&folder.join(name), MAX_TABLE_BYTES)?;
+                    if bytes.len() as u64 > MAX_TABLE_BYTES {
+                        return Err(io::Error::other(format!("longer than {MAX_TABLE_BYTES} bytes")));
+                    }
+                    Ok(bytes)
+                })
+            }
             Err(error) => Err(MachineError::NotText {
                 file,
                 byte: error.utf8_error().valid_up_to(),
@@ -407,20 +421,52 @@ impl Machine {
     /// Checks the text of a machine file; `file_name` is for the messages.
     ///
     /// # Errors
-    /// As [`Machine::load`].
+    /// As [`Machine::load`]; and where the text names another file, as a table of screw errors.
     pub fn parse(text: &str, file_name: &str) -> Result<Self, MachineError> {
+        Self::parse_with(text, file_name, |_| {
+            Err(io::Error::other(
+                "only the text of the machine file is known here",
+            ))
+        })
+    }
+
+    /// The same; `read_file` gives the content of a file by the name that the machine file gives it.
+    ///
+    /// # Errors
+    /// As [`Machine::load`].
+    pub fn parse_with(
+        text: &str,
+        file_name: &str,
+        mut read_file: impl FnMut(&Path) -> io::Result<Vec<u8>>,
+    ) -> Result<Self, MachineError> {
         if text.len() as u64 > MAX_FILE_BYTES {
             return Err(MachineError::TooLong {
                 file: file_name.to_owned(),
                 limit_bytes: MAX_FILE_BYTES,
             });
         }
-        parse::machine(text, file_name)
+        parse::machine(text, file_name, &mut read_file)
     }
 
-    /// Limits of all nine axes, for the planner and the cycle's guard.
+    /// Limits of all nine axes, for the planner and the cycle's guard: of ideal motion, so that what the drives are sent keeps
+    /// [`drive_limits`](Self::drive_limits). Where nothing is corrected they are the same.
     #[must_use]
     pub fn limits(&self) -> Limits {
+        let mut limits = self.drive_limits();
+        if self.corrections.is_none() {
+            return limits;
+        }
+        for (i, [velocity, acceleration, jerk]) in self.corrections.planned.into_iter().enumerate() {
+            limits.velocity[i] *= velocity;
+            limits.acceleration[i] *= acceleration;
+            limits.jerk[i] *= jerk;
+        }
+        limits
+    }
+
+    /// Limits of what the drives are sent, as the machine file says.
+    #[must_use]
+    pub fn drive_limits(&self) -> Limits {
         Limits::of(&self.axes)
     }
 

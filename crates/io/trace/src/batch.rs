@@ -31,10 +31,11 @@ enum Quantity {
     Load = 16,
     Inputs = 17,
     FollowingError = 18,
+    DrivePosition = 19,
 }
 
 /// In the order in which they are written: derivatives before what they predict.
-const ORDER: [Quantity; 15] = [
+const ORDER: [Quantity; 16] = [
     Quantity::Jerk,
     Quantity::Acceleration,
     Quantity::Velocity,
@@ -50,6 +51,7 @@ const ORDER: [Quantity; 15] = [
     Quantity::Load,
     Quantity::Inputs,
     Quantity::FollowingError,
+    Quantity::DrivePosition,
 ];
 
 impl Quantity {
@@ -66,14 +68,19 @@ impl Quantity {
     const fn is_per_axis(self) -> bool {
         matches!(
             self,
-            Self::Position | Self::Velocity | Self::Acceleration | Self::Jerk | Self::FollowingError
+            Self::Position
+                | Self::Velocity
+                | Self::Acceleration
+                | Self::Jerk
+                | Self::FollowingError
+                | Self::DrivePosition
         )
     }
 
     /// What a column that is left out is full of.
     const fn absent(self) -> u64 {
         match self {
-            Self::Load | Self::FollowingError => f64::NAN.to_bits(),
+            Self::Load | Self::FollowingError | Self::DrivePosition => f64::NAN.to_bits(),
             _ => 0,
         }
     }
@@ -95,6 +102,7 @@ impl Quantity {
             Self::Load => record.load.to_bits(),
             Self::Inputs => u64::from(record.inputs),
             Self::FollowingError => record.following_error[axis].to_bits(),
+            Self::DrivePosition => record.drive_position[axis].to_bits(),
         }
     }
 
@@ -140,6 +148,7 @@ impl Quantity {
             Self::Load => record.load = f64::from_bits(value),
             Self::Inputs => record.inputs = u32::try_from(value).ok()?,
             Self::FollowingError => record.following_error[axis] = f64::from_bits(value),
+            Self::DrivePosition => record.drive_position[axis] = f64::from_bits(value),
         }
         Some(())
     }

@@ -95,6 +95,15 @@ pub(crate) fn cycle(message: &evolvent::Cycle, axes: &[usize]) -> Option<CycleRe
             nine
         })
     };
+    // Of no axis where it is left out, and never of an axis that there is not.
+    let known = |values: &[f64]| {
+        let mut nine = [f64::NAN; 9];
+        if !values.is_empty() {
+            let measured = spread(values)?;
+            axes.iter().for_each(|&axis| nine[axis] = measured[axis]);
+        }
+        Some(nine)
+    };
     Some(CycleRecord {
         sequence: message.sequence,
         due_time_ns: message.due_time_ns,
@@ -112,14 +121,8 @@ pub(crate) fn cycle(message: &evolvent::Cycle, axes: &[usize]) -> Option<CycleRe
         override_: message.r#override,
         load: message.load.unwrap_or(f64::NAN),
         inputs: message.inputs,
-        following_error: if message.following_error.is_empty() {
-            [f64::NAN; 9]
-        } else {
-            let measured = spread(&message.following_error)?;
-            let mut nine = [f64::NAN; 9];
-            axes.iter().for_each(|&axis| nine[axis] = measured[axis]);
-            nine
-        },
+        following_error: known(&message.following_error)?,
+        drive_position: known(&message.drive_position)?,
     })
 }
 

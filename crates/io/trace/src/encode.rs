@@ -73,15 +73,19 @@ pub(crate) fn put_cycle(out: &mut Vec<u8>, record: &CycleRecord, axes: &[u8]) {
         out.extend_from_slice(&[0x88 | VARINT, 1]);
         encode_varint(u64::from(record.inputs), out);
     }
-    if axes
-        .iter()
-        .any(|&axis| !record.following_error[usize::from(axis)].is_nan())
-    {
-        out.extend_from_slice(&[0x90 | BYTES, 1]);
-        encode_varint(axes.len() as u64 * 8, out);
-        for &axis in axes {
-            out.extend_from_slice(&record.following_error[usize::from(axis)].to_le_bytes());
-        }
+    put_known_axes(out, 18, &record.following_error, axes);
+    put_known_axes(out, 19, &record.drive_position, axes);
+}
+
+/// A list that is left out where it is not a number on every axis; `field` needs a tag of two bytes.
+fn put_known_axes(out: &mut Vec<u8>, field: u32, values: &[f64], axes: &[u8]) {
+    if axes.iter().all(|&axis| values[usize::from(axis)].is_nan()) {
+        return;
+    }
+    encode_varint(u64::from(field << 3 | u32::from(BYTES)), out);
+    encode_varint(axes.len() as u64 * 8, out);
+    for &axis in axes {
+        out.extend_from_slice(&values[usize::from(axis)].to_le_bytes());
     }
 }
 
@@ -98,6 +102,14 @@ mod tests {
             axes.iter()
                 .map(|&axis| values[usize::from(axis)])
                 .collect::<Vec<_>>()
+        };
+        let known = |values: &[f64; 9]| {
+            let values = pick(values);
+            if values.iter().all(|value| value.is_nan()) {
+                Vec::new()
+            } else {
+                values
+            }
         };
         evolvent::Cycle {
             timestamp: Some(timestamp(record.due_time_ns)),
@@ -117,14 +129,8 @@ mod tests {
             r#override: record.override_,
             load: (!record.load.is_nan()).then_some(record.load),
             inputs: record.inputs,
-            following_error: if axes
-                .iter()
-                .all(|&axis| record.following_error[usize::from(axis)].is_nan())
-            {
-                Vec::new()
-            } else {
-                pick(&record.following_error)
-            },
+            following_error: known(&record.following_error),
+            drive_position: known(&record.drive_position),
         }
         .encode_to_vec()
     }
@@ -177,6 +183,7 @@ mod tests {
                 },
                 inputs: number() as u32,
                 following_error: if round % 4 == 0 { arrays[1] } else { [f64::NAN; 9] },
+                drive_position: if round % 5 == 0 { arrays[2] } else { [f64::NAN; 9] },
             };
             let axes: Vec<u8> = (0..9).filter(|axis| round >> axis & 1 == 1).chain([3]).collect();
             let mut bytes = Vec::new();

@@ -42,6 +42,9 @@ pub struct CycleRecord {
     pub inputs: u32,
     /// Commanded less actual position per axis as measured last, mm, degrees; NaN without feedback.
     pub following_error: [f64; AXES],
+    /// Position per axis as the drives were sent it, corrected for the errors of the machine, mm, degrees; NaN where nothing is
+    /// corrected.
+    pub drive_position: [f64; AXES],
 }
 
 /// Bits of [`CycleRecord::inputs`]. With the override they are all that a run depends on beside program and machine.
@@ -88,6 +91,7 @@ impl Default for CycleRecord {
             load: f64::NAN,
             inputs: 0,
             following_error: [f64::NAN; AXES],
+            drive_position: [f64::NAN; AXES],
         }
     }
 }

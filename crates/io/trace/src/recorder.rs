@@ -187,6 +187,9 @@ impl Recorder {
         if let Some((name, content)) = &info.parameters {
             self.attach(name, "text/plain", time_ns, content)?;
         }
+        for (name, content) in &info.tables {
+            self.attach(name, "text/plain", time_ns, content)?;
+        }
         match &info.program {
             ProgramSource::None => {}
             ProgramSource::Bytes(bytes) => self.attach(&info.program_name, "text/x-gcode", time_ns, bytes)?,
@@ -579,11 +582,18 @@ fn check(info: &RunInfo) -> Result<(), RecordError> {
     };
     let parameters = info.parameters.as_ref().map_or(0, |(_, content)| content.len());
     let tools = info.tool_table.as_ref().map_or(0, |(_, content)| content.len());
+    let tables = info
+        .tables
+        .iter()
+        .map(|(_, content)| content.len())
+        .max()
+        .unwrap_or(0);
     for (name, size) in [
         ("program", program),
         ("machine file", info.machine_file.len()),
         ("tool table", tools),
         ("file of parameters", parameters),
+        ("largest table", tables),
     ] {
         if size > ATTACHMENT_BYTES {
             return invalid(format!(

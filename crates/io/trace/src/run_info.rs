@@ -37,6 +37,8 @@ pub struct RunInfo {
     pub tool_table: Option<(String, Vec<u8>)>,
     /// Name and content of the kept parameters (work offsets and so on) that the program found.
     pub parameters: Option<(String, Vec<u8>)>,
+    /// Names and contents of the files that the machine file names: tables of screw errors.
+    pub tables: Vec<(String, Vec<u8>)>,
     /// The machine's axes in the order of its file: which of the nine are written, and in what order.
     pub axes: Vec<AxisLetter>,
     /// The control period, ns.
@@ -136,6 +138,7 @@ impl RunInfo {
             machine_file: String::new(),
             tool_table: None,
             parameters: None,
+            tables: Vec::new(),
             axes: get("axes")?
                 .chars()
                 .map(AxisLetter::from_letter)

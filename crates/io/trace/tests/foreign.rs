@@ -67,7 +67,7 @@ with open(sys.argv[3], 'wb') as out:
     for c in evolvent_trace.cycles(sys.argv[2]):
         out.write(struct.pack('<QQqI', c.sequence, c.due_time_ns, c.wake_lateness_ns, c.work_ns))
         out.write(struct.pack('<IIII', c.line, c.state, c.flags, c.inputs))
-        lists = [c.position, c.velocity, c.acceleration, c.jerk, c.following_error]
+        lists = [c.position, c.velocity, c.acceleration, c.jerk, c.following_error, c.drive_position]
         flat = [value for values in lists for value in values]
         out.write(struct.pack('<3d', c.path_mm, c.feed_mm_s, c.override) + struct.pack('<%dd' % len(flat), *flat))
 ";
@@ -122,6 +122,7 @@ fn python_unpacks_columns_to_the_same_bits() {
             cycle.acceleration,
             cycle.jerk,
             cycle.following_error,
+            cycle.drive_position,
         ];
         let by_axis = lists.iter().flat_map(|list| [2, 0, 5].map(|axis| list[axis]));
         for value in plain.into_iter().chain(by_axis) {

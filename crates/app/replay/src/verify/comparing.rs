@@ -1,7 +1,7 @@
 //! A recorded cycle against the setpoint computed again.
 
 use evolvent_motion::Setpoint;
-use evolvent_path::AxisLetter;
+use evolvent_path::{AxisLetter, Jet};
 use evolvent_trace::CycleRecord;
 
 use super::{Difference, Verified, text_of};
@@ -22,11 +22,14 @@ impl Comparing {
         &self,
         record: &CycleRecord,
         setpoint: &Setpoint,
+        corrected: Option<&Jet>,
         verified: &mut Verified,
         lines: &[String],
     ) -> bool {
         verified.compared += 1;
-        let Some((quantity, recorded, recomputed)) = self.differs(record, setpoint) else {
+        let differs = self.differs(record, setpoint);
+        let differs = differs.or_else(|| self.differs_for_drives(record, corrected?));
+        let Some((quantity, recorded, recomputed)) = differs else {
             return true;
         };
         verified.differing += 1;
@@ -49,6 +52,25 @@ impl Comparing {
             });
         }
         false
+    }
+
+    /// Whether the drives were sent something else than the setpoint.
+    pub(super) fn is_corrected(&self, record: &CycleRecord) -> bool {
+        self.axes
+            .iter()
+            .any(|axis| !record.drive_position[axis.index()].is_nan())
+    }
+
+    /// What the drives were sent, where that is something else.
+    fn differs_for_drives(&self, record: &CycleRecord, corrected: &Jet) -> Option<(String, f64, f64)> {
+        self.axes.iter().find_map(|axis| {
+            let (recorded, computed) = (
+                record.drive_position[axis.index()],
+                corrected.position[axis.index()],
+            );
+            (recorded.to_bits() != computed.to_bits())
+                .then(|| (format!("drive position {}", axis.letter()), recorded, computed))
+        })
     }
 
     fn differs(&self, record: &CycleRecord, setpoint: &Setpoint) -> Option<(String, f64, f64)> {

@@ -134,9 +134,11 @@ fn compute(again: &Again<'_>, records: &mut Records, verified: &mut Verified) ->
                 },
             })
         },
-        |setpoint| {
+        |setpoint, corrected| {
             if let Some(record) = present.get() {
-                again.comparing.compare(&record, setpoint, verified, again.lines);
+                again
+                    .comparing
+                    .compare(&record, setpoint, corrected, verified, again.lines);
             }
             true
         },

@@ -44,6 +44,8 @@ struct Served<'a> {
     /// The last reading of the cutting load.
     load: Option<LoadSample>,
     reasons: usize,
+    /// The user was told that corrections are not computed again.
+    told_uncorrected: bool,
 }
 
 pub(super) fn verify(
@@ -79,7 +81,9 @@ pub(super) fn verify(
     };
     inputs.extend(outputs);
     let mut served = Served {
-        again: ServedAgain::new(limits, opened.run.period_ns).with_signals(&setup, &inputs),
+        again: ServedAgain::new(limits, opened.run.period_ns)
+            .with_corrections(&setup.machine)
+            .with_signals(&setup, &inputs),
         trace: TraceFile::open(path)?,
         starts,
         travel: (limits.travel_min, limits.travel_max),
@@ -96,6 +100,7 @@ pub(super) fn verify(
         last: None,
         load: None,
         reasons: 0,
+        told_uncorrected: false,
     };
     let trace = &mut opened.trace;
     let watch = thread::scope(|scope| -> Result<Watch<'_>, InspectError> {
@@ -407,6 +412,15 @@ impl Served<'_> {
             self.verified.uncompared += 1;
             return;
         };
+        let is_corrected = self.comparing.is_corrected(&record);
+        if is_corrected && self.again.corrected().is_none() && !self.told_uncorrected {
+            self.told_uncorrected = true;
+            self.verified.notes.push(format!(
+                "from cycle {} on what the drives were sent was checked against the limits only: in which directions the axes \
+                 had moved before is not known",
+                record.sequence
+            ));
+        }
         if record.state == State::Fault as u8 && matches!(setpoint.state, State::Stopping | State::Stopped) {
             // The drives or the planner had failed, which is no input.
             setpoint.state = State::Fault;
@@ -414,9 +428,13 @@ impl Served<'_> {
         if by_nothing {
             setpoint.flags |= record.flags & flags::LAST;
         }
-        let same = self
-            .comparing
-            .compare(&record, &setpoint, self.verified, &self.lines);
+        let same = self.comparing.compare(
+            &record,
+            &setpoint,
+            self.again.corrected(),
+            self.verified,
+            &self.lines,
+        );
         if !same && by_nothing && is_at_rest(&record) {
             // The next job is looked at by itself.
             let position = record.position.into();

@@ -587,10 +587,17 @@ impl Operator {
                 self.hear(event);
             }
         }
-        while let Ok(feedback) = answers.pop() {
+        while let Ok(mut feedback) = answers.pop() {
             // What cannot be true is neither shown nor homed by. The cycle's watch tells of it.
             if self.bounds.check(now_ns, &feedback).is_err() {
                 continue;
+            }
+            if let Some(shift) = &self.view.shift {
+                // As of the newest setpoint, a few periods before the feedback: what the correction changes meanwhile is as much
+                // smaller than that way as errors of a machine are than its travel.
+                for (position, shift) in feedback.position.iter_mut().zip(shift.iter()) {
+                    *position -= shift;
+                }
             }
             self.feedback = Some(feedback);
             if self.view.datum == feedback.datum && self.view.datum >= self.datum {

@@ -159,6 +159,8 @@ pub(crate) enum CycleEvent {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct CycleView {
     pub setpoint: Setpoint,
+    /// By how much it was corrected for the drives, where that is done.
+    pub shift: Option<Axes>,
     pub lateness_ns: u64,
     pub work_ns: u64,
     pub presence: Presence,

@@ -7,7 +7,7 @@ use evolvent_control::JobResult;
 use evolvent_drive::{Command, DriveAlarm, FeedbackWatch, PhaseLock, PowerRequest, Presence};
 use evolvent_machine::Limits;
 use evolvent_motion::{Inputs, MachineState, Setpoint, State, TransferExecutor, flags};
-use evolvent_path::{AXES, Axes, AxisMask};
+use evolvent_path::{AXES, Axes, AxisMask, Jet};
 use evolvent_signals::{Phase, ProbeInput};
 use evolvent_trace::{CycleRecord, inputs as recorded};
 use evolvent_turning::Transition;
@@ -15,6 +15,7 @@ use rtrb::{Consumer, Producer};
 
 use super::orders::{ActiveJob, CycleCommand, CycleEvent, CycleView, Following, Order};
 use crate::core_loop::{Computed, CycleBegin, CycleEnd, Next, SetpointSource};
+use crate::corrections::Corrections;
 use crate::cycle_sample::{CycleSample, input_bits};
 use crate::due_setpoint::DriveRequest;
 use crate::handwheel_view::HandwheelView;
@@ -81,6 +82,8 @@ pub(crate) struct ServedParts {
     pub watch: FeedbackWatch,
     /// Outputs and inputs, where the machine has any.
     pub signals: Option<SignalLoop>,
+    /// Where the machine is not as it should be.
+    pub corrections: Option<Corrections>,
     /// What the next setpoint goes by of the probe.
     pub probe: ProbeInput,
     /// None where the drives' clock is not followed.
@@ -197,7 +200,8 @@ impl SetpointSource for ServedCycle {
         }
         let mut setpoint = parts.step(now, begin.deadline_ns);
         now.last = Some(setpoint);
-        parts.check_drives(now, &setpoint, taken_ns, feedback.as_ref());
+        let corrected = parts.correct(now, &setpoint);
+        parts.check_drives(now, &setpoint, corrected.as_ref(), taken_ns, feedback.as_ref());
         now.note_following_error(feedback.as_ref());
         parts.set_outputs(now, &setpoint);
         now.is_last = now.ending && matches!(now.work, ActiveJob::None) && parts.station.is_at_rest();
@@ -210,6 +214,7 @@ impl SetpointSource for ServedCycle {
             .map(|feedback| feedback.phase_error_ns);
         Computed {
             setpoint,
+            corrected,
             drive: now.drive,
             job: now.job,
             is_of_program: now.input_bits & recorded::FOLLOWS != 0,
@@ -233,6 +238,7 @@ impl SetpointSource for ServedCycle {
         // A view that finds no room is followed by another.
         let _full = parts.views.push(CycleView {
             setpoint: *end.setpoint,
+            shift: (parts.corrections.as_ref()).map(|corrections| corrections.shift(&end.setpoint.position)),
             lateness_ns: end.lateness_ns,
             work_ns: end.work_ns,
             presence: now.presence,
@@ -390,7 +396,12 @@ impl ServedParts {
                 renames,
             } => {
                 if matches!(now.work, ActiveJob::None) && self.station.is_at_rest() {
-                    now.relocated |= self.station.position() != position;
+                    if self.station.position() != position {
+                        now.relocated = true;
+                        if let Some(corrections) = &mut self.corrections {
+                            corrections.relocate(&position);
+                        }
+                    }
                     self.limits = limits;
                     self.station.relocate(limits, position);
                     now.drive.datum += u64::from(renames);
@@ -428,10 +439,22 @@ impl ServedParts {
             return;
         }
         let mut position = self.station.position();
+        let known = AxisMask::from_bits(feedback.axes_mask);
+        let found = match &self.corrections {
+            Some(corrections) => corrections.found(&feedback.position, |axis| known.contains(axis)),
+            None => Some(Axes::from(std::array::from_fn(|axis| {
+                if known.contains(axis) {
+                    feedback.position[axis]
+                } else {
+                    position[axis]
+                }
+            }))),
+        };
+        let Some(found) = found else { return };
         let mut moved = false;
         for i in 0..position.len() {
-            if AxisMask::from_bits(feedback.axes_mask).contains(i) && feedback.position[i] != position[i] {
-                position[i] = feedback.position[i];
+            if found[i] != position[i] {
+                position[i] = found[i];
                 // Beyond the travel it may stand, and come back.
                 self.limits.travel_min[i] = self.limits.travel_min[i].min(position[i]);
                 self.limits.travel_max[i] = self.limits.travel_max[i].max(position[i]);
@@ -440,6 +463,9 @@ impl ServedParts {
         }
         if moved {
             now.relocated = true;
+            if let Some(corrections) = &mut self.corrections {
+                corrections.relocate(&position);
+            }
             self.station.relocate(self.limits, position);
         }
     }
@@ -668,17 +694,40 @@ impl ServedParts {
         }
     }
 
+    /// What the drives are sent for a setpoint.
+    fn correct(&mut self, now: &mut CycleState, setpoint: &Setpoint) -> Option<Jet> {
+        let corrections = self.corrections.as_mut()?;
+        let inputs = self.signals.as_ref().map(SignalLoop::inputs);
+        let corrected = corrections.step(setpoint, inputs);
+        if let Some(violation) = corrections.take_fault()
+            && !now.faulted
+        {
+            let sequence = setpoint.sequence;
+            self.tell_once(now, CycleEvent::Guard { sequence, violation });
+            match &mut now.work {
+                ActiveJob::None => {}
+                ActiveJob::Follow(_) => now.inputs.stop = true,
+                ActiveJob::Steer(steering) => steering.stop(),
+            }
+        }
+        Some(corrected)
+    }
+
     fn check_drives(
         &mut self,
         now: &mut CycleState,
         setpoint: &Setpoint,
+        corrected: Option<&Jet>,
         time_ns: u64,
         feedback: Option<&Feedback>,
     ) {
+        let (position, velocity) = corrected.map_or((setpoint.position, setpoint.velocity), |jet| {
+            (jet.position, jet.first)
+        });
         let command = Command {
             sequence: setpoint.sequence,
-            position: Axes::into(setpoint.position),
-            velocity: Axes::into(setpoint.velocity),
+            position: Axes::into(position),
+            velocity: Axes::into(velocity),
             datum: now.drive.datum,
             power: now.drive.power,
             fault_reset: now.drive.fault_reset,
@@ -749,7 +798,10 @@ mod tests {
     /// override and feedback of every cycle.
     fn calls_during(jogs: u64) -> (u64, u64) {
         let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../config/machines/mill-3axis.toml");
-        let limits = Machine::load(&file).unwrap().limits();
+        let text = std::fs::read_to_string(file).unwrap();
+        let text = text.replacen("letter = \"X\"", "letter = \"X\"\nbacklash_mm = 0.02", 1);
+        let machine = Machine::parse(&text, "backlash.toml").unwrap();
+        let limits = machine.limits();
         let period_ns = 250_000;
         let (mut orders, cycle_orders) = RingBuffer::new(64);
         let (cycle_events, mut events) = RingBuffer::new(4096);
@@ -776,6 +828,7 @@ mod tests {
             feedback,
             watch: FeedbackWatch::new(WatchSettings::new(period_ns, AxisMask::NONE)),
             signals: None,
+            corrections: Corrections::new(&machine, period_ns, limits.home),
             probe: ProbeInput::default(),
             wheel_counts: None,
             phase: None,
@@ -878,6 +931,7 @@ mod tests {
             feedback,
             watch: FeedbackWatch::new(WatchSettings::new(period_ns, AxisMask::NONE)),
             signals: Some(signals),
+            corrections: None,
             probe: ProbeInput::default(),
             wheel_counts: None,
             phase: None,

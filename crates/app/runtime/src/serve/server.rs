@@ -25,6 +25,7 @@ use super::state_store::StateStore;
 use super::status_writer::StatusWriter;
 use super::summary::ServeSummary;
 use crate::core_loop::{CoreLoop, CycleCounts};
+use crate::corrections::Corrections;
 use crate::drives::{phase_settings, watch_settings};
 use crate::job::Clock;
 use crate::periphery_track::PeripheryTrack;
@@ -143,6 +144,7 @@ impl Service {
             trace: cycles,
         };
         let parts = ServedParts {
+            corrections: Corrections::new(machine, setup.period_ns, limits.home),
             probe: ProbeInput::default(),
             station: MachineState::new(limits, setup.period_ns, limits.home),
             limits,

@@ -5,6 +5,7 @@
 //! the table by its dotted key.
 
 mod axes;
+mod corrections;
 mod handwheel;
 mod numbers;
 mod signals;
@@ -13,6 +14,7 @@ use std::path::PathBuf;
 
 use evolvent_config::{ConfigDocument, shortened};
 
+use self::corrections::ReadFile;
 use crate::error::MachineError;
 use crate::file::{DrivesFile, MachineFile, ProgramFile};
 use crate::machine::{
@@ -29,10 +31,10 @@ const TINY: f64 = 1e-6;
 /// Longest name of the subroutine that changes tools, bytes.
 const MAX_CHANGER_BYTES: usize = 60;
 
-pub(crate) fn machine(text: &str, file: &str) -> Result<Machine, MachineError> {
+pub(crate) fn machine(text: &str, file: &str, read_file: ReadFile<'_>) -> Result<Machine, MachineError> {
     let sheet = ConfigDocument::toml(text, file)?;
     let raw: MachineFile = sheet.read_advised(|key| Some(advice_on_unknown(key)))?;
-    Check { sheet }.machine(raw)
+    Check { sheet }.machine(raw, read_file)
 }
 
 struct Check<'a> {
@@ -44,7 +46,7 @@ impl Check<'_> {
         self.sheet.error(key, what, advice).into()
     }
 
-    fn machine(&self, raw: MachineFile) -> Result<Machine, MachineError> {
+    fn machine(&self, raw: MachineFile, read_file: ReadFile<'_>) -> Result<Machine, MachineError> {
         self.name(&raw.name)?;
         self.number("increments_per_mm", raw.increments_per_mm, 1e-3, ABSURD)?;
         if let Some(increments) = raw.increments_per_degree {
@@ -64,6 +66,7 @@ impl Check<'_> {
             ],
         )?;
         let signals = self.signals(&raw)?;
+        let corrections = self.corrections(&raw, &axes, &signals, read_file)?;
         let machine = Machine {
             handwheel: self.handwheel(&raw, &axes, &signals.inputs)?,
             homing: self.homing(&raw.homing, &axes)?,
@@ -71,6 +74,7 @@ impl Check<'_> {
             realtime: self.realtime(&raw)?,
             program: self.program(&raw)?,
             signals,
+            corrections,
             name: raw.name,
             description: raw.description,
             kind: raw.kind,
@@ -296,6 +300,7 @@ fn advice_on_unknown(key: &str) -> String {
         "travel_max" => "travel_max_mm (rotary: travel_max_deg)",
         "home" => "home_mm (rotary: home_deg)",
         "following_error" => "following_error_mm (rotary: following_error_deg)",
+        "backlash" => "backlash_mm (rotary: backlash_deg)",
         "following_time" => "following_time_ms",
         "feedback_timeout" => "feedback_timeout_ms",
         "enable_timeout" => "enable_timeout_ms",

@@ -58,11 +58,15 @@ pub struct Cycle {
     /// Commanded less actual position per axis, as a bridge measured it last: mm, degrees. Empty without feedback.
     #[prost(double, repeated, tag = "18")]
     pub following_error: ::prost::alloc::vec::Vec<f64>,
+    /// Commanded position per axis as the drives were sent it, corrected for the errors of the machine: mm, degrees. Empty where nothing is
+    /// corrected: it is the commanded position.
+    #[prost(double, repeated, tag = "19")]
+    pub drive_position: ::prost::alloc::vec::Vec<f64>,
 }
 /// Consecutive cycles, column by column and exact to the last bit, but for jerk, which is rounded to a single (24 bits);
 /// topic /cycles, in traces that are recorded so (machine file, \[trace\] cycles = "columns"). Cycle i
 /// has sequence start_sequence + i and was due at due_time_ns + i * period_ns. A column that is left out is zero
-/// (load, following_error: absent). docs/trace-format.md says how to read columns.
+/// (load, following_error, drive_position: absent). docs/trace-format.md says how to read columns.
 #[derive(Clone, PartialEq, ::prost::Message)]
 pub struct Cycles {
     /// When the first cycle was due.

@@ -111,6 +111,18 @@ pub fn cycle(n: u64, axes: &str) -> CycleRecord {
                 }
             })
         },
+        drive_position: if n < 500 {
+            [f64::NAN; 9]
+        } else {
+            std::array::from_fn(|axis| {
+                let is_there = axes.contains(AxisLetter::ALL[axis].letter());
+                if is_there {
+                    of(100.0)[axis] + 0.01
+                } else {
+                    f64::NAN
+                }
+            })
+        },
     }
 }
 
@@ -192,6 +204,9 @@ pub fn assert_same(found: &CycleRecord, wanted: &CycleRecord) {
             record
                 .following_error
                 .map(|error| if error.is_nan() { u64::MAX } else { error.to_bits() }),
+            record
+                .drive_position
+                .map(|value| if value.is_nan() { u64::MAX } else { value.to_bits() }),
         );
         (bits, whole)
     };
