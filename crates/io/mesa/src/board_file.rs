@@ -152,9 +152,12 @@ struct AxisFile {
 struct InputPinFile {
     /// Its name in the machine file.
     name: String,
-    /// The pin.
+    /// The pin of a digital input.
     #[schemars(range(max = 143))]
-    pin: u32,
+    pin: Option<u32>,
+    /// The encoder whose counts an analog input tells, as those of a handwheel.
+    #[schemars(range(max = 15))]
+    encoder: Option<u32>,
     /// Low is on.
     #[serde(default)]
     inverted: bool,
@@ -250,13 +253,27 @@ pub struct Pin {
     pub inverted: bool,
 }
 
-/// An input at a pin.
+/// Where an input comes from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum InputSource {
+    /// From a pin.
+    Pin(Pin),
+    /// Counts of the encoder of this number since the bridge began; backwards where it is inverted.
+    Encoder {
+        /// Number.
+        unit: usize,
+        /// Turned round.
+        inverted: bool,
+    },
+}
+
+/// An input.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct InputPin {
     /// Name in the machine file.
     pub name: String,
-    /// The pin.
-    pub pin: Pin,
+    /// Where it comes from.
+    pub source: InputSource,
 }
 
 /// Where an output goes.
@@ -411,13 +428,9 @@ impl BoardSettings {
         }
         let mut inputs = Vec::new();
         for (i, input) in read.input.iter().enumerate() {
-            let pin = PinFile {
-                pin: input.pin,
-                inverted: input.inverted,
-            };
             inputs.push(InputPin {
                 name: input.name.clone(),
-                pin: pin.check(&sheet, &format!("input[{i}]"))?,
+                source: input.source(&sheet, &format!("input[{i}]"))?,
             });
         }
         let mut outputs = Vec::new();
@@ -495,6 +508,25 @@ impl PinFile {
         key: &str,
     ) -> Result<Option<Pin>, ConfigError> {
         pin.map(|pin| pin.check(sheet, key)).transpose()
+    }
+}
+
+impl InputPinFile {
+    fn source(&self, sheet: &ConfigDocument<'_>, key: &str) -> Result<InputSource, ConfigError> {
+        let inverted = self.inverted;
+        match (self.pin, self.encoder) {
+            (Some(pin), None) => PinFile { pin, inverted }.check(sheet, key).map(InputSource::Pin),
+            (None, Some(unit)) => {
+                sheet.number(&format!("{key}.encoder"), f64::from(unit), 0.0, MAX_UNITS)?;
+                let unit = unit as usize;
+                Ok(InputSource::Encoder { unit, inverted })
+            }
+            _ => Err(sheet.error(
+                key,
+                "an input needs either `pin` or `encoder`".to_owned(),
+                "give pin for a digital input, encoder for an analog one that counts",
+            )),
+        }
     }
 }
 

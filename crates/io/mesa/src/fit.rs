@@ -4,7 +4,7 @@ use evolvent_machine::{Machine, SignalKind};
 use evolvent_path::AxisLetter;
 use thiserror::Error;
 
-use crate::board_file::{Actuator, BoardSettings, OutputTarget};
+use crate::board_file::{Actuator, BoardSettings, InputSource, OutputTarget};
 
 /// Why a board file does not fit a machine file.
 #[derive(Clone, Debug, PartialEq, Error)]
@@ -127,10 +127,14 @@ pub fn check_fit(machine: &Machine, board: &BoardSettings) -> Result<(), FitErro
                 .iter()
                 .any(|listed| listed.name == input.name && listed.kind == kind)
         };
-        if !known(SignalKind::Digital) {
+        let kind = match input.source {
+            InputSource::Pin(_) => SignalKind::Digital,
+            InputSource::Encoder { .. } => SignalKind::Analog,
+        };
+        if !known(kind) {
             return Err(FitError::NoSignal {
                 name: input.name.clone(),
-                kind: SignalKind::Digital.name(),
+                kind: kind.name(),
                 direction: "input",
             });
         }

@@ -47,8 +47,8 @@ mod session;
 mod signals;
 
 pub use board_file::{
-    Actuator, BoardAxis, BoardFileError, BoardSettings, Gains, InputPin, OutputPin, OutputTarget, Pin,
-    SpindlePins, StepTiming, board_schema,
+    Actuator, BoardAxis, BoardFileError, BoardSettings, Gains, InputPin, InputSource, OutputPin,
+    OutputTarget, Pin, SpindlePins, StepTiming, board_schema,
 };
 pub use description::{Description, DescriptionError, Module, PinFunction, tag};
 pub use evolvent_bridge::BridgeError;

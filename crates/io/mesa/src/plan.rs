@@ -2,7 +2,7 @@
 
 use thiserror::Error;
 
-use crate::board_file::{Actuator, BoardSettings, OutputTarget, Pin};
+use crate::board_file::{Actuator, BoardSettings, InputSource, OutputTarget, Pin};
 use crate::description::{Description, Module, tag};
 use crate::packet::{Packet, PacketFull, Space};
 
@@ -24,6 +24,8 @@ const PWM_ENABLE: u8 = 0x83;
 const MAX_CLOCKS: f64 = 16_383.0;
 /// 12 bits, sawtooth, sign and magnitude.
 const PWM_MODE: u32 = 3;
+/// Control of an encoder: quadrature, with the long filter.
+const QUADRATURE: u32 = 1 << 11;
 /// Counts of an encoder between two readings at most.
 const MAX_COUNTS: f64 = 30_000.0;
 
@@ -253,7 +255,13 @@ impl Plan {
             plan.drive_any(board, axis.enable)?;
         }
         for input in &settings.inputs {
-            plan.look_at(board, input.pin)?;
+            match input.source {
+                InputSource::Pin(pin) => plan.look_at(board, pin)?,
+                InputSource::Encoder { unit, .. } => {
+                    let found = module(board, tag::ENCODER, "encoder", unit, 5)?;
+                    grow(&mut plan.encoder, found, unit);
+                }
+            }
         }
         for output in &settings.outputs {
             match output.target {
@@ -372,8 +380,12 @@ impl Plan {
                 }
             }
             if let (Actuator::Servo { encoder, .. }, Some((module, _))) = (axis.actuator, self.encoder) {
-                // Quadrature, with the long filter.
-                packet.write(module.address(1, encoder), &[1 << 11])?;
+                packet.write(module.address(1, encoder), &[QUADRATURE])?;
+            }
+        }
+        for input in &settings.inputs {
+            if let (InputSource::Encoder { unit, .. }, Some((module, _))) = (input.source, self.encoder) {
+                packet.write(module.address(1, unit), &[QUADRATURE])?;
             }
         }
         packets.push(packet.clone());

@@ -5,7 +5,7 @@ use evolvent_drive::OutputFollower;
 use evolvent_machine::{Machine, SignalKind};
 
 use crate::axis_set::{level, set};
-use crate::board_file::{BoardSettings, OutputTarget, Pin, SpindlePins};
+use crate::board_file::{BoardSettings, InputSource, OutputTarget, Pin, SpindlePins};
 use crate::plan::{Inputs, Outputs, Plan};
 
 /// Time between two messages of inputs that do not change, ns.
@@ -14,12 +14,36 @@ const INPUTS_EVERY_NS: u64 = 5_000_000;
 const CLOCKWISE: u32 = 1;
 const COUNTER_CLOCKWISE: u32 = 2;
 
+/// The counts of an encoder, beyond what its register holds.
+#[derive(Debug)]
+struct Counter {
+    /// Number of the analog input on the bus.
+    number: u32,
+    unit: usize,
+    inverted: bool,
+    last: Option<u16>,
+    total: i64,
+}
+
+impl Counter {
+    /// Counts since the first reading.
+    fn read(&mut self, inputs: &Inputs) -> f64 {
+        // The register has 16 bits, and the time of the last count above them.
+        let now = inputs.counts[self.unit] as u16;
+        let step = now.wrapping_sub(self.last.unwrap_or(now)) as i16;
+        self.last = Some(now);
+        self.total += i64::from(step);
+        (if self.inverted { -self.total } else { self.total }) as f64
+    }
+}
+
 /// Signals of one session. Nothing but the constructor allocates.
 #[derive(Debug)]
 pub(crate) struct Signals {
     follower: OutputFollower,
     /// Number on the bus and pin.
     inputs: Vec<(u32, Pin)>,
+    counters: Vec<Counter>,
     /// Number on the bus and where it goes.
     outputs: Vec<(u32, OutputTarget)>,
     spindle: Option<SpindlePins>,
@@ -32,17 +56,31 @@ impl Signals {
     /// Names that the machine does not have are left out; [`crate::check_fit`] names them.
     pub(crate) fn new(machine: &Machine, board: &BoardSettings, instance: u64) -> Self {
         let signals = &machine.signals;
-        let inputs = board.inputs.iter().filter_map(|input| {
-            let listed = signals.inputs.iter().find(|listed| listed.name == input.name)?;
-            (listed.kind == SignalKind::Digital).then_some((listed.number, input.pin))
-        });
+        let (mut inputs, mut counters) = (Vec::new(), Vec::new());
+        for input in &board.inputs {
+            let Some(listed) = signals.inputs.iter().find(|listed| listed.name == input.name) else {
+                continue;
+            };
+            match (listed.kind, input.source) {
+                (SignalKind::Digital, InputSource::Pin(pin)) => inputs.push((listed.number, pin)),
+                (SignalKind::Analog, InputSource::Encoder { unit, inverted }) => counters.push(Counter {
+                    number: listed.number,
+                    unit,
+                    inverted,
+                    last: None,
+                    total: 0,
+                }),
+                _ => {}
+            }
+        }
         let outputs = board.outputs.iter().filter_map(|output| {
             let listed = signals.outputs.iter().find(|listed| listed.name == output.name)?;
             Some((listed.number, output.target))
         });
         Self {
             follower: OutputFollower::default(),
-            inputs: inputs.collect(),
+            inputs,
+            counters,
             outputs: outputs.collect(),
             spindle: board.spindle,
             coolant: board.coolant,
@@ -100,6 +138,10 @@ impl Signals {
         for (number, pin) in &self.inputs {
             message.digital_mask |= 1 << number;
             message.digital |= u64::from(level(plan, inputs, *pin)) << number;
+        }
+        for counter in &mut self.counters {
+            message.analog_mask |= 1 << counter.number;
+            message.analog[counter.number as usize] = counter.read(inputs);
         }
         message.outputs_sequence = self.outputs_sequence;
         let is_old = measured_ns.saturating_sub(self.sent.time_ns) >= INPUTS_EVERY_NS;

@@ -97,6 +97,8 @@ fn what_makes_no_sense_is_refused_with_its_place() {
         ("letter = \"Y\"", "letter = \"Q\"", "is no axis"),
         ("direction_hold_ns = 5000", "", "direction_hold_ns"),
         ("pin = 14", "pin = 14\npwm = 0", "an output needs"),
+        ("pin = 3\n", "pin = 3\nencoder = 1\n", "either `pin` or `encoder`"),
+        ("pin = 3\n", "encoder = 16\n", "encoder"),
         ("full_rpm = 24000", "", "belong together"),
         ("watchdog_ms", "watchdog_s", "watchdog_s"),
         ("max_lost_packets = 5", "max_lost_packets = 0", "max_lost_packets"),

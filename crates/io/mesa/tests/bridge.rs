@@ -1,8 +1,12 @@
 //! The bridge on the simulated board, over real sockets: what every bridge must do.
 
+use std::time::{Duration, Instant};
+
 use evolvent_bridge_test::{BridgeUnderTest, CASES, Stage, run_case};
+use evolvent_bus::{BusConfig, CoreBus};
 use evolvent_disturbance::unless_disturbed;
-use evolvent_mesa::{BoardSettings, OutputTarget};
+use evolvent_machine::Machine;
+use evolvent_mesa::{BoardSettings, InputPin, InputSource, OutputTarget};
 use evolvent_mesa_board::BoardModel;
 
 use crate::common::{MesaBridge, machine, router, serve};
@@ -62,5 +66,59 @@ fn it_does_what_every_bridge_must() {
 fn outputs_go_to_pins() {
     let board = router(std::net::IpAddr::from([127, 0, 0, 1]));
     assert!(matches!(board.outputs[0].target, OutputTarget::Pin(pin) if pin.pin == 14));
-    assert_eq!(board.inputs[0].pin.pin, 3);
+    assert!(matches!(board.inputs[0].source, InputSource::Pin(pin) if pin.pin == 3));
+}
+
+/// The register has 16 bits, a wheel is turned for years.
+#[test]
+fn an_analog_input_counts_what_a_hand_turns_at_an_encoder() {
+    unless_disturbed(|| {
+        let (server, address) = serve(BoardModel::B7i96s);
+        let text = evolvent_file_tests::shipped("machines/router-3axis.toml")
+            + "\n[[input]]\nname = \"wheel\"\nkind = \"analog\"\nnumber = 4\n";
+        let machine = Machine::parse(&text, "router").expect("a machine");
+        let prefix = format!("mesawh{}_", std::process::id());
+        for (inverted, sign) in [(false, 1.0), (true, -1.0)] {
+            let unit = 0;
+            let mut board = router(address);
+            board.max_lost_packets = 40;
+            board.watchdog_s = 0.5;
+            board.inputs.push(InputPin {
+                name: "wheel".to_owned(),
+                source: InputSource::Encoder { unit, inverted },
+            });
+            let mut config = BusConfig::new("mesa-wheel", "XYZ", 1_000_000);
+            config.prefix = Some(prefix.clone());
+            let mut core = CoreBus::open(&config).expect("a bus");
+            let mut bridge = MesaBridge::new(machine.clone(), board);
+            bridge.start("mesa-wheel", &prefix).expect("a bridge");
+            let mut counts = |expected: f64| {
+                let begin = Instant::now();
+                loop {
+                    if let Ok(Some(message)) = core.unchecked_inputs()
+                        && message.analog_mask == 1 << 4
+                        && message.analog[4] == expected
+                    {
+                        return;
+                    }
+                    assert!(
+                        begin.elapsed() < Duration::from_secs(20),
+                        "{expected} does not come"
+                    );
+                    std::thread::sleep(Duration::from_micros(500));
+                }
+            };
+            counts(0.0);
+            let mut total = 0.0;
+            // Three times round the register, there and back.
+            for turned in [
+                7.0, -20.0, 30_000.0, 30_000.0, 30_000.0, 30_000.0, 30_000.0, 30_000.0, 30_000.0, -30_000.0,
+            ] {
+                server.lock().turn_shaft(unit, turned);
+                total += turned;
+                counts(sign * total);
+            }
+            bridge.end();
+        }
+    });
 }

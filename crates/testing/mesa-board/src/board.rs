@@ -229,6 +229,13 @@ impl Board {
         }
     }
 
+    /// A hand turns the shaft at an encoder by so many counts.
+    pub fn turn_shaft(&mut self, unit: usize, counts: f64) {
+        if let Some(encoder) = self.encoders.get_mut(unit) {
+            encoder.turn(counts);
+        }
+    }
+
     /// Counts a turn of a shaft, and counts/s at full PWM of its number.
     pub fn set_drive(&mut self, unit: usize, counts_per_turn: i64, full_speed: f64) {
         if let Some(encoder) = self.encoders.get_mut(unit) {

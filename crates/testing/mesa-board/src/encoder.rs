@@ -75,6 +75,11 @@ impl Encoder {
         self.last = shaft as i64;
     }
 
+    /// A hand turns the shaft, and the counter counts it.
+    pub(crate) const fn turn(&mut self, counts: f64) {
+        self.shaft += counts;
+    }
+
     /// Counts a turn, and counts/s at full duty.
     pub(crate) const fn set_drive(&mut self, counts_per_turn: i64, full_speed: f64) {
         self.counts_per_turn = counts_per_turn;
