@@ -45,6 +45,8 @@ pub struct LimitCheck {
     first_broken: Option<(u64, u32, String)>,
     /// Of what the drives were sent, where that is something else.
     drives: Option<Box<LimitCheck>>,
+    /// Of which positions, for messages.
+    whose: &'static str,
 }
 
 impl LimitCheck {
@@ -63,6 +65,7 @@ impl LimitCheck {
             broken: 0,
             first_broken: None,
             drives: (!machine.corrections.is_none()).then(|| Box::new(Self::of_drives(machine, period_ns))),
+            whose: "",
         }
     }
 
@@ -83,6 +86,7 @@ impl LimitCheck {
             broken: 0,
             first_broken: None,
             drives: None,
+            whose: " as sent to its drive",
         }
     }
 
@@ -186,10 +190,10 @@ impl LimitCheck {
             let is_braking = record.state == STATE_FAULT && order == 0;
             if ratio > ALLOWED[order] + noise / limits[order] && !is_braking {
                 let quantity = ["velocity", "acceleration", "jerk"][order];
-                let value = found[order].abs();
+                let (value, whose) = (found[order].abs(), self.whose);
                 self.break_limit(record, || {
                     format!(
-                        "{quantity} of axis {letter} was {value:.6e}, its limit is {:.6e}",
+                        "{quantity} of axis {letter}{whose} was {value:.6e}, its limit is {:.6e}",
                         limits[order]
                     )
                 });
@@ -214,12 +218,6 @@ impl LimitCheck {
     #[must_use]
     pub fn broken(&self) -> u64 {
         self.broken + self.drives.as_ref().map_or(0, |drives| drives.broken)
-    }
-
-    /// The same as [`worst`](Self::worst) of what the drives were sent, where that is something else.
-    #[must_use]
-    pub fn worst_sent(&self, axis: usize) -> Option<&[Worst; 3]> {
-        self.drives.as_ref().map(|drives| &drives.worst[axis])
     }
 
     /// The first that did: cycle, line, and what in words.

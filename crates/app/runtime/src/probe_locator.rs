@@ -175,7 +175,11 @@ fn interpolate(samples: &VecDeque<Sample>, time_ns: u64) -> Option<[f64; AXES]> 
 
 #[cfg(test)]
 mod tests {
+    use evolvent_motion::{Setpoint, State};
+    use evolvent_path::{Axes, Jet};
+
     use super::*;
+    use crate::due_setpoint::DriveRequest;
 
     fn probe(time_ns: u64, latched_mask: u32) -> KnownProbe {
         KnownProbe {
@@ -230,5 +234,46 @@ mod tests {
         locator.see_change(&probe(2_000_000, 0), 2_000_000);
         assert_eq!(locator.next(2_000_000), None);
         assert_eq!(locator.next(2_000_000 + PATIENCE_NS + 1).unwrap()[0], 1.0);
+    }
+
+    /// Drives report what they were sent; a program needs to know where the tool was.
+    #[test]
+    fn a_contact_is_where_the_tool_was_and_not_where_the_drives_were() {
+        let mut locator = ProbeLocator::new();
+        for (time_ns, x, shift) in [(1_000_000, 1.0, 0.25), (2_000_000, 3.0, 0.5)] {
+            let mut position = Axes::zeros();
+            position[0] = x;
+            let mut sent = Jet::at_rest(position);
+            sent.position[0] += shift;
+            locator.see_setpoint(&DueSetpoint {
+                setpoint: Setpoint {
+                    sequence: 0,
+                    position,
+                    velocity: Axes::zeros(),
+                    acceleration: Axes::zeros(),
+                    jerk: Axes::zeros(),
+                    path_mm: 0.0,
+                    feed_mm_s: 0.0,
+                    feed_override: 1.0,
+                    line: 0,
+                    block: 0,
+                    state: State::Running,
+                    flags: 0,
+                    actions: 0,
+                },
+                corrected: Some(sent),
+                due_time_ns: time_ns,
+                drive: DriveRequest::ON,
+                job: 0,
+                spindle_override: 1.0,
+                is_of_program: true,
+            });
+            locator.see_feedback(&feedback(time_ns, x + shift));
+        }
+        locator.see_change(&probe(1_500_000, 0), 2_000_000);
+        assert_eq!(locator.next(2_000_000).unwrap()[0], 2.0);
+        // Latched at 7 by the drive, which was sent half a millimetre too far.
+        locator.see_change(&probe(2_000_000, 0b11), 2_000_000);
+        assert_eq!(locator.next(2_000_000).unwrap()[..2], [6.5, 7.0]);
     }
 }
