@@ -35,7 +35,9 @@ impl Comparing {
         verified.differing += 1;
         for axis in &self.axes {
             let i = axis.index();
-            let off = (record.position[i] - setpoint.position[i]).abs();
+            let sent = corrected.map_or(0.0, |jet| (record.drive_position[i] - jet.position[i]).abs());
+            // Not a number where the trace has none.
+            let off = (record.position[i] - setpoint.position[i]).abs().max(sent);
             if off > verified.greatest_difference {
                 verified.greatest_difference = off;
             }
