@@ -1,6 +1,6 @@
 //! Recorded setpoints on the bus again.
 
-use evolvent_path::AxisMask;
+use evolvent_path::{AXES, AxisMask};
 use std::ops::ControlFlow;
 use std::path::Path;
 use std::time::Duration;
@@ -269,13 +269,19 @@ fn message(
     increments: &evolvent_path::Axes,
     is_last: bool,
 ) -> Setpoint {
+    // What the drives were sent, where the core corrected it. Velocity and acceleration are recorded of the ideal setpoint alone: the
+    // corrections add a tenth of them at the most.
+    let position: [f64; AXES] = std::array::from_fn(|i| match record.drive_position[i] {
+        sent if sent.is_nan() => record.position[i],
+        sent => sent,
+    });
     // A position of a damaged trace could be anything; `as` takes what does not fit to the nearest end.
-    let grid = std::array::from_fn(|i| (record.position[i] * increments[i]).round() as i64);
+    let grid = std::array::from_fn(|i| (position[i] * increments[i]).round() as i64);
     Setpoint {
         sequence: record.sequence,
         due_time_ns,
         period_ns,
-        position: record.position,
+        position,
         velocity: record.velocity,
         acceleration: record.acceleration,
         position_increments: grid,
@@ -287,5 +293,25 @@ fn message(
         override_ratio: record.override_,
         path_mm: record.path_mm,
         ..Setpoint::default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use evolvent_path::Axes;
+
+    use super::*;
+
+    #[test]
+    fn the_drives_are_sent_again_what_they_were_sent() {
+        let mut record = CycleRecord {
+            position: [1.0; AXES],
+            drive_position: [f64::NAN; AXES],
+            ..CycleRecord::default()
+        };
+        record.drive_position[1] = 1.0125;
+        let sent = message(&record, 5, 1_000_000, 0b11, &Axes::repeat(1000.0), false);
+        assert_eq!(sent.position[..3], [1.0, 1.0125, 1.0]);
+        assert_eq!(sent.position_increments[..3], [1000, 1013, 1000]);
     }
 }
