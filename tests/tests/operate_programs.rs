@@ -436,3 +436,61 @@ fn the_rapid_override_slows_rapids_and_leaves_feeds_alone() {
         scene.end();
     });
 }
+
+/// A dwell of known length, held for a while; then stopped, loaded anew, and MDI.
+#[test]
+fn parts_and_the_time_of_the_program_are_counted() {
+    unless_disturbed(|| {
+        let scene = Scene::new("parts");
+        let mut operator = scene.operator();
+        operator.brings_up();
+        operator.says_number("MODE", 0);
+        let program = scene
+            .workshop
+            .write("dwell.ngc", "G21 G94 F600\nG4 P1\nG1 X3\nM2\n");
+        let loads = |operator: &mut Operator| {
+            operator.says_text("LOAD", &program.display().to_string());
+        };
+        loads(&mut operator);
+        for parts in 1..=2 {
+            let job = operator.says("START").job;
+            assert_eq!(operator.sees_end(job).job_result, DONE);
+            let status = operator.now();
+            assert_eq!(status.parts, parts);
+            // A dwell of 1 s, and 3 mm at 10 mm/s the first time.
+            let wanted = if parts == 1 { 1.3 } else { 1.0 };
+            assert!(
+                status.program_time_s > wanted && status.program_time_s < wanted + 0.6,
+                "{}",
+                status.program_time_s
+            );
+            assert_eq!(status.program_held_s, 0.0);
+        }
+        // One that is held, and then stopped, is no part.
+        operator.says_number("MODE", 2);
+        let mdi = operator.says_text("MDI", "G0 X0").job;
+        assert_eq!(operator.sees_end(mdi).job_result, DONE);
+        assert_eq!(operator.now().parts, 2);
+        operator.says_number("MODE", 0);
+        let job = operator.says("START").job;
+        operator.waits("motion", |status| status.position_machine[0] > 0.5);
+        operator.says("HOLD");
+        std::thread::sleep(Duration::from_millis(700));
+        operator.says("STOP");
+        assert_eq!(operator.sees_end(job).job_result, STOPPED);
+        let status = operator.now();
+        assert_eq!(status.parts, 2);
+        assert!(
+            status.program_held_s > 0.5 && status.program_held_s < 1.2,
+            "{}",
+            status.program_held_s
+        );
+        assert!(
+            status.program_time_s > 1.5 && status.program_time_s < 3.0,
+            "{}",
+            status.program_time_s
+        );
+        loads(&mut operator);
+        assert_eq!(operator.now().parts, 0);
+    });
+}

@@ -395,10 +395,14 @@ typedef struct evolvent_status {
     double longest_stop_s;
     /* Line of the program at which that hold comes. */
     uint32_t longest_stop_line;
+    /* Times that the loaded program has come to its end since it was loaded. */
+    uint32_t parts;
+    /* How long the program has run, or ran last, in s. */
+    double program_time_s;
+    /* How much of that it stood at holds and program stops, in s. */
+    double program_held_s;
     /* Zero; for later versions. */
-    uint32_t reserved_word;
-    /* Zero; for later versions. */
-    uint64_t reserved[12];
+    uint64_t reserved[10];
 } evolvent_status_t;
 
 EVOLVENT_STATIC_ASSERT(sizeof(evolvent_status_t) == 1840, "size of Status");
@@ -469,8 +473,10 @@ EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, tool_wanted) == 1716, "offset
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, longest_stop_mm) == 1720, "offset of Status.longest_stop_mm");
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, longest_stop_s) == 1728, "offset of Status.longest_stop_s");
 EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, longest_stop_line) == 1736, "offset of Status.longest_stop_line");
-EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, reserved_word) == 1740, "offset of Status.reserved_word");
-EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, reserved) == 1744, "offset of Status.reserved");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, parts) == 1740, "offset of Status.parts");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, program_time_s) == 1744, "offset of Status.program_time_s");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, program_held_s) == 1752, "offset of Status.program_held_s");
+EVOLVENT_STATIC_ASSERT(offsetof(evolvent_status_t, reserved) == 1760, "offset of Status.reserved");
 
 /* A drive bridge's answer to one setpoint.
  */

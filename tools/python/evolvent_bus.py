@@ -337,7 +337,9 @@ class Status(ctypes.Structure):
     longest_stop_mm: float
     longest_stop_s: float
     longest_stop_line: int
-    reserved_word: int
+    parts: int
+    program_time_s: float
+    program_held_s: float
     reserved: ctypes.Array[ctypes.c_uint64]
 
     _fields_ = [
@@ -475,10 +477,14 @@ class Status(ctypes.Structure):
         ("longest_stop_s", ctypes.c_double),
         # Line of the program at which that hold comes.
         ("longest_stop_line", ctypes.c_uint32),
+        # Times that the loaded program has come to its end since it was loaded.
+        ("parts", ctypes.c_uint32),
+        # How long the program has run, or ran last, in s.
+        ("program_time_s", ctypes.c_double),
+        # How much of that it stood at holds and program stops, in s.
+        ("program_held_s", ctypes.c_double),
         # Zero; for later versions.
-        ("reserved_word", ctypes.c_uint32),
-        # Zero; for later versions.
-        ("reserved", ctypes.c_uint64 * 12),
+        ("reserved", ctypes.c_uint64 * 10),
     ]
 
     def __init__(self, **values: Any) -> None:

@@ -72,6 +72,9 @@ pub(crate) fn status_to_json(status: &Status, axes: &str) -> Value {
         "job_result": name(&JOB_RESULTS, status.job_result),
         "program": status.program_name(),
         "line": status.line,
+        "parts": status.parts,
+        "program_time_s": status.program_time_s,
+        "program_held_s": status.program_held_s,
         "homed": homed(status, axes),
         "position_machine": by_axis(&status.position_machine),
         "position_work": by_axis(&status.position_work),
@@ -199,6 +202,15 @@ pub(crate) fn write_status(
             status.longest_stop_line
         )?;
     }
+    if status.program_time_s > 0.0 {
+        writeln!(
+            out,
+            "  parts {}, program {}, of that held {}",
+            status.parts,
+            clock_time(status.program_time_s),
+            clock_time(status.program_held_s)
+        )?;
+    }
     writeln!(
         out,
         "  tool {}, spindle {:.0} rpm, {}",
@@ -258,6 +270,12 @@ pub(crate) fn write_status(
     Ok(())
 }
 
+/// Hours, minutes and whole seconds.
+fn clock_time(time_s: f64) -> String {
+    let seconds = time_s.max(0.0) as u64;
+    format!("{}:{:02}:{:02}", seconds / 3600, seconds / 60 % 60, seconds % 60)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -279,6 +297,7 @@ mod tests {
             status.longest_stop_s,
             status.longest_stop_line,
         ) = (3.25, 0.045, 17);
+        (status.parts, status.program_time_s, status.program_held_s) = (12, 3725.6, 9.9);
         status.modal[..2].copy_from_slice(&[170, 591]);
         status.feedback_age_ns = u64::MAX;
         status.push_alarm(406);
@@ -308,5 +327,9 @@ mod tests {
         );
         assert!(page.contains("a hold stops within 3.250 mm and 45 ms so far: longest on line 17"));
         assert!(page.contains("put tool 4 into the spindle"), "{page}");
+        assert!(
+            page.contains("parts 12, program 1:02:05, of that held 0:00:09"),
+            "{page}"
+        );
     }
 }

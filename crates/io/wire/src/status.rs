@@ -150,10 +150,14 @@ payload! {
         longest_stop_s: f64,
         /// Line of the program at which that hold comes.
         longest_stop_line: u32,
+        /// Times that the loaded program has come to its end since it was loaded.
+        parts: u32,
+        /// How long the program has run, or ran last, in s.
+        program_time_s: f64,
+        /// How much of that it stood at holds and program stops, in s.
+        program_held_s: f64,
         /// Zero; for later versions.
-        reserved_word: u32,
-        /// Zero; for later versions.
-        reserved: [u64; 12],
+        reserved: [u64; 10],
     }
 }
 

@@ -17,6 +17,7 @@ mod orders;
 mod outputs;
 mod periphery_desk;
 
+mod program_tally;
 mod programs;
 mod reading;
 mod recorded;

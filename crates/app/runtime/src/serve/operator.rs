@@ -24,6 +24,7 @@ use super::jog::Steered;
 use super::modes::{Modes, simulate_modes};
 use super::orders::{ActiveJob, CycleCommand, CycleEvent, CycleView, Order};
 use super::periphery_desk::PeripheryDesk;
+use super::program_tally::ProgramTally;
 use super::programs::ProgramRun;
 use super::recorded::JobNotes;
 use super::state_store::{Saved, StateStore};
@@ -104,6 +105,7 @@ pub(crate) struct Operator {
     /// The job was stopped by an emergency stop: what its program switches counts no more.
     pub(super) is_emergency: bool,
     pub(super) handwheel: Option<HandwheelDesk>,
+    pub(super) tally: ProgramTally,
     pub(super) readers: Readers,
     /// The command whose files are being read.
     pub(super) reading: Option<Reading>,
@@ -204,6 +206,7 @@ impl Operator {
             periphery: PeripheryDesk::new(tool, periphery),
             is_emergency: false,
             handwheel,
+            tally: ProgramTally::default(),
             readers: Readers::default(),
             reading: None,
         };
@@ -610,6 +613,8 @@ impl Operator {
         let is_powered = self.view.power == PowerRequest::On;
         let are_ready = matches!(self.view.presence, Presence::Operational | Presence::Absent);
         self.desk.enable(is_powered && are_ready, now_ns);
+        let is_at_rest = matches!(self.view.setpoint.state, State::Held | State::ProgramStop);
+        self.tally.see(self.view.setpoint.sequence, is_at_rest);
         self.follow_program();
         self.follow_handwheel();
         if let Some(text) = self.way.as_ref().and_then(|way| way.try_recv().ok()) {
@@ -758,6 +763,7 @@ impl Operator {
             self.relocate(self.view.setpoint.position, false);
         }
         self.judge_change();
+        self.tally.end(result == JobResult::Done);
         // A program that did not come to its end has not switched off what it had on.
         let is_broken_off = matches!(self.job, Job::Program(_)) && result != JobResult::Done;
         if is_broken_off || result == JobResult::Fault {

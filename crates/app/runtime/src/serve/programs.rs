@@ -18,6 +18,7 @@ use super::jog::limits_here;
 use super::modes::After;
 use super::operator::{Job, Operator};
 use super::orders::CycleCommand;
+use super::program_tally::ProgramTally;
 use super::recorded::job_number;
 use super::state_store::Saved;
 use super::track::Track;
@@ -127,6 +128,7 @@ fn way_there(start: &Start) -> String {
 impl Operator {
     pub(super) fn load(&mut self, file: &ProgramFile) -> Result<(), Rejection> {
         self.checking = None;
+        self.tally = ProgramTally::default();
         self.check_loaded(file).or_else(|refusal| match refusal.alarm {
             // A long one is checked while nobody waits.
             Alarm::Checking => Ok(()),
@@ -258,6 +260,9 @@ impl Operator {
             ended_at: None,
             saving: None,
         }));
+        if activity == Activity::Program {
+            self.tally.begin(self.view.setpoint.sequence);
+        }
         Ok(self.desk.job_begins(activity))
     }
 

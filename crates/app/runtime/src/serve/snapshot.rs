@@ -113,7 +113,11 @@ pub(crate) fn snapshot(
     let setpoint = &view.setpoint;
     let periphery = operator.periphery.now();
     let (tool_change, tool_wanted) = periphery.change_numbers();
+    let (program_time_s, program_held_s) = operator.tally.times_s(operator.setup.period_ns);
     let mut status = Status {
+        parts: operator.tally.parts(),
+        program_time_s,
+        program_held_s,
         sequence,
         time_ns: now_ns,
         cycles: setpoint.sequence + 1,

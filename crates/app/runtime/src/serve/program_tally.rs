@@ -1,0 +1,74 @@
+//! Parts made with the program, and how long it has run.
+
+/// Counts of the program that is loaded. Times are counted in setpoints.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct ProgramTally {
+    parts: u32,
+    /// The last setpoint that was counted; none while the program does not run.
+    seen: Option<u64>,
+    cycles: u64,
+    held_cycles: u64,
+}
+
+impl ProgramTally {
+    /// It begins behind this setpoint.
+    pub(crate) fn begin(&mut self, sequence: u64) {
+        (self.seen, self.cycles, self.held_cycles) = (Some(sequence), 0, 0);
+    }
+
+    /// The newest setpoint, and whether the machine stands at a hold or a program stop.
+    pub(crate) fn see(&mut self, sequence: u64, is_held: bool) {
+        let Some(seen) = &mut self.seen else { return };
+        let more = sequence.saturating_sub(*seen);
+        *seen = sequence.max(*seen);
+        self.cycles += more;
+        self.held_cycles += if is_held { more } else { 0 };
+    }
+
+    /// It is over, at its end or before.
+    pub(crate) fn end(&mut self, is_done: bool) {
+        if self.seen.take().is_some() && is_done {
+            self.parts = self.parts.saturating_add(1);
+        }
+    }
+
+    /// Times that the program has come to its end since it was loaded.
+    pub(crate) fn parts(&self) -> u32 {
+        self.parts
+    }
+
+    /// How long it has run, or ran last, and how much of that it stood at holds and program stops, s.
+    pub(crate) fn times_s(&self, period_ns: u64) -> (f64, f64) {
+        let seconds = |cycles: u64| cycles as f64 * period_ns as f64 * 1e-9;
+        (seconds(self.cycles), seconds(self.held_cycles))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_part_is_a_program_that_came_to_its_end_and_holds_are_told_apart() {
+        let mut tally = ProgramTally::default();
+        tally.see(50, false);
+        assert_eq!((tally.parts(), tally.times_s(1_000_000)), (0, (0.0, 0.0)));
+        tally.begin(100);
+        tally.see(1100, false);
+        tally.see(1600, true);
+        // An older view counts nothing.
+        tally.see(1500, true);
+        tally.see(2100, false);
+        tally.end(true);
+        tally.see(9000, false);
+        tally.end(true);
+        assert_eq!(tally.parts(), 1);
+        let (time_s, held_s) = tally.times_s(1_000_000);
+        assert!((time_s - 2.0).abs() < 1e-12 && (held_s - 0.5).abs() < 1e-12);
+        tally.begin(9000);
+        tally.see(9500, false);
+        tally.end(false);
+        assert_eq!(tally.parts(), 1, "one that was stopped is none");
+        assert!((tally.times_s(1_000_000).0 - 0.5).abs() < 1e-12);
+    }
+}
