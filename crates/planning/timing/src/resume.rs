@@ -34,6 +34,16 @@ const CRAWL_STRAIN: f64 = 0.95;
 const CRAWLS: usize = 20;
 const SLOWER: f64 = 0.3;
 
+/// What is left of the last plan besides its segments.
+struct Rest {
+    /// Of the last stub.
+    stub: Span,
+    /// `u'^2` where that begins.
+    square: f64,
+    /// The state with which the segments begin; none where pieces in closed form come before them.
+    state: Option<(f64, f64)>,
+}
+
 impl Optimizer {
     /// A plan that goes on from the last one. Returns the barrier parameter reached; NaN where nothing was left to
     /// be planned, and `out` holds all of it.
@@ -51,169 +61,209 @@ impl Optimizer {
     /// Sets window and iterate to what is left of the last plan from a place on, and to a crawl on what is new. What
     /// is left of a first stub goes to `out` at once. False where nothing is left to be planned.
     pub(crate) fn resume(&mut self, job: &WindowProblem<'_>, out: &mut Vec<Piece>) -> Option<bool> {
-        let WindowProblem {
-            grid,
-            from,
-            until,
-            factor,
-            ..
-        } = *job;
-        let found = self.kept.find(grid, from, job.state.0, job.state.1)?;
+        let found = self.kept.find(job.grid, job.from, job.state.0, job.state.1)?;
         let last = self.kept.last?;
-        let more = until > self.kept.until;
+        let more = job.until > self.kept.until;
         self.segments.clear();
-        let (mut stub, mut square, mut state) = (last, self.kept.last_a, Some(job.state));
-        match found {
-            Found::Head(k, t) => {
-                let head = self.kept.head.get(k..)?;
-                let first = head.first()?;
-                let ((now, jerk), gone) = (first.law.at(t), first.law.at(t).0.x);
-                out.push(Piece {
-                    law: TimeLaw::Jerk {
-                        v: now.v,
-                        a: now.a,
-                        j: jerk,
-                    },
-                    length: first.length - gone,
-                    duration: first.duration - t,
-                    from: first.from + gone,
-                    ..*first
-                });
-                out.extend_from_slice(&head[1..]);
-                self.kept.rest(0, 0.0, &mut self.segments);
-                state = None;
-            }
-            Found::FirstStub(x) => {
-                let span = self.kept.first?;
-                let end = self.kept.segments.first()?;
-                let cell = grid.cell(span.interval)?;
-                let whole = 3.0 * span.length / end.a.sqrt();
-                let j = 6.0 * span.length / (whole * whole * whole);
-                let share = libm::cbrt(x / span.length);
-                let t = share * whole;
-                out.push(Piece {
-                    law: TimeLaw::Jerk {
-                        v: 0.5 * j * t * t,
-                        a: j * t,
-                        j,
-                    },
-                    length: span.length - x,
-                    duration: whole - t,
-                    stretch: cell.stretch,
-                    from: cell.from + span.x + x,
-                    interval: span.interval,
-                });
-                self.kept.rest(0, 0.0, &mut self.segments);
-                state = None;
-            }
-            Found::Segment(k, x) => self.kept.rest(k, x, &mut self.segments),
-            Found::LastStub(x) => {
-                let left = last.length - x;
-                stub = Span {
-                    x: last.x + x,
-                    length: left,
-                    ..last
-                };
-                square = state?.0 * state?.0;
-                if !more {
-                    let cell = grid.cell(last.interval)?;
-                    // The stub's own jerk to its end: exact also where next to nothing is left.
-                    let (v, a) = job.state;
-                    let whole = 3.0 * last.length / self.kept.last_a.sqrt();
-                    let j = 6.0 * last.length / (whole * whole * whole);
-                    let duration = -a / j;
-                    out.push(Piece {
-                        law: TimeLaw::Jerk { v, a, j },
-                        length: left,
-                        duration,
-                        stretch: cell.stretch,
-                        from: cell.from + stub.x,
-                        interval: last.interval,
-                    });
-                    self.solver.iterations = 0;
-                    return Some(false);
-                }
-            }
+        if let Found::LastStub(x) = found
+            && !more
+        {
+            out.push(self.rest_of_last_stub(job, &last, x)?);
+            self.solver.iterations = 0;
+            return Some(false);
         }
+        let rest = self.take_rest(job, found, &last, out)?;
         let old = self.segments.len();
         if more {
-            WarmStart::release(stub, square, square / 3.0, &mut self.segments);
+            WarmStart::release(rest.stub, rest.square, rest.square / 3.0, &mut self.segments);
         }
-        self.window.from_rest = false;
-        self.window.spans.clear();
-        self.window
-            .spans
-            .extend(self.segments.iter().map(|segment| segment.span));
-        if more {
-            spans::plain(
-                grid,
-                Place {
-                    interval: self.kept.until,
-                    x: 0.0,
-                },
-                until,
-                &mut self.window.spans,
-            );
-            self.grade(job, true);
-            self.balance(false);
-        } else {
-            self.window.spans.push(last);
-        }
-        if let Some((v, a)) = state
+        self.divide(job, (!more).then_some(last));
+        if let Some(state) = rest.state
             && job.quick
         {
-            let reach = closed_form::reach(grid, from, v, a, until);
-            let stub = self.window.spans.pop()?;
-            let room = MAX_SPANS - 1;
-            spans::subdivide(
-                &mut self.window.spans,
-                1.2 * reach,
-                reach / STOP_INTERVALS,
-                room,
-                &mut self.scratch,
-            );
-            self.window.spans.push(stub);
+            self.divide_for_stop(job, state)?;
         }
-        if self.window.spans.len() < 2 || !self.window.fetch(grid) {
+        if self.window.spans.len() < 2 || !self.window.fetch(job.grid) {
             return None;
         }
-        self.window.pack(&self.limits, factor, job.gentle);
-        let n = self.window.n();
-        self.solver.begin(n);
+        self.window.pack(&self.limits, job.factor, job.gentle);
+        self.solver.begin(self.window.n());
         if more {
-            let mut level = square / 3.0;
-            let released = start::fill(&self.window, &self.segments[..old], &mut self.solver.x);
-            let fresh = start::fill(&self.window, &self.segments, &mut self.solver.x);
-            if fresh >= n {
-                // No station left between the crawl and the last stub: the window is full.
-                return None;
-            }
-            level = level.min(start::crawl_level(&self.window, fresh, &self.limits));
-            let mut fits = false;
-            for _ in 0..CRAWLS {
-                self.segments.truncate(old);
-                WarmStart::release(stub, square, level, &mut self.segments);
-                let fresh = start::fill(&self.window, &self.segments, &mut self.solver.x);
-                start::crawl_to_end(&self.window, fresh, level, start::FADE, &mut self.solver.x);
-                if (released..n).all(|k| {
-                    let (a, j) = constraint_ratio(&self.window, k, &self.solver.x);
-                    a.max(j) < CRAWL_STRAIN
-                }) && -self.solver.x.b[n] < CRAWL_STRAIN * self.window.end.most
-                {
-                    fits = true;
-                    break;
-                }
-                level *= SLOWER;
-            }
-            if !fits {
-                return None;
-            }
+            self.crawl_beyond(&rest, old)?;
         } else {
-            start::fill(&self.window, &self.segments, &mut self.solver.x);
-            self.solver.x.a[n] = square;
-            self.solver.x.b[n] = -square / (1.5 * last.length);
-            self.window.end.most = self.window.end.most.max(-(1.0 + ROOM) * self.solver.x.b[n]);
+            self.keep_last_stub(&last, rest.square);
         }
+        self.enter_limits(rest.state)?;
+        Some(true)
+    }
+
+    /// The piece to rest, where nothing but a part of the last stub is left, from offset `x` on.
+    fn rest_of_last_stub(&self, job: &WindowProblem<'_>, last: &Span, x: f64) -> Option<Piece> {
+        let cell = job.grid.cell(last.interval)?;
+        // The stub's own jerk to its end: exact also where next to nothing is left.
+        let (v, a) = job.state;
+        let whole = 3.0 * last.length / self.kept.last_a.sqrt();
+        let j = 6.0 * last.length / (whole * whole * whole);
+        let duration = -a / j;
+        Some(Piece {
+            law: TimeLaw::Jerk { v, a, j },
+            length: last.length - x,
+            duration,
+            stretch: cell.stretch,
+            from: cell.from + (last.x + x),
+            interval: last.interval,
+        })
+    }
+
+    /// Takes what is left of the last plan: pieces in closed form into `out`, segments into those of the new plan.
+    fn take_rest(
+        &mut self,
+        job: &WindowProblem<'_>,
+        found: Found,
+        last: &Span,
+        out: &mut Vec<Piece>,
+    ) -> Option<Rest> {
+        let whole = |state| Rest {
+            stub: *last,
+            square: self.kept.last_a,
+            state,
+        };
+        match found {
+            Found::Head(k, t) => {
+                let rest = whole(None);
+                let head = self.kept.head.get(k..)?;
+                out.push(rest_of_piece(head.first()?, t));
+                out.extend_from_slice(&head[1..]);
+                self.kept.rest(0, 0.0, &mut self.segments);
+                Some(rest)
+            }
+            Found::FirstStub(x) => {
+                let rest = whole(None);
+                out.push(self.rest_of_first_stub(job, x)?);
+                self.kept.rest(0, 0.0, &mut self.segments);
+                Some(rest)
+            }
+            Found::Segment(k, x) => {
+                let rest = whole(Some(job.state));
+                self.kept.rest(k, x, &mut self.segments);
+                Some(rest)
+            }
+            Found::LastStub(x) => Some(Rest {
+                stub: Span {
+                    x: last.x + x,
+                    length: last.length - x,
+                    ..*last
+                },
+                square: job.state.0 * job.state.0,
+                state: Some(job.state),
+            }),
+        }
+    }
+
+    /// What is left of the first stub from offset `x` on.
+    fn rest_of_first_stub(&self, job: &WindowProblem<'_>, x: f64) -> Option<Piece> {
+        let span = self.kept.first?;
+        let end = self.kept.segments.first()?;
+        let cell = job.grid.cell(span.interval)?;
+        let whole = 3.0 * span.length / end.a.sqrt();
+        let j = 6.0 * span.length / (whole * whole * whole);
+        let share = libm::cbrt(x / span.length);
+        let t = share * whole;
+        Some(Piece {
+            law: TimeLaw::Jerk {
+                v: 0.5 * j * t * t,
+                a: j * t,
+                j,
+            },
+            length: span.length - x,
+            duration: whole - t,
+            stretch: cell.stretch,
+            from: cell.from + span.x + x,
+            interval: span.interval,
+        })
+    }
+
+    /// Divides the window: the segments as they are, then the new path, or the last stub where there is none.
+    fn divide(&mut self, job: &WindowProblem<'_>, last: Option<Span>) {
+        let spans = &mut self.window.spans;
+        self.window.from_rest = false;
+        spans.clear();
+        spans.extend(self.segments.iter().map(|segment| segment.span));
+        if let Some(last) = last {
+            spans.push(last);
+            return;
+        }
+        let new = Place {
+            interval: self.kept.until,
+            x: 0.0,
+        };
+        spans::plain(job.grid, new, job.until, spans);
+        self.grade(job, true);
+        self.balance(false);
+    }
+
+    /// Divides the way of a stop more finely.
+    fn divide_for_stop(&mut self, job: &WindowProblem<'_>, (v, a): (f64, f64)) -> Option<()> {
+        let reach = closed_form::reach(job.grid, job.from, v, a, job.until);
+        let stub = self.window.spans.pop()?;
+        let room = MAX_SPANS - 1;
+        spans::subdivide(
+            &mut self.window.spans,
+            1.2 * reach,
+            reach / STOP_INTERVALS,
+            room,
+            &mut self.scratch,
+        );
+        self.window.spans.push(stub);
+        Some(())
+    }
+
+    /// Sets the iterate to the first `old` segments, the last stub gone through without coming to rest, and a crawl
+    /// behind it that keeps the limits. `None` where no crawl that was tried does, or the window is full.
+    fn crawl_beyond(&mut self, rest: &Rest, old: usize) -> Option<()> {
+        let n = self.window.n();
+        let mut level = rest.square / 3.0;
+        let released = start::fill(&self.window, &self.segments[..old], &mut self.solver.x);
+        let fresh = start::fill(&self.window, &self.segments, &mut self.solver.x);
+        if fresh >= n {
+            // No station left between the crawl and the last stub: the window is full.
+            return None;
+        }
+        level = level.min(start::crawl_level(&self.window, fresh, &self.limits));
+        for _ in 0..CRAWLS {
+            self.segments.truncate(old);
+            WarmStart::release(rest.stub, rest.square, level, &mut self.segments);
+            let fresh = start::fill(&self.window, &self.segments, &mut self.solver.x);
+            start::crawl_to_end(&self.window, fresh, level, start::FADE, &mut self.solver.x);
+            if self.crawl_fits(released) {
+                return Some(());
+            }
+            level *= SLOWER;
+        }
+        None
+    }
+
+    /// Whether the iterate keeps well within the limits from station `first` on.
+    fn crawl_fits(&self, first: usize) -> bool {
+        let (window, x, n) = (&self.window, &self.solver.x, self.window.n());
+        (first..n).all(|k| {
+            let (a, j) = constraint_ratio(window, k, x);
+            a.max(j) < CRAWL_STRAIN
+        }) && -x.b[n] < CRAWL_STRAIN * window.end.most
+    }
+
+    /// Sets the iterate to the segments and the last stub behind them.
+    fn keep_last_stub(&mut self, last: &Span, square: f64) {
+        let n = self.window.n();
+        start::fill(&self.window, &self.segments, &mut self.solver.x);
+        self.solver.x.a[n] = square;
+        self.solver.x.b[n] = -square / (1.5 * last.length);
+        self.window.end.most = self.window.end.most.max(-(1.0 + ROOM) * self.solver.x.b[n]);
+    }
+
+    /// Makes the start feasible: room at limits that it lies on, caps that it exceeds lifted and lowered again, and
+    /// the state given, where rounding tells it from the last plan's.
+    fn enter_limits(&mut self, state: Option<(f64, f64)>) -> Option<()> {
         self.loosen()?;
         let above = self.relax_caps();
         self.window.lifted = above;
@@ -230,7 +280,7 @@ impl Optimizer {
         if above {
             self.lower_caps();
         }
-        Some(true)
+        Some(())
     }
 
     /// Makes room where the start lies on or slightly beyond a limit: between the stations of the plan that it comes
@@ -345,6 +395,22 @@ impl Optimizer {
                 break;
             }
         }
+    }
+}
+
+/// What is left of a piece from time `t` on.
+fn rest_of_piece(piece: &Piece, t: f64) -> Piece {
+    let (now, jerk) = piece.law.at(t);
+    Piece {
+        law: TimeLaw::Jerk {
+            v: now.v,
+            a: now.a,
+            j: jerk,
+        },
+        length: piece.length - now.x,
+        duration: piece.duration - t,
+        from: piece.from + now.x,
+        ..*piece
     }
 }
 
