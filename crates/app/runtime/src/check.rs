@@ -6,6 +6,7 @@ use std::path::Path;
 
 use evolvent_config::open_regular;
 use evolvent_gcode::{Action, Code, Command, Diagnostic, Interpreter, Move, Origin, Settings};
+use evolvent_machine::Limits;
 use evolvent_motion::ProbeMove;
 use evolvent_planner::{MoveValidator, PlanError};
 
@@ -112,105 +113,185 @@ pub(crate) fn check_while(
     mut go_on: impl FnMut() -> bool,
 ) -> std::io::Result<Checked> {
     let reader = reader_of(open_regular(program)?);
-    let limits = *setup.path_limits().axes();
-    let mut admission = MoveValidator::new(&limits);
-    let mut checked = Checked::default();
-    let mut machine = MachineCheck::new(setup, bounds);
-    // Places that the machine has refused or that were warned of: loops come by again and again.
-    let mut told = BTreeSet::new();
-    let mut has_strayed = false;
-    let mut threads = ThreadCheck::new(setup);
-    let (mut commands, mut round, mut farthest) = (0, 0, 0);
     let settings = Settings {
         // What waits for an input goes on as on a machine that does its part.
         waits_succeed: true,
         ..setup.interpreter_settings_for(program)
     };
+    let mut check = ProgramCheck::new(program, setup, bounds);
     for command in Interpreter::new(reader, settings) {
-        let command = match command {
-            Err(diagnostic) => {
-                let line = diagnostic.line;
-                // Nothing comes after it.
-                let is_last = diagnostic.code == Code::TooManySteps;
-                checked.errors.push(diagnostic);
-                if is_last || checked.errors.len() >= bounds.errors {
-                    checked.up_to = Some(line);
-                    break;
-                }
-                continue;
-            }
-            Ok(command) => command,
+        let step = match command {
+            Ok(command) => check.command(&command, &mut go_on),
+            Err(diagnostic) => check.error_in_text(diagnostic),
         };
-        commands += 1;
-        round += 1;
-        if command.line > farthest {
-            (farthest, round) = (command.line, 0);
-        }
-        if commands > bounds.commands || round > bounds.round || !go_on() {
-            checked.up_to = Some(farthest);
+        if step == CheckStep::End {
             break;
         }
-        let place = || place_of(&command);
-        if let Action::Warning(text) = &command.action {
-            if told.insert(place()) {
-                checked.warnings.push(Warning::of(&command, text.clone()));
-            }
-            continue;
+    }
+    Ok(check.checked)
+}
+
+/// Whether more of a program is looked at.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum CheckStep {
+    Next,
+    End,
+}
+
+/// The check of one program, command after command.
+struct ProgramCheck<'a> {
+    program: &'a Path,
+    setup: &'a Setup,
+    bounds: CheckBounds,
+    checked: Checked,
+    limits: Limits,
+    admission: MoveValidator,
+    machine: MachineCheck<'a>,
+    threads: ThreadCheck,
+    /// Lines that the machine has refused or that were warned of: loops come by again and again.
+    told: BTreeSet<(Option<Origin>, u32)>,
+    /// A move beyond the travel was refused.
+    has_strayed: bool,
+    /// Commands in all.
+    commands: u64,
+    /// Commands since a new line was reached.
+    round: u64,
+    /// The last line reached.
+    farthest: u32,
+}
+
+impl<'a> ProgramCheck<'a> {
+    fn new(program: &'a Path, setup: &'a Setup, bounds: CheckBounds) -> Self {
+        let limits = *setup.path_limits().axes();
+        Self {
+            program,
+            setup,
+            bounds,
+            checked: Checked::default(),
+            limits,
+            admission: MoveValidator::new(&limits),
+            machine: MachineCheck::new(setup, bounds),
+            threads: ThreadCheck::new(setup),
+            told: BTreeSet::new(),
+            has_strayed: false,
+            commands: 0,
+            round: 0,
+            farthest: 0,
         }
-        if let Some((first, refusal)) = threads.see(&command, setup)
-            && told.insert(place_of(&first))
+    }
+
+    /// What the text gets wrong.
+    fn error_in_text(&mut self, diagnostic: Diagnostic) -> CheckStep {
+        let line = diagnostic.line;
+        // Nothing comes after it.
+        let is_last = diagnostic.code == Code::TooManySteps;
+        self.checked.errors.push(diagnostic);
+        if is_last {
+            return self.end_at(line);
+        }
+        self.end_if_full(line)
+    }
+
+    /// What is wrong with a command that the text gets right.
+    fn command(&mut self, command: &Command, go_on: &mut impl FnMut() -> bool) -> CheckStep {
+        self.count(command);
+        if self.is_out_of_bounds() || !go_on() {
+            return self.end_at(self.farthest);
+        }
+        if let Action::Warning(text) = &command.action {
+            if self.told.insert(place_of(command)) {
+                self.checked.warnings.push(Warning::of(command, text.clone()));
+            }
+            return CheckStep::Next;
+        }
+        if let Some((first, refusal)) = self.threads.see(command, self.setup)
+            && self.told.insert(place_of(&first))
         {
-            checked
+            self.checked
                 .errors
-                .push(at_origin(&first, program, |file, line| refusal.told(file, line)));
+                .push(at_origin(&first, self.program, |file, line| {
+                    refusal.told(file, line)
+                }));
         }
         if let Action::Thread { curve, .. } = &command.action {
-            admission.stand_at(&curve.end());
+            self.admission.stand_at(&curve.end());
         }
-        let objection = match &command.action {
-            Action::Move(motion) => {
-                let refused = match admission.admit::<Infallible>(motion) {
-                    // A move after one that was refused starts elsewhere: nothing new.
-                    Err(PlanError::Gap { .. }) => {
-                        admission = MoveValidator::new(&limits);
-                        admission.admit::<Infallible>(motion).err()
-                    }
-                    other => other.err(),
-                };
-                let follows = has_strayed && refused.as_ref().is_some_and(|error| was_there(error, motion));
-                has_strayed |= matches!(refused, Some(PlanError::Travel { .. }));
-                refused.filter(|_| !follows).map(Objection::Plan)
-            }
+        let Some(objection) = self.objection(&command.action) else {
+            return CheckStep::Next;
+        };
+        if !self.told.insert(place_of(command)) {
+            return CheckStep::Next;
+        }
+        self.checked
+            .errors
+            .push(at_origin(command, self.program, |file, line| {
+                objection.told(file, line)
+            }));
+        self.end_if_full(command.line)
+    }
+
+    fn count(&mut self, command: &Command) {
+        self.commands += 1;
+        self.round += 1;
+        if command.line > self.farthest {
+            (self.farthest, self.round) = (command.line, 0);
+        }
+    }
+
+    fn is_out_of_bounds(&self) -> bool {
+        self.commands > self.bounds.commands || self.round > self.bounds.round
+    }
+
+    fn end_at(&mut self, line: u32) -> CheckStep {
+        self.checked.up_to = Some(line);
+        CheckStep::End
+    }
+
+    /// Ends where there are as many errors as are looked for.
+    fn end_if_full(&mut self, line: u32) -> CheckStep {
+        if self.checked.errors.len() >= self.bounds.errors {
+            self.end_at(line)
+        } else {
+            CheckStep::Next
+        }
+    }
+
+    /// What the machine has against an action.
+    fn objection(&mut self, action: &Action) -> Option<Objection> {
+        match action {
+            Action::Move(motion) => self.objection_to_move(motion),
             Action::Probe {
                 curve, feed, toward, ..
             } => {
                 // What follows begins where the probe stops.
-                admission.stand_at(&curve.end());
+                self.admission.stand_at(&curve.end());
                 let order = ProbeMove {
                     curve: *curve,
                     feed: *feed,
                     toward: *toward,
                 };
-                probe_objection(&order, setup).map(Objection::Probe)
+                probe_objection(&order, self.setup).map(Objection::Probe)
             }
-            action => match signal_objection(&setup.machine.signals, action) {
+            action => match signal_objection(&self.setup.machine.signals, action) {
                 Some(objection) => Some(Objection::Tool(objection)),
-                None => machine.objection(action),
+                None => self.machine.objection(action),
             },
-        };
-        let Some(objection) = objection else { continue };
-        if !told.insert(place()) {
-            continue;
-        }
-        checked.errors.push(at_origin(&command, program, |file, line| {
-            objection.told(file, line)
-        }));
-        if checked.errors.len() >= bounds.errors {
-            checked.up_to = Some(command.line);
-            break;
         }
     }
-    Ok(checked)
+
+    fn objection_to_move(&mut self, motion: &Move) -> Option<Objection> {
+        let refused = match self.admission.admit::<Infallible>(motion) {
+            // A move after one that was refused starts elsewhere: nothing new.
+            Err(PlanError::Gap { .. }) => {
+                self.admission = MoveValidator::new(&self.limits);
+                self.admission.admit::<Infallible>(motion).err()
+            }
+            other => other.err(),
+        };
+        let follows = self.has_strayed && refused.as_ref().is_some_and(|error| was_there(error, motion));
+        self.has_strayed |= matches!(refused, Some(PlanError::Travel { .. }));
+        refused.filter(|_| !follows).map(Objection::Plan)
+    }
 }
 
 /// The line of a command: the same of a subroutine's file, whoever calls it.

@@ -286,14 +286,33 @@ fn judge(lateness: &LatenessReport) -> Vec<Finding> {
 
 /// Facts that need no measurement.
 fn facts() -> Vec<Finding> {
-    use Verdict::{Bad, Fair, Good};
-    let mut findings = Vec::new();
-    let version = file("/proc/version");
-    let release = file("/proc/sys/kernel/osrelease");
-    findings.push(Finding::new("kernel", release, Good, ""));
+    let isolated = file("/sys/devices/system/cpu/isolated");
+    let mut findings = vec![kernel(), preemption(), hypervisor(), isolated_cores(&isolated)];
+    if let Some(core) = first_core(&isolated) {
+        findings.extend([tick_on(core), interrupts_of_devices(core)]);
+    }
+    findings.push(cpu_frequency());
+    findings.extend(limits_of_user());
+    findings.extend([
+        shared_memory_of_user(),
+        timer_slack(),
+        rt_throttling(),
+        timer_resolution(),
+        clock_source(),
+        shared_memory(),
+        bus(),
+    ]);
+    findings
+}
 
+fn kernel() -> Finding {
+    Finding::new("kernel", file("/proc/sys/kernel/osrelease"), Verdict::Good, "")
+}
+
+fn preemption() -> Finding {
+    let version = file("/proc/version");
     let realtime = file("/sys/kernel/realtime") == "1" || version.contains("PREEMPT_RT");
-    findings.push(Finding::new(
+    Finding::new(
         "preemption",
         if realtime {
             "PREEMPT_RT"
@@ -302,145 +321,192 @@ fn facts() -> Vec<Finding> {
         } else {
             "no full preemption"
         },
-        if realtime { Good } else { Fair },
+        if realtime { Verdict::Good } else { Verdict::Fair },
         "boot a kernel with PREEMPT_RT (linux-image-rt-amd64 on Debian, a real-time kernel of Ubuntu Pro)",
-    ));
+    )
+}
 
+fn hypervisor() -> Finding {
     let hypervisor = file("/proc/cpuinfo")
         .lines()
         .any(|l| l.starts_with("flags") && l.contains(" hypervisor"));
-    findings.push(Finding::new(
+    Finding::new(
         "machine",
         if hypervisor { "virtual" } else { "physical" },
-        if hypervisor { Fair } else { Good },
+        if hypervisor { Verdict::Fair } else { Verdict::Good },
         "a hypervisor delays wake-ups by tenths of milliseconds: run machines on bare metal",
-    ));
+    )
+}
 
-    let isolated = file("/sys/devices/system/cpu/isolated");
+fn isolated_cores(isolated: &str) -> Finding {
     let online = file("/sys/devices/system/cpu/online");
-    findings.push(Finding::new(
+    Finding::new(
         "isolated_cores",
         if isolated.is_empty() {
             format!("none of {online}")
         } else {
             format!("{isolated} of {online}")
         },
-        if isolated.is_empty() { Fair } else { Good },
+        if isolated.is_empty() {
+            Verdict::Fair
+        } else {
+            Verdict::Good
+        },
         "boot with `isolcpus=N nohz_full=N rcu_nocbs=N irqaffinity=0` and set that core in the machine file",
-    ));
+    )
+}
 
-    if let Some(core) = first_core(&isolated) {
-        let nohz = file("/sys/devices/system/cpu/nohz_full");
-        let quiet = names_core(&nohz, core);
-        findings.push(Finding::new(
-            "nohz_full",
-            if nohz.is_empty() { "none".to_owned() } else { nohz },
-            if quiet { Good } else { Fair },
-            "boot with `nohz_full=N rcu_nocbs=N` for the isolated core too: the scheduler's tick then leaves it alone",
-        ));
-        let allowed = interrupts_allowed_on(core);
-        findings.push(Finding::new(
-            "irq_affinity",
-            format!("{} devices may interrupt core {core}", allowed.len()),
-            if allowed.is_empty() { Good } else { Fair },
-            "boot with `irqaffinity=0`, stop irqbalance, and write 0 to /proc/irq/N/smp_affinity_list (docs/host.md)",
-        ));
-    }
+/// Whether the scheduler's tick leaves an isolated core alone.
+fn tick_on(core: usize) -> Finding {
+    let nohz = file("/sys/devices/system/cpu/nohz_full");
+    let quiet = names_core(&nohz, core);
+    Finding::new(
+        "nohz_full",
+        if nohz.is_empty() { "none".to_owned() } else { nohz },
+        if quiet { Verdict::Good } else { Verdict::Fair },
+        "boot with `nohz_full=N rcu_nocbs=N` for the isolated core too: the scheduler's tick then leaves it alone",
+    )
+}
 
+fn interrupts_of_devices(core: usize) -> Finding {
+    let allowed = interrupts_allowed_on(core);
+    Finding::new(
+        "irq_affinity",
+        format!("{} devices may interrupt core {core}", allowed.len()),
+        if allowed.is_empty() {
+            Verdict::Good
+        } else {
+            Verdict::Fair
+        },
+        "boot with `irqaffinity=0`, stop irqbalance, and write 0 to /proc/irq/N/smp_affinity_list (docs/host.md)",
+    )
+}
+
+fn cpu_frequency() -> Finding {
     let governors = governors();
     let steady = governors.iter().all(|governor| governor == "performance");
-    findings.push(Finding::new(
+    Finding::new(
         "cpu_frequency",
         if governors.is_empty() {
             "not controlled by this kernel".to_owned()
         } else {
             governors.join(", ")
         },
-        if steady { Good } else { Fair },
+        if steady { Verdict::Good } else { Verdict::Fair },
         "run `cpupower frequency-set -g performance`",
-    ));
+    )
+}
 
+/// What real-time priority and locked memory this user may ask for.
+fn limits_of_user() -> [Finding; 2] {
     // Whoever has the capability needs no limit; what the thread really got is measured below.
     let privileged = rustix::process::geteuid().is_root();
     let limit = |resource| getrlimit(resource).current;
     let said = |limit: Option<u64>| limit.map_or("unlimited".to_owned(), |n| n.to_string());
     let (rtprio, memlock) = (limit(Resource::Rtprio), limit(Resource::Memlock));
-    findings.push(Finding::new(
+    let priority = Finding::new(
         "limit_rtprio",
         said(rtprio),
         if privileged || rtprio.is_none_or(|limit| limit >= 80) {
-            Good
+            Verdict::Good
         } else {
-            Fair
+            Verdict::Fair
         },
         "set `rtprio 80` for this user in /etc/security/limits.conf, or LimitRTPRIO=80 in the service",
-    ));
-    findings.push(Finding::new(
+    );
+    let memory = Finding::new(
         "limit_memlock_bytes",
         said(memlock),
-        if privileged || memlock.is_none() { Good } else { Fair },
+        if privileged || memlock.is_none() {
+            Verdict::Good
+        } else {
+            Verdict::Fair
+        },
         "set `memlock unlimited` for this user in /etc/security/limits.conf, or LimitMEMLOCK=infinity in the service",
-    ));
-    findings.push(match remove_ipc() {
-        RemoveIpc::NoLogind => Finding::new("remove_ipc", "no logind here", Good, ""),
-        RemoveIpc::Kept => Finding::new("remove_ipc", "shared memory outlives a session", Good, ""),
-        RemoveIpc::Removed if rustix::process::getuid().as_raw() < 1000 => {
-            Finding::new("remove_ipc", "a system user's shared memory is kept", Good, "")
-        }
+    );
+    [priority, memory]
+}
+
+/// Whether shared memory outlives the user's session.
+fn shared_memory_of_user() -> Finding {
+    match remove_ipc() {
+        RemoveIpc::NoLogind => Finding::new("remove_ipc", "no logind here", Verdict::Good, ""),
+        RemoveIpc::Kept => Finding::new(
+            "remove_ipc",
+            "shared memory outlives a session",
+            Verdict::Good,
+            "",
+        ),
+        RemoveIpc::Removed if rustix::process::getuid().as_raw() < 1000 => Finding::new(
+            "remove_ipc",
+            "a system user's shared memory is kept",
+            Verdict::Good,
+            "",
+        ),
         RemoveIpc::Removed => Finding::new(
             "remove_ipc",
             "logind deletes this user's shared memory at the end of the last session",
-            Fair,
+            Verdict::Fair,
             "write RemoveIPC=no into /etc/systemd/logind.conf and restart systemd-logind, or run as a system user",
         ),
-    });
-    let slack = rustix::thread::current_timer_slack().map_or("unknown".to_owned(), |n| n.to_string());
-    findings.push(Finding::new("timer_slack_ns", slack, Good, ""));
+    }
+}
 
+fn timer_slack() -> Finding {
+    let slack = rustix::thread::current_timer_slack().map_or("unknown".to_owned(), |n| n.to_string());
+    Finding::new("timer_slack_ns", slack, Verdict::Good, "")
+}
+
+fn rt_throttling() -> Finding {
     let throttle = file("/proc/sys/kernel/sched_rt_runtime_us");
-    findings.push(Finding::new(
+    Finding::new(
         "rt_throttling",
         if throttle == "-1" {
             "off".to_owned()
         } else {
             format!("{throttle} us a second")
         },
-        Good,
+        Verdict::Good,
         "",
-    ));
+    )
+}
 
+fn timer_resolution() -> Finding {
     let resolution = rustix::time::clock_getres(rustix::time::ClockId::Monotonic);
     let fine = resolution.tv_sec == 0 && resolution.tv_nsec <= 1_000;
-    findings.push(Finding::new(
+    Finding::new(
         "timer_resolution_ns",
         resolution.tv_nsec.to_string(),
-        if fine { Good } else { Bad },
+        if fine { Verdict::Good } else { Verdict::Bad },
         "boot a kernel with high-resolution timers (CONFIG_HIGH_RES_TIMERS, no `highres=off`)",
-    ));
+    )
+}
 
+fn clock_source() -> Finding {
     let source = file("/sys/devices/system/clocksource/clocksource0/current_clocksource");
     let direct = matches!(
         source.as_str(),
         "tsc" | "arch_sys_counter" | "kvm-clock" | "hyperv_clocksource_tsc_page"
     );
-    findings.push(Finding::new(
+    Finding::new(
         "clock_source",
         source,
-        if direct { Good } else { Fair },
+        if direct { Verdict::Good } else { Verdict::Fair },
         "a clock read by a system call costs about 1 us a cycle: see why the kernel distrusts `tsc` (dmesg)",
-    ));
+    )
+}
 
-    findings.push(shared_memory());
-    findings.push(match try_bus() {
-        Ok(()) => Finding::new("bus", "a setpoint went from core to client", Good, ""),
+/// Whether a setpoint gets through the bus.
+fn bus() -> Finding {
+    match try_bus() {
+        Ok(()) => Finding::new("bus", "a setpoint went from core to client", Verdict::Good, ""),
         Err(cause) => Finding::new(
             "bus",
             cause,
-            Bad,
+            Verdict::Bad,
             "see the cause; runs need `--no-bus` until it is gone",
         ),
-    });
-    findings
+    }
 }
 
 fn shared_memory() -> Finding {

@@ -1,15 +1,17 @@
 //! A run computed again from what was recorded of it.
 
 use std::io;
+use std::iter::Peekable;
 use std::path::Path;
+use std::slice;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::Duration;
 
-use evolvent_motion::{Extremes, Inputs, PathExecutor, Setpoint, State, plan_queue};
+use evolvent_motion::{Extremes, Inputs, PathExecutor, PlanConsumer, Setpoint, State, plan_queue};
 use evolvent_path::Jet;
-use evolvent_signals::{InputImage, Phase, Signals, schedule};
+use evolvent_signals::{InputImage, OutputImage, Phase, ScheduleConsumer, Signals, schedule};
 
 use crate::corrections::Corrections;
 use crate::feeder::Feeder;
@@ -93,27 +95,16 @@ pub fn recompute(
     let abandoned = Arc::new(AtomicBool::new(false));
     let failed = AtomicBool::new(false);
     let waiting = Arc::clone(&abandoned);
-    let (mut producer, mut queue) = plan_queue(move || {
+    let (mut producer, queue) = plan_queue(move || {
         thread::sleep(PLANNER_NAP);
         !waiting.load(Ordering::Acquire)
     });
     let (turnings, probings) = (producer.take_turnings(), producer.take_probings());
     let threadings = producer.take_threadings();
-    let mut motion = PathExecutor::new(limits, setup.period_ns, limits.home).planned_for(feed_override);
-    let mut corrections = Corrections::new(&setup.machine, setup.period_ns, limits.home);
+    let motion = PathExecutor::new(limits, setup.period_ns, limits.home).planned_for(feed_override);
     let planner = Stages::two(setup, feed_override, producer)?;
-    let settings = &setup.machine.signals;
     let (scheduler, consumer) = schedule();
-    let mut signals = Signals::new(
-        settings,
-        setup.machine.lead_cycles(setup.period_ns),
-        setup.period_ns,
-    );
-    let _none = signals.begin_program(consumer);
-    let mut changes = changes.iter().peekable();
-    let (mut image, mut sent) = (InputImage::default(), *signals.safe());
-    let (mut of_program, mut estopped) = (ProgramProgress::default(), false);
-    let mut outputs = Vec::new();
+    let mut again = CyclesAgain::new(setup, motion, queue, consumer, changes);
     thread::scope(|scope| {
         let failing = &failed;
         let feeder = thread::Builder::new()
@@ -127,76 +118,180 @@ pub fn recompute(
                     .signalling_by(Some(scheduler))
                     .feed(program, || failing.store(true, Ordering::Release))
             })?;
-        let mut cycles = 0;
-        let mut state = State::Idle;
-        while let Some(RecordedInputs {
-            mut inputs,
-            waited,
-            refused,
-        }) = inputs(cycles)
-        {
-            wait_for_planner(|| motion.is_ready(&mut queue) || (inputs.stop && motion.is_at_rest()));
-            while let Some(change) = changes.next_if(|change| change.sequence <= cycles) {
-                change.enter(&mut image);
-                signals.see(&image);
-            }
-            inputs.probe = signals.take_probe();
-            inputs.spindle = signals.spindle_at(cycles);
-            // As in the run: before the first inputs the chain is none that is open.
-            estopped |= signals.is_estop_open();
-            let at_wait = signals.is_waiting();
-            if at_wait && inputs.resume {
-                // A trace that says otherwise differs; nobody hangs for it.
-                inputs.resume = signals.is_over();
-                if inputs.resume {
-                    wait_for_planner(|| motion.can_leave_wait(&mut queue) || queue.is_abandoned());
-                }
-            }
-            motion.replay_starved(waited);
-            motion.refuse_plan(refused);
-            let before = motion.plan_step();
-            let mut setpoint = motion.step(&inputs, &mut queue);
-            if at_wait && inputs.resume && motion.plan_step() != before {
-                let _was_over = signals.take_resume();
-            }
-            if setpoint.state == State::Done && failed.load(Ordering::Acquire) {
-                setpoint.state = State::Stopped;
-            }
-            let is_stuck = motion.is_stuck(&mut queue);
-            if is_stuck {
-                setpoint.state = State::Fault;
-            }
-            let phase = if estopped {
-                Phase::Fault
-            } else {
-                phase_of(setpoint.state)
-            };
-            let image = signals.step(&of_program.with(&setpoint, phase));
-            for_each_change(setpoint.sequence, &sent, &image, |change| outputs.push(change));
-            sent = image;
-            cycles += 1;
-            state = setpoint.state;
-            let corrected =
-                (corrections.as_mut()).map(|corrections| corrections.step(&setpoint, Some(signals.inputs())));
-            if !observe(&setpoint, corrected.as_ref()) || motion.is_over() || is_stuck {
+        while let Some(recorded) = inputs(again.cycles) {
+            let setpoint = again.step(recorded, &failed);
+            let corrected = again.correct(&setpoint);
+            if !observe(&setpoint, corrected.as_ref()) || again.is_over() {
                 break;
             }
         }
         abandoned.store(true, Ordering::Release);
         // The planner sees that nobody takes its plan any more.
-        drop(queue);
-        drop(signals);
+        let cycles = again.end();
         // A panic of a thread is a bug; it is passed on.
         let (feed, program) = feeder
             .join()
             .unwrap_or_else(|panic| std::panic::resume_unwind(panic));
         Ok(Recomputed {
-            cycles,
-            state,
+            cycles: cycles.count,
+            state: cycles.state,
             program: program.map(|_left| ()),
             deviation_mm: feed.deviation_mm,
-            extremes: *motion.extremes(),
-            outputs,
+            extremes: cycles.extremes,
+            outputs: cycles.outputs,
         })
     })
+}
+
+/// The cycles of a recorded run, computed again: motion and signals of each.
+struct CyclesAgain<'a> {
+    motion: PathExecutor,
+    queue: PlanConsumer,
+    signals: Signals,
+    /// Where the machine file has any.
+    corrections: Option<Corrections>,
+    /// Recorded changes of inputs that are still to come.
+    changes: Peekable<slice::Iter<'a, SignalChange>>,
+    image: InputImage,
+    /// The outputs of the last cycle.
+    sent: OutputImage,
+    of_program: ProgramProgress,
+    estopped: bool,
+    /// The next plan will not come.
+    is_stuck: bool,
+    cycles: u64,
+    state: State,
+    outputs: Vec<SignalChange>,
+}
+
+/// What the cycles came to.
+struct CyclesEnded {
+    count: u64,
+    state: State,
+    extremes: Extremes,
+    outputs: Vec<SignalChange>,
+}
+
+impl<'a> CyclesAgain<'a> {
+    fn new(
+        setup: &Setup,
+        motion: PathExecutor,
+        queue: PlanConsumer,
+        scheduled: ScheduleConsumer,
+        changes: &'a [SignalChange],
+    ) -> Self {
+        let mut signals = Signals::new(
+            &setup.machine.signals,
+            setup.machine.lead_cycles(setup.period_ns),
+            setup.period_ns,
+        );
+        let _none = signals.begin_program(scheduled);
+        Self {
+            motion,
+            queue,
+            sent: *signals.safe(),
+            signals,
+            corrections: Corrections::new(&setup.machine, setup.period_ns, setup.machine.limits().home),
+            changes: changes.iter().peekable(),
+            image: InputImage::default(),
+            of_program: ProgramProgress::default(),
+            estopped: false,
+            is_stuck: false,
+            cycles: 0,
+            state: State::Idle,
+            outputs: Vec::new(),
+        }
+    }
+
+    /// The next setpoint, and the outputs that change with it. `failed`: the planner has met an error.
+    fn step(&mut self, recorded: RecordedInputs, failed: &AtomicBool) -> Setpoint {
+        let RecordedInputs {
+            mut inputs,
+            waited,
+            refused,
+        } = recorded;
+        let (motion, queue) = (&mut self.motion, &mut self.queue);
+        wait_for_planner(|| motion.is_ready(queue) || (inputs.stop && motion.is_at_rest()));
+        self.enter_signals(&mut inputs);
+        let at_wait = self.signals.is_waiting();
+        if at_wait && inputs.resume {
+            inputs.resume = self.can_resume();
+        }
+        self.motion.replay_starved(waited);
+        self.motion.refuse_plan(refused);
+        let before = self.motion.plan_step();
+        let mut setpoint = self.motion.step(&inputs, &mut self.queue);
+        if at_wait && inputs.resume && self.motion.plan_step() != before {
+            let _was_over = self.signals.take_resume();
+        }
+        if setpoint.state == State::Done && failed.load(Ordering::Acquire) {
+            setpoint.state = State::Stopped;
+        }
+        self.is_stuck = self.motion.is_stuck(&mut self.queue);
+        if self.is_stuck {
+            setpoint.state = State::Fault;
+        }
+        self.step_outputs(&setpoint);
+        self.cycles += 1;
+        self.state = setpoint.state;
+        setpoint
+    }
+
+    /// Takes the recorded changes up to this cycle, and what the cycle's inputs get from them.
+    fn enter_signals(&mut self, inputs: &mut Inputs) {
+        while let Some(change) = self.changes.next_if(|change| change.sequence <= self.cycles) {
+            change.enter(&mut self.image);
+            self.signals.see(&self.image);
+        }
+        inputs.probe = self.signals.take_probe();
+        inputs.spindle = self.signals.spindle_at(self.cycles);
+        // As in the run: before the first inputs the chain is none that is open.
+        self.estopped |= self.signals.is_estop_open();
+    }
+
+    /// Whether the wait for an input, which the recorded run left here, is over. A trace that says otherwise differs;
+    /// nobody hangs for it.
+    fn can_resume(&mut self) -> bool {
+        let is_over = self.signals.is_over();
+        if is_over {
+            let (motion, queue) = (&mut self.motion, &mut self.queue);
+            wait_for_planner(|| motion.can_leave_wait(queue) || queue.is_abandoned());
+        }
+        is_over
+    }
+
+    fn step_outputs(&mut self, setpoint: &Setpoint) {
+        let phase = if self.estopped {
+            Phase::Fault
+        } else {
+            phase_of(setpoint.state)
+        };
+        let image = self.signals.step(&self.of_program.with(setpoint, phase));
+        let outputs = &mut self.outputs;
+        for_each_change(setpoint.sequence, &self.sent, &image, |change| {
+            outputs.push(change);
+        });
+        self.sent = image;
+    }
+
+    /// What the drives are sent for a setpoint, where that is something else.
+    fn correct(&mut self, setpoint: &Setpoint) -> Option<Jet> {
+        let inputs = self.signals.inputs();
+        let corrections = self.corrections.as_mut()?;
+        Some(corrections.step(setpoint, Some(inputs)))
+    }
+
+    fn is_over(&self) -> bool {
+        self.motion.is_over() || self.is_stuck
+    }
+
+    /// Drops the ends of the planner's queues.
+    fn end(self) -> CyclesEnded {
+        CyclesEnded {
+            count: self.cycles,
+            state: self.state,
+            extremes: *self.motion.extremes(),
+            outputs: self.outputs,
+        }
+    }
 }

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, VecDeque};
 use std::io::{BufRead, BufReader, Cursor, Read};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{self, Receiver, Sender};
@@ -184,15 +184,195 @@ struct Tracks {
 
 impl Recording {
     /// Records until the cycle has gone and the queue is empty, then finishes the file with what its closing brings.
-    pub(crate) fn run(mut self, period_ns: u64) -> RecordReport {
-        let mut tracks = Tracks {
+    pub(crate) fn run(self, period_ns: u64) -> RecordReport {
+        let mut underway = RecordingUnderway {
+            tracks: Tracks::new(&self.program, period_ns),
+            recording: self,
+            failure: None,
+            lost: 0,
+            flushed: Instant::now(),
+            last_ns: 0,
+            next_file: None,
+        };
+        loop {
+            let over = underway.recording.queue.is_abandoned();
+            let count = underway.drain_queue();
+            underway.flush_when_due();
+            if over && underway.recording.queue.is_empty() {
+                break;
+            }
+            if count == 0 {
+                std::thread::sleep(POLL_INTERVAL);
+            }
+        }
+        underway.finish()
+    }
+}
+
+/// A recording from its first sample to its last.
+struct RecordingUnderway {
+    recording: Recording,
+    tracks: Tracks,
+    /// Why nothing more is recorded.
+    failure: Option<RecordError>,
+    /// Samples that came after that.
+    lost: u64,
+    flushed: Instant,
+    /// When the last sample was due.
+    last_ns: u64,
+    /// The next file begins after this setpoint.
+    next_file: Option<u64>,
+}
+
+impl RecordingUnderway {
+    /// Records what is in the queue. Returns the number of samples.
+    fn drain_queue(&mut self) -> usize {
+        let mut count = 0;
+        while let Ok(sample) = self.recording.queue.pop() {
+            count += 1;
+            self.last_ns = sample.record.due_time_ns;
+            if self.failure.is_some() {
+                self.lost += 1;
+                continue;
+            }
+            if let Err(error) = self.begin_file_when_due(&sample.record) {
+                self.lost += 1;
+                self.fail(error);
+                continue;
+            }
+            // What an action is called was told before the action went into the plan.
+            let news = sample.actions > self.tracks.actions || sample.blocks_begun() > self.tracks.blocks;
+            if count % 256 == 1 || news {
+                self.take_news();
+            }
+            if let Err(error) = self.record(&sample) {
+                self.lost += 1;
+                self.stop_if_configured();
+                self.fail(error);
+            }
+        }
+        count
+    }
+
+    /// Goes on in the next file where one was ordered and `cycle` is the first of it.
+    fn begin_file_when_due(&mut self, cycle: &CycleRecord) -> Result<(), RecordError> {
+        let Recording {
+            recorder,
+            signals,
+            further: Some(further),
+            ..
+        } = &mut self.recording
+        else {
+            return Ok(());
+        };
+        if self.next_file.is_none_or(|last| cycle.sequence <= last) {
+            return Ok(());
+        }
+        self.next_file = None;
+        self.tracks.wait_for_copies();
+        self.tracks.attach(recorder, self.last_ns)?;
+        further.go_on(recorder, cycle.sequence)?;
+        match signals {
+            Some(signals) => signals.repeat(recorder, cycle),
+            None => Ok(()),
+        }
+    }
+
+    /// Takes the news there are. What follows the order for a new file is for that file.
+    fn take_news(&mut self) {
+        while self.next_file.is_none()
+            && let Ok(news) = self.recording.lines.news.try_recv()
+        {
+            match news {
+                FeederEvent::NextFile(last) => {
+                    self.next_file = self.recording.further.is_some().then_some(last);
+                }
+                news => self.tracks.hear(news),
+            }
+        }
+    }
+
+    fn record(&mut self, sample: &CycleSample) -> Result<(), RecordError> {
+        let Recording {
+            recorder, signals, ..
+        } = &mut self.recording;
+        self.tracks.record(recorder, sample)?;
+        match signals {
+            Some(signals) => signals.record(recorder, &sample.record),
+            None => Ok(()),
+        }
+    }
+
+    fn flush_when_due(&mut self) {
+        if self.failure.is_some() || self.flushed.elapsed() < FLUSH_EVERY {
+            return;
+        }
+        self.flushed = Instant::now();
+        let recorder = &mut self.recording.recorder;
+        if let Some(further) = &self.recording.further {
+            further.progress.bytes.store(recorder.bytes(), Ordering::Relaxed);
+        }
+        if let Err(error) = recorder.flush() {
+            self.stop_if_configured();
+            self.fail(error);
+        }
+    }
+
+    /// Stops the motion that can no longer be recorded, where the machine file says so.
+    fn stop_if_configured(&self) {
+        if self.recording.on_full == OnFull::Stop {
+            self.recording.controls.stop();
+        }
+    }
+
+    /// Records nothing more, and tells whoever is recorded why.
+    fn fail(&mut self, error: RecordError) {
+        let _gone = self.recording.lines.failed.send(error.clone());
+        self.failure = Some(error);
+    }
+
+    fn finish(mut self) -> RecordReport {
+        let Recording {
+            mut recorder,
+            lines,
+            further,
+            ..
+        } = self.recording;
+        // The feeder ends soon after the cycle, and with it the news; one that hangs in a file system is not waited for.
+        while let Ok(news) = lines.news.recv_timeout(LAST_NEWS) {
+            self.tracks.hear(news);
+        }
+        let ended = lines.closing.recv().ok();
+        if self.failure.is_none() {
+            let alarm = ended.as_ref().and_then(|closing| closing.alarm.as_ref());
+            self.failure = self.tracks.end(&mut recorder, self.last_ns, alarm).err();
+        }
+        let summary = ended.map(|closing| closing.summary).unwrap_or_default();
+        let result = match self.failure {
+            None => recorder.finish(&summary),
+            Some(error) => Err(error),
+        };
+        for thread in further.into_iter().flat_map(|further| further.finishing) {
+            // What failed there is a part file, which the next start recovers.
+            let _result = thread.join();
+        }
+        RecordReport {
+            result,
+            lost: self.lost,
+        }
+    }
+}
+
+impl Tracks {
+    fn new(program: &Path, period_ns: u64) -> Self {
+        Self {
             plans: VecDeque::new(),
             notices: VecDeque::new(),
             files: VecDeque::new(),
             outside: VecDeque::new(),
             switched: VecDeque::new(),
             attachments: VecDeque::new(),
-            lines: Lines::new(LinesSource::Path(self.program.clone())),
+            lines: Lines::new(LinesSource::Path(program.to_owned())),
             period_s: period_ns as f64 * 1e-9,
             block: None,
             closed: VecDeque::new(),
@@ -203,117 +383,9 @@ impl Recording {
             late: false,
             actions: 0,
             blocks: 0,
-        };
-        let mut failure: Option<RecordError> = None;
-        let mut lost = 0;
-        let mut flushed = Instant::now();
-        let mut last_ns = 0;
-        // Behind this setpoint the next file begins.
-        let mut next_file: Option<u64> = None;
-        loop {
-            let over = self.queue.is_abandoned();
-            let mut count = 0;
-            while let Ok(sample) = self.queue.pop() {
-                count += 1;
-                last_ns = sample.record.due_time_ns;
-                if failure.is_some() {
-                    lost += 1;
-                    continue;
-                }
-                if next_file.is_some_and(|last| sample.record.sequence > last)
-                    && let Some(further) = &mut self.further
-                {
-                    next_file = None;
-                    tracks.wait_for_copies();
-                    let attached = tracks.attach(&mut self.recorder, last_ns);
-                    let goes_on = attached
-                        .and_then(|()| further.go_on(&mut self.recorder, sample.record.sequence))
-                        .and_then(|()| match &self.signals {
-                            Some(signals) => signals.repeat(&mut self.recorder, &sample.record),
-                            None => Ok(()),
-                        });
-                    if let Err(error) = goes_on {
-                        lost += 1;
-                        let _gone = self.lines.failed.send(error.clone());
-                        failure = Some(error);
-                        continue;
-                    }
-                }
-                // What an action is called was told before the action went into the plan.
-                let news = sample.actions > tracks.actions || sample.blocks_begun() > tracks.blocks;
-                if count % 256 == 1 || news {
-                    // What follows the order for a new file is for that file.
-                    while next_file.is_none()
-                        && let Ok(news) = self.lines.news.try_recv()
-                    {
-                        match news {
-                            FeederEvent::NextFile(last) => next_file = self.further.is_some().then_some(last),
-                            news => tracks.hear(news),
-                        }
-                    }
-                }
-                let recorded =
-                    tracks
-                        .record(&mut self.recorder, &sample)
-                        .and_then(|()| match &mut self.signals {
-                            Some(signals) => signals.record(&mut self.recorder, &sample.record),
-                            None => Ok(()),
-                        });
-                if let Err(error) = recorded {
-                    lost += 1;
-                    if self.on_full == OnFull::Stop {
-                        self.controls.stop();
-                    }
-                    let _gone = self.lines.failed.send(error.clone());
-                    failure = Some(error);
-                }
-            }
-            if failure.is_none() && flushed.elapsed() >= FLUSH_EVERY {
-                flushed = Instant::now();
-                if let Some(further) = &self.further {
-                    further
-                        .progress
-                        .bytes
-                        .store(self.recorder.bytes(), Ordering::Relaxed);
-                }
-                failure = self.recorder.flush().err();
-                if let Some(error) = &failure {
-                    if self.on_full == OnFull::Stop {
-                        self.controls.stop();
-                    }
-                    let _gone = self.lines.failed.send(error.clone());
-                }
-            }
-            if over && self.queue.is_empty() {
-                break;
-            }
-            if count == 0 {
-                std::thread::sleep(POLL_INTERVAL);
-            }
         }
-        // The feeder ends soon after the cycle, and with it the news; one that hangs in a file system is not waited for.
-        while let Ok(news) = self.lines.news.recv_timeout(LAST_NEWS) {
-            tracks.hear(news);
-        }
-        let ended = self.lines.closing.recv().ok();
-        if failure.is_none() {
-            let alarm = ended.as_ref().and_then(|closing| closing.alarm.as_ref());
-            failure = tracks.end(&mut self.recorder, last_ns, alarm).err();
-        }
-        let summary = ended.map(|closing| closing.summary).unwrap_or_default();
-        let result = match failure {
-            None => self.recorder.finish(&summary),
-            Some(error) => Err(error),
-        };
-        for thread in self.further.into_iter().flat_map(|further| further.finishing) {
-            // What failed there is a part file, which the next start recovers.
-            let _result = thread.join();
-        }
-        RecordReport { result, lost }
     }
-}
 
-impl Tracks {
     fn hear(&mut self, news: FeederEvent) {
         match news {
             FeederEvent::Block(plan) => self.plans.push_back(plan),
