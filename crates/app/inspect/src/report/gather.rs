@@ -136,6 +136,25 @@ struct Curves {
 }
 
 impl Curves {
+    fn new(axes: usize) -> Self {
+        let room = if axes > MANY_AXES {
+            STRETCHES_OF_MANY
+        } else {
+            STRETCHES
+        };
+        let curve = || Pyramid::new(room);
+        Self {
+            feed: curve(),
+            override_: curve(),
+            load: curve(),
+            axes: (0..axes)
+                .map(|_| [curve(), curve(), curve(), curve(), curve()])
+                .collect(),
+            lateness: curve(),
+            work: curve(),
+        }
+    }
+
     fn skip(&mut self, samples: u64) {
         let plain = [
             &mut self.feed,
@@ -175,25 +194,8 @@ impl Curves {
 /// Reads the trace once.
 pub(crate) fn gather(opened: &mut Opened) -> Result<Gathered, InspectError> {
     let axes = opened.run.axes.clone();
-    let room = if axes.len() > MANY_AXES {
-        STRETCHES_OF_MANY
-    } else {
-        STRETCHES
-    };
-    let curve = || Pyramid::new(room);
-    let mut curves = Curves {
-        feed: curve(),
-        override_: curve(),
-        load: curve(),
-        axes: axes
-            .iter()
-            .map(|_| [curve(), curve(), curve(), curve(), curve()])
-            .collect(),
-        lateness: curve(),
-        work: curve(),
-    };
+    let mut curves = Curves::new(axes.len());
     let starts = recorded_jobs(&mut opened.trace)?;
-    let home = opened.machine.limits().home;
     let fastest = opened
         .machine
         .axes
@@ -201,75 +203,15 @@ pub(crate) fn gather(opened: &mut Opened) -> Result<Gathered, InspectError> {
         .map(|axis| axis.max_velocity)
         .fold(1.0, f64::max);
     let mut trail = Trail::new(fastest / 40.0);
-    let mut g = Gathered {
-        cycles: 0,
-        first_sequence: 0,
-        last_sequence: 0,
-        gaps: Vec::new(),
-        missing: 0,
-        late: 0,
-        starved: 0,
-        series: Vec::new(),
-        states: Vec::new(),
-        overrides: Vec::new(),
-        spans_cut: false,
-        events: Vec::new(),
-        events_left_out: 0,
-        alarms: Vec::new(),
-        trail: Vec::new(),
-        lateness: LogBars::default(),
-        work: LogBars::default(),
-        times: LineTimes::new(&opened.machine, opened.run.period_ns),
-        check: LimitCheck::new(&opened.machine, opened.run.period_ns, &home.into()),
-        has_errors: false,
-        max_error: 0.0,
-        path_mm: 0.0,
-        last_path_mm: 0.0,
-        programs: starts
-            .iter()
-            .filter(|start| matches!(start.start, Some(JobStart::Program(_))))
-            .count(),
-        travels: starts
-            .iter()
-            .map(|start| travel_of(start, &opened.machine))
-            .collect(),
-        jobs: jobs(&starts, &LineTimes::new(&opened.machine, opened.run.period_ns)),
-        begun: 0,
-        fastest_cut: 0.0,
-        emergency_stops: Vec::new(),
-    };
+    let mut g = Gathered::new(opened, &starts);
     opened
         .trace
         .each_cycle(0, u64::MAX, |record| -> Result<_, evolvent_trace::ReadError> {
             g.cycle(record, &mut curves, &mut trail, &axes);
             Ok(std::ops::ControlFlow::Continue(()))
         })?;
-    for event in opened.trace.events() {
-        let event = event?;
-        if event.kind == EventKind::Command && event.text == EMERGENCY_STOP {
-            g.emergency_stops.push(event.sequence);
-        }
-        if event.kind == EventKind::Alarm && g.alarms.len() < MAX_EVENTS {
-            g.alarms.push(event.clone());
-        }
-        if g.events.len() < MAX_EVENTS {
-            g.events.push(event);
-        } else {
-            g.events_left_out += 1;
-        }
-    }
-    for block in opened.trace.blocks() {
-        let block = block?;
-        let at = g.jobs.partition_point(|job| job.start <= block.start_sequence);
-        let Some(job) = at.checked_sub(1).and_then(|at| g.jobs.get_mut(at)) else {
-            continue;
-        };
-        *job.planned.entry(block.line).or_default() += block.planned_duration_s;
-        if g.programs > 0 {
-            // A run's one program is attached.
-            job.texts.entry(block.line).or_insert(block.text);
-        }
-    }
+    g.take_events(opened)?;
+    g.take_blocks(opened)?;
     g.trail = trail.finish();
     g.series = series(opened, &curves, &axes, g.has_errors);
     Ok(g)
@@ -309,6 +251,83 @@ fn jobs(starts: &VecDeque<RecordedJob>, times: &LineTimes) -> Vec<JobPart> {
 }
 
 impl Gathered {
+    /// Before the first cycle.
+    fn new(opened: &Opened, starts: &VecDeque<RecordedJob>) -> Self {
+        let home = opened.machine.limits().home;
+        Self {
+            cycles: 0,
+            first_sequence: 0,
+            last_sequence: 0,
+            gaps: Vec::new(),
+            missing: 0,
+            late: 0,
+            starved: 0,
+            series: Vec::new(),
+            states: Vec::new(),
+            overrides: Vec::new(),
+            spans_cut: false,
+            events: Vec::new(),
+            events_left_out: 0,
+            alarms: Vec::new(),
+            trail: Vec::new(),
+            lateness: LogBars::default(),
+            work: LogBars::default(),
+            times: LineTimes::new(&opened.machine, opened.run.period_ns),
+            check: LimitCheck::new(&opened.machine, opened.run.period_ns, &home.into()),
+            has_errors: false,
+            max_error: 0.0,
+            path_mm: 0.0,
+            last_path_mm: 0.0,
+            programs: starts
+                .iter()
+                .filter(|start| matches!(start.start, Some(JobStart::Program(_))))
+                .count(),
+            travels: starts
+                .iter()
+                .map(|start| travel_of(start, &opened.machine))
+                .collect(),
+            jobs: jobs(starts, &LineTimes::new(&opened.machine, opened.run.period_ns)),
+            begun: 0,
+            fastest_cut: 0.0,
+            emergency_stops: Vec::new(),
+        }
+    }
+
+    fn take_events(&mut self, opened: &mut Opened) -> Result<(), InspectError> {
+        for event in opened.trace.events() {
+            let event = event?;
+            if event.kind == EventKind::Command && event.text == EMERGENCY_STOP {
+                self.emergency_stops.push(event.sequence);
+            }
+            if event.kind == EventKind::Alarm && self.alarms.len() < MAX_EVENTS {
+                self.alarms.push(event.clone());
+            }
+            if self.events.len() < MAX_EVENTS {
+                self.events.push(event);
+            } else {
+                self.events_left_out += 1;
+            }
+        }
+        Ok(())
+    }
+
+    /// What the blocks say of the lines of their jobs.
+    fn take_blocks(&mut self, opened: &mut Opened) -> Result<(), InspectError> {
+        for block in opened.trace.blocks() {
+            let block = block?;
+            let at = self.jobs.partition_point(|job| job.start <= block.start_sequence);
+            let Some(job) = at.checked_sub(1).and_then(|at| self.jobs.get_mut(at)) else {
+                continue;
+            };
+            *job.planned.entry(block.line).or_default() += block.planned_duration_s;
+            if self.programs > 0 {
+                // A run's one program is attached.
+                job.texts.entry(block.line).or_insert(block.text);
+            }
+        }
+        Ok(())
+    }
+
     /// Adds a cycle to the job that moved the axes.
     fn note_job(&mut self, record: &CycleRecord) {
         while self

@@ -26,100 +26,14 @@ pub(crate) struct Sentence {
 pub(crate) fn verdict(opened: &Opened, g: &Gathered) -> Vec<Sentence> {
     let mut list = Vec::new();
     let mut say = |gravity, text: String| list.push(Sentence { gravity, text });
-    let info = opened.trace.info();
-    let period_s = opened.period_s();
-    let duration_s = g.cycles as f64 * period_s;
-    let outcome = info.summary.get("outcome").map_or("", String::as_str);
+    let duration_s = g.cycles as f64 * opened.period_s();
     let what = format!("{} on {}", opened.run.program_name, opened.run.machine_name);
     let took = format!("{} and {:.1} mm of path", time(duration_s), g.path_mm);
-    match outcome {
-        "done" => say(Gravity::Good, format!("{what} ran to its end: {took}.")),
-        "" => say(
-            Gravity::Bad,
-            format!("{what} was recorded for {took}; how the run ended is not in the trace."),
-        ),
-        "served" => {
-            let jobs = info.summary.get("jobs").map_or("0", String::as_str);
-            let name = &opened.run.machine_name;
-            say(
-                Gravity::Good,
-                format!("{what}: {name} was served for {took}, {jobs} jobs."),
-            );
-        }
-        "stopped" => say(Gravity::Note, format!("{what} was stopped after {took}.")),
-        other => say(
-            Gravity::Bad,
-            format!("{what} ended early ({other}) after {took}."),
-        ),
-    }
-    if let Some(error) = info.summary.get("error") {
-        say(Gravity::Bad, error.clone());
-    }
-    for alarm in g.alarms.iter().take(5) {
-        say(
-            Gravity::Bad,
-            format!(
-                "Alarm {} at {:.3} s: {}.",
-                alarm.code,
-                alarm.sequence as f64 * period_s,
-                alarm.text.trim_end_matches('.')
-            ),
-        );
-    }
-    if let Some(first) = g.emergency_stops.first() {
-        let times = match g.emergency_stops.len() {
-            1 => "once".to_owned(),
-            count => format!("{count} times"),
-        };
-        let at = *first as f64 * period_s;
-        say(
-            Gravity::Note,
-            format!("Emergency stop was pressed {times}, first at {at:.3} s."),
-        );
-    }
+    outcome(opened, &what, &took, &mut say);
+    failures(opened, g, &mut say);
     limits(opened, g, &mut say);
-    if g.late > 0 {
-        say(
-            Gravity::Bad,
-            format!(
-                "{} of {} setpoints left after they were due; the latest wake-up was {:.1} us late.",
-                g.late,
-                g.cycles,
-                g.lateness.max_ns as f64 * 1e-3
-            ),
-        );
-    } else if opened.run.clock == "realtime" {
-        say(
-            Gravity::Good,
-            format!(
-                "No setpoint left late; the latest wake-up was {:.1} us late.",
-                g.lateness.max_ns as f64 * 1e-3
-            ),
-        );
-    }
-    if g.missing > 0 {
-        say(
-            Gravity::Bad,
-            format!(
-                "{} cycles are missing in {} gaps: the pictures are blank there.",
-                g.missing,
-                g.gaps.len()
-            ),
-        );
-    } else if g.cycles > 0 {
-        say(
-            Gravity::Good,
-            format!("All {} cycles were recorded, without a gap.", g.cycles),
-        );
-    }
-    if let Some(failure) = info.recovery.get("failure") {
-        say(Gravity::Bad, format!("Recording failed: {failure}."));
-    } else if let Some(dropped) = info.recovery.get("bytes_dropped") {
-        say(
-            Gravity::Note,
-            format!("The file was torn and has been recovered; {dropped} bytes could not be used."),
-        );
-    }
+    punctuality(opened, g, &mut say);
+    completeness(opened, g, &mut say);
     if g.starved > 0 {
         say(
             Gravity::Note,
@@ -152,6 +66,113 @@ pub(crate) fn verdict(opened: &Opened, g: &Gathered) -> Vec<Sentence> {
         list.insert(0, first);
     }
     list
+}
+
+/// How the run ended.
+fn outcome(opened: &Opened, what: &str, took: &str, say: &mut impl FnMut(Gravity, String)) {
+    let summary = &opened.trace.info().summary;
+    let outcome = summary.get("outcome").map_or("", String::as_str);
+    match outcome {
+        "done" => say(Gravity::Good, format!("{what} ran to its end: {took}.")),
+        "" => say(
+            Gravity::Bad,
+            format!("{what} was recorded for {took}; how the run ended is not in the trace."),
+        ),
+        "served" => {
+            let jobs = summary.get("jobs").map_or("0", String::as_str);
+            let name = &opened.run.machine_name;
+            say(
+                Gravity::Good,
+                format!("{what}: {name} was served for {took}, {jobs} jobs."),
+            );
+        }
+        "stopped" => say(Gravity::Note, format!("{what} was stopped after {took}.")),
+        other => say(
+            Gravity::Bad,
+            format!("{what} ended early ({other}) after {took}."),
+        ),
+    }
+}
+
+/// Errors, alarms and emergency stops.
+fn failures(opened: &Opened, g: &Gathered, say: &mut impl FnMut(Gravity, String)) {
+    let period_s = opened.period_s();
+    if let Some(error) = opened.trace.info().summary.get("error") {
+        say(Gravity::Bad, error.clone());
+    }
+    for alarm in g.alarms.iter().take(5) {
+        say(
+            Gravity::Bad,
+            format!(
+                "Alarm {} at {:.3} s: {}.",
+                alarm.code,
+                alarm.sequence as f64 * period_s,
+                alarm.text.trim_end_matches('.')
+            ),
+        );
+    }
+    if let Some(first) = g.emergency_stops.first() {
+        let times = match g.emergency_stops.len() {
+            1 => "once".to_owned(),
+            count => format!("{count} times"),
+        };
+        let at = *first as f64 * period_s;
+        say(
+            Gravity::Note,
+            format!("Emergency stop was pressed {times}, first at {at:.3} s."),
+        );
+    }
+}
+
+/// Whether setpoints left in time.
+fn punctuality(opened: &Opened, g: &Gathered, say: &mut impl FnMut(Gravity, String)) {
+    if g.late > 0 {
+        say(
+            Gravity::Bad,
+            format!(
+                "{} of {} setpoints left after they were due; the latest wake-up was {:.1} us late.",
+                g.late,
+                g.cycles,
+                g.lateness.max_ns as f64 * 1e-3
+            ),
+        );
+    } else if opened.run.clock == "realtime" {
+        say(
+            Gravity::Good,
+            format!(
+                "No setpoint left late; the latest wake-up was {:.1} us late.",
+                g.lateness.max_ns as f64 * 1e-3
+            ),
+        );
+    }
+}
+
+/// Whether the trace has all of the run.
+fn completeness(opened: &Opened, g: &Gathered, say: &mut impl FnMut(Gravity, String)) {
+    let recovery = &opened.trace.info().recovery;
+    if g.missing > 0 {
+        say(
+            Gravity::Bad,
+            format!(
+                "{} cycles are missing in {} gaps: the pictures are blank there.",
+                g.missing,
+                g.gaps.len()
+            ),
+        );
+    } else if g.cycles > 0 {
+        say(
+            Gravity::Good,
+            format!("All {} cycles were recorded, without a gap.", g.cycles),
+        );
+    }
+    if let Some(failure) = recovery.get("failure") {
+        say(Gravity::Bad, format!("Recording failed: {failure}."));
+    } else if let Some(dropped) = recovery.get("bytes_dropped") {
+        say(
+            Gravity::Note,
+            format!("The file was torn and has been recovered; {dropped} bytes could not be used."),
+        );
+    }
 }
 
 fn limits(opened: &Opened, g: &Gathered, say: &mut impl FnMut(Gravity, String)) {
