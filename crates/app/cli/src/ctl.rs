@@ -1,6 +1,7 @@
 //! `evolvent ctl`: an operator at the command line.
 
 use std::io::Write;
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -12,8 +13,11 @@ use evolvent_bus::{
 use evolvent_control::{Alarm, CommandCode, JobResult, JogEnable, Mode};
 use serde_json::json;
 
-use crate::ctl_args::{Action, CtlArgs, ModeArg, Switch};
-use crate::ctl_request::{absolute, handwheel, jog, letters_mask, request, system_number, valued, with_text};
+use crate::ctl_args::{Action, CtlArgs};
+use crate::ctl_request::{
+    absolute, handwheel, indexed, jog, letters_mask, mode_of, percent, request, switch, system_number, tool,
+    valued, with_text,
+};
 use crate::ctl_status::{status_to_json, write_status};
 use crate::{CommandError, Ending};
 
@@ -189,6 +193,28 @@ struct Waiting {
     until_program_stop: bool,
 }
 
+/// A command, and what its end is waited for with.
+struct Order {
+    request: ControlRequest,
+    /// None where the answer is all.
+    wait: Option<Waiting>,
+}
+
+impl Order {
+    fn awaited(request: ControlRequest, waiting: Waiting) -> Self {
+        Self {
+            request,
+            wait: Some(waiting),
+        }
+    }
+}
+
+impl From<ControlRequest> for Order {
+    fn from(request: ControlRequest) -> Self {
+        Self { request, wait: None }
+    }
+}
+
 impl Session {
     fn act(
         &mut self,
@@ -197,95 +223,37 @@ impl Session {
         out: &mut dyn Write,
         err: &mut dyn Write,
     ) -> Result<Ending, CommandError> {
-        let simple = |code: CommandCode| request(code);
-        let switch = |code: CommandCode, state: Switch| ControlRequest {
-            index: u32::from(matches!(state, Switch::On)),
-            ..request(code)
-        };
-        let percent = |code: CommandCode, percent: f64| ControlRequest {
-            amount: percent / 100.0,
-            ..request(code)
-        };
-        let (wanted, wait) = match action {
+        let order: Order = match action {
             // Stopping ones were given before.
             Action::Status | Action::Estop | Action::Hold | Action::Stop | Action::JogStop | Action::Off => {
                 return Ok(Ending::Clean);
             }
-            Action::EstopReset => (simple(CommandCode::EstopReset), None),
             Action::On => return self.switch_on(out),
-            Action::Up => {
-                if status.machine_state == 0 {
-                    let answer = self.send(&simple(CommandCode::EstopReset))?;
-                    if answer.verdict != 0 {
-                        return tell(&answer, None, self.json, out);
-                    }
-                }
-                return self.switch_on(out);
+            Action::Up => return self.bring_up(status, out),
+            Action::EstopReset => request(CommandCode::EstopReset).into(),
+            Action::Mode { mode } => indexed(CommandCode::Mode, mode_of(*mode) as u32).into(),
+            Action::Load { program } => with_text(CommandCode::Load, &absolute(program)?)?.into(),
+            Action::Start { program, line, wait } => self.start(status, program.as_deref(), *line, *wait)?,
+            Action::Resume => request(CommandCode::Resume).into(),
+            Action::Loaded { tool } => match objection_to_loaded(*tool, status) {
+                Some(objection) => return Err(CommandError::Failed(objection)),
+                None => request(CommandCode::Resume).into(),
+            },
+            Action::Step => self.step(status)?,
+            Action::Reset => request(CommandCode::Reset).into(),
+            Action::Clear => request(CommandCode::ClearAlarms).into(),
+            Action::Set { output, value } => ControlRequest {
+                amount: *value,
+                ..with_text(CommandCode::SetOutput, output)?
             }
-            Action::Mode { mode } => {
-                let mode = match mode {
-                    ModeArg::Auto => Mode::Auto,
-                    ModeArg::Manual => Mode::Manual,
-                    ModeArg::Mdi => Mode::Mdi,
-                };
-                (
-                    ControlRequest {
-                        index: mode as u32,
-                        ..request(CommandCode::Mode)
-                    },
-                    None,
-                )
-            }
-            Action::Load { program } => (with_text(CommandCode::Load, &absolute(program)?)?, None),
-            Action::Start { program, line, wait } => {
-                let name = program.as_deref().map(absolute).transpose()?.unwrap_or_default();
-                self.need_mode(status, Mode::Auto)?;
-                let start = ControlRequest {
-                    index: line.unwrap_or(0),
-                    ..with_text(CommandCode::Start, &name)?
-                };
-                let goes_on = Waiting {
-                    stop: None,
-                    until_program_stop: false,
-                };
-                (start, wait.then_some(goes_on))
-            }
-            Action::Resume => (simple(CommandCode::Resume), None),
-            Action::Loaded { tool } => {
-                if let Some(objection) = objection_to_loaded(*tool, status) {
-                    return Err(CommandError::Failed(objection));
-                }
-                (simple(CommandCode::Resume), None)
-            }
-            Action::Step => {
-                if status.activity == 0 {
-                    self.need_mode(status, Mode::Auto)?;
-                }
-                (simple(CommandCode::Step), None)
-            }
-            Action::Reset => (simple(CommandCode::Reset), None),
-            Action::Clear => (simple(CommandCode::ClearAlarms), None),
-            Action::Set { output, value } => (
-                ControlRequest {
-                    amount: *value,
-                    ..with_text(CommandCode::SetOutput, output)?
-                },
-                None,
-            ),
-            Action::SingleStep { state } => (switch(CommandCode::SingleStep, *state), None),
-            Action::OptionalStop { state } => (switch(CommandCode::OptionalStop, *state), None),
-            Action::BlockDelete { state } => (switch(CommandCode::BlockDelete, *state), None),
-            Action::Override { percent: ratio } => (percent(CommandCode::FeedOverride, *ratio), None),
-            Action::Rapid { percent: ratio } => (percent(CommandCode::RapidOverride, *ratio), None),
-            Action::Spindle { percent: ratio } => (percent(CommandCode::SpindleOverride, *ratio), None),
-            Action::Mdi { block, no_wait } => {
-                self.need_mode(status, Mode::Mdi)?;
-                let waiting = Waiting {
-                    stop: Some(CommandCode::Stop),
-                    until_program_stop: true,
-                };
-                (with_text(CommandCode::Mdi, block)?, (!no_wait).then_some(waiting))
-            }
+            .into(),
+            Action::SingleStep { state } => switch(CommandCode::SingleStep, *state).into(),
+            Action::OptionalStop { state } => switch(CommandCode::OptionalStop, *state).into(),
+            Action::BlockDelete { state } => switch(CommandCode::BlockDelete, *state).into(),
+            Action::Override { percent: ratio } => percent(CommandCode::FeedOverride, *ratio).into(),
+            Action::Rapid { percent: ratio } => percent(CommandCode::RapidOverride, *ratio).into(),
+            Action::Spindle { percent: ratio } => percent(CommandCode::SpindleOverride, *ratio).into(),
+            Action::Mdi { block, no_wait } => self.mdi(status, block, *no_wait)?,
             Action::Jog {
                 axes,
                 distance,
@@ -297,75 +265,127 @@ impl Session {
                 if distance.is_none() {
                     return self.jog_on(&jog, *seconds, out, err);
                 }
-                (jog, Some(Waiting::stopped_by(CommandCode::JogStop)))
+                Order::awaited(jog, Waiting::stopped_by(CommandCode::JogStop))
             }
-            Action::Handwheel { axis, step } => {
-                if axis.is_some() {
-                    self.need_mode(status, Mode::Manual)?;
-                }
-                (handwheel(axis.as_deref(), *step)?, None)
+            Action::Handwheel { axis, step } => self.handwheel(status, axis.as_deref(), *step)?,
+            Action::Home { axes } => self.home(status, axes.as_deref())?,
+            Action::Offset { system, values } => ControlRequest {
+                index: system_number(system)?,
+                ..valued(CommandCode::WorkOffset, values)?
             }
-            Action::Home { axes } => {
-                let axes_mask = match axes {
-                    None => 0,
-                    Some(letters) => letters_mask(letters)?,
-                };
-                self.need_mode(status, Mode::Manual)?;
-                let home = ControlRequest {
-                    axes_mask,
-                    ..request(CommandCode::Home)
-                };
-                (home, Some(Waiting::stopped_by(CommandCode::Stop)))
+            .into(),
+            Action::TouchOff { values, system } => ControlRequest {
+                index: system.as_deref().map_or(Ok(0), system_number)?,
+                ..valued(CommandCode::TouchOff, values)?
             }
-            Action::Offset { system, values } => (
-                ControlRequest {
-                    index: system_number(system)?,
-                    ..valued(CommandCode::WorkOffset, values)?
-                },
-                None,
-            ),
-            Action::TouchOff { values, system } => (
-                ControlRequest {
-                    index: system.as_deref().map_or(Ok(0), system_number)?,
-                    ..valued(CommandCode::TouchOff, values)?
-                },
-                None,
-            ),
+            .into(),
             Action::Tool {
                 number,
                 values,
                 diameter,
-            } => {
-                if *number == 0 {
-                    return Err(CommandError::Usage("tools are numbered from 1".to_owned()));
-                }
-                (
-                    ControlRequest {
-                        index: *number,
-                        amount: diameter.unwrap_or(-1.0),
-                        ..valued(CommandCode::Tool, values)?
-                    },
-                    None,
-                )
-            }
-            Action::ReloadTools => (simple(CommandCode::Tool), None),
+            } => tool(*number, values, *diameter)?.into(),
+            Action::ReloadTools => request(CommandCode::Tool).into(),
         };
-        if wait.is_some() {
+        self.give(action, &order, out, err)
+    }
+
+    /// Resets the emergency stop where it is in force, and switches on.
+    fn bring_up(&mut self, status: &Status, out: &mut dyn Write) -> Result<Ending, CommandError> {
+        if status.machine_state == 0 {
+            let answer = self.send(&request(CommandCode::EstopReset))?;
+            if answer.verdict != 0 {
+                return tell(&answer, None, self.json, out);
+            }
+        }
+        self.switch_on(out)
+    }
+
+    fn start(
+        &mut self,
+        status: &Status,
+        program: Option<&Path>,
+        line: Option<u32>,
+        wait: bool,
+    ) -> Result<Order, CommandError> {
+        let name = program.map(absolute).transpose()?.unwrap_or_default();
+        self.need_mode(status, Mode::Auto)?;
+        let goes_on = Waiting {
+            stop: None,
+            until_program_stop: false,
+        };
+        Ok(Order {
+            request: ControlRequest {
+                index: line.unwrap_or(0),
+                ..with_text(CommandCode::Start, &name)?
+            },
+            wait: wait.then_some(goes_on),
+        })
+    }
+
+    fn step(&mut self, status: &Status) -> Result<Order, CommandError> {
+        if status.activity == 0 {
+            self.need_mode(status, Mode::Auto)?;
+        }
+        Ok(request(CommandCode::Step).into())
+    }
+
+    fn mdi(&mut self, status: &Status, block: &str, no_wait: bool) -> Result<Order, CommandError> {
+        self.need_mode(status, Mode::Mdi)?;
+        let waiting = Waiting {
+            stop: Some(CommandCode::Stop),
+            until_program_stop: true,
+        };
+        Ok(Order {
+            request: with_text(CommandCode::Mdi, block)?,
+            wait: (!no_wait).then_some(waiting),
+        })
+    }
+
+    fn handwheel(
+        &mut self,
+        status: &Status,
+        axis: Option<&str>,
+        step: Option<f64>,
+    ) -> Result<Order, CommandError> {
+        if axis.is_some() {
+            self.need_mode(status, Mode::Manual)?;
+        }
+        Ok(handwheel(axis, step)?.into())
+    }
+
+    fn home(&mut self, status: &Status, letters: Option<&str>) -> Result<Order, CommandError> {
+        let home = ControlRequest {
+            axes_mask: letters.map_or(Ok(0), letters_mask)?,
+            ..request(CommandCode::Home)
+        };
+        self.need_mode(status, Mode::Manual)?;
+        Ok(Order::awaited(home, Waiting::stopped_by(CommandCode::Stop)))
+    }
+
+    /// Sends an order, waits for its job where that is wanted, and tells what came of it.
+    fn give(
+        &mut self,
+        action: &Action,
+        order: &Order,
+        out: &mut dyn Write,
+        err: &mut dyn Write,
+    ) -> Result<Ending, CommandError> {
+        if order.wait.is_some() {
             self.catch_signals()?;
         }
-        let mut answer = self.send(&wanted)?;
+        let mut answer = self.send(&order.request)?;
         // A long program is checked before it starts.
         let deadline = Instant::now() + CHECKED;
         while answer.alarm == Alarm::Checking.number() && Instant::now() < deadline {
             std::thread::sleep(POLL);
-            answer = self.send(&wanted)?;
+            answer = self.send(&order.request)?;
         }
         let starts = matches!(action, Action::Start { .. }) && answer.verdict == 0;
         if starts && !self.json {
             let text = self.shown_start(action, &answer)?;
             writeln!(out, "{text}").map_err(|error| CommandError::Failed(error.to_string()))?;
         }
-        let result = match wait {
+        let result = match order.wait {
             Some(waiting) if answer.verdict == 0 => Some(self.await_job(answer.job, waiting, err)?),
             _ => None,
         };
@@ -419,11 +439,7 @@ impl Session {
     /// Changes the mode where another one is in force; what is in the way of that is told by the command itself.
     fn need_mode(&mut self, status: &Status, mode: Mode) -> Result<(), CommandError> {
         if status.mode != mode as u32 {
-            let change = ControlRequest {
-                index: mode as u32,
-                ..request(CommandCode::Mode)
-            };
-            self.send(&change)?;
+            self.send(&indexed(CommandCode::Mode, mode as u32))?;
         }
         Ok(())
     }

@@ -4,16 +4,59 @@ use std::io;
 use std::path::Path;
 
 use evolvent_bus::ControlRequest;
-use evolvent_control::CommandCode;
+use evolvent_control::{CommandCode, Mode};
 use evolvent_path::{AXES, AxisLetter, AxisMask};
 
 use crate::CommandError;
+use crate::ctl_args::{ModeArg, Switch};
 
 pub(crate) fn request(code: CommandCode) -> ControlRequest {
     ControlRequest {
         command: code as u32,
         ..ControlRequest::default()
     }
+}
+
+pub(crate) fn indexed(code: CommandCode, index: u32) -> ControlRequest {
+    ControlRequest {
+        index,
+        ..request(code)
+    }
+}
+
+pub(crate) fn switch(code: CommandCode, state: Switch) -> ControlRequest {
+    indexed(code, u32::from(matches!(state, Switch::On)))
+}
+
+pub(crate) fn percent(code: CommandCode, percent: f64) -> ControlRequest {
+    ControlRequest {
+        amount: percent / 100.0,
+        ..request(code)
+    }
+}
+
+pub(crate) fn mode_of(mode: ModeArg) -> Mode {
+    match mode {
+        ModeArg::Auto => Mode::Auto,
+        ModeArg::Manual => Mode::Manual,
+        ModeArg::Mdi => Mode::Mdi,
+    }
+}
+
+/// Sets a tool's offsets, and its diameter where one is given.
+pub(crate) fn tool(
+    number: u32,
+    values: &[String],
+    diameter: Option<f64>,
+) -> Result<ControlRequest, CommandError> {
+    if number == 0 {
+        return Err(CommandError::Usage("tools are numbered from 1".to_owned()));
+    }
+    Ok(ControlRequest {
+        index: number,
+        amount: diameter.unwrap_or(-1.0),
+        ..valued(CommandCode::Tool, values)?
+    })
 }
 
 pub(crate) fn with_text(code: CommandCode, text: &str) -> Result<ControlRequest, CommandError> {

@@ -162,6 +162,29 @@ pub(crate) fn write_status(
     if !status.program_name().is_empty() {
         writeln!(out, "  program {}", status.program_name())?;
     }
+    write_axes(out, status, axes)?;
+    write_motion(out, status)?;
+    write_waits(out, status)?;
+    if status.feedback_age_ns != u64::MAX {
+        writeln!(
+            out,
+            "  drives answered {:.1} ms ago",
+            status.feedback_age_ns as f64 * 1e-6
+        )?;
+    }
+    writeln!(
+        out,
+        "  setpoints {}, late {}, lost {}; commands accepted {}, rejected {}",
+        status.cycles,
+        status.late_cycles,
+        status.dropped_setpoints,
+        status.commands_accepted,
+        status.commands_rejected
+    )?;
+    write_messages(out, status)
+}
+
+fn write_axes(out: &mut dyn Write, status: &Status, axes: &str) -> io::Result<()> {
     writeln!(out)?;
     writeln!(
         out,
@@ -184,6 +207,10 @@ pub(crate) fn write_status(
             }
         )?;
     }
+    Ok(())
+}
+
+fn write_motion(out: &mut dyn Write, status: &Status) -> io::Result<()> {
     writeln!(
         out,
         "\n  feed {:.1} of {:.1} mm/min; overrides: feed {:.0} %, rapid {:.0} %, spindle {:.0} %",
@@ -217,7 +244,11 @@ pub(crate) fn write_status(
         status.tool,
         status.spindle_rpm,
         modal_codes(status).join(" ")
-    )?;
+    )
+}
+
+/// What the machine waits for, and the probe.
+fn write_waits(out: &mut dyn Write, status: &Status) -> io::Result<()> {
     if status.switches & switches::CHAIN_OPEN != 0 {
         writeln!(out, "  the emergency-stop chain is open, or no bridge reads it")?;
     }
@@ -239,22 +270,11 @@ pub(crate) fn write_status(
         )?,
         (_, tool) => writeln!(out, "  the changer puts tool {tool} into the spindle")?,
     }
-    if status.feedback_age_ns != u64::MAX {
-        writeln!(
-            out,
-            "  drives answered {:.1} ms ago",
-            status.feedback_age_ns as f64 * 1e-6
-        )?;
-    }
-    writeln!(
-        out,
-        "  setpoints {}, late {}, lost {}; commands accepted {}, rejected {}",
-        status.cycles,
-        status.late_cycles,
-        status.dropped_setpoints,
-        status.commands_accepted,
-        status.commands_rejected
-    )?;
+    Ok(())
+}
+
+/// The program's message and the alarms.
+fn write_messages(out: &mut dyn Write, status: &Status) -> io::Result<()> {
     if !status.operator_message().is_empty() {
         writeln!(out, "  message: {}", status.operator_message())?;
     }

@@ -175,133 +175,180 @@ fn state_name(state: u32) -> String {
 
 /// The machine as text. `stale` is how old the snapshot is, if it is too old.
 fn picture(name: &str, status: &Status, axes: &str, stale: Option<Duration>, colours: bool) -> String {
-    let paint = |code: &'static str, text: &str| {
-        if colours {
+    let mut picture = Picture {
+        status,
+        colours,
+        text: String::new(),
+    };
+    picture.heading(name, stale);
+    picture.what_it_waits_for();
+    picture.program();
+    picture.axes(axes);
+    picture.motion();
+    picture.core_loop();
+    if colours {
+        picture.text.push_str("\nq ends\n");
+    }
+    picture.text
+}
+
+fn pick(list: &[&'static str], at: u32) -> &'static str {
+    list.get(at as usize).copied().unwrap_or("?")
+}
+
+/// A status that is being written. Writing to a string cannot fail.
+struct Picture<'a> {
+    status: &'a Status,
+    colours: bool,
+    text: String,
+}
+
+impl Picture<'_> {
+    fn paint(&self, code: &'static str, text: &str) -> String {
+        if self.colours {
             format!("{code}{text}{PLAIN}")
         } else {
             text.to_owned()
         }
-    };
-    let pick = |list: &[&'static str], at: u32| list.get(at as usize).copied().unwrap_or("?");
-    let mut text = String::new();
-    // Writing to a string cannot fail.
-    let _ = writeln!(
-        text,
-        "{}  machine {}, {}, {}",
-        paint(BOLD, name),
-        pick(&MACHINE_STATES, status.machine_state),
-        pick(&MODES, status.mode),
-        paint(BOLD, &state_name(status.state))
-    );
-    if let Some(age) = stale {
-        let words = format!("the core has sent nothing for {:.1} s", age.as_secs_f64());
-        let _ = writeln!(text, "{}", paint(RED, &words));
     }
-    // First, so that a small terminal shows it.
-    if status.alarm_count > 0 {
-        let numbers: Vec<String> = status.listed_alarms().iter().map(u32::to_string).collect();
-        let words = format!(
-            "ALARM {}  {}",
-            numbers.join(", "),
-            one_line(status.alarm_sentence())
-        );
-        let _ = writeln!(text, "{}", paint(RED, words.trim_end()));
-    }
-    if status.switches & switches::CHAIN_OPEN != 0 {
-        let words = "the emergency-stop chain is open, or no bridge reads it";
-        let _ = writeln!(text, "{}", paint(RED, words));
-    }
-    if status.switches & switches::INPUT_WAIT != 0 {
-        let _ = writeln!(text, "waits for an input (M66)");
-    }
-    if let Some(state) = probe_state(status) {
-        let _ = writeln!(text, "probe {state}");
-    }
-    let program = match status.program_name() {
-        "" => "no program",
-        program => program,
-    };
-    let line = match status.line {
-        0 => String::new(),
-        line => format!(", line {line}"),
-    };
-    let _ = writeln!(text, "{program}{line}");
-    if !status.operator_message().is_empty() {
-        let _ = writeln!(text, "message: {}", one_line(status.operator_message()));
-    }
-    let _ = writeln!(
-        text,
-        "\n      {:>14} {:>14} {:>12} {:>12} {:>12}",
-        "machine", "work", "to go", "velocity", "error"
-    );
-    for (at, letter) in "XYZABCUVW".chars().enumerate() {
-        if !AxisMask::from_bits(status.axes_mask).contains(at) || !axes.contains(letter) {
-            continue;
-        }
-        let is_homed = AxisMask::from_bits(status.homed_mask).contains(at);
-        let unit = if "ABC".contains(letter) { "deg" } else { "mm" };
+
+    fn heading(&mut self, name: &str, stale: Option<Duration>) {
         let _ = writeln!(
-            text,
-            "{}{} {unit:>3} {:>14.4} {:>14.4} {:>12.4} {:>12.3} {:>12.4}",
-            paint(BOLD, &letter.to_string()),
-            if is_homed { '*' } else { ' ' },
-            status.position_machine[at],
-            status.position_work[at],
-            status.distance_to_go[at],
-            status.velocity[at],
-            status.following_error[at]
+            self.text,
+            "{}  machine {}, {}, {}",
+            self.paint(BOLD, name),
+            pick(&MACHINE_STATES, self.status.machine_state),
+            pick(&MODES, self.status.mode),
+            self.paint(BOLD, &state_name(self.status.state))
+        );
+        if let Some(age) = stale {
+            let words = format!("the core has sent nothing for {:.1} s", age.as_secs_f64());
+            let _ = writeln!(self.text, "{}", self.paint(RED, &words));
+        }
+    }
+
+    /// Alarms, and inputs that hold the machine.
+    fn what_it_waits_for(&mut self) {
+        // First, so that a small terminal shows it.
+        if self.status.alarm_count > 0 {
+            let numbers: Vec<String> = self.status.listed_alarms().iter().map(u32::to_string).collect();
+            let words = format!(
+                "ALARM {}  {}",
+                numbers.join(", "),
+                one_line(self.status.alarm_sentence())
+            );
+            let _ = writeln!(self.text, "{}", self.paint(RED, words.trim_end()));
+        }
+        if self.status.switches & switches::CHAIN_OPEN != 0 {
+            let words = "the emergency-stop chain is open, or no bridge reads it";
+            let _ = writeln!(self.text, "{}", self.paint(RED, words));
+        }
+        if self.status.switches & switches::INPUT_WAIT != 0 {
+            let _ = writeln!(self.text, "waits for an input (M66)");
+        }
+        if let Some(state) = probe_state(self.status) {
+            let _ = writeln!(self.text, "probe {state}");
+        }
+    }
+
+    fn program(&mut self) {
+        let program = match self.status.program_name() {
+            "" => "no program",
+            program => program,
+        };
+        let line = match self.status.line {
+            0 => String::new(),
+            line => format!(", line {line}"),
+        };
+        let _ = writeln!(self.text, "{program}{line}");
+        if !self.status.operator_message().is_empty() {
+            let _ = writeln!(self.text, "message: {}", one_line(self.status.operator_message()));
+        }
+    }
+
+    fn axes(&mut self, axes: &str) {
+        let _ = writeln!(
+            self.text,
+            "\n      {:>14} {:>14} {:>12} {:>12} {:>12}",
+            "machine", "work", "to go", "velocity", "error"
+        );
+        for (at, letter) in "XYZABCUVW".chars().enumerate() {
+            if !AxisMask::from_bits(self.status.axes_mask).contains(at) || !axes.contains(letter) {
+                continue;
+            }
+            let is_homed = AxisMask::from_bits(self.status.homed_mask).contains(at);
+            let unit = if "ABC".contains(letter) { "deg" } else { "mm" };
+            let _ = writeln!(
+                self.text,
+                "{}{} {unit:>3} {:>14.4} {:>14.4} {:>12.4} {:>12.3} {:>12.4}",
+                self.paint(BOLD, &letter.to_string()),
+                if is_homed { '*' } else { ' ' },
+                self.status.position_machine[at],
+                self.status.position_work[at],
+                self.status.distance_to_go[at],
+                self.status.velocity[at],
+                self.status.following_error[at]
+            );
+        }
+    }
+
+    fn motion(&mut self) {
+        let feed = 60.0 * self.status.feed_mm_s;
+        let _ = writeln!(
+            self.text,
+            "\nfeed {:.1} mm/min of {:.1}   override {:.0} %, rapid {:.0} %, spindle {:.0} %   spindle {:.0} rpm   T{}",
+            feed,
+            60.0 * self.status.feed_programmed_mm_s,
+            100.0 * self.status.override_ratio,
+            100.0 * self.status.rapid_override_ratio,
+            100.0 * self.status.spindle_override_ratio,
+            self.status.spindle_rpm,
+            self.status.tool
+        );
+        let _ = writeln!(
+            self.text,
+            "path {:.3} mm   longest stop {}   cycle {}, {:.2} Hz   clients {}",
+            self.status.path_mm,
+            longest_stop(self.status),
+            self.status.cycles,
+            1e9 / self.status.period_ns.max(1) as f64,
+            self.status.setpoint_subscribers
         );
     }
-    let feed = 60.0 * status.feed_mm_s;
-    let _ = writeln!(
-        text,
-        "\nfeed {:.1} mm/min of {:.1}   override {:.0} %, rapid {:.0} %, spindle {:.0} %   spindle {:.0} rpm   T{}",
-        feed,
-        60.0 * status.feed_programmed_mm_s,
-        100.0 * status.override_ratio,
-        100.0 * status.rapid_override_ratio,
-        100.0 * status.spindle_override_ratio,
-        status.spindle_rpm,
-        status.tool
-    );
-    let _ = writeln!(
-        text,
-        "path {:.3} mm   longest stop {}   cycle {}, {:.2} Hz   clients {}",
-        status.path_mm,
-        longest_stop(status),
-        status.cycles,
-        1e9 / status.period_ns.max(1) as f64,
-        status.setpoint_subscribers
-    );
-    let us = |ns: u64| ns as f64 * 1e-3;
-    let _ = writeln!(
-        text,
-        "woken late by p50 {:.1}, p99.9 {:.1}, at most {:.1} us   work p50 {:.1}, p99.9 {:.1}, at most {:.1} us",
-        us(status.wake_lateness_p50_ns),
-        us(status.wake_lateness_p999_ns),
-        us(status.wake_lateness_max_ns),
-        us(status.work_p50_ns),
-        us(status.work_p999_ns),
-        us(status.work_max_ns)
-    );
-    let lost = format!(
-        "late setpoints {}, lost setpoints {}, lost records {}",
-        status.late_cycles, status.dropped_setpoints, status.dropped_records
-    );
-    let is_clean = status.late_cycles + status.dropped_setpoints + status.dropped_records == 0;
-    let _ = writeln!(text, "{}", if is_clean { lost } else { paint(RED, &lost) });
-    let flags: Vec<&str> = FLAGS
-        .iter()
-        .filter(|(bit, _)| status.flags & bit != 0)
-        .map(|(_, name)| *name)
-        .collect();
-    if !flags.is_empty() {
-        let _ = writeln!(text, "flags {}", flags.join(", "));
+
+    /// How punctual the loop is, what was lost, and the flags of the setpoint.
+    fn core_loop(&mut self) {
+        let us = |ns: u64| ns as f64 * 1e-3;
+        let _ = writeln!(
+            self.text,
+            "woken late by p50 {:.1}, p99.9 {:.1}, at most {:.1} us   work p50 {:.1}, p99.9 {:.1}, at most {:.1} us",
+            us(self.status.wake_lateness_p50_ns),
+            us(self.status.wake_lateness_p999_ns),
+            us(self.status.wake_lateness_max_ns),
+            us(self.status.work_p50_ns),
+            us(self.status.work_p999_ns),
+            us(self.status.work_max_ns)
+        );
+        let lost = format!(
+            "late setpoints {}, lost setpoints {}, lost records {}",
+            self.status.late_cycles, self.status.dropped_setpoints, self.status.dropped_records
+        );
+        let is_clean =
+            self.status.late_cycles + self.status.dropped_setpoints + self.status.dropped_records == 0;
+        let _ = writeln!(
+            self.text,
+            "{}",
+            if is_clean { lost } else { self.paint(RED, &lost) }
+        );
+        let flags: Vec<&str> = FLAGS
+            .iter()
+            .filter(|(bit, _)| self.status.flags & bit != 0)
+            .map(|(_, name)| *name)
+            .collect();
+        if !flags.is_empty() {
+            let _ = writeln!(self.text, "flags {}", flags.join(", "));
+        }
     }
-    if colours {
-        text.push_str("\nq ends\n");
-    }
-    text
 }
 
 /// A text from the bus may hold anything; on a terminal it stays one line and moves no cursor.
