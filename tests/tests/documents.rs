@@ -281,3 +281,25 @@ fn every_file_of_tests_is_in_the_executable_of_its_crate() {
     assert!(count > 60, "{count} files");
     assert!(left_out.is_empty(), "name them in main.rs: {left_out:#?}");
 }
+
+/// The README's first command names no executable, and simulators for tests are executables, too.
+#[test]
+fn cargo_run_in_the_root_is_the_command_line() {
+    let members = repository().join("crates");
+    let mut runs = Vec::new();
+    for floor in fs::read_dir(members).expect("a folder") {
+        for member in fs::read_dir(floor.expect("a folder").path()).expect("a folder") {
+            let manifest = member.expect("a folder").path().join("Cargo.toml");
+            let Ok(text) = fs::read_to_string(&manifest) else {
+                continue;
+            };
+            runs.extend(
+                text.lines()
+                    .filter(|line| line.starts_with("default-run"))
+                    .map(str::to_owned),
+            );
+        }
+    }
+    // Cargo takes the one of all members that has one.
+    assert_eq!(runs, ["default-run = \"evolvent\""]);
+}
